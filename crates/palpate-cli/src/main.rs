@@ -1,0 +1,2 @@
+//! The command `palpate`.
+fn main() {}
