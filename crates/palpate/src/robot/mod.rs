@@ -21,6 +21,7 @@
 //! are read elsewhere, since the core opens no file.
 
 mod error;
+mod interpolate;
 mod kinematics;
 mod urdf;
 
