@@ -59,6 +59,17 @@ pub enum EstimatorError {
     State { what: String },
 }
 
+/// Which estimator learns.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// The exact maximum a posteriori ([`crate::map`]).
+    #[default]
+    Map,
+    /// The paper's filter ([`crate::ekf`]).
+    Ekf,
+}
+
 /// Settings of either estimator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -79,6 +90,29 @@ pub struct EstimatorConfig {
 }
 
 impl EstimatorConfig {
+    /// The shipped settings of an estimator.
+    pub fn of(method: Method) -> Self {
+        let memory = crate::replay::Limits { frames: 20_000, bytes: 256 << 20 };
+        match method {
+            Method::Map => Self {
+                prior: Prior { mean_n_per_m: 0.0, std_n_per_m: 0.76 },
+                torque_std: vec![0.2],
+                replays: 20,
+                drift_std_n_per_m: 0.0,
+                memory,
+                seed: 0,
+            },
+            Method::Ekf => Self {
+                prior: Prior { mean_n_per_m: 0.006, std_n_per_m: 0.76 },
+                torque_std: vec![0.2],
+                replays: 20,
+                drift_std_n_per_m: 0.0,
+                memory,
+                seed: 0,
+            },
+        }
+    }
+
     /// Checks every setting against its range and returns R's diagonal, (N·m)², n_joints.
     ///
     /// # Errors

@@ -14,24 +14,15 @@ use serde::{Deserialize, Serialize};
 use crate::arm::Arm;
 use crate::contact;
 use crate::ekf::EkfEstimator;
-use crate::estimator::{Estimator, EstimatorConfig, EstimatorError, EstimatorState, Source};
+use crate::estimator::{
+    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Method, Source,
+};
 use crate::field::Field;
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::map::MapEstimator;
 use crate::robot::RobotError;
 use crate::torque::Observation;
 use crate::touch::{self, Frame, Sample, TouchError, Tracker};
-
-/// Which estimator learns.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Method {
-    /// The exact maximum a posteriori ([`crate::map`]).
-    #[default]
-    Map,
-    /// The paper's filter ([`crate::ekf`]).
-    Ekf,
-}
 
 /// Everything that decides what is learnt from a log.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -47,6 +38,19 @@ pub struct Config {
     pub method: Method,
     /// Its settings.
     pub estimator: EstimatorConfig,
+}
+
+impl Config {
+    /// The shipped settings of an estimator, in the paper's box.
+    pub fn of(method: Method) -> Self {
+        Self {
+            lattice: Lattice::default(),
+            contact: contact::Config::default(),
+            touch: touch::Config::default(),
+            method,
+            estimator: EstimatorConfig::of(method),
+        }
+    }
 }
 
 /// What can go wrong in mapping.
