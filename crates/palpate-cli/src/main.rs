@@ -1,2 +1,69 @@
 //! The command `palpate`.
-fn main() {}
+//!
+//! Each subcommand has its module, which parses nothing and prints only through [`output`];
+//! [`error`] says how a command may end. No panic reaches the user without an apology.
+
+mod args;
+mod error;
+mod inspect;
+mod output;
+mod settings;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Cli, Command};
+use error::CliError;
+use output::{Output, complain};
+
+fn main() -> ExitCode {
+    std::panic::set_hook(Box::new(apologise));
+    let cli = Cli::parse();
+    let output = Output { quiet: cli.quiet };
+    match run(&cli.command, &output) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            let code = error.exit_code();
+            if code != 0 {
+                report(&error);
+            }
+            ExitCode::from(code)
+        }
+    }
+}
+
+fn run(command: &Command, output: &Output) -> Result<(), CliError> {
+    match command {
+        Command::Inspect(args) => inspect::run(args, output),
+        Command::Settings(args) => output.result(&args.load()?.template()?),
+        Command::Completions { shell } => args::completions(*shell, output),
+    }
+}
+
+/// Prints an error, and under it the causes that its message does not already tell.
+fn report(error: &CliError) {
+    let mut told = error.to_string();
+    complain(&format!("error: {told}"));
+    let mut cause = std::error::Error::source(error);
+    while let Some(error) = cause {
+        let text = error.to_string();
+        if !told.contains(&text) {
+            complain(&format!("  because {text}"));
+            told += &text;
+        }
+        cause = error.source();
+    }
+}
+
+/// What the user sees in place of a panic's backtrace.
+fn apologise(panic: &std::panic::PanicHookInfo<'_>) {
+    let place = panic.location().map(ToString::to_string).unwrap_or_default();
+    let what = panic.payload_as_str().unwrap_or("no reason given");
+    complain(&format!(
+        "error: palpate has a defect and had to stop, sorry: {what} ({place})\n\
+         please report this line, the command you ran and the version ({}); no file was left \
+         half written",
+        env!("CARGO_PKG_VERSION")
+    ));
+}

@@ -1,0 +1,40 @@
+//! The command line: subcommands and what all of them share.
+
+use clap::{CommandFactory, Parser, Subcommand};
+use clap_complete::Shell;
+
+use crate::error::CliError;
+use crate::inspect;
+use crate::output::Output;
+use crate::settings::AllSettings;
+
+/// Learns where an object is stiff from what a robot arm's joints feel while the arm touches it.
+#[derive(Debug, Parser)]
+#[command(name = "palpate", version, max_term_width = 100)]
+pub(crate) struct Cli {
+    /// No progress and no notes on stderr; errors and results only
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Say what a log, a robot or a field holds, and what looks wrong with it
+    Inspect(inspect::Args),
+    /// Print the settings that hold, as a commented TOML file to start from
+    Settings(AllSettings),
+    /// Print completions for a shell
+    Completions {
+        /// The shell
+        shell: Shell,
+    },
+}
+
+/// Prints a shell's completions.
+pub(crate) fn completions(shell: Shell, output: &Output) -> Result<(), CliError> {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut Cli::command(), "palpate", &mut script);
+    output.result(&String::from_utf8_lossy(&script))
+}

@@ -1,0 +1,90 @@
+//! Results on stdout, everything else on stderr.
+//!
+//! Nothing here panics when a pipe is closed: what cannot be written to stdout is an error of the
+//! command, and what cannot be written to stderr has no reader.
+
+use std::io::{self, Write};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
+
+use crate::error::CliError;
+
+/// How a command talks.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Output {
+    /// No progress and no notes on stderr.
+    pub quiet: bool,
+}
+
+impl Output {
+    /// Prints a result.
+    pub(crate) fn result(&self, text: &str) -> Result<(), CliError> {
+        let mut out = io::stdout().lock();
+        let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+        written.map_err(|source| CliError::Write { what: "standard output".to_owned(), source })
+    }
+
+    /// Prints a result for programs: one JSON value.
+    pub(crate) fn json<T: Serialize>(&self, value: &T) -> Result<(), CliError> {
+        let text = serde_json::to_string_pretty(value).expect("results hold no maps but by name");
+        self.result(&format!("{text}\n"))
+    }
+
+    /// Tells something that is no result, unless `--quiet` was given.
+    pub(crate) fn note(&self, text: &str) {
+        if !self.quiet {
+            complain(&format!("note: {text}"));
+        }
+    }
+
+    /// A bar on stderr if that is a terminal; it knows its length if `steps` does.
+    pub(crate) fn progress(&self, steps: Option<u64>, doing: &str) -> ProgressBar {
+        if self.quiet {
+            return ProgressBar::hidden();
+        }
+        let bar = ProgressBar::with_draw_target(steps, ProgressDrawTarget::stderr_with_hz(8));
+        let style = match steps {
+            Some(_) => "{prefix} {bar:30} {pos}/{len} frames  {per_sec}  {eta} left  {msg}",
+            None => "{prefix} {spinner} {pos} frames  {per_sec}  {msg}",
+        };
+        bar.set_style(ProgressStyle::with_template(style).expect("the template is well-formed"));
+        bar.set_prefix(doing.to_owned());
+        bar
+    }
+}
+
+/// Writes a line to stderr, if anyone reads it.
+pub(crate) fn complain(line: &str) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
+
+/// Aligned columns: the first to the left, the others to the right.
+pub(crate) fn table(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| {
+        rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max()
+    };
+    let widths: Vec<usize> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
+    let mut text = String::new();
+    for row in rows {
+        let cells = row.iter().zip(&widths).enumerate().map(|(column, (cell, &width))| {
+            if column == 0 { format!("{cell:<width$}") } else { format!("{cell:>width$}") }
+        });
+        let line: Vec<String> = cells.collect();
+        text += line.join("  ").trim_end();
+        text.push('\n');
+    }
+    text
+}
+
+/// A size for people.
+pub(crate) fn mib(bytes: usize) -> String {
+    format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20))
+}
+
+/// A duration for people.
+pub(crate) fn seconds(time: Duration) -> String {
+    format!("{:.1} s", time.as_secs_f64())
+}

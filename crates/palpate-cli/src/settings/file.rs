@@ -1,0 +1,149 @@
+//! The settings file: TOML with one table per section, keys named as the flags.
+//!
+//! Keys are checked before values, so that a misspelt one is met with its line and the nearest
+//! name that exists, wherever in the file that lives.
+
+use std::path::Path;
+
+use clap::{Arg, Args, Command};
+use toml::de::DeTable;
+
+use super::sections::{
+    ContactSettings, EstimatorSettings, LatticeSettings, LogSettings, RobotSettings, TouchSettings,
+};
+use super::{Settings, SettingsError};
+
+/// The sections of a settings file and their keys, as the flags declare them.
+pub(crate) struct Keys {
+    /// Section names in the template's order, each with its keys.
+    pub sections: Vec<(&'static str, Vec<Arg>)>,
+}
+
+impl Keys {
+    /// All there are.
+    pub(crate) fn all() -> Self {
+        Self {
+            sections: vec![
+                ("robot", keys_of::<RobotSettings>()),
+                ("log", keys_of::<LogSettings>()),
+                ("touch", keys_of::<TouchSettings>()),
+                ("lattice", keys_of::<LatticeSettings>()),
+                ("contact", keys_of::<ContactSettings>()),
+                ("estimator", keys_of::<EstimatorSettings>()),
+            ],
+        }
+    }
+
+    /// What to say to someone who wrote a key that is not known in `section`.
+    fn remedy(&self, section: Option<&str>, key: &str) -> String {
+        let names = |args: &'_ [Arg]| -> Vec<String> {
+            args.iter().map(|arg| arg.get_id().to_string()).collect()
+        };
+        let plain = key.replace('-', "_").to_lowercase();
+        let mut near: Vec<(f64, String)> = Vec::new();
+        for (name, args) in &self.sections {
+            if section.is_none() {
+                near.push((strsim::jaro_winkler(&plain, name), format!("[{name}]")));
+            }
+            for known in names(args) {
+                let place = match section {
+                    Some(section) if section == *name => format!("`{known}`"),
+                    _ => format!("`{known}` in [{name}]"),
+                };
+                near.push((strsim::jaro_winkler(&plain, &known), place));
+            }
+        }
+        match near.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((likeness, name)) if likeness > 0.8 => format!("; did you mean {name}?"),
+            _ => "; `palpate settings` prints all there are".to_owned(),
+        }
+    }
+}
+
+fn keys_of<T: Args>() -> Vec<Arg> {
+    T::augment_args(Command::new("")).get_arguments().cloned().collect()
+}
+
+/// Reads a settings file.
+pub(super) fn read(path: &Path) -> Result<Settings, SettingsError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|source| SettingsError::Unreadable { path: path.to_owned(), source })?;
+    parse(path, &text)
+}
+
+fn parse(path: &Path, text: &str) -> Result<Settings, SettingsError> {
+    let broken = |error: toml::de::Error| SettingsError::Toml {
+        path: path.to_owned(),
+        message: error.to_string().trim_end().to_owned(),
+    };
+    check_keys(path, text, DeTable::parse(text).map_err(broken)?.get_ref())?;
+    toml::from_str(text).map_err(broken)
+}
+
+/// Refuses the first key, in the file's order, that is not known.
+fn check_keys(path: &Path, text: &str, table: &DeTable<'_>) -> Result<(), SettingsError> {
+    let keys = Keys::all();
+    let mut unknown: Vec<(usize, Option<&str>, &str)> = Vec::new();
+    for (section, value) in table {
+        let (at, section) = (section.span().start, section.get_ref().as_ref());
+        let Some((_, known)) = keys.sections.iter().find(|(name, _)| *name == section) else {
+            unknown.push((at, None, section));
+            continue;
+        };
+        for key in value.get_ref().as_table().into_iter().flat_map(|table| table.keys()) {
+            let (at, key) = (key.span().start, key.get_ref().as_ref());
+            if !known.iter().any(|arg| arg.get_id() == key) {
+                unknown.push((at, Some(section), key));
+            }
+        }
+    }
+    match unknown.into_iter().min() {
+        Some((at, section, key)) => Err(SettingsError::UnknownKey {
+            path: path.to_owned(),
+            line: 1 + text[..at].matches('\n').count(),
+            key: key.to_owned(),
+            remedy: keys.remedy(section, key),
+        }),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn message(text: &str) -> String {
+        parse(Path::new("p.toml"), text).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_misspelt_key_is_met_with_its_line_and_the_name_that_was_meant() {
+        let found = message("[contact]\nfriction = 0.3\n\n[estimator]\npriorstd = 1.0\n");
+        assert!(found.contains("line 5") && found.contains("mean `prior_std`?"), "{found}");
+        let found = message("[contact]\nspacing_m = 0.01\n");
+        assert!(found.contains("did you mean `spacing_m` in [lattice]?"), "{found}");
+        let found = message("[estimater]\n");
+        assert!(found.contains("did you mean [estimator]?"), "{found}");
+        let found = message("friction = 0.3\n");
+        assert!(found.contains("line 1") && found.contains("in [contact]?"), "{found}");
+    }
+
+    #[test]
+    fn a_value_of_the_wrong_kind_is_met_with_its_place() {
+        let found = message("[contact]\nfriction = \"much\"\n");
+        assert!(found.contains("line 2, column 12"), "{found}");
+        let found = message("[touch]\ntare_frames = 0\n");
+        assert!(found.contains("line 2") && found.contains("above 0, or auto"), "{found}");
+    }
+
+    #[test]
+    fn every_key_is_known_to_the_struct_that_reads_the_file() {
+        let settings = Settings::effective(&Settings::default()).unwrap();
+        let table = toml::Table::try_from(settings).unwrap();
+        for (section, args) in Keys::all().sections {
+            for key in table[section].as_table().unwrap().keys() {
+                assert!(args.iter().any(|arg| arg.get_id() == key), "{section}.{key}");
+            }
+        }
+    }
+}

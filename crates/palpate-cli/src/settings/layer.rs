@@ -1,0 +1,95 @@
+//! One layer of settings over another: what the upper has not, the lower gives.
+
+use super::Settings;
+use super::sections::{
+    ContactSettings, EstimatorSettings, LatticeSettings, LogSettings, RobotSettings, TouchSettings,
+};
+
+impl Settings {
+    /// These settings, and those of `lower` wherever these say nothing.
+    pub(crate) fn over(self, lower: Self) -> Self {
+        Self {
+            robot: self.robot.over(lower.robot),
+            log: LogSettings { angle_unit: self.log.angle_unit.or(lower.log.angle_unit) },
+            touch: self.touch.over(lower.touch),
+            lattice: self.lattice.over(lower.lattice),
+            contact: self.contact.over(lower.contact),
+            estimator: self.estimator.over(lower.estimator),
+        }
+    }
+}
+
+impl RobotSettings {
+    fn over(self, lower: Self) -> Self {
+        Self {
+            robot: self.robot.or(lower.robot),
+            package_path: self.package_path.or(lower.package_path),
+            cache_dir: self.cache_dir.or(lower.cache_dir),
+            no_cache: self.no_cache.or(lower.no_cache),
+            bake_spacing_m: self.bake_spacing_m.or(lower.bake_spacing_m),
+            payload_link: self.payload_link.or(lower.payload_link),
+            payload_mass_kg: self.payload_mass_kg.or(lower.payload_mass_kg),
+            payload_com_m: self.payload_com_m.or(lower.payload_com_m),
+        }
+    }
+}
+
+impl TouchSettings {
+    fn over(self, lower: Self) -> Self {
+        // The two say the same thing: whoever gives one of them overrules both below.
+        let tare_given = self.tare_frames.is_some() || self.no_tare.is_some();
+        let tare = if tare_given { &self } else { &lower };
+        Self {
+            tare_frames: tare.tare_frames,
+            no_tare: tare.no_tare,
+            torque_sign: self.torque_sign.or(lower.torque_sign),
+            gravity: self.gravity.or(lower.gravity),
+            still_rad: self.still_rad.or(lower.still_rad),
+        }
+    }
+}
+
+impl LatticeSettings {
+    fn over(self, lower: Self) -> Self {
+        // A box given above replaces an origin and shape below, and the other way round.
+        let by_box = self.box_low_m.is_some() || self.box_high_m.is_some();
+        let by_shape = self.origin_m.is_some() || self.shape.is_some();
+        let unless = |given: bool| move |_: &[f64; 3]| !given;
+        Self {
+            spacing_m: self.spacing_m.or(lower.spacing_m),
+            box_low_m: self.box_low_m.or(lower.box_low_m.filter(unless(by_shape))),
+            box_high_m: self.box_high_m.or(lower.box_high_m.filter(unless(by_shape))),
+            origin_m: self.origin_m.or(lower.origin_m.filter(unless(by_box))),
+            shape: self.shape.or(lower.shape.filter(|_| !by_box)),
+        }
+    }
+}
+
+impl ContactSettings {
+    fn over(self, lower: Self) -> Self {
+        Self {
+            contact_distance_cells: self.contact_distance_cells.or(lower.contact_distance_cells),
+            friction: self.friction.or(lower.friction),
+            slip_step_cells: self.slip_step_cells.or(lower.slip_step_cells),
+            slip_iterations: self.slip_iterations.or(lower.slip_iterations),
+            substep_cells: self.substep_cells.or(lower.substep_cells),
+            known_empty: self.known_empty.or(lower.known_empty),
+        }
+    }
+}
+
+impl EstimatorSettings {
+    fn over(self, lower: Self) -> Self {
+        Self {
+            estimator: self.estimator.or(lower.estimator),
+            prior_mean: self.prior_mean.or(lower.prior_mean),
+            prior_std: self.prior_std.or(lower.prior_std),
+            torque_std: self.torque_std.or(lower.torque_std),
+            drift_std: self.drift_std.or(lower.drift_std),
+            replays: self.replays.or(lower.replays),
+            memory_frames: self.memory_frames.or(lower.memory_frames),
+            memory_mib: self.memory_mib.or(lower.memory_mib),
+            seed: self.seed.or(lower.seed),
+        }
+    }
+}

@@ -1,0 +1,197 @@
+//! From what was given to what holds: given values laid over a base configuration.
+//!
+//! The base is the shipped one of the chosen estimator, or that of a saved field.
+
+use palpate::contact;
+use palpate::estimator::{EstimatorConfig, Method};
+use palpate::lattice::{Lattice, LatticeError};
+use palpate::mapper::Config;
+use palpate::robot::Payload;
+use palpate::touch::{self, Tare};
+use palpate_io::log::LogOptions;
+
+use super::parse::TareFrames;
+use super::sections::{
+    ContactSettings, EstimatorSettings, LatticeSettings, LogSettings, RobotSettings, TouchSettings,
+};
+use super::{Settings, SettingsError};
+
+impl Settings {
+    /// The configuration of a new field.
+    pub(crate) fn config(&self) -> Result<Config, SettingsError> {
+        self.config_over(&Config::of(self.estimator.estimator.unwrap_or_default()))
+    }
+
+    /// The configuration with everything that was not given taken from `base`.
+    pub(crate) fn config_over(&self, base: &Config) -> Result<Config, SettingsError> {
+        let method = self.estimator.estimator.unwrap_or(base.method);
+        let shipped = EstimatorConfig::of(method);
+        let estimator = if method == base.method { &base.estimator } else { &shipped };
+        Ok(Config {
+            lattice: self.lattice.over_lattice(&base.lattice)?,
+            contact: self.contact.over_config(&base.contact),
+            touch: self.touch.over_config(&base.touch),
+            method,
+            estimator: self.estimator.over_config(estimator),
+        })
+    }
+}
+
+impl RobotSettings {
+    /// The robot's name or path.
+    pub(crate) fn name(&self) -> &str {
+        self.robot.as_deref().unwrap_or("kinova_gen3")
+    }
+
+    /// What the robot carries.
+    pub(crate) fn payload(&self) -> Result<Option<Payload>, SettingsError> {
+        let com_link_m = self.payload_com_m.unwrap_or_default();
+        match (&self.payload_link, self.payload_mass_kg) {
+            (Some(link), Some(mass_kg)) => {
+                Ok(Some(Payload { link: link.clone(), mass_kg, com_link_m }))
+            }
+            (None, None) if self.payload_com_m.is_none() => Ok(None),
+            _ => Err(SettingsError::Together(
+                "a payload needs both payload_link (--payload-link) and payload_mass_kg \
+                 (--payload-mass-kg)"
+                    .to_owned(),
+            )),
+        }
+    }
+}
+
+impl LogSettings {
+    /// How to open logs.
+    pub(crate) fn options(&self) -> LogOptions {
+        LogOptions { angle_unit: self.angle_unit.unwrap_or_default() }
+    }
+}
+
+impl TouchSettings {
+    /// These over another configuration.
+    pub(crate) fn over_config(&self, base: &touch::Config) -> touch::Config {
+        let tare = match (self.no_tare, self.tare_frames) {
+            (Some(true), _) => Tare::None,
+            (_, Some(TareFrames::First(frames))) => Tare::Frames(frames),
+            (_, Some(TareFrames::Auto)) => Tare::Auto,
+            (Some(false), None) if base.tare == Tare::None => Tare::Auto,
+            _ => base.tare,
+        };
+        touch::Config {
+            torque_sign: self.torque_sign.unwrap_or(base.torque_sign),
+            gravity: self.gravity.unwrap_or(base.gravity),
+            tare,
+            still_rad: self.still_rad.unwrap_or(base.still_rad),
+        }
+    }
+}
+
+impl LatticeSettings {
+    fn over_lattice(&self, base: &Lattice) -> Result<Lattice, SettingsError> {
+        let by_box = self.box_low_m.is_some() || self.box_high_m.is_some();
+        let by_shape = self.origin_m.is_some() || self.shape.is_some();
+        let spacing_m = self.spacing_m.unwrap_or(base.spacing_m());
+        if by_box && by_shape {
+            return Err(SettingsError::Together(
+                "the lattice is given twice; give either box_low_m and box_high_m, or origin_m \
+                 and shape"
+                    .to_owned(),
+            ));
+        }
+        if by_shape {
+            let origin_m = self.origin_m.unwrap_or(base.origin_m().into());
+            return Ok(Lattice::new(origin_m, spacing_m, self.shape.unwrap_or(base.shape()))?);
+        }
+        if !by_box && spacing_m == base.spacing_m() {
+            return Ok(base.clone());
+        }
+        let (low_m, high_m) = corners(base);
+        let (low_m, high_m) = (self.box_low_m.unwrap_or(low_m), self.box_high_m.unwrap_or(high_m));
+        if (0..3).any(|axis| high_m[axis] <= low_m[axis]) {
+            return Err(SettingsError::Together(format!(
+                "the workspace box is turned inside out: box_high_m is {high_m:?}, which must be \
+                 above box_low_m, {low_m:?}, on every axis"
+            )));
+        }
+        let lattice = Lattice::filling(low_m, high_m, spacing_m).map_err(|error| match error {
+            LatticeError::EmptyAxis { .. } => SettingsError::Together(format!(
+                "a spacing of {spacing_m} m leaves no point in the box from {low_m:?} to \
+                 {high_m:?} m; make the spacing smaller or the box larger"
+            )),
+            other => SettingsError::Lattice(other),
+        })?;
+        Ok(lattice)
+    }
+}
+
+/// The corners of the box that a lattice fills, m.
+pub(super) fn corners(lattice: &Lattice) -> ([f64; 3], [f64; 3]) {
+    let (spacing_m, shape) = (lattice.spacing_m(), lattice.shape());
+    let low_m: [f64; 3] = lattice.origin_m().coords.map(|x| x - 0.5 * spacing_m).into();
+    let high_m =
+        std::array::from_fn(|axis| low_m[axis] + f64::from(shape[axis]) * lattice.spacing_m());
+    (low_m, high_m)
+}
+
+impl ContactSettings {
+    fn over_config(&self, base: &contact::Config) -> contact::Config {
+        contact::Config {
+            contact_distance_cells: self
+                .contact_distance_cells
+                .unwrap_or(base.contact_distance_cells),
+            friction: self.friction.unwrap_or(base.friction),
+            slip_step_cells: self.slip_step_cells.unwrap_or(base.slip_step_cells),
+            slip_iterations: self.slip_iterations.unwrap_or(base.slip_iterations),
+            substep_cells: self.substep_cells.unwrap_or(base.substep_cells),
+            known_empty: self.known_empty.unwrap_or(base.known_empty),
+            parallel: base.parallel,
+        }
+    }
+}
+
+impl EstimatorSettings {
+    fn over_config(&self, base: &EstimatorConfig) -> EstimatorConfig {
+        let mut config = base.clone();
+        config.prior.mean_n_per_m = self.prior_mean.unwrap_or(base.prior.mean_n_per_m);
+        config.prior.std_n_per_m = self.prior_std.unwrap_or(base.prior.std_n_per_m);
+        config.torque_std = self.torque_std.clone().unwrap_or(config.torque_std);
+        config.drift_std_n_per_m = self.drift_std.unwrap_or(base.drift_std_n_per_m);
+        config.replays = self.replays.unwrap_or(base.replays);
+        config.memory.frames = self.memory_frames.unwrap_or(base.memory.frames);
+        let bytes = self.memory_mib.map(|mib| mib.saturating_mul(1 << 20));
+        config.memory.bytes = bytes.unwrap_or(base.memory.bytes);
+        config.seed = self.seed.unwrap_or(base.seed);
+        config
+    }
+}
+
+/// The first setting in which a configuration departs from that of a saved field.
+pub(crate) fn first_difference(saved: &Config, given: &Config) -> Option<String> {
+    let (a, b) = (&saved.lattice, &given.lattice);
+    let near = |x: f64, y: f64| (x - y).abs() < 1e-9;
+    let same_place = (a.origin_m() - b.origin_m()).amax() < 1e-9;
+    if !(near(a.spacing_m(), b.spacing_m()) && same_place && a.shape() == b.shape()) {
+        let say = |lattice: &Lattice| {
+            let origin_m: [f64; 3] = lattice.origin_m().into();
+            format!("{:?} points every {} m from {origin_m:?} m", lattice.shape(), lattice.spacing_m())
+        };
+        return Some(format!("the lattice is {}, not {}", say(a), say(b)));
+    }
+    if saved.method != given.method {
+        let name = |method| if method == Method::Map { "map" } else { "ekf" };
+        return Some(format!("estimator is {}, not {}", name(saved.method), name(given.method)));
+    }
+    let sections = [
+        (serde_json::to_value(&saved.contact), serde_json::to_value(&given.contact)),
+        (serde_json::to_value(&saved.touch), serde_json::to_value(&given.touch)),
+        (serde_json::to_value(&saved.estimator), serde_json::to_value(&given.estimator)),
+    ];
+    sections.into_iter().find_map(|(saved, given)| {
+        let (saved, given) = (saved.ok()?, given.ok()?);
+        let differs = |(key, value): (&String, &serde_json::Value)| {
+            (given.get(key) != Some(value))
+                .then(|| format!("{key} is {value}, not {}", given.get(key).unwrap_or_default()))
+        };
+        saved.as_object()?.iter().find_map(differs)
+    })
+}
