@@ -239,14 +239,84 @@ def sample(mesh, n):
     return trimesh.sample.sample_surface(mesh, n, seed=6)[0]
 
 
-def outer_surface(primitives, n):
-    """About `n` points or more of the union's surface, uniform by area."""
-    area = sum(sum(a for a, _ in p.faces()) for p in primitives)
-    for per_area in (n / area, None):
-        points = []
+def outer_surface(primitives):
+    """Points of the union's surface, uniform by area."""
+    per_area = N_DENSE / sum(area for p in primitives for area, _ in p.faces())
+    outer = []
+    for i, primitive in enumerate(primitives):
+        points = primitive.surface(per_area=per_area)[0]
+        others = primitives[:i] + primitives[i + 1:]
+        outer.append(points[union_distance(others, points) > 0] if others else points)
+    return np.concatenate(outer)
+
+
+def assemble(seeds, x):
+    """The primitives that the free numbers `x` (m, rad) of the seeds stand for."""
+    primitives, x = [], list(x)
+    for seed in seeds:
+        pose = np.array(seed.pose, float)
+        for coordinate in seed.free:
+            pose["xyzrpw".index(coordinate)] = x.pop(0)
+        size = np.maximum(np.abs([x.pop(0) for _ in seed.size]), 1e-3)
+        primitives.append(Primitive(seed.kind, pose[:3], pose[3:], size))
+        if seed.twin:
+            mirror = pose * (-1, 1, 1, 1, -1, -1)
+            primitives.append(Primitive(seed.kind, mirror[:3], mirror[3:], size))
+    return primitives
+
+
+def start(seeds):
+    """The free numbers of the seeds as they stand."""
+    return np.concatenate([[*(s.pose["xyzrpw".index(c)] for c in s.free), *s.size] for s in seeds])
+
+
+def fit(seeds, real, rng):
+    """Primitives that least squares finds from the seeds, the best of a few jittered starts.
+
+    Residuals are the signed distances of real points (two of `parts` for one of `mesh`) to the
+    union, and those of our points to the real surface, weighted with the share of the area they
+    stand for and faded out inside other primitives. Long distances count more than squared.
+    """
+    distance = real.baked_distance()
+    target = np.concatenate([rng.choice(real.parts, 2 * FIT_POINTS // 3),
+                             rng.choice(real.mesh, FIT_POINTS // 3)])
+    stiffen = lambda d: d * np.sqrt(1 + (d / STIFFEN_M) ** 2)
+
+    def residuals(x):
+        primitives = assemble(seeds, x)
+        parts = [stiffen(union_distance(primitives, target)) / np.sqrt(len(target))]
         for i, primitive in enumerate(primitives):
-            own = primitive.surface(per_area=per_area or n / area * n / kept)[0]
+            points, areas = primitive.surface(per_face=FIT_POINTS_PER_FACE)
             others = primitives[:i] + primitives[i + 1:]
-            points.append(own[union_distance(others, own) > 0] if others else own)
-        kept = sum(map(len, points))
-    return np.concatenate(points)
+            outside = 1 / (1 + np.exp(-np.clip(union_distance(others, points) / FADE_M, -50, 50)))
+            parts.append(np.sqrt(areas * outside / real.area) * stiffen(distance(points)))
+        return np.concatenate(parts)
+
+    results = []
+    for round_ in range(FIT_ROUNDS):
+        jittered = start(seeds) + (round_ > 0) * rng.normal(0, JITTER, len(start(seeds)))
+        results.append(least_squares(residuals, jittered, max_nfev=60, diff_step=1e-4, x_scale=0.01))
+    best = min(results, key=lambda r: r.cost)
+    return [p.rounded() for p in assemble(seeds, best.x)]
+
+
+def measure(primitives, real):
+    """Distances in mm, by name: real points to our surface, our points to the real one."""
+    ours = outer_surface(primitives)
+    ours_tree, mesh_tree, parts_tree = cKDTree(ours), cKDTree(real.mesh), cKDTree(real.parts)
+
+    def to_ours(points):
+        signed = union_distance(primitives, points)
+        return np.where(signed > 0, signed, ours_tree.query(points)[0])
+
+    to_parts, nearest = parts_tree.query(ours)
+    to_mesh = mesh_tree.query(ours)[0]
+    closes_opening = mesh_tree.query(real.parts[nearest])[0] > OPENING_M
+    distances = {
+        "real>ours parts": to_ours(real.parts),
+        "real>ours mesh": to_ours(real.mesh),
+        "real>ours raw": to_ours(real.raw),
+        "ours>real parts": to_parts,
+        "ours>real mesh": np.where(closes_opening, to_parts, to_mesh),
+    }
+    return {name: 1e3 * d for name, d in distances.items()}

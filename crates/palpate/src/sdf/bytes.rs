@@ -32,7 +32,7 @@ impl Grid {
         for node in &self.nodes_m {
             bytes.extend(node.to_le_bytes());
         }
-        bytes.extend(checksum(&bytes).to_le_bytes());
+        bytes.extend(checksum(bytes.iter().copied()).to_le_bytes());
         bytes
     }
 
@@ -58,7 +58,7 @@ impl Grid {
         if length != Some(nodes.len()) || shape.iter().any(|&n| n < 2) {
             return Err(refuse("length does not fit the number of nodes"));
         }
-        if checksum(content) != u64::from_le_bytes(*sum) {
+        if checksum(content.iter().copied()) != u64::from_le_bytes(*sum) {
             return Err(refuse("checksum does not fit the content"));
         }
 
@@ -85,8 +85,8 @@ impl Grid {
 }
 
 /// FNV-1a, 64 bits.
-fn checksum(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| {
+pub(crate) fn checksum(bytes: impl IntoIterator<Item = u8>) -> u64 {
+    bytes.into_iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
     })
 }

@@ -120,6 +120,13 @@ impl Grid {
         self.nodes_m.len() * size_of::<f32>()
     }
 
+    /// Everything that makes a grid what it is, for fingerprints.
+    pub(crate) fn numbers(&self) -> impl Iterator<Item = f64> {
+        let shape = self.shape.into_iter().map(|n| n as f64);
+        let nodes = self.nodes_m.iter().copied().map(f64::from);
+        shape.chain([self.spacing_m]).chain(self.origin_m.iter().copied()).chain(nodes)
+    }
+
     /// The cell that holds a point, or the one nearest to it.
     #[inline]
     fn cell(&self, point: &Point3<f64>) -> Cell {

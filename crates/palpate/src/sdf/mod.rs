@@ -26,6 +26,7 @@ mod primitive;
 mod winding;
 
 pub use bake::{Config, Report, Solid, bake, bake_serial};
+pub(crate) use bytes::checksum;
 pub use grid::Grid;
 pub use mesh::TriangleMesh;
 pub use primitive::signed_distance;

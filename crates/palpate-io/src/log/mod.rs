@@ -1,0 +1,265 @@
+//! Logs: what a robot recorded while it touched an object, as a stream of events.
+//!
+//! A log is read from its beginning to its end and never held whole, so that a file of any length,
+//! a bag and a running robot all look the same: a touch starts, its samples follow, the next touch
+//! starts. A touch ends where the next one starts or the log ends.
+//!
+//! | layout                                       | module         |
+//! |----------------------------------------------|----------------|
+//! | folder with `angles.npy`, `torques.npy`      | `npy_folder`   |
+//! | folder of such folders (also OpenVSF's)      | `npy_folder`   |
+//! | `.csv`, or a folder of them                  | `csv`          |
+//!
+//! Torques are handed on as logged: neither gravity nor bias is known here. `truth/` beside the
+//! touches is read by [`external_truth`] alone, never by a log.
+
+mod joints;
+mod natural;
+mod npy_folder;
+mod truth;
+
+use crate::npy::NpyError;
+use serde::{Deserialize, Serialize};
+use std::io;
+use std::path::{Path, PathBuf};
+
+pub use joints::{JointNameError, reorder};
+pub use truth::external_truth;
+
+/// More joints than any arm has: an array this wide is something else, or turned on its side.
+pub(crate) const MAX_JOINTS: usize = 64;
+
+/// One thing that happens in a log.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LogEvent {
+    /// A touch starts; the one before it, if any, has ended.
+    TouchStarts {
+        /// Name of the touch: its folder, file or cell.
+        name: String,
+        /// Names of the joints in the order of the samples, if the log knows them.
+        joint_names: Option<Vec<String>>,
+    },
+    /// One moment of the touch that started last.
+    Sample(Sample),
+}
+
+/// One moment of a log; every number is finite.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// Time of the moment, s, if the log has a clock.
+    pub time_s: Option<f64>,
+    /// Joint positions, rad (m for a prismatic joint).
+    pub q: Vec<f64>,
+    /// Joint torques as logged, N·m (N for a prismatic joint).
+    pub tau: Vec<f64>,
+}
+
+/// A log being read. After an error it yields nothing more.
+pub trait Log: Iterator<Item = Result<LogEvent, LogError>> + Send {
+    /// What is known of the log before and while it is read.
+    fn describe(&self) -> LogDescription;
+
+    /// What looked odd so far but did not stop the reading.
+    fn warnings(&self) -> &[LogWarning];
+}
+
+/// What a log says of itself, for progress bars and `inspect`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct LogDescription {
+    /// Where it is.
+    pub path: PathBuf,
+    /// Its format.
+    pub format: Format,
+    /// Number of touches, if known before reading.
+    pub touches: Option<usize>,
+    /// Number of samples in all touches, if known before reading.
+    pub samples: Option<u64>,
+    /// Number of joints, if known before reading.
+    pub joints: Option<usize>,
+}
+
+/// The formats of logs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum Format {
+    /// One folder with `angles.npy` and `torques.npy`, or a folder of such folders.
+    NpyFolder,
+    /// One table, or a folder of them.
+    Csv,
+}
+
+/// How to read a log.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LogOptions {
+    /// Unit of the logged joint positions.
+    pub angle_unit: AngleUnit,
+}
+
+/// Unit of logged joint positions.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AngleUnit {
+    /// Radians; prismatic joints in metres.
+    #[default]
+    Rad,
+    /// Degrees, for every joint: a log of a robot with a prismatic joint must be in radians.
+    Deg,
+}
+
+impl AngleUnit {
+    /// Turns logged positions into radians.
+    pub(crate) fn into_rad(self, q: &mut [f64]) {
+        if self == Self::Deg {
+            q.iter_mut().for_each(|angle| *angle = angle.to_radians());
+        }
+    }
+}
+
+/// Something odd in a log that did not stop the reading.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub enum LogWarning {
+    /// The clock of a touch stood still or ran backwards; told once a touch.
+    TimeNotIncreasing {
+        /// Name of the touch.
+        touch: String,
+        /// First sample whose time is not after that of the one before it, counted from 0.
+        row: u64,
+        /// Time of the sample before, s.
+        before_s: f64,
+        /// Time of the sample, s.
+        now_s: f64,
+        /// How many samples of the touch do so.
+        count: u64,
+    },
+}
+
+/// What can be wrong with a log.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum LogError {
+    /// Nothing is there.
+    #[error("`{path}` does not exist; {remedy}")]
+    Missing { path: PathBuf, remedy: String },
+    /// The system refused to read.
+    #[error("`{path}` cannot be read: {source}")]
+    Io { path: PathBuf, source: io::Error },
+    /// A file or folder that is no log.
+    #[error("`{path}` holds no touch: {found}; wanted {wanted}")]
+    NoTouch { path: PathBuf, found: String, wanted: &'static str },
+    /// A file that is no npy array, or a broken one.
+    #[error("`{path}` {source}")]
+    Npy { path: PathBuf, source: NpyError },
+    /// An array that does not fit the others.
+    #[error("`{path}` has the shape {found:?}; wanted {wanted}")]
+    Shape { path: PathBuf, found: Vec<u64>, wanted: String },
+    /// A touch without a single sample.
+    #[error("`{path}` is empty: it holds no frame; record again or remove it")]
+    Empty { path: PathBuf },
+    /// A number that is not finite.
+    #[error(
+        "`{path}` holds {found} in row {row}, column {column} (both counted from 0); every number \
+         must be finite: cut the row out of every file of the touch, or record again"
+    )]
+    NotFinite { path: PathBuf, row: u64, column: usize, found: f64 },
+}
+
+/// Opens a log, whatever its format.
+///
+/// Headers and lengths of every file are checked before the first event, so that most defects show
+/// before any work is done. A folder that holds touches as npy is read as such even if tables lie
+/// beside them.
+///
+/// # Errors
+///
+/// [`LogError`], each naming the file and the remedy.
+pub fn open(path: &Path, options: &LogOptions) -> Result<Box<dyn Log>, LogError> {
+    let metadata = path.metadata().map_err(|source| LogError::reading(path, source))?;
+    if metadata.is_dir() {
+        let touches = npy_folder::touches_in(path)?;
+        if !touches.is_empty() {
+            return Ok(Box::new(npy_folder::NpyFolders::open(path, touches, options)?));
+        }
+        return Err(no_touch(path));
+    }
+    Err(LogError::NoTouch {
+        path: path.to_owned(),
+        found: "it is a file of an unknown format".to_owned(),
+        wanted: WANTED,
+    })
+}
+
+/// What a path must be to be a log.
+const WANTED: &str = "a folder with `angles.npy` and `torques.npy`, a folder of such folders, \
+                      a .csv file or a folder of .csv files";
+
+/// Says what a folder holds instead of touches.
+fn no_touch(path: &Path) -> LogError {
+    let mut names: Vec<String> = match path.read_dir() {
+        Ok(entries) => entries
+            .filter_map(Result::ok)
+            .map(|entry| entry.file_name().to_string_lossy().into_owned())
+            .collect(),
+        Err(source) => return LogError::reading(path, source),
+    };
+    names.sort_by(|a, b| natural::compare(a, b));
+    let found = match names.as_slice() {
+        [] => "it is empty".to_owned(),
+        names if names.len() > 8 => {
+            format!("it holds {} and {} more", names[..8].join(", "), names.len() - 8)
+        }
+        names => format!("it holds {}", names.join(", ")),
+    };
+    LogError::NoTouch { path: path.to_owned(), found, wanted: WANTED }
+}
+
+impl LogError {
+    /// The error of a path that cannot be opened or read.
+    pub(crate) fn reading(path: &Path, source: io::Error) -> Self {
+        let path = path.to_owned();
+        match source.kind() {
+            io::ErrorKind::NotFound => {
+                Self::Missing { path, remedy: "check the spelling and where you are".to_owned() }
+            }
+            _ => Self::Io { path, source },
+        }
+    }
+}
+
+/// Watches the clock of a touch.
+#[derive(Debug, Default)]
+pub(crate) struct Clock {
+    before_s: Option<f64>,
+    warned: bool,
+}
+
+impl Clock {
+    /// Notes the time of a sample, and in `warnings` whether it is not after the one before.
+    pub(crate) fn tick(
+        &mut self,
+        time_s: Option<f64>,
+        touch: &str,
+        row: u64,
+        warnings: &mut Vec<LogWarning>,
+    ) {
+        if let (Some(before_s), Some(now_s)) = (self.before_s, time_s)
+            && now_s <= before_s
+        {
+            match warnings.last_mut() {
+                Some(LogWarning::TimeNotIncreasing { count, .. }) if self.warned => *count += 1,
+                _ => warnings.push(LogWarning::TimeNotIncreasing {
+                    touch: touch.to_owned(),
+                    row,
+                    before_s,
+                    now_s,
+                    count: 1,
+                }),
+            }
+            self.warned = true;
+        }
+        self.before_s = time_s;
+    }
+}

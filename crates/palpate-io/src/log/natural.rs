@@ -1,0 +1,60 @@
+//! The order in which people count: `seq_2` before `seq_10`.
+
+use std::cmp::Ordering;
+
+/// Compares runs of digits by value and everything else by character; equal values by spelling.
+pub(crate) fn compare(a: &str, b: &str) -> Ordering {
+    let (mut left, mut right) = (a, b);
+    loop {
+        let (digits_left, digits_right) = (digits(left), digits(right));
+        if !digits_left.is_empty() && !digits_right.is_empty() {
+            let (x, y) =
+                (digits_left.trim_start_matches('0'), digits_right.trim_start_matches('0'));
+            match x.len().cmp(&y.len()).then_with(|| x.cmp(y)) {
+                Ordering::Equal => {}
+                unequal => return unequal,
+            }
+            left = &left[digits_left.len()..];
+            right = &right[digits_right.len()..];
+            continue;
+        }
+        let (mut rest_left, mut rest_right) = (left.chars(), right.chars());
+        match (rest_left.next(), rest_right.next()) {
+            (Some(x), Some(y)) if x == y => {
+                (left, right) = (rest_left.as_str(), rest_right.as_str())
+            }
+            (None, None) => return a.cmp(b),
+            (x, y) => return x.cmp(&y),
+        }
+    }
+}
+
+/// The digits that `text` begins with.
+fn digits(text: &str) -> &str {
+    &text[..text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len())]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn two_comes_before_ten() {
+        let mut names =
+            vec!["seq_10", "seq_2", "seq_010", "seq_1", "b", "seq_2b", "a10x3", "a9x20"];
+        names.sort_by(|a, b| compare(a, b));
+        assert_eq!(names, ["a9x20", "a10x3", "b", "seq_1", "seq_2", "seq_2b", "seq_010", "seq_10"]);
+    }
+
+    proptest! {
+        #[test]
+        fn the_order_is_total(a in "[a0-3é]{0,6}", b in "[a0-3é]{0,6}", c in "[a0-3é]{0,6}") {
+            prop_assert_eq!(compare(&a, &b), compare(&b, &a).reverse());
+            prop_assert_eq!(compare(&a, &b) == Ordering::Equal, a == b);
+            if compare(&a, &b).is_le() && compare(&b, &c).is_le() {
+                prop_assert!(compare(&a, &c).is_le());
+            }
+        }
+    }
+}

@@ -1,0 +1,379 @@
+//! Touches as folders of npy files, the layout of OpenVSF: `seq_0/angles.npy`, `torques.npy`.
+//!
+//! | file          | shape      | unit | needed |
+//! |---------------|------------|------|--------|
+//! | `angles.npy`  | T x n      | rad  | yes    |
+//! | `torques.npy` | T x n      | N·m  | yes    |
+//! | `time.npy`    | T or T x 1 | s    | no     |
+//!
+//! A log is one such folder or a folder of them, read in natural order. The files of a touch are
+//! read in lock-step, a block of rows at a time. Shapes and lengths of *all* touches are checked
+//! when the log is opened, NaN and infinity as the rows come by.
+
+use super::{
+    Clock, Format, Log, LogDescription, LogError, LogEvent, LogOptions, LogWarning, MAX_JOINTS,
+    Sample, natural,
+};
+use crate::npy::{NpyError, Rows};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+/// The folders of `path` that hold a touch, in natural order: itself, or those right below it.
+///
+/// A folder with only one of the two files counts, so that the missing one is missed aloud.
+pub(crate) fn touches_in(path: &Path) -> Result<Vec<PathBuf>, LogError> {
+    let is_touch =
+        |folder: &Path| folder.join("angles.npy").is_file() || folder.join("torques.npy").is_file();
+    if is_touch(path) {
+        return Ok(vec![path.to_owned()]);
+    }
+    let entries = path.read_dir().map_err(|source| LogError::reading(path, source))?;
+    let mut touches = Vec::new();
+    for entry in entries {
+        let folder = entry.map_err(|source| LogError::reading(path, source))?.path();
+        if is_touch(&folder) {
+            touches.push(folder);
+        }
+    }
+    touches.sort_by(|a, b| natural::compare(&name_of(a), &name_of(b)));
+    Ok(touches)
+}
+
+/// Name of a touch: that of its folder, even if the path is `.`.
+pub(crate) fn name_of(folder: &Path) -> String {
+    let named = folder.file_name().map(ToOwned::to_owned);
+    let named = named.or_else(|| Some(folder.canonicalize().ok()?.file_name()?.to_owned()));
+    named.map_or_else(|| "touch".to_owned(), |name| name.to_string_lossy().into_owned())
+}
+
+/// A log of npy folders.
+#[derive(Debug)]
+pub(super) struct NpyFolders {
+    description: LogDescription,
+    options: LogOptions,
+    /// Touches to come, the last one first.
+    ahead: Vec<PathBuf>,
+    current: Option<Touch>,
+    warnings: Vec<LogWarning>,
+}
+
+impl NpyFolders {
+    /// Checks the headers of all `touches`, then stands before the first.
+    pub(crate) fn open(
+        path: &Path,
+        mut touches: Vec<PathBuf>,
+        options: &LogOptions,
+    ) -> Result<Self, LogError> {
+        let (mut samples, mut joints) = (0, None);
+        for folder in &touches {
+            let touch = Touch::open(folder)?;
+            let wanted = *joints.get_or_insert(touch.angles.rows.columns);
+            if touch.angles.rows.columns != wanted {
+                let first = name_of(&touches[0]);
+                return Err(touch.angles.misfit(format!("T x {wanted} as in touch `{first}`")));
+            }
+            samples += touch.angles.rows.rows;
+        }
+        let description = LogDescription {
+            path: path.to_owned(),
+            format: Format::NpyFolder,
+            touches: Some(touches.len()),
+            samples: Some(samples),
+            joints,
+        };
+        touches.reverse();
+        let options = options.clone();
+        Ok(Self { description, options, ahead: touches, current: None, warnings: Vec::new() })
+    }
+
+    /// The next event, or `None` at the end.
+    fn advance(&mut self) -> Result<Option<LogEvent>, LogError> {
+        if let Some(touch) = &mut self.current
+            && let Some(mut sample) = touch.next_sample(&mut self.warnings)?
+        {
+            self.options.angle_unit.into_rad(&mut sample.q);
+            return Ok(Some(LogEvent::Sample(sample)));
+        }
+        let Some(folder) = self.ahead.pop() else { return Ok(None) };
+        let touch = Touch::open(&folder)?;
+        let name = touch.name.clone();
+        self.current = Some(touch);
+        Ok(Some(LogEvent::TouchStarts { name, joint_names: None }))
+    }
+}
+
+impl Iterator for NpyFolders {
+    type Item = Result<LogEvent, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let event = self.advance();
+        if !matches!(event, Ok(Some(_))) {
+            self.current = None;
+            self.ahead.clear();
+        }
+        event.transpose()
+    }
+}
+
+impl Log for NpyFolders {
+    fn describe(&self) -> LogDescription {
+        self.description.clone()
+    }
+
+    fn warnings(&self) -> &[LogWarning] {
+        &self.warnings
+    }
+}
+
+/// One touch, its files open at the same row.
+#[derive(Debug)]
+struct Touch {
+    name: String,
+    angles: Table,
+    torques: Table,
+    time: Option<Table>,
+    clock: Clock,
+    row: u64,
+}
+
+impl Touch {
+    /// Opens the files of a touch and checks them against each other.
+    fn open(folder: &Path) -> Result<Self, LogError> {
+        let angles = Table::open(folder.join("angles.npy"))?;
+        let torques = Table::open(folder.join("torques.npy"))?;
+        let time_path = folder.join("time.npy");
+        let time = if time_path.exists() { Some(Table::open(time_path)?) } else { None };
+
+        angles.check_joints()?;
+        torques.check_joints()?;
+        if torques.rows.shape() != angles.rows.shape() {
+            let (t, n) = (angles.rows.rows, angles.rows.columns);
+            let turned = torques.rows.shape() == [n as u64, t];
+            let remedy = if turned { "; it is transposed: save torques.T" } else { "" };
+            return Err(torques.misfit(format!("{t} x {n} as in `angles.npy` beside it{remedy}")));
+        }
+        if let Some(time) = &time
+            && (time.rows.rows != angles.rows.rows || time.rows.columns != 1)
+        {
+            let frames = angles.rows.rows;
+            return Err(time.misfit(format!("({frames},), one time for each row of `angles.npy`")));
+        }
+        let name = name_of(folder);
+        Ok(Self { name, angles, torques, time, clock: Clock::default(), row: 0 })
+    }
+
+    fn next_sample(&mut self, warnings: &mut Vec<LogWarning>) -> Result<Option<Sample>, LogError> {
+        let row = self.row;
+        let Some(q) = self.angles.next_row(row)? else { return Ok(None) };
+        let Some(tau) = self.torques.next_row(row)? else { return Ok(None) };
+        let time_s = match &mut self.time {
+            Some(time) => time.next_row(row)?.and_then(|time| time.first().copied()),
+            None => None,
+        };
+        self.clock.tick(time_s, &self.name, row, warnings);
+        self.row += 1;
+        Ok(Some(Sample { time_s, q, tau }))
+    }
+}
+
+/// An npy file of a touch and the name to blame.
+#[derive(Debug)]
+pub(crate) struct Table {
+    path: PathBuf,
+    rows: Rows<File>,
+}
+
+impl Table {
+    pub(crate) fn open(path: PathBuf) -> Result<Self, LogError> {
+        let file = File::open(&path).map_err(|source| match source.kind() {
+            std::io::ErrorKind::NotFound => {
+                let remedy = "a touch needs `angles.npy` and `torques.npy`".to_owned();
+                LogError::Missing { path: path.clone(), remedy }
+            }
+            _ => LogError::reading(&path, source),
+        })?;
+        match Rows::open(file) {
+            Ok(rows) => Ok(Self { path, rows }),
+            Err(NpyError::Io(source)) => Err(LogError::Io { path, source }),
+            Err(source) => Err(LogError::Npy { path, source }),
+        }
+    }
+
+    /// A table of joints is T x n with T > 0 and a believable n.
+    pub(crate) fn check_joints(&self) -> Result<(), LogError> {
+        let shape = self.rows.shape();
+        let remedy = match shape {
+            [0, _] => return Err(LogError::Empty { path: self.path.clone() }),
+            [_, n] if (1..=MAX_JOINTS as u64).contains(n) => return Ok(()),
+            [n, _] if (1..=MAX_JOINTS as u64).contains(n) => "; it is transposed: save array.T",
+            [_] => "; for a single joint save array.reshape(-1, 1)",
+            _ => "",
+        };
+        Err(self.misfit(format!(
+            "T x n, one row a frame and one column a joint (at most {MAX_JOINTS}){remedy}"
+        )))
+    }
+
+    fn misfit(&self, wanted: String) -> LogError {
+        LogError::Shape { path: self.path.clone(), found: self.rows.shape().to_vec(), wanted }
+    }
+
+    /// The next row, every number of it finite; `row` is its index, for the error.
+    pub(crate) fn next_row(&mut self, row: u64) -> Result<Option<Vec<f64>>, LogError> {
+        let numbers = match self.rows.next_row() {
+            None => return Ok(None),
+            Some(Err(source)) => return Err(LogError::Npy { path: self.path.clone(), source }),
+            Some(Ok(numbers)) => numbers.to_vec(),
+        };
+        match numbers.iter().position(|number| !number.is_finite()) {
+            None => Ok(Some(numbers)),
+            Some(column) => {
+                let (path, found) = (self.path.clone(), numbers[column]);
+                Err(LogError::NotFinite { path, row, column, found })
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::open;
+    use super::*;
+    use crate::npy::write_header;
+    use std::fs;
+
+    /// Writes a `rows.len()` x n array.
+    fn save<const N: usize>(path: &Path, rows: &[[f64; N]]) {
+        let mut bytes = Vec::new();
+        write_header(&mut bytes, "<f8", &[rows.len(), N]).unwrap();
+        bytes.extend(rows.iter().flat_map(|row| row.iter().flat_map(|x| x.to_le_bytes())));
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+    }
+
+    /// Writes a touch whose angles and torques are the given rows.
+    fn touch<const N: usize, const M: usize>(
+        folder: &Path,
+        angles: &[[f64; N]],
+        torques: &[[f64; M]],
+    ) {
+        save(&folder.join("angles.npy"), angles);
+        save(&folder.join("torques.npy"), torques);
+    }
+
+    fn read(path: &Path) -> Result<Vec<LogEvent>, LogError> {
+        open(path, &LogOptions::default())?.collect()
+    }
+
+    fn complaint(path: &Path) -> String {
+        read(path).unwrap_err().to_string()
+    }
+
+    const TWO: &[[f64; 2]] = &[[1.0, 2.0], [3.0, 4.0]];
+
+    #[test]
+    fn a_set_is_read_in_natural_order_and_other_folders_are_left_alone() {
+        let set = tempfile::tempdir().unwrap();
+        for name in ["seq_10", "seq_2"] {
+            touch(&set.path().join(name), TWO, TWO);
+        }
+        save(&set.path().join("truth/seq_2_external.npy"), TWO);
+        fs::write(set.path().join("meta.json"), "{}").unwrap();
+
+        let events = read(set.path()).unwrap();
+
+        let starts: Vec<_> = events
+            .iter()
+            .filter_map(|event| match event {
+                LogEvent::TouchStarts { name, .. } => Some(name.as_str()),
+                LogEvent::Sample(_) => None,
+            })
+            .collect();
+        assert_eq!(starts, ["seq_2", "seq_10"]);
+        let second = Sample { time_s: None, q: vec![3.0, 4.0], tau: vec![3.0, 4.0] };
+        assert_eq!(events[2], LogEvent::Sample(second));
+        let description = open(set.path(), &LogOptions::default()).unwrap().describe();
+        assert_eq!((description.touches, description.samples), (Some(2), Some(4)));
+        assert_eq!(read(&set.path().join("seq_2")).unwrap(), events[..3]);
+    }
+
+    #[test]
+    fn degrees_become_radians() {
+        let folder = tempfile::tempdir().unwrap();
+        touch(folder.path(), &[[180.0]], &[[5.0]]);
+        let options = LogOptions { angle_unit: super::super::AngleUnit::Deg };
+        let Some(Ok(LogEvent::Sample(sample))) = open(folder.path(), &options).unwrap().nth(1)
+        else {
+            panic!("one sample was written")
+        };
+        assert_eq!((sample.q, sample.tau), (vec![std::f64::consts::PI], vec![5.0]));
+    }
+
+    #[test]
+    fn nan_is_located_and_ends_the_log() {
+        let folder = tempfile::tempdir().unwrap();
+        touch(folder.path(), TWO, &[[0.0, 0.0], [0.0, f64::NAN]]);
+        let mut log = open(folder.path(), &LogOptions::default()).unwrap();
+        assert!(log.next().unwrap().is_ok() && log.next().unwrap().is_ok());
+        let error = log.next().unwrap().unwrap_err().to_string();
+        assert!(error.contains("torques.npy") && error.contains("NaN"), "{error}");
+        assert!(error.contains("row 1, column 1 (both counted from 0)"), "{error}");
+        assert!(log.next().is_none());
+    }
+
+    #[test]
+    fn a_clock_that_stands_still_is_a_warning() {
+        let folder = tempfile::tempdir().unwrap();
+        touch(folder.path(), &[[0.0]; 4], &[[0.0]; 4]);
+        save(&folder.path().join("time.npy"), &[[0.0], [0.1], [0.1], [0.05]]);
+        let mut log = open(folder.path(), &LogOptions::default()).unwrap();
+        assert_eq!(log.by_ref().filter(Result::is_ok).count(), 5);
+        let [LogWarning::TimeNotIncreasing { row, count, .. }] = log.warnings() else {
+            panic!("one warning a touch: {:?}", log.warnings())
+        };
+        assert_eq!((*row, *count), (2, 2));
+    }
+
+    #[test]
+    fn shapes_that_disagree_are_refused_with_the_remedy() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path();
+        touch(path, TWO, &[[1.0, 2.0]]);
+        assert!(complaint(path).contains("torques.npy") && complaint(path).contains("2 x 2"));
+
+        touch(path, &[[0.0]; 3], &[[0.0, 0.0, 0.0]]);
+        assert!(complaint(path).contains("transposed: save torques.T"));
+        touch(path, &[[0.0; 400]; 7], &[[0.0; 400]; 7]);
+        assert!(complaint(path).contains("[7, 400]") && complaint(path).contains("array.T"));
+
+        touch(path, TWO, TWO);
+        save(&path.join("time.npy"), &[[0.0]]);
+        assert!(complaint(path).contains("time.npy") && complaint(path).contains("(2,)"));
+
+        touch::<2, 2>(path, &[], &[]);
+        assert!(complaint(path).contains("angles.npy") && complaint(path).contains("is empty"));
+    }
+
+    #[test]
+    fn touches_must_agree_on_the_number_of_joints() {
+        let set = tempfile::tempdir().unwrap();
+        touch(&set.path().join("a"), TWO, TWO);
+        touch(&set.path().join("b"), &[[0.0; 3]], &[[0.0; 3]]);
+        let complaint = complaint(set.path());
+        assert!(complaint.contains("T x 2 as in touch `a`"), "{complaint}");
+    }
+
+    #[test]
+    fn what_is_missing_is_named() {
+        let set = tempfile::tempdir().unwrap();
+        assert!(complaint(&set.path().join("nowhere")).contains("does not exist"));
+        assert!(complaint(set.path()).contains("it is empty"));
+        fs::write(set.path().join("notes.txt"), "").unwrap();
+        assert!(complaint(set.path()).contains("it holds notes.txt"));
+        assert!(complaint(&set.path().join("notes.txt")).contains("unknown format"));
+        save(&set.path().join("seq_0/angles.npy"), TWO);
+        assert!(complaint(set.path()).contains("torques.npy` does not exist"));
+        fs::write(set.path().join("seq_0/torques.npy"), "not numbers").unwrap();
+        assert!(complaint(set.path()).contains("is not an npy file"));
+    }
+}

@@ -1,0 +1,542 @@
+//! The `.npy` format: one array of numbers with a short header of text.
+//!
+//! Arrays are read row by row in blocks of bounded size, so that a log of any length streams, and
+//! nothing that a header claims is believed before the file's own length has confirmed it. Rows of
+//! an array in Fortran order (what `np.save` makes of a transposed array) are gathered column by
+//! column and come out the same.
+//!
+//! Versions 1 to 3 of the format, floats of 4 and 8 bytes and integers of 1 to 8, either byte
+//! order. Objects, records, text and complex numbers are refused. The `npyz` crate would read more
+//! of them at the price of a parser generator and a C compiler; it reads no Fortran order by rows.
+
+use std::io::{self, Read, Seek, SeekFrom, Write};
+
+/// Six bytes that every npy file begins with.
+const MAGIC: &[u8; 6] = b"\x93NUMPY";
+/// Longest header believed. numpy's own reader stops at 10,000 bytes.
+const MAX_HEADER_BYTES: usize = 65_536;
+/// Bytes read at a time.
+const BLOCK_BYTES: u64 = 1 << 18;
+
+/// What can be wrong with an npy file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum NpyError {
+    /// The file begins with something else.
+    #[error("is not an npy file: it begins with {found}; write it with numpy.save")]
+    NotNpy { found: String },
+    /// A version that does not exist yet.
+    #[error("is npy version {major}; versions 1 to 3 are known")]
+    Version { major: u8 },
+    /// The header's text does not parse.
+    #[error("has a header that cannot be read: {reason}")]
+    Header { reason: String },
+    /// Numbers of a kind that is not read.
+    #[error("holds `{descr}`, which is {what}; save it with array.astype('float64')")]
+    Dtype { descr: String, what: &'static str },
+    /// A shape whose size no file could hold.
+    #[error("claims the shape {shape:?}, more than any file could hold")]
+    TooLarge { shape: Vec<u64> },
+    /// Fewer bytes than promised.
+    #[error(
+        "is truncated: it holds {held} of the {promised} {unit} its header promises; copy it again"
+    )]
+    Truncated { held: u64, promised: u64, unit: &'static str },
+    /// The system refused to read.
+    #[error("cannot be read: {0}")]
+    Io(#[from] io::Error),
+}
+
+/// What one number looks like in bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Number {
+    F32,
+    F64,
+    I8,
+    I16,
+    I32,
+    I64,
+    U8,
+    U16,
+    U32,
+    U64,
+}
+
+/// The header of an npy file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Header {
+    pub(crate) number: Number,
+    pub(crate) big_endian: bool,
+    pub(crate) fortran_order: bool,
+    pub(crate) shape: Vec<u64>,
+}
+
+impl Number {
+    /// Bytes of one number.
+    pub(crate) fn bytes(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::F32 | Self::I32 | Self::U32 => 4,
+            Self::F64 | Self::I64 | Self::U64 => 8,
+        }
+    }
+
+    /// The number in the first bytes of `raw`, little-endian, rounded to `f64` if need be.
+    #[allow(clippy::cast_precision_loss)] // integers beyond 2^53 are no joint angles
+    fn to_f64(self, raw: [u8; 8]) -> f64 {
+        let [a, b, c, d, ..] = raw;
+        match self {
+            Self::F64 => f64::from_le_bytes(raw),
+            Self::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
+            Self::I8 => f64::from(i8::from_le_bytes([a])),
+            Self::I16 => f64::from(i16::from_le_bytes([a, b])),
+            Self::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
+            Self::I64 => i64::from_le_bytes(raw) as f64,
+            Self::U8 => f64::from(a),
+            Self::U16 => f64::from(u16::from_le_bytes([a, b])),
+            Self::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
+            Self::U64 => u64::from_le_bytes(raw) as f64,
+        }
+    }
+
+    /// The kind that `descr` (numpy's `dtype.str`) names, and whether its bytes are reversed.
+    fn parse(descr: &str) -> Result<(Self, bool), NpyError> {
+        let refuse = |what| Err(NpyError::Dtype { descr: descr.to_owned(), what });
+        let (order, kind) = match descr.as_bytes() {
+            [order @ (b'<' | b'>' | b'|' | b'='), ..] => (*order, &descr[1..]),
+            _ => (b'=', descr),
+        };
+        let number = match kind {
+            "f8" => Self::F64,
+            "f4" => Self::F32,
+            "i8" => Self::I64,
+            "i4" => Self::I32,
+            "i2" => Self::I16,
+            "i1" => Self::I8,
+            "u8" => Self::U64,
+            "u4" => Self::U32,
+            "u2" => Self::U16,
+            "u1" | "b1" => Self::U8,
+            _ if kind.starts_with('O') => return refuse("Python objects that only pickle reads"),
+            _ if kind.starts_with('c') => return refuse("complex numbers"),
+            _ if kind.starts_with(['U', 'S']) => return refuse("text"),
+            _ => return refuse("neither a plain float nor an integer"),
+        };
+        Ok((number, order == b'>'))
+    }
+}
+
+impl Header {
+    /// Reads magic, version and header; leaves `input` at the first number.
+    pub(crate) fn read(input: &mut impl Read) -> Result<Self, NpyError> {
+        let mut start = Vec::new();
+        input.by_ref().take(8).read_to_end(&mut start)?;
+        let [magic @ .., major, _minor] = start.as_slice() else { return Err(not_npy(&start)) };
+        if magic != MAGIC {
+            return Err(not_npy(&start));
+        }
+        let length = match major {
+            1 => {
+                let mut raw = [0; 2];
+                read_whole(input, &mut raw)?;
+                usize::from(u16::from_le_bytes(raw))
+            }
+            2 | 3 => {
+                let mut raw = [0; 4];
+                read_whole(input, &mut raw)?;
+                usize::try_from(u32::from_le_bytes(raw)).unwrap_or(usize::MAX)
+            }
+            &major => return Err(NpyError::Version { major }),
+        };
+        if length > MAX_HEADER_BYTES {
+            return Err(header(format!("it claims to be {length} bytes long")));
+        }
+        let mut text = vec![0; length];
+        read_whole(input, &mut text)?;
+        let text = String::from_utf8(text).map_err(|_| header("it is not text"))?;
+        Literal(&text).dictionary()
+    }
+
+    /// Bytes of all numbers.
+    pub(crate) fn data_bytes(&self) -> Result<u64, NpyError> {
+        (self.shape.iter())
+            .try_fold(self.number.bytes() as u64, |product, &side| product.checked_mul(side))
+            .ok_or_else(|| NpyError::TooLarge { shape: self.shape.clone() })
+    }
+
+    /// The numbers in `raw`, whose length is a multiple of [`Number::bytes`].
+    pub(crate) fn decode<'a>(&self, raw: &'a [u8]) -> impl Iterator<Item = f64> + use<'a> {
+        let (number, big_endian) = (self.number, self.big_endian);
+        raw.chunks_exact(number.bytes()).map(move |chunk| {
+            let mut bytes = [0; 8];
+            bytes[..chunk.len()].copy_from_slice(chunk);
+            if big_endian {
+                bytes[..chunk.len()].reverse();
+            }
+            number.to_f64(bytes)
+        })
+    }
+}
+
+/// Writes the header of an array in C order, little-endian; `descr` is numpy's `dtype.str`.
+#[cfg_attr(not(test), expect(dead_code))] // until fields are written
+pub(crate) fn write_header(out: &mut impl Write, descr: &str, shape: &[usize]) -> io::Result<()> {
+    let sides: String = shape.iter().map(|side| format!("{side}, ")).collect();
+    let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({sides}), }}");
+    let unpadded = MAGIC.len() + 4 + text.len() + 1;
+    text.push_str(&" ".repeat(unpadded.next_multiple_of(64) - unpadded));
+    text.push('\n');
+    let length = u16::try_from(text.len()).map_err(|_| io::Error::other("too many dimensions"))?;
+    out.write_all(MAGIC)?;
+    out.write_all(&[1, 0])?;
+    out.write_all(&length.to_le_bytes())?;
+    out.write_all(text.as_bytes())
+}
+
+/// Rows of a T x n array, read in blocks.
+///
+/// The whole length is checked when opening: a truncated file never yields a row.
+#[derive(Debug)]
+pub(crate) struct Rows<R> {
+    input: R,
+    header: Header,
+    data_start: u64,
+    /// Rows of the array; a one-dimensional array has one number a row.
+    pub(crate) rows: u64,
+    /// Numbers in a row.
+    pub(crate) columns: usize,
+    next_row: u64,
+    block: Vec<f64>,
+    block_start: u64,
+}
+
+impl<R: Read + Seek> Rows<R> {
+    /// Reads the header and checks the length of the input against it.
+    pub(crate) fn open(mut input: R) -> Result<Self, NpyError> {
+        let header = Header::read(&mut input)?;
+        let promised = header.data_bytes()?;
+        let data_start = input.stream_position()?;
+        let held = input.seek(SeekFrom::End(0))?.saturating_sub(data_start);
+        let too_large = || NpyError::TooLarge { shape: header.shape.clone() };
+        let columns = (header.shape.iter().skip(1))
+            .try_fold(1u64, |product, &side| product.checked_mul(side))
+            .ok_or_else(too_large)?;
+        // Rows without columns hold nothing, however many the header counts.
+        let rows = if columns == 0 { 0 } else { header.shape.first().copied().unwrap_or(1) };
+        let size = header.number.bytes() as u64;
+        if held < promised {
+            let in_rows = !header.fortran_order && columns > 0;
+            let (step, unit) = if in_rows { (columns * size, "rows") } else { (size, "numbers") };
+            let (held, promised) = (held / step, promised / step);
+            return Err(NpyError::Truncated { held, promised, unit });
+        }
+        let columns = usize::try_from(columns).map_err(|_| too_large())?;
+        let block = Vec::new();
+        Ok(Self { input, header, data_start, rows, columns, next_row: 0, block, block_start: 0 })
+    }
+
+    /// Sides of the array as the file gives them.
+    pub(crate) fn shape(&self) -> &[u64] {
+        &self.header.shape
+    }
+
+    /// The next row, or `None` after the last.
+    pub(crate) fn next_row(&mut self) -> Option<Result<&[f64], NpyError>> {
+        if self.next_row >= self.rows {
+            return None;
+        }
+        let held = (self.block.len() / self.columns.max(1)) as u64;
+        if self.next_row >= self.block_start + held
+            && let Err(error) = self.read_block()
+        {
+            self.next_row = self.rows; // A failed read is the end: its rows cannot be trusted.
+            return Some(Err(error));
+        }
+        let offset = (self.next_row - self.block_start) as usize * self.columns;
+        self.next_row += 1;
+        Some(Ok(&self.block[offset..offset + self.columns]))
+    }
+
+    /// Reads the block that begins at the next row.
+    fn read_block(&mut self) -> Result<(), NpyError> {
+        let size = self.header.number.bytes() as u64;
+        let columns = self.columns as u64;
+        let room = (BLOCK_BYTES / (columns * size).max(1)).max(1);
+        let n_rows = room.min(self.rows - self.next_row);
+        self.block_start = self.next_row;
+        self.block.clear();
+        if !self.header.fortran_order {
+            let raw = self.read_at(self.next_row * columns, n_rows * columns)?;
+            self.block.extend(self.header.decode(&raw));
+            return Ok(());
+        }
+        self.block.resize((n_rows * columns) as usize, 0.0);
+        for column in 0..columns {
+            let raw = self.read_at(column * self.rows + self.next_row, n_rows)?;
+            let places = self.block.iter_mut().skip(column as usize).step_by(self.columns);
+            places.zip(self.header.decode(&raw)).for_each(|(place, value)| *place = value);
+        }
+        Ok(())
+    }
+
+    /// The bytes of `count` numbers from the `first` on.
+    fn read_at(&mut self, first: u64, count: u64) -> Result<Vec<u8>, NpyError> {
+        let size = self.header.number.bytes() as u64;
+        self.input.seek(SeekFrom::Start(self.data_start + first * size))?;
+        let mut raw = vec![0; (count * size) as usize];
+        self.input.read_exact(&mut raw)?;
+        Ok(raw)
+    }
+}
+
+/// The Python literal of a header, read from the left.
+struct Literal<'a>(&'a str);
+
+impl<'a> Literal<'a> {
+    /// `{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }`, keys in any order.
+    fn dictionary(mut self) -> Result<Header, NpyError> {
+        let (mut number, mut fortran_order, mut shape) = (None, None, None);
+        self.expect('{')?;
+        while !self.take('}') {
+            let key = self.string()?;
+            self.expect(':')?;
+            match key {
+                "descr" => number = Some(Number::parse(self.descr()?)?),
+                "fortran_order" => fortran_order = Some(self.boolean()?),
+                "shape" => shape = Some(self.shape()?),
+                _ => return Err(header(format!("unknown key `{key}`"))),
+            }
+            if !self.take(',') {
+                self.expect('}')?;
+                break;
+            }
+        }
+        match (number, fortran_order, shape) {
+            (Some((number, big_endian)), Some(fortran_order), Some(shape)) => {
+                Ok(Header { number, big_endian, fortran_order, shape })
+            }
+            _ => Err(header("one of `descr`, `fortran_order` and `shape` is missing")),
+        }
+    }
+
+    /// Takes `wanted` off the front if it is there.
+    fn take(&mut self, wanted: char) -> bool {
+        let rest = self.0.trim_start().strip_prefix(wanted);
+        self.0 = rest.unwrap_or(self.0);
+        rest.is_some()
+    }
+
+    fn expect(&mut self, wanted: char) -> Result<(), NpyError> {
+        if self.take(wanted) {
+            return Ok(());
+        }
+        let rest: String = self.0.chars().take(20).collect();
+        Err(header(format!("`{wanted}` expected before {rest:?}")))
+    }
+
+    fn string(&mut self) -> Result<&'a str, NpyError> {
+        let quote = if self.take('"') {
+            '"'
+        } else {
+            self.expect('\'')?;
+            '\''
+        };
+        let (inside, rest) =
+            self.0.split_once(quote).ok_or_else(|| header("a string does not end"))?;
+        self.0 = rest;
+        Ok(inside)
+    }
+
+    fn descr(&mut self) -> Result<&'a str, NpyError> {
+        if self.0.trim_start().starts_with('[') {
+            let what = "an array of records";
+            return Err(NpyError::Dtype { descr: "structured dtype".to_owned(), what });
+        }
+        self.string()
+    }
+
+    fn boolean(&mut self) -> Result<bool, NpyError> {
+        self.0 = self.0.trim_start();
+        for (word, value) in [("True", true), ("False", false)] {
+            if let Some(rest) = self.0.strip_prefix(word) {
+                self.0 = rest;
+                return Ok(value);
+            }
+        }
+        Err(header("`fortran_order` is neither True nor False"))
+    }
+
+    fn shape(&mut self) -> Result<Vec<u64>, NpyError> {
+        let mut sides = Vec::new();
+        self.expect('(')?;
+        while !self.take(')') {
+            self.0 = self.0.trim_start();
+            let end = self.0.find(|c: char| !c.is_ascii_digit()).unwrap_or(self.0.len());
+            let (digits, rest) = self.0.split_at(end);
+            let side =
+                digits.parse().map_err(|_| header(format!("a side `{digits}` of the shape")))?;
+            sides.push(side);
+            self.0 = rest.strip_prefix('L').unwrap_or(rest); // Python 2 wrote `400L`.
+            if !self.take(',') {
+                self.expect(')')?;
+                break;
+            }
+        }
+        Ok(sides)
+    }
+}
+
+fn header(reason: impl Into<String>) -> NpyError {
+    NpyError::Header { reason: reason.into() }
+}
+
+fn not_npy(start: &[u8]) -> NpyError {
+    let found = match start {
+        [] => "nothing, it is empty".to_owned(),
+        [b'P', b'K', ..] => "a zip archive (an npz?)".to_owned(),
+        _ => format!("{:?}", String::from_utf8_lossy(start)),
+    };
+    NpyError::NotNpy { found }
+}
+
+/// Fills `raw` or says that the header ends early.
+fn read_whole(input: &mut impl Read, raw: &mut [u8]) -> Result<(), NpyError> {
+    input.read_exact(raw).map_err(|error| match error.kind() {
+        io::ErrorKind::UnexpectedEof => header("the file ends within it"),
+        _ => NpyError::Io(error),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::io::Cursor;
+
+    /// A file as numpy writes it, with any header text.
+    fn file(major: u8, header: &str, data: &[u8]) -> Vec<u8> {
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend([major, 0]);
+        match major {
+            1 => bytes.extend((header.len() as u16).to_le_bytes()),
+            _ => bytes.extend((header.len() as u32).to_le_bytes()),
+        }
+        bytes.extend(header.as_bytes());
+        bytes.extend(data);
+        bytes
+    }
+
+    fn rows_of(bytes: Vec<u8>) -> Result<Vec<Vec<f64>>, NpyError> {
+        let mut rows = Rows::open(Cursor::new(bytes))?;
+        let mut all = Vec::new();
+        while let Some(row) = rows.next_row() {
+            all.push(row?.to_vec());
+        }
+        Ok(all)
+    }
+
+    #[test]
+    fn every_version_byte_order_and_memory_order_gives_the_same_rows() {
+        let wanted = vec![vec![1.0, 2.0, 3.0], vec![4.0, 5.0, 6.0]];
+        let c: Vec<u8> = [1.0f64, 2.0, 3.0, 4.0, 5.0, 6.0].map(f64::to_le_bytes).concat();
+        let f: Vec<u8> = [1.0f32, 4.0, 2.0, 5.0, 3.0, 6.0].map(f32::to_be_bytes).concat();
+        let i: Vec<u8> = [1i16, 2, 3, 4, 5, 6].map(i16::to_le_bytes).concat();
+        let plain = "{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }\n";
+        for major in 1..=3 {
+            assert_eq!(rows_of(file(major, plain, &c)).unwrap(), wanted);
+        }
+        let turned = "{'shape': (2L, 3L), 'fortran_order': True, 'descr': '>f4'}";
+        assert_eq!(rows_of(file(1, turned, &f)).unwrap(), wanted);
+        let whole = r#"{"descr": "<i2", "fortran_order": False, "shape": (2,3)}"#;
+        assert_eq!(rows_of(file(1, whole, &i)).unwrap(), wanted);
+    }
+
+    #[test]
+    fn rows_are_the_same_across_block_borders() {
+        let (rows, columns) = (20_011, 7); // more than one block in either order
+        let value = |row: usize, column: usize| (row * columns + column) as f64;
+        let c: Vec<u8> = (0..rows * columns)
+            .flat_map(|i| value(i / columns, i % columns).to_le_bytes())
+            .collect();
+        let f: Vec<u8> =
+            (0..rows * columns).flat_map(|i| value(i % rows, i / rows).to_le_bytes()).collect();
+        for (order, data) in [("False", c), ("True", f)] {
+            let text =
+                format!("{{'descr': '<f8', 'fortran_order': {order}, 'shape': ({rows}, 7)}}");
+            let read = rows_of(file(1, &text, &data)).unwrap();
+            assert_eq!(read.len(), rows);
+            for (row, numbers) in read.iter().enumerate() {
+                assert!(numbers.iter().enumerate().all(|(column, &x)| x == value(row, column)));
+            }
+        }
+    }
+
+    #[test]
+    fn a_truncated_file_says_how_many_rows_it_holds() {
+        let text = "{'descr': '<f8', 'fortran_order': False, 'shape': (400, 7), }";
+        let error = rows_of(file(1, text, &[0; 100 * 56 + 9])).unwrap_err();
+        assert!(error.to_string().contains("100 of the 400 rows"), "{error}");
+    }
+
+    #[test]
+    fn an_absurd_shape_or_header_is_refused_without_being_allocated() {
+        let huge = "{'descr': '<f8', 'fortran_order': False, 'shape': (4294967295, 4294967295)}";
+        assert!(matches!(rows_of(file(1, huge, &[])), Err(NpyError::TooLarge { .. })));
+        let long = "{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 7)}";
+        assert!(matches!(rows_of(file(1, long, &[])), Err(NpyError::Truncated { .. })));
+        let wide = "{'descr': '<f8', 'fortran_order': False, 'shape': (0, 99999999999)}";
+        assert!(rows_of(file(1, wide, &[])).unwrap().is_empty());
+        let mut header = file(2, "", &[]);
+        header[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert!(rows_of(header).unwrap_err().to_string().contains("4294967295 bytes long"));
+    }
+
+    #[test]
+    fn objects_records_and_text_are_refused_by_name() {
+        for (descr, word) in [("'|O'", "pickle"), ("[('a', '<f8')]", "records"), ("'<U3'", "text")]
+        {
+            let text = format!("{{'descr': {descr}, 'fortran_order': False, 'shape': (1,)}}");
+            let error = rows_of(file(1, &text, &[0; 64])).unwrap_err().to_string();
+            assert!(error.contains(word), "{error}");
+        }
+        assert!(rows_of(b"1,2,3\n".to_vec()).unwrap_err().to_string().contains("1,2,3"));
+    }
+
+    #[test]
+    fn a_written_header_reads_back() {
+        for shape in [&[][..], &[5], &[400, 7], &[2, 3, 4]] {
+            let mut bytes = Vec::new();
+            write_header(&mut bytes, "<u4", shape).unwrap();
+            assert_eq!(bytes.len() % 64, 0, "numpy aligns the data");
+            let header = Header::read(&mut bytes.as_slice()).unwrap();
+            assert_eq!(header.number, Number::U32);
+            assert!(header.shape.iter().map(|&side| side as usize).eq(shape.iter().copied()));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_the_reader_panic(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+            let _ = rows_of(bytes);
+        }
+
+        #[test]
+        fn no_header_text_makes_the_reader_panic(
+            text in r"\{?('(descr|shape|fortran_order)': ?('[<>|]?[fiuOc]?[0-9]*'|True|False|\([0-9, ]*\)),? ?){0,5}\}?",
+            data in prop::collection::vec(any::<u8>(), 0..200),
+        ) {
+            let _ = rows_of(file(1, &text, &data));
+        }
+
+        #[test]
+        fn no_changed_byte_makes_the_reader_panic(at in 0usize..136, to in any::<u8>()) {
+            let text = "{'descr': '<f8', 'fortran_order': False, 'shape': (4, 2), }";
+            let mut bytes = file(1, text, &[0; 64]);
+            let at = at % bytes.len();
+            bytes[at] = to;
+            let _ = rows_of(bytes);
+        }
+    }
+}
