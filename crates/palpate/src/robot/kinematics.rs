@@ -20,7 +20,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::{LinkId, Robot, RobotError};
 
 /// Gravity in the world frame, m/s².
-pub const GRAVITY_M_PER_S2: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
+pub(super) const GRAVITY_M_PER_S2: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
 /// A joint that moves, independent or mimic.
 #[derive(Debug, Clone)]

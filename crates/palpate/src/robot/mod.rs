@@ -32,9 +32,8 @@ use kinematics::Mover;
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Robots that are compiled in: name and URDF.
-// MERGE: add ("kinova_gen3", include_str!("kinova_gen3.urdf")) here; this is the only place.
-const BUILT_IN: [(&str, &str); 0] = [];
+/// Robots that are compiled in: name and URDF. This is the only place to add one.
+const BUILT_IN: [(&str, &str); 1] = [("kinova_gen3", include_str!("kinova_gen3.urdf"))];
 
 /// Which link of a robot: its place in [`Robot::links`].
 #[derive(
@@ -217,6 +216,23 @@ impl Robot {
     pub fn link_id(&self, name: &str) -> Option<LinkId> {
         let index = self.links.iter().position(|link| link.name == name)?;
         Some(LinkId(u16::try_from(index).expect("from_urdf refuses more links")))
+    }
+
+    /// Everything that poses and gravity follow from, for fingerprints.
+    pub(crate) fn numbers(&self) -> impl Iterator<Item = f64> {
+        let links = self.links.iter().zip(&self.mounts).flat_map(|(link, mount)| {
+            let parent = link.parent.map_or(-1.0, |parent| f64::from(parent.0));
+            let pose = mount.parent_from_link.to_matrix();
+            let com = link.com_link_m;
+            [parent, link.mass_kg, com.x, com.y, com.z].into_iter().chain(pose.data.0.concat())
+        });
+        let movers = self.movers.iter().flat_map(|mover| {
+            let axis = mover.axis_link;
+            let kind = f64::from(u8::from(mover.prismatic));
+            let (source, child) = (mover.source as f64, mover.child as f64);
+            [child, kind, axis.x, axis.y, axis.z, source, mover.multiplier, mover.offset]
+        });
+        links.chain(movers)
     }
 
     /// The same robot carrying `payload` as well; may be called again for a second one.
