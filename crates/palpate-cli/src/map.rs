@@ -1,0 +1,195 @@
+//! `palpate map`: learns a field from touches.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use palpate::arm::Arm;
+use palpate::estimator::Method;
+use palpate::mapper::Mapper;
+use palpate_io::field::{self, Saved};
+use serde_json::json;
+
+use crate::error::CliError;
+use crate::learn::{Tally, learn};
+use crate::output::{Output, mib, seconds, table};
+use crate::settings::{AllSettings, Settings, SettingsError, first_difference};
+use crate::touches::Touches;
+use crate::{interrupt, picture, place, robot};
+
+const EXAMPLES: &str = "Examples:
+  palpate map recordings/ -o field.npz
+  palpate map monday/ tuesday/ -o field.npz --robot panda.urdf --gravity removed
+  palpate map wednesday/ -o field.npz --from field.npz
+
+A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
+a folder of them. Without --settings and flags the shipped defaults hold; `palpate settings` prints
+them. The field holds the memory of what it was learnt from, so that --from goes on exactly where
+it stopped.";
+
+/// Flags of `palpate map`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Logs to learn from, in this order
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Where the field goes; an older file there is replaced once the new one is whole
+    #[arg(long, short, value_name = "FIELD.npz")]
+    output: PathBuf,
+    /// Go on from a saved field, under its settings
+    #[arg(long, value_name = "FIELD.npz")]
+    from: Option<PathBuf>,
+    /// Leave out the memory: a smaller file, which --from cannot continue
+    #[arg(long)]
+    no_memory: bool,
+    /// On Ctrl-C, save the field so far
+    #[arg(long)]
+    save_on_interrupt: bool,
+    /// Draw the field from three sides
+    #[arg(long, value_name = "FILE.svg")]
+    picture: Option<PathBuf>,
+    /// Print the summary as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    settings: AllSettings,
+}
+
+/// Learns a field and saves it.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let started = Instant::now();
+    let settings = args.settings.load()?;
+    settings.config()?;
+    std::iter::once(&args.output).chain(&args.picture).try_for_each(|path| place::check(path))?;
+    interrupt::listen();
+    let touches = Touches::open(&args.logs, &settings.log.options())?;
+    let arm = robot::load(&settings.robot, output)?;
+    let mut mapper = begin(args.from.as_deref(), &arm, &settings)?;
+
+    output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
+    let mut touches = touches.for_joints(arm.robot.joint_names());
+    let tally = learn(&mut mapper, &mut touches, output)?;
+    if let Some(place) = &tally.interrupted {
+        return Err(stop(args, &mapper, place)?);
+    }
+
+    save(args, &mapper)?;
+    if let Some(path) = &args.picture {
+        place::write(path, &picture::field(&mapper.field())?)?;
+    }
+    let summary = Summary { args, arm: &arm, mapper: &mapper, tally: &tally };
+    if args.json {
+        output.json(&summary.json(started.elapsed()))
+    } else {
+        output.result(&summary.text(started.elapsed()))
+    }
+}
+
+/// A new mapper, or one that goes on from a field.
+fn begin(from: Option<&Path>, arm: &Arc<Arm>, settings: &Settings) -> Result<Mapper, CliError> {
+    let out_of_range = |error| SettingsError::Value(Box::new(error));
+    let Some(path) = from else {
+        return Ok(Mapper::new(Arc::clone(arm), settings.config()?).map_err(out_of_range)?);
+    };
+    let name = path.display();
+    let Some(snapshot) = field::load(path).map_err(CliError::file)?.snapshot else {
+        return Err(CliError::from(format!(
+            "`{name}` cannot be continued: it was saved without its memory; map its logs again \
+             without --no-memory"
+        )));
+    };
+    let given = settings.config_over(&snapshot.config)?;
+    if let Some(difference) = first_difference(&snapshot.config, &given) {
+        return Err(CliError::Usage(format!(
+            "the settings contradict the field `{name}`, in which {difference}; leave them out \
+             to go on with the field's own, or start a new field"
+        )));
+    }
+    Mapper::resume(Arc::clone(arm), snapshot)
+        .map_err(|error| CliError::from(format!("`{name}` cannot be continued: {error}")))
+}
+
+fn save(args: &Args, mapper: &Mapper) -> Result<(), CliError> {
+    let snapshot = (!args.no_memory).then(|| mapper.snapshot());
+    field::save(&args.output, &Saved { field: mapper.field(), snapshot }).map_err(CliError::file)
+}
+
+/// Ends after Ctrl-C: saves if that was asked for, and says what was done.
+fn stop(args: &Args, mapper: &Mapper, place: &str) -> Result<CliError, CliError> {
+    let kept = if args.save_on_interrupt {
+        save(args, mapper)?;
+        format!(" at {place}; the field so far is in `{}`", args.output.display())
+    } else {
+        format!(" at {place}; nothing was written (--save-on-interrupt saves the field so far)")
+    };
+    Ok(CliError::Interrupted { kept })
+}
+
+/// What is told at the end.
+struct Summary<'a> {
+    args: &'a Args,
+    arm: &'a Arm,
+    mapper: &'a Mapper,
+    tally: &'a Tally,
+}
+
+impl Summary<'_> {
+    fn next_command(&self) -> String {
+        format!("palpate predict {} LOG", self.args.output.display())
+    }
+
+    fn json(&self, elapsed: Duration) -> serde_json::Value {
+        let (tally, config) = (self.tally, self.mapper.config());
+        let (frames_remembered, bytes) = self.mapper.memory();
+        json!({
+            "field": self.args.output,
+            "robot": self.arm.robot.name(),
+            "estimator": config.method,
+            "touches": tally.touches,
+            "frames": tally.total(|touch| touch.frames),
+            "tare_frames": tally.total(|touch| touch.tare_frames),
+            "frames_in_contact": tally.total(|touch| touch.frames_in_contact),
+            "contacts_median": tally.contacts_median(),
+            "cells_touched": self.mapper.field().cells.len(),
+            "cells_declared": config.lattice.n_cells(),
+            "frames_remembered": frames_remembered,
+            "memory_mib": bytes as f64 / f64::from(1 << 20),
+            "before_learning": tally.before_learning(),
+            "seconds": elapsed.as_secs_f64(),
+            "next": self.next_command(),
+        })
+    }
+
+    fn text(&self, elapsed: Duration) -> String {
+        let (tally, config) = (self.tally, self.mapper.config());
+        let (frames_remembered, bytes) = self.mapper.memory();
+        let estimator = if config.method == Method::Map { "map" } else { "ekf" };
+        let row = |name: &str, value: String| vec![format!("  {name}"), value];
+        let mut rows = vec![
+            row("estimator", estimator.to_owned()),
+            row("touches", tally.touches.len().to_string()),
+            row("frames", tally.total(|touch| touch.frames).to_string()),
+            row("of them for the tare", tally.total(|touch| touch.tare_frames).to_string()),
+            row("contacts, median of frames in touch", tally.contacts_median().to_string()),
+            row("cells touched", self.mapper.field().cells.len().to_string()),
+            row("frames remembered", format!("{frames_remembered} in {}", mib(bytes))),
+            row("time", seconds(elapsed)),
+        ];
+        let before = tally.before_learning();
+        if let (Some(errors), Some(zero)) = (before.errors, before.zero) {
+            rows.push(row(
+                "mean torque error before learning each frame",
+                format!("{:.3} N·m (predicting zero: {:.3})", errors.avg_error, zero.avg_error),
+            ));
+        }
+        let mut text = format!("The field is in `{}`.\n", self.args.output.display());
+        text += &table(&rows);
+        if let Some(path) = &self.args.picture {
+            let _ = writeln!(text, "The picture is in `{}`.", path.display());
+        }
+        let _ = writeln!(text, "Next: {}", self.next_command());
+        text
+    }
+}

@@ -1,0 +1,217 @@
+//! A field from the front, the side and above: of each line of sight, the stiffest cell.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use palpate::field::Field;
+use plotters::chart::ChartBuilder;
+use plotters::element::{Circle, Rectangle, Text};
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{Color, RGBColor};
+
+use super::{Area, Drawn, FAINT, INK, svg, text};
+
+/// What each view shows to the right and upwards: axes x, y, z as 0, 1, 2.
+const VIEWS: [(&str, usize, usize); 3] =
+    [("front (along x)", 1, 2), ("side (along y)", 0, 2), ("top (along z)", 0, 1)];
+const AXES: [&str; 3] = ["x [m]", "y [m]", "z [m]"];
+
+/// Size of the three plots together, px, before labels.
+const PLOTS: (f64, f64) = (1200.0, 560.0);
+const LABELS: (u32, u32) = (62, 44);
+const TITLE: u32 = 34;
+const GAP: u32 = 14;
+const BAR_WIDTH: u32 = 110;
+/// Stiffness shown: this many powers of ten below the largest.
+const DECADES: f64 = 2.5;
+const SOFT: RGBColor = RGBColor(226, 228, 232);
+
+/// Draws a field.
+pub(crate) fn field(field: &Field) -> Result<String, String> {
+    let Some(scene) = Scene::of(field) else {
+        return svg((640, 80), |area| {
+            let note = "The field is empty: no cell was touched.";
+            Ok(area.draw(&Text::new(note, (24, 30), text(18)))?)
+        });
+    };
+    let px_per_m = scene.px_per_m();
+    let sizes = VIEWS.map(|(_, right, up)| {
+        let px = |axis: usize| (scene.length_m(axis) * px_per_m).round() as u32;
+        (px(right) + LABELS.0 + GAP, px(up) + LABELS.1 + TITLE + GAP)
+    });
+    let width = sizes.iter().map(|size| size.0).sum::<u32>() + BAR_WIDTH;
+    let height = sizes.iter().map(|size| size.1).max().unwrap_or(0).max(260);
+    svg((width, height), |area| {
+        let mut x = 0;
+        for (view, size) in VIEWS.into_iter().zip(sizes) {
+            scene.view(&area.clone().shrink((x, 0), size), view)?;
+            x += size.0;
+        }
+        scene.bar(&area.clone().shrink((x, 0), (BAR_WIDTH, height)))
+    })
+}
+
+/// What is shown, and in which frame and colours.
+struct Scene<'a> {
+    field: &'a Field,
+    low_m: [f64; 3],
+    high_m: [f64; 3],
+    /// Stiffness at the ends of the colour bar, N/m.
+    scale: Range<f64>,
+}
+
+impl<'a> Scene<'a> {
+    fn of(field: &'a Field) -> Option<Self> {
+        let margin_m = 3.0 * field.lattice.spacing_m();
+        let (mut low_m, mut high_m) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for &cell in &field.cells {
+            let point = field.lattice.point(cell);
+            for axis in 0..3 {
+                low_m[axis] = low_m[axis].min(point[axis] - margin_m);
+                high_m[axis] = high_m[axis].max(point[axis] + margin_m);
+            }
+        }
+        let largest = field.stiffness_n_per_m.iter().copied().fold(0.0, f64::max);
+        let largest = if largest > 0.0 { largest } else { 1.0 };
+        let scale = largest / 10_f64.powf(DECADES)..largest;
+        (!field.cells.is_empty()).then_some(Self { field, low_m, high_m, scale })
+    }
+
+    fn length_m(&self, axis: usize) -> f64 {
+        self.high_m[axis] - self.low_m[axis]
+    }
+
+    /// One scale for all views, so that lengths can be compared.
+    fn px_per_m(&self) -> f64 {
+        let across: f64 = VIEWS.iter().map(|&(_, right, _)| self.length_m(right)).sum();
+        let up = VIEWS.iter().map(|&(_, _, up)| self.length_m(up)).fold(0.0, f64::max);
+        (PLOTS.0 / across).min(PLOTS.1 / up)
+    }
+
+    /// Colour of a stiffness; grey below the bar.
+    fn colour(&self, stiffness: f64) -> RGBColor {
+        if stiffness < self.scale.start {
+            return SOFT;
+        }
+        let part = (stiffness / self.scale.start).log10() / DECADES;
+        viridis(part)
+    }
+
+    /// The stiffest cell of each line of sight, softest first.
+    fn projected(&self, right: usize, up: usize) -> Vec<((f64, f64), f64)> {
+        let lattice = &self.field.lattice;
+        let mut seen: BTreeMap<[u32; 2], ((f64, f64), f64)> = BTreeMap::new();
+        for (&cell, &stiffness) in self.field.cells.iter().zip(&self.field.stiffness_n_per_m) {
+            let (place, point) = (lattice.place(cell), lattice.point(cell));
+            let dot = seen
+                .entry([place[right], place[up]])
+                .or_insert(((point[right], point[up]), stiffness));
+            dot.1 = dot.1.max(stiffness);
+        }
+        let mut dots: Vec<_> = seen.into_values().collect();
+        dots.sort_by(|a, b| a.1.total_cmp(&b.1));
+        dots
+    }
+
+    fn view(&self, area: &Area<'_>, (name, right, up): (&str, usize, usize)) -> Drawn {
+        let mut chart = ChartBuilder::on(area)
+            .margin_right(GAP)
+            .margin_bottom(GAP / 2)
+            .margin_top(GAP / 2)
+            .caption(name, text(17))
+            .x_label_area_size(LABELS.1)
+            .y_label_area_size(LABELS.0)
+            .build_cartesian_2d(
+                self.low_m[right]..self.high_m[right],
+                self.low_m[up]..self.high_m[up],
+            )?;
+        let labels = |axis: usize| ((self.length_m(axis) * self.px_per_m() / 70.0) as usize).max(2);
+        chart
+            .configure_mesh()
+            .light_line_style(FAINT.mix(0.0))
+            .bold_line_style(FAINT)
+            .axis_style(INK)
+            .label_style(text(13))
+            .axis_desc_style(text(14))
+            .x_labels(labels(right))
+            .y_labels(labels(up))
+            .x_desc(AXES[right])
+            .y_desc(AXES[up])
+            .draw()?;
+        let radius_px = 0.46 * self.field.lattice.spacing_m() * self.px_per_m();
+        let radius_px = radius_px.round().max(1.0) as i32;
+        let dot = |(at, stiffness)| Circle::new(at, radius_px, self.colour(stiffness).filled());
+        chart.draw_series(self.projected(right, up).into_iter().map(dot))?;
+        Ok(())
+    }
+
+    fn bar(&self, area: &Area<'_>) -> Drawn {
+        let height = area.dim_in_pixel().1 as i32;
+        let (top, bottom) = (TITLE as i32 + 12, height - LABELS.1 as i32 - 34);
+        area.draw(&Text::new("K [N/m]", (8, top - 32), text(14)))?;
+        let y = |part: f64| bottom - (part * f64::from(bottom - top)).round() as i32;
+        for step in 0..64 {
+            let (from, to) = (f64::from(step) / 64.0, f64::from(step + 1) / 64.0);
+            let box_px = [(10, y(to)), (28, y(from))];
+            area.draw(&Rectangle::new(box_px, viridis(0.5 * (from + to)).filled()))?;
+        }
+        let beside = text(13).pos(Pos::new(HPos::Left, VPos::Center));
+        let first = self.scale.start.log10().floor() as i32;
+        for decade in first..=first + DECADES.ceil() as i32 + 1 {
+            for digit in [1.0, 3.0] {
+                let stiffness = digit * 10_f64.powi(decade);
+                let part = (stiffness / self.scale.start).log10() / DECADES;
+                if (0.0..=1.0).contains(&part) {
+                    let line = [(28, y(part)), (34, y(part))];
+                    area.draw(&plotters::element::PathElement::new(line, INK))?;
+                    area.draw(&Text::new(shown(stiffness), (38, y(part)), beside.clone()))?;
+                }
+            }
+        }
+        area.draw(&Rectangle::new([(10, bottom + 10), (28, bottom + 24)], SOFT.filled()))?;
+        area.draw(&Text::new("softer", (38, bottom + 17), beside))?;
+        Ok(())
+    }
+}
+
+/// A round number for the colour bar.
+fn shown(stiffness: f64) -> String {
+    let digits = (-stiffness.log10().floor()).max(0.0) as usize;
+    format!("{stiffness:.digits$}")
+}
+
+/// Matplotlib's colour map of that name, 0 to 1, between ten of its colours.
+fn viridis(part: f64) -> RGBColor {
+    const STOPS: [[u8; 3]; 10] = [
+        [68, 1, 84],
+        [72, 40, 120],
+        [62, 74, 137],
+        [49, 104, 142],
+        [38, 130, 142],
+        [31, 158, 137],
+        [53, 183, 121],
+        [110, 206, 88],
+        [181, 222, 43],
+        [253, 231, 37],
+    ];
+    let at = part.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
+    let below = (at.floor() as usize).min(STOPS.len() - 2);
+    let mix = |channel: usize| {
+        let (from, to) = (f64::from(STOPS[below][channel]), f64::from(STOPS[below + 1][channel]));
+        (from + (at - below as f64) * (to - from)).round() as u8
+    };
+    RGBColor(mix(0), mix(1), mix(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_colour_map_meets_its_ends_and_stops() {
+        assert_eq!(viridis(0.0), RGBColor(68, 1, 84));
+        assert_eq!(viridis(1.0), RGBColor(253, 231, 37));
+        assert_eq!(viridis(3.0 / 9.0), RGBColor(49, 104, 142));
+        assert_eq!((shown(0.03), shown(1.0), shown(300.0)), ("0.03".into(), "1".into(), "300".into()));
+    }
+}

@@ -1,0 +1,139 @@
+//! Predicted and felt torque over the frames: one row a touch, its norm and every joint.
+
+use std::ops::Range;
+
+use plotters::chart::ChartBuilder;
+use plotters::element::{PathElement, Rectangle, Text};
+use plotters::series::{AreaSeries, LineSeries};
+use plotters::style::{Color, RGBColor, ShapeStyle};
+
+use super::{Area, Drawn, FAINT, INK, svg, text};
+use crate::predict::{FrameResult, TouchResult};
+
+const WIDTH: u32 = 1480;
+const LEGEND_HEIGHT: u32 = 44;
+const ROW_HEIGHT: u32 = 300;
+const NORM_WIDTH: u32 = 560;
+
+const FELT: RGBColor = INK;
+const PREDICTED: RGBColor = RGBColor(0, 114, 178);
+const ERROR: RGBColor = RGBColor(213, 94, 0);
+
+/// Draws all touches.
+pub(crate) fn torques(results: &[TouchResult]) -> Result<String, String> {
+    let rows = results.len().max(1) as u32;
+    svg((WIDTH, LEGEND_HEIGHT + rows * ROW_HEIGHT), |area| {
+        let (head, body) = area.split_vertically(LEGEND_HEIGHT);
+        legend(&head)?;
+        let largest = results.iter().flat_map(|touch| &touch.frames).map(|frame| {
+            frame.external.norm().max(frame.predicted.norm()).max(error_of(frame))
+        });
+        let largest = largest.fold(0.5, f64::max);
+        for (row, touch) in body.split_evenly((rows as usize, 1)).iter().zip(results) {
+            let (left, right) = row.split_horizontally(NORM_WIDTH);
+            norm(&left, touch, largest)?;
+            joints(&right, touch)?;
+        }
+        Ok(())
+    })
+}
+
+fn error_of(frame: &FrameResult) -> f64 {
+    (&frame.predicted - &frame.external).norm()
+}
+
+fn legend(area: &Area<'_>) -> Drawn {
+    let entries: [(&str, ShapeStyle, bool, i32); 4] = [
+        ("felt", FELT.stroke_width(2), false, 90),
+        ("predicted", PREDICTED.stroke_width(2), false, 130),
+        ("error of the prediction", ERROR.mix(0.45).filled(), true, 220),
+        ("error of predicting zero", INK.mix(0.12).filled(), true, 220),
+    ];
+    let mut x = 62;
+    for (name, style, filled, width) in entries {
+        if filled {
+            area.draw(&Rectangle::new([(x, 14), (x + 24, 30)], style))?;
+        } else {
+            area.draw(&PathElement::new([(x, 22), (x + 24, 22)], style))?;
+        }
+        area.draw(&Text::new(name, (x + 32, 14), text(16)))?;
+        x += width;
+    }
+    Ok(())
+}
+
+/// The frames of a touch, from first to last.
+fn span(touch: &TouchResult) -> Range<f64> {
+    let first = touch.frames.first().map_or(0.0, |frame| frame.frame as f64);
+    let last = touch.frames.last().map_or(1.0, |frame| frame.frame as f64);
+    first..last.max(first + 1.0)
+}
+
+/// ‖τ‖ felt and predicted; the areas are what prediction and predicting zero get wrong.
+fn norm(area: &Area<'_>, touch: &TouchResult, largest: f64) -> Drawn {
+    let mut chart = ChartBuilder::on(area)
+        .margin(8)
+        .margin_right(16)
+        .caption(&touch.name, text(18))
+        .x_label_area_size(40)
+        .y_label_area_size(54)
+        .build_cartesian_2d(span(touch), 0.0..largest * 1.05)?;
+    chart
+        .configure_mesh()
+        .disable_x_mesh()
+        .light_line_style(FAINT.mix(0.0))
+        .bold_line_style(FAINT)
+        .axis_style(INK)
+        .label_style(text(13))
+        .axis_desc_style(text(14))
+        .x_labels(8)
+        .y_labels(6)
+        .x_label_formatter(&|frame| format!("{frame:.0}"))
+        .x_desc("frame")
+        .y_desc("|τ|  [N·m]")
+        .draw()?;
+    let curve = |of: fn(&FrameResult) -> f64| {
+        touch.frames.iter().map(move |frame| (frame.frame as f64, of(frame)))
+    };
+    chart.draw_series(AreaSeries::new(curve(|f| f.external.norm()), 0.0, INK.mix(0.12)))?;
+    chart.draw_series(AreaSeries::new(curve(error_of), 0.0, ERROR.mix(0.45)))?;
+    chart.draw_series(LineSeries::new(curve(|f| f.external.norm()), FELT.stroke_width(2)))?;
+    chart.draw_series(LineSeries::new(curve(|f| f.predicted.norm()), PREDICTED.stroke_width(2)))?;
+    Ok(())
+}
+
+/// Every joint's torque, felt and predicted, to one scale.
+fn joints(area: &Area<'_>, touch: &TouchResult) -> Drawn {
+    let n_joints = touch.frames.first().map_or(0, |frame| frame.external.len());
+    let torques = touch.frames.iter().flat_map(|f| f.external.iter().chain(f.predicted.iter()));
+    let (low, high) =
+        torques.fold((-0.25_f64, 0.25_f64), |(low, high), tau| (low.min(*tau), high.max(*tau)));
+    let pad = 0.06 * (high - low);
+    let columns = n_joints.div_ceil(2).max(1);
+    for (joint, panel) in area.split_evenly((2, columns)).iter().take(n_joints).enumerate() {
+        let first = joint % columns == 0;
+        let mut chart = ChartBuilder::on(panel)
+            .margin(6)
+            .caption(format!("joint {} [N·m]", joint + 1), text(13))
+            .x_label_area_size(22)
+            .y_label_area_size(if first { 38 } else { 30 })
+            .build_cartesian_2d(span(touch), low - pad..high + pad)?;
+        chart
+            .configure_mesh()
+            .disable_x_mesh()
+            .light_line_style(FAINT.mix(0.0))
+            .bold_line_style(FAINT)
+            .axis_style(INK)
+            .label_style(text(11))
+            .x_labels(4)
+            .y_labels(5)
+            .x_label_formatter(&|frame| format!("{frame:.0}"))
+            .draw()?;
+        let curve = |of: fn(&FrameResult) -> &nalgebra::DVector<f64>| {
+            touch.frames.iter().map(move |frame| (frame.frame as f64, of(frame)[joint]))
+        };
+        chart.draw_series(LineSeries::new(curve(|f| &f.external), FELT.stroke_width(1)))?;
+        chart.draw_series(LineSeries::new(curve(|f| &f.predicted), PREDICTED.stroke_width(1)))?;
+    }
+    Ok(())
+}

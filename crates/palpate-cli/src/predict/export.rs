@@ -1,0 +1,98 @@
+//! The torques of all scored frames, as a table or as arrays.
+
+use std::path::Path;
+
+use nalgebra::DVector;
+use palpate_io::atomic::IfExists;
+use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
+
+use crate::error::CliError;
+use crate::place;
+
+use super::{FrameResult, TouchResult};
+
+/// What a file of torques looks like.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Format {
+    /// One row a frame.
+    Csv,
+    /// Arrays `<touch>/predicted` and so on.
+    Npz,
+}
+
+impl Format {
+    /// The format that a file's name asks for.
+    pub(super) fn of(path: &Path) -> Result<Self, CliError> {
+        match path.extension().and_then(|ending| ending.to_str()) {
+            Some("csv") => Ok(Self::Csv),
+            Some("npz") => Ok(Self::Npz),
+            _ => Err(CliError::Usage(format!(
+                "`{}` ends in neither .csv nor .npz, the formats that torques are written in",
+                path.display()
+            ))),
+        }
+    }
+
+    /// Writes the file, whole or not at all.
+    pub(super) fn write(self, path: &Path, results: &[TouchResult]) -> Result<(), CliError> {
+        match self {
+            Self::Csv => place::write(path, &csv(results)),
+            Self::Npz => write_npz(path, &npz(results), IfExists::Replace).map_err(CliError::file),
+        }
+    }
+}
+
+fn csv(results: &[TouchResult]) -> String {
+    let joints = results.iter().find_map(|touch| Some(touch.frames.first()?.external.len()));
+    let column = |name: &'static str| (1..=joints.unwrap_or(0)).map(move |j| format!("{name}_{j}"));
+    let mut header: Vec<String> =
+        ["touch", "frame", "time_s", "contacts"].map(str::to_owned).to_vec();
+    header.extend(column("predicted").chain(column("external")));
+    let mut text = header.join(",") + "\n";
+    for touch in results {
+        for frame in &touch.frames {
+            let time = frame.time_s.map(|time| time.to_string()).unwrap_or_default();
+            let mut cells =
+                vec![quoted(&touch.name), frame.frame.to_string(), time, frame.contacts.to_string()];
+            let torques = frame.predicted.iter().chain(&frame.external);
+            cells.extend(torques.map(|torque| format!("{torque:.6}")));
+            text += &cells.join(",");
+            text.push('\n');
+        }
+    }
+    text
+}
+
+/// A cell that may hold commas or quotes.
+fn quoted(cell: &str) -> String {
+    if cell.contains([',', '"', '\n']) {
+        format!("\"{}\"", cell.replace('"', "\"\""))
+    } else {
+        cell.to_owned()
+    }
+}
+
+fn npz(results: &[TouchResult]) -> Arrays {
+    let mut arrays = Arrays::new();
+    for touch in results {
+        let frames = &touch.frames;
+        let mut put = |what: &str, array: Array| {
+            arrays.insert(format!("{}/{what}", touch.name), array);
+        };
+        put("frame", Array::flat(Data::U64(frames.iter().map(|frame| frame.frame).collect())));
+        let contacts = frames.iter().map(|frame| frame.contacts as u64).collect();
+        put("contacts", Array::flat(Data::U64(contacts)));
+        put("predicted", torques(frames, |frame| &frame.predicted));
+        put("external", torques(frames, |frame| &frame.external));
+        if let Some(times) = frames.iter().map(|frame| frame.time_s).collect() {
+            put("time_s", Array::flat(Data::F64(times)));
+        }
+    }
+    arrays
+}
+
+fn torques(frames: &[FrameResult], of: impl Fn(&FrameResult) -> &DVector<f64>) -> Array {
+    let joints = frames.first().map_or(0, |frame| of(frame).len());
+    let numbers = frames.iter().flat_map(|frame| of(frame).iter().copied()).collect();
+    Array::new(vec![frames.len(), joints], Data::F64(numbers))
+}

@@ -1,0 +1,108 @@
+//! `palpate predict`: what torque a field expects of motions, against what was felt.
+//!
+//! [`run`] is the command; [`score`] follows the touches; [`report`] says what came out;
+//! [`export`] writes the torques themselves.
+
+mod export;
+mod report;
+mod score;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use palpate::arm::Arm;
+use palpate_io::field::{self, Saved};
+
+use crate::error::CliError;
+use crate::output::Output;
+use crate::settings::RobotAndLogSettings;
+use crate::touches::Touches;
+use crate::{interrupt, picture, place, robot};
+
+pub(crate) use report::{Report, tell_oddities};
+pub(crate) use score::{Against, FrameResult, TouchResult, score};
+
+const NOTES: &str = "Examples:
+  palpate predict field.npz recordings/seq_010
+  palpate predict field.npz plant_a/ --truth --picture torques.svg -o torques.csv
+
+Errors are those of the paper's Table I: the error of a frame is |predicted - measured| over all
+joints, in N·m; the relative error is that over |measured|, on frames of at least 1 N·m. Scored are
+the frames from the tare on. `overall` pools the frames of all touches. Beside them stands the
+error of predicting zero: a field that is worse than that is worse than none.
+
+Lattice, contact model and the meaning of the logged torques are the field's own. Flags and a
+settings file may change the robot, the log's format and the torques' meaning for this log; other
+sections of a settings file are not used here.
+
+--json prints {\"touches\": [{\"name\", \"frames\", avg_error, max_error, avg_relative, max_relative,
+\"zero\": {the same four}}], \"overall\": {...}}, errors in N·m, relative ones null where no frame
+reaches 1 N·m; `frames` are those scored.";
+
+/// Flags of `palpate predict`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = NOTES)]
+pub(crate) struct Args {
+    /// The field to ask
+    #[arg(value_name = "FIELD.npz")]
+    field: PathBuf,
+    /// Logs of the motions to predict
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Score against truth/ beside the touches, which simulated logs have, not against what was
+    /// measured
+    #[arg(long)]
+    truth: bool,
+    /// Where the torques of all frames go, predicted and felt
+    #[arg(long, short, value_name = "FILE.csv|FILE.npz")]
+    output: Option<PathBuf>,
+    /// Draw predicted and felt torques
+    #[arg(long, value_name = "FILE.svg")]
+    picture: Option<PathBuf>,
+    /// Print the errors as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    settings: RobotAndLogSettings,
+}
+
+/// Predicts the touches of logs and prints the errors.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let settings = args.settings.load()?;
+    let export = args.output.as_deref().map(export::Format::of).transpose()?;
+    args.output.iter().chain(&args.picture).try_for_each(|path| place::check(path))?;
+    interrupt::listen();
+    let saved = field::load(&args.field).map_err(CliError::file)?;
+    let touches = Touches::open(&args.logs, &settings.log.options())?;
+    let arm = robot::load(&settings.robot, output)?;
+    tell_other_robot(&saved, &arm, output);
+
+    let touch = settings.touch.over_config(&saved.field.touch);
+    let against = if args.truth { Against::Truth } else { Against::Measured };
+    let mut touches = touches.for_joints(arm.robot.joint_names());
+    let results = score(&arm, &saved.field, touch, against, (&mut touches, output))?;
+
+    if let (Some(path), Some(format)) = (&args.output, export) {
+        format.write(path, &results)?;
+    }
+    if let Some(path) = &args.picture {
+        place::write(path, &picture::torques(&results)?)?;
+    }
+    let report = Report::new(&results, against);
+    tell_oddities(&results, output);
+    if args.json { output.json(&report) } else { output.result(&report.text()) }
+}
+
+/// Notes that the field was learnt with another arm, which is allowed.
+fn tell_other_robot(saved: &Saved, arm: &Arc<Arm>, output: &Output) {
+    if let Some(snapshot) = &saved.snapshot
+        && snapshot.robot.1 != arm.fingerprint()
+    {
+        output.note(&format!(
+            "the field was learnt with another robot (`{}`) than the one of this log (`{}`); \
+             --robot, --payload-link and --bake-spacing-m say which it is",
+            snapshot.robot.0,
+            arm.robot.name()
+        ));
+    }
+}
