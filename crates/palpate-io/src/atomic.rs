@@ -30,9 +30,9 @@ pub enum WriteError {
     /// The folder is missing.
     #[error("`{path}` cannot be written: there is no folder `{folder}`; make it first")]
     NoFolder { path: PathBuf, folder: PathBuf },
-    /// A folder has the wanted name.
-    #[error("`{path}` cannot be written: it is a folder; add a file name")]
-    IsFolder { path: PathBuf },
+    /// A folder has the wanted name, or a device: as root, a rename would replace `/dev/null`.
+    #[error("`{path}` cannot be written: it is a folder or a device; add a file name")]
+    NotAFile { path: PathBuf },
     /// The system refused; nothing was left behind.
     #[error("`{path}` cannot be written: {source}; {remedy}")]
     Io { path: PathBuf, remedy: &'static str, source: io::Error },
@@ -94,8 +94,9 @@ pub fn check(path: &Path, if_exists: IfExists) -> Result<(), WriteError> {
 /// Opens the hidden file beside `target`.
 fn start(path: &Path, target: &Path, if_exists: IfExists) -> Result<NamedTempFile, WriteError> {
     let path_owned = || path.to_owned();
-    let Some(name) = target.file_name().filter(|_| !target.is_dir()) else {
-        return Err(WriteError::IsFolder { path: path_owned() });
+    let is_other = target.exists() && !target.is_file();
+    let Some(name) = target.file_name().filter(|_| !is_other) else {
+        return Err(WriteError::NotAFile { path: path_owned() });
     };
     if if_exists == IfExists::Refuse && target.exists() {
         return Err(WriteError::Exists { path: path_owned() });
@@ -197,9 +198,14 @@ mod tests {
         assert!(matches!(check(&missing, IfExists::Refuse), Err(WriteError::NoFolder { .. })));
         assert!(matches!(
             check(folder.path(), IfExists::Replace),
-            Err(WriteError::IsFolder { .. })
+            Err(WriteError::NotAFile { .. })
         ));
         assert!(names(folder.path()).is_empty());
+        #[cfg(unix)]
+        assert!(matches!(
+            check(Path::new("/dev/null"), IfExists::Replace),
+            Err(WriteError::NotAFile { .. })
+        ));
     }
 
     #[cfg(unix)]
