@@ -1,5 +1,5 @@
 //! Fields as npz files: what numpy and OpenVSF wrote, what we write, and what nobody should.
-#![allow(missing_docs)]
+#![allow(missing_docs, clippy::unwrap_used)]
 
 use palpate_io::atomic::IfExists;
 use palpate_io::field::npz::{Array, Arrays, Data, NpzError, read_npz, write_npz};
