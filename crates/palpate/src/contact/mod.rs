@@ -1,0 +1,371 @@
+//! Where the arm pushes the points of the field, and by how much (Sec. II, assumption ii).
+//!
+//! | paper | here                        | value                            | unit |
+//! |-------|-----------------------------|----------------------------------|------|
+//! | W_c   | [`Contacts`]                | cells that the arm displaces now |      |
+//! | uᵢ    | [`LinkContacts::displacements_m`] | anchor − rest point, world | m    |
+//! | δ     | [`Config::contact_distance_cells`] | inflation of the links    | cells |
+//! | μ     | [`Config::friction`]        | cone of sticking                 | –    |
+//! | λ     | [`Config::slip_step_cells`] | longest slip of one iteration    | cells |
+//!
+//! Contacts follow from the arm's motion alone: no torque and no stiffness comes in here, so a
+//! motion has the same contacts whether it is being learnt from or asked about. Every link is
+//! its signed distance φ, inflated by δ. One motion of the arm goes through five verbs:
+//!
+//! - *carry*: the anchor of a touched point moves with its link (stick);
+//! - *settle*: it slips along the surface while the friction cone is violated, and lets go when
+//!   the spring would have to pull ([`settle`]);
+//! - *leave*: cells known to be empty become ordinary once the link has left them;
+//! - *enter*: free points that the inflated link now covers get an anchor ([`enter`]).
+//!
+//! The cost follows the contacts and the links' surfaces, not the lattice's size.
+
+mod enter;
+mod settle;
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::lattice::{CellId, CellSet, Lattice};
+use crate::robot::LinkId;
+use crate::sdf::Grid;
+
+/// How the arm's links meet the points of the field.
+///
+/// Lengths are counted in cells of the lattice, so that one setting serves every resolution.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// δ: how far from its surface a link takes hold of a point, in cells.
+    pub contact_distance_cells: f64,
+    /// μ: tangential over normal displacement at which a point begins to slip.
+    pub friction: f64,
+    /// λ: the farthest that a point slips in one iteration, in cells.
+    pub slip_step_cells: f64,
+    /// Slip iterations of one motion; 0 makes points stick for good.
+    pub slip_iterations: u32,
+    /// The farthest that a point of a link travels in one sub-step, in cells.
+    pub substep_cells: f64,
+    /// Whether points inside the links at the start of a touch are empty space.
+    pub known_empty: bool,
+    /// Whether contacts are settled on several threads; the result is the same to the bit.
+    pub parallel: bool,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            contact_distance_cells: 0.65,
+            friction: 0.3,
+            slip_step_cells: 0.5,
+            slip_iterations: 10,
+            substep_cells: 0.5,
+            known_empty: true,
+            parallel: true,
+        }
+    }
+}
+
+/// A setting of the contact model that makes no sense.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{setting} is {found}; it must be {wanted}")]
+pub struct ConfigError {
+    /// The setting's name.
+    pub setting: &'static str,
+    /// Its value.
+    pub found: f64,
+    /// What would do.
+    pub wanted: &'static str,
+}
+
+impl Config {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    ///
+    /// Names the first setting that is not a finite number in its range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let positive = [
+            ("contact_distance_cells", self.contact_distance_cells),
+            ("slip_step_cells", self.slip_step_cells),
+            ("substep_cells", self.substep_cells),
+        ];
+        for (setting, found) in positive {
+            if !(found > 0.0 && found <= 100.0) {
+                return Err(ConfigError { setting, found, wanted: "above 0 and at most 100" });
+            }
+        }
+        if !(self.friction >= 0.0 && self.friction.is_finite()) {
+            let wanted = "zero or more, and finite";
+            return Err(ConfigError { setting: "friction", found: self.friction, wanted });
+        }
+        Ok(())
+    }
+}
+
+/// The points that one link displaces, and by how much.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinkContacts {
+    /// The link that holds the points.
+    pub link: LinkId,
+    /// The points' cells, in the order in which they were touched.
+    pub cells: Vec<CellId>,
+    /// Their displacements in the same order: anchor − rest point, world frame, m.
+    pub displacements_m: Vec<[f32; 3]>,
+}
+
+/// W_c and its displacements: what the arm touches now, link by link.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Contacts {
+    /// Links that touch anything, in the order of their numbers.
+    pub links: Vec<LinkContacts>,
+}
+
+impl Contacts {
+    /// Points touched, over all links.
+    pub fn len(&self) -> usize {
+        self.links.iter().map(|link| link.cells.len()).sum()
+    }
+
+    /// Whether nothing is touched.
+    pub fn is_empty(&self) -> bool {
+        self.links.is_empty()
+    }
+}
+
+/// A touched point: where it rests, and where its link holds it.
+#[derive(Debug, Clone)]
+struct Anchor {
+    cell: CellId,
+    rest: Point3<f64>,
+    anchor_link: Point3<f64>,
+    displacement_m: [f32; 3],
+}
+
+/// A point inside a link when the touch began, which is therefore empty space.
+#[derive(Debug, Clone)]
+struct EmptyPoint {
+    place: [u32; 3],
+    rest: Point3<f64>,
+}
+
+/// One link's share of the simulator's state.
+#[derive(Debug, Clone, Default)]
+struct LinkState {
+    anchors: Vec<Anchor>,
+    empty: Vec<EmptyPoint>,
+}
+
+/// Anchors fewer than this are settled on one thread: handing them out costs more.
+const PARALLEL_FROM: usize = 512;
+
+/// Follows the arm through the lattice and keeps what it displaces.
+///
+/// Deterministic: the same poses give the same contacts, on one thread or many.
+#[derive(Debug, Clone)]
+pub struct Simulator {
+    lattice: Lattice,
+    surfaces: Arc<Vec<Option<Grid>>>,
+    config: Config,
+    poses: Vec<Isometry3<f64>>,
+    links: Vec<LinkState>,
+    /// Places that are anchored or known empty, and cannot be entered.
+    taken: CellSet,
+}
+
+impl Simulator {
+    /// A simulator for links with the given surfaces (index = [`LinkId`]; `None` = no shape).
+    ///
+    /// # Errors
+    ///
+    /// If a setting is out of its range.
+    pub fn new(
+        lattice: Lattice,
+        surfaces: Arc<Vec<Option<Grid>>>,
+        config: Config,
+    ) -> Result<Self, ConfigError> {
+        config.check()?;
+        let links = vec![LinkState::default(); surfaces.len()];
+        Ok(Self { lattice, surfaces, config, poses: Vec::new(), links, taken: CellSet::default() })
+    }
+
+    /// Forgets all contacts and starts a touch with the arm at these poses.
+    ///
+    /// With [`Config::known_empty`], the points that the links cover here are empty space until
+    /// a link has left them; without, they are touched at once.
+    ///
+    /// # Panics
+    ///
+    /// If there is not one pose a link, which is a bug in the caller.
+    pub fn begin_touch(&mut self, world_from_link: &[Isometry3<f64>]) {
+        assert_eq!(world_from_link.len(), self.links.len(), "one pose per link");
+        self.taken.clear();
+        for link in &mut self.links {
+            link.anchors.clear();
+            link.empty.clear();
+        }
+        self.poses.clear();
+        let entered = self.find_entered(world_from_link);
+        self.poses = world_from_link.to_vec();
+        if self.config.known_empty {
+            for found in entered {
+                self.taken.insert(found.place);
+                let rest = self.lattice.point_at(found.place);
+                self.links[found.link].empty.push(EmptyPoint { place: found.place, rest });
+            }
+        } else {
+            self.anchor(&entered);
+        }
+    }
+
+    /// How many sub-steps a motion to these poses needs so that nothing tunnels, at least 1.
+    ///
+    /// Bounds the travel of every surface point by that of its link's bounding box.
+    pub fn substeps(&self, world_from_link: &[Isometry3<f64>]) -> u32 {
+        let limit_m = self.config.substep_cells * self.lattice.spacing_m();
+        let mut travel_m: f64 = 0.0;
+        for (link, surface) in self.surfaces.iter().enumerate() {
+            let (Some(surface), Some(from)) = (surface, self.poses.get(link)) else { continue };
+            for corner in enter::corners(surface) {
+                let moved = world_from_link[link] * corner - from * corner;
+                travel_m = travel_m.max(moved.norm());
+            }
+        }
+        ((travel_m / limit_m).ceil() as u32).max(1)
+    }
+
+    /// Moves the arm to these poses and returns what it displaces there.
+    ///
+    /// The motion is one sub-step: see [`Simulator::substeps`] for how far it may reach.
+    ///
+    /// # Panics
+    ///
+    /// If no touch was begun, or there is not one pose a link: bugs in the caller.
+    pub fn advance(&mut self, world_from_link: &[Isometry3<f64>]) -> Contacts {
+        assert_eq!(world_from_link.len(), self.poses.len(), "one pose per link, after begin_touch");
+        if world_from_link != self.poses {
+            for link in 0..self.links.len() {
+                self.settle_link(link, &world_from_link[link]);
+            }
+            self.leave_empty(world_from_link);
+            let entered = self.find_entered(world_from_link);
+            self.poses.clone_from_slice(world_from_link);
+            self.anchor(&entered);
+        }
+        self.contacts()
+    }
+
+    /// Carries, slips and releases the points that one link holds.
+    fn settle_link(&mut self, link: usize, world_from_link: &Isometry3<f64>) {
+        let Some(surface) = &self.surfaces[link] else { return };
+        let slip = settle::Slip::new(&self.config, self.lattice.spacing_m());
+        let carry = |anchor: &mut Anchor| {
+            let rest_link = world_from_link.inverse_transform_point(&anchor.rest);
+            let held = settle::settle(surface, &rest_link, &anchor.anchor_link, &slip)?;
+            anchor.anchor_link = held;
+            let displacement = world_from_link * (held - rest_link);
+            anchor.displacement_m = displacement.cast::<f32>().into();
+            Some(())
+        };
+        let anchors = &mut self.links[link].anchors;
+        let kept: Vec<bool> = if self.config.parallel && anchors.len() >= PARALLEL_FROM {
+            anchors.par_iter_mut().map(|anchor| carry(anchor).is_some()).collect()
+        } else {
+            anchors.iter_mut().map(|anchor| carry(anchor).is_some()).collect()
+        };
+        let mut kept = kept.into_iter();
+        anchors.retain(|anchor| {
+            let keep = kept.next().expect("one verdict per anchor");
+            if !keep {
+                self.taken.remove(self.lattice.place(anchor.cell));
+            }
+            keep
+        });
+    }
+
+    /// Makes known-empty points ordinary once no link covers them any more.
+    fn leave_empty(&mut self, world_from_link: &[Isometry3<f64>]) {
+        let reach_m = self.config.contact_distance_cells * self.lattice.spacing_m();
+        let covers = |link: usize, rest: &Point3<f64>| {
+            let pose = &world_from_link[link];
+            self.surfaces[link]
+                .as_ref()
+                .is_some_and(|grid| grid.distance(&pose.inverse_transform_point(rest)) < reach_m)
+        };
+        let n_links = self.links.len();
+        let mut handed_on = Vec::new();
+        for link in 0..n_links {
+            if world_from_link[link] == self.poses[link] {
+                continue;
+            }
+            let taken = &mut self.taken;
+            self.links[link].empty.retain(|point| {
+                if covers(link, &point.rest) {
+                    return true;
+                }
+                match (0..n_links).find(|&other| other != link && covers(other, &point.rest)) {
+                    Some(other) => handed_on.push((other, point.clone())),
+                    None => taken.remove(point.place),
+                }
+                false
+            });
+        }
+        for (link, point) in handed_on {
+            self.links[link].empty.push(point);
+        }
+    }
+
+    /// Free points that the links cover at these poses, each once, with its deepest link.
+    fn find_entered(&self, world_from_link: &[Isometry3<f64>]) -> Vec<enter::Entered> {
+        let reach_m = self.config.contact_distance_cells * self.lattice.spacing_m();
+        let mut found = Vec::new();
+        for (link, surface) in self.surfaces.iter().enumerate() {
+            let (Some(surface), pose) = (surface, &world_from_link[link]) else { continue };
+            if self.poses.get(link) == Some(pose) {
+                continue; // a link that stood still covers nothing new
+            }
+            let search = enter::Search { lattice: &self.lattice, taken: &self.taken, reach_m };
+            search.collect(link, surface, pose, &mut found);
+        }
+        enter::keep_deepest(&mut found);
+        found
+    }
+
+    /// Anchors newly entered points on the inflated surface of their links.
+    fn anchor(&mut self, entered: &[enter::Entered]) {
+        let slip = settle::Slip::new(&self.config, self.lattice.spacing_m());
+        for found in entered {
+            let Some(surface) = &self.surfaces[found.link] else { continue };
+            let pose = &self.poses[found.link];
+            let rest = self.lattice.point_at(found.place);
+            let rest_link = pose.inverse_transform_point(&rest);
+            let anchor_link = settle::project(surface, &rest_link, slip.contact_distance_m);
+            let displacement = pose * (anchor_link - rest_link);
+            self.taken.insert(found.place);
+            self.links[found.link].anchors.push(Anchor {
+                cell: self.lattice.cell(found.place),
+                rest,
+                anchor_link,
+                displacement_m: displacement.cast::<f32>().into(),
+            });
+        }
+    }
+
+    /// The contacts as they stand.
+    fn contacts(&self) -> Contacts {
+        let mut contacts = Contacts::default();
+        for (link, state) in self.links.iter().enumerate() {
+            if !state.anchors.is_empty() {
+                contacts.links.push(LinkContacts {
+                    link: LinkId(link as u16),
+                    cells: state.anchors.iter().map(|anchor| anchor.cell).collect(),
+                    displacements_m: state.anchors.iter().map(|a| a.displacement_m).collect(),
+                });
+            }
+        }
+        contacts
+    }
+}

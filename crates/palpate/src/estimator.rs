@@ -1,0 +1,276 @@
+//! What the two estimators have in common: their interface, prior and saved state.
+//!
+//! An estimator holds a belief about the stiffness of every touched cell, by row. [`crate::map`]
+//! is the exact maximum a posteriori, [`crate::ekf`] the paper's filter. Neither knows the robot
+//! or the lattice beyond its rest points; contacts come folded as [`Observation`]s.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use crate::replay::RngState;
+use crate::torque::Observation;
+
+/// The stiffness of a cell before it is touched, stated for a reference cell of 1 cm.
+///
+/// A field of springs with spacing h stands for an elastic bed: the mean is spread over volume
+/// (h³), the standard deviation is that of white noise in space (h^1.5). So one prior serves
+/// every resolution.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Prior {
+    /// Mean of a cell of 1 cm, N/m.
+    pub mean_n_per_m: f64,
+    /// Standard deviation of a cell of 1 cm, N/m.
+    pub std_n_per_m: f64,
+}
+
+impl Prior {
+    /// Mean (N/m) and standard deviation (N/m) of a cell of another size.
+    pub fn at_spacing(&self, spacing_m: f64) -> (f64, f64) {
+        let ratio = spacing_m / 0.01;
+        (self.mean_n_per_m * ratio.powi(3), self.std_n_per_m * ratio.powf(1.5))
+    }
+}
+
+/// What can be wrong with an estimator's settings, or with what it is asked to learn from.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum EstimatorError {
+    /// A setting outside its range.
+    #[error("{setting} is {found}; it must be {wanted}")]
+    Setting { setting: &'static str, found: f64, wanted: &'static str },
+    /// The paper's filter cannot leave κ = 0: there sgn κ, and with it every correction, is zero.
+    #[error(
+        "the prior mean of `ekf` is 0 N/m, from where it never learns: the slope of |κ| vanishes \
+         at κ = 0; give it a small positive prior mean"
+    )]
+    EkfPriorMeanZero,
+    /// One torque noise a joint, or one for all.
+    #[error("torque_std has {got} values; give one for all joints or one for each of {expected}")]
+    TorqueStdCount { got: usize, expected: usize },
+    /// Torques or levers beyond what numbers can hold.
+    #[error(
+        "the measurement cannot be used: its innovation covariance is not a finite, positive matrix"
+    )]
+    Degenerate,
+    /// A saved state that contradicts itself.
+    #[error("the saved state is inconsistent: {what}")]
+    State { what: String },
+}
+
+/// Which estimator learns.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// The exact maximum a posteriori ([`crate::map`]).
+    #[default]
+    Map,
+    /// The paper's filter ([`crate::ekf`]).
+    Ekf,
+}
+
+/// Settings of either estimator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EstimatorConfig {
+    /// Stiffness of untouched cells.
+    pub prior: Prior,
+    /// σ_τ, N·m: one value for all joints, or one a joint. Stands for all that the model leaves
+    /// unexplained, not for the sensor's noise alone.
+    pub torque_std: Vec<f64>,
+    /// Remembered frames visited again after each new one.
+    pub replays: u32,
+    /// σ_κ of Eq. 4, N/m a step for a cell of 1 cm; used by `ekf` alone.
+    pub drift_std_n_per_m: f64,
+    /// Bound on the remembered frames.
+    pub memory: crate::replay::Limits,
+    /// Seed of the draws from memory.
+    pub seed: u64,
+}
+
+impl EstimatorConfig {
+    /// The shipped settings of an estimator.
+    pub fn of(method: Method) -> Self {
+        let memory = crate::replay::Limits { frames: 20_000, bytes: 256 << 20 };
+        match method {
+            Method::Map => Self {
+                prior: Prior { mean_n_per_m: 0.0, std_n_per_m: 0.76 },
+                torque_std: vec![0.2],
+                replays: 20,
+                drift_std_n_per_m: 0.0,
+                memory,
+                seed: 0,
+            },
+            Method::Ekf => Self {
+                prior: Prior { mean_n_per_m: 0.006, std_n_per_m: 0.76 },
+                torque_std: vec![0.2],
+                replays: 20,
+                drift_std_n_per_m: 0.0,
+                memory,
+                seed: 0,
+            },
+        }
+    }
+
+    /// Checks every setting against its range and returns R's diagonal, (N·m)², n_joints.
+    ///
+    /// # Errors
+    ///
+    /// Names the first setting out of range.
+    pub fn torque_variance(&self, n_joints: usize) -> Result<DVector<f64>, EstimatorError> {
+        let at_least_zero =
+            [("prior mean", self.prior.mean_n_per_m), ("drift_std", self.drift_std_n_per_m)];
+        for (setting, found) in at_least_zero {
+            if !(found >= 0.0 && found.is_finite()) {
+                let wanted = "zero or more, and finite, in N/m";
+                return Err(EstimatorError::Setting { setting, found, wanted });
+            }
+        }
+        let found = self.prior.std_n_per_m;
+        if !(found > 0.0 && found.is_finite()) {
+            let wanted = "positive and finite, in N/m";
+            return Err(EstimatorError::Setting { setting: "prior std", found, wanted });
+        }
+        if self.torque_std.len() != 1 && self.torque_std.len() != n_joints {
+            let got = self.torque_std.len();
+            return Err(EstimatorError::TorqueStdCount { got, expected: n_joints });
+        }
+        if let Some(&found) = self.torque_std.iter().find(|s| !(**s > 0.0 && s.is_finite())) {
+            let wanted = "positive and finite, in N·m";
+            return Err(EstimatorError::Setting { setting: "torque_std", found, wanted });
+        }
+        let std = |joint: usize| self.torque_std[joint.min(self.torque_std.len() - 1)];
+        Ok(DVector::from_fn(n_joints, |joint, _| std(joint).powi(2)))
+    }
+}
+
+/// Which frame of which touch a remembered measurement came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct Source {
+    /// Number of the touch, counted over the mapper's life.
+    pub touch: u32,
+    /// Number of the sample in its touch.
+    pub sample: u32,
+}
+
+/// A belief in numbers, enough to continue it given its remembered observations.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EstimatorState {
+    /// z of `map` or the mean of κ of `ekf`, by row, N/m.
+    pub mean: Vec<f64>,
+    /// Variance by row, (N/m)².
+    pub variance: Vec<f64>,
+    /// Frames that touched the cell, by row.
+    pub counts: Vec<u32>,
+    /// `ekf`: the step each row was last seen; empty for `map`.
+    pub seen: Vec<u64>,
+    /// Steps taken.
+    pub step: u64,
+    /// Remembered frames in memory's order, each with its multipliers (`map`; else empty).
+    pub remembered: Vec<(Source, Vec<f64>)>,
+    /// Where the draws from memory stand.
+    pub rng: RngState,
+}
+
+impl EstimatorState {
+    /// Checks that all arrays speak of the same rows, and of no more than there are.
+    pub(crate) fn check(&self, n_rows: usize, n_joints: usize) -> Result<(), EstimatorError> {
+        let rows = self.mean.len();
+        let agree = self.variance.len() == rows && self.counts.len() == rows && rows <= n_rows;
+        if !agree || !(self.seen.is_empty() || self.seen.len() == rows) {
+            let what = format!(
+                "{n_rows} cells, but {rows} means, {} variances, {} counts and {} last steps",
+                self.variance.len(),
+                self.counts.len(),
+                self.seen.len()
+            );
+            return Err(EstimatorError::State { what });
+        }
+        let alphas = self.remembered.iter().map(|(_, alpha)| alpha.len());
+        if let Some(got) = alphas.clone().find(|&n| n != n_joints && n != 0) {
+            let what = format!("a frame has {got} multipliers for {n_joints} joints");
+            return Err(EstimatorError::State { what });
+        }
+        let numbers = self.mean.iter().chain(&self.variance);
+        let alphas = self.remembered.iter().flat_map(|(_, alpha)| alpha);
+        if numbers.chain(alphas).any(|x| !x.is_finite()) || self.variance.iter().any(|v| *v < 0.0) {
+            let what = "a mean, variance or multiplier is not a finite number".to_owned();
+            return Err(EstimatorError::State { what });
+        }
+        Ok(())
+    }
+}
+
+/// A belief about the stiffness of touched cells that learns from frames.
+///
+/// `points_m` are always the rest points by row ([`crate::lattice::CellRows::points_m`]); rows
+/// beyond those the estimator has seen get the prior.
+pub trait Estimator: Send + Sync {
+    /// K of a row, N/m, at least zero. A row never seen has the prior's.
+    fn stiffness(&self, row: usize) -> f64;
+
+    /// Standard deviation of a row, N/m; see the estimators for what it means.
+    fn std(&self, row: usize) -> f64;
+
+    /// Frames that touched a row.
+    fn count(&self, row: usize) -> u32;
+
+    /// Learns from a new frame, replays remembered ones, and remembers this one.
+    ///
+    /// # Errors
+    ///
+    /// If the frame's numbers cannot be used; the belief is then as before.
+    fn correct(
+        &mut self,
+        points_m: &[[f32; 3]],
+        observation: Observation,
+        source: Source,
+    ) -> Result<(), EstimatorError>;
+
+    /// Lets a step without contact pass.
+    fn idle(&mut self);
+
+    /// Visits remembered frames, without a new one, and returns how many there were.
+    fn replay(&mut self, points_m: &[[f32; 3]], visits: u32) -> u32;
+
+    /// The remembered frames' sources, in memory's order.
+    fn sources(&self) -> Vec<Source>;
+
+    /// Bytes of the remembered frames.
+    fn memory_bytes(&self) -> usize;
+
+    /// Everything that [`crate::mapper::Mapper`] saves.
+    fn state(&self) -> EstimatorState;
+}
+
+/// Shrinks a diagonal covariance by one Kalman update: `Pᵢ −= Pᵢ² wᵢᵀ C⁻¹ wᵢ`.
+///
+/// `gain` is `C⁻¹ = (H P Hᵀ + R)⁻¹`, n × n. Rounding cannot take more than there is.
+pub(crate) fn shrink(
+    variance: &mut [f64],
+    points_m: &[[f32; 3]],
+    observation: &Observation,
+    gain: &DMatrix<f64>,
+) {
+    observation.quadratic(points_m, gain, |row, value| {
+        let p = variance[row];
+        variance[row] = p * (1.0 - p * value).max(f64::EPSILON);
+    });
+}
+
+/// `(C + diag R)⁻¹`, or an error if that is no finite, positive matrix.
+pub(crate) fn innovation_inverse(
+    mut covariance: DMatrix<f64>,
+    torque_variance: &DVector<f64>,
+) -> Result<DMatrix<f64>, EstimatorError> {
+    for (joint, variance) in torque_variance.iter().enumerate() {
+        covariance[(joint, joint)] += variance;
+    }
+    let inverse = covariance.cholesky().ok_or(EstimatorError::Degenerate)?.inverse();
+    if inverse.iter().all(|x| x.is_finite()) {
+        Ok(inverse)
+    } else {
+        Err(EstimatorError::Degenerate)
+    }
+}

@@ -1,0 +1,114 @@
+//! A learnt field, and what it says of a motion.
+//!
+//! [`Field`] is the product of mapping: K of every touched cell, with the settings under which
+//! it means something. [`Predictor`] asks it what torque a motion meets (Eq. 5), with the same
+//! contacts, gravity and tare as the mapper, and learns nothing.
+
+use std::sync::Arc;
+
+use nalgebra::DVector;
+
+use crate::arm::Arm;
+use crate::contact;
+use crate::lattice::{CellId, CellRows, Lattice};
+use crate::torque::Observation;
+use crate::touch::{self, Sample, TouchError, Tracker};
+
+/// The stiffness of all touched cells, by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Field {
+    /// The box that the cells belong to.
+    pub lattice: Lattice,
+    /// The contact model under which the stiffness was learnt.
+    pub contact: contact::Config,
+    /// Gravity and tare of the logs that it was learnt from.
+    pub touch: touch::Config,
+    /// The touched cells, in the order of their first touch.
+    pub cells: Vec<CellId>,
+    /// K, N/m.
+    pub stiffness_n_per_m: Vec<f64>,
+    /// Standard deviation of K, N/m; [`crate::map`] and [`crate::ekf`] say what it means.
+    pub std_n_per_m: Vec<f64>,
+    /// Frames that touched the cell.
+    pub counts: Vec<u32>,
+    /// K of all other cells, N/m.
+    pub untouched_n_per_m: f64,
+}
+
+/// What the field says of one sample.
+#[derive(Debug, Clone)]
+pub struct Prediction {
+    /// Points touched.
+    pub contacts: usize,
+    /// τ̂, n_joints, N·m.
+    pub predicted: DVector<f64>,
+    /// τ_ext of the sample, n_joints, N·m.
+    pub external: DVector<f64>,
+}
+
+/// Predicts the torque of motions from a field that stays as it is.
+pub struct Predictor {
+    tracker: Tracker,
+    rows: CellRows,
+    stiffness: Vec<f64>,
+    untouched: f64,
+}
+
+impl Predictor {
+    /// A predictor for an arm, which need not be the one that learnt the field.
+    ///
+    /// `touch` says how this arm's torques are logged.
+    ///
+    /// # Errors
+    ///
+    /// If a setting of the contact model is out of its range.
+    pub fn new(
+        arm: Arc<Arm>,
+        field: &Field,
+        touch: touch::Config,
+    ) -> Result<Self, contact::ConfigError> {
+        let tracker = Tracker::new(arm, field.lattice.clone(), field.contact.clone(), touch)?;
+        let mut rows = CellRows::new(field.lattice.clone());
+        for &cell in &field.cells {
+            rows.row_of(cell);
+        }
+        let stiffness = field.stiffness_n_per_m.clone();
+        Ok(Self { tracker, rows, stiffness, untouched: field.untouched_n_per_m })
+    }
+
+    /// Starts a touch.
+    pub fn begin_touch(&mut self) {
+        self.tracker.begin_touch();
+    }
+
+    /// Predicts the torque of the next sample; `None` while its tare is being taken.
+    ///
+    /// # Errors
+    ///
+    /// As [`Tracker::feed`].
+    pub fn step(&mut self, sample: &Sample) -> Result<Option<Prediction>, TouchError> {
+        let frame = self.tracker.feed(sample)?;
+        let Some(external) = frame.external else { return Ok(None) };
+        let robot = &self.tracker.arm().robot;
+        let observation =
+            Observation::new(robot, &frame.poses, &frame.contacts, &mut self.rows, external);
+        let stiffness = |row: usize| self.stiffness.get(row).copied().unwrap_or(self.untouched);
+        let predicted = observation.predict(self.rows.points_m(), stiffness);
+        let contacts = observation.n_contacts();
+        Ok(Some(Prediction { contacts, predicted, external: observation.tau }))
+    }
+
+    /// Ends a touch.
+    ///
+    /// # Errors
+    ///
+    /// If the touch was shorter than the tare frames asked for.
+    pub fn end_touch(&mut self) -> Result<(), TouchError> {
+        self.tracker.end_touch()
+    }
+
+    /// The tare of the touch, n_joints, N·m, once it is known.
+    pub fn tare(&self) -> Option<&DVector<f64>> {
+        self.tracker.tare()
+    }
+}

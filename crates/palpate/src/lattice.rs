@@ -1,0 +1,453 @@
+//! The workspace box and its rest points: cell ↔ point, and storage that follows what is touched.
+//!
+//! | paper | here                 | value                           | unit |
+//! |-------|----------------------|---------------------------------|------|
+//! | W     | [`Lattice`]          | box of points at equal spacing  | m    |
+//! | pᵢ    | [`Lattice::point`]   | rest point of cell i, world     | m    |
+//! |       | [`Bricks`]           | 8³ cells at a time, on demand   |      |
+//! |       | [`CellRows`]         | cells numbered by first touch   |      |
+//!
+//! A lattice is three numbers and a shape: declaring 1000³ points costs nothing. Whatever is
+//! known of cells lives in bricks that exist once one of their cells is touched, or in arrays
+//! indexed by *row*, the order in which cells were first touched. The module knows neither
+//! stiffness nor contact.
+
+use std::collections::HashMap;
+
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Cells along one edge of a brick.
+pub const BRICK_EDGE: u32 = 8;
+/// Cells in a brick.
+pub const BRICK_CELLS: usize = (BRICK_EDGE * BRICK_EDGE * BRICK_EDGE) as usize;
+
+/// A cell's number in its lattice: x runs fastest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct CellId(pub u32);
+
+/// What can be wrong with a workspace box.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum LatticeError {
+    /// A spacing that places no points, or all of them in one place.
+    #[error("lattice spacing is {found_m} m; it must be a positive, finite length")]
+    Spacing { found_m: f64 },
+    /// An axis without points.
+    #[error("lattice shape is {found:?}; every axis needs at least one point")]
+    EmptyAxis { found: [u32; 3] },
+    /// A corner that is nowhere.
+    #[error("lattice origin is {found:?} m; all three coordinates must be finite")]
+    Origin { found: [f64; 3] },
+    /// More points than a 32-bit cell number can tell apart.
+    #[error(
+        "a lattice of {shape:?} has {points} points, more than the {limit} that can be indexed; \
+         make the box smaller or the spacing larger"
+    )]
+    TooManyPoints { shape: [u32; 3], points: u128, limit: u64 },
+}
+
+/// A box of rest points at equal spacing, aligned with the world's axes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "RawLattice", into = "RawLattice")]
+pub struct Lattice {
+    origin_m: Point3<f64>,
+    spacing_m: f64,
+    shape: [u32; 3],
+}
+
+/// A lattice as files hold it, before its checks.
+#[derive(Serialize, Deserialize)]
+struct RawLattice {
+    origin_m: [f64; 3],
+    spacing_m: f64,
+    shape: [u32; 3],
+}
+
+impl TryFrom<RawLattice> for Lattice {
+    type Error = LatticeError;
+
+    fn try_from(raw: RawLattice) -> Result<Self, LatticeError> {
+        Self::new(raw.origin_m, raw.spacing_m, raw.shape)
+    }
+}
+
+impl From<Lattice> for RawLattice {
+    fn from(lattice: Lattice) -> Self {
+        Self {
+            origin_m: lattice.origin_m.into(),
+            spacing_m: lattice.spacing_m,
+            shape: lattice.shape,
+        }
+    }
+}
+
+impl Default for Lattice {
+    /// The paper's box: a 2.4 m cube about the robot's base, 200 points a side, 1.2 cm apart.
+    fn default() -> Self {
+        Self::new([-1.194; 3], 0.012, [200; 3]).expect("the paper's box is a valid lattice")
+    }
+}
+
+impl Lattice {
+    /// A lattice whose first point is `origin_m`, with `shape` points along x, y and z.
+    ///
+    /// # Errors
+    ///
+    /// If the spacing is not a positive length, an axis is empty, the origin is not finite, or
+    /// the points outnumber what [`CellId`] can tell apart.
+    pub fn new(origin_m: [f64; 3], spacing_m: f64, shape: [u32; 3]) -> Result<Self, LatticeError> {
+        if !(spacing_m > 0.0 && spacing_m.is_finite()) {
+            return Err(LatticeError::Spacing { found_m: spacing_m });
+        }
+        if shape.contains(&0) {
+            return Err(LatticeError::EmptyAxis { found: shape });
+        }
+        if origin_m.iter().any(|x| !x.is_finite()) {
+            return Err(LatticeError::Origin { found: origin_m });
+        }
+        let points = shape.iter().map(|&n| u128::from(n)).product::<u128>();
+        let limit = u64::from(u32::MAX);
+        if points > u128::from(limit) {
+            return Err(LatticeError::TooManyPoints { shape, points, limit });
+        }
+        Ok(Self { origin_m: origin_m.into(), spacing_m, shape })
+    }
+
+    /// The points that fill the box between two opposite corners, centred in it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Lattice::new`]; a box with an edge that is not positive counts as an empty axis.
+    pub fn filling(
+        low_m: [f64; 3],
+        high_m: [f64; 3],
+        spacing_m: f64,
+    ) -> Result<Self, LatticeError> {
+        if !(spacing_m > 0.0 && spacing_m.is_finite()) {
+            return Err(LatticeError::Spacing { found_m: spacing_m });
+        }
+        let mut shape = [0; 3];
+        let mut origin_m = [0.0; 3];
+        for axis in 0..3 {
+            let edge_m = high_m[axis] - low_m[axis];
+            if !edge_m.is_finite() {
+                return Err(LatticeError::Origin { found: low_m });
+            }
+            // The nudge keeps 2.4 m / 12 mm at 200 points whatever the last bit says.
+            let count = (edge_m / spacing_m + 1e-6).floor().max(0.0);
+            shape[axis] = count.min(f64::from(u32::MAX)) as u32;
+            origin_m[axis] = low_m[axis] + 0.5 * (edge_m - (count - 1.0) * spacing_m);
+        }
+        Self::new(origin_m, spacing_m, shape)
+    }
+
+    /// The first point, in the world frame.
+    pub fn origin_m(&self) -> Point3<f64> {
+        self.origin_m
+    }
+
+    /// Distance between neighbouring points.
+    pub fn spacing_m(&self) -> f64 {
+        self.spacing_m
+    }
+
+    /// Points along x, y and z.
+    pub fn shape(&self) -> [u32; 3] {
+        self.shape
+    }
+
+    /// Points in all.
+    pub fn n_cells(&self) -> u64 {
+        self.shape.iter().map(|&n| u64::from(n)).product()
+    }
+
+    /// The cell at a place counted in cells along x, y and z.
+    ///
+    /// # Panics
+    ///
+    /// If the place lies outside the lattice, which is a bug in the caller.
+    pub fn cell(&self, [i, j, k]: [u32; 3]) -> CellId {
+        let [nx, ny, nz] = self.shape;
+        assert!(i < nx && j < ny && k < nz, "cell ({i}, {j}, {k}) outside {:?}", self.shape);
+        CellId(i + nx * (j + ny * k))
+    }
+
+    /// A cell's place, counted in cells along x, y and z.
+    pub fn place(&self, cell: CellId) -> [u32; 3] {
+        let [nx, ny, _] = self.shape;
+        [cell.0 % nx, cell.0 / nx % ny, cell.0 / nx / ny]
+    }
+
+    /// Whether a cell number belongs to this lattice.
+    pub fn contains(&self, cell: CellId) -> bool {
+        u64::from(cell.0) < self.n_cells()
+    }
+
+    /// A cell's rest point, in the world frame.
+    pub fn point(&self, cell: CellId) -> Point3<f64> {
+        self.point_at(self.place(cell))
+    }
+
+    /// The rest point at a place counted in cells.
+    pub fn point_at(&self, place: [u32; 3]) -> Point3<f64> {
+        let steps = Vector3::from(place.map(f64::from));
+        self.origin_m + steps * self.spacing_m
+    }
+
+    /// The cell whose rest point is nearest, or `None` outside the box.
+    pub fn nearest(&self, point: &Point3<f64>) -> Option<CellId> {
+        let steps = (point - self.origin_m) / self.spacing_m;
+        let mut place = [0; 3];
+        for axis in 0..3 {
+            let rounded = steps[axis].round();
+            if !(rounded >= 0.0 && rounded < f64::from(self.shape[axis])) {
+                return None;
+            }
+            place[axis] = rounded as u32;
+        }
+        Some(self.cell(place))
+    }
+
+    /// The places, in cells, of the points inside an axis-aligned box: first and one past last.
+    ///
+    /// Empty along an axis (`first >= end`) when the box holds no point.
+    pub fn places_within(&self, low: &Point3<f64>, high: &Point3<f64>) -> ([u32; 3], [u32; 3]) {
+        let mut first = [0; 3];
+        let mut end = [0; 3];
+        for axis in 0..3 {
+            let from = (low[axis] - self.origin_m[axis]) / self.spacing_m;
+            let to = (high[axis] - self.origin_m[axis]) / self.spacing_m;
+            let n = f64::from(self.shape[axis]);
+            first[axis] = from.ceil().clamp(0.0, n) as u32;
+            end[axis] = (to.floor() + 1.0).clamp(0.0, n) as u32;
+        }
+        (first, end)
+    }
+}
+
+/// Values of cells in bricks of 8³, each made when one of its cells is first asked for.
+///
+/// Memory follows the bricks in use, never the lattice's size.
+#[derive(Debug, Clone)]
+pub struct Bricks<T> {
+    slots: HashMap<[u32; 3], u32>,
+    bricks: Vec<T>,
+}
+
+impl<T> Default for Bricks<T> {
+    fn default() -> Self {
+        Self { slots: HashMap::new(), bricks: Vec::new() }
+    }
+}
+
+impl<T> Bricks<T> {
+    /// The brick of a place, and the place's number inside it (0..512).
+    pub fn locate(place: [u32; 3]) -> ([u32; 3], usize) {
+        let [i, j, k] = place.map(|n| n % BRICK_EDGE);
+        (place.map(|n| n / BRICK_EDGE), (i + BRICK_EDGE * (j + BRICK_EDGE * k)) as usize)
+    }
+
+    /// The values of a brick, if it is in use.
+    pub fn get(&self, brick: [u32; 3]) -> Option<&T> {
+        self.slots.get(&brick).map(|&slot| &self.bricks[slot as usize])
+    }
+
+    /// The values of a brick, made with `fresh` at first use.
+    pub fn get_or_insert_with(&mut self, brick: [u32; 3], fresh: impl FnOnce() -> T) -> &mut T {
+        let slot = *self.slots.entry(brick).or_insert_with(|| {
+            self.bricks.push(fresh());
+            (self.bricks.len() - 1) as u32
+        });
+        &mut self.bricks[slot as usize]
+    }
+
+    /// Bricks in use.
+    pub fn len(&self) -> usize {
+        self.bricks.len()
+    }
+
+    /// Whether no brick is in use.
+    pub fn is_empty(&self) -> bool {
+        self.bricks.is_empty()
+    }
+
+    /// Gives all bricks back.
+    pub fn clear(&mut self) {
+        self.slots.clear();
+        self.bricks.clear();
+    }
+}
+
+/// A set of cells, a bit each, in bricks.
+#[derive(Debug, Clone, Default)]
+pub struct CellSet {
+    bricks: Bricks<[u64; BRICK_CELLS / 64]>,
+}
+
+impl CellSet {
+    /// Whether the set holds the cell at a place.
+    pub fn contains(&self, place: [u32; 3]) -> bool {
+        let (brick, inside) = Bricks::<()>::locate(place);
+        self.bricks.get(brick).is_some_and(|bits| bits[inside / 64] >> (inside % 64) & 1 == 1)
+    }
+
+    /// Adds the cell at a place.
+    pub fn insert(&mut self, place: [u32; 3]) {
+        let (brick, inside) = Bricks::<()>::locate(place);
+        let bits = self.bricks.get_or_insert_with(brick, || [0; BRICK_CELLS / 64]);
+        bits[inside / 64] |= 1 << (inside % 64);
+    }
+
+    /// Takes the cell at a place out.
+    pub fn remove(&mut self, place: [u32; 3]) {
+        let (brick, inside) = Bricks::<()>::locate(place);
+        let bits = self.bricks.get_or_insert_with(brick, || [0; BRICK_CELLS / 64]);
+        bits[inside / 64] &= !(1 << (inside % 64));
+    }
+
+    /// Takes all cells out.
+    pub fn clear(&mut self) {
+        self.bricks.clear();
+    }
+}
+
+/// Cells numbered in the order of their first touch, with their rest points.
+///
+/// Arrays over *rows* hold the touched part of the world without gaps, and cells touched
+/// together lie together.
+#[derive(Debug, Clone)]
+pub struct CellRows {
+    lattice: Lattice,
+    rows: Bricks<Box<[u32; BRICK_CELLS]>>,
+    cells: Vec<CellId>,
+    points_m: Vec<[f32; 3]>,
+}
+
+/// The row number of a cell that has none.
+const NO_ROW: u32 = u32::MAX;
+
+impl CellRows {
+    /// No rows yet.
+    pub fn new(lattice: Lattice) -> Self {
+        Self { lattice, rows: Bricks::default(), cells: Vec::new(), points_m: Vec::new() }
+    }
+
+    /// The lattice that the cells belong to.
+    pub fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+
+    /// The row of a cell, which gets the next one if it has none.
+    ///
+    /// # Panics
+    ///
+    /// If the cell is not one of the lattice's, which is a bug in the caller.
+    pub fn row_of(&mut self, cell: CellId) -> u32 {
+        assert!(self.lattice.contains(cell), "{cell:?} is not in the lattice");
+        let place = self.lattice.place(cell);
+        let (brick, inside) = Bricks::<()>::locate(place);
+        let brick = self.rows.get_or_insert_with(brick, || Box::new([NO_ROW; BRICK_CELLS]));
+        if brick[inside] == NO_ROW {
+            brick[inside] = self.cells.len() as u32;
+            self.cells.push(cell);
+            self.points_m.push(self.lattice.point_at(place).coords.cast::<f32>().into());
+        }
+        brick[inside]
+    }
+
+    /// The row of a cell, if it was ever touched.
+    pub fn find(&self, cell: CellId) -> Option<u32> {
+        let (brick, inside) = Bricks::<()>::locate(self.lattice.place(cell));
+        self.rows.get(brick).map(|rows| rows[inside]).filter(|&row| row != NO_ROW)
+    }
+
+    /// The touched cells, by row.
+    pub fn cells(&self) -> &[CellId] {
+        &self.cells
+    }
+
+    /// The touched cells' rest points by row, world frame, m.
+    pub fn points_m(&self) -> &[[f32; 3]] {
+        &self.points_m
+    }
+
+    /// Rows in use.
+    pub fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Whether no cell was touched.
+    pub fn is_empty(&self) -> bool {
+        self.cells.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_is_the_nearest_to_its_own_point() {
+        let lattice = Lattice::new([-0.3, 0.1, 0.0], 0.02, [7, 11, 5]).unwrap();
+        for number in 0..lattice.n_cells() as u32 {
+            let cell = CellId(number);
+            assert_eq!(lattice.cell(lattice.place(cell)), cell);
+            assert_eq!(lattice.nearest(&lattice.point(cell)), Some(cell));
+        }
+        assert_eq!(lattice.nearest(&Point3::new(-0.32, 0.1, 0.0)), None);
+        assert_eq!(lattice.nearest(&Point3::new(f64::NAN, 0.1, 0.0)), None);
+    }
+
+    #[test]
+    fn the_papers_box_has_eight_million_points_about_the_base() {
+        let lattice = Lattice::default();
+        assert_eq!(lattice.n_cells(), 8_000_000);
+        let filled = Lattice::filling([-1.2; 3], [1.2; 3], 0.012).unwrap();
+        assert_eq!(filled.shape(), lattice.shape());
+        assert!((filled.origin_m() - lattice.origin_m()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_box_that_cannot_be_is_refused_with_its_numbers() {
+        let spacing = Lattice::new([0.0; 3], 0.0, [2; 3]).unwrap_err();
+        assert!(spacing.to_string().contains("spacing is 0 m"));
+        assert!(Lattice::new([0.0; 3], f64::NAN, [2; 3]).is_err());
+        assert!(Lattice::new([0.0; 3], 0.01, [2, 0, 2]).is_err());
+        let large = Lattice::filling([-50.0; 3], [50.0; 3], 0.001).unwrap_err();
+        assert!(matches!(large, LatticeError::TooManyPoints { .. }), "{large}");
+        assert!(Lattice::new([0.0; 3], 0.01, [1000; 3]).is_ok());
+    }
+
+    #[test]
+    fn places_within_a_box_are_those_whose_points_lie_in_it() {
+        let lattice = Lattice::new([0.0; 3], 0.1, [10, 10, 10]).unwrap();
+        let low = Point3::new(0.05, -1.0, 0.3);
+        let high = Point3::new(0.4, 0.0, 99.0);
+        let (first, end) = lattice.places_within(&low, &high);
+        assert_eq!((first, end), ([1, 0, 3], [5, 1, 10]));
+    }
+
+    #[test]
+    fn rows_follow_the_order_of_touch_and_memory_the_bricks() {
+        let mut rows = CellRows::new(Lattice::new([0.0; 3], 0.01, [1000; 3]).unwrap());
+        let far = rows.lattice().cell([999, 999, 999]);
+        let near = rows.lattice().cell([0, 0, 0]);
+        assert_eq!((rows.row_of(far), rows.row_of(near), rows.row_of(far)), (0, 1, 0));
+        assert_eq!((rows.find(near), rows.find(CellId(1))), (Some(1), None));
+        assert_eq!((rows.len(), rows.rows.len()), (2, 2));
+        assert!((rows.points_m()[0][0] - 9.99).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_cell_set_holds_what_was_put_in_and_not_taken_out() {
+        let mut set = CellSet::default();
+        set.insert([7, 8, 9]);
+        set.insert([7, 8, 10]);
+        set.remove([7, 8, 10]);
+        assert!(set.contains([7, 8, 9]));
+        assert!(!set.contains([7, 8, 10]) && !set.contains([0, 0, 0]));
+    }
+}

@@ -1,0 +1,359 @@
+//! The loop: one sample in, one report out (Sec. II).
+//!
+//! [`Mapper`] learns a [`Field`] from touches. It can be saved at any sample and continued as if
+//! it had never stopped: a [`Snapshot`] holds the belief and, in place of megabytes of contacts,
+//! the *tape* of joint positions and torques from which the remembered frames are simulated
+//! again. The module opens no file; palpate-io writes snapshots and fields.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
+
+use crate::arm::Arm;
+use crate::contact;
+use crate::ekf::EkfEstimator;
+use crate::estimator::{
+    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Method, Source,
+};
+use crate::field::Field;
+use crate::lattice::{CellId, CellRows, Lattice};
+use crate::map::MapEstimator;
+use crate::robot::RobotError;
+use crate::torque::Observation;
+use crate::touch::{self, Frame, Sample, TouchError, Tracker};
+
+/// Everything that decides what is learnt from a log.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// The workspace box.
+    pub lattice: Lattice,
+    /// The contact model.
+    pub contact: contact::Config,
+    /// Gravity and tare.
+    pub touch: touch::Config,
+    /// The estimator.
+    pub method: Method,
+    /// Its settings.
+    pub estimator: EstimatorConfig,
+}
+
+impl Config {
+    /// The shipped settings of an estimator, in the paper's box.
+    pub fn of(method: Method) -> Self {
+        Self {
+            lattice: Lattice::default(),
+            contact: contact::Config::default(),
+            touch: touch::Config::default(),
+            method,
+            estimator: EstimatorConfig::of(method),
+        }
+    }
+}
+
+/// What can go wrong in mapping.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum MapperError {
+    #[error(transparent)]
+    Touch(#[from] TouchError),
+    #[error(transparent)]
+    Contact(#[from] contact::ConfigError),
+    #[error(transparent)]
+    Estimator(#[from] EstimatorError),
+    /// A snapshot of another robot.
+    #[error(
+        "the field was learnt with robot `{learnt}`, of which `{given}` differs in joints, masses \
+         or shapes; continue with the same robot, or start a new field"
+    )]
+    OtherRobot { learnt: String, given: String },
+    /// A snapshot that contradicts itself.
+    #[error("the saved mapper is inconsistent: {what}")]
+    Snapshot { what: String },
+}
+
+impl From<RobotError> for MapperError {
+    fn from(error: RobotError) -> Self {
+        Self::Touch(error.into())
+    }
+}
+
+/// What one step found.
+#[derive(Debug, Clone)]
+pub struct StepReport {
+    /// Points touched.
+    pub contacts: usize,
+    /// τ_ext, n_joints, N·m; `None` while the tare is being taken.
+    pub external: Option<DVector<f64>>,
+    /// τ̂ before the sample was learnt from, n_joints, N·m; `None` with `external`.
+    pub predicted: Option<DVector<f64>>,
+}
+
+/// The samples of one touch, as logged.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct TapedTouch {
+    /// The touch's number over the mapper's life.
+    pub touch: u32,
+    /// Whether more samples may follow.
+    pub open: bool,
+    /// Joint positions of all samples in a row, samples × n_joints.
+    pub q: Vec<f64>,
+    /// Logged torques, samples × n_joints.
+    pub tau: Vec<f64>,
+}
+
+/// A mapper in numbers: enough to continue it, given the robot.
+#[derive(Debug, Clone)]
+pub struct Snapshot {
+    /// Its settings.
+    pub config: Config,
+    /// The robot's name and [`Arm::fingerprint`].
+    pub robot: (String, u64),
+    /// Cells by row.
+    pub cells: Vec<CellId>,
+    /// The belief.
+    pub state: EstimatorState,
+    /// Touches begun so far.
+    pub touches: u32,
+    /// Touches with remembered frames, and the one under way.
+    pub tape: Vec<TapedTouch>,
+}
+
+/// Learns a stiffness field from samples.
+pub struct Mapper {
+    config: Config,
+    tracker: Tracker,
+    rows: CellRows,
+    estimator: Box<dyn Estimator>,
+    touches: u32,
+    tape: Vec<TapedTouch>,
+}
+
+impl Mapper {
+    /// A mapper that knows nothing yet.
+    ///
+    /// # Errors
+    ///
+    /// If a setting is out of its range.
+    pub fn new(arm: Arc<Arm>, config: Config) -> Result<Self, MapperError> {
+        let n_joints = arm.robot.n_joints();
+        let spacing_m = config.lattice.spacing_m();
+        let estimator: Box<dyn Estimator> = match config.method {
+            Method::Map => Box::new(MapEstimator::new(&config.estimator, spacing_m, n_joints)?),
+            Method::Ekf => Box::new(EkfEstimator::new(&config.estimator, spacing_m, n_joints)?),
+        };
+        let tracker = Self::tracker(arm, &config)?;
+        let rows = CellRows::new(config.lattice.clone());
+        Ok(Self { config, tracker, rows, estimator, touches: 0, tape: Vec::new() })
+    }
+
+    /// Starts a touch.
+    pub fn begin_touch(&mut self) {
+        self.close_tape();
+        self.tracker.begin_touch();
+        self.tape.push(TapedTouch { touch: self.touches, open: true, ..TapedTouch::default() });
+        self.touches += 1;
+    }
+
+    /// Folds one sample into the field: simulate, predict, correct, replay (Sec. II).
+    ///
+    /// # Errors
+    ///
+    /// If the sample cannot be used: it does not fit the robot, is not finite, or shows that the
+    /// touch has no contact-free start. The field is then as before.
+    pub fn step(&mut self, sample: &Sample) -> Result<StepReport, MapperError> {
+        // Where the arm pushes the points of the field, and by how much (assumption ii).
+        let frame = self.tracker.feed(sample)?;
+        let source = self.record(sample);
+        let contacts = frame.contacts.len();
+        let Some(external) = frame.external.clone() else {
+            return Ok(StepReport { contacts, external: None, predicted: None });
+        };
+
+        // What the joints should feel before looking at the sensors (Eqs. 2 and 5).
+        let observation = observe(&self.tracker, frame, &mut self.rows, external.clone());
+        let estimator = &mut self.estimator;
+        let predicted = observation.predict(self.rows.points_m(), |row| estimator.stiffness(row));
+
+        // What they did feel corrects the touched cells; old frames are fused again (Eqs. 5, 6).
+        if contacts == 0 {
+            estimator.idle();
+        } else {
+            estimator.correct(self.rows.points_m(), observation, source)?;
+        }
+        Ok(StepReport { contacts, external: Some(external), predicted: Some(predicted) })
+    }
+
+    /// Ends a touch.
+    ///
+    /// # Errors
+    ///
+    /// If the touch was shorter than the tare frames asked for.
+    pub fn end_touch(&mut self) -> Result<(), MapperError> {
+        self.close_tape();
+        Ok(self.tracker.end_touch()?)
+    }
+
+    /// Visits remembered frames without a new one; returns how many there were to visit.
+    pub fn replay(&mut self, visits: u32) -> u32 {
+        self.estimator.replay(self.rows.points_m(), visits)
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Frames remembered, and the bytes that they hold.
+    pub fn memory(&self) -> (usize, usize) {
+        (self.estimator.sources().len(), self.estimator.memory_bytes())
+    }
+
+    /// The field as it is now.
+    pub fn field(&self) -> Field {
+        let rows = 0..self.rows.len();
+        Field {
+            lattice: self.config.lattice.clone(),
+            contact: self.config.contact.clone(),
+            touch: self.config.touch.clone(),
+            cells: self.rows.cells().to_vec(),
+            stiffness_n_per_m: rows.clone().map(|row| self.estimator.stiffness(row)).collect(),
+            std_n_per_m: rows.clone().map(|row| self.estimator.std(row)).collect(),
+            counts: rows.map(|row| self.estimator.count(row)).collect(),
+            untouched_n_per_m: self.estimator.stiffness(usize::MAX),
+        }
+    }
+
+    /// Everything needed to go on later.
+    pub fn snapshot(&self) -> Snapshot {
+        let state = self.estimator.state();
+        let needed: HashSet<u32> = state.remembered.iter().map(|(from, _)| from.touch).collect();
+        let keep = |touch: &&TapedTouch| touch.open || needed.contains(&touch.touch);
+        let arm = self.tracker.arm();
+        Snapshot {
+            config: self.config.clone(),
+            robot: (arm.robot.name().to_owned(), arm.fingerprint()),
+            cells: self.rows.cells().to_vec(),
+            tape: self.tape.iter().filter(keep).cloned().collect(),
+            touches: self.touches,
+            state,
+        }
+    }
+
+    /// Goes on from a snapshot as if it had never stopped.
+    ///
+    /// The remembered frames' contacts are simulated again from the tape, which costs about as
+    /// much as predicting those touches.
+    ///
+    /// # Errors
+    ///
+    /// If the arm is not the one of the snapshot, or the snapshot contradicts itself.
+    pub fn resume(arm: Arc<Arm>, snapshot: Snapshot) -> Result<Self, MapperError> {
+        let (learnt, fingerprint) = &snapshot.robot;
+        if *fingerprint != arm.fingerprint() {
+            let (learnt, given) = (learnt.clone(), arm.robot.name().to_owned());
+            return Err(MapperError::OtherRobot { learnt, given });
+        }
+        let config = snapshot.config;
+        let mut mapper = Self::new(Arc::clone(&arm), config.clone())?;
+        for cell in &snapshot.cells {
+            if !config.lattice.contains(*cell) {
+                let what = format!("cell {} is not in the lattice", cell.0);
+                return Err(MapperError::Snapshot { what });
+            }
+            mapper.rows.row_of(*cell);
+        }
+        let remembered = snapshot.state.remembered.iter().map(|(source, _)| *source).collect();
+        let observations = mapper.simulate_again(&snapshot.tape, &remembered)?;
+        let (spacing_m, n_joints) = (config.lattice.spacing_m(), arm.robot.n_joints());
+        let points_m = mapper.rows.points_m();
+        mapper.estimator = match config.method {
+            Method::Map => {
+                Box::new(MapEstimator::new(&config.estimator, spacing_m, n_joints)?.restore(
+                    &snapshot.state,
+                    points_m,
+                    observations,
+                )?)
+            }
+            Method::Ekf => {
+                Box::new(EkfEstimator::new(&config.estimator, spacing_m, n_joints)?.restore(
+                    &snapshot.state,
+                    points_m.len(),
+                    observations,
+                )?)
+            }
+        };
+        mapper.touches = snapshot.touches;
+        mapper.tape = snapshot.tape;
+        Ok(mapper)
+    }
+
+    /// A tracker for an arm under these settings.
+    fn tracker(arm: Arc<Arm>, config: &Config) -> Result<Tracker, MapperError> {
+        let (contact, touch) = (config.contact.clone(), config.touch.clone());
+        Ok(Tracker::new(arm, config.lattice.clone(), contact, touch)?)
+    }
+
+    /// Runs the taped touches again and folds the frames that were remembered, in their order.
+    fn simulate_again(
+        &mut self,
+        tape: &[TapedTouch],
+        remembered: &Vec<Source>,
+    ) -> Result<Vec<Observation>, MapperError> {
+        let n_joints = self.tracker.arm().robot.n_joints();
+        let mut found: Vec<Option<Observation>> = vec![None; remembered.len()];
+        let order: std::collections::HashMap<Source, usize> =
+            remembered.iter().enumerate().map(|(index, source)| (*source, index)).collect();
+        for touch in tape {
+            if touch.q.len() != touch.tau.len() || touch.q.len() % n_joints != 0 {
+                let what = format!("the tape of touch {} is not n × {n_joints}", touch.touch);
+                return Err(MapperError::Snapshot { what });
+            }
+            self.tracker.begin_touch();
+            let samples = touch.q.chunks(n_joints).zip(touch.tau.chunks(n_joints));
+            for (number, (q, tau)) in samples.enumerate() {
+                let sample = Sample { time_s: None, q: q.to_vec(), tau: tau.to_vec() };
+                let frame = self.tracker.feed(&sample)?;
+                let source = Source { touch: touch.touch, sample: number as u32 };
+                if let (Some(&index), Some(external)) = (order.get(&source), &frame.external) {
+                    let external = external.clone();
+                    found[index] = Some(observe(&self.tracker, frame, &mut self.rows, external));
+                }
+            }
+        }
+        let missing = || MapperError::Snapshot { what: "the tape lacks a remembered frame".into() };
+        found.into_iter().map(|frame| frame.ok_or_else(missing)).collect()
+    }
+
+    /// Puts a sample on the tape and says where it stands there.
+    fn record(&mut self, sample: &Sample) -> Source {
+        let touch = self.tape.last_mut().expect("feed refuses samples before a touch");
+        touch.q.extend_from_slice(&sample.q);
+        touch.tau.extend_from_slice(&sample.tau);
+        let samples = touch.q.len() / sample.q.len();
+        Source { touch: touch.touch, sample: (samples - 1) as u32 }
+    }
+
+    /// Closes the last touch's tape and drops those that no remembered frame needs.
+    fn close_tape(&mut self) {
+        if let Some(touch) = self.tape.last_mut() {
+            touch.open = false;
+        }
+        let needed: HashSet<u32> =
+            self.estimator.sources().iter().map(|source| source.touch).collect();
+        self.tape.retain(|touch| needed.contains(&touch.touch));
+    }
+}
+
+/// Folds a frame into what an estimator sees.
+fn observe(
+    tracker: &Tracker,
+    frame: Frame,
+    rows: &mut CellRows,
+    external: DVector<f64>,
+) -> Observation {
+    Observation::new(&tracker.arm().robot, &frame.poses, &frame.contacts, rows, external)
+}

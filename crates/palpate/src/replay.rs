@@ -1,0 +1,166 @@
+//! The bounded memory of past frames, and the order in which they come back.
+//!
+//! Both estimators learn from a frame more than once. What may be remembered is bounded in
+//! frames and in bytes; when either is full, frames chosen at random leave, so that what stays
+//! is an even sample of all touches rather than the last one. Draws come from a seeded
+//! generator that is the same on every platform and can be saved and continued.
+//!
+//! The module does not know what a frame is.
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use serde::{Deserialize, Serialize};
+
+/// How much may be remembered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Limits {
+    /// Frames.
+    pub frames: usize,
+    /// Bytes of all frames together.
+    pub bytes: usize,
+}
+
+/// Where a random generator stands: enough to continue it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RngState {
+    /// The seed it was made from.
+    pub seed: u64,
+    /// Words drawn since.
+    pub drawn: u64,
+}
+
+/// Frames that may come back, each with the bytes it holds.
+#[derive(Debug, Clone)]
+pub struct Memory<T> {
+    frames: Vec<T>,
+    sizes: Vec<usize>,
+    bytes: usize,
+    limits: Limits,
+    rng: ChaCha8Rng,
+    seed: u64,
+}
+
+impl<T> Memory<T> {
+    /// An empty memory.
+    pub fn new(limits: Limits, seed: u64) -> Self {
+        Self::resume(limits, RngState { seed, drawn: 0 })
+    }
+
+    /// An empty memory whose generator goes on where another stood.
+    pub fn resume(limits: Limits, state: RngState) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(state.seed);
+        rng.set_word_pos(u128::from(state.drawn));
+        Self { frames: Vec::new(), sizes: Vec::new(), bytes: 0, limits, rng, seed: state.seed }
+    }
+
+    /// Where the generator stands.
+    pub fn rng_state(&self) -> RngState {
+        RngState { seed: self.seed, drawn: self.rng.get_word_pos() as u64 }
+    }
+
+    /// Remembers a frame of a given size; whatever no longer fits leaves and is returned.
+    ///
+    /// A frame larger than the whole memory is returned at once.
+    pub fn push(&mut self, frame: T, bytes: usize) -> Vec<T> {
+        if self.limits.frames == 0 || bytes > self.limits.bytes {
+            return vec![frame];
+        }
+        let mut left = Vec::new();
+        while self.frames.len() >= self.limits.frames || self.bytes + bytes > self.limits.bytes {
+            let victim = self.draw().expect("a memory that is too full holds a frame");
+            left.push(self.remove(victim));
+        }
+        self.frames.push(frame);
+        self.sizes.push(bytes);
+        self.bytes += bytes;
+        left
+    }
+
+    /// Draws a frame's number, each with the same chance; `None` if there is no frame.
+    pub fn draw(&mut self) -> Option<usize> {
+        let n = self.frames.len() as u64;
+        // Multiply and shift maps 32 random bits onto 0..n; its bias is below n / 2³².
+        (n > 0).then(|| ((u64::from(self.rng.next_u32()) * n) >> 32) as usize)
+    }
+
+    /// Takes a frame out; the last one gets its number.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such frame, which is a bug in the caller.
+    pub fn remove(&mut self, frame: usize) -> T {
+        self.bytes -= self.sizes.swap_remove(frame);
+        self.frames.swap_remove(frame)
+    }
+
+    /// The frames in their present order.
+    pub fn frames(&self) -> &[T] {
+        &self.frames
+    }
+
+    /// The frames, to be changed in place; their sizes must stay.
+    pub fn frames_mut(&mut self) -> &mut [T] {
+        &mut self.frames
+    }
+
+    /// Frames remembered.
+    pub fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Whether nothing is remembered.
+    pub fn is_empty(&self) -> bool {
+        self.frames.is_empty()
+    }
+
+    /// Bytes that the frames hold.
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neither_bound_is_ever_passed_and_nothing_is_lost_on_the_way() {
+        let mut memory = Memory::new(Limits { frames: 10, bytes: 100 }, 7);
+        let mut left = Vec::new();
+        for frame in 0..1000_usize {
+            left.extend(memory.push(frame, 1 + frame % 30));
+            assert!(memory.len() <= 10 && memory.bytes() <= 100);
+        }
+        left.extend(memory.frames());
+        left.sort_unstable();
+        assert_eq!(left, (0..1000).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_frame_larger_than_the_memory_leaves_the_others_alone() {
+        let mut memory = Memory::new(Limits { frames: 10, bytes: 100 }, 7);
+        memory.push('a', 60);
+        assert_eq!(memory.push('b', 101), ['b']);
+        assert_eq!(memory.frames(), ['a']);
+    }
+
+    #[test]
+    fn draws_are_even_and_continue_where_they_stood() {
+        let mut memory = Memory::new(Limits { frames: 8, bytes: 8 }, 7);
+        for frame in 0..8 {
+            memory.push(frame, 1);
+        }
+        let mut counts = [0_u32; 8];
+        for _ in 0..8000 {
+            counts[memory.draw().unwrap()] += 1;
+        }
+        assert!(counts.iter().all(|&n| (800..1200).contains(&n)), "{counts:?}");
+
+        let mut resumed = Memory::resume(Limits { frames: 8, bytes: 8 }, memory.rng_state());
+        for frame in 0..8 {
+            resumed.push(frame, 1);
+        }
+        let draws = |memory: &mut Memory<i32>| (0..50).map(|_| memory.draw()).collect::<Vec<_>>();
+        assert_eq!(draws(&mut memory), draws(&mut resumed));
+    }
+}

@@ -1,0 +1,49 @@
+//! What can be wrong with a robot description.
+
+/// What can be wrong with a robot description, or with a request made of a robot.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum RobotError {
+    /// Not XML, or an element that is not what URDF asks for.
+    #[error("not a readable URDF: {reason}")]
+    Xml { reason: String },
+    /// A link or joint is named that is never declared.
+    #[error("{user} refers to {wanted}, which the URDF does not declare")]
+    Undeclared { user: String, wanted: String },
+    /// A name must say which thing is meant.
+    #[error("the URDF declares {thing} twice; names must be unique")]
+    Duplicate { thing: String },
+    /// Chains that bite their own tail have no order of evaluation.
+    #[error("{things} form a loop through {through}; only trees are supported")]
+    Loop { things: &'static str, through: String },
+    /// Closed kinematic chains have no unique joint-torque map.
+    #[error(
+        "link `{link}` hangs from two joints, `{first}` and `{second}`; only trees are supported, \
+         not closed loops"
+    )]
+    TwoParents { link: String, first: String, second: String },
+    /// The root link is the world frame, so there must be one.
+    #[error("found {} root links ({}), wanted one to carry all others", roots.len(), roots.join(", "))]
+    Roots { roots: Vec<String> },
+    /// Joints of more than one degree of freedom.
+    #[error(
+        "joint `{joint}` is {kind}; wanted revolute, continuous, prismatic or fixed joints only"
+    )]
+    JointKind { joint: String, kind: &'static str },
+    /// A number that no robot can have.
+    #[error("{thing} is {found}, wanted {wanted}")]
+    Number { thing: String, found: String, wanted: &'static str },
+    /// Nothing to measure a torque at.
+    #[error("none of the {joints} joints of robot `{robot}` moves, wanted at least one that does")]
+    Immobile { robot: String, joints: usize },
+    /// A joint vector of the wrong length.
+    #[error("got {got} joint angles, the robot has {expected} moving joints")]
+    JointCount { expected: usize, got: usize },
+}
+
+impl RobotError {
+    pub(super) fn number(thing: String, found: impl ToString, wanted: &'static str) -> Self {
+        Self::Number { thing, found: found.to_string(), wanted }
+    }
+}

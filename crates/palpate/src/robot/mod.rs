@@ -1,0 +1,261 @@
+//! The robot: a tree of links, where they stand, and what gravity and contacts do to its joints.
+//!
+//! A URDF goes in; poses, Jacobians and gravity torques come out. The world frame is the frame of
+//! the URDF's root link, z up, gravity (0, 0, −9.81) m/s². Parents stand before children in every
+//! list.
+//!
+//! **Joint order.** A joint vector `q` holds one number (rad, or m where prismatic) for every
+//! *independent* moving joint, in the order in which one meets them walking the tree from the root
+//! depth first, branches in the order in which the file declares their joints. For an arm that is
+//! from base to tip, however the file is sorted; for two arms all of one, then all of the other.
+//! Fixed joints have no entry, and neither have mimic joints: they follow theirs, and what they
+//! feel is felt by the joint they follow (principle of virtual work).
+//!
+//! | file         | says                                                     |
+//! |--------------|----------------------------------------------------------|
+//! | `urdf`       | XML → checked tree                                       |
+//! | `kinematics` | poses, Jacobians, gravity torque                         |
+//! | `error`      | what can be wrong                                        |
+//!
+//! Link shapes are only described here: [`crate::sdf`] turns them into distances, and mesh files
+//! are read elsewhere, since the core opens no file.
+
+mod error;
+mod interpolate;
+mod kinematics;
+mod urdf;
+
+pub use error::RobotError;
+pub use kinematics::Poses;
+
+use kinematics::Mover;
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Robots that are compiled in: name and URDF. This is the only place to add one.
+const BUILT_IN: [(&str, &str); 1] = [("kinova_gen3", include_str!("kinova_gen3.urdf"))];
+
+/// Which link of a robot: its place in [`Robot::links`].
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
+)]
+pub struct LinkId(pub u16);
+
+impl LinkId {
+    /// The same as an index into a slice with one entry a link.
+    pub fn index(self) -> usize {
+        usize::from(self.0)
+    }
+}
+
+/// A tree of links and the joints that move them.
+#[derive(Debug, Clone)]
+pub struct Robot {
+    name: String,
+    links: Vec<Link>,
+    joints: Vec<Joint>,
+    /// One per link: how it hangs from its parent.
+    mounts: Vec<Mount>,
+    /// Every joint that moves, mimic joints too, parents first.
+    movers: Vec<Mover>,
+}
+
+/// How a link hangs from its parent.
+#[derive(Debug, Clone)]
+struct Mount {
+    /// Pose of the link in its parent at joint position zero; identity for the root.
+    parent_from_link: Isometry3<f64>,
+    /// The mover that carries the link, if its joint is not fixed.
+    mover: Option<usize>,
+    /// All movers between the root and the link, root first: the columns of its Jacobians.
+    carriers: Vec<u16>,
+}
+
+/// A rigid body of the robot.
+#[derive(Debug, Clone)]
+pub struct Link {
+    /// As in the URDF.
+    pub name: String,
+    /// The link it hangs from; `None` for the root.
+    pub parent: Option<LinkId>,
+    /// What it touches the world with; the collision geometry of the URDF. May be empty.
+    pub collision: Vec<Collision>,
+    /// Zero where the URDF has no `<inertial>`.
+    pub mass_kg: f64,
+    /// Centre of mass in the link frame.
+    pub com_link_m: Point3<f64>,
+}
+
+/// One shape of a link.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Collision {
+    /// Where the shape stands in the link frame.
+    pub link_from_shape: Isometry3<f64>,
+    /// Its geometry.
+    pub shape: Shape,
+}
+
+/// Geometry as URDF spells it, centred at its own origin; axes of revolution are z.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Shape {
+    /// A cuboid.
+    Box {
+        /// Full edge lengths.
+        size_m: Vector3<f64>,
+    },
+    /// A cylinder along z.
+    Cylinder {
+        /// Radius.
+        radius_m: f64,
+        /// From end to end.
+        length_m: f64,
+    },
+    /// A ball.
+    Sphere {
+        /// Radius.
+        radius_m: f64,
+    },
+    /// A cylinder along z with a hemisphere at both ends.
+    Capsule {
+        /// Radius of cylinder and hemispheres.
+        radius_m: f64,
+        /// Of the cylindrical part: the whole is `length_m + 2 radius_m` long.
+        length_m: f64,
+    },
+    /// Triangles in a file.
+    Mesh {
+        /// As the URDF spells it: `package://…`, `file://…` or relative to the URDF.
+        filename: String,
+        /// Factor from the file's coordinates to metres, per axis; negative mirrors.
+        scale: Vector3<f64>,
+    },
+}
+
+/// An independent moving joint: one entry of a joint vector.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joint {
+    /// As in the URDF.
+    pub name: String,
+    /// What its number means.
+    pub kind: JointKind,
+    /// The link it carries.
+    pub child: LinkId,
+    /// Lowest and highest position, rad or m; `None` if unlimited or unknown.
+    pub range: Option<[f64; 2]>,
+    /// Largest torque or force, N·m or N; `None` if unknown.
+    pub effort: Option<f64>,
+    /// Largest speed, rad/s or m/s; `None` if unknown.
+    pub velocity: Option<f64>,
+}
+
+/// What the position of a joint means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum JointKind {
+    /// An angle between limits, rad.
+    Revolute,
+    /// An angle without limits, rad.
+    Continuous,
+    /// A length, m.
+    Prismatic,
+}
+
+/// Something carried that the URDF does not know of: a gripper, a tool, a camera.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Payload {
+    /// The link that carries it.
+    pub link: String,
+    /// Mass.
+    pub mass_kg: f64,
+    /// Its centre of mass in that link's frame.
+    pub com_link_m: [f64; 3],
+}
+
+impl Robot {
+    /// A robot that is compiled in, `None` if there is none of this name.
+    ///
+    /// # Panics
+    ///
+    /// Never: the tests parse every one.
+    pub fn built_in(name: &str) -> Option<Robot> {
+        let (_, xml) = BUILT_IN.iter().find(|(known, _)| *known == name)?;
+        Some(Robot::from_urdf(xml).expect("built-in robots are parsed by the tests"))
+    }
+
+    /// Names that [`Robot::built_in`] knows.
+    pub fn built_in_names() -> impl Iterator<Item = &'static str> {
+        BUILT_IN.iter().map(|(name, _)| *name)
+    }
+
+    /// As in the URDF; may be empty.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Length of a joint vector: moving joints that mimic no other.
+    pub fn n_joints(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// Names in the order of a joint vector.
+    pub fn joint_names(&self) -> impl Iterator<Item = &str> {
+        self.joints.iter().map(|joint| joint.name.as_str())
+    }
+
+    /// The independent moving joints in the order of a joint vector.
+    pub fn joints(&self) -> &[Joint] {
+        &self.joints
+    }
+
+    /// All links, parents before children; the first is the root.
+    pub fn links(&self) -> &[Link] {
+        &self.links
+    }
+
+    /// The link of this name.
+    pub fn link_id(&self, name: &str) -> Option<LinkId> {
+        let index = self.links.iter().position(|link| link.name == name)?;
+        Some(LinkId(u16::try_from(index).expect("from_urdf refuses more links")))
+    }
+
+    /// Everything that poses and gravity follow from, for fingerprints.
+    pub(crate) fn numbers(&self) -> impl Iterator<Item = f64> {
+        let links = self.links.iter().zip(&self.mounts).flat_map(|(link, mount)| {
+            let parent = link.parent.map_or(-1.0, |parent| f64::from(parent.0));
+            let pose = mount.parent_from_link.to_matrix();
+            let com = link.com_link_m;
+            [parent, link.mass_kg, com.x, com.y, com.z].into_iter().chain(pose.data.0.concat())
+        });
+        let movers = self.movers.iter().flat_map(|mover| {
+            let axis = mover.axis_link;
+            let kind = f64::from(u8::from(mover.prismatic));
+            let (source, child) = (mover.source as f64, mover.child as f64);
+            [child, kind, axis.x, axis.y, axis.z, source, mover.multiplier, mover.offset]
+        });
+        links.chain(movers)
+    }
+
+    /// The same robot carrying `payload` as well; may be called again for a second one.
+    ///
+    /// # Errors
+    ///
+    /// An unknown link, a negative or non-finite mass, a non-finite centre of mass.
+    pub fn with_payload(mut self, payload: &Payload) -> Result<Robot, RobotError> {
+        let id = self.link_id(&payload.link).ok_or_else(|| RobotError::Undeclared {
+            user: "the payload".into(),
+            wanted: format!("link `{}`", payload.link),
+        })?;
+        urdf::check_mass("mass of the payload [kg]", payload.mass_kg)?;
+        urdf::check_finite("centre of mass of the payload [m]", &payload.com_link_m)?;
+
+        let link = &mut self.links[id.index()];
+        let mass_kg = link.mass_kg + payload.mass_kg;
+        if mass_kg > 0.0 {
+            let moment = link.mass_kg * link.com_link_m.coords
+                + payload.mass_kg * Vector3::from(payload.com_link_m);
+            link.com_link_m = Point3::from(moment / mass_kg);
+            link.mass_kg = mass_kg;
+        }
+        Ok(self)
+    }
+}

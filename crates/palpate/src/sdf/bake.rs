@@ -1,0 +1,321 @@
+//! From shapes to a grid.
+//!
+//! Primitives are exact. Triangles take five steps, since published meshes are open shells with
+//! inner walls, on which a closest point with its face normal gives the wrong side for a tenth of
+//! the volume:
+//!
+//! 1. every node gets its distance from the nearest triangle and its winding number `w`;
+//! 2. a flood from the rim of the grid finds the nodes that no path from outside reaches;
+//! 3. **inside is `w ≥ ½`, or sealed**: the winding number decides, the flood only fills voids that
+//!    are closed all round. It cannot overrule the other way, since it leaks through any crack;
+//!    where it reaches what the winding number calls inside, the shell is open there, and the
+//!    [`Report`] says how much of the volume rests on the winding number alone;
+//! 4. inside, the distance counts from the *skin* only, the triangles that have the outside on one
+//!    of their sides: inner walls must not make a point deep inside look like one at the surface;
+//! 5. where the sign changes without a triangle (across an opening) the surface is where `w = ½`.
+//!
+//! The link is the union of its shapes: `φ = min φᵢ`. That is exact outside; inside, where shapes
+//! overlap, the depth is that of the deepest shape alone.
+
+use nalgebra::{Point3, Vector3, vector};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::mesh::{Soup, Surface, TriangleMesh};
+use super::winding::{WindingTree, area_vector_of};
+use super::{Grid, SdfError, flood, primitive};
+use crate::robot::Collision;
+
+/// A quarter of a gigabyte of nodes: at 5 mm, a cube of two metres.
+const MAX_NODES: f64 = 64e6;
+
+/// How finely to bake, and how far out.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// Distance between nodes. Details below it are lost.
+    pub spacing_m: f64,
+    /// The grid reaches this far beyond the surface; farther out, distances are lower bounds.
+    pub margin_m: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Config { spacing_m: 0.005, margin_m: 0.03 }
+    }
+}
+
+/// Everything that one link is made of, in its frame.
+#[derive(Debug, Clone, Default)]
+pub struct Solid {
+    /// Box, cylinder, sphere, capsule.
+    pub primitives: Vec<Collision>,
+    /// Triangles, all meshes of the link.
+    pub meshes: Vec<TriangleMesh>,
+}
+
+/// What baking found out about the meshes of a link; all zero for primitives, except the volume.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Report {
+    /// Triangles baked.
+    pub triangles: usize,
+    /// Triangles without area, left out.
+    pub degenerate: usize,
+    /// Triangles whose part was inside out, turned round.
+    pub flipped: usize,
+    /// Volume inside, by counting nodes.
+    pub inside_m3: f64,
+    /// Part of the meshes' inside volume that the outside can reach through openings: it is inside
+    /// by the winding number alone. Zero for a closed mesh.
+    pub leaked_fraction: f64,
+    /// Part of the meshes' inside volume that the winding number calls outside, filled because no
+    /// path leads there.
+    pub sealed_fraction: f64,
+}
+
+/// Bakes the shapes of a link, on all threads.
+///
+/// The result does not depend on the number of threads. Cost: some microseconds a node, divided by
+/// the threads; `8 × 4,000` triangles at 5 mm take under two seconds on two cores.
+///
+/// # Errors
+///
+/// A config out of range, a solid without shapes, a broken mesh ([`SdfError`]), or a size that no
+/// link has.
+pub fn bake(solid: &Solid, config: &Config) -> Result<(Grid, Report), SdfError> {
+    bake_on(Threads::All, solid, config)
+}
+
+/// [`bake`] on one thread, bit for bit the same: what the tests compare with.
+///
+/// # Errors
+///
+/// As [`bake`].
+pub fn bake_serial(solid: &Solid, config: &Config) -> Result<(Grid, Report), SdfError> {
+    bake_on(Threads::One, solid, config)
+}
+
+/// Where to compute.
+#[derive(Clone, Copy)]
+enum Threads {
+    One,
+    All,
+}
+
+impl Threads {
+    /// `f` of every node, in their order.
+    fn map<T: Send>(self, n: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+        match self {
+            Threads::One => (0..n).map(f).collect(),
+            Threads::All => (0..n).into_par_iter().with_min_len(256).map(f).collect(),
+        }
+    }
+}
+
+fn bake_on(threads: Threads, solid: &Solid, config: &Config) -> Result<(Grid, Report), SdfError> {
+    config.check()?;
+    let soup = match &solid.meshes[..] {
+        [] if solid.primitives.is_empty() => return Err(SdfError::Empty { triangles: 0 }),
+        [] => None,
+        meshes => Some(Soup::new(meshes)?),
+    };
+    let surface = surface_box(&solid.primitives, soup.as_ref());
+    let lattice = Lattice::around(surface, config)?;
+
+    let mut report = Report::default();
+    let mut nodes = vec![f64::INFINITY; lattice.len()];
+    if let Some(soup) = soup {
+        nodes = bake_soup(threads, &lattice, &soup.triangles, &mut report);
+        report.triangles = soup.triangles.len();
+        report.degenerate = soup.degenerate;
+        report.flipped = soup.flipped;
+    }
+    let nodes_m: Vec<f32> = threads.map(lattice.len(), |node| {
+        let point = lattice.point(node);
+        let union = |so_far: f64, part: &Collision| {
+            let in_shape = part.link_from_shape.inverse_transform_point(&point);
+            primitive::signed_distance(&part.shape, &in_shape)
+                .map_or(so_far, |distance| so_far.min(distance))
+        };
+        solid.primitives.iter().fold(nodes[node], union) as f32
+    });
+    let n_inside = nodes_m.iter().filter(|&&distance| distance < 0.0).count();
+    report.inside_m3 = n_inside as f64 * lattice.spacing_m.powi(3);
+    let grid = Grid::new(lattice.origin_m, lattice.spacing_m, lattice.shape, surface, nodes_m);
+    Ok((grid, report))
+}
+
+impl Config {
+    fn check(&self) -> Result<(), SdfError> {
+        let positive = |thing, found: f64| {
+            let wanted = "a finite length above zero";
+            let ok = found > 0.0 && found.is_finite();
+            if ok { Ok(()) } else { Err(SdfError::Number { thing, found, wanted }) }
+        };
+        positive("grid spacing [m]", self.spacing_m)?;
+        positive("grid margin [m]", self.margin_m)
+    }
+}
+
+/// The smallest box around all shapes.
+fn surface_box(primitives: &[Collision], soup: Option<&Soup>) -> [Point3<f64>; 2] {
+    let mut low = Vector3::repeat(f64::INFINITY);
+    let mut high = Vector3::repeat(f64::NEG_INFINITY);
+    for part in primitives {
+        let Some(half) = primitive::half_extent(&part.shape) else { continue };
+        let turned = part.link_from_shape.rotation.to_rotation_matrix().matrix().abs() * half;
+        low = low.inf(&(part.link_from_shape.translation.vector - turned));
+        high = high.sup(&(part.link_from_shape.translation.vector + turned));
+    }
+    for vertex in soup.iter().flat_map(|soup| &soup.triangles).flatten() {
+        low = low.inf(&vertex.coords);
+        high = high.sup(&vertex.coords);
+    }
+    // Distances are rounded to f32, which must not put the surface outside its box.
+    let slack = Vector3::repeat(1e-6);
+    [Point3::from(low - slack), Point3::from(high + slack)]
+}
+
+/// Signed distance from triangles at every node: steps 1 to 5 of the module's header.
+fn bake_soup(
+    threads: Threads,
+    lattice: &Lattice,
+    triangles: &[[Point3<f64>; 3]],
+    report: &mut Report,
+) -> Vec<f64> {
+    let (surface, tree) = (Surface::new(triangles), WindingTree::new(triangles.to_vec()));
+    let n = lattice.len();
+    let mut distance_m = threads.map(n, |node| surface.distance(&lattice.point(node)));
+    let winding = threads.map(n, |node| tree.at(&lattice.point(node)) as f32);
+
+    let walls = threads.map(n, |node| walls(lattice, &surface, &distance_m, node));
+    let reached = flood::reached(lattice, |node, axis| walls[node][axis]);
+    let by_winding = |node: usize| winding[node] >= 0.5;
+    let inside: Vec<bool> = (0..n).map(|node| by_winding(node) || !reached[node]).collect();
+    let count = |holds: &dyn Fn(usize) -> bool| (0..n).filter(|&node| holds(node)).count() as f64;
+    let n_inside = count(&|node| inside[node]).max(1.0);
+    report.leaked_fraction = count(&|node| by_winding(node) && reached[node]) / n_inside;
+    report.sealed_fraction = count(&|node| !by_winding(node) && !reached[node]) / n_inside;
+
+    let is_outside = |point: &Point3<f64>| {
+        lattice.corners_of(point).iter().any(|&node| !inside[node]) && tree.at(point) < 0.5
+    };
+    let skin = skin(threads, triangles, lattice.spacing_m, is_outside);
+    if !skin.is_empty() && skin.len() != triangles.len() {
+        let skin = Surface::new(&skin);
+        distance_m = threads.map(n, |node| {
+            if inside[node] { skin.distance(&lattice.point(node)) } else { distance_m[node] }
+        });
+    }
+    let openings = flood::distance_to_openings(lattice, &winding, &inside, &distance_m);
+    threads.map(n, |node| {
+        let opening = openings.as_ref().map_or(f64::INFINITY, |distance| distance[node]);
+        let unsigned = distance_m[node].min(opening);
+        if inside[node] { -unsigned } else { unsigned }
+    })
+}
+
+/// Whether a triangle stands between a node and the next along each axis.
+fn walls(lattice: &Lattice, surface: &Surface, distance_m: &[f64], node: usize) -> [bool; 3] {
+    std::array::from_fn(|axis| {
+        let (_, Some(next)) = lattice.neighbours(node, axis) else { return false };
+        // Two empty balls that cover the edge prove it free.
+        distance_m[node] + distance_m[next] <= lattice.spacing_m
+            && surface.separates(&lattice.point(node), &lattice.point(next))
+    })
+}
+
+/// The triangles, cut down to about the spacing, that have the outside on a side.
+fn skin(
+    threads: Threads,
+    triangles: &[[Point3<f64>; 3]],
+    spacing_m: f64,
+    is_outside: impl Fn(&Point3<f64>) -> bool + Sync + Send,
+) -> Vec<[Point3<f64>; 3]> {
+    let pieces_of = |index: usize| {
+        let whole = triangles[index];
+        let step = area_vector_of(&whole).normalize() * (0.1 * spacing_m);
+        let (mut waiting, mut pieces, mut all) = (vec![whole], Vec::new(), true);
+        while let Some(piece) = waiting.pop() {
+            let [a, b, c] = piece;
+            let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(p, q)| nalgebra::center(&p, &q));
+            let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+            if longest > 2.0 * spacing_m {
+                waiting.extend([[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]);
+                continue;
+            }
+            let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
+            if is_outside(&(middle + step)) || is_outside(&(middle - step)) {
+                pieces.push(piece);
+            } else {
+                all = false;
+            }
+        }
+        if all { vec![whole] } else { pieces }
+    };
+    threads.map(triangles.len(), pieces_of).into_iter().flatten().collect()
+}
+
+/// Where the nodes of a grid stand.
+pub(super) struct Lattice {
+    pub origin_m: Point3<f64>,
+    pub spacing_m: f64,
+    pub shape: [usize; 3],
+}
+
+impl Lattice {
+    /// Nodes that reach at least the margin beyond a box on every side.
+    fn around([low, high]: [Point3<f64>; 2], config: &Config) -> Result<Lattice, SdfError> {
+        let spacing_m = config.spacing_m;
+        // A third of a cell keeps nodes off the planes on which designers put faces.
+        let origin_m = low - Vector3::repeat(config.margin_m + spacing_m / 3.0);
+        let n = (high - origin_m).map(|span| ((span + config.margin_m) / spacing_m).ceil() + 1.0);
+        if !(n.product() <= MAX_NODES) {
+            return Err(SdfError::TooLarge { span_m: (high - low).into(), spacing_m });
+        }
+        Ok(Lattice { origin_m, spacing_m, shape: [n.x as usize, n.y as usize, n.z as usize] })
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.shape.iter().product()
+    }
+
+    pub(super) fn index(&self, [i, j, k]: [usize; 3]) -> usize {
+        i + self.shape[0] * (j + self.shape[1] * k)
+    }
+
+    fn coordinates(&self, node: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.shape;
+        [node % nx, node / nx % ny, node / (nx * ny)]
+    }
+
+    fn point(&self, node: usize) -> Point3<f64> {
+        let [i, j, k] = self.coordinates(node);
+        self.origin_m + vector![i as f64, j as f64, k as f64] * self.spacing_m
+    }
+
+    pub(super) fn on_rim(&self, node: usize) -> bool {
+        (0..3).any(|axis| {
+            let (before, after) = self.neighbours(node, axis);
+            before.is_none() || after.is_none()
+        })
+    }
+
+    /// The nodes before and after a node along an axis.
+    pub(super) fn neighbours(&self, node: usize, axis: usize) -> (Option<usize>, Option<usize>) {
+        let at = self.coordinates(node)[axis];
+        let stride: usize = self.shape[..axis].iter().product();
+        ((at > 0).then(|| node - stride), (at + 1 < self.shape[axis]).then(|| node + stride))
+    }
+
+    /// The nodes of the cell that holds a point.
+    fn corners_of(&self, point: &Point3<f64>) -> [usize; 8] {
+        let scaled = (point - self.origin_m) / self.spacing_m;
+        std::array::from_fn(|corner| {
+            self.index(std::array::from_fn(|axis| {
+                let cell = (scaled[axis] as usize).min(self.shape[axis] - 2);
+                cell + (corner >> axis & 1)
+            }))
+        })
+    }
+}

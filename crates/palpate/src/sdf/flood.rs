@@ -1,0 +1,109 @@
+//! What the outside can reach, and how far it is to an opening that the sign closes.
+//!
+//! Both walk the nodes of a grid. The flood goes from node to neighbouring node unless a triangle
+//! stands between them; what it never reaches is sealed in. The openings are where the sign
+//! changes although no triangle is near: there the winding number draws the surface, and distances
+//! must know of it, or `φ` would jump from `+r` to `−r` across the mouth of a tube of radius `r`.
+
+use super::bake::Lattice;
+
+/// Which nodes can be reached from the rim of the grid. `blocked(node, axis)` says whether the
+/// surface stands between a node and the next one along an axis.
+pub(super) fn reached(lattice: &Lattice, blocked: impl Fn(usize, usize) -> bool) -> Vec<bool> {
+    let mut reached = vec![false; lattice.len()];
+    let mut waiting: Vec<usize> = (0..lattice.len()).filter(|&n| lattice.on_rim(n)).collect();
+    waiting.iter().for_each(|&node| reached[node] = true);
+    while let Some(node) = waiting.pop() {
+        for axis in 0..3 {
+            let (before, after) = lattice.neighbours(node, axis);
+            let before = before.filter(|&before| !blocked(before, axis));
+            let after = after.filter(|_| !blocked(node, axis));
+            for next in before.into_iter().chain(after) {
+                if !std::mem::replace(&mut reached[next], true) {
+                    waiting.push(next);
+                }
+            }
+        }
+    }
+    reached
+}
+
+/// Distance of every node from the openings, m, infinite if there are none.
+///
+/// An opening crosses the edge between two nodes of different sign whose distances from the
+/// surface add up to more than the edge: no triangle can be there. It does so where the winding
+/// number, linear along the edge, is one half. From there distances spread by the eikonal
+/// equation, first order, fast sweeping: a few per cent off, like the notion of an opening itself.
+pub(super) fn distance_to_openings(
+    lattice: &Lattice,
+    winding: &[f32],
+    inside: &[bool],
+    distance_m: &[f64],
+) -> Option<Vec<f64>> {
+    let h = lattice.spacing_m;
+    // Nearest crossing along each axis, in edges.
+    let mut crossings = vec![[f64::INFINITY; 3]; lattice.len()];
+    let mut any = false;
+    for node in 0..lattice.len() {
+        for axis in 0..3 {
+            let (_, Some(next)) = lattice.neighbours(node, axis) else { continue };
+            if inside[node] == inside[next] || distance_m[node] + distance_m[next] <= h {
+                continue;
+            }
+            any = true;
+            let (here, there) = (f64::from(winding[node]), f64::from(winding[next]));
+            let at = (here - 0.5) / (here - there);
+            let at = if at.is_finite() { at.clamp(0.01, 0.99) } else { 0.5 };
+            crossings[node][axis] = crossings[node][axis].min(at);
+            crossings[next][axis] = crossings[next][axis].min(1.0 - at);
+        }
+    }
+    any.then(|| {
+        // Three crossings at a, b, c along the axes span a plane at 1/√(a⁻² + b⁻² + c⁻²).
+        let mut near: Vec<f64> = (crossings.iter())
+            .map(|at| h / at.iter().map(|a| a.powi(-2)).sum::<f64>().sqrt())
+            .collect();
+        (0..2).for_each(|_| sweep(lattice, &mut near));
+        near
+    })
+}
+
+/// Spreads distances once in each of the eight directions.
+fn sweep(lattice: &Lattice, distance_m: &mut [f64]) {
+    for directions in 0..8 {
+        let ordered = |axis: usize, step: usize| {
+            if directions >> axis & 1 == 0 { step } else { lattice.shape[axis] - 1 - step }
+        };
+        for k in 0..lattice.shape[2] {
+            for j in 0..lattice.shape[1] {
+                for i in 0..lattice.shape[0] {
+                    let node = lattice.index([ordered(0, i), ordered(1, j), ordered(2, k)]);
+                    let nearest = std::array::from_fn(|axis| {
+                        let (before, after) = lattice.neighbours(node, axis);
+                        let at = |n: Option<usize>| n.map_or(f64::INFINITY, |n| distance_m[n]);
+                        at(before).min(at(after))
+                    });
+                    let through = eikonal(nearest, lattice.spacing_m);
+                    distance_m[node] = distance_m[node].min(through);
+                }
+            }
+        }
+    }
+}
+
+/// The distance at a node from those of its nearest neighbour along each axis: `|∇φ| = 1`.
+fn eikonal(mut nearest: [f64; 3], h: f64) -> f64 {
+    nearest.sort_by(f64::total_cmp);
+    let [a, b, c] = nearest;
+    let one = a + h;
+    if one <= b {
+        return one;
+    }
+    let two = (a + b + (2.0 * h * h - (a - b).powi(2)).sqrt()) / 2.0;
+    if two <= c {
+        return two;
+    }
+    let sum = a + b + c;
+    let square = sum * sum - 3.0 * (a * a + b * b + c * c - h * h);
+    (sum + square.max(0.0).sqrt()) / 3.0
+}

@@ -1,0 +1,309 @@
+//! One touch: from what the robot logs to contacts and external torques.
+//!
+//! τ_ext = ± τ_measured − τ_gravity(q) − tare. The tare is the mean of what is left over while
+//! nothing is touched, afresh for every touch, since sensors drift between touches. Frames are
+//! contact-free from the start of a touch for as long as the arm stands still, or the simulator
+//! finds it touching no point of the lattice. What the two agree to call the start ends at the
+//! first frame that is neither.
+//!
+//! The module knows no stiffness: learning ([`crate::mapper`]) and predicting
+//! ([`crate::predict`]) see the same frames.
+
+use std::sync::Arc;
+
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
+
+use crate::arm::Arm;
+use crate::contact::{self, Contacts, Simulator};
+use crate::lattice::Lattice;
+use crate::robot::{Poses, RobotError};
+
+/// What the robot reports at one moment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// Time, s, if the log has it.
+    pub time_s: Option<f64>,
+    /// Joint positions, n_joints, rad or m.
+    pub q: Vec<f64>,
+    /// Joint torques as logged, n_joints, N·m or N.
+    pub tau: Vec<f64>,
+}
+
+/// Which way the logged torques count.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TorqueSign {
+    /// What the environment and gravity exert on the joints (Kinova's sensors).
+    #[default]
+    Plus,
+    /// What the motors exert: the opposite.
+    Minus,
+}
+
+/// Whether the logged torques hold gravity.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Gravity {
+    /// They do; the robot's masses say how much.
+    #[default]
+    Included,
+    /// The robot has already taken it out (Franka's external torques).
+    Removed,
+}
+
+/// Which frames of a touch give its tare.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Tare {
+    /// The contact-free start, found by itself.
+    #[default]
+    Auto,
+    /// The first frames, so many.
+    Frames(u32),
+    /// None: the torques are external ones already.
+    None,
+}
+
+/// How raw torques become external ones.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// Sign of the logged torques.
+    pub torque_sign: TorqueSign,
+    /// Whether they hold gravity.
+    pub gravity: Gravity,
+    /// Where the tare comes from.
+    pub tare: Tare,
+    /// The farthest a joint may be from where the touch began and still stand still, rad or m.
+    pub still_rad: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            torque_sign: TorqueSign::default(),
+            gravity: Gravity::default(),
+            tare: Tare::default(),
+            still_rad: 0.002,
+        }
+    }
+}
+
+/// The fewest contact-free frames that give a tare.
+pub const MIN_TARE_FRAMES: u32 = 5;
+
+/// What can be wrong with a sample or a touch.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum TouchError {
+    /// The wrong number of joint torques.
+    #[error("got {got} joint torques, the robot has {expected} moving joints")]
+    TorqueCount { expected: usize, got: usize },
+    /// A torque that is no number.
+    #[error("the torque of joint `{joint}` is {found}; it must be a finite number of N·m")]
+    Torque { joint: String, found: f64 },
+    /// Joint positions that the robot cannot take.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// Nothing to tare on.
+    #[error(
+        "the touch has no contact-free start: the arm moves after {found} frames, and at least \
+         {wanted} still ones are needed for the tare; start the log earlier, give the number of \
+         frames yourself (--tare-frames N), or use --no-tare if the torques are external already"
+    )]
+    NoContactFreeStart { found: u32, wanted: u32 },
+    /// Fewer frames than were to be averaged.
+    #[error("the touch ends after {found} frames, before the {wanted} that were asked for as tare")]
+    TareTooLong { found: u32, wanted: u32 },
+    /// A sample before any touch began.
+    #[error("a sample came before its touch was begun")]
+    NotBegun,
+}
+
+/// A frame with everything geometry can say of it.
+#[derive(Debug, Clone)]
+pub struct Frame {
+    /// Links' poses.
+    pub poses: Poses,
+    /// What the arm displaces.
+    pub contacts: Contacts,
+    /// τ_ext, n_joints, N·m; `None` while the tare is being taken.
+    pub external: Option<DVector<f64>>,
+}
+
+/// How far the tare of a touch has come.
+#[derive(Debug, Clone)]
+enum TareState {
+    Open { sum: DVector<f64>, frames: u32 },
+    Closed(DVector<f64>),
+}
+
+/// Where a touch stands.
+#[derive(Debug, Clone)]
+struct Progress {
+    q_start: Vec<f64>,
+    q: Vec<f64>,
+    tare: TareState,
+}
+
+/// Follows one touch after another.
+#[derive(Debug, Clone)]
+pub struct Tracker {
+    arm: Arc<Arm>,
+    simulator: Simulator,
+    config: Config,
+    begun: bool,
+    progress: Option<Progress>,
+}
+
+impl Tracker {
+    /// A tracker of an arm in a lattice.
+    ///
+    /// # Errors
+    ///
+    /// If a setting of the contact model is out of its range.
+    pub fn new(
+        arm: Arc<Arm>,
+        lattice: Lattice,
+        contact: contact::Config,
+        config: Config,
+    ) -> Result<Self, contact::ConfigError> {
+        if !(config.still_rad >= 0.0 && config.still_rad.is_finite()) {
+            let (found, wanted) = (config.still_rad, "zero or more, and finite");
+            return Err(contact::ConfigError { setting: "still_rad", found, wanted });
+        }
+        let simulator = Simulator::new(lattice, Arc::clone(&arm.surfaces), contact)?;
+        Ok(Self { arm, simulator, config, begun: false, progress: None })
+    }
+
+    /// The arm that is followed.
+    pub fn arm(&self) -> &Arc<Arm> {
+        &self.arm
+    }
+
+    /// Starts a touch: contacts and tare of the last one are forgotten.
+    pub fn begin_touch(&mut self) {
+        self.begun = true;
+        self.progress = None;
+    }
+
+    /// Takes the next sample of the touch.
+    ///
+    /// # Errors
+    ///
+    /// If the sample does not fit the robot, holds a value that is no number, or shows that the
+    /// touch has no contact-free start; the tracker is then as before the sample.
+    pub fn feed(&mut self, sample: &Sample) -> Result<Frame, TouchError> {
+        if !self.begun {
+            return Err(TouchError::NotBegun);
+        }
+        let poses = self.arm.robot.forward(&sample.q)?;
+        let raw = self.without_gravity(&sample.tau, &poses)?;
+        let contacts = self.move_arm(&sample.q, &poses)?;
+        let external = self.subtract_tare(raw, &contacts)?;
+        Ok(Frame { poses, contacts, external })
+    }
+
+    /// The tare of the touch, n_joints, N·m, once it is known.
+    pub fn tare(&self) -> Option<&DVector<f64>> {
+        match &self.progress.as_ref()?.tare {
+            TareState::Closed(tare) => Some(tare),
+            TareState::Open { .. } => None,
+        }
+    }
+
+    /// Checks, at the end of a touch, that it was long enough for its tare.
+    ///
+    /// # Errors
+    ///
+    /// If a number of tare frames was asked for and the touch is shorter.
+    pub fn end_touch(&mut self) -> Result<(), TouchError> {
+        self.begun = false;
+        match (self.config.tare, self.progress.as_ref().map(|progress| &progress.tare)) {
+            (Tare::Frames(wanted), Some(&TareState::Open { frames: found, .. }))
+                if found < wanted =>
+            {
+                Err(TouchError::TareTooLong { found, wanted })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Measured torques with the sign of external ones, less gravity.
+    fn without_gravity(&self, tau: &[f64], poses: &Poses) -> Result<DVector<f64>, TouchError> {
+        let robot = &self.arm.robot;
+        if tau.len() != robot.n_joints() {
+            return Err(TouchError::TorqueCount { expected: robot.n_joints(), got: tau.len() });
+        }
+        if let Some((joint, &found)) =
+            robot.joint_names().zip(tau).find(|(_, torque)| !torque.is_finite())
+        {
+            return Err(TouchError::Torque { joint: joint.to_owned(), found });
+        }
+        let mut raw = DVector::from_column_slice(tau);
+        if self.config.torque_sign == TorqueSign::Minus {
+            raw.neg_mut();
+        }
+        if self.config.gravity == Gravity::Included {
+            raw -= robot.gravity_torque(poses);
+        }
+        Ok(raw)
+    }
+
+    /// Advances the simulator to a sample's poses, in sub-steps where the motion is long.
+    fn move_arm(&mut self, q: &[f64], poses: &Poses) -> Result<Contacts, TouchError> {
+        let Some(progress) = &mut self.progress else {
+            self.simulator.begin_touch(&poses.world_from_link);
+            let (sum, frames) = (DVector::zeros(q.len()), 0);
+            let tare = match self.config.tare {
+                Tare::None => TareState::Closed(sum),
+                Tare::Auto | Tare::Frames(_) => TareState::Open { sum, frames },
+            };
+            self.progress = Some(Progress { q_start: q.to_vec(), q: q.to_vec(), tare });
+            return Ok(self.simulator.advance(&poses.world_from_link));
+        };
+        let substeps = self.simulator.substeps(&poses.world_from_link);
+        for substep in 1..substeps {
+            let part = f64::from(substep) / f64::from(substeps);
+            let between = self.arm.robot.interpolate(&progress.q, q, part);
+            let poses = self.arm.robot.forward(&between)?;
+            self.simulator.advance(&poses.world_from_link);
+        }
+        progress.q = q.to_vec();
+        Ok(self.simulator.advance(&poses.world_from_link))
+    }
+
+    /// Adds a contact-free frame to the tare, or takes the tare off.
+    fn subtract_tare(
+        &mut self,
+        raw: DVector<f64>,
+        contacts: &Contacts,
+    ) -> Result<Option<DVector<f64>>, TouchError> {
+        let progress = self.progress.as_mut().expect("move_arm made it");
+        if let TareState::Open { sum, frames } = &mut progress.tare {
+            let moved =
+                progress.q.iter().zip(&progress.q_start).map(|(q, start)| (q - start).abs());
+            let still = moved.fold(0.0, f64::max) <= self.config.still_rad;
+            let goes_on = match self.config.tare {
+                Tare::Frames(wanted) => *frames < wanted,
+                _ => still || contacts.is_empty(),
+            };
+            if goes_on {
+                *sum += raw;
+                *frames += 1;
+                return Ok(None);
+            }
+            let wanted = if self.config.tare == Tare::Auto { MIN_TARE_FRAMES } else { 1 };
+            if *frames < wanted {
+                return Err(TouchError::NoContactFreeStart { found: *frames, wanted });
+            }
+            progress.tare = TareState::Closed(&*sum / f64::from(*frames));
+        }
+        match &progress.tare {
+            TareState::Closed(tare) => Ok(Some(raw - tare)),
+            TareState::Open { .. } => Ok(None),
+        }
+    }
+}
