@@ -4,9 +4,9 @@ use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 
 use crate::error::CliError;
-use crate::inspect;
 use crate::output::Output;
 use crate::settings::AllSettings;
+use crate::{demo, inspect, map, predict};
 
 /// Learns where an object is stiff from what a robot arm's joints feel while the arm touches it.
 #[derive(Debug, Parser)]
@@ -21,6 +21,12 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
+    /// Learn a stiffness field from touches
+    Map(map::Args),
+    /// Predict the torque of motions from a field, and compare it with what was felt
+    Predict(predict::Args),
+    /// Map and predict bundled, simulated touches: a first look, without any data of your own
+    Demo(demo::Args),
     /// Say what a log, a robot or a field holds, and what looks wrong with it
     Inspect(inspect::Args),
     /// Print the settings that hold, as a commented TOML file to start from

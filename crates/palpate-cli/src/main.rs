@@ -4,10 +4,19 @@
 //! [`error`] says how a command may end. No panic reaches the user without an apology.
 
 mod args;
+mod demo;
 mod error;
 mod inspect;
+mod interrupt;
+mod learn;
+mod map;
 mod output;
+mod picture;
+mod place;
+mod predict;
+mod robot;
 mod settings;
+mod touches;
 
 use std::process::ExitCode;
 
@@ -35,6 +44,9 @@ fn main() -> ExitCode {
 
 fn run(command: &Command, output: &Output) -> Result<(), CliError> {
     match command {
+        Command::Map(args) => map::run(args, output),
+        Command::Predict(args) => predict::run(args, output),
+        Command::Demo(args) => demo::run(args, output),
         Command::Inspect(args) => inspect::run(args, output),
         Command::Settings(args) => output.result(&args.load()?.template()?),
         Command::Completions { shell } => args::completions(*shell, output),

@@ -40,6 +40,8 @@ pub struct Field {
 pub struct Prediction {
     /// Points touched.
     pub contacts: usize,
+    /// Those of them that the field knows.
+    pub known: usize,
     /// τ̂, n_joints, N·m.
     pub predicted: DVector<f64>,
     /// τ_ext of the sample, n_joints, N·m.
@@ -94,8 +96,10 @@ impl Predictor {
             Observation::new(robot, &frame.poses, &frame.contacts, &mut self.rows, external);
         let stiffness = |row: usize| self.stiffness.get(row).copied().unwrap_or(self.untouched);
         let predicted = observation.predict(self.rows.points_m(), stiffness);
+        let known = |row: &&u32| (**row as usize) < self.stiffness.len();
+        let known = observation.rows().iter().filter(known).count();
         let contacts = observation.n_contacts();
-        Ok(Some(Prediction { contacts, predicted, external: observation.tau }))
+        Ok(Some(Prediction { contacts, known, predicted, external: observation.tau }))
     }
 
     /// Ends a touch.

@@ -10,7 +10,10 @@ impl Settings {
     pub(crate) fn over(self, lower: Self) -> Self {
         Self {
             robot: self.robot.over(lower.robot),
-            log: LogSettings { angle_unit: self.log.angle_unit.or(lower.log.angle_unit) },
+            log: LogSettings {
+                angle_unit: self.log.angle_unit.or(lower.log.angle_unit),
+                columns: self.log.columns.or(lower.log.columns),
+            },
             touch: self.touch.over(lower.touch),
             lattice: self.lattice.over(lower.lattice),
             contact: self.contact.over(lower.contact),

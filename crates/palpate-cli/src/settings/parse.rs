@@ -4,6 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use palpate_io::log::CsvColumns;
 use serde::de::value::{Error, StrDeserializer};
 use serde::de::{IntoDeserializer, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -32,6 +33,27 @@ pub(super) fn counts3(text: &str) -> Result<[u32; 3], String> {
 fn three<T: FromStr>(text: &str, wanted: &str) -> Result<[T; 3], String> {
     let parts: Option<Vec<T>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
     parts.and_then(|parts| parts.try_into().ok()).ok_or_else(|| format!("wanted {wanted}"))
+}
+
+/// Columns of a table: `q=a,b;tau=c,d;joints=e,f;time=t;touch=n`.
+pub(super) fn columns(text: &str) -> Result<CsvColumns, String> {
+    let mut columns = CsvColumns::default();
+    for part in text.split(';') {
+        let (key, value) = part.split_once('=').ok_or("wanted q=a,b;tau=c,d;time=t;touch=n")?;
+        let names = || value.split(',').map(|name| name.trim().to_owned()).collect();
+        match key.trim() {
+            "q" => columns.q = names(),
+            "tau" => columns.tau = names(),
+            "joints" => columns.joints = Some(names()),
+            "time" => columns.time = Some(value.trim().to_owned()),
+            "touch" => columns.touch = Some(value.trim().to_owned()),
+            other => return Err(format!("`{other}` is none of q, tau, joints, time and touch")),
+        }
+    }
+    match (columns.q.len(), columns.tau.len()) {
+        (n, m) if n == m && n > 0 => Ok(columns),
+        (n, m) => Err(format!("{n} columns of q and {m} of tau; wanted one each for every joint")),
+    }
 }
 
 /// How many frames the tare is the mean of.

@@ -63,7 +63,8 @@ impl RobotSettings {
 impl LogSettings {
     /// How to open logs.
     pub(crate) fn options(&self) -> LogOptions {
-        LogOptions { angle_unit: self.angle_unit.unwrap_or_default() }
+        let (columns, angle_unit) = (self.columns.clone(), self.angle_unit.unwrap_or_default());
+        LogOptions { columns, angle_unit }
     }
 }
 

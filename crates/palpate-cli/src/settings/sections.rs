@@ -9,10 +9,10 @@ use std::path::PathBuf;
 use clap::Args;
 use palpate::estimator::Method;
 use palpate::touch::{Gravity, TorqueSign};
-use palpate_io::log::AngleUnit;
+use palpate_io::log::{AngleUnit, CsvColumns};
 use serde::{Deserialize, Serialize};
 
-use super::parse::{TareFrames, counts3, named, vector3};
+use super::parse::{TareFrames, columns, counts3, named, vector3};
 
 /// Which arm it was, and what it carried.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
@@ -53,6 +53,10 @@ pub(crate) struct LogSettings {
     /// Unit of logged joint positions [default: rad]
     #[arg(long, value_name = "UNIT", value_parser = named::<AngleUnit>(&["rad", "deg"]))]
     pub angle_unit: Option<AngleUnit>,
+    /// Columns of a CSV log, where their names do not tell: q=a,b;tau=c,d;time=t;touch=n (the last
+    /// two if there are any); in a file columns = { q = ["a", "b"], tau = ["c", "d"], time = "t" }
+    #[arg(long, value_name = "MAP", value_parser = columns)]
+    pub columns: Option<CsvColumns>,
 }
 
 /// How logged torques become external ones.

@@ -1,0 +1,140 @@
+//! `palpate demo`: learn from bundled touches, predict the one that was held out.
+
+mod data;
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use palpate::arm::Arm;
+use palpate::field::Field;
+use palpate::mapper::Mapper;
+use palpate_io::field::{self, Saved};
+use palpate_io::log::LogOptions;
+use serde_json::json;
+
+use crate::error::CliError;
+use crate::learn::learn;
+use crate::output::Output;
+use crate::predict::{Against, Report, TouchResult, score, tell_oddities};
+use crate::settings::sections::{EstimatorSettings, RobotSettings};
+use crate::settings::{Settings, SettingsError};
+use crate::touches::Touches;
+use crate::{interrupt, picture, place, robot};
+
+const ORIGIN: &str = "The touches are simulated: a Kinova Gen3 pushes into a potted plant in \
+                      MuJoCo, an engine\nthat shares nothing with palpate's contact model. No \
+                      real robot took part.\n";
+
+/// Flags of `palpate demo`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Folder for the field and the pictures
+    #[arg(long, short, value_name = "DIR", default_value = "palpate-demo")]
+    output: PathBuf,
+    /// Which of the bundled touches, from 0 to 10, is not learnt from but predicted
+    #[arg(long, value_name = "N", default_value_t = data::COUNT - 1)]
+    hold_out: usize,
+    /// Print the errors as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    estimator: EstimatorSettings,
+}
+
+/// Maps all touches but one and predicts that one.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    if args.hold_out >= data::COUNT {
+        let (last, asked) = (data::COUNT - 1, args.hold_out);
+        return Err(CliError::Usage(format!("--hold-out is {asked}; it must be from 0 to {last}")));
+    }
+    let settings = Settings { estimator: args.estimator.clone(), ..Settings::default() };
+    let config = settings.config()?;
+    let folder = Folder::make(&args.output)?;
+    interrupt::listen();
+
+    let unpacked = |source| CliError::Write { what: "the bundled touches".to_owned(), source };
+    let temporary = tempfile::tempdir().map_err(unpacked)?;
+    let mut touches = data::unpack(temporary.path()).map_err(unpacked)?;
+    let held_out = touches.remove(args.hold_out);
+
+    let arm = robot::load(&RobotSettings::default(), output)?;
+    let out_of_range = |error| SettingsError::Value(Box::new(error));
+    let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(out_of_range)?;
+    let open = |paths: &[PathBuf]| Touches::open(paths, &LogOptions::default());
+    let tally = learn(&mut mapper, &mut open(&touches)?, output)?;
+    if tally.interrupted.is_some() {
+        return Err(CliError::Interrupted { kept: "; nothing was written".to_owned() });
+    }
+    let field = mapper.field();
+    let results = predict(&arm, &field, &mut open(&[held_out])?, output)?;
+
+    folder.fill(&Saved { field, snapshot: Some(mapper.snapshot()) }, &results)?;
+    tell_oddities(&results, output);
+    let report = Report::new(&results, Against::Measured);
+    if args.json {
+        output.json(&report.json_with(json!({
+            "simulated": true,
+            "learnt_from": tally.touches.iter().map(|touch| &touch.name).collect::<Vec<_>>(),
+            "held_out": results.iter().map(|touch| &touch.name).next(),
+            "folder": folder.path,
+        })))
+    } else {
+        output.result(&told(&report, tally.touches.len(), &folder.path))
+    }
+}
+
+fn predict(
+    arm: &Arc<Arm>,
+    field: &Field,
+    touches: &mut Touches,
+    output: &Output,
+) -> Result<Vec<TouchResult>, CliError> {
+    score(arm, field, field.touch.clone(), Against::Measured, (touches, output))
+}
+
+fn told(report: &Report, learnt_from: usize, folder: &Path) -> String {
+    let mut text = format!("{ORIGIN}\n");
+    let _ = writeln!(text, "Learnt from {learnt_from} touches, then predicted one held out.");
+    text += &report.text();
+    let folder = folder.display();
+    let _ = write!(
+        text,
+        "\nIn `{folder}`:\n  \
+           field.npz    the field: points, stiffness K [N/m] and its uncertainty\n  \
+           field.svg    the field from three sides\n  \
+           torques.svg  predicted and felt torques of the touch held out\n\n\
+         Next, with a log of your own:\n  \
+           palpate inspect LOG --robot ROBOT.urdf       does it hold what it should?\n  \
+           palpate map LOG -o field.npz --robot ROBOT.urdf\n  \
+           palpate predict field.npz OTHER_LOG --robot ROBOT.urdf\n"
+    );
+    text
+}
+
+/// The folder of results; made before the work, and removed again if nothing came to lie in it.
+struct Folder {
+    path: PathBuf,
+}
+
+impl Folder {
+    fn make(path: &Path) -> Result<Self, CliError> {
+        let what = format!("the folder `{}`", path.display());
+        std::fs::create_dir_all(path).map_err(|source| CliError::Write { what, source })?;
+        let folder = Self { path: path.to_owned() };
+        place::check(&folder.path.join("field.npz"))?;
+        Ok(folder)
+    }
+
+    fn fill(&self, saved: &Saved, results: &[TouchResult]) -> Result<(), CliError> {
+        place::write(&self.path.join("torques.svg"), &picture::torques(results)?)?;
+        place::write(&self.path.join("field.svg"), &picture::field(&saved.field)?)?;
+        field::save(&self.path.join("field.npz"), saved).map_err(CliError::file)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir(&self.path); // Refused unless it is empty, which is the point.
+    }
+}
