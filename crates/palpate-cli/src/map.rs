@@ -13,7 +13,7 @@ use serde_json::json;
 
 use crate::error::CliError;
 use crate::learn::{Tally, learn};
-use crate::output::{Output, mib, seconds, table};
+use crate::output::{Output, mib, seconds};
 use crate::settings::{AllSettings, Settings, SettingsError, first_difference};
 use crate::touches::Touches;
 use crate::{interrupt, picture, place, robot};
@@ -112,8 +112,11 @@ fn begin(from: Option<&Path>, arm: &Arc<Arm>, settings: &Settings) -> Result<Map
 }
 
 fn save(args: &Args, mapper: &Mapper) -> Result<(), CliError> {
-    let snapshot = (!args.no_memory).then(|| mapper.snapshot());
-    field::save(&args.output, &Saved { field: mapper.field(), snapshot }).map_err(CliError::file)
+    let snapshot = mapper.snapshot();
+    let robot = snapshot.robot.0.clone();
+    let snapshot = (!args.no_memory).then_some(snapshot);
+    let saved = Saved { field: mapper.field(), robot, snapshot };
+    field::save(&args.output, &saved).map_err(CliError::file)
 }
 
 /// Ends after Ctrl-C: saves if that was asked for, and says what was done.
@@ -126,6 +129,9 @@ fn stop(args: &Args, mapper: &Mapper, place: &str) -> Result<CliError, CliError>
     };
     Ok(CliError::Interrupted { kept })
 }
+
+/// Columns for the names of what is told.
+const WIDTH: usize = 29;
 
 /// What is told at the end.
 struct Summary<'a> {
@@ -166,13 +172,13 @@ impl Summary<'_> {
         let (tally, config) = (self.tally, self.mapper.config());
         let (frames_remembered, bytes) = self.mapper.memory();
         let estimator = if config.method == Method::Map { "map" } else { "ekf" };
-        let row = |name: &str, value: String| vec![format!("  {name}"), value];
+        let row = |name: &str, value: String| format!("  {name:<WIDTH$}  {value}\n");
         let mut rows = vec![
             row("estimator", estimator.to_owned()),
             row("touches", tally.touches.len().to_string()),
             row("frames", tally.total(|touch| touch.frames).to_string()),
             row("of them for the tare", tally.total(|touch| touch.tare_frames).to_string()),
-            row("contacts, median of frames in touch", tally.contacts_median().to_string()),
+            row("contacts (median where any)", tally.contacts_median().to_string()),
             row("cells touched", self.mapper.field().cells.len().to_string()),
             row("frames remembered", format!("{frames_remembered} in {}", mib(bytes))),
             row("time", seconds(elapsed)),
@@ -180,12 +186,15 @@ impl Summary<'_> {
         let before = tally.before_learning();
         if let (Some(errors), Some(zero)) = (before.errors, before.zero) {
             rows.push(row(
-                "mean torque error before learning each frame",
-                format!("{:.3} N·m (predicting zero: {:.3})", errors.avg_error, zero.avg_error),
+                "error before learning a frame",
+                format!(
+                    "{:.3} N·m on average (predicting zero: {:.3} N·m)",
+                    errors.avg_error, zero.avg_error
+                ),
             ));
         }
         let mut text = format!("The field is in `{}`.\n", self.args.output.display());
-        text += &table(&rows);
+        text += &rows.concat();
         if let Some(path) = &self.args.picture {
             let _ = writeln!(text, "The picture is in `{}`.", path.display());
         }

@@ -57,7 +57,10 @@ impl Touches {
                         Some(names) if !self.joints.is_empty() => {
                             let order = reorder(&self.joints, &names);
                             let at = path.display();
-                            Some(order.map_err(|error| format!("`{at}`: touch `{name}`: {error}"))?)
+                            Some(
+                                order
+                                    .map_err(|error| format!("`{at}`: touch `{name}`: {error}"))?,
+                            )
                         }
                         _ => None,
                     };

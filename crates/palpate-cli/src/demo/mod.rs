@@ -11,7 +11,7 @@ use palpate::field::Field;
 use palpate::mapper::Mapper;
 use palpate_io::field::{self, Saved};
 use palpate_io::log::LogOptions;
-use serde_json::json;
+use serde::Serialize;
 
 use crate::error::CliError;
 use crate::learn::learn;
@@ -69,19 +69,32 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let field = mapper.field();
     let results = predict(&arm, &field, &mut open(&[held_out])?, output)?;
 
-    folder.fill(&Saved { field, snapshot: Some(mapper.snapshot()) }, &results)?;
+    let robot = arm.robot.name().to_owned();
+    folder.fill(&Saved { field, robot, snapshot: Some(mapper.snapshot()) }, &results)?;
     tell_oddities(&results, output);
     let report = Report::new(&results, Against::Measured);
     if args.json {
-        output.json(&report.json_with(json!({
-            "simulated": true,
-            "learnt_from": tally.touches.iter().map(|touch| &touch.name).collect::<Vec<_>>(),
-            "held_out": results.iter().map(|touch| &touch.name).next(),
-            "folder": folder.path,
-        })))
+        output.json(&Findings {
+            report: &report,
+            simulated: true,
+            learnt_from: tally.touches.iter().map(|touch| touch.name.as_str()).collect(),
+            held_out: results.iter().map(|touch| touch.name.as_str()).collect(),
+            folder: &folder.path,
+        })
     } else {
         output.result(&told(&report, tally.touches.len(), &folder.path))
     }
+}
+
+/// What `--json` prints: the keys of `palpate predict`, and where they come from.
+#[derive(Serialize)]
+struct Findings<'a> {
+    #[serde(flatten)]
+    report: &'a Report,
+    simulated: bool,
+    learnt_from: Vec<&'a str>,
+    held_out: Vec<&'a str>,
+    folder: &'a Path,
 }
 
 fn predict(
@@ -127,7 +140,10 @@ impl Folder {
     }
 
     fn fill(&self, saved: &Saved, results: &[TouchResult]) -> Result<(), CliError> {
-        place::write(&self.path.join("torques.svg"), &picture::torques(results)?)?;
+        place::write(
+            &self.path.join("torques.svg"),
+            &picture::torques(results, Against::Measured)?,
+        )?;
         place::write(&self.path.join("field.svg"), &picture::field(&saved.field)?)?;
         field::save(&self.path.join("field.npz"), saved).map_err(CliError::file)
     }

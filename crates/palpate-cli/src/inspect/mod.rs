@@ -22,8 +22,5 @@ pub(crate) struct Args {
 /// Inspects every path in turn.
 pub(crate) fn run(args: &Args, _output: &Output) -> Result<(), CliError> {
     let _settings = args.settings.load()?;
-    Err(CliError::Usage(format!(
-        "inspecting `{}` is not built yet",
-        args.paths[0].display()
-    )))
+    Err(CliError::Usage(format!("inspecting `{}` is not built yet", args.paths[0].display())))
 }

@@ -18,9 +18,10 @@ const AXES: [&str; 3] = ["x [m]", "y [m]", "z [m]"];
 
 /// Size of the three plots together, px, before labels.
 const PLOTS: (f64, f64) = (1200.0, 560.0);
-const LABELS: (u32, u32) = (62, 44);
+const LABELS: (u32, u32) = (66, 46);
 const TITLE: u32 = 34;
 const GAP: u32 = 14;
+const EDGE: u32 = 8;
 const BAR_WIDTH: u32 = 110;
 /// Stiffness shown: this many powers of ten below the largest.
 const DECADES: f64 = 2.5;
@@ -37,7 +38,7 @@ pub(crate) fn field(field: &Field) -> Result<String, String> {
     let px_per_m = scene.px_per_m();
     let sizes = VIEWS.map(|(_, right, up)| {
         let px = |axis: usize| (scene.length_m(axis) * px_per_m).round() as u32;
-        (px(right) + LABELS.0 + GAP, px(up) + LABELS.1 + TITLE + GAP)
+        (px(right) + EDGE + LABELS.0 + GAP, px(up) + LABELS.1 + TITLE + GAP)
     });
     let width = sizes.iter().map(|size| size.0).sum::<u32>() + BAR_WIDTH;
     let height = sizes.iter().map(|size| size.1).max().unwrap_or(0).max(260);
@@ -114,11 +115,12 @@ impl<'a> Scene<'a> {
     }
 
     fn view(&self, area: &Area<'_>, (name, right, up): (&str, usize, usize)) -> Drawn {
-        let mut chart = ChartBuilder::on(area)
+        let (head, body) = area.split_vertically(TITLE);
+        head.draw(&Text::new(name, ((EDGE + LABELS.0) as i32, 10), text(17)))?;
+        let mut chart = ChartBuilder::on(&body)
+            .margin_left(EDGE)
             .margin_right(GAP)
-            .margin_bottom(GAP / 2)
-            .margin_top(GAP / 2)
-            .caption(name, text(17))
+            .margin_bottom(GAP)
             .x_label_area_size(LABELS.1)
             .y_label_area_size(LABELS.0)
             .build_cartesian_2d(
@@ -212,6 +214,9 @@ mod tests {
         assert_eq!(viridis(0.0), RGBColor(68, 1, 84));
         assert_eq!(viridis(1.0), RGBColor(253, 231, 37));
         assert_eq!(viridis(3.0 / 9.0), RGBColor(49, 104, 142));
-        assert_eq!((shown(0.03), shown(1.0), shown(300.0)), ("0.03".into(), "1".into(), "300".into()));
+        assert_eq!(
+            (shown(0.03), shown(1.0), shown(300.0)),
+            ("0.03".into(), "1".into(), "300".into())
+        );
     }
 }

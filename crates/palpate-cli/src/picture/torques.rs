@@ -8,7 +8,7 @@ use plotters::series::{AreaSeries, LineSeries};
 use plotters::style::{Color, RGBColor, ShapeStyle};
 
 use super::{Area, Drawn, FAINT, INK, svg, text};
-use crate::predict::{FrameResult, TouchResult};
+use crate::predict::{Against, FrameResult, TouchResult};
 
 const WIDTH: u32 = 1480;
 const LEGEND_HEIGHT: u32 = 44;
@@ -19,15 +19,16 @@ const FELT: RGBColor = INK;
 const PREDICTED: RGBColor = RGBColor(0, 114, 178);
 const ERROR: RGBColor = RGBColor(213, 94, 0);
 
-/// Draws all touches.
-pub(crate) fn torques(results: &[TouchResult]) -> Result<String, String> {
+/// Draws all touches; `against` says what the predictions are held against.
+pub(crate) fn torques(results: &[TouchResult], against: Against) -> Result<String, String> {
     let rows = results.len().max(1) as u32;
     svg((WIDTH, LEGEND_HEIGHT + rows * ROW_HEIGHT), |area| {
         let (head, body) = area.split_vertically(LEGEND_HEIGHT);
-        legend(&head)?;
-        let largest = results.iter().flat_map(|touch| &touch.frames).map(|frame| {
-            frame.external.norm().max(frame.predicted.norm()).max(error_of(frame))
-        });
+        legend(&head, against)?;
+        let largest = results
+            .iter()
+            .flat_map(|touch| &touch.frames)
+            .map(|frame| frame.external.norm().max(frame.predicted.norm()).max(error_of(frame)));
         let largest = largest.fold(0.5, f64::max);
         for (row, touch) in body.split_evenly((rows as usize, 1)).iter().zip(results) {
             let (left, right) = row.split_horizontally(NORM_WIDTH);
@@ -42,9 +43,9 @@ fn error_of(frame: &FrameResult) -> f64 {
     (&frame.predicted - &frame.external).norm()
 }
 
-fn legend(area: &Area<'_>) -> Drawn {
+fn legend(area: &Area<'_>, against: Against) -> Drawn {
     let entries: [(&str, ShapeStyle, bool, i32); 4] = [
-        ("felt", FELT.stroke_width(2), false, 90),
+        (against.word(), FELT.stroke_width(2), false, 130),
         ("predicted", PREDICTED.stroke_width(2), false, 130),
         ("error of the prediction", ERROR.mix(0.45).filled(), true, 220),
         ("error of predicting zero", INK.mix(0.12).filled(), true, 220),

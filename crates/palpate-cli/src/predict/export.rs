@@ -52,8 +52,12 @@ fn csv(results: &[TouchResult]) -> String {
     for touch in results {
         for frame in &touch.frames {
             let time = frame.time_s.map(|time| time.to_string()).unwrap_or_default();
-            let mut cells =
-                vec![quoted(&touch.name), frame.frame.to_string(), time, frame.contacts.to_string()];
+            let mut cells = vec![
+                quoted(&touch.name),
+                frame.frame.to_string(),
+                time,
+                frame.contacts.to_string(),
+            ];
             let torques = frame.predicted.iter().chain(&frame.external);
             cells.extend(torques.map(|torque| format!("{torque:.6}")));
             text += &cells.join(",");

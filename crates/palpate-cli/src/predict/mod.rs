@@ -86,7 +86,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         format.write(path, &results)?;
     }
     if let Some(path) = &args.picture {
-        place::write(path, &picture::torques(&results)?)?;
+        place::write(path, &picture::torques(&results, against)?)?;
     }
     let report = Report::new(&results, against);
     tell_oddities(&results, output);
@@ -95,13 +95,15 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 
 /// Notes that the field was learnt with another arm, which is allowed.
 fn tell_other_robot(saved: &Saved, arm: &Arc<Arm>, output: &Output) {
-    if let Some(snapshot) = &saved.snapshot
-        && snapshot.robot.1 != arm.fingerprint()
-    {
+    let same = match &saved.snapshot {
+        Some(snapshot) => snapshot.robot.1 == arm.fingerprint(),
+        None => saved.robot == arm.robot.name(),
+    };
+    if !same {
         output.note(&format!(
             "the field was learnt with another robot (`{}`) than the one of this log (`{}`); \
              --robot, --payload-link and --bake-spacing-m say which it is",
-            snapshot.robot.0,
+            saved.robot,
             arm.robot.name()
         ));
     }

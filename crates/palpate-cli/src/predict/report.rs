@@ -2,7 +2,6 @@
 
 use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
-use serde_json::{Value, json};
 
 use crate::output::{Output, table};
 
@@ -101,21 +100,9 @@ impl Report {
         Self { touches: touches.collect(), overall, against }
     }
 
-    /// The report with more keys beside it.
-    pub(crate) fn json_with(&self, more: Value) -> Value {
-        let mut all = json!(self);
-        if let (Some(all), Value::Object(more)) = (all.as_object_mut(), more) {
-            all.extend(more);
-        }
-        all
-    }
-
     /// A table for people.
     pub(crate) fn text(&self) -> String {
-        let against = match self.against {
-            Against::Measured => "measured",
-            Against::Truth => "true",
-        };
+        let against = self.against.word();
         let mut text = format!(
             "Error of the predicted torque against the {against} one, N·m over all joints, and\n\
              relative on frames of at least 1 N·m; the same for predicting zero.\n\n"

@@ -26,6 +26,16 @@ pub(crate) enum Against {
     Truth,
 }
 
+impl Against {
+    /// What to call such a torque.
+    pub(crate) fn word(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::Truth => "true",
+        }
+    }
+}
+
 /// One scored frame.
 pub(crate) struct FrameResult {
     /// Its number in its touch, from 0.

@@ -174,7 +174,11 @@ pub(crate) fn first_difference(saved: &Config, given: &Config) -> Option<String>
     if !(near(a.spacing_m(), b.spacing_m()) && same_place && a.shape() == b.shape()) {
         let say = |lattice: &Lattice| {
             let origin_m: [f64; 3] = lattice.origin_m().into();
-            format!("{:?} points every {} m from {origin_m:?} m", lattice.shape(), lattice.spacing_m())
+            format!(
+                "{:?} points every {} m from {origin_m:?} m",
+                lattice.shape(),
+                lattice.spacing_m()
+            )
         };
         return Some(format!("the lattice is {}, not {}", say(a), say(b)));
     }

@@ -60,7 +60,7 @@ pub(crate) struct LogSettings {
 }
 
 /// How logged torques become external ones.
-#[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Torques")]
 pub(crate) struct TouchSettings {
@@ -88,7 +88,7 @@ pub(crate) struct TouchSettings {
 }
 
 /// The workspace box and its points.
-#[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Lattice")]
 pub(crate) struct LatticeSettings {
@@ -116,7 +116,7 @@ pub(crate) struct LatticeSettings {
 }
 
 /// The contact model.
-#[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Contact")]
 pub(crate) struct ContactSettings {
