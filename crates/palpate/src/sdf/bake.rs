@@ -97,14 +97,14 @@ pub fn bake_serial(solid: &Solid, config: &Config) -> Result<(Grid, Report), Sdf
 
 /// Where to compute.
 #[derive(Clone, Copy)]
-enum Threads {
+pub(super) enum Threads {
     One,
     All,
 }
 
 impl Threads {
     /// `f` of every node, in their order.
-    fn map<T: Send>(self, n: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+    pub(super) fn map<T: Send>(self, n: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
         match self {
             Threads::One => (0..n).map(f).collect(),
             Threads::All => (0..n).into_par_iter().with_min_len(256).map(f).collect(),
@@ -117,7 +117,7 @@ fn bake_on(threads: Threads, solid: &Solid, config: &Config) -> Result<(Grid, Re
     let soup = match &solid.meshes[..] {
         [] if solid.primitives.is_empty() => return Err(SdfError::Empty { triangles: 0 }),
         [] => None,
-        meshes => Some(Soup::new(meshes)?),
+        meshes => Some(Soup::new(threads, meshes)?),
     };
     let surface = surface_box(&solid.primitives, soup.as_ref());
     let lattice = Lattice::around(surface, config)?;
