@@ -6,13 +6,15 @@
 //! | door                | reads                                    | writes                  |
 //! |---------------------|------------------------------------------|-------------------------|
 //! | [`log`]             | touches: npy folders, CSV                |                         |
-//! | `field`             | a stiffness field: npz                   | the same                |
+//! | [`field`]           | a stiffness field: npz                   | the same                |
 //! | `robot_files`       | URDF, STL, OBJ, DAE, cached grids        | cached grids            |
-//! | `atomic`            |                                          | any file, whole or not at all |
+//! | [`atomic`]          |                                          | any file, whole or not at all |
 //!
 //! Nothing here knows the method: no contact, no estimator, no gravity.
 #![forbid(unsafe_code)]
 
+pub mod atomic;
+pub mod field;
 pub mod log;
 mod npy;
 

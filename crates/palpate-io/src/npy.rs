@@ -181,7 +181,6 @@ impl Header {
 }
 
 /// Writes the header of an array in C order, little-endian; `descr` is numpy's `dtype.str`.
-#[cfg_attr(not(test), expect(dead_code))] // until fields are written
 pub(crate) fn write_header(out: &mut impl Write, descr: &str, shape: &[usize]) -> io::Result<()> {
     let sides: String = shape.iter().map(|side| format!("{side}, ")).collect();
     let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({sides}), }}");

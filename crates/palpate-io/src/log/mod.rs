@@ -13,6 +13,7 @@
 //! Torques are handed on as logged: neither gravity nor bias is known here. `truth/` beside the
 //! touches is read by [`external_truth`] alone, never by a log.
 
+mod csv;
 mod joints;
 mod natural;
 mod npy_folder;
@@ -22,6 +23,9 @@ use crate::npy::NpyError;
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::{Path, PathBuf};
+
+pub use csv::{CsvColumns, CsvError};
+pub use palpate::touch::Sample;
 
 pub use joints::{JointNameError, reorder};
 pub use truth::external_truth;
@@ -41,17 +45,6 @@ pub enum LogEvent {
     },
     /// One moment of the touch that started last.
     Sample(Sample),
-}
-
-/// One moment of a log; every number is finite.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sample {
-    /// Time of the moment, s, if the log has a clock.
-    pub time_s: Option<f64>,
-    /// Joint positions, rad (m for a prismatic joint).
-    pub q: Vec<f64>,
-    /// Joint torques as logged, N·m (N for a prismatic joint).
-    pub tau: Vec<f64>,
 }
 
 /// A log being read. After an error it yields nothing more.
@@ -93,6 +86,8 @@ pub enum Format {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LogOptions {
+    /// Which columns of a table to read; `None` recognises common spellings.
+    pub columns: Option<CsvColumns>,
     /// Unit of the logged joint positions.
     pub angle_unit: AngleUnit,
 }
@@ -165,6 +160,9 @@ pub enum LogError {
          must be finite: cut the row out of every file of the touch, or record again"
     )]
     NotFinite { path: PathBuf, row: u64, column: usize, found: f64 },
+    /// A table that cannot be read.
+    #[error(transparent)]
+    Csv(#[from] CsvError),
 }
 
 /// Opens a log, whatever its format.
@@ -183,7 +181,14 @@ pub fn open(path: &Path, options: &LogOptions) -> Result<Box<dyn Log>, LogError>
         if !touches.is_empty() {
             return Ok(Box::new(npy_folder::NpyFolders::open(path, touches, options)?));
         }
+        let tables = csv::tables_in(path)?;
+        if !tables.is_empty() {
+            return Ok(Box::new(csv::CsvLog::open(path, tables, options)?));
+        }
         return Err(no_touch(path));
+    }
+    if csv::is_table(path) {
+        return Ok(Box::new(csv::CsvLog::open(path, vec![path.to_owned()], options)?));
     }
     Err(LogError::NoTouch {
         path: path.to_owned(),

@@ -1,0 +1,358 @@
+//! Which column of a table is what: by the user's map, or by the spelling of its name.
+//!
+//! Spellings that are known, in any case, with `_`, `.`, `/`, `:`, `-` or a blank between words and
+//! a unit such as `[rad]` behind:
+//!
+//! | what        | numbered                                       | named after the joint           |
+//! |-------------|------------------------------------------------|---------------------------------|
+//! | position    | `q1`, `joint_position_1`, `position[0]`, `pos1` | `elbow_position`, `angle_elbow` |
+//! | torque      | `tau1`, `joint_torque_1`, `effort[0]`          | `elbow_effort`, `torque_elbow`  |
+//! | time        | `time`, `t`, `stamp`, `timestamp`              |                                 |
+//! | touch       | `touch`, `sequence`, `seq`, `episode`          |                                 |
+//!
+//! Columns are taken only if exactly one family of positions and one of torques have the same
+//! joints: what is ambiguous is asked, not guessed.
+
+use super::super::AngleUnit;
+use serde::{Deserialize, Serialize};
+
+/// Names of the columns of a table. Columns that it does not name are not read.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CsvColumns {
+    /// Joint positions, from the base to the tip.
+    pub q: Vec<String>,
+    /// Joint torques in the same order.
+    pub tau: Vec<String>,
+    /// Names of the joints in the same order, if they shall be matched to the robot's.
+    #[serde(default)]
+    pub joints: Option<Vec<String>>,
+    /// Time, s.
+    #[serde(default)]
+    pub time: Option<String>,
+    /// What changes from one touch to the next.
+    #[serde(default)]
+    pub touch: Option<String>,
+}
+
+/// Places of the columns in a row.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Columns {
+    pub(super) q: Vec<usize>,
+    pub(super) tau: Vec<usize>,
+    pub(super) joint_names: Option<Vec<String>>,
+    pub(super) time: Option<usize>,
+    pub(super) touch: Option<usize>,
+}
+
+const POSITIONS: &[&str] = &[
+    "joint_positions",
+    "joint_position",
+    "joint_angles",
+    "joint_angle",
+    "joint_pos",
+    "positions",
+    "position",
+    "angles",
+    "angle",
+    "pos",
+    "q",
+];
+const TORQUES: &[&str] = &[
+    "joint_torques",
+    "joint_torque",
+    "joint_efforts",
+    "joint_effort",
+    "torques",
+    "torque",
+    "efforts",
+    "effort",
+    "tau_j",
+    "tau",
+];
+const TIMES: &[&str] = &["time", "t", "stamp", "timestamp", "time_s", "__time"];
+const TOUCHES: &[&str] = &["touch", "sequence", "seq", "episode"];
+const SEPARATORS: &[char] = &['_', '.', '/', ':', '-', ' '];
+
+impl Columns {
+    /// The columns that `map` names, or those that are recognised by their spelling. An error is
+    /// half a sentence for the user.
+    pub(super) fn find(header: &[String], map: Option<&CsvColumns>) -> Result<Self, String> {
+        let columns = match map {
+            Some(map) => Self::mapped(header, map)?,
+            None => Self::recognised(header)?,
+        };
+        let mut used: Vec<usize> = columns.used().collect();
+        used.sort_unstable();
+        match used.array_windows().find(|[a, b]| a == b) {
+            Some(&[column, _]) => Err(format!("column `{}` is used twice", header[column])),
+            None => Ok(columns),
+        }
+    }
+
+    /// All places that are read.
+    pub(super) fn used(&self) -> impl Iterator<Item = usize> {
+        self.q.iter().chain(&self.tau).chain(&self.time).chain(&self.touch).copied()
+    }
+
+    /// A column of positions whose name contradicts the unit.
+    pub(super) fn wrong_unit(&self, header: &[String], unit: AngleUnit) -> Option<usize> {
+        let says = |name: &str, word: &str| {
+            let name = name.trim().to_ascii_lowercase();
+            name.split(|c: char| !c.is_ascii_alphabetic()).next_back() == Some(word)
+                || name.ends_with(&format!("[{word}]"))
+                || name.ends_with(&format!("({word})"))
+        };
+        let others: &[&str] = match unit {
+            AngleUnit::Rad => &["deg", "degree", "degrees"],
+            AngleUnit::Deg => &["rad", "radian", "radians"],
+        };
+        self.q.iter().copied().find(|&place| others.iter().any(|word| says(&header[place], word)))
+    }
+
+    fn mapped(header: &[String], map: &CsvColumns) -> Result<Self, String> {
+        let place = |name: &String| {
+            let mut places =
+                header.iter().enumerate().filter(|(_, held)| held.trim() == name.trim());
+            match (places.next(), places.next()) {
+                (Some((place, _)), None) => Ok(place),
+                (None, _) => Err(format!("there is no column `{name}`")),
+                (Some(_), Some(_)) => Err(format!("there are two columns `{name}`")),
+            }
+        };
+        let (n, joints) = (map.q.len(), map.joints.as_ref().map_or(map.q.len(), Vec::len));
+        if n == 0 || map.tau.len() != n || joints != n {
+            let tau = map.tau.len();
+            return Err(format!("the map has {n} `q`, {tau} `tau` and {joints} `joints`"));
+        }
+        Ok(Self {
+            q: map.q.iter().map(place).collect::<Result<_, _>>()?,
+            tau: map.tau.iter().map(place).collect::<Result<_, _>>()?,
+            joint_names: map.joints.clone(),
+            time: map.time.as_ref().map(place).transpose()?,
+            touch: map.touch.as_ref().map(place).transpose()?,
+        })
+    }
+
+    fn recognised(header: &[String]) -> Result<Self, String> {
+        let positions = families(header, POSITIONS);
+        let torques = families(header, TORQUES);
+        let pairs: Vec<(&Family, &Family)> = (positions.iter())
+            .flat_map(|q| torques.iter().map(move |tau| (q, tau)))
+            .filter(|(q, tau)| q.labels() == tau.labels())
+            .collect();
+        let [(q, tau)] = pairs[..] else {
+            return Err(match (positions.is_empty(), torques.is_empty(), pairs.is_empty()) {
+                (true, _, _) => "no column is spelt like a joint position".to_owned(),
+                (_, true, _) => "no column is spelt like a joint torque".to_owned(),
+                (_, _, true) => "positions and torques are not of the same joints".to_owned(),
+                _ => "more than one set of columns could be meant".to_owned(),
+            });
+        };
+        let numbered = q.members.iter().all(|(label, _)| matches!(label, Label::Number(_)));
+        if numbered && !is_gapless(&q.labels()) {
+            return Err("the numbers of the joints have gaps or repeat".to_owned());
+        }
+        // Numbered joints by their number, named ones in the order of the file.
+        let mut members = q.members.clone();
+        if numbered {
+            members.sort();
+        }
+        let of_torque = |label: &Label| {
+            tau.members.iter().find(|(other, _)| other == label).map(|(_, place)| *place)
+        };
+        let names = members.iter().map(|(label, _)| match label {
+            Label::Name(name) => Some(name.clone()),
+            Label::Number(_) => None,
+        });
+        Ok(Self {
+            q: members.iter().map(|(_, place)| *place).collect(),
+            tau: members.iter().filter_map(|(label, _)| of_torque(label)).collect(),
+            joint_names: names.collect(),
+            time: only(header, TIMES),
+            touch: only(header, TOUCHES),
+        })
+    }
+}
+
+/// The column whose whole name is one of `words`, the first word counting most.
+fn only(header: &[String], words: &[&str]) -> Option<usize> {
+    let plain: Vec<String> = header.iter().map(|name| base(name).to_ascii_lowercase()).collect();
+    words.iter().find_map(|word| plain.iter().position(|name| name == word))
+}
+
+/// What tells the columns of one family apart.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+enum Label {
+    Number(u32),
+    Name(String),
+}
+
+/// Columns whose names differ only in the joint.
+struct Family {
+    /// What they share.
+    key: String,
+    members: Vec<(Label, usize)>,
+}
+
+impl Family {
+    fn labels(&self) -> Vec<&Label> {
+        let mut labels: Vec<&Label> = self.members.iter().map(|(label, _)| label).collect();
+        labels.sort();
+        labels
+    }
+}
+
+/// Numbers from 0 or 1 on, each once.
+fn is_gapless(labels: &[&Label]) -> bool {
+    let number = |label: &&Label| match label {
+        Label::Number(number) => *number,
+        Label::Name(_) => u32::MAX,
+    };
+    let first = labels.first().map_or(0, number);
+    first <= 1 && labels.iter().map(number).eq((first..).take(labels.len()))
+}
+
+/// All families of columns that begin or end with one of `words`.
+fn families(header: &[String], words: &[&str]) -> Vec<Family> {
+    let mut families: Vec<Family> = Vec::new();
+    for (place, name) in header.iter().enumerate() {
+        let Some((key, label)) = classify(base(name), words) else { continue };
+        match families.iter_mut().find(|family| family.key == key) {
+            Some(family) => family.members.push((label, place)),
+            None => families.push(Family { key, members: vec![(label, place)] }),
+        }
+    }
+    families
+}
+
+/// What a name shares with its family, and its joint.
+fn classify(name: &str, words: &[&str]) -> Option<(String, Label)> {
+    let lower = name.to_ascii_lowercase(); // as long as `name`, byte by byte
+    let numbered = lower.trim_end_matches([']', ')']);
+    let stem = numbered.trim_end_matches(|c: char| c.is_ascii_digit());
+    if let Ok(number) = numbered[stem.len()..].parse() {
+        let stem = stem.trim_end_matches(['[', '(']).trim_end_matches(SEPARATORS);
+        let stem = stem.rsplit('/').next().unwrap_or(stem);
+        if words.contains(&stem) {
+            return Some((format!("{stem} number"), Label::Number(number)));
+        }
+    }
+    for word in words {
+        if let Some(rest) = lower.strip_suffix(word)
+            && let joint = &name[..rest.trim_end_matches(SEPARATORS).len()]
+            && !joint.is_empty()
+            && joint.len() < rest.len()
+        {
+            let joint = joint.rsplit('/').next().unwrap_or(joint);
+            return Some((format!("name {word}"), Label::Name(joint.to_owned())));
+        }
+        if let Some(rest) = lower.strip_prefix(word)
+            && let joint = &name[name.len() - rest.trim_start_matches(SEPARATORS).len()..]
+            && !joint.is_empty()
+            && joint.len() < rest.len()
+        {
+            return Some((format!("{word} name"), Label::Name(joint.to_owned())));
+        }
+    }
+    None
+}
+
+/// A name without blanks around it and without its unit: `q1` of ` q1 [rad]`, `q1_rad`.
+fn base(name: &str) -> &str {
+    let mut name = name.trim();
+    if let Some((front, unit)) = name.rsplit_once(['[', '('])
+        && !unit.starts_with(|c: char| c.is_ascii_digit())
+    {
+        name = front.trim_end();
+    }
+    for unit in ["_rad", "_deg", "_nm", "_Nm", "_m", "_N"] {
+        name = name.strip_suffix(unit).unwrap_or(name);
+    }
+    name
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn find(header: &str) -> Result<Columns, String> {
+        let header: Vec<String> = header.split(',').map(str::to_owned).collect();
+        Columns::find(&header, None)
+    }
+
+    #[test]
+    fn common_spellings_are_recognised() {
+        for header in [
+            "t,q0,q1,tau0,tau1",
+            "time,q1,q2,tau1,tau2",
+            "Time [s],Q1 [rad],Q2 [rad],Tau1 [Nm],Tau2 [Nm]",
+            "stamp,joint_position_0,joint_position_1,joint_torque_0,joint_torque_1",
+            "timestamp,pos_1,pos_2,effort_1,effort_2",
+            "time_s,angle1_rad,angle2_rad,torque1_Nm,torque2_Nm",
+            "__time,/joint_states/position[0],/joint_states/position[1],/joint_states/effort[0],\
+             /joint_states/effort[1]",
+        ] {
+            let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
+            let (q, tau) = (vec![1, 2], vec![3, 4]);
+            let wanted = Columns { q, tau, joint_names: None, time: Some(0), touch: None };
+            assert_eq!(columns, wanted, "{header}");
+        }
+    }
+
+    #[test]
+    fn joints_are_named_after_their_columns() {
+        for header in [
+            "episode,arm_Elbow_position,arm_Wrist_position,arm_Wrist_effort,arm_Elbow_effort",
+            "seq,position_arm_Elbow,pos.x,effort_arm_Elbow,x",
+            "touch,/js/arm_Elbow/position,/js/arm_Wrist/position,/js/arm_Wrist/effort,\
+             /js/arm_Elbow/effort",
+        ] {
+            let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
+            assert_eq!(columns.joint_names.unwrap()[0], "arm_Elbow", "{header}");
+            assert_eq!(columns.touch, Some(0));
+            let last_is_elbow =
+                header.ends_with("Elbow_effort") || header.ends_with("Elbow/effort");
+            assert_eq!(columns.tau[0], if last_is_elbow { 4 } else { 3 });
+        }
+    }
+
+    #[test]
+    fn other_columns_do_not_disturb_and_the_order_does_not_matter() {
+        let columns = find("tau2,tau1,q_d_1,dq1,dq2,q2,q1,position_x,position_y,comment").unwrap();
+        assert_eq!((columns.q, columns.tau), (vec![6, 5], vec![1, 0]));
+        let columns = find(
+            "q1,q10,q2,q3,q4,q5,q6,q7,q8,q9,tau1,tau2,tau3,tau4,tau5,tau6,tau7,tau8,\
+                            tau9,tau10",
+        )
+        .unwrap();
+        assert_eq!(columns.q, [0, 2, 3, 4, 5, 6, 7, 8, 9, 1]);
+        assert_eq!(columns.tau, (10..20).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn what_is_unclear_is_asked() {
+        for (header, wanted) in [
+            ("a,b,c", "like a joint position"),
+            ("q1,q2,dq1", "like a joint torque"),
+            ("q1,q2,tau1", "not of the same joints"),
+            ("q0,q1,tau1,tau2", "not of the same joints"),
+            ("q1,q3,tau1,tau3", "gaps"),
+            ("q1,q1,tau1,tau1", "gaps or repeat"),
+            ("q1,pos1,tau1", "more than one"),
+        ] {
+            let error = find(header).unwrap_err();
+            assert!(error.contains(wanted), "{header}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_name_that_says_degrees_contradicts_radians() {
+        let header = ["q1 [deg]", "tau1"].map(str::to_owned);
+        let columns = Columns::find(&header, None).unwrap();
+        assert_eq!(columns.wrong_unit(&header, AngleUnit::Rad), Some(0));
+        assert_eq!(columns.wrong_unit(&header, AngleUnit::Deg), None);
+        let header = ["q1_rad", "tau1"].map(str::to_owned);
+        assert_eq!(columns.wrong_unit(&header, AngleUnit::Deg), Some(0));
+    }
+}

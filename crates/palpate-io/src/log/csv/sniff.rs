@@ -1,0 +1,100 @@
+//! How a table is written: its delimiter and where its header stands.
+
+use std::io::{self, BufRead};
+
+/// A line longer than this is no line of a log.
+pub(super) const MAX_LINE_BYTES: u64 = 1 << 20;
+
+/// What the first lines of a table tell.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Dialect {
+    pub(super) delimiter: u8,
+    /// The header, if it stands in a comment as `numpy.savetxt` writes it.
+    pub(super) commented_header: Option<String>,
+}
+
+/// Reads up to the first line that is no comment. `Err` inside is half a sentence for the user.
+pub(super) fn sniff(mut input: impl BufRead) -> io::Result<Result<Dialect, &'static str>> {
+    let mut comment = None;
+    loop {
+        let mut line = Vec::new();
+        let read = io::Read::take(&mut input, MAX_LINE_BYTES).read_until(b'\n', &mut line)?;
+        if line.starts_with(b"\xff\xfe") || line.starts_with(b"\xfe\xff") {
+            return Ok(Err("is UTF-16; save it as UTF-8"));
+        }
+        if read == 0 {
+            return Ok(Err("holds no header"));
+        }
+        if line.contains(&0) || read as u64 == MAX_LINE_BYTES {
+            return Ok(Err("is no table of text"));
+        }
+        let text = String::from_utf8_lossy(&line);
+        let text = text.trim_start_matches('\u{feff}').trim();
+        if let Some(rest) = text.strip_prefix('#') {
+            comment = Some(rest.trim().to_owned());
+        } else if !text.is_empty() {
+            let delimiter = delimiter(text);
+            let commented_header = comment.filter(|comment| {
+                is_numeric(text, delimiter) && count(comment, delimiter) == count(text, delimiter)
+            });
+            return Ok(Ok(Dialect { delimiter, commented_header }));
+        }
+    }
+}
+
+/// The delimiter that parts the line into most pieces; a comma if none does.
+fn delimiter(line: &str) -> u8 {
+    let mut best = b',';
+    for candidate in [b';', b'\t'] {
+        if count(line, candidate) > count(line, best) {
+            best = candidate;
+        }
+    }
+    best
+}
+
+/// How often the delimiter stands outside quotes.
+fn count(line: &str, delimiter: u8) -> usize {
+    let mut quoted = false;
+    let bare = line.bytes().filter(|&byte| {
+        quoted ^= byte == b'"';
+        byte == delimiter && !quoted
+    });
+    bare.count()
+}
+
+fn is_numeric(line: &str, delimiter: u8) -> bool {
+    line.split(char::from(delimiter)).all(|cell| cell.trim().parse::<f64>().is_ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_delimiter_is_found_outside_quotes_and_after_comments() {
+        for (text, delimiter) in [
+            ("t,q1,tau1\n", b','),
+            ("# made; by; us; all\n\nt;q1;tau1\n", b';'),
+            ("\u{feff}t\tq1\ttau1\r\n", b'\t'),
+            ("\"a;b;c;d\",q1,tau1", b','),
+            ("alone", b','),
+        ] {
+            let dialect = sniff(text.as_bytes()).unwrap().unwrap();
+            assert_eq!(dialect, Dialect { delimiter, commented_header: None }, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn a_header_in_a_comment_is_taken_if_numbers_follow() {
+        let dialect = sniff(&b"# run 3\n# q1,tau1\n1.0,2.0\n"[..]).unwrap().unwrap();
+        assert_eq!(dialect.commented_header.as_deref(), Some("q1,tau1"));
+    }
+
+    #[test]
+    fn what_is_no_table_is_refused() {
+        for bytes in [&b""[..], b"# only\n", b"\xff\xfet\0", b"\x93NUMPY\0", &[b'a'; 1 << 20]] {
+            assert!(sniff(bytes).unwrap().is_err());
+        }
+    }
+}

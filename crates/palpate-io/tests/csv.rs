@@ -1,0 +1,166 @@
+//! Logs as tables: what people write, and what nobody should.
+#![allow(missing_docs, clippy::unwrap_used)]
+
+use palpate_io::log::{
+    AngleUnit, CsvColumns, LogError, LogEvent, LogOptions, LogWarning, Sample, open,
+};
+use proptest::prelude::*;
+use std::fs;
+use std::path::Path;
+use tempfile::TempDir;
+
+fn folder_with(files: &[(&str, &str)]) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in files {
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    folder
+}
+
+fn read_as(path: &Path, options: &LogOptions) -> Result<Vec<LogEvent>, LogError> {
+    open(path, options)?.collect()
+}
+
+/// Events of one table, or the complaint about it.
+fn read(text: &str) -> Result<Vec<LogEvent>, String> {
+    let folder = folder_with(&[("push.csv", text)]);
+    read_as(&folder.path().join("push.csv"), &LogOptions::default()).map_err(|e| e.to_string())
+}
+
+fn start(name: &str, joints: Option<&[&str]>) -> LogEvent {
+    let joint_names = joints.map(|names| names.iter().map(|&name| name.to_owned()).collect());
+    LogEvent::TouchStarts { name: name.to_owned(), joint_names }
+}
+
+fn sample(time_s: Option<f64>, q: &[f64], tau: &[f64]) -> LogEvent {
+    LogEvent::Sample(Sample { time_s, q: q.to_vec(), tau: tau.to_vec() })
+}
+
+#[test]
+fn every_dialect_gives_the_same_samples() {
+    let wanted = vec![
+        start("push", None),
+        sample(Some(0.0), &[0.1, -0.2], &[1.0, 2e-3]),
+        sample(Some(0.05), &[0.1, -0.3], &[1.5, 2.0]),
+    ];
+    for text in [
+        "t,q1,q2,tau1,tau2\n0,0.1,-0.2,1,2e-3\n0.05,0.1,-0.3,1.5,2\n",
+        "\u{feff}t;q1;q2;tau1;tau2\r\n0;0.1;-0.2;1;2e-3\r\n0.05;0.1;-0.3;1.5;2",
+        "# by hand\n\"t\"\t\"q1\"\tq2\ttau1\ttau2\n0\t0.1\t-0.2\t1\t2e-3\n# a pause\n\n0.05\t0.1\t\
+         -0.3\t1.5\t2\n",
+        "# t, q1, q2, tau1, tau2\n0, 0.1, -0.2, 1, 2e-3\n0.05, 0.1, -0.3, 1.5, 2\n",
+        "tau2,note,tau1,q2,q1,time\n2e-3,\"a, b\",1,-0.2,0.1,0\n2,,1.5,-0.3,0.1,0.05\n",
+    ] {
+        assert_eq!(read(text).as_ref(), Ok(&wanted), "{text:?}");
+    }
+}
+
+#[test]
+fn a_touch_column_parts_touches_and_joints_are_named() {
+    let text = "seq,elbow_position,elbow_effort\n7,0.1,1\n7,0.2,2\n8,0.3,3\n";
+    let joints = Some(&["elbow"][..]);
+    assert_eq!(
+        read(text).unwrap(),
+        [
+            start("7", joints),
+            sample(None, &[0.1], &[1.0]),
+            sample(None, &[0.2], &[2.0]),
+            start("8", joints),
+            sample(None, &[0.3], &[3.0]),
+        ]
+    );
+    let error = read("seq,q1,tau1\n7,0,0\n8,0,0\n7,0,0\n").unwrap_err();
+    assert!(error.contains("touch `7` in line 4"), "{error}");
+}
+
+#[test]
+fn a_folder_is_read_in_natural_order_a_file_a_touch() {
+    let table = "q1,tau1\n0,1\n";
+    let folder =
+        folder_with(&[("r10.csv", table), ("r9.CSV", table), (".r0.csv", "?"), ("a.md", "")]);
+    let log = open(folder.path(), &LogOptions::default()).unwrap();
+    assert_eq!((log.describe().touches, log.describe().joints), (Some(2), Some(1)));
+    let events: Vec<_> = log.map(Result::unwrap).collect();
+    assert_eq!((&events[0], &events[2]), (&start("r9", None), &start("r10", None)));
+
+    fs::write(folder.path().join("r11.csv"), "q1,q2,tau1,tau2\n0,0,0,0\n").unwrap();
+    let error = read_as(folder.path(), &LogOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("r11.csv") && error.contains("has 1 joints"), "{error}");
+}
+
+#[test]
+fn a_map_names_the_columns_and_degrees_are_turned() {
+    let folder = folder_with(&[("push.csv", "when,b [deg],a [deg],B,A,run\n3,90,180,1,2,x\n")]);
+    let strings = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+    let columns = CsvColumns {
+        q: strings(&["a [deg]", "b [deg]"]),
+        tau: strings(&["A", "B"]),
+        joints: Some(strings(&["a", "b"])),
+        time: Some("when".to_owned()),
+        touch: Some("run".to_owned()),
+    };
+    let json = serde_json::json!({"angle_unit": "deg", "columns": columns});
+    let options: LogOptions = serde_json::from_value(json).unwrap();
+    let events = read_as(&folder.path().join("push.csv"), &options).unwrap();
+    let pi = std::f64::consts::PI;
+    let wanted = [start("x", Some(&["a", "b"])), sample(Some(3.0), &[pi, pi / 2.0], &[2.0, 1.0])];
+    assert_eq!(events, wanted);
+
+    let rad = LogOptions { angle_unit: AngleUnit::Rad, ..options };
+    let error = read_as(&folder.path().join("push.csv"), &rad).unwrap_err().to_string();
+    assert!(error.contains("`a [deg]` contradicts"), "{error}");
+}
+
+#[test]
+fn every_defect_is_located() {
+    for (text, wanted) in [
+        ("", "holds no header"),
+        ("a,b\n1,2\n", "Its columns are `a`, `b`"),
+        ("a,b\n1,2\n", "columns = { q = [\"a\", \"b\"]"),
+        ("1,2\n3,4\n", "numbers instead of names"),
+        ("q1,tau1\n", "is empty"),
+        ("q1,tau1\n0,1\n\n0,\n", "holds nothing in line 4, column `tau1`"),
+        ("# c\r\nq1,tau1\r\n\r\n0,1\r\n# c\r\n0,x", "holds `x` in line 6, column `tau1`"),
+        ("q1,tau1\n0,nan\n", "holds `nan` in line 2"),
+        ("q1,tau1\n0,-inf\n", "holds `-inf` in line 2"),
+        ("q1;tau1\n0;1,5\n", "holds `1,5` in line 2"),
+        ("q1,tau1\n0,1\n0,1,2\n", "has 3 cells in line 3; wanted 2"),
+        ("q1,tau1\n0\n", "has 1 cells in line 2"),
+    ] {
+        let error = read(text).unwrap_err();
+        assert!(error.contains(wanted) && error.contains("push.csv"), "{text:?}: {error}");
+    }
+    let open_quote = format!("q1,tau1\n0,\"1\n{}", "0,1\n".repeat(400_000));
+    let error = read(&open_quote).unwrap_err();
+    assert!(error.contains("longer than 1 MiB"), "{error}");
+}
+
+#[test]
+fn a_clock_that_runs_backwards_is_a_warning() {
+    let folder =
+        folder_with(&[("push.csv", "touch,t,q1,tau1\na,0,0,0\na,1,0,0\nb,0,0,0\nb,0,0,0\n")]);
+    let mut log = open(&folder.path().join("push.csv"), &LogOptions::default()).unwrap();
+    assert!(log.by_ref().all(|event| event.is_ok()));
+    let [LogWarning::TimeNotIncreasing { touch, row, .. }] = log.warnings() else {
+        panic!("a new touch may start a new clock: {:?}", log.warnings())
+    };
+    assert_eq!((touch.as_str(), *row), ("b", 1));
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_make_the_reader_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("any.csv");
+        fs::write(&path, bytes).unwrap();
+        let _ = read_as(&path, &LogOptions::default());
+    }
+
+    #[test]
+    fn no_text_makes_the_reader_panic(
+        header in r#"(#? ?[/"]?(q|tau|pos|joint_|_effort|position|é|t|seq)[\[_ ]?[0-9]{0,2}[\])]?[,;\t]?){0,8}"#,
+        rows in r#"([0-9.,;\n"\-enaif#é ]|\r\n){0,60}"#,
+    ) {
+        let _ = read(&format!("{header}\n{rows}"));
+    }
+}

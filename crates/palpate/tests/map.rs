@@ -1,0 +1,206 @@
+//! Laws of `map`: the optimum, what repeating, forgetting and bounded memory do.
+
+mod scene;
+
+use nalgebra::{DMatrix, DVector};
+use palpate::estimator::{Estimator, EstimatorConfig, EstimatorError, Method, Source};
+use palpate::lattice::CellRows;
+use palpate::map::MapEstimator;
+use palpate::torque::Observation;
+use proptest::prelude::*;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use scene::{centimetre_lattice, config, contacts, crooked_arm, hinge, random_frame};
+
+fn source(sample: u32) -> Source {
+    Source { touch: 0, sample }
+}
+
+/// Frames of a field in which every third cell is empty, with an error on every torque.
+fn frames(seed: u64, count: usize) -> (CellRows, Vec<Observation>) {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let robot = crooked_arm();
+    let mut rows = CellRows::new(centimetre_lattice());
+    let stiffness: Vec<f64> =
+        (0..30).map(|i| if i % 3 == 0 { 0.0 } else { 20.0 + 5.0 * f64::from(i) }).collect();
+    let frames =
+        (0..count).map(|_| random_frame(&mut rng, &robot, &mut rows, &stiffness, 0.05)).collect();
+    (rows, frames)
+}
+
+fn learn(config: &EstimatorConfig, rows: &CellRows, frames: &[Observation]) -> MapEstimator {
+    let mut map = MapEstimator::new(config, 0.01, 4).unwrap();
+    for (number, frame) in frames.iter().enumerate() {
+        map.correct(rows.points_m(), frame.clone(), source(number as u32)).unwrap();
+    }
+    map
+}
+
+fn stiffness(map: &MapEstimator, rows: &CellRows) -> DVector<f64> {
+    DVector::from_fn(rows.len(), |row, _| map.stiffness(row))
+}
+
+/// min ‖A x − b‖ over x ≥ 0 by the active-set method of Lawson and Hanson (1974).
+fn non_negative_least_squares(a: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
+    let n = a.ncols();
+    let mut x = DVector::zeros(n);
+    let mut passive = vec![false; n];
+    let solve = |passive: &[bool]| {
+        let columns: Vec<usize> = (0..n).filter(|&i| passive[i]).collect();
+        let part = a.select_columns(&columns);
+        let solution = part.svd(true, true).solve(b, 1e-14).unwrap();
+        let mut full = DVector::zeros(n);
+        for (value, &column) in solution.iter().zip(&columns) {
+            full[column] = *value;
+        }
+        full
+    };
+    loop {
+        let slope = a.transpose() * (b - a * &x);
+        let best = (0..n).filter(|&i| !passive[i]).max_by(|&i, &j| slope[i].total_cmp(&slope[j]));
+        let Some(enter) = best.filter(|&i| slope[i] > 1e-10) else { return x };
+        passive[enter] = true;
+        loop {
+            let trial = solve(&passive);
+            let step = (0..n)
+                .filter(|&i| passive[i] && trial[i] <= 0.0)
+                .map(|i| x[i] / (x[i] - trial[i]))
+                .fold(1.0, f64::min);
+            x += (&trial - &x) * step;
+            if step == 1.0 {
+                break;
+            }
+            for i in 0..n {
+                passive[i] &= x[i] > 1e-12;
+            }
+        }
+    }
+}
+
+#[test]
+fn one_joint_one_contact_recovers_the_spring() {
+    let robot = hinge();
+    let mut rows = CellRows::new(palpate::lattice::Lattice::new([0.0; 3], 0.01, [80; 3]).unwrap());
+    let poses = robot.forward(&[0.0]).unwrap();
+    let touched = contacts(rows.lattice(), 1, &[([50, 0, 0], [0.0, -0.04, 0.0])]);
+    let tau = DVector::from_element(1, 3.0); // N·m at a lever of 0.02 m²: 150 N/m
+    let frame = Observation::new(&robot, &poses, &touched, &mut rows, tau);
+    let mut map = MapEstimator::new(&config(Method::Map, 0.0, 1e4, 1e-3), 0.01, 1).unwrap();
+    map.correct(rows.points_m(), frame, source(0)).unwrap();
+    assert!((map.stiffness(0) - 150.0).abs() < 1e-4, "{}", map.stiffness(0));
+    assert_eq!((map.count(0), map.count(1)), (1, 0));
+    assert!(map.std(0) < 0.1 && map.std(1) == 1e4);
+}
+
+#[test]
+fn many_visits_end_at_the_optimum_of_an_independent_solver() {
+    let (rows, frames) = frames(3, 25);
+    let (mean, std, torque_std) = (5.0, 40.0, 0.1);
+    let mut map = learn(&config(Method::Map, mean, std, torque_std), &rows, &frames);
+    map.replay(rows.points_m(), 2_000_000);
+    let residual = map.kkt_residual(rows.points_m());
+    assert!(residual < 1e-8, "{residual} N·m");
+
+    let n = rows.len();
+    let mut a = DMatrix::zeros(frames.len() * 4 + n, n);
+    let mut b = DVector::zeros(a.nrows());
+    for (t, frame) in frames.iter().enumerate() {
+        let levers = frame.levers(rows.points_m()) / torque_std;
+        for (contact, &row) in frame.rows().iter().enumerate() {
+            a.view_mut((4 * t, row as usize), (4, 1)).copy_from(&levers.column(contact));
+        }
+        b.rows_mut(4 * t, 4).copy_from(&(&frame.tau / torque_std));
+    }
+    a.view_mut((frames.len() * 4, 0), (n, n)).fill_diagonal(1.0 / std);
+    b.rows_mut(frames.len() * 4, n).fill(mean / std);
+    let expected = non_negative_least_squares(&a, &b);
+
+    assert!(expected.iter().any(|&k| k == 0.0) && expected.iter().any(|&k| k > 20.0));
+    assert!((stiffness(&map, &rows) - &expected).amax() < 1e-6);
+}
+
+#[test]
+fn a_forgotten_frame_might_as_well_never_have_been_seen() {
+    let (rows, frames) = frames(4, 12);
+    let config = config(Method::Map, 5.0, 40.0, 0.1);
+    let mut forgetful = learn(&config, &rows, &frames);
+    assert!(forgetful.forget(rows.points_m(), source(11)));
+    assert!(!forgetful.forget(rows.points_m(), source(11)));
+    let mut innocent = learn(&config, &rows, &frames[..11]);
+    // Before any further visit the two agree exactly in z; no replay ran in either.
+    assert!((stiffness(&forgetful, &rows) - stiffness(&innocent, &rows)).amax() < 1e-9);
+
+    forgetful.forget(rows.points_m(), source(3));
+    let mut without = frames[..11].to_vec();
+    without.remove(3);
+    let mut other = learn(&config, &rows, &without);
+    for map in [&mut forgetful, &mut other, &mut innocent] {
+        map.replay(rows.points_m(), 100_000);
+    }
+    assert!((stiffness(&forgetful, &rows) - stiffness(&other, &rows)).amax() < 1e-7);
+    assert!((stiffness(&forgetful, &rows) - stiffness(&innocent, &rows)).amax() > 1e-3);
+}
+
+#[test]
+fn millions_of_visits_do_not_wear_z_out() {
+    let (rows, frames) = frames(5, 6);
+    let mut map = learn(&config(Method::Map, 0.0, 40.0, 0.1), &rows, &frames);
+    map.replay(rows.points_m(), 1_000_000);
+    // z as it stands against z computed afresh from the multipliers.
+    let state = map.state(rows.len());
+    let mut afresh = DVector::<f64>::zeros(rows.len());
+    for (from, alpha) in &state.remembered {
+        let alpha = DVector::from_column_slice(alpha);
+        frames[from.sample as usize].spread(rows.points_m(), &alpha, |row, lever| {
+            afresh[row] += 40.0 * 40.0 * lever;
+        });
+    }
+    let drift = (DVector::from_column_slice(&state.mean) - afresh).amax();
+    assert!(drift < 1e-8, "{drift} N/m");
+}
+
+#[test]
+fn a_full_memory_freezes_what_leaves_it() {
+    let (rows, frames) = frames(6, 12);
+    let mut settings = config(Method::Map, 5.0, 40.0, 0.1);
+    settings.memory.frames = 4;
+    let map = learn(&settings, &rows, &frames);
+    let unbounded = learn(&config(Method::Map, 5.0, 40.0, 0.1), &rows, &frames);
+    assert_eq!(map.sources().len(), 4);
+    // Without replays both said the same things in the same order: nothing was taken back.
+    assert!((stiffness(&map, &rows) - stiffness(&unbounded, &rows)).amax() < 1e-9);
+}
+
+#[test]
+fn a_bad_frame_is_refused_and_leaves_the_belief_alone() {
+    let (rows, frames) = frames(7, 5);
+    let mut map = learn(&config(Method::Map, 5.0, 40.0, 0.1), &rows, &frames);
+    let before = map.state(rows.len());
+    let huge = contacts(rows.lattice(), 4, &[([1, 40, 60], [f32::MAX, 0.0, f32::MAX])]);
+    let robot = crooked_arm();
+    let poses = robot.forward(&[0.1; 4]).unwrap();
+    let mut rows = rows.clone();
+    let frame = Observation::new(&robot, &poses, &huge, &mut rows, DVector::zeros(4));
+    let error = map.correct(rows.points_m(), frame, source(9)).unwrap_err();
+    assert_eq!(error, EstimatorError::Degenerate);
+    assert_eq!(map.state(rows.len()), before);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    #[test]
+    fn a_new_frame_never_raises_a_variance_nor_spends_it_all(seed in 0_u64..1000) {
+        let (rows, frames) = frames(seed, 8);
+        let mut map = MapEstimator::new(&config(Method::Map, 0.0, 40.0, 0.1), 0.01, 4).unwrap();
+        let mut before = vec![40.0; rows.len()];
+        for (number, frame) in frames.iter().enumerate() {
+            map.correct(rows.points_m(), frame.clone(), source(number as u32)).unwrap();
+            for (row, before) in before.iter_mut().enumerate() {
+                let now = map.std(row);
+                prop_assert!(now > 0.0 && now <= *before, "row {row}: {before} to {now}");
+                *before = now;
+            }
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! Laws of the levers: the wrench form against the definition.
+
+mod scene;
+
+use nalgebra::{DMatrix, DVector, Point3, Vector3};
+use palpate::contact::Contacts;
+use palpate::lattice::CellRows;
+use palpate::torque::{Observation, lever};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use scene::{centimetre_lattice, contacts, crooked_arm, random_frame, uniform};
+
+#[test]
+fn levers_by_wrenches_are_those_of_the_definition() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let (robot, lattice) = (crooked_arm(), centimetre_lattice());
+    for link in 1..5_u16 {
+        let q: Vec<f64> = (0..4).map(|_| uniform(&mut rng, -2.0, 2.0)).collect();
+        let poses = robot.forward(&q).unwrap();
+        let displacement = [0.02, -0.03, 0.05_f32];
+        let touched = contacts(&lattice, link, &[([80, 20, 60], displacement)]);
+        let mut rows = CellRows::new(lattice.clone());
+        let frame = Observation::new(&robot, &poses, &touched, &mut rows, DVector::zeros(4));
+
+        let cell = touched.links[0].cells[0];
+        let u = Vector3::from(displacement.map(f64::from));
+        let expected = lever(&robot, &poses, touched.links[0].link, &lattice.point(cell), &u);
+        let found = frame.levers(rows.points_m());
+        assert!((found.column(0) - expected).amax() < 1e-8, "link {link}");
+    }
+}
+
+#[test]
+fn folded_products_are_those_of_the_lever_matrix() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let robot = crooked_arm();
+    let mut rows = CellRows::new(centimetre_lattice());
+    let frame = random_frame(&mut rng, &robot, &mut rows, &[30.0; 40], 0.1);
+    let points = rows.points_m();
+    let h = frame.levers(points);
+    let n = frame.n_contacts();
+    let k = DVector::from_fn(n, |i, _| 10.0 + i as f64);
+    let by_row = |row: usize| k[frame.rows().iter().position(|r| *r as usize == row).unwrap()];
+
+    assert!((frame.predict(points, by_row) - &h * &k).amax() < 1e-12);
+    let gram = &h * DMatrix::from_diagonal(&k) * h.transpose();
+    assert!((frame.gram(points, by_row) - gram).amax() < 1e-12);
+
+    let d = DVector::from_fn(4, |i, _| 1.0 - 0.7 * i as f64);
+    let m = DMatrix::from_fn(4, 4, |i, j| 1.0 / (1.0 + i as f64 + j as f64));
+    let mut contact = 0;
+    frame.spread(points, &d, |row, value| {
+        assert_eq!(row, frame.rows()[contact] as usize);
+        assert!((value - h.column(contact).dot(&d)).abs() < 1e-12);
+        contact += 1;
+    });
+    assert_eq!(contact, n);
+    let mut contact = 0;
+    frame.quadratic(points, &m, |_, value| {
+        let expected = (h.column(contact).transpose() * &m * h.column(contact))[0];
+        assert!((value - expected).abs() < 1e-12);
+        contact += 1;
+    });
+}
+
+#[test]
+fn a_pushed_point_pushes_back() {
+    // A hinge about z holds the point (0.5, 0, 0) at (0.5, -0.04, 0): the spring turns it forward.
+    let robot = scene::hinge();
+    let poses = robot.forward(&[0.0]).unwrap();
+    let (rest, u) = (Point3::new(0.5, 0.0, 0.0), Vector3::new(0.0, -0.04, 0.0));
+    let w = lever(&robot, &poses, palpate::robot::LinkId(1), &rest, &u);
+    assert!((w[0] - 0.02).abs() < 1e-15);
+}
+
+#[test]
+fn nothing_touched_feels_like_nothing() {
+    let robot = crooked_arm();
+    let poses = robot.forward(&[0.1; 4]).unwrap();
+    let mut rows = CellRows::new(centimetre_lattice());
+    let none = Contacts::default();
+    let frame = Observation::new(&robot, &poses, &none, &mut rows, DVector::zeros(4));
+    assert_eq!(frame.predict(rows.points_m(), |_| 1.0), DVector::zeros(4));
+}
