@@ -8,7 +8,7 @@
 ROBOT_DIR holds the maker's geometry, which is not part of this project: `meshes/*.stl` (open
 shells) and `convex_parts.npz` (convex pieces, arrays "<mesh>/<i>" of vertices). Every mode exits
 with 1 if a limit is broken, and takes `--picture FILE.png`. Needs numpy, scipy and trimesh, and
-matplotlib for the picture. A fit takes about three minutes on one core, the same every time.
+matplotlib for the picture. A fit takes about four minutes on one core, the same every time.
 
 A link's surface is the surface of the union of its primitives. It is measured both ways, from
 points of the real surface to ours and back, against three readings of the real one:
@@ -49,7 +49,9 @@ OPENING_M = 5e-3  # surface of the convex pieces farther than this from the mesh
 SEAM_M = 1e-4  # neighbouring convex pieces touch within this
 
 GRID_M, MARGIN_M = 2.5e-3, 0.03  # grid of the baked distance, and how far it reaches
-AIR_M = 1e-3  # a grid node is free if at least so far from the convex pieces
+AIR_M = 1e-3  # a grid node is air if at least so far from the convex pieces
+SHUT_M = 4e-3  # a place farther than this from any air is a crack between the pieces
+COPLANAR_M = 1e-6  # faces of two primitives that coincide are not hidden by each other
 FIT_POINTS, FIT_POINTS_PER_FACE = 3_000, 250
 FIT_EVALUATIONS = 60
 STIFFEN_M = 0.01  # distances beyond this count with more than their square
@@ -58,7 +60,7 @@ FADE_M = 5e-4  # width over which our points fade out inside another primitive
 
 @dataclass
 class Primitive:
-    """A box (sizes x, y, z), a cylinder or capsule along z (radius, length) or a sphere (radius)."""
+    """A box (sizes x, y, z), cylinder or capsule along z (radius, length), or sphere (radius)."""
 
     kind: str
     xyz: np.ndarray
@@ -131,7 +133,7 @@ class Seed:
     twin: bool = False  # a second one, mirrored at x = 0, goes with it
 
 
-X, Y = (0, np.pi / 2, 0), (np.pi / 2, 0, 0)  # rpy that lays the axis of a cylinder along x or y
+X = (0, np.pi / 2, 0)  # rpy that lays the axis of a cylinder along x
 MESHES = {
     "Base_Link": "base_link",
     "Shoulder_Link": "shoulder_link",
@@ -143,7 +145,8 @@ MESHES = {
     "Bracelet_Link": "bracelet_no_vision_link",
 }
 # The Gen3's links are elbowed tubes, mirror-symmetric in x: a tube towards one joint, a drum
-# across it at the other, a neck between them that is hollowed out on one side.
+# across it at the other, a neck between them that is hollowed out on one side. The seeds were grown
+# once by adding to tube, drum and neck the shape that helped most, then rounded.
 SEEDS = {
     "Base_Link": [
         Seed("cylinder", (0, 0, 0.085, 0, 0, 0), (0.046, 0.17), "z"),
@@ -244,7 +247,7 @@ class RealLink:
         self.mesh = self.raw[self.signed_distance(self.raw) >= -INNER_DEPTH_M]
 
     def _bake_air(self, low, high):
-        """Finds the nodes of a grid that are free, and those of them that no path leads to."""
+        """Finds the nodes of a grid that are in air, and those of them that no path leads to."""
         self._low = low - MARGIN_M
         self._shape = np.ceil((high + MARGIN_M - self._low) / GRID_M).astype(int) + 1
         self._nodes = self._low + GRID_M * np.indices(self._shape).reshape(3, -1).T
@@ -254,8 +257,9 @@ class RealLink:
         self._is_cavity = region[free] != region[0]
 
     def _in_cavity(self, points):
-        """Whether the air nearest to a point is enclosed."""
-        return self._is_cavity[self._air_tree.query(points)[1]]
+        """Whether the air nearest to a point is enclosed, or too far: in a crack."""
+        distance, nearest = self._air_tree.query(points)
+        return self._is_cavity[nearest] | (distance > SHUT_M)
 
     def signed_distance(self, points):
         """Distance in m to the outside of the convex pieces, negative inside."""
@@ -291,7 +295,7 @@ def outer_surface(primitives):
     for i, primitive in enumerate(primitives):
         points = primitive.surface(per_area=per_area)[0]
         others = primitives[:i] + primitives[i + 1:]
-        outer.append(points[union_distance(others, points) > 0] if others else points)
+        outer.append(points[union_distance(others, points) > -COPLANAR_M] if others else points)
     return np.concatenate(outer)
 
 
@@ -388,7 +392,7 @@ def report(measured, areas_m2):
 
 def print_row(name, count, row):
     """Prints one row of the table from shares, largest and mean squared distances."""
-    cells = (f"{100 * share:.1f} {largest:5.1f} {square**0.5:5.2f}" for share, largest, square in row)
+    cells = (f"{100 * near:.1f} {largest:5.1f} {square**0.5:5.2f}" for near, largest, square in row)
     print(f"{name:21}{count:3}" + "".join(f"{cell:>22}" for cell in cells), flush=True)
 
 
@@ -400,7 +404,8 @@ def read_shapes(urdf, link):
     """The primitives of a link that stand in the text of the URDF."""
     shapes = []
     numbers = lambda text: np.array(text.split(), float)
-    for collision in ElementTree.fromstring(urdf.encode()).findall(f"link[@name='{link}']/collision"):
+    robot = ElementTree.fromstring(urdf.encode())
+    for collision in robot.findall(f"link[@name='{link}']/collision"):
         origin, shape = collision.find("origin"), collision.find("geometry")[0]
         size = numbers(" ".join(shape.get(name) for name in SIZES[shape.tag]))
         shapes.append(

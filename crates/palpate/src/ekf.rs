@@ -24,7 +24,8 @@
 use nalgebra::DVector;
 
 use crate::estimator::{
-    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Source, innovation_inverse, shrink,
+    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Source, innovation_inverse, padded,
+    shrink,
 };
 use crate::replay::Memory;
 use crate::torque::Observation;
@@ -221,12 +222,12 @@ impl Estimator for EkfEstimator {
         self.memory.bytes()
     }
 
-    fn state(&self) -> EstimatorState {
+    fn state(&self, n_rows: usize) -> EstimatorState {
         EstimatorState {
-            mean: self.belief.mean.clone(),
-            variance: self.belief.variance.clone(),
-            counts: self.counts.clone(),
-            seen: self.belief.seen.clone(),
+            mean: padded(&self.belief.mean, n_rows, self.belief.prior_mean),
+            variance: padded(&self.belief.variance, n_rows, self.belief.prior_variance),
+            counts: padded(&self.counts, n_rows, 0),
+            seen: padded(&self.belief.seen, n_rows, 0),
             step: self.belief.step,
             remembered: self.memory.frames().iter().map(|f| (f.source, Vec::new())).collect(),
             rng: self.memory.rng_state(),

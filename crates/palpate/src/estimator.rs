@@ -240,8 +240,15 @@ pub trait Estimator: Send + Sync {
     /// Bytes of the remembered frames.
     fn memory_bytes(&self) -> usize;
 
-    /// Everything that [`crate::mapper::Mapper`] saves.
-    fn state(&self) -> EstimatorState;
+    /// Everything that [`crate::mapper::Mapper`] saves, for so many rows.
+    fn state(&self, n_rows: usize) -> EstimatorState;
+}
+
+/// A copy of values by row in which rows without a value get one.
+pub(crate) fn padded<T: Copy>(values: &[T], n_rows: usize, fill: T) -> Vec<T> {
+    let mut padded = values.to_vec();
+    padded.resize(n_rows.max(values.len()), fill);
+    padded
 }
 
 /// Shrinks a diagonal covariance by one Kalman update: `Pᵢ −= Pᵢ² wᵢᵀ C⁻¹ wᵢ`.

@@ -33,7 +33,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::estimator::{
-    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Source, innovation_inverse, shrink,
+    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Source, innovation_inverse, padded,
+    shrink,
 };
 use crate::replay::Memory;
 use crate::torque::Observation;
@@ -259,12 +260,12 @@ impl Estimator for MapEstimator {
         self.memory.bytes()
     }
 
-    fn state(&self) -> EstimatorState {
+    fn state(&self, n_rows: usize) -> EstimatorState {
         let remembered = |frame: &Frame| (frame.source, frame.alpha.as_slice().to_vec());
         EstimatorState {
-            mean: self.belief.z.clone(),
-            variance: self.variance.clone(),
-            counts: self.counts.clone(),
+            mean: padded(&self.belief.z, n_rows, self.belief.prior_mean),
+            variance: padded(&self.variance, n_rows, self.belief.prior_variance),
+            counts: padded(&self.counts, n_rows, 0),
             seen: Vec::new(),
             step: self.step,
             remembered: self.memory.frames().iter().map(remembered).collect(),

@@ -112,6 +112,8 @@ pub struct Snapshot {
     pub config: Config,
     /// The robot's name and [`Arm::fingerprint`].
     pub robot: (String, u64),
+    /// Joints of its samples.
+    pub n_joints: usize,
     /// Cells by row.
     pub cells: Vec<CellId>,
     /// The belief.
@@ -229,13 +231,14 @@ impl Mapper {
 
     /// Everything needed to go on later.
     pub fn snapshot(&self) -> Snapshot {
-        let state = self.estimator.state();
+        let state = self.estimator.state(self.rows.len());
         let needed: HashSet<u32> = state.remembered.iter().map(|(from, _)| from.touch).collect();
         let keep = |touch: &&TapedTouch| touch.open || needed.contains(&touch.touch);
         let arm = self.tracker.arm();
         Snapshot {
             config: self.config.clone(),
             robot: (arm.robot.name().to_owned(), arm.fingerprint()),
+            n_joints: arm.robot.n_joints(),
             cells: self.rows.cells().to_vec(),
             tape: self.tape.iter().filter(keep).cloned().collect(),
             touches: self.touches,

@@ -115,7 +115,7 @@ fn a_replayed_measurement_is_fused_again() {
         for sample in 0..times {
             ekf.correct(rows.points_m(), frame.clone(), Source { touch: 0, sample }).unwrap();
         }
-        (ekf.state().mean, ekf.state().variance)
+        (ekf.state(rows.len()).mean, ekf.state(rows.len()).variance)
     };
     // Two measurements, the first replayed three times after the second, are five in all.
     assert_eq!(learn(3, 2), learn(0, 5));

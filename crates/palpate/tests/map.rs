@@ -147,7 +147,7 @@ fn millions_of_visits_do_not_wear_z_out() {
     let mut map = learn(&config(Method::Map, 0.0, 40.0, 0.1), &rows, &frames);
     map.replay(rows.points_m(), 1_000_000);
     // z as it stands against z computed afresh from the multipliers.
-    let state = map.state();
+    let state = map.state(rows.len());
     let mut afresh = DVector::<f64>::zeros(rows.len());
     for (from, alpha) in &state.remembered {
         let alpha = DVector::from_column_slice(alpha);
@@ -175,7 +175,7 @@ fn a_full_memory_freezes_what_leaves_it() {
 fn a_bad_frame_is_refused_and_leaves_the_belief_alone() {
     let (rows, frames) = frames(7, 5);
     let mut map = learn(&config(Method::Map, 5.0, 40.0, 0.1), &rows, &frames);
-    let before = map.state();
+    let before = map.state(rows.len());
     let huge = contacts(rows.lattice(), 4, &[([1, 40, 60], [f32::MAX, 0.0, f32::MAX])]);
     let robot = crooked_arm();
     let poses = robot.forward(&[0.1; 4]).unwrap();
@@ -183,7 +183,7 @@ fn a_bad_frame_is_refused_and_leaves_the_belief_alone() {
     let frame = Observation::new(&robot, &poses, &huge, &mut rows, DVector::zeros(4));
     let error = map.correct(rows.points_m(), frame, source(9)).unwrap_err();
     assert_eq!(error, EstimatorError::Degenerate);
-    assert_eq!(map.state(), before);
+    assert_eq!(map.state(rows.len()), before);
 }
 
 proptest! {

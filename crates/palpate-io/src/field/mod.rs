@@ -14,8 +14,10 @@
 //! cell's index follows from its place is the lattice's business, not the file's.
 
 pub mod npz;
+mod saved;
 
 use npz::{Array, Arrays, Data, NpzError};
+pub use saved::{Saved, SavedError, load, save};
 
 /// What the arrays of a field file mean.
 #[derive(Debug, Clone, PartialEq)]

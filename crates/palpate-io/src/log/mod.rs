@@ -25,6 +25,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 pub use csv::{CsvColumns, CsvError};
+pub use palpate::touch::Sample;
+
 pub use joints::{JointNameError, reorder};
 pub use truth::external_truth;
 
@@ -43,17 +45,6 @@ pub enum LogEvent {
     },
     /// One moment of the touch that started last.
     Sample(Sample),
-}
-
-/// One moment of a log; every number is finite.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sample {
-    /// Time of the moment, s, if the log has a clock.
-    pub time_s: Option<f64>,
-    /// Joint positions, rad (m for a prismatic joint).
-    pub q: Vec<f64>,
-    /// Joint torques as logged, N·m (N for a prismatic joint).
-    pub tau: Vec<f64>,
 }
 
 /// A log being read. After an error it yields nothing more.

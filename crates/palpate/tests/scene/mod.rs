@@ -1,5 +1,5 @@
 //! Small worlds whose answers are known: a gantry, a hinged arm, and random frames on them.
-#![allow(dead_code)] // every test file uses its own part
+#![allow(dead_code, unreachable_pub)] // every test file uses its own part
 
 use nalgebra::DVector;
 use palpate::contact::{Contacts, LinkContacts};

@@ -1,0 +1,285 @@
+//! A learnt field with everything that gives it meaning, and the mapper behind it.
+//!
+//! Beside the arrays of [`super::FieldFile`]:
+//!
+//! | array           | shape    | type | meaning                                               |
+//! |-----------------|----------|------|-------------------------------------------------------|
+//! | `palpate`       | bytes    | u8   | JSON: format, settings, robot, random generator       |
+//! | `state_mean`    | N        | f64  | z of `map` or mean of κ of `ekf`, N/m                 |
+//! | `state_variance`| N        | f64  | (N/m)²                                                |
+//! | `state_seen`    | N or 0   | u64  | `ekf`: step of each cell's last drift                 |
+//! | `memory_source` | F x 2    | u32  | touch and sample of each remembered frame             |
+//! | `memory_alpha`  | F x n    | f64  | its multipliers (`map`; F x 0 for `ekf`)              |
+//! | `tape_touch`    | T x 3    | u32  | touch, its samples, whether it is still under way     |
+//! | `tape_q`, `tape_tau` | S x n | f64 | samples of those touches in a row, as logged          |
+//!
+//! Everything from `state_mean` on is there only if mapping is to go on from the file. The
+//! remembered contacts are not stored: they are simulated again from the tape, which is a
+//! hundredth of their size.
+
+use std::path::Path;
+
+use palpate::contact;
+use palpate::estimator::{EstimatorState, Source};
+use palpate::field::Field;
+use palpate::lattice::{CellId, Lattice};
+use palpate::mapper::{Config, Snapshot, TapedTouch};
+use palpate::replay::RngState;
+use palpate::touch;
+use serde::{Deserialize, Serialize};
+
+use super::npz::{Array, Arrays, Data, NpzError, read_npz, write_npz};
+use super::{FieldFile, FieldLattice};
+use crate::atomic::IfExists;
+
+/// The version of the layout above.
+const FORMAT: u32 = 1;
+
+/// A field, and the mapper that learnt it if mapping is to go on.
+#[derive(Debug, Clone)]
+pub struct Saved {
+    /// The stiffness of all touched cells.
+    pub field: Field,
+    /// Name of the robot that touched them.
+    pub robot: String,
+    /// The mapper, if the file holds it.
+    pub snapshot: Option<Snapshot>,
+}
+
+/// Why a field could not be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum SavedError {
+    /// The arrays are missing, broken, or do not fit each other.
+    #[error(transparent)]
+    Npz(#[from] NpzError),
+    /// A field of another program, without lattice or settings.
+    #[error(
+        "`{path}` holds points and K but not the array `{missing}`, which says where the cells are \
+         and how they were touched: it was not written by `palpate map`"
+    )]
+    Foreign { path: String, missing: &'static str },
+    /// Settings that cannot be understood.
+    #[error("`{path}`: the settings in the array `palpate` cannot be read: {source}")]
+    Settings { path: String, source: serde_json::Error },
+    /// A file of a later palpate.
+    #[error("`{path}` has format {found}; this palpate reads formats up to {FORMAT}: update it")]
+    Format { path: String, found: u32 },
+    /// Arrays that contradict each other.
+    #[error("`{path}`: {what}")]
+    Contradiction { path: String, what: String },
+}
+
+/// What the JSON in the file says.
+#[derive(Serialize, Deserialize)]
+struct Meta {
+    format: u32,
+    version: String,
+    robot: String,
+    lattice: Lattice,
+    contact: contact::Config,
+    touch: touch::Config,
+    untouched_n_per_m: f64,
+    mapper: Option<MapperMeta>,
+}
+
+/// The scalars of a [`Snapshot`].
+#[derive(Serialize, Deserialize)]
+struct MapperMeta {
+    config: Config,
+    fingerprint: u64,
+    touches: u32,
+    step: u64,
+    rng: RngState,
+}
+
+/// Writes a field, whole or not at all, in the place of any file of that name.
+///
+/// # Errors
+///
+/// If the file cannot be written.
+pub fn save(path: &Path, saved: &Saved) -> Result<(), NpzError> {
+    write_npz(path, &to_arrays(saved), IfExists::Replace)
+}
+
+/// Reads a field that [`save`] wrote.
+///
+/// # Errors
+///
+/// If the file is missing, broken, of another program or of a later version.
+pub fn load(path: &Path) -> Result<Saved, SavedError> {
+    from_arrays(&read_npz(path)?, &path.display().to_string())
+}
+
+/// A field as named arrays.
+fn to_arrays(saved: &Saved) -> Arrays {
+    let field = &saved.field;
+    let lattice = FieldLattice {
+        origin_m: field.lattice.origin_m().into(),
+        spacing_m: field.lattice.spacing_m(),
+        shape: field.lattice.shape(),
+    };
+    let file = FieldFile {
+        points: field.cells.iter().map(|&cell| field.lattice.point(cell).into()).collect(),
+        stiffness: field.stiffness_n_per_m.clone(),
+        std: Some(field.std_n_per_m.clone()),
+        counts: Some(field.counts.clone()),
+        lattice: Some(lattice),
+        cells: Some(field.cells.iter().map(|cell| cell.0).collect()),
+    };
+    let mut arrays = file.to_arrays();
+    let meta = Meta {
+        format: FORMAT,
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        robot: saved.robot.clone(),
+        lattice: field.lattice.clone(),
+        contact: field.contact.clone(),
+        touch: field.touch.clone(),
+        untouched_n_per_m: field.untouched_n_per_m,
+        mapper: saved.snapshot.as_ref().map(|snapshot| MapperMeta {
+            config: snapshot.config.clone(),
+            fingerprint: snapshot.robot.1,
+            touches: snapshot.touches,
+            step: snapshot.state.step,
+            rng: snapshot.state.rng,
+        }),
+    };
+    let json = serde_json::to_string(&meta).expect("settings are plain data");
+    arrays.insert("palpate", Array::text(&json));
+    if let Some(snapshot) = &saved.snapshot {
+        insert_state(&mut arrays, &snapshot.state);
+        insert_tape(&mut arrays, snapshot);
+    }
+    arrays
+}
+
+/// Adds the arrays of a belief.
+fn insert_state(arrays: &mut Arrays, state: &EstimatorState) {
+    arrays.insert("state_mean", Array::flat(Data::F64(state.mean.clone())));
+    arrays.insert("state_variance", Array::flat(Data::F64(state.variance.clone())));
+    arrays.insert("state_seen", Array::flat(Data::U64(state.seen.clone())));
+    let frames = state.remembered.len();
+    let sources = state.remembered.iter().flat_map(|(from, _)| [from.touch, from.sample]);
+    arrays.insert("memory_source", Array::new(vec![frames, 2], Data::U32(sources.collect())));
+    let alphas: Vec<f64> =
+        state.remembered.iter().flat_map(|(_, alpha)| alpha.iter().copied()).collect();
+    let width = alphas.len().checked_div(frames).unwrap_or(0);
+    arrays.insert("memory_alpha", Array::new(vec![frames, width], Data::F64(alphas)));
+}
+
+/// Adds the arrays of the tape.
+fn insert_tape(arrays: &mut Arrays, snapshot: &Snapshot) {
+    let n_joints = snapshot.n_joints.max(1);
+    let samples = |touch: &TapedTouch| touch.q.len() / n_joints;
+    let touches = (snapshot.tape.iter())
+        .flat_map(|touch| [touch.touch, samples(touch) as u32, u32::from(touch.open)]);
+    let rows = snapshot.tape.len();
+    arrays.insert("tape_touch", Array::new(vec![rows, 3], Data::U32(touches.collect())));
+    let rows: usize = snapshot.tape.iter().map(samples).sum();
+    let q = snapshot.tape.iter().flat_map(|touch| touch.q.iter().copied()).collect();
+    arrays.insert("tape_q", Array::new(vec![rows, n_joints], Data::F64(q)));
+    let tau = snapshot.tape.iter().flat_map(|touch| touch.tau.iter().copied()).collect();
+    arrays.insert("tape_tau", Array::new(vec![rows, n_joints], Data::F64(tau)));
+}
+
+/// The field that named arrays hold.
+fn from_arrays(arrays: &Arrays, path: &str) -> Result<Saved, SavedError> {
+    let file = FieldFile::from_arrays(arrays)?;
+    let foreign = |missing| SavedError::Foreign { path: path.to_owned(), missing };
+    if arrays.get("palpate").is_none() {
+        return Err(foreign("palpate"));
+    }
+    let meta: Meta = serde_json::from_str(&arrays.text("palpate")?)
+        .map_err(|source| SavedError::Settings { path: path.to_owned(), source })?;
+    if meta.format > FORMAT {
+        return Err(SavedError::Format { path: path.to_owned(), found: meta.format });
+    }
+    let cells = file.cells.ok_or_else(|| foreign("cells"))?;
+    let field = Field {
+        cells: cells.iter().map(|&cell| CellId(cell)).collect(),
+        std_n_per_m: file.std.ok_or_else(|| foreign("K_std"))?,
+        counts: file.counts.ok_or_else(|| foreign("N_obs"))?,
+        stiffness_n_per_m: file.stiffness,
+        lattice: meta.lattice,
+        contact: meta.contact,
+        touch: meta.touch,
+        untouched_n_per_m: meta.untouched_n_per_m,
+    };
+    if let Some(cell) = field.cells.iter().find(|cell| !field.lattice.contains(**cell)) {
+        let what = format!("cell {} is not in the lattice {:?}", cell.0, field.lattice.shape());
+        return Err(SavedError::Contradiction { path: path.to_owned(), what });
+    }
+    let snapshot = match meta.mapper {
+        Some(mapper) => Some(snapshot(arrays, path, mapper, &field, &meta.robot)?),
+        None => None,
+    };
+    Ok(Saved { field, robot: meta.robot, snapshot })
+}
+
+/// The mapper that named arrays hold.
+fn snapshot(
+    arrays: &Arrays,
+    path: &str,
+    mapper: MapperMeta,
+    field: &Field,
+    robot: &str,
+) -> Result<Snapshot, SavedError> {
+    let numbers = arrays.counts("memory_source", &[None, Some(2)])?;
+    let alphas = arrays.floats("memory_alpha", &[Some(numbers.len() / 2), None])?;
+    let width = alphas.len().checked_div(numbers.len() / 2).unwrap_or(0);
+    let remembered = numbers.chunks(2).enumerate().map(|(frame, source)| {
+        let source = Source { touch: source[0] as u32, sample: source[1] as u32 };
+        (source, alphas[frame * width..(frame + 1) * width].to_vec())
+    });
+    let state = EstimatorState {
+        mean: arrays.floats("state_mean", &[None])?,
+        variance: arrays.floats("state_variance", &[None])?,
+        counts: field.counts.clone(),
+        seen: arrays.counts("state_seen", &[None])?,
+        step: mapper.step,
+        remembered: remembered.collect(),
+        rng: mapper.rng,
+    };
+    let (n_joints, tape) = tape(arrays, path)?;
+    Ok(Snapshot {
+        config: mapper.config,
+        robot: (robot.to_owned(), mapper.fingerprint),
+        n_joints,
+        cells: field.cells.clone(),
+        state,
+        touches: mapper.touches,
+        tape,
+    })
+}
+
+/// The taped touches, and the number of joints of their samples.
+fn tape(arrays: &Arrays, path: &str) -> Result<(usize, Vec<TapedTouch>), SavedError> {
+    let touches = arrays.counts("tape_touch", &[None, Some(3)])?;
+    let q = arrays.floats("tape_q", &[None, None])?;
+    let tau = arrays.floats("tape_tau", &[None, None])?;
+    let n_joints = arrays.require("tape_q")?.shape()[1];
+    let samples: u64 = touches.chunks(3).map(|touch| touch[1]).sum();
+    if q.len() != tau.len() || samples.saturating_mul(n_joints as u64) != q.len() as u64 {
+        let what = format!(
+            "the tape promises {samples} samples of {n_joints} joints and holds {} positions and \
+             {} torques",
+            q.len(),
+            tau.len()
+        );
+        return Err(SavedError::Contradiction { path: path.to_owned(), what });
+    }
+    let mut start = 0;
+    let mut tape = Vec::new();
+    for touch in touches.chunks(3) {
+        let end = start + touch[1] as usize * n_joints;
+        tape.push(TapedTouch {
+            touch: touch[0] as u32,
+            open: touch[2] != 0,
+            q: q[start..end].to_vec(),
+            tau: tau[start..end].to_vec(),
+        });
+        start = end;
+    }
+    Ok((n_joints, tape))
+}
