@@ -7,7 +7,7 @@
 //! |---------------------|------------------------------------------|-------------------------|
 //! | [`log`]             | touches: npy folders, CSV                |                         |
 //! | [`field`]           | a stiffness field: npz                   | the same                |
-//! | `robot_files`       | URDF, STL, OBJ, DAE, cached grids        | cached grids            |
+//! | [`robot_files`]     | URDF, STL, OBJ, DAE, cached grids        | cached grids            |
 //! | [`atomic`]          |                                          | any file, whole or not at all |
 //!
 //! Nothing here knows the method: no contact, no estimator, no gravity.
@@ -17,5 +17,6 @@ pub mod atomic;
 pub mod field;
 pub mod log;
 mod npy;
+pub mod robot_files;
 
 pub use npy::NpyError;

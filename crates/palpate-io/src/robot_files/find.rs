@@ -1,0 +1,160 @@
+//! Where the file is that a URDF calls `package://…`.
+
+use super::xml;
+use std::path::{Path, PathBuf};
+
+/// Where to look for meshes.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Search {
+    /// Folder of the URDF.
+    pub(super) urdf_folder: PathBuf,
+    /// Folders that hold packages, or are one.
+    pub(super) packages: Vec<PathBuf>,
+}
+
+impl Search {
+    /// The given folders first, then those of `ROS_PACKAGE_PATH` and `AMENT_PREFIX_PATH`.
+    pub(super) fn new(urdf_folder: &Path, given: &[PathBuf]) -> Self {
+        let listed = |name| std::env::var_os(name).unwrap_or_default();
+        let mut packages = given.to_vec();
+        packages.extend(std::env::split_paths(&listed("ROS_PACKAGE_PATH")));
+        packages.extend(
+            std::env::split_paths(&listed("AMENT_PREFIX_PATH")).map(|prefix| prefix.join("share")),
+        );
+        packages.retain(|folder| folder.is_absolute() || given.contains(folder));
+        Self { urdf_folder: urdf_folder.to_owned(), packages }
+    }
+
+    /// The file that `written` means; if there is none, all places where it might have been.
+    pub(super) fn find(&self, written: &str) -> Result<PathBuf, Vec<PathBuf>> {
+        let candidates = match written.split_once("://") {
+            Some(("package" | "model", rest)) => {
+                let (package, file) = rest.split_once('/').unwrap_or((rest, ""));
+                self.in_package(package, file)
+            }
+            Some(("file", path)) => vec![PathBuf::from(path), PathBuf::from(unescaped(path))],
+            Some(_) => vec![],
+            // `join` with an absolute path gives that path.
+            None => vec![self.urdf_folder.join(written)],
+        };
+        match candidates.iter().find(|path| path.is_file()) {
+            Some(path) => Ok(path.clone()),
+            None => Err(candidates),
+        }
+    }
+
+    /// Where a file of a package might be, the likeliest first.
+    fn in_package(&self, package: &str, file: &str) -> Vec<PathBuf> {
+        let mut candidates = Vec::new();
+        for folder in &self.packages {
+            if is_package(folder, package) {
+                candidates.push(folder.join(file));
+            }
+            candidates.push(folder.join(package).join(file));
+        }
+        let above = || self.urdf_folder.ancestors();
+        for folder in above() {
+            if is_package(folder, package) {
+                candidates.push(folder.join(file));
+            }
+            candidates.push(folder.join(package).join(file));
+        }
+        // A package that was copied under another name.
+        candidates.extend(above().map(|folder| folder.join(file)));
+        let mut once: Vec<PathBuf> = Vec::new();
+        for candidate in candidates {
+            if !once.contains(&candidate) {
+                once.push(candidate);
+            }
+        }
+        once
+    }
+}
+
+/// Whether a folder is the package of that name: by its own name or by its `package.xml`.
+fn is_package(folder: &Path, package: &str) -> bool {
+    if folder.file_name().is_some_and(|name| name == package) {
+        return true;
+    }
+    let manifest = folder.join("package.xml");
+    let is_small = manifest.metadata().is_ok_and(|metadata| metadata.len() < 1 << 20);
+    let text = if is_small { std::fs::read_to_string(manifest) } else { return false };
+    let Ok(text) = text else { return false };
+    let Ok(document) = xml::parse(&text) else { return false };
+    let mut children = document.root_element().children();
+    let name = children.find(|node| node.has_tag_name("name"));
+    name.and_then(|node| node.text()).is_some_and(|name| name.trim() == package)
+}
+
+/// `%20` and the like as what they stand for.
+fn unescaped(path: &str) -> String {
+    let mut bytes = Vec::with_capacity(path.len());
+    let mut rest = path.as_bytes();
+    while let Some((&byte, after)) = rest.split_first() {
+        let code = after.get(..2).filter(|_| byte == b'%');
+        let code = code.and_then(|code| std::str::from_utf8(code).ok());
+        match code.and_then(|code| u8::from_str_radix(code, 16).ok()) {
+            Some(decoded) => {
+                bytes.push(decoded);
+                rest = &after[2..];
+            }
+            None => {
+                bytes.push(byte);
+                rest = after;
+            }
+        }
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    /// Makes an empty file and the folders above it.
+    fn touch(path: &Path) {
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, "").unwrap();
+    }
+
+    #[test]
+    fn a_package_is_found_by_folder_by_manifest_and_by_what_it_holds() {
+        let root = tempfile::tempdir().unwrap();
+        let at = |path: &str| root.path().join(path);
+        touch(&at("named/arm/meshes/a.stl"));
+        touch(&at("cloned/meshes/b.stl"));
+        fs::write(at("cloned/package.xml"), "<package><name> arm </name></package>").unwrap();
+        touch(&at("copied/meshes/c.stl"));
+
+        let find = |urdf_folder: &str, packages: &[&str], written: &str| {
+            let packages = packages.iter().map(|folder| at(folder)).collect();
+            Search { urdf_folder: at(urdf_folder), packages }.find(written)
+        };
+        let (a, b, c) =
+            (at("named/arm/meshes/a.stl"), at("cloned/meshes/b.stl"), at("copied/meshes/c.stl"));
+        let [wa, wb, wc] = ["a", "b", "c"].map(|name| format!("package://arm/meshes/{name}.stl"));
+        assert_eq!(find("x", &["named"], &wa), Ok(a.clone()), "a folder of packages");
+        assert_eq!(find("x", &["named/arm"], &wa), Ok(a.clone()), "the package itself");
+        assert_eq!(find("named/arm/urdf", &[], &wa), Ok(a), "upwards, by its name");
+        assert_eq!(find("cloned/urdf/deep", &[], &wb), Ok(b), "upwards, by its manifest");
+        assert_eq!(find("copied/urdf", &[], &wc), Ok(c), "upwards, by what it holds");
+
+        let looked = find("x", &["named"], "package://arm/meshes/z.stl").unwrap_err();
+        assert_eq!(looked[0], at("named/arm/meshes/z.stl"));
+    }
+
+    #[test]
+    fn other_paths_are_relative_absolute_or_addresses() {
+        let root = tempfile::tempdir().unwrap();
+        let file = root.path().join("with blank/a.stl");
+        touch(&file);
+        let search = Search { urdf_folder: root.path().to_owned(), packages: vec![] };
+        let escaped = format!("file://{}", file.display().to_string().replace(' ', "%20"));
+        for written in ["with blank/a.stl", &file.display().to_string(), &escaped] {
+            assert!(search.find(written).is_ok(), "{written}");
+        }
+        assert_eq!(search.find("https://example.org/a.stl"), Err(vec![]));
+        assert_eq!(unescaped("%4%zz%41é%"), "%4%zzAé%");
+    }
+}
