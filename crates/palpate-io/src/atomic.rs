@@ -1,6 +1,6 @@
 //! Files that appear whole or not at all.
 //!
-//! Every writer of palpate goes through [`write`]: the bytes go to a hidden file in the same
+//! Every writer of palpate goes through [`write()`]: the bytes go to a hidden file in the same
 //! folder, reach the disk, and only then take the wanted name. Whatever fails on the way, a full
 //! disk or a crash, the file that stood there before stands there still. What an error or a panic
 //! leaves is removed; a killed process leaves at most a file that ends in `.partial`.
@@ -81,11 +81,11 @@ pub fn write(
     Ok(())
 }
 
-/// Whether [`write`] could begin: to be asked before hours of work, not after.
+/// Whether [`write()`] could begin: to be asked before hours of work, not after.
 ///
 /// # Errors
 ///
-/// As [`write`], as far as can be known without writing.
+/// As [`write()`], as far as can be known without writing.
 pub fn check(path: &Path, if_exists: IfExists) -> Result<(), WriteError> {
     let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     start(path, &target, if_exists).map(drop)

@@ -7,9 +7,9 @@
 //! 1. every node gets its distance from the nearest triangle and its winding number `w`;
 //! 2. a flood from the rim of the grid finds the nodes that no path from outside reaches;
 //! 3. **inside is `w ≥ ½`, or sealed**: the winding number decides, the flood only fills voids that
-//!    are closed all round. It cannot overrule the other way, since it leaks through any crack;
-//!    where it reaches what the winding number calls inside, the shell is open there, and the
-//!    [`Report`] says how much of the volume rests on the winding number alone;
+//!    are closed all round. It cannot overrule the other way, since it leaks through any crack.
+//!    A second flood, too thick for cracks narrower than a cell, tells where the shell has real
+//!    openings: the [`Report`] says how much of the volume rests on the winding number alone;
 //! 4. inside, the distance counts from the *skin* only, the triangles that have the outside on one
 //!    of their sides: inner walls must not make a point deep inside look like one at the surface;
 //! 5. where the sign changes without a triangle (across an opening) the surface is where `w = ½`.
@@ -65,8 +65,8 @@ pub struct Report {
     pub flipped: usize,
     /// Volume inside, by counting nodes.
     pub inside_m3: f64,
-    /// Part of the meshes' inside volume that the outside can reach through openings: it is inside
-    /// by the winding number alone. Zero for a closed mesh.
+    /// Part of the meshes' inside volume that the outside can reach through openings wider than
+    /// about a cell: it is inside by the winding number alone. Zero for a closed mesh.
     pub leaked_fraction: f64,
     /// Part of the meshes' inside volume that the winding number calls outside, filled because no
     /// path leads there.
@@ -97,14 +97,14 @@ pub fn bake_serial(solid: &Solid, config: &Config) -> Result<(Grid, Report), Sdf
 
 /// Where to compute.
 #[derive(Clone, Copy)]
-enum Threads {
+pub(super) enum Threads {
     One,
     All,
 }
 
 impl Threads {
     /// `f` of every node, in their order.
-    fn map<T: Send>(self, n: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+    pub(super) fn map<T: Send>(self, n: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
         match self {
             Threads::One => (0..n).map(f).collect(),
             Threads::All => (0..n).into_par_iter().with_min_len(256).map(f).collect(),
@@ -117,7 +117,7 @@ fn bake_on(threads: Threads, solid: &Solid, config: &Config) -> Result<(Grid, Re
     let soup = match &solid.meshes[..] {
         [] if solid.primitives.is_empty() => return Err(SdfError::Empty { triangles: 0 }),
         [] => None,
-        meshes => Some(Soup::new(meshes)?),
+        meshes => Some(Soup::new(threads, meshes)?),
     };
     let surface = surface_box(&solid.primitives, soup.as_ref());
     let lattice = Lattice::around(surface, config)?;
@@ -189,12 +189,14 @@ fn bake_soup(
     let winding = threads.map(n, |node| tree.at(&lattice.point(node)) as f32);
 
     let walls = threads.map(n, |node| walls(lattice, &surface, &distance_m, node));
-    let reached = flood::reached(lattice, |node, axis| walls[node][axis]);
+    let reached = flood::reached(lattice, |node, axis| walls[node][axis] == Wall::Triangle);
     let by_winding = |node: usize| winding[node] >= 0.5;
     let inside: Vec<bool> = (0..n).map(|node| by_winding(node) || !reached[node]).collect();
+
+    let leaked = flood::reached(lattice, |node, axis| walls[node][axis] != Wall::None);
     let count = |holds: &dyn Fn(usize) -> bool| (0..n).filter(|&node| holds(node)).count() as f64;
     let n_inside = count(&|node| inside[node]).max(1.0);
-    report.leaked_fraction = count(&|node| by_winding(node) && reached[node]) / n_inside;
+    report.leaked_fraction = count(&|node| by_winding(node) && leaked[node]) / n_inside;
     report.sealed_fraction = count(&|node| !by_winding(node) && !reached[node]) / n_inside;
 
     let is_outside = |point: &Point3<f64>| {
@@ -215,13 +217,26 @@ fn bake_soup(
     })
 }
 
-/// Whether a triangle stands between a node and the next along each axis.
-fn walls(lattice: &Lattice, surface: &Surface, distance_m: &[f64], node: usize) -> [bool; 3] {
+/// What stands between a node and the next.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Wall {
+    None,
+    /// No triangle on the edge itself, but some so near that only a thin thing would get through.
+    Slit,
+    Triangle,
+}
+
+/// What stands between a node and the next along each axis.
+fn walls(lattice: &Lattice, surface: &Surface, distance_m: &[f64], node: usize) -> [Wall; 3] {
     std::array::from_fn(|axis| {
-        let (_, Some(next)) = lattice.neighbours(node, axis) else { return false };
-        // Two empty balls that cover the edge prove it free.
-        distance_m[node] + distance_m[next] <= lattice.spacing_m
-            && surface.separates(&lattice.point(node), &lattice.point(next))
+        let (_, Some(next)) = lattice.neighbours(node, axis) else { return Wall::None };
+        if lattice.proves_free(distance_m[node], distance_m[next]) {
+            Wall::None
+        } else if surface.separates(&lattice.point(node), &lattice.point(next)) {
+            Wall::Triangle
+        } else {
+            Wall::Slit
+        }
     })
 }
 
@@ -306,6 +321,12 @@ impl Lattice {
         let at = self.coordinates(node)[axis];
         let stride: usize = self.shape[..axis].iter().product();
         ((at > 0).then(|| node - stride), (at + 1 < self.shape[axis]).then(|| node + stride))
+    }
+
+    /// Whether the distances of two neighbours prove that no surface crosses their edge: the two
+    /// empty balls cover it, and not just barely, as they do at a face square to it.
+    pub(super) fn proves_free(&self, one_m: f64, other_m: f64) -> bool {
+        one_m + other_m > self.spacing_m * (1.0 + 1e-6)
     }
 
     /// The nodes of the cell that holds a point.

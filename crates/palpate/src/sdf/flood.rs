@@ -47,7 +47,8 @@ pub(super) fn distance_to_openings(
     for node in 0..lattice.len() {
         for axis in 0..3 {
             let (_, Some(next)) = lattice.neighbours(node, axis) else { continue };
-            if inside[node] == inside[next] || distance_m[node] + distance_m[next] <= h {
+            let free = lattice.proves_free(distance_m[node], distance_m[next]);
+            if inside[node] == inside[next] || !free {
                 continue;
             }
             any = true;
@@ -106,4 +107,48 @@ fn eikonal(mut nearest: [f64; 3], h: f64) -> f64 {
     let sum = a + b + c;
     let square = sum * sum - 3.0 * (a * a + b * b + c * c - h * h);
     (sum + square.max(0.0).sqrt()) / 3.0
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    /// Nodes in a cube of ten, those of the middle four walled in.
+    fn walled(lattice: &Lattice, door: Option<usize>) -> impl Fn(usize, usize) -> bool {
+        let in_middle = |node: usize| {
+            let digits = [node % 10, node / 10 % 10, node / 100];
+            digits.iter().all(|digit| (3..7).contains(digit))
+        };
+        let shape = lattice.shape;
+        move |node, axis| {
+            let next = node + shape[..axis].iter().product::<usize>();
+            in_middle(node) != in_middle(next) && door != Some(node)
+        }
+    }
+
+    #[test]
+    fn the_flood_stops_at_walls_and_enters_by_any_door() {
+        let lattice = Lattice { origin_m: Point3::origin(), spacing_m: 1.0, shape: [10, 10, 10] };
+        let dry = |reached: Vec<bool>| reached.iter().filter(|reached| !**reached).count();
+        assert_eq!(dry(reached(&lattice, walled(&lattice, None))), 4 * 4 * 4);
+        assert_eq!(dry(reached(&lattice, walled(&lattice, Some(245)))), 0); // (5, 4, 2) upwards
+    }
+
+    #[test]
+    fn distances_spread_from_a_flat_opening_as_the_distance_from_a_plane() {
+        let lattice = Lattice { origin_m: Point3::origin(), spacing_m: 0.5, shape: [6, 6, 20] };
+        let layer = |node: usize| (node / 36) as f64;
+        let n = lattice.len();
+        // The winding number is one half at layer 7.3; no triangle is anywhere near.
+        let winding: Vec<f32> =
+            (0..n).map(|node| (0.5 + 0.1 * (7.3 - layer(node))) as f32).collect();
+        let inside: Vec<bool> = winding.iter().map(|&w| w >= 0.5).collect();
+        let found = distance_to_openings(&lattice, &winding, &inside, &vec![9.0; n]).unwrap();
+        for (node, distance_m) in found.iter().enumerate() {
+            let plane = 0.5 * (layer(node) - 7.3).abs();
+            assert!((distance_m - plane).abs() < 1e-5, "layer {}: {distance_m}", layer(node));
+        }
+    }
 }

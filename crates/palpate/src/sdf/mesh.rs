@@ -1,10 +1,11 @@
 //! Triangles as they come in files, made fit to be asked for distances.
 //!
 //! Files hold open shells, doubled vertices, triangles without area and parts turned inside out.
-//! Vertices at equal coordinates are welded to find the connected parts. A *closed* part whose
-//! volume is negative is turned round; so a hollow part is taken as solid. If all that is open
-//! taken together has a negative volume, it is turned round too. What is left is for the winding
-//! number to judge.
+//! Vertices at equal coordinates are welded to find the parts that hang together and face one way.
+//! A *closed* part whose volume is negative is turned round; so a hollow part is taken as solid. In
+//! an open part each triangle is turned round if more of the sky is seen from behind it than from
+//! in front of it (after Takayama et al. 2014): lids of published meshes face the wrong way. What
+//! is left is for the winding number to judge.
 
 use std::collections::HashMap;
 
@@ -14,10 +15,17 @@ use parry3d_f64::query::{PointQuery, Ray, RayCast};
 use parry3d_f64::shape::TriMesh;
 
 use super::SdfError;
+use super::bake::Threads;
 use super::winding::area_vector_of;
 
 /// A triangle thinner than this part of its longest edge has no usable normal.
 const SLIVER: f64 = 1e-9;
+
+/// How many ways a triangle of an open part looks for the sky.
+const SAMPLED_DIRECTIONS: usize = 24;
+/// A triangle that sees this much more of the sky on one side knows its front; others follow the
+/// majority of their part.
+const CLEAR_VOTE: f64 = 0.25;
 
 /// Triangles in the frame of a mesh or a link.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -76,34 +84,24 @@ pub(super) struct Soup {
 
 impl Soup {
     /// Gathers and cleans; an error if a mesh is broken or nothing with an area is left.
-    pub(super) fn new(meshes: &[TriangleMesh]) -> Result<Soup, SdfError> {
+    pub(super) fn new(threads: Threads, meshes: &[TriangleMesh]) -> Result<Soup, SdfError> {
         let mut all = Vec::new();
         for mesh in meshes {
             mesh.check()?;
             let corner = |v: u32| mesh.vertices[v as usize];
             all.extend(mesh.triangles.iter().map(|corners| corners.map(corner)));
         }
-        let welded = weld(&all);
-        let parts = parts(&welded);
-        let (mut volume, mut closed) = (vec![0.0; all.len()], vec![true; all.len()]);
-        let middle = average(&all);
-        for (triangle, &part) in all.iter().zip(&parts.of_triangle) {
-            let [a, b, c] = triangle.map(|vertex| vertex - middle);
-            volume[part] += a.dot(&b.cross(&c));
-        }
-        parts.open.iter().for_each(|&part| closed[part] = false);
-        let open_volume: f64 =
-            volume.iter().zip(&closed).filter(|(_, closed)| !**closed).map(|(v, _)| v).sum();
-
+        let turn = inside_out(threads, &all);
         let (mut flipped, mut kept) = (0, Vec::with_capacity(all.len()));
-        for (mut triangle, &part) in all.iter().copied().zip(&parts.of_triangle) {
-            if (if closed[part] { volume[part] } else { open_volume }) < 0.0 {
+        for (mut triangle, turn) in all.iter().copied().zip(turn) {
+            if is_degenerate(&triangle) {
+                continue;
+            }
+            if turn {
                 triangle.swap(1, 2);
                 flipped += 1;
             }
-            if !is_degenerate(&triangle) {
-                kept.push(triangle);
-            }
+            kept.push(triangle);
         }
         let degenerate = all.len() - kept.len();
         if kept.is_empty() {
@@ -113,9 +111,52 @@ impl Soup {
     }
 }
 
-fn average(triangles: &[[Point3<f64>; 3]]) -> Point3<f64> {
-    let sum: Vector3<f64> = triangles.iter().flatten().map(|vertex| vertex.coords).sum();
-    Point3::from(sum / (3.0 * triangles.len().max(1) as f64))
+/// Which triangles show the outside their back.
+fn inside_out(threads: Threads, all: &[[Point3<f64>; 3]]) -> Vec<bool> {
+    let parts = Parts::of(&weld(all));
+    let sound: Vec<_> = all.iter().copied().filter(|triangle| !is_degenerate(triangle)).collect();
+    if sound.is_empty() {
+        return vec![false; all.len()];
+    }
+    let surface = Surface::new(&sound);
+    let sky = threads.map(all.len(), |index| {
+        let looks = parts.open[parts.of_triangle[index]] && !is_degenerate(&all[index]);
+        if looks { sky_in_front_less_behind(&all[index], &surface) } else { 0.0 }
+    });
+
+    // A closed part is judged by its volume, an open one by its triangles' votes.
+    let (mut votes, origin) = (vec![0.0; all.len()], sound[0][0]);
+    for (index, (triangle, &part)) in all.iter().zip(&parts.of_triangle).enumerate() {
+        let [a, b, c] = triangle.map(|vertex| vertex - origin);
+        let volume = a.dot(&b.cross(&c));
+        let vote = sky[index] * area_vector_of(triangle).norm();
+        votes[part] += if parts.open[part] { vote } else { volume };
+    }
+    (sky.iter().zip(&parts.of_triangle))
+        .map(|(&sky, &part)| if sky.abs() > CLEAR_VOTE { sky < 0.0 } else { votes[part] < 0.0 })
+        .collect()
+}
+
+/// How much more of the sky is seen from in front of a triangle than from behind it, −1 to 1.
+fn sky_in_front_less_behind(triangle: &[Point3<f64>; 3], surface: &Surface) -> f64 {
+    let normal = area_vector_of(triangle).normalize();
+    let middle =
+        Point3::from(triangle.iter().map(|vertex| vertex.coords).sum::<Vector3<f64>>() / 3.0);
+    let votes = (0..SAMPLED_DIRECTIONS).map(|sample| {
+        let ray = direction(sample);
+        let side = normal.dot(&ray).signum();
+        let sky = surface.sees_the_sky(&(middle + normal * (1e-5 * side)), &ray);
+        if sky { side } else { 0.0 }
+    });
+    2.0 * votes.sum::<f64>() / SAMPLED_DIRECTIONS as f64
+}
+
+/// Directions that cover the sphere evenly (a golden spiral).
+fn direction(sample: usize) -> Vector3<f64> {
+    let z = 1.0 - (2 * sample + 1) as f64 / SAMPLED_DIRECTIONS as f64;
+    let turn = sample as f64 * std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    let across = (1.0 - z * z).sqrt();
+    Vector3::new(across * turn.cos(), across * turn.sin(), z)
 }
 
 fn is_degenerate(triangle: &[Point3<f64>; 3]) -> bool {
@@ -138,30 +179,41 @@ fn weld(triangles: &[[Point3<f64>; 3]]) -> Vec<[usize; 3]> {
 /// Connected parts, each named by one of its triangles.
 struct Parts {
     of_triangle: Vec<usize>,
-    /// Parts with an edge that is not walked as often one way as the other.
-    open: Vec<usize>,
+    /// By name: has an edge that is not walked as often one way as the other.
+    open: Vec<bool>,
 }
 
-fn parts(welded: &[[usize; 3]]) -> Parts {
-    // Per edge: a triangle that has it, and how much oftener it is walked upwards.
-    let mut edges: HashMap<[usize; 2], (usize, i64)> = HashMap::new();
-    let mut leader: Vec<usize> = (0..welded.len()).collect();
-    for (index, &[a, b, c]) in welded.iter().enumerate() {
-        for (from, to) in [(a, b), (b, c), (c, a)] {
-            if from == to {
-                continue; // A collapsed triangle walks its one edge both ways.
-            }
-            let edge = edges.entry([from.min(to), from.max(to)]).or_insert((index, 0));
-            edge.1 += if from < to { 1 } else { -1 };
-            let (one, other) = (find(&mut leader, edge.0), find(&mut leader, index));
-            leader[one.max(other)] = one.min(other);
+impl Parts {
+    /// Triangles belong together if they share an edge and walk it in opposite directions, so that
+    /// all of a part face the same way.
+    fn of(welded: &[[usize; 3]]) -> Parts {
+        let mut walks: HashMap<[usize; 2], Vec<usize>> = HashMap::new();
+        let edges = |&[a, b, c]: &[usize; 3]| {
+            [[a, b], [b, c], [c, a]].into_iter().filter(|[from, to]| from != to)
+        };
+        for (index, corners) in welded.iter().enumerate() {
+            edges(corners).for_each(|edge| walks.entry(edge).or_default().push(index));
         }
+        let mut leader: Vec<usize> = (0..welded.len()).collect();
+        let mut unmatched = Vec::new();
+        for (index, corners) in welded.iter().enumerate() {
+            for [from, to] in edges(corners) {
+                let (there, back) = (&walks[&[from, to]], walks.get(&[to, from]));
+                if back.is_none_or(|back| back.len() != there.len()) {
+                    unmatched.push(index);
+                }
+                for &other in back.into_iter().flatten() {
+                    let (one, other) = (find(&mut leader, index), find(&mut leader, other));
+                    leader[one.max(other)] = one.min(other);
+                }
+            }
+        }
+        let of_triangle: Vec<usize> =
+            (0..welded.len()).map(|index| find(&mut leader, index)).collect();
+        let mut open = vec![false; welded.len()];
+        unmatched.iter().for_each(|&index| open[of_triangle[index]] = true);
+        Parts { of_triangle, open }
     }
-    let of_triangle = (0..welded.len()).map(|index| find(&mut leader, index)).collect();
-    let open = (edges.values().filter(|(_, balance)| *balance != 0))
-        .map(|(index, _)| find(&mut leader, *index))
-        .collect();
-    Parts { of_triangle, open }
 }
 
 /// Root of a union-find tree, halving the path.
@@ -190,6 +242,12 @@ impl Surface {
     /// Unsigned distance, m.
     pub(super) fn distance(&self, point: &Point3<f64>) -> f64 {
         self.mesh.distance_to_local_point(to_parry(point), false)
+    }
+
+    /// Whether a ray meets no triangle.
+    fn sees_the_sky(&self, start: &Point3<f64>, direction: &Vector3<f64>) -> bool {
+        let ray = Ray::new(to_parry(start), to_parry(&Point3::from(*direction)));
+        !self.mesh.intersects_local_ray(&ray, f64::MAX)
     }
 
     /// Whether the surface stands between two points.

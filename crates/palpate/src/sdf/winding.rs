@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 use nalgebra::{Point3, Vector3};
 
 /// A cluster is seen as a dipole from beyond this many of its radii.
-const FAR_RADII: f64 = 2.0;
+const FAR_RADII: f64 = 3.0;
 const LEAF_TRIANGLES: usize = 6;
 
 /// Triangles in clusters of clusters.
@@ -122,4 +122,57 @@ fn solid_angle(triangle: &[Point3<f64>; 3], point: &Point3<f64>) -> f64 {
     let divisor = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
     // atan2(0, negative) would be π on the plane of the triangle, seen from its rim: take no side.
     if determinant == 0.0 { 0.0 } else { 2.0 * determinant.atan2(divisor) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A ball of radius 1 about the origin: an octahedron, split and blown up.
+    fn ball() -> Vec<[Point3<f64>; 3]> {
+        let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()].map(Point3::from);
+        let mut triangles = Vec::new();
+        for signs in 0..8 {
+            let flip =
+                |point: Point3<f64>, bit: u32| if signs >> bit & 1 == 0 { point } else { -point };
+            let (a, b, c) = (flip(x, 0), flip(y, 1), flip(z, 2));
+            let odd = u32::count_ones(signs) % 2 == 1;
+            triangles.push(if odd { [a, c, b] } else { [a, b, c] });
+        }
+        for _ in 0..4 {
+            triangles = triangles
+                .into_iter()
+                .flat_map(|[a, b, c]: [Point3<f64>; 3]| {
+                    let [ab, bc, ca] = [(a, b), (b, c), (c, a)]
+                        .map(|(p, q)| Point3::from((p.coords + q.coords).normalize()));
+                    [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]
+                })
+                .collect();
+        }
+        triangles
+    }
+
+    #[test]
+    fn clusters_give_the_sum_over_all_triangles_even_for_half_a_ball() {
+        let half: Vec<_> =
+            ball().into_iter().filter(|corners| corners.iter().all(|v| v.x > -0.01)).collect();
+        let tree = WindingTree::new(half.clone());
+        for step in 0..400 {
+            let turn = f64::from(step) * 2.4;
+            let radius = f64::from(step) * 0.005;
+            let point = Point3::new(radius * turn.cos(), radius * turn.sin(), 0.3 - radius / 4.0);
+            let sum: f64 = half.iter().map(|triangle| solid_angle(triangle, &point)).sum();
+            let (tree, sum) = (tree.at(&point), sum / (4.0 * PI));
+            assert!((tree - sum).abs() < 0.01, "{point}: {tree}, should be {sum}");
+        }
+    }
+
+    #[test]
+    fn a_closed_surface_covers_the_whole_sky_within_and_none_without() {
+        let tree = WindingTree::new(ball());
+        for (x, covered) in [(0.0, 1.0), (0.5, 1.0), (-0.9, 1.0), (1.1, 0.0), (30.0, 0.0)] {
+            let found = tree.at(&Point3::new(x, 0.01, 0.02));
+            assert!((found - covered).abs() < 0.02, "x = {x}: {found}, should be {covered}");
+        }
+    }
 }

@@ -1,56 +1,9 @@
-//! The `.npz` format: a zip archive of npy files, as named arrays.
-//!
-//! What is written here `numpy.load` reads without pickle. What is read here is distrusted: an
-//! array is as large as the bytes that come out of the archive, never as large as a header claims,
-//! and all arrays together stay under [`MAX_BYTES`]. Checksums are verified to the last byte.
-//!
-//! Members that are no plain array of numbers, such as the pickled dictionaries that OpenVSF adds,
-//! are passed over and asked for in vain: see [`Arrays::skipped`].
+//! Arrays with names, as an npz file holds them, and what may be asked of them.
 
-use crate::atomic::{self, IfExists, WriteError};
-use crate::npy::{Header, NpyError, Number, write_header};
-use std::fs::File;
-use std::io::{self, BufReader, Read, Seek, Write};
+use super::NpzError;
+use crate::npy::Number;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use zip::result::ZipError;
-use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, ZipArchive, ZipWriter};
-
-/// Most bytes that the arrays of one file may take once unpacked.
-pub const MAX_BYTES: u64 = 4 << 30;
-/// Most members that one archive may have.
-const MAX_MEMBERS: usize = 1024;
-
-/// What can be wrong with an npz file.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs)] // the messages name the fields
-pub enum NpzError {
-    /// The system refused to read.
-    #[error("`{path}` cannot be read: {source}")]
-    Io { path: PathBuf, source: io::Error },
-    /// Not a zip archive, or a broken one.
-    #[error("`{path}` is not an npz file, or is truncated: {reason}")]
-    NotNpz { path: PathBuf, reason: String },
-    /// A member that is broken.
-    #[error("`{path}`: the array `{name}` {source}")]
-    Member { path: PathBuf, name: String, source: NpyError },
-    /// More than believed.
-    #[error("`{path}` unpacks to more than {MAX_BYTES} bytes or {MAX_MEMBERS} arrays")]
-    TooLarge { path: PathBuf },
-    /// An array that is asked for is not there.
-    #[error("`{path}` holds no array `{name}`: {held}")]
-    NoArray { path: PathBuf, name: String, held: String },
-    /// An array of another shape or kind than wanted.
-    #[error("`{path}`: the array `{name}` is {found}; wanted {wanted}")]
-    Array { path: PathBuf, name: String, found: String, wanted: String },
-    /// A number that makes no sense.
-    #[error("`{path}`: the array `{name}` holds {found} in row {row} (from 0); wanted {wanted}")]
-    Value { path: PathBuf, name: String, row: usize, found: f64, wanted: &'static str },
-    /// It could not be written.
-    #[error(transparent)]
-    Write(#[from] WriteError),
-}
 
 /// The numbers of an array in C order.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,16 +20,16 @@ pub enum Data {
 /// Numbers and the sides of the box they fill.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Array {
-    shape: Vec<usize>,
-    data: Data,
+    pub(super) shape: Vec<usize>,
+    pub(super) data: Data,
 }
 
 /// Named arrays in the order of the file.
 #[derive(Debug, Clone, Default)]
 pub struct Arrays {
-    path: PathBuf,
+    pub(super) path: PathBuf,
     entries: Vec<(String, Array)>,
-    skipped: Vec<(String, String)>,
+    pub(super) skipped: Vec<(String, String)>,
 }
 
 impl Data {
@@ -100,7 +53,7 @@ impl Data {
     }
 
     /// numpy's `dtype.str`.
-    fn descr(&self) -> &'static str {
+    pub(super) fn descr(&self) -> &'static str {
         match self {
             Self::F64(_) => "<f8",
             Self::F32(_) => "<f4",
@@ -111,7 +64,7 @@ impl Data {
         }
     }
 
-    fn write(&self, out: &mut impl Write) -> io::Result<()> {
+    pub(super) fn write(&self, out: &mut impl Write) -> io::Result<()> {
         match self {
             Self::F64(numbers) => put(out, numbers, f64::to_le_bytes),
             Self::F32(numbers) => put(out, numbers, f32::to_le_bytes),
@@ -123,7 +76,7 @@ impl Data {
     }
 
     /// The numbers in `raw`, in its own order; narrow integers are widened.
-    fn decode(raw: Vec<u8>, number: Number, big_endian: bool) -> Self {
+    pub(super) fn decode(raw: Vec<u8>, number: Number, big_endian: bool) -> Self {
         let raw = if big_endian { swapped(raw, number.bytes()) } else { raw };
         match number {
             Number::F64 => Self::F64(get(&raw, f64::from_le_bytes)),
@@ -162,22 +115,6 @@ fn get<T, const N: usize>(raw: &[u8], from_bytes: fn([u8; N]) -> T) -> Vec<T> {
 fn swapped(mut raw: Vec<u8>, bytes: usize) -> Vec<u8> {
     raw.chunks_exact_mut(bytes).for_each(<[u8]>::reverse);
     raw
-}
-
-/// Moves numbers from Fortran order to C order.
-fn c_order(raw: &[u8], shape: &[usize], bytes: usize) -> Vec<u8> {
-    let mut moved = Vec::with_capacity(raw.len());
-    for c_place in 0..raw.len() / bytes {
-        let (mut rest, mut fortran_place) = (c_place, 0);
-        let mut stride = raw.len() / bytes;
-        for &side in shape.iter().rev() {
-            stride /= side;
-            fortran_place += rest % side * stride;
-            rest /= side;
-        }
-        moved.extend(&raw[fortran_place * bytes..(fortran_place + 1) * bytes]);
-    }
-    moved
 }
 
 impl Array {
@@ -341,7 +278,7 @@ impl Arrays {
     }
 
     /// An error unless all numbers are as wanted.
-    pub(super) fn check(
+    pub(in crate::field) fn check(
         &self,
         name: &str,
         numbers: &[f64],
@@ -372,138 +309,5 @@ impl Arrays {
         }
         let names: Vec<&str> = self.entries.iter().map(|(name, _)| name.as_str()).collect();
         names.join(", ")
-    }
-}
-
-/// Reads all arrays of an npz file.
-///
-/// # Errors
-///
-/// If the file is missing, broken, truncated or unpacks to more than [`MAX_BYTES`].
-pub fn read_npz(path: &Path) -> Result<Arrays, NpzError> {
-    let file = File::open(path).map_err(|source| NpzError::Io { path: path.to_owned(), source })?;
-    read(BufReader::new(file), path)
-}
-
-/// Reads all arrays of an archive; `path` is for the errors.
-fn read(input: impl Read + Seek, path: &Path) -> Result<Arrays, NpzError> {
-    let broken = |error: ZipError| match error {
-        ZipError::Io(source) if source.kind() == io::ErrorKind::IsADirectory => {
-            NpzError::Io { path: path.to_owned(), source }
-        }
-        error => NpzError::NotNpz { path: path.to_owned(), reason: error.to_string() },
-    };
-    let too_large = || NpzError::TooLarge { path: path.to_owned() };
-    let mut archive = ZipArchive::new(input).map_err(broken)?;
-    if archive.len() > MAX_MEMBERS {
-        return Err(too_large());
-    }
-    let mut arrays = Arrays { path: path.to_owned(), ..Arrays::default() };
-    let mut room = MAX_BYTES;
-    for index in 0..archive.len() {
-        let mut member = archive.by_index(index).map_err(broken)?;
-        let file_name = member.name().map_err(broken)?.into_owned();
-        let Some(name) = file_name.strip_suffix(".npy") else {
-            arrays.skipped.push((file_name, "is no npy file".to_owned()));
-            continue;
-        };
-        match read_member(&mut member, &mut room) {
-            Ok(Some(array)) => arrays.insert(name, array),
-            Ok(None) => return Err(too_large()),
-            Err(error @ NpyError::Dtype { .. }) => {
-                arrays.skipped.push((name.to_owned(), error.to_string()));
-            }
-            Err(source) => {
-                let name = name.to_owned();
-                return Err(NpzError::Member { path: path.to_owned(), name, source });
-            }
-        }
-    }
-    Ok(arrays)
-}
-
-/// Reads one array to the end of its member, where the checksum is compared. `None` if it would
-/// take more than `room` bytes.
-fn read_member(member: &mut impl Read, room: &mut u64) -> Result<Option<Array>, NpyError> {
-    let header = Header::read(member)?;
-    let promised = header.data_bytes()?;
-    let Some(left) = room.checked_sub(promised) else { return Ok(None) };
-    *room = left;
-
-    let mut raw = Vec::new(); // grows with what comes, not with what is promised
-    member.by_ref().take(promised).read_to_end(&mut raw)?;
-    if (raw.len() as u64) < promised {
-        let bytes = header.number.bytes() as u64;
-        let (held, promised) = (raw.len() as u64 / bytes, promised / bytes);
-        return Err(NpyError::Truncated { held, promised, unit: "numbers" });
-    }
-    if member.read(&mut [0])? != 0 {
-        let reason = "more numbers follow than its shape tells".to_owned();
-        return Err(NpyError::Header { reason });
-    }
-    let sides: Result<Vec<usize>, _> = header.shape.iter().map(|&s| usize::try_from(s)).collect();
-    let shape = sides.map_err(|_| NpyError::TooLarge { shape: header.shape.clone() })?;
-    if header.fortran_order {
-        raw = c_order(&raw, &shape, header.number.bytes());
-    }
-    Ok(Some(Array { shape, data: Data::decode(raw, header.number, header.big_endian) }))
-}
-
-/// Writes arrays as a compressed npz file, whole or not at all. The same arrays give the same
-/// bytes.
-///
-/// # Errors
-///
-/// [`NpzError::Write`]; nothing is left behind.
-pub fn write_npz(path: &Path, arrays: &Arrays, if_exists: IfExists) -> Result<(), NpzError> {
-    atomic::write(path, if_exists, |out| {
-        let mut out = FirstError { out, error: None };
-        let packed = pack(&mut out, arrays);
-        match out.error {
-            Some(error) => Err(error),
-            None => packed.map_err(io::Error::from),
-        }
-    })?;
-    Ok(())
-}
-
-/// Writes the archive.
-fn pack(out: impl Write, arrays: &Arrays) -> Result<(), ZipError> {
-    let mut zip = ZipWriter::new_stream(out);
-    for (name, array) in arrays.iter() {
-        let bytes = array.data.len() as u64 * 8;
-        let options = SimpleFileOptions::default()
-            .compression_method(CompressionMethod::Deflated)
-            .large_file(bytes > u64::from(u32::MAX) / 2);
-        zip.start_file(format!("{name}.npy"), options)?;
-        write_header(&mut zip, array.data.descr(), &array.shape)?;
-        array.data.write(&mut zip)?;
-    }
-    zip.finish()?;
-    Ok(())
-}
-
-/// Keeps the first error to itself and swallows what follows.
-///
-/// [`ZipWriter`] would lose the kind of the error and, when dropped, print to stderr that it could
-/// not finish.
-struct FirstError<W> {
-    out: W,
-    error: Option<io::Error>,
-}
-
-impl<W: Write> Write for FirstError<W> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if self.error.is_none() {
-            self.error = self.out.write_all(bytes).err();
-        }
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        if self.error.is_none() {
-            self.error = self.out.flush().err();
-        }
-        Ok(())
     }
 }

@@ -1,0 +1,185 @@
+//! Laws of the contact simulator, each on a case with an answer on paper.
+
+mod scene;
+
+use std::sync::Arc;
+
+use nalgebra::DVector;
+use palpate::arm::Arm;
+use palpate::contact::{Config, Contacts, Simulator};
+use palpate::lattice::{CellRows, Lattice};
+use palpate::robot::{LinkId, Robot};
+use palpate::sdf;
+use palpate::torque::Observation;
+use scene::{collision, gantry_urdf};
+
+/// A gantry that carries one shape, baked finely.
+fn gantry(geometry: &str) -> Arc<Arm> {
+    let robot = Robot::from_urdf(&gantry_urdf(&collision(geometry))).unwrap();
+    let bake = sdf::Config { spacing_m: 0.003, ..sdf::Config::default() };
+    Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
+}
+
+/// A block of 20 cm a side, whose front face stands at x = 0.1 m when the gantry is at home.
+const BLOCK: &str = "<box size='0.2 0.2 0.2'/>";
+
+/// 1 cm cells in a column in front of the block's face, far from its edges.
+fn column() -> Lattice {
+    Lattice::new([0.107, -0.045, -0.045], 0.01, [40, 10, 10]).unwrap()
+}
+
+struct World {
+    arm: Arc<Arm>,
+    simulator: Simulator,
+}
+
+impl World {
+    fn new(arm: &Arc<Arm>, lattice: Lattice, config: Config, start: [f64; 3]) -> Self {
+        let mut simulator = Simulator::new(lattice, Arc::clone(&arm.surfaces), config).unwrap();
+        simulator.begin_touch(&arm.robot.forward(&start).unwrap().world_from_link);
+        Self { arm: Arc::clone(arm), simulator }
+    }
+
+    /// Moves the gantry in small steps along a line.
+    fn go(&mut self, from: [f64; 3], to: [f64; 3]) -> Contacts {
+        let steps = 40;
+        let mut contacts = Contacts::default();
+        for step in 1..=steps {
+            let part = f64::from(step) / f64::from(steps);
+            let q: [f64; 3] = std::array::from_fn(|i| from[i] + part * (to[i] - from[i]));
+            contacts = self.simulator.advance(&self.arm.robot.forward(&q).unwrap().world_from_link);
+        }
+        contacts
+    }
+}
+
+fn config() -> Config {
+    Config { contact_distance_cells: 0.5, ..Config::default() }
+}
+
+#[test]
+fn a_pressed_face_displaces_each_point_by_how_far_it_was_overrun() {
+    let arm = gantry(BLOCK);
+    let mut world = World::new(&arm, column(), config(), [0.0; 3]);
+    // δ = 5 mm: the inflated face goes from 0.105 to 0.145 m, over the points at 0.107, 0.117,
+    // 0.127 and 0.137 m, with 10 x 10 points in a layer.
+    let contacts = world.go([0.0; 3], [0.0401, 0.0, 0.0]);
+    let lattice = column();
+    assert_eq!((contacts.links.len(), contacts.links[0].link), (1, LinkId(3)));
+    let deepest = contacts.links[0].displacements_m.iter().map(|u| u[0]).fold(0.0, f32::max);
+    assert!((f64::from(deepest) - 0.0381).abs() < 2e-4, "{deepest}");
+    for (cell, u) in contacts.links[0].cells.iter().zip(&contacts.links[0].displacements_m) {
+        let expected = 0.1451 - lattice.point(*cell).x;
+        assert!((f64::from(u[0]) - expected).abs() < 2e-4, "{expected} {u:?}");
+        assert!(u[1].abs() < 1e-5 && u[2].abs() < 1e-5, "{u:?}");
+    }
+    assert_eq!(contacts.len(), 400);
+}
+
+#[test]
+fn points_inside_the_links_at_the_start_are_no_contacts_until_the_link_has_left_them() {
+    let arm = gantry(BLOCK);
+    // The block starts half in the column: 10 layers lie inside it.
+    let start = [0.1, 0.0, 0.0];
+    let mut world = World::new(&arm, column(), config(), start);
+    assert!(world.go(start, start).is_empty());
+    let pressed = world.go(start, [0.12, 0.0, 0.0]);
+    let first = pressed.links[0].cells.iter().map(|cell| column().point(*cell).x);
+    assert!(first.fold(f64::INFINITY, f64::min) > 0.2, "known-empty points were touched");
+    // It leaves them all, and comes back: now they are points like any others.
+    assert!(world.go([0.12, 0.0, 0.0], [-0.05, 0.0, 0.0]).is_empty());
+    let back = world.go([-0.05, 0.0, 0.0], start);
+    assert!(back.len() > 900, "{}", back.len());
+
+    let bold = Config { known_empty: false, ..config() };
+    let mut world = World::new(&arm, column(), bold, start);
+    assert!(world.go(start, start).len() > 900);
+}
+
+#[test]
+fn a_point_slips_until_the_friction_cone_holds_it() {
+    let arm = gantry(BLOCK);
+    for friction in [0.0, 0.3, 0.8] {
+        let config = Config { friction, slip_iterations: 50, ..config() };
+        let mut world = World::new(&arm, column(), config, [0.0; 3]);
+        world.go([0.0; 3], [0.03, 0.0, 0.0]);
+        let slid = world.go([0.03, 0.0, 0.0], [0.03, 0.04, 0.0]);
+        for u in &slid.links[0].displacements_m {
+            let (normal, tangential) = (u[0], u[1].hypot(u[2]));
+            let held = friction as f32 * normal;
+            assert!(tangential <= held + 2e-5, "μ = {friction}: {u:?}");
+            assert!((tangential - held.min(0.04)).abs() < 1e-4, "μ = {friction}: {u:?}");
+        }
+    }
+    // Without iterations it sticks for good.
+    let sticky = Config { slip_iterations: 0, ..config() };
+    let mut world = World::new(&arm, column(), sticky, [0.0; 3]);
+    world.go([0.0; 3], [0.03, 0.0, 0.0]);
+    let stuck = world.go([0.03, 0.0, 0.0], [0.03, 0.04, 0.0]);
+    assert!(stuck.links[0].displacements_m.iter().all(|u| (u[1] - 0.04).abs() < 1e-5));
+}
+
+#[test]
+fn a_point_is_let_go_where_its_spring_would_pull() {
+    let arm = gantry(BLOCK);
+    let mut world = World::new(&arm, column(), config(), [0.0; 3]);
+    let pressed = world.go([0.0; 3], [0.0401, 0.0, 0.0]);
+    // Back by 2 cm: the layers at 0.137 and 0.127 have been overtaken by the face's retreat.
+    let half = world.go([0.0401, 0.0, 0.0], [0.0201, 0.0, 0.0]);
+    assert_eq!((pressed.len(), half.len()), (400, 200));
+    assert!(half.links[0].displacements_m.iter().all(|u| u[0] > 0.0));
+    assert!(world.go([0.0201, 0.0, 0.0], [-0.01, 0.0, 0.0]).is_empty());
+    // And it is touched anew like any other point.
+    assert_eq!(world.go([-0.01, 0.0, 0.0], [0.0401, 0.0, 0.0]).len(), pressed.len());
+}
+
+#[test]
+fn a_cylinder_swept_through_an_elastic_bed_feels_the_force_of_the_integral() {
+    // A cylinder of radius R along z, sticking to what it meets, is pushed by D through a bed of
+    // stiffness k a volume. A point at distance s behind the advancing front is displaced by s,
+    // so the force is k L ∫dy ∫₀ᴰ s ds = k L (2R') D²/2 with R' = R + δ.
+    let (radius, travel, spacing) = (0.05, 0.06, 0.004);
+    let arm = gantry("<cylinder radius='0.05' length='0.4'/>");
+    let lattice = Lattice::new([-0.2, -0.15, -0.05], spacing, [100, 75, 25]).unwrap();
+    let config = Config { slip_iterations: 0, ..config() };
+    let delta = config.contact_distance_cells * spacing;
+    let mut world = World::new(&arm, lattice.clone(), config, [0.0; 3]);
+    let contacts = world.go([0.0; 3], [travel, 0.0, 0.0]);
+
+    let poses = arm.robot.forward(&[travel, 0.0, 0.0]).unwrap();
+    let mut rows = CellRows::new(lattice);
+    let frame = Observation::new(&arm.robot, &poses, &contacts, &mut rows, DVector::zeros(3));
+    let k_volume = 1e6; // N/m per m³
+    let cell = k_volume * spacing.powi(3);
+    let force = frame.predict(rows.points_m(), |_| cell);
+
+    let length = 25.0 * spacing;
+    let expected = -k_volume * length * (radius + delta) * travel * travel;
+    assert!((force[0] / expected - 1.0).abs() < 0.02, "{} N against {expected} N", force[0]);
+    assert!(force[1].abs() < 0.02 * expected.abs() && force[2].abs() < 1e-6 * expected.abs());
+}
+
+#[test]
+fn settling_on_many_threads_gives_the_same_bits_as_on_one() {
+    let arm = gantry("<sphere radius='0.12'/>");
+    let lattice = Lattice::new([-0.4; 3], 0.01, [80; 3]).unwrap();
+    let run = |parallel: bool| {
+        let config = Config { parallel, ..config() };
+        let mut world = World::new(&arm, lattice.clone(), config, [0.0; 3]);
+        world.go([0.0; 3], [0.1, 0.05, -0.02]);
+        world.go([0.1, 0.05, -0.02], [0.08, -0.02, 0.05])
+    };
+    let (serial, parallel) = (run(false), run(true));
+    assert!(serial.len() > 1000, "{}", serial.len());
+    assert_eq!(serial, parallel);
+}
+
+#[test]
+fn a_long_motion_asks_for_substeps_so_that_nothing_tunnels() {
+    let arm = gantry(BLOCK);
+    let world = World::new(&arm, column(), config(), [0.0; 3]);
+    let poses = |x: f64| arm.robot.forward(&[x, 0.0, 0.0]).unwrap().world_from_link;
+    assert_eq!(world.simulator.substeps(&poses(0.0)), 1);
+    assert_eq!(world.simulator.substeps(&poses(0.004)), 1);
+    assert_eq!(world.simulator.substeps(&poses(0.021)), 5); // half a cell, 5 mm, at a time
+}
