@@ -82,7 +82,7 @@ impl AllSettings {
 impl RobotAndLogSettings {
     /// The flags over the file's values.
     pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
-        let (robot, log, touch) = (self.robot.clone(), self.log.clone(), self.touch.clone());
+        let (robot, log, touch) = (self.robot.clone(), self.log.clone(), self.touch);
         self.file.under(Settings { robot, log, touch, ..Settings::default() })
     }
 }

@@ -1,0 +1,51 @@
+//! Ctrl-C in the middle of mapping.
+#![cfg(unix)]
+
+mod common;
+
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Command, Stdio};
+
+use common::{Scene, json, refuse, succeed};
+
+/// Maps a touch that would take minutes, presses Ctrl-C once it is under way, and returns exit
+/// code and stderr.
+fn interrupted(scene: &Scene, more: &[&str]) -> (Option<i32>, String) {
+    scene.touch("long", 20_000, 0.0);
+    let mut command = scene.map(&["log/seq_1", "long"], more);
+    command.args(["--replays", "100000"]).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap());
+    let mut said = String::new();
+    while !said.contains("note: robot") {
+        assert_ne!(lines.read_line(&mut said).unwrap(), 0, "{said}");
+    }
+    let id = child.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    lines.read_to_string(&mut said).unwrap();
+    (child.wait().unwrap().code(), said)
+}
+
+#[test]
+fn nothing_is_written_unless_asked_for() {
+    let scene = Scene::new();
+    let (code, said) = interrupted(&scene, &[]);
+    assert_eq!(code, Some(130), "{said}");
+    assert!(said.contains("error: interrupted") && said.contains("nothing was written"), "{said}");
+    assert!(scene.results().is_empty(), "{:?}", scene.results());
+}
+
+#[test]
+fn the_field_so_far_is_saved_whole_if_asked_for() {
+    let scene = Scene::new();
+    let (code, said) = interrupted(&scene, &["--save-on-interrupt"]);
+    assert_eq!(code, Some(130), "{said}");
+    assert!(said.contains("the field so far is in"), "{said}");
+    assert_eq!(scene.results(), ["field.npz"]);
+
+    let field = scene.text("out/field.npz");
+    succeed(&mut scene.map(&["log/seq_0"], &["--from", &field]));
+    let report = json(&mut scene.predict(&["log/seq_0"], &["--json"]));
+    assert_eq!(report["touches"][0]["name"], "seq_0");
+    refuse(&mut scene.map(&["log/seq_0"], &["--from", &field, "--seed", "9"]), 2, &["seed"]);
+}

@@ -1,0 +1,162 @@
+//! What `map` and `predict` promise to programs and to those who go on later.
+
+mod common;
+
+use std::fs;
+
+use common::{Scene, json, npy, palpate, refuse, succeed};
+use palpate_io::field::{Saved, load};
+use serde_json::Value;
+
+fn field(scene: &Scene, name: &str) -> Saved {
+    load(&scene.path(name)).unwrap()
+}
+
+/// The four figures are there, as numbers or null.
+#[track_caller]
+fn assert_figures(figures: &Value) {
+    for key in ["avg_error", "max_error", "avg_relative", "max_relative"] {
+        let figure = figures.get(key).unwrap_or_else(|| panic!("no {key} in {figures}"));
+        assert!(figure.is_f64() || figure.is_null(), "{key}: {figure}");
+    }
+}
+
+#[test]
+fn predict_prints_the_keys_that_programs_rely_on() {
+    let scene = Scene::new();
+    let summary = json(&mut scene.map(&["log/seq_0"], &["--json"]));
+    assert_eq!((&summary["frames"], &summary["touches"][0]["name"]), (&40.into(), &"seq_0".into()));
+    assert!(summary["cells_touched"].as_u64().unwrap() > 10, "{summary}");
+
+    let report = json(&mut scene.predict(&["log"], &["--json"]));
+    let touches = report["touches"].as_array().unwrap();
+    assert_eq!(touches.len(), 2);
+    for row in touches.iter().chain([&report["overall"]]) {
+        assert_figures(row);
+        assert_figures(&row["zero"]);
+        let frames = |key: &str| row[key].as_u64().unwrap();
+        assert_eq!(frames("frames") + frames("tare_frames"), frames("frames_in_log"));
+    }
+    assert_eq!(report["against"], "measured");
+    let sum: u64 = touches.iter().map(|row| row["frames"].as_u64().unwrap()).sum();
+    assert_eq!(report["overall"]["frames"], sum);
+    let learnt = &touches[0];
+    assert!(learnt["avg_error"].as_f64() < learnt["zero"]["avg_error"].as_f64(), "{learnt}");
+}
+
+#[test]
+fn a_relative_error_is_null_where_no_frame_reaches_a_newton_metre() {
+    let scene = Scene::new();
+    let angles: Vec<[f64; 2]> = (0..40).map(|t| [0.01 * f64::from((t - 8).max(0)), 0.0]).collect();
+    scene.arrays("weak", &angles, &[[0.0; 2]; 40]);
+    succeed(&mut scene.map(&["weak"], &[]));
+    let report = json(&mut scene.predict(&["weak"], &["--json"]));
+    assert!(report["overall"]["avg_error"].is_f64() && report["overall"]["avg_relative"].is_null());
+}
+
+#[test]
+fn mapping_in_two_halves_is_mapping_at_once() {
+    for estimator in ["map", "ekf"] {
+        let scene = Scene::new();
+        let at = |name: &str| scene.text(name);
+        let with = ["--estimator", estimator];
+        succeed(&mut scene.map(&["log"], &[&with[..], &["-o", &at("once.npz")]].concat()));
+        succeed(&mut scene.map(&["log/seq_0"], &[&with[..], &["-o", &at("half.npz")]].concat()));
+        let (from, to) = (at("half.npz"), at("both.npz"));
+        succeed(&mut scene.map(&["log/seq_1"], &["--from", &from, "-o", &to]));
+        let (once, both) = (field(&scene, "once.npz"), field(&scene, "both.npz"));
+        let bits = |saved: &Saved| -> Vec<u64> {
+            saved.field.stiffness_n_per_m.iter().map(|k| k.to_bits()).collect()
+        };
+        assert_eq!(bits(&once), bits(&both), "{estimator}");
+        assert_eq!(once.field, both.field, "{estimator}");
+    }
+}
+
+#[test]
+fn going_on_under_other_settings_or_without_memory_is_refused() {
+    let scene = Scene::new();
+    let saved = scene.text("out/field.npz");
+    succeed(&mut scene.map(&["log/seq_0"], &[]));
+    let contradictions: [(&[&str], &str); 4] = [
+        (&["--friction", "0.9"], "friction is 0.3, not 0.9"),
+        (&["--estimator", "ekf"], "estimator is map, not ekf"),
+        (&["--box-high-m", "1,1,1"], "lattice"),
+        (&["--replays", "3"], "replays"),
+    ];
+    for (setting, words) in contradictions {
+        let mut command = scene.map(&["log/seq_1"], &["--from", &saved]);
+        refuse(command.args(setting), 2, &["contradict", words]);
+    }
+    succeed(&mut scene.map(&["log/seq_0"], &["--no-memory"]));
+    refuse(&mut scene.map(&["log/seq_1"], &["--from", &saved]), 1, &["--no-memory"]);
+    succeed(&mut scene.predict(&["log"], &[]));
+}
+
+#[test]
+fn going_on_with_another_robot_is_refused() {
+    let scene = Scene::new();
+    succeed(&mut scene.map(&["log/seq_0"], &[]));
+    let heavier = common::URDF.replacen(r#"<mass value="1"/>"#, r#"<mass value="2"/>"#, 1);
+    fs::write(scene.path("tiny.urdf"), heavier).unwrap();
+    let saved = scene.text("out/field.npz");
+    refuse(&mut scene.map(&["log/seq_1"], &["--from", &saved]), 1, &["same robot"]);
+}
+
+#[test]
+fn truth_is_scored_against_only_when_asked_for() {
+    let scene = Scene::new();
+    succeed(&mut scene.map(&["log"], &[]));
+    fs::create_dir(scene.path("log/truth")).unwrap();
+    for touch in ["seq_0", "seq_1"] {
+        let path = scene.path(&format!("log/truth/{touch}_external.npy"));
+        npy(&path, &[40, 2], &[3.0; 80]);
+    }
+    let largest = |more: &[&str]| {
+        let report = json(&mut scene.predict(&["log"], &[&["--json"], more].concat()));
+        report["overall"]["zero"]["max_error"].as_f64().unwrap()
+    };
+    assert!((largest(&["--truth"]) - 18_f64.sqrt()).abs() < 1e-12);
+    assert!((largest(&[]) - 18_f64.sqrt()).abs() > 0.1);
+}
+
+#[test]
+fn torques_and_pictures_go_where_they_are_asked_to() {
+    let scene = Scene::new();
+    let [field, torques] = ["out/field.svg", "out/torques.svg"].map(|name| scene.text(name));
+    succeed(&mut scene.map(&["log"], &["--picture", &field]));
+    let csv = scene.text("out/torques.csv");
+    succeed(&mut scene.predict(&["log"], &["-o", &csv, "--picture", &torques]));
+    succeed(&mut scene.predict(&["log"], &["-o", &scene.text("out/torques.npz")]));
+
+    let text = fs::read_to_string(csv).unwrap();
+    assert!(text.starts_with("touch,frame,time_s,contacts,predicted_1,predicted_2,external_1"));
+    let arrays = palpate_io::field::npz::read_npz(&scene.path("out/torques.npz")).unwrap();
+    let rows = arrays.floats("seq_0/predicted", &[None, Some(2)]).unwrap().len() / 2;
+    assert_eq!(text.lines().filter(|line| line.starts_with("seq_0,")).count(), rows);
+    for picture in [field, torques] {
+        assert!(fs::read_to_string(picture).unwrap().starts_with("<svg"));
+    }
+}
+
+#[test]
+fn what_touches_nothing_known_is_said() {
+    let scene = Scene::new();
+    let away = ["--box-low-m", "5,5,5", "--box-high-m", "6,6,6"];
+    let output = scene.map(&["log"], &away).output().unwrap();
+    assert!(common::stderr(&output).contains("touches no point of the lattice"));
+    let output = scene.predict(&["log"], &[]).output().unwrap();
+    assert!(common::stderr(&output).contains("no touch meets a point that the field knows"));
+}
+
+#[test]
+fn the_demo_beats_predicting_zero_and_leaves_its_results() {
+    let scene = Scene::new();
+    let folder = scene.text("demo");
+    let report = json(palpate().args(["demo", "--json", "--replays", "2", "-o", &folder]));
+    assert_eq!(report["simulated"], true);
+    assert_eq!(report["held_out"][0], "seq_010");
+    let overall = &report["overall"];
+    assert!(overall["avg_error"].as_f64() < overall["zero"]["avg_error"].as_f64(), "{overall}");
+    assert_eq!(common::names(&scene.path("demo")), ["field.npz", "field.svg", "torques.svg"]);
+}

@@ -1,0 +1,61 @@
+//! Flags over file over defaults, and the template that starts a file.
+
+mod common;
+
+use std::fs;
+
+use common::{Scene, palpate, succeed};
+
+#[test]
+fn the_template_holds_every_setting_and_reads_back_as_itself() {
+    let scene = Scene::new();
+    let template = succeed(palpate().arg("settings"));
+    fs::write(scene.path("p.toml"), &template).unwrap();
+    let again = succeed(palpate().args(["settings", "--settings", &scene.text("p.toml")]));
+    assert_eq!(again, template);
+    for key in ["robot", "angle_unit", "tare_frames", "spacing_m", "friction", "prior_std", "seed"]
+    {
+        assert!(template.contains(&format!("\n{key} = ")), "{key} is not in {template}");
+    }
+}
+
+#[test]
+fn a_flag_beats_the_file_and_the_file_beats_the_default() {
+    let scene = Scene::new();
+    let text = "[contact]\nfriction = 0.25\nslip_iterations = 7\n[touch]\nno_tare = true\n";
+    fs::write(scene.path("p.toml"), text).unwrap();
+    let file = scene.text("p.toml");
+    let flags = ["--friction", "0.75", "--tare-frames", "12", "--payload-com-m", "-0.1,0,0.5"];
+    let settings = succeed(palpate().args(["settings", "--settings", &file]).args(flags));
+    for line in [
+        "friction = 0.75",
+        "slip_iterations = 7",
+        "substep_cells = 0.5",
+        "tare_frames = 12",
+        "no_tare = false",
+        "payload_com_m = [-0.1, 0.0, 0.5]",
+    ] {
+        assert!(settings.contains(&format!("\n{line}\n")), "no `{line}` in {settings}");
+    }
+}
+
+#[test]
+fn each_estimator_has_its_own_defaults() {
+    let of = |name: &str| succeed(palpate().args(["settings", "--estimator", name]));
+    let mean = |settings: &str| {
+        let line = settings.lines().find(|line| line.starts_with("prior_mean = ")).unwrap();
+        line.rsplit(' ').next().unwrap().parse::<f64>().unwrap()
+    };
+    assert_eq!(mean(&of("map")), 0.0);
+    assert!(mean(&of("ekf")) > 0.0);
+}
+
+#[test]
+fn completions_name_the_subcommands_and_flags() {
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let script = succeed(palpate().args(["completions", shell]));
+        for word in ["predict", "inspect", "prior-std"] {
+            assert!(script.contains(word), "{shell}: {word}");
+        }
+    }
+}
