@@ -110,14 +110,14 @@ fn truth_is_scored_against_only_when_asked_for() {
     fs::create_dir(scene.path("log/truth")).unwrap();
     for touch in ["seq_0", "seq_1"] {
         let path = scene.path(&format!("log/truth/{touch}_external.npy"));
-        npy(&path, &[40, 2], &[3.0; 80]);
+        npy(&path, &[40, 2], &[5.0; 80]);
     }
     let largest = |more: &[&str]| {
         let report = json(&mut scene.predict(&["log"], &[&["--json"], more].concat()));
         report["overall"]["zero"]["max_error"].as_f64().unwrap()
     };
-    assert!((largest(&["--truth"]) - 18_f64.sqrt()).abs() < 1e-12);
-    assert!((largest(&[]) - 18_f64.sqrt()).abs() > 0.1);
+    assert!((largest(&["--truth"]) - 50_f64.sqrt()).abs() < 1e-12);
+    assert!((largest(&[]) - 50_f64.sqrt()).abs() > 0.1);
 }
 
 #[test]
