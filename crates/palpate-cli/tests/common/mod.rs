@@ -1,5 +1,6 @@
 //! A tiny arm, tiny logs of it, and the command run on them.
 #![allow(dead_code)] // every test file takes what it needs
+#![allow(clippy::unwrap_used)] // clippy takes only functions marked as tests for tests
 
 use std::fs;
 use std::path::{Path, PathBuf};
