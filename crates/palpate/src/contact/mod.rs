@@ -247,8 +247,8 @@ impl Simulator {
     pub fn advance(&mut self, world_from_link: &[Isometry3<f64>]) -> Contacts {
         assert_eq!(world_from_link.len(), self.poses.len(), "one pose per link, after begin_touch");
         if world_from_link != self.poses {
-            for link in 0..self.links.len() {
-                self.settle_link(link, &world_from_link[link]);
+            for (link, pose) in world_from_link.iter().enumerate() {
+                self.settle_link(link, pose);
             }
             self.leave_empty(world_from_link);
             let entered = self.find_entered(world_from_link);
@@ -297,8 +297,8 @@ impl Simulator {
         };
         let n_links = self.links.len();
         let mut handed_on = Vec::new();
-        for link in 0..n_links {
-            if world_from_link[link] == self.poses[link] {
+        for (link, pose) in world_from_link.iter().enumerate() {
+            if *pose == self.poses[link] {
                 continue;
             }
             let taken = &mut self.taken;
