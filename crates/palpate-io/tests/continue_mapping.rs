@@ -1,0 +1,119 @@
+//! Mapping that is saved, loaded and continued is mapping that never stopped.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use palpate::arm::Arm;
+use palpate::estimator::Method;
+use palpate::lattice::Lattice;
+use palpate::mapper::{Config, Mapper};
+use palpate::robot::Robot;
+use palpate::sdf;
+use palpate::touch::Sample;
+use palpate_io::field::{Saved, load, save};
+use palpate_io::log::{self, LogEvent};
+
+/// The first touches of the bundled set, thinned after the still start.
+fn touches(count: usize) -> Vec<Vec<Sample>> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
+    let mut touches: Vec<Vec<Sample>> = Vec::new();
+    for event in log::open(&folder, &log::LogOptions::default()).unwrap() {
+        match event.unwrap() {
+            LogEvent::TouchStarts { .. } if touches.len() == count => break,
+            LogEvent::TouchStarts { .. } => touches.push(Vec::new()),
+            LogEvent::Sample(sample) => touches.last_mut().unwrap().push(sample),
+        }
+    }
+    for touch in &mut touches {
+        let kept = touch.iter().enumerate().filter(|(n, _)| *n < 10 || n % 20 == 0);
+        *touch = kept.map(|(_, sample)| sample.clone()).collect();
+    }
+    touches
+}
+
+fn arm() -> Arc<Arm> {
+    let robot = Robot::built_in("kinova_gen3").unwrap();
+    let bake = sdf::Config { spacing_m: 0.01, ..sdf::Config::default() };
+    Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
+}
+
+fn config(method: Method) -> Config {
+    let lattice = Lattice::filling([-1.2; 3], [1.2; 3], 0.02).unwrap();
+    let mut config = Config { lattice, ..Config::of(method) };
+    config.estimator.drift_std_n_per_m = 0.1; // so that lazy drift has something to carry over
+    config.estimator.memory.frames = 30; // so that frames leave memory before and after
+    config
+}
+
+fn go_on(mapper: &mut Mapper, samples: &[Sample]) {
+    for sample in samples {
+        mapper.step(sample).unwrap();
+    }
+}
+
+fn through_a_file(mapper: Mapper, arm: &Arc<Arm>) -> Mapper {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("field.npz");
+    let robot = arm.robot.name().to_owned();
+    let saved = Saved { field: mapper.field(), robot, snapshot: Some(mapper.snapshot()) };
+    save(&path, &saved).unwrap();
+    drop(mapper);
+    let loaded = load(&path).unwrap();
+    assert_eq!(loaded.field, saved.field);
+    Mapper::resume(Arc::clone(arm), loaded.snapshot.unwrap()).unwrap()
+}
+
+#[test]
+fn saved_loaded_and_continued_is_never_having_stopped() {
+    let (arm, touches) = (arm(), touches(3));
+    for method in [Method::Map, Method::Ekf] {
+        let mut whole = Mapper::new(Arc::clone(&arm), config(method)).unwrap();
+        for touch in &touches {
+            whole.begin_touch();
+            go_on(&mut whole, touch);
+            whole.end_touch().unwrap();
+        }
+
+        let mut broken = Mapper::new(Arc::clone(&arm), config(method)).unwrap();
+        broken.begin_touch();
+        go_on(&mut broken, &touches[0]);
+        broken.end_touch().unwrap();
+        broken = through_a_file(broken, &arm); // between touches
+        broken.begin_touch();
+        let (before, after) = touches[1].split_at(touches[1].len() / 2);
+        go_on(&mut broken, before);
+        broken = through_a_file(broken, &arm); // and in the middle of one
+        go_on(&mut broken, after);
+        broken.end_touch().unwrap();
+        broken.begin_touch();
+        go_on(&mut broken, &touches[2]);
+        broken.end_touch().unwrap();
+
+        let (whole, broken) = (whole.field(), broken.field());
+        assert!(whole.cells.len() > 500, "{} cells touched", whole.cells.len());
+        assert_eq!(whole, broken, "{method:?}: the two must agree to the bit");
+    }
+}
+
+#[test]
+fn another_robot_or_a_broken_file_is_told_apart() {
+    let (arm, touches) = (arm(), touches(1));
+    let mut mapper = Mapper::new(Arc::clone(&arm), config(Method::Map)).unwrap();
+    mapper.begin_touch();
+    go_on(&mut mapper, &touches[0]);
+    let snapshot = mapper.snapshot();
+    let heavier = palpate::robot::Payload {
+        link: "Bracelet_Link".to_owned(),
+        mass_kg: 0.5,
+        com_link_m: [0.0; 3],
+    };
+    let robot = Robot::built_in("kinova_gen3").unwrap().with_payload(&heavier).unwrap();
+    let other = Arm { robot, surfaces: Arc::clone(&arm.surfaces) };
+    let error = Mapper::resume(Arc::new(other), snapshot.clone()).err().unwrap().to_string();
+    assert!(error.contains("differs in joints, masses or shapes"), "{error}");
+
+    let mut torn = snapshot;
+    torn.tape.clear();
+    let error = Mapper::resume(arm, torn).err().unwrap().to_string();
+    assert!(error.contains("the tape lacks a remembered frame"), "{error}");
+}
