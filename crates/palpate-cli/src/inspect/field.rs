@@ -11,7 +11,6 @@ use serde_json::Value;
 use super::finding::Finding;
 use super::page::{counted, fact, number};
 use super::quantile::{extremes, quantile};
-use crate::output::mib;
 
 /// Cells below this part of the stiffest one count as zero.
 const ZERO: f64 = 1e-6;
@@ -217,24 +216,28 @@ impl FieldFacts {
     /// For people.
     pub(super) fn text(&self) -> String {
         let mut text = self.own.as_ref().map_or(String::new(), OwnFacts::text);
-        let size = mib(usize::try_from(self.file_bytes).unwrap_or(usize::MAX));
-        text += &fact("file", &size);
+        text += &fact("file", &format!("{:.1} kB", self.file_bytes as f64 / 1e3));
         text += &fact("cells", &format!("{} touched", self.cells));
-        let shown = |quantiles: [f64; 5]| {
+        let shown_as = |quantiles: [f64; 5], number: fn(f64) -> String| {
             let names = ["10 %", "median", "90 %", "99 %", "largest"];
             let parts = names.iter().zip(quantiles);
-            parts.map(|(name, value)| format!("{name} {}", number(value))).collect::<Vec<_>>()
+            let parts = parts.map(|(name, value)| format!("{name} {}", number(value)));
+            parts.collect::<Vec<_>>().join(", ")
         };
+        let shown = |quantiles| shown_as(quantiles, number);
         if let Some(counts) = self.frames_per_cell {
-            text += &fact("frames", &format!("a cell: {}", shown(counts).join(", ")));
+            text += &fact(
+                "frames",
+                &format!("a cell: {}", shown_as(counts, |frames| format!("{frames:.0}"))),
+            );
         }
         let zero = format!("{:.1} % of the cells at zero", 100.0 * self.zero_share);
         text += &fact("stiffness", &format!("{} N/m in all; {zero}", number(self.total_n_per_m)));
         if let Some(stiffness) = self.stiffness_n_per_m {
-            text += &fact("", &format!("of the others, N/m: {}", shown(stiffness).join(", ")));
+            text += &fact("", &format!("of the others, N/m: {}", shown(stiffness)));
         }
         if let Some(std) = self.std_n_per_m {
-            text += &fact("std", &format!("N/m: {}{}", shown(std).join(", "), self.prior()));
+            text += &fact("std", &format!("N/m: {}{}", shown(std), self.prior()));
         }
         if let Some([low, high]) = self.stiff_box_m {
             let stiff = format!(

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Point3, Vector3};
 use palpate::robot::{JointKind, Link, Robot};
+use palpate::sdf::Report;
 use palpate_io::robot_files::LoadedArm;
 use serde::Serialize;
 
@@ -17,8 +18,8 @@ use crate::settings::sections::RobotSettings;
 
 /// A link whose largest side is beyond these is probably in another unit, m.
 const BELIEVABLE_M: [f64; 2] = [0.01, 10.0];
-/// More of a mesh's volume than this rests on the winding number alone: an open shell.
-const OPEN_SHELL: f64 = 0.02;
+/// More of a mesh's volume than this in doubt is worth a word.
+const DOUBTFUL: f64 = 0.02;
 
 /// What a robot holds.
 #[derive(Debug, Serialize)]
@@ -46,7 +47,8 @@ struct JointFacts {
 #[derive(Debug, Serialize)]
 struct LinkFacts {
     name: String,
-    is_root: bool,
+    /// Carried by a joint, so that its mass loads one.
+    moves: bool,
     mass_kg: f64,
     shapes: usize,
     skin: Option<SkinFacts>,
@@ -58,7 +60,7 @@ struct SkinFacts {
     size_m: [f64; 3],
     cached: bool,
     meshes: Vec<PathBuf>,
-    report: palpate::sdf::Report,
+    report: Report,
 }
 
 /// Looks at a robot, loaded with the payload of the settings.
@@ -104,8 +106,13 @@ impl RobotFacts {
             effort: joint.effort,
             velocity: joint.velocity,
         });
+        let mut moving: Vec<bool> = Vec::new();
+        for (index, link) in robot.links().iter().enumerate() {
+            let by_joint = robot.joints().iter().any(|joint| joint.child.index() == index);
+            moving.push(by_joint || link.parent.is_some_and(|parent| moving[parent.index()]));
+        }
         let links: Vec<LinkFacts> = (robot.links().iter().enumerate())
-            .map(|(index, link)| LinkFacts::new(index, link, loaded))
+            .map(|(index, link)| LinkFacts::new((index, link), moving[index], loaded))
             .collect();
         Self {
             name: robot.name().to_owned(),
@@ -119,12 +126,12 @@ impl RobotFacts {
     fn findings(&self) -> Vec<Finding> {
         let mut findings: Vec<Finding> =
             [self.masses(), self.shapes()].into_iter().flatten().collect();
-        findings.extend(self.links.iter().filter_map(LinkFacts::open_shell));
+        findings.extend(self.doubtful_meshes());
         findings.extend(self.links.iter().filter_map(LinkFacts::odd_size));
         findings
     }
 
-    /// Links that weigh nothing. The root's mass loads no joint.
+    /// Links that weigh nothing.
     fn masses(&self) -> Option<Finding> {
         if self.mass_kg == 0.0 {
             return Some(Finding::warning(
@@ -133,8 +140,7 @@ impl RobotFacts {
                 "add <inertial> to the links, or use logs without gravity (--gravity removed)",
             ));
         }
-        let weightless =
-            |link: &&LinkFacts| !link.is_root && link.shapes > 0 && link.mass_kg == 0.0;
+        let weightless = |link: &&LinkFacts| link.moves && link.shapes > 0 && link.mass_kg == 0.0;
         let names: Vec<&str> =
             self.links.iter().filter(weightless).map(|link| link.name.as_str()).collect();
         (!names.is_empty()).then(|| {
@@ -147,7 +153,7 @@ impl RobotFacts {
 
     /// Links that weigh something but can touch nothing.
     fn shapes(&self) -> Option<Finding> {
-        let bodiless = |link: &&LinkFacts| !link.is_root && link.shapes == 0 && link.mass_kg > 0.0;
+        let bodiless = |link: &&LinkFacts| link.moves && link.shapes == 0 && link.mass_kg > 0.0;
         let names: Vec<&str> =
             self.links.iter().filter(bodiless).map(|link| link.name.as_str()).collect();
         (!names.is_empty()).then(|| {
@@ -156,6 +162,40 @@ impl RobotFacts {
                           touch the object";
             Finding::warning("link_without_shape", what, remedy).at(&names)
         })
+    }
+
+    /// Meshes of which winding number and flood fill do not agree what is inside.
+    fn doubtful_meshes(&self) -> Vec<Finding> {
+        let shown = |part: fn(&Report) -> f64| {
+            let skins =
+                self.links.iter().filter_map(|link| Some((&link.name, link.skin.as_ref()?)));
+            let shown = skins.map(|(name, skin)| (name.as_str(), part(&skin.report)));
+            shown.filter(|(_, part)| *part > DOUBTFUL).collect::<Vec<_>>()
+        };
+        let finding = |code, shown: &[(&str, f64)], is: &str, remedy: &str| {
+            let told: Vec<String> = shown
+                .iter()
+                .map(|(name, part)| format!("{name} ({:.0} %)", 100.0 * part))
+                .collect();
+            let names: Vec<&str> = shown.iter().map(|(name, _)| *name).collect();
+            Finding::warning(code, format!("{is}: {}", listed(&told)), remedy).at(&names)
+        };
+        let leaked = shown(|report| report.leaked_fraction);
+        let sealed = shown(|report| report.sealed_fraction);
+        let leaked = (!leaked.is_empty()).then(|| {
+            let is = "open shells, whose inside can be reached through holes in the mesh";
+            let remedy = "inside and outside are told apart by winding number, which is usually \
+                          right; if contacts look odd, close the meshes or use simple shapes";
+            finding("open_shell", &leaked, is, remedy)
+        });
+        let sealed = (!sealed.is_empty()).then(|| {
+            let is = "meshes with inner walls or turned triangles: the winding number calls a \
+                      part of their inside empty, although no path leads there";
+            let remedy = "it is filled, which is right for an arm; if a link is meant to be \
+                          hollow, use simple shapes";
+            finding("sealed_void", &sealed, is, remedy)
+        });
+        [leaked, sealed].into_iter().flatten().collect()
     }
 
     /// For people.
@@ -206,7 +246,8 @@ impl RobotFacts {
     }
 
     fn link_rows(&self) -> Vec<Vec<String>> {
-        let heads = ["link", "mass kg", "shapes", "size m", "triangles", "leaks %", "cached"];
+        let heads =
+            ["link", "mass kg", "shapes", "size m", "triangles", "leaks %", "sealed %", "cached"];
         let mut rows = vec![heads.map(str::to_owned).to_vec()];
         for link in &self.links {
             let mut row =
@@ -216,6 +257,7 @@ impl RobotFacts {
                 row.push(format!("{x:.3} x {y:.3} x {z:.3}"));
                 row.push(skin.report.triangles.to_string());
                 row.push(format!("{:.1}", 100.0 * skin.report.leaked_fraction));
+                row.push(format!("{:.1}", 100.0 * skin.report.sealed_fraction));
                 row.push(if skin.cached { "yes" } else { "no" }.to_owned());
             }
             rows.push(row);
@@ -229,7 +271,7 @@ fn has(names: &[&str]) -> String {
 }
 
 impl LinkFacts {
-    fn new(index: usize, link: &Link, loaded: Option<&LoadedArm>) -> Self {
+    fn new((index, link): (usize, &Link), moves: bool, loaded: Option<&LoadedArm>) -> Self {
         let skin = loaded.and_then(|loaded| {
             let (low, high) = loaded.arm.surfaces[index].as_ref()?.bounds();
             let baked = loaded.links.iter().find(|baked| baked.name == link.name)?;
@@ -238,27 +280,11 @@ impl LinkFacts {
         });
         Self {
             name: link.name.clone(),
-            is_root: link.parent.is_none(),
+            moves,
             mass_kg: link.mass_kg,
             shapes: link.collision.len(),
             skin,
         }
-    }
-
-    /// A mesh whose inside can be reached from outside.
-    fn open_shell(&self) -> Option<Finding> {
-        let report = self.skin.as_ref()?.report;
-        (report.leaked_fraction > OPEN_SHELL).then(|| {
-            let what = format!(
-                "the mesh of link `{}` is an open shell: {:.0} % of its inside can be reached \
-                 through its openings",
-                self.name,
-                100.0 * report.leaked_fraction
-            );
-            let remedy = "inside and outside are told apart by winding number, which is usually \
-                          right; if contacts look odd, close the mesh or use simple shapes";
-            Finding::warning("open_shell", what, remedy).at(&[&self.name])
-        })
     }
 
     fn odd_size(&self) -> Option<Finding> {

@@ -30,7 +30,7 @@ pub(super) fn judge(
     if fits.contradict() {
         findings.push(wrong_convention(&fits));
     } else if fits.misfit() {
-        findings.push(misfit(robot, &rests, &fits));
+        findings.push(misfit(robot, &rests.all, &fits));
     }
     (Reading { angle_unit, order, fits }, findings)
 }
@@ -51,11 +51,12 @@ fn flags(set: &Fit, right: &Fit) -> Vec<String> {
 
 fn wrong_convention(fits: &Fits) -> Finding {
     let (set, best) = (&fits.set, &fits.best);
-    let of = format!("of the {} N·m of gravity at rest", number(fits.gravity_torque));
+    let when = if fits.at_rest { "at rest" } else { "on average" };
+    let of = format!("of the {} N·m of gravity {when}", number(fits.gravity_torque));
     let (code, seen) = match best.gravity {
         Gravity::Removed => (
             "gravity",
-            format!("the log holds no gravity: at rest it measures {} N·m", number(best.left_over)),
+            format!("the log holds no gravity: {when} it measures {} N·m", number(best.left_over)),
         ),
         Gravity::Included if set.gravity == Gravity::Removed => (
             "gravity",
@@ -71,7 +72,12 @@ fn wrong_convention(fits: &Fits) -> Finding {
             ),
         ),
     };
-    let what = format!("{seen}, {of}; read as set, {} N·m are left over", number(set.left_over));
+    let slope = match fits.at_rest {
+        true => String::new(),
+        false => format!(" (no touch begins still, but the slope on gravity is {:.2})", best.slope),
+    };
+    let what =
+        format!("{seen}, {of}{slope}; read as set, {} N·m are left over", number(set.left_over));
     let flags = flags(set, best);
     let remedy = format!("use {}; below, the log is read so", flags.join(" "));
     Finding::warning(code, what, remedy).try_flags(&flags)

@@ -31,7 +31,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use palpate::arm::Arm;
-use palpate::touch::TorqueSign;
+use palpate::touch::{Gravity, TorqueSign};
 use palpate_io::log::Format;
 use serde::Serialize;
 
@@ -100,7 +100,8 @@ pub(super) fn inspect(
     };
     let mut figures = Figures::new(arm, &set, fit).map_err(out_of_range)?;
     facts.touches = touches.iter().map(|touch| figures.of(touch)).collect();
-    let figured = Figured { robot, touches: &facts.touches, tare: set.tare, fit };
+    let sign_is_told = reading.fits.tell() && fit.gravity == Gravity::Included;
+    let figured = Figured { robot, touches: &facts.touches, tare: set.tare, fit, sign_is_told };
     findings.extend(figured.findings(gravity_fits));
     facts.reading = Some(reading);
     Ok((Some(facts), findings))

@@ -2,10 +2,13 @@
 //! in or out. Gravity tells, since it is the one torque that is known beforehand.
 //!
 //! The arm at rest measures `s·τ = a·τ_gravity(q) + bias`. Of every touch the mean over its still
-//! start is taken, or single frames if none begins still. What is left over under a convention is
-//! the median of |s·τ − a·τ_gravity(q)| over these, so that a touch that begins in contact does
-//! not count. The conventions lie tens of N·m apart and a bias is below one, so the least is
-//! clear, unless the joints' axes are vertical and there is nothing to see.
+//! start is taken. What is left over under a convention is the median of |s·τ − a·τ_gravity(q)|
+//! over these, so that a touch that begins in contact does not count. The conventions lie tens of
+//! N·m apart and a bias is below one, so the least is clear, unless the joints' axes are vertical
+//! and there is nothing to see.
+//!
+//! If no touch begins still, single frames have to do, with contacts in them. What is left over
+//! then says little, but contacts do not follow gravity, so the slope of the torques on it tells.
 
 use palpate::robot::Robot;
 use palpate::touch::{self, Gravity, MIN_TARE_FRAMES, TorqueSign};
@@ -27,12 +30,22 @@ const BETTER: f64 = 0.5;
 const FAR_BETTER: f64 = 0.25;
 /// Single frames to look at if no touch begins still.
 const FRAMES: usize = 200;
+/// How near to 1, 0 or -1 the slope must be to tell by itself.
+const NEAR_SLOPE: f64 = 0.3;
 
 /// One moment at rest.
 #[derive(Debug, Clone)]
 pub(super) struct Rest {
     pub q: Vec<f64>,
     pub tau: Vec<f64>,
+}
+
+/// Moments at rest, or any moments if there are none.
+#[derive(Debug, Clone)]
+pub(super) struct Rests {
+    pub all: Vec<Rest>,
+    /// Whether the arm stands still in them.
+    pub still: bool,
 }
 
 /// How well a convention explains the log.
@@ -55,6 +68,8 @@ pub(super) struct Fits {
     pub best: Fit,
     /// Torque of gravity at rest, N·m over all joints.
     pub gravity_torque: f64,
+    /// Whether there are moments at rest; if not, these are figures of any frames.
+    pub at_rest: bool,
     #[serde(skip)]
     n_joints: usize,
 }
@@ -70,6 +85,14 @@ pub(super) struct Reading {
     pub fits: Fits,
 }
 
+impl Fit {
+    /// How far the slope is from what the convention says it is.
+    fn off_slope(&self) -> f64 {
+        let expected = if self.gravity == Gravity::Included { 1.0 } else { 0.0 };
+        (self.slope - expected).abs()
+    }
+}
+
 impl Fits {
     /// Whether gravity is large enough to tell anything.
     pub(super) fn tell(&self) -> bool {
@@ -79,14 +102,19 @@ impl Fits {
     /// Whether even the best convention leaves too much over.
     pub(super) fn misfit(&self) -> bool {
         let usual = GOOD_BIAS * (self.n_joints as f64).sqrt();
-        self.tell() && self.best.left_over > usual.max(GOOD_PART * self.gravity_torque)
+        let most = usual.max(GOOD_PART * self.gravity_torque);
+        self.at_rest && self.tell() && self.best.left_over > most
     }
 
     /// Whether another convention is right than the one that is set.
     pub(super) fn contradict(&self) -> bool {
         let other =
             (self.best.torque_sign, self.best.gravity) != (self.set.torque_sign, self.set.gravity);
-        let better = self.best.left_over < BETTER * self.set.left_over;
+        let better = if self.at_rest {
+            self.best.left_over < BETTER * self.set.left_over
+        } else {
+            self.best.off_slope() < NEAR_SLOPE
+        };
         self.tell() && !self.misfit() && other && better
     }
 
@@ -97,7 +125,7 @@ impl Fits {
 }
 
 /// The means over the still starts, or some frames if there are none.
-pub(super) fn rests(touches: &[Touch], still_rad: f64) -> Vec<Rest> {
+pub(super) fn rests(touches: &[Touch], still_rad: f64) -> Rests {
     let starts: Vec<Rest> = (touches.iter())
         .filter_map(|touch| {
             let still = touch.still_frames(still_rad);
@@ -107,18 +135,19 @@ pub(super) fn rests(touches: &[Touch], still_rad: f64) -> Vec<Rest> {
         })
         .collect();
     if !starts.is_empty() {
-        return starts;
+        return Rests { all: starts, still: true };
     }
     let frames: usize = touches.iter().map(Touch::frames).sum();
     let all = touches.iter().flat_map(|touch| touch.q.iter().zip(&touch.tau));
     let some = all.step_by(frames.div_ceil(FRAMES).max(1));
-    some.map(|(q, tau)| Rest { q: q.clone(), tau: tau.clone() }).collect()
+    let some = some.map(|(q, tau)| Rest { q: q.clone(), tau: tau.clone() });
+    Rests { all: some.collect(), still: false }
 }
 
 /// How well the conventions explain what was measured at rest.
-pub(super) fn fits(robot: &Robot, rests: &[Rest], order: &[usize], set: &touch::Config) -> Fits {
+pub(super) fn fits(robot: &Robot, rests: &Rests, order: &[usize], set: &touch::Config) -> Fits {
     let pick = |row: &[f64]| order.iter().map(|&place| row[place]).collect::<Vec<f64>>();
-    let pairs: Vec<(Vec<f64>, Vec<f64>)> = (rests.iter())
+    let pairs: Vec<(Vec<f64>, Vec<f64>)> = (rests.all.iter())
         .filter_map(|rest| {
             let poses = robot.forward(&pick(&rest.q)).ok()?;
             Some((robot.gravity_torque(&poses).iter().copied().collect(), pick(&rest.tau)))
@@ -146,9 +175,11 @@ pub(super) fn fits(robot: &Robot, rests: &[Rest], order: &[usize], set: &touch::
         fit(TorqueSign::Minus, Gravity::Included),
         fit(set.torque_sign, Gravity::Removed),
     ];
-    let best = all.into_iter().min_by(|a, b| a.left_over.total_cmp(&b.left_over));
+    let off = |fit: &Fit| if rests.still { fit.left_over } else { fit.off_slope() };
+    let best = all.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(all[0]);
     let gravity_torque = of_pairs(&|(gravity, _)| dot(gravity, gravity).sqrt());
-    Fits { set: all[0], best: best.unwrap_or(all[0]), gravity_torque, n_joints: order.len() }
+    let (at_rest, n_joints) = (rests.still, order.len());
+    Fits { set: all[0], best, gravity_torque, at_rest, n_joints }
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -158,7 +189,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// Another order of the joints that explains the log far better than the robot's, if there is one.
 pub(super) fn other_order(
     robot: &Robot,
-    rests: &[Rest],
+    rests: &Rests,
     set: &touch::Config,
     straight: &Fits,
 ) -> Option<(Vec<usize>, Fits)> {

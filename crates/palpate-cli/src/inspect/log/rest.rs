@@ -1,7 +1,7 @@
 //! What the figures of the touches show that looks wrong: starts, tares, noise, pushes, ends.
 
 use palpate::robot::{Joint, JointKind, Robot};
-use palpate::touch::{Gravity, MIN_TARE_FRAMES, Tare, TorqueSign};
+use palpate::touch::{MIN_TARE_FRAMES, Tare, TorqueSign};
 
 use super::super::finding::Finding;
 use super::super::page::{counted, listed, number};
@@ -23,6 +23,8 @@ pub(super) struct Figured<'a> {
     pub tare: Tare,
     /// The convention that the figures were found under.
     pub fit: Fit,
+    /// Whether gravity tells the sign.
+    pub sign_is_told: bool,
 }
 
 /// How much of a torque is unusual at a joint: so much, or a part of what it can bear.
@@ -55,7 +57,8 @@ impl Figured<'_> {
     /// `so many of all touches: names`
     fn these(&self, names: &[&str]) -> String {
         match self.touches.len() {
-            all if all == names.len() && all > 1 => format!("all {all} touches"),
+            1 => format!("touch `{}`", names[0]),
+            all if all == names.len() => format!("all {all} touches"),
             all => format!("{} of {}: {}", names.len(), counted(all, "touch"), listed(names)),
         }
     }
@@ -218,7 +221,7 @@ impl Figured<'_> {
 
     /// Without gravity, the sign shows in who does the work: the arm pushes, the object yields.
     fn work(&self) -> Option<Finding> {
-        if self.fit.gravity == Gravity::Included {
+        if self.sign_is_told {
             return None;
         }
         let work = self.touches.iter().map(|touch| touch.work_until_peak_j);

@@ -59,7 +59,7 @@ impl LogFacts {
                 number(clock.duration_s),
                 number(clock.period_s.recip()),
                 number(1e3 * clock.period_s),
-                number(1e3 * clock.jitter_s)
+                number((1e6 * clock.jitter_s).round() / 1e3)
             ),
             None => "none: rate and gaps are unknown".to_owned(),
         }
@@ -137,7 +137,8 @@ fn told_reading(reading: &Reading) -> String {
         "gravity at rest is too small to check that by".to_owned()
     } else {
         format!(
-            "at rest {:.2} times gravity's {} N·m, {} N·m left over",
+            "{} {:.2} times gravity's {} N·m, {} N·m left over",
+            if fits.at_rest { "at rest" } else { "on average" },
             fit.slope,
             number(fits.gravity_torque),
             number(fit.left_over)
