@@ -46,8 +46,8 @@ impl Output {
         }
         let bar = ProgressBar::with_draw_target(steps, ProgressDrawTarget::stderr_with_hz(8));
         let style = match steps {
-            Some(_) => "{prefix} {bar:30} {pos}/{len} frames  {per_sec}  {eta} left  {msg}",
-            None => "{prefix} {spinner} {pos} frames  {per_sec}  {msg}",
+            Some(_) => "{prefix} {bar:24} {percent:>3} % of {len} frames, {eta} left  {wide_msg}",
+            None => "{prefix} {spinner} {pos} frames  {wide_msg}",
         };
         bar.set_style(ProgressStyle::with_template(style).expect("the template is well-formed"));
         bar.set_prefix(doing.to_owned());

@@ -1,4 +1,5 @@
 //! Bad input: a clear error, a non-zero exit, and nothing left behind.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
 

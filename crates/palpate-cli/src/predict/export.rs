@@ -1,5 +1,6 @@
 //! The torques of all scored frames, as a table or as arrays.
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use nalgebra::DVector;
@@ -16,7 +17,7 @@ use super::{FrameResult, TouchResult};
 pub(super) enum Format {
     /// One row a frame.
     Csv,
-    /// Arrays `<touch>/predicted` and so on.
+    /// Arrays `<touch>/predicted` and so on, `<touch>#2/…` for a second touch of that name.
     Npz,
 }
 
@@ -46,13 +47,14 @@ fn csv(results: &[TouchResult]) -> String {
     let joints = results.iter().find_map(|touch| Some(touch.frames.first()?.external.len()));
     let column = |name: &'static str| (1..=joints.unwrap_or(0)).map(move |j| format!("{name}_{j}"));
     let mut header: Vec<String> =
-        ["touch", "frame", "time_s", "contacts"].map(str::to_owned).to_vec();
+        ["log", "touch", "frame", "time_s", "contacts"].map(str::to_owned).to_vec();
     header.extend(column("predicted").chain(column("external")));
     let mut text = header.join(",") + "\n";
     for touch in results {
         for frame in &touch.frames {
             let time = frame.time_s.map(|time| time.to_string()).unwrap_or_default();
             let mut cells = vec![
+                quoted(&touch.log.display().to_string()),
                 quoted(&touch.name),
                 frame.frame.to_string(),
                 time,
@@ -78,11 +80,17 @@ fn quoted(cell: &str) -> String {
 
 fn npz(results: &[TouchResult]) -> Arrays {
     let mut arrays = Arrays::new();
+    let mut met: HashMap<&str, u32> = HashMap::new();
     for touch in results {
-        let frames = &touch.frames;
-        let mut put = |what: &str, array: Array| {
-            arrays.insert(format!("{}/{what}", touch.name), array);
+        let times = met.entry(&touch.name).or_default();
+        *times += 1;
+        // Two logs may well have a touch of the same name.
+        let name = match *times {
+            1 => touch.name.clone(),
+            times => format!("{}#{times}", touch.name),
         };
+        let frames = &touch.frames;
+        let mut put = |what: &str, array: Array| arrays.insert(format!("{name}/{what}"), array);
         put("frame", Array::flat(Data::U64(frames.iter().map(|frame| frame.frame).collect())));
         let contacts = frames.iter().map(|frame| frame.contacts as u64).collect();
         put("contacts", Array::flat(Data::U64(contacts)));

@@ -1,5 +1,7 @@
 //! The four figures of Table I, per touch and over all frames, for people and for programs.
 
+use std::path::PathBuf;
+
 use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
 
@@ -20,6 +22,8 @@ pub(crate) struct Report {
 struct Row {
     #[serde(skip_serializing_if = "Option::is_none")]
     name: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    log: Option<PathBuf>,
     /// Scored frames.
     frames: u64,
     /// All that the log holds.
@@ -56,7 +60,7 @@ impl From<Option<Errors>> for Figures {
 }
 
 impl Row {
-    fn of(name: Option<String>, touches: &[&TouchResult]) -> Self {
+    fn of(touches: &[&TouchResult], one: Option<&TouchResult>) -> Self {
         let sum = |of: fn(&TouchResult) -> u64| touches.iter().map(|touch| of(touch)).sum();
         let (mut field, mut zero) = (ErrorSum::default(), ErrorSum::default());
         for touch in touches {
@@ -64,7 +68,8 @@ impl Row {
             zero.merge(&touch.zero);
         }
         Self {
-            name,
+            name: one.map(|touch| touch.name.clone()),
+            log: one.map(|touch| touch.log.clone()),
             frames: field.frames(),
             frames_in_log: sum(|touch| touch.frames_in_log),
             tare_frames: sum(|touch| touch.frames_in_log - touch.field.frames()),
@@ -95,8 +100,8 @@ impl Row {
 impl Report {
     /// The figures of all touches.
     pub(crate) fn new(results: &[TouchResult], against: Against) -> Self {
-        let touches = results.iter().map(|touch| Row::of(Some(touch.name.clone()), &[touch]));
-        let overall = Row::of(None, &results.iter().collect::<Vec<_>>());
+        let touches = results.iter().map(|touch| Row::of(&[touch], Some(touch)));
+        let overall = Row::of(&results.iter().collect::<Vec<_>>(), None);
         Self { touches: touches.collect(), overall, against }
     }
 

@@ -34,29 +34,31 @@ impl Keys {
         }
     }
 
+    /// What to say to someone who wrote a section that is not known.
+    fn section_remedy(&self, wrong: &str) -> String {
+        nearest(wrong, self.sections.iter().map(|(name, _)| (*name, format!("[{name}]"))))
+    }
+
     /// What to say to someone who wrote a key that is not known in `section`.
-    fn remedy(&self, section: Option<&str>, key: &str) -> String {
-        let names = |args: &'_ [Arg]| -> Vec<String> {
-            args.iter().map(|arg| arg.get_id().to_string()).collect()
-        };
-        let plain = key.replace('-', "_").to_lowercase();
-        let mut near: Vec<(f64, String)> = Vec::new();
-        for (name, args) in &self.sections {
-            if section.is_none() {
-                near.push((strsim::jaro_winkler(&plain, name), format!("[{name}]")));
-            }
-            for known in names(args) {
-                let place = match section {
-                    Some(section) if section == *name => format!("`{known}`"),
-                    _ => format!("`{known}` in [{name}]"),
-                };
-                near.push((strsim::jaro_winkler(&plain, &known), place));
-            }
-        }
-        match near.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((likeness, name)) if likeness > 0.8 => format!("; did you mean {name}?"),
-            _ => "; `palpate settings` prints all there are".to_owned(),
-        }
+    fn key_remedy(&self, section: Option<&str>, wrong: &str) -> String {
+        let all = self.sections.iter().flat_map(|(name, args)| {
+            args.iter().map(move |arg| {
+                let key = arg.get_id().as_str();
+                let here = section == Some(name);
+                (key, if here { format!("`{key}`") } else { format!("`{key}` in [{name}]") })
+            })
+        });
+        nearest(wrong, all)
+    }
+}
+
+/// Suggests the name that is most like the wrong one, if any is.
+fn nearest<'a>(wrong: &str, names: impl Iterator<Item = (&'a str, String)>) -> String {
+    let plain = wrong.replace('-', "_").to_lowercase();
+    let likeness = names.map(|(name, shown)| (strsim::jaro_winkler(&plain, name), shown));
+    match likeness.max_by(|a, b| a.0.total_cmp(&b.0)) {
+        Some((likeness, shown)) if likeness > 0.8 => format!("; did you mean {shown}?"),
+        _ => "; `palpate settings` prints all there are".to_owned(),
     }
 }
 
@@ -83,26 +85,30 @@ fn parse(path: &Path, text: &str) -> Result<Settings, SettingsError> {
 /// Refuses the first key, in the file's order, that is not known.
 fn check_keys(path: &Path, text: &str, table: &DeTable<'_>) -> Result<(), SettingsError> {
     let keys = Keys::all();
-    let mut unknown: Vec<(usize, Option<&str>, &str)> = Vec::new();
+    let mut unknown: Vec<(usize, &str, String)> = Vec::new();
     for (section, value) in table {
         let (at, section) = (section.span().start, section.get_ref().as_ref());
         let Some((_, known)) = keys.sections.iter().find(|(name, _)| *name == section) else {
-            unknown.push((at, None, section));
+            let remedy = match value.get_ref().as_table() {
+                Some(_) => keys.section_remedy(section),
+                None => keys.key_remedy(None, section),
+            };
+            unknown.push((at, section, remedy));
             continue;
         };
         for key in value.get_ref().as_table().into_iter().flat_map(|table| table.keys()) {
             let (at, key) = (key.span().start, key.get_ref().as_ref());
             if !known.iter().any(|arg| arg.get_id() == key) {
-                unknown.push((at, Some(section), key));
+                unknown.push((at, key, keys.key_remedy(Some(section), key)));
             }
         }
     }
     match unknown.into_iter().min() {
-        Some((at, section, key)) => Err(SettingsError::UnknownKey {
+        Some((at, key, remedy)) => Err(SettingsError::UnknownKey {
             path: path.to_owned(),
             line: 1 + text[..at].matches('\n').count(),
             key: key.to_owned(),
-            remedy: keys.remedy(section, key),
+            remedy,
         }),
         None => Ok(()),
     }

@@ -29,7 +29,10 @@ pub(crate) struct RobotSettings {
     #[arg(long, value_name = "DIR")]
     pub cache_dir: Option<PathBuf>,
     /// Bake meshes afresh and keep nothing
-    #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
+    #[arg(
+        long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
+        require_equals = true
+    )]
     pub no_cache: Option<bool>,
     /// Spacing of baked signed distances, m [default: 0.005]
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
@@ -78,7 +81,7 @@ pub(crate) struct TouchSettings {
     /// Take off no tare: the torques are external ones already
     #[arg(
         long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
-        conflicts_with = "tare_frames"
+        require_equals = true, conflicts_with = "tare_frames"
     )]
     pub no_tare: Option<bool>,
     /// Farthest that a joint moves and still counts as standing still, rad (m for a prismatic

@@ -1,5 +1,6 @@
 //! A tiny arm, tiny logs of it, and the command run on them.
 #![allow(dead_code)] // every test file takes what it needs
+#![allow(clippy::unwrap_used)] // clippy takes only functions marked as tests for tests
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,7 +9,7 @@ use std::process::{Command, Output};
 use tempfile::TempDir;
 
 /// Two links that swing about vertical axes, so that gravity does not reach the joints.
-pub const URDF: &str = r#"<robot name="tiny">
+pub(crate) const URDF: &str = r#"<robot name="tiny">
   <link name="base"/>
   <joint name="shoulder" type="continuous">
     <parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
@@ -27,13 +28,13 @@ pub const URDF: &str = r#"<robot name="tiny">
 </robot>"#;
 
 /// A folder with the arm, a few touches of it, and room for results.
-pub struct Scene {
+pub(crate) struct Scene {
     folder: TempDir,
 }
 
 impl Scene {
     /// The arm and two touches, `log/seq_0` and `log/seq_1`.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let scene = Self { folder: tempfile::tempdir().unwrap() };
         fs::write(scene.path("tiny.urdf"), URDF).unwrap();
         scene.touch("log/seq_0", 40, 0.0);
@@ -42,16 +43,16 @@ impl Scene {
         scene
     }
 
-    pub fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    pub fn text(&self, name: &str) -> String {
+    pub(crate) fn text(&self, name: &str) -> String {
         self.path(name).to_str().unwrap().to_owned()
     }
 
     /// Writes a touch: eight still frames, then the shoulder swings into something springy.
-    pub fn touch(&self, name: &str, frames: usize, elbow: f64) {
+    pub(crate) fn touch(&self, name: &str, frames: usize, elbow: f64) {
         let swing = |frame: usize| 0.5 * frame.saturating_sub(8) as f64 / frames as f64;
         let angles = (0..frames).map(|frame| [swing(frame), elbow]);
         let torques = (0..frames).map(|frame| {
@@ -62,20 +63,25 @@ impl Scene {
     }
 
     /// Writes the two arrays of a touch.
-    pub fn arrays<const N: usize>(&self, name: &str, angles: &[[f64; N]], torques: &[[f64; N]]) {
+    pub(crate) fn arrays<const N: usize>(
+        &self,
+        name: &str,
+        angles: &[[f64; N]],
+        torques: &[[f64; N]],
+    ) {
         fs::create_dir_all(self.path(name)).unwrap();
         npy(&self.path(name).join("angles.npy"), &[angles.len(), N], angles.as_flattened());
         npy(&self.path(name).join("torques.npy"), &[torques.len(), N], torques.as_flattened());
     }
 
     /// The settings that make everything small.
-    pub fn settings(&self) -> Vec<String> {
+    pub(crate) fn settings(&self) -> Vec<String> {
         let robot = self.text("tiny.urdf");
         ["--robot", &robot, "--no-cache", "--bake-spacing-m", "0.01"].map(str::to_owned).to_vec()
     }
 
     /// `palpate map` of some logs into `out/field.npz`.
-    pub fn map(&self, logs: &[&str], more: &[&str]) -> Command {
+    pub(crate) fn map(&self, logs: &[&str], more: &[&str]) -> Command {
         let mut command = palpate();
         command.arg("map").args(logs.iter().map(|log| self.path(log))).args(self.settings());
         command.args(["--spacing-m", "0.03"]);
@@ -87,7 +93,7 @@ impl Scene {
     }
 
     /// `palpate predict` of some logs from `out/field.npz`.
-    pub fn predict(&self, logs: &[&str], more: &[&str]) -> Command {
+    pub(crate) fn predict(&self, logs: &[&str], more: &[&str]) -> Command {
         let mut command = palpate();
         command.arg("predict").arg(self.path("out/field.npz"));
         command.args(logs.iter().map(|log| self.path(log))).args(self.settings()).args(more);
@@ -95,13 +101,13 @@ impl Scene {
     }
 
     /// What lies in `out`.
-    pub fn results(&self) -> Vec<String> {
+    pub(crate) fn results(&self) -> Vec<String> {
         names(&self.path("out"))
     }
 }
 
 /// Names in a folder, hidden ones too.
-pub fn names(folder: &Path) -> Vec<String> {
+pub(crate) fn names(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder).unwrap();
     let mut names: Vec<String> =
         entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
@@ -110,12 +116,12 @@ pub fn names(folder: &Path) -> Vec<String> {
 }
 
 /// The command, not yet run.
-pub fn palpate() -> Command {
+pub(crate) fn palpate() -> Command {
     Command::new(env!("CARGO_BIN_EXE_palpate"))
 }
 
 /// Writes an npy file of doubles.
-pub fn npy(path: &Path, shape: &[usize], numbers: &[f64]) {
+pub(crate) fn npy(path: &Path, shape: &[usize], numbers: &[f64]) {
     let sides: Vec<String> = shape.iter().map(|side| format!("{side},")).collect();
     let header =
         format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}), }}", sides.join(" "));
@@ -127,17 +133,17 @@ pub fn npy(path: &Path, shape: &[usize], numbers: &[f64]) {
     fs::write(path, bytes).unwrap();
 }
 
-pub fn stderr(output: &Output) -> String {
+pub(crate) fn stderr(output: &Output) -> String {
     String::from_utf8(output.stderr.clone()).unwrap()
 }
 
-pub fn stdout(output: &Output) -> String {
+pub(crate) fn stdout(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).unwrap()
 }
 
 /// Runs a command that must succeed, and returns what it printed.
 #[track_caller]
-pub fn succeed(command: &mut Command) -> String {
+pub(crate) fn succeed(command: &mut Command) -> String {
     let output = command.output().unwrap();
     assert!(output.status.success(), "{command:?}\n{}", stderr(&output));
     stdout(&output)
@@ -145,13 +151,13 @@ pub fn succeed(command: &mut Command) -> String {
 
 /// Runs a command that must succeed and print JSON.
 #[track_caller]
-pub fn json(command: &mut Command) -> serde_json::Value {
+pub(crate) fn json(command: &mut Command) -> serde_json::Value {
     serde_json::from_str(&succeed(command)).unwrap()
 }
 
 /// Runs a command that must fail with an exit code and an error that holds all of `words`.
 #[track_caller]
-pub fn refuse(command: &mut Command, code: i32, words: &[&str]) {
+pub(crate) fn refuse(command: &mut Command, code: i32, words: &[&str]) {
     let output = command.output().unwrap();
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(code), "{command:?}\n{said}");

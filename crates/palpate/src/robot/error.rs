@@ -43,7 +43,11 @@ pub enum RobotError {
 }
 
 impl RobotError {
-    pub(super) fn number(thing: String, found: impl ToString, wanted: &'static str) -> Self {
-        Self::Number { thing, found: found.to_string(), wanted }
+    pub(super) fn number(
+        thing: String,
+        found: impl std::fmt::Display,
+        wanted: &'static str,
+    ) -> Self {
+        Self::Number { thing, found: format!("{found}"), wanted }
     }
 }

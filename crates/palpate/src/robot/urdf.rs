@@ -329,7 +329,7 @@ fn link(link: &urdf_rs::Link, parent: Option<LinkId>) -> Result<Link, RobotError
 }
 
 fn shape(thing: &str, geometry: &Geometry) -> Result<Shape, RobotError> {
-    let positive = |sizes: &[f64]| match sizes.iter().find(|size| !(**size > 0.0)) {
+    let positive = |sizes: &[f64]| match sizes.iter().find(|size| size.is_nan() || **size <= 0.0) {
         Some(bad) => Err(RobotError::number(format!("size of a {thing} [m]"), bad, "above zero")),
         None => check_finite(&format!("size of a {thing} [m]"), sizes),
     };

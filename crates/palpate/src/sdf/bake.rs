@@ -285,7 +285,7 @@ impl Lattice {
         // A third of a cell keeps nodes off the planes on which designers put faces.
         let origin_m = low - Vector3::repeat(config.margin_m + spacing_m / 3.0);
         let n = (high - origin_m).map(|span| ((span + config.margin_m) / spacing_m).ceil() + 1.0);
-        if !(n.product() <= MAX_NODES) {
+        if n.product() > MAX_NODES {
             return Err(SdfError::TooLarge { span_m: (high - low).into(), spacing_m });
         }
         Ok(Lattice { origin_m, spacing_m, shape: [n.x as usize, n.y as usize, n.z as usize] })

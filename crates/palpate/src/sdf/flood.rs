@@ -45,7 +45,7 @@ pub(super) fn distance_to_openings(
     let mut crossings = vec![[f64::INFINITY; 3]; lattice.len()];
     let mut any = false;
     for node in 0..lattice.len() {
-        for axis in 0..3 {
+        for axis in [0, 1, 2] {
             let (_, Some(next)) = lattice.neighbours(node, axis) else { continue };
             let free = lattice.proves_free(distance_m[node], distance_m[next]);
             if inside[node] == inside[next] || !free {
@@ -55,8 +55,10 @@ pub(super) fn distance_to_openings(
             let (here, there) = (f64::from(winding[node]), f64::from(winding[next]));
             let at = (here - 0.5) / (here - there);
             let at = if at.is_finite() { at.clamp(0.01, 0.99) } else { 0.5 };
-            crossings[node][axis] = crossings[node][axis].min(at);
-            crossings[next][axis] = crossings[next][axis].min(1.0 - at);
+            for (end, at) in [(node, at), (next, 1.0 - at)] {
+                let nearest = &mut crossings[end][axis];
+                *nearest = nearest.min(at);
+            }
         }
     }
     any.then(|| {

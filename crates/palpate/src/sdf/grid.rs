@@ -21,16 +21,38 @@ pub struct Grid {
     /// Derived from the above: what a query needs, ready to multiply with.
     pub(super) cells_per_m: f64,
     pub(super) last_cell: [f64; 3],
+    strides: [usize; 2],
 }
 
-/// A cell of the grid and where in it a point falls.
+/// Below this slope, squared, in metres per cell, a direction would be made of rounding.
+const FLAT: f64 = 1e-16;
+
+/// Eight nodes and a place between them.
 struct Cell {
-    /// Index of its lowest node.
-    base: usize,
+    /// Pairs along x; y runs faster than z.
+    nodes_m: [[f32; 2]; 4],
     /// 0..=1 along x, y, z.
     fraction: [f32; 3],
-    /// From the nearest point of the grid to the point, m; zero within the grid.
-    excess: Vector3<f64>,
+}
+
+impl Cell {
+    #[inline]
+    fn value(&self) -> f32 {
+        let [x, y, z] = self.fraction;
+        let [ab, cd, ef, gh] = self.nodes_m.map(|[low, high]| lerp(low, high, x));
+        lerp(lerp(ab, cd, y), lerp(ef, gh, y), z)
+    }
+
+    /// The value, and its slope per cell.
+    #[inline]
+    fn value_and_slope(&self) -> (f32, Vector3<f64>) {
+        let [x, y, z] = self.fraction;
+        let [ab, cd, ef, gh] = self.nodes_m.map(|[low, high]| lerp(low, high, x));
+        let [a, c, e, g] = self.nodes_m.map(|[low, high]| high - low);
+        let (low, high) = (lerp(ab, cd, y), lerp(ef, gh, y));
+        let slope = [lerp(lerp(a, c, y), lerp(e, g, y), z), lerp(cd - ab, gh - ef, z), high - low];
+        (lerp(low, high, z), Vector3::from(slope.map(f64::from)))
+    }
 }
 
 impl Grid {
@@ -46,7 +68,8 @@ impl Grid {
         assert_eq!(nodes_m.len(), shape.iter().product::<usize>(), "one distance a node");
         let last_cell = shape.map(|n| (n - 1) as f64);
         let cells_per_m = spacing_m.recip();
-        Grid { origin_m, spacing_m, shape, surface, nodes_m, cells_per_m, last_cell }
+        let strides = [shape[0], shape[0] * shape[1]];
+        Grid { origin_m, spacing_m, shape, surface, nodes_m, cells_per_m, last_cell, strides }
     }
 
     /// Signed distance of a point from the surface, m; negative inside.
@@ -57,17 +80,14 @@ impl Grid {
     /// "farther than x" can be believed for every x.
     ///
     /// `point_link` is in the link frame. Cost: 8 reads from at most 4 cache lines.
+    #[inline]
     pub fn distance(&self, point_link: &Point3<f64>) -> f64 {
-        let cell = self.cell(point_link);
-        let [[a, b], [c, d], [e, f], [g, h]] = self.corners(cell.base);
-        let [x, y, z] = cell.fraction;
-        let (low, high) = (
-            lerp(lerp(a, b, x), lerp(c, d, x), y), //
-            lerp(lerp(e, f, x), lerp(g, h, x), y),
-        );
-        let inner = f64::from(lerp(low, high, z));
-        let excess_sq = cell.excess.norm_squared();
-        if excess_sq == 0.0 { inner } else { (inner * inner + excess_sq).sqrt() }
+        let scaled = (point_link - self.origin_m) * self.cells_per_m;
+        if self.holds(&scaled) {
+            return f64::from(self.cell(&scaled).value());
+        }
+        let (cell, excess) = self.nearest_cell(&scaled);
+        f64::from(cell.value()).hypot(excess.norm())
     }
 
     /// [`Grid::distance`], and the unit vector that points away from the surface.
@@ -75,28 +95,20 @@ impl Grid {
     /// The normal is the normalised gradient of the interpolated distance, exact within a cell.
     /// Where the gradient vanishes (the middle of a ball) no direction is better than another and
     /// the normal points away from the middle of the link; it is a unit vector everywhere.
+    #[inline]
     pub fn distance_and_normal(&self, point_link: &Point3<f64>) -> (f64, Vector3<f64>) {
-        let cell = self.cell(point_link);
-        let [[a, b], [c, d], [e, f], [g, h]] = self.corners(cell.base);
-        let [x, y, z] = cell.fraction;
-        // The four edges along x, folded along y, then along z.
-        let [ab, cd, ef, gh] = [lerp(a, b, x), lerp(c, d, x), lerp(e, f, x), lerp(g, h, x)];
-        let (low, high) = (lerp(ab, cd, y), lerp(ef, gh, y));
-        let inner = f64::from(lerp(low, high, z));
-        let slope = Vector3::new(
-            f64::from(lerp(lerp(b - a, d - c, y), lerp(f - e, h - g, y), z)),
-            f64::from(lerp(cd - ab, gh - ef, z)),
-            f64::from(high - low),
-        ) * self.cells_per_m;
-
-        let excess_sq = cell.excess.norm_squared();
-        if excess_sq == 0.0 {
-            return (inner, self.unit(slope, point_link));
+        let scaled = (point_link - self.origin_m) * self.cells_per_m;
+        if self.holds(&scaled) {
+            let (value, slope) = self.cell(&scaled).value_and_slope();
+            return (f64::from(value), self.unit(slope, point_link));
         }
+        let (cell, excess) = self.nearest_cell(&scaled);
+        let (value, slope) = cell.value_and_slope();
+        let inner = f64::from(value);
         // Beyond the grid only the slope along its faces counts: φ(c) does not change across them.
-        let along = Vector3::from_fn(|i, _| if cell.excess[i] == 0.0 { slope[i] } else { 0.0 });
-        let distance = (inner * inner + excess_sq).sqrt();
-        (distance, self.unit(inner * along + cell.excess, point_link))
+        let along = Vector3::from_fn(|i, _| if excess[i] == 0.0 { slope[i] } else { 0.0 });
+        let uphill = inner * self.cells_per_m * along + excess;
+        (inner.hypot(excess.norm()), self.unit(uphill, point_link))
     }
 
     /// A box around the surface and everything inside it, in the link frame: lowest and highest
@@ -127,35 +139,46 @@ impl Grid {
         shape.chain([self.spacing_m]).chain(self.origin_m.iter().copied()).chain(nodes)
     }
 
-    /// The cell that holds a point, or the one nearest to it.
+    /// Whether a point, in cells from the first node, lies in the grid.
     #[inline]
-    fn cell(&self, point: &Point3<f64>) -> Cell {
-        let scaled = (point - self.origin_m) * self.cells_per_m;
-        let mut index = [0_usize; 3];
-        let mut fraction = [0.0_f32; 3];
-        let mut excess = Vector3::zeros();
-        for axis in 0..3 {
-            let inside = scaled[axis].clamp(0.0, self.last_cell[axis]);
-            excess[axis] = (scaled[axis] - inside) * self.spacing_m;
-            // The last node is the far end of the last cell. NaN becomes cell 0.
-            index[axis] = (inside as usize).min(self.shape[axis] - 2);
-            fraction[axis] = (inside - index[axis] as f64) as f32;
-        }
-        let base = index[0] + self.shape[0] * (index[1] + self.shape[1] * index[2]);
-        Cell { base, fraction, excess }
+    fn holds(&self, scaled: &Vector3<f64>) -> bool {
+        let within = |axis: usize| (scaled[axis] >= 0.0) & (scaled[axis] < self.last_cell[axis]);
+        within(0) & within(1) & within(2)
     }
 
-    /// The nodes of a cell, pairs along x; y runs faster than z.
+    /// The cell of a point that the grid holds.
     #[inline]
-    fn corners(&self, base: usize) -> [[f32; 2]; 4] {
-        let (row, plane) = (self.shape[0], self.shape[0] * self.shape[1]);
-        let pair = |at: usize| [self.nodes_m[at], self.nodes_m[at + 1]];
-        [pair(base), pair(base + row), pair(base + plane), pair(base + plane + row)]
+    fn cell(&self, scaled: &Vector3<f64>) -> Cell {
+        let (mut index, mut fraction) = ([0; 3], [0.0; 3]);
+        for axis in 0..3 {
+            index[axis] = scaled[axis] as u32 as usize;
+            fraction[axis] = (scaled[axis] - index[axis] as f64) as f32;
+        }
+        let [row, plane] = self.strides;
+        let base = index[0] + row * index[1] + plane * index[2];
+        let pair = |at: usize| {
+            let pair = &self.nodes_m[at..at + 2];
+            [pair[0], pair[1]]
+        };
+        let nodes_m = [pair(base), pair(base + row), pair(base + plane), pair(base + plane + row)];
+        Cell { nodes_m, fraction }
+    }
+
+    /// The cell nearest to any point, seen from the nearest place in it, and the way from there to
+    /// the point, m.
+    #[cold]
+    fn nearest_cell(&self, scaled: &Vector3<f64>) -> (Cell, Vector3<f64>) {
+        // The last node belongs to the cell before it; NaN is put at the first node.
+        let inside = Vector3::from_fn(|axis, _| {
+            scaled[axis].max(0.0).min(self.last_cell[axis] * (1.0 - f64::EPSILON))
+        });
+        let excess = (scaled - inside) * self.spacing_m;
+        (self.cell(&inside), excess)
     }
 
     fn unit(&self, slope: Vector3<f64>, point: &Point3<f64>) -> Vector3<f64> {
         let norm_sq = slope.norm_squared();
-        if norm_sq > 1e-12 {
+        if norm_sq > FLAT {
             return slope * norm_sq.sqrt().recip();
         }
         let away = point - nalgebra::center(&self.surface[0], &self.surface[1]);

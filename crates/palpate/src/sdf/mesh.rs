@@ -21,6 +21,8 @@ use super::winding::area_vector_of;
 /// A triangle thinner than this part of its longest edge has no usable normal.
 const SLIVER: f64 = 1e-9;
 
+/// No robot reaches here; beyond it, areas and volumes would overflow.
+const FARTHEST_M: f64 = 1e9;
 /// How many ways a triangle of an open part looks for the sky.
 const SAMPLED_DIRECTIONS: usize = 24;
 /// A triangle that sees this much more of the sky on one side knows its front; others follow the
@@ -63,11 +65,11 @@ impl TriangleMesh {
             }
         }
         let mut numbers = self.vertices.iter().flat_map(|vertex| vertex.iter());
-        match numbers.find(|number| !number.is_finite()) {
+        match numbers.find(|number| number.is_nan() || number.abs() > FARTHEST_M) {
             Some(&found) => Err(SdfError::Number {
                 thing: "coordinate of a mesh vertex",
                 found,
-                wanted: "a finite number of m",
+                wanted: "a finite number of metres on a robot",
             }),
             None => Ok(()),
         }

@@ -1,0 +1,58 @@
+//! From a log to a field: maps touches of a Kinova Gen3 and saves what was felt.
+//!
+//! Usage: `02_map_a_log [LOG [FIELD.npz]]`; the log defaults to the bundled touches, of which it
+//! takes the first three to be quick. The data is simulated.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use palpate::estimator::Method;
+use palpate::mapper::{Config, Mapper};
+use palpate_io::field::{Saved, save};
+use palpate_io::log::{self, LogEvent, LogOptions};
+use palpate_io::robot_files::{ArmOptions, load_arm};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let bundled = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
+    let mut arguments = std::env::args_os().skip(1).map(PathBuf::from);
+    let log = arguments.next().unwrap_or(bundled);
+    let output = arguments.next().unwrap_or(std::env::temp_dir().join("palpate_example_field.npz"));
+
+    // An arm is a robot with the distance field of each link; the settings are the shipped ones.
+    let arm = Arc::new(load_arm("kinova_gen3", &ArmOptions::default())?.arm);
+    let mut mapper = Mapper::new(Arc::clone(&arm), Config::of(Method::Map))?;
+
+    // One sample in, one report out. The first still frames of a touch are its tare.
+    let (mut touches, mut frames) = (0, 0);
+    for event in log::open(&log, &LogOptions::default())? {
+        match event? {
+            LogEvent::TouchStarts { .. } if touches == 3 => break,
+            LogEvent::TouchStarts { name, .. } => {
+                println!("touch {name}");
+                mapper.begin_touch();
+                touches += 1;
+            }
+            LogEvent::Sample(sample) => {
+                let report = mapper.step(&sample)?;
+                if let (Some(felt), Some(expected)) = (report.external, report.predicted) {
+                    frames += 1;
+                    if frames % 100 == 0 {
+                        let error = (expected - &felt).norm();
+                        let contacts = report.contacts;
+                        let felt = felt.norm();
+                        println!("  {contacts:5} contacts, {felt:.2} N·m felt, {error:.2} off");
+                    }
+                }
+            }
+        }
+    }
+    mapper.end_touch()?;
+
+    let field = mapper.field();
+    let stiffest = field.stiffness_n_per_m.iter().copied().fold(0.0, f64::max);
+    println!("{} cells touched, the stiffest {stiffest:.1} N/m", field.cells.len());
+    let robot = arm.robot.name().to_owned();
+    save(&output, &Saved { field, robot, snapshot: Some(mapper.snapshot()) })?;
+    println!("saved to {}", output.display());
+    Ok(())
+}

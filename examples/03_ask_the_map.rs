@@ -1,0 +1,63 @@
+//! Asks a field what torque a motion will meet, before it is made.
+//!
+//! Learns two bundled touches, then predicts a third that it has not seen, frame by frame, and
+//! compares with what was felt and with predicting nothing. The data is simulated.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use palpate::estimator::Method;
+use palpate::field::Predictor;
+use palpate::mapper::{Config, Mapper};
+use palpate::touch::Sample;
+use palpate_io::log::{self, LogEvent, LogOptions};
+use palpate_io::robot_files::{ArmOptions, load_arm};
+use palpate_learn::errors::ErrorSum;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let data = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
+    let arm = Arc::new(load_arm("kinova_gen3", &ArmOptions::default())?.arm);
+    let config = Config::of(Method::Map);
+
+    let mut mapper = Mapper::new(Arc::clone(&arm), config.clone())?;
+    for touch in ["seq_002", "seq_008"] {
+        mapper.begin_touch();
+        for sample in samples(&data.join(touch))? {
+            mapper.step(&sample)?;
+        }
+        mapper.end_touch()?;
+    }
+
+    // A predictor sees the same contacts as the mapper and changes nothing. Only the joint
+    // positions matter for the prediction; the torques serve to see how good it is.
+    let mut predictor = Predictor::new(arm, &mapper.field(), config.touch)?;
+    predictor.begin_touch();
+    let (mut field, mut zero) = (ErrorSum::default(), ErrorSum::default());
+    println!("frame   felt   predicted  (N·m, norm over the joints)");
+    for (number, sample) in samples(&data.join("seq_003"))?.iter().enumerate() {
+        let Some(said) = predictor.step(sample)? else { continue };
+        field.add(&said.predicted, &said.external);
+        zero.add(&(&said.predicted * 0.0), &said.external);
+        if number % 40 == 0 {
+            println!("{number:5} {:6.2} {:8.2}", said.external.norm(), said.predicted.norm());
+        }
+    }
+    let relative = |sum: ErrorSum| sum.errors().and_then(|e| e.avg_relative).unwrap_or(f64::NAN);
+    println!(
+        "average relative error {:.2}, of predicting zero {:.2}",
+        relative(field),
+        relative(zero)
+    );
+    assert!(relative(field) < relative(zero), "a map must be better than no map");
+    Ok(())
+}
+
+fn samples(touch: &std::path::Path) -> Result<Vec<Sample>, Box<dyn std::error::Error>> {
+    let mut samples = Vec::new();
+    for event in log::open(touch, &LogOptions::default())? {
+        if let LogEvent::Sample(sample) = event? {
+            samples.push(sample);
+        }
+    }
+    Ok(samples)
+}
