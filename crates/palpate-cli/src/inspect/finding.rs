@@ -1,0 +1,73 @@
+//! What looks wrong: the evidence, and what to do about it.
+
+use serde::Serialize;
+
+/// How bad it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Level {
+    /// Learning would go on, but probably not as meant.
+    Warning,
+    /// Learning would refuse it.
+    Error,
+}
+
+/// One thing that looks wrong.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Finding {
+    /// How bad it is.
+    pub level: Level,
+    /// A name for programs, which stays when the words change.
+    pub code: &'static str,
+    /// What was seen, with numbers.
+    pub what: String,
+    /// What to do about it.
+    pub remedy: String,
+    /// The touches that show it, if not all do.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub touches: Vec<String>,
+    /// The joints or links that show it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub parts: Vec<String>,
+    /// Flags of `palpate map` and `predict` that would set it right.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub flags: Vec<String>,
+}
+
+impl Finding {
+    /// Something that learning takes, but probably not as meant.
+    pub(super) fn warning(
+        code: &'static str,
+        what: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        let (what, remedy) = (what.into(), remedy.into());
+        let (touches, parts, flags) = (Vec::new(), Vec::new(), Vec::new());
+        Self { level: Level::Warning, code, what, remedy, touches, parts, flags }
+    }
+
+    /// Something that learning refuses.
+    pub(super) fn error(
+        code: &'static str,
+        what: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self { level: Level::Error, ..Self::warning(code, what, remedy) }
+    }
+
+    /// The same, seen in these touches.
+    pub(super) fn in_touches(self, touches: &[&str]) -> Self {
+        let touches = touches.iter().map(|&touch| touch.to_owned()).collect();
+        Self { touches, ..self }
+    }
+
+    /// The same, seen at these joints or links.
+    pub(super) fn at(self, parts: &[&str]) -> Self {
+        Self { parts: parts.iter().map(|&part| part.to_owned()).collect(), ..self }
+    }
+
+    /// The same, with flags that would set it right.
+    pub(super) fn try_flags(self, flags: &[String]) -> Self {
+        Self { flags: flags.to_vec(), ..self }
+    }
+}

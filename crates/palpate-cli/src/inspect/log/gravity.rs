@@ -1,0 +1,165 @@
+//! What gravity says of a log, in words: sign, convention, order of joints, payload.
+
+use palpate::robot::{Payload, Robot};
+use palpate::touch::{self, Gravity, TorqueSign};
+
+use super::super::finding::Finding;
+use super::super::page::{listed, number};
+use super::payload;
+use super::reading::{self, Fit, Fits, Reading, Rest};
+use super::record::{Matching, Touch};
+use palpate_io::log::AngleUnit;
+
+/// Reads the log as gravity says: the touches' joints are put into the order that fits.
+pub(super) fn judge(
+    touches: &mut [Touch],
+    robot: &Robot,
+    set: &touch::Config,
+    (angle_unit, matching): (AngleUnit, Matching),
+) -> (Reading, Vec<Finding>) {
+    let mut rests = reading::rests(touches, set.still_rad);
+    let straight: Vec<usize> = (0..robot.n_joints()).collect();
+    let mut fits = reading::fits(robot, &rests, &straight, set);
+    let (mut order, mut findings) = (None, Vec::new());
+    if let Some((other, better)) = reading::other_order(robot, &rests, set, &fits) {
+        findings.push(wrong_order(robot, &other, matching, (&fits, &better)));
+        touches.iter_mut().for_each(|touch| touch.permute(&other));
+        rests = reading::rests(touches, set.still_rad);
+        (fits, order) = (better, Some(other));
+    }
+    if fits.contradict() {
+        findings.push(wrong_convention(&fits));
+    } else if fits.misfit() {
+        findings.push(misfit(robot, &rests.all, &fits));
+    }
+    (Reading { angle_unit, order, fits }, findings)
+}
+
+/// Flags that make a convention hold.
+fn flags(set: &Fit, right: &Fit) -> Vec<String> {
+    let mut flags = Vec::new();
+    if set.torque_sign != right.torque_sign {
+        let sign = if right.torque_sign == TorqueSign::Minus { "minus" } else { "plus" };
+        flags.extend(["--torque-sign", sign].map(str::to_owned));
+    }
+    if set.gravity != right.gravity {
+        let state = if right.gravity == Gravity::Included { "included" } else { "removed" };
+        flags.extend(["--gravity", state].map(str::to_owned));
+    }
+    flags
+}
+
+fn wrong_convention(fits: &Fits) -> Finding {
+    let (set, best) = (&fits.set, &fits.best);
+    let when = if fits.at_rest { "at rest" } else { "on average" };
+    let of = format!("of the {} N·m of gravity {when}", number(fits.gravity_torque));
+    let (code, seen) = match best.gravity {
+        Gravity::Removed => (
+            "gravity",
+            format!("the log holds no gravity: {when} it measures {} N·m", number(best.left_over)),
+        ),
+        Gravity::Included if set.gravity == Gravity::Removed => (
+            "gravity",
+            format!("the log holds gravity: taking it off leaves {} N·m", number(best.left_over)),
+        ),
+        Gravity::Included => (
+            "torque_sign",
+            format!(
+                "the torques count the other way round: turned, they are {:.2} times those of \
+                 gravity, and {} N·m are left over",
+                best.slope,
+                number(best.left_over)
+            ),
+        ),
+    };
+    let slope = match fits.at_rest {
+        true => String::new(),
+        false => format!(" (no touch begins still, but the slope on gravity is {:.2})", best.slope),
+    };
+    let what =
+        format!("{seen}, {of}{slope}; read as set, {} N·m are left over", number(set.left_over));
+    let flags = flags(set, best);
+    let remedy = format!("use {}; below, the log is read so", flags.join(" "));
+    Finding::warning(code, what, remedy).try_flags(&flags)
+}
+
+fn wrong_order(
+    robot: &Robot,
+    order: &[usize],
+    matching: Matching,
+    (straight, better): (&Fits, &Fits),
+) -> Finding {
+    let n = order.len();
+    let names: Vec<&str> = robot.joint_names().collect();
+    // Column `order[j]` of the log is joint j of the robot.
+    let mut columns = vec![""; n];
+    order.iter().zip(&names).for_each(|(&place, name)| columns[place] = name);
+    let wrong: Vec<&str> = (0..n).filter(|&j| order[j] != j).map(|j| names[j]).collect();
+    let how = match wrong.len() {
+        2 => format!("with `{}` and `{}` swapped", wrong[0], wrong[1]),
+        _ if (0..n).all(|j| order[j] == n - 1 - j) => "in reverse".to_owned(),
+        _ => "turned round".to_owned(),
+    };
+    let what = format!(
+        "the log seems to hold the joints {how}: so {} N·m are left over after gravity, in the \
+         robot's order {} N·m",
+        number(better.best.left_over),
+        number(straight.best.left_over)
+    );
+    let source = match matching {
+        Matching::Unnamed => "save the columns",
+        _ => "the log's joint names look wrong; name the columns",
+    };
+    let remedy = format!(
+        "its columns seem to be {}; {source} in the robot's order, {} (CSV: --columns); below, \
+         the log is read so",
+        listed(&columns),
+        listed(&names)
+    );
+    Finding::warning("joint_order", what, remedy).at(&wrong)
+}
+
+/// Torques that no convention explains.
+fn misfit(robot: &Robot, rests: &[Rest], fits: &Fits) -> Finding {
+    let heavier = [&fits.set, &fits.best].into_iter().find_map(|fit| {
+        let included = Fit { gravity: Gravity::Included, ..*fit };
+        let payload = payload::explain(robot, rests, &included)?;
+        Some((included, payload))
+    });
+    let what = format!(
+        "gravity does not explain the torques at rest, in either sign: {} N·m are left over, where \
+         gravity is {} N·m",
+        number(fits.best.left_over),
+        number(fits.gravity_torque)
+    );
+    match heavier {
+        Some((fit, payload)) => {
+            let mut flags = flags(&fits.set, &fit);
+            flags.extend(payload_flags(&payload));
+            let remedy = format!(
+                "a payload of {:.2} kg at the last link would explain it: weigh the tool and give \
+                 it, such as {}",
+                payload.mass_kg,
+                flags.join(" ")
+            );
+            Finding::warning("payload", what, remedy).try_flags(&flags)
+        }
+        None => {
+            let remedy = "look for a wrong robot (--robot), a payload that it does not know \
+                          (--payload-link, --payload-mass-kg), another order of the joints, or \
+                          another unit (--angle-unit deg)";
+            Finding::warning("gravity_misfit", what, remedy)
+        }
+    }
+}
+
+fn payload_flags(payload: &Payload) -> Vec<String> {
+    let [x, y, z] = payload.com_link_m;
+    vec![
+        "--payload-link".to_owned(),
+        payload.link.clone(),
+        "--payload-mass-kg".to_owned(),
+        format!("{:.2}", payload.mass_kg),
+        format!("--payload-com-m={x:.3},{y:.3},{z:.3}"),
+    ]
+}

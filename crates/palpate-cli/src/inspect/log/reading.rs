@@ -1,0 +1,222 @@
+//! How a log is to be read: unit of its angles, order of its joints, sign of its torques, gravity
+//! in or out. Gravity tells, since it is the one torque that is known beforehand.
+//!
+//! The arm at rest measures `s·τ = a·τ_gravity(q) + bias`. Of every touch the mean over its still
+//! start is taken. What is left over under a convention is the median of |s·τ − a·τ_gravity(q)|
+//! over these, so that a touch that begins in contact does not count. The conventions lie tens of
+//! N·m apart and a bias is below one, so the least is clear, unless the joints' axes are vertical
+//! and there is nothing to see.
+//!
+//! If no touch begins still, single frames have to do, with contacts in them. What is left over
+//! then says little, but contacts do not follow gravity, so the slope of the torques on it tells.
+
+use palpate::robot::Robot;
+use palpate::touch::{self, Gravity, MIN_TARE_FRAMES, TorqueSign};
+use palpate_io::log::AngleUnit;
+use serde::Serialize;
+
+use super::super::quantile::median;
+use super::record::Touch;
+
+/// With less gravity than this at rest, N·m, nothing can be told from it.
+const LEAST_GRAVITY: f64 = 1.0;
+/// What may be left over, as a part of gravity.
+const GOOD_PART: f64 = 0.25;
+/// What may be left over at each joint, N·m, whatever gravity is: the bias of usual sensors.
+const GOOD_BIAS: f64 = 0.4;
+/// Another convention must leave less than this part of what is left over as set.
+const BETTER: f64 = 0.5;
+/// Another order of joints must leave less than this part: there are many to choose from.
+const FAR_BETTER: f64 = 0.25;
+/// Single frames to look at if no touch begins still.
+const FRAMES: usize = 200;
+/// How near to 1, 0 or -1 the slope must be to tell by itself.
+const NEAR_SLOPE: f64 = 0.3;
+
+/// One moment at rest.
+#[derive(Debug, Clone)]
+pub(super) struct Rest {
+    pub q: Vec<f64>,
+    pub tau: Vec<f64>,
+}
+
+/// Moments at rest, or any moments if there are none.
+#[derive(Debug, Clone)]
+pub(super) struct Rests {
+    pub all: Vec<Rest>,
+    /// Whether the arm stands still in them.
+    pub still: bool,
+}
+
+/// How well a convention explains the log.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(super) struct Fit {
+    pub torque_sign: TorqueSign,
+    pub gravity: Gravity,
+    /// What it leaves over, N·m over all joints.
+    pub left_over: f64,
+    /// Slope of the measured torques, in that sign, on those of gravity.
+    pub slope: f64,
+}
+
+/// How well each convention explains the log, for one order of the joints.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Fits {
+    /// The convention of the settings.
+    pub set: Fit,
+    /// The one that leaves the least over.
+    pub best: Fit,
+    /// Torque of gravity at rest, N·m over all joints.
+    pub gravity_torque: f64,
+    /// Whether there are moments at rest; if not, these are figures of any frames.
+    pub at_rest: bool,
+    #[serde(skip)]
+    n_joints: usize,
+}
+
+/// What was found out.
+#[derive(Debug, Serialize)]
+pub(super) struct Reading {
+    /// Unit in which the log seems to be.
+    pub angle_unit: AngleUnit,
+    /// Order in which the log seems to hold the joints, if it is not the robot's: the place of
+    /// each joint of the robot.
+    pub order: Option<Vec<usize>>,
+    pub fits: Fits,
+}
+
+impl Fit {
+    /// How far the slope is from what the convention says it is.
+    fn off_slope(&self) -> f64 {
+        let expected = if self.gravity == Gravity::Included { 1.0 } else { 0.0 };
+        (self.slope - expected).abs()
+    }
+}
+
+impl Fits {
+    /// Whether gravity is large enough to tell anything.
+    pub(super) fn tell(&self) -> bool {
+        self.gravity_torque >= LEAST_GRAVITY
+    }
+
+    /// Whether even the best convention leaves too much over.
+    pub(super) fn misfit(&self) -> bool {
+        let usual = GOOD_BIAS * (self.n_joints as f64).sqrt();
+        let most = usual.max(GOOD_PART * self.gravity_torque);
+        self.at_rest && self.tell() && self.best.left_over > most
+    }
+
+    /// Whether another convention is right than the one that is set.
+    pub(super) fn contradict(&self) -> bool {
+        let other =
+            (self.best.torque_sign, self.best.gravity) != (self.set.torque_sign, self.set.gravity);
+        let better = if self.at_rest {
+            self.best.left_over < BETTER * self.set.left_over
+        } else {
+            self.best.off_slope() < NEAR_SLOPE
+        };
+        self.tell() && !self.misfit() && other && better
+    }
+
+    /// The convention that the log should be read under.
+    pub(super) fn accepted(&self) -> Fit {
+        if self.contradict() { self.best } else { self.set }
+    }
+}
+
+/// The means over the still starts, or some frames if there are none.
+pub(super) fn rests(touches: &[Touch], still_rad: f64) -> Rests {
+    let starts: Vec<Rest> = (touches.iter())
+        .filter_map(|touch| {
+            let still = touch.still_frames(still_rad);
+            let mean = |rows: &[Vec<f64>]| super::mean(&rows[..still]);
+            (still >= MIN_TARE_FRAMES as usize)
+                .then(|| Rest { q: mean(&touch.q), tau: mean(&touch.tau) })
+        })
+        .collect();
+    if !starts.is_empty() {
+        return Rests { all: starts, still: true };
+    }
+    let frames: usize = touches.iter().map(Touch::frames).sum();
+    let all = touches.iter().flat_map(|touch| touch.q.iter().zip(&touch.tau));
+    let some = all.step_by(frames.div_ceil(FRAMES).max(1));
+    let some = some.map(|(q, tau)| Rest { q: q.clone(), tau: tau.clone() });
+    Rests { all: some.collect(), still: false }
+}
+
+/// How well the conventions explain what was measured at rest.
+pub(super) fn fits(robot: &Robot, rests: &Rests, order: &[usize], set: &touch::Config) -> Fits {
+    let pick = |row: &[f64]| order.iter().map(|&place| row[place]).collect::<Vec<f64>>();
+    let pairs: Vec<(Vec<f64>, Vec<f64>)> = (rests.all.iter())
+        .filter_map(|rest| {
+            let poses = robot.forward(&pick(&rest.q)).ok()?;
+            Some((robot.gravity_torque(&poses).iter().copied().collect(), pick(&rest.tau)))
+        })
+        .collect();
+    let of_pairs = |value: &dyn Fn(&(Vec<f64>, Vec<f64>)) -> f64| {
+        median(&pairs.iter().map(value).collect::<Vec<_>>()).unwrap_or(0.0)
+    };
+    let square = pairs.iter().map(|(gravity, _)| dot(gravity, gravity)).sum::<f64>();
+    let cross = pairs.iter().map(|(gravity, tau)| dot(gravity, tau)).sum::<f64>();
+    let fit = |torque_sign: TorqueSign, gravity: Gravity| {
+        let sign = super::sign(torque_sign);
+        let part = if gravity == Gravity::Included { 1.0 } else { 0.0 };
+        let left_over = of_pairs(&|(gravity, tau)| {
+            let rests = gravity.iter().zip(tau).map(|(g, t)| (sign * t - part * g).powi(2));
+            rests.sum::<f64>().sqrt()
+        });
+        let slope = if square > 0.0 { sign * cross / square } else { 0.0 };
+        Fit { torque_sign, gravity, left_over, slope }
+    };
+    // Without gravity the sign cannot be told: it is left as set.
+    let all = [
+        fit(set.torque_sign, set.gravity),
+        fit(TorqueSign::Plus, Gravity::Included),
+        fit(TorqueSign::Minus, Gravity::Included),
+        fit(set.torque_sign, Gravity::Removed),
+    ];
+    let off = |fit: &Fit| if rests.still { fit.left_over } else { fit.off_slope() };
+    let best = all.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(all[0]);
+    let gravity_torque = of_pairs(&|(gravity, _)| dot(gravity, gravity).sqrt());
+    let (at_rest, n_joints) = (rests.still, order.len());
+    Fits { set: all[0], best, gravity_torque, at_rest, n_joints }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Another order of the joints that explains the log far better than the robot's, if there is one.
+pub(super) fn other_order(
+    robot: &Robot,
+    rests: &Rests,
+    set: &touch::Config,
+    straight: &Fits,
+) -> Option<(Vec<usize>, Fits)> {
+    if !straight.misfit() {
+        return None;
+    }
+    let candidates = orders(robot.n_joints()).map(|order| {
+        let fits = fits(robot, rests, &order, set);
+        (order, fits)
+    });
+    let far_better = |(_, fits): &(Vec<usize>, Fits)| {
+        fits.tell() && !fits.misfit() && fits.best.left_over < FAR_BETTER * straight.best.left_over
+    };
+    candidates
+        .filter(far_better)
+        .min_by(|(_, a), (_, b)| a.best.left_over.total_cmp(&b.best.left_over))
+}
+
+/// Orders that happen: reversed, turned round (a base or gripper first), two joints swapped.
+fn orders(n: usize) -> impl Iterator<Item = Vec<usize>> {
+    let reversed = std::iter::once((0..n).rev().collect());
+    let turned = (1..n).map(move |by| (0..n).map(|joint| (joint + by) % n).collect());
+    let pairs = (0..n).flat_map(move |a| (a + 1..n).map(move |b| (a, b)));
+    let swapped = pairs.map(move |(a, b)| {
+        let mut order: Vec<usize> = (0..n).collect();
+        order.swap(a, b);
+        order
+    });
+    reversed.chain(turned).chain(swapped)
+}

@@ -1,0 +1,247 @@
+//! What the figures of the touches show that looks wrong: starts, tares, noise, pushes, ends.
+
+use palpate::robot::{Joint, JointKind, Robot};
+use palpate::touch::{MIN_TARE_FRAMES, Tare, TorqueSign};
+
+use super::super::finding::Finding;
+use super::super::page::{counted, listed, number};
+use super::super::quantile::median;
+use super::figures::TouchFacts;
+use super::reading::Fit;
+
+/// A touch below this says little, N·m over all joints.
+const WEAK: f64 = 1.0;
+/// Noise below this is none, N·m.
+const NO_NOISE: f64 = 1e-6;
+/// Work below this tells no sign, J.
+const LEAST_WORK_J: f64 = 0.005;
+
+/// What was looked at.
+pub(super) struct Figured<'a> {
+    pub robot: &'a Robot,
+    pub touches: &'a [TouchFacts],
+    pub tare: Tare,
+    /// The convention that the figures were found under.
+    pub fit: Fit,
+    /// Whether gravity tells the sign.
+    pub sign_is_told: bool,
+}
+
+/// How much of a torque is unusual at a joint: so much, or a part of what it can bear.
+fn unusual(joint: &Joint, torque: f64, part: f64) -> f64 {
+    let torque = if joint.kind == JointKind::Prismatic { 10.0 * torque } else { torque };
+    torque.max(part * joint.effort.unwrap_or(0.0))
+}
+
+impl Figured<'_> {
+    /// Everything that looks wrong; `gravity_fits` unless a bias is gravity's fault.
+    pub(super) fn findings(&self, gravity_fits: bool) -> Vec<Finding> {
+        let mut findings: Vec<Finding> = [self.no_start(), self.moving_tare(), self.never_moves()]
+            .into_iter()
+            .flatten()
+            .collect();
+        if gravity_fits {
+            findings.extend(self.bias());
+            findings.extend(self.weak());
+        }
+        findings.extend([self.noiseless(), self.noisy()].into_iter().flatten());
+        findings.extend(self.drift());
+        findings.extend(self.work());
+        findings
+    }
+
+    fn names(&self, shows: impl Fn(&TouchFacts) -> bool) -> Vec<&str> {
+        self.touches.iter().filter(|t| shows(t)).map(|touch| touch.name.as_str()).collect()
+    }
+
+    /// `so many of all touches: names`
+    fn these(&self, names: &[&str]) -> String {
+        match self.touches.len() {
+            1 => format!("touch `{}`", names[0]),
+            all if all == names.len() => format!("all {all} touches"),
+            all => format!("{} of {}: {}", names.len(), counted(all, "touch"), listed(names)),
+        }
+    }
+
+    fn no_start(&self) -> Option<Finding> {
+        let fewest = MIN_TARE_FRAMES as usize;
+        let names = self.names(|touch| touch.start_frames < fewest);
+        (self.tare == Tare::Auto && !names.is_empty()).then(|| {
+            let what = format!(
+                "no contact-free start: the arm moves before {fewest} frames are over, in {}",
+                self.these(&names)
+            );
+            let remedy = "start the log earlier, with the arm still and free; or use \
+                          --tare-frames N to take the tare from the first N frames as they are, \
+                          or --no-tare if the torques are external ones already";
+            Finding::error("no_start", what, remedy).in_touches(&names)
+        })
+    }
+
+    /// The frames that were asked for as tare, against what the arm does in them.
+    fn moving_tare(&self) -> Option<Finding> {
+        let Tare::Frames(wanted) = self.tare else { return None };
+        let wanted = wanted as usize;
+        let short = self.names(|touch| touch.frames < wanted);
+        if !short.is_empty() {
+            let what =
+                format!("fewer frames than --tare-frames {wanted} in {}", self.these(&short));
+            let finding = Finding::error("tare_too_long", what, "give a smaller --tare-frames");
+            return Some(finding.in_touches(&short));
+        }
+        let names = self.names(|touch| touch.still_frames < wanted);
+        (!names.is_empty()).then(|| {
+            let what = format!(
+                "the arm moves within the {wanted} frames of --tare-frames in {}",
+                self.these(&names)
+            );
+            let remedy = "whatever it touches there is taken for bias; give a smaller number, or \
+                          leave it out to have the start found";
+            Finding::warning("moving_tare", what, remedy).in_touches(&names)
+        })
+    }
+
+    fn never_moves(&self) -> Option<Finding> {
+        let names = self.names(|touch| touch.start_frames == touch.frames);
+        (!names.is_empty()).then(|| {
+            let what = format!("the arm never leaves its start in {}", self.these(&names));
+            let remedy = "nothing can be learnt from it; check the unit (--angle-unit), or leave \
+                          the touch out";
+            Finding::warning("never_moves", what, remedy).in_touches(&names)
+        })
+    }
+
+    /// Torques at rest that no sensor is off by.
+    fn bias(&self) -> Vec<Finding> {
+        let mut findings = Vec::new();
+        for (j, joint) in self.robot.joints().iter().enumerate() {
+            let least = unusual(joint, 1.0, 0.02);
+            let off = |touch: &TouchFacts| touch.tare.as_ref().map_or(0.0, |tare| tare[j]);
+            let names = self.names(|touch| off(touch).abs() > least);
+            let largest = self.touches.iter().map(off).max_by(|a, b| a.abs().total_cmp(&b.abs()));
+            let Some(largest) = largest.filter(|_| !names.is_empty()) else { continue };
+            let what = format!(
+                "joint `{}` is off by up to {} N·m at rest, in {}",
+                joint.name,
+                number(largest),
+                self.these(&names)
+            );
+            let remedy = if names.len() < self.touches.len() {
+                "the arm may have been touching something when these touches began: the tare then \
+                 hides that force; look at a picture, start farther away, or leave them out"
+            } else {
+                "the arm may carry something that the robot does not know of (--payload-link, \
+                 --payload-mass-kg), or the sensor needs calibration; the tare takes it off only \
+                 for as long as the arm keeps its pose"
+            };
+            findings
+                .push(Finding::warning("bias", what, remedy).in_touches(&names).at(&[&joint.name]));
+        }
+        findings
+    }
+
+    /// The noise of a joint in every touch that tells it.
+    fn noise(&self, joint: usize) -> Vec<f64> {
+        self.touches.iter().filter_map(|touch| Some(touch.noise_std.as_ref()?[joint])).collect()
+    }
+
+    fn noiseless(&self) -> Option<Finding> {
+        let joints = self.robot.joints().iter().enumerate();
+        let silent = |j: usize| {
+            let noise = self.noise(j);
+            let moves = self.touches.iter().any(|touch| touch.peak_by_joint[j] > NO_NOISE);
+            moves && !noise.is_empty() && noise.iter().all(|std| *std < NO_NOISE)
+        };
+        let names: Vec<&str> =
+            joints.filter(|(j, _)| silent(*j)).map(|(_, joint)| joint.name.as_str()).collect();
+        (!names.is_empty()).then(|| {
+            let what = format!("the torques at rest have no noise at all: {}", listed(&names));
+            let remedy = "fine if the log is simulated; else they are filtered, estimated or held, \
+                          and lag behind the motion: log the sensors themselves";
+            Finding::warning("no_noise", what, remedy).at(&names)
+        })
+    }
+
+    fn noisy(&self) -> Option<Finding> {
+        let loud = |(j, joint): &(usize, &Joint)| {
+            median(&self.noise(*j)).is_some_and(|std| std > unusual(joint, 0.5, 0.01))
+        };
+        let loud: Vec<(usize, &Joint)> =
+            self.robot.joints().iter().enumerate().filter(loud).collect();
+        let names: Vec<&str> = loud.iter().map(|(_, joint)| joint.name.as_str()).collect();
+        let told = loud.iter().map(|(j, joint)| {
+            format!("{} {} N·m", joint.name, number(median(&self.noise(*j)).unwrap_or_default()))
+        });
+        (!names.is_empty()).then(|| {
+            let what = format!(
+                "the torques at rest are noisy (standard deviation): {}",
+                listed(&told.collect::<Vec<_>>())
+            );
+            let remedy = "check brakes, controller and wiring, or raise --torque-std to as much; \
+                          if it is drift, wait before the touch";
+            Finding::warning("noise", what, remedy).at(&names)
+        })
+    }
+
+    fn weak(&self) -> Option<Finding> {
+        let moves = |touch: &TouchFacts| touch.start_frames < touch.frames;
+        let names = self.names(|touch| moves(touch) && touch.peak_external < WEAK);
+        (!names.is_empty()).then(|| {
+            let what =
+                format!("the external torque stays below {WEAK} N·m in {}", self.these(&names));
+            let remedy = "the arm hardly touches anything, which teaches where nothing is but not \
+                          how stiff the object is; push farther";
+            Finding::warning("weak_touch", what, remedy).in_touches(&names)
+        })
+    }
+
+    /// Torques that stay although the arm is back where it began.
+    fn drift(&self) -> Option<Finding> {
+        let left = |touch: &TouchFacts| {
+            let end = touch.end_external.as_ref()?;
+            let joints = self.robot.joints().iter().zip(end);
+            let off = joints.filter(|(joint, tau)| tau.abs() > unusual(joint, 0.3, 0.02));
+            let most = off.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+            Some(format!("{}: {} by {} N·m", touch.name, most.0.name, number(*most.1)))
+        };
+        let names = self.names(|touch| left(touch).is_some());
+        let told: Vec<String> = self.touches.iter().filter_map(left).collect();
+        (!names.is_empty()).then(|| {
+            let what = format!(
+                "torques do not come back to zero at the end although the arm is back where it \
+                 began, in {} ({})",
+                self.these(&names),
+                listed(&told)
+            );
+            let remedy = "the sensors drift (let them warm up, touch more briefly), or the object \
+                          moved and still leans on the arm";
+            Finding::warning("drift", what, remedy).in_touches(&names)
+        })
+    }
+
+    /// Without gravity, the sign shows in who does the work: the arm pushes, the object yields.
+    fn work(&self) -> Option<Finding> {
+        if self.sign_is_told {
+            return None;
+        }
+        let work = self.touches.iter().map(|touch| touch.work_until_peak_j);
+        let work: Vec<f64> = work.filter(|work| work.abs() > LEAST_WORK_J).collect();
+        let wrong = work.iter().filter(|work| **work > 0.0).count();
+        (!work.is_empty() && wrong * 5 >= work.len() * 4).then(|| {
+            let other = match self.fit.torque_sign {
+                TorqueSign::Plus => "minus",
+                TorqueSign::Minus => "plus",
+            };
+            let what = format!(
+                "in {wrong} of {} the object would pull the arm in rather than push it back, with \
+                 {} J in all",
+                counted(work.len(), "touch"),
+                number(work.iter().sum())
+            );
+            let remedy =
+                format!("the torques count the other way round: use --torque-sign {other}");
+            Finding::warning("torque_sign", what, remedy)
+                .try_flags(&["--torque-sign".to_owned(), other.to_owned()])
+        })
+    }
+}

@@ -1,0 +1,362 @@
+//! `palpate inspect` of logs: each defect is found, alone, and nothing in a log without any.
+
+mod common;
+mod recording;
+
+use std::fs;
+use std::path::Path;
+
+use palpate::robot::Payload;
+use recording::{Maker, Touch, clean, codes, first, inspect, run, write, write_csv};
+use serde_json::Value;
+
+/// Inspects touches with some flags.
+fn look(touches: &[Touch], flags: &[&str]) -> (Option<i32>, Value) {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), touches);
+    run(inspect().arg(folder.path()).args(flags))
+}
+
+/// Asserts that one finding, a warning, is all there is, and returns it.
+#[track_caller]
+fn only(touches: &[Touch], flags: &[&str], code: &str) -> Value {
+    let (exit, told) = look(touches, flags);
+    assert_eq!((exit, codes(&told)), (Some(0), vec![code]), "{}", told["paths"][0]["findings"]);
+    assert_eq!(first(&told)["level"], "warning");
+    first(&told).clone()
+}
+
+/// Asserts that nothing looks wrong.
+#[track_caller]
+fn nothing(touches: &[Touch], flags: &[&str]) {
+    let (exit, told) = look(touches, flags);
+    assert_eq!((exit, codes(&told)), (Some(0), vec![]), "{}", told["paths"][0]["findings"]);
+}
+
+#[track_caller]
+fn says(finding: &Value, words: &[&str]) {
+    let text = finding.to_string();
+    words.iter().for_each(|word| assert!(text.contains(word), "`{word}` is not in {text}"));
+}
+
+fn flags(finding: &Value) -> Vec<&str> {
+    finding["flags"].as_array().unwrap().iter().map(|flag| flag.as_str().unwrap()).collect()
+}
+
+#[test]
+fn nothing_is_wrong_with_a_clean_log_and_its_figures_are_right() {
+    nothing(&clean(), &["--strict"]);
+    let (_, told) = look(&clean(), &[]);
+    let log = &told["paths"][0];
+    assert_eq!((&log["kind"], &log["frames"]), (&"log".into(), &300.into()));
+    assert!((log["clock"]["period_s"].as_f64().unwrap() - 0.05).abs() < 1e-9, "{log}");
+    let slope = log["reading"]["fits"]["set"]["slope"].as_f64().unwrap();
+    assert!((slope - 1.0).abs() < 0.05, "{slope}");
+    for touch in log["touches"].as_array().unwrap() {
+        let start = touch["start_frames"].as_u64().unwrap();
+        assert!((20..28).contains(&start), "{touch}");
+        for noise in touch["noise_std"].as_array().unwrap() {
+            let noise = noise.as_f64().unwrap(); // uniform from -0.1 to 0.1: 0.058
+            assert!((0.03..0.09).contains(&noise), "{noise}");
+        }
+        let peak = touch["peak_external"].as_f64().unwrap(); // 10 x (0.4 - 0.05), and noise
+        assert!((3.2..3.9).contains(&peak), "{peak}");
+    }
+}
+
+#[test]
+fn nothing_is_wrong_with_the_bundled_touches() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
+    let (exit, told) = run(inspect().arg(data).arg("--strict"));
+    assert_eq!((exit, codes(&told)), (Some(0), vec![]), "{}", told["paths"][0]["findings"]);
+}
+
+#[test]
+fn the_text_holds_the_facts_and_marks_the_findings() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut touches = clean();
+    touches.iter_mut().for_each(|touch| touch.tau.iter_mut().flatten().for_each(|t| *t = -*t));
+    write(folder.path(), &touches);
+    let text = common::succeed(inspect().arg(folder.path()));
+    for word in ["20.0 Hz", "Actuator7", "seq_2", "Tare", "WARNING", "-> use --torque-sign minus"] {
+        assert!(text.contains(word), "`{word}` is not in {text}");
+    }
+}
+
+#[test]
+fn torques_of_the_other_sign_are_recognised_by_gravity() {
+    let mut touches = clean();
+    touches.iter_mut().for_each(|touch| touch.tau.iter_mut().flatten().for_each(|t| *t = -*t));
+    assert_eq!(flags(&only(&touches, &[], "torque_sign")), ["--torque-sign", "minus"]);
+    nothing(&touches, &["--torque-sign", "minus"]);
+}
+
+#[test]
+fn torques_without_gravity_are_recognised() {
+    let touches = Maker { gravity: 0.0, ..Maker::new() }.touches();
+    assert_eq!(flags(&only(&touches, &[], "gravity")), ["--gravity", "removed"]);
+    nothing(&touches, &["--gravity", "removed"]);
+    let back = only(&clean(), &["--gravity", "removed"], "gravity");
+    assert_eq!(flags(&back), ["--gravity", "included"]);
+}
+
+#[test]
+fn the_sign_of_torques_without_gravity_shows_in_the_work() {
+    let touches = Maker { gravity: 0.0, contact: -1.0, ..Maker::new() }.touches();
+    let found = only(&touches, &["--gravity", "removed"], "torque_sign");
+    assert_eq!(flags(&found), ["--torque-sign", "minus"]);
+}
+
+#[test]
+fn gravity_tells_even_if_no_touch_begins_still() {
+    let moving = Maker { still: 0, ..Maker::new() };
+    let touches = Maker { gravity: -1.0, contact: -1.0, ..moving.clone() }.touches();
+    let (_, told) = look(&touches, &["--no-tare"]);
+    assert_eq!(flags(first(&told)), ["--torque-sign", "minus"], "{}", first(&told));
+    let touches = Maker { gravity: 0.0, ..moving }.touches();
+    let (_, told) = look(&touches, &["--no-tare"]);
+    assert_eq!(flags(first(&told)), ["--gravity", "removed"], "{}", first(&told));
+}
+
+#[test]
+fn torques_that_gravity_does_not_explain_are_told() {
+    let mut touches = clean();
+    for tau in touches.iter_mut().flat_map(|touch| &mut touch.tau) {
+        let odd = [9.0, -7.0, 8.0, 9.0, -5.0, 6.0, 4.0];
+        tau.iter_mut().zip(odd).for_each(|(tau, odd)| *tau = odd + 0.01 * *tau);
+    }
+    says(&only(&touches, &[], "gravity_misfit"), &["--robot", "--payload-link", "--angle-unit"]);
+}
+
+#[test]
+fn a_forgotten_payload_is_weighed() {
+    let mut maker = Maker::new();
+    let com_link_m = [0.02, 0.0, -0.08];
+    let payload = Payload { link: "Bracelet_Link".to_owned(), mass_kg: 1.5, com_link_m };
+    maker.robot = maker.robot.with_payload(&payload).unwrap();
+    let touches = maker.touches();
+    let found = only(&touches, &[], "payload");
+    let flags = flags(&found);
+    assert_eq!(flags[..2], ["--payload-link", "Bracelet_Link"]);
+    let mass_kg: f64 = flags[3].parse().unwrap();
+    assert!((mass_kg - 1.5).abs() < 0.15, "{mass_kg}");
+    nothing(&touches, &flags);
+}
+
+#[test]
+fn another_order_of_the_joints_is_recognised_by_gravity() {
+    let mut touches = clean();
+    touches.iter_mut().for_each(|touch| touch.each_row(|row| row.reverse()));
+    says(&only(&touches, &[], "joint_order"), &["in reverse", "Actuator7, Actuator6"]);
+    let mut touches = clean();
+    touches.iter_mut().for_each(|touch| touch.each_row(|row| row.swap(1, 3)));
+    says(&only(&touches, &[], "joint_order"), &["`Actuator2` and `Actuator4` swapped"]);
+}
+
+#[test]
+fn named_joints_are_matched_and_unknown_names_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("touch.csv");
+    let mut touch = clean().remove(0);
+    touch.each_row(|row| row.rotate_left(2));
+    let joints = [3, 4, 5, 6, 7, 1, 2].map(|joint| format!("Actuator{joint}"));
+    let mut names: Vec<&str> = joints.iter().map(String::as_str).collect();
+    write_csv(&path, &touch, &names);
+    let (exit, told) = run(inspect().arg(&path));
+    assert_eq!((exit, codes(&told)), (Some(0), vec![]), "{told}");
+    assert_eq!(told["paths"][0]["matching"], "reordered");
+
+    names[5] = "Shoulder";
+    write_csv(&path, &touch, &names);
+    let (exit, told) = run(inspect().arg(&path));
+    assert_eq!((exit, codes(&told)), (Some(1), vec!["joint_names"]));
+    says(first(&told), &["`Actuator1` is not in the log", "Shoulder", "--columns", "error"]);
+}
+
+#[test]
+fn another_number_of_joints_is_an_error() {
+    let mut touches = clean();
+    touches.iter_mut().for_each(|touch| touch.each_row(|row| row.truncate(6)));
+    let (exit, told) = look(&touches, &[]);
+    assert_eq!((exit, codes(&told)), (Some(1), vec!["joint_count"]));
+    says(first(&told), &["6 joints", "has 7", "--robot"]);
+}
+
+#[test]
+fn degrees_and_radians_are_told_apart() {
+    let mut touches = clean();
+    touches.iter_mut().for_each(|touch| {
+        touch.q.iter_mut().flatten().for_each(|angle| *angle = angle.to_degrees());
+    });
+    assert_eq!(flags(&only(&touches, &[], "angle_unit")), ["--angle-unit", "deg"]);
+    nothing(&touches, &["--angle-unit", "deg"]);
+    let found = only(&clean(), &["--angle-unit", "deg"], "angle_unit");
+    assert_eq!(flags(&found), ["--angle-unit", "rad"]);
+}
+
+#[test]
+fn positions_beyond_the_limits_are_told() {
+    let mut touches = clean();
+    let robot = Maker::new().robot;
+    for (q, tau) in touches[1].q.iter_mut().zip(&mut touches[1].tau) {
+        let gravity = |q: &[f64]| robot.gravity_torque(&robot.forward(q).unwrap());
+        let before = gravity(q);
+        q[5] += 1.3;
+        let change = gravity(q) - before;
+        tau.iter_mut().zip(&change).for_each(|(tau, change)| *tau += change);
+    }
+    says(&only(&touches, &[], "joint_limits"), &["Actuator6", "-2.230 .. 2.230", "100 frames"]);
+}
+
+#[test]
+fn repeated_frames_are_counted_and_placed() {
+    let mut touches = clean();
+    for row in [40, 50] {
+        (touches[1].q[row], touches[1].tau[row]) =
+            (touches[1].q[row - 1].clone(), touches[1].tau[row - 1].clone());
+    }
+    let found = only(&touches, &[], "duplicate_frames");
+    says(&found, &["2 frames of 300", "seq_1 row 40, seq_1 row 50"]);
+    assert_eq!(found["touches"], serde_json::json!(["seq_1"]));
+}
+
+#[test]
+fn gaps_and_clocks_that_go_wrong_are_told() {
+    let mut touches = clean();
+    touches[2].time_s[60..].iter_mut().for_each(|time_s| *time_s += 0.4);
+    says(&only(&touches, &[], "gaps"), &["1 gap", "0.450 s", "seq_2 row 60"]);
+    let mut touches = clean();
+    touches[0].time_s[30] = touches[0].time_s[29];
+    says(&only(&touches, &[], "clock"), &["once", "seq_0 row 30"]);
+    let mut touches = clean();
+    touches.iter_mut().flat_map(|touch| &mut touch.time_s).for_each(|time| *time *= 1e9);
+    says(&only(&touches, &[], "time_unit"), &["nanoseconds"]);
+}
+
+#[test]
+fn a_frozen_sensor_is_told() {
+    let mut touches = clean();
+    touches[1].tau.iter_mut().for_each(|tau| tau[6] = 0.05);
+    let found = only(&touches, &[], "frozen_torque");
+    says(&found, &["`Actuator7`", "1 of 3 touches: seq_1"]);
+}
+
+#[test]
+fn a_jump_is_told_and_a_wrapped_angle_is_none() {
+    let mut touches = clean();
+    touches[0].q[50..].iter_mut().for_each(|q| q[0] += 0.3);
+    says(&only(&touches, &[], "jumps"), &["once", "seq_0 row 50 (`Actuator1` by 0.3"]);
+    let mut touches = clean();
+    touches[0].q[50..].iter_mut().for_each(|q| q[0] -= std::f64::consts::TAU);
+    nothing(&touches, &[]);
+}
+
+#[test]
+fn a_log_that_breaks_off_is_told_and_the_next_path_looked_at() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut touches = clean();
+    touches[1].tau[70][2] = f64::NAN;
+    write(&folder.path().join("bad"), &touches);
+    write(&folder.path().join("good"), &clean());
+    let paths = ["bad", "good"].map(|name| folder.path().join(name));
+    let (exit, told) = run(inspect().args(&paths));
+    assert_eq!((exit, codes(&told)), (Some(1), vec!["unreadable"]), "{}", first(&told));
+    says(first(&told), &["NaN in row 70, column 2"]);
+    assert_eq!(told["paths"][0]["frames"], 170);
+    assert_eq!(told["paths"][1]["frames"], 300);
+    assert_eq!((&told["errors"], &told["warnings"]), (&1.into(), &0.into()));
+}
+
+#[test]
+fn a_touch_that_begins_under_load_is_told() {
+    let mut touches = clean();
+    touches[1].tau.iter_mut().for_each(|tau| tau[1] += 2.0);
+    let found = only(&touches, &[], "bias");
+    says(&found, &["`Actuator2` is off by up to", "seq_1", "touching something"]);
+    touches.iter_mut().flat_map(|touch| &mut touch.tau).for_each(|tau| tau[1] += 1.5);
+    says(&only(&touches, &[], "bias"), &["all 3 touches", "--payload-link"]);
+}
+
+#[test]
+fn no_noise_and_too_much_of_it_are_told() {
+    let silent = Maker { noise: 0.0, ..Maker::new() }.touches();
+    says(&only(&silent, &[], "no_noise"), &["simulated", "Actuator1, Actuator2"]);
+    let mut held = silent.clone();
+    for touch in &mut held {
+        for row in 1..recording::STILL {
+            (touch.q[row], touch.tau[row]) = (touch.q[0].clone(), touch.tau[0].clone());
+        }
+    }
+    only(&held, &[], "no_noise");
+    let loud = Maker { noise: 15.0, ..Maker::new() }.touches();
+    let (_, told) = look(&loud, &[]);
+    assert!(codes(&told).contains(&"noise"), "{:?}", codes(&told));
+}
+
+#[test]
+fn saturated_torques_are_told() {
+    let mut touches = clean();
+    touches[2].tau[50..54].iter_mut().for_each(|tau| tau[4] = -9.0);
+    says(&only(&touches, &[], "saturation"), &["`Actuator5`", "9.000 N·m", "4 frames", "seq_2"]);
+}
+
+#[test]
+fn a_touch_without_a_still_start_is_an_error_unless_the_tare_is_given() {
+    let touches = Maker { still: 0, ..Maker::new() }.touches();
+    let (exit, told) = look(&touches, &[]);
+    assert_eq!((exit, codes(&told)), (Some(1), vec!["no_start"]));
+    says(first(&told), &["--tare-frames N", "--no-tare"]);
+    only(&touches, &["--tare-frames", "15"], "moving_tare");
+    nothing(&touches, &["--no-tare"]);
+    let (exit, told) = look(&clean(), &["--tare-frames", "400"]);
+    assert_eq!((exit, codes(&told)[0]), (Some(1), "tare_too_long"));
+}
+
+#[test]
+fn touches_that_teach_nothing_are_told() {
+    let weak = Maker { contact: 0.1, ..Maker::new() }.touches();
+    says(&only(&weak, &[], "weak_touch"), &["1 N·m", "all 3 touches"]);
+    let mut touches = clean();
+    let still = touches[1].q[0].clone();
+    for q in &mut touches[1].q[1..] {
+        q.iter_mut().zip(&still).for_each(|(q, still)| *q = still + 1e-4);
+    }
+    let (_, told) = look(&touches, &[]);
+    assert!(codes(&told).contains(&"never_moves"), "{:?}", codes(&told));
+}
+
+#[test]
+fn drift_is_told() {
+    let mut touches = clean();
+    for (row, tau) in touches[2].tau.iter_mut().enumerate().skip(40) {
+        tau[2] += 0.02 * (row - 40) as f64;
+    }
+    says(&only(&touches, &[], "drift"), &["seq_2: Actuator3 by", "1 of 3 touches"]);
+}
+
+#[test]
+fn strict_makes_warnings_count() {
+    let touches = Maker { noise: 0.0, ..Maker::new() }.touches();
+    assert_eq!(look(&touches, &[]).0, Some(0));
+    assert_eq!(look(&touches, &["--strict"]).0, Some(1));
+}
+
+#[test]
+fn paths_that_are_nothing_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    fs::write(path("notes.txt"), "not a log").unwrap();
+    fs::create_dir(path("void")).unwrap();
+    write(folder.path(), &clean());
+    let cases = [
+        ("nowhere", "does not exist"),
+        ("notes.txt", "no format that is known"),
+        ("void", "it is empty"),
+        ("seq_0/angles.npy", "give the folder"),
+    ];
+    for (name, wanted) in cases {
+        let (exit, told) = run(inspect().arg(path(name)));
+        assert_eq!(exit, Some(1), "{name}");
+        says(first(&told), &[wanted]);
+    }
+}
