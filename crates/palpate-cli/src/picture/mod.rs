@@ -1,6 +1,6 @@
 //! Pictures, as SVG that needs no font of this machine.
 //!
-//! [`torques`] shows what was predicted beside what was felt, [`field`] the field from three
+//! [`torques()`] shows what was predicted beside what was felt, [`field()`] the field from three
 //! sides. Both return the file's text; [`crate::place`] writes it.
 
 mod field;

@@ -1,6 +1,6 @@
 //! `palpate predict`: what torque a field expects of motions, against what was felt.
 //!
-//! [`run`] is the command; [`score`] follows the touches; [`report`] says what came out;
+//! [`run`] is the command; [`mod@score`] follows the touches; [`report`] says what came out;
 //! [`export`] writes the torques themselves.
 
 mod export;
