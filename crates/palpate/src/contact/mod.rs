@@ -14,9 +14,9 @@
 //!
 //! - *carry*: the anchor of a touched point moves with its link (stick);
 //! - *settle*: it slips along the surface while the friction cone is violated, and lets go when
-//!   the spring would have to pull ([`settle`]);
+//!   the spring would have to pull (`settle.rs`);
 //! - *leave*: cells known to be empty become ordinary once the link has left them;
-//! - *enter*: free points that the inflated link now covers get an anchor ([`enter`]).
+//! - *enter*: free points that the inflated link now covers get an anchor (`enter.rs`).
 //!
 //! The cost follows the contacts and the links' surfaces, not the lattice's size.
 
