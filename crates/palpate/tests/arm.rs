@@ -1,4 +1,5 @@
 //! Robots and their skins.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use nalgebra::point;
 use palpate::arm::{Arm, ArmError};
