@@ -55,7 +55,7 @@ impl World {
 }
 
 fn config() -> Config {
-    Config { contact_distance_cells: 0.5, ..Config::default() }
+    Config { contact_distance_m: 0.005, ..Config::default() }
 }
 
 #[test]
@@ -146,8 +146,8 @@ fn a_cylinder_swept_through_an_elastic_bed_feels_the_force_of_the_integral() {
     let (radius, travel, spacing) = (0.05, 0.06, 0.004);
     let arm = gantry("<cylinder radius='0.05' length='0.4'/>");
     let lattice = Lattice::new([-0.2, -0.15, -0.05], spacing, [100, 75, 25]).unwrap();
-    let config = Config { slip_iterations: 0, ..config() };
-    let delta = config.contact_distance_cells * spacing;
+    let delta = 0.002;
+    let config = Config { slip_iterations: 0, contact_distance_m: delta, ..config() };
     let mut world = World::new(&arm, lattice.clone(), config, [0.0; 3]);
     let contacts = world.go([0.0; 3], [travel, 0.0, 0.0]);
 

@@ -71,9 +71,9 @@ impl LatticeSettings {
 impl ContactSettings {
     fn over(self, lower: Self) -> Self {
         Self {
-            contact_distance_cells: self.contact_distance_cells.or(lower.contact_distance_cells),
+            contact_distance_m: self.contact_distance_m.or(lower.contact_distance_m),
             friction: self.friction.or(lower.friction),
-            slip_step_cells: self.slip_step_cells.or(lower.slip_step_cells),
+            slip_step_m: self.slip_step_m.or(lower.slip_step_m),
             slip_iterations: self.slip_iterations.or(lower.slip_iterations),
             substep_cells: self.substep_cells.or(lower.substep_cells),
             known_empty: self.known_empty.or(lower.known_empty),

@@ -137,11 +137,9 @@ pub(super) fn corners(lattice: &Lattice) -> ([f64; 3], [f64; 3]) {
 impl ContactSettings {
     fn over_config(&self, base: &contact::Config) -> contact::Config {
         contact::Config {
-            contact_distance_cells: self
-                .contact_distance_cells
-                .unwrap_or(base.contact_distance_cells),
+            contact_distance_m: self.contact_distance_m.unwrap_or(base.contact_distance_m),
             friction: self.friction.unwrap_or(base.friction),
-            slip_step_cells: self.slip_step_cells.unwrap_or(base.slip_step_cells),
+            slip_step_m: self.slip_step_m.unwrap_or(base.slip_step_m),
             slip_iterations: self.slip_iterations.unwrap_or(base.slip_iterations),
             substep_cells: self.substep_cells.unwrap_or(base.substep_cells),
             known_empty: self.known_empty.unwrap_or(base.known_empty),

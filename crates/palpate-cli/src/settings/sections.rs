@@ -123,15 +123,15 @@ pub(crate) struct LatticeSettings {
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Contact")]
 pub(crate) struct ContactSettings {
-    /// How far from its surface a link takes hold of a point, in cells
-    #[arg(long, value_name = "CELLS", allow_negative_numbers = true)]
-    pub contact_distance_cells: Option<f64>,
+    /// How far from its surface a link takes hold of a point, m
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub contact_distance_m: Option<f64>,
     /// Tangential over normal displacement at which a point begins to slip
     #[arg(long, value_name = "MU", allow_negative_numbers = true)]
     pub friction: Option<f64>,
-    /// Farthest that a point slips in one iteration, in cells
-    #[arg(long, value_name = "CELLS", allow_negative_numbers = true)]
-    pub slip_step_cells: Option<f64>,
+    /// Farthest that a point slips in one iteration, m
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub slip_step_m: Option<f64>,
     /// Slip iterations of one motion; 0 makes points stick
     #[arg(long, value_name = "N")]
     pub slip_iterations: Option<u32>,

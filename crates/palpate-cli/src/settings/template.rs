@@ -37,9 +37,9 @@ impl Settings {
         }
 
         let contact = config.contact;
-        all.contact.contact_distance_cells = Some(contact.contact_distance_cells);
+        all.contact.contact_distance_m = Some(contact.contact_distance_m);
         all.contact.friction = Some(contact.friction);
-        all.contact.slip_step_cells = Some(contact.slip_step_cells);
+        all.contact.slip_step_m = Some(contact.slip_step_m);
         all.contact.slip_iterations = Some(contact.slip_iterations);
         all.contact.substep_cells = Some(contact.substep_cells);
         all.contact.known_empty = Some(contact.known_empty);

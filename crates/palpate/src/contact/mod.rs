@@ -4,9 +4,9 @@
 //! |-------|-----------------------------|----------------------------------|------|
 //! | W_c   | [`Contacts`]                | cells that the arm displaces now |      |
 //! | uᵢ    | [`LinkContacts::displacements_m`] | anchor − rest point, world | m    |
-//! | δ     | [`Config::contact_distance_cells`] | inflation of the links    | cells |
+//! | δ     | [`Config::contact_distance_m`] | inflation of the links    | m |
 //! | μ     | [`Config::friction`]        | cone of sticking                 | –    |
-//! | λ     | [`Config::slip_step_cells`] | longest slip of one iteration    | cells |
+//! | λ     | [`Config::slip_step_m`] | longest slip of one iteration    | m |
 //!
 //! Contacts follow from the arm's motion alone: no torque and no stiffness comes in here, so a
 //! motion has the same contacts whether it is being learnt from or asked about. Every link is
@@ -34,16 +34,17 @@ use crate::sdf::Grid;
 
 /// How the arm's links meet the points of the field.
 ///
-/// Lengths are counted in cells of the lattice, so that one setting serves every resolution.
+/// δ and λ are lengths of the world, not of the lattice: what did best did so at every resolution
+/// from 0.9 to 2 cm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// δ: how far from its surface a link takes hold of a point, in cells.
-    pub contact_distance_cells: f64,
+    /// δ: how far from its surface a link takes hold of a point.
+    pub contact_distance_m: f64,
     /// μ: tangential over normal displacement at which a point begins to slip.
     pub friction: f64,
-    /// λ: the farthest that a point slips in one iteration, in cells.
-    pub slip_step_cells: f64,
+    /// λ: the farthest that a point slips in one iteration.
+    pub slip_step_m: f64,
     /// Slip iterations of one motion; 0 makes points stick for good.
     pub slip_iterations: u32,
     /// The farthest that a point of a link travels in one sub-step, in cells.
@@ -57,9 +58,9 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            contact_distance_cells: 0.65,
+            contact_distance_m: 0.024,
             friction: 0.3,
-            slip_step_cells: 0.5,
+            slip_step_m: 0.006,
             slip_iterations: 10,
             substep_cells: 0.5,
             known_empty: true,
@@ -88,13 +89,13 @@ impl Config {
     /// Names the first setting that is not a finite number in its range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let positive = [
-            ("contact_distance_cells", self.contact_distance_cells),
-            ("slip_step_cells", self.slip_step_cells),
-            ("substep_cells", self.substep_cells),
+            ("contact_distance_m", self.contact_distance_m, 1.0, "above 0 and at most 1 m"),
+            ("slip_step_m", self.slip_step_m, 1.0, "above 0 and at most 1 m"),
+            ("substep_cells", self.substep_cells, 100.0, "above 0 and at most 100 cells"),
         ];
-        for (setting, found) in positive {
-            if !(found > 0.0 && found <= 100.0) {
-                return Err(ConfigError { setting, found, wanted: "above 0 and at most 100" });
+        for (setting, found, limit, wanted) in positive {
+            if !(found > 0.0 && found <= limit) {
+                return Err(ConfigError { setting, found, wanted });
             }
         }
         if !(self.friction >= 0.0 && self.friction.is_finite()) {
@@ -246,7 +247,7 @@ impl Simulator {
     /// Carries, slips and releases the points that one link holds.
     fn settle_link(&mut self, link: usize, world_from_link: &Isometry3<f64>) {
         let Some(surface) = &self.surfaces[link] else { return };
-        let slip = settle::Slip::new(&self.config, self.lattice.spacing_m());
+        let slip = settle::Slip::new(&self.config);
         let carry = |anchor: &mut Anchor| {
             let rest_link = world_from_link.inverse_transform_point(&anchor.rest);
             let held = settle::settle(surface, &rest_link, &anchor.anchor_link, &slip)?;
@@ -273,7 +274,7 @@ impl Simulator {
 
     /// Free points that the links cover at these poses, each once, with its deepest link.
     fn find_entered(&self, world_from_link: &[Isometry3<f64>]) -> Vec<enter::Entered> {
-        let reach_m = self.config.contact_distance_cells * self.lattice.spacing_m();
+        let reach_m = self.config.contact_distance_m;
         let mut found = Vec::new();
         for (link, surface) in self.surfaces.iter().enumerate() {
             let (Some(surface), pose) = (surface, &world_from_link[link]) else { continue };
@@ -289,7 +290,7 @@ impl Simulator {
 
     /// Anchors newly entered points on the inflated surface of their links.
     fn anchor(&mut self, entered: &[enter::Entered]) {
-        let slip = settle::Slip::new(&self.config, self.lattice.spacing_m());
+        let slip = settle::Slip::new(&self.config);
         for found in entered {
             let Some(surface) = &self.surfaces[found.link] else { continue };
             let pose = &self.poses[found.link];

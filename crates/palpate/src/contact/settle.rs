@@ -20,10 +20,10 @@ pub(super) struct Slip {
 }
 
 impl Slip {
-    pub(super) fn new(config: &Config, spacing_m: f64) -> Self {
+    pub(super) fn new(config: &Config) -> Self {
         Self {
-            contact_distance_m: config.contact_distance_cells * spacing_m,
-            step_m: config.slip_step_cells * spacing_m,
+            contact_distance_m: config.contact_distance_m,
+            step_m: config.slip_step_m,
             friction: config.friction,
             iterations: config.slip_iterations,
         }

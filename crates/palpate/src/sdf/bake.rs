@@ -41,7 +41,7 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Config { spacing_m: 0.005, margin_m: 0.03 }
+        Config { spacing_m: 0.005, margin_m: 0.04 }
     }
 }
 
