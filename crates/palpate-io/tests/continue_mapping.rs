@@ -1,4 +1,5 @@
 //! Mapping that is saved, loaded and continued is mapping that never stopped.
+#![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use std::path::Path;
 use std::sync::Arc;

@@ -2,6 +2,7 @@
 //! sensors' noise and bias, as the data's own account gives them.
 //!
 //! Runs on the bundled set, and on every set of the folder in `PALPATE_DATA` if that is given.
+#![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use std::path::{Path, PathBuf};
 

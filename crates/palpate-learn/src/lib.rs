@@ -1,7 +1,6 @@
 //! How good a map is: errors of predicted torques on touches that it has not seen.
 //!
-//! - [`errors`]: the four figures of Table I;
-//! - [`evaluate`]: leave-one-touch-out.
+//! [`mod@errors`] has the four figures of Table I, [`mod@evaluate`] leave-one-touch-out.
 //!
 //! The crate knows the mapper and the predictor of the core, but no file.
 #![forbid(unsafe_code)]

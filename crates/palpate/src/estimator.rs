@@ -104,7 +104,8 @@ impl EstimatorConfig {
             },
             Method::Ekf => Self {
                 prior: Prior { mean_n_per_m: 0.006, std_n_per_m: 0.76 },
-                torque_std: vec![0.2],
+                // Replays count a measurement again and again; the noise is larger by as much.
+                torque_std: vec![1.5],
                 replays: 20,
                 drift_std_n_per_m: 0.0,
                 memory,

@@ -176,7 +176,7 @@ impl Mapper {
         };
 
         // What the joints should feel before looking at the sensors (Eqs. 2 and 5).
-        let observation = observe(&self.tracker, frame, &mut self.rows, external.clone());
+        let observation = observe(&self.tracker, &frame, &mut self.rows, external.clone());
         let estimator = &mut self.estimator;
         let predicted = observation.predict(self.rows.points_m(), |row| estimator.stiffness(row));
 
@@ -261,7 +261,8 @@ impl Mapper {
             return Err(MapperError::OtherRobot { learnt, given });
         }
         let config = snapshot.config;
-        let mut mapper = Self::new(Arc::clone(&arm), config.clone())?;
+        let (spacing_m, n_joints) = (config.lattice.spacing_m(), arm.robot.n_joints());
+        let mut mapper = Self::new(arm, config.clone())?;
         for cell in &snapshot.cells {
             if !config.lattice.contains(*cell) {
                 let what = format!("cell {} is not in the lattice", cell.0);
@@ -269,9 +270,9 @@ impl Mapper {
             }
             mapper.rows.row_of(*cell);
         }
-        let remembered = snapshot.state.remembered.iter().map(|(source, _)| *source).collect();
+        let remembered: Vec<Source> =
+            snapshot.state.remembered.iter().map(|(source, _)| *source).collect();
         let observations = mapper.simulate_again(&snapshot.tape, &remembered)?;
-        let (spacing_m, n_joints) = (config.lattice.spacing_m(), arm.robot.n_joints());
         let points_m = mapper.rows.points_m();
         mapper.estimator = match config.method {
             Method::Map => {
@@ -304,7 +305,7 @@ impl Mapper {
     fn simulate_again(
         &mut self,
         tape: &[TapedTouch],
-        remembered: &Vec<Source>,
+        remembered: &[Source],
     ) -> Result<Vec<Observation>, MapperError> {
         let n_joints = self.tracker.arm().robot.n_joints();
         let mut found: Vec<Option<Observation>> = vec![None; remembered.len()];
@@ -323,7 +324,7 @@ impl Mapper {
                 let source = Source { touch: touch.touch, sample: number as u32 };
                 if let (Some(&index), Some(external)) = (order.get(&source), &frame.external) {
                     let external = external.clone();
-                    found[index] = Some(observe(&self.tracker, frame, &mut self.rows, external));
+                    found[index] = Some(observe(&self.tracker, &frame, &mut self.rows, external));
                 }
             }
         }
@@ -354,7 +355,7 @@ impl Mapper {
 /// Folds a frame into what an estimator sees.
 fn observe(
     tracker: &Tracker,
-    frame: Frame,
+    frame: &Frame,
     rows: &mut CellRows,
     external: DVector<f64>,
 ) -> Observation {

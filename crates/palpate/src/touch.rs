@@ -7,7 +7,7 @@
 //! first frame that is neither.
 //!
 //! The module knows no stiffness: learning ([`crate::mapper`]) and predicting
-//! ([`crate::predict`]) see the same frames.
+//! ([`crate::field`]) see the same frames.
 
 use std::sync::Arc;
 

@@ -1,4 +1,5 @@
 //! Laws of `map`: the optimum, what repeating, forgetting and bounded memory do.
+#![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 mod scene;
 

@@ -1,4 +1,5 @@
 //! Laws of baked distances: of primitives, of meshes sound and broken, of cached bytes.
+#![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3, point, vector};
 use palpate::robot::{Collision, Shape};

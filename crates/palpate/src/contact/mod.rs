@@ -10,13 +10,12 @@
 //!
 //! Contacts follow from the arm's motion alone: no torque and no stiffness comes in here, so a
 //! motion has the same contacts whether it is being learnt from or asked about. Every link is
-//! its signed distance φ, inflated by δ. One motion of the arm goes through five verbs:
+//! its signed distance φ, inflated by δ. One motion of the arm goes through three verbs:
 //!
 //! - *carry*: the anchor of a touched point moves with its link (stick);
 //! - *settle*: it slips along the surface while the friction cone is violated, and lets go when
-//!   the spring would have to pull ([`settle`]);
-//! - *leave*: cells known to be empty become ordinary once the link has left them;
-//! - *enter*: free points that the inflated link now covers get an anchor ([`enter`]).
+//!   the spring would have to pull (`settle.rs`);
+//! - *enter*: free points that the inflated link now covers get an anchor (`enter.rs`).
 //!
 //! The cost follows the contacts and the links' surfaces, not the lattice's size.
 
@@ -49,7 +48,7 @@ pub struct Config {
     pub slip_iterations: u32,
     /// The farthest that a point of a link travels in one sub-step, in cells.
     pub substep_cells: f64,
-    /// Whether points inside the links at the start of a touch are empty space.
+    /// Whether points inside the links at the start of a touch are empty space throughout it.
     pub known_empty: bool,
     /// Whether contacts are settled on several threads; the result is the same to the bit.
     pub parallel: bool,
@@ -145,20 +144,6 @@ struct Anchor {
     displacement_m: [f32; 3],
 }
 
-/// A point inside a link when the touch began, which is therefore empty space.
-#[derive(Debug, Clone)]
-struct EmptyPoint {
-    place: [u32; 3],
-    rest: Point3<f64>,
-}
-
-/// One link's share of the simulator's state.
-#[derive(Debug, Clone, Default)]
-struct LinkState {
-    anchors: Vec<Anchor>,
-    empty: Vec<EmptyPoint>,
-}
-
 /// Anchors fewer than this are settled on one thread: handing them out costs more.
 const PARALLEL_FROM: usize = 512;
 
@@ -171,7 +156,7 @@ pub struct Simulator {
     surfaces: Arc<Vec<Option<Grid>>>,
     config: Config,
     poses: Vec<Isometry3<f64>>,
-    links: Vec<LinkState>,
+    anchors: Vec<Vec<Anchor>>,
     /// Places that are anchored or known empty, and cannot be entered.
     taken: CellSet,
 }
@@ -188,34 +173,35 @@ impl Simulator {
         config: Config,
     ) -> Result<Self, ConfigError> {
         config.check()?;
-        let links = vec![LinkState::default(); surfaces.len()];
-        Ok(Self { lattice, surfaces, config, poses: Vec::new(), links, taken: CellSet::default() })
+        let anchors = vec![Vec::new(); surfaces.len()];
+        Ok(Self {
+            lattice,
+            surfaces,
+            config,
+            poses: Vec::new(),
+            anchors,
+            taken: CellSet::default(),
+        })
     }
 
     /// Forgets all contacts and starts a touch with the arm at these poses.
     ///
-    /// With [`Config::known_empty`], the points that the links cover here are empty space until
-    /// a link has left them; without, they are touched at once.
+    /// With [`Config::known_empty`], the points that the links cover here are empty space for the
+    /// whole touch: the object, at rest, cannot be where the arm stands without touching it.
+    /// Without, they are touched at once.
     ///
     /// # Panics
     ///
     /// If there is not one pose a link, which is a bug in the caller.
     pub fn begin_touch(&mut self, world_from_link: &[Isometry3<f64>]) {
-        assert_eq!(world_from_link.len(), self.links.len(), "one pose per link");
+        assert_eq!(world_from_link.len(), self.anchors.len(), "one pose per link");
         self.taken.clear();
-        for link in &mut self.links {
-            link.anchors.clear();
-            link.empty.clear();
-        }
+        self.anchors.iter_mut().for_each(Vec::clear);
         self.poses.clear();
         let entered = self.find_entered(world_from_link);
         self.poses = world_from_link.to_vec();
         if self.config.known_empty {
-            for found in entered {
-                self.taken.insert(found.place);
-                let rest = self.lattice.point_at(found.place);
-                self.links[found.link].empty.push(EmptyPoint { place: found.place, rest });
-            }
+            entered.iter().for_each(|found| self.taken.insert(found.place));
         } else {
             self.anchor(&entered);
         }
@@ -247,10 +233,9 @@ impl Simulator {
     pub fn advance(&mut self, world_from_link: &[Isometry3<f64>]) -> Contacts {
         assert_eq!(world_from_link.len(), self.poses.len(), "one pose per link, after begin_touch");
         if world_from_link != self.poses {
-            for link in 0..self.links.len() {
-                self.settle_link(link, &world_from_link[link]);
+            for (link, pose) in world_from_link.iter().enumerate() {
+                self.settle_link(link, pose);
             }
-            self.leave_empty(world_from_link);
             let entered = self.find_entered(world_from_link);
             self.poses.clone_from_slice(world_from_link);
             self.anchor(&entered);
@@ -270,7 +255,7 @@ impl Simulator {
             anchor.displacement_m = displacement.cast::<f32>().into();
             Some(())
         };
-        let anchors = &mut self.links[link].anchors;
+        let anchors = &mut self.anchors[link];
         let kept: Vec<bool> = if self.config.parallel && anchors.len() >= PARALLEL_FROM {
             anchors.par_iter_mut().map(|anchor| carry(anchor).is_some()).collect()
         } else {
@@ -284,38 +269,6 @@ impl Simulator {
             }
             keep
         });
-    }
-
-    /// Makes known-empty points ordinary once no link covers them any more.
-    fn leave_empty(&mut self, world_from_link: &[Isometry3<f64>]) {
-        let reach_m = self.config.contact_distance_cells * self.lattice.spacing_m();
-        let covers = |link: usize, rest: &Point3<f64>| {
-            let pose = &world_from_link[link];
-            self.surfaces[link]
-                .as_ref()
-                .is_some_and(|grid| grid.distance(&pose.inverse_transform_point(rest)) < reach_m)
-        };
-        let n_links = self.links.len();
-        let mut handed_on = Vec::new();
-        for link in 0..n_links {
-            if world_from_link[link] == self.poses[link] {
-                continue;
-            }
-            let taken = &mut self.taken;
-            self.links[link].empty.retain(|point| {
-                if covers(link, &point.rest) {
-                    return true;
-                }
-                match (0..n_links).find(|&other| other != link && covers(other, &point.rest)) {
-                    Some(other) => handed_on.push((other, point.clone())),
-                    None => taken.remove(point.place),
-                }
-                false
-            });
-        }
-        for (link, point) in handed_on {
-            self.links[link].empty.push(point);
-        }
     }
 
     /// Free points that the links cover at these poses, each once, with its deepest link.
@@ -345,7 +298,7 @@ impl Simulator {
             let anchor_link = settle::project(surface, &rest_link, slip.contact_distance_m);
             let displacement = pose * (anchor_link - rest_link);
             self.taken.insert(found.place);
-            self.links[found.link].anchors.push(Anchor {
+            self.anchors[found.link].push(Anchor {
                 cell: self.lattice.cell(found.place),
                 rest,
                 anchor_link,
@@ -357,12 +310,12 @@ impl Simulator {
     /// The contacts as they stand.
     fn contacts(&self) -> Contacts {
         let mut contacts = Contacts::default();
-        for (link, state) in self.links.iter().enumerate() {
-            if !state.anchors.is_empty() {
+        for (link, anchors) in self.anchors.iter().enumerate() {
+            if !anchors.is_empty() {
                 contacts.links.push(LinkContacts {
                     link: LinkId(link as u16),
-                    cells: state.anchors.iter().map(|anchor| anchor.cell).collect(),
-                    displacements_m: state.anchors.iter().map(|a| a.displacement_m).collect(),
+                    cells: anchors.iter().map(|anchor| anchor.cell).collect(),
+                    displacements_m: anchors.iter().map(|a| a.displacement_m).collect(),
                 });
             }
         }

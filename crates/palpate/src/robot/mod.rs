@@ -24,9 +24,11 @@ mod error;
 mod interpolate;
 mod kinematics;
 mod urdf;
+mod xml;
 
 pub use error::RobotError;
 pub use kinematics::Poses;
+pub use xml::nests_deeper_than;
 
 use kinematics::Mover;
 use nalgebra::{Isometry3, Point3, Vector3};

@@ -11,6 +11,7 @@ use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use urdf_rs::{Geometry, JointType};
 
 use super::kinematics::Mover;
+use super::xml::nests_deeper_than;
 use super::{Collision, Joint, JointKind, Link, LinkId, Mount, Robot, RobotError, Shape};
 
 /// Beyond this, a link index would not fit [`LinkId`].
@@ -30,7 +31,10 @@ impl Robot {
     /// Anything that is not a tree of links with at least one moving joint, joints of more than
     /// one degree of freedom, and numbers that cannot be: see [`RobotError`].
     pub fn from_urdf(xml: &str) -> Result<Robot, RobotError> {
-        check_depth(xml)?;
+        if nests_deeper_than(xml, MAX_XML_DEPTH) {
+            let reason = format!("elements nested deeper than {MAX_XML_DEPTH}");
+            return Err(RobotError::Xml { reason });
+        }
         let urdf = urdf_rs::read_from_string(xml)
             .map_err(|error| RobotError::Xml { reason: error.to_string() })?;
         if urdf.links.len() > MAX_LINKS {
@@ -45,27 +49,6 @@ impl Robot {
         }
         Ok(robot)
     }
-}
-
-/// The reader recurses, so that a hostile file could exhaust the stack before it is refused.
-fn check_depth(xml: &str) -> Result<(), RobotError> {
-    let (mut depth, mut rest) = (0_usize, xml);
-    while let Some(at) = rest.find('<') {
-        let tag = &rest[at + 1..];
-        let end = if tag.starts_with("!--") { "-->" } else { ">" };
-        let (inside, after) = tag.split_once(end).unwrap_or((tag, ""));
-        rest = after;
-        if inside.starts_with('/') {
-            depth = depth.saturating_sub(1);
-        } else if !inside.starts_with(['!', '?']) && !inside.ends_with('/') {
-            depth += 1;
-        }
-        if depth > MAX_XML_DEPTH {
-            let reason = format!("elements nested deeper than {MAX_XML_DEPTH}");
-            return Err(RobotError::Xml { reason });
-        }
-    }
-    Ok(())
 }
 
 /// The links of a URDF in tree order.

@@ -1,5 +1,6 @@
 //! Small worlds whose answers are known: a gantry, a hinged arm, and random frames on them.
 #![allow(dead_code, unreachable_pub)] // every test file uses its own part
+#![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it
 
 use nalgebra::DVector;
 use palpate::contact::{Contacts, LinkContacts};
