@@ -227,7 +227,9 @@ impl Figured<'_> {
         if self.sign_is_told {
             return None;
         }
-        let work = self.touches.iter().map(|touch| touch.work_until_peak_j);
+        // Without a free start the arm may be on its way out.
+        let free = |touch: &&TouchFacts| touch.start_frames >= MIN_TARE_FRAMES as usize;
+        let work = self.touches.iter().filter(free).map(|touch| touch.work_until_peak_j);
         let work: Vec<f64> = work.filter(|work| work.abs() > LEAST_WORK_J).collect();
         let wrong = work.iter().filter(|work| **work > 0.0).count();
         (!work.is_empty() && wrong * 5 >= work.len() * 4).then(|| {
