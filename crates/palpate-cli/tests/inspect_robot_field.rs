@@ -1,4 +1,5 @@
 //! `palpate inspect` of robots and fields.
+#![allow(clippy::unwrap_used)] // clippy takes only functions marked as tests for tests
 
 mod common;
 mod recording;

@@ -22,6 +22,7 @@ mod quantile;
 mod recognise;
 mod robot;
 
+use std::cmp::Reverse;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -118,8 +119,8 @@ struct Inspector<'a> {
 
 impl Inspector<'_> {
     fn inspect(&mut self, path: &Path) -> Result<Inspection, CliError> {
-        let (kind, holds, findings) = match recognise::recognise(path) {
-            Err(finding) => (Kind::Unknown, None, vec![finding]),
+        let (kind, holds, mut findings) = match recognise::recognise(path) {
+            Err(finding) => (Kind::Unknown, None, vec![*finding]),
             Ok(Kind::Field) => {
                 let (facts, findings) = field::inspect(path);
                 (Kind::Field, facts.map(|facts| Holds::Field(Box::new(facts))), findings)
@@ -134,6 +135,7 @@ impl Inspector<'_> {
                 (Kind::Log, facts.map(|facts| Holds::Log(Box::new(facts))), findings)
             }
         };
+        findings.sort_by_key(|finding| Reverse(finding.level));
         Ok(Inspection { path: path.to_owned(), kind, holds, findings })
     }
 

@@ -36,7 +36,7 @@ const WANTED: &str = "wanted a log (a folder with angles.npy and torques.npy, a 
                       robot, or a field (.npz)";
 
 /// Says what a path is, or why that cannot be said.
-pub(super) fn recognise(path: &Path) -> Result<Kind, Finding> {
+pub(super) fn recognise(path: &Path) -> Result<Kind, Box<Finding>> {
     if path.is_dir() {
         return Ok(Kind::Log);
     }
@@ -49,7 +49,8 @@ pub(super) fn recognise(path: &Path) -> Result<Kind, Finding> {
             "`{}` does not exist, and no built-in robot is called so ({known})",
             path.display()
         );
-        return Err(Finding::error("missing", what, "check the spelling and where you are"));
+        let remedy = "check the spelling and where you are";
+        return Err(Box::new(Finding::error("missing", what, remedy)));
     }
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     match ending.as_deref() {
@@ -60,16 +61,16 @@ pub(super) fn recognise(path: &Path) -> Result<Kind, Finding> {
     }
 }
 
-fn by_first_bytes(path: &Path) -> Result<Kind, Finding> {
+fn by_first_bytes(path: &Path) -> Result<Kind, Box<Finding>> {
     let mut bytes = Vec::new();
     let read = File::open(path).and_then(|file| file.take(4096).read_to_end(&mut bytes));
     if let Err(error) = read {
         let what = format!("`{}` cannot be read: {error}", path.display());
-        return Err(Finding::error("unreadable", what, "check its permissions"));
+        return Err(Box::new(Finding::error("unreadable", what, "check its permissions")));
     }
     let unknown = |is: &str, remedy: &str| {
         let what = format!("`{}` is {is}", path.display());
-        Err(Finding::error("unknown_format", what, remedy))
+        Err(Box::new(Finding::error("unknown_format", what, remedy)))
     };
     if bytes.starts_with(b"PK\x03\x04") {
         return Ok(Kind::Field);

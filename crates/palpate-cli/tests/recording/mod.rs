@@ -1,5 +1,6 @@
 //! Synthetic logs of the built-in robot: what its sensors would say, with nothing wrong in it.
 #![allow(dead_code)] // every test file takes what it needs
+#![allow(clippy::unwrap_used)] // clippy takes only functions marked as tests for tests
 
 use std::fs;
 use std::path::Path;
@@ -10,32 +11,32 @@ use serde_json::Value;
 
 use super::common::{npy, palpate};
 
-pub const STILL: usize = 20;
-pub const FRAMES: usize = 100;
-pub const PERIOD_S: f64 = 0.05;
+pub(crate) const STILL: usize = 20;
+pub(crate) const FRAMES: usize = 100;
+pub(crate) const PERIOD_S: f64 = 0.05;
 
 /// One touch, as its files hold it.
 #[derive(Clone)]
-pub struct Touch {
-    pub time_s: Vec<f64>,
-    pub q: Vec<Vec<f64>>,
-    pub tau: Vec<Vec<f64>>,
+pub(crate) struct Touch {
+    pub(crate) time_s: Vec<f64>,
+    pub(crate) q: Vec<Vec<f64>>,
+    pub(crate) tau: Vec<Vec<f64>>,
 }
 
 /// How a recording is made.
 #[derive(Clone)]
-pub struct Maker {
-    pub robot: Robot,
+pub(crate) struct Maker {
+    pub(crate) robot: Robot,
     /// What gravity, contact and noise are multiplied with.
-    pub gravity: f64,
-    pub contact: f64,
-    pub noise: f64,
-    pub still: usize,
-    random: u64,
+    pub(crate) gravity: f64,
+    pub(crate) contact: f64,
+    pub(crate) noise: f64,
+    pub(crate) still: usize,
+    pub(crate) random: u64,
 }
 
 impl Maker {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let robot = Robot::built_in("kinova_gen3").unwrap();
         Self { robot, gravity: 1.0, contact: 1.0, noise: 1.0, still: STILL, random: 1 }
     }
@@ -47,7 +48,7 @@ impl Maker {
     }
 
     /// Three touches: still, then into something springy and out again.
-    pub fn touches(mut self) -> Vec<Touch> {
+    pub(crate) fn touches(mut self) -> Vec<Touch> {
         let starts = [
             [0.3, 0.7, 0.2, 1.2, 0.1, 0.8, 0.5],
             [-0.6, 1.0, -0.4, 0.9, 0.6, 1.1, -0.3],
@@ -84,18 +85,18 @@ impl Maker {
 
 impl Touch {
     /// Changes every row of both arrays.
-    pub fn each_row(&mut self, change: impl Fn(&mut Vec<f64>)) {
+    pub(crate) fn each_row(&mut self, change: impl Fn(&mut Vec<f64>)) {
         self.q.iter_mut().chain(&mut self.tau).for_each(change);
     }
 }
 
 /// Touches with nothing wrong in them.
-pub fn clean() -> Vec<Touch> {
+pub(crate) fn clean() -> Vec<Touch> {
     Maker::new().touches()
 }
 
 /// Writes `seq_0`, `seq_1` and so on.
-pub fn write(folder: &Path, touches: &[Touch]) {
+pub(crate) fn write(folder: &Path, touches: &[Touch]) {
     for (number, touch) in touches.iter().enumerate() {
         let path = folder.join(format!("seq_{number}"));
         fs::create_dir_all(&path).unwrap();
@@ -107,7 +108,7 @@ pub fn write(folder: &Path, touches: &[Touch]) {
 }
 
 /// Writes one touch as a table with columns of these names.
-pub fn write_csv(path: &Path, touch: &Touch, joints: &[&str]) {
+pub(crate) fn write_csv(path: &Path, touch: &Touch, joints: &[&str]) {
     let heads =
         |kind: &str| joints.iter().map(|joint| format!("{joint}_{kind}")).collect::<Vec<_>>();
     let mut text = format!("time,{},{}\n", heads("position").join(","), heads("effort").join(","));
@@ -119,7 +120,7 @@ pub fn write_csv(path: &Path, touch: &Touch, joints: &[&str]) {
 }
 
 /// `palpate inspect`, with links baked once for all tests.
-pub fn inspect() -> Command {
+pub(crate) fn inspect() -> Command {
     let mut command = palpate();
     command.arg("inspect").env("PALPATE_CACHE_DIR", env!("CARGO_TARGET_TMPDIR"));
     command
@@ -127,7 +128,7 @@ pub fn inspect() -> Command {
 
 /// Exit code and JSON of an inspection.
 #[track_caller]
-pub fn run(command: &mut Command) -> (Option<i32>, Value) {
+pub(crate) fn run(command: &mut Command) -> (Option<i32>, Value) {
     let output = command.arg("--json").output().unwrap();
     let told = serde_json::from_slice(&output.stdout);
     let told = told.unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
@@ -135,12 +136,12 @@ pub fn run(command: &mut Command) -> (Option<i32>, Value) {
 }
 
 /// The findings of the first path, by their codes.
-pub fn codes(told: &Value) -> Vec<&str> {
+pub(crate) fn codes(told: &Value) -> Vec<&str> {
     let findings = told["paths"][0]["findings"].as_array().unwrap();
     findings.iter().map(|finding| finding["code"].as_str().unwrap()).collect()
 }
 
 /// The first finding of the first path.
-pub fn first(told: &Value) -> &Value {
+pub(crate) fn first(told: &Value) -> &Value {
     &told["paths"][0]["findings"][0]
 }

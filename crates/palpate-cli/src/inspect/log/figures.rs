@@ -10,7 +10,7 @@ use palpate::robot::Robot;
 use palpate::touch::{self, Gravity, MIN_TARE_FRAMES, Sample, Tare, TouchError, Tracker};
 use serde::Serialize;
 
-use super::super::quantile::extremes;
+use super::super::quantile::{extremes, quantile};
 use super::reading::Fit;
 use super::record::{Touch, farthest};
 
@@ -18,6 +18,9 @@ use super::record::{Touch, farthest};
 const BACK: f64 = 0.05;
 /// Fewest and most frames at the end whose mean torque is looked at.
 const END_FRAMES: [usize; 2] = [5, 20];
+
+/// Torques that change less from frame to frame do not change, N·m.
+pub(super) const NO_NOISE: f64 = 1e-6;
 
 /// What one touch holds.
 #[derive(Debug, Clone, Serialize)]
@@ -34,6 +37,9 @@ pub(super) struct TouchFacts {
     pub tare: Option<Vec<f64>>,
     /// Standard deviation over the start, gravity taken off, N·m; `None` if it is too short.
     pub noise_std: Option<Vec<f64>>,
+    /// Whether the torque of each joint stands still with the arm; `None` if it never does.
+    #[serde(skip)]
+    pub silent: Option<Vec<bool>>,
     /// The largest external torque after the start, over all joints, N·m.
     pub peak_external: f64,
     /// The same at each joint, N·m.
@@ -90,14 +96,16 @@ impl Figures {
         let peak = norms.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
         let (at, peak_external) = peak.map_or((0, 0.0), |(at, &peak)| (push + at, peak));
         let column = |joint: usize| extremes(touch.q.iter().map(|q| q[joint])).unwrap_or_default();
-        let noise = start_frames >= MIN_TARE_FRAMES as usize;
+        let still_frames = touch.still_frames(self.still_rad);
+        let noise = still_frames.min(start_frames) >= MIN_TARE_FRAMES as usize;
         TouchFacts {
             name: touch.name.clone(),
             frames: touch.frames(),
             duration_s: extremes(touch.times_s.iter().copied()).map(|[first, last]| last - first),
             start_frames,
-            still_frames: touch.still_frames(self.still_rad),
+            still_frames,
             noise_std: noise.then(|| std_of(&raw[..start_frames])),
+            silent: noise.then(|| silent(&raw[..still_frames], &touch.tau[..still_frames])),
             peak_external,
             peak_by_joint: (0..n).map(|joint| at_joint(joint).fold(0.0, f64::max)).collect(),
             range: (0..n).map(column).collect(),
@@ -160,6 +168,16 @@ fn minus(row: &[f64], tare: &[f64]) -> Vec<f64> {
 
 fn norm(row: &[f64]) -> f64 {
     row.iter().map(|tau| tau * tau).sum::<f64>().sqrt()
+}
+
+/// Whether hardly any frame differs from the one before, at each joint, with or without gravity.
+fn silent(raw: &[Vec<f64>], logged: &[Vec<f64>]) -> Vec<bool> {
+    let step = |rows: &[Vec<f64>], joint: usize| {
+        let steps = rows.windows(2).map(|pair| (pair[1][joint] - pair[0][joint]).abs());
+        quantile(&steps.collect::<Vec<_>>(), 0.8).unwrap_or(0.0)
+    };
+    let joints = 0..raw.first().map_or(0, Vec::len);
+    joints.map(|joint| step(raw, joint).min(step(logged, joint)) < NO_NOISE).collect()
 }
 
 /// Standard deviation of each column.

@@ -144,29 +144,37 @@ pub(super) fn rests(touches: &[Touch], still_rad: f64) -> Rests {
     Rests { all: some.collect(), still: false }
 }
 
+/// What the joints feel at one moment, n_joints, N·m.
+struct Felt {
+    gravity: Vec<f64>,
+    tau: Vec<f64>,
+}
+
+impl Felt {
+    /// `|sign·τ − part·τ_gravity|` over all joints.
+    fn left_over(&self, sign: f64, part: f64) -> f64 {
+        let joints = self.tau.iter().zip(&self.gravity);
+        joints.map(|(tau, gravity)| (sign * tau - part * gravity).powi(2)).sum::<f64>().sqrt()
+    }
+}
+
 /// How well the conventions explain what was measured at rest.
 pub(super) fn fits(robot: &Robot, rests: &Rests, order: &[usize], set: &touch::Config) -> Fits {
     let pick = |row: &[f64]| order.iter().map(|&place| row[place]).collect::<Vec<f64>>();
-    let pairs: Vec<(Vec<f64>, Vec<f64>)> = (rests.all.iter())
-        .filter_map(|rest| {
-            let poses = robot.forward(&pick(&rest.q)).ok()?;
-            Some((robot.gravity_torque(&poses).iter().copied().collect(), pick(&rest.tau)))
-        })
-        .collect();
-    let of_pairs = |value: &dyn Fn(&(Vec<f64>, Vec<f64>)) -> f64| {
-        median(&pairs.iter().map(value).collect::<Vec<_>>()).unwrap_or(0.0)
+    let felt = |rest: &Rest| {
+        let poses = robot.forward(&pick(&rest.q)).ok()?;
+        let gravity = robot.gravity_torque(&poses).iter().copied().collect();
+        Some(Felt { gravity, tau: pick(&rest.tau) })
     };
-    let square = pairs.iter().map(|(gravity, _)| dot(gravity, gravity)).sum::<f64>();
-    let cross = pairs.iter().map(|(gravity, tau)| dot(gravity, tau)).sum::<f64>();
+    let felt: Vec<Felt> = rests.all.iter().filter_map(felt).collect();
+    let square: f64 = felt.iter().map(|felt| dot(&felt.gravity, &felt.gravity)).sum();
+    let cross: f64 = felt.iter().map(|felt| dot(&felt.gravity, &felt.tau)).sum();
     let fit = |torque_sign: TorqueSign, gravity: Gravity| {
         let sign = super::sign(torque_sign);
         let part = if gravity == Gravity::Included { 1.0 } else { 0.0 };
-        let left_over = of_pairs(&|(gravity, tau)| {
-            let rests = gravity.iter().zip(tau).map(|(g, t)| (sign * t - part * g).powi(2));
-            rests.sum::<f64>().sqrt()
-        });
+        let left_over = felt.iter().map(|felt| felt.left_over(sign, part)).collect::<Vec<_>>();
         let slope = if square > 0.0 { sign * cross / square } else { 0.0 };
-        Fit { torque_sign, gravity, left_over, slope }
+        Fit { torque_sign, gravity, left_over: median(&left_over).unwrap_or(0.0), slope }
     };
     // Without gravity the sign cannot be told: it is left as set.
     let all = [
@@ -177,7 +185,8 @@ pub(super) fn fits(robot: &Robot, rests: &Rests, order: &[usize], set: &touch::C
     ];
     let off = |fit: &Fit| if rests.still { fit.left_over } else { fit.off_slope() };
     let best = all.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(all[0]);
-    let gravity_torque = of_pairs(&|(gravity, _)| dot(gravity, gravity).sqrt());
+    let sizes: Vec<f64> = felt.iter().map(|felt| felt.left_over(0.0, 1.0)).collect();
+    let gravity_torque = median(&sizes).unwrap_or(0.0);
     let (at_rest, n_joints) = (rests.still, order.len());
     Fits { set: all[0], best, gravity_torque, at_rest, n_joints }
 }

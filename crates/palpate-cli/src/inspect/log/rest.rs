@@ -6,13 +6,11 @@ use palpate::touch::{MIN_TARE_FRAMES, Tare, TorqueSign};
 use super::super::finding::Finding;
 use super::super::page::{counted, listed, number};
 use super::super::quantile::median;
-use super::figures::TouchFacts;
+use super::figures::{NO_NOISE, TouchFacts};
 use super::reading::Fit;
 
 /// A touch below this says little, N·m over all joints.
 const WEAK: f64 = 1.0;
-/// Noise below this is none, N·m.
-const NO_NOISE: f64 = 1e-6;
 /// Work below this tells no sign, J.
 const LEAST_WORK_J: f64 = 0.005;
 
@@ -145,15 +143,20 @@ impl Figured<'_> {
         self.touches.iter().filter_map(|touch| Some(touch.noise_std.as_ref()?[joint])).collect()
     }
 
+    /// Whether a joint's torque has no noise in any touch that tells it.
+    fn is_silent(&self, joint: usize) -> bool {
+        let told: Vec<bool> =
+            self.touches.iter().filter_map(|touch| Some(touch.silent.as_ref()?[joint])).collect();
+        let lives = self.touches.iter().any(|touch| touch.peak_by_joint[joint] > NO_NOISE);
+        lives && !told.is_empty() && told.iter().all(|silent| *silent)
+    }
+
     fn noiseless(&self) -> Option<Finding> {
         let joints = self.robot.joints().iter().enumerate();
-        let silent = |j: usize| {
-            let noise = self.noise(j);
-            let moves = self.touches.iter().any(|touch| touch.peak_by_joint[j] > NO_NOISE);
-            moves && !noise.is_empty() && noise.iter().all(|std| *std < NO_NOISE)
-        };
-        let names: Vec<&str> =
-            joints.filter(|(j, _)| silent(*j)).map(|(_, joint)| joint.name.as_str()).collect();
+        let names: Vec<&str> = joints
+            .filter(|(j, _)| self.is_silent(*j))
+            .map(|(_, joint)| joint.name.as_str())
+            .collect();
         (!names.is_empty()).then(|| {
             let what = format!("the torques at rest have no noise at all: {}", listed(&names));
             let remedy = "fine if the log is simulated; else they are filtered, estimated or held, \
@@ -224,7 +227,9 @@ impl Figured<'_> {
         if self.sign_is_told {
             return None;
         }
-        let work = self.touches.iter().map(|touch| touch.work_until_peak_j);
+        // Without a free start the arm may be on its way out.
+        let free = |touch: &&TouchFacts| touch.start_frames >= MIN_TARE_FRAMES as usize;
+        let work = self.touches.iter().filter(free).map(|touch| touch.work_until_peak_j);
         let work: Vec<f64> = work.filter(|work| work.abs() > LEAST_WORK_J).collect();
         let wrong = work.iter().filter(|work| **work > 0.0).count();
         (!work.is_empty() && wrong * 5 >= work.len() * 4).then(|| {

@@ -51,8 +51,8 @@ pub(super) fn correct(
         (fits.best.left_over, fits.tell())
     };
     let ((as_read, tells), (as_other, other_tells)) = (left_over(touches), left_over(&converted));
-    let gravity_agrees = tells && other_tells && as_other < 0.5 * as_read;
-    let gravity_denies = tells && other_tells && as_read < 0.5 * as_other;
+    let gravity_agrees = other_tells && as_other < 0.5 * as_read;
+    let gravity_denies = tells && as_read < 0.5 * as_other;
     if gravity_denies || !(gravity_agrees || surely) {
         return (read_as, None);
     }

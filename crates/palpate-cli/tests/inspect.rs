@@ -1,4 +1,5 @@
 //! `palpate inspect` of logs: each defect is found, alone, and nothing in a log without any.
+#![allow(clippy::unwrap_used)] // clippy takes only functions marked as tests for tests
 
 mod common;
 mod recording;
@@ -198,7 +199,8 @@ fn degrees_and_radians_are_told_apart() {
 fn positions_beyond_the_limits_are_told() {
     let mut touches = clean();
     let robot = Maker::new().robot;
-    for (q, tau) in touches[1].q.iter_mut().zip(&mut touches[1].tau) {
+    let Touch { q, tau, .. } = &mut touches[1];
+    for (q, tau) in q.iter_mut().zip(tau) {
         let gravity = |q: &[f64]| robot.gravity_torque(&robot.forward(q).unwrap());
         let before = gravity(q);
         q[5] += 1.3;
