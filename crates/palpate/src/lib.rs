@@ -1,4 +1,25 @@
 //! palpate: where an object is stiff, from what a robot arm's joints feel while it touches it.
+//!
+//! The method is that of Yao and Hauser, "Online Estimation of Point-based Volumetric Stiffness
+//! Model Using Joint Torque Sensors"; section and equation numbers in these docs are the paper's.
+//! [`mapper::Mapper`] learns a field from samples, [`field::Predictor`] asks it about a motion.
+//!
+//! | module                | says                                                                |
+//! |-----------------------|---------------------------------------------------------------------|
+//! | [`lattice`]           | cells and points; storage that follows what is touched              |
+//! | [`robot`]             | URDF to tree; poses, Jacobians, gravity                             |
+//! | [`sdf`]               | distance from a link, and which way is out                          |
+//! | [`arm`]               | a robot with the distance field of each link                        |
+//! | [`contact`]           | what the arm displaces, and how far                                 |
+//! | [`torque`]            | levers (Eq. 2) and predicted torques (Eq. 5)                        |
+//! | [`touch`]             | samples to contacts and external torques: gravity, tare             |
+//! | [`estimator`]         | what the two estimators share                                       |
+//! | [`map`], [`ekf`]      | the exact maximum a posteriori; the paper's filter (Eqs. 3, 4, 6)   |
+//! | [`replay`]            | the bounded memory of both                                          |
+//! | [`mapper`], [`field`] | the loop, and what it learnt                                        |
+//!
+//! No file, socket or clock is opened here, nothing is printed, and the same samples, settings and
+//! seed give the same field, on one thread or many.
 #![forbid(unsafe_code)]
 
 pub mod arm;
