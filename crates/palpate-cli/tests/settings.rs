@@ -1,4 +1,5 @@
 //! Flags over file over defaults, and the template that starts a file.
+#![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 mod common;
 

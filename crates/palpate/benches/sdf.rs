@@ -3,6 +3,7 @@
 //! A step of one millisecond asks for some 20,000 distances: what is in reach is searched, what is
 //! touched is projected. At 20 ns each that is 0.4 ms; `distance` must stay under it, and
 //! `distance_and_normal` under twice that. Forward kinematics is asked for once a sub-step: 3 µs.
+#![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 #![allow(missing_docs)] // criterion's macro generates an undocumented function
 
 use std::hint::black_box;

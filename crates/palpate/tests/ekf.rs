@@ -1,4 +1,5 @@
 //! Laws of `ekf`: the textbook filter where that is diagonal too, drift, and the sign.
+#![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 mod scene;
 

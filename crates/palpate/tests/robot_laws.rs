@@ -1,4 +1,5 @@
 //! Laws of the kinematics, on robots of several makers' shapes.
+#![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use k::nalgebra as kna;
 use nalgebra::{Isometry3, Point3, Vector3, Vector6};

@@ -1,4 +1,5 @@
 //! Laws of the levers: the wrench form against the definition.
+#![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 mod scene;
 

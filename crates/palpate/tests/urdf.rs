@@ -1,4 +1,5 @@
 //! What URDF files are read, and what is said about those that are not.
+#![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use palpate::robot::{JointKind, Payload, Robot, RobotError, Shape};
 
