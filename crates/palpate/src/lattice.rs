@@ -12,9 +12,8 @@
 //! indexed by *row*, the order in which cells were first touched. The module knows neither
 //! stiffness nor contact.
 
-use std::collections::HashMap;
-
 use nalgebra::{Point3, Vector3};
+use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 
 /// Cells along one edge of a brick.
@@ -233,13 +232,13 @@ impl Lattice {
 /// Memory follows the bricks in use, never the lattice's size.
 #[derive(Debug, Clone)]
 pub struct Bricks<T> {
-    slots: HashMap<[u32; 3], u32>,
+    slots: FxHashMap<[u32; 3], u32>,
     bricks: Vec<T>,
 }
 
 impl<T> Default for Bricks<T> {
     fn default() -> Self {
-        Self { slots: HashMap::new(), bricks: Vec::new() }
+        Self { slots: FxHashMap::default(), bricks: Vec::new() }
     }
 }
 
@@ -281,31 +280,62 @@ impl<T> Bricks<T> {
     }
 }
 
+/// A bit for each cell of a brick.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct BrickBits([u64; BRICK_CELLS / 64]);
+
+impl BrickBits {
+    /// The bit of a cell, by its number inside the brick.
+    pub fn get(&self, inside: usize) -> bool {
+        self.0[inside / 64] >> (inside % 64) & 1 == 1
+    }
+
+    /// Whether all bits of a cube of `edge` cells a side are set; `low` is its first place.
+    ///
+    /// A word is one layer along z, a byte of it one row along x, so this is one look a layer.
+    ///
+    /// # Panics
+    ///
+    /// If the cube reaches beyond the brick that `low` lies in, which is a bug in the caller.
+    pub fn holds_cube(&self, low: [u32; 3], edge: u32) -> bool {
+        let [i, j, k] = low.map(|n| n % BRICK_EDGE);
+        assert!([i, j, k].iter().all(|n| n + edge <= BRICK_EDGE), "cubes do not straddle bricks");
+        let row = u64::MAX >> (64 - edge) << i;
+        let layer = (j..j + edge).fold(0, |layer, j| layer | row << (BRICK_EDGE * j));
+        (k..k + edge).all(|k| self.0[k as usize] & layer == layer)
+    }
+}
+
 /// A set of cells, a bit each, in bricks.
 #[derive(Debug, Clone, Default)]
 pub struct CellSet {
-    bricks: Bricks<[u64; BRICK_CELLS / 64]>,
+    bricks: Bricks<BrickBits>,
 }
 
 impl CellSet {
     /// Whether the set holds the cell at a place.
     pub fn contains(&self, place: [u32; 3]) -> bool {
         let (brick, inside) = Bricks::<()>::locate(place);
-        self.bricks.get(brick).is_some_and(|bits| bits[inside / 64] >> (inside % 64) & 1 == 1)
+        self.brick(brick).get(inside)
+    }
+
+    /// The bits of a whole brick, to be looked up once for all its cells.
+    pub fn brick(&self, brick: [u32; 3]) -> BrickBits {
+        self.bricks.get(brick).copied().unwrap_or_default()
     }
 
     /// Adds the cell at a place.
     pub fn insert(&mut self, place: [u32; 3]) {
         let (brick, inside) = Bricks::<()>::locate(place);
-        let bits = self.bricks.get_or_insert_with(brick, || [0; BRICK_CELLS / 64]);
-        bits[inside / 64] |= 1 << (inside % 64);
+        let bits = self.bricks.get_or_insert_with(brick, BrickBits::default);
+        bits.0[inside / 64] |= 1 << (inside % 64);
     }
 
     /// Takes the cell at a place out.
     pub fn remove(&mut self, place: [u32; 3]) {
         let (brick, inside) = Bricks::<()>::locate(place);
-        let bits = self.bricks.get_or_insert_with(brick, || [0; BRICK_CELLS / 64]);
-        bits[inside / 64] &= !(1 << (inside % 64));
+        let bits = self.bricks.get_or_insert_with(brick, BrickBits::default);
+        bits.0[inside / 64] &= !(1 << (inside % 64));
     }
 
     /// Takes all cells out.
@@ -449,5 +479,25 @@ mod tests {
         set.remove([7, 8, 10]);
         assert!(set.contains([7, 8, 9]));
         assert!(!set.contains([7, 8, 10]) && !set.contains([0, 0, 0]));
+    }
+
+    #[test]
+    fn a_cube_is_held_if_each_of_its_cells_is() {
+        for (low, edge) in [([8, 16, 24], 8), ([12, 16, 28], 4), ([14, 20, 26], 2), ([9, 9, 9], 1)]
+        {
+            let mut set = CellSet::default();
+            let inside = (0..edge)
+                .flat_map(|i| (0..edge).flat_map(move |j| (0..edge).map(move |k| [i, j, k])));
+            let places: Vec<_> =
+                inside.map(|[i, j, k]| [low[0] + i, low[1] + j, low[2] + k]).collect();
+            for place in &places {
+                assert!(!set.brick(low.map(|n| n / BRICK_EDGE)).holds_cube(low, edge));
+                set.insert(*place);
+            }
+            let brick = low.map(|n| n / BRICK_EDGE);
+            assert!(set.brick(brick).holds_cube(low, edge));
+            set.remove(places[places.len() / 2]);
+            assert!(!set.brick(brick).holds_cube(low, edge));
+        }
     }
 }

@@ -1,11 +1,12 @@
 //! Which free points a link covers: an octree descent over the lattice around it.
 //!
 //! φ is a distance: at the centre of a block of cells it bounds φ everywhere in the block, so
-//! whole blocks away from the link are passed over with one look.
+//! whole blocks away from the link are passed over with one look, and so are blocks inside it
+//! whose cells are all taken already.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use crate::lattice::{CellSet, Lattice};
+use crate::lattice::{BRICK_EDGE, BrickBits, CellSet, Lattice};
 use crate::sdf::Grid;
 
 /// A free point inside an inflated link.
@@ -23,9 +24,6 @@ pub(super) struct Search<'a> {
     /// δ.
     pub(super) reach_m: f64,
 }
-
-/// Blocks of the descent's first level, in cells along an edge.
-const TOP_BLOCK: u32 = 8;
 
 /// How much more than a distance the baked φ may change between two points, as a factor:
 /// trilinear interpolation of a distance is not quite 1-Lipschitz.
@@ -50,15 +48,17 @@ impl Search<'_> {
         found: &mut Vec<Entered>,
     ) {
         let (first, end) = self.places_near(surface, world_from_link);
-        let descent = Descent { search: self, link, surface, pose: world_from_link, first, end };
-        let blocks = |axis: usize| (first[axis] / TOP_BLOCK)..end[axis].div_ceil(TOP_BLOCK);
+        let bricks = |axis: usize| (first[axis] / BRICK_EDGE)..end[axis].div_ceil(BRICK_EDGE);
         if (0..3).any(|axis| first[axis] >= end[axis]) {
             return;
         }
-        for k in blocks(2) {
-            for j in blocks(1) {
-                for i in blocks(0) {
-                    descent.visit([i, j, k].map(|n| n * TOP_BLOCK), TOP_BLOCK, found);
+        for k in bricks(2) {
+            for j in bricks(1) {
+                for i in bricks(0) {
+                    let (brick, pose) = ([i, j, k], world_from_link);
+                    let taken = self.taken.brick(brick);
+                    let descent = Descent { search: self, taken, link, surface, pose, first, end };
+                    descent.visit(brick.map(|n| n * BRICK_EDGE), BRICK_EDGE, found);
                 }
             }
         }
@@ -78,9 +78,11 @@ impl Search<'_> {
     }
 }
 
-/// One link's descent.
+/// One link's descent in one brick.
 struct Descent<'a> {
     search: &'a Search<'a>,
+    /// The cells of the brick that cannot be entered.
+    taken: BrickBits,
     link: usize,
     surface: &'a Grid,
     pose: &'a Isometry3<f64>,
@@ -92,6 +94,9 @@ impl Descent<'_> {
     /// Looks at the block of `edge`³ cells whose first place is `low`.
     fn visit(&self, low: [u32; 3], edge: u32, found: &mut Vec<Entered>) {
         if (0..3).any(|axis| low[axis] >= self.end[axis] || low[axis] + edge <= self.first[axis]) {
+            return;
+        }
+        if self.taken.holds_cube(low, edge) {
             return;
         }
         if edge == 1 {
@@ -112,11 +117,8 @@ impl Descent<'_> {
         }
     }
 
-    /// Takes a single cell if it is free and covered.
+    /// Takes a single free cell if it is covered.
     fn visit_cell(&self, place: [u32; 3], found: &mut Vec<Entered>) {
-        if self.search.taken.contains(place) {
-            return;
-        }
         let rest = self.search.lattice.point_at(place);
         let distance_m = self.surface.distance(&self.pose.inverse_transform_point(&rest));
         if distance_m < self.search.reach_m {
