@@ -77,12 +77,15 @@ impl Belief {
         self.mean.resize(n_rows, self.prior_mean);
         self.variance.resize(n_rows, self.prior_variance);
         self.seen.resize(n_rows, 0);
+        let predicted = observation.predict(points_m, |row| self.mean[row].abs());
+        let d = &gain * (&observation.tau - predicted);
+        if d.iter().any(|x| !x.is_finite()) {
+            return Err(EstimatorError::Degenerate);
+        }
         for &row in observation.rows() {
             self.variance[row as usize] = self.variance_now(row as usize);
             self.seen[row as usize] = self.step;
         }
-        let predicted = observation.predict(points_m, |row| self.mean[row].abs());
-        let d = &gain * (&observation.tau - predicted);
         let (mean, variance) = (&mut self.mean, &self.variance);
         observation.spread(points_m, &d, |row, lever| {
             // Column i of H is the lever times sgn κᵢ; `0.0.signum()` is `1.0` in Rust.
@@ -206,7 +209,7 @@ impl Estimator for EkfEstimator {
     fn replay(&mut self, points_m: &[[f32; 3]], visits: u32) -> u32 {
         for visited in 0..visits {
             let Some(index) = self.memory.draw() else { return visited };
-            // A frame that was fused once can be fused again: its variances only shrink.
+            // A frame that was fused once can be fused again, so this does not fail in practice.
             if self.belief.update(points_m, &self.memory.frames()[index].observation).is_err() {
                 return visited;
             }

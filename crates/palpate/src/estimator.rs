@@ -70,6 +70,11 @@ pub enum Method {
     Ekf,
 }
 
+/// Bounds of every mean and standard deviation, N/m or N·m: none of this world lies outside, and
+/// within them no product of them overflows.
+const SMALLEST: f64 = 1e-9;
+const LARGEST: f64 = 1e9;
+
 /// Settings of either estimator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -123,22 +128,24 @@ impl EstimatorConfig {
         let at_least_zero =
             [("prior mean", self.prior.mean_n_per_m), ("drift_std", self.drift_std_n_per_m)];
         for (setting, found) in at_least_zero {
-            if !(found >= 0.0 && found.is_finite()) {
-                let wanted = "zero or more, and finite, in N/m";
+            if !(0.0..=LARGEST).contains(&found) {
+                let wanted = "from 0 to 1e9 N/m";
                 return Err(EstimatorError::Setting { setting, found, wanted });
             }
         }
         let found = self.prior.std_n_per_m;
-        if !(found > 0.0 && found.is_finite()) {
-            let wanted = "positive and finite, in N/m";
+        if !(SMALLEST..=LARGEST).contains(&found) {
+            let wanted = "from 1e-9 to 1e9 N/m";
             return Err(EstimatorError::Setting { setting: "prior std", found, wanted });
         }
         if self.torque_std.len() != 1 && self.torque_std.len() != n_joints {
             let got = self.torque_std.len();
             return Err(EstimatorError::TorqueStdCount { got, expected: n_joints });
         }
-        if let Some(&found) = self.torque_std.iter().find(|s| !(**s > 0.0 && s.is_finite())) {
-            let wanted = "positive and finite, in N·m";
+        if let Some(&found) =
+            self.torque_std.iter().find(|std| !(SMALLEST..=LARGEST).contains(*std))
+        {
+            let wanted = "from 1e-9 to 1e9 N·m";
             return Err(EstimatorError::Setting { setting: "torque_std", found, wanted });
         }
         let std = |joint: usize| self.torque_std[joint.min(self.torque_std.len() - 1)];

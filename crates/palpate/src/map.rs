@@ -68,9 +68,14 @@ impl Belief {
         &frame.observation.tau - predicted - self.torque_variance.component_mul(&frame.alpha)
     }
 
+    /// The change of a frame's multiplier that solves its own condition.
+    fn solve(&self, points_m: &[[f32; 3]], frame: &Frame) -> DVector<f64> {
+        &frame.gain * self.residual(points_m, frame)
+    }
+
     /// Solves one frame's own condition.
     fn visit(&mut self, points_m: &[[f32; 3]], frame: &mut Frame) {
-        let d = &frame.gain * self.residual(points_m, frame);
+        let d = self.solve(points_m, frame);
         self.add(points_m, &frame.observation, &d);
         frame.alpha += d;
     }
@@ -227,8 +232,12 @@ impl Estimator for MapEstimator {
         let spread = frame.observation.gram(points_m, |row| self.variance_of(row));
         let shrinkage = innovation_inverse(spread, &self.belief.torque_variance)?;
 
-        self.step += 1;
         self.grow(points_m.len());
+        if self.belief.solve(points_m, &frame).iter().any(|x| !x.is_finite()) {
+            return Err(EstimatorError::Degenerate);
+        }
+
+        self.step += 1;
         for &row in frame.observation.rows() {
             self.counts[row as usize] += 1;
         }

@@ -165,7 +165,7 @@ impl Mapper {
     /// # Errors
     ///
     /// If the sample cannot be used: it does not fit the robot, is not finite, or shows that the
-    /// touch has no contact-free start. The field is then as before.
+    /// touch has no contact-free start ([`Tracker::feed`]). No stiffness has then changed.
     pub fn step(&mut self, sample: &Sample) -> Result<StepReport, MapperError> {
         // Where the arm pushes the points of the field, and by how much (assumption ii).
         let frame = self.tracker.feed(sample)?;

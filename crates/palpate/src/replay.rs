@@ -1,9 +1,9 @@
 //! The bounded memory of past frames, and the order in which they come back.
 //!
 //! Both estimators learn from a frame more than once. What may be remembered is bounded in
-//! frames and in bytes; when either is full, frames chosen at random leave, so that what stays
-//! is an even sample of all touches rather than the last one. Draws come from a seeded
-//! generator that is the same on every platform and can be saved and continued.
+//! frames and in bytes; when either is full, frames chosen at random leave, so that old touches
+//! thin out little by little rather than go all at once. Draws come from a seeded generator that
+//! is the same on every platform and can be saved and continued.
 //!
 //! The module does not know what a frame is.
 

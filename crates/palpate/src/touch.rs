@@ -11,7 +11,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::DVector;
+use nalgebra::{DVector, Isometry3};
 use serde::{Deserialize, Serialize};
 
 use crate::arm::Arm;
@@ -75,7 +75,8 @@ pub struct Config {
     pub gravity: Gravity,
     /// Where the tare comes from.
     pub tare: Tare,
-    /// The farthest a joint may be from where the touch began and still stand still, rad or m.
+    /// The farthest a joint may be from where the touch began and still stand still, rad (m for a
+    /// prismatic joint).
     pub still_rad: f64,
 }
 
@@ -90,6 +91,16 @@ impl Default for Config {
     }
 }
 
+/// Torques from here on are broken sensors, N·m.
+pub const MAX_TORQUE: f64 = 1e6;
+
+/// The farthest that a joint turns (rad) or slides (m) in a piece of a motion whose ends are
+/// compared to count its sub-steps: short enough for chord and arc to differ by a millimetre.
+const PIECE: f64 = 0.1;
+
+/// Motions longer than this many pieces, or pieces of more sub-steps, are refused.
+const MAX_PARTS: f64 = 1000.0;
+
 /// The fewest contact-free frames that give a tare.
 pub const MIN_TARE_FRAMES: u32 = 5;
 
@@ -101,9 +112,15 @@ pub enum TouchError {
     /// The wrong number of joint torques.
     #[error("got {got} joint torques, the robot has {expected} moving joints")]
     TorqueCount { expected: usize, got: usize },
-    /// A torque that is no number.
-    #[error("the torque of joint `{joint}` is {found}; it must be a finite number of N·m")]
+    /// A torque that is no number, or none of this world.
+    #[error("the torque of joint `{joint}` is {found}; wanted a number of N·m below {MAX_TORQUE}")]
     Torque { joint: String, found: f64 },
+    /// A motion that no arm makes between two samples.
+    #[error(
+        "joint `{joint}` jumps from {from} to {to}; so long a motion cannot be followed: are there \
+         samples missing, or is it in another unit?"
+    )]
+    Jump { joint: String, from: f64, to: f64 },
     /// Joint positions that the robot cannot take.
     #[error(transparent)]
     Robot(#[from] RobotError),
@@ -117,8 +134,8 @@ pub enum TouchError {
     /// Fewer frames than were to be averaged.
     #[error("the touch ends after {found} frames, before the {wanted} that were asked for as tare")]
     TareTooLong { found: u32, wanted: u32 },
-    /// A sample before any touch began.
-    #[error("a sample came before its touch was begun")]
+    /// A sample before any touch began, or after one that could not be used.
+    #[error("a sample came without a touch that was begun and is still good")]
     NotBegun,
 }
 
@@ -193,8 +210,9 @@ impl Tracker {
     ///
     /// # Errors
     ///
-    /// If the sample does not fit the robot, holds a value that is no number, or shows that the
-    /// touch has no contact-free start; the tracker is then as before the sample.
+    /// If the sample does not fit the robot, or holds a value that is no number: the tracker is
+    /// then as before it, and may go on with the next. If it shows that the touch has no
+    /// contact-free start: that touch is over, and the next call must begin another.
     pub fn feed(&mut self, sample: &Sample) -> Result<Frame, TouchError> {
         if !self.begun {
             return Err(TouchError::NotBegun);
@@ -202,7 +220,7 @@ impl Tracker {
         let poses = self.arm.robot.forward(&sample.q)?;
         let raw = self.without_gravity(&sample.tau, &poses)?;
         let contacts = self.move_arm(&sample.q, &poses)?;
-        let external = self.subtract_tare(raw, &contacts)?;
+        let external = self.subtract_tare(&sample.q, raw, &contacts)?;
         Ok(Frame { poses, contacts, external })
     }
 
@@ -237,8 +255,10 @@ impl Tracker {
         if tau.len() != robot.n_joints() {
             return Err(TouchError::TorqueCount { expected: robot.n_joints(), got: tau.len() });
         }
-        if let Some((joint, &found)) =
-            robot.joint_names().zip(tau).find(|(_, torque)| !torque.is_finite())
+        if let Some((joint, &found)) = robot
+            .joint_names()
+            .zip(tau)
+            .find(|(_, torque)| !(-MAX_TORQUE..=MAX_TORQUE).contains(*torque))
         {
             return Err(TouchError::Torque { joint: joint.to_owned(), found });
         }
@@ -254,7 +274,11 @@ impl Tracker {
 
     /// Advances the simulator to a sample's poses, in sub-steps where the motion is long.
     fn move_arm(&mut self, q: &[f64], poses: &Poses) -> Result<Contacts, TouchError> {
-        let Some(progress) = &mut self.progress else {
+        if let Some(progress) = &self.progress {
+            for between in self.substeps(&progress.q, q)? {
+                self.simulator.advance(&between);
+            }
+        } else {
             self.simulator.begin_touch(&poses.world_from_link);
             let (sum, frames) = (DVector::zeros(q.len()), 0);
             let tare = match self.config.tare {
@@ -262,30 +286,59 @@ impl Tracker {
                 Tare::Auto | Tare::Frames(_) => TareState::Open { sum, frames },
             };
             self.progress = Some(Progress { q_start: q.to_vec(), q: q.to_vec(), tare });
-            return Ok(self.simulator.advance(&poses.world_from_link));
-        };
-        let substeps = self.simulator.substeps(&poses.world_from_link);
-        for substep in 1..substeps {
-            let part = f64::from(substep) / f64::from(substeps);
-            let between = self.arm.robot.interpolate(&progress.q, q, part);
-            let poses = self.arm.robot.forward(&between)?;
-            self.simulator.advance(&poses.world_from_link);
         }
-        progress.q = q.to_vec();
         Ok(self.simulator.advance(&poses.world_from_link))
+    }
+
+    /// The poses between two joint positions, without the ends, close enough that nothing tunnels.
+    fn substeps(&self, from: &[f64], to: &[f64]) -> Result<Vec<Vec<Isometry3<f64>>>, TouchError> {
+        let robot = &self.arm.robot;
+        let jump = || {
+            let way = robot.difference(from, to);
+            let joint = (0..way.len()).max_by(|&a, &b| way[a].abs().total_cmp(&way[b].abs()));
+            let joint = joint.unwrap_or_default();
+            let name = robot.joint_names().nth(joint).unwrap_or_default().to_owned();
+            TouchError::Jump { joint: name, from: from[joint], to: to[joint] }
+        };
+        let poses_at = |part: f64| -> Result<Vec<Isometry3<f64>>, TouchError> {
+            Ok(robot.forward(&robot.interpolate(from, to, part))?.world_from_link)
+        };
+        let longest =
+            robot.difference(from, to).iter().fold(0.0, |most: f64, way| most.max(way.abs()));
+        let pieces = (longest / PIECE).ceil().max(1.0);
+        if pieces > MAX_PARTS {
+            return Err(jump());
+        }
+        let (mut between, mut start) = (Vec::new(), poses_at(0.0)?);
+        for piece in 0..pieces as u32 {
+            let end = poses_at(f64::from(piece + 1) / pieces)?;
+            let parts = f64::from(self.simulator.substeps(&start, &end));
+            if parts > MAX_PARTS {
+                return Err(jump());
+            }
+            for part in 1..parts as u32 {
+                between.push(poses_at((f64::from(piece) + f64::from(part) / parts) / pieces)?);
+            }
+            start.clone_from(&end);
+            between.push(end);
+        }
+        between.pop(); // the end of the last piece is where the motion ends
+        Ok(between)
     }
 
     /// Adds a contact-free frame to the tare, or takes the tare off.
     fn subtract_tare(
         &mut self,
+        q: &[f64],
         raw: DVector<f64>,
         contacts: &Contacts,
     ) -> Result<Option<DVector<f64>>, TouchError> {
+        let robot = &self.arm.robot;
         let progress = self.progress.as_mut().expect("move_arm made it");
+        progress.q = q.to_vec();
         if let TareState::Open { sum, frames } = &mut progress.tare {
-            let moved =
-                progress.q.iter().zip(&progress.q_start).map(|(q, start)| (q - start).abs());
-            let still = moved.fold(0.0, f64::max) <= self.config.still_rad;
+            let moved = robot.difference(&progress.q_start, q);
+            let still = moved.iter().all(|way| way.abs() <= self.config.still_rad);
             let goes_on = match self.config.tare {
                 Tare::Frames(wanted) => *frames < wanted,
                 _ => still || contacts.is_empty(),
@@ -297,6 +350,7 @@ impl Tracker {
             }
             let wanted = if self.config.tare == Tare::Auto { MIN_TARE_FRAMES } else { 1 };
             if *frames < wanted {
+                self.begun = false;
                 return Err(TouchError::NoContactFreeStart { found: *frames, wanted });
             }
             progress.tare = TareState::Closed(&*sum / f64::from(*frames));

@@ -12,6 +12,7 @@ use palpate::lattice::{CellRows, Lattice};
 use palpate::robot::{LinkId, Robot};
 use palpate::sdf;
 use palpate::torque::Observation;
+use palpate::touch::{self, Sample, TouchError, Tracker};
 use scene::{collision, gantry_urdf};
 
 /// A gantry that carries one shape, baked finely.
@@ -184,7 +185,82 @@ fn a_long_motion_asks_for_substeps_so_that_nothing_tunnels() {
     let arm = gantry(BLOCK);
     let world = World::new(&arm, column(), config(), [0.0; 3]);
     let poses = |x: f64| arm.robot.forward(&[x, 0.0, 0.0]).unwrap().world_from_link;
-    assert_eq!(world.simulator.substeps(&poses(0.0)), 1);
-    assert_eq!(world.simulator.substeps(&poses(0.004)), 1);
-    assert_eq!(world.simulator.substeps(&poses(0.021)), 5); // half a cell, 5 mm, at a time
+    let substeps = |x: f64| world.simulator.substeps(&poses(0.0), &poses(x));
+    assert_eq!((substeps(0.0), substeps(0.004), substeps(0.021)), (1, 1, 5)); // half a cell each
+}
+
+/// Contacts after a tracker was fed these joint positions, one sample each.
+fn tracked(urdf: &str, lattice: &Lattice, samples: &[&[f64]]) -> Result<Contacts, TouchError> {
+    let robot = Robot::from_urdf(urdf).unwrap();
+    let baked = Arm::bake(robot, &sdf::Config::default(), |_| unreachable!("primitives only"));
+    let touch = touch::Config { tare: touch::Tare::None, ..touch::Config::default() };
+    let arm = Arc::new(baked.unwrap().0);
+    let mut tracker = Tracker::new(arm, lattice.clone(), config(), touch).unwrap();
+    tracker.begin_touch();
+    let mut contacts = Contacts::default();
+    for q in samples {
+        let sample = Sample { time_s: None, q: q.to_vec(), tau: vec![0.0; q.len()] };
+        contacts = tracker.feed(&sample)?.contacts;
+    }
+    Ok(contacts)
+}
+
+/// A ball of 5 cm at the end of an arm of 40 cm that turns about z.
+fn turning_ball(kind: &str) -> String {
+    format!(
+        "<robot name='turning'><link name='base'/><link name='ball'><collision><origin \
+         xyz='0.4 0 0'/><geometry><sphere radius='0.05'/></geometry></collision></link><joint \
+         name='turn' type='{kind}'><parent link='base'/><child link='ball'/><axis xyz='0 0 1'/>\
+         <limit lower='-7' upper='7' effort='1' velocity='1'/></joint></robot>"
+    )
+}
+
+#[test]
+fn a_turn_in_one_sample_touches_what_it_touches_in_many() {
+    let lattice = Lattice::new([-0.6; 3], 0.02, [61; 3]).unwrap();
+    let urdf = turning_ball("revolute");
+    let fine: Vec<[f64; 1]> = (0..=3000).map(|step| [f64::from(step) * 0.001]).collect();
+    let fine: Vec<&[f64]> = fine.iter().map(|q| &q[..]).collect();
+    let slow = tracked(&urdf, &lattice, &fine).unwrap();
+    let fast = tracked(&urdf, &lattice, &[&[0.0], &[3.0]]).unwrap();
+    assert!(slow.len() > 100, "{}", slow.len());
+    let share = fast.len() as f64 / slow.len() as f64;
+    assert!((0.9..1.1).contains(&share), "{} in one sample, {} in many", fast.len(), slow.len());
+}
+
+#[test]
+fn angles_that_wrap_are_the_same_motion_and_impossible_jumps_are_refused() {
+    let lattice = Lattice::new([-0.6; 3], 0.02, [61; 3]).unwrap();
+    let turn = std::f64::consts::TAU;
+    for kind in ["revolute", "continuous"] {
+        let urdf = turning_ball(kind);
+        let plain = tracked(&urdf, &lattice, &[&[-0.2], &[0.0], &[0.3]]).unwrap();
+        let wrapped = tracked(&urdf, &lattice, &[&[turn - 0.2], &[0.0], &[0.3]]).unwrap();
+        assert!(plain.len() > 20);
+        assert_eq!(plain.len(), wrapped.len(), "{kind}");
+    }
+    let slide = gantry_urdf(&collision(BLOCK));
+    let error = tracked(&slide, &lattice, &[&[0.0; 3], &[0.0, 1e12, 0.0]]).unwrap_err();
+    assert!(matches!(&error, TouchError::Jump { joint, .. } if joint == "slide1"), "{error}");
+}
+
+#[test]
+fn a_point_that_one_link_lets_go_is_taken_by_another_that_stands_still_over_it() {
+    // Two balls on rails along x: the first presses in, the second follows to the same place and
+    // stops there, the first retreats. What it lets go, the second must take without moving.
+    let rail = |n: usize| {
+        format!(
+            "<link name='ball{n}'><collision><geometry><sphere radius='0.05'/></geometry>\
+             </collision></link><joint name='rail{n}' type='prismatic'><parent link='base'/>\
+             <child link='ball{n}'/><axis xyz='1 0 0'/><limit lower='-2' upper='2' effort='1' \
+             velocity='1'/></joint>"
+        )
+    };
+    let urdf = format!("<robot name='two'><link name='base'/>{}{}</robot>", rail(1), rail(2));
+    let lattice = Lattice::new([0.0, -0.1, -0.1], 0.01, [40, 20, 20]).unwrap();
+    let path: [&[f64]; 4] = [&[-0.2, -0.2], &[0.1, -0.2], &[0.1, 0.1], &[-0.2, 0.1]];
+    let held = tracked(&urdf, &lattice, &path).unwrap();
+    let nudged = [&path[..], &[&[-0.2, 0.1 + 1e-9]]].concat();
+    assert!(held.len() > 500, "{}", held.len());
+    assert_eq!(held.len(), tracked(&urdf, &lattice, &nudged).unwrap().len());
 }

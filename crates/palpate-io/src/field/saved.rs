@@ -20,7 +20,7 @@
 use std::path::Path;
 
 use palpate::contact;
-use palpate::estimator::{EstimatorState, Source};
+use palpate::estimator::{EstimatorState, Method, Source};
 use palpate::field::Field;
 use palpate::lattice::{CellId, Lattice};
 use palpate::mapper::{Config, Snapshot, TapedTouch};
@@ -112,20 +112,24 @@ pub fn load(path: &Path) -> Result<Saved, SavedError> {
     from_arrays(&read_npz(path)?, &path.display().to_string())
 }
 
-/// A field as named arrays.
-fn to_arrays(saved: &Saved) -> Arrays {
-    let field = &saved.field;
-    let lattice = FieldLattice {
+/// The lattice as the file's array has it.
+fn lattice_of(field: &Field) -> FieldLattice {
+    FieldLattice {
         origin_m: field.lattice.origin_m().into(),
         spacing_m: field.lattice.spacing_m(),
         shape: field.lattice.shape(),
-    };
+    }
+}
+
+/// A field as named arrays.
+fn to_arrays(saved: &Saved) -> Arrays {
+    let field = &saved.field;
     let file = FieldFile {
         points: field.cells.iter().map(|&cell| field.lattice.point(cell).into()).collect(),
         stiffness: field.stiffness_n_per_m.clone(),
         std: Some(field.std_n_per_m.clone()),
         counts: Some(field.counts.clone()),
-        lattice: Some(lattice),
+        lattice: Some(lattice_of(field)),
         cells: Some(field.cells.iter().map(|cell| cell.0).collect()),
     };
     let mut arrays = file.to_arrays();
@@ -206,9 +210,18 @@ fn from_arrays(arrays: &Arrays, path: &str) -> Result<Saved, SavedError> {
         touch: meta.touch,
         untouched_n_per_m: meta.untouched_n_per_m,
     };
+    let contradiction = |what| SavedError::Contradiction { path: path.to_owned(), what };
+    if file.lattice != Some(lattice_of(&field)) {
+        let what = "the array `lattice` is not the lattice of the settings".to_owned();
+        return Err(contradiction(what));
+    }
+    if !(field.untouched_n_per_m >= 0.0 && field.untouched_n_per_m.is_finite()) {
+        let what = format!("the stiffness of untouched cells is {} N/m", field.untouched_n_per_m);
+        return Err(contradiction(what));
+    }
     if let Some(cell) = field.cells.iter().find(|cell| !field.lattice.contains(**cell)) {
         let what = format!("cell {} is not in the lattice {:?}", cell.0, field.lattice.shape());
-        return Err(SavedError::Contradiction { path: path.to_owned(), what });
+        return Err(contradiction(what));
     }
     let snapshot = match meta.mapper {
         Some(mapper) => Some(snapshot(arrays, path, mapper, &field, &meta.robot)?),
@@ -242,6 +255,11 @@ fn snapshot(
         rng: mapper.rng,
     };
     let (n_joints, tape) = tape(arrays, path)?;
+    let wanted = if mapper.config.method == Method::Map { n_joints } else { 0 };
+    if width != wanted && !state.remembered.is_empty() {
+        let what = format!("remembered frames have {width} multipliers, wanted {wanted}");
+        return Err(SavedError::Contradiction { path: path.to_owned(), what });
+    }
     Ok(Snapshot {
         config: mapper.config,
         robot: (robot.to_owned(), mapper.fingerprint),
@@ -259,7 +277,7 @@ fn tape(arrays: &Arrays, path: &str) -> Result<(usize, Vec<TapedTouch>), SavedEr
     let q = arrays.floats("tape_q", &[None, None])?;
     let tau = arrays.floats("tape_tau", &[None, None])?;
     let n_joints = arrays.require("tape_q")?.shape()[1];
-    let samples: u64 = touches.chunks(3).map(|touch| touch[1]).sum();
+    let samples = touches.chunks(3).fold(0_u64, |sum, touch| sum.saturating_add(touch[1]));
     if q.len() != tau.len() || samples.saturating_mul(n_joints as u64) != q.len() as u64 {
         let what = format!(
             "the tape promises {samples} samples of {n_joints} joints and holds {} positions and \
@@ -272,7 +290,7 @@ fn tape(arrays: &Arrays, path: &str) -> Result<(usize, Vec<TapedTouch>), SavedEr
     let mut start = 0;
     let mut tape = Vec::new();
     for touch in touches.chunks(3) {
-        let end = start + touch[1] as usize * n_joints;
+        let end = start + touch[1] as usize * n_joints; // the sum of all was checked above
         tape.push(TapedTouch {
             touch: touch[0] as u32,
             open: touch[2] != 0,

@@ -51,7 +51,9 @@ pub struct Config {
     pub substep_cells: f64,
     /// Whether points inside the links at the start of a touch are empty space throughout it.
     pub known_empty: bool,
-    /// Whether contacts are settled on several threads; the result is the same to the bit.
+    /// Whether contacts are settled on several threads; the result is the same to the bit, so it
+    /// is not part of what is saved.
+    #[serde(skip)]
     pub parallel: bool,
 }
 
@@ -81,6 +83,9 @@ pub struct ConfigError {
     pub wanted: &'static str,
 }
 
+/// Distances are baked as far as this from the links.
+const BAKED: &str = "from 1e-6 to 0.04 m, as far as distances are baked";
+
 impl Config {
     /// Checks every setting.
     ///
@@ -89,12 +94,12 @@ impl Config {
     /// Names the first setting that is not a finite number in its range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let positive = [
-            ("contact_distance_m", self.contact_distance_m, 1.0, "above 0 and at most 1 m"),
-            ("slip_step_m", self.slip_step_m, 1.0, "above 0 and at most 1 m"),
-            ("substep_cells", self.substep_cells, 100.0, "above 0 and at most 100 cells"),
+            ("contact_distance_m", self.contact_distance_m, [1e-6, 0.04], BAKED),
+            ("slip_step_m", self.slip_step_m, [1e-6, 1.0], "from 1e-6 to 1 m"),
+            ("substep_cells", self.substep_cells, [0.01, 100.0], "from 0.01 to 100 cells"),
         ];
-        for (setting, found, limit, wanted) in positive {
-            if !(found > 0.0 && found <= limit) {
+        for (setting, found, [low, high], wanted) in positive {
+            if !(low..=high).contains(&found) {
                 return Err(ConfigError { setting, found, wanted });
             }
         }
@@ -199,7 +204,7 @@ impl Simulator {
         self.taken.clear();
         self.anchors.iter_mut().for_each(Vec::clear);
         self.poses.clear();
-        let entered = self.find_entered(world_from_link);
+        let entered = self.find_entered(world_from_link, false);
         self.poses = world_from_link.to_vec();
         if self.config.known_empty {
             entered.iter().for_each(|found| self.taken.insert(found.place));
@@ -208,17 +213,18 @@ impl Simulator {
         }
     }
 
-    /// How many sub-steps a motion to these poses needs so that nothing tunnels, at least 1.
+    /// How many sub-steps a short motion needs so that no point of a link goes further than
+    /// [`Config::substep_cells`] in one; at least 1.
     ///
-    /// Bounds the travel of every surface point by that of its link's bounding box.
-    pub fn substeps(&self, world_from_link: &[Isometry3<f64>]) -> u32 {
+    /// Travel is that of the corners of the links' bounding boxes along the chord, so the motion
+    /// must be short enough for chord and arc to be alike.
+    pub fn substeps(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> u32 {
         let limit_m = self.config.substep_cells * self.lattice.spacing_m();
         let mut travel_m: f64 = 0.0;
-        for (link, surface) in self.surfaces.iter().enumerate() {
-            let (Some(surface), Some(from)) = (surface, self.poses.get(link)) else { continue };
+        for ((surface, from), to) in self.surfaces.iter().zip(from).zip(to) {
+            let Some(surface) = surface else { continue };
             for corner in enter::corners(surface) {
-                let moved = world_from_link[link] * corner - from * corner;
-                travel_m = travel_m.max(moved.norm());
+                travel_m = travel_m.max((to * corner - from * corner).norm());
             }
         }
         ((travel_m / limit_m).ceil() as u32).max(1)
@@ -234,19 +240,20 @@ impl Simulator {
     pub fn advance(&mut self, world_from_link: &[Isometry3<f64>]) -> Contacts {
         assert_eq!(world_from_link.len(), self.poses.len(), "one pose per link, after begin_touch");
         if world_from_link != self.poses {
+            let mut released = false;
             for (link, pose) in world_from_link.iter().enumerate() {
-                self.settle_link(link, pose);
+                released |= self.settle_link(link, pose);
             }
-            let entered = self.find_entered(world_from_link);
+            let entered = self.find_entered(world_from_link, released);
             self.poses.clone_from_slice(world_from_link);
             self.anchor(&entered);
         }
         self.contacts()
     }
 
-    /// Carries, slips and releases the points that one link holds.
-    fn settle_link(&mut self, link: usize, world_from_link: &Isometry3<f64>) {
-        let Some(surface) = &self.surfaces[link] else { return };
+    /// Carries, slips and releases the points that one link holds; says whether it released any.
+    fn settle_link(&mut self, link: usize, world_from_link: &Isometry3<f64>) -> bool {
+        let Some(surface) = &self.surfaces[link] else { return false };
         let slip = settle::Slip::new(&self.config);
         let carry = |anchor: &mut Anchor| {
             let rest_link = world_from_link.inverse_transform_point(&anchor.rest);
@@ -262,6 +269,7 @@ impl Simulator {
         } else {
             anchors.iter_mut().map(|anchor| carry(anchor).is_some()).collect()
         };
+        let released = kept.contains(&false);
         let mut kept = kept.into_iter();
         anchors.retain(|anchor| {
             let keep = kept.next().expect("one verdict per anchor");
@@ -270,15 +278,23 @@ impl Simulator {
             }
             keep
         });
+        released
     }
 
     /// Free points that the links cover at these poses, each once, with its deepest link.
-    fn find_entered(&self, world_from_link: &[Isometry3<f64>]) -> Vec<enter::Entered> {
+    ///
+    /// `released` says whether points have become free since the last look: then a link that
+    /// stood still may cover some of them, and is searched too.
+    fn find_entered(
+        &self,
+        world_from_link: &[Isometry3<f64>],
+        released: bool,
+    ) -> Vec<enter::Entered> {
         let reach_m = self.config.contact_distance_m;
         let mut found = Vec::new();
         for (link, surface) in self.surfaces.iter().enumerate() {
             let (Some(surface), pose) = (surface, &world_from_link[link]) else { continue };
-            if self.poses.get(link) == Some(pose) {
+            if !released && self.poses.get(link) == Some(pose) {
                 continue; // a link that stood still covers nothing new
             }
             let search = enter::Search { lattice: &self.lattice, taken: &self.taken, reach_m };

@@ -1,26 +1,39 @@
 //! Between two joint positions.
 
-use super::{JointKind, Robot};
+use std::f64::consts::TAU;
+
+use super::{Joint, JointKind, Robot};
 
 impl Robot {
-    /// The joint positions a part of the way from `from` to `to` (0 to 1).
+    /// How far each joint goes from one position to another, rad or m.
     ///
-    /// A continuous joint takes the shorter way round, so that a log that wraps its angles at
-    /// ±π does not spin the arm.
+    /// An angle takes the shorter way round, so that a log that wraps at ±π or at 2π does not spin
+    /// the arm: a continuous joint always, a revolute one where the other way would be more than
+    /// half a turn, which no arm makes between two samples.
     ///
     /// # Panics
     ///
     /// If either has not one value a joint, which is a bug in the caller.
-    pub fn interpolate(&self, from: &[f64], to: &[f64], part: f64) -> Vec<f64> {
+    pub fn difference(&self, from: &[f64], to: &[f64]) -> Vec<f64> {
         assert!(from.len() == self.n_joints() && to.len() == self.n_joints(), "one value a joint");
-        let between = |((joint, a), b): ((&super::Joint, &f64), &f64)| {
-            let mut way = b - a;
-            if joint.kind == JointKind::Continuous {
-                way -= std::f64::consts::TAU * (way / std::f64::consts::TAU).round();
+        let way = |((joint, a), b): ((&Joint, &f64), &f64)| match joint.kind {
+            JointKind::Prismatic => b - a,
+            JointKind::Continuous | JointKind::Revolute => {
+                let way = b - a;
+                way - TAU * (way / TAU).round()
             }
-            a + part * way
         };
-        self.joints().iter().zip(from).zip(to).map(between).collect()
+        self.joints().iter().zip(from).zip(to).map(way).collect()
+    }
+
+    /// The joint positions a part (0 to 1) of the way of [`Robot::difference`].
+    ///
+    /// # Panics
+    ///
+    /// As [`Robot::difference`].
+    pub fn interpolate(&self, from: &[f64], to: &[f64], part: f64) -> Vec<f64> {
+        let way = self.difference(from, to);
+        from.iter().zip(way).map(|(a, way)| a + part * way).collect()
     }
 }
 
@@ -29,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_continuous_joint_takes_the_shorter_way_and_a_revolute_one_its_own() {
+    fn an_angle_takes_the_shorter_way_round_and_a_slide_its_own() {
         let joint = |name: &str, kind: &str, parent: &str, child: &str| {
             format!(
                 "<joint name='{name}' type='{kind}'><parent link='{parent}'/><child \
@@ -40,11 +53,12 @@ mod tests {
         let robot = Robot::from_urdf(&format!(
             "<robot name='two'><link name='a'/><link name='b'/><link name='c'/>{}{}</robot>",
             joint("round", "continuous", "a", "b"),
-            joint("hinge", "revolute", "b", "c"),
+            joint("slide", "prismatic", "b", "c"),
         ))
         .unwrap();
         let between = robot.interpolate(&[3.0, 3.0], &[-3.0, -3.0], 0.5);
         assert!((between[0] - std::f64::consts::PI).abs() < 1e-12, "{between:?}");
         assert!(between[1].abs() < 1e-12, "{between:?}");
+        assert_eq!(robot.difference(&[0.5, 0.0], &[-0.5, 7.0]), [-1.0, 7.0]);
     }
 }
