@@ -118,3 +118,32 @@ fn another_robot_or_a_broken_file_is_told_apart() {
     let error = Mapper::resume(arm, torn).err().unwrap().to_string();
     assert!(error.contains("the tape lacks a remembered frame"), "{error}");
 }
+
+#[test]
+fn a_tape_that_outgrows_its_bound_freezes_old_touches_and_can_still_be_continued() {
+    let (arm, touches) = (arm(), touches(3));
+    let mut config = config(Method::Map);
+    let sample = 14 * size_of::<f64>();
+    config.estimator.memory.bytes = 40 * sample; // less than two touches, more than one
+    let mut mapper = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
+    for touch in &touches {
+        mapper.begin_touch();
+        go_on(&mut mapper, touch);
+        mapper.end_touch().unwrap();
+        let bytes = mapper.memory().1;
+        assert!(bytes <= 2 * config.estimator.memory.bytes, "{bytes} bytes held");
+    }
+    let taped: usize = mapper.snapshot().tape.iter().map(|touch| touch.q.len()).sum();
+    assert!(taped * 16 <= 40 * sample, "{taped} positions taped");
+    let before = mapper.field();
+    let continued = through_a_file(mapper, &arm);
+    assert_eq!(before, continued.field());
+
+    config.estimator.memory.bytes = 10 * sample; // less than a single touch
+    let mut mapper = Mapper::new(Arc::clone(&arm), config).unwrap();
+    mapper.begin_touch();
+    go_on(&mut mapper, &touches[0]);
+    let snapshot = mapper.snapshot();
+    assert!(snapshot.tape.is_empty() && snapshot.state.remembered.is_empty());
+    assert_eq!(mapper.field(), Mapper::resume(arm, snapshot).unwrap().field());
+}

@@ -217,6 +217,10 @@ impl Estimator for EkfEstimator {
         visits
     }
 
+    fn freeze(&mut self, touch: u32) {
+        self.memory.retain(|frame| frame.source.touch != touch);
+    }
+
     fn sources(&self) -> Vec<Source> {
         self.memory.frames().iter().map(|frame| frame.source).collect()
     }

@@ -242,6 +242,9 @@ pub trait Estimator: Send + Sync {
     /// Visits remembered frames, without a new one, and returns how many there were.
     fn replay(&mut self, points_m: &[[f32; 3]], visits: u32) -> u32;
 
+    /// Takes the frames of a touch out of memory; what they taught stays.
+    fn freeze(&mut self, touch: u32);
+
     /// The remembered frames' sources, in memory's order.
     fn sources(&self) -> Vec<Source>;
 

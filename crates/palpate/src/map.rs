@@ -261,6 +261,10 @@ impl Estimator for MapEstimator {
         visits
     }
 
+    fn freeze(&mut self, touch: u32) {
+        self.memory.retain(|frame| frame.source.touch != touch);
+    }
+
     fn sources(&self) -> Vec<Source> {
         self.memory.frames().iter().map(|frame| frame.source).collect()
     }

@@ -99,6 +99,8 @@ pub struct TapedTouch {
     pub touch: u32,
     /// Whether more samples may follow.
     pub open: bool,
+    /// Whether its samples outgrew the tape's bound and are gone.
+    pub lost: bool,
     /// Joint positions of all samples in a row, samples × n_joints.
     pub q: Vec<f64>,
     /// Logged torques, samples × n_joints.
@@ -131,6 +133,8 @@ pub struct Mapper {
     rows: CellRows,
     estimator: Box<dyn Estimator>,
     touches: u32,
+    /// Samples of the touch under way.
+    samples: u32,
     tape: Vec<TapedTouch>,
 }
 
@@ -149,7 +153,7 @@ impl Mapper {
         };
         let tracker = Self::tracker(arm, &config)?;
         let rows = CellRows::new(config.lattice.clone());
-        Ok(Self { config, tracker, rows, estimator, touches: 0, tape: Vec::new() })
+        Ok(Self { config, tracker, rows, estimator, touches: 0, samples: 0, tape: Vec::new() })
     }
 
     /// Starts a touch.
@@ -158,6 +162,7 @@ impl Mapper {
         self.tracker.begin_touch();
         self.tape.push(TapedTouch { touch: self.touches, open: true, ..TapedTouch::default() });
         self.touches += 1;
+        self.samples = 0;
     }
 
     /// Folds one sample into the field: simulate, predict, correct, replay (Sec. II).
@@ -170,6 +175,7 @@ impl Mapper {
         // Where the arm pushes the points of the field, and by how much (assumption ii).
         let frame = self.tracker.feed(sample)?;
         let source = self.record(sample);
+        self.bound_tape();
         let contacts = frame.contacts.len();
         let Some(external) = frame.external.clone() else {
             return Ok(StepReport { contacts, external: None, predicted: None });
@@ -209,9 +215,11 @@ impl Mapper {
         &self.config
     }
 
-    /// Frames remembered, and the bytes that they hold.
+    /// Frames remembered, and the bytes that they and the tape hold; each of the two is bounded
+    /// by [`crate::replay::Limits::bytes`].
     pub fn memory(&self) -> (usize, usize) {
-        (self.estimator.sources().len(), self.estimator.memory_bytes())
+        let bytes = self.estimator.memory_bytes() + self.tape_bytes();
+        (self.estimator.sources().len(), bytes)
     }
 
     /// The field as it is now.
@@ -231,9 +239,12 @@ impl Mapper {
 
     /// Everything needed to go on later.
     pub fn snapshot(&self) -> Snapshot {
-        let state = self.estimator.state(self.rows.len());
+        let mut state = self.estimator.state(self.rows.len());
+        let lost = |touch: u32| self.tape.iter().any(|taped| taped.touch == touch && taped.lost);
+        state.remembered.retain(|(from, _)| !lost(from.touch));
         let needed: HashSet<u32> = state.remembered.iter().map(|(from, _)| from.touch).collect();
-        let keep = |touch: &&TapedTouch| touch.open || needed.contains(&touch.touch);
+        let keep =
+            |touch: &&TapedTouch| !touch.lost && (touch.open || needed.contains(&touch.touch));
         let arm = self.tracker.arm();
         Snapshot {
             config: self.config.clone(),
@@ -291,6 +302,8 @@ impl Mapper {
             }
         };
         mapper.touches = snapshot.touches;
+        let under_way = snapshot.tape.last().filter(|touch| touch.open);
+        mapper.samples = under_way.map_or(0, |touch| (touch.q.len() / n_joints) as u32);
         mapper.tape = snapshot.tape;
         Ok(mapper)
     }
@@ -335,10 +348,34 @@ impl Mapper {
     /// Puts a sample on the tape and says where it stands there.
     fn record(&mut self, sample: &Sample) -> Source {
         let touch = self.tape.last_mut().expect("feed refuses samples before a touch");
-        touch.q.extend_from_slice(&sample.q);
-        touch.tau.extend_from_slice(&sample.tau);
-        let samples = touch.q.len() / sample.q.len();
-        Source { touch: touch.touch, sample: (samples - 1) as u32 }
+        if !touch.lost {
+            touch.q.extend_from_slice(&sample.q);
+            touch.tau.extend_from_slice(&sample.tau);
+        }
+        self.samples += 1;
+        Source { touch: touch.touch, sample: self.samples - 1 }
+    }
+
+    /// Keeps the tape within the memory's bound on bytes: the oldest touches are frozen and their
+    /// samples dropped. A single touch that outgrows the bound goes on, but what it teaches is
+    /// frozen when the mapper is saved.
+    fn bound_tape(&mut self) {
+        while self.tape_bytes() > self.config.estimator.memory.bytes {
+            let oldest = &mut self.tape[0];
+            if oldest.open {
+                oldest.lost = true;
+                (oldest.q, oldest.tau) = (Vec::new(), Vec::new());
+            } else {
+                let touch = self.tape.remove(0).touch;
+                self.estimator.freeze(touch);
+            }
+        }
+    }
+
+    /// Bytes of the taped samples.
+    fn tape_bytes(&self) -> usize {
+        let numbers: usize = self.tape.iter().map(|touch| touch.q.len() + touch.tau.len()).sum();
+        numbers * size_of::<f64>()
     }
 
     /// Closes the last touch's tape and drops those that no remembered frame needs.

@@ -93,6 +93,22 @@ impl<T> Memory<T> {
         self.frames.swap_remove(frame)
     }
 
+    /// Takes out all frames that are not to be kept.
+    pub fn retain(&mut self, keep: impl Fn(&T) -> bool) {
+        let mut sizes = std::mem::take(&mut self.sizes).into_iter();
+        let mut kept_sizes = Vec::new();
+        self.frames.retain(|frame| {
+            let size = sizes.next().expect("one size a frame");
+            let kept = keep(frame);
+            if kept {
+                kept_sizes.push(size);
+            }
+            kept
+        });
+        self.bytes = kept_sizes.iter().sum();
+        self.sizes = kept_sizes;
+    }
+
     /// The frames in their present order.
     pub fn frames(&self) -> &[T] {
         &self.frames
@@ -142,6 +158,16 @@ mod tests {
         memory.push('a', 60);
         assert_eq!(memory.push('b', 101), ['b']);
         assert_eq!(memory.frames(), ['a']);
+    }
+
+    #[test]
+    fn what_is_not_retained_gives_its_bytes_back() {
+        let mut memory = Memory::new(Limits { frames: 10, bytes: 100 }, 7);
+        for frame in 0..6 {
+            memory.push(frame, 1 + frame);
+        }
+        memory.retain(|frame| frame % 2 == 1);
+        assert_eq!((memory.frames(), memory.bytes()), (&[1, 3, 5][..], 2 + 4 + 6));
     }
 
     #[test]

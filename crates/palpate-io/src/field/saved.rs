@@ -294,6 +294,7 @@ fn tape(arrays: &Arrays, path: &str) -> Result<(usize, Vec<TapedTouch>), SavedEr
         tape.push(TapedTouch {
             touch: touch[0] as u32,
             open: touch[2] != 0,
+            lost: false,
             q: q[start..end].to_vec(),
             tau: tau[start..end].to_vec(),
         });
