@@ -14,6 +14,7 @@ use serde_json::json;
 use crate::error::CliError;
 use crate::learn::{Tally, learn};
 use crate::output::{Output, mib, seconds};
+use crate::place::Places;
 use crate::settings::{AllSettings, Settings, SettingsError, first_difference};
 use crate::touches::Touches;
 use crate::{interrupt, picture, place, robot};
@@ -57,15 +58,32 @@ pub(crate) struct Args {
     settings: AllSettings,
 }
 
+impl Args {
+    /// Refuses results that cannot be written, or would replace what is read or each other.
+    fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
+        let mut places = Places::default();
+        places.input("the settings file", self.settings.path());
+        places.input("the robot", Some(Path::new(settings.robot.name())));
+        places.logs(&self.logs);
+        places.output("the field (--output)", Some(&self.output))?;
+        // Only the field itself may be replaced by the one that goes on from it.
+        places.input("the field to go on from (--from)", self.from.as_deref());
+        places.output("the picture (--picture)", self.picture.as_deref())
+    }
+}
+
 /// Learns a field and saves it.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let started = Instant::now();
     let settings = args.settings.load()?;
-    settings.config()?;
-    std::iter::once(&args.output).chain(&args.picture).try_for_each(|path| place::check(path))?;
+    if args.from.is_none() {
+        settings.config()?;
+    }
+    args.check_places(&settings)?;
     interrupt::listen();
     let touches = Touches::open(&args.logs, &settings.log.options())?;
     let arm = robot::load(&settings.robot, output)?;
+    settings.log.check_for(&arm.robot)?;
     let mut mapper = begin(args.from.as_deref(), &arm, &settings)?;
 
     output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
@@ -100,7 +118,7 @@ fn begin(from: Option<&Path>, arm: &Arc<Arm>, settings: &Settings) -> Result<Map
              without --no-memory"
         )));
     };
-    let given = settings.config_over(&snapshot.config)?;
+    let given = settings.config_over_saved(&snapshot.config)?;
     if let Some(difference) = first_difference(&snapshot.config, &given) {
         return Err(CliError::Usage(format!(
             "the settings contradict the field `{name}`, in which {difference}; leave them out \

@@ -1,6 +1,6 @@
 //! Places for results, tried before the work starts.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use palpate_io::atomic::{self, IfExists};
 
@@ -9,6 +9,87 @@ use crate::error::CliError;
 /// Refuses a place that cannot be written to; an older file there will be replaced.
 pub(crate) fn check(path: &Path) -> Result<(), CliError> {
     atomic::check(path, IfExists::Replace).map_err(CliError::file)
+}
+
+/// Everything that a command reads and writes, each in its own place.
+///
+/// Places are compared with links resolved. What is added last is held against all before it.
+#[derive(Debug, Default)]
+pub(crate) struct Places {
+    /// What each file is to the command, and where it is.
+    taken: Vec<(String, PathBuf)>,
+}
+
+impl Places {
+    /// Adds a file that is read, if there is one.
+    pub(crate) fn input(&mut self, role: &str, path: Option<&Path>) {
+        if let Some(place) = path.and_then(|path| path.canonicalize().ok()) {
+            self.taken.push((role.to_owned(), place));
+        }
+    }
+
+    /// Adds all files of logs.
+    pub(crate) fn logs(&mut self, logs: &[PathBuf]) {
+        for log in logs {
+            let role = format!("a file of the log `{}`", log.display());
+            let Ok(log) = log.canonicalize() else { continue };
+            let within = entries(&log).filter(|entry| entry.is_dir());
+            // The truth of a single touch lies beside its folder.
+            let beside = log.parent().map(|parent| parent.join("truth"));
+            let folders: Vec<PathBuf> =
+                std::iter::once(log.clone()).chain(within).chain(beside).collect();
+            // An array that is missing counts as well: to write it would make or break a touch.
+            let arrays = ["angles.npy", "torques.npy", "time.npy"];
+            let named = |folder: &PathBuf| arrays.map(|name| folder.join(name));
+            let mut files: Vec<PathBuf> = folders.iter().flat_map(named).collect();
+            // Tables beside arrays are not read.
+            let touches = files.iter().any(|file| !file.ends_with("time.npy") && file.is_file());
+            files.extend(
+                folders.iter().flat_map(|folder| entries(folder).filter(|file| is_array(file))),
+            );
+            files.extend(entries(&log).filter(|file| !touches && is_table(file)));
+            self.taken.extend(files.iter().filter_map(|f| Some((role.clone(), resolved(f)?))));
+            self.taken.push((role, log));
+        }
+    }
+
+    /// Adds a file that is written, if there is one: refuses it if it cannot be, or if it is one
+    /// of those added before.
+    pub(crate) fn output(&mut self, role: &str, path: Option<&Path>) -> Result<(), CliError> {
+        let Some(path) = path else { return Ok(()) };
+        check(path)?;
+        let Some(place) = resolved(path) else { return Ok(()) };
+        if let Some((other, _)) = self.taken.iter().find(|(_, taken)| *taken == place) {
+            return Err(CliError::Usage(format!(
+                "{role} would go to `{}`, which is {other}; give it a place of its own",
+                path.display()
+            )));
+        }
+        self.taken.push((format!("also the place of {role}"), place));
+        Ok(())
+    }
+}
+
+/// Where a file is or would be, with links resolved.
+fn resolved(path: &Path) -> Option<PathBuf> {
+    path.canonicalize().ok().or_else(|| {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        Some(folder.unwrap_or(Path::new(".")).canonicalize().ok()?.join(path.file_name()?))
+    })
+}
+
+/// What lies in a folder; nothing if it is none.
+fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    folder.read_dir().into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()))
+}
+
+fn is_array(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy"))
+}
+
+fn is_table(path: &Path) -> bool {
+    let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
+    ending.is_some_and(|ending| ending == "csv" || ending == "tsv")
 }
 
 /// Writes a text, whole or not at all.

@@ -163,3 +163,68 @@ fn the_demo_beats_predicting_zero_and_leaves_its_results() {
     assert!(overall["avg_error"].as_f64() < overall["zero"]["avg_error"].as_f64(), "{overall}");
     assert_eq!(common::names(&scene.path("demo")), ["field.npz", "field.svg", "torques.svg"]);
 }
+
+#[test]
+fn going_on_with_the_settings_that_made_the_field_works_for_any_box() {
+    let scene = Scene::new();
+    let out = scene.text("out/s.npz");
+    let file = scene.text("s.toml");
+    let map = |log: &str, more: &[&str]| {
+        let mut map = palpate();
+        map.arg("map").arg(scene.path(log)).args(scene.settings());
+        map.args(["-o", &out, "--settings", &file]).args(more);
+        map
+    };
+    let boxes = [
+        "spacing_m = 0.034",
+        "spacing_m = 0.034\nbox_low_m = [-1.0, -1.0, -1.0]",
+        "spacing_m = 0.034\nbox_high_m = [1.0, 1.0, 1.0]",
+        "spacing_m = 0.034\nbox_low_m = [-1.0, -1.0, -1.0]\nbox_high_m = [0.9, 0.8, 0.77]",
+        "spacing_m = 0.034\norigin_m = [-1.0, -1.0, -1.0]\nshape = [60, 60, 60]",
+    ];
+    for lattice in boxes {
+        fs::write(&file, format!("[lattice]\n{lattice}\n")).unwrap();
+        succeed(&mut map("log/seq_0", &[]));
+        let made = field(&scene, "out/s.npz").field.lattice;
+        succeed(&mut map("log/seq_1", &["--from", &out]));
+        assert_eq!(field(&scene, "out/s.npz").field.lattice, made, "{lattice}");
+    }
+    fs::write(&file, "[lattice]\nbox_low_m = [-1.0, -1.0, -1.1]\n").unwrap();
+    refuse(&mut map("log/seq_1", &["--from", &out]), 2, &["contradict", "lattice"]);
+}
+
+#[test]
+fn a_fine_field_goes_on_without_its_box() {
+    let scene = Scene::new();
+    let out = scene.text("out/fine.npz");
+    let map = |log: &str, more: &[&str]| {
+        let mut map = palpate();
+        map.arg("map").arg(scene.path(log)).args(scene.settings());
+        map.args(["-o", &out, "--spacing-m", "0.001"]).args(more);
+        map
+    };
+    // Above the arm, where nothing is touched and so many points cost nothing.
+    let small = ["--box-low-m", "0.6,0.1,0.3", "--box-high-m", "0.8,0.3,0.5"];
+    succeed(&mut map("log/seq_0", &small));
+    succeed(&mut map("log/seq_1", &["--from", &out]));
+}
+
+#[test]
+fn degrees_are_refused_for_a_robot_that_slides() {
+    let scene = Scene::new();
+    succeed(&mut scene.map(&["log"], &[]));
+    let slide = r#"name="elbow" type="prismatic""#;
+    let urdf = common::URDF.replace(r#"name="elbow" type="continuous""#, slide).replace(
+        "<origin xyz=\"0.4 0 0\"/>",
+        "<origin xyz=\"0.4 0 0\"/><limit lower=\"-1\" upper=\"1\" effort=\"9\" velocity=\"1\"/>",
+    );
+    fs::write(scene.path("tiny.urdf"), urdf).unwrap();
+    let degrees = ["--angle-unit", "deg"];
+    let words = ["elbow", "prismatic", "radians"];
+    refuse(&mut scene.map(&["log"], &degrees), 2, &words);
+    refuse(&mut scene.predict(&["log"], &degrees), 2, &words);
+    let mut inspect = palpate();
+    inspect.arg("inspect").arg(scene.path("log")).args(scene.settings()).args(degrees);
+    let told = common::stdout(&inspect.output().unwrap());
+    assert!(told.contains("prismatic"), "{told}");
+}

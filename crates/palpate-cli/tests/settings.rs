@@ -5,7 +5,7 @@ mod common;
 
 use std::fs;
 
-use common::{Scene, palpate, succeed};
+use common::{Scene, palpate, refuse, succeed};
 
 #[test]
 fn the_template_holds_every_setting_and_reads_back_as_itself() {
@@ -58,5 +58,57 @@ fn completions_name_the_subcommands_and_flags() {
         for word in ["predict", "inspect", "prior-std"] {
             assert!(script.contains(word), "{shell}: {word}");
         }
+    }
+}
+
+#[test]
+fn the_template_of_a_box_that_does_not_divide_gives_the_same_lattice() {
+    let scene = Scene::new();
+    let text = "[lattice]\nspacing_m = 0.13\nbox_low_m = [-1.0, -1.0, -1.0]\n";
+    fs::write(scene.path("s.toml"), text).unwrap();
+    let template = succeed(palpate().args(["settings", "--settings", &scene.text("s.toml")]));
+    fs::write(scene.path("t.toml"), template).unwrap();
+    let lattice = |settings: &str| {
+        let out = scene.text("out/f.npz");
+        let more = ["-o", &out, "--settings", &scene.text(settings)];
+        let mut map = palpate();
+        map.arg("map").arg(scene.path("log")).args(scene.settings()).args(more);
+        succeed(&mut map);
+        palpate_io::field::load(out.as_ref()).unwrap().field.lattice
+    };
+    let (file, template) = (lattice("s.toml"), lattice("t.toml"));
+    assert_eq!(file.shape(), [16; 3]);
+    assert_eq!(file, template);
+}
+
+#[test]
+fn a_tare_is_given_in_one_way_only() {
+    let scene = Scene::new();
+    let file = scene.text("p.toml");
+    let mut settings = palpate();
+    settings.args(["settings", "--settings", &file]);
+    fs::write(&file, "[touch]\nno_tare = true\ntare_frames = 10\n").unwrap();
+    refuse(&mut settings, 2, &["p.toml", "no_tare", "tare_frames"]);
+    fs::write(&file, "[touch]\ntare_frames = 10\n").unwrap();
+    let kept = succeed(settings.arg("--no-tare=false"));
+    assert!(kept.contains("\ntare_frames = 10\n"), "{kept}");
+}
+
+#[test]
+fn values_that_nobody_can_mean_are_refused() {
+    for (flag, value, key) in
+        [("--bake-spacing-m", "0.06", "bake_spacing_m"), ("--replays", "100001", "replays")]
+    {
+        refuse(palpate().args(["settings", flag, value]), 2, &["bad setting", key, value]);
+    }
+    succeed(palpate().args(["settings", "--bake-spacing-m", "0.05", "--replays", "100000"]));
+}
+
+#[test]
+fn help_tells_the_defaults() {
+    let help =
+        succeed(palpate().args(["map", "--help"])).split_whitespace().collect::<Vec<_>>().join(" ");
+    for default in ["[default: 0.024]", "[default: 0.2 for map, 1.5 for ekf]"] {
+        assert!(help.contains(default), "{default}");
     }
 }

@@ -49,6 +49,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         return Err(CliError::Usage(format!("--hold-out is {asked}; it must be from 0 to {last}")));
     }
     let settings = Settings { estimator: args.estimator.clone(), ..Settings::default() };
+    settings.check()?;
     let config = settings.config()?;
     let folder = Folder::make(&args.output)?;
     interrupt::listen();

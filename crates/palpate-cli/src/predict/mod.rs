@@ -7,7 +7,7 @@ mod export;
 mod report;
 mod score;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use palpate::arm::Arm;
@@ -15,6 +15,7 @@ use palpate_io::field::{self, Saved};
 
 use crate::error::CliError;
 use crate::output::Output;
+use crate::place::Places;
 use crate::settings::RobotAndLogSettings;
 use crate::touches::Touches;
 use crate::{interrupt, picture, place, robot};
@@ -66,15 +67,29 @@ pub(crate) struct Args {
     settings: RobotAndLogSettings,
 }
 
+impl Args {
+    /// Refuses results that cannot be written, or would replace what is read or each other.
+    fn check_places(&self, robot: &str) -> Result<(), CliError> {
+        let mut places = Places::default();
+        places.input("the field", Some(&self.field));
+        places.input("the settings file", self.settings.path());
+        places.input("the robot", Some(Path::new(robot)));
+        places.logs(&self.logs);
+        places.output("the torques (--output)", self.output.as_deref())?;
+        places.output("the picture (--picture)", self.picture.as_deref())
+    }
+}
+
 /// Predicts the touches of logs and prints the errors.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings = args.settings.load()?;
     let export = args.output.as_deref().map(export::Format::of).transpose()?;
-    args.output.iter().chain(&args.picture).try_for_each(|path| place::check(path))?;
+    args.check_places(settings.robot.name())?;
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
     let touches = Touches::open(&args.logs, &settings.log.options())?;
     let arm = robot::load(&settings.robot, output)?;
+    settings.log.check_for(&arm.robot)?;
     tell_other_robot(&saved, &arm, output);
 
     let touch = settings.touch.over_config(&saved.field.touch);

@@ -79,7 +79,14 @@ fn parse(path: &Path, text: &str) -> Result<Settings, SettingsError> {
         message: error.to_string().trim_end().to_owned(),
     };
     check_keys(path, text, DeTable::parse(text).map_err(broken)?.get_ref())?;
-    toml::from_str(text).map_err(broken)
+    let settings: Settings = toml::from_str(text).map_err(broken)?;
+    if settings.touch.no_tare == Some(true) && settings.touch.tare_frames.is_some() {
+        return Err(SettingsError::Together(format!(
+            "`{}`: no_tare = true and tare_frames exclude each other; leave one of them out",
+            path.display()
+        )));
+    }
+    Ok(settings)
 }
 
 /// Refuses the first key, in the file's order, that is not known.

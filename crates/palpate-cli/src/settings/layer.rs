@@ -39,12 +39,13 @@ impl RobotSettings {
 
 impl TouchSettings {
     fn over(self, lower: Self) -> Self {
-        // The two say the same thing: whoever gives one of them overrules both below.
-        let tare_given = self.tare_frames.is_some() || self.no_tare.is_some();
-        let tare = if tare_given { &self } else { &lower };
+        // Frames given above turn off a `no_tare` below, and a `no_tare` above the frames below;
+        // that there is a tare after all says nothing of its frames.
+        let by_frames = self.tare_frames.is_some();
+        let no_tare = self.no_tare == Some(true);
         Self {
-            tare_frames: tare.tare_frames,
-            no_tare: tare.no_tare,
+            tare_frames: self.tare_frames.or(lower.tare_frames.filter(|_| !no_tare)),
+            no_tare: self.no_tare.or(lower.no_tare.filter(|_| !by_frames)),
             torque_sign: self.torque_sign.or(lower.torque_sign),
             gravity: self.gravity.or(lower.gravity),
             still_rad: self.still_rad.or(lower.still_rad),

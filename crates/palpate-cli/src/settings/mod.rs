@@ -11,7 +11,7 @@ mod resolve;
 pub(crate) mod sections;
 pub(crate) mod template;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use palpate::mapper::MapperError;
@@ -73,6 +73,11 @@ struct SettingsFile {
 }
 
 impl AllSettings {
+    /// The settings file, if one was given.
+    pub(crate) fn path(&self) -> Option<&Path> {
+        self.file.path.as_deref()
+    }
+
     /// The flags over the file's values.
     pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
         self.file.under(self.flags.clone())
@@ -80,6 +85,11 @@ impl AllSettings {
 }
 
 impl RobotAndLogSettings {
+    /// The settings file, if one was given.
+    pub(crate) fn path(&self) -> Option<&Path> {
+        self.file.path.as_deref()
+    }
+
     /// The flags over the file's values.
     pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
         let (robot, log, touch) = (self.robot.clone(), self.log.clone(), self.touch);
@@ -89,10 +99,12 @@ impl RobotAndLogSettings {
 
 impl SettingsFile {
     fn under(&self, flags: Settings) -> Result<Settings, SettingsError> {
-        match &self.path {
-            Some(path) => Ok(flags.over(file::read(path)?)),
-            None => Ok(flags),
-        }
+        let settings = match &self.path {
+            Some(path) => flags.over(file::read(path)?),
+            None => flags,
+        };
+        settings.check()?;
+        Ok(settings)
     }
 }
 
@@ -113,6 +125,9 @@ pub(crate) enum SettingsError {
     /// A value outside its range.
     #[error("bad setting: {0}")]
     Value(Box<MapperError>),
+    /// A value that would only cost hours or ruin the surface.
+    #[error("bad setting: {key} is {found}; it must be at most {limit}: {reason}")]
+    TooLarge { key: &'static str, found: f64, limit: f64, reason: &'static str },
     /// A box that is none.
     #[error("bad lattice: {0}")]
     Lattice(#[from] palpate::lattice::LatticeError),

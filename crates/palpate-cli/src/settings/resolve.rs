@@ -6,9 +6,9 @@ use palpate::contact;
 use palpate::estimator::{EstimatorConfig, Method};
 use palpate::lattice::{Lattice, LatticeError};
 use palpate::mapper::Config;
-use palpate::robot::Payload;
+use palpate::robot::{JointKind, Payload, Robot};
 use palpate::touch::{self, Tare};
-use palpate_io::log::LogOptions;
+use palpate_io::log::{AngleUnit, LogOptions};
 
 use super::parse::TareFrames;
 use super::sections::{
@@ -16,24 +16,60 @@ use super::sections::{
 };
 use super::{Settings, SettingsError};
 
+/// Baked coarser than this, m, a link loses its shape.
+const BAKE_SPACING_LIMIT_M: f64 = 0.05;
+/// More replays than this after each frame take hours for a touch.
+const REPLAYS_LIMIT: u32 = 100_000;
+
 impl Settings {
-    /// The configuration of a new field.
-    pub(crate) fn config(&self) -> Result<Config, SettingsError> {
-        self.config_over(&Config::of(self.estimator.estimator.unwrap_or_default()))
+    /// Refuses values that the core takes but nobody can mean.
+    pub(crate) fn check(&self) -> Result<(), SettingsError> {
+        let too_large = |key, found, limit, reason| {
+            if found > limit {
+                Err(SettingsError::TooLarge { key, found, limit, reason })
+            } else {
+                Ok(())
+            }
+        };
+        let spacing_m = self.robot.bake_spacing_m.unwrap_or(0.0);
+        let reason = "a coarser link loses its shape";
+        too_large("bake_spacing_m", spacing_m, BAKE_SPACING_LIMIT_M, reason)?;
+        let replays = f64::from(self.estimator.replays.unwrap_or(0));
+        let reason = "more would take hours for a touch";
+        too_large("replays", replays, f64::from(REPLAYS_LIMIT), reason)
     }
 
-    /// The configuration with everything that was not given taken from `base`.
-    pub(crate) fn config_over(&self, base: &Config) -> Result<Config, SettingsError> {
+    /// The configuration of a new field.
+    pub(crate) fn config(&self) -> Result<Config, SettingsError> {
+        let base = Config::of(self.estimator.estimator.unwrap_or_default());
+        let lattice = self.lattice.over_lattice(&base.lattice)?;
+        Ok(self.with_lattice(lattice, &base))
+    }
+
+    /// The configuration with everything that was not given taken from that of a saved field.
+    ///
+    /// Settings that the field's lattice may have come from give that very lattice: a box that is
+    /// no multiple of the spacing is larger than what fills it, and cannot be told from it.
+    pub(crate) fn config_over_saved(&self, saved: &Config) -> Result<Config, SettingsError> {
+        let lattice = if self.lattice.may_give(&saved.lattice) {
+            saved.lattice.clone()
+        } else {
+            self.lattice.over_lattice(&saved.lattice)?
+        };
+        Ok(self.with_lattice(lattice, saved))
+    }
+
+    fn with_lattice(&self, lattice: Lattice, base: &Config) -> Config {
         let method = self.estimator.estimator.unwrap_or(base.method);
         let shipped = EstimatorConfig::of(method);
         let estimator = if method == base.method { &base.estimator } else { &shipped };
-        Ok(Config {
-            lattice: self.lattice.over_lattice(&base.lattice)?,
+        Config {
+            lattice,
             contact: self.contact.over_config(&base.contact),
             touch: self.touch.over_config(&base.touch),
             method,
             estimator: self.estimator.over_config(estimator),
-        })
+        }
     }
 }
 
@@ -66,6 +102,24 @@ impl LogSettings {
         let (columns, angle_unit) = (self.columns.clone(), self.angle_unit.unwrap_or_default());
         LogOptions { columns, angle_unit }
     }
+
+    /// Refuses degrees for a robot of which some positions are no angles.
+    pub(crate) fn check_for(&self, robot: &Robot) -> Result<(), SettingsError> {
+        let mut joints = robot.joints().iter();
+        let slides = joints.find(|joint| joint.kind == JointKind::Prismatic);
+        match slides {
+            Some(joint) if self.options().angle_unit == AngleUnit::Deg => {
+                Err(SettingsError::Together(format!(
+                    "angle_unit is deg, but joint `{}` of the robot `{}` is prismatic: its metres \
+                     would be turned into radians; convert the angles of the log to radians, and \
+                     leave angle_unit (--angle-unit) out",
+                    joint.name,
+                    robot.name()
+                )))
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 impl TouchSettings {
@@ -88,6 +142,26 @@ impl TouchSettings {
 }
 
 impl LatticeSettings {
+    /// Whether some box with the one corner that was given is filled by this lattice.
+    ///
+    /// A lattice stands in the middle of its box, so the other corner is the mirror image.
+    fn may_give(&self, saved: &Lattice) -> bool {
+        let (low_m, high_m) = corners(saved);
+        let mirrored = |corner_m: [f64; 3]| {
+            std::array::from_fn(|axis| low_m[axis] + high_m[axis] - corner_m[axis])
+        };
+        let (low_m, high_m) = match (self.box_low_m, self.box_high_m) {
+            (Some(low_m), None) => (low_m, mirrored(low_m)),
+            (None, Some(high_m)) => (mirrored(high_m), high_m),
+            _ => return false, // There is nothing to guess.
+        };
+        let spacing_m = self.spacing_m.unwrap_or(saved.spacing_m());
+        self.origin_m.is_none()
+            && self.shape.is_none()
+            && Lattice::filling(low_m, high_m, spacing_m)
+                .is_ok_and(|lattice| same_lattice(&lattice, saved))
+    }
+
     fn over_lattice(&self, base: &Lattice) -> Result<Lattice, SettingsError> {
         let by_box = self.box_low_m.is_some() || self.box_high_m.is_some();
         let by_shape = self.origin_m.is_some() || self.shape.is_some();
@@ -164,12 +238,17 @@ impl EstimatorSettings {
     }
 }
 
+/// Whether two lattices differ by no more than the dust of arithmetic.
+fn same_lattice(a: &Lattice, b: &Lattice) -> bool {
+    (a.spacing_m() - b.spacing_m()).abs() < 1e-9
+        && (a.origin_m() - b.origin_m()).amax() < 1e-9
+        && a.shape() == b.shape()
+}
+
 /// The first setting in which a configuration departs from that of a saved field.
 pub(crate) fn first_difference(saved: &Config, given: &Config) -> Option<String> {
     let (a, b) = (&saved.lattice, &given.lattice);
-    let near = |x: f64, y: f64| (x - y).abs() < 1e-9;
-    let same_place = (a.origin_m() - b.origin_m()).amax() < 1e-9;
-    if !(near(a.spacing_m(), b.spacing_m()) && same_place && a.shape() == b.shape()) {
+    if !same_lattice(a, b) {
         let say = |lattice: &Lattice| {
             let origin_m: [f64; 3] = lattice.origin_m().into();
             format!(

@@ -123,22 +123,22 @@ pub(crate) struct LatticeSettings {
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Contact")]
 pub(crate) struct ContactSettings {
-    /// How far from its surface a link takes hold of a point, m
+    /// How far from its surface a link takes hold of a point, m [default: 0.024]
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub contact_distance_m: Option<f64>,
-    /// Tangential over normal displacement at which a point begins to slip
+    /// Tangential over normal displacement at which a point begins to slip [default: 0.3]
     #[arg(long, value_name = "MU", allow_negative_numbers = true)]
     pub friction: Option<f64>,
-    /// Farthest that a point slips in one iteration, m
+    /// Farthest that a point slips in one iteration, m [default: 0.006]
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub slip_step_m: Option<f64>,
-    /// Slip iterations of one motion; 0 makes points stick
+    /// Slip iterations of one motion; 0 makes points stick [default: 10]
     #[arg(long, value_name = "N")]
     pub slip_iterations: Option<u32>,
-    /// Farthest that a link moves in one sub-step, in cells
+    /// Farthest that a link moves in one sub-step, in cells [default: 0.5]
     #[arg(long, value_name = "CELLS", allow_negative_numbers = true)]
     pub substep_cells: Option<f64>,
-    /// Whether points inside the arm at the start of a touch are empty space
+    /// Whether points inside the arm at the start of a touch are empty space [default: true]
     #[arg(long, value_name = "BOOL")]
     pub known_empty: Option<bool>,
 }
@@ -153,27 +153,30 @@ pub(crate) struct EstimatorSettings {
     #[arg(long, value_name = "NAME", value_parser = named::<Method>(&["map", "ekf"]))]
     pub estimator: Option<Method>,
     /// Stiffness of an untouched cell of 1 cm, N/m; scales with the spacing cubed
+    /// [default: 0.0 for map, 0.006 for ekf]
     #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
     pub prior_mean: Option<f64>,
     /// Standard deviation of an untouched cell of 1 cm, N/m; scales with the spacing to the 1.5
+    /// [default: 0.76]
     #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
     pub prior_std: Option<f64>,
     /// Torque that the model may leave unexplained, N·m: one value, or one for each joint
+    /// [default: 0.2 for map, 1.5 for ekf]
     #[arg(long, value_name = "N_M", value_delimiter = ',', allow_hyphen_values = true)]
     pub torque_std: Option<Vec<f64>>,
-    /// How much a cell of 1 cm may change in a step, N/m; `ekf` only
+    /// How much a cell of 1 cm may change in a step, N/m; `ekf` only [default: 0.0]
     #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
     pub drift_std: Option<f64>,
-    /// Remembered frames visited again after each new one
+    /// Remembered frames visited again after each new one [default: 20]
     #[arg(long, value_name = "N")]
     pub replays: Option<u32>,
-    /// Frames remembered at most
+    /// Frames remembered at most [default: 20000]
     #[arg(long, value_name = "N")]
     pub memory_frames: Option<usize>,
-    /// Memory of the remembered frames at most, MiB
+    /// Memory of the remembered frames at most, MiB [default: 256]
     #[arg(long, value_name = "MIB")]
     pub memory_mib: Option<usize>,
-    /// Seed of the draws from memory
+    /// Seed of the draws from memory [default: 0]
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
 }

@@ -1,5 +1,6 @@
 //! `palpate settings`: what holds, as a commented file to start from.
 
+use palpate::lattice::Lattice;
 use palpate::touch::Tare;
 
 use super::parse::TareFrames;
@@ -31,7 +32,9 @@ impl Settings {
             all.lattice.origin_m = Some(lattice.origin_m().into());
             all.lattice.shape = Some(lattice.shape());
         } else {
-            let (low_m, high_m) = corners(lattice);
+            // A box that is no multiple of the spacing is larger than what fills it: only the box
+            // that was filled gives the same points again.
+            let (low_m, high_m) = corners(&Lattice::default());
             all.lattice.box_low_m = all.lattice.box_low_m.or(Some(low_m.map(rounded)));
             all.lattice.box_high_m = all.lattice.box_high_m.or(Some(high_m.map(rounded)));
         }
@@ -90,6 +93,9 @@ fn rounded(length_m: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use palpate::estimator::Method;
+
+    use super::super::sections::EstimatorSettings;
     use super::*;
 
     #[test]
@@ -99,5 +105,28 @@ mod tests {
         assert_eq!(read.template().unwrap(), text);
         let (shipped, read) = (Settings::default().config().unwrap(), read.config().unwrap());
         assert_eq!(super::super::first_difference(&shipped, &read), None);
+    }
+
+    #[test]
+    fn the_help_tells_the_defaults_of_the_core() {
+        let of = |method| {
+            let estimator = EstimatorSettings { estimator: Some(method), ..Default::default() };
+            let settings = Settings { estimator, ..Settings::default() };
+            toml::Table::try_from(settings.effective().unwrap()).unwrap()
+        };
+        let (map, ekf) = (of(Method::Map), of(Method::Ekf));
+        let keys = Keys::all().sections.into_iter();
+        for (section, args) in keys.filter(|(name, _)| ["contact", "estimator"].contains(name)) {
+            for arg in args.iter().filter(|arg| arg.get_id() != "estimator") {
+                let default = |table: &toml::Table| {
+                    let value = table[section][arg.get_id().as_str()].to_string();
+                    value.trim_matches(['[', ']']).to_owned()
+                };
+                let (map, ekf) = (default(&map), default(&ekf));
+                let told = if map == ekf { map } else { format!("{map} for map, {ekf} for ekf") };
+                let help = arg.get_help().unwrap().to_string();
+                assert!(help.ends_with(&format!("[default: {told}]")), "{told}: {help}");
+            }
+        }
     }
 }

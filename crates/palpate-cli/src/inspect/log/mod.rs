@@ -77,6 +77,10 @@ pub(super) fn inspect(
         return Ok((None, findings));
     }
     let robot = &arm.robot;
+    if let Err(error) = settings.log.check_for(robot) {
+        let remedy = "a log of a robot with a prismatic joint must be in radians and metres";
+        findings.push(Finding::error("angle_unit", error.to_string(), remedy));
+    }
     let (matching, unmatched) = record.match_joints(robot);
     findings.extend(unmatched);
     let mut facts = LogFacts::new(&record, robot.name(), matching);
