@@ -189,13 +189,15 @@ fn a_long_motion_asks_for_substeps_so_that_nothing_tunnels() {
     assert_eq!((substeps(0.0), substeps(0.004), substeps(0.021)), (1, 1, 5)); // half a cell each
 }
 
-/// Contacts after a tracker was fed these joint positions, one sample each.
+/// Contacts after a tracker was fed these joint positions, one sample each; what is met sticks, so
+/// that every place the arm passed shows.
 fn tracked(urdf: &str, lattice: &Lattice, samples: &[&[f64]]) -> Result<Contacts, TouchError> {
     let robot = Robot::from_urdf(urdf).unwrap();
     let baked = Arm::bake(robot, &sdf::Config::default(), |_| unreachable!("primitives only"));
     let touch = touch::Config { tare: touch::Tare::None, ..touch::Config::default() };
     let arm = Arc::new(baked.unwrap().0);
-    let mut tracker = Tracker::new(arm, lattice.clone(), config(), touch).unwrap();
+    let sticky = Config { slip_iterations: 0, ..config() };
+    let mut tracker = Tracker::new(arm, lattice.clone(), sticky, touch).unwrap();
     tracker.begin_touch();
     let mut contacts = Contacts::default();
     for q in samples {
@@ -224,6 +226,35 @@ fn a_turn_in_one_sample_touches_what_it_touches_in_many() {
     let slow = tracked(&urdf, &lattice, &fine).unwrap();
     let fast = tracked(&urdf, &lattice, &[&[0.0], &[3.0]]).unwrap();
     assert!(slow.len() > 100, "{}", slow.len());
+    let share = fast.len() as f64 / slow.len() as f64;
+    assert!((0.9..1.1).contains(&share), "{} in one sample, {} in many", fast.len(), slow.len());
+}
+
+#[test]
+fn joints_that_end_where_they_began_have_still_moved_the_links_between() {
+    // Shoulder and elbow turn so that the ball at the end comes back to its place: the ends of
+    // the motion are alike, and between them it sweeps the workspace.
+    let hinge = |name: &str, parent: &str, child: &str, x: f64| {
+        format!(
+            "<joint name='{name}' type='continuous'><origin xyz='{x} 0 0'/><parent \
+             link='{parent}'/><child link='{child}'/><axis xyz='0 0 1'/></joint>"
+        )
+    };
+    let urdf = format!(
+        "<robot name='elbow'><link name='base'/><link name='upper'/><link name='ball'><collision>\
+         <origin xyz='0.3 0 0'/><geometry><sphere radius='0.05'/></geometry></collision></link>\
+         {}{}</robot>",
+        hinge("shoulder", "base", "upper", 0.0),
+        hinge("elbow", "upper", "ball", 0.3)
+    );
+    // From (-0.7, 1.4) to (0.7, -1.4) the ball goes out along x from 0.46 to 0.6 m, and back.
+    let lattice = Lattice::new([-0.7; 3], 0.02, [71; 3]).unwrap();
+    let many: Vec<[f64; 2]> =
+        (0..=2000).map(|step| 0.7 - f64::from(step) * 0.0007).map(|a| [-a, 2.0 * a]).collect();
+    let many: Vec<&[f64]> = many.iter().map(|q| &q[..]).collect();
+    let slow = tracked(&urdf, &lattice, &many).unwrap();
+    let fast = tracked(&urdf, &lattice, &[many[0], many[2000]]).unwrap();
+    assert!(slow.len() > 20, "{}", slow.len());
     let share = fast.len() as f64 / slow.len() as f64;
     assert!((0.9..1.1).contains(&share), "{} in one sample, {} in many", fast.len(), slow.len());
 }
