@@ -12,14 +12,14 @@
 //! indexed by *row*, the order in which cells were first touched. The module knows neither
 //! stiffness nor contact.
 
+mod bricks;
+mod rows;
+
 use nalgebra::{Point3, Vector3};
-use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 
-/// Cells along one edge of a brick.
-pub const BRICK_EDGE: u32 = 8;
-/// Cells in a brick.
-pub const BRICK_CELLS: usize = (BRICK_EDGE * BRICK_EDGE * BRICK_EDGE) as usize;
+pub use bricks::{BRICK_CELLS, BRICK_EDGE, BrickBits, Bricks, CellSet};
+pub use rows::CellRows;
 
 /// A cell's number in its lattice: x runs fastest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -227,194 +227,6 @@ impl Lattice {
     }
 }
 
-/// Values of cells in bricks of 8³, each made when one of its cells is first asked for.
-///
-/// Memory follows the bricks in use, never the lattice's size.
-#[derive(Debug, Clone)]
-pub struct Bricks<T> {
-    slots: FxHashMap<[u32; 3], u32>,
-    bricks: Vec<T>,
-}
-
-impl<T> Default for Bricks<T> {
-    fn default() -> Self {
-        Self { slots: FxHashMap::default(), bricks: Vec::new() }
-    }
-}
-
-impl<T> Bricks<T> {
-    /// The brick of a place, and the place's number inside it (0..512).
-    pub fn locate(place: [u32; 3]) -> ([u32; 3], usize) {
-        let [i, j, k] = place.map(|n| n % BRICK_EDGE);
-        (place.map(|n| n / BRICK_EDGE), (i + BRICK_EDGE * (j + BRICK_EDGE * k)) as usize)
-    }
-
-    /// The values of a brick, if it is in use.
-    pub fn get(&self, brick: [u32; 3]) -> Option<&T> {
-        self.slots.get(&brick).map(|&slot| &self.bricks[slot as usize])
-    }
-
-    /// The values of a brick, made with `fresh` at first use.
-    pub fn get_or_insert_with(&mut self, brick: [u32; 3], fresh: impl FnOnce() -> T) -> &mut T {
-        let slot = *self.slots.entry(brick).or_insert_with(|| {
-            self.bricks.push(fresh());
-            (self.bricks.len() - 1) as u32
-        });
-        &mut self.bricks[slot as usize]
-    }
-
-    /// Bricks in use.
-    pub fn len(&self) -> usize {
-        self.bricks.len()
-    }
-
-    /// Whether no brick is in use.
-    pub fn is_empty(&self) -> bool {
-        self.bricks.is_empty()
-    }
-
-    /// Gives all bricks back.
-    pub fn clear(&mut self) {
-        self.slots.clear();
-        self.bricks.clear();
-    }
-}
-
-/// A bit for each cell of a brick.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct BrickBits([u64; BRICK_CELLS / 64]);
-
-impl BrickBits {
-    /// The bit of a cell, by its number inside the brick.
-    pub fn get(&self, inside: usize) -> bool {
-        self.0[inside / 64] >> (inside % 64) & 1 == 1
-    }
-
-    /// Whether all bits of a cube of `edge` cells a side are set; `low` is its first place.
-    ///
-    /// A word is one layer along z, a byte of it one row along x, so this is one look a layer.
-    ///
-    /// # Panics
-    ///
-    /// If the cube reaches beyond the brick that `low` lies in, which is a bug in the caller.
-    pub fn holds_cube(&self, low: [u32; 3], edge: u32) -> bool {
-        let [i, j, k] = low.map(|n| n % BRICK_EDGE);
-        assert!([i, j, k].iter().all(|n| n + edge <= BRICK_EDGE), "cubes do not straddle bricks");
-        let row = u64::MAX >> (64 - edge) << i;
-        let layer = (j..j + edge).fold(0, |layer, j| layer | row << (BRICK_EDGE * j));
-        (k..k + edge).all(|k| self.0[k as usize] & layer == layer)
-    }
-}
-
-/// A set of cells, a bit each, in bricks.
-#[derive(Debug, Clone, Default)]
-pub struct CellSet {
-    bricks: Bricks<BrickBits>,
-}
-
-impl CellSet {
-    /// Whether the set holds the cell at a place.
-    pub fn contains(&self, place: [u32; 3]) -> bool {
-        let (brick, inside) = Bricks::<()>::locate(place);
-        self.brick(brick).get(inside)
-    }
-
-    /// The bits of a whole brick, to be looked up once for all its cells.
-    pub fn brick(&self, brick: [u32; 3]) -> BrickBits {
-        self.bricks.get(brick).copied().unwrap_or_default()
-    }
-
-    /// Adds the cell at a place.
-    pub fn insert(&mut self, place: [u32; 3]) {
-        let (brick, inside) = Bricks::<()>::locate(place);
-        let bits = self.bricks.get_or_insert_with(brick, BrickBits::default);
-        bits.0[inside / 64] |= 1 << (inside % 64);
-    }
-
-    /// Takes the cell at a place out.
-    pub fn remove(&mut self, place: [u32; 3]) {
-        let (brick, inside) = Bricks::<()>::locate(place);
-        let bits = self.bricks.get_or_insert_with(brick, BrickBits::default);
-        bits.0[inside / 64] &= !(1 << (inside % 64));
-    }
-
-    /// Takes all cells out.
-    pub fn clear(&mut self) {
-        self.bricks.clear();
-    }
-}
-
-/// Cells numbered in the order of their first touch, with their rest points.
-///
-/// Arrays over *rows* hold the touched part of the world without gaps, and cells touched
-/// together lie together.
-#[derive(Debug, Clone)]
-pub struct CellRows {
-    lattice: Lattice,
-    rows: Bricks<Box<[u32; BRICK_CELLS]>>,
-    cells: Vec<CellId>,
-    points_m: Vec<[f32; 3]>,
-}
-
-/// The row number of a cell that has none.
-const NO_ROW: u32 = u32::MAX;
-
-impl CellRows {
-    /// No rows yet.
-    pub fn new(lattice: Lattice) -> Self {
-        Self { lattice, rows: Bricks::default(), cells: Vec::new(), points_m: Vec::new() }
-    }
-
-    /// The lattice that the cells belong to.
-    pub fn lattice(&self) -> &Lattice {
-        &self.lattice
-    }
-
-    /// The row of a cell, which gets the next one if it has none.
-    ///
-    /// # Panics
-    ///
-    /// If the cell is not one of the lattice's, which is a bug in the caller.
-    pub fn row_of(&mut self, cell: CellId) -> u32 {
-        assert!(self.lattice.contains(cell), "{cell:?} is not in the lattice");
-        let place = self.lattice.place(cell);
-        let (brick, inside) = Bricks::<()>::locate(place);
-        let brick = self.rows.get_or_insert_with(brick, || Box::new([NO_ROW; BRICK_CELLS]));
-        if brick[inside] == NO_ROW {
-            brick[inside] = self.cells.len() as u32;
-            self.cells.push(cell);
-            self.points_m.push(self.lattice.point_at(place).coords.cast::<f32>().into());
-        }
-        brick[inside]
-    }
-
-    /// The row of a cell, if it was ever touched.
-    pub fn find(&self, cell: CellId) -> Option<u32> {
-        let (brick, inside) = Bricks::<()>::locate(self.lattice.place(cell));
-        self.rows.get(brick).map(|rows| rows[inside]).filter(|&row| row != NO_ROW)
-    }
-
-    /// The touched cells, by row.
-    pub fn cells(&self) -> &[CellId] {
-        &self.cells
-    }
-
-    /// The touched cells' rest points by row, world frame, m.
-    pub fn points_m(&self) -> &[[f32; 3]] {
-        &self.points_m
-    }
-
-    /// Rows in use.
-    pub fn len(&self) -> usize {
-        self.cells.len()
-    }
-
-    /// Whether no cell was touched.
-    pub fn is_empty(&self) -> bool {
-        self.cells.is_empty()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -458,46 +270,5 @@ mod tests {
         let high = Point3::new(0.4, 0.0, 99.0);
         let (first, end) = lattice.places_within(&low, &high);
         assert_eq!((first, end), ([1, 0, 3], [5, 1, 10]));
-    }
-
-    #[test]
-    fn rows_follow_the_order_of_touch_and_memory_the_bricks() {
-        let mut rows = CellRows::new(Lattice::new([0.0; 3], 0.01, [1000; 3]).unwrap());
-        let far = rows.lattice().cell([999, 999, 999]);
-        let near = rows.lattice().cell([0, 0, 0]);
-        assert_eq!((rows.row_of(far), rows.row_of(near), rows.row_of(far)), (0, 1, 0));
-        assert_eq!((rows.find(near), rows.find(CellId(1))), (Some(1), None));
-        assert_eq!((rows.len(), rows.rows.len()), (2, 2));
-        assert!((rows.points_m()[0][0] - 9.99).abs() < 1e-6);
-    }
-
-    #[test]
-    fn a_cell_set_holds_what_was_put_in_and_not_taken_out() {
-        let mut set = CellSet::default();
-        set.insert([7, 8, 9]);
-        set.insert([7, 8, 10]);
-        set.remove([7, 8, 10]);
-        assert!(set.contains([7, 8, 9]));
-        assert!(!set.contains([7, 8, 10]) && !set.contains([0, 0, 0]));
-    }
-
-    #[test]
-    fn a_cube_is_held_if_each_of_its_cells_is() {
-        for (low, edge) in [([8, 16, 24], 8), ([12, 16, 28], 4), ([14, 20, 26], 2), ([9, 9, 9], 1)]
-        {
-            let mut set = CellSet::default();
-            let inside = (0..edge)
-                .flat_map(|i| (0..edge).flat_map(move |j| (0..edge).map(move |k| [i, j, k])));
-            let places: Vec<_> =
-                inside.map(|[i, j, k]| [low[0] + i, low[1] + j, low[2] + k]).collect();
-            for place in &places {
-                assert!(!set.brick(low.map(|n| n / BRICK_EDGE)).holds_cube(low, edge));
-                set.insert(*place);
-            }
-            let brick = low.map(|n| n / BRICK_EDGE);
-            assert!(set.brick(brick).holds_cube(low, edge));
-            set.remove(places[places.len() / 2]);
-            assert!(!set.brick(brick).holds_cube(low, edge));
-        }
     }
 }

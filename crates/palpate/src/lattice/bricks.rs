@@ -1,0 +1,160 @@
+//! Storage that exists where cells were touched: 8³ of them at a time.
+
+use rustc_hash::FxHashMap;
+
+/// Cells along one edge of a brick.
+pub const BRICK_EDGE: u32 = 8;
+/// Cells in a brick.
+pub const BRICK_CELLS: usize = (BRICK_EDGE * BRICK_EDGE * BRICK_EDGE) as usize;
+
+/// Values of cells in bricks of 8³, each made when one of its cells is first asked for.
+///
+/// Memory follows the bricks in use, never the lattice's size.
+#[derive(Debug, Clone)]
+pub struct Bricks<T> {
+    slots: FxHashMap<[u32; 3], u32>,
+    bricks: Vec<T>,
+}
+
+impl<T> Default for Bricks<T> {
+    fn default() -> Self {
+        Self { slots: FxHashMap::default(), bricks: Vec::new() }
+    }
+}
+
+impl<T> Bricks<T> {
+    /// The brick of a place, and the place's number inside it (0..512).
+    pub fn locate(place: [u32; 3]) -> ([u32; 3], usize) {
+        let [i, j, k] = place.map(|n| n % BRICK_EDGE);
+        (place.map(|n| n / BRICK_EDGE), (i + BRICK_EDGE * (j + BRICK_EDGE * k)) as usize)
+    }
+
+    /// The values of a brick, if it is in use.
+    pub fn get(&self, brick: [u32; 3]) -> Option<&T> {
+        self.slots.get(&brick).map(|&slot| &self.bricks[slot as usize])
+    }
+
+    /// The values of a brick, made with `fresh` at first use.
+    pub fn get_or_insert_with(&mut self, brick: [u32; 3], fresh: impl FnOnce() -> T) -> &mut T {
+        let slot = *self.slots.entry(brick).or_insert_with(|| {
+            self.bricks.push(fresh());
+            (self.bricks.len() - 1) as u32
+        });
+        &mut self.bricks[slot as usize]
+    }
+
+    /// Bricks in use.
+    pub fn len(&self) -> usize {
+        self.bricks.len()
+    }
+
+    /// Whether no brick is in use.
+    pub fn is_empty(&self) -> bool {
+        self.bricks.is_empty()
+    }
+
+    /// Gives all bricks back.
+    pub fn clear(&mut self) {
+        self.slots.clear();
+        self.bricks.clear();
+    }
+}
+
+/// A bit for each cell of a brick.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct BrickBits([u64; BRICK_CELLS / 64]);
+
+impl BrickBits {
+    /// The bit of a cell, by its number inside the brick.
+    pub fn get(&self, inside: usize) -> bool {
+        self.0[inside / 64] >> (inside % 64) & 1 == 1
+    }
+
+    /// Whether all bits of a cube of `edge` cells a side are set; `low` is its first place.
+    ///
+    /// A word is one layer along z, a byte of it one row along x, so this is one look a layer.
+    ///
+    /// # Panics
+    ///
+    /// If the cube reaches beyond the brick that `low` lies in, which is a bug in the caller.
+    pub fn holds_cube(&self, low: [u32; 3], edge: u32) -> bool {
+        let [i, j, k] = low.map(|n| n % BRICK_EDGE);
+        assert!([i, j, k].iter().all(|n| n + edge <= BRICK_EDGE), "cubes do not straddle bricks");
+        let row = u64::MAX >> (64 - edge) << i;
+        let layer = (j..j + edge).fold(0, |layer, j| layer | row << (BRICK_EDGE * j));
+        (k..k + edge).all(|k| self.0[k as usize] & layer == layer)
+    }
+}
+
+/// A set of cells, a bit each, in bricks.
+#[derive(Debug, Clone, Default)]
+pub struct CellSet {
+    bricks: Bricks<BrickBits>,
+}
+
+impl CellSet {
+    /// Whether the set holds the cell at a place.
+    pub fn contains(&self, place: [u32; 3]) -> bool {
+        let (brick, inside) = Bricks::<()>::locate(place);
+        self.brick(brick).get(inside)
+    }
+
+    /// The bits of a whole brick, to be looked up once for all its cells.
+    pub fn brick(&self, brick: [u32; 3]) -> BrickBits {
+        self.bricks.get(brick).copied().unwrap_or_default()
+    }
+
+    /// Adds the cell at a place.
+    pub fn insert(&mut self, place: [u32; 3]) {
+        let (brick, inside) = Bricks::<()>::locate(place);
+        let bits = self.bricks.get_or_insert_with(brick, BrickBits::default);
+        bits.0[inside / 64] |= 1 << (inside % 64);
+    }
+
+    /// Takes the cell at a place out.
+    pub fn remove(&mut self, place: [u32; 3]) {
+        let (brick, inside) = Bricks::<()>::locate(place);
+        let bits = self.bricks.get_or_insert_with(brick, BrickBits::default);
+        bits.0[inside / 64] &= !(1 << (inside % 64));
+    }
+
+    /// Takes all cells out.
+    pub fn clear(&mut self) {
+        self.bricks.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_set_holds_what_was_put_in_and_not_taken_out() {
+        let mut set = CellSet::default();
+        set.insert([7, 8, 9]);
+        set.insert([7, 8, 10]);
+        set.remove([7, 8, 10]);
+        assert!(set.contains([7, 8, 9]));
+        assert!(!set.contains([7, 8, 10]) && !set.contains([0, 0, 0]));
+    }
+
+    #[test]
+    fn a_cube_is_held_if_each_of_its_cells_is() {
+        for (low, edge) in [([8, 16, 24], 8), ([12, 16, 28], 4), ([14, 20, 26], 2), ([9, 9, 9], 1)]
+        {
+            let mut set = CellSet::default();
+            let inside = (0..edge)
+                .flat_map(|i| (0..edge).flat_map(move |j| (0..edge).map(move |k| [i, j, k])));
+            let places: Vec<_> =
+                inside.map(|[i, j, k]| [low[0] + i, low[1] + j, low[2] + k]).collect();
+            for place in &places {
+                assert!(!set.brick(low.map(|n| n / BRICK_EDGE)).holds_cube(low, edge));
+                set.insert(*place);
+            }
+            let brick = low.map(|n| n / BRICK_EDGE);
+            assert!(set.brick(brick).holds_cube(low, edge));
+            set.remove(places[places.len() / 2]);
+            assert!(!set.brick(brick).holds_cube(low, edge));
+        }
+    }
+}

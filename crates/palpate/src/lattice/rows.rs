@@ -1,0 +1,90 @@
+//! Touched cells without gaps, numbered by first touch.
+
+use super::{BRICK_CELLS, Bricks, CellId, Lattice};
+
+/// Cells numbered in the order of their first touch, with their rest points.
+///
+/// Arrays over *rows* hold the touched part of the world without gaps, and cells touched
+/// together lie together.
+#[derive(Debug, Clone)]
+pub struct CellRows {
+    lattice: Lattice,
+    rows: Bricks<Box<[u32; BRICK_CELLS]>>,
+    cells: Vec<CellId>,
+    points_m: Vec<[f32; 3]>,
+}
+
+/// The row number of a cell that has none.
+const NO_ROW: u32 = u32::MAX;
+
+impl CellRows {
+    /// No rows yet.
+    pub fn new(lattice: Lattice) -> Self {
+        Self { lattice, rows: Bricks::default(), cells: Vec::new(), points_m: Vec::new() }
+    }
+
+    /// The lattice that the cells belong to.
+    pub fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+
+    /// The row of a cell, which gets the next one if it has none.
+    ///
+    /// # Panics
+    ///
+    /// If the cell is not one of the lattice's, which is a bug in the caller.
+    pub fn row_of(&mut self, cell: CellId) -> u32 {
+        assert!(self.lattice.contains(cell), "{cell:?} is not in the lattice");
+        let place = self.lattice.place(cell);
+        let (brick, inside) = Bricks::<()>::locate(place);
+        let brick = self.rows.get_or_insert_with(brick, || Box::new([NO_ROW; BRICK_CELLS]));
+        if brick[inside] == NO_ROW {
+            brick[inside] = self.cells.len() as u32;
+            self.cells.push(cell);
+            self.points_m.push(self.lattice.point_at(place).coords.cast::<f32>().into());
+        }
+        brick[inside]
+    }
+
+    /// The row of a cell, if it was ever touched.
+    pub fn find(&self, cell: CellId) -> Option<u32> {
+        let (brick, inside) = Bricks::<()>::locate(self.lattice.place(cell));
+        self.rows.get(brick).map(|rows| rows[inside]).filter(|&row| row != NO_ROW)
+    }
+
+    /// The touched cells, by row.
+    pub fn cells(&self) -> &[CellId] {
+        &self.cells
+    }
+
+    /// The touched cells' rest points by row, world frame, m.
+    pub fn points_m(&self) -> &[[f32; 3]] {
+        &self.points_m
+    }
+
+    /// Rows in use.
+    pub fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Whether no cell was touched.
+    pub fn is_empty(&self) -> bool {
+        self.cells.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_follow_the_order_of_touch_and_memory_the_bricks() {
+        let mut rows = CellRows::new(Lattice::new([0.0; 3], 0.01, [1000; 3]).unwrap());
+        let far = rows.lattice().cell([999, 999, 999]);
+        let near = rows.lattice().cell([0, 0, 0]);
+        assert_eq!((rows.row_of(far), rows.row_of(near), rows.row_of(far)), (0, 1, 0));
+        assert_eq!((rows.find(near), rows.find(CellId(1))), (Some(1), None));
+        assert_eq!((rows.len(), rows.rows.len()), (2, 2));
+        assert!((rows.points_m()[0][0] - 9.99).abs() < 1e-6);
+    }
+}
