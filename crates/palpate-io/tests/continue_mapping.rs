@@ -147,3 +147,15 @@ fn a_tape_that_outgrows_its_bound_freezes_old_touches_and_can_still_be_continued
     assert!(snapshot.tape.is_empty() && snapshot.state.remembered.is_empty());
     assert_eq!(mapper.field(), Mapper::resume(arm, snapshot).unwrap().field());
 }
+
+#[test]
+fn a_mapper_saved_between_touches_waits_for_the_next_one_to_begin() {
+    let (arm, touches) = (arm(), touches(1));
+    let mut mapper = Mapper::new(Arc::clone(&arm), config(Method::Map)).unwrap();
+    mapper.begin_touch();
+    go_on(&mut mapper, &touches[0]);
+    mapper.end_touch().unwrap();
+    let mut continued = Mapper::resume(arm, mapper.snapshot()).unwrap();
+    let error = continued.step(&touches[0][0]).unwrap_err().to_string();
+    assert!(error.contains("without a touch that was begun"), "{error}");
+}

@@ -302,8 +302,10 @@ impl Mapper {
             }
         };
         mapper.touches = snapshot.touches;
-        let under_way = snapshot.tape.last().filter(|touch| touch.open);
-        mapper.samples = under_way.map_or(0, |touch| (touch.q.len() / n_joints) as u32);
+        match snapshot.tape.last().filter(|touch| touch.open) {
+            Some(under_way) => mapper.samples = (under_way.q.len() / n_joints) as u32,
+            None => mapper.tracker.end_touch()?, // the tape's last touch is not to be gone on with
+        }
         mapper.tape = snapshot.tape;
         Ok(mapper)
     }
