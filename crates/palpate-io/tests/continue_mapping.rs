@@ -159,3 +159,21 @@ fn a_mapper_saved_between_touches_waits_for_the_next_one_to_begin() {
     let error = continued.step(&touches[0][0]).unwrap_err().to_string();
     assert!(error.contains("without a touch that was begun"), "{error}");
 }
+
+#[test]
+fn on_two_threads_the_field_is_the_same_to_the_bit_as_on_one() {
+    let (arm, touches) = (arm(), touches(2));
+    for method in [Method::Map, Method::Ekf] {
+        let learn = || {
+            let mut mapper = Mapper::new(Arc::clone(&arm), config(method)).unwrap();
+            for touch in &touches {
+                mapper.begin_touch();
+                go_on(&mut mapper, touch);
+                mapper.end_touch().unwrap();
+            }
+            mapper.field()
+        };
+        let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        assert_eq!(on(1).install(learn), on(2).install(learn), "{method:?}");
+    }
+}

@@ -34,7 +34,7 @@ fn advance(c: &mut Criterion) {
     for side in [50, 200, 1000] {
         let half_m = 0.012 * f64::from(side - 1) / 2.0;
         let lattice = Lattice::new(Point3::from([-half_m; 3]).into(), 0.012, [side; 3]).unwrap();
-        let config = Config { parallel: false, ..Config::default() };
+        let config = Config { ..Config::default() };
         let mut simulator = Simulator::new(lattice, Arc::clone(&surfaces), config).unwrap();
         simulator.begin_touch(&pose(0));
         let contacts: usize = (1..=120).map(|step| simulator.advance(&pose(step)).len()).sum();

@@ -57,6 +57,7 @@ fn correct(c: &mut Criterion) {
                 let source = Source { touch: 0, sample };
                 let frame = frames[sample as usize % frames.len()].clone();
                 estimator.correct(rows.points_m(), frame, source).unwrap();
+                estimator.replay(20);
                 sample += 1;
             };
             (0..400).for_each(|_| learn(&mut estimator));

@@ -25,7 +25,7 @@ use nalgebra::DVector;
 
 use crate::estimator::{
     Estimator, EstimatorConfig, EstimatorError, EstimatorState, Source, innovation_inverse, padded,
-    shrink,
+    shrunk,
 };
 use crate::replay::Memory;
 use crate::torque::Observation;
@@ -37,6 +37,17 @@ struct Frame {
     source: Source,
 }
 
+/// A touched cell as an update needs it: one record, so that a look at a cell is one at memory.
+#[derive(Debug, Clone, Copy)]
+struct Cell {
+    mean: f64,
+    variance: f64,
+    /// World frame, m.
+    rest_point: [f64; 3],
+    /// The step up to which the variance holds its drift.
+    seen: u64,
+}
+
 /// The diagonal Gaussian over κ, with lazy drift.
 #[derive(Debug, Clone)]
 struct Belief {
@@ -46,52 +57,58 @@ struct Belief {
     drift_variance: f64,
     /// The diagonal of R, n_joints, (N·m)².
     torque_variance: DVector<f64>,
-    mean: Vec<f64>,
-    variance: Vec<f64>,
-    /// The step up to which each row's variance holds its drift.
-    seen: Vec<u64>,
+    /// By row.
+    cells: Vec<Cell>,
     step: u64,
 }
 
 impl Belief {
-    /// A row's variance with all its drift up to the present step, (N/m)².
-    fn variance_now(&self, row: usize) -> f64 {
-        let (variance, seen) = match self.variance.get(row) {
-            Some(&variance) => (variance, self.seen[row]),
-            None => (self.prior_variance, 0),
-        };
-        variance + self.drift_variance * (self.step - seen) as f64
+    /// A cell's variance with all its drift up to the present step, (N/m)².
+    fn variance_now(&self, cell: &Cell) -> f64 {
+        cell.variance + self.drifted_since(cell.seen)
+    }
+
+    /// What drift has added since a step, (N/m)².
+    fn drifted_since(&self, step: u64) -> f64 {
+        self.drift_variance * (self.step - step) as f64
+    }
+
+    /// Gives rows that are new their prior.
+    fn grow(&mut self, points_m: &[[f64; 3]]) {
+        let known = self.cells.len().min(points_m.len());
+        let (mean, variance) = (self.prior_mean, self.prior_variance);
+        let prior = |&rest_point: &[f64; 3]| Cell { mean, variance, rest_point, seen: 0 };
+        self.cells.extend(points_m[known..].iter().map(prior));
     }
 
     /// The Kalman update of Eqs. 5 and 6.
     ///
     /// Nothing changes unless the innovation covariance can be inverted.
-    fn update(
-        &mut self,
-        points_m: &[[f32; 3]],
-        observation: &Observation,
-    ) -> Result<(), EstimatorError> {
-        let covariance = observation.gram(points_m, |row| self.variance_now(row));
+    fn update(&mut self, observation: &Observation) -> Result<(), EstimatorError> {
+        let [covariance] = observation.grams(|row| {
+            let cell = &self.cells[row];
+            (cell.rest_point, [self.variance_now(cell)])
+        });
         let gain = innovation_inverse(covariance, &self.torque_variance)?;
-        let n_rows = points_m.len();
-        self.mean.resize(n_rows, self.prior_mean);
-        self.variance.resize(n_rows, self.prior_variance);
-        self.seen.resize(n_rows, 0);
-        let predicted = observation.predict(points_m, |row| self.mean[row].abs());
+        let predicted = observation.predict(|row| {
+            let cell = &self.cells[row];
+            (cell.rest_point, cell.mean.abs())
+        });
         let d = &gain * (&observation.tau - predicted);
         if d.iter().any(|x| !x.is_finite()) {
             return Err(EstimatorError::Degenerate);
         }
-        for &row in observation.rows() {
-            self.variance[row as usize] = self.variance_now(row as usize);
-            self.seen[row as usize] = self.step;
-        }
-        let (mean, variance) = (&mut self.mean, &self.variance);
-        observation.spread(points_m, &d, |row, lever| {
+        observation.spread(&d, |row, push| {
+            let variance = self.variance_now(&self.cells[row]);
+            let cell = &mut self.cells[row];
+            (cell.variance, cell.seen) = (variance, self.step);
             // Column i of H is the lever times sgn κᵢ; `0.0.signum()` is `1.0` in Rust.
-            mean[row] += variance[row] * lever * mean[row].signum();
+            cell.mean += variance * push.at(cell.rest_point) * cell.mean.signum();
         });
-        shrink(&mut self.variance, points_m, observation, &gain);
+        observation.quadratic(&gain, |row, form| {
+            let cell = &mut self.cells[row];
+            cell.variance = shrunk(cell.variance, form.at(cell.rest_point));
+        });
         Ok(())
     }
 }
@@ -128,9 +145,7 @@ impl EkfEstimator {
             prior_variance: prior_std * prior_std,
             drift_variance: drift_std * drift_std,
             torque_variance,
-            mean: Vec::new(),
-            variance: Vec::new(),
-            seen: Vec::new(),
+            cells: Vec::new(),
             step: 0,
         };
         let memory = Memory::new(config.memory, config.seed);
@@ -145,10 +160,10 @@ impl EkfEstimator {
     pub fn restore(
         mut self,
         state: &EstimatorState,
-        n_rows: usize,
+        points_m: &[[f64; 3]],
         observations: Vec<Observation>,
     ) -> Result<Self, EstimatorError> {
-        state.check(n_rows, self.belief.torque_variance.len())?;
+        state.check(points_m.len(), self.belief.torque_variance.len())?;
         if state.seen.len() != state.mean.len() {
             let what = "the last steps of the cells are missing".to_owned();
             return Err(EstimatorError::State { what });
@@ -157,27 +172,36 @@ impl EkfEstimator {
             let what = format!("a cell was last seen in step {seen}, after {} steps", state.step);
             return Err(EstimatorError::State { what });
         }
-        self.belief.mean.clone_from(&state.mean);
-        self.belief.variance.clone_from(&state.variance);
-        self.belief.seen.clone_from(&state.seen);
+        self.belief.grow(points_m);
+        for (row, cell) in self.belief.cells.iter_mut().enumerate().take(state.mean.len()) {
+            (cell.mean, cell.variance) = (state.mean[row], state.variance[row]);
+            cell.seen = state.seen[row];
+        }
         self.belief.step = state.step;
         self.counts.clone_from(&state.counts);
         self.memory = Memory::resume(self.config.memory, state.rng);
         for ((source, _), observation) in state.remembered.iter().zip(observations) {
-            let bytes = observation.bytes() + size_of::<Frame>();
-            self.memory.push(Frame { observation, source: *source }, bytes);
+            self.remember(Frame { observation, source: *source });
         }
         Ok(self)
+    }
+
+    /// Remembers a frame; what no longer fits leaves.
+    fn remember(&mut self, frame: Frame) {
+        let bytes = frame.observation.bytes() + size_of::<Frame>();
+        self.memory.push(frame, bytes);
     }
 }
 
 impl Estimator for EkfEstimator {
     fn stiffness(&self, row: usize) -> f64 {
-        self.belief.mean.get(row).map_or(self.belief.prior_mean, |mean| mean.abs())
+        self.belief.cells.get(row).map_or(self.belief.prior_mean, |cell| cell.mean.abs())
     }
 
     fn std(&self, row: usize) -> f64 {
-        self.belief.variance_now(row).sqrt()
+        let never = || self.belief.prior_variance + self.belief.drifted_since(0);
+        let variance = self.belief.cells.get(row).map(|cell| self.belief.variance_now(cell));
+        variance.unwrap_or_else(never).sqrt()
     }
 
     fn count(&self, row: usize) -> u32 {
@@ -186,18 +210,15 @@ impl Estimator for EkfEstimator {
 
     fn correct(
         &mut self,
-        points_m: &[[f32; 3]],
+        points_m: &[[f64; 3]],
         observation: Observation,
         source: Source,
     ) -> Result<(), EstimatorError> {
-        self.belief.update(points_m, &observation)?;
+        self.belief.grow(points_m);
+        self.belief.update(&observation)?;
         self.counts.resize(points_m.len(), 0);
-        for &row in observation.rows() {
-            self.counts[row as usize] += 1;
-        }
-        self.replay(points_m, self.config.replays);
-        let bytes = observation.bytes() + size_of::<Frame>();
-        self.memory.push(Frame { observation, source }, bytes);
+        observation.rows().for_each(|row| self.counts[row] += 1);
+        self.remember(Frame { observation, source });
         self.belief.step += 1;
         Ok(())
     }
@@ -206,11 +227,11 @@ impl Estimator for EkfEstimator {
         self.belief.step += 1;
     }
 
-    fn replay(&mut self, points_m: &[[f32; 3]], visits: u32) -> u32 {
+    fn replay(&mut self, visits: u32) -> u32 {
         for visited in 0..visits {
             let Some(index) = self.memory.draw() else { return visited };
             // A frame that was fused once can be fused again, so this does not fail in practice.
-            if self.belief.update(points_m, &self.memory.frames()[index].observation).is_err() {
+            if self.belief.update(&self.memory.frames()[index].observation).is_err() {
                 return visited;
             }
         }
@@ -230,11 +251,15 @@ impl Estimator for EkfEstimator {
     }
 
     fn state(&self, n_rows: usize) -> EstimatorState {
+        let cells = &self.belief.cells;
+        let means: Vec<f64> = cells.iter().map(|cell| cell.mean).collect();
+        let variances: Vec<f64> = cells.iter().map(|cell| cell.variance).collect();
+        let seen: Vec<u64> = cells.iter().map(|cell| cell.seen).collect();
         EstimatorState {
-            mean: padded(&self.belief.mean, n_rows, self.belief.prior_mean),
-            variance: padded(&self.belief.variance, n_rows, self.belief.prior_variance),
+            mean: padded(&means, n_rows, self.belief.prior_mean),
+            variance: padded(&variances, n_rows, self.belief.prior_variance),
             counts: padded(&self.counts, n_rows, 0),
-            seen: padded(&self.belief.seen, n_rows, 0),
+            seen: padded(&seen, n_rows, 0),
             step: self.belief.step,
             remembered: self.memory.frames().iter().map(|f| (f.source, Vec::new())).collect(),
             rng: self.memory.rng_state(),

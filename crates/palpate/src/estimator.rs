@@ -212,8 +212,7 @@ impl EstimatorState {
 
 /// A belief about the stiffness of touched cells that learns from frames.
 ///
-/// `points_m` are always the rest points by row ([`crate::lattice::CellRows::points_m`]); rows
-/// beyond those the estimator has seen get the prior.
+/// Rows beyond those that the estimator has seen have the prior.
 pub trait Estimator: Send + Sync {
     /// K of a row, N/m, at least zero. A row never seen has the prior's.
     fn stiffness(&self, row: usize) -> f64;
@@ -224,14 +223,16 @@ pub trait Estimator: Send + Sync {
     /// Frames that touched a row.
     fn count(&self, row: usize) -> u32;
 
-    /// Learns from a new frame, replays remembered ones, and remembers this one.
+    /// Learns from a new frame and remembers it.
+    ///
+    /// `points_m` are the rest points by row ([`crate::lattice::CellRows::points_m`]), world frame.
     ///
     /// # Errors
     ///
     /// If the frame's numbers cannot be used; the belief is then as before.
     fn correct(
         &mut self,
-        points_m: &[[f32; 3]],
+        points_m: &[[f64; 3]],
         observation: Observation,
         source: Source,
     ) -> Result<(), EstimatorError>;
@@ -240,7 +241,7 @@ pub trait Estimator: Send + Sync {
     fn idle(&mut self);
 
     /// Visits remembered frames, without a new one, and returns how many there were.
-    fn replay(&mut self, points_m: &[[f32; 3]], visits: u32) -> u32;
+    fn replay(&mut self, visits: u32) -> u32;
 
     /// Takes the frames of a touch out of memory; what they taught stays.
     fn freeze(&mut self, touch: u32);
@@ -262,19 +263,11 @@ pub(crate) fn padded<T: Copy>(values: &[T], n_rows: usize, fill: T) -> Vec<T> {
     padded
 }
 
-/// Shrinks a diagonal covariance by one Kalman update: `Pᵢ −= Pᵢ² wᵢᵀ C⁻¹ wᵢ`.
+/// A variance after one Kalman update with a diagonal covariance: `Pᵢ − Pᵢ² wᵢᵀ C⁻¹ wᵢ`.
 ///
-/// `gain` is `C⁻¹ = (H P Hᵀ + R)⁻¹`, n × n. Rounding cannot take more than there is.
-pub(crate) fn shrink(
-    variance: &mut [f64],
-    points_m: &[[f32; 3]],
-    observation: &Observation,
-    gain: &DMatrix<f64>,
-) {
-    observation.quadratic(points_m, gain, |row, value| {
-        let p = variance[row];
-        variance[row] = p * (1.0 - p * value).max(f64::EPSILON);
-    });
+/// `quadratic` is `wᵢᵀ C⁻¹ wᵢ` with `C = H P Hᵀ + R`. Rounding cannot take more than there is.
+pub(crate) fn shrunk(variance: f64, quadratic: f64) -> f64 {
+    variance * (1.0 - variance * quadratic).max(f64::EPSILON)
 }
 
 /// `(C + diag R)⁻¹`, or an error if that is no finite, positive matrix.

@@ -11,7 +11,7 @@ use nalgebra::DVector;
 use crate::arm::Arm;
 use crate::contact;
 use crate::lattice::{CellId, CellRows, Lattice};
-use crate::torque::Observation;
+use crate::torque::Folder;
 use crate::touch::{self, Sample, TouchError, Tracker};
 
 /// The stiffness of all touched cells, by row.
@@ -51,7 +51,7 @@ pub struct Prediction {
 /// Predicts the torque of motions from a field that stays as it is.
 pub struct Predictor {
     tracker: Tracker,
-    rows: CellRows,
+    folder: Folder,
     stiffness: Vec<f64>,
     untouched: f64,
 }
@@ -75,7 +75,8 @@ impl Predictor {
             rows.row_of(cell);
         }
         let stiffness = field.stiffness_n_per_m.clone();
-        Ok(Self { tracker, rows, stiffness, untouched: field.untouched_n_per_m })
+        let folder = Folder::new(rows);
+        Ok(Self { tracker, folder, stiffness, untouched: field.untouched_n_per_m })
     }
 
     /// Starts a touch.
@@ -92,12 +93,11 @@ impl Predictor {
         let frame = self.tracker.feed(sample)?;
         let Some(external) = frame.external else { return Ok(None) };
         let robot = &self.tracker.arm().robot;
-        let observation =
-            Observation::new(robot, &frame.poses, &frame.contacts, &mut self.rows, external);
+        let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, external);
+        let points_m = self.folder.rows().points_m();
         let stiffness = |row: usize| self.stiffness.get(row).copied().unwrap_or(self.untouched);
-        let predicted = observation.predict(self.rows.points_m(), stiffness);
-        let known = |row: &&u32| (**row as usize) < self.stiffness.len();
-        let known = observation.rows().iter().filter(known).count();
+        let predicted = observation.predict(|row| (points_m[row], stiffness(row)));
+        let known = observation.rows().filter(|&row| row < self.stiffness.len()).count();
         let contacts = observation.n_contacts();
         Ok(Some(Prediction { contacts, known, predicted, external: observation.tau }))
     }

@@ -34,10 +34,27 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::estimator::{
     Estimator, EstimatorConfig, EstimatorError, EstimatorState, Source, innovation_inverse, padded,
-    shrink,
+    shrunk,
 };
 use crate::replay::Memory;
 use crate::torque::Observation;
+
+/// A touched cell as a visit needs it: 32 bytes, half a line of the cache.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(32))]
+struct Cell {
+    z: f64,
+    /// World frame, m.
+    rest_point: [f64; 3],
+}
+
+impl Cell {
+    /// The rest point and K = max(z, 0).
+    #[inline]
+    fn with_stiffness(&self) -> ([f64; 3], f64) {
+        (self.rest_point, self.z.max(0.0))
+    }
+}
 
 /// A remembered frame with its multiplier.
 #[derive(Debug, Clone)]
@@ -53,7 +70,8 @@ struct Frame {
 /// The unknown and its model: z, its prior, and the torque noise.
 #[derive(Debug, Clone)]
 struct Belief {
-    z: Vec<f64>,
+    /// By row.
+    cells: Vec<Cell>,
     /// m₀ and the diagonal of S₀ at this lattice's spacing.
     prior_mean: f64,
     prior_variance: f64,
@@ -63,27 +81,42 @@ struct Belief {
 
 impl Belief {
     /// `τ − H K − R α` of a frame.
-    fn residual(&self, points_m: &[[f32; 3]], frame: &Frame) -> DVector<f64> {
-        let predicted = frame.observation.predict(points_m, |row| self.z[row].max(0.0));
-        &frame.observation.tau - predicted - self.torque_variance.component_mul(&frame.alpha)
+    fn residual(&self, frame: &Frame) -> DVector<f64> {
+        let predicted = frame.observation.predict(|row| self.cells[row].with_stiffness());
+        let mut residual = &frame.observation.tau - predicted;
+        for (joint, r) in residual.iter_mut().enumerate() {
+            *r -= self.torque_variance[joint] * frame.alpha[joint];
+        }
+        residual
     }
 
     /// The change of a frame's multiplier that solves its own condition.
-    fn solve(&self, points_m: &[[f32; 3]], frame: &Frame) -> DVector<f64> {
-        &frame.gain * self.residual(points_m, frame)
+    fn solve(&self, frame: &Frame) -> DVector<f64> {
+        &frame.gain * self.residual(frame)
     }
 
     /// Solves one frame's own condition.
-    fn visit(&mut self, points_m: &[[f32; 3]], frame: &mut Frame) {
-        let d = self.solve(points_m, frame);
-        self.add(points_m, &frame.observation, &d);
+    fn visit(&mut self, frame: &mut Frame) {
+        frame.observation.fetch();
+        let d = self.solve(frame);
+        self.add(&frame.observation, &d);
         frame.alpha += d;
     }
 
     /// `z += S₀Hᵀ d`.
-    fn add(&mut self, points_m: &[[f32; 3]], observation: &Observation, d: &DVector<f64>) {
-        let (z, s0) = (&mut self.z, self.prior_variance);
-        observation.spread(points_m, d, |row, lever| z[row] += s0 * lever);
+    fn add(&mut self, observation: &Observation, d: &DVector<f64>) {
+        let cells = &mut self.cells;
+        observation.spread(&(self.prior_variance * d), |row, push| {
+            let cell = &mut cells[row];
+            cell.z += push.at(cell.rest_point);
+        });
+    }
+
+    /// Gives rows that are new their prior.
+    fn grow(&mut self, points_m: &[[f64; 3]]) {
+        let known = self.cells.len().min(points_m.len());
+        let z = self.prior_mean;
+        self.cells.extend(points_m[known..].iter().map(|&rest_point| Cell { z, rest_point }));
     }
 }
 
@@ -113,7 +146,7 @@ impl MapEstimator {
         let (prior_mean, prior_std) = config.prior.at_spacing(spacing_m);
         let prior_variance = prior_std * prior_std;
         Ok(Self {
-            belief: Belief { z: Vec::new(), prior_mean, prior_variance, torque_variance },
+            belief: Belief { cells: Vec::new(), prior_mean, prior_variance, torque_variance },
             variance: Vec::new(),
             counts: Vec::new(),
             memory: Memory::new(config.memory, config.seed),
@@ -130,23 +163,26 @@ impl MapEstimator {
     pub fn restore(
         mut self,
         state: &EstimatorState,
-        points_m: &[[f32; 3]],
+        points_m: &[[f64; 3]],
         observations: Vec<Observation>,
     ) -> Result<Self, EstimatorError> {
         let n_joints = self.belief.torque_variance.len();
         state.check(points_m.len(), n_joints)?;
-        self.belief.z.clone_from(&state.mean);
+        self.belief.grow(points_m);
+        for (cell, z) in self.belief.cells.iter_mut().zip(&state.mean) {
+            cell.z = *z;
+        }
         self.variance.clone_from(&state.variance);
         self.counts.clone_from(&state.counts);
         self.step = state.step;
         self.memory = Memory::resume(self.config.memory, state.rng);
         for ((source, alpha), observation) in state.remembered.iter().zip(observations) {
-            let mut frame = self.frame(points_m, observation, *source)?;
-            if !alpha.is_empty() {
-                frame.alpha = DVector::from_column_slice(alpha);
-            }
-            let bytes = frame.bytes();
-            self.memory.push(frame, bytes);
+            let [gain, _] = self.gains(&observation)?;
+            let alpha = match alpha.is_empty() {
+                true => DVector::zeros(n_joints),
+                false => DVector::from_column_slice(alpha),
+            };
+            self.remember(Frame { observation, source: *source, alpha, gain });
         }
         Ok(self)
     }
@@ -157,34 +193,21 @@ impl MapEstimator {
     /// frame's effect on the standard deviation and on the counts stays.
     ///
     /// Returns whether the frame was remembered.
-    pub fn forget(&mut self, points_m: &[[f32; 3]], source: Source) -> bool {
+    pub fn forget(&mut self, source: Source) -> bool {
         let Some(index) = self.memory.frames().iter().position(|frame| frame.source == source)
         else {
             return false;
         };
         let frame = self.memory.remove(index);
-        self.belief.add(points_m, &frame.observation, &-frame.alpha);
+        self.belief.add(&frame.observation, &-frame.alpha);
         true
     }
 
     /// The largest violation of `R α = τ − H K` over the remembered frames, N·m: zero at the
     /// optimum.
-    pub fn kkt_residual(&self, points_m: &[[f32; 3]]) -> f64 {
-        let residual = |frame: &Frame| self.belief.residual(points_m, frame).amax();
+    pub fn kkt_residual(&self) -> f64 {
+        let residual = |frame: &Frame| self.belief.residual(frame).amax();
         self.memory.frames().iter().map(residual).fold(0.0, f64::max)
-    }
-
-    /// A frame with its gain, and nothing said yet.
-    fn frame(
-        &self,
-        points_m: &[[f32; 3]],
-        observation: Observation,
-        source: Source,
-    ) -> Result<Frame, EstimatorError> {
-        let gram = observation.gram(points_m, |_| self.belief.prior_variance);
-        let gain = innovation_inverse(gram, &self.belief.torque_variance)?;
-        let alpha = DVector::zeros(observation.tau.len());
-        Ok(Frame { observation, source, alpha, gain })
     }
 
     /// A row's variance, (N/m)²; the prior's if it was never seen.
@@ -192,11 +215,22 @@ impl MapEstimator {
         self.variance.get(row).copied().unwrap_or(self.belief.prior_variance)
     }
 
-    /// Gives rows that are new their prior.
-    fn grow(&mut self, n_rows: usize) {
-        self.belief.z.resize(n_rows, self.belief.prior_mean);
-        self.variance.resize(n_rows, self.belief.prior_variance);
-        self.counts.resize(n_rows, 0);
+    /// `(H S₀ Hᵀ + R)⁻¹` of a frame, and `(H P Hᵀ + R)⁻¹` with the variances as they are.
+    fn gains(&self, observation: &Observation) -> Result<[DMatrix<f64>; 2], EstimatorError> {
+        let prior = self.belief.prior_variance;
+        let [at_prior, now] = observation
+            .grams(|row| (self.belief.cells[row].rest_point, [prior, self.variance_of(row)]));
+        let torque_variance = &self.belief.torque_variance;
+        Ok([
+            innovation_inverse(at_prior, torque_variance)?,
+            innovation_inverse(now, torque_variance)?,
+        ])
+    }
+
+    /// Remembers a frame; whoever leaves for it is frozen: its share of z stays.
+    fn remember(&mut self, frame: Frame) {
+        let bytes = frame.bytes();
+        self.memory.push(frame, bytes);
     }
 }
 
@@ -211,7 +245,7 @@ impl Frame {
 
 impl Estimator for MapEstimator {
     fn stiffness(&self, row: usize) -> f64 {
-        self.belief.z.get(row).map_or(self.belief.prior_mean, |z| z.max(0.0))
+        self.belief.cells.get(row).map_or(self.belief.prior_mean, |cell| cell.z.max(0.0))
     }
 
     fn std(&self, row: usize) -> f64 {
@@ -224,28 +258,29 @@ impl Estimator for MapEstimator {
 
     fn correct(
         &mut self,
-        points_m: &[[f32; 3]],
+        points_m: &[[f64; 3]],
         observation: Observation,
         source: Source,
     ) -> Result<(), EstimatorError> {
-        let mut frame = self.frame(points_m, observation, source)?;
-        let spread = frame.observation.gram(points_m, |row| self.variance_of(row));
-        let shrinkage = innovation_inverse(spread, &self.belief.torque_variance)?;
-
-        self.grow(points_m.len());
-        if self.belief.solve(points_m, &frame).iter().any(|x| !x.is_finite()) {
+        self.belief.grow(points_m);
+        let [gain, shrinkage] = self.gains(&observation)?;
+        let alpha = DVector::zeros(observation.tau.len());
+        let mut frame = Frame { observation, source, alpha, gain };
+        let d = self.belief.solve(&frame);
+        if d.iter().any(|x| !x.is_finite()) {
             return Err(EstimatorError::Degenerate);
         }
 
         self.step += 1;
-        for &row in frame.observation.rows() {
-            self.counts[row as usize] += 1;
-        }
-        shrink(&mut self.variance, points_m, &frame.observation, &shrinkage);
-        self.belief.visit(points_m, &mut frame);
-        self.replay(points_m, self.config.replays);
-        let bytes = frame.bytes();
-        self.memory.push(frame, bytes); // whoever leaves is frozen: its share of z stays
+        self.variance.resize(points_m.len(), self.belief.prior_variance);
+        self.counts.resize(points_m.len(), 0);
+        frame.observation.rows().for_each(|row| self.counts[row] += 1);
+        frame.observation.quadratic(&shrinkage, |row, form| {
+            self.variance[row] = shrunk(self.variance[row], form.at(points_m[row]));
+        });
+        self.belief.add(&frame.observation, &d);
+        frame.alpha = d;
+        self.remember(frame);
         Ok(())
     }
 
@@ -253,10 +288,10 @@ impl Estimator for MapEstimator {
         self.step += 1;
     }
 
-    fn replay(&mut self, points_m: &[[f32; 3]], visits: u32) -> u32 {
+    fn replay(&mut self, visits: u32) -> u32 {
         for visited in 0..visits {
             let Some(index) = self.memory.draw() else { return visited };
-            self.belief.visit(points_m, &mut self.memory.frames_mut()[index]);
+            self.belief.visit(&mut self.memory.frames_mut()[index]);
         }
         visits
     }
@@ -275,8 +310,9 @@ impl Estimator for MapEstimator {
 
     fn state(&self, n_rows: usize) -> EstimatorState {
         let remembered = |frame: &Frame| (frame.source, frame.alpha.as_slice().to_vec());
+        let z: Vec<f64> = self.belief.cells.iter().map(|cell| cell.z).collect();
         EstimatorState {
-            mean: padded(&self.belief.z, n_rows, self.belief.prior_mean),
+            mean: padded(&z, n_rows, self.belief.prior_mean),
             variance: padded(&self.variance, n_rows, self.belief.prior_variance),
             counts: padded(&self.counts, n_rows, 0),
             seen: Vec::new(),

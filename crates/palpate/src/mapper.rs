@@ -21,7 +21,7 @@ use crate::field::Field;
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::map::MapEstimator;
 use crate::robot::RobotError;
-use crate::torque::Observation;
+use crate::torque::{Folder, Observation};
 use crate::touch::{self, Frame, Sample, TouchError, Tracker};
 
 /// Everything that decides what is learnt from a log.
@@ -122,6 +122,8 @@ pub struct Snapshot {
     pub state: EstimatorState,
     /// Touches begun so far.
     pub touches: u32,
+    /// Whether the replays that belong to the frame learnt last are still to be made.
+    pub replays_due: bool,
     /// Touches with remembered frames, and the one under way.
     pub tape: Vec<TapedTouch>,
 }
@@ -130,8 +132,10 @@ pub struct Snapshot {
 pub struct Mapper {
     config: Config,
     tracker: Tracker,
-    rows: CellRows,
+    folder: Folder,
     estimator: Box<dyn Estimator>,
+    /// Whether old frames are still to be visited for the frame learnt last.
+    replays_due: bool,
     touches: u32,
     /// Samples of the touch under way.
     samples: u32,
@@ -152,8 +156,9 @@ impl Mapper {
             Method::Ekf => Box::new(EkfEstimator::new(&config.estimator, spacing_m, n_joints)?),
         };
         let tracker = Self::tracker(arm, &config)?;
-        let rows = CellRows::new(config.lattice.clone());
-        Ok(Self { config, tracker, rows, estimator, touches: 0, samples: 0, tape: Vec::new() })
+        let folder = Folder::new(CellRows::new(config.lattice.clone()));
+        let (replays_due, tape) = (false, Vec::new());
+        Ok(Self { config, tracker, folder, estimator, replays_due, touches: 0, samples: 0, tape })
     }
 
     /// Starts a touch.
@@ -167,47 +172,72 @@ impl Mapper {
 
     /// Folds one sample into the field: simulate, predict, correct, replay (Sec. II).
     ///
+    /// The replays that belong to a frame are made while the next sample is simulated, on another
+    /// core if there is one: they need nothing of it. So visits come in the order of the paper,
+    /// and the result is the same to the bit on one thread or two.
+    ///
     /// # Errors
     ///
     /// If the sample cannot be used: it does not fit the robot, is not finite, or shows that the
-    /// touch has no contact-free start ([`Tracker::feed`]). No stiffness has then changed.
+    /// touch has no contact-free start ([`Tracker::feed`]). It has then taught nothing.
     pub fn step(&mut self, sample: &Sample) -> Result<StepReport, MapperError> {
-        // Where the arm pushes the points of the field, and by how much (assumption ii).
-        let frame = self.tracker.feed(sample)?;
+        // Where the arm pushes the points of the field, and by how much (assumption ii); meanwhile
+        // old frames are fused again, so that they are not forgotten.
+        let frame = self.track_and_replay(sample)?;
         let source = self.record(sample);
         self.bound_tape();
         let contacts = frame.contacts.len();
-        let Some(external) = frame.external.clone() else {
+        let Some(external) = frame.external else {
             return Ok(StepReport { contacts, external: None, predicted: None });
         };
 
         // What the joints should feel before looking at the sensors (Eqs. 2 and 5).
-        let observation = observe(&self.tracker, &frame, &mut self.rows, external.clone());
-        let estimator = &mut self.estimator;
-        let predicted = observation.predict(self.rows.points_m(), |row| estimator.stiffness(row));
+        let (robot, estimator) = (&self.tracker.arm().robot, &mut self.estimator);
+        let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, external.clone());
+        let points_m = self.folder.rows().points_m();
+        let predicted = observation.predict(|row| (points_m[row], estimator.stiffness(row)));
 
-        // What they did feel corrects the touched cells; old frames are fused again (Eqs. 5, 6).
+        // What they did feel corrects the touched cells (Eqs. 5 and 6).
         if contacts == 0 {
             estimator.idle();
         } else {
-            estimator.correct(self.rows.points_m(), observation, source)?;
+            estimator.correct(points_m, observation, source)?;
+            self.replays_due = true;
         }
         Ok(StepReport { contacts, external: Some(external), predicted: Some(predicted) })
     }
 
-    /// Ends a touch.
+    /// The simulator's work on a sample beside the replays that the last frame left to do.
+    fn track_and_replay(&mut self, sample: &Sample) -> Result<Frame, TouchError> {
+        let visits = self.take_due();
+        let (tracker, estimator) = (&mut self.tracker, &mut self.estimator);
+        if visits == 0 {
+            return tracker.feed(sample);
+        }
+        rayon::join(|| tracker.feed(sample), || estimator.replay(visits)).0
+    }
+
+    /// The replays that are due, which then no longer are.
+    fn take_due(&mut self) -> u32 {
+        let due = std::mem::take(&mut self.replays_due);
+        if due { self.config.estimator.replays } else { 0 }
+    }
+
+    /// Ends a touch, with the replays that its last frame left to do.
     ///
     /// # Errors
     ///
     /// If the touch was shorter than the tare frames asked for.
     pub fn end_touch(&mut self) -> Result<(), MapperError> {
+        let visits = self.take_due();
+        self.estimator.replay(visits);
         self.close_tape();
         Ok(self.tracker.end_touch()?)
     }
 
     /// Visits remembered frames without a new one; returns how many there were to visit.
     pub fn replay(&mut self, visits: u32) -> u32 {
-        self.estimator.replay(self.rows.points_m(), visits)
+        self.estimator.replay(visits)
     }
 
     /// The settings.
@@ -224,12 +254,12 @@ impl Mapper {
 
     /// The field as it is now.
     pub fn field(&self) -> Field {
-        let rows = 0..self.rows.len();
+        let rows = 0..self.folder.rows().len();
         Field {
             lattice: self.config.lattice.clone(),
             contact: self.config.contact.clone(),
             touch: self.config.touch.clone(),
-            cells: self.rows.cells().to_vec(),
+            cells: self.folder.rows().cells().to_vec(),
             stiffness_n_per_m: rows.clone().map(|row| self.estimator.stiffness(row)).collect(),
             std_n_per_m: rows.clone().map(|row| self.estimator.std(row)).collect(),
             counts: rows.map(|row| self.estimator.count(row)).collect(),
@@ -239,7 +269,7 @@ impl Mapper {
 
     /// Everything needed to go on later.
     pub fn snapshot(&self) -> Snapshot {
-        let mut state = self.estimator.state(self.rows.len());
+        let mut state = self.estimator.state(self.folder.rows().len());
         let lost = |touch: u32| self.tape.iter().any(|taped| taped.touch == touch && taped.lost);
         state.remembered.retain(|(from, _)| !lost(from.touch));
         let needed: HashSet<u32> = state.remembered.iter().map(|(from, _)| from.touch).collect();
@@ -250,9 +280,10 @@ impl Mapper {
             config: self.config.clone(),
             robot: (arm.robot.name().to_owned(), arm.fingerprint()),
             n_joints: arm.robot.n_joints(),
-            cells: self.rows.cells().to_vec(),
+            cells: self.folder.rows().cells().to_vec(),
             tape: self.tape.iter().filter(keep).cloned().collect(),
             touches: self.touches,
+            replays_due: self.replays_due,
             state,
         }
     }
@@ -274,17 +305,20 @@ impl Mapper {
         let config = snapshot.config;
         let (spacing_m, n_joints) = (config.lattice.spacing_m(), arm.robot.n_joints());
         let mut mapper = Self::new(arm, config.clone())?;
+        let mut rows = CellRows::new(config.lattice.clone());
         for cell in &snapshot.cells {
             if !config.lattice.contains(*cell) {
                 let what = format!("cell {} is not in the lattice", cell.0);
                 return Err(MapperError::Snapshot { what });
             }
-            mapper.rows.row_of(*cell);
+            rows.row_of(*cell);
         }
+        mapper.folder = Folder::new(rows);
+        mapper.replays_due = snapshot.replays_due;
         let remembered: Vec<Source> =
             snapshot.state.remembered.iter().map(|(source, _)| *source).collect();
         let observations = mapper.simulate_again(&snapshot.tape, &remembered)?;
-        let points_m = mapper.rows.points_m();
+        let points_m = mapper.folder.rows().points_m();
         mapper.estimator = match config.method {
             Method::Map => {
                 Box::new(MapEstimator::new(&config.estimator, spacing_m, n_joints)?.restore(
@@ -296,7 +330,7 @@ impl Mapper {
             Method::Ekf => {
                 Box::new(EkfEstimator::new(&config.estimator, spacing_m, n_joints)?.restore(
                     &snapshot.state,
-                    points_m.len(),
+                    points_m,
                     observations,
                 )?)
             }
@@ -337,9 +371,10 @@ impl Mapper {
                 let sample = Sample { time_s: None, q: q.to_vec(), tau: tau.to_vec() };
                 let frame = self.tracker.feed(&sample)?;
                 let source = Source { touch: touch.touch, sample: number as u32 };
-                if let (Some(&index), Some(external)) = (order.get(&source), &frame.external) {
-                    let external = external.clone();
-                    found[index] = Some(observe(&self.tracker, &frame, &mut self.rows, external));
+                if let (Some(&index), Some(external)) = (order.get(&source), frame.external) {
+                    let (robot, contacts) = (&self.tracker.arm().robot, &frame.contacts);
+                    let folded = self.folder.fold(robot, &frame.poses, contacts, external);
+                    found[index] = Some(folded);
                 }
             }
         }
@@ -389,14 +424,4 @@ impl Mapper {
             self.estimator.sources().iter().map(|source| source.touch).collect();
         self.tape.retain(|touch| needed.contains(&touch.touch));
     }
-}
-
-/// Folds a frame into what an estimator sees.
-fn observe(
-    tracker: &Tracker,
-    frame: &Frame,
-    rows: &mut CellRows,
-    external: DVector<f64>,
-) -> Observation {
-    Observation::new(&tracker.arm().robot, &frame.poses, &frame.contacts, rows, external)
 }

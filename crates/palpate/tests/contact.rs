@@ -3,17 +3,20 @@
 
 mod scene;
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use nalgebra::DVector;
 use palpate::arm::Arm;
 use palpate::contact::{Config, Contacts, Simulator};
-use palpate::lattice::{CellRows, Lattice};
+use palpate::lattice::{CellId, CellRows, Lattice};
 use palpate::robot::{LinkId, Robot};
 use palpate::sdf;
 use palpate::torque::Observation;
 use palpate::touch::{self, Sample, TouchError, Tracker};
-use scene::{collision, gantry_urdf};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use scene::{collision, gantry_urdf, uniform};
 
 /// A gantry that carries one shape, baked finely.
 fn gantry(geometry: &str) -> Arc<Arm> {
@@ -157,7 +160,7 @@ fn a_cylinder_swept_through_an_elastic_bed_feels_the_force_of_the_integral() {
     let frame = Observation::new(&arm.robot, &poses, &contacts, &mut rows, DVector::zeros(3));
     let k_volume = 1e6; // N/m per m³
     let cell = k_volume * spacing.powi(3);
-    let force = frame.predict(rows.points_m(), |_| cell);
+    let force = frame.predict(|row| (rows.points_m()[row], cell));
 
     let length = 25.0 * spacing;
     let expected = -k_volume * length * (radius + delta) * travel * travel;
@@ -165,19 +168,67 @@ fn a_cylinder_swept_through_an_elastic_bed_feels_the_force_of_the_integral() {
     assert!(force[1].abs() < 0.02 * expected.abs() && force[2].abs() < 1e-6 * expected.abs());
 }
 
-#[test]
-fn settling_on_many_threads_gives_the_same_bits_as_on_one() {
-    let arm = gantry("<sphere radius='0.12'/>");
-    let lattice = Lattice::new([-0.4; 3], 0.01, [80; 3]).unwrap();
-    let run = |parallel: bool| {
-        let config = Config { parallel, ..config() };
-        let mut world = World::new(&arm, lattice.clone(), config, [0.0; 3]);
-        world.go([0.0; 3], [0.1, 0.05, -0.02]);
-        world.go([0.1, 0.05, -0.02], [0.08, -0.02, 0.05])
+/// A forearm that turns about its elbow, on an upper arm that turns and slides.
+fn elbow() -> Arc<Arm> {
+    let link = |name: &str, geometry: &str, x: f64| {
+        format!(
+            "<link name='{name}'><collision><origin xyz='{x} 0 0'/><geometry>{geometry}</geometry>\
+             </collision></link>"
+        )
     };
-    let (serial, parallel) = (run(false), run(true));
-    assert!(serial.len() > 1000, "{}", serial.len());
-    assert_eq!(serial, parallel);
+    let joint = |n: usize, kind: &str, parent: &str, child: &str, axis: &str, x: f64| {
+        format!(
+            "<joint name='j{n}' type='{kind}'><origin xyz='{x} 0 0'/><parent link='{parent}'/>\
+             <child link='{child}'/><axis xyz='{axis}'/><limit lower='-3' upper='3' effort='1' \
+             velocity='1'/></joint>"
+        )
+    };
+    let robot = Robot::from_urdf(&format!(
+        "<robot name='elbow'><link name='base'/><link name='slide'/>{}{}{}{}{}</robot>",
+        link("upper", "<box size='0.3 0.06 0.06'/>", 0.15),
+        link("fore", "<cylinder radius='0.03' length='0.2'/>", 0.05),
+        joint(0, "prismatic", "base", "slide", "0 0 1", 0.0),
+        joint(1, "continuous", "slide", "upper", "0 0 1", 0.0),
+        joint(2, "revolute", "upper", "fore", "0 1 0", 0.3),
+    ));
+    let bake = sdf::Config::default();
+    Arc::new(Arm::bake(robot.unwrap(), &bake, |_| unreachable!("primitives only")).unwrap().0)
+}
+
+#[test]
+fn no_point_that_a_link_covers_is_ever_free() {
+    // What is looked at only when a link may have reached it is found as if it always were.
+    let arm = elbow();
+    let lattice = Lattice::new([-0.4, -0.4, -0.2], 0.02, [40, 40, 20]).unwrap();
+    let config = Config { known_empty: false, contact_distance_m: 0.01, ..Config::default() };
+    let mut simulator = Simulator::new(lattice.clone(), Arc::clone(&arm.surfaces), config).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let (mut q, mut speed) = ([0.0; 3], [0.0; 3]);
+    simulator.begin_touch(&arm.robot.forward(&q).unwrap().world_from_link);
+    let (mut entered, mut left, mut last) = (0, 0, HashSet::new());
+    for motion in 0..400 {
+        if motion % 20 == 0 {
+            speed = [0.008, 0.02, 0.04].map(|most| uniform(&mut rng, -most, most));
+        }
+        q = std::array::from_fn(|joint| q[joint] + speed[joint]);
+        q[0] = f64::clamp(q[0], -0.1, 0.1);
+        let poses = arm.robot.forward(&q).unwrap().world_from_link;
+        let contacts = simulator.advance(&poses);
+        let touched: HashSet<CellId> =
+            contacts.links.iter().flat_map(|link| link.cells.iter().copied()).collect();
+        for cell in (0..lattice.n_cells() as u32).map(CellId) {
+            let point = lattice.point(cell);
+            let covered = arm.surfaces.iter().zip(&poses).any(|(surface, pose)| {
+                let surface = surface.as_ref();
+                surface.is_some_and(|s| s.distance(&pose.inverse_transform_point(&point)) < 0.01)
+            });
+            assert!(!covered || touched.contains(&cell), "motion {motion}: {point}");
+        }
+        entered += touched.difference(&last).count();
+        left += last.difference(&touched).count();
+        last = touched;
+    }
+    assert!(entered > 2000 && left > 1000, "{entered} entered, {left} left");
 }
 
 #[test]

@@ -50,9 +50,9 @@ impl Textbook {
     fn step(&mut self, rows: &CellRows, frame: &Observation, r: f64, drift_variance: f64) {
         let levers = frame.levers(rows.points_m());
         let mut h = DMatrix::zeros(3, self.mean.len());
-        for (contact, &row) in frame.rows().iter().enumerate() {
-            let sign = self.mean[row as usize].signum();
-            h.set_column(row as usize, &(levers.column(contact) * sign));
+        for (contact, row) in frame.rows().enumerate() {
+            let sign = self.mean[row].signum();
+            h.set_column(row, &(levers.column(contact) * sign));
         }
         let innovation = &h * &self.covariance * h.transpose() + DMatrix::identity(3, 3) * r;
         let gain = &self.covariance * h.transpose() * innovation.try_inverse().unwrap();
@@ -109,16 +109,16 @@ fn one_joint_one_contact_recovers_the_spring() {
 fn a_replayed_measurement_is_fused_again() {
     let (rows, frames) = diagonal_frames(20);
     let frame = frames.iter().find(|frame| frame.n_contacts() == 3).unwrap();
-    let once = config(Method::Ekf, 2.0, 30.0, 0.2);
+    let settings = config(Method::Ekf, 2.0, 30.0, 0.2);
     let learn = |replays: u32, times: u32| {
-        let settings = EstimatorConfig { replays, ..once.clone() };
         let mut ekf = EkfEstimator::new(&settings, 0.01, 3).unwrap();
         for sample in 0..times {
             ekf.correct(rows.points_m(), frame.clone(), Source { touch: 0, sample }).unwrap();
         }
+        assert_eq!(ekf.replay(replays), replays);
         (ekf.state(rows.len()).mean, ekf.state(rows.len()).variance)
     };
-    // Two measurements, the first replayed three times after the second, are five in all.
+    // Two measurements and three replays of either are five in all.
     assert_eq!(learn(3, 2), learn(0, 5));
 }
 

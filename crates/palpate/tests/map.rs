@@ -98,8 +98,8 @@ fn many_visits_end_at_the_optimum_of_an_independent_solver() {
     let (rows, frames) = frames(3, 25);
     let (mean, std, torque_std) = (5.0, 40.0, 0.1);
     let mut map = learn(&config(Method::Map, mean, std, torque_std), &rows, &frames);
-    map.replay(rows.points_m(), 2_000_000);
-    let residual = map.kkt_residual(rows.points_m());
+    map.replay(2_000_000);
+    let residual = map.kkt_residual();
     assert!(residual < 1e-8, "{residual} N·m");
 
     let n = rows.len();
@@ -107,8 +107,8 @@ fn many_visits_end_at_the_optimum_of_an_independent_solver() {
     let mut b = DVector::zeros(a.nrows());
     for (t, frame) in frames.iter().enumerate() {
         let levers = frame.levers(rows.points_m()) / torque_std;
-        for (contact, &row) in frame.rows().iter().enumerate() {
-            a.view_mut((4 * t, row as usize), (4, 1)).copy_from(&levers.column(contact));
+        for (contact, row) in frame.rows().enumerate() {
+            a.view_mut((4 * t, row), (4, 1)).copy_from(&levers.column(contact));
         }
         b.rows_mut(4 * t, 4).copy_from(&(&frame.tau / torque_std));
     }
@@ -125,18 +125,18 @@ fn a_forgotten_frame_might_as_well_never_have_been_seen() {
     let (rows, frames) = frames(4, 12);
     let config = config(Method::Map, 5.0, 40.0, 0.1);
     let mut forgetful = learn(&config, &rows, &frames);
-    assert!(forgetful.forget(rows.points_m(), source(11)));
-    assert!(!forgetful.forget(rows.points_m(), source(11)));
+    assert!(forgetful.forget(source(11)));
+    assert!(!forgetful.forget(source(11)));
     let mut innocent = learn(&config, &rows, &frames[..11]);
     // Before any further visit the two agree exactly in z; no replay ran in either.
     assert!((stiffness(&forgetful, &rows) - stiffness(&innocent, &rows)).amax() < 1e-9);
 
-    forgetful.forget(rows.points_m(), source(3));
+    forgetful.forget(source(3));
     let mut without = frames[..11].to_vec();
     without.remove(3);
     let mut other = learn(&config, &rows, &without);
     for map in [&mut forgetful, &mut other, &mut innocent] {
-        map.replay(rows.points_m(), 100_000);
+        map.replay(100_000);
     }
     assert!((stiffness(&forgetful, &rows) - stiffness(&other, &rows)).amax() < 1e-7);
     assert!((stiffness(&forgetful, &rows) - stiffness(&innocent, &rows)).amax() > 1e-3);
@@ -146,14 +146,14 @@ fn a_forgotten_frame_might_as_well_never_have_been_seen() {
 fn millions_of_visits_do_not_wear_z_out() {
     let (rows, frames) = frames(5, 6);
     let mut map = learn(&config(Method::Map, 0.0, 40.0, 0.1), &rows, &frames);
-    map.replay(rows.points_m(), 1_000_000);
+    map.replay(1_000_000);
     // z as it stands against z computed afresh from the multipliers.
     let state = map.state(rows.len());
     let mut afresh = DVector::<f64>::zeros(rows.len());
     for (from, alpha) in &state.remembered {
         let alpha = DVector::from_column_slice(alpha);
-        frames[from.sample as usize].spread(rows.points_m(), &alpha, |row, lever| {
-            afresh[row] += 40.0 * 40.0 * lever;
+        frames[from.sample as usize].spread(&alpha, |row, push| {
+            afresh[row] += 40.0 * 40.0 * push.at(rows.points_m()[row]);
         });
     }
     let drift = (DVector::from_column_slice(&state.mean) - afresh).amax();

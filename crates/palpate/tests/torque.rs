@@ -41,25 +41,28 @@ fn folded_products_are_those_of_the_lever_matrix() {
     let h = frame.levers(points);
     let n = frame.n_contacts();
     let k = DVector::from_fn(n, |i, _| 10.0 + i as f64);
-    let by_row = |row: usize| k[frame.rows().iter().position(|r| *r as usize == row).unwrap()];
+    let by_row = |row: usize| k[frame.rows().position(|r| r == row).unwrap()];
 
-    assert!((frame.predict(points, by_row) - &h * &k).amax() < 1e-12);
+    let predicted = frame.predict(|row| (points[row], by_row(row)));
+    assert!((predicted - &h * &k).amax() < 1e-12);
+    let [weighted, uniform] = frame.grams(|row| (points[row], [by_row(row), 2.0]));
     let gram = &h * DMatrix::from_diagonal(&k) * h.transpose();
-    assert!((frame.gram(points, by_row) - gram).amax() < 1e-12);
+    assert!((weighted - gram).amax() < 1e-12);
+    assert!((uniform - &h * h.transpose() * 2.0).amax() < 1e-12);
 
     let d = DVector::from_fn(4, |i, _| 1.0 - 0.7 * i as f64);
     let m = DMatrix::from_fn(4, 4, |i, j| 1.0 / (1.0 + i as f64 + j as f64));
     let mut contact = 0;
-    frame.spread(points, &d, |row, value| {
-        assert_eq!(row, frame.rows()[contact] as usize);
-        assert!((value - h.column(contact).dot(&d)).abs() < 1e-12);
+    frame.spread(&d, |row, push| {
+        assert_eq!(Some(row), frame.rows().nth(contact));
+        assert!((push.at(points[row]) - h.column(contact).dot(&d)).abs() < 1e-12);
         contact += 1;
     });
     assert_eq!(contact, n);
     let mut contact = 0;
-    frame.quadratic(points, &m, |_, value| {
+    frame.quadratic(&m, |row, form| {
         let expected = (h.column(contact).transpose() * &m * h.column(contact))[0];
-        assert!((value - expected).abs() < 1e-12);
+        assert!((form.at(points[row]) - expected).abs() < 1e-12);
         contact += 1;
     });
 }
@@ -81,5 +84,5 @@ fn nothing_touched_feels_like_nothing() {
     let mut rows = CellRows::new(centimetre_lattice());
     let none = Contacts::default();
     let frame = Observation::new(&robot, &poses, &none, &mut rows, DVector::zeros(4));
-    assert_eq!(frame.predict(rows.points_m(), |_| 1.0), DVector::zeros(4));
+    assert_eq!(frame.predict(|row| (rows.points_m()[row], 1.0)), DVector::zeros(4));
 }

@@ -217,7 +217,6 @@ impl ContactSettings {
             slip_iterations: self.slip_iterations.unwrap_or(base.slip_iterations),
             substep_cells: self.substep_cells.unwrap_or(base.substep_cells),
             known_empty: self.known_empty.unwrap_or(base.known_empty),
-            parallel: base.parallel,
         }
     }
 }

@@ -92,6 +92,8 @@ struct MapperMeta {
     touches: u32,
     step: u64,
     rng: RngState,
+    #[serde(default)]
+    replays_due: bool,
 }
 
 /// Writes a field, whole or not at all, in the place of any file of that name.
@@ -147,6 +149,7 @@ fn to_arrays(saved: &Saved) -> Arrays {
             touches: snapshot.touches,
             step: snapshot.state.step,
             rng: snapshot.state.rng,
+            replays_due: snapshot.replays_due,
         }),
     };
     let json = serde_json::to_string(&meta).expect("settings are plain data");
@@ -267,6 +270,7 @@ fn snapshot(
         cells: field.cells.clone(),
         state,
         touches: mapper.touches,
+        replays_due: mapper.replays_due,
         tape,
     })
 }

@@ -1,12 +1,15 @@
-//! Which free points a link covers: an octree descent over the lattice around it.
+//! Which free points a link has come to cover, without looking where it cannot have.
 //!
-//! φ is a distance: at the centre of a block of cells it bounds φ everywhere in the block, so
-//! whole blocks away from the link are passed over with one look, and so are blocks inside it
-//! whose cells are all taken already.
+//! φ is a distance: at the centre of a block of cells it bounds φ everywhere in the block, and a
+//! block that is far from the link stays free until the link has travelled as far. So every link
+//! keeps a [`Watch`]: an agenda of blocks, each due when the link may have reached it. A motion
+//! looks at what has become due; a block that may hold covered points is split, and whatever is
+//! still free goes back on the agenda. What a motion costs follows the link's surface and how far
+//! it went, and what is found is the same as if every point had been looked at.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use crate::lattice::{BRICK_EDGE, BrickBits, CellSet, Lattice};
+use crate::lattice::{BRICK_EDGE, CellSet, Lattice};
 use crate::sdf::Grid;
 
 /// A free point inside an inflated link.
@@ -17,17 +20,15 @@ pub(super) struct Entered {
     pub(super) distance_m: f64,
 }
 
-/// What a search needs to know besides the link.
-pub(super) struct Search<'a> {
-    pub(super) lattice: &'a Lattice,
-    pub(super) taken: &'a CellSet,
-    /// δ.
-    pub(super) reach_m: f64,
-}
-
 /// How much more than a distance the baked φ may change between two points, as a factor:
 /// trilinear interpolation of a distance is not quite 1-Lipschitz.
 const LIPSCHITZ: f64 = 1.1;
+
+/// How far a link may travel before its agenda is written anew; blocks due later are left out.
+const HORIZON_M: f64 = 0.04;
+
+/// Travel that shares a page of the agenda.
+const PAGE_M: f64 = 0.001;
 
 /// The box of a link's surface, as eight points of its frame.
 pub(super) fn corners(surface: &Grid) -> [Point3<f64>; 8] {
@@ -38,92 +39,174 @@ pub(super) fn corners(surface: &Grid) -> [Point3<f64>; 8] {
     })
 }
 
-impl Search<'_> {
-    /// Adds the free points with φ < δ of one link to `found`.
-    pub(super) fn collect(
-        &self,
-        link: usize,
+/// What a look needs to know besides the agenda.
+pub(super) struct Look<'a> {
+    pub(super) lattice: &'a Lattice,
+    /// Places that cannot be entered.
+    pub(super) taken: &'a CellSet,
+    /// δ.
+    pub(super) reach_m: f64,
+    pub(super) link: usize,
+    pub(super) surface: &'a Grid,
+    pub(super) pose: &'a Isometry3<f64>,
+}
+
+/// A cube of cells, at its first place, of 8, 4, 2 or 1 cells a side.
+#[derive(Debug, Clone, Copy)]
+struct Block {
+    low: [u32; 3],
+    edge: u32,
+}
+
+/// When a block must be looked at again.
+#[derive(Debug, Clone, Copy)]
+struct Due {
+    travel_m: f64,
+    block: Block,
+}
+
+/// One link's agenda.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Watch {
+    /// How far, at most, any point within reach has moved in the link's frame since the agenda
+    /// was written.
+    travel_m: f64,
+    /// Blocks by the travel at which they are due, a page each [`PAGE_M`]; none: not written yet.
+    pages: Vec<Vec<Due>>,
+    /// The first page that may hold anything.
+    current: usize,
+}
+
+impl Watch {
+    /// Forgets the agenda: the next look is at everything.
+    pub(super) fn clear(&mut self) {
+        self.pages.clear();
+    }
+
+    /// Adds a motion of the link to its travel.
+    ///
+    /// In the link's frame a point x moves to `x' = M x` with `M = to⁻¹ from`; within a ball about
+    /// the middle c of the link's box no point moves further than `|M c − c| + 2 sin(θ/2) ρ`. Only
+    /// points in the ball of all that is within reach or on the agenda are asked for: one from
+    /// outside comes nearer by at most `|M c − c|` a motion.
+    pub(super) fn travel(
+        &mut self,
         surface: &Grid,
-        world_from_link: &Isometry3<f64>,
-        found: &mut Vec<Entered>,
+        reach_m: f64,
+        from: &Isometry3<f64>,
+        to: &Isometry3<f64>,
     ) {
-        let (first, end) = self.places_near(surface, world_from_link);
-        let bricks = |axis: usize| (first[axis] / BRICK_EDGE)..end[axis].div_ceil(BRICK_EDGE);
+        let (low, high) = surface.bounds();
+        let (middle, half) = (nalgebra::center(&low, &high), (high - low) / 2.0);
+        let motion = to.inv_mul(from);
+        let chord = 2.0 * motion.rotation.imag().norm();
+        let radius_m = half.norm() + reach_m + LIPSCHITZ * HORIZON_M;
+        self.travel_m += (motion * middle - middle).norm() + chord * radius_m;
+    }
+
+    /// Adds the free points with φ < δ that the link has come to cover to `found`.
+    pub(super) fn look(&mut self, look: &Look<'_>, found: &mut Vec<Entered>) {
+        if self.pages.is_empty() || self.travel_m >= HORIZON_M {
+            return self.look_everywhere(look, found);
+        }
+        let page = (self.travel_m / PAGE_M) as usize;
+        let mut due: Vec<Block> = Vec::new();
+        for passed in &mut self.pages[self.current..page] {
+            due.extend(passed.drain(..).map(|due| due.block));
+        }
+        let travel_m = self.travel_m;
+        due.extend(
+            self.pages[page].extract_if(.., |due| due.travel_m <= travel_m).map(|due| due.block),
+        );
+        self.current = page;
+        for block in due {
+            self.visit(look, block, found);
+        }
+    }
+
+    /// Puts a place that has become free on the agenda, or adds it to `found`.
+    pub(super) fn look_at(&mut self, look: &Look<'_>, place: [u32; 3], found: &mut Vec<Entered>) {
+        if !self.pages.is_empty() {
+            self.visit(look, Block { low: place, edge: 1 }, found);
+        }
+    }
+
+    /// Writes the agenda anew, from every brick that the link can reach before the next time.
+    fn look_everywhere(&mut self, look: &Look<'_>, found: &mut Vec<Entered>) {
+        self.pages.resize((HORIZON_M / PAGE_M) as usize + 1, Vec::new());
+        self.pages.iter_mut().for_each(Vec::clear);
+        (self.travel_m, self.current) = (0.0, 0);
+        let (first, end) = look.places_near();
         if (0..3).any(|axis| first[axis] >= end[axis]) {
             return;
         }
+        let bricks = |axis: usize| (first[axis] / BRICK_EDGE)..end[axis].div_ceil(BRICK_EDGE);
         for k in bricks(2) {
             for j in bricks(1) {
                 for i in bricks(0) {
-                    let (brick, pose) = ([i, j, k], world_from_link);
-                    let taken = self.taken.brick(brick);
-                    let descent = Descent { search: self, taken, link, surface, pose, first, end };
-                    descent.visit(brick.map(|n| n * BRICK_EDGE), BRICK_EDGE, found);
+                    let low = [i, j, k].map(|n| n * BRICK_EDGE);
+                    self.visit(look, Block { low, edge: BRICK_EDGE }, found);
                 }
             }
         }
     }
 
-    /// The places that the link's box, inflated by δ, can reach.
-    fn places_near(&self, surface: &Grid, pose: &Isometry3<f64>) -> ([u32; 3], [u32; 3]) {
+    /// Looks at a block: nothing in it is free, or it is put off, or split, or a covered point.
+    fn visit(&mut self, look: &Look<'_>, block: Block, found: &mut Vec<Entered>) {
+        let Block { low, edge } = block;
+        let shape = look.lattice.shape();
+        if (0..3).any(|axis| low[axis] >= shape[axis]) || look.taken.holds_cube(low, edge) {
+            return;
+        }
+        let distance_m = look.distance(block);
+        let free_m = (distance_m - look.reach_m) / LIPSCHITZ - look.radius_m(block);
+        if free_m > 0.0 || (edge == 1 && distance_m >= look.reach_m) {
+            return self.put_off(block, free_m);
+        }
+        if edge == 1 {
+            return found.push(Entered { place: low, link: look.link, distance_m });
+        }
+        let edge = edge / 2;
+        for octant in 0..8 {
+            let step = [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * edge);
+            let low = [low[0] + step[0], low[1] + step[1], low[2] + step[2]];
+            self.visit(look, Block { low, edge }, found);
+        }
+    }
+
+    /// Puts a block that the link cannot reach in less than `free_m` on the agenda.
+    fn put_off(&mut self, block: Block, free_m: f64) {
+        let travel_m = self.travel_m + free_m;
+        if let Some(page) = self.pages.get_mut((travel_m / PAGE_M) as usize) {
+            page.push(Due { travel_m, block });
+        }
+    }
+}
+
+impl Look<'_> {
+    /// φ at the middle of a block.
+    fn distance(&self, block: Block) -> f64 {
+        let half_m = f64::from(block.edge - 1) / 2.0 * self.lattice.spacing_m();
+        let middle = self.lattice.point_at(block.low) + Vector3::repeat(half_m);
+        self.surface.distance(&self.pose.inverse_transform_point(&middle))
+    }
+
+    /// The farthest that a point of a block is from its middle.
+    fn radius_m(&self, block: Block) -> f64 {
+        f64::from(block.edge - 1) / 2.0 * self.lattice.spacing_m() * 3f64.sqrt()
+    }
+
+    /// The places that the link's box reaches within a horizon.
+    fn places_near(&self) -> ([u32; 3], [u32; 3]) {
         let mut low = Point3::from(Vector3::repeat(f64::INFINITY));
         let mut high = Point3::from(Vector3::repeat(f64::NEG_INFINITY));
-        for corner in corners(surface) {
-            let corner = pose * corner;
+        for corner in corners(self.surface) {
+            let corner = self.pose * corner;
             low = low.inf(&corner);
             high = high.sup(&corner);
         }
-        let reach = Vector3::repeat(self.reach_m);
+        let reach = Vector3::repeat(self.reach_m + LIPSCHITZ * HORIZON_M);
         self.lattice.places_within(&(low - reach), &(high + reach))
-    }
-}
-
-/// One link's descent in one brick.
-struct Descent<'a> {
-    search: &'a Search<'a>,
-    /// The cells of the brick that cannot be entered.
-    taken: BrickBits,
-    link: usize,
-    surface: &'a Grid,
-    pose: &'a Isometry3<f64>,
-    first: [u32; 3],
-    end: [u32; 3],
-}
-
-impl Descent<'_> {
-    /// Looks at the block of `edge`³ cells whose first place is `low`.
-    fn visit(&self, low: [u32; 3], edge: u32, found: &mut Vec<Entered>) {
-        if (0..3).any(|axis| low[axis] >= self.end[axis] || low[axis] + edge <= self.first[axis]) {
-            return;
-        }
-        if self.taken.holds_cube(low, edge) {
-            return;
-        }
-        if edge == 1 {
-            return self.visit_cell(low, found);
-        }
-        let half_cells = f64::from(edge - 1) / 2.0;
-        let spacing_m = self.search.lattice.spacing_m();
-        let centre = self.search.lattice.point_at(low) + Vector3::repeat(half_cells * spacing_m);
-        let radius_m = half_cells * spacing_m * 3f64.sqrt();
-        let distance_m = self.surface.distance(&self.pose.inverse_transform_point(&centre));
-        if distance_m > self.search.reach_m + LIPSCHITZ * radius_m {
-            return;
-        }
-        let half = edge / 2;
-        for octant in 0..8 {
-            let step = [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * half);
-            self.visit([low[0] + step[0], low[1] + step[1], low[2] + step[2]], half, found);
-        }
-    }
-
-    /// Takes a single free cell if it is covered.
-    fn visit_cell(&self, place: [u32; 3], found: &mut Vec<Entered>) {
-        let rest = self.search.lattice.point_at(place);
-        let distance_m = self.surface.distance(&self.pose.inverse_transform_point(&rest));
-        if distance_m < self.search.reach_m {
-            found.push(Entered { place, link: self.link, distance_m });
-        }
     }
 }
 

@@ -24,8 +24,7 @@ mod settle;
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point3};
-use rayon::prelude::*;
+use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use crate::lattice::{CellId, CellSet, Lattice};
@@ -51,10 +50,6 @@ pub struct Config {
     pub substep_cells: f64,
     /// Whether points inside the links at the start of a touch are empty space throughout it.
     pub known_empty: bool,
-    /// Whether contacts are settled on several threads; the result is the same to the bit, so it
-    /// is not part of what is saved.
-    #[serde(skip)]
-    pub parallel: bool,
 }
 
 impl Default for Config {
@@ -66,7 +61,6 @@ impl Default for Config {
             slip_iterations: 10,
             substep_cells: 0.5,
             known_empty: true,
-            parallel: true,
         }
     }
 }
@@ -141,29 +135,20 @@ impl Contacts {
     }
 }
 
-/// A touched point: where it rests, and where its link holds it.
-#[derive(Debug, Clone)]
-struct Anchor {
-    cell: CellId,
-    rest: Point3<f64>,
-    anchor_link: Point3<f64>,
-    displacement_m: [f32; 3],
-}
-
-/// Anchors fewer than this are settled on one thread: handing them out costs more.
-const PARALLEL_FROM: usize = 512;
-
 /// Follows the arm through the lattice and keeps what it displaces.
 ///
-/// Deterministic: the same poses give the same contacts, on one thread or many.
+/// Deterministic: the same poses give the same contacts.
 #[derive(Debug, Clone)]
 pub struct Simulator {
     lattice: Lattice,
     surfaces: Arc<Vec<Option<Grid>>>,
     config: Config,
     poses: Vec<Isometry3<f64>>,
-    anchors: Vec<Vec<Anchor>>,
-    /// Places that are anchored or known empty, and cannot be entered.
+    /// By link.
+    touched: Vec<Vec<settle::Touched>>,
+    /// By link.
+    watches: Vec<enter::Watch>,
+    /// Places that are touched or known empty, and cannot be entered.
     taken: CellSet,
 }
 
@@ -179,15 +164,10 @@ impl Simulator {
         config: Config,
     ) -> Result<Self, ConfigError> {
         config.check()?;
-        let anchors = vec![Vec::new(); surfaces.len()];
-        Ok(Self {
-            lattice,
-            surfaces,
-            config,
-            poses: Vec::new(),
-            anchors,
-            taken: CellSet::default(),
-        })
+        let touched = vec![Vec::new(); surfaces.len()];
+        let watches = vec![enter::Watch::default(); surfaces.len()];
+        let (poses, taken) = (Vec::new(), CellSet::default());
+        Ok(Self { lattice, surfaces, config, poses, touched, watches, taken })
     }
 
     /// Forgets all contacts and starts a touch with the arm at these poses.
@@ -200,16 +180,16 @@ impl Simulator {
     ///
     /// If there is not one pose a link, which is a bug in the caller.
     pub fn begin_touch(&mut self, world_from_link: &[Isometry3<f64>]) {
-        assert_eq!(world_from_link.len(), self.anchors.len(), "one pose per link");
+        assert_eq!(world_from_link.len(), self.touched.len(), "one pose per link");
         self.taken.clear();
-        self.anchors.iter_mut().for_each(Vec::clear);
-        self.poses.clear();
-        let entered = self.find_entered(world_from_link, false);
+        self.touched.iter_mut().for_each(Vec::clear);
+        self.watches.iter_mut().for_each(enter::Watch::clear);
         self.poses = world_from_link.to_vec();
+        let entered = self.find_entered(&[]);
         if self.config.known_empty {
             entered.iter().for_each(|found| self.taken.insert(found.place));
         } else {
-            self.anchor(&entered);
+            self.hold(&entered);
         }
     }
 
@@ -240,99 +220,89 @@ impl Simulator {
     pub fn advance(&mut self, world_from_link: &[Isometry3<f64>]) -> Contacts {
         assert_eq!(world_from_link.len(), self.poses.len(), "one pose per link, after begin_touch");
         if world_from_link != self.poses {
-            let mut released = false;
+            let mut released = Vec::new();
             for (link, pose) in world_from_link.iter().enumerate() {
-                released |= self.settle_link(link, pose);
+                self.settle_link(link, pose, &mut released);
             }
-            let entered = self.find_entered(world_from_link, released);
-            self.poses.clone_from_slice(world_from_link);
-            self.anchor(&entered);
+            self.move_links(world_from_link);
+            let entered = self.find_entered(&released);
+            self.hold(&entered);
         }
         self.contacts()
     }
 
-    /// Carries, slips and releases the points that one link holds; says whether it released any.
-    fn settle_link(&mut self, link: usize, world_from_link: &Isometry3<f64>) -> bool {
-        let Some(surface) = &self.surfaces[link] else { return false };
+    /// Carries, slips and releases the points that one link holds; `released` gets the places of
+    /// those it let go.
+    fn settle_link(
+        &mut self,
+        link: usize,
+        world_from_link: &Isometry3<f64>,
+        released: &mut Vec<[u32; 3]>,
+    ) {
+        let Some(surface) = &self.surfaces[link] else { return };
         let slip = settle::Slip::new(&self.config);
-        let carry = |anchor: &mut Anchor| {
-            let rest_link = world_from_link.inverse_transform_point(&anchor.rest);
-            let held = settle::settle(surface, &rest_link, &anchor.anchor_link, &slip)?;
-            anchor.anchor_link = held;
-            let displacement = world_from_link * (held - rest_link);
-            anchor.displacement_m = displacement.cast::<f32>().into();
-            Some(())
-        };
-        let anchors = &mut self.anchors[link];
-        let kept: Vec<bool> = if self.config.parallel && anchors.len() >= PARALLEL_FROM {
-            anchors.par_iter_mut().map(|anchor| carry(anchor).is_some()).collect()
-        } else {
-            anchors.iter_mut().map(|anchor| carry(anchor).is_some()).collect()
-        };
-        let released = kept.contains(&false);
-        let mut kept = kept.into_iter();
-        anchors.retain(|anchor| {
-            let keep = kept.next().expect("one verdict per anchor");
-            if !keep {
-                self.taken.remove(self.lattice.place(anchor.cell));
-            }
-            keep
-        });
-        released
+        let touched = &mut self.touched[link];
+        settle::settle(surface, world_from_link, &slip, touched);
+        let first = released.len();
+        let let_go = touched.iter().filter(|touched| !touched.held);
+        released.extend(let_go.map(|touched| self.lattice.place(touched.cell)));
+        if released.len() > first {
+            touched.retain(|touched| touched.held);
+            released[first..].iter().for_each(|place| self.taken.remove(*place));
+        }
     }
 
-    /// Free points that the links cover at these poses, each once, with its deepest link.
-    ///
-    /// `released` says whether points have become free since the last look: then a link that
-    /// stood still may cover some of them, and is searched too.
-    fn find_entered(
-        &self,
-        world_from_link: &[Isometry3<f64>],
-        released: bool,
-    ) -> Vec<enter::Entered> {
+    /// Takes the links to their new poses.
+    fn move_links(&mut self, world_from_link: &[Isometry3<f64>]) {
         let reach_m = self.config.contact_distance_m;
-        let mut found = Vec::new();
-        for (link, surface) in self.surfaces.iter().enumerate() {
-            let (Some(surface), pose) = (surface, &world_from_link[link]) else { continue };
-            if !released && self.poses.get(link) == Some(pose) {
-                continue; // a link that stood still covers nothing new
+        for (link, watch) in self.watches.iter_mut().enumerate() {
+            if let Some(surface) = &self.surfaces[link] {
+                watch.travel(surface, reach_m, &self.poses[link], &world_from_link[link]);
             }
-            let search = enter::Search { lattice: &self.lattice, taken: &self.taken, reach_m };
-            search.collect(link, surface, pose, &mut found);
+        }
+        self.poses.clone_from_slice(world_from_link);
+    }
+
+    /// Free points that the links cover where they are, each once, with its deepest link;
+    /// `released` are places that have become free since the last look.
+    fn find_entered(&mut self, released: &[[u32; 3]]) -> Vec<enter::Entered> {
+        let mut found = Vec::new();
+        for (link, watch) in self.watches.iter_mut().enumerate() {
+            let (Some(surface), pose) = (&self.surfaces[link], &self.poses[link]) else { continue };
+            let (lattice, taken) = (&self.lattice, &self.taken);
+            let reach_m = self.config.contact_distance_m;
+            let look = enter::Look { lattice, taken, reach_m, link, surface, pose };
+            watch.look(&look, &mut found);
+            for place in released {
+                watch.look_at(&look, *place, &mut found);
+            }
         }
         enter::keep_deepest(&mut found);
         found
     }
 
     /// Anchors newly entered points on the inflated surface of their links.
-    fn anchor(&mut self, entered: &[enter::Entered]) {
+    fn hold(&mut self, entered: &[enter::Entered]) {
         let slip = settle::Slip::new(&self.config);
         for found in entered {
             let Some(surface) = &self.surfaces[found.link] else { continue };
+            let (cell, rest) = (self.lattice.cell(found.place), self.lattice.point_at(found.place));
             let pose = &self.poses[found.link];
-            let rest = self.lattice.point_at(found.place);
-            let rest_link = pose.inverse_transform_point(&rest);
-            let anchor_link = settle::project(surface, &rest_link, slip.contact_distance_m);
-            let displacement = pose * (anchor_link - rest_link);
+            let touched = settle::Touched::new(cell, rest, surface, pose, &slip);
+            self.touched[found.link].push(touched);
             self.taken.insert(found.place);
-            self.anchors[found.link].push(Anchor {
-                cell: self.lattice.cell(found.place),
-                rest,
-                anchor_link,
-                displacement_m: displacement.cast::<f32>().into(),
-            });
         }
     }
 
     /// The contacts as they stand.
     fn contacts(&self) -> Contacts {
         let mut contacts = Contacts::default();
-        for (link, anchors) in self.anchors.iter().enumerate() {
-            if !anchors.is_empty() {
+        for (link, touched) in self.touched.iter().enumerate() {
+            if !touched.is_empty() {
                 contacts.links.push(LinkContacts {
                     link: LinkId(link as u16),
-                    cells: anchors.iter().map(|anchor| anchor.cell).collect(),
-                    displacements_m: anchors.iter().map(|a| a.displacement_m).collect(),
+                    cells: touched.iter().map(|touched| touched.cell).collect(),
+                    displacements_m: touched.iter().map(|touched| touched.displacement_m).collect(),
                 });
             }
         }

@@ -1,11 +1,14 @@
-//! One touched point on one link: stick, slip, release (Sec. II).
+//! The points that one link holds: stick, slip, release (Sec. II).
 //!
-//! Everything happens in the link's frame, where the surface stands still and the rest point
-//! moves. The functions know no lattice and no link numbers.
+//! Everything happens in the link's frame, where the surface stands still and the rest points
+//! move. A point that sticks costs no look at the surface: the normal at its anchor is kept. Those
+//! that slip do so in rounds, all together, so that the processor has many looks at the surface
+//! under way at once instead of waiting for each; no point's way depends on another's.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::Config;
+use crate::lattice::CellId;
 use crate::sdf::Grid;
 
 /// The contact model's lengths, in metres.
@@ -30,58 +33,113 @@ impl Slip {
     }
 }
 
-/// Lets an anchor slip until the friction cone holds it, or says that it lets go.
-///
-/// While the tangential part of `u = anchor − rest` exceeds μ times its normal part, the anchor
-/// moves along the surface towards the rest point, by at most λ an iteration, and is projected
-/// back onto φ = δ. Returns `None` once `u·n ≤ 0`: a spring that only pushes has let go.
-pub(super) fn settle(
-    surface: &Grid,
-    rest_link: &Point3<f64>,
-    anchor_link: &Point3<f64>,
-    slip: &Slip,
-) -> Option<Point3<f64>> {
-    let mut anchor = *anchor_link;
-    let (_, mut normal) = surface.distance_and_normal(&anchor);
-    for _ in 0..slip.iterations {
-        let (along, across) = split(&(anchor - rest_link), &normal);
-        if along <= 0.0 {
-            return None;
-        }
-        let tangential_m = across.norm();
-        let excess_m = tangential_m - slip.friction * along;
-        if excess_m <= TOUCHES_THE_CONE * slip.contact_distance_m {
-            break;
-        }
-        anchor -= across * (excess_m.min(slip.step_m) / tangential_m);
-        anchor = project(surface, &anchor, slip.contact_distance_m);
-        normal = surface.distance_and_normal(&anchor).1;
+/// A touched point: where it rests, and where its link holds it.
+#[derive(Debug, Clone)]
+pub(super) struct Touched {
+    pub(super) cell: CellId,
+    /// Whether the link still holds it.
+    pub(super) held: bool,
+    /// anchor − rest point, world frame, m.
+    pub(super) displacement_m: [f32; 3],
+    rest: Point3<f64>,
+    rest_link: Point3<f64>,
+    /// On the surface φ = δ.
+    anchor_link: Point3<f64>,
+    /// ∇φ there, a unit vector.
+    normal_link: Vector3<f64>,
+}
+
+impl Touched {
+    /// A point that its link takes hold of where the surface φ = δ is nearest.
+    pub(super) fn new(
+        cell: CellId,
+        rest: Point3<f64>,
+        surface: &Grid,
+        world_from_link: &Isometry3<f64>,
+        slip: &Slip,
+    ) -> Self {
+        let rest_link = world_from_link.inverse_transform_point(&rest);
+        let mut touched = Self {
+            cell,
+            held: true,
+            displacement_m: [0.0; 3],
+            rest,
+            rest_link,
+            anchor_link: rest_link,
+            normal_link: Vector3::zeros(),
+        };
+        touched.project(surface, slip.contact_distance_m);
+        let displacement = world_from_link.rotation * (touched.anchor_link - rest_link);
+        touched.displacement_m = displacement.cast::<f32>().into();
+        touched
     }
-    let (along, _) = split(&(anchor - rest_link), &normal);
-    (along > 0.0).then_some(anchor)
+
+    /// Looks whether the point still pushes, and moves the anchor one step along the surface
+    /// towards the rest point if the friction cone is violated; says whether it did.
+    ///
+    /// A spring that only pushes has let go once `u·n ≤ 0`. The step is what the tangential part of
+    /// `u = anchor − rest` exceeds μ times its normal part by, and at most λ.
+    fn slip(&mut self, slip: &Slip) -> bool {
+        let displacement = self.anchor_link - self.rest_link;
+        let along_m = displacement.dot(&self.normal_link);
+        let across = displacement - self.normal_link * along_m;
+        let across_m = across.norm();
+        let excess_m = across_m - slip.friction * along_m;
+        self.held = along_m > 0.0;
+        let slips = self.held & (excess_m > TOUCHES_THE_CONE * slip.contact_distance_m);
+        // Computed in any case: a branch that goes either way costs more than a division.
+        let step = if slips { excess_m.min(slip.step_m) / across_m } else { 0.0 };
+        self.anchor_link -= across * step;
+        slips
+    }
+
+    /// Takes the anchor to the surface φ = `level_m`, where the gradient of φ leads.
+    ///
+    /// A few Newton steps: where φ is a true distance the first one arrives.
+    fn project(&mut self, surface: &Grid, level_m: f64) {
+        for _ in 0..=PROJECTIONS {
+            let (distance_m, normal) = surface.distance_and_normal(&self.anchor_link);
+            let miss_m = distance_m - level_m;
+            self.normal_link = normal;
+            self.anchor_link -= normal * miss_m;
+            if miss_m.abs() < CLOSE_M {
+                break;
+            }
+        }
+    }
 }
 
 /// Excess over the friction cone that is not worth another iteration, as a share of δ.
 const TOUCHES_THE_CONE: f64 = 1e-3;
 
-/// The normal part of a displacement, and the tangential rest.
-fn split(displacement: &Vector3<f64>, normal: &Vector3<f64>) -> (f64, Vector3<f64>) {
-    let along = displacement.dot(normal);
-    (along, displacement - normal * along)
-}
+/// A miss of the surface that is not worth another look at it, m.
+const CLOSE_M: f64 = 1e-5;
 
-/// The point of the surface φ = `level_m` that the gradient of φ leads to.
-///
-/// A few Newton steps: where φ is a true distance the first one arrives.
-pub(super) fn project(surface: &Grid, point_link: &Point3<f64>, level_m: f64) -> Point3<f64> {
-    let mut point = *point_link;
-    for _ in 0..3 {
-        let (distance_m, normal) = surface.distance_and_normal(&point);
-        let miss_m = distance_m - level_m;
-        point -= normal * miss_m;
-        if miss_m.abs() < 1e-5 {
-            break;
+/// Looks at the surface after the first, at most, until an anchor is on it.
+const PROJECTIONS: u32 = 3;
+
+/// Lets the points of a link slip until the friction cone holds them, and marks those that let go.
+pub(super) fn settle(
+    surface: &Grid,
+    world_from_link: &Isometry3<f64>,
+    slip: &Slip,
+    touched: &mut [Touched],
+) {
+    let rotation = world_from_link.rotation.to_rotation_matrix();
+    let origin = Point3::from(world_from_link.translation.vector);
+    for point in &mut *touched {
+        point.rest_link = Point3::from(rotation.matrix().tr_mul(&(point.rest - origin)));
+    }
+    let mut slipping: Vec<u32> = (0..touched.len() as u32).collect();
+    for _ in 0..slip.iterations {
+        slipping.retain(|&index| touched[index as usize].slip(slip));
+        for &index in &slipping {
+            touched[index as usize].project(surface, slip.contact_distance_m);
         }
     }
-    point
+    for point in touched {
+        let displacement = point.anchor_link - point.rest_link;
+        point.held &= displacement.dot(&point.normal_link) > 0.0;
+        point.displacement_m = (rotation * displacement).cast::<f32>().into();
+    }
 }

@@ -96,12 +96,17 @@ impl CellSet {
     /// Whether the set holds the cell at a place.
     pub fn contains(&self, place: [u32; 3]) -> bool {
         let (brick, inside) = Bricks::<()>::locate(place);
-        self.brick(brick).get(inside)
+        self.bricks.get(brick).is_some_and(|bits| bits.get(inside))
     }
 
-    /// The bits of a whole brick, to be looked up once for all its cells.
-    pub fn brick(&self, brick: [u32; 3]) -> BrickBits {
-        self.bricks.get(brick).copied().unwrap_or_default()
+    /// Whether the set holds every cell of a cube of `edge` cells a side; `low` is its first place.
+    ///
+    /// # Panics
+    ///
+    /// If the cube reaches beyond the brick that `low` lies in, which is a bug in the caller.
+    pub fn holds_cube(&self, low: [u32; 3], edge: u32) -> bool {
+        let (brick, _) = Bricks::<()>::locate(low);
+        self.bricks.get(brick).is_some_and(|bits| bits.holds_cube(low, edge))
     }
 
     /// Adds the cell at a place.
@@ -148,13 +153,12 @@ mod tests {
             let places: Vec<_> =
                 inside.map(|[i, j, k]| [low[0] + i, low[1] + j, low[2] + k]).collect();
             for place in &places {
-                assert!(!set.brick(low.map(|n| n / BRICK_EDGE)).holds_cube(low, edge));
+                assert!(!set.holds_cube(low, edge));
                 set.insert(*place);
             }
-            let brick = low.map(|n| n / BRICK_EDGE);
-            assert!(set.brick(brick).holds_cube(low, edge));
+            assert!(set.holds_cube(low, edge));
             set.remove(places[places.len() / 2]);
-            assert!(!set.brick(brick).holds_cube(low, edge));
+            assert!(!set.holds_cube(low, edge));
         }
     }
 }

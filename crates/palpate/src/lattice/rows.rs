@@ -11,7 +11,7 @@ pub struct CellRows {
     lattice: Lattice,
     rows: Bricks<Box<[u32; BRICK_CELLS]>>,
     cells: Vec<CellId>,
-    points_m: Vec<[f32; 3]>,
+    points_m: Vec<[f64; 3]>,
 }
 
 /// The row number of a cell that has none.
@@ -41,7 +41,7 @@ impl CellRows {
         if brick[inside] == NO_ROW {
             brick[inside] = self.cells.len() as u32;
             self.cells.push(cell);
-            self.points_m.push(self.lattice.point_at(place).coords.cast::<f32>().into());
+            self.points_m.push(self.lattice.point_at(place).into());
         }
         brick[inside]
     }
@@ -58,7 +58,7 @@ impl CellRows {
     }
 
     /// The touched cells' rest points by row, world frame, m.
-    pub fn points_m(&self) -> &[[f32; 3]] {
+    pub fn points_m(&self) -> &[[f64; 3]] {
         &self.points_m
     }
 
@@ -70,6 +70,45 @@ impl CellRows {
     /// Whether no cell was touched.
     pub fn is_empty(&self) -> bool {
         self.cells.is_empty()
+    }
+}
+
+/// Remembers the rows of runs of cells, each much like the last of its number.
+///
+/// What an arm touches changes little from step to step: cells leave the run, and new ones are
+/// added at its end. The rows of those that stayed are found by walking along the last run, which
+/// takes a comparison in place of a look-up.
+#[derive(Debug, Clone, Default)]
+pub struct RowsOfRuns {
+    runs: Vec<Run>,
+}
+
+#[derive(Debug, Clone, Default)]
+struct Run {
+    cells: Vec<CellId>,
+    rows: Vec<u32>,
+}
+
+impl RowsOfRuns {
+    /// The rows of a run of cells; those without one get the next.
+    ///
+    /// # Panics
+    ///
+    /// If a cell is not one of the lattice's, which is a bug in the caller.
+    pub fn follow(&mut self, run: usize, cells: &[CellId], rows: &mut CellRows) -> &[u32] {
+        if self.runs.len() <= run {
+            self.runs.resize(run + 1, Run::default());
+        }
+        let run = &mut self.runs[run];
+        let old = std::mem::take(run);
+        let mut stayed = old.cells.iter().zip(old.rows);
+        run.rows.reserve(cells.len());
+        for &cell in cells {
+            let known = stayed.find(|(old, _)| **old == cell).map(|(_, row)| row);
+            run.rows.push(known.unwrap_or_else(|| rows.row_of(cell)));
+        }
+        run.cells.extend_from_slice(cells);
+        &run.rows
     }
 }
 
@@ -86,5 +125,18 @@ mod tests {
         assert_eq!((rows.find(near), rows.find(CellId(1))), (Some(1), None));
         assert_eq!((rows.len(), rows.rows.len()), (2, 2));
         assert!((rows.points_m()[0][0] - 9.99).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_rows_of_a_run_are_those_of_its_cells_whatever_came_before() {
+        let mut rows = CellRows::new(Lattice::new([0.0; 3], 0.01, [100; 3]).unwrap());
+        let mut runs = RowsOfRuns::default();
+        let cells = |numbers: &[u32]| numbers.iter().map(|&n| CellId(n)).collect::<Vec<_>>();
+        for numbers in [&[5, 6, 7, 8][..], &[5, 7, 8, 9], &[9, 5, 40], &[], &[7, 40]] {
+            let found = runs.follow(1, &cells(numbers), &mut rows).to_vec();
+            let expected: Vec<u32> = cells(numbers).iter().map(|&c| rows.row_of(c)).collect();
+            assert_eq!(found, expected);
+        }
+        assert_eq!(rows.len(), 6);
     }
 }

@@ -129,7 +129,7 @@ pub fn random_frame(
     let mut frame = Observation::new(robot, &poses, &all, rows, DVector::zeros(n_joints));
     let cells = rows.cells();
     let truth = |row: usize| stiffness[lattice.place(cells[row])[0] as usize];
-    frame.tau = frame.predict(rows.points_m(), truth)
+    frame.tau = frame.predict(|row| (rows.points_m()[row], truth(row)))
         + DVector::from_fn(n_joints, |_, _| uniform(rng, -error, error));
     frame
 }
