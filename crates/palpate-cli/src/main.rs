@@ -4,6 +4,7 @@
 //! [`error`] says how a command may end. No panic reaches the user without an apology.
 
 mod args;
+mod bundled;
 mod demo;
 mod error;
 mod inspect;
@@ -14,6 +15,7 @@ mod output;
 mod picture;
 mod place;
 mod predict;
+mod quantile;
 mod robot;
 mod settings;
 mod touches;
