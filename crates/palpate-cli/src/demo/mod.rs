@@ -59,7 +59,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let out_of_range = |error| SettingsError::Value(Box::new(error));
     let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(out_of_range)?;
     let open = |paths: &[PathBuf]| Touches::open(paths, &LogOptions::default());
-    let tally = learn(&mut mapper, &mut open(&files.touches)?, output)?;
+    let tally = learn(&mut mapper, &mut open(&files.touches)?, None, output)?;
     if tally.interrupted.is_some() {
         return Err(CliError::Interrupted { kept: "; nothing was written".to_owned() });
     }
