@@ -161,6 +161,7 @@ impl<'a> Bench<'a> {
         let mut touches = touches.for_joints(arm.robot.joint_names());
         let recording = Recording::read(&mut touches, args.touches)?;
         touches.tell_warnings(output);
+        output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
         Ok(Self { args, logs, arm, config, recording })
     }
 

@@ -86,9 +86,12 @@ impl Plan {
         }
         let bar = output.progress_of(Some(1 + rows as u64), "rows", "sweeping");
         let measure = |lattice: &Lattice| {
-            let side = lattice.shape()[0];
-            bar.set_message(format!("{side} points every {} m", lattice.spacing_m()));
-            let figures = row(bench, settings, lattice, &|| bar.tick());
+            let name = name(lattice);
+            if bar.is_hidden() {
+                output.note(&format!("measuring {name}"));
+            }
+            bar.set_message(name.clone());
+            let figures = row(bench, settings, lattice, (&name, &|| bar.tick()));
             bar.inc(1);
             figures
         };
@@ -119,7 +122,7 @@ fn row(
     bench: &Bench<'_>,
     settings: &Settings,
     lattice: &Lattice,
-    waiting: &dyn Fn(),
+    (name, waiting): (&str, &dyn Fn()),
 ) -> Result<Figures, CliError> {
     let unwritten = |source| CliError::Write { what: "the settings of a row".to_owned(), source };
     let file = tempfile::NamedTempFile::new().map_err(unwritten)?;
@@ -146,13 +149,16 @@ fn row(
     // The bundled touches are given as files, so that a row leaves none behind if it is ended.
     command.arg("--").args(bench.logs.paths());
 
-    let name =
-        format!("the row of {} points every {} m", sides(lattice.shape()), lattice.spacing_m());
-    let told = child::run(&mut command, &name, waiting)?;
+    let told = child::run(&mut command, name, waiting)?;
     let mut figures: Figures =
         serde_json::from_slice(&told).map_err(|error| format!("{name} cannot be read: {error}"))?;
     figures.simulated = matches!(bench.logs, super::Logs::Bundled(_));
     Ok(figures)
+}
+
+/// What a row is called.
+fn name(lattice: &Lattice) -> String {
+    format!("the row of {} points every {} m", sides(lattice.shape()), lattice.spacing_m())
 }
 
 /// Points along the sides: one number if they are alike.
@@ -181,8 +187,8 @@ impl Sweeps {
             let touches =
                 if base.touches == 1 { "1 touch" } else { &format!("{} touches", base.touches) };
             text += &format!(
-                "\n{what}, {touches}. The last row is the configuration itself; the ratio is that \
-                 of the\ntimes per contact to it.\n\n"
+                "\n{what}, {touches}. The last row is the configuration\nitself; the ratio is that \
+                 of the times per contact to it.\n\n"
             );
             text += &told(base, rows);
         }
