@@ -151,7 +151,7 @@ fn begin(
 fn save(args: &Args, mapper: &Mapper, pace: Option<&Pace>) -> Result<(), CliError> {
     let mut snapshot = mapper.snapshot();
     if let Some(pace) = pace {
-        pace.give_back(&mut snapshot.config);
+        pace.give_back(&mut snapshot);
     }
     let robot = snapshot.robot.0.clone();
     let snapshot = (!args.no_memory).then_some(snapshot);

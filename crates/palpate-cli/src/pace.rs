@@ -13,7 +13,7 @@
 use std::time::{Duration, Instant};
 
 use palpate::estimator::Method;
-use palpate::mapper::{Config, Mapper, StepReport};
+use palpate::mapper::{Config, Mapper, Snapshot, StepReport};
 use serde::{Deserialize, Serialize};
 
 use crate::interrupt;
@@ -143,9 +143,9 @@ impl Pace {
         mapper.replay(self.replays);
     }
 
-    /// Gives the replays back to settings that are to be saved.
-    pub(crate) fn give_back(&self, config: &mut Config) {
-        config.estimator.replays = self.replays;
+    /// Gives the replays back to what is to be saved.
+    pub(crate) fn give_back(&self, snapshot: &mut Snapshot) {
+        snapshot.config.estimator.replays = self.replays;
     }
 
     /// How well the pace was kept so far.
@@ -216,15 +216,13 @@ mod tests {
     }
 
     #[test]
-    fn a_pace_takes_the_replays_over_and_gives_them_back() {
+    fn only_a_pace_takes_the_replays_over() {
         let mut config = Config::of(Method::Map);
         let configured = config.estimator.replays;
-        let pace = PaceArgs { rate: Some(17.0) }.take_over(&mut config).unwrap();
-        assert_eq!(config.estimator.replays, 0);
-        pace.give_back(&mut config);
-        assert_eq!(config.estimator.replays, configured);
         assert!(PaceArgs { rate: None }.take_over(&mut config).is_none());
         assert_eq!(config.estimator.replays, configured);
+        let pace = PaceArgs { rate: Some(17.0) }.take_over(&mut config).unwrap();
+        assert_eq!((config.estimator.replays, pace.replays), (0, configured));
     }
 
     #[test]
