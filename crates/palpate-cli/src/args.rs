@@ -6,7 +6,7 @@ use clap_complete::Shell;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::AllSettings;
-use crate::{demo, inspect, map, predict};
+use crate::{bench, demo, inspect, map, predict};
 
 /// Learns where an object is stiff from what a robot arm's joints feel while the arm touches it.
 #[derive(Debug, Parser)]
@@ -29,6 +29,8 @@ pub(crate) enum Command {
     Demo(demo::Args),
     /// Say what a log, a robot or a field holds, and what looks wrong with it
     Inspect(inspect::Args),
+    /// Measure how fast the mapper is on this machine
+    Bench(bench::Args),
     /// Print the settings that hold, as a commented TOML file to start from
     Settings(AllSettings),
     /// Print completions for a shell

@@ -1,6 +1,7 @@
 //! Touches into a mapper, and what is told of it.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use nalgebra::DVector;
 use palpate::mapper::{Mapper, StepReport};
@@ -10,6 +11,7 @@ use serde::Serialize;
 use crate::error::CliError;
 use crate::interrupt;
 use crate::output::Output;
+use crate::pace::Pace;
 use crate::touches::{Moment, Touches};
 
 /// What one touch gave.
@@ -88,10 +90,11 @@ impl Tally {
     }
 }
 
-/// Feeds all touches to the mapper, until Ctrl-C.
+/// Feeds all touches to the mapper, at a pace if there is one, until Ctrl-C.
 pub(crate) fn learn(
     mapper: &mut Mapper,
     touches: &mut Touches,
+    mut pace: Option<&mut Pace>,
     output: &Output,
 ) -> Result<Tally, CliError> {
     let mut tally = Tally::default();
@@ -110,7 +113,11 @@ pub(crate) fn learn(
                 tally.touches.push(TouchTally::new(name, touches.log()));
             }
             Moment::Sample(sample) => {
+                let started = Instant::now();
                 let report = mapper.step(&sample).map_err(|error| touches.fault(error))?;
+                if let Some(pace) = &mut pace {
+                    pace.fill(mapper, &report, started);
+                }
                 tally.add(&report);
                 bar.inc(1);
             }

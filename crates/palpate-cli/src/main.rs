@@ -4,6 +4,8 @@
 //! [`error`] says how a command may end. No panic reaches the user without an apology.
 
 mod args;
+mod bench;
+mod bundled;
 mod demo;
 mod error;
 mod inspect;
@@ -11,9 +13,11 @@ mod interrupt;
 mod learn;
 mod map;
 mod output;
+mod pace;
 mod picture;
 mod place;
 mod predict;
+mod quantile;
 mod robot;
 mod settings;
 mod touches;
@@ -48,6 +52,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
         Command::Predict(args) => predict::run(args, output),
         Command::Demo(args) => demo::run(args, output),
         Command::Inspect(args) => inspect::run(args, output),
+        Command::Bench(args) => bench::run(args, output),
         Command::Settings(args) => output.result(&args.load()?.template()?),
         Command::Completions { shell } => args::completions(*shell, output),
     }

@@ -14,6 +14,7 @@ use serde_json::json;
 use crate::error::CliError;
 use crate::learn::{Tally, learn};
 use crate::output::{Output, mib, seconds};
+use crate::pace::{self, Pace, PaceArgs, PaceFigures};
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings, SettingsError, first_difference};
 use crate::touches::Touches;
@@ -23,11 +24,16 @@ const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz
   palpate map monday/ tuesday/ -o field.npz --robot panda.urdf --gravity removed
   palpate map wednesday/ -o field.npz --from field.npz
+  palpate map recordings/ -o field.npz --rate 17
 
 A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
 a folder of them. Without --settings and flags the shipped defaults hold; `palpate settings` prints
 them. The field holds the memory of what it was learnt from, so that --from goes on exactly where
-it stopped.";
+it stopped.
+
+--rate learns as beside a robot that reports so many times a second: every step spends what is left
+of its time on replays. The field then depends on the speed of the machine, and differs a little
+from run to run; without --rate the same log and settings give the same field.";
 
 /// Flags of `palpate map`.
 #[derive(Debug, clap::Args)]
@@ -54,6 +60,8 @@ pub(crate) struct Args {
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    pace: PaceArgs,
     #[command(flatten)]
     settings: AllSettings,
 }
@@ -84,20 +92,22 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let touches = Touches::open(&args.logs, &settings.log.options())?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
-    let mut mapper = begin(args.from.as_deref(), &arm, &settings)?;
+    let (mut mapper, mut pace) = begin(args, &arm, &settings)?;
 
     output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
     let mut touches = touches.for_joints(arm.robot.joint_names());
-    let tally = learn(&mut mapper, &mut touches, output)?;
+    let tally = learn(&mut mapper, &mut touches, pace.as_mut(), output)?;
+    let pace = pace.as_ref();
     if let Some(place) = &tally.interrupted {
-        return Err(stop(args, &mapper, place)?);
+        return Err(stop(args, (&mapper, pace), place)?);
     }
 
-    save(args, &mapper)?;
+    save(args, &mapper, pace)?;
     if let Some(path) = &args.picture {
         place::write(path, &picture::field(&mapper.field())?)?;
     }
-    let summary = Summary { args, arm: &arm, mapper: &mapper, tally: &tally };
+    let pace = pace.map(Pace::figures);
+    let summary = Summary { args, arm: &arm, mapper: &mapper, tally: &tally, pace };
     if args.json {
         output.json(&summary.json(started.elapsed()))
     } else {
@@ -105,14 +115,20 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
 }
 
-/// A new mapper, or one that goes on from a field.
-fn begin(from: Option<&Path>, arm: &Arc<Arm>, settings: &Settings) -> Result<Mapper, CliError> {
+/// A new mapper, or one that goes on from a field, and its pace if one was asked for.
+fn begin(
+    args: &Args,
+    arm: &Arc<Arm>,
+    settings: &Settings,
+) -> Result<(Mapper, Option<Pace>), CliError> {
     let out_of_range = |error| SettingsError::Value(Box::new(error));
-    let Some(path) = from else {
-        return Ok(Mapper::new(Arc::clone(arm), settings.config()?).map_err(out_of_range)?);
+    let Some(path) = &args.from else {
+        let mut config = settings.config()?;
+        let pace = args.pace.take_over(&mut config);
+        return Ok((Mapper::new(Arc::clone(arm), config).map_err(out_of_range)?, pace));
     };
     let name = path.display();
-    let Some(snapshot) = field::load(path).map_err(CliError::file)?.snapshot else {
+    let Some(mut snapshot) = field::load(path).map_err(CliError::file)?.snapshot else {
         return Err(CliError::from(format!(
             "`{name}` cannot be continued: it was saved without its memory; map its logs again \
              without --no-memory"
@@ -125,12 +141,18 @@ fn begin(from: Option<&Path>, arm: &Arc<Arm>, settings: &Settings) -> Result<Map
              to go on with the field's own, or start a new field"
         )));
     }
-    Mapper::resume(Arc::clone(arm), snapshot)
-        .map_err(|error| CliError::from(format!("`{name}` cannot be continued: {error}")))
+    let pace = args.pace.take_over(&mut snapshot.config);
+    let mapper = Mapper::resume(Arc::clone(arm), snapshot)
+        .map_err(|error| CliError::from(format!("`{name}` cannot be continued: {error}")))?;
+    Ok((mapper, pace))
 }
 
-fn save(args: &Args, mapper: &Mapper) -> Result<(), CliError> {
-    let snapshot = mapper.snapshot();
+/// Saves the field, under the settings as they were given: a pace takes nothing with it.
+fn save(args: &Args, mapper: &Mapper, pace: Option<&Pace>) -> Result<(), CliError> {
+    let mut snapshot = mapper.snapshot();
+    if let Some(pace) = pace {
+        pace.give_back(&mut snapshot);
+    }
     let robot = snapshot.robot.0.clone();
     let snapshot = (!args.no_memory).then_some(snapshot);
     let saved = Saved { field: mapper.field(), robot, snapshot };
@@ -138,9 +160,13 @@ fn save(args: &Args, mapper: &Mapper) -> Result<(), CliError> {
 }
 
 /// Ends after Ctrl-C: saves if that was asked for, and says what was done.
-fn stop(args: &Args, mapper: &Mapper, place: &str) -> Result<CliError, CliError> {
+fn stop(
+    args: &Args,
+    (mapper, pace): (&Mapper, Option<&Pace>),
+    place: &str,
+) -> Result<CliError, CliError> {
     let kept = if args.save_on_interrupt {
-        save(args, mapper)?;
+        save(args, mapper, pace)?;
         format!(" at {place}; the field so far is in `{}`", args.output.display())
     } else {
         format!(" at {place}; nothing was written (--save-on-interrupt saves the field so far)")
@@ -157,6 +183,7 @@ struct Summary<'a> {
     arm: &'a Arm,
     mapper: &'a Mapper,
     tally: &'a Tally,
+    pace: Option<PaceFigures>,
 }
 
 impl Summary<'_> {
@@ -182,6 +209,7 @@ impl Summary<'_> {
             "memory_mib": bytes as f64 / f64::from(1 << 20),
             "before_learning": tally.before_learning(),
             "seconds": elapsed.as_secs_f64(),
+            "pace": self.pace,
             "next": self.next_command(),
         })
     }
@@ -201,6 +229,9 @@ impl Summary<'_> {
             row("frames remembered", format!("{frames_remembered} in {}", mib(bytes))),
             row("time", seconds(elapsed)),
         ];
+        if let Some(pace) = &self.pace {
+            rows.push(row("pace", pace.text()));
+        }
         let before = tally.before_learning();
         if let (Some(errors), Some(zero)) = (before.errors, before.zero) {
             rows.push(row(
@@ -213,6 +244,9 @@ impl Summary<'_> {
         }
         let mut text = format!("The field is in `{}`.\n", self.args.output.display());
         text += &rows.concat();
+        if self.pace.is_some() {
+            let _ = writeln!(text, "{}", pace::ORIGIN);
+        }
         if let Some(path) = &self.args.picture {
             let _ = writeln!(text, "The picture is in `{}`.", path.display());
         }

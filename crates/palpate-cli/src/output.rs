@@ -41,15 +41,25 @@ impl Output {
 
     /// A bar on stderr if that is a terminal; it knows its length if `steps` does.
     pub(crate) fn progress(&self, steps: Option<u64>, doing: &str) -> ProgressBar {
+        self.progress_of(steps, "frames", doing)
+    }
+
+    /// The same over other things than frames.
+    pub(crate) fn progress_of(&self, steps: Option<u64>, things: &str, doing: &str) -> ProgressBar {
         if self.quiet {
             return ProgressBar::hidden();
         }
         let bar = ProgressBar::with_draw_target(steps, ProgressDrawTarget::stderr_with_hz(8));
         let style = match steps {
-            Some(_) => "{prefix} {bar:24} {percent:>3} % of {len} frames, {eta} left  {wide_msg}",
-            None => "{prefix} {spinner} {pos} frames  {wide_msg}",
+            Some(_) => {
+                format!(
+                    "{{prefix}} {{bar:24}} {{percent:>3}} % of {{len}} {things}, {{eta}} left  \
+                     {{wide_msg}}"
+                )
+            }
+            None => format!("{{prefix}} {{spinner}} {{pos}} {things}  {{wide_msg}}"),
         };
-        bar.set_style(ProgressStyle::with_template(style).expect("the template is well-formed"));
+        bar.set_style(ProgressStyle::with_template(&style).expect("the template is well-formed"));
         bar.set_prefix(doing.to_owned());
         bar
     }

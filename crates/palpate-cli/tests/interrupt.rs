@@ -1,4 +1,4 @@
-//! Ctrl-C in the middle of mapping.
+//! Ctrl-C in the middle of mapping and measuring.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
@@ -7,24 +7,32 @@ mod common;
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Command, Stdio};
 
-use common::{Scene, json, refuse, succeed};
+use common::{Scene, json, palpate, refuse, succeed};
 
 /// Maps a touch that would take a minute, presses Ctrl-C once it is under way, and returns exit
 /// code and stderr.
 fn interrupted(scene: &Scene, more: &[&str]) -> (Option<i32>, String) {
     scene.touch("long", 3_000, 0.0);
     let mut command = scene.map(&["log/seq_1", "long"], more);
-    command.args(["--replays", "20000"]).stdout(Stdio::null()).stderr(Stdio::piped());
-    let mut child = command.spawn().unwrap();
+    command.args(["--replays", "20000"]);
+    let (code, _, said) = press(&mut command, "note: robot");
+    (code, said)
+}
+
+/// Runs a command, presses Ctrl-C when stderr holds `words`, and returns exit code, stdout and
+/// stderr.
+fn press(command: &mut Command, words: &str) -> (Option<i32>, String, String) {
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(child.stderr.take().unwrap());
     let mut said = String::new();
-    while !said.contains("note: robot") {
+    while !said.contains(words) {
         assert_ne!(lines.read_line(&mut said).unwrap(), 0, "{said}");
     }
     let id = child.id().to_string();
     assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
     lines.read_to_string(&mut said).unwrap();
-    (child.wait().unwrap().code(), said)
+    let told = child.wait_with_output().unwrap();
+    (told.status.code(), String::from_utf8(told.stdout).unwrap(), said)
 }
 
 #[test]
@@ -49,4 +57,31 @@ fn the_field_so_far_is_saved_whole_if_asked_for() {
     let report = json(&mut scene.predict(&["log/seq_0"], &["--json"]));
     assert_eq!(report["touches"][0]["name"], "seq_0");
     refuse(&mut scene.map(&["log/seq_0"], &["--from", &field, "--seed", "9"]), 2, &["seed"]);
+}
+
+/// Begins a measurement, presses Ctrl-C when stderr holds `words`, and returns exit code, stdout
+/// and stderr.
+fn interrupted_bench(scene: &Scene, more: &[&str], words: &str) -> (Option<i32>, String, String) {
+    scene.touch("long", 600, 0.0);
+    let mut command = palpate();
+    command.arg("bench").arg(scene.path("long")).args(scene.settings()).args(more);
+    command.args(["--spacing-m", "0.02"]);
+    press(&mut command, words)
+}
+
+#[test]
+fn a_measurement_cut_short_prints_nothing() {
+    let scene = Scene::new();
+    let (code, told, said) = interrupted_bench(&scene, &["--replays", "20000"], "note: robot");
+    assert_eq!((code, told.as_str()), (Some(130), ""), "{said}");
+    assert!(said.contains("error: interrupted"), "{said}");
+}
+
+#[test]
+fn a_sweep_ends_with_the_process_of_its_row() {
+    let scene = Scene::new();
+    let (code, told, said) =
+        interrupted_bench(&scene, &["--sweep", "worlds,cells"], "measuring the row of 50 points");
+    assert_eq!((code, told.as_str()), (Some(130), ""), "{said}");
+    assert!(said.contains("error: interrupted in the row"), "{said}");
 }

@@ -1,7 +1,5 @@
 //! `palpate demo`: learn from bundled touches, predict the one that was held out.
 
-mod data;
-
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,7 +18,7 @@ use crate::predict::{Against, Report, TouchResult, score, tell_oddities};
 use crate::settings::sections::{EstimatorSettings, RobotSettings};
 use crate::settings::{Settings, SettingsError};
 use crate::touches::Touches;
-use crate::{interrupt, picture, place, robot};
+use crate::{bundled, interrupt, picture, place, robot};
 
 const ORIGIN: &str = "The touches are simulated: a Kinova Gen3 pushes into a potted plant in \
                       MuJoCo, an engine\nthat shares nothing with palpate's contact model. No \
@@ -33,7 +31,7 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "DIR", default_value = "palpate-demo")]
     output: PathBuf,
     /// Which of the bundled touches, from 0 to 10, is not learnt from but predicted
-    #[arg(long, value_name = "N", default_value_t = data::COUNT - 1)]
+    #[arg(long, value_name = "N", default_value_t = bundled::COUNT - 1)]
     hold_out: usize,
     /// Print the errors as JSON
     #[arg(long)]
@@ -44,8 +42,8 @@ pub(crate) struct Args {
 
 /// Maps all touches but one and predicts that one.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
-    if args.hold_out >= data::COUNT {
-        let (last, asked) = (data::COUNT - 1, args.hold_out);
+    if args.hold_out >= bundled::COUNT {
+        let (last, asked) = (bundled::COUNT - 1, args.hold_out);
         return Err(CliError::Usage(format!("--hold-out is {asked}; it must be from 0 to {last}")));
     }
     let settings = Settings { estimator: args.estimator.clone(), ..Settings::default() };
@@ -54,16 +52,14 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let folder = Folder::make(&args.output)?;
     interrupt::listen();
 
-    let unpacked = |source| CliError::Write { what: "the bundled touches".to_owned(), source };
-    let temporary = tempfile::tempdir().map_err(unpacked)?;
-    let mut touches = data::unpack(temporary.path()).map_err(unpacked)?;
-    let held_out = touches.remove(args.hold_out);
+    let mut files = bundled::unpack()?;
+    let held_out = files.touches.remove(args.hold_out);
 
     let arm = robot::load(&RobotSettings::default(), output)?;
     let out_of_range = |error| SettingsError::Value(Box::new(error));
     let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(out_of_range)?;
     let open = |paths: &[PathBuf]| Touches::open(paths, &LogOptions::default());
-    let tally = learn(&mut mapper, &mut open(&touches)?, output)?;
+    let tally = learn(&mut mapper, &mut open(&files.touches)?, None, output)?;
     if tally.interrupted.is_some() {
         return Err(CliError::Interrupted { kept: "; nothing was written".to_owned() });
     }

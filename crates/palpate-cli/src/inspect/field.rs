@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::finding::Finding;
 use super::page::{counted, fact, number};
-use super::quantile::{extremes, quantile};
+use crate::quantile::{extremes, quantile};
 
 /// Cells below this part of the stiffest one count as zero.
 const ZERO: f64 = 1e-6;

@@ -5,7 +5,6 @@
 //! | `recognise` | which of the three a path is                                |
 //! | `finding`   | what looks wrong: evidence and remedy                       |
 //! | `page`      | facts, tables and findings as text                          |
-//! | `quantile`  | medians and the like                                        |
 //! | `log`       | touches: clock, torques, tare, noise, gravity, joint order  |
 //! | `robot`     | links, joints, masses, shapes, meshes                       |
 //! | `field`     | cells, stiffness, uncertainty, memory                       |
@@ -18,7 +17,6 @@ mod field;
 mod finding;
 mod log;
 mod page;
-mod quantile;
 mod recognise;
 mod robot;
 

@@ -19,7 +19,7 @@ use palpate::robot::RobotError;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use file::Keys;
-pub(crate) use resolve::first_difference;
+pub(crate) use resolve::{corners, first_difference};
 use sections::{
     ContactSettings, EstimatorSettings, LatticeSettings, LogSettings, RobotSettings, TouchSettings,
 };

@@ -200,7 +200,7 @@ impl LatticeSettings {
 }
 
 /// The corners of the box that a lattice fills, m.
-pub(super) fn corners(lattice: &Lattice) -> ([f64; 3], [f64; 3]) {
+pub(crate) fn corners(lattice: &Lattice) -> ([f64; 3], [f64; 3]) {
     let (spacing_m, shape) = (lattice.spacing_m(), lattice.shape());
     let low_m: [f64; 3] = lattice.origin_m().coords.map(|x| x - 0.5 * spacing_m).into();
     let high_m =

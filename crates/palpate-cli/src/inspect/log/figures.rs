@@ -10,9 +10,9 @@ use palpate::robot::Robot;
 use palpate::touch::{self, Gravity, MIN_TARE_FRAMES, Sample, Tare, TouchError, Tracker};
 use serde::Serialize;
 
-use super::super::quantile::{extremes, quantile};
 use super::reading::Fit;
 use super::record::{Touch, farthest};
+use crate::quantile::{extremes, quantile};
 
 /// The arm is back where it began within this, rad or m.
 const BACK: f64 = 0.05;

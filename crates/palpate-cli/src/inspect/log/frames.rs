@@ -5,8 +5,8 @@ use serde::Serialize;
 
 use super::super::finding::Finding;
 use super::super::page::{counted, listed, number};
-use super::super::quantile::{extremes, median, quantile};
 use super::record::Touch;
+use crate::quantile::{extremes, median, quantile};
 
 /// So many identical frames at the start are a sensor without noise, told elsewhere.
 pub(super) const NOISELESS_START: usize = 5;

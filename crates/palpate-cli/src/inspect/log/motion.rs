@@ -4,8 +4,8 @@ use palpate::robot::{JointKind, Robot};
 
 use super::super::finding::Finding;
 use super::super::page::{counted, listed, number};
-use super::super::quantile::extremes;
 use super::record::Touch;
+use crate::quantile::extremes;
 
 /// Sensors overshoot a limit by as much, rad or m.
 const LIMIT_MARGIN: f64 = 0.01;

@@ -7,8 +7,8 @@
 use nalgebra::{DMatrix, DVector};
 use palpate::robot::{Payload, Robot};
 
-use super::super::quantile::median;
 use super::reading::{Fit, Rest};
+use crate::quantile::median;
 
 /// The payload must leave less than this part over of what is left over without it.
 const EXPLAINS: f64 = 0.4;

@@ -15,8 +15,8 @@ use palpate::touch::{self, Gravity, MIN_TARE_FRAMES, TorqueSign};
 use palpate_io::log::AngleUnit;
 use serde::Serialize;
 
-use super::super::quantile::median;
 use super::record::Touch;
+use crate::quantile::median;
 
 /// With less gravity than this at rest, N·m, nothing can be told from it.
 const LEAST_GRAVITY: f64 = 1.0;

@@ -5,9 +5,9 @@ use palpate::touch::{MIN_TARE_FRAMES, Tare, TorqueSign};
 
 use super::super::finding::Finding;
 use super::super::page::{counted, listed, number};
-use super::super::quantile::median;
 use super::figures::{NO_NOISE, TouchFacts};
 use super::reading::Fit;
+use crate::quantile::median;
 
 /// A touch below this says little, N·m over all joints.
 const WEAK: f64 = 1.0;

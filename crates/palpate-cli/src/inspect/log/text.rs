@@ -4,11 +4,11 @@ use palpate::touch::{Gravity, TorqueSign};
 use palpate_io::log::{AngleUnit, Format};
 
 use super::super::page::{counted, fact, number, table};
-use super::super::quantile::extremes;
 use super::LogFacts;
 use super::figures::TouchFacts;
 use super::reading::Reading;
 use super::record::Matching;
+use crate::quantile::extremes;
 
 impl LogFacts {
     /// For people.

@@ -1,0 +1,203 @@
+//! What one measurement found, as JSON and as text.
+
+use palpate::estimator::Method;
+use serde::{Deserialize, Serialize};
+
+use super::floor::Floor;
+use super::parts::Times;
+use super::whole::Measured;
+use super::{Bench, Logs};
+use crate::pace::PaceFigures;
+use crate::quantile::{median, quantile};
+
+const MIB: f64 = (1 << 20) as f64;
+
+/// The figures of one configuration on one log; the names of the fields are the keys of `--json`.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Figures {
+    pub robot: String,
+    pub estimator: Method,
+    /// Whether the touches are the bundled ones, which no real robot made.
+    pub simulated: bool,
+    pub touches: usize,
+    pub warm_passes: u32,
+    pub passes: u32,
+    pub spacing_m: f64,
+    /// The first point of the lattice, and points along x, y and z.
+    pub origin_m: [f64; 3],
+    pub shape: [u32; 3],
+    pub cells_declared: u64,
+    pub cells_touched: usize,
+    /// Threads of the whole step.
+    pub threads: usize,
+    /// From the start of the command until the first step was made, the log being read.
+    pub start_ms: f64,
+    /// Timed steps.
+    pub steps: usize,
+    /// By the mean time of a step.
+    pub steps_per_second: f64,
+    pub step_ms: Spread,
+    /// Median points touched.
+    pub contacts: f64,
+    /// Medians of the two parts, on one thread.
+    pub simulator_ms: f64,
+    pub update_ms: f64,
+    /// Median of the update by contact and visit.
+    pub ns_per_visit: f64,
+    /// How many times `floor.ns_per_visit` that is.
+    pub floor_ratio: f64,
+    pub floor: Floor,
+    /// `null` where the system does not say.
+    pub peak_memory_mib: Option<f64>,
+    pub frames_remembered: usize,
+    pub memory_mib: f64,
+    /// How `--rate` was kept, if it was given.
+    pub pace: Option<PaceFigures>,
+}
+
+/// The middle and the upper end of many times.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Spread {
+    pub median: f64,
+    pub p99: f64,
+}
+
+impl Figures {
+    /// Puts together what was measured; there must be timed steps.
+    pub(super) fn new(bench: &Bench<'_>, whole: &Measured, parts: &Times, floor: Floor) -> Self {
+        let middle = |numbers: &[f64]| median(numbers).unwrap_or(0.0);
+        let steps = whole.step_ms.len();
+        let (lattice, args) = (&bench.config.lattice, bench.args);
+        let ns_per_visit = middle(&parts.visit_ns);
+        let (frames_remembered, memory_bytes) = whole.memory;
+        Self {
+            robot: bench.arm.robot.name().to_owned(),
+            estimator: bench.config.method,
+            simulated: matches!(bench.logs, Logs::Bundled(_)),
+            touches: bench.recording.touches(),
+            warm_passes: args.warm_passes,
+            passes: args.passes,
+            spacing_m: lattice.spacing_m(),
+            origin_m: lattice.origin_m().into(),
+            shape: lattice.shape(),
+            cells_declared: lattice.n_cells(),
+            cells_touched: whole.cells_touched,
+            threads: rayon::current_num_threads(),
+            start_ms: whole.start_ms,
+            steps,
+            steps_per_second: 1e3 * steps as f64 / whole.step_ms.iter().sum::<f64>(),
+            step_ms: Spread {
+                median: middle(&whole.step_ms),
+                p99: quantile(&whole.step_ms, 0.99).unwrap_or(0.0),
+            },
+            contacts: middle(&whole.contacts),
+            simulator_ms: middle(&parts.simulator_ms),
+            update_ms: middle(&parts.update_ms),
+            ns_per_visit,
+            floor_ratio: ns_per_visit / floor.ns_per_visit,
+            floor,
+            peak_memory_mib: whole.peak_bytes.map(|bytes| bytes as f64 / MIB),
+            frames_remembered,
+            memory_mib: memory_bytes as f64 / MIB,
+            pace: whole.pace.clone(),
+        }
+    }
+
+    /// Time of a step by the points it touches, µs.
+    pub(super) fn us_per_contact(&self) -> f64 {
+        1e3 * self.step_ms.median / self.contacts
+    }
+
+    /// The peak of memory in MiB, or that the system does not say.
+    pub(super) fn peak(&self) -> String {
+        self.peak_memory_mib.map_or("unknown".to_owned(), |mib| format!("{mib:.1}"))
+    }
+
+    /// All of it for people.
+    pub(super) fn text(&self) -> String {
+        let rows: Vec<(&str, String)> =
+            self.speed().into_iter().chain(self.against_floor()).chain(self.size()).collect();
+        let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+        let row = |(name, value): &(&str, String)| format!("  {name:<width$}  {value}\n");
+        self.heading() + &rows.iter().map(row).collect::<String>()
+    }
+
+    /// What was measured, and how.
+    fn heading(&self) -> String {
+        let [nx, ny, nz] = self.shape;
+        let estimator = if self.estimator == Method::Map { "map" } else { "ekf" };
+        let touches = match (self.simulated, self.touches) {
+            (true, n) => format!("Touches: {n} of those bundled, simulated"),
+            (false, n) => format!("Touches: {n}"),
+        };
+        let paced = match &self.pace {
+            Some(_) => "\nThe step is timed without replays; how many fit into what it leaves \
+                        depends on the machine."
+                .to_owned(),
+            None => String::new(),
+        };
+        format!(
+            "{}, estimator {estimator}, {nx} x {ny} x {nz} points every {:.1} mm, {} threads.\n\
+             {touches}. Passes before the clock starts: {}; with it running: {}.\n\
+             Timed: {} steps, those whose tare is known and which touch something.{paced}\n\n",
+            self.robot,
+            1e3 * self.spacing_m,
+            self.threads,
+            self.warm_passes,
+            self.passes,
+            self.steps,
+        )
+    }
+
+    fn speed(&self) -> Vec<(&'static str, String)> {
+        let mut rows = vec![
+            ("steps a second", format!("{:.0}", self.steps_per_second)),
+            ("step, median", format!("{:.3} ms", self.step_ms.median)),
+            ("step, 99 of 100 within", format!("{:.3} ms", self.step_ms.p99)),
+            ("points touched, median", format!("{:.0}", self.contacts)),
+            ("simulator, one thread", format!("{:.3} ms", self.simulator_ms)),
+            ("update with replays, one thread", format!("{:.3} ms", self.update_ms)),
+        ];
+        rows.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
+        rows
+    }
+
+    fn against_floor(&self) -> Vec<(&'static str, String)> {
+        let floor = &self.floor;
+        vec![
+            ("a visit of one contact", format!("{:.2} ns", self.ns_per_visit)),
+            (
+                "the least that memory allows",
+                format!(
+                    "{:.2} ns: 44 bytes at {:.1} GB/s ({:.2} ns if only the frame moves)",
+                    floor.ns_per_visit, floor.bandwidth_gb_per_s, floor.frame_only_ns_per_visit
+                ),
+            ),
+            ("times that least", format!("{:.2}", self.floor_ratio)),
+            (
+                "the least that arithmetic allows",
+                format!(
+                    "{:.2} ns: 44 operations at {:.1} Gflop/s",
+                    floor.arithmetic_ns_per_visit, floor.gflop_per_s
+                ),
+            ),
+        ]
+    }
+
+    fn size(&self) -> Vec<(&'static str, String)> {
+        let (declared, touched) = (self.cells_declared, self.cells_touched);
+        let peak = match self.peak_memory_mib {
+            Some(_) => format!("{} MiB", self.peak()),
+            None => self.peak(),
+        };
+        vec![
+            ("peak memory", peak),
+            (
+                "frames remembered",
+                format!("{} in {:.1} MiB", self.frames_remembered, self.memory_mib),
+            ),
+            ("cells touched", format!("{touched} of {declared}")),
+            ("start to first step", format!("{:.0} ms", self.start_ms)),
+        ]
+    }
+}

@@ -1,0 +1,166 @@
+//! What the machine would allow: the least time that a visit of one contact can take.
+//!
+//! A *visit* of `map` reads what a remembered frame holds of each contact, predicts from it and
+//! corrects by it. However it is written, these bytes must come from memory, or go there:
+//!
+//! | what                        | bytes |
+//! |-----------------------------|-------|
+//! | displacement, row           | 12, 4 |
+//! | rest point                  | 12    |
+//! | z, read and written         | 8, 8  |
+//!
+//! Divided by the bandwidth at which one thread reads a buffer that no cache holds, they give the
+//! floor. The 16 bytes of the frame alone are the floor of a belief that stays in cache, so a
+//! visit may well be faster than the first and never than the second. `ekf` moves more (a variance
+//! and its step too) and is held against the same floor.
+//!
+//! Arithmetic is measured as this build does it, with whatever the compiler makes of it.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use crate::quantile::median;
+
+/// Bytes of one contact in a remembered frame: displacement and row.
+const FRAME_BYTES: f64 = 16.0;
+/// Bytes that a visit of one contact moves: the frame's, the rest point, z twice.
+const VISIT_BYTES: f64 = FRAME_BYTES + 12.0 + 8.0 + 8.0;
+/// Arithmetic of such a visit: to predict, the wrench (9), K (1) and their sum (12); to correct, the
+/// wrench again (9), its product with the twist (11) and z (2).
+const VISIT_FLOP: f64 = 44.0;
+
+/// The buffer that is read, bytes: far larger than the caches of most machines.
+const BUFFER_BYTES: usize = 256 << 20;
+/// The least that says anything, bytes.
+const LEAST_BUFFER_BYTES: usize = 16 << 20;
+/// Sweeps over it, of which the median counts.
+const SWEEPS: usize = 15;
+/// Sums that run side by side, so that memory is waited for and not the last addition.
+const LANES: usize = 16;
+
+/// Multiply-adds side by side: as many as fit into the registers of the least machine.
+const CHAINS: usize = 24;
+/// How often each of them goes on in one measurement.
+const ROUNDS: u32 = 1_000_000;
+
+/// The machine, and what it allows.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Floor {
+    /// Sequential reads of one thread, 10⁹ bytes a second.
+    pub bandwidth_gb_per_s: f64,
+    /// Multiplications and additions of one thread in registers, f64, 10⁹ a second.
+    pub gflop_per_s: f64,
+    /// A visit of one contact at that bandwidth, ns.
+    pub ns_per_visit: f64,
+    /// The same if only the frame comes from memory, ns.
+    pub frame_only_ns_per_visit: f64,
+    /// A visit of one contact at that rate of arithmetic, ns.
+    pub arithmetic_ns_per_visit: f64,
+}
+
+impl Floor {
+    /// Measures the machine, which takes less than a second, and 256 MiB.
+    pub(super) fn measure() -> Self {
+        Self::of(bandwidth_gb_per_s(), gflop_per_s())
+    }
+
+    /// The floor of a machine.
+    fn of(bandwidth_gb_per_s: f64, gflop_per_s: f64) -> Self {
+        // A billion a second is one a nanosecond.
+        Self {
+            bandwidth_gb_per_s,
+            gflop_per_s,
+            ns_per_visit: VISIT_BYTES / bandwidth_gb_per_s,
+            frame_only_ns_per_visit: FRAME_BYTES / bandwidth_gb_per_s,
+            arithmetic_ns_per_visit: VISIT_FLOP / gflop_per_s,
+        }
+    }
+}
+
+/// Bandwidth of sequential reads of one thread, 10⁹ bytes a second.
+fn bandwidth_gb_per_s() -> f64 {
+    let buffer = buffer();
+    let bytes = size_of_val(buffer.as_slice()) as f64;
+    median_rate(bytes, || {
+        black_box(sum(black_box(&buffer)));
+    })
+}
+
+/// A buffer as large as there is memory for, every page of it written.
+fn buffer() -> Vec<u64> {
+    let mut buffer = Vec::new();
+    let mut bytes = BUFFER_BYTES;
+    while buffer.try_reserve_exact(bytes / size_of::<u64>()).is_err() && bytes > LEAST_BUFFER_BYTES
+    {
+        bytes /= 2;
+    }
+    // Pages that were never written are all the same page of zeros, which a cache holds.
+    buffer.extend(1..=(bytes / size_of::<u64>()) as u64);
+    buffer
+}
+
+fn sum(buffer: &[u64]) -> u64 {
+    let mut lanes = [0_u64; LANES];
+    for group in buffer.chunks_exact(LANES) {
+        for (lane, number) in lanes.iter_mut().zip(group) {
+            *lane = lane.wrapping_add(*number);
+        }
+    }
+    lanes.iter().fold(0, |total, lane| total.wrapping_add(*lane))
+}
+
+/// Multiplications and additions of one thread, 10⁹ a second.
+fn gflop_per_s() -> f64 {
+    let flop = 2.0 * CHAINS as f64 * f64::from(ROUNDS);
+    median_rate(flop, || {
+        black_box(multiply_add(black_box(0.999), black_box(1e-3)));
+    })
+}
+
+/// Independent chains of `x ← a x + b`, which stay near 1.
+fn multiply_add(a: f64, b: f64) -> [f64; CHAINS] {
+    let mut x: [f64; CHAINS] = std::array::from_fn(|chain| chain as f64 / CHAINS as f64);
+    for _ in 0..ROUNDS {
+        for x in &mut x {
+            *x = *x * a + b;
+        }
+    }
+    x
+}
+
+/// The median rate of several runs of some work, 10⁹ units a second.
+fn median_rate(units: f64, work: impl Fn()) -> f64 {
+    let run = |_| {
+        let start = Instant::now();
+        work();
+        units / start.elapsed().as_nanos().max(1) as f64
+    };
+    let rates: Vec<f64> = (0..SWEEPS).map(run).collect();
+    median(&rates).expect("there are several runs")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lanes_sum_to_what_one_sum_gives() {
+        let numbers: Vec<u64> = (0..LANES as u64 * 10).map(|n| n * n).collect();
+        assert_eq!(sum(&numbers), numbers.iter().sum::<u64>());
+    }
+
+    #[test]
+    fn a_visit_moves_44_bytes_16_of_them_the_frames() {
+        let floor = Floor::of(11.0, 22.0);
+        assert_eq!(floor.ns_per_visit, 4.0);
+        assert_eq!(floor.frame_only_ns_per_visit, 16.0 / 11.0);
+        assert_eq!(floor.arithmetic_ns_per_visit, 2.0);
+    }
+
+    #[test]
+    fn chains_of_multiply_adds_end_at_their_fixed_point() {
+        assert!(multiply_add(0.999, 1e-3).iter().all(|x| (x - 1.0).abs() < 1e-9));
+    }
+}

@@ -1,0 +1,208 @@
+//! `palpate bench`: how fast the mapper is on this machine.
+//!
+//! | file        | says                                                                     |
+//! |-------------|--------------------------------------------------------------------------|
+//! | `recording` | a log held in memory, and the passes through it                          |
+//! | `whole`     | the step as a user runs it                                               |
+//! | `parts`     | the same step in two parts, on one thread                                |
+//! | `floor`     | what the machine's memory and arithmetic would allow                     |
+//! | `peak`      | the most memory the process has held                                     |
+//! | `figures`   | all of it, as JSON and as text                                           |
+//! | `sweep`     | the same for worlds and cells of other sizes, each in its own process    |
+//! | `child`     | such a process, and how it ends                                          |
+//!
+//! # Protocol
+//!
+//! The log is learnt `--warm-passes` times before the clock starts, so that memory is as full as
+//! in use, then `--passes` times with the clock running. Timed are the steps whose tare is known
+//! and which touch something: those that learn. This is done twice, with a mapper and with its
+//! parts. The peak of memory is read after the mapper and before anything else is made; the
+//! buffer from which bandwidth is read comes last.
+//!
+//! Nothing here judges: budgets are the reader's. Nothing waits for the machine to be idle either,
+//! so figures are to be read as ratios, and compared only within a run.
+
+mod child;
+mod figures;
+mod floor;
+mod parts;
+mod peak;
+mod recording;
+mod sweep;
+mod whole;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use palpate::arm::Arm;
+use palpate::mapper::Config;
+
+use self::figures::Figures;
+use self::floor::Floor;
+use self::recording::{Passes, Recording};
+use self::sweep::{Plan, Sweep};
+use crate::bundled::{self, Unpacked};
+use crate::error::CliError;
+use crate::output::Output;
+use crate::pace::PaceArgs;
+use crate::settings::{AllSettings, Settings, SettingsError};
+use crate::touches::Touches;
+use crate::{interrupt, robot};
+
+const EXAMPLES: &str = "Examples:
+  palpate bench                              the bundled, simulated touches
+  palpate bench recordings/ --robot panda.urdf --gravity removed
+  palpate bench --estimator ekf --json
+  palpate bench --sweep worlds,cells         does the size of the world matter? that of the cells?
+  palpate bench --rate 17 --touches 2        how many replays fit into a step at 17 Hz?
+
+The log is learnt once before the clock starts (--warm-passes), so that memory is as full as in
+use, and once with the clock running (--passes). Timed are the steps whose tare is known and which
+touch something. The whole step is timed as a user runs it; its two parts, the simulator and the
+update with its replays, are timed on one thread. A visit of one contact is compared with what
+moving its 44 bytes takes at the memory bandwidth of one thread, measured in the same run.
+
+With --sweep every row is a process of its own on the first 3 touches of the log (--touches), so
+that its peak of memory is its own.
+
+With --rate the passes take real time. Timed is then the step without replays, and reported is how
+many replays fitted into what it left; that depends on the machine. The parts are measured with
+the replays of the settings, whatever the rate.";
+
+/// Flags of `palpate bench`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Logs to learn from; without any, the bundled touches, which are simulated
+    #[arg(value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Passes through the log before the clock starts
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    warm_passes: u32,
+    /// Passes through the log with the clock running
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = at_least_one())]
+    passes: u32,
+    /// Only the first N touches of the log [default: all; 3 in sweeps]
+    #[arg(long, value_name = "N", value_parser = at_least_one())]
+    touches: Option<u32>,
+    /// Measure other lattices too: worlds of 50 to 1000 points a side about what is touched, and
+    /// cells of 2.4 to 0.5 cm in the same box
+    #[arg(long, value_name = "WHAT", value_delimiter = ',')]
+    sweep: Vec<Sweep>,
+    /// Print the figures as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    pace: PaceArgs,
+    #[command(flatten)]
+    settings: AllSettings,
+}
+
+fn at_least_one() -> clap::builder::RangedI64ValueParser<u32> {
+    clap::value_parser!(u32).range(1..)
+}
+
+/// Measures, and prints what was found.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let started = Instant::now();
+    let settings = args.settings.load()?;
+    let config = settings.config()?;
+    let plan = Plan::new(&args.sweep, &config.lattice)?;
+    interrupt::listen();
+    let bench = Bench::prepare(args, &settings, config, output)?;
+    let (figures, touched) = bench.measure(started, output)?;
+    let sweeps = plan.run(&bench, &settings, &touched, output)?;
+    if args.json {
+        output.json(&sweeps.beside(&figures))
+    } else {
+        output.result(&(figures.text() + &sweeps.text()))
+    }
+}
+
+/// Where the touches come from.
+enum Logs<'a> {
+    Given(&'a [PathBuf]),
+    Bundled(Unpacked),
+}
+
+impl Logs<'_> {
+    fn paths(&self) -> &[PathBuf] {
+        match self {
+            Self::Given(paths) => paths,
+            Self::Bundled(files) => &files.touches,
+        }
+    }
+}
+
+/// Everything that a measurement needs.
+struct Bench<'a> {
+    args: &'a Args,
+    logs: Logs<'a>,
+    arm: Arc<Arm>,
+    config: Config,
+    recording: Recording,
+}
+
+impl<'a> Bench<'a> {
+    fn prepare(
+        args: &'a Args,
+        settings: &Settings,
+        config: Config,
+        output: &Output,
+    ) -> Result<Self, CliError> {
+        let logs = match args.logs.as_slice() {
+            [] => Logs::Bundled(bundled::unpack()?),
+            given => Logs::Given(given),
+        };
+        let touches = Touches::open(logs.paths(), &settings.log.options())?;
+        let arm = robot::load(&settings.robot, output)?;
+        settings.log.check_for(&arm.robot)?;
+        let mut touches = touches.for_joints(arm.robot.joint_names());
+        let recording = Recording::read(&mut touches, args.touches)?;
+        touches.tell_warnings(output);
+        output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
+        Ok(Self { args, logs, arm, config, recording })
+    }
+
+    /// The figures of this configuration, and which part of the lattice was touched.
+    fn measure(
+        &self,
+        started: Instant,
+        output: &Output,
+    ) -> Result<(Figures, whole::Touched), CliError> {
+        let out_of_range = |error| SettingsError::Value(Box::new(error));
+        let mut config = self.config.clone();
+        let pace = self.args.pace.take_over(&mut config);
+        let mapper = whole::Whole::new(&self.arm, config, pace, started).map_err(out_of_range)?;
+        let passes = Passes { warm: self.args.warm_passes, timed: self.args.passes };
+        let whole = mapper.measure(&self.recording, passes, output)?;
+        if whole.step_ms.is_empty() {
+            return Err(self.touches_nothing());
+        }
+        let parts = parts::measure(&self.arm, &self.config, &self.recording, passes, output)?;
+        let floor = Floor::measure();
+        Ok((Figures::new(self, &whole, &parts, floor), whole.touched))
+    }
+
+    /// The log was of no use.
+    fn touches_nothing(&self) -> CliError {
+        let log = match &self.logs {
+            Logs::Given(paths) => {
+                let names: Vec<_> = paths.iter().map(|path| Path::display(path)).collect();
+                names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+            }
+            Logs::Bundled(_) => "the bundled touches".to_owned(),
+        };
+        CliError::from(format!(
+            "there is nothing to time: in {} of {log} no step touches a point of the lattice once \
+             its tare is known; check --robot, the joints' unit (--angle-unit) and the workspace \
+             box (--box-low-m, --box-high-m), or take more touches; `palpate inspect` says what \
+             the log holds",
+            match self.recording.touches() {
+                1 => "the only touch".to_owned(),
+                touches => format!("{touches} touches"),
+            }
+        ))
+    }
+}

@@ -1,0 +1,135 @@
+//! The step in two parts, on one thread: the simulator, and the update with its replays.
+//!
+//! This is `Mapper::step` taken apart, and the only file of the command that knows how the core
+//! composes a step. The *simulator* is [`Tracker::feed`]: kinematics, gravity, sub-steps and
+//! contacts. The *update* is all the rest: the frame folded into an observation, the
+//! prediction, the correction, and the visits of remembered frames.
+//!
+//! Both run in a thread pool of one, so that what the core does in parallel costs what it costs
+//! one thread. No tape is kept, as it takes no part in the times.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use palpate::arm::Arm;
+use palpate::ekf::EkfEstimator;
+use palpate::estimator::{Estimator, Method, Source};
+use palpate::lattice::CellRows;
+use palpate::map::MapEstimator;
+use palpate::mapper::{Config, MapperError};
+use palpate::torque::Folder;
+use palpate::touch::{Frame, Sample, Tracker};
+
+use super::recording::{Learner, Passes, Recording};
+use super::whole::milliseconds;
+use crate::error::CliError;
+use crate::output::Output;
+use crate::settings::SettingsError;
+
+/// What a mapper is made of, under the clock.
+pub(super) struct Parts {
+    tracker: Tracker,
+    folder: Folder,
+    estimator: Box<dyn Estimator>,
+    replays: u32,
+    next: Source,
+    /// What was measured.
+    times: Times,
+}
+
+/// The timed steps.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Times {
+    /// The simulator's share of each, ms.
+    pub simulator_ms: Vec<f64>,
+    /// The update's share of each, ms.
+    pub update_ms: Vec<f64>,
+    /// The update of each, by contact and visit, ns.
+    pub visit_ns: Vec<f64>,
+}
+
+/// Learns all passes on one thread.
+pub(super) fn measure(
+    arm: &Arc<Arm>,
+    config: &Config,
+    recording: &Recording,
+    passes: Passes,
+    output: &Output,
+) -> Result<Times, CliError> {
+    let out_of_range = |error| SettingsError::Value(Box::new(error));
+    let mut parts = Parts::new(arm, config).map_err(out_of_range)?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(CliError::file)?;
+    pool.install(|| recording.play(passes, &mut parts, output, "timing its parts"))?;
+    Ok(parts.times)
+}
+
+impl Parts {
+    fn new(arm: &Arc<Arm>, config: &Config) -> Result<Self, MapperError> {
+        let (spacing_m, n_joints) = (config.lattice.spacing_m(), arm.robot.n_joints());
+        let estimator: Box<dyn Estimator> = match config.method {
+            Method::Map => Box::new(MapEstimator::new(&config.estimator, spacing_m, n_joints)?),
+            Method::Ekf => Box::new(EkfEstimator::new(&config.estimator, spacing_m, n_joints)?),
+        };
+        let (contact, touch) = (config.contact.clone(), config.touch.clone());
+        let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
+        Ok(Self {
+            tracker,
+            folder: Folder::new(CellRows::new(config.lattice.clone())),
+            estimator,
+            replays: config.estimator.replays,
+            next: Source { touch: 0, sample: 0 },
+            times: Times::default(),
+        })
+    }
+
+    /// Folds a frame, predicts, corrects and replays; returns the visits made, the frame's own
+    /// among them.
+    fn update(&mut self, frame: &Frame, source: Source) -> Result<u32, MapperError> {
+        let Some(external) = frame.external.clone() else { return Ok(0) };
+        let (robot, estimator) = (&self.tracker.arm().robot, &mut self.estimator);
+        let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, external);
+        let points_m = self.folder.rows().points_m();
+        let cell = |row| (points_m[row], estimator.stiffness(row));
+        std::hint::black_box(observation.predict(cell));
+        if frame.contacts.is_empty() {
+            estimator.idle();
+            return Ok(0);
+        }
+        estimator.correct(points_m, observation, source)?;
+        Ok(1 + estimator.replay(self.replays))
+    }
+}
+
+impl Learner for Parts {
+    fn begin_touch(&mut self) {
+        self.tracker.begin_touch();
+        self.next = Source { touch: self.next.touch + 1, sample: 0 };
+    }
+
+    fn step(&mut self, sample: &Sample, timed: bool) -> Result<(), MapperError> {
+        let start = Instant::now();
+        let frame = self.tracker.feed(sample)?;
+        let simulated = Instant::now();
+        let source = self.next;
+        self.next.sample += 1;
+        let visits = self.update(&frame, source)?;
+        let updated = Instant::now();
+        if timed && visits > 0 {
+            let times = &mut self.times;
+            let update = updated - simulated;
+            let parts = frame.contacts.len() as f64 * f64::from(visits);
+            times.simulator_ms.push(milliseconds(simulated - start));
+            times.update_ms.push(milliseconds(update));
+            times.visit_ns.push(nanoseconds(update) / parts);
+        }
+        Ok(())
+    }
+
+    fn end_touch(&mut self) -> Result<(), MapperError> {
+        Ok(self.tracker.end_touch()?)
+    }
+}
+
+fn nanoseconds(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e9
+}

@@ -1,0 +1,236 @@
+//! `--rate`: what is left of a step's time goes to replays.
+//!
+//! A robot reports so many times a second, and a mapper that is done with a sample early can use
+//! the rest of the time to visit remembered frames again. Under a pace the mapper makes no fixed
+//! number of replays: after each step, [`Pace::fill`] visits frames for as long as the next visit
+//! can be expected to end before the deadline. So the field depends on how fast the machine is,
+//! and no two runs give the same bits; whoever shows results says so ([`ORIGIN`]).
+//!
+//! `map` takes any number of visits, since none counts data twice. `ekf` counts them again with
+//! every visit, so it makes as many as its setting `replays` allows, and only after steps that it
+//! learnt from. Nothing waits here: a step that has nothing left to visit ends early.
+
+use std::time::{Duration, Instant};
+
+use palpate::estimator::Method;
+use palpate::mapper::{Config, Mapper, Snapshot, StepReport};
+use serde::{Deserialize, Serialize};
+
+use crate::interrupt;
+use crate::quantile::median;
+
+/// What must be said of results made under a pace.
+pub(crate) const ORIGIN: &str = "Under --rate the field depends on the speed of the machine.";
+
+/// The slowest and the fastest rate, Hz.
+const SLOWEST_HZ: f64 = 0.1;
+const FASTEST_HZ: f64 = 100_000.0;
+
+/// A visit is made only if the time left is so many times what a visit takes on average: frames
+/// differ in size, and the next may be one of the larger.
+const MARGIN: f64 = 2.0;
+/// The most visits between two looks at the clock.
+const MOST_AT_ONCE: u32 = 8;
+/// How much the latest visits count in the running mean of their time.
+const LATEST: f64 = 0.1;
+
+/// The flag.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub(crate) struct PaceArgs {
+    /// Steps a second to keep to, from 0.1 to 100000 Hz: in place of the fixed replays, each step
+    /// spends what is left of its time on them (`ekf`: at most `replays`). What is learnt then
+    /// depends on the speed of the machine
+    #[arg(long, value_name = "HZ", value_parser = hertz, allow_negative_numbers = true)]
+    rate: Option<f64>,
+}
+
+impl PaceArgs {
+    /// The rate, Hz, if one was given.
+    pub(crate) fn rate_hz(&self) -> Option<f64> {
+        self.rate
+    }
+
+    /// The pace asked for, if any; from the settings of the mapper to come, it takes over the
+    /// replays.
+    pub(crate) fn take_over(&self, config: &mut Config) -> Option<Pace> {
+        let rate_hz = self.rate?;
+        let replays = std::mem::take(&mut config.estimator.replays);
+        let bounded = config.method == Method::Ekf;
+        let tally = Tally::default();
+        Some(Pace { rate_hz, replays, bounded, visit_s: 0.0, tally })
+    }
+}
+
+fn hertz(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(rate_hz) if (SLOWEST_HZ..=FASTEST_HZ).contains(&rate_hz) => Ok(rate_hz),
+        _ => Err(format!("wanted a number from {SLOWEST_HZ} to {FASTEST_HZ} Hz")),
+    }
+}
+
+/// Fills the time that steps leave.
+#[derive(Debug, Clone)]
+pub(crate) struct Pace {
+    rate_hz: f64,
+    /// The setting that was taken over.
+    replays: u32,
+    /// Whether it still bounds the visits of a step.
+    bounded: bool,
+    /// Running mean of the time of a visit, s; 0 before the first.
+    visit_s: f64,
+    tally: Tally,
+}
+
+/// What came of the steps so far.
+#[derive(Debug, Clone, Default)]
+struct Tally {
+    /// Visits after each step that something was learnt from.
+    replays: Vec<f64>,
+    missed: u64,
+    worst_overrun: Duration,
+}
+
+/// How well a pace was kept.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct PaceFigures {
+    /// Steps a second that were asked for.
+    pub rate_hz: f64,
+    /// Replays a step: median over the steps that something was learnt from.
+    pub replays_median: f64,
+    /// Steps that took longer than their time.
+    pub missed: u64,
+    /// By how much the worst of them did, ms.
+    pub worst_overrun_ms: f64,
+}
+
+impl Pace {
+    /// Visits remembered frames until the step that began at `started` has used up its time.
+    ///
+    /// `report` is what the step found. Ctrl-C ends it early.
+    pub(crate) fn fill(&mut self, mapper: &mut Mapper, report: &StepReport, started: Instant) {
+        let period = Duration::from_secs_f64(1.0 / self.rate_hz);
+        let learnt = report.external.is_some() && report.contacts > 0;
+        let most = match (self.bounded, learnt) {
+            (false, _) => u32::MAX,
+            (true, true) => self.replays,
+            (true, false) => 0,
+        };
+        let mut made = 0;
+        while made < most && !interrupt::pressed() {
+            let left_s = period.saturating_sub(started.elapsed()).as_secs_f64();
+            let visits = self.affordable(left_s).min(most - made);
+            if visits == 0 {
+                break;
+            }
+            let before = Instant::now();
+            let visited = mapper.replay(visits);
+            if visited == 0 {
+                break; // nothing is remembered yet
+            }
+            self.learn_time(before.elapsed().as_secs_f64() / f64::from(visited));
+            made = made.saturating_add(visited);
+        }
+        if learnt {
+            self.tally.replays.push(f64::from(made));
+        }
+        let overrun = started.elapsed().saturating_sub(period);
+        self.tally.missed += u64::from(!overrun.is_zero());
+        self.tally.worst_overrun = self.tally.worst_overrun.max(overrun);
+    }
+
+    /// Makes as many visits as the setting says, whatever the time.
+    pub(crate) fn fill_as_set(&self, mapper: &mut Mapper) {
+        mapper.replay(self.replays);
+    }
+
+    /// Gives the replays back to what is to be saved.
+    pub(crate) fn give_back(&self, snapshot: &mut Snapshot) {
+        snapshot.config.estimator.replays = self.replays;
+        snapshot.replays_due = false; // they were made while there was time
+    }
+
+    /// How well the pace was kept so far.
+    pub(crate) fn figures(&self) -> PaceFigures {
+        PaceFigures {
+            rate_hz: self.rate_hz,
+            replays_median: median(&self.tally.replays).unwrap_or(0.0),
+            missed: self.tally.missed,
+            worst_overrun_ms: self.tally.worst_overrun.as_secs_f64() * 1e3,
+        }
+    }
+
+    /// How many visits fit into the time left, before the clock is looked at again.
+    fn affordable(&self, left_s: f64) -> u32 {
+        if left_s <= MARGIN * self.visit_s {
+            return 0;
+        }
+        // Near the end one at a time; the cast bounds what is infinite before the first visit.
+        let fitting = (left_s / self.visit_s / 4.0) as u32;
+        if self.visit_s == 0.0 { 1 } else { fitting.clamp(1, MOST_AT_ONCE) }
+    }
+
+    /// Takes the time of the latest visits into the running mean.
+    fn learn_time(&mut self, visit_s: f64) {
+        let first = self.visit_s == 0.0;
+        self.visit_s += if first { visit_s } else { LATEST * (visit_s - self.visit_s) };
+    }
+}
+
+impl PaceFigures {
+    /// In a line.
+    pub(crate) fn text(&self) -> String {
+        let Self { rate_hz, replays_median, missed, worst_overrun_ms } = self;
+        let kept = match missed {
+            0 => "no deadline missed".to_owned(),
+            _ => format!("{missed} deadlines missed, the worst by {worst_overrun_ms:.3} ms"),
+        };
+        format!("{rate_hz} Hz: {replays_median} replays a step (median), {kept}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pace(visit_s: f64) -> Pace {
+        Pace { rate_hz: 20.0, replays: 5, bounded: false, visit_s, tally: Tally::default() }
+    }
+
+    #[test]
+    fn no_visit_is_begun_that_would_pass_the_deadline() {
+        let pace = pace(1e-3);
+        for left_s in [0.0, 0.5e-3, 1e-3, 3e-3, 10e-3, 1.0] {
+            let visits = pace.affordable(left_s);
+            assert!(f64::from(visits) * pace.visit_s <= left_s, "{visits} in {left_s} s");
+        }
+        assert_eq!((pace.affordable(3e-3), pace.affordable(1.0)), (1, MOST_AT_ONCE));
+    }
+
+    #[test]
+    fn the_first_visit_is_made_alone_to_learn_its_time() {
+        let mut pace = pace(0.0);
+        assert_eq!((pace.affordable(0.0), pace.affordable(1e-3)), (0, 1));
+        pace.learn_time(2e-3);
+        assert_eq!(pace.visit_s, 2e-3);
+        pace.learn_time(4e-3);
+        assert!(pace.visit_s > 2e-3 && pace.visit_s < 4e-3);
+    }
+
+    #[test]
+    fn only_a_pace_takes_the_replays_over() {
+        let mut config = Config::of(Method::Map);
+        let configured = config.estimator.replays;
+        assert!(PaceArgs { rate: None }.take_over(&mut config).is_none());
+        assert_eq!(config.estimator.replays, configured);
+        let pace = PaceArgs { rate: Some(17.0) }.take_over(&mut config).unwrap();
+        assert_eq!((config.estimator.replays, pace.replays), (0, configured));
+    }
+
+    #[test]
+    fn rates_that_nobody_can_mean_are_refused() {
+        for text in ["0", "0.09", "-17", "100001", "inf", "nan", "fast", ""] {
+            assert!(hertz(text).unwrap_err().contains("from 0.1 to 100000 Hz"), "{text}");
+        }
+        assert_eq!((hertz("0.1"), hertz("17"), hertz("1e5")), (Ok(0.1), Ok(17.0), Ok(1e5)));
+    }
+}

@@ -1,0 +1,185 @@
+//! The command measures what it says, and says what it measured.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+mod common;
+
+use std::process::Command;
+
+use common::{Scene, json, palpate, refuse, succeed};
+use serde_json::Value;
+
+/// `palpate bench` of some logs, with everything small.
+fn bench(scene: &Scene, logs: &[&str], more: &[&str]) -> Command {
+    let mut command = palpate();
+    command.arg("bench").args(logs.iter().map(|log| scene.path(log))).args(scene.settings());
+    command.args(["--spacing-m", "0.03"]).args(more);
+    command
+}
+
+fn number(figures: &Value, key: &str) -> f64 {
+    let value = figures.pointer(&format!("/{}", key.replace('.', "/")));
+    value.and_then(Value::as_f64).unwrap_or_else(|| panic!("{key} in {figures}"))
+}
+
+/// The keys of a measurement that are numbers above zero.
+const NUMBERS: [&str; 26] = [
+    "touches",
+    "passes",
+    "steps",
+    "steps_per_second",
+    "step_ms.median",
+    "step_ms.p99",
+    "simulator_ms",
+    "update_ms",
+    "contacts",
+    "ns_per_visit",
+    "floor_ratio",
+    "floor.bandwidth_gb_per_s",
+    "floor.gflop_per_s",
+    "floor.ns_per_visit",
+    "floor.frame_only_ns_per_visit",
+    "floor.arithmetic_ns_per_visit",
+    "cells_declared",
+    "cells_touched",
+    "spacing_m",
+    "frames_remembered",
+    "memory_mib",
+    "start_ms",
+    "threads",
+    "shape.0",
+    "shape.1",
+    "shape.2",
+];
+
+/// Holds a measurement to all that holds for any.
+#[track_caller]
+fn check(figures: &Value) {
+    for key in NUMBERS {
+        let value = number(figures, key);
+        assert!(value > 0.0 && value.is_finite(), "{key} is {value}");
+    }
+    assert!(number(figures, "step_ms.p99") >= number(figures, "step_ms.median"));
+    assert!(number(figures, "cells_touched") <= number(figures, "cells_declared"));
+    assert!(figures["pace"].is_null());
+
+    let parts = number(figures, "simulator_ms") + number(figures, "update_ms");
+    let ratio = parts / number(figures, "step_ms.median");
+    assert!((0.05..20.0).contains(&ratio), "the parts make {ratio} of the step: {figures}");
+
+    let floor = number(figures, "floor.ns_per_visit");
+    let ratio = number(figures, "ns_per_visit") / floor;
+    assert!((number(figures, "floor_ratio") / ratio - 1.0).abs() < 1e-9);
+    let frame_only = number(figures, "floor.frame_only_ns_per_visit") / floor;
+    assert!((frame_only - 16.0 / 44.0).abs() < 1e-9);
+
+    if cfg!(target_os = "linux") {
+        let peak = number(figures, "peak_memory_mib");
+        // The buffer that bandwidth is measured with must not count.
+        assert!(peak > number(figures, "memory_mib") && peak < 200.0, "{peak} MiB");
+    }
+}
+
+#[test]
+fn every_figure_is_told_and_they_agree_with_each_other() {
+    let scene = Scene::new();
+    for estimator in ["map", "ekf"] {
+        let figures = json(&mut bench(&scene, &["log"], &["--json", "--estimator", estimator]));
+        check(&figures);
+        assert_eq!(figures["estimator"], estimator);
+        assert_eq!(figures["robot"], "tiny");
+        assert_eq!(figures["simulated"], false);
+        assert_eq!(figures["shape"], serde_json::json!([80, 80, 80]));
+        assert_eq!((number(&figures, "touches"), number(&figures, "warm_passes")), (2.0, 1.0));
+        assert!(figures.get("worlds").is_none() && figures.get("cells").is_none());
+    }
+}
+
+#[test]
+fn passes_and_touches_say_what_is_learnt_and_timed() {
+    let scene = Scene::new();
+    let of = |more: &[&str]| json(bench(&scene, &["log"], &["--json"]).args(more));
+    let plain = of(&[]);
+    let thrice = of(&["--passes", "3"]);
+    assert_eq!(number(&thrice, "steps"), 3.0 * number(&plain, "steps"));
+    let cold = of(&["--warm-passes", "0"]);
+    assert_eq!(number(&cold, "steps"), number(&plain, "steps"));
+    assert_eq!(2.0 * number(&cold, "frames_remembered"), number(&plain, "frames_remembered"));
+    let first = of(&["--touches", "1"]);
+    assert_eq!(number(&first, "touches"), 1.0);
+    assert!(number(&first, "steps") < number(&plain, "steps"));
+    let all = of(&["--touches", "99"]);
+    assert_eq!(number(&all, "steps"), number(&plain, "steps"));
+}
+
+#[test]
+fn without_a_log_the_bundled_touches_are_learnt_and_called_simulated() {
+    let bundled = |more: &[&str]| {
+        let mut command = palpate();
+        command.env("PALPATE_CACHE_DIR", env!("CARGO_TARGET_TMPDIR"));
+        command.args(["bench", "--touches", "1", "--spacing-m", "0.03"]).args(more);
+        command
+    };
+    let figures = json(&mut bundled(&["--json"]));
+    check(&figures);
+    assert_eq!((&figures["simulated"], number(&figures, "touches")), (&Value::Bool(true), 1.0));
+    let text = succeed(&mut bundled(&[]));
+    for word in ["simulated", "steps a second", "44 bytes", "peak memory", "tare is known"] {
+        assert!(text.contains(word), "{word}: {text}");
+    }
+}
+
+#[test]
+fn what_cannot_be_measured_is_refused_with_a_remedy() {
+    let scene = Scene::new();
+    let far = ["--box-low-m", "5,5,5", "--box-high-m", "6,6,6"];
+    let words = ["nothing to time", "2 touches", "log`", "--box-low-m", "palpate inspect"];
+    refuse(&mut bench(&scene, &["log"], &far), 1, &words);
+    refuse(&mut bench(&scene, &["out"], &[]), 1, &["out"]);
+    refuse(&mut bench(&scene, &["nowhere"], &[]), 1, &["nowhere"]);
+    refuse(&mut bench(&scene, &["log"], &["--passes", "0"]), 2, &["--passes", "'0'"]);
+    refuse(&mut bench(&scene, &["log"], &["--touches", "0"]), 2, &["--touches", "'0'"]);
+    refuse(&mut bench(&scene, &["log"], &["--sweep", "time"]), 2, &["--sweep", "worlds", "cells"]);
+    scene.arrays("bad", &[[0.0, f64::NAN]; 9], &[[0.0; 2]; 9]);
+    refuse(&mut bench(&scene, &["bad"], &[]), 1, &["bad"]);
+}
+
+#[test]
+fn sweeps_measure_every_lattice_in_its_own_process() {
+    let scene = Scene::new();
+    let more = ["--sweep", "worlds,cells", "--touches", "1", "--replays", "2"];
+    let figures = json(bench(&scene, &["log"], &more).arg("--json"));
+    check(&figures);
+    check(&figures["sweep_base"]);
+    assert_eq!(figures["sweep_base"]["shape"], figures["shape"]);
+
+    let worlds = figures["worlds"].as_array().unwrap();
+    worlds.iter().for_each(check);
+    let sides: Vec<f64> = worlds.iter().map(|row| row["shape"][0].as_f64().unwrap()).collect();
+    assert_eq!(sides, [50.0, 100.0, 200.0, 400.0, 1000.0]);
+    // All of them hold what is touched, and have their points where the base has them.
+    for world in worlds {
+        assert_eq!(world["cells_touched"], figures["cells_touched"]);
+        assert_eq!(world["contacts"], figures["contacts"]);
+        assert_eq!(world["spacing_m"], figures["spacing_m"]);
+        let apart = (number(world, "origin_m.0") - number(&figures, "origin_m.0")) / 0.03;
+        assert!((apart - apart.round()).abs() < 1e-6, "{apart}");
+    }
+
+    let cells = figures["cells"].as_array().unwrap();
+    cells.iter().for_each(check);
+    let sides: Vec<f64> = cells.iter().map(|row| row["shape"][0].as_f64().unwrap()).collect();
+    assert_eq!(sides, [100.0, 200.0, 300.0, 480.0]);
+    let touched: Vec<f64> = cells.iter().map(|row| number(row, "cells_touched")).collect();
+    assert!(touched.is_sorted(), "{touched:?}");
+}
+
+#[test]
+fn a_sweep_is_told_as_a_table_that_ends_with_the_configuration_itself() {
+    let scene = Scene::new();
+    let more = ["--sweep", "worlds", "--touches", "1", "--replays", "2"];
+    let text = succeed(&mut bench(&scene, &["log"], &more));
+    let table: Vec<&str> = text.lines().skip_while(|line| !line.contains("µs/contact")).collect();
+    assert_eq!(table.len(), 8, "{text}");
+    assert!(table[5].starts_with("1000 ") && table[7].starts_with("80 "), "{text}");
+    assert!(table[7].ends_with(" 1.00"), "{text}");
+}
