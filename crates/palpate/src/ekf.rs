@@ -28,24 +28,13 @@ use crate::estimator::{
     shrunk,
 };
 use crate::replay::Memory;
-use crate::torque::Observation;
+use crate::torque::{Cell, Observation, Stiffness};
 
 /// A past measurement.
 #[derive(Debug, Clone)]
 struct Frame {
     observation: Observation,
     source: Source,
-}
-
-/// A touched cell as an update needs it: one record, so that a look at a cell is one at memory.
-#[derive(Debug, Clone, Copy)]
-struct Cell {
-    mean: f64,
-    variance: f64,
-    /// World frame, m.
-    rest_point: [f64; 3],
-    /// The step up to which the variance holds its drift.
-    seen: u64,
 }
 
 /// The diagonal Gaussian over κ, with lazy drift.
@@ -57,59 +46,56 @@ struct Belief {
     drift_variance: f64,
     /// The diagonal of R, n_joints, (N·m)².
     torque_variance: DVector<f64>,
-    /// By row.
+    /// Rest points and means of κ, by row.
     cells: Vec<Cell>,
+    variance: Vec<f64>,
+    /// The step up to which each row's variance holds its drift.
+    seen: Vec<u64>,
     step: u64,
 }
 
 impl Belief {
-    /// A cell's variance with all its drift up to the present step, (N/m)².
-    fn variance_now(&self, cell: &Cell) -> f64 {
-        cell.variance + self.drifted_since(cell.seen)
-    }
-
-    /// What drift has added since a step, (N/m)².
-    fn drifted_since(&self, step: u64) -> f64 {
-        self.drift_variance * (self.step - step) as f64
+    /// A row's variance with all its drift up to the present step, (N/m)².
+    fn variance_now(&self, row: usize) -> f64 {
+        let (variance, seen) = match self.variance.get(row) {
+            Some(&variance) => (variance, self.seen[row]),
+            None => (self.prior_variance, 0),
+        };
+        variance + self.drift_variance * (self.step - seen) as f64
     }
 
     /// Gives rows that are new their prior.
     fn grow(&mut self, points_m: &[[f64; 3]]) {
         let known = self.cells.len().min(points_m.len());
-        let (mean, variance) = (self.prior_mean, self.prior_variance);
-        let prior = |&rest_point: &[f64; 3]| Cell { mean, variance, rest_point, seen: 0 };
-        self.cells.extend(points_m[known..].iter().map(prior));
+        self.cells.extend(points_m[known..].iter().map(|&point| Cell::new(point, self.prior_mean)));
+        self.variance.resize(self.cells.len(), self.prior_variance);
+        self.seen.resize(self.cells.len(), 0);
     }
 
-    /// The Kalman update of Eqs. 5 and 6.
+    /// The Kalman update of Eqs. 5 and 6; returns what was predicted before it.
     ///
     /// Nothing changes unless the innovation covariance can be inverted.
-    fn update(&mut self, observation: &Observation) -> Result<(), EstimatorError> {
-        let [covariance] = observation.grams(|row| {
-            let cell = &self.cells[row];
-            (cell.rest_point, [self.variance_now(cell)])
-        });
+    fn update(&mut self, observation: &Observation) -> Result<DVector<f64>, EstimatorError> {
+        let covariance = observation.gram(&self.cells, |row| self.variance_now(row));
         let gain = innovation_inverse(covariance, &self.torque_variance)?;
-        let predicted = observation.predict(|row| {
-            let cell = &self.cells[row];
-            (cell.rest_point, cell.mean.abs())
-        });
-        let d = &gain * (&observation.tau - predicted);
+        let predicted = observation.predict(&self.cells, Stiffness::Magnitude);
+        let d = &gain * (&observation.tau - &predicted);
         if d.iter().any(|x| !x.is_finite()) {
             return Err(EstimatorError::Degenerate);
         }
-        observation.spread(&d, |row, push| {
-            let variance = self.variance_now(&self.cells[row]);
-            let cell = &mut self.cells[row];
-            (cell.variance, cell.seen) = (variance, self.step);
+        for row in observation.rows() {
+            self.variance[row] = self.variance_now(row);
+            self.seen[row] = self.step;
+        }
+        let variance = &mut self.variance;
+        observation.spread(&mut self.cells, &d, |cell, row, value| {
             // Column i of H is the lever times sgn κᵢ; `0.0.signum()` is `1.0` in Rust.
-            cell.mean += variance * push.at(cell.rest_point) * cell.mean.signum();
+            *cell.unknown_mut() += variance[row] * value * cell.unknown().signum();
         });
-        observation.quadratic(&gain, |row, form| {
-            let cell = &mut self.cells[row];
-            cell.variance = shrunk(cell.variance, form.at(cell.rest_point));
+        observation.quadratic(&self.cells, &gain, |row, value| {
+            variance[row] = shrunk(variance[row], value);
         });
-        Ok(())
+        Ok(predicted)
     }
 }
 
@@ -146,6 +132,8 @@ impl EkfEstimator {
             drift_variance: drift_std * drift_std,
             torque_variance,
             cells: Vec::new(),
+            variance: Vec::new(),
+            seen: Vec::new(),
             step: 0,
         };
         let memory = Memory::new(config.memory, config.seed);
@@ -173,10 +161,11 @@ impl EkfEstimator {
             return Err(EstimatorError::State { what });
         }
         self.belief.grow(points_m);
-        for (row, cell) in self.belief.cells.iter_mut().enumerate().take(state.mean.len()) {
-            (cell.mean, cell.variance) = (state.mean[row], state.variance[row]);
-            cell.seen = state.seen[row];
+        for (cell, mean) in self.belief.cells.iter_mut().zip(&state.mean) {
+            *cell.unknown_mut() = *mean;
         }
+        self.belief.variance[..state.mean.len()].copy_from_slice(&state.variance);
+        self.belief.seen[..state.mean.len()].copy_from_slice(&state.seen);
         self.belief.step = state.step;
         self.counts.clone_from(&state.counts);
         self.memory = Memory::resume(self.config.memory, state.rng);
@@ -195,13 +184,11 @@ impl EkfEstimator {
 
 impl Estimator for EkfEstimator {
     fn stiffness(&self, row: usize) -> f64 {
-        self.belief.cells.get(row).map_or(self.belief.prior_mean, |cell| cell.mean.abs())
+        self.belief.cells.get(row).map_or(self.belief.prior_mean, |cell| cell.unknown().abs())
     }
 
     fn std(&self, row: usize) -> f64 {
-        let never = || self.belief.prior_variance + self.belief.drifted_since(0);
-        let variance = self.belief.cells.get(row).map(|cell| self.belief.variance_now(cell));
-        variance.unwrap_or_else(never).sqrt()
+        self.belief.variance_now(row).sqrt()
     }
 
     fn count(&self, row: usize) -> u32 {
@@ -213,14 +200,14 @@ impl Estimator for EkfEstimator {
         points_m: &[[f64; 3]],
         observation: Observation,
         source: Source,
-    ) -> Result<(), EstimatorError> {
+    ) -> Result<DVector<f64>, EstimatorError> {
         self.belief.grow(points_m);
-        self.belief.update(&observation)?;
+        let predicted = self.belief.update(&observation)?;
         self.counts.resize(points_m.len(), 0);
         observation.rows().for_each(|row| self.counts[row] += 1);
         self.remember(Frame { observation, source });
         self.belief.step += 1;
-        Ok(())
+        Ok(predicted)
     }
 
     fn idle(&mut self) {
@@ -251,15 +238,12 @@ impl Estimator for EkfEstimator {
     }
 
     fn state(&self, n_rows: usize) -> EstimatorState {
-        let cells = &self.belief.cells;
-        let means: Vec<f64> = cells.iter().map(|cell| cell.mean).collect();
-        let variances: Vec<f64> = cells.iter().map(|cell| cell.variance).collect();
-        let seen: Vec<u64> = cells.iter().map(|cell| cell.seen).collect();
+        let means: Vec<f64> = self.belief.cells.iter().map(Cell::unknown).collect();
         EstimatorState {
             mean: padded(&means, n_rows, self.belief.prior_mean),
-            variance: padded(&variances, n_rows, self.belief.prior_variance),
+            variance: padded(&self.belief.variance, n_rows, self.belief.prior_variance),
             counts: padded(&self.counts, n_rows, 0),
-            seen: padded(&seen, n_rows, 0),
+            seen: padded(&self.belief.seen, n_rows, 0),
             step: self.belief.step,
             remembered: self.memory.frames().iter().map(|f| (f.source, Vec::new())).collect(),
             rng: self.memory.rng_state(),

@@ -223,7 +223,8 @@ pub trait Estimator: Send + Sync {
     /// Frames that touched a row.
     fn count(&self, row: usize) -> u32;
 
-    /// Learns from a new frame and remembers it.
+    /// Predicts a new frame, learns from it and remembers it; returns the prediction, `τ̂ = H K`
+    /// before the correction (Eq. 5), n_joints, N·m.
     ///
     /// `points_m` are the rest points by row ([`crate::lattice::CellRows::points_m`]), world frame.
     ///
@@ -235,7 +236,7 @@ pub trait Estimator: Send + Sync {
         points_m: &[[f64; 3]],
         observation: Observation,
         source: Source,
-    ) -> Result<(), EstimatorError>;
+    ) -> Result<DVector<f64>, EstimatorError>;
 
     /// Lets a step without contact pass.
     fn idle(&mut self);

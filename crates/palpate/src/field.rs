@@ -11,7 +11,7 @@ use nalgebra::DVector;
 use crate::arm::Arm;
 use crate::contact;
 use crate::lattice::{CellId, CellRows, Lattice};
-use crate::torque::Folder;
+use crate::torque::{Cell, Folder, Stiffness};
 use crate::touch::{self, Sample, TouchError, Tracker};
 
 /// The stiffness of all touched cells, by row.
@@ -52,8 +52,10 @@ pub struct Prediction {
 pub struct Predictor {
     tracker: Tracker,
     folder: Folder,
-    stiffness: Vec<f64>,
-    untouched: f64,
+    /// The cells by row: first those that the field knows, then those met since.
+    cells: Vec<Cell>,
+    known: usize,
+    untouched_n_per_m: f64,
 }
 
 impl Predictor {
@@ -74,9 +76,11 @@ impl Predictor {
         for &cell in &field.cells {
             rows.row_of(cell);
         }
-        let stiffness = field.stiffness_n_per_m.clone();
-        let folder = Folder::new(rows);
-        Ok(Self { tracker, folder, stiffness, untouched: field.untouched_n_per_m })
+        let points_and_k = rows.points_m().iter().zip(&field.stiffness_n_per_m);
+        let cells: Vec<Cell> = points_and_k.map(|(&point, &k)| Cell::new(point, k)).collect();
+        let (folder, known) = (Folder::new(rows), cells.len());
+        let untouched_n_per_m = field.untouched_n_per_m;
+        Ok(Self { tracker, folder, cells, known, untouched_n_per_m })
     }
 
     /// Starts a touch.
@@ -94,10 +98,10 @@ impl Predictor {
         let Some(external) = frame.external else { return Ok(None) };
         let robot = &self.tracker.arm().robot;
         let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, external);
-        let points_m = self.folder.rows().points_m();
-        let stiffness = |row: usize| self.stiffness.get(row).copied().unwrap_or(self.untouched);
-        let predicted = observation.predict(|row| (points_m[row], stiffness(row)));
-        let known = observation.rows().filter(|&row| row < self.stiffness.len()).count();
+        let met = self.folder.rows().points_m()[self.cells.len()..].iter();
+        self.cells.extend(met.map(|&point| Cell::new(point, self.untouched_n_per_m)));
+        let predicted = observation.predict(&self.cells, Stiffness::Positive);
+        let known = observation.rows().filter(|&row| row < self.known).count();
         let contacts = observation.n_contacts();
         Ok(Some(Prediction { contacts, known, predicted, external: observation.tau }))
     }

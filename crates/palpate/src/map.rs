@@ -37,24 +37,7 @@ use crate::estimator::{
     shrunk,
 };
 use crate::replay::Memory;
-use crate::torque::Observation;
-
-/// A touched cell as a visit needs it: 32 bytes, half a line of the cache.
-#[derive(Debug, Clone, Copy)]
-#[repr(align(32))]
-struct Cell {
-    z: f64,
-    /// World frame, m.
-    rest_point: [f64; 3],
-}
-
-impl Cell {
-    /// The rest point and K = max(z, 0).
-    #[inline]
-    fn with_stiffness(&self) -> ([f64; 3], f64) {
-        (self.rest_point, self.z.max(0.0))
-    }
-}
+use crate::torque::{Cell, Observation, Stiffness};
 
 /// A remembered frame with its multiplier.
 #[derive(Debug, Clone)]
@@ -70,7 +53,7 @@ struct Frame {
 /// The unknown and its model: z, its prior, and the torque noise.
 #[derive(Debug, Clone)]
 struct Belief {
-    /// By row.
+    /// Rest points and z, by row.
     cells: Vec<Cell>,
     /// m₀ and the diagonal of S₀ at this lattice's spacing.
     prior_mean: f64,
@@ -80,43 +63,37 @@ struct Belief {
 }
 
 impl Belief {
+    /// `H K`.
+    fn predict(&self, observation: &Observation) -> DVector<f64> {
+        observation.predict(&self.cells, Stiffness::Positive)
+    }
+
     /// `τ − H K − R α` of a frame.
     fn residual(&self, frame: &Frame) -> DVector<f64> {
-        let predicted = frame.observation.predict(|row| self.cells[row].with_stiffness());
-        let mut residual = &frame.observation.tau - predicted;
+        let mut residual = &frame.observation.tau - self.predict(&frame.observation);
         for (joint, r) in residual.iter_mut().enumerate() {
             *r -= self.torque_variance[joint] * frame.alpha[joint];
         }
         residual
     }
 
-    /// The change of a frame's multiplier that solves its own condition.
-    fn solve(&self, frame: &Frame) -> DVector<f64> {
-        &frame.gain * self.residual(frame)
-    }
-
     /// Solves one frame's own condition.
     fn visit(&mut self, frame: &mut Frame) {
-        frame.observation.fetch();
-        let d = self.solve(frame);
+        let d = &frame.gain * self.residual(frame);
         self.add(&frame.observation, &d);
         frame.alpha += d;
     }
 
     /// `z += S₀Hᵀ d`.
     fn add(&mut self, observation: &Observation, d: &DVector<f64>) {
-        let cells = &mut self.cells;
-        observation.spread(&(self.prior_variance * d), |row, push| {
-            let cell = &mut cells[row];
-            cell.z += push.at(cell.rest_point);
-        });
+        let d = self.prior_variance * d;
+        observation.spread(&mut self.cells, &d, |cell, _, value| *cell.unknown_mut() += value);
     }
 
     /// Gives rows that are new their prior.
     fn grow(&mut self, points_m: &[[f64; 3]]) {
         let known = self.cells.len().min(points_m.len());
-        let z = self.prior_mean;
-        self.cells.extend(points_m[known..].iter().map(|&rest_point| Cell { z, rest_point }));
+        self.cells.extend(points_m[known..].iter().map(|&point| Cell::new(point, self.prior_mean)));
     }
 }
 
@@ -170,7 +147,7 @@ impl MapEstimator {
         state.check(points_m.len(), n_joints)?;
         self.belief.grow(points_m);
         for (cell, z) in self.belief.cells.iter_mut().zip(&state.mean) {
-            cell.z = *z;
+            *cell.unknown_mut() = *z;
         }
         self.variance.clone_from(&state.variance);
         self.counts.clone_from(&state.counts);
@@ -217,10 +194,9 @@ impl MapEstimator {
 
     /// `(H S₀ Hᵀ + R)⁻¹` of a frame, and `(H P Hᵀ + R)⁻¹` with the variances as they are.
     fn gains(&self, observation: &Observation) -> Result<[DMatrix<f64>; 2], EstimatorError> {
-        let prior = self.belief.prior_variance;
-        let [at_prior, now] = observation
-            .grams(|row| (self.belief.cells[row].rest_point, [prior, self.variance_of(row)]));
-        let torque_variance = &self.belief.torque_variance;
+        let Belief { cells, prior_variance, torque_variance, .. } = &self.belief;
+        let at_prior = observation.gram(cells, |_| *prior_variance);
+        let now = observation.gram(cells, |row| self.variance_of(row));
         Ok([
             innovation_inverse(at_prior, torque_variance)?,
             innovation_inverse(now, torque_variance)?,
@@ -245,7 +221,7 @@ impl Frame {
 
 impl Estimator for MapEstimator {
     fn stiffness(&self, row: usize) -> f64 {
-        self.belief.cells.get(row).map_or(self.belief.prior_mean, |cell| cell.z.max(0.0))
+        self.belief.cells.get(row).map_or(self.belief.prior_mean, |cell| cell.unknown().max(0.0))
     }
 
     fn std(&self, row: usize) -> f64 {
@@ -261,27 +237,26 @@ impl Estimator for MapEstimator {
         points_m: &[[f64; 3]],
         observation: Observation,
         source: Source,
-    ) -> Result<(), EstimatorError> {
+    ) -> Result<DVector<f64>, EstimatorError> {
         self.belief.grow(points_m);
         let [gain, shrinkage] = self.gains(&observation)?;
-        let alpha = DVector::zeros(observation.tau.len());
-        let mut frame = Frame { observation, source, alpha, gain };
-        let d = self.belief.solve(&frame);
-        if d.iter().any(|x| !x.is_finite()) {
+        let predicted = self.belief.predict(&observation);
+        let alpha = &gain * (&observation.tau - &predicted);
+        if alpha.iter().any(|x| !x.is_finite()) {
             return Err(EstimatorError::Degenerate);
         }
 
         self.step += 1;
         self.variance.resize(points_m.len(), self.belief.prior_variance);
         self.counts.resize(points_m.len(), 0);
-        frame.observation.rows().for_each(|row| self.counts[row] += 1);
-        frame.observation.quadratic(&shrinkage, |row, form| {
-            self.variance[row] = shrunk(self.variance[row], form.at(points_m[row]));
+        observation.rows().for_each(|row| self.counts[row] += 1);
+        let variance = &mut self.variance;
+        observation.quadratic(&self.belief.cells, &shrinkage, |row, value| {
+            variance[row] = shrunk(variance[row], value);
         });
-        self.belief.add(&frame.observation, &d);
-        frame.alpha = d;
-        self.remember(frame);
-        Ok(())
+        self.belief.add(&observation, &alpha);
+        self.remember(Frame { observation, source, alpha, gain });
+        Ok(predicted)
     }
 
     fn idle(&mut self) {
@@ -310,7 +285,7 @@ impl Estimator for MapEstimator {
 
     fn state(&self, n_rows: usize) -> EstimatorState {
         let remembered = |frame: &Frame| (frame.source, frame.alpha.as_slice().to_vec());
-        let z: Vec<f64> = self.belief.cells.iter().map(|cell| cell.z).collect();
+        let z: Vec<f64> = self.belief.cells.iter().map(|cell| cell.unknown()).collect();
         EstimatorState {
             mean: padded(&z, n_rows, self.belief.prior_mean),
             variance: padded(&self.variance, n_rows, self.belief.prior_variance),

@@ -191,19 +191,18 @@ impl Mapper {
             return Ok(StepReport { contacts, external: None, predicted: None });
         };
 
-        // What the joints should feel before looking at the sensors (Eqs. 2 and 5).
-        let (robot, estimator) = (&self.tracker.arm().robot, &mut self.estimator);
-        let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, external.clone());
-        let points_m = self.folder.rows().points_m();
-        let predicted = observation.predict(|row| (points_m[row], estimator.stiffness(row)));
-
-        // What they did feel corrects the touched cells (Eqs. 5 and 6).
-        if contacts == 0 {
-            estimator.idle();
+        // What the joints should feel before looking at the sensors (Eqs. 2 and 5), and what they
+        // did feel, which corrects the touched cells (Eqs. 5 and 6).
+        let predicted = if contacts == 0 {
+            self.estimator.idle();
+            DVector::zeros(external.len())
         } else {
-            estimator.correct(points_m, observation, source)?;
+            let (robot, tau) = (&self.tracker.arm().robot, external.clone());
+            let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, tau);
+            let points_m = self.folder.rows().points_m();
             self.replays_due = true;
-        }
+            self.estimator.correct(points_m, observation, source)?
+        };
         Ok(StepReport { contacts, external: Some(external), predicted: Some(predicted) })
     }
 

@@ -12,11 +12,11 @@ use palpate::contact::{Config, Contacts, Simulator};
 use palpate::lattice::{CellId, CellRows, Lattice};
 use palpate::robot::{LinkId, Robot};
 use palpate::sdf;
-use palpate::torque::Observation;
+use palpate::torque::{Observation, Stiffness};
 use palpate::touch::{self, Sample, TouchError, Tracker};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use scene::{collision, gantry_urdf, uniform};
+use scene::{cells_with, collision, gantry_urdf, uniform};
 
 /// A gantry that carries one shape, baked finely.
 fn gantry(geometry: &str) -> Arc<Arm> {
@@ -160,7 +160,7 @@ fn a_cylinder_swept_through_an_elastic_bed_feels_the_force_of_the_integral() {
     let frame = Observation::new(&arm.robot, &poses, &contacts, &mut rows, DVector::zeros(3));
     let k_volume = 1e6; // N/m per m³
     let cell = k_volume * spacing.powi(3);
-    let force = frame.predict(|row| (rows.points_m()[row], cell));
+    let force = frame.predict(&cells_with(&rows, |_| cell), Stiffness::Positive);
 
     let length = 25.0 * spacing;
     let expected = -k_volume * length * (radius + delta) * travel * travel;

@@ -11,7 +11,7 @@ use palpate::robot::Robot;
 use palpate::torque::Observation;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use scene::{centimetre_lattice, config, contacts, gantry_urdf, hinge, uniform};
+use scene::{cells_with, centimetre_lattice, config, contacts, gantry_urdf, hinge, uniform};
 
 /// Frames of a gantry in which no joint feels two cells at once: each of three cells is pushed
 /// along its own axis, or not at all. H S Hᵀ is then diagonal, and so stays the covariance.
@@ -48,7 +48,7 @@ struct Textbook {
 
 impl Textbook {
     fn step(&mut self, rows: &CellRows, frame: &Observation, r: f64, drift_variance: f64) {
-        let levers = frame.levers(rows.points_m());
+        let levers = frame.levers(&cells_with(rows, |_| 0.0));
         let mut h = DMatrix::zeros(3, self.mean.len());
         for (contact, row) in frame.rows().enumerate() {
             let sign = self.mean[row].signum();

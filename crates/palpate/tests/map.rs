@@ -7,11 +7,11 @@ use nalgebra::{DMatrix, DVector};
 use palpate::estimator::{Estimator, EstimatorConfig, EstimatorError, Method, Source};
 use palpate::lattice::CellRows;
 use palpate::map::MapEstimator;
-use palpate::torque::Observation;
+use palpate::torque::{Cell, Observation};
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use scene::{centimetre_lattice, config, contacts, crooked_arm, hinge, random_frame};
+use scene::{cells_with, centimetre_lattice, config, contacts, crooked_arm, hinge, random_frame};
 
 fn source(sample: u32) -> Source {
     Source { touch: 0, sample }
@@ -106,7 +106,7 @@ fn many_visits_end_at_the_optimum_of_an_independent_solver() {
     let mut a = DMatrix::zeros(frames.len() * 4 + n, n);
     let mut b = DVector::zeros(a.nrows());
     for (t, frame) in frames.iter().enumerate() {
-        let levers = frame.levers(rows.points_m()) / torque_std;
+        let levers = frame.levers(&cells_with(&rows, |_| 0.0)) / torque_std;
         for (contact, row) in frame.rows().enumerate() {
             a.view_mut((4 * t, row), (4, 1)).copy_from(&levers.column(contact));
         }
@@ -149,13 +149,14 @@ fn millions_of_visits_do_not_wear_z_out() {
     map.replay(1_000_000);
     // z as it stands against z computed afresh from the multipliers.
     let state = map.state(rows.len());
-    let mut afresh = DVector::<f64>::zeros(rows.len());
+    let mut afresh = cells_with(&rows, |_| 0.0);
     for (from, alpha) in &state.remembered {
         let alpha = DVector::from_column_slice(alpha);
-        frames[from.sample as usize].spread(&alpha, |row, push| {
-            afresh[row] += 40.0 * 40.0 * push.at(rows.points_m()[row]);
+        frames[from.sample as usize].spread(&mut afresh, &alpha, |cell, _, value| {
+            *cell.unknown_mut() += 40.0 * 40.0 * value;
         });
     }
+    let afresh = DVector::from_iterator(rows.len(), afresh.iter().map(Cell::unknown));
     let drift = (DVector::from_column_slice(&state.mean) - afresh).amax();
     assert!(drift < 1e-8, "{drift} N/m");
 }

@@ -6,10 +6,10 @@ mod scene;
 use nalgebra::{DMatrix, DVector, Point3, Vector3};
 use palpate::contact::Contacts;
 use palpate::lattice::CellRows;
-use palpate::torque::{Observation, lever};
+use palpate::torque::{Observation, Stiffness, lever};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use scene::{centimetre_lattice, contacts, crooked_arm, random_frame, uniform};
+use scene::{cells_with, centimetre_lattice, contacts, crooked_arm, random_frame, uniform};
 
 #[test]
 fn levers_by_wrenches_are_those_of_the_definition() {
@@ -26,7 +26,7 @@ fn levers_by_wrenches_are_those_of_the_definition() {
         let cell = touched.links[0].cells[0];
         let u = Vector3::from(displacement.map(f64::from));
         let expected = lever(&robot, &poses, touched.links[0].link, &lattice.point(cell), &u);
-        let found = frame.levers(rows.points_m());
+        let found = frame.levers(&cells_with(&rows, |_| 0.0));
         assert!((found.column(0) - expected).amax() < 1e-8, "link {link}");
     }
 }
@@ -37,34 +37,51 @@ fn folded_products_are_those_of_the_lever_matrix() {
     let robot = crooked_arm();
     let mut rows = CellRows::new(centimetre_lattice());
     let frame = random_frame(&mut rng, &robot, &mut rows, &[30.0; 40], 0.1);
-    let points = rows.points_m();
-    let h = frame.levers(points);
+    let k = |row: usize| 10.0 + row as f64;
+    let mut cells = cells_with(&rows, k);
+    let h = frame.levers(&cells);
     let n = frame.n_contacts();
-    let k = DVector::from_fn(n, |i, _| 10.0 + i as f64);
-    let by_row = |row: usize| k[frame.rows().position(|r| r == row).unwrap()];
+    let by_contact = DVector::from_iterator(n, frame.rows().map(k));
 
-    let predicted = frame.predict(|row| (points[row], by_row(row)));
-    assert!((predicted - &h * &k).amax() < 1e-12);
-    let [weighted, uniform] = frame.grams(|row| (points[row], [by_row(row), 2.0]));
-    let gram = &h * DMatrix::from_diagonal(&k) * h.transpose();
-    assert!((weighted - gram).amax() < 1e-12);
-    assert!((uniform - &h * h.transpose() * 2.0).amax() < 1e-12);
+    let predicted = frame.predict(&cells, Stiffness::Positive);
+    assert!((predicted - &h * &by_contact).amax() < 1e-12);
+    let gram = &h * DMatrix::from_diagonal(&by_contact) * h.transpose();
+    assert!((frame.gram(&cells, k) - gram).amax() < 1e-12);
 
-    let d = DVector::from_fn(4, |i, _| 1.0 - 0.7 * i as f64);
     let m = DMatrix::from_fn(4, 4, |i, j| 1.0 / (1.0 + i as f64 + j as f64));
     let mut contact = 0;
-    frame.spread(&d, |row, push| {
+    frame.quadratic(&cells, &m, |row, value| {
         assert_eq!(Some(row), frame.rows().nth(contact));
-        assert!((push.at(points[row]) - h.column(contact).dot(&d)).abs() < 1e-12);
+        let expected = (h.column(contact).transpose() * &m * h.column(contact))[0];
+        assert!((value - expected).abs() < 1e-12);
         contact += 1;
     });
     assert_eq!(contact, n);
+    let d = DVector::from_fn(4, |i, _| 1.0 - 0.7 * i as f64);
     let mut contact = 0;
-    frame.quadratic(&m, |row, form| {
-        let expected = (h.column(contact).transpose() * &m * h.column(contact))[0];
-        assert!((form.at(points[row]) - expected).abs() < 1e-12);
+    frame.spread(&mut cells, &d, |cell, row, value| {
+        assert_eq!((Some(row), cell.unknown()), (frame.rows().nth(contact), k(row)));
+        assert!((value - h.column(contact).dot(&d)).abs() < 1e-12);
         contact += 1;
     });
+    assert_eq!(contact, n);
+}
+
+#[test]
+fn stiffness_is_the_positive_part_or_the_magnitude_of_the_unknown() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let robot = crooked_arm();
+    let mut rows = CellRows::new(centimetre_lattice());
+    let frame = random_frame(&mut rng, &robot, &mut rows, &[30.0; 40], 0.1);
+    let unknown = |row: usize| if row.is_multiple_of(3) { -20.0 } else { 10.0 + row as f64 };
+    for (stiffness, k) in [
+        (Stiffness::Positive, &f64::max as &dyn Fn(f64, f64) -> f64),
+        (Stiffness::Magnitude, &|unknown: f64, _| unknown.abs()),
+    ] {
+        let predicted = frame.predict(&cells_with(&rows, unknown), stiffness);
+        let plainly = cells_with(&rows, |row| k(unknown(row), 0.0));
+        assert_eq!(predicted, frame.predict(&plainly, Stiffness::Positive), "{stiffness:?}");
+    }
 }
 
 #[test]
@@ -84,5 +101,5 @@ fn nothing_touched_feels_like_nothing() {
     let mut rows = CellRows::new(centimetre_lattice());
     let none = Contacts::default();
     let frame = Observation::new(&robot, &poses, &none, &mut rows, DVector::zeros(4));
-    assert_eq!(frame.predict(|row| (rows.points_m()[row], 1.0)), DVector::zeros(4));
+    assert_eq!(frame.predict(&cells_with(&rows, |_| 1.0), Stiffness::Positive), DVector::zeros(4));
 }

@@ -86,17 +86,14 @@ impl Parts {
     /// among them.
     fn update(&mut self, frame: &Frame, source: Source) -> Result<u32, MapperError> {
         let Some(external) = frame.external.clone() else { return Ok(0) };
-        let (robot, estimator) = (&self.tracker.arm().robot, &mut self.estimator);
-        let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, external);
-        let points_m = self.folder.rows().points_m();
-        let cell = |row| (points_m[row], estimator.stiffness(row));
-        std::hint::black_box(observation.predict(cell));
         if frame.contacts.is_empty() {
-            estimator.idle();
+            self.estimator.idle();
             return Ok(0);
         }
-        estimator.correct(points_m, observation, source)?;
-        Ok(1 + estimator.replay(self.replays))
+        let (robot, contacts) = (&self.tracker.arm().robot, &frame.contacts);
+        let observation = self.folder.fold(robot, &frame.poses, contacts, external);
+        self.estimator.correct(self.folder.rows().points_m(), observation, source)?;
+        Ok(1 + self.estimator.replay(self.replays))
     }
 }
 

@@ -8,7 +8,7 @@ use palpate::estimator::{EstimatorConfig, Method, Prior};
 use palpate::lattice::{CellRows, Lattice};
 use palpate::replay::Limits;
 use palpate::robot::{LinkId, Robot};
-use palpate::torque::Observation;
+use palpate::torque::{Cell, Observation, Stiffness};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::Rng;
 
@@ -89,6 +89,12 @@ pub fn config(method: Method, mean: f64, std: f64, torque_std: f64) -> Estimator
     }
 }
 
+/// Cells by row with the given unknowns.
+pub fn cells_with(rows: &CellRows, unknown: impl Fn(usize) -> f64) -> Vec<Cell> {
+    let points = rows.points_m().iter().enumerate();
+    points.map(|(row, &point)| Cell::new(point, unknown(row))).collect()
+}
+
 /// Contacts of one link: places in cells with displacements, m.
 pub fn contacts(lattice: &Lattice, link: u16, touched: &[([u32; 3], [f32; 3])]) -> Contacts {
     Contacts {
@@ -129,7 +135,7 @@ pub fn random_frame(
     let mut frame = Observation::new(robot, &poses, &all, rows, DVector::zeros(n_joints));
     let cells = rows.cells();
     let truth = |row: usize| stiffness[lattice.place(cells[row])[0] as usize];
-    frame.tau = frame.predict(|row| (rows.points_m()[row], truth(row)))
+    frame.tau = frame.predict(&cells_with(rows, truth), Stiffness::Positive)
         + DVector::from_fn(n_joints, |_, _| uniform(rng, -error, error));
     frame
 }

@@ -19,6 +19,8 @@
 //! neither time, nor priors, nor how contacts are found. Gravity is not modelled here: the
 //! torques it explains are external ones.
 
+mod lanes;
+
 use nalgebra::{DMatrix, DVector, Matrix6, Matrix6xX, Point3, Vector3, Vector6};
 
 use crate::contact::Contacts;
@@ -43,14 +45,65 @@ pub fn lever(
     -robot.jacobian(poses, link, &(rest + displacement)).transpose() * displacement
 }
 
-const STRIDE: usize = 64;
-/// One displaced point: 16 bytes, of which millions stream by.
+/// One displaced point, of which millions stream by: u (m, world frame) as the bits of three
+/// `f32`, and the cell's row in [`CellRows`]; 16 bytes.
 #[derive(Debug, Clone, Copy)]
-struct Contact {
-    /// u, world frame, m.
-    displacement_m: [f32; 3],
-    /// The cell's row in [`CellRows`].
-    row: u32,
+struct Contact([u32; 4]);
+
+impl Contact {
+    fn new(displacement_m: [f32; 3], row: u32) -> Self {
+        let [x, y, z] = displacement_m.map(f32::to_bits);
+        Self([x, y, z, row])
+    }
+
+    fn displacement_m(&self) -> Vector3<f64> {
+        let [x, y, z, _] = self.0;
+        Vector3::new(x, y, z).map(|bits| f64::from(f32::from_bits(bits)))
+    }
+
+    #[inline]
+    fn row(&self) -> u32 {
+        self.0[3]
+    }
+}
+
+/// A touched cell as sums over contacts need it: its rest point (world frame, m) and its unknown
+/// (N/m); 32 bytes, half a line of the cache.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(32))]
+pub struct Cell([f64; 4]);
+
+impl Cell {
+    /// A cell at a rest point, m.
+    pub fn new([x, y, z]: [f64; 3], unknown: f64) -> Self {
+        Self([x, y, z, unknown])
+    }
+
+    /// z of `map`, κ of `ekf`, K of a field; N/m.
+    #[inline]
+    pub fn unknown(&self) -> f64 {
+        self.0[3]
+    }
+
+    /// The same, to be changed.
+    #[inline]
+    pub fn unknown_mut(&mut self) -> &mut f64 {
+        &mut self.0[3]
+    }
+
+    fn rest_point(&self) -> Vector3<f64> {
+        let [x, y, z, _] = self.0;
+        Vector3::new(x, y, z)
+    }
+}
+
+/// How K follows from the unknown of a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stiffness {
+    /// `K = max(z, 0)`.
+    Positive,
+    /// `K = |κ|` (Eq. 3).
+    Magnitude,
 }
 
 /// One frame as the estimators see it: the contacts' levers, folded, and the torque they explain.
@@ -88,56 +141,6 @@ impl Run<'_> {
     fn matrix(&self) -> Matrix6xX<f64> {
         Matrix6xX::from_column_slice(self.spatial.as_flattened())
     }
-}
-
-/// What the joint speeds d do to the points of a link, seen from one of its contacts.
-#[derive(Debug, Clone, Copy)]
-pub struct Push<'a> {
-    displacement_m: [f32; 3],
-    /// Linear velocity at the world's origin, and angular.
-    twist: &'a [f64; 6],
-}
-
-impl Push<'_> {
-    /// `w·d = −u·v(p)` for the contact's rest point p, world frame, m.
-    #[inline]
-    pub fn at(&self, [px, py, pz]: [f64; 3]) -> f64 {
-        let [ux, uy, uz] = self.displacement_m.map(f64::from);
-        let [lx, ly, lz, ax, ay, az] = *self.twist;
-        let vx = lx + (ay * pz - az * py);
-        let vy = ly + (az * px - ax * pz);
-        let vz = lz + (ax * py - ay * px);
-        -(ux * vx + uy * vy + uz * vz)
-    }
-}
-
-/// A quadratic form over joint torques, seen from one contact.
-#[derive(Debug, Clone, Copy)]
-pub struct Form<'a> {
-    displacement_m: [f32; 3],
-    /// The form over wrenches: the triangle of a symmetric matrix, twice what is off its diagonal.
-    on_wrenches: &'a [[f64; 6]; 6],
-}
-
-impl Form<'_> {
-    /// `wᵀ M w` for the contact's rest point, world frame, m.
-    #[inline]
-    pub fn at(&self, point: [f64; 3]) -> f64 {
-        let unit = wrench(point, self.displacement_m);
-        let mut value = 0.0;
-        for (i, row) in self.on_wrenches.iter().enumerate() {
-            let dot: f64 = row[..=i].iter().zip(&unit).map(|(form, part)| form * part).sum();
-            value += unit[i] * dot;
-        }
-        value
-    }
-}
-
-/// Force and moment about the world's origin of a spring of unit stiffness.
-#[inline]
-fn wrench([px, py, pz]: [f64; 3], displacement: [f32; 3]) -> [f64; 6] {
-    let [ux, uy, uz] = displacement.map(f64::from);
-    [-ux, -uy, -uz, pz * uy - py * uz, px * uz - pz * ux, py * ux - px * uy]
 }
 
 /// Folds frame after frame, and numbers their cells.
@@ -178,9 +181,7 @@ impl Folder {
         for link in &contacts.links {
             let rows = self.runs.follow(link.link.index(), &link.cells, &mut self.rows);
             let pairs = link.displacements_m.iter().zip(rows);
-            observation
-                .contacts
-                .extend(pairs.map(|(&displacement_m, &row)| Contact { displacement_m, row }));
+            observation.contacts.extend(pairs.map(|(&u, &row)| Contact::new(u, row)));
             observation.ends.push(observation.contacts.len() as u32);
             let spatial = robot.spatial_jacobian(poses, link.link);
             observation.spatial.extend(spatial.column_iter().map(|column| {
@@ -215,18 +216,7 @@ impl Observation {
 
     /// The contacts' rows in [`CellRows`], link by link.
     pub fn rows(&self) -> impl ExactSizeIterator<Item = usize> {
-        self.contacts.iter().map(|contact| contact.row as usize)
-    }
-
-    /// Asks memory for the whole frame at once.
-    ///
-    /// A remembered frame comes back from main memory, in pieces that the processor would wait
-    /// for one after the other; these reads depend on nothing, so it waits for all together.
-    pub fn fetch(&self) {
-        let contacts = self.contacts.iter().step_by(STRIDE).map(|contact| contact.row);
-        let spatial = self.spatial.iter().step_by(8).map(|column| column[0] as u32);
-        let sum = contacts.chain(spatial).chain(self.ends.first().copied());
-        std::hint::black_box(sum.fold(self.tau[0] as u32, u32::wrapping_add));
+        self.contacts.iter().map(|contact| contact.row() as usize)
     }
 
     /// Memory that the frame holds.
@@ -248,99 +238,73 @@ impl Observation {
 
     /// Torque that the field exerts: `τ̂ = Σ wᵢ Kᵢ` (Eq. 5), n_joints, N·m.
     ///
-    /// `cell` gives the rest point (m) and K (N/m) of a row. Cost: 18 multiply-adds a contact.
-    pub fn predict(&self, cell: impl Fn(usize) -> ([f64; 3], f64)) -> DVector<f64> {
+    /// `cells` are the touched cells by row.
+    pub fn predict(&self, cells: &[Cell], stiffness: Stiffness) -> DVector<f64> {
         let mut tau = DVector::zeros(self.tau.len());
-        for run in self.runs() {
-            let (mut force, mut moment) = ([0.0; 3], [0.0; 3]);
-            for contact in run.contacts {
-                let ([px, py, pz], k) = cell(contact.row as usize);
-                let [fx, fy, fz] = contact.displacement_m.map(|u| -k * f64::from(u));
-                force[0] += fx;
-                force[1] += fy;
-                force[2] += fz;
-                moment[0] += py * fz - pz * fy;
-                moment[1] += pz * fx - px * fz;
-                moment[2] += px * fy - py * fx;
-            }
-            let ([fx, fy, fz], [mx, my, mz]) = (force, moment);
-            for (torque, [lx, ly, lz, ax, ay, az]) in tau.iter_mut().zip(run.spatial) {
+        for Run { spatial, contacts } in self.runs() {
+            let sum = lanes::Wrench { cells, stiffness, sums: [lanes::ZERO; 6] };
+            let [fx, fy, fz, mx, my, mz] = lanes::run(contacts, sum);
+            for (torque, [lx, ly, lz, ax, ay, az]) in tau.iter_mut().zip(spatial) {
                 *torque += (lx * fx + ly * fy + lz * fz) + (ax * mx + ay * my + az * mz);
             }
         }
         tau
     }
 
-    /// `H S Hᵀ` for several diagonal S at once, n × n each, (N·m)².
-    ///
-    /// `cell` gives the rest point (m) of a row and its entries of the S, (N/m)².
-    pub fn grams<const N: usize>(
-        &self,
-        cell: impl Fn(usize) -> ([f64; 3], [f64; N]),
-    ) -> [DMatrix<f64>; N] {
+    /// `H S Hᵀ` for a diagonal S, n × n, (N·m)²; `variance` gives S of a row, (N/m)².
+    pub fn gram(&self, cells: &[Cell], variance: impl Fn(usize) -> f64) -> DMatrix<f64> {
         let n_joints = self.tau.len();
-        let mut grams = [(); N].map(|()| DMatrix::zeros(n_joints, n_joints));
+        let mut gram = DMatrix::zeros(n_joints, n_joints);
         for run in self.runs() {
-            let mut sums = [[[0.0; 6]; 6]; N];
-            for contact in run.contacts {
-                let (point, weights) = cell(contact.row as usize);
-                let unit = wrench(point, contact.displacement_m);
-                for i in 0..6 {
-                    for j in 0..=i {
-                        let product = unit[i] * unit[j];
-                        for (sum, weight) in sums.iter_mut().zip(weights) {
-                            sum[i][j] += weight * product;
-                        }
-                    }
-                }
-            }
+            let sums = [lanes::ZERO; lanes::TRIANGLE];
+            let sum = lanes::run(run.contacts, lanes::Gram { cells, weight: &variance, sums });
+            let wrenches = Matrix6::from_fn(|i, j| sum[lanes::entry(i.max(j), i.min(j))]);
             let spatial = run.matrix();
-            for (gram, sum) in grams.iter_mut().zip(sums) {
-                let wrenches = Matrix6::from_fn(|i, j| sum[i.max(j)][i.min(j)]);
-                *gram += spatial.transpose() * (wrenches * &spatial);
-            }
+            gram += spatial.transpose() * (wrenches * &spatial);
         }
-        grams
+        gram
     }
 
-    /// `(Hᵀ d)ᵢ = wᵢ·d` of every contact: `take` gets its row, and what gives `wᵢ·d` at its point.
+    /// `(Hᵀ d)ᵢ = wᵢ·d` of every contact: `take` gets the cell, its row and the value.
     ///
     /// A cell has one contact in a frame, so every row comes at most once.
-    pub fn spread(&self, d: &DVector<f64>, mut take: impl FnMut(usize, Push<'_>)) {
+    pub fn spread(
+        &self,
+        cells: &mut [Cell],
+        d: &DVector<f64>,
+        mut take: impl FnMut(&mut Cell, usize, f64),
+    ) {
         for run in self.runs() {
-            let twist = run.twist(d);
-            for &Contact { displacement_m, row } in run.contacts {
-                take(row as usize, Push { displacement_m, twist: &twist });
-            }
+            let (cells, twist) = (&mut *cells, run.twist(d));
+            lanes::run(run.contacts, lanes::Spread { cells, twist, take: &mut take });
         }
     }
 
-    /// `wᵢᵀ M wᵢ` of every contact for a symmetric M (n × n): `take` gets its row, and what gives
-    /// the value at its point.
-    pub fn quadratic(&self, m: &DMatrix<f64>, mut take: impl FnMut(usize, Form<'_>)) {
+    /// `wᵢᵀ M wᵢ` of every contact for a symmetric M (n × n): `take` gets its row and the value.
+    pub fn quadratic(&self, cells: &[Cell], m: &DMatrix<f64>, mut take: impl FnMut(usize, f64)) {
         for run in self.runs() {
             let spatial = run.matrix();
             let on_wrenches = &spatial * m * spatial.transpose();
-            let twice = |i, j| on_wrenches[(i, j)] * if i == j { 1.0 } else { 2.0 };
-            let on_wrenches: [[f64; 6]; 6] =
-                std::array::from_fn(|i| std::array::from_fn(|j| twice(i, j)));
-            for &Contact { displacement_m, row } in run.contacts {
-                take(row as usize, Form { displacement_m, on_wrenches: &on_wrenches });
+            let mut form = [0.0; lanes::TRIANGLE];
+            for i in 0..6 {
+                for j in 0..=i {
+                    let twice = if i == j { 1.0 } else { 2.0 };
+                    form[lanes::entry(i, j)] = twice * on_wrenches[(i, j)];
+                }
             }
+            lanes::run(run.contacts, lanes::Quadratic { cells, form, take: &mut take });
         }
     }
 
     /// The levers as a matrix, n_joints × n_contacts, m²: for tests and small problems.
-    ///
-    /// `points_m` are the rest points by row.
-    pub fn levers(&self, points_m: &[[f64; 3]]) -> DMatrix<f64> {
+    pub fn levers(&self, cells: &[Cell]) -> DMatrix<f64> {
         let mut levers = DMatrix::zeros(self.tau.len(), self.contacts.len());
         let mut column = 0;
         for run in self.runs() {
             for contact in run.contacts {
-                let unit = wrench(points_m[contact.row as usize], contact.displacement_m);
-                let lever = run.matrix().tr_mul(&Vector6::from(unit));
-                levers.column_mut(column).copy_from(&lever);
+                let (p, u) = (cells[contact.row() as usize].rest_point(), contact.displacement_m());
+                let wrench = -Vector6::from_iterator(u.iter().chain(&p.cross(&u)).copied());
+                levers.column_mut(column).copy_from(&run.matrix().tr_mul(&wrench));
                 column += 1;
             }
         }

@@ -1,0 +1,308 @@
+//! Sums over the contacts of a link, four contacts at a time.
+//!
+//! Contact `i` of a run belongs to lane `i mod 4`, and lanes are added up in a fixed order: the
+//! result has the same bits on every machine. Where there is AVX2, four lanes are one register,
+//! and a visit takes half the time. The module knows neither joints nor links; [`super`] turns
+//! wrenches into torques.
+//!
+//! The loops are written out because what a closure computes is not compiled for the registers of
+//! its caller.
+
+use pulp::{Scalar256b, Simd, f32x4, f64x4};
+
+use super::{Cell, Contact, Stiffness};
+
+/// Contacts in a block, one a lane.
+const LANES: usize = 4;
+
+/// Registers of four lanes.
+pub(super) trait Quads: Simd<f64s = f64x4> {
+    /// Rows of a 4 × 4 matrix from its columns.
+    fn transpose(self, columns: [f64x4; 4]) -> [f64x4; 4];
+
+    /// The first three rows of a 4 × 4 matrix from its columns, as `f64`.
+    fn transpose_wide(self, columns: [f32x4; 4]) -> [f64x4; 3];
+}
+
+impl Quads for Scalar256b {
+    #[inline(always)]
+    fn transpose(self, [a, b, c, d]: [f64x4; 4]) -> [f64x4; 4] {
+        [
+            f64x4(a.0, b.0, c.0, d.0),
+            f64x4(a.1, b.1, c.1, d.1),
+            f64x4(a.2, b.2, c.2, d.2),
+            f64x4(a.3, b.3, c.3, d.3),
+        ]
+    }
+
+    #[inline(always)]
+    fn transpose_wide(self, columns: [f32x4; 4]) -> [f64x4; 3] {
+        let wide = |f32x4(x, y, z, _): f32x4| f64x4(x.into(), y.into(), z.into(), 0.0);
+        let [x, y, z, _] = self.transpose(columns.map(wide));
+        [x, y, z]
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Quads for pulp::x86::V3 {
+    #[inline(always)]
+    fn transpose(self, [a, b, c, d]: [f64x4; 4]) -> [f64x4; 4] {
+        use pulp::cast;
+        let (a, b, c, d) = (cast(a), cast(b), cast(c), cast(d));
+        let (ab, cd) = (self.avx._mm256_unpacklo_pd(a, b), self.avx._mm256_unpacklo_pd(c, d));
+        let (ab_odd, cd_odd) =
+            (self.avx._mm256_unpackhi_pd(a, b), self.avx._mm256_unpackhi_pd(c, d));
+        [
+            cast(self.avx._mm256_permute2f128_pd::<0x20>(ab, cd)),
+            cast(self.avx._mm256_permute2f128_pd::<0x20>(ab_odd, cd_odd)),
+            cast(self.avx._mm256_permute2f128_pd::<0x31>(ab, cd)),
+            cast(self.avx._mm256_permute2f128_pd::<0x31>(ab_odd, cd_odd)),
+        ]
+    }
+
+    #[inline(always)]
+    fn transpose_wide(self, [a, b, c, d]: [f32x4; 4]) -> [f64x4; 3] {
+        use pulp::cast;
+        let (a, b, c, d) = (cast(a), cast(b), cast(c), cast(d));
+        let (ab, cd) = (self.sse._mm_unpacklo_ps(a, b), self.sse._mm_unpacklo_ps(c, d));
+        let (ab_high, cd_high) = (self.sse._mm_unpackhi_ps(a, b), self.sse._mm_unpackhi_ps(c, d));
+        [
+            cast(self.avx._mm256_cvtps_pd(self.sse._mm_movelh_ps(ab, cd))),
+            cast(self.avx._mm256_cvtps_pd(self.sse._mm_movehl_ps(cd, ab))),
+            cast(self.avx._mm256_cvtps_pd(self.sse._mm_movelh_ps(ab_high, cd_high))),
+        ]
+    }
+}
+
+/// A sum over contacts.
+pub(super) trait Sum {
+    /// Its result.
+    type Output;
+
+    /// Adds a block, of which the first `count` contacts count; the others are not displaced.
+    fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], count: usize);
+
+    /// The result.
+    fn finish(self) -> Self::Output;
+}
+
+/// Runs a sum over contacts on the best registers there are.
+#[inline]
+pub(super) fn run<T: Sum>(contacts: &[Contact], sum: T) -> T::Output {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(simd) = pulp::x86::V3::try_new() {
+        return simd.vectorize(
+            #[inline(always)]
+            || run_on(simd, contacts, sum),
+        );
+    }
+    run_on(Scalar256b, contacts, sum)
+}
+
+/// Adds all contacts in blocks; the last one is filled up with contacts that are not displaced.
+#[inline(always)]
+fn run_on<S: Quads, T: Sum>(simd: S, contacts: &[Contact], mut sum: T) -> T::Output {
+    let (blocks, rest) = contacts.as_chunks::<LANES>();
+    for block in blocks {
+        sum.add(simd, block, LANES);
+    }
+    if let Some(first) = rest.first() {
+        let mut block = [Contact::new([0.0; 3], first.row()); LANES];
+        block[..rest.len()].copy_from_slice(rest);
+        sum.add(simd, &block, rest.len());
+    }
+    sum.finish()
+}
+
+/// Four contacts: displacements u and rest points p by axis, m, and what is unknown of the cells.
+struct Block {
+    u: [f64x4; 3],
+    p: [f64x4; 3],
+    unknown: f64x4,
+}
+
+impl Block {
+    #[inline(always)]
+    fn new<S: Quads>(simd: S, [a, b, c, d]: &[Contact; LANES], cells: &[Cell]) -> Self {
+        let u = simd.transpose_wide([
+            pulp::cast(a.0),
+            pulp::cast(b.0),
+            pulp::cast(c.0),
+            pulp::cast(d.0),
+        ]);
+        let [px, py, pz, unknown] = simd.transpose([
+            pulp::cast(cells[a.row() as usize].0),
+            pulp::cast(cells[b.row() as usize].0),
+            pulp::cast(cells[c.row() as usize].0),
+            pulp::cast(cells[d.row() as usize].0),
+        ]);
+        Self { u, p: [px, py, pz], unknown }
+    }
+
+    /// Wrenches of springs of unit stiffness: `−u` and `−p × u`, by component.
+    #[inline(always)]
+    fn wrenches<S: Quads>(&self, simd: S) -> [f64x4; 6] {
+        let ([ux, uy, uz], [px, py, pz]) = (self.u, self.p);
+        let zero = simd.splat_f64s(0.0);
+        [
+            simd.sub_f64s(zero, ux),
+            simd.sub_f64s(zero, uy),
+            simd.sub_f64s(zero, uz),
+            cross(simd, pz, uy, py, uz),
+            cross(simd, px, uz, pz, ux),
+            cross(simd, py, ux, px, uy),
+        ]
+    }
+}
+
+/// `a b − c d`, lane by lane.
+#[inline(always)]
+fn cross<S: Quads>(simd: S, a: f64x4, b: f64x4, c: f64x4, d: f64x4) -> f64x4 {
+    simd.sub_f64s(simd.mul_f64s(a, b), simd.mul_f64s(c, d))
+}
+
+/// The lanes of a sum, added up.
+#[inline(always)]
+fn total(f64x4(a, b, c, d): f64x4) -> f64 {
+    (a + b) + (c + d)
+}
+
+/// `Σ Kᵢ (−uᵢ, −pᵢ × uᵢ)`: the wrench of all springs.
+pub(super) struct Wrench<'a> {
+    pub(super) cells: &'a [Cell],
+    pub(super) stiffness: Stiffness,
+    pub(super) sums: [f64x4; 6],
+}
+
+impl Sum for Wrench<'_> {
+    type Output = [f64; 6];
+
+    #[inline(always)]
+    fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], _: usize) {
+        let Block { u: [ux, uy, uz], p: [px, py, pz], unknown } =
+            Block::new(simd, block, self.cells);
+        let k = match self.stiffness {
+            Stiffness::Positive => simd.max_f64s(unknown, simd.splat_f64s(0.0)),
+            Stiffness::Magnitude => simd.abs_f64s(unknown),
+        };
+        let (x, y, z) = (simd.mul_f64s(k, ux), simd.mul_f64s(k, uy), simd.mul_f64s(k, uz));
+        let sums = &mut self.sums;
+        sums[0] = simd.sub_f64s(sums[0], x);
+        sums[1] = simd.sub_f64s(sums[1], y);
+        sums[2] = simd.sub_f64s(sums[2], z);
+        sums[3] = simd.add_f64s(sums[3], cross(simd, pz, y, py, z));
+        sums[4] = simd.add_f64s(sums[4], cross(simd, px, z, pz, x));
+        sums[5] = simd.add_f64s(sums[5], cross(simd, py, x, px, y));
+    }
+
+    #[inline(always)]
+    fn finish(self) -> [f64; 6] {
+        self.sums.map(total)
+    }
+}
+
+/// `wᵢ·d = −uᵢ·v(pᵢ)` of every contact, where the joint speeds d move the link by `twist`: the
+/// velocity of what passes the world's origin, and the angular one.
+pub(super) struct Spread<'a, T> {
+    pub(super) cells: &'a mut [Cell],
+    pub(super) twist: [f64; 6],
+    /// Gets a row's cell, the row and its value.
+    pub(super) take: T,
+}
+
+impl<T: FnMut(&mut Cell, usize, f64)> Sum for Spread<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], count: usize) {
+        let [lx, ly, lz, ax, ay, az] = self.twist;
+        let (lx, ly, lz) = (simd.splat_f64s(lx), simd.splat_f64s(ly), simd.splat_f64s(lz));
+        let (ax, ay, az) = (simd.splat_f64s(ax), simd.splat_f64s(ay), simd.splat_f64s(az));
+        let Block { u: [ux, uy, uz], p: [px, py, pz], .. } = Block::new(simd, block, self.cells);
+        let x = simd.mul_f64s(ux, simd.add_f64s(lx, cross(simd, ay, pz, az, py)));
+        let y = simd.mul_f64s(uy, simd.add_f64s(ly, cross(simd, az, px, ax, pz)));
+        let z = simd.mul_f64s(uz, simd.add_f64s(lz, cross(simd, ax, py, ay, px)));
+        let f64x4(a, b, c, d) = simd.add_f64s(simd.add_f64s(x, y), z);
+        for (contact, value) in block[..count].iter().zip([a, b, c, d]) {
+            let row = contact.row() as usize;
+            (self.take)(&mut self.cells[row], row, -value);
+        }
+    }
+
+    fn finish(self) {}
+}
+
+/// Entries of the lower triangle of a 6 × 6 matrix.
+pub(super) const TRIANGLE: usize = 21;
+
+/// Where entry (i, j ≤ i) stands in the triangle.
+#[inline(always)]
+pub(super) const fn entry(i: usize, j: usize) -> usize {
+    i * (i + 1) / 2 + j
+}
+
+/// `Σ sᵢ wᵢ wᵢᵀ` over wrenches: a lower triangle, row by row; `weight` gives s of a row.
+pub(super) struct Gram<'a, F> {
+    pub(super) cells: &'a [Cell],
+    pub(super) weight: F,
+    pub(super) sums: [f64x4; TRIANGLE],
+}
+
+impl<F: Fn(usize) -> f64> Sum for Gram<'_, F> {
+    type Output = [f64; TRIANGLE];
+
+    #[inline(always)]
+    fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], _: usize) {
+        let unit = Block::new(simd, block, self.cells).wrenches(simd);
+        let weight = |lane: usize| (self.weight)(block[lane].row() as usize);
+        let weight = f64x4(weight(0), weight(1), weight(2), weight(3));
+        for i in 0..6 {
+            let weighted = simd.mul_f64s(weight, unit[i]);
+            for j in 0..=i {
+                let sum = &mut self.sums[entry(i, j)];
+                *sum = simd.add_f64s(*sum, simd.mul_f64s(weighted, unit[j]));
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn finish(self) -> [f64; TRIANGLE] {
+        self.sums.map(total)
+    }
+}
+
+/// `wᵢᵀ M wᵢ` over wrenches of every contact, for a symmetric M given by its lower triangle with
+/// what is off the diagonal doubled, row by row.
+pub(super) struct Quadratic<'a, T> {
+    pub(super) cells: &'a [Cell],
+    pub(super) form: [f64; TRIANGLE],
+    /// Gets a row and its value.
+    pub(super) take: T,
+}
+
+impl<T: FnMut(usize, f64)> Sum for Quadratic<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], count: usize) {
+        let unit = Block::new(simd, block, self.cells).wrenches(simd);
+        let mut value = simd.splat_f64s(0.0);
+        for i in 0..6 {
+            let mut dot = simd.splat_f64s(0.0);
+            for (j, part) in unit[..=i].iter().enumerate() {
+                let form = simd.splat_f64s(self.form[entry(i, j)]);
+                dot = simd.add_f64s(dot, simd.mul_f64s(form, *part));
+            }
+            value = simd.add_f64s(value, simd.mul_f64s(unit[i], dot));
+        }
+        let f64x4(a, b, c, d) = value;
+        for (contact, value) in block[..count].iter().zip([a, b, c, d]) {
+            (self.take)(contact.row() as usize, value);
+        }
+    }
+
+    fn finish(self) {}
+}
+
+/// Nothing added up yet.
+pub(super) const ZERO: f64x4 = f64x4(0.0, 0.0, 0.0, 0.0);
