@@ -79,7 +79,7 @@ impl Belief {
         let covariance = observation.gram(&self.cells, |row| self.variance_now(row));
         let gain = innovation_inverse(covariance, &self.torque_variance)?;
         let predicted = observation.predict(&self.cells, Stiffness::Magnitude);
-        let d = &gain * (&observation.tau - &predicted);
+        let d = &gain * (observation.tau() - &predicted);
         if d.iter().any(|x| !x.is_finite()) {
             return Err(EstimatorError::Degenerate);
         }

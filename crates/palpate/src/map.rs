@@ -70,7 +70,7 @@ impl Belief {
 
     /// `τ − H K − R α` of a frame.
     fn residual(&self, frame: &Frame) -> DVector<f64> {
-        let mut residual = &frame.observation.tau - self.predict(&frame.observation);
+        let mut residual = frame.observation.tau() - self.predict(&frame.observation);
         for (joint, r) in residual.iter_mut().enumerate() {
             *r -= self.torque_variance[joint] * frame.alpha[joint];
         }
@@ -241,7 +241,7 @@ impl Estimator for MapEstimator {
         self.belief.grow(points_m);
         let [gain, shrinkage] = self.gains(&observation)?;
         let predicted = self.belief.predict(&observation);
-        let alpha = &gain * (&observation.tau - &predicted);
+        let alpha = &gain * (observation.tau() - &predicted);
         if alpha.iter().any(|x| !x.is_finite()) {
             return Err(EstimatorError::Degenerate);
         }

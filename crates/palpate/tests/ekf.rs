@@ -56,7 +56,7 @@ impl Textbook {
         }
         let innovation = &h * &self.covariance * h.transpose() + DMatrix::identity(3, 3) * r;
         let gain = &self.covariance * h.transpose() * innovation.try_inverse().unwrap();
-        self.mean += &gain * (&frame.tau - &h * &self.mean); // H κ = Σ w |κ|
+        self.mean += &gain * (frame.tau() - &h * &self.mean); // H κ = Σ w |κ|
         let identity = DMatrix::identity(self.mean.len(), self.mean.len());
         self.covariance = (identity - gain * h) * &self.covariance;
         self.covariance += DMatrix::identity(3, 3) * drift_variance;

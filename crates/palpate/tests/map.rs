@@ -110,7 +110,7 @@ fn many_visits_end_at_the_optimum_of_an_independent_solver() {
         for (contact, row) in frame.rows().enumerate() {
             a.view_mut((4 * t, row), (4, 1)).copy_from(&levers.column(contact));
         }
-        b.rows_mut(4 * t, 4).copy_from(&(&frame.tau / torque_std));
+        b.rows_mut(4 * t, 4).copy_from(&(frame.tau() / torque_std));
     }
     a.view_mut((frames.len() * 4, 0), (n, n)).fill_diagonal(1.0 / std);
     b.rows_mut(frames.len() * 4, n).fill(mean / std);

@@ -10,7 +10,7 @@
 
 use pulp::{Scalar256b, Simd, f32x4, f64x4};
 
-use super::{Cell, Contact, Stiffness};
+use super::{Cell, Contact, Stiffness, contact, row_of};
 
 /// Contacts in a block, one a lane.
 const LANES: usize = 4;
@@ -106,8 +106,8 @@ fn run_on<S: Quads, T: Sum>(simd: S, contacts: &[Contact], mut sum: T) -> T::Out
     for block in blocks {
         sum.add(simd, block, LANES);
     }
-    if let Some(first) = rest.first() {
-        let mut block = [Contact::new([0.0; 3], first.row()); LANES];
+    if let Some(&[_, _, _, row]) = rest.first() {
+        let mut block = [contact([0.0; 3], row); LANES];
         block[..rest.len()].copy_from_slice(rest);
         sum.add(simd, &block, rest.len());
     }
@@ -123,18 +123,13 @@ struct Block {
 
 impl Block {
     #[inline(always)]
-    fn new<S: Quads>(simd: S, [a, b, c, d]: &[Contact; LANES], cells: &[Cell]) -> Self {
-        let u = simd.transpose_wide([
-            pulp::cast(a.0),
-            pulp::cast(b.0),
-            pulp::cast(c.0),
-            pulp::cast(d.0),
-        ]);
+    fn new<S: Quads>(simd: S, [a, b, c, d]: [Contact; LANES], cells: &[Cell]) -> Self {
+        let u = simd.transpose_wide([pulp::cast(a), pulp::cast(b), pulp::cast(c), pulp::cast(d)]);
         let [px, py, pz, unknown] = simd.transpose([
-            pulp::cast(cells[a.row() as usize].0),
-            pulp::cast(cells[b.row() as usize].0),
-            pulp::cast(cells[c.row() as usize].0),
-            pulp::cast(cells[d.row() as usize].0),
+            pulp::cast(cells[row_of(a)].0),
+            pulp::cast(cells[row_of(b)].0),
+            pulp::cast(cells[row_of(c)].0),
+            pulp::cast(cells[row_of(d)].0),
         ]);
         Self { u, p: [px, py, pz], unknown }
     }
@@ -180,7 +175,7 @@ impl Sum for Wrench<'_> {
     #[inline(always)]
     fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], _: usize) {
         let Block { u: [ux, uy, uz], p: [px, py, pz], unknown } =
-            Block::new(simd, block, self.cells);
+            Block::new(simd, *block, self.cells);
         let k = match self.stiffness {
             Stiffness::Positive => simd.max_f64s(unknown, simd.splat_f64s(0.0)),
             Stiffness::Magnitude => simd.abs_f64s(unknown),
@@ -218,13 +213,13 @@ impl<T: FnMut(&mut Cell, usize, f64)> Sum for Spread<'_, T> {
         let [lx, ly, lz, ax, ay, az] = self.twist;
         let (lx, ly, lz) = (simd.splat_f64s(lx), simd.splat_f64s(ly), simd.splat_f64s(lz));
         let (ax, ay, az) = (simd.splat_f64s(ax), simd.splat_f64s(ay), simd.splat_f64s(az));
-        let Block { u: [ux, uy, uz], p: [px, py, pz], .. } = Block::new(simd, block, self.cells);
+        let Block { u: [ux, uy, uz], p: [px, py, pz], .. } = Block::new(simd, *block, self.cells);
         let x = simd.mul_f64s(ux, simd.add_f64s(lx, cross(simd, ay, pz, az, py)));
         let y = simd.mul_f64s(uy, simd.add_f64s(ly, cross(simd, az, px, ax, pz)));
         let z = simd.mul_f64s(uz, simd.add_f64s(lz, cross(simd, ax, py, ay, px)));
         let f64x4(a, b, c, d) = simd.add_f64s(simd.add_f64s(x, y), z);
         for (contact, value) in block[..count].iter().zip([a, b, c, d]) {
-            let row = contact.row() as usize;
+            let row = row_of(*contact);
             (self.take)(&mut self.cells[row], row, -value);
         }
     }
@@ -253,8 +248,8 @@ impl<F: Fn(usize) -> f64> Sum for Gram<'_, F> {
 
     #[inline(always)]
     fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], _: usize) {
-        let unit = Block::new(simd, block, self.cells).wrenches(simd);
-        let weight = |lane: usize| (self.weight)(block[lane].row() as usize);
+        let unit = Block::new(simd, *block, self.cells).wrenches(simd);
+        let weight = |lane: usize| (self.weight)(row_of(block[lane]));
         let weight = f64x4(weight(0), weight(1), weight(2), weight(3));
         for i in 0..6 {
             let weighted = simd.mul_f64s(weight, unit[i]);
@@ -285,7 +280,7 @@ impl<T: FnMut(usize, f64)> Sum for Quadratic<'_, T> {
 
     #[inline(always)]
     fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], count: usize) {
-        let unit = Block::new(simd, block, self.cells).wrenches(simd);
+        let unit = Block::new(simd, *block, self.cells).wrenches(simd);
         let mut value = simd.splat_f64s(0.0);
         for i in 0..6 {
             let mut dot = simd.splat_f64s(0.0);
@@ -297,7 +292,7 @@ impl<T: FnMut(usize, f64)> Sum for Quadratic<'_, T> {
         }
         let f64x4(a, b, c, d) = value;
         for (contact, value) in block[..count].iter().zip([a, b, c, d]) {
-            (self.take)(contact.row() as usize, value);
+            (self.take)(row_of(*contact), value);
         }
     }
 

@@ -21,7 +21,8 @@
 
 mod lanes;
 
-use nalgebra::{DMatrix, DVector, Matrix6, Matrix6xX, Point3, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, DVectorView, Matrix6, Matrix6xX, Point3, Vector3, Vector6};
+use pulp::bytemuck::{cast, cast_slice};
 
 use crate::contact::Contacts;
 use crate::lattice::{CellRows, RowsOfRuns};
@@ -47,24 +48,22 @@ pub fn lever(
 
 /// One displaced point, of which millions stream by: u (m, world frame) as the bits of three
 /// `f32`, and the cell's row in [`CellRows`]; 16 bytes.
-#[derive(Debug, Clone, Copy)]
-struct Contact([u32; 4]);
+type Contact = [u32; 4];
 
-impl Contact {
-    fn new(displacement_m: [f32; 3], row: u32) -> Self {
-        let [x, y, z] = displacement_m.map(f32::to_bits);
-        Self([x, y, z, row])
-    }
+/// Numbers that a contact takes in a frame.
+const CONTACT: usize = size_of::<Contact>() / size_of::<f64>();
 
-    fn displacement_m(&self) -> Vector3<f64> {
-        let [x, y, z, _] = self.0;
-        Vector3::new(x, y, z).map(|bits| f64::from(f32::from_bits(bits)))
-    }
+fn contact([x, y, z]: [f32; 3], row: u32) -> Contact {
+    [x.to_bits(), y.to_bits(), z.to_bits(), row]
+}
 
-    #[inline]
-    fn row(&self) -> u32 {
-        self.0[3]
-    }
+fn displacement_m([x, y, z, _]: Contact) -> Vector3<f64> {
+    Vector3::new(x, y, z).map(|bits| f64::from(f32::from_bits(bits)))
+}
+
+#[inline]
+fn row_of([_, _, _, row]: Contact) -> usize {
+    row as usize
 }
 
 /// A touched cell as sums over contacts need it: its rest point (world frame, m) and its unknown
@@ -107,15 +106,16 @@ pub enum Stiffness {
 }
 
 /// One frame as the estimators see it: the contacts' levers, folded, and the torque they explain.
+///
+/// All of it is one block of memory in the order in which it is walked over, because a remembered
+/// frame comes back from far away: every detour would be waited for.
 #[derive(Debug, Clone)]
 pub struct Observation {
-    /// One past the last contact of each link that touches.
-    ends: Vec<u32>,
-    /// S of those links, column by column, link after link: n_joints columns each.
-    spatial: Vec<[f64; 6]>,
-    contacts: Vec<Contact>,
-    /// τ: external torque, n_joints, N·m.
-    pub tau: DVector<f64>,
+    /// τ; then for every link that touches: the number of its contacts, S column by column, and
+    /// the contacts.
+    stream: Vec<f64>,
+    n_joints: usize,
+    n_contacts: usize,
 }
 
 /// One link's contacts in an [`Observation`].
@@ -127,7 +127,7 @@ struct Run<'a> {
 
 impl Run<'_> {
     /// `S d`: linear velocity at the world's origin, and angular.
-    fn twist(&self, d: &DVector<f64>) -> [f64; 6] {
+    fn twist(&self, d: &[f64]) -> [f64; 6] {
         let mut twist = [0.0; 6];
         for (column, speed) in self.spatial.iter().zip(d) {
             for (sum, part) in twist.iter_mut().zip(column) {
@@ -172,24 +172,19 @@ impl Folder {
         contacts: &Contacts,
         tau: DVector<f64>,
     ) -> Observation {
-        let mut observation = Observation {
-            ends: Vec::with_capacity(contacts.links.len()),
-            spatial: Vec::with_capacity(contacts.links.len() * tau.len()),
-            contacts: Vec::with_capacity(contacts.len()),
-            tau,
-        };
+        let (n_joints, n_contacts) = (tau.len(), contacts.len());
+        let length = n_joints + contacts.links.len() * (1 + 6 * n_joints) + CONTACT * n_contacts;
+        let mut stream = Vec::with_capacity(length);
+        stream.extend_from_slice(tau.as_slice());
         for link in &contacts.links {
+            stream.push(link.cells.len() as f64);
+            stream.extend_from_slice(robot.spatial_jacobian(poses, link.link).as_slice());
             let rows = self.runs.follow(link.link.index(), &link.cells, &mut self.rows);
-            let pairs = link.displacements_m.iter().zip(rows);
-            observation.contacts.extend(pairs.map(|(&u, &row)| Contact::new(u, row)));
-            observation.ends.push(observation.contacts.len() as u32);
-            let spatial = robot.spatial_jacobian(poses, link.link);
-            observation.spatial.extend(spatial.column_iter().map(|column| {
-                let column: [f64; 6] = column.into_owned().into();
-                column
-            }));
+            let contacts = link.displacements_m.iter().zip(rows);
+            stream
+                .extend(contacts.flat_map(|(&u, &row)| cast::<_, [f64; CONTACT]>(contact(u, row))));
         }
-        observation
+        Observation { stream, n_joints, n_contacts }
     }
 }
 
@@ -209,38 +204,53 @@ impl Observation {
         observation
     }
 
+    /// The same contacts with another torque to explain, n_joints, N·m.
+    ///
+    /// # Panics
+    ///
+    /// If that has another number of joints, which is a bug in the caller.
+    pub fn with_tau(mut self, tau: &DVector<f64>) -> Self {
+        self.stream[..self.n_joints].copy_from_slice(tau.as_slice());
+        self
+    }
+
+    /// τ: the external torque to explain, n_joints, N·m.
+    pub fn tau(&self) -> DVectorView<'_, f64> {
+        DVectorView::from_slice(&self.stream[..self.n_joints], self.n_joints)
+    }
+
     /// Contacts of the frame.
     pub fn n_contacts(&self) -> usize {
-        self.contacts.len()
+        self.n_contacts
     }
 
     /// The contacts' rows in [`CellRows`], link by link.
-    pub fn rows(&self) -> impl ExactSizeIterator<Item = usize> {
-        self.contacts.iter().map(|contact| contact.row() as usize)
+    pub fn rows(&self) -> impl Iterator<Item = usize> {
+        self.runs().flat_map(|run| run.contacts.iter().map(|contact| row_of(*contact)))
     }
 
     /// Memory that the frame holds.
     pub fn bytes(&self) -> usize {
-        size_of::<Self>()
-            + size_of_val(&*self.ends)
-            + size_of_val(&*self.spatial)
-            + size_of_val(&*self.contacts)
-            + size_of_val(self.tau.as_slice())
+        size_of::<Self>() + size_of_val(&*self.stream)
     }
 
     /// The links' runs of contacts.
     fn runs(&self) -> impl Iterator<Item = Run<'_>> {
-        let starts = std::iter::once(0).chain(self.ends.iter().copied());
-        let bounds = starts.zip(&self.ends).map(|(start, &end)| start as usize..end as usize);
-        let spatial = self.spatial.chunks(self.tau.len().max(1));
-        bounds.zip(spatial).map(|(run, spatial)| Run { spatial, contacts: &self.contacts[run] })
+        let mut left = &self.stream[self.n_joints..];
+        std::iter::from_fn(move || {
+            let (count, rest) = left.split_first()?;
+            let (spatial, rest) = rest.split_at(6 * self.n_joints);
+            let (contacts, rest) = rest.split_at(CONTACT * *count as usize);
+            left = rest;
+            Some(Run { spatial: spatial.as_chunks().0, contacts: cast_slice(contacts) })
+        })
     }
 
     /// Torque that the field exerts: `τ̂ = Σ wᵢ Kᵢ` (Eq. 5), n_joints, N·m.
     ///
     /// `cells` are the touched cells by row.
     pub fn predict(&self, cells: &[Cell], stiffness: Stiffness) -> DVector<f64> {
-        let mut tau = DVector::zeros(self.tau.len());
+        let mut tau = DVector::zeros(self.n_joints);
         for Run { spatial, contacts } in self.runs() {
             let sum = lanes::Wrench { cells, stiffness, sums: [lanes::ZERO; 6] };
             let [fx, fy, fz, mx, my, mz] = lanes::run(contacts, sum);
@@ -253,8 +263,7 @@ impl Observation {
 
     /// `H S Hᵀ` for a diagonal S, n × n, (N·m)²; `variance` gives S of a row, (N/m)².
     pub fn gram(&self, cells: &[Cell], variance: impl Fn(usize) -> f64) -> DMatrix<f64> {
-        let n_joints = self.tau.len();
-        let mut gram = DMatrix::zeros(n_joints, n_joints);
+        let mut gram = DMatrix::zeros(self.n_joints, self.n_joints);
         for run in self.runs() {
             let sums = [lanes::ZERO; lanes::TRIANGLE];
             let sum = lanes::run(run.contacts, lanes::Gram { cells, weight: &variance, sums });
@@ -275,7 +284,7 @@ impl Observation {
         mut take: impl FnMut(&mut Cell, usize, f64),
     ) {
         for run in self.runs() {
-            let (cells, twist) = (&mut *cells, run.twist(d));
+            let (cells, twist) = (&mut *cells, run.twist(d.as_slice()));
             lanes::run(run.contacts, lanes::Spread { cells, twist, take: &mut take });
         }
     }
@@ -298,11 +307,11 @@ impl Observation {
 
     /// The levers as a matrix, n_joints × n_contacts, m²: for tests and small problems.
     pub fn levers(&self, cells: &[Cell]) -> DMatrix<f64> {
-        let mut levers = DMatrix::zeros(self.tau.len(), self.contacts.len());
+        let mut levers = DMatrix::zeros(self.n_joints, self.n_contacts);
         let mut column = 0;
         for run in self.runs() {
-            for contact in run.contacts {
-                let (p, u) = (cells[contact.row() as usize].rest_point(), contact.displacement_m());
+            for &contact in run.contacts {
+                let (p, u) = (cells[row_of(contact)].rest_point(), displacement_m(contact));
                 let wrench = -Vector6::from_iterator(u.iter().chain(&p.cross(&u)).copied());
                 levers.column_mut(column).copy_from(&run.matrix().tr_mul(&wrench));
                 column += 1;

@@ -132,10 +132,10 @@ pub fn random_frame(
         }
     }
     let n_joints = robot.n_joints();
-    let mut frame = Observation::new(robot, &poses, &all, rows, DVector::zeros(n_joints));
+    let frame = Observation::new(robot, &poses, &all, rows, DVector::zeros(n_joints));
     let cells = rows.cells();
     let truth = |row: usize| stiffness[lattice.place(cells[row])[0] as usize];
-    frame.tau = frame.predict(&cells_with(rows, truth), Stiffness::Positive)
+    let tau = frame.predict(&cells_with(rows, truth), Stiffness::Positive)
         + DVector::from_fn(n_joints, |_, _| uniform(rng, -error, error));
-    frame
+    frame.with_tau(&tau)
 }
