@@ -217,8 +217,10 @@ impl Estimator for EkfEstimator {
     fn replay(&mut self, visits: u32) -> u32 {
         for visited in 0..visits {
             let Some(index) = self.memory.draw() else { return visited };
+            let observation = &self.memory.frames()[index].observation;
+            observation.fetch();
             // A frame that was fused once can be fused again, so this does not fail in practice.
-            if self.belief.update(&self.memory.frames()[index].observation).is_err() {
+            if self.belief.update(observation).is_err() {
                 return visited;
             }
         }

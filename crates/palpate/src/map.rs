@@ -79,6 +79,7 @@ impl Belief {
 
     /// Solves one frame's own condition.
     fn visit(&mut self, frame: &mut Frame) {
+        frame.observation.fetch();
         let d = &frame.gain * self.residual(frame);
         self.add(&frame.observation, &d);
         frame.alpha += d;
