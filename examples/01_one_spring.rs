@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     // What was felt, and the estimator that explains it: a vague prior, a precise sensor.
     let felt = DVector::from_element(1, 3.0);
-    let frame = Observation::new(&robot, &poses, &contacts, &mut rows, felt);
+    let frame = Observation::new(&robot, &poses, &contacts, &mut rows, &felt);
     let settings = EstimatorConfig {
         prior: Prior { mean_n_per_m: 0.0, std_n_per_m: 1000.0 },
         torque_std: vec![0.01],

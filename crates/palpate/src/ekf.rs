@@ -248,6 +248,7 @@ impl Estimator for EkfEstimator {
             seen: padded(&self.belief.seen, n_rows, 0),
             step: self.belief.step,
             remembered: self.memory.frames().iter().map(|f| (f.source, Vec::new())).collect(),
+            contradictions: Vec::new(),
             rng: self.memory.rng_state(),
         }
     }

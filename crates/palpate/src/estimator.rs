@@ -177,6 +177,9 @@ pub struct EstimatorState {
     pub step: u64,
     /// Remembered frames in memory's order, each with its multipliers (`map`; else empty).
     pub remembered: Vec<(Source, Vec<f64>)>,
+    /// `map`: by how much each remembered frame contradicted the belief when it was last visited;
+    /// else empty.
+    pub contradictions: Vec<f64>,
     /// Where the draws from memory stand.
     pub rng: RngState,
 }
@@ -200,10 +203,11 @@ impl EstimatorState {
             let what = format!("a frame has {got} multipliers for {n_joints} joints");
             return Err(EstimatorError::State { what });
         }
-        let numbers = self.mean.iter().chain(&self.variance);
+        let numbers = self.mean.iter().chain(&self.variance).chain(&self.contradictions);
         let alphas = self.remembered.iter().flat_map(|(_, alpha)| alpha);
         if numbers.chain(alphas).any(|x| !x.is_finite()) || self.variance.iter().any(|v| *v < 0.0) {
-            let what = "a mean, variance or multiplier is not a finite number".to_owned();
+            let what =
+                "a mean, variance, multiplier or contradiction is not a finite number".to_owned();
             return Err(EstimatorError::State { what });
         }
         Ok(())

@@ -97,7 +97,7 @@ impl Predictor {
         let frame = self.tracker.feed(sample)?;
         let Some(external) = frame.external else { return Ok(None) };
         let robot = &self.tracker.arm().robot;
-        let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, external.clone());
+        let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, &external);
         let met = self.folder.rows().points_m()[self.cells.len()..].iter();
         self.cells.extend(met.map(|&point| Cell::new(point, self.untouched_n_per_m)));
         let predicted = observation.predict(&self.cells, Stiffness::Positive);

@@ -197,8 +197,8 @@ impl Mapper {
             self.estimator.idle();
             DVector::zeros(external.len())
         } else {
-            let (robot, tau) = (&self.tracker.arm().robot, external.clone());
-            let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, tau);
+            let robot = &self.tracker.arm().robot;
+            let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, &external);
             let points_m = self.folder.rows().points_m();
             self.replays_due = true;
             self.estimator.correct(points_m, observation, source)?
@@ -370,7 +370,7 @@ impl Mapper {
                 let sample = Sample { time_s: None, q: q.to_vec(), tau: tau.to_vec() };
                 let frame = self.tracker.feed(&sample)?;
                 let source = Source { touch: touch.touch, sample: number as u32 };
-                if let (Some(&index), Some(external)) = (order.get(&source), frame.external) {
+                if let (Some(&index), Some(external)) = (order.get(&source), &frame.external) {
                     let (robot, contacts) = (&self.tracker.arm().robot, &frame.contacts);
                     let folded = self.folder.fold(robot, &frame.poses, contacts, external);
                     found[index] = Some(folded);

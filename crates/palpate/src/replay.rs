@@ -83,6 +83,19 @@ impl<T> Memory<T> {
         (n > 0).then(|| ((u64::from(self.rng.next_u32()) * n) >> 32) as usize)
     }
 
+    /// Draws as often as `tries` says and keeps the frame of the highest score; `None` if there is
+    /// no frame.
+    pub fn draw_best(&mut self, tries: u32, score: impl Fn(&T) -> f64) -> Option<usize> {
+        let mut best = self.draw()?;
+        for _ in 1..tries {
+            let other = self.draw()?;
+            if score(&self.frames[other]) > score(&self.frames[best]) {
+                best = other;
+            }
+        }
+        Some(best)
+    }
+
     /// Takes a frame out; the last one gets its number.
     ///
     /// # Panics
@@ -168,6 +181,18 @@ mod tests {
         }
         memory.retain(|frame| frame % 2 == 1);
         assert_eq!((memory.frames(), memory.bytes()), (&[1, 3, 5][..], 2 + 4 + 6));
+    }
+
+    #[test]
+    fn the_best_of_many_draws_is_the_best_there_is() {
+        let mut memory = Memory::new(Limits { frames: 10, bytes: 100 }, 7);
+        assert_eq!(memory.draw_best(3, |&frame: &i32| f64::from(frame)), None);
+        for frame in [3, 9, 1] {
+            memory.push(frame, 1);
+        }
+        assert_eq!(memory.draw_best(100, |&frame| f64::from(frame)), Some(1));
+        let single: Vec<_> = (0..100).map(|_| memory.draw_best(1, |_| 0.0).unwrap()).collect();
+        assert!((0..3).all(|frame| single.contains(&frame)));
     }
 
     #[test]

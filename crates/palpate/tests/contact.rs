@@ -157,7 +157,7 @@ fn a_cylinder_swept_through_an_elastic_bed_feels_the_force_of_the_integral() {
 
     let poses = arm.robot.forward(&[travel, 0.0, 0.0]).unwrap();
     let mut rows = CellRows::new(lattice);
-    let frame = Observation::new(&arm.robot, &poses, &contacts, &mut rows, DVector::zeros(3));
+    let frame = Observation::new(&arm.robot, &poses, &contacts, &mut rows, &DVector::zeros(3));
     let k_volume = 1e6; // N/m per m³
     let cell = k_volume * spacing.powi(3);
     let force = frame.predict(&cells_with(&rows, |_| cell), Stiffness::Positive);

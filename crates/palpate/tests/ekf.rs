@@ -35,7 +35,7 @@ fn diagonal_frames(count: usize) -> (CellRows, Vec<Observation>) {
         }
         let tau = DVector::from_fn(3, |_, _| uniform(&mut rng, -3.0, 3.0));
         let contacts = contacts(rows.lattice(), 3, &touched);
-        frames.push(Observation::new(&robot, &poses, &contacts, &mut rows, tau));
+        frames.push(Observation::new(&robot, &poses, &contacts, &mut rows, &tau));
     }
     (rows, frames)
 }
@@ -99,7 +99,7 @@ fn one_joint_one_contact_recovers_the_spring() {
     let poses = robot.forward(&[0.0]).unwrap();
     let touched = contacts(rows.lattice(), 1, &[([50, 0, 0], [0.0, -0.04, 0.0])]);
     let tau = DVector::from_element(1, 3.0);
-    let frame = Observation::new(&robot, &poses, &touched, &mut rows, tau);
+    let frame = Observation::new(&robot, &poses, &touched, &mut rows, &tau);
     let mut ekf = EkfEstimator::new(&config(Method::Ekf, 1e-3, 1e4, 1e-3), 0.01, 1).unwrap();
     ekf.correct(rows.points_m(), frame, Source { touch: 0, sample: 0 }).unwrap();
     assert!((ekf.stiffness(0) - 150.0).abs() < 1e-4, "{}", ekf.stiffness(0));

@@ -85,7 +85,7 @@ fn one_joint_one_contact_recovers_the_spring() {
     let poses = robot.forward(&[0.0]).unwrap();
     let touched = contacts(rows.lattice(), 1, &[([50, 0, 0], [0.0, -0.04, 0.0])]);
     let tau = DVector::from_element(1, 3.0); // N·m at a lever of 0.02 m²: 150 N/m
-    let frame = Observation::new(&robot, &poses, &touched, &mut rows, tau);
+    let frame = Observation::new(&robot, &poses, &touched, &mut rows, &tau);
     let mut map = MapEstimator::new(&config(Method::Map, 0.0, 1e4, 1e-3), 0.01, 1).unwrap();
     map.correct(rows.points_m(), frame, source(0)).unwrap();
     assert!((map.stiffness(0) - 150.0).abs() < 1e-4, "{}", map.stiffness(0));
@@ -182,7 +182,7 @@ fn a_bad_frame_is_refused_and_leaves_the_belief_alone() {
     let robot = crooked_arm();
     let poses = robot.forward(&[0.1; 4]).unwrap();
     let mut rows = rows.clone();
-    let frame = Observation::new(&robot, &poses, &huge, &mut rows, DVector::zeros(4));
+    let frame = Observation::new(&robot, &poses, &huge, &mut rows, &DVector::zeros(4));
     let error = map.correct(rows.points_m(), frame, source(9)).unwrap_err();
     assert_eq!(error, EstimatorError::Degenerate);
     assert_eq!(map.state(rows.len()), before);

@@ -21,7 +21,7 @@ fn levers_by_wrenches_are_those_of_the_definition() {
         let displacement = [0.02, -0.03, 0.05_f32];
         let touched = contacts(&lattice, link, &[([80, 20, 60], displacement)]);
         let mut rows = CellRows::new(lattice.clone());
-        let frame = Observation::new(&robot, &poses, &touched, &mut rows, DVector::zeros(4));
+        let frame = Observation::new(&robot, &poses, &touched, &mut rows, &DVector::zeros(4));
 
         let cell = touched.links[0].cells[0];
         let u = Vector3::from(displacement.map(f64::from));
@@ -100,6 +100,6 @@ fn nothing_touched_feels_like_nothing() {
     let poses = robot.forward(&[0.1; 4]).unwrap();
     let mut rows = CellRows::new(centimetre_lattice());
     let none = Contacts::default();
-    let frame = Observation::new(&robot, &poses, &none, &mut rows, DVector::zeros(4));
+    let frame = Observation::new(&robot, &poses, &none, &mut rows, &DVector::zeros(4));
     assert_eq!(frame.predict(&cells_with(&rows, |_| 1.0), Stiffness::Positive), DVector::zeros(4));
 }

@@ -85,7 +85,7 @@ impl Parts {
     /// Folds a frame, predicts, corrects and replays; returns the visits made, the frame's own
     /// among them.
     fn update(&mut self, frame: &Frame, source: Source) -> Result<u32, MapperError> {
-        let Some(external) = frame.external.clone() else { return Ok(0) };
+        let Some(external) = &frame.external else { return Ok(0) };
         if frame.contacts.is_empty() {
             self.estimator.idle();
             return Ok(0);

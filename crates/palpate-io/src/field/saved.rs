@@ -10,6 +10,7 @@
 //! | `state_seen`    | N or 0   | u64  | `ekf`: step of each cell's last drift                 |
 //! | `memory_source` | F x 2    | u32  | touch and sample of each remembered frame             |
 //! | `memory_alpha`  | F x n    | f64  | its multipliers (`map`; F x 0 for `ekf`)              |
+//! | `memory_contradiction` | F or 0 | f64 | `map`: r·d of its last visit                     |
 //! | `tape_touch`    | T x 3    | u32  | touch, its samples, whether it is still under way     |
 //! | `tape_q`, `tape_tau` | S x n | f64 | samples of those touches in a row, as logged          |
 //!
@@ -173,6 +174,8 @@ fn insert_state(arrays: &mut Arrays, state: &EstimatorState) {
         state.remembered.iter().flat_map(|(_, alpha)| alpha.iter().copied()).collect();
     let width = alphas.len().checked_div(frames).unwrap_or(0);
     arrays.insert("memory_alpha", Array::new(vec![frames, width], Data::F64(alphas)));
+    let contradictions = Data::F64(state.contradictions.clone());
+    arrays.insert("memory_contradiction", Array::flat(contradictions));
 }
 
 /// Adds the arrays of the tape.
@@ -255,6 +258,10 @@ fn snapshot(
         seen: arrays.counts("state_seen", &[None])?,
         step: mapper.step,
         remembered: remembered.collect(),
+        contradictions: match arrays.get("memory_contradiction") {
+            Some(_) => arrays.floats("memory_contradiction", &[None])?,
+            None => Vec::new(), // of a palpate that drew by chance alone
+        },
         rng: mapper.rng,
     };
     let (n_joints, tape) = tape(arrays, path)?;

@@ -129,7 +129,7 @@ fn frame(robot: &Robot, rows: &mut CellRows, rng: &mut ChaCha8Rng, n: usize) -> 
     });
     let contacts = Contacts { links: links.collect() };
     let tau = DVector::from_element(robot.n_joints(), 0.3);
-    Observation::new(robot, &poses, &contacts, rows, tau)
+    Observation::new(robot, &poses, &contacts, rows, &tau)
 }
 
 /// The built-in arm of seven joints.

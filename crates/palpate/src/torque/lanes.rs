@@ -253,9 +253,9 @@ impl<F: Fn(usize) -> f64> Sum for Gram<'_, F> {
         let weight = f64x4(weight(0), weight(1), weight(2), weight(3));
         for i in 0..6 {
             let weighted = simd.mul_f64s(weight, unit[i]);
-            for j in 0..=i {
+            for (j, part) in unit[..=i].iter().enumerate() {
                 let sum = &mut self.sums[entry(i, j)];
-                *sum = simd.add_f64s(*sum, simd.mul_f64s(weighted, unit[j]));
+                *sum = simd.add_f64s(*sum, simd.mul_f64s(weighted, *part));
             }
         }
     }

@@ -170,7 +170,7 @@ impl Folder {
         robot: &Robot,
         poses: &Poses,
         contacts: &Contacts,
-        tau: DVector<f64>,
+        tau: &DVector<f64>,
     ) -> Observation {
         let (n_joints, n_contacts) = (tau.len(), contacts.len());
         let length = n_joints + contacts.links.len() * (1 + 6 * n_joints) + CONTACT * n_contacts;
@@ -195,7 +195,7 @@ impl Observation {
         poses: &Poses,
         contacts: &Contacts,
         rows: &mut CellRows,
-        tau: DVector<f64>,
+        tau: &DVector<f64>,
     ) -> Self {
         let fresh = CellRows::new(rows.lattice().clone());
         let mut folder = Folder::new(std::mem::replace(rows, fresh));

@@ -132,7 +132,7 @@ pub fn random_frame(
         }
     }
     let n_joints = robot.n_joints();
-    let frame = Observation::new(robot, &poses, &all, rows, DVector::zeros(n_joints));
+    let frame = Observation::new(robot, &poses, &all, rows, &DVector::zeros(n_joints));
     let cells = rows.cells();
     let truth = |row: usize| stiffness[lattice.place(cells[row])[0] as usize];
     let tau = frame.predict(&cells_with(rows, truth), Stiffness::Positive)
