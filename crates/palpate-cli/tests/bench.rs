@@ -67,7 +67,7 @@ fn check(figures: &Value) {
     assert!((0.05..20.0).contains(&ratio), "the parts make {ratio} of the step: {figures}");
 
     let floor = number(figures, "floor.ns_per_visit");
-    let ratio = number(figures, "ns_per_visit") / floor;
+    let ratio = number(figures, "update_ns_per_visit") / floor;
     assert!((number(figures, "floor_ratio") / ratio - 1.0).abs() < 1e-9);
     let frame_only = number(figures, "floor.frame_only_ns_per_visit") / floor;
     assert!((frame_only - 16.0 / 44.0).abs() < 1e-9);

@@ -24,8 +24,8 @@
 use nalgebra::DVector;
 
 use crate::estimator::{
-    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Source, innovation_inverse, padded,
-    shrunk,
+    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Replayed, Source,
+    innovation_inverse, padded, shrunk,
 };
 use crate::replay::Memory;
 use crate::torque::{Cell, Observation, Stiffness};
@@ -88,7 +88,7 @@ impl Belief {
             self.seen[row] = self.step;
         }
         let variance = &mut self.variance;
-        observation.spread(&mut self.cells, &d, |cell, row, value| {
+        observation.spread(&mut self.cells, d.as_slice(), |cell, row, value| {
             // Column i of H is the lever times sgn κᵢ; `0.0.signum()` is `1.0` in Rust.
             *cell.unknown_mut() += variance[row] * value * cell.unknown().signum();
         });
@@ -178,7 +178,7 @@ impl EkfEstimator {
     /// Remembers a frame; what no longer fits leaves.
     fn remember(&mut self, frame: Frame) {
         let bytes = frame.observation.bytes() + size_of::<Frame>();
-        self.memory.push(frame, bytes);
+        self.memory.push(frame, bytes, 0.0);
     }
 }
 
@@ -214,17 +214,19 @@ impl Estimator for EkfEstimator {
         self.belief.step += 1;
     }
 
-    fn replay(&mut self, visits: u32) -> u32 {
-        for visited in 0..visits {
-            let Some(index) = self.memory.draw() else { return visited };
+    fn replay(&mut self, visits: u32) -> Replayed {
+        let mut replayed = Replayed::default();
+        for _ in 0..visits {
+            let Some(index) = self.memory.draw() else { break };
             let observation = &self.memory.frames()[index].observation;
             observation.fetch();
             // A frame that was fused once can be fused again, so this does not fail in practice.
             if self.belief.update(observation).is_err() {
-                return visited;
+                break;
             }
+            replayed.add(observation);
         }
-        visits
+        replayed
     }
 
     fn freeze(&mut self, touch: u32) {

@@ -214,6 +214,23 @@ impl EstimatorState {
     }
 }
 
+/// What was visited in a replay.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Replayed {
+    /// Frames; none if none are remembered.
+    pub frames: u32,
+    /// Their contacts.
+    pub contacts: u64,
+}
+
+impl Replayed {
+    /// Counts one more frame.
+    pub(crate) fn add(&mut self, observation: &Observation) {
+        self.frames += 1;
+        self.contacts += observation.n_contacts() as u64;
+    }
+}
+
 /// A belief about the stiffness of touched cells that learns from frames.
 ///
 /// Rows beyond those that the estimator has seen have the prior.
@@ -245,8 +262,8 @@ pub trait Estimator: Send + Sync {
     /// Lets a step without contact pass.
     fn idle(&mut self);
 
-    /// Visits remembered frames, without a new one, and returns how many there were.
-    fn replay(&mut self, visits: u32) -> u32;
+    /// Visits remembered frames, without a new one.
+    fn replay(&mut self, visits: u32) -> Replayed;
 
     /// Takes the frames of a touch out of memory; what they taught stays.
     fn freeze(&mut self, touch: u32);

@@ -38,8 +38,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::estimator::{
-    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Source, innovation_inverse, padded,
-    shrunk,
+    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Replayed, Source,
+    innovation_inverse, padded, shrunk,
 };
 use crate::replay::Memory;
 use crate::torque::{Cell, Observation, Stiffness};
@@ -49,13 +49,24 @@ use crate::torque::{Cell, Observation, Stiffness};
 struct Frame {
     observation: Observation,
     source: Source,
+    /// αₜ (n_joints), then `(HₜS₀Hₜᵀ + R)⁻¹` column by column (n × n): one block of memory.
+    numbers: Vec<f64>,
+}
+
+impl Frame {
+    fn new(observation: Observation, source: Source, alpha: &[f64], gain: &DMatrix<f64>) -> Self {
+        Self { observation, source, numbers: [alpha, gain.as_slice()].concat() }
+    }
+
     /// αₜ, n_joints.
-    alpha: DVector<f64>,
-    /// `(HₜS₀Hₜᵀ + R)⁻¹`, n × n.
-    gain: DMatrix<f64>,
-    /// r·d of the last visit: by how much the frame then contradicted the belief, in units of
-    /// what is expected of noise.
-    contradiction: f64,
+    fn alpha(&self) -> &[f64] {
+        &self.numbers[..self.observation.n_joints()]
+    }
+
+    /// Memory that the frame holds.
+    fn bytes(&self) -> usize {
+        size_of::<Self>() + self.observation.bytes() + size_of_val(&*self.numbers)
+    }
 }
 
 /// The unknown and its model: z, its prior, and the torque noise.
@@ -78,27 +89,35 @@ impl Belief {
 
     /// `τ − H K − R α` of a frame.
     fn residual(&self, frame: &Frame) -> DVector<f64> {
-        let mut residual = frame.observation.tau() - self.predict(&frame.observation);
-        for (joint, r) in residual.iter_mut().enumerate() {
-            *r -= self.torque_variance[joint] * frame.alpha[joint];
+        let mut residual = self.predict(&frame.observation);
+        let tau = frame.observation.tau();
+        let known = tau.iter().zip(frame.alpha()).zip(&self.torque_variance);
+        for (r, ((tau, alpha), variance)) in residual.iter_mut().zip(known) {
+            *r = tau - *r - variance * alpha;
         }
         residual
     }
 
-    /// Solves one frame's own condition.
-    fn visit(&mut self, frame: &mut Frame) {
+    /// Solves one frame's own condition; returns r·d, by how much it contradicted the belief in
+    /// units of what noise does.
+    fn visit(&mut self, frame: &mut Frame) -> f64 {
         frame.observation.fetch();
         let residual = self.residual(frame);
-        let d = &frame.gain * &residual;
-        frame.contradiction = residual.dot(&d);
-        self.add(&frame.observation, &d);
-        frame.alpha += d;
+        let n_joints = residual.len();
+        let (alpha, gain) = frame.numbers.split_at_mut(n_joints);
+        let mut d = DVector::zeros(n_joints);
+        for (column, r) in gain.chunks(n_joints).zip(&residual) {
+            d.iter_mut().zip(column).for_each(|(d, gain)| *d += gain * r);
+        }
+        alpha.iter_mut().zip(&d).for_each(|(alpha, d)| *alpha += d);
+        self.add(&frame.observation, d.as_slice());
+        residual.dot(&d)
     }
 
     /// `z += S₀Hᵀ d`.
-    fn add(&mut self, observation: &Observation, d: &DVector<f64>) {
-        let d = self.prior_variance * d;
-        observation.spread(&mut self.cells, &d, |cell, _, value| *cell.unknown_mut() += value);
+    fn add(&mut self, observation: &Observation, d: &[f64]) {
+        let s0 = self.prior_variance;
+        observation.spread(&mut self.cells, d, |cell, _, value| *cell.unknown_mut() += s0 * value);
     }
 
     /// Gives rows that are new their prior.
@@ -170,12 +189,9 @@ impl MapEstimator {
         let mut contradictions = state.contradictions.iter().copied();
         for ((source, alpha), observation) in state.remembered.iter().zip(observations) {
             let [gain, _] = self.gains(&observation)?;
-            let alpha = match alpha.is_empty() {
-                true => DVector::zeros(n_joints),
-                false => DVector::from_column_slice(alpha),
-            };
-            let contradiction = contradictions.next().unwrap_or_default();
-            self.remember(Frame { observation, source: *source, alpha, gain, contradiction });
+            let alpha = if alpha.is_empty() { &vec![0.0; n_joints] } else { alpha };
+            let score = contradictions.next().unwrap_or_default();
+            self.remember(Frame::new(observation, *source, alpha, &gain), score);
         }
         Ok(self)
     }
@@ -192,7 +208,8 @@ impl MapEstimator {
             return false;
         };
         let frame = self.memory.remove(index);
-        self.belief.add(&frame.observation, &-frame.alpha);
+        let taken_back: Vec<f64> = frame.alpha().iter().map(|alpha| -alpha).collect();
+        self.belief.add(&frame.observation, &taken_back);
         true
     }
 
@@ -219,19 +236,11 @@ impl MapEstimator {
         ])
     }
 
-    /// Remembers a frame; whoever leaves for it is frozen: its share of z stays.
-    fn remember(&mut self, frame: Frame) {
+    /// Remembers a frame and by how much it contradicted the belief; whoever leaves for it is
+    /// frozen: its share of z stays.
+    fn remember(&mut self, frame: Frame, contradiction: f64) {
         let bytes = frame.bytes();
-        self.memory.push(frame, bytes);
-    }
-}
-
-impl Frame {
-    /// Memory that the frame holds.
-    fn bytes(&self) -> usize {
-        self.observation.bytes()
-            + size_of::<Self>()
-            + (self.alpha.len() + self.gain.len()) * size_of::<f64>()
+        self.memory.push(frame, bytes, contradiction);
     }
 }
 
@@ -270,9 +279,9 @@ impl Estimator for MapEstimator {
         observation.quadratic(&self.belief.cells, &shrinkage, |row, value| {
             variance[row] = shrunk(variance[row], value);
         });
-        self.belief.add(&observation, &alpha);
+        self.belief.add(&observation, alpha.as_slice());
         let contradiction = (observation.tau() - &predicted).dot(&alpha);
-        self.remember(Frame { observation, source, alpha, gain, contradiction });
+        self.remember(Frame::new(observation, source, alpha.as_slice(), &gain), contradiction);
         Ok(predicted)
     }
 
@@ -280,15 +289,18 @@ impl Estimator for MapEstimator {
         self.step += 1;
     }
 
-    fn replay(&mut self, visits: u32) -> u32 {
-        for visited in 0..visits {
+    fn replay(&mut self, visits: u32) -> Replayed {
+        let mut replayed = Replayed::default();
+        for visit in 0..visits {
             // Chance sees to it that every frame comes back; between, those that contradict most.
-            let tries = if visited % 2 == 0 { 1 } else { TRIES };
-            let drawn = self.memory.draw_best(tries, |frame| frame.contradiction);
-            let Some(index) = drawn else { return visited };
-            self.belief.visit(&mut self.memory.frames_mut()[index]);
+            let tries = if visit % 2 == 0 { 1 } else { TRIES };
+            let Some(index) = self.memory.draw_best(tries) else { break };
+            let frame = &mut self.memory.frames_mut()[index];
+            replayed.add(&frame.observation);
+            let contradiction = self.belief.visit(frame);
+            self.memory.set_score(index, contradiction);
         }
-        visits
+        replayed
     }
 
     fn freeze(&mut self, touch: u32) {
@@ -304,7 +316,7 @@ impl Estimator for MapEstimator {
     }
 
     fn state(&self, n_rows: usize) -> EstimatorState {
-        let remembered = |frame: &Frame| (frame.source, frame.alpha.as_slice().to_vec());
+        let remembered = |frame: &Frame| (frame.source, frame.alpha().to_vec());
         let z: Vec<f64> = self.belief.cells.iter().map(|cell| cell.unknown()).collect();
         EstimatorState {
             mean: padded(&z, n_rows, self.belief.prior_mean),
@@ -313,7 +325,7 @@ impl Estimator for MapEstimator {
             seen: Vec::new(),
             step: self.step,
             remembered: self.memory.frames().iter().map(remembered).collect(),
-            contradictions: self.memory.frames().iter().map(|frame| frame.contradiction).collect(),
+            contradictions: self.memory.scores().collect(),
             rng: self.memory.rng_state(),
         }
     }

@@ -236,7 +236,7 @@ impl Mapper {
 
     /// Visits remembered frames without a new one; returns how many there were to visit.
     pub fn replay(&mut self, visits: u32) -> u32 {
-        self.estimator.replay(visits)
+        self.estimator.replay(visits).frames
     }
 
     /// The settings.

@@ -29,11 +29,19 @@ pub struct RngState {
     pub drawn: u64,
 }
 
-/// Frames that may come back, each with the bytes it holds.
+/// What is known of a frame without looking at it.
+#[derive(Debug, Clone, Copy)]
+struct Note {
+    bytes: usize,
+    score: f64,
+}
+
+/// Frames that may come back, each with the bytes it holds and a score.
 #[derive(Debug, Clone)]
 pub struct Memory<T> {
     frames: Vec<T>,
-    sizes: Vec<usize>,
+    /// One a frame.
+    notes: Vec<Note>,
     bytes: usize,
     limits: Limits,
     rng: ChaCha8Rng,
@@ -50,7 +58,7 @@ impl<T> Memory<T> {
     pub fn resume(limits: Limits, state: RngState) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(state.seed);
         rng.set_word_pos(u128::from(state.drawn));
-        Self { frames: Vec::new(), sizes: Vec::new(), bytes: 0, limits, rng, seed: state.seed }
+        Self { frames: Vec::new(), notes: Vec::new(), bytes: 0, limits, rng, seed: state.seed }
     }
 
     /// Where the generator stands.
@@ -58,10 +66,10 @@ impl<T> Memory<T> {
         RngState { seed: self.seed, drawn: self.rng.get_word_pos() as u64 }
     }
 
-    /// Remembers a frame of a given size; whatever no longer fits leaves and is returned.
+    /// Remembers a frame of a given size and score; whatever no longer fits leaves and is returned.
     ///
     /// A frame larger than the whole memory is returned at once.
-    pub fn push(&mut self, frame: T, bytes: usize) -> Vec<T> {
+    pub fn push(&mut self, frame: T, bytes: usize, score: f64) -> Vec<T> {
         if self.limits.frames == 0 || bytes > self.limits.bytes {
             return vec![frame];
         }
@@ -71,7 +79,7 @@ impl<T> Memory<T> {
             left.push(self.remove(victim));
         }
         self.frames.push(frame);
-        self.sizes.push(bytes);
+        self.notes.push(Note { bytes, score });
         self.bytes += bytes;
         left
     }
@@ -85,11 +93,11 @@ impl<T> Memory<T> {
 
     /// Draws as often as `tries` says and keeps the frame of the highest score; `None` if there is
     /// no frame.
-    pub fn draw_best(&mut self, tries: u32, score: impl Fn(&T) -> f64) -> Option<usize> {
+    pub fn draw_best(&mut self, tries: u32) -> Option<usize> {
         let mut best = self.draw()?;
         for _ in 1..tries {
             let other = self.draw()?;
-            if score(&self.frames[other]) > score(&self.frames[best]) {
+            if self.notes[other].score > self.notes[best].score {
                 best = other;
             }
         }
@@ -102,24 +110,22 @@ impl<T> Memory<T> {
     ///
     /// If there is no such frame, which is a bug in the caller.
     pub fn remove(&mut self, frame: usize) -> T {
-        self.bytes -= self.sizes.swap_remove(frame);
+        self.bytes -= self.notes.swap_remove(frame).bytes;
         self.frames.swap_remove(frame)
     }
 
     /// Takes out all frames that are not to be kept.
     pub fn retain(&mut self, keep: impl Fn(&T) -> bool) {
-        let mut sizes = std::mem::take(&mut self.sizes).into_iter();
-        let mut kept_sizes = Vec::new();
+        let mut notes = std::mem::take(&mut self.notes).into_iter();
         self.frames.retain(|frame| {
-            let size = sizes.next().expect("one size a frame");
+            let note = notes.next().expect("one note a frame");
             let kept = keep(frame);
             if kept {
-                kept_sizes.push(size);
+                self.notes.push(note);
             }
             kept
         });
-        self.bytes = kept_sizes.iter().sum();
-        self.sizes = kept_sizes;
+        self.bytes = self.notes.iter().map(|note| note.bytes).sum();
     }
 
     /// The frames in their present order.
@@ -130,6 +136,20 @@ impl<T> Memory<T> {
     /// The frames, to be changed in place; their sizes must stay.
     pub fn frames_mut(&mut self) -> &mut [T] {
         &mut self.frames
+    }
+
+    /// The frames' scores in the same order.
+    pub fn scores(&self) -> impl Iterator<Item = f64> {
+        self.notes.iter().map(|note| note.score)
+    }
+
+    /// Gives a frame another score.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such frame, which is a bug in the caller.
+    pub fn set_score(&mut self, frame: usize, score: f64) {
+        self.notes[frame].score = score;
     }
 
     /// Frames remembered.
@@ -157,7 +177,7 @@ mod tests {
         let mut memory = Memory::new(Limits { frames: 10, bytes: 100 }, 7);
         let mut left = Vec::new();
         for frame in 0..1000_usize {
-            left.extend(memory.push(frame, 1 + frame % 30));
+            left.extend(memory.push(frame, 1 + frame % 30, 0.0));
             assert!(memory.len() <= 10 && memory.bytes() <= 100);
         }
         left.extend(memory.frames());
@@ -168,8 +188,8 @@ mod tests {
     #[test]
     fn a_frame_larger_than_the_memory_leaves_the_others_alone() {
         let mut memory = Memory::new(Limits { frames: 10, bytes: 100 }, 7);
-        memory.push('a', 60);
-        assert_eq!(memory.push('b', 101), ['b']);
+        memory.push('a', 60, 0.0);
+        assert_eq!(memory.push('b', 101, 0.0), ['b']);
         assert_eq!(memory.frames(), ['a']);
     }
 
@@ -177,7 +197,7 @@ mod tests {
     fn what_is_not_retained_gives_its_bytes_back() {
         let mut memory = Memory::new(Limits { frames: 10, bytes: 100 }, 7);
         for frame in 0..6 {
-            memory.push(frame, 1 + frame);
+            memory.push(frame, 1 + frame, 0.0);
         }
         memory.retain(|frame| frame % 2 == 1);
         assert_eq!((memory.frames(), memory.bytes()), (&[1, 3, 5][..], 2 + 4 + 6));
@@ -186,12 +206,14 @@ mod tests {
     #[test]
     fn the_best_of_many_draws_is_the_best_there_is() {
         let mut memory = Memory::new(Limits { frames: 10, bytes: 100 }, 7);
-        assert_eq!(memory.draw_best(3, |&frame: &i32| f64::from(frame)), None);
+        assert_eq!(memory.draw_best(3), None);
         for frame in [3, 9, 1] {
-            memory.push(frame, 1);
+            memory.push(frame, 1, f64::from(frame));
         }
-        assert_eq!(memory.draw_best(100, |&frame| f64::from(frame)), Some(1));
-        let single: Vec<_> = (0..100).map(|_| memory.draw_best(1, |_| 0.0).unwrap()).collect();
+        assert_eq!(memory.draw_best(100), Some(1));
+        memory.set_score(2, 10.0);
+        assert_eq!(memory.draw_best(100), Some(2));
+        let single: Vec<_> = (0..100).map(|_| memory.draw_best(1).unwrap()).collect();
         assert!((0..3).all(|frame| single.contains(&frame)));
     }
 
@@ -199,7 +221,7 @@ mod tests {
     fn draws_are_even_and_continue_where_they_stood() {
         let mut memory = Memory::new(Limits { frames: 8, bytes: 8 }, 7);
         for frame in 0..8 {
-            memory.push(frame, 1);
+            memory.push(frame, 1, f64::from(frame));
         }
         let mut counts = [0_u32; 8];
         for _ in 0..8000 {
@@ -209,7 +231,7 @@ mod tests {
 
         let mut resumed = Memory::resume(Limits { frames: 8, bytes: 8 }, memory.rng_state());
         for frame in 0..8 {
-            resumed.push(frame, 1);
+            resumed.push(frame, 1, 0.0);
         }
         let draws = |memory: &mut Memory<i32>| (0..50).map(|_| memory.draw()).collect::<Vec<_>>();
         assert_eq!(draws(&mut memory), draws(&mut resumed));

@@ -115,7 +115,7 @@ fn a_replayed_measurement_is_fused_again() {
         for sample in 0..times {
             ekf.correct(rows.points_m(), frame.clone(), Source { touch: 0, sample }).unwrap();
         }
-        assert_eq!(ekf.replay(replays), replays);
+        assert_eq!(ekf.replay(replays).frames, replays);
         (ekf.state(rows.len()).mean, ekf.state(rows.len()).variance)
     };
     // Two measurements and three replays of either are five in all.

@@ -151,8 +151,7 @@ fn millions_of_visits_do_not_wear_z_out() {
     let state = map.state(rows.len());
     let mut afresh = cells_with(&rows, |_| 0.0);
     for (from, alpha) in &state.remembered {
-        let alpha = DVector::from_column_slice(alpha);
-        frames[from.sample as usize].spread(&mut afresh, &alpha, |cell, _, value| {
+        frames[from.sample as usize].spread(&mut afresh, alpha, |cell, _, value| {
             *cell.unknown_mut() += 40.0 * 40.0 * value;
         });
     }

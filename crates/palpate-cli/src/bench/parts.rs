@@ -44,8 +44,10 @@ pub(super) struct Times {
     pub simulator_ms: Vec<f64>,
     /// The update's share of each, ms.
     pub update_ms: Vec<f64>,
-    /// The update of each, by contact and visit, ns.
+    /// The replays of each, by contact visited, ns.
     pub visit_ns: Vec<f64>,
+    /// The whole update of each, by contact visited, ns.
+    pub update_ns: Vec<f64>,
 }
 
 /// Learns all passes on one thread.
@@ -82,18 +84,17 @@ impl Parts {
         })
     }
 
-    /// Folds a frame, predicts, corrects and replays; returns the visits made, the frame's own
-    /// among them.
-    fn update(&mut self, frame: &Frame, source: Source) -> Result<u32, MapperError> {
-        let Some(external) = &frame.external else { return Ok(0) };
+    /// Folds a frame, predicts and corrects; says whether it learnt from it.
+    fn correct(&mut self, frame: &Frame, source: Source) -> Result<bool, MapperError> {
+        let Some(external) = &frame.external else { return Ok(false) };
         if frame.contacts.is_empty() {
             self.estimator.idle();
-            return Ok(0);
+            return Ok(false);
         }
         let (robot, contacts) = (&self.tracker.arm().robot, &frame.contacts);
         let observation = self.folder.fold(robot, &frame.poses, contacts, external);
         self.estimator.correct(self.folder.rows().points_m(), observation, source)?;
-        Ok(1 + self.estimator.replay(self.replays))
+        Ok(true)
     }
 }
 
@@ -109,15 +110,23 @@ impl Learner for Parts {
         let simulated = Instant::now();
         let source = self.next;
         self.next.sample += 1;
-        let visits = self.update(&frame, source)?;
+        if !self.correct(&frame, source)? {
+            return Ok(());
+        }
+        let corrected = Instant::now();
+        let replayed = self.estimator.replay(self.replays);
         let updated = Instant::now();
-        if timed && visits > 0 {
+        if timed {
             let times = &mut self.times;
             let update = updated - simulated;
-            let parts = frame.contacts.len() as f64 * f64::from(visits);
             times.simulator_ms.push(milliseconds(simulated - start));
             times.update_ms.push(milliseconds(update));
-            times.visit_ns.push(nanoseconds(update) / parts);
+            let contacts = frame.contacts.len() as f64 + replayed.contacts as f64;
+            times.update_ns.push(nanoseconds(update) / contacts);
+            if replayed.contacts > 0 {
+                let replays = updated - corrected;
+                times.visit_ns.push(nanoseconds(replays) / replayed.contacts as f64);
+            }
         }
         Ok(())
     }

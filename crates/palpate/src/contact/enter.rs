@@ -7,7 +7,7 @@
 //! still free goes back on the agenda. What a motion costs follows the link's surface and how far
 //! it went, and what is found is the same as if every point had been looked at.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Rotation3, Vector3};
 
 use crate::lattice::{BRICK_EDGE, CellSet, Lattice};
 use crate::sdf::Grid;
@@ -49,6 +49,8 @@ pub(super) struct Look<'a> {
     pub(super) link: usize,
     pub(super) surface: &'a Grid,
     pub(super) pose: &'a Isometry3<f64>,
+    /// The pose's rotation as a matrix, which turns points faster.
+    pub(super) rotation: Rotation3<f64>,
 }
 
 /// A cube of cells, at its first place, of 8, 4, 2 or 1 cells a side.
@@ -188,7 +190,8 @@ impl Look<'_> {
     fn distance(&self, block: Block) -> f64 {
         let half_m = f64::from(block.edge - 1) / 2.0 * self.lattice.spacing_m();
         let middle = self.lattice.point_at(block.low) + Vector3::repeat(half_m);
-        self.surface.distance(&self.pose.inverse_transform_point(&middle))
+        let from_origin = middle.coords - self.pose.translation.vector;
+        self.surface.distance(&self.rotation.matrix().tr_mul(&from_origin).into())
     }
 
     /// The farthest that a point of a block is from its middle.

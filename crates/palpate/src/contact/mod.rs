@@ -271,7 +271,8 @@ impl Simulator {
             let (Some(surface), pose) = (&self.surfaces[link], &self.poses[link]) else { continue };
             let (lattice, taken) = (&self.lattice, &self.taken);
             let reach_m = self.config.contact_distance_m;
-            let look = enter::Look { lattice, taken, reach_m, link, surface, pose };
+            let rotation = pose.rotation.to_rotation_matrix();
+            let look = enter::Look { lattice, taken, reach_m, link, surface, pose, rotation };
             watch.look(&look, &mut found);
             for place in released {
                 watch.look_at(&look, *place, &mut found);

@@ -87,7 +87,7 @@ impl Grid {
             return f64::from(self.cell(&scaled).value());
         }
         let (cell, excess) = self.nearest_cell(&scaled);
-        f64::from(cell.value()).hypot(excess.norm())
+        (f64::from(cell.value()).powi(2) + excess.norm_squared()).sqrt()
     }
 
     /// [`Grid::distance`], and the unit vector that points away from the surface.
@@ -108,7 +108,7 @@ impl Grid {
         // Beyond the grid only the slope along its faces counts: φ(c) does not change across them.
         let along = Vector3::from_fn(|i, _| if excess[i] == 0.0 { slope[i] } else { 0.0 });
         let uphill = inner * self.cells_per_m * along + excess;
-        (inner.hypot(excess.norm()), self.unit(uphill, point_link))
+        ((inner * inner + excess.norm_squared()).sqrt(), self.unit(uphill, point_link))
     }
 
     /// A box around the surface and everything inside it, in the link frame: lowest and highest

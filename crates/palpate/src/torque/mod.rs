@@ -24,6 +24,8 @@ mod lanes;
 use nalgebra::{DMatrix, DVector, DVectorView, Matrix6, Matrix6xX, Point3, Vector3, Vector6};
 use pulp::bytemuck::{cast, cast_slice};
 
+use lanes::Registers;
+
 use crate::contact::Contacts;
 use crate::lattice::{CellRows, RowsOfRuns};
 use crate::robot::{LinkId, Poses, Robot};
@@ -219,6 +221,11 @@ impl Observation {
         DVectorView::from_slice(&self.stream[..self.n_joints], self.n_joints)
     }
 
+    /// Joints whose torque it explains.
+    pub fn n_joints(&self) -> usize {
+        self.n_joints
+    }
+
     /// Contacts of the frame.
     pub fn n_contacts(&self) -> usize {
         self.n_contacts
@@ -261,10 +268,11 @@ impl Observation {
     ///
     /// `cells` are the touched cells by row.
     pub fn predict(&self, cells: &[Cell], stiffness: Stiffness) -> DVector<f64> {
+        let registers = Registers::best();
         let mut tau = DVector::zeros(self.n_joints);
         for Run { spatial, contacts } in self.runs() {
             let sum = lanes::Wrench { cells, stiffness, sums: [lanes::ZERO; 6] };
-            let [fx, fy, fz, mx, my, mz] = lanes::run(contacts, sum);
+            let [fx, fy, fz, mx, my, mz] = registers.run(contacts, sum);
             for (torque, [lx, ly, lz, ax, ay, az]) in tau.iter_mut().zip(spatial) {
                 *torque += (lx * fx + ly * fy + lz * fz) + (ax * mx + ay * my + az * mz);
             }
@@ -274,10 +282,11 @@ impl Observation {
 
     /// `H S Hᵀ` for a diagonal S, n × n, (N·m)²; `variance` gives S of a row, (N/m)².
     pub fn gram(&self, cells: &[Cell], variance: impl Fn(usize) -> f64) -> DMatrix<f64> {
+        let registers = Registers::best();
         let mut gram = DMatrix::zeros(self.n_joints, self.n_joints);
         for run in self.runs() {
             let sums = [lanes::ZERO; lanes::TRIANGLE];
-            let sum = lanes::run(run.contacts, lanes::Gram { cells, weight: &variance, sums });
+            let sum = registers.run(run.contacts, lanes::Gram { cells, weight: &variance, sums });
             let wrenches = Matrix6::from_fn(|i, j| sum[lanes::entry(i.max(j), i.min(j))]);
             let spatial = run.matrix();
             gram += spatial.transpose() * (wrenches * &spatial);
@@ -291,17 +300,19 @@ impl Observation {
     pub fn spread(
         &self,
         cells: &mut [Cell],
-        d: &DVector<f64>,
+        d: &[f64],
         mut take: impl FnMut(&mut Cell, usize, f64),
     ) {
+        let registers = Registers::best();
         for run in self.runs() {
-            let (cells, twist) = (&mut *cells, run.twist(d.as_slice()));
-            lanes::run(run.contacts, lanes::Spread { cells, twist, take: &mut take });
+            let (cells, twist) = (&mut *cells, run.twist(d));
+            registers.run(run.contacts, lanes::Spread { cells, twist, take: &mut take });
         }
     }
 
     /// `wᵢᵀ M wᵢ` of every contact for a symmetric M (n × n): `take` gets its row and the value.
     pub fn quadratic(&self, cells: &[Cell], m: &DMatrix<f64>, mut take: impl FnMut(usize, f64)) {
+        let registers = Registers::best();
         for run in self.runs() {
             let spatial = run.matrix();
             let on_wrenches = &spatial * m * spatial.transpose();
@@ -312,7 +323,7 @@ impl Observation {
                     form[lanes::entry(i, j)] = twice * on_wrenches[(i, j)];
                 }
             }
-            lanes::run(run.contacts, lanes::Quadratic { cells, form, take: &mut take });
+            registers.run(run.contacts, lanes::Quadratic { cells, form, take: &mut take });
         }
     }
 
