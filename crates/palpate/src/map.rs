@@ -63,6 +63,12 @@ impl Frame {
         &self.numbers[..self.observation.n_joints()]
     }
 
+    /// Brings the frame closer before its visit.
+    fn fetch(&self) {
+        std::hint::black_box(self.numbers.first().copied());
+        self.observation.fetch();
+    }
+
     /// Memory that the frame holds.
     fn bytes(&self) -> usize {
         size_of::<Self>() + self.observation.bytes() + size_of_val(&*self.numbers)
@@ -101,7 +107,6 @@ impl Belief {
     /// Solves one frame's own condition; returns r·d, by how much it contradicted the belief in
     /// units of what noise does.
     fn visit(&mut self, frame: &mut Frame) -> f64 {
-        frame.observation.fetch();
         let residual = self.residual(frame);
         let n_joints = residual.len();
         let (alpha, gain) = frame.numbers.split_at_mut(n_joints);
@@ -236,6 +241,15 @@ impl MapEstimator {
         ])
     }
 
+    /// Draws the frame of a visit, and asks memory for it while the one before is at work.
+    ///
+    /// Chance sees to it that every frame comes back; between, those that contradict most.
+    fn draw_ahead(&mut self, visit: u32) -> Option<usize> {
+        let index = self.memory.draw_best(if visit.is_multiple_of(2) { 1 } else { TRIES })?;
+        self.memory.frames()[index].fetch();
+        Some(index)
+    }
+
     /// Remembers a frame and by how much it contradicted the belief; whoever leaves for it is
     /// frozen: its share of z stays.
     fn remember(&mut self, frame: Frame, contradiction: f64) {
@@ -291,10 +305,10 @@ impl Estimator for MapEstimator {
 
     fn replay(&mut self, visits: u32) -> Replayed {
         let mut replayed = Replayed::default();
+        let mut next = self.draw_ahead(0);
         for visit in 0..visits {
-            // Chance sees to it that every frame comes back; between, those that contradict most.
-            let tries = if visit % 2 == 0 { 1 } else { TRIES };
-            let Some(index) = self.memory.draw_best(tries) else { break };
+            let Some(index) = next else { break };
+            next = if visit + 1 < visits { self.draw_ahead(visit + 1) } else { None };
             let frame = &mut self.memory.frames_mut()[index];
             replayed.add(&frame.observation);
             let contradiction = self.belief.visit(frame);

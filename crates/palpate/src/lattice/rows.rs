@@ -87,6 +87,8 @@ pub struct RowsOfRuns {
 struct Run {
     cells: Vec<CellId>,
     rows: Vec<u32>,
+    /// The rows before those, whose memory is used again.
+    last_rows: Vec<u32>,
 }
 
 impl RowsOfRuns {
@@ -100,13 +102,14 @@ impl RowsOfRuns {
             self.runs.resize(run + 1, Run::default());
         }
         let run = &mut self.runs[run];
-        let old = std::mem::take(run);
-        let mut stayed = old.cells.iter().zip(old.rows);
-        run.rows.reserve(cells.len());
-        for &cell in cells {
-            let known = stayed.find(|(old, _)| **old == cell).map(|(_, row)| row);
-            run.rows.push(known.unwrap_or_else(|| rows.row_of(cell)));
-        }
+        std::mem::swap(&mut run.rows, &mut run.last_rows);
+        let mut stayed = run.cells.iter().zip(&run.last_rows);
+        run.rows.clear();
+        run.rows.extend(cells.iter().map(|&cell| {
+            let known = stayed.find(|(old, _)| **old == cell).map(|(_, &row)| row);
+            known.unwrap_or_else(|| rows.row_of(cell))
+        }));
+        run.cells.clear();
         run.cells.extend_from_slice(cells);
         &run.rows
     }

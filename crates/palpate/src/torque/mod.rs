@@ -182,9 +182,10 @@ impl Folder {
             stream.push(link.cells.len() as f64);
             stream.extend_from_slice(robot.spatial_jacobian(poses, link.link).as_slice());
             let rows = self.runs.follow(link.link.index(), &link.cells, &mut self.rows);
-            let contacts = link.displacements_m.iter().zip(rows);
-            stream
-                .extend(contacts.flat_map(|(&u, &row)| cast::<_, [f64; CONTACT]>(contact(u, row))));
+            for (&displacement_m, &row) in link.displacements_m.iter().zip(rows) {
+                let numbers: [f64; CONTACT] = cast(contact(displacement_m, row));
+                stream.extend_from_slice(&numbers);
+            }
         }
         Observation { stream, n_joints, n_contacts }
     }
