@@ -70,7 +70,7 @@ fn check(figures: &Value) {
     let ratio = number(figures, "ns_per_visit") / floor;
     assert!((number(figures, "floor_ratio") / ratio - 1.0).abs() < 1e-9);
     let frame_only = number(figures, "floor.frame_only_ns_per_visit") / floor;
-    assert!((frame_only - 16.0 / 44.0).abs() < 1e-9);
+    assert!((frame_only - 16.0 / 56.0).abs() < 1e-9);
 
     if cfg!(target_os = "linux") {
         let peak = number(figures, "peak_memory_mib");
@@ -123,7 +123,7 @@ fn without_a_log_the_bundled_touches_are_learnt_and_called_simulated() {
     check(&figures);
     assert_eq!((&figures["simulated"], number(&figures, "touches")), (&Value::Bool(true), 1.0));
     let text = succeed(&mut bundled(&[]));
-    for word in ["simulated", "steps a second", "44 bytes", "peak memory", "tare is known"] {
+    for word in ["simulated", "steps a second", "56 bytes", "peak memory", "tare is known"] {
         assert!(text.contains(word), "{word}: {text}");
     }
 }

@@ -61,7 +61,7 @@ The log is learnt once before the clock starts (--warm-passes), so that memory i
 use, and once with the clock running (--passes). Timed are the steps whose tare is known and which
 touch something. The whole step is timed as a user runs it; its two parts, the simulator and the
 update with its replays, are timed on one thread. A visit of one contact is compared with what
-moving its 44 bytes takes at the memory bandwidth of one thread, measured in the same run.
+moving its 56 bytes takes at the memory bandwidth of one thread, measured in the same run.
 
 With --sweep every row is a process of its own on the first 3 touches of the log (--touches), so
 that its peak of memory is its own.
