@@ -9,10 +9,10 @@ use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
 
 use crate::error::CliError;
-use crate::interrupt;
 use crate::output::Output;
 use crate::pace::Pace;
 use crate::touches::{Moment, Touches};
+use crate::{interrupt, pool};
 
 /// What one touch gave.
 #[derive(Debug, Clone, Serialize)]
@@ -94,6 +94,21 @@ impl Tally {
 pub(crate) fn learn(
     mapper: &mut Mapper,
     touches: &mut Touches,
+    pace: Option<&mut Pace>,
+    output: &Output,
+) -> Result<Tally, CliError> {
+    let tally = pool::on_a_worker(|| feed(mapper, touches, pace, output))?;
+    if tally.interrupted.is_none() {
+        touches.tell_warnings(output);
+        tell_oddities(&tally, output);
+    }
+    Ok(tally)
+}
+
+/// The loop over all samples, which calls [`Mapper::step`] in a row.
+fn feed(
+    mapper: &mut Mapper,
+    touches: &mut Touches,
     mut pace: Option<&mut Pace>,
     output: &Output,
 ) -> Result<Tally, CliError> {
@@ -125,8 +140,6 @@ pub(crate) fn learn(
     }
     finish_touch(mapper, &tally)?;
     bar.finish_and_clear();
-    touches.tell_warnings(output);
-    tell_oddities(&tally, output);
     Ok(tally)
 }
 

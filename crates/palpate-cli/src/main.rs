@@ -16,6 +16,7 @@ mod output;
 mod pace;
 mod picture;
 mod place;
+mod pool;
 mod predict;
 mod quantile;
 mod robot;

@@ -70,7 +70,7 @@ fn check(figures: &Value) {
     let ratio = number(figures, "update_ns_per_visit") / floor;
     assert!((number(figures, "floor_ratio") / ratio - 1.0).abs() < 1e-9);
     let frame_only = number(figures, "floor.frame_only_ns_per_visit") / floor;
-    assert!((frame_only - 16.0 / 44.0).abs() < 1e-9);
+    assert!((frame_only - 16.0 / 56.0).abs() < 1e-9);
 
     if cfg!(target_os = "linux") {
         let peak = number(figures, "peak_memory_mib");
@@ -123,7 +123,7 @@ fn without_a_log_the_bundled_touches_are_learnt_and_called_simulated() {
     check(&figures);
     assert_eq!((&figures["simulated"], number(&figures, "touches")), (&Value::Bool(true), 1.0));
     let text = succeed(&mut bundled(&[]));
-    for word in ["simulated", "steps a second", "44 bytes", "peak memory", "tare is known"] {
+    for word in ["simulated", "steps a second", "56 bytes", "peak memory", "tare is known"] {
         assert!(text.contains(word), "{word}: {text}");
     }
 }
@@ -138,6 +138,9 @@ fn what_cannot_be_measured_is_refused_with_a_remedy() {
     refuse(&mut bench(&scene, &["nowhere"], &[]), 1, &["nowhere"]);
     refuse(&mut bench(&scene, &["log"], &["--passes", "0"]), 2, &["--passes", "'0'"]);
     refuse(&mut bench(&scene, &["log"], &["--touches", "0"]), 2, &["--touches", "'0'"]);
+    let no_rounds = ["--sweep", "cells", "--rounds", "0"];
+    refuse(&mut bench(&scene, &["log"], &no_rounds), 2, &["--rounds", "'0'"]);
+    refuse(&mut bench(&scene, &["log"], &["--rounds", "2"]), 2, &["--sweep"]);
     refuse(&mut bench(&scene, &["log"], &["--sweep", "time"]), 2, &["--sweep", "worlds", "cells"]);
     scene.arrays("bad", &[[0.0, f64::NAN]; 9], &[[0.0; 2]; 9]);
     refuse(&mut bench(&scene, &["bad"], &[]), 1, &["bad"]);
@@ -146,11 +149,12 @@ fn what_cannot_be_measured_is_refused_with_a_remedy() {
 #[test]
 fn sweeps_measure_every_lattice_in_its_own_process() {
     let scene = Scene::new();
-    let more = ["--sweep", "worlds,cells", "--touches", "1", "--replays", "2"];
+    let more = ["--sweep", "worlds,cells", "--touches", "1", "--replays", "2", "--rounds", "1"];
     let figures = json(bench(&scene, &["log"], &more).arg("--json"));
     check(&figures);
     check(&figures["sweep_base"]);
     assert_eq!(figures["sweep_base"]["shape"], figures["shape"]);
+    assert!(figures.get("rounds").is_none(), "only rows are measured in rounds");
 
     let worlds = figures["worlds"].as_array().unwrap();
     worlds.iter().for_each(check);
@@ -176,10 +180,28 @@ fn sweeps_measure_every_lattice_in_its_own_process() {
 #[test]
 fn a_sweep_is_told_as_a_table_that_ends_with_the_configuration_itself() {
     let scene = Scene::new();
-    let more = ["--sweep", "worlds", "--touches", "1", "--replays", "2"];
+    let more = ["--sweep", "worlds", "--touches", "1", "--replays", "2", "--rounds", "2"];
     let text = succeed(&mut bench(&scene, &["log"], &more));
+    assert!(text.contains("Every row was measured 2 times"), "{text}");
     let table: Vec<&str> = text.lines().skip_while(|line| !line.contains("µs/contact")).collect();
     assert_eq!(table.len(), 8, "{text}");
     assert!(table[5].starts_with("1000 ") && table[7].starts_with("80 "), "{text}");
     assert!(table[7].ends_with(" 1.00"), "{text}");
+}
+
+#[test]
+fn a_row_is_the_round_with_the_middle_median_and_names_all_of_them() {
+    let scene = Scene::new();
+    let more = ["--sweep", "worlds", "--touches", "1", "--warm-passes", "0", "--replays", "1"];
+    let mut command = bench(&scene, &["log"], &more);
+    let figures = json(command.args(["--rounds", "3", "--json"]));
+    let rows = figures["worlds"].as_array().unwrap();
+    for row in rows.iter().chain([&figures["sweep_base"]]) {
+        check(row);
+        let rounds = row["rounds"].as_array().unwrap().iter().map(|round| round.as_f64().unwrap());
+        let mut rounds: Vec<f64> = rounds.collect();
+        rounds.sort_by(f64::total_cmp);
+        assert_eq!(rounds.len(), 3);
+        assert_eq!(rounds[1], number(row, "step_ms.median"), "{rounds:?}");
+    }
 }

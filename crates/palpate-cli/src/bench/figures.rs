@@ -3,7 +3,7 @@
 use palpate::estimator::Method;
 use serde::{Deserialize, Serialize};
 
-use super::floor::Floor;
+use super::floor::{Floor, VISIT_BYTES, VISIT_FLOP};
 use super::parts::Times;
 use super::whole::Measured;
 use super::{Bench, Logs};
@@ -174,7 +174,7 @@ impl Figures {
             (
                 "the least that memory allows",
                 format!(
-                    "{:.2} ns: 44 bytes at {:.1} GB/s ({:.2} ns if only the frame moves)",
+                    "{:.2} ns: {VISIT_BYTES} bytes at {:.1} GB/s ({:.2} ns if only the frame moves)",
                     floor.ns_per_visit, floor.bandwidth_gb_per_s, floor.frame_only_ns_per_visit
                 ),
             ),
@@ -182,7 +182,7 @@ impl Figures {
             (
                 "the least that arithmetic allows",
                 format!(
-                    "{:.2} ns: 44 operations at {:.1} Gflop/s",
+                    "{:.2} ns: {VISIT_FLOP} operations at {:.1} Gflop/s",
                     floor.arithmetic_ns_per_visit, floor.gflop_per_s
                 ),
             ),

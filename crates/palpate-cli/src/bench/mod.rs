@@ -9,6 +9,7 @@
 //! | `peak`      | the most memory the process has held                                     |
 //! | `figures`   | all of it, as JSON and as text                                           |
 //! | `sweep`     | the same for worlds and cells of other sizes, each in its own process    |
+//! | `rounds`    | rows of a sweep measured several times, and the middle of each           |
 //! | `child`     | such a process, and how it ends                                          |
 //!
 //! # Protocol
@@ -28,6 +29,7 @@ mod floor;
 mod parts;
 mod peak;
 mod recording;
+mod rounds;
 mod sweep;
 mod whole;
 
@@ -61,10 +63,12 @@ The log is learnt once before the clock starts (--warm-passes), so that memory i
 use, and once with the clock running (--passes). Timed are the steps whose tare is known and which
 touch something. The whole step is timed as a user runs it; its two parts, the simulator and the
 update with its replays, are timed on one thread. A visit of one contact is compared with what
-moving its 44 bytes takes at the memory bandwidth of one thread, measured in the same run.
+moving its 56 bytes takes at the memory bandwidth of one thread, measured in the same run.
 
 With --sweep every row is a process of its own on the first 3 touches of the log (--touches), so
-that its peak of memory is its own.
+that its peak of memory is its own. All rows are measured 3 times (--rounds), one after the other
+and then again, so that noise spreads evenly; told of each is the round whose step had the middle
+median.
 
 With --rate the passes take real time. Timed is then the step without replays, and reported is how
 many replays fitted into what it left; that depends on the machine. The parts are measured with
@@ -90,6 +94,10 @@ pub(crate) struct Args {
     /// cells of 2.4 to 0.5 cm in the same box
     #[arg(long, value_name = "WHAT", value_delimiter = ',')]
     sweep: Vec<Sweep>,
+    /// How often every row of a sweep is measured; the round with the middle median is told
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = at_least_one(),
+          requires = "sweep")]
+    rounds: u32,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,

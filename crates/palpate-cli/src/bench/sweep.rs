@@ -7,7 +7,8 @@
 //!
 //! Every row is a run of this program in its own process, one after the other, so that memory is
 //! its own and nothing shares the machine with it. The first row is the configuration itself on
-//! the same touches; the others are held against it by their time per contact.
+//! the same touches; the others are held against it by their time per contact. All rows are
+//! measured `--rounds` times, and each counts by its middle run ([`super::rounds`]).
 
 use std::process::Command;
 
@@ -15,6 +16,7 @@ use palpate::lattice::Lattice;
 use serde::Serialize;
 
 use super::figures::Figures;
+use super::rounds::{self, Row};
 use super::whole::Touched;
 use super::{Bench, child};
 use crate::error::CliError;
@@ -51,11 +53,11 @@ pub(super) struct Plan {
 pub(super) struct Sweeps {
     /// The configuration itself on the same touches.
     #[serde(skip_serializing_if = "Option::is_none")]
-    sweep_base: Option<Figures>,
+    sweep_base: Option<Row>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    worlds: Option<Vec<Figures>>,
+    worlds: Option<Vec<Row>>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    cells: Option<Vec<Figures>>,
+    cells: Option<Vec<Row>>,
 }
 
 impl Plan {
@@ -80,29 +82,17 @@ impl Plan {
         let worlds = self.worlds.then(|| WORLDS.map(|points| world(base, touched, points)));
         let worlds: Option<Vec<Lattice>> =
             worlds.map(|worlds| worlds.into_iter().collect::<Result<_, _>>()).transpose()?;
-        let rows = worlds.iter().chain(&self.cells).map(Vec::len).sum::<usize>();
-        if rows == 0 {
+        if worlds.is_none() && self.cells.is_none() {
             return Ok(Sweeps::default());
         }
-        let bar = output.progress_of(Some(1 + rows as u64), "rows", "sweeping");
-        let measure = |lattice: &Lattice| {
-            let name = name(lattice);
-            if bar.is_hidden() {
-                output.note(&format!("measuring {name}"));
-            }
-            bar.set_message(name.clone());
-            let figures = row(bench, settings, lattice, (&name, &|| bar.tick()));
-            bar.inc(1);
-            figures
-        };
-        let all = |lattices: &Option<Vec<Lattice>>| {
-            let rows = lattices.as_ref().map(|rows| rows.iter().map(measure).collect());
-            rows.transpose()
-        };
-        let sweep_base = Some(measure(base)?);
-        let sweeps = Sweeps { sweep_base, worlds: all(&worlds)?, cells: all(&self.cells)? };
-        bar.finish_and_clear();
-        Ok(sweeps)
+        let varied = worlds.iter().chain(&self.cells).flatten();
+        let lattices: Vec<Lattice> = std::iter::once(base).chain(varied).cloned().collect();
+        let mut rows = measure(bench, settings, &lattices, output)?.into_iter();
+        // They come back in the order in which they were put together.
+        let sweep_base = rows.next();
+        let mut take = |lattices: &Vec<Lattice>| rows.by_ref().take(lattices.len()).collect();
+        let worlds = worlds.as_ref().map(&mut take);
+        Ok(Sweeps { sweep_base, worlds, cells: self.cells.as_ref().map(&mut take) })
     }
 }
 
@@ -117,8 +107,32 @@ fn world(base: &Lattice, touched: &Touched, points: u32) -> Result<Lattice, Sett
     Ok(Lattice::new(origin_m, spacing_m, [points; 3])?)
 }
 
-/// One row, measured in a process of its own.
-fn row(
+/// The rows of some lattices, measured in rounds.
+fn measure(
+    bench: &Bench<'_>,
+    settings: &Settings,
+    lattices: &[Lattice],
+    output: &Output,
+) -> Result<Vec<Row>, CliError> {
+    let rounds = bench.args.rounds;
+    let all = lattices.len() as u64 * u64::from(rounds);
+    let bar = output.progress_of(Some(all), "runs", "sweeping");
+    let runs = rounds::measure(rounds, lattices, |round, lattice| {
+        let name = format!("{}, round {round} of {rounds}", name(lattice));
+        if bar.is_hidden() {
+            output.note(&format!("measuring {name}"));
+        }
+        bar.set_message(name.clone());
+        let figures = run(bench, settings, lattice, (&name, &|| bar.tick()));
+        bar.inc(1);
+        figures
+    })?;
+    bar.finish_and_clear();
+    Ok(runs.into_iter().map(Row::middle_of).collect())
+}
+
+/// One run of a row, in a process of its own.
+fn run(
     bench: &Bench<'_>,
     settings: &Settings,
     lattice: &Lattice,
@@ -184,13 +198,22 @@ impl Sweeps {
             (&self.cells, "Cells in the same box"),
         ] {
             let Some(rows) = rows else { continue };
-            let touches =
-                if base.touches == 1 { "1 touch" } else { &format!("{} touches", base.touches) };
+            let touches = match base.figures.touches {
+                1 => "1 touch".to_owned(),
+                n => format!("{n} touches"),
+            };
+            let rounds = match base.rounds.len() {
+                1 => "Every row was measured once.".to_owned(),
+                n => format!(
+                    "Every row was measured {n} times, in rounds\n\
+                     over all rows; told is the round whose step has the middle median."
+                ),
+            };
             text += &format!(
                 "\n{what}, {touches}. The last row is the configuration\nitself; the ratio is that \
-                 of the times per contact to it.\n\n"
+                 of the times per contact to it. {rounds}\n\n"
             );
-            text += &told(base, rows);
+            text += &table_of(base, rows);
         }
         text
     }
@@ -221,21 +244,22 @@ const HEADS: [&str; 12] = [
 ];
 
 /// A table of rows, the base at its end.
-fn told(base: &Figures, rows: &[Figures]) -> String {
-    let line = |row: &Figures| {
+fn table_of(base: &Row, rows: &[Row]) -> String {
+    let base_us = base.figures.us_per_contact();
+    let line = |Row { figures, .. }: &Row| {
         vec![
-            sides(row.shape),
-            format!("{:.2}", 1e2 * row.spacing_m),
-            format!("{:.0}", row.contacts),
-            format!("{:.3}", row.step_ms.median),
-            format!("{:.3}", row.step_ms.p99),
-            format!("{:.3}", row.us_per_contact()),
-            format!("{:.3}", row.simulator_ms),
-            format!("{:.3}", row.update_ms),
-            format!("{:.2}", row.ns_per_visit),
-            row.peak(),
-            row.cells_touched.to_string(),
-            format!("{:.2}", row.us_per_contact() / base.us_per_contact()),
+            sides(figures.shape),
+            format!("{:.2}", 1e2 * figures.spacing_m),
+            format!("{:.0}", figures.contacts),
+            format!("{:.3}", figures.step_ms.median),
+            format!("{:.3}", figures.step_ms.p99),
+            format!("{:.3}", figures.us_per_contact()),
+            format!("{:.3}", figures.simulator_ms),
+            format!("{:.3}", figures.update_ms),
+            format!("{:.2}", figures.ns_per_visit),
+            figures.peak(),
+            figures.cells_touched.to_string(),
+            format!("{:.2}", figures.us_per_contact() / base_us),
         ]
     };
     let mut lines = vec![HEADS.map(str::to_owned).to_vec()];

@@ -1,0 +1,76 @@
+//! Rows measured several times, in rounds over all of them.
+//!
+//! A machine that does other things too is slow for seconds at a time. Measuring a row several
+//! times in a row would leave all of its runs in one such spell; in rounds every row gets its share
+//! of them, and its middle run is the one that they changed least.
+
+use serde::Serialize;
+
+use super::figures::Figures;
+
+/// What was found of one row.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Row {
+    /// The run whose step median is the middle one.
+    #[serde(flatten)]
+    pub figures: Figures,
+    /// Step medians of all its runs, in the order of the rounds, ms.
+    pub rounds: Vec<f64>,
+}
+
+impl Row {
+    /// The middle of some runs, of which there is at least one.
+    pub(super) fn middle_of(mut runs: Vec<Figures>) -> Self {
+        let rounds: Vec<f64> = runs.iter().map(|run| run.step_ms.median).collect();
+        Self { figures: runs.swap_remove(middle(&rounds)), rounds }
+    }
+}
+
+/// Runs `once` for every row, then for every row again, and so on; returns the runs of each row.
+///
+/// `once` is told the number of the round, from 1.
+pub(super) fn measure<L, F, E>(
+    rounds: u32,
+    rows: &[L],
+    mut once: impl FnMut(u32, &L) -> Result<F, E>,
+) -> Result<Vec<Vec<F>>, E> {
+    let mut runs: Vec<Vec<F>> = rows.iter().map(|_| Vec::new()).collect();
+    for round in 1..=rounds {
+        for (row, runs) in rows.iter().zip(&mut runs) {
+            runs.push(once(round, row)?);
+        }
+    }
+    Ok(runs)
+}
+
+/// Where the middle of some numbers stands; the lower one if two are in the middle.
+fn middle(numbers: &[f64]) -> usize {
+    let mut places: Vec<usize> = (0..numbers.len()).collect();
+    places.sort_by(|&a, &b| numbers[a].total_cmp(&numbers[b]));
+    places[(numbers.len() - 1) / 2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_middle_is_the_run_with_as_many_below_as_above() {
+        assert_eq!(middle(&[7.0]), 0);
+        assert_eq!(middle(&[3.0, 1.0, 2.0]), 2);
+        assert_eq!(middle(&[9.0, 2.0]), 1);
+        assert_eq!(middle(&[5.0, 4.0, 1.0, 3.0, 2.0]), 3);
+    }
+
+    #[test]
+    fn every_round_takes_all_rows_before_the_next_begins() {
+        let mut order = Vec::new();
+        let runs = measure(2, &["a", "b"], |round, row| {
+            order.push(format!("{row}{round}"));
+            Ok::<_, ()>(order.len())
+        });
+        assert_eq!(runs, Ok(vec![vec![1, 3], vec![2, 4]]));
+        assert_eq!(order, ["a1", "b1", "a2", "b2"]);
+        assert_eq!(measure(3, &[1, 2], |_, &row| if row == 2 { Err(row) } else { Ok(()) }), Err(2));
+    }
+}
