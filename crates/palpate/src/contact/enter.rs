@@ -157,13 +157,16 @@ impl Watch {
     fn visit(&mut self, look: &Look<'_>, block: Block, found: &mut Vec<Entered>) {
         let Block { low, edge } = block;
         let shape = look.lattice.shape();
-        if (0..3).any(|axis| low[axis] >= shape[axis]) || look.taken.holds_cube(low, edge) {
+        if (0..3).any(|axis| low[axis] >= shape[axis]) {
             return;
         }
         let distance_m = look.distance(block);
         let free_m = (distance_m - look.reach_m) / LIPSCHITZ - look.radius_m(block);
         if free_m > 0.0 || (edge == 1 && distance_m >= look.reach_m) {
             return self.put_off(block, free_m);
+        }
+        if look.taken.holds_cube(low, edge) {
+            return;
         }
         if edge == 1 {
             return found.push(Entered { place: low, link: look.link, distance_m });
