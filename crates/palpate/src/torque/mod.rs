@@ -288,9 +288,14 @@ impl Observation {
         for run in self.runs() {
             let sums = [lanes::ZERO; lanes::TRIANGLE];
             let sum = registers.run(run.contacts, lanes::Gram { cells, weight: &variance, sums });
+            // Sᵀ W S, column by column: too small for the machinery of large products.
             let wrenches = Matrix6::from_fn(|i, j| sum[lanes::entry(i.max(j), i.min(j))]);
-            let spatial = run.matrix();
-            gram += spatial.transpose() * (wrenches * &spatial);
+            for (j, column) in run.spatial.iter().enumerate() {
+                let pushed = wrenches * Vector6::from(*column);
+                for (i, other) in run.spatial.iter().enumerate() {
+                    gram[(i, j)] += Vector6::from(*other).dot(&pushed);
+                }
+            }
         }
         gram
     }
@@ -315,8 +320,13 @@ impl Observation {
     pub fn quadratic(&self, cells: &[Cell], m: &DMatrix<f64>, mut take: impl FnMut(usize, f64)) {
         let registers = Registers::best();
         for run in self.runs() {
-            let spatial = run.matrix();
-            let on_wrenches = &spatial * m * spatial.transpose();
+            // S M Sᵀ, as a sum over joints.
+            let mut on_wrenches = Matrix6::zeros();
+            for (j, column) in run.spatial.iter().enumerate() {
+                let row = m.column(j);
+                let turned = Vector6::from(run.twist(row.as_slice()));
+                on_wrenches += turned * Vector6::from(*column).transpose();
+            }
             let mut form = [0.0; lanes::TRIANGLE];
             for i in 0..6 {
                 for j in 0..=i {
