@@ -25,7 +25,7 @@ pub(super) struct Entered {
 const LIPSCHITZ: f64 = 1.1;
 
 /// How far a link may travel before its agenda is written anew; blocks due later are left out.
-const HORIZON_M: f64 = 0.04;
+const HORIZON_M: f64 = 0.02;
 
 /// Travel that shares a page of the agenda.
 const PAGE_M: f64 = 0.001;
