@@ -319,3 +319,68 @@ impl<T: FnMut(usize, f64)> Sum for Quadratic<'_, T> {
 
 /// Nothing added up yet.
 pub(super) const ZERO: f64x4 = f64x4(0.0, 0.0, 0.0, 0.0);
+
+#[cfg(test)]
+mod tests {
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::{Rng, SeedableRng};
+
+    use super::*;
+
+    /// Contacts that do not fill the last block, on cells of both signs.
+    fn frame() -> (Vec<Contact>, Vec<Cell>) {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut uniform = || 2.0 * f64::from(rng.next_u32()) / f64::from(u32::MAX) - 1.0;
+        let cells: Vec<Cell> =
+            (0..50).map(|_| Cell::new([uniform(), uniform(), uniform()], uniform())).collect();
+        let contacts = (0..43).map(|row| contact([(); 3].map(|()| uniform() as f32), row + 3));
+        (contacts.collect(), cells)
+    }
+
+    /// Whatever runs a sum.
+    trait Runs {
+        fn run<T: Sum>(&self, contacts: &[Contact], sum: T) -> T::Output;
+    }
+
+    struct Best;
+
+    impl Runs for Best {
+        fn run<T: Sum>(&self, contacts: &[Contact], sum: T) -> T::Output {
+            Registers::best().run(contacts, sum)
+        }
+    }
+
+    struct Plain;
+
+    impl Runs for Plain {
+        fn run<T: Sum>(&self, contacts: &[Contact], sum: T) -> T::Output {
+            run_on(Scalar256b, contacts, sum)
+        }
+    }
+
+    /// The bits of everything that the sums give.
+    fn all_sums(registers: &impl Runs) -> Vec<u64> {
+        let (contacts, mut cells) = frame();
+        let mut out = Vec::new();
+        for stiffness in [Stiffness::Positive, Stiffness::Magnitude] {
+            let sum = Wrench { cells: &cells, stiffness, sums: [ZERO; 6] };
+            out.extend(registers.run(&contacts, sum));
+        }
+        let weight = |row: usize| 1.0 + row as f64;
+        let gram = Gram { cells: &cells, weight, sums: [ZERO; TRIANGLE] };
+        out.extend(registers.run(&contacts, gram));
+        let form = std::array::from_fn(|entry| 0.1 * entry as f64 - 0.7);
+        let take = |row: usize, value: f64| out.extend([row as f64, value]);
+        registers.run(&contacts, Quadratic { cells: &cells, form, take });
+        let twist = [0.3, -0.2, 0.5, 0.7, -0.9, 0.1];
+        let take = |cell: &mut Cell, _: usize, value: f64| *cell.unknown_mut() += value;
+        registers.run(&contacts, Spread { cells: &mut cells, twist, take });
+        out.extend(cells.iter().map(Cell::unknown));
+        out.iter().map(|number| number.to_bits()).collect()
+    }
+
+    #[test]
+    fn wide_registers_give_the_same_bits_as_plain_numbers() {
+        assert_eq!(all_sums(&Best), all_sums(&Plain));
+    }
+}

@@ -12,7 +12,7 @@
 //! |-------|--------------------------|-------------------------------|----------|---------|
 //! | Eq. 2 | [`lever`]                | `w = −J(q, p+u)ᵀ u`           | n_joints | m²      |
 //! | Eq. 5 | [`Observation::predict`] | `τ̂ = Σ wᵢ Kᵢ`                | n_joints | N·m     |
-//! |       | [`Observation::grams`]   | `H S Hᵀ`, S diagonal          | n × n    | (N·m)²  |
+//! |       | [`Observation::gram`]    | `H S Hᵀ`, S diagonal          | n × n    | (N·m)²  |
 //! |       | [`Observation::spread`]  | `Hᵀ d`, contact by contact    |          |         |
 //!
 //! Here H is made of levers, without the sign of κ: [`crate::ekf`] adds it. The module knows
