@@ -200,8 +200,9 @@ impl Mapper {
             let robot = &self.tracker.arm().robot;
             let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, &external);
             let points_m = self.folder.rows().points_m();
+            let predicted = self.estimator.correct(points_m, observation, source)?;
             self.replays_due = true;
-            self.estimator.correct(points_m, observation, source)?
+            predicted
         };
         Ok(StepReport { contacts, external: Some(external), predicted: Some(predicted) })
     }

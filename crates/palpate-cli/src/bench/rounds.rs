@@ -24,6 +24,14 @@ impl Row {
         let rounds: Vec<f64> = runs.iter().map(|run| run.step_ms.median).collect();
         Self { figures: runs.swap_remove(middle(&rounds)), rounds }
     }
+
+    /// Time of a step by the points it touches, as a multiple of another row's: the middle one of
+    /// the ratios within each round, in which both met the same machine.
+    pub(super) fn ratio_to(&self, base: &Self) -> f64 {
+        let ratios: Vec<f64> =
+            self.rounds.iter().zip(&base.rounds).map(|(own, base)| own / base).collect();
+        ratios[middle(&ratios)] * base.figures.contacts / self.figures.contacts
+    }
 }
 
 /// Runs `once` for every row, then for every row again, and so on; returns the runs of each row.

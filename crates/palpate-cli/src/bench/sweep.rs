@@ -211,7 +211,7 @@ impl Sweeps {
             };
             text += &format!(
                 "\n{what}, {touches}. The last row is the configuration\nitself; the ratio is that \
-                 of the times per contact to it. {rounds}\n\n"
+                 of the times per contact to it, the middle one of the rounds. {rounds}\n\n"
             );
             text += &table_of(base, rows);
         }
@@ -245,8 +245,8 @@ const HEADS: [&str; 12] = [
 
 /// A table of rows, the base at its end.
 fn table_of(base: &Row, rows: &[Row]) -> String {
-    let base_us = base.figures.us_per_contact();
-    let line = |Row { figures, .. }: &Row| {
+    let line = |row: &Row| {
+        let figures = &row.figures;
         vec![
             sides(figures.shape),
             format!("{:.2}", 1e2 * figures.spacing_m),
@@ -259,7 +259,7 @@ fn table_of(base: &Row, rows: &[Row]) -> String {
             format!("{:.2}", figures.ns_per_visit),
             figures.peak(),
             figures.cells_touched.to_string(),
-            format!("{:.2}", figures.us_per_contact() / base_us),
+            format!("{:.2}", row.ratio_to(base)),
         ]
     };
     let mut lines = vec![HEADS.map(str::to_owned).to_vec()];
