@@ -9,10 +9,10 @@ use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
 
 use crate::error::CliError;
+use crate::interrupt;
 use crate::output::Output;
 use crate::pace::Pace;
 use crate::touches::{Moment, Touches};
-use crate::{interrupt, pool};
 
 /// What one touch gave.
 #[derive(Debug, Clone, Serialize)]
@@ -97,7 +97,7 @@ pub(crate) fn learn(
     pace: Option<&mut Pace>,
     output: &Output,
 ) -> Result<Tally, CliError> {
-    let tally = pool::on_a_worker(|| feed(mapper, touches, pace, output))?;
+    let tally = feed(mapper, touches, pace, output)?;
     if tally.interrupted.is_none() {
         touches.tell_warnings(output);
         tell_oddities(&tally, output);

@@ -16,7 +16,6 @@ mod output;
 mod pace;
 mod picture;
 mod place;
-mod pool;
 mod predict;
 mod quantile;
 mod robot;

@@ -78,8 +78,7 @@ fn step(c: &mut Criterion) {
         let mut running = Running::new(method);
         group.sample_size(20);
         group.bench_function(name, |b| {
-            // On a worker of the pool, as the command runs it: the mapper's joins then cost little.
-            b.iter_custom(|steps| rayon::scope(|_| (0..steps).map(|_| running.step()).sum()));
+            b.iter_custom(|steps| (0..steps).map(|_| running.step()).sum());
         });
         let mut steps = running.steps;
         steps.sort();

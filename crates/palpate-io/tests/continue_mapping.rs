@@ -174,6 +174,8 @@ fn on_two_threads_the_field_is_the_same_to_the_bit_as_on_one() {
             mapper.field()
         };
         let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        assert_eq!(on(1).install(learn), on(2).install(learn), "{method:?}");
+        let serial = on(1).install(learn);
+        assert_eq!(serial, on(2).install(learn), "{method:?}, in a pool");
+        assert_eq!(serial, learn(), "{method:?}, on a thread of the mapper's own");
     }
 }

@@ -31,6 +31,7 @@ pub mod lattice;
 pub mod map;
 pub mod mapper;
 pub mod replay;
+mod replayer;
 pub mod robot;
 pub mod sdf;
 pub mod torque;

@@ -47,31 +47,30 @@ use crate::torque::{Cell, Observation, Stiffness};
 /// A remembered frame with its multiplier.
 #[derive(Debug, Clone)]
 struct Frame {
+    /// With two notes: αₜ (n_joints), then `(HₜS₀Hₜᵀ + R)⁻¹` column by column (n × n).
     observation: Observation,
     source: Source,
-    /// αₜ (n_joints), then `(HₜS₀Hₜᵀ + R)⁻¹` column by column (n × n): one block of memory.
-    numbers: Vec<f64>,
 }
 
 impl Frame {
-    fn new(observation: Observation, source: Source, alpha: &[f64], gain: &DMatrix<f64>) -> Self {
-        Self { observation, source, numbers: [alpha, gain.as_slice()].concat() }
+    fn new(
+        mut observation: Observation,
+        source: Source,
+        alpha: &[f64],
+        gain: &DMatrix<f64>,
+    ) -> Self {
+        observation.note(alpha.iter().chain(gain.iter()).copied());
+        Self { observation, source }
     }
 
     /// αₜ, n_joints.
     fn alpha(&self) -> &[f64] {
-        &self.numbers[..self.observation.n_joints()]
-    }
-
-    /// Brings the frame closer before its visit.
-    fn fetch(&self) {
-        std::hint::black_box(self.numbers.first().copied());
-        self.observation.fetch();
+        &self.observation.notes()[..self.observation.n_joints()]
     }
 
     /// Memory that the frame holds.
     fn bytes(&self) -> usize {
-        size_of::<Self>() + self.observation.bytes() + size_of_val(&*self.numbers)
+        size_of::<Self>() - size_of::<Observation>() + self.observation.bytes()
     }
 }
 
@@ -109,7 +108,7 @@ impl Belief {
     fn visit(&mut self, frame: &mut Frame) -> f64 {
         let residual = self.residual(frame);
         let n_joints = residual.len();
-        let (alpha, gain) = frame.numbers.split_at_mut(n_joints);
+        let (alpha, gain) = frame.observation.notes_mut().split_at_mut(n_joints);
         let mut d = DVector::zeros(n_joints);
         for (column, r) in gain.chunks(n_joints).zip(&residual) {
             d.iter_mut().zip(column).for_each(|(d, gain)| *d += gain * r);
@@ -246,7 +245,7 @@ impl MapEstimator {
     /// Chance sees to it that every frame comes back; between, those that contradict most.
     fn draw_ahead(&mut self, visit: u32) -> Option<usize> {
         let index = self.memory.draw_best(if visit.is_multiple_of(2) { 1 } else { TRIES })?;
-        self.memory.frames()[index].fetch();
+        self.memory.frames()[index].observation.fetch();
         Some(index)
     }
 

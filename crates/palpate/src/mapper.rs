@@ -20,6 +20,7 @@ use crate::estimator::{
 use crate::field::Field;
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::map::MapEstimator;
+use crate::replayer::Replayer;
 use crate::robot::RobotError;
 use crate::torque::{Folder, Observation};
 use crate::touch::{self, Frame, Sample, TouchError, Tracker};
@@ -133,7 +134,7 @@ pub struct Mapper {
     config: Config,
     tracker: Tracker,
     folder: Folder,
-    estimator: Box<dyn Estimator>,
+    estimator: Replayer,
     /// Whether old frames are still to be visited for the frame learnt last.
     replays_due: bool,
     touches: u32,
@@ -155,6 +156,7 @@ impl Mapper {
             Method::Map => Box::new(MapEstimator::new(&config.estimator, spacing_m, n_joints)?),
             Method::Ekf => Box::new(EkfEstimator::new(&config.estimator, spacing_m, n_joints)?),
         };
+        let estimator = Replayer::new(estimator);
         let tracker = Self::tracker(arm, &config)?;
         let folder = Folder::new(CellRows::new(config.lattice.clone()));
         let (replays_due, tape) = (false, Vec::new());
@@ -214,7 +216,7 @@ impl Mapper {
         if visits == 0 {
             return tracker.feed(sample);
         }
-        rayon::join(|| tracker.feed(sample), || estimator.replay(visits)).0
+        estimator.replay_beside(visits, || tracker.feed(sample))
     }
 
     /// The replays that are due, which then no longer are.
@@ -319,7 +321,7 @@ impl Mapper {
             snapshot.state.remembered.iter().map(|(source, _)| *source).collect();
         let observations = mapper.simulate_again(&snapshot.tape, &remembered)?;
         let points_m = mapper.folder.rows().points_m();
-        mapper.estimator = match config.method {
+        let estimator: Box<dyn Estimator> = match config.method {
             Method::Map => {
                 Box::new(MapEstimator::new(&config.estimator, spacing_m, n_joints)?.restore(
                     &snapshot.state,
@@ -335,6 +337,7 @@ impl Mapper {
                 )?)
             }
         };
+        mapper.estimator = Replayer::new(estimator);
         mapper.touches = snapshot.touches;
         match snapshot.tape.last().filter(|touch| touch.open) {
             Some(under_way) => mapper.samples = (under_way.q.len() / n_joints) as u32,

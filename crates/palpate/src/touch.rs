@@ -275,7 +275,7 @@ impl Tracker {
     /// Advances the simulator to a sample's poses, in sub-steps where the motion is long.
     fn move_arm(&mut self, q: &[f64], poses: &Poses) -> Result<Contacts, TouchError> {
         if let Some(progress) = &self.progress {
-            for between in self.substeps(&progress.q, q)? {
+            for between in self.substeps(&progress.q, q, poses)? {
                 self.simulator.advance(&between);
             }
         } else {
@@ -290,8 +290,14 @@ impl Tracker {
         Ok(self.simulator.advance(&poses.world_from_link))
     }
 
-    /// The poses between two joint positions, without the ends, close enough that nothing tunnels.
-    fn substeps(&self, from: &[f64], to: &[f64]) -> Result<Vec<Vec<Isometry3<f64>>>, TouchError> {
+    /// The poses between the arm's joint positions and the next, without the ends, close enough
+    /// that nothing tunnels. `end` are those of the next.
+    fn substeps(
+        &self,
+        from: &[f64],
+        to: &[f64],
+        end: &Poses,
+    ) -> Result<Vec<Vec<Isometry3<f64>>>, TouchError> {
         let robot = &self.arm.robot;
         let jump = || {
             let way = robot.difference(from, to);
@@ -309,9 +315,12 @@ impl Tracker {
         if pieces > MAX_PARTS {
             return Err(jump());
         }
-        let (mut between, mut start) = (Vec::new(), poses_at(0.0)?);
+        let (mut between, mut start) = (Vec::new(), self.simulator.poses().to_vec());
         for piece in 0..pieces as u32 {
-            let end = poses_at(f64::from(piece + 1) / pieces)?;
+            let end = match f64::from(piece + 1) / pieces {
+                part if part < 1.0 => poses_at(part)?,
+                _ => end.world_from_link.clone(),
+            };
             let parts = f64::from(self.simulator.substeps(&start, &end));
             if parts > MAX_PARTS {
                 return Err(jump());

@@ -5,8 +5,7 @@
 //! contacts. The *update* is all the rest: the frame folded into an observation, the
 //! prediction, the correction, and the visits of remembered frames.
 //!
-//! Both run in a thread pool of one, so that what the core does in parallel costs what it costs
-//! one thread. No tape is kept, as it takes no part in the times.
+//! No tape is kept, as it takes no part in the times.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -60,8 +59,7 @@ pub(super) fn measure(
 ) -> Result<Times, CliError> {
     let out_of_range = |error| SettingsError::Value(Box::new(error));
     let mut parts = Parts::new(arm, config).map_err(out_of_range)?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(CliError::file)?;
-    pool.install(|| recording.play(passes, &mut parts, output, "timing its parts"))?;
+    recording.play(passes, &mut parts, output, "timing its parts")?;
     Ok(parts.times)
 }
 

@@ -16,22 +16,32 @@ pub(super) struct Row {
     pub figures: Figures,
     /// Step medians of all its runs, in the order of the rounds, ms.
     pub rounds: Vec<f64>,
+    /// Time of a step by the points it touches, as a multiple of the mean of all rows: the middle
+    /// one of the ratios within each round, in which all met the same machine.
+    pub ratio: f64,
 }
 
-impl Row {
-    /// The middle of some runs, of which there is at least one.
-    pub(super) fn middle_of(mut runs: Vec<Figures>) -> Self {
+/// The rows of a table from their runs, of which all have had equally many and at least one.
+pub(super) fn compare(rows: Vec<Vec<Figures>>) -> Vec<Row> {
+    let per_contact: Vec<Vec<f64>> =
+        rows.iter().map(|runs| runs.iter().map(Figures::us_per_contact).collect()).collect();
+    let ratios = ratios_to_mean(&per_contact);
+    let row = |(mut runs, ratio): (Vec<Figures>, f64)| {
         let rounds: Vec<f64> = runs.iter().map(|run| run.step_ms.median).collect();
-        Self { figures: runs.swap_remove(middle(&rounds)), rounds }
-    }
+        Row { figures: runs.swap_remove(middle(&rounds)), rounds, ratio }
+    };
+    rows.into_iter().zip(ratios).map(row).collect()
+}
 
-    /// Time of a step by the points it touches, as a multiple of another row's: the middle one of
-    /// the ratios within each round, in which both met the same machine.
-    pub(super) fn ratio_to(&self, base: &Self) -> f64 {
+/// For each row the middle one, over the rounds, of its value by the mean of all rows.
+fn ratios_to_mean(rows: &[Vec<f64>]) -> Vec<f64> {
+    let mean = |round: usize| rows.iter().map(|row| row[round]).sum::<f64>() / rows.len() as f64;
+    let of = |row: &Vec<f64>| {
         let ratios: Vec<f64> =
-            self.rounds.iter().zip(&base.rounds).map(|(own, base)| own / base).collect();
-        ratios[middle(&ratios)] * base.figures.contacts / self.figures.contacts
-    }
+            row.iter().enumerate().map(|(round, value)| value / mean(round)).collect();
+        ratios[middle(&ratios)]
+    };
+    rows.iter().map(of).collect()
 }
 
 /// Runs `once` for every row, then for every row again, and so on; returns the runs of each row.
@@ -68,6 +78,12 @@ mod tests {
         assert_eq!(middle(&[3.0, 1.0, 2.0]), 2);
         assert_eq!(middle(&[9.0, 2.0]), 1);
         assert_eq!(middle(&[5.0, 4.0, 1.0, 3.0, 2.0]), 3);
+    }
+
+    #[test]
+    fn a_slow_round_changes_no_ratio() {
+        let ratios = ratios_to_mean(&[vec![1.0, 10.0, 1.0], vec![3.0, 30.0, 3.0]]);
+        assert_eq!(ratios, [0.5, 1.5]);
     }
 
     #[test]

@@ -6,9 +6,9 @@
 //! settings at other spacings.
 //!
 //! Every row is a run of this program in its own process, one after the other, so that memory is
-//! its own and nothing shares the machine with it. The first row is the configuration itself on
-//! the same touches; the others are held against it by their time per contact. All rows are
-//! measured `--rounds` times, and each counts by its middle run ([`super::rounds`]).
+//! its own and nothing shares the machine with it. Rows are held against each other by their time
+//! per contact, each as a multiple of the mean of its table. All rows are measured `--rounds`
+//! times, and each counts by its middle run ([`super::rounds`]).
 
 use std::process::Command;
 
@@ -51,9 +51,6 @@ pub(super) struct Plan {
 /// What was measured.
 #[derive(Default, Serialize)]
 pub(super) struct Sweeps {
-    /// The configuration itself on the same touches.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    sweep_base: Option<Row>,
     #[serde(skip_serializing_if = "Option::is_none")]
     worlds: Option<Vec<Row>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -85,14 +82,13 @@ impl Plan {
         if worlds.is_none() && self.cells.is_none() {
             return Ok(Sweeps::default());
         }
-        let varied = worlds.iter().chain(&self.cells).flatten();
-        let lattices: Vec<Lattice> = std::iter::once(base).chain(varied).cloned().collect();
-        let mut rows = measure(bench, settings, &lattices, output)?.into_iter();
+        let lattices: Vec<Lattice> = worlds.iter().chain(&self.cells).flatten().cloned().collect();
+        let mut runs = measure(bench, settings, &lattices, output)?.into_iter();
         // They come back in the order in which they were put together.
-        let sweep_base = rows.next();
-        let mut take = |lattices: &Vec<Lattice>| rows.by_ref().take(lattices.len()).collect();
+        let mut take =
+            |lattices: &Vec<Lattice>| rounds::compare(runs.by_ref().take(lattices.len()).collect());
         let worlds = worlds.as_ref().map(&mut take);
-        Ok(Sweeps { sweep_base, worlds, cells: self.cells.as_ref().map(&mut take) })
+        Ok(Sweeps { worlds, cells: self.cells.as_ref().map(&mut take) })
     }
 }
 
@@ -107,13 +103,13 @@ fn world(base: &Lattice, touched: &Touched, points: u32) -> Result<Lattice, Sett
     Ok(Lattice::new(origin_m, spacing_m, [points; 3])?)
 }
 
-/// The rows of some lattices, measured in rounds.
+/// The runs of some lattices, measured in rounds.
 fn measure(
     bench: &Bench<'_>,
     settings: &Settings,
     lattices: &[Lattice],
     output: &Output,
-) -> Result<Vec<Row>, CliError> {
+) -> Result<Vec<Vec<Figures>>, CliError> {
     let rounds = bench.args.rounds;
     let all = lattices.len() as u64 * u64::from(rounds);
     let bar = output.progress_of(Some(all), "runs", "sweeping");
@@ -128,7 +124,7 @@ fn measure(
         figures
     })?;
     bar.finish_and_clear();
-    Ok(runs.into_iter().map(Row::middle_of).collect())
+    Ok(runs)
 }
 
 /// One run of a row, in a process of its own.
@@ -191,29 +187,28 @@ impl Sweeps {
 
     /// The tables; empty if nothing was swept.
     pub(super) fn text(&self) -> String {
-        let Some(base) = &self.sweep_base else { return String::new() };
         let mut text = String::new();
         for (rows, what) in [
             (&self.worlds, "Worlds of the same cells about what is touched"),
             (&self.cells, "Cells in the same box"),
         ] {
-            let Some(rows) = rows else { continue };
-            let touches = match base.figures.touches {
+            let Some([first, ..]) = rows.as_deref() else { continue };
+            let touches = match first.figures.touches {
                 1 => "1 touch".to_owned(),
                 n => format!("{n} touches"),
             };
-            let rounds = match base.rounds.len() {
+            let rounds = match first.rounds.len() {
                 1 => "Every row was measured once.".to_owned(),
                 n => format!(
-                    "Every row was measured {n} times, in rounds\n\
-                     over all rows; told is the round whose step has the middle median."
+                    "Every row was measured {n} times, in\n\
+                     rounds over all rows; told is the round whose step has the middle median."
                 ),
             };
             text += &format!(
-                "\n{what}, {touches}. The last row is the configuration\nitself; the ratio is that \
-                 of the times per contact to it, the middle one of the rounds. {rounds}\n\n"
+                "\n{what}, {touches}. The ratio is that of a row's\n\
+                 time per contact to the mean of all rows. {rounds}\n\n"
             );
-            text += &table_of(base, rows);
+            text += &table_of(rows.as_deref().unwrap_or_default());
         }
         text
     }
@@ -243,8 +238,8 @@ const HEADS: [&str; 12] = [
     "ratio",
 ];
 
-/// A table of rows, the base at its end.
-fn table_of(base: &Row, rows: &[Row]) -> String {
+/// A table of rows.
+fn table_of(rows: &[Row]) -> String {
     let line = |row: &Row| {
         let figures = &row.figures;
         vec![
@@ -259,16 +254,12 @@ fn table_of(base: &Row, rows: &[Row]) -> String {
             format!("{:.2}", figures.ns_per_visit),
             figures.peak(),
             figures.cells_touched.to_string(),
-            format!("{:.2}", row.ratio_to(base)),
+            format!("{:.2}", row.ratio),
         ]
     };
     let mut lines = vec![HEADS.map(str::to_owned).to_vec()];
     lines.extend(rows.iter().map(line));
-    lines.push(line(base));
-    let text = table(&lines);
-    let ends = text.trim_end().rfind('\n').map_or(0, |end| end + 1);
-    let width = text.lines().map(|line| line.chars().count()).max().unwrap_or(0);
-    format!("{}{}\n{}", &text[..ends], "-".repeat(width), &text[ends..])
+    table(&lines)
 }
 
 #[cfg(test)]

@@ -12,7 +12,6 @@ use super::recording::{Learner, Passes, Recording};
 use crate::error::CliError;
 use crate::output::Output;
 use crate::pace::{Pace, PaceFigures};
-use crate::pool;
 
 /// A mapper under the clock.
 pub(super) struct Whole {
@@ -67,7 +66,7 @@ impl Whole {
         passes: Passes,
         output: &Output,
     ) -> Result<Measured, CliError> {
-        pool::on_a_worker(|| recording.play(passes, &mut self, output, "timing the step"))?;
+        recording.play(passes, &mut self, output, "timing the step")?;
         let peak_bytes = peak::resident_bytes(); // before the field is copied below
         let field = self.mapper.field();
         let mut touched = [[u32::MAX; 3], [0; 3]];

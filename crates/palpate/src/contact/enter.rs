@@ -67,6 +67,9 @@ struct Due {
     block: Block,
 }
 
+/// Blocks looked at together.
+const HANDFUL: usize = 8;
+
 /// One link's agenda.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Watch {
@@ -121,15 +124,13 @@ impl Watch {
             self.pages[page].extract_if(.., |due| due.travel_m <= travel_m).map(|due| due.block),
         );
         self.current = page;
-        for block in due {
-            self.visit(look, block, found);
-        }
+        self.visit(look, due, found);
     }
 
     /// Puts a place that has become free on the agenda, or adds it to `found`.
     pub(super) fn look_at(&mut self, look: &Look<'_>, place: [u32; 3], found: &mut Vec<Entered>) {
         if !self.pages.is_empty() {
-            self.visit(look, Block { low: place, edge: 1 }, found);
+            self.visit(look, vec![Block { low: place, edge: 1 }], found);
         }
     }
 
@@ -143,24 +144,48 @@ impl Watch {
             return;
         }
         let bricks = |axis: usize| (first[axis] / BRICK_EDGE)..end[axis].div_ceil(BRICK_EDGE);
+        let mut due = Vec::new();
         for k in bricks(2) {
             for j in bricks(1) {
                 for i in bricks(0) {
                     let low = [i, j, k].map(|n| n * BRICK_EDGE);
-                    self.visit(look, Block { low, edge: BRICK_EDGE }, found);
+                    due.push(Block { low, edge: BRICK_EDGE });
                 }
             }
         }
+        self.visit(look, due, found);
     }
 
-    /// Looks at a block: nothing in it is free, or it is put off, or split, or a covered point.
-    fn visit(&mut self, look: &Look<'_>, block: Block, found: &mut Vec<Entered>) {
-        let Block { low, edge } = block;
-        let shape = look.lattice.shape();
-        if (0..3).any(|axis| low[axis] >= shape[axis]) {
-            return;
+    /// Looks at blocks: nothing in one is free, or it is put off, or split, or a covered point.
+    ///
+    /// Distances come first, a handful at a time, so that the processor waits for them together.
+    fn visit(&mut self, look: &Look<'_>, mut blocks: Vec<Block>, found: &mut Vec<Entered>) {
+        let mut parts = Vec::new();
+        while !blocks.is_empty() {
+            for handful in blocks.chunks(HANDFUL) {
+                let mut distances_m = [0.0; HANDFUL];
+                for (distance_m, block) in distances_m.iter_mut().zip(handful) {
+                    *distance_m = look.distance(*block);
+                }
+                for (&block, &distance_m) in handful.iter().zip(&distances_m) {
+                    self.sort(look, block, distance_m, &mut parts, found);
+                }
+            }
+            std::mem::swap(&mut blocks, &mut parts);
+            parts.clear();
         }
-        let distance_m = look.distance(block);
+    }
+
+    /// Decides on a block from φ at its middle; `parts` gets those of one to look at more closely.
+    fn sort(
+        &mut self,
+        look: &Look<'_>,
+        block: Block,
+        distance_m: f64,
+        parts: &mut Vec<Block>,
+        found: &mut Vec<Entered>,
+    ) {
+        let Block { low, edge } = block;
         let free_m = (distance_m - look.reach_m) / LIPSCHITZ - look.radius_m(block);
         if free_m > 0.0 || (edge == 1 && distance_m >= look.reach_m) {
             return self.put_off(block, free_m);
@@ -171,11 +196,13 @@ impl Watch {
         if edge == 1 {
             return found.push(Entered { place: low, link: look.link, distance_m });
         }
-        let edge = edge / 2;
+        let (edge, shape) = (edge / 2, look.lattice.shape());
         for octant in 0..8 {
             let step = [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * edge);
             let low = [low[0] + step[0], low[1] + step[1], low[2] + step[2]];
-            self.visit(look, Block { low, edge }, found);
+            if (0..3).all(|axis| low[axis] < shape[axis]) {
+                parts.push(Block { low, edge });
+            }
         }
     }
 

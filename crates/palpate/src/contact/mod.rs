@@ -193,6 +193,11 @@ impl Simulator {
         }
     }
 
+    /// Where the links are, by link; nowhere before the first touch.
+    pub fn poses(&self) -> &[Isometry3<f64>] {
+        &self.poses
+    }
+
     /// How many sub-steps a short motion needs so that no point of a link goes further than
     /// [`Config::substep_cells`] in one; at least 1.
     ///

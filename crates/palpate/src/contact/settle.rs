@@ -110,7 +110,7 @@ impl Touched {
 }
 
 /// Excess over the friction cone that is not worth another iteration, as a share of δ.
-const TOUCHES_THE_CONE: f64 = 1e-3;
+const TOUCHES_THE_CONE: f64 = 1e-4;
 
 /// A miss of the surface that is not worth another look at it, m.
 const CLOSE_M: f64 = 1e-5;
@@ -127,14 +127,19 @@ pub(super) fn settle(
 ) {
     let rotation = world_from_link.rotation.to_rotation_matrix();
     let origin = Point3::from(world_from_link.translation.vector);
-    for point in &mut *touched {
+    let mut slipping: Vec<u32> = Vec::with_capacity(touched.len());
+    for (index, point) in touched.iter_mut().enumerate() {
         point.rest_link = Point3::from(rotation.matrix().tr_mul(&(point.rest - origin)));
+        if slip.iterations > 0 && point.slip(slip) {
+            slipping.push(index as u32);
+        }
     }
-    let mut slipping: Vec<u32> = (0..touched.len() as u32).collect();
-    for _ in 0..slip.iterations {
-        slipping.retain(|&index| touched[index as usize].slip(slip));
+    for round in 1..=slip.iterations {
         for &index in &slipping {
             touched[index as usize].project(surface, slip.contact_distance_m);
+        }
+        if round < slip.iterations {
+            slipping.retain(|&index| touched[index as usize].slip(slip));
         }
     }
     for point in touched {

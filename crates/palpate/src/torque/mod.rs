@@ -114,10 +114,12 @@ pub enum Stiffness {
 #[derive(Debug, Clone)]
 pub struct Observation {
     /// τ; then for every link that touches: the number of its contacts, S column by column, and
-    /// the contacts.
+    /// the contacts; then the notes.
     stream: Vec<f64>,
     n_joints: usize,
     n_contacts: usize,
+    /// Numbers before the notes.
+    n_measured: usize,
 }
 
 /// One link's contacts in an [`Observation`].
@@ -175,8 +177,10 @@ impl Folder {
         tau: &DVector<f64>,
     ) -> Observation {
         let (n_joints, n_contacts) = (tau.len(), contacts.len());
-        let length = n_joints + contacts.links.len() * (1 + 6 * n_joints) + CONTACT * n_contacts;
-        let mut stream = Vec::with_capacity(length);
+        let n_measured =
+            n_joints + contacts.links.len() * (1 + 6 * n_joints) + CONTACT * n_contacts;
+        // With room for notes: an estimator keeps a vector and a matrix over the joints, or nothing.
+        let mut stream = Vec::with_capacity(n_measured + n_joints * (1 + n_joints));
         stream.extend_from_slice(tau.as_slice());
         for link in &contacts.links {
             stream.push(link.cells.len() as f64);
@@ -187,7 +191,7 @@ impl Folder {
                 stream.extend_from_slice(&numbers);
             }
         }
-        Observation { stream, n_joints, n_contacts }
+        Observation { stream, n_joints, n_contacts, n_measured }
     }
 }
 
@@ -222,6 +226,21 @@ impl Observation {
         DVectorView::from_slice(&self.stream[..self.n_joints], self.n_joints)
     }
 
+    /// Keeps numbers of an estimator with the frame, which come back when it does.
+    pub fn note(&mut self, numbers: impl IntoIterator<Item = f64>) {
+        self.stream.extend(numbers);
+    }
+
+    /// All numbers noted, in their order.
+    pub fn notes(&self) -> &[f64] {
+        &self.stream[self.n_measured..]
+    }
+
+    /// The same, to be changed.
+    pub fn notes_mut(&mut self) -> &mut [f64] {
+        &mut self.stream[self.n_measured..]
+    }
+
     /// Joints whose torque it explains.
     pub fn n_joints(&self) -> usize {
         self.n_joints
@@ -250,12 +269,12 @@ impl Observation {
 
     /// Memory that the frame holds.
     pub fn bytes(&self) -> usize {
-        size_of::<Self>() + size_of_val(&*self.stream)
+        size_of::<Self>() + self.stream.capacity() * size_of::<f64>()
     }
 
     /// The links' runs of contacts.
     fn runs(&self) -> impl Iterator<Item = Run<'_>> {
-        let mut left = &self.stream[self.n_joints..];
+        let mut left = &self.stream[self.n_joints..self.n_measured];
         std::iter::from_fn(move || {
             let (count, rest) = left.split_first()?;
             let (spatial, rest) = rest.split_at(6 * self.n_joints);
