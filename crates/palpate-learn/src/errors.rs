@@ -36,11 +36,17 @@ pub struct ErrorSum {
 impl ErrorSum {
     /// Adds a frame: predicted and true external torque, n_joints, N·m.
     pub fn add(&mut self, predicted: &DVector<f64>, truth: &DVector<f64>) {
-        let error = (predicted - truth).norm();
+        self.add_slices(predicted.as_slice(), truth.as_slice());
+    }
+
+    /// [`ErrorSum::add`] of two frames as slices.
+    pub fn add_slices(&mut self, predicted: &[f64], truth: &[f64]) {
+        let norm = |squares: f64| squares.sqrt();
+        let error = norm(predicted.iter().zip(truth).map(|(p, t)| (p - t) * (p - t)).sum::<f64>());
         self.frames += 1;
         self.sum += error;
         self.max = self.max.max(error);
-        let size = truth.norm();
+        let size = norm(truth.iter().map(|t| t * t).sum::<f64>());
         if size >= RELATIVE_FROM {
             self.relative_frames += 1;
             self.relative_sum += error / size;

@@ -1,0 +1,138 @@
+//! What an evaluation found, in numbers: Table I, and everything that its figures are drawn from.
+
+use serde::{Deserialize, Serialize};
+
+use crate::errors::{ErrorSum, Errors};
+
+/// An evaluation of several methods on touches that none of them learnt from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// Joints in the order of all torques.
+    pub joint_names: Vec<String>,
+    /// What was compared with: `"truth"`, or `"measured"` external torques.
+    pub against: String,
+    /// The table, a row a method.
+    pub methods: Vec<Summary>,
+    /// The touches, each predicted while it was left out.
+    pub touches: Vec<LeftOut>,
+}
+
+/// One method's row of Table I: figures of each touch, averaged over touches.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// `map`, `ekf`, `mlp`, `gp`, `knn`, `zero` or `uniform`.
+    pub name: String,
+    /// Mean error, N·m.
+    pub avg_error: Option<MeanStd>,
+    /// Largest error, N·m.
+    pub max_error: Option<MeanStd>,
+    /// Mean relative error, over the touches that reach 1 N·m.
+    pub avg_relative: Option<MeanStd>,
+    /// Largest relative error, over the same touches.
+    pub max_relative: Option<MeanStd>,
+}
+
+/// Mean and sample standard deviation (0 for a single value).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MeanStd {
+    /// Mean.
+    pub mean: f64,
+    /// Sample standard deviation.
+    pub std: f64,
+}
+
+/// A touch that was predicted but not learnt from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// The touch's name.
+    pub name: String,
+    /// Its fold.
+    pub fold: usize,
+    /// Frames from the tare on: seconds since the first, by the log's clock if it has one and by
+    /// frame number otherwise.
+    pub time_s: Vec<f64>,
+    /// Points that the arm displaces in each frame.
+    pub contacts: Vec<u32>,
+    /// Joint positions, frames × n_joints, rad.
+    pub q: Vec<Vec<f64>>,
+    /// The external torque to predict, frames × n_joints, N·m.
+    pub external: Vec<Vec<f64>>,
+    /// What the methods predicted, in the order of the table.
+    pub predictions: Vec<Prediction>,
+}
+
+/// One method's prediction of a touch.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Prediction {
+    /// The method's name.
+    pub method: String,
+    /// The four figures of the touch; `None` if it has no frame to score.
+    pub errors: Option<Errors>,
+    /// Predicted external torque, frames × n_joints, N·m.
+    pub predicted: Vec<Vec<f64>>,
+}
+
+impl MeanStd {
+    /// Of some values; `None` without any.
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
+        let values: Vec<f64> = values.into_iter().collect();
+        let n = values.len() as f64;
+        let mean = (!values.is_empty()).then(|| values.iter().sum::<f64>() / n)?;
+        let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+        let std = if values.len() > 1 { (squares / (n - 1.0)).sqrt() } else { 0.0 };
+        Some(Self { mean, std })
+    }
+}
+
+impl Prediction {
+    /// A prediction and its errors against what was to be predicted.
+    pub fn new(method: &str, predicted: Vec<Vec<f64>>, external: &[Vec<f64>]) -> Self {
+        let mut sum = ErrorSum::default();
+        for (predicted, external) in predicted.iter().zip(external) {
+            sum.add_slices(predicted, external);
+        }
+        Self { method: method.to_owned(), errors: sum.errors(), predicted }
+    }
+}
+
+impl Summary {
+    /// The row of the method that stands at `index` in every touch's predictions.
+    pub fn new(name: &str, index: usize, touches: &[LeftOut]) -> Self {
+        let errors = || touches.iter().filter_map(|touch| touch.predictions[index].errors);
+        Self {
+            name: name.to_owned(),
+            avg_error: MeanStd::of(errors().map(|errors| errors.avg_error)),
+            max_error: MeanStd::of(errors().map(|errors| errors.max_error)),
+            avg_relative: MeanStd::of(errors().filter_map(|errors| errors.avg_relative)),
+            max_relative: MeanStd::of(errors().filter_map(|errors| errors.max_relative)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mean_and_deviation_of_a_case_on_paper() {
+        assert_eq!(MeanStd::of([1.0, 2.0, 3.0]), Some(MeanStd { mean: 2.0, std: 1.0 }));
+        assert_eq!(MeanStd::of([5.0]), Some(MeanStd { mean: 5.0, std: 0.0 }));
+        assert_eq!(MeanStd::of([]), None);
+    }
+
+    #[test]
+    fn a_touch_without_torque_is_left_out_of_the_relative_figures_alone() {
+        let touch = |external: f64| LeftOut {
+            name: String::new(),
+            fold: 0,
+            time_s: vec![0.0],
+            contacts: vec![1],
+            q: vec![vec![0.0]],
+            external: vec![vec![external]],
+            predictions: vec![Prediction::new("zero", vec![vec![0.0]], &[vec![external]])],
+        };
+        let summary = Summary::new("zero", 0, &[touch(2.0), touch(0.5)]);
+        assert_eq!(summary.avg_error.unwrap().mean, 1.25);
+        assert_eq!(summary.avg_relative, Some(MeanStd { mean: 1.0, std: 0.0 }));
+    }
+}
