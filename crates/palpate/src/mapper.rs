@@ -52,6 +52,19 @@ impl Config {
             estimator: EstimatorConfig::of(method),
         }
     }
+
+    /// An estimator that knows nothing yet, for torques of so many joints.
+    ///
+    /// # Errors
+    ///
+    /// If a setting of the estimator is out of its range.
+    pub fn estimator(&self, n_joints: usize) -> Result<Box<dyn Estimator>, EstimatorError> {
+        let (config, spacing_m) = (&self.estimator, self.lattice.spacing_m());
+        Ok(match self.method {
+            Method::Map => Box::new(MapEstimator::new(config, spacing_m, n_joints)?),
+            Method::Ekf => Box::new(EkfEstimator::new(config, spacing_m, n_joints)?),
+        })
+    }
 }
 
 /// What can go wrong in mapping.
@@ -150,13 +163,7 @@ impl Mapper {
     ///
     /// If a setting is out of its range.
     pub fn new(arm: Arc<Arm>, config: Config) -> Result<Self, MapperError> {
-        let n_joints = arm.robot.n_joints();
-        let spacing_m = config.lattice.spacing_m();
-        let estimator: Box<dyn Estimator> = match config.method {
-            Method::Map => Box::new(MapEstimator::new(&config.estimator, spacing_m, n_joints)?),
-            Method::Ekf => Box::new(EkfEstimator::new(&config.estimator, spacing_m, n_joints)?),
-        };
-        let estimator = Replayer::new(estimator);
+        let estimator = Replayer::new(config.estimator(arm.robot.n_joints())?);
         let tracker = Self::tracker(arm, &config)?;
         let folder = Folder::new(CellRows::new(config.lattice.clone()));
         let (replays_due, tape) = (false, Vec::new());

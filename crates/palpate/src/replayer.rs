@@ -2,8 +2,10 @@
 //!
 //! A step that touches little lasts some fifty microseconds, about as long as a sleeping thread
 //! takes to wake. So the second thread is the mapper's own, and both sides look out for each other
-//! for a while before they sleep. Within a thread pool no thread is added: whoever shares out the
-//! pool's threads has better use for them, and rayon decides whether one is free.
+//! for a while before they sleep. If the machine is too busy for the second thread to have begun
+//! when the work beside it is done, the mapper takes the replays back. Within a thread pool no
+//! thread is added: whoever shares out the pool's threads has better use for them, and rayon
+//! decides whether one is free.
 
 use std::hint::spin_loop;
 use std::ops::{Deref, DerefMut};
@@ -30,6 +32,8 @@ enum Second {
     Refused,
     Started {
         replay: Sender<Job>,
+        /// Where the thread takes what was sent, unless it is taken back before.
+        waiting: Receiver<Job>,
         replayed: Receiver<Job>,
     },
 }
@@ -55,14 +59,21 @@ impl Replayer {
         if matches!(self.second, Second::NotStarted) && rayon::current_num_threads() > 1 {
             self.second = Second::start();
         }
-        let Second::Started { replay, replayed } = &self.second else {
+        let Second::Started { replay, waiting, replayed } = &self.second else {
             self.replay(visits);
             return work();
         };
         let estimator = self.estimator.take().expect(HERE);
         replay.send((estimator, visits)).expect(PANICKED);
         let done = work();
-        self.estimator = Some(receive(replayed).expect(PANICKED).0);
+        let estimator = match waiting.try_recv() {
+            Ok((mut estimator, visits)) => {
+                estimator.replay(visits);
+                estimator
+            }
+            Err(_) => receive(replayed).expect(PANICKED).0,
+        };
+        self.estimator = Some(estimator);
         done
     }
 }
@@ -87,8 +98,9 @@ impl DerefMut for Replayer {
 impl Second {
     /// Starts the thread; it ends when the replayer is dropped.
     fn start() -> Self {
-        let (replay, jobs) = bounded::<Job>(1);
+        let (replay, waiting) = bounded::<Job>(1);
         let (done, replayed) = bounded(1);
+        let jobs = waiting.clone();
         let serve = move || {
             while let Some((mut estimator, visits)) = receive(&jobs) {
                 estimator.replay(visits);
@@ -98,7 +110,7 @@ impl Second {
             }
         };
         match thread::Builder::new().name("palpate-replay".to_owned()).spawn(serve) {
-            Ok(_) => Self::Started { replay, replayed },
+            Ok(_) => Self::Started { replay, waiting, replayed },
             Err(_) => Self::Refused,
         }
     }

@@ -11,10 +11,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate::arm::Arm;
-use palpate::ekf::EkfEstimator;
-use palpate::estimator::{Estimator, Method, Source};
+use palpate::estimator::{Estimator, Source};
 use palpate::lattice::CellRows;
-use palpate::map::MapEstimator;
 use palpate::mapper::{Config, MapperError};
 use palpate::torque::Folder;
 use palpate::touch::{Frame, Sample, Tracker};
@@ -65,11 +63,7 @@ pub(super) fn measure(
 
 impl Parts {
     fn new(arm: &Arc<Arm>, config: &Config) -> Result<Self, MapperError> {
-        let (spacing_m, n_joints) = (config.lattice.spacing_m(), arm.robot.n_joints());
-        let estimator: Box<dyn Estimator> = match config.method {
-            Method::Map => Box::new(MapEstimator::new(&config.estimator, spacing_m, n_joints)?),
-            Method::Ekf => Box::new(EkfEstimator::new(&config.estimator, spacing_m, n_joints)?),
-        };
+        let estimator = config.estimator(arm.robot.n_joints())?;
         let (contact, touch) = (config.contact.clone(), config.touch.clone());
         let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
         Ok(Self {
