@@ -263,9 +263,11 @@ mod tests {
         let query = surface(7, 1).q;
         let two = |frames: &Frames| -> [DMatrix<f64>; 3] {
             let mlp = MlpConfig { epochs: 3, ..MlpConfig::default() };
+            // Fewer than there are, so that the draw matters.
+            let gp = GpConfig { likelihood_frames: 20, ..GpConfig::default() };
             [
                 Knn::fit(frames, &KnnConfig::default()).unwrap().predict(&query),
-                Gp::fit(frames, &GpConfig::default()).unwrap().predict(&query),
+                Gp::fit(frames, &gp).unwrap().predict(&query),
                 Mlp::fit(frames, &mlp).unwrap().predict(&query),
             ]
         };
