@@ -1,0 +1,154 @@
+//! A Gaussian process, exact on all frames that it keeps.
+//!
+//! The kernel's hyperparameters are the likeliest ones of a random subset of frames; the
+//! prediction is `k(q)ᵀ K⁻¹ Y` of the frames themselves. Only the mean is computed: no one asks
+//! the baselines how sure they are.
+
+use nalgebra::DMatrix;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+use super::kernel::{Kernel, likeliest};
+use super::{Frames, RegressionError, Regressor, Scale, shuffle, thinned};
+
+/// How a process is fitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GpConfig {
+    /// Frames that are kept, evenly thinned; time grows with the cube, memory with the square.
+    pub max_frames: usize,
+    /// Frames, drawn at random, whose likelihood chooses the kernel.
+    pub likelihood_frames: usize,
+    /// Kernels that are tried on the way to the likeliest.
+    pub steps: usize,
+    /// Seed of the draw.
+    pub seed: u64,
+}
+
+impl Default for GpConfig {
+    fn default() -> Self {
+        Self { max_frames: 2_500, likelihood_frames: 400, steps: 80, seed: 0 }
+    }
+}
+
+/// A Gaussian process of torques over joint positions.
+#[derive(Debug, Clone)]
+pub struct Gp {
+    positions: Scale,
+    torques: Scale,
+    kernel: Kernel,
+    /// Kept positions in length scales, n_joints × frames.
+    scaled: DMatrix<f64>,
+    /// `K⁻¹Y`, n_joints × frames.
+    weights: DMatrix<f64>,
+    log_likelihood: f64,
+}
+
+impl Gp {
+    /// Chooses the kernel that makes the frames likeliest, then fits all of them.
+    ///
+    /// Cost: O(`max_frames`³ + `steps` · `likelihood_frames`³).
+    ///
+    /// # Errors
+    ///
+    /// Without frames, with values that are not finite.
+    pub fn fit(frames: &Frames, config: &GpConfig) -> Result<Self, RegressionError> {
+        frames.check()?;
+        let kept = frames.select(&thinned(frames.len(), config.max_frames.max(1)));
+        let (positions, torques) = (Scale::of(&kept.q), Scale::of_torques(&kept.tau));
+        let mut drawn: Vec<usize> = (0..kept.len()).collect();
+        shuffle(&mut drawn, &mut ChaCha8Rng::seed_from_u64(config.seed));
+        drawn.truncate(config.likelihood_frames.max(1));
+        let subset = kept.select(&drawn);
+        let (z, y) = (positions.standardised(&subset.q), torques.standardised(&subset.tau));
+        let kernel = likeliest(&Kernel::unit(z.nrows()), &z, &y, config.steps)?;
+        Self::with_kernel(&kept, kernel)
+    }
+
+    /// Fits all frames with a kernel that is known.
+    ///
+    /// Cost: O(frames³).
+    ///
+    /// # Errors
+    ///
+    /// Without frames, with values that are not finite, with a kernel out of its range or with
+    /// too little noise to be factorised.
+    ///
+    /// # Panics
+    ///
+    /// If the kernel has not one length scale for every joint.
+    pub fn with_kernel(frames: &Frames, kernel: Kernel) -> Result<Self, RegressionError> {
+        frames.check()?;
+        kernel.check(frames.q.nrows())?;
+        let (positions, torques) = (Scale::of(&frames.q), Scale::of_torques(&frames.tau));
+        let scaled = kernel.scaled(&positions.standardised(&frames.q));
+        let y = torques.standardised(&frames.tau);
+        let solved = kernel.solve(&scaled, &y)?;
+        let log_likelihood = solved.log_likelihood(&y);
+        let weights = solved.into_weights();
+        Ok(Self { positions, torques, kernel, scaled, weights, log_likelihood })
+    }
+
+    /// The kernel in use.
+    pub fn kernel(&self) -> &Kernel {
+        &self.kernel
+    }
+
+    /// Log marginal likelihood of the frames' standardised torques, summed over joints.
+    pub fn log_likelihood(&self) -> f64 {
+        self.log_likelihood
+    }
+}
+
+impl Regressor for Gp {
+    fn predict(&self, q: &DMatrix<f64>) -> DMatrix<f64> {
+        let scaled = self.kernel.scaled(&self.positions.standardised(q));
+        let mut y = DMatrix::zeros(self.weights.nrows(), q.ncols());
+        for (query, mut y) in scaled.column_iter().zip(y.column_iter_mut()) {
+            for (position, weights) in self.scaled.column_iter().zip(self.weights.column_iter()) {
+                let covariance = self.kernel.covariance(position.as_slice(), query.as_slice());
+                y.axpy(covariance, &weights, 1.0);
+            }
+        }
+        self.torques.restored(&y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::regression::tests::{surface, unexplained};
+
+    fn kernel(noise_variance: f64) -> Kernel {
+        Kernel { signal_variance: 1.0, noise_variance, length_scales: vec![0.5, 0.5] }
+    }
+
+    #[test]
+    fn training_frames_are_met_within_the_noise_and_exactly_without_it() {
+        let frames = surface(60, 3);
+        let deviation = Scale::of_torques(&frames.tau).deviation[0];
+        let miss = |noise_variance: f64| {
+            let gp = Gp::with_kernel(&frames, kernel(noise_variance)).unwrap();
+            (gp.predict(&frames.q) - &frames.tau).amax() / deviation
+        };
+        assert!(miss(1e-2) < 3.0 * 0.1 && miss(1e-2) > 1e-4, "{}", miss(1e-2));
+        assert!(miss(1e-10) < 1e-6, "{}", miss(1e-10));
+    }
+
+    #[test]
+    fn a_smooth_surface_is_learnt_from_thinned_frames() {
+        let all = surface(400, 4);
+        let (learnt, unseen) = (all.select(&thinned(300, 300)), all.select(&[301, 350, 377, 399]));
+        let config = GpConfig { max_frames: 150, likelihood_frames: 80, ..GpConfig::default() };
+        let gp = Gp::fit(&learnt, &config).unwrap();
+        assert_eq!(gp.scaled.ncols(), 150);
+        assert!(unexplained(&gp.predict(&unseen.q), &unseen.tau) < 1e-4);
+    }
+
+    #[test]
+    fn copies_of_a_frame_without_noise_are_refused() {
+        let frames = surface(5, 1).select(&[0, 0, 1, 1, 2, 2, 3, 3, 4, 4]);
+        let error = Gp::with_kernel(&frames, kernel(1e-300)).unwrap_err();
+        assert!(matches!(error, RegressionError::NotPositiveDefinite { frames: 10, .. }));
+        assert!(Gp::with_kernel(&frames, kernel(f64::NAN)).is_err());
+    }
+}

@@ -1,0 +1,288 @@
+//! The covariance of a Gaussian process, and how likely it makes what was seen.
+//!
+//! Between standardised positions a and b it is `s² exp(−½ Σ_d (a_d − b_d)²/ℓ_d²)`, plus `σ²`
+//! where they are the same frame. All joints' torques share it: one factorisation serves them all,
+//! and the likelihoods of the joints multiply.
+//!
+//! With `A = K⁻¹Y` for m joints the gradient of the log marginal likelihood is
+//! `½ tr((AAᵀ − m K⁻¹) ∂K)` (Rasmussen and Williams, Eq. 5.9, summed over joints).
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::{factor, inverse, solve};
+use faer::{Mat, Par};
+use nalgebra::DMatrix;
+
+use super::{RegressionError, positive};
+
+/// Logarithms of hyperparameters stay within this of 0: a factor of 3,000 either way.
+const LOG_RANGE: f64 = 8.0;
+
+/// The smallest noise that is tried: less would make matrices that cannot be factorised.
+const LOG_NOISE_FROM: f64 = -14.0;
+
+/// Squared-exponential covariance with noise, of standardised positions and torques.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Kernel {
+    /// Variance of the torques that it explains, in variances of each joint's.
+    pub signal_variance: f64,
+    /// Variance of what no position explains, in the same unit.
+    pub noise_variance: f64,
+    /// How far a joint moves until torques are others, in deviations of its position, n_joints.
+    pub length_scales: Vec<f64>,
+}
+
+/// A kernel matrix, factorised: its lower Cholesky factor, and what it makes of the torques.
+pub(super) struct Solved {
+    lower: Mat<f64>,
+    /// `A = K⁻¹Y`, frames × n_joints.
+    weights: Mat<f64>,
+}
+
+impl Kernel {
+    /// A kernel to begin a search with.
+    pub(super) fn unit(n_joints: usize) -> Self {
+        Self { signal_variance: 1.0, noise_variance: 0.01, length_scales: vec![1.0; n_joints] }
+    }
+
+    pub(super) fn check(&self, n_joints: usize) -> Result<(), RegressionError> {
+        assert_eq!(self.length_scales.len(), n_joints, "a length scale for every joint");
+        positive("signal_variance", self.signal_variance)?;
+        positive("noise_variance", self.noise_variance)?;
+        self.length_scales.iter().try_for_each(|&scale| positive("length_scales", scale))
+    }
+
+    /// Positions in length scales, n_joints × frames.
+    pub(super) fn scaled(&self, z: &DMatrix<f64>) -> DMatrix<f64> {
+        DMatrix::from_fn(z.nrows(), z.ncols(), |row, frame| {
+            z[(row, frame)] / self.length_scales[row]
+        })
+    }
+
+    /// Covariance without noise of two positions in length scales.
+    pub(super) fn covariance(&self, a: &[f64], b: &[f64]) -> f64 {
+        let squares: f64 = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum();
+        self.signal_variance * (-0.5 * squares).exp()
+    }
+
+    /// Solves for torques `y`, n_joints × frames, at positions in length scales.
+    pub(super) fn solve(
+        &self,
+        scaled: &DMatrix<f64>,
+        y: &DMatrix<f64>,
+    ) -> Result<Solved, RegressionError> {
+        let frames = scaled.ncols();
+        let position =
+            |frame: usize| &scaled.as_slice()[frame * scaled.nrows()..][..scaled.nrows()];
+        let mut lower = Mat::<f64>::zeros(frames, frames);
+        for column in 0..frames {
+            let here = position(column);
+            let below = &mut lower.col_as_slice_mut(column)[column..];
+            for (row, entry) in below.iter_mut().enumerate() {
+                *entry = self.covariance(here, position(column + row));
+            }
+            below[0] += self.noise_variance;
+        }
+        let scratch =
+            factor::cholesky_in_place_scratch::<f64>(frames, Par::Seq, Default::default());
+        factor::cholesky_in_place(
+            lower.as_mut(),
+            Default::default(),
+            Par::Seq,
+            MemStack::new(&mut MemBuffer::new(scratch)),
+            Default::default(),
+        )
+        .map_err(|_| {
+            let noise_variance = self.noise_variance;
+            RegressionError::NotPositiveDefinite { frames, noise_variance }
+        })?;
+        let mut weights = Mat::from_fn(frames, y.nrows(), |frame, joint| y[(joint, frame)]);
+        solve::solve_in_place(
+            lower.as_ref(),
+            weights.as_mut(),
+            Par::Seq,
+            MemStack::new(&mut MemBuffer::new(solve::solve_in_place_scratch::<f64>(
+                frames,
+                y.nrows(),
+                Par::Seq,
+            ))),
+        );
+        Ok(Solved { lower, weights })
+    }
+
+    /// Logarithms of signal variance, noise variance and length scales.
+    fn to_logs(&self) -> Vec<f64> {
+        let variances = [self.signal_variance, self.noise_variance];
+        variances.iter().chain(&self.length_scales).map(|value| value.ln()).collect()
+    }
+
+    /// The inverse of [`Kernel::to_logs`].
+    fn from_logs(logs: &[f64]) -> Self {
+        Self {
+            signal_variance: logs[0].exp(),
+            noise_variance: logs[1].exp(),
+            length_scales: logs[2..].iter().map(|log| log.exp()).collect(),
+        }
+    }
+}
+
+impl Solved {
+    /// Log marginal likelihood of torques `y`, n_joints × frames, summed over joints.
+    pub(super) fn log_likelihood(&self, y: &DMatrix<f64>) -> f64 {
+        let frames = y.ncols();
+        let half_log_determinant: f64 = (0..frames).map(|i| self.lower[(i, i)].ln()).sum();
+        let mut fit = 0.0;
+        for (joint, row) in y.row_iter().enumerate() {
+            fit +=
+                row.iter().zip(self.weights.col_as_slice(joint)).map(|(y, a)| y * a).sum::<f64>();
+        }
+        let constant = half_log_determinant + 0.5 * frames as f64 * std::f64::consts::TAU.ln();
+        -0.5 * fit - y.nrows() as f64 * constant
+    }
+
+    /// `Aᵀ`, n_joints × frames.
+    pub(super) fn into_weights(self) -> DMatrix<f64> {
+        let (frames, n_joints) = self.weights.shape();
+        DMatrix::from_fn(n_joints, frames, |joint, frame| self.weights[(frame, joint)])
+    }
+
+    /// `K⁻¹`, of which only the lower triangle is filled.
+    fn inverse(&self) -> Mat<f64> {
+        let frames = self.lower.nrows();
+        let mut inverse = Mat::<f64>::zeros(frames, frames);
+        let scratch = inverse::inverse_scratch::<f64>(frames, Par::Seq);
+        let mut buffer = MemBuffer::new(scratch);
+        let stack = MemStack::new(&mut buffer);
+        inverse::inverse(inverse.as_mut(), self.lower.as_ref(), Par::Seq, stack);
+        inverse
+    }
+}
+
+/// Log marginal likelihood of standardised torques `y` at standardised positions `z`, both
+/// n_joints × frames, and its gradient by the logarithms of signal variance, noise variance and
+/// length scales.
+fn likelihood(
+    kernel: &Kernel,
+    z: &DMatrix<f64>,
+    y: &DMatrix<f64>,
+) -> Result<(f64, Vec<f64>), RegressionError> {
+    let scaled = kernel.scaled(z);
+    let solved = kernel.solve(&scaled, y)?;
+    let inverse = solved.inverse();
+    let log_likelihood = solved.log_likelihood(y);
+    let weights = solved.into_weights();
+    let (n_joints, frames) = (y.nrows() as f64, y.ncols());
+    let mut gradient = vec![0.0; 2 + z.nrows()];
+    let mut squares = vec![0.0; z.nrows()];
+    for column in 0..frames {
+        for row in column..frames {
+            let product = weights.column(row).dot(&weights.column(column));
+            let slope = product - n_joints * inverse[(row, column)];
+            for (joint, square) in squares.iter_mut().enumerate() {
+                *square = (scaled[(joint, row)] - scaled[(joint, column)]).powi(2);
+            }
+            let covariance = (-0.5 * squares.iter().sum::<f64>()).exp() * kernel.signal_variance;
+            // Entries off the diagonal stand for two, which takes up the ½ of the trace.
+            let half = if row == column { 0.5 } else { 1.0 };
+            gradient[0] += half * slope * covariance;
+            for (gradient, square) in gradient[2..].iter_mut().zip(&squares) {
+                *gradient += half * slope * covariance * square;
+            }
+            if row == column {
+                gradient[1] += half * slope * kernel.noise_variance;
+            }
+        }
+    }
+    Ok((log_likelihood, gradient))
+}
+
+/// The kernel that makes torques likeliest, among those whose logarithms stay in range.
+///
+/// Ascends by the gradient's signs alone (Rprop): every hyperparameter has a step of its own, which
+/// grows while its slope keeps its sign and shrinks when it turns. A kernel that cannot be
+/// factorised ends the search.
+///
+/// Cost: O(`steps` · frames³), 10 ms a step for 400 frames.
+pub(super) fn likeliest(
+    begin: &Kernel,
+    z: &DMatrix<f64>,
+    y: &DMatrix<f64>,
+    steps: usize,
+) -> Result<Kernel, RegressionError> {
+    let mut logs = begin.to_logs();
+    let (mut best, mut best_logs) = (f64::NEG_INFINITY, logs.clone());
+    let mut strides = vec![0.5; logs.len()];
+    let mut before = vec![0.0; logs.len()];
+    for step in 0..=steps {
+        let (value, gradient) = match likelihood(&Kernel::from_logs(&logs), z, y) {
+            Ok(found) => found,
+            Err(error) if step == 0 => return Err(error),
+            Err(_) => break,
+        };
+        if value > best {
+            best = value;
+            best_logs.copy_from_slice(&logs);
+        }
+        for (index, slope) in gradient.iter().enumerate() {
+            let turned = slope * before[index] < 0.0;
+            let factor = if turned { 0.5 } else { 1.2 };
+            strides[index] = f64::clamp(strides[index] * factor, 1e-6, 1.0);
+            // After a turn it stands still once, and goes on in the new direction next time.
+            before[index] = if turned { 0.0 } else { *slope };
+            let from = if index == 1 { LOG_NOISE_FROM } else { -LOG_RANGE };
+            let moved = logs[index] + strides[index] * sign(before[index]);
+            logs[index] = moved.clamp(from, LOG_RANGE);
+        }
+    }
+    Ok(Kernel::from_logs(&best_logs))
+}
+
+/// −1, 0 or 1.
+fn sign(value: f64) -> f64 {
+    if value == 0.0 { 0.0 } else { value.signum() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::regression::Scale;
+    use crate::regression::tests::surface;
+
+    fn data() -> (DMatrix<f64>, DMatrix<f64>) {
+        let frames = surface(30, 1);
+        let y = Scale::of_torques(&frames.tau).standardised(&frames.tau);
+        (Scale::of(&frames.q).standardised(&frames.q), y)
+    }
+
+    #[test]
+    fn the_gradient_is_the_slope_of_the_likelihood() {
+        let (z, y) = data();
+        let kernel =
+            Kernel { signal_variance: 1.3, noise_variance: 0.05, length_scales: vec![0.7, 1.9] };
+        let (_, gradient) = likelihood(&kernel, &z, &y).unwrap();
+        for (index, slope) in gradient.iter().enumerate() {
+            let step = 1e-5;
+            let at = |nudge: f64| {
+                let mut logs = kernel.to_logs();
+                logs[index] += nudge;
+                likelihood(&Kernel::from_logs(&logs), &z, &y).unwrap().0
+            };
+            let wanted = (at(step) - at(-step)) / (2.0 * step);
+            assert!(
+                (slope - wanted).abs() < 1e-5 * wanted.abs().max(1.0),
+                "{index}: {slope} {wanted}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_likeliest_kernel_is_flat_in_every_direction() {
+        let (z, y) = data();
+        // Noise is the only one that the surface, which has none, pushes against its limit.
+        let kernel = likeliest(&Kernel::unit(2), &z, &y, 200).unwrap();
+        let (value, gradient) = likelihood(&kernel, &z, &y).unwrap();
+        assert!(value > likelihood(&Kernel::unit(2), &z, &y).unwrap().0);
+        for index in [0, 2, 3] {
+            assert!(gradient[index].abs() < 0.1, "{kernel:?} {gradient:?}");
+        }
+    }
+}
