@@ -18,6 +18,8 @@ mod picture;
 mod place;
 mod predict;
 mod quantile;
+#[allow(dead_code, unused_imports)]
+mod report;
 mod robot;
 mod settings;
 mod touches;

@@ -366,3 +366,23 @@ proptest! {
         prop_assert!(Grid::from_bytes(&bytes).is_err());
     }
 }
+
+#[test]
+fn surface_points_lie_on_the_surface_and_all_over_it() {
+    for shape in four_shapes() {
+        let part = part(shape);
+        let grid = of_primitive(&part);
+        let surface = grid.surface_points();
+        let off = surface.iter().map(|point| exact(&part, point).abs()).fold(0.0, f64::max);
+        assert!(off < 0.5 * CONFIG.spacing_m, "{off} m off {part:?}");
+        for point in points(20, 500, 0.08) {
+            let (distance, normal) = grid.distance_and_normal(&point);
+            let foot = point - distance * normal;
+            if exact(&part, &foot).abs() < 0.1 * CONFIG.spacing_m {
+                let gap = surface.iter().map(|p| nalgebra::distance(p, &foot));
+                let gap = gap.fold(f64::INFINITY, f64::min);
+                assert!(gap < 1.5 * CONFIG.spacing_m, "none within {gap} m of {foot} on {part:?}");
+            }
+        }
+    }
+}

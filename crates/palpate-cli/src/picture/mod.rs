@@ -1,8 +1,11 @@
 //! Pictures, as SVG that needs no font of this machine.
 //!
 //! [`torques()`] shows what was predicted beside what was felt, [`field()`] the field from three
-//! sides. Both return the file's text; [`crate::place`] writes it.
+//! sides, [`errors()`] how wrong every method was during a touch. They return the file's text;
+//! [`crate::place`] writes it.
 
+#[allow(dead_code)]
+mod errors;
 mod field;
 mod torques;
 
@@ -11,6 +14,8 @@ use plotters::coord::Shift;
 use plotters::drawing::DrawingArea;
 use plotters::style::{Color, IntoFont, RGBColor, TextStyle};
 
+#[allow(unused_imports)]
+pub(crate) use errors::{counted, errors};
 pub(crate) use field::field;
 pub(crate) use torques::torques;
 

@@ -117,6 +117,29 @@ impl Grid {
         (self.surface[0], self.surface[1])
     }
 
+    /// Points of the surface, in the link frame: one wherever it crosses a line between two
+    /// neighbouring nodes, with the distance taken as linear along it.
+    ///
+    /// They are as dense as the nodes, and for drawing: a plate thinner than a cell may have none.
+    /// Cost: one pass over the nodes.
+    pub fn surface_points(&self) -> Vec<Point3<f64>> {
+        let [nx, ny, _] = self.shape;
+        let strides = [1, self.strides[0], self.strides[1]];
+        let mut points = Vec::new();
+        for at in 0..self.nodes_m.len() {
+            let place = [at % nx, at / nx % ny, at / (nx * ny)];
+            for axis in (0..3).filter(|&axis| place[axis] + 1 < self.shape[axis]) {
+                let (here, there) = (self.nodes_m[at], self.nodes_m[at + strides[axis]]);
+                if (here < 0.0) != (there < 0.0) {
+                    let mut steps = Vector3::from(place.map(|n| n as f64));
+                    steps[axis] += f64::from(here / (here - there));
+                    points.push(self.origin_m + steps * self.spacing_m);
+                }
+            }
+        }
+        points
+    }
+
     /// Distance between nodes, m.
     pub fn spacing_m(&self) -> f64 {
         self.spacing_m

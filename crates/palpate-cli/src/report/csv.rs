@@ -1,0 +1,63 @@
+//! Table I touch by touch, as a table for programs.
+
+use palpate_learn::evaluation::Evaluation;
+
+/// One row a method and touch: the four figures, empty where a touch has none.
+pub(crate) fn errors_csv(evaluation: &Evaluation) -> String {
+    let mut text = "method,touch,avg_error,max_error,avg_relative,max_relative\n".to_owned();
+    for (index, method) in evaluation.methods.iter().enumerate() {
+        for touch in &evaluation.touches {
+            let errors = touch.predictions[index].errors;
+            let figures = [
+                errors.map(|errors| errors.avg_error),
+                errors.map(|errors| errors.max_error),
+                errors.and_then(|errors| errors.avg_relative),
+                errors.and_then(|errors| errors.max_relative),
+            ];
+            let figures = figures.map(|x| x.map(|x| format!("{x:.6}")).unwrap_or_default());
+            let names = [&method.name, &touch.name].map(|name| quoted(name));
+            text += &names.into_iter().chain(figures).collect::<Vec<_>>().join(",");
+            text.push('\n');
+        }
+    }
+    text
+}
+
+/// A cell that may hold commas or quotes.
+fn quoted(cell: &str) -> String {
+    if cell.contains([',', '"', '\n']) {
+        format!("\"{}\"", cell.replace('"', "\"\""))
+    } else {
+        cell.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_learn::evaluation::{LeftOut, Prediction, Summary};
+
+    use super::*;
+
+    #[test]
+    fn a_touch_without_torque_has_no_relative_figures() {
+        let external = vec![vec![0.5, 0.0]];
+        let touches = vec![LeftOut {
+            name: "a,b".to_owned(),
+            fold: 0,
+            time_s: vec![0.0],
+            contacts: vec![0],
+            q: vec![vec![0.0; 2]],
+            predictions: vec![Prediction::new("zero", vec![vec![0.0; 2]], &external)],
+            external,
+        }];
+        let evaluation = Evaluation {
+            joint_names: vec!["one".to_owned(), "two".to_owned()],
+            against: "truth".to_owned(),
+            methods: vec![Summary::new("zero", 0, &touches)],
+            touches,
+        };
+        let expected = "method,touch,avg_error,max_error,avg_relative,max_relative\n\
+                        zero,\"a,b\",0.500000,0.500000,,\n";
+        assert_eq!(errors_csv(&evaluation), expected);
+    }
+}

@@ -1,0 +1,93 @@
+//! An evaluation and a scene made up for tests: three touches, four methods, an arm of two links.
+
+use palpate::arm::Arm;
+use palpate::field::Field;
+use palpate::lattice::Lattice;
+use palpate::robot::Robot;
+use palpate::{contact, sdf, touch};
+use palpate_learn::evaluation::{Evaluation, LeftOut, Prediction, Summary};
+
+/// How well each method does: the part of the torque that it gets right.
+const METHODS: [(&str, f64); 4] = [("map", 0.7), ("gp", 0.2), ("knn", -0.1), ("zero", 0.0)];
+const FRAMES: usize = 200;
+const JOINTS: usize = 7;
+
+/// Touches that push in and come back, at 20 Hz; the second has a name that breaks careless HTML.
+pub(super) fn evaluation() -> Evaluation {
+    let names = ["first", "second <touch>", "third </script>"];
+    let touches: Vec<LeftOut> = names.iter().enumerate().map(|(n, name)| touch(n, name)).collect();
+    let rows = METHODS.iter().enumerate();
+    Evaluation {
+        joint_names: (1..=JOINTS).map(|joint| format!("joint_{joint}")).collect(),
+        against: "truth".to_owned(),
+        methods: rows.map(|(index, (name, _))| Summary::new(name, index, &touches)).collect(),
+        touches,
+    }
+}
+
+fn touch(number: usize, name: &str) -> LeftOut {
+    let push = |frame: usize| (frame as f64 / FRAMES as f64 * std::f64::consts::PI).sin();
+    let frame = |frame: usize| -> Vec<f64> {
+        let phase = |joint: usize| (joint as f64 * 1.3 + number as f64).sin();
+        (0..JOINTS).map(|joint| 2.0 * push(frame) * phase(joint)).collect()
+    };
+    let external: Vec<Vec<f64>> = (0..FRAMES).map(frame).collect();
+    let predicted = |&(method, part): &(&str, f64)| {
+        let scale = |tau: &Vec<f64>| tau.iter().map(|tau| part * tau).collect();
+        Prediction::new(method, external.iter().map(scale).collect(), &external)
+    };
+    LeftOut {
+        name: name.to_owned(),
+        fold: number,
+        time_s: (0..FRAMES).map(|frame| 0.05 * frame as f64).collect(),
+        contacts: (0..FRAMES).map(|frame| (300.0 * push(frame)) as u32).collect(),
+        q: (0..FRAMES).map(|at| vec![0.5 * push(at) + 0.1 * number as f64; JOINTS]).collect(),
+        predictions: METHODS.iter().map(predicted).collect(),
+        external,
+    }
+}
+
+/// Seven joints, of which the fourth and the last carry a rod.
+pub(super) fn arm() -> Arm {
+    let mut urdf = "<robot name='rods'><link name='link_0'/>".to_owned();
+    for joint in 1..=JOINTS {
+        let rod = "<collision><origin xyz='0 0 0.05'/><geometry><cylinder radius='0.03' \
+                   length='0.2'/></geometry></collision>";
+        let rod = if joint % 4 == 3 { rod } else { "" };
+        let axis = if joint % 2 == 1 { "0 0 1" } else { "0 1 0" };
+        urdf += &format!(
+            "<link name='link_{joint}'>{rod}</link><joint name='joint_{joint}' \
+             type='continuous'><origin xyz='0 0 0.1'/><parent link='link_{}'/><child \
+             link='link_{joint}'/><axis xyz='{axis}'/></joint>",
+            joint - 1
+        );
+    }
+    let robot = Robot::from_urdf(&(urdf + "</robot>")).unwrap();
+    let config = sdf::Config { spacing_m: 0.01, margin_m: 0.02 };
+    Arm::bake(robot, &config, |_| Err("no meshes".into())).unwrap().0
+}
+
+/// A ball of cells whose stiffness spans four decades.
+pub(super) fn field() -> Field {
+    let lattice = Lattice::new([0.2, -0.2, 0.3], 0.02, [20, 20, 20]).unwrap();
+    let places = (0..20_u32.pow(3)).map(|n| [n % 20, n / 20 % 20, n / 400]);
+    let (mut cells, mut stiffness_n_per_m) = (Vec::new(), Vec::new());
+    for place in places {
+        let distance = place.iter().map(|&n| (f64::from(n) - 9.5).powi(2)).sum::<f64>().sqrt();
+        if distance < 9.0 {
+            cells.push(lattice.cell(place));
+            stiffness_n_per_m.push(100.0 / 10_f64.powf(distance / 2.25));
+        }
+    }
+    let n = cells.len();
+    Field {
+        lattice,
+        contact: contact::Config::default(),
+        touch: touch::Config::default(),
+        cells,
+        stiffness_n_per_m,
+        std_n_per_m: vec![1.0; n],
+        counts: vec![1; n],
+        untouched_n_per_m: 0.0,
+    }
+}

@@ -1,0 +1,223 @@
+//! Table I in words and HTML: the verdict, the rows, the paper's ratio, touches to be wary of.
+
+use std::fmt::Write;
+
+use palpate_learn::errors::{ErrorSum, Errors};
+use palpate_learn::evaluation::{Evaluation, LeftOut, MeanStd, Summary};
+
+use super::page::escaped;
+
+/// The baselines that learn torques without a field.
+const LEARNT: [&str; 3] = ["mlp", "gp", "knn"];
+
+/// The paper's average relative errors on real touches: its field, and the best learnt baseline
+/// of the three, which had 0.76 (MLP), 1.48 (GP) and 1.20 (k-NN).
+const PAPER: (f64, f64) = (0.13, 0.76);
+
+/// A column of the table.
+type Figure = fn(&Summary) -> Option<MeanStd>;
+
+/// What a method is, for readers who do not know its name.
+pub(super) fn gloss(method: &str) -> &'static str {
+    match method {
+        "map" => "stiffness field, exact estimate",
+        "ekf" => "stiffness field, the paper's Kalman filter",
+        "mlp" => "multilayer perceptron from joint positions",
+        "gp" => "Gaussian process from joint positions",
+        "knn" => "nearest neighbours of joint positions",
+        "zero" => "predicting no torque at all",
+        "uniform" => "one stiffness for all points",
+        _ => "",
+    }
+}
+
+/// The method that the report is about: `map`, or the first in the table.
+pub(super) fn subject(evaluation: &Evaluation) -> Option<usize> {
+    let named = |name| evaluation.methods.iter().position(|method| method.name == name);
+    named("map").or_else(|| (!evaluation.methods.is_empty()).then_some(0))
+}
+
+fn relative(method: &Summary) -> Option<f64> {
+    method.avg_relative.map(|figure| figure.mean)
+}
+
+fn best_learnt(evaluation: &Evaluation) -> Option<(&str, f64)> {
+    let learnt = evaluation.methods.iter().filter(|method| LEARNT.contains(&method.name.as_str()));
+    let figures = learnt.filter_map(|method| Some((method.name.as_str(), relative(method)?)));
+    figures.min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// One line: how large the error is, and beside what.
+pub(super) fn verdict(evaluation: &Evaluation) -> String {
+    let Some(subject) = subject(evaluation).map(|index| &evaluation.methods[index]) else {
+        return "No method was evaluated.".to_owned();
+    };
+    let Some(figure) = subject.avg_relative else {
+        let error = subject.avg_error.map_or("none".to_owned(), |error| shown(error, 3) + " N·m");
+        return format!(
+            "{}: average error {error}; no touch reaches 1 N·m, so there is no relative error",
+            subject.name
+        );
+    };
+    let mut text = format!("{}: average relative error {}", subject.name, shown(figure, 2));
+    if let Some((name, mean)) = best_learnt(evaluation) {
+        let _ = write!(text, "; best learnt baseline {name} {mean:.2}");
+    }
+    let zero = evaluation.methods.iter().find(|method| method.name == "zero");
+    if let Some(mean) = zero.filter(|zero| zero.name != subject.name).and_then(relative) {
+        let _ = write!(text, "; predicting zero {mean:.2}");
+    }
+    text
+}
+
+fn shown(figure: MeanStd, digits: usize) -> String {
+    format!("{:.digits$} ± {:.digits$}", figure.mean, figure.std)
+}
+
+/// The rows of the table; the best mean of each column is bold.
+pub(super) fn html(evaluation: &Evaluation) -> String {
+    let columns: [(Figure, usize); 4] = [
+        (|method| method.avg_error, 3),
+        (|method| method.max_error, 3),
+        (|method| method.avg_relative, 2),
+        (|method| method.max_relative, 2),
+    ];
+    let best = columns.map(|(figure, _)| {
+        let means = evaluation.methods.iter().filter_map(|m| Some(figure(m)?.mean));
+        means.fold(f64::INFINITY, f64::min)
+    });
+    let mut rows = String::new();
+    for method in &evaluation.methods {
+        let (name, gloss) = (escaped(&method.name), gloss(&method.name));
+        let _ = write!(rows, "<tr><th scope=\"row\">{name} <small>{gloss}</small></th>");
+        for ((figure, digits), best) in columns.into_iter().zip(best) {
+            let cell = figure(method).map_or("–".to_owned(), |MeanStd { mean, std }| {
+                let tag = if mean <= best { "strong" } else { "span" };
+                format!("<{tag}>{mean:.digits$}</{tag}> <small>±&nbsp;{std:.digits$}</small>")
+            });
+            let _ = write!(rows, "<td>{cell}</td>");
+        }
+        rows += "</tr>\n";
+    }
+    rows
+}
+
+/// The ratio of the field's error to the best learnt baseline's, here and in the paper.
+pub(super) fn beside_the_paper(evaluation: &Evaluation) -> String {
+    let (field, baseline) = PAPER;
+    let theirs = format!(
+        "The paper reports, on real touches, an average relative error of {field:.2} for its \
+         volumetric stiffness field against 0.76, 1.48 and 1.20 for its three learnt baselines \
+         (MLP, GP, k-NN): a ratio of {field:.2}&nbsp;/&nbsp;{baseline:.2} = <strong>{:.2}</strong> \
+         to the best of them.",
+        field / baseline
+    );
+    let own = subject(evaluation).map(|index| &evaluation.methods[index]);
+    let own = own.filter(|method| !LEARNT.contains(&method.name.as_str()));
+    let ours = own.and_then(|own| Some((own, relative(own)?, best_learnt(evaluation)?)));
+    let ours = match ours {
+        Some((own, error, (name, mean))) => format!(
+            "Here the ratio of {} to {name}, the best learnt baseline, is \
+             {error:.2}&nbsp;/&nbsp;{mean:.2} = <strong>{:.2}</strong>.",
+            escaped(&own.name),
+            error / mean
+        ),
+        None => "Here there is no such ratio, for want of a learnt baseline or of torque.".into(),
+    };
+    format!("<p>{ours}</p>\n<p>{theirs}</p>")
+}
+
+/// Touches without relative error, and touches on which no map would have been better.
+pub(super) fn remarks(evaluation: &Evaluation) -> String {
+    let Some(subject) = subject(evaluation) else { return String::new() };
+    let method = escaped(&evaluation.methods[subject].name);
+    let touches = &evaluation.touches;
+    let named = |names: Vec<&str>| escaped(&names.join(", "));
+    let of = |touch: &LeftOut| touch.predictions[subject].errors;
+
+    let mut lines = Vec::new();
+    let unscored = names(touches, |touch| of(touch).is_none());
+    if !unscored.is_empty() {
+        lines.push(format!("Without a frame to score: {}.", named(unscored)));
+    }
+    let faint = names(touches, |touch| of(touch).is_some_and(|e| e.avg_relative.is_none()));
+    if !faint.is_empty() {
+        lines.push(format!(
+            "Never reaching 1&nbsp;N·m, and so without relative error: {}.",
+            named(faint)
+        ));
+    }
+    let worse: Vec<String> = touches.iter().filter_map(|touch| worse(touch, of(touch)?)).collect();
+    if evaluation.methods[subject].name != "zero" {
+        lines.push(match worse.is_empty() {
+            true => format!("On no touch is {method} worse than predicting zero."),
+            false => format!("Here {method} is worse than predicting zero: {}.", worse.join("; ")),
+        });
+    }
+    lines.iter().map(|line| format!("<li>{line}</li>\n")).collect()
+}
+
+fn names(touches: &[LeftOut], which: impl Fn(&LeftOut) -> bool) -> Vec<&str> {
+    touches.iter().filter(|touch| which(touch)).map(|touch| touch.name.as_str()).collect()
+}
+
+/// By how much a touch is predicted worse than by zero, if it is.
+fn worse(touch: &LeftOut, errors: Errors) -> Option<String> {
+    let mut zero = ErrorSum::default();
+    for external in &touch.external {
+        zero.add_slices(&vec![0.0; external.len()], external);
+    }
+    let (error, zero) = (errors.avg_error, zero.errors()?.avg_error);
+    (error > zero).then(|| {
+        let more = 100.0 * (error / zero - 1.0);
+        let name = escaped(&touch.name);
+        format!("{name} by {more:.0}&nbsp;% ({error:.3} against {zero:.3}&nbsp;N·m)")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_learn::evaluation::Prediction;
+
+    use super::super::example;
+    use super::*;
+
+    #[test]
+    fn the_verdict_stands_beside_the_best_baseline_and_zero() {
+        let mut evaluation = example::evaluation();
+        let relative = |mean| Some(MeanStd { mean, std: 0.09 });
+        for (method, mean) in evaluation.methods.iter_mut().zip([0.32, 0.95, 1.2, 1.0]) {
+            method.avg_relative = relative(mean);
+        }
+        assert_eq!(
+            verdict(&evaluation),
+            "map: average relative error 0.32 ± 0.09; best learnt baseline gp 0.95; \
+             predicting zero 1.00"
+        );
+        assert!(beside_the_paper(&evaluation).contains("0.32&nbsp;/&nbsp;0.95 = <strong>0.34<"));
+        evaluation.methods[0].avg_relative = None;
+        assert!(verdict(&evaluation).contains("no touch reaches 1 N·m"));
+    }
+
+    #[test]
+    fn one_mean_of_each_column_is_bold() {
+        let html = html(&example::evaluation());
+        assert_eq!(html.matches("<strong>").count(), 4);
+        assert_eq!(html.matches("<tr>").count(), 4);
+    }
+
+    #[test]
+    fn faint_touches_and_those_worse_than_zero_are_named() {
+        let mut evaluation = example::evaluation();
+        let clean = remarks(&evaluation);
+        assert!(clean.contains("On no touch is map worse") && !clean.contains("1&nbsp;N·m"));
+
+        let touch = &mut evaluation.touches[1];
+        touch.external.iter_mut().for_each(|tau| tau.fill(0.1));
+        let twice = vec![vec![0.3; 7]; touch.external.len()];
+        touch.predictions[0] = Prediction::new("map", twice, &touch.external);
+        let told = remarks(&evaluation);
+        assert!(told.contains("without relative error: second &lt;touch&gt;."), "{told}");
+        assert!(told.contains("second &lt;touch&gt; by 100&nbsp;% (0.529 against 0.265"), "{told}");
+    }
+}
