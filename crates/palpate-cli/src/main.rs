@@ -8,6 +8,7 @@ mod bench;
 mod bundled;
 mod demo;
 mod error;
+mod evaluate;
 mod inspect;
 mod interrupt;
 mod learn;
@@ -18,7 +19,6 @@ mod picture;
 mod place;
 mod predict;
 mod quantile;
-#[allow(dead_code, unused_imports)]
 mod report;
 mod robot;
 mod settings;
@@ -52,6 +52,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
     match command {
         Command::Map(args) => map::run(args, output),
         Command::Predict(args) => predict::run(args, output),
+        Command::Evaluate(args) => evaluate::run(args, output),
         Command::Demo(args) => demo::run(args, output),
         Command::Inspect(args) => inspect::run(args, output),
         Command::Bench(args) => bench::run(args, output),

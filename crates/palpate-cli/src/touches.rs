@@ -17,6 +17,23 @@ pub(crate) enum Moment {
     Sample(Sample),
 }
 
+/// One touch of a log, whole.
+pub(crate) struct Recorded {
+    /// The log that it is in.
+    pub log: PathBuf,
+    /// Its name.
+    pub name: String,
+    /// Its samples in order.
+    pub samples: Vec<Sample>,
+}
+
+impl Recorded {
+    /// An error at a place of this touch.
+    pub(crate) fn fault(&self, place: String, source: MapperError) -> CliError {
+        CliError::Touch { log: self.log.clone(), place, source: Box::new(source) }
+    }
+}
+
 /// Logs that are read as one.
 pub(crate) struct Touches {
     logs: Vec<(PathBuf, Box<dyn Log>)>,
@@ -78,6 +95,26 @@ impl Touches {
             }
         }
         Ok(None)
+    }
+
+    /// Reads all touches, or the first so many.
+    pub(crate) fn read(&mut self, most: Option<u32>) -> Result<Vec<Recorded>, CliError> {
+        let most = most.map_or(usize::MAX, |most| most as usize);
+        let mut touches: Vec<Recorded> = Vec::new();
+        while let Some(moment) = self.advance()? {
+            match moment {
+                Moment::Touch(_) if touches.len() == most => break,
+                Moment::Touch(name) => {
+                    let log = self.log().to_owned();
+                    touches.push(Recorded { log, name, samples: Vec::new() });
+                }
+                Moment::Sample(sample) => {
+                    let touch = touches.last_mut();
+                    touch.expect("samples come after the start of a touch").samples.push(sample);
+                }
+            }
+        }
+        Ok(touches)
     }
 
     /// The log of the touch that was started last.

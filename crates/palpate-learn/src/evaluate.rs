@@ -1,144 +1,161 @@
-//! Leave-one-touch-out: every touch is predicted from a field learnt on all the others.
+//! The paper's experiment (Sec. III-A): every touch is predicted by methods that learnt from others.
 //!
-//! The touch under test is never learnt from. Folds are independent and run in parallel; the
-//! figures are the same on one thread or many.
+//! The work divides into *parts*, one method on one fold. Parts are independent of each other, run
+//! in parallel, and may be kept and handed back, so that an evaluation that was broken off goes on.
+//! The figures are the same whatever the number of threads.
 
-use std::sync::Arc;
-
-use nalgebra::DVector;
-use palpate::arm::Arm;
-use palpate::field::{Field, Predictor};
-use palpate::mapper::{Config, Mapper, MapperError};
-use palpate::touch::Sample;
+use palpate::mapper::Config;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
-use crate::errors::ErrorSum;
+use crate::contender::{Contender, ContenderError, Torques};
+use crate::evaluation::{Evaluation, LeftOut, Prediction, Summary};
+use crate::folds::Fold;
+use crate::tracked::{Tracked, TrackedTouch};
 
-/// A touch as a log holds it, with what is known of the truth.
+/// What is evaluated.
 #[derive(Debug, Clone)]
-pub struct Touch {
-    /// Its name.
-    pub name: String,
-    /// Its samples in order.
-    pub samples: Vec<Sample>,
-    /// True external torque of every sample, n_joints, N·m, where a log has it.
-    pub truth: Option<Vec<Vec<f64>>>,
+pub struct Plan {
+    /// The methods, in the order of the table.
+    pub contenders: Vec<Contender>,
+    /// Which touches are predicted from which.
+    pub folds: Vec<Fold>,
+    /// Settings of everything, and of `map` where it has none of its own.
+    pub config: Config,
+    /// Settings of the estimators in each fold: of `map`, then of `ekf`. They differ from `config`
+    /// in estimator and contact model alone.
+    pub estimators: Vec<[Config; 2]>,
 }
 
-/// Errors on one touch.
-#[derive(Debug, Clone)]
-pub struct Score {
-    /// The touch's name.
-    pub name: String,
-    /// Errors of the field.
-    pub field: ErrorSum,
-    /// Errors of predicting zero, on the same frames.
-    pub zero: ErrorSum,
+/// One method on one fold.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// The method.
+    pub contender: Contender,
+    /// The fold's number.
+    pub fold: usize,
+    /// Predicted torques of the fold's test touches.
+    pub torques: Torques,
 }
 
-/// What can go wrong in an evaluation.
+/// What went wrong, and where.
 #[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs)] // the messages name the fields
-pub enum EvaluateError {
-    /// Nothing to learn from, or nothing to test on.
-    #[error("leave-one-touch-out needs at least two touches, got {got}")]
-    TooFewTouches { got: usize },
-    /// Samples that cannot be used.
-    #[error("touch `{touch}`, sample {sample}: {source}")]
-    Sample { touch: String, sample: usize, source: MapperError },
-    /// Settings that cannot be used.
-    #[error(transparent)]
-    Settings(#[from] MapperError),
-    /// A truth of another length than its touch.
-    #[error("the truth of touch `{touch}` has {got} rows, the touch has {expected} samples")]
-    TruthLength { touch: String, got: usize, expected: usize },
+#[error("{contender} on fold {fold}: {source}", contender = contender.name())]
+pub struct PartError {
+    /// The method.
+    pub contender: Contender,
+    /// The fold's number.
+    pub fold: usize,
+    /// What went wrong.
+    pub source: ContenderError,
 }
 
-/// Learns a field from touches.
-///
-/// # Errors
-///
-/// Names the touch and the sample that cannot be used.
-pub fn learn<'a>(
-    arm: &Arc<Arm>,
-    config: &Config,
-    touches: impl IntoIterator<Item = &'a Touch>,
-) -> Result<Mapper, EvaluateError> {
-    let mut mapper = Mapper::new(Arc::clone(arm), config.clone())?;
-    for touch in touches {
-        let at =
-            |sample, source| EvaluateError::Sample { touch: touch.name.clone(), sample, source };
-        mapper.begin_touch();
-        for (number, sample) in touch.samples.iter().enumerate() {
-            mapper.step(sample).map_err(|source| at(number, source))?;
-        }
-        mapper.end_touch().map_err(|source| at(touch.samples.len(), source))?;
-    }
-    Ok(mapper)
-}
-
-/// Scores a field on a touch, from the tare on, against the truth if the touch has it and
-/// against the measured external torque otherwise.
-///
-/// # Errors
-///
-/// Names the sample that cannot be used, or a truth of the wrong length.
-pub fn score(
-    arm: &Arc<Arm>,
-    config: &Config,
-    field: &Field,
-    touch: &Touch,
-) -> Result<Score, EvaluateError> {
-    if let Some(got) = touch.truth.as_ref().map(Vec::len).filter(|n| *n != touch.samples.len()) {
-        let (touch, expected) = (touch.name.clone(), touch.samples.len());
-        return Err(EvaluateError::TruthLength { touch, got, expected });
-    }
-    let at = |sample: usize, source: MapperError| EvaluateError::Sample {
-        touch: touch.name.clone(),
-        sample,
-        source,
-    };
-    let mut predictor =
-        Predictor::new(Arc::clone(arm), field, config.touch.clone()).map_err(MapperError::from)?;
-    predictor.begin_touch();
-    let (mut errors, mut zero) = (ErrorSum::default(), ErrorSum::default());
-    for (number, sample) in touch.samples.iter().enumerate() {
-        let step = predictor.step(sample).map_err(|error| at(number, error.into()))?;
-        let Some(prediction) = step else { continue };
-        let truth = match &touch.truth {
-            Some(truth) => DVector::from_column_slice(&truth[number]),
-            None => prediction.external,
+impl Plan {
+    /// All parts that there are to do, those that take longest first.
+    pub fn parts(&self) -> Vec<(Contender, usize)> {
+        let cost = |contender: &Contender| match contender {
+            Contender::Ekf => 0,
+            Contender::Map => 1,
+            Contender::Mlp => 2,
+            Contender::Gp => 3,
+            _ => 4,
         };
-        errors.add(&prediction.predicted, &truth);
-        zero.add(&DVector::zeros(truth.len()), &truth);
+        let mut contenders = self.contenders.clone();
+        contenders.sort_by_key(cost);
+        let folds = |contender: Contender| (0..self.folds.len()).map(move |fold| (contender, fold));
+        contenders.into_iter().flat_map(folds).collect()
     }
-    Ok(Score { name: touch.name.clone(), field: errors, zero })
+
+    /// The settings of a part.
+    pub fn config_of(&self, (contender, fold): (Contender, usize)) -> &Config {
+        match contender {
+            Contender::Map => &self.estimators[fold][0],
+            Contender::Ekf => &self.estimators[fold][1],
+            _ => &self.config,
+        }
+    }
+
+    /// Does some parts that share the contact model of `tracked`, as many at a time as there are
+    /// threads; `done` gets each when it is done, from any thread.
+    ///
+    /// # Errors
+    ///
+    /// That of the first part that failed; what was done before it was handed to `done`.
+    pub fn run(
+        &self,
+        tracked: &Tracked,
+        parts: &[(Contender, usize)],
+        stop: &(dyn Fn() -> bool + Sync),
+        done: &(dyn Fn(Part) + Sync),
+    ) -> Result<(), PartError> {
+        // One at a time to whoever is free: parts differ too much in length to be shared out before.
+        parts.par_iter().with_max_len(1).try_for_each(|&(contender, fold)| {
+            let config = self.config_of((contender, fold));
+            let torques = contender
+                .predict(tracked, &self.folds[fold], config, stop)
+                .map_err(|source| PartError { contender, fold, source })?;
+            done(Part { contender, fold, torques });
+            Ok(())
+        })
+    }
+
+    /// What all parts say together.
+    ///
+    /// # Panics
+    ///
+    /// If a part is missing, which is a bug in the caller.
+    pub fn gather(
+        &self,
+        tracked: &Tracked,
+        parts: &[Part],
+        joint_names: Vec<String>,
+        against: &str,
+    ) -> Evaluation {
+        let of = |contender: Contender, fold: usize| {
+            let part = parts.iter().find(|part| part.contender == contender && part.fold == fold);
+            &part.expect("all parts were done").torques
+        };
+        let mut touches: Vec<(usize, LeftOut)> = Vec::new();
+        for (number, fold) in self.folds.iter().enumerate() {
+            for (place, &touch) in fold.test.iter().enumerate() {
+                let mut left_out = LeftOut::of(&tracked.touches[touch], number);
+                for &contender in &self.contenders {
+                    let torques = of(contender, number)[place].clone();
+                    let prediction = Prediction::new(contender.name(), torques, &left_out.external);
+                    left_out.predictions.push(prediction);
+                }
+                touches.push((touch, left_out));
+            }
+        }
+        touches.sort_by_key(|(touch, _)| *touch);
+        let touches: Vec<LeftOut> = touches.into_iter().map(|(_, touch)| touch).collect();
+        let summary = |(index, contender): (usize, &Contender)| {
+            Summary::new(contender.name(), index, &touches)
+        };
+        let methods = self.contenders.iter().enumerate().map(summary).collect();
+        Evaluation { joint_names, against: against.to_owned(), methods, touches }
+    }
 }
 
-/// Predicts every touch from a field learnt on all the others.
-///
-/// `done` is told after every fold, from any thread.
-///
-/// # Errors
-///
-/// The first fold's, in the order of the touches.
-pub fn leave_one_touch_out(
-    arm: &Arc<Arm>,
-    config: &Config,
-    touches: &[Touch],
-    done: impl Fn() + Sync,
-) -> Result<Vec<Score>, EvaluateError> {
-    if touches.len() < 2 {
-        return Err(EvaluateError::TooFewTouches { got: touches.len() });
+impl LeftOut {
+    /// A touch that no one has predicted yet.
+    fn of(touch: &TrackedTouch, fold: usize) -> Self {
+        let frames = &touch.frames;
+        let start_s = frames.first().and_then(|frame| frame.time_s);
+        let time_s =
+            |(number, frame): (usize, &crate::tracked::TrackedFrame)| match (frame.time_s, start_s)
+            {
+                (Some(time_s), Some(start_s)) => time_s - start_s,
+                _ => number as f64,
+            };
+        Self {
+            name: touch.name.clone(),
+            fold,
+            time_s: frames.iter().enumerate().map(time_s).collect(),
+            contacts: frames.iter().map(|frame| frame.observation.n_contacts() as u32).collect(),
+            q: frames.iter().map(|frame| frame.q.clone()).collect(),
+            external: frames.iter().map(|frame| frame.target.clone()).collect(),
+            predictions: Vec::new(),
+        }
     }
-    let fold = |out: usize| {
-        let others = touches.iter().enumerate().filter(|(n, _)| *n != out).map(|(_, touch)| touch);
-        let field = learn(arm, config, others)?.field();
-        let scored = score(arm, config, &field, &touches[out]);
-        done();
-        scored
-    };
-    let folds: Vec<_> = (0..touches.len()).into_par_iter().map(fold).collect();
-    folds.into_iter().collect()
 }

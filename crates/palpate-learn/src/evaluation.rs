@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::contender::Contender;
 use crate::errors::{ErrorSum, Errors};
 
 /// An evaluation of several methods on touches that none of them learnt from.
@@ -16,6 +17,11 @@ pub struct Evaluation {
     /// The touches, each predicted while it was left out.
     pub touches: Vec<LeftOut>,
 }
+
+/// Average relative error of the paper's field on a real arm (Table I).
+pub const PAPER_FIELD: f64 = 0.13;
+/// The same of its three baselines from joint angles, the best one first.
+pub const PAPER_BASELINES: [f64; 3] = [0.76, 1.48, 1.20];
 
 /// One method's row of Table I: figures of each touch, averaged over touches.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -92,6 +98,22 @@ impl Prediction {
             sum.add_slices(predicted, external);
         }
         Self { method: method.to_owned(), errors: sum.errors(), predicted }
+    }
+}
+
+impl Evaluation {
+    /// Mean over touches of a method's average relative error, if it is in the table and has one.
+    pub fn relative(&self, method: &str) -> Option<f64> {
+        let summary = self.methods.iter().find(|summary| summary.name == method)?;
+        Some(summary.avg_relative?.mean)
+    }
+
+    /// The best of what learns from joint angles alone, and its average relative error.
+    pub fn best_learnt(&self) -> Option<(&'static str, f64)> {
+        let learnt = Contender::ALL.iter().filter(|contender| contender.is_learnt_baseline());
+        learnt
+            .filter_map(|contender| Some((contender.name(), self.relative(contender.name())?)))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
     }
 }
 

@@ -1,12 +1,24 @@
 //! How good a map is: errors of predicted torques on touches that it has not seen.
 //!
-//! [`mod@errors`] has the four figures of Table I, [`mod@evaluate`] leave-one-touch-out,
-//! [`mod@regression`] the paper's three baselines, which know joint angles and no geometry.
+//! | module                  | says                                                            |
+//! |-------------------------|-----------------------------------------------------------------|
+//! | [`mod@tracked`]         | touches with their contacts, simulated once for all             |
+//! | [`mod@folds`]           | which touches are learnt from, and which are predicted          |
+//! | [`mod@contender`]       | the methods that are compared                                   |
+//! | [`mod@regression`]      | torque from joint angles alone: MLP, Gaussian process, k-NN     |
+//! | [`mod@evaluate`]        | all methods on all folds                                        |
+//! | [`mod@evaluation`]      | what came out                                                   |
+//! | [`mod@tune`]            | settings from training touches alone                            |
+//! | [`mod@errors`]          | the four figures of Table I                                     |
 //!
-//! The crate knows the mapper and the predictor of the core, but no file.
+//! The crate knows the estimators of the core, but no file.
 #![forbid(unsafe_code)]
 
+pub mod contender;
 pub mod errors;
 pub mod evaluate;
 pub mod evaluation;
+pub mod folds;
 pub mod regression;
+pub mod tracked;
+pub mod tune;

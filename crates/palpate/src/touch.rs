@@ -146,6 +146,8 @@ pub struct Frame {
     pub poses: Poses,
     /// What the arm displaces.
     pub contacts: Contacts,
+    /// Measured torque with the sign of τ_ext, less gravity and with its bias, n_joints, N·m.
+    pub untared: DVector<f64>,
     /// τ_ext, n_joints, N·m; `None` while the tare is being taken.
     pub external: Option<DVector<f64>>,
 }
@@ -220,8 +222,9 @@ impl Tracker {
         let poses = self.arm.robot.forward(&sample.q)?;
         let raw = self.without_gravity(&sample.tau, &poses)?;
         let contacts = self.move_arm(&sample.q, &poses)?;
+        let untared = raw.clone();
         let external = self.subtract_tare(&sample.q, raw, &contacts)?;
-        Ok(Frame { poses, contacts, external })
+        Ok(Frame { poses, contacts, untared, external })
     }
 
     /// The tare of the touch, n_joints, N·m, once it is known.

@@ -3,22 +3,13 @@
 //! Reading files is no part of what is measured, so the touches are read once before. They are
 //! not simulated, sorted or changed in any way.
 
-use std::path::PathBuf;
-
 use palpate::mapper::MapperError;
 use palpate::touch::Sample;
 
 use crate::error::CliError;
 use crate::interrupt;
 use crate::output::Output;
-use crate::touches::{Moment, Touches};
-
-/// One touch of a log.
-struct Recorded {
-    log: PathBuf,
-    name: String,
-    samples: Vec<Sample>,
-}
+use crate::touches::{Recorded, Touches};
 
 /// The touches of a log, in its order.
 pub(super) struct Recording {
@@ -49,21 +40,7 @@ pub(super) trait Learner {
 impl Recording {
     /// Reads all touches, or the first so many.
     pub(super) fn read(log: &mut Touches, most: Option<u32>) -> Result<Self, CliError> {
-        let most = most.map_or(usize::MAX, |most| most as usize);
-        let mut touches: Vec<Recorded> = Vec::new();
-        while let Some(moment) = log.advance()? {
-            match moment {
-                Moment::Touch(_) if touches.len() == most => break,
-                Moment::Touch(name) => {
-                    let log = log.log().to_owned();
-                    touches.push(Recorded { log, name, samples: Vec::new() });
-                }
-                Moment::Sample(sample) => {
-                    let touch = touches.last_mut();
-                    touch.expect("samples come after the start of a touch").samples.push(sample);
-                }
-            }
-        }
+        let touches = log.read(most)?;
         Ok(Self { touches })
     }
 
@@ -104,12 +81,5 @@ impl Recording {
         }
         bar.finish_and_clear();
         Ok(())
-    }
-}
-
-impl Recorded {
-    /// An error at a place of this touch.
-    fn fault(&self, place: String, source: MapperError) -> CliError {
-        CliError::Touch { log: self.log.clone(), place, source: Box::new(source) }
     }
 }

@@ -4,7 +4,6 @@
 //! sides, [`errors()`] how wrong every method was during a touch. They return the file's text;
 //! [`crate::place`] writes it.
 
-#[allow(dead_code)]
 mod errors;
 mod field;
 mod torques;
@@ -14,7 +13,6 @@ use plotters::coord::Shift;
 use plotters::drawing::DrawingArea;
 use plotters::style::{Color, IntoFont, RGBColor, TextStyle};
 
-#[allow(unused_imports)]
 pub(crate) use errors::{counted, errors};
 pub(crate) use field::field;
 pub(crate) use torques::torques;

@@ -2,17 +2,13 @@
 
 use std::fmt::Write;
 
+use palpate_learn::contender::Contender;
 use palpate_learn::errors::{ErrorSum, Errors};
-use palpate_learn::evaluation::{Evaluation, LeftOut, MeanStd, Summary};
+use palpate_learn::evaluation::{
+    Evaluation, LeftOut, MeanStd, PAPER_BASELINES, PAPER_FIELD, Summary,
+};
 
 use super::page::escaped;
-
-/// The baselines that learn torques without a field.
-const LEARNT: [&str; 3] = ["mlp", "gp", "knn"];
-
-/// The paper's average relative errors on real touches: its field, and the best learnt baseline
-/// of the three, which had 0.76 (MLP), 1.48 (GP) and 1.20 (k-NN).
-const PAPER: (f64, f64) = (0.13, 0.76);
 
 /// A column of the table.
 type Figure = fn(&Summary) -> Option<MeanStd>;
@@ -37,14 +33,13 @@ pub(super) fn subject(evaluation: &Evaluation) -> Option<usize> {
     named("map").or_else(|| (!evaluation.methods.is_empty()).then_some(0))
 }
 
-fn relative(method: &Summary) -> Option<f64> {
-    method.avg_relative.map(|figure| figure.mean)
+fn is_learnt(method: &Summary) -> bool {
+    let named = |contender: &&Contender| contender.name() == method.name;
+    Contender::ALL.iter().find(named).is_some_and(|contender| contender.is_learnt_baseline())
 }
 
-fn best_learnt(evaluation: &Evaluation) -> Option<(&str, f64)> {
-    let learnt = evaluation.methods.iter().filter(|method| LEARNT.contains(&method.name.as_str()));
-    let figures = learnt.filter_map(|method| Some((method.name.as_str(), relative(method)?)));
-    figures.min_by(|a, b| a.1.total_cmp(&b.1))
+fn relative(method: &Summary) -> Option<f64> {
+    method.avg_relative.map(|figure| figure.mean)
 }
 
 /// One line: how large the error is, and beside what.
@@ -60,7 +55,7 @@ pub(super) fn verdict(evaluation: &Evaluation) -> String {
         );
     };
     let mut text = format!("{}: average relative error {}", subject.name, shown(figure, 2));
-    if let Some((name, mean)) = best_learnt(evaluation) {
+    if let Some((name, mean)) = evaluation.best_learnt() {
         let _ = write!(text, "; best learnt baseline {name} {mean:.2}");
     }
     let zero = evaluation.methods.iter().find(|method| method.name == "zero");
@@ -104,17 +99,17 @@ pub(super) fn html(evaluation: &Evaluation) -> String {
 
 /// The ratio of the field's error to the best learnt baseline's, here and in the paper.
 pub(super) fn beside_the_paper(evaluation: &Evaluation) -> String {
-    let (field, baseline) = PAPER;
+    let (field, baseline) = (PAPER_FIELD, PAPER_BASELINES[0]);
     let theirs = format!(
         "The paper reports, on real touches, an average relative error of {field:.2} for its \
-         volumetric stiffness field against 0.76, 1.48 and 1.20 for its three learnt baselines \
-         (MLP, GP, k-NN): a ratio of {field:.2}&nbsp;/&nbsp;{baseline:.2} = <strong>{:.2}</strong> \
+         volumetric stiffness field against 0.76, 1.48 and 1.20 for its three learnt \
+         baselines: a ratio of {field:.2}&nbsp;/&nbsp;{baseline:.2} = <strong>{:.2}</strong> \
          to the best of them.",
         field / baseline
     );
     let own = subject(evaluation).map(|index| &evaluation.methods[index]);
-    let own = own.filter(|method| !LEARNT.contains(&method.name.as_str()));
-    let ours = own.and_then(|own| Some((own, relative(own)?, best_learnt(evaluation)?)));
+    let own = own.filter(|method| !is_learnt(method));
+    let ours = own.and_then(|own| Some((own, relative(own)?, evaluation.best_learnt()?)));
     let ours = match ours {
         Some((own, error, (name, mean))) => format!(
             "Here the ratio of {} to {name}, the best learnt baseline, is \

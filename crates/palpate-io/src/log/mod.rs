@@ -28,7 +28,7 @@ pub use csv::{CsvColumns, CsvError};
 pub use palpate::touch::Sample;
 
 pub use joints::{JointNameError, reorder};
-pub use truth::external_truth;
+pub use truth::{external_truth, is_simulated};
 
 /// More joints than any arm has: an array this wide is something else, or turned on its side.
 pub(crate) const MAX_JOINTS: usize = 64;

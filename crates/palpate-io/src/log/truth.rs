@@ -33,6 +33,14 @@ pub fn external_truth(log: &Path, touch: &str) -> Result<Option<Vec<Vec<f64>>>, 
     Ok(Some(rows))
 }
 
+/// Whether a log says of itself that it was simulated: a `truth/` folder lies in it or, if it is a
+/// single touch, beside it. Nothing of it is read.
+pub fn is_simulated(log: &Path) -> bool {
+    let Ok(log) = log.canonicalize() else { return false };
+    let beside = log.parent().is_some_and(|parent| parent.join("truth").is_dir());
+    log.join("truth").is_dir() || beside
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

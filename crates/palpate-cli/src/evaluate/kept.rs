@@ -1,0 +1,91 @@
+//! What is done of an evaluation, kept until all of it is.
+//!
+//! Every piece lies in a file of its own, which appears whole or not at all, under the *key* of what
+//! made it: robot, settings, touches, folds and version. What has another key is not taken.
+
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use super::work::Work;
+use crate::error::CliError;
+use crate::place;
+
+/// The folder of the pieces.
+pub(super) struct Kept {
+    folder: PathBuf,
+    key: String,
+}
+
+/// What a file holds.
+#[derive(Serialize, Deserialize)]
+struct Sealed<P> {
+    key: String,
+    piece: P,
+}
+
+impl Kept {
+    /// The pieces kept in a folder of results.
+    pub(super) fn open(results: &Path, work: &Work<'_>) -> Result<Self, CliError> {
+        let folder = results.join("parts");
+        let what = format!("the folder `{}`", folder.display());
+        std::fs::create_dir_all(&folder).map_err(|source| CliError::Write { what, source })?;
+        Ok(Self { folder, key: key(work) })
+    }
+
+    /// All pieces whose name begins so, if they are whole.
+    pub(super) fn read<P: DeserializeOwned>(&self, begins: &str) -> Vec<P> {
+        let Ok(entries) = self.folder.read_dir() else { return Vec::new() };
+        let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
+        let mut names: Vec<String> = names.filter(|name| name.starts_with(begins)).collect();
+        names.sort();
+        names.iter().filter_map(|name| self.one(name.strip_suffix(".json")?)).collect()
+    }
+
+    /// A piece by its name, if it is there and whole.
+    pub(super) fn one<P: DeserializeOwned>(&self, name: &str) -> Option<P> {
+        let text = std::fs::read_to_string(self.folder.join(format!("{name}.json"))).ok()?;
+        let sealed: Sealed<P> = serde_json::from_str(&text).ok()?;
+        (sealed.key == self.key).then_some(sealed.piece)
+    }
+
+    /// Keeps a piece under a name.
+    pub(super) fn keep<P: Serialize>(&self, name: &str, piece: &P) -> Result<(), CliError> {
+        let sealed = Sealed { key: self.key.clone(), piece };
+        let text = serde_json::to_string(&sealed).map_err(CliError::file)?;
+        place::write(&self.folder.join(format!("{name}.json")), &text)
+    }
+
+    /// Lets go of all pieces.
+    pub(super) fn remove(&self) {
+        let _ = std::fs::remove_dir_all(&self.folder); // What stays is found, or has another key.
+    }
+}
+
+impl Drop for Kept {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir(&self.folder); // Refused unless it is empty.
+    }
+}
+
+/// A hash of everything that a piece depends on.
+fn key(work: &Work<'_>) -> String {
+    let mut hasher = blake3::Hasher::new();
+    let mut text = |text: &str| {
+        hasher.update(&(text.len() as u64).to_le_bytes());
+        hasher.update(text.as_bytes());
+    };
+    text(env!("CARGO_PKG_VERSION"));
+    text(&format!("{:?} {:?} {} {}", work.estimators, work.folds, work.tune, work.truth));
+    text(&work.arm.fingerprint().to_string());
+    work.touches.iter().for_each(|touch| text(&touch.name));
+    for touch in work.touches {
+        hasher.update(&(touch.samples.len() as u64).to_le_bytes());
+        let numbers = touch.samples.iter().flat_map(|sample| sample.q.iter().chain(&sample.tau));
+        numbers.for_each(|number| {
+            hasher.update(&number.to_bits().to_le_bytes());
+        });
+    }
+    hasher.finalize().to_hex().to_string()
+}

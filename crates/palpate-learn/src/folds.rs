@@ -1,0 +1,44 @@
+//! Which touches are learnt from, and which are predicted.
+
+/// One division of touches, by their numbers.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Fold {
+    /// Predicted, and never learnt from.
+    pub test: Vec<usize>,
+    /// Learnt from, in this order.
+    pub train: Vec<usize>,
+}
+
+impl Fold {
+    /// Some touches are predicted, all others learnt from.
+    pub fn testing(test: Vec<usize>, touches: usize) -> Self {
+        let train = (0..touches).filter(|touch| !test.contains(touch)).collect();
+        Self { test, train }
+    }
+}
+
+/// Every touch is predicted once, in `folds` groups of about the same size: touch `i` is in fold
+/// `i mod folds`. With as many folds as touches this is leave-one-touch-out.
+pub fn folds(touches: usize, folds: usize) -> Vec<Fold> {
+    let group = |fold: usize| (fold..touches).step_by(folds.max(1)).collect();
+    (0..folds.min(touches)).map(|fold| Fold::testing(group(fold), touches)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_touch_is_tested_once_and_never_learnt_from_in_its_fold() {
+        for (touches, n) in [(11, 11), (11, 3), (2, 2), (5, 9), (7, 1)] {
+            let folds = folds(touches, n);
+            let mut tested: Vec<usize> = folds.iter().flat_map(|fold| fold.test.clone()).collect();
+            tested.sort_unstable();
+            assert_eq!(tested, (0..touches).collect::<Vec<_>>());
+            for fold in &folds {
+                assert!(fold.test.iter().all(|touch| !fold.train.contains(touch)));
+                assert_eq!(fold.test.len() + fold.train.len(), touches);
+            }
+        }
+    }
+}

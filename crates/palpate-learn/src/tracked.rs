@@ -1,0 +1,329 @@
+//! Touches with their contacts, tracked once for all that learn from them.
+//!
+//! What the arm displaces follows from its motion alone, so folds and methods share it: a touch is
+//! simulated once, and its frames are handed to every estimator that learns from it. Cells are
+//! numbered over all touches; a row that an estimator has not seen has its prior.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+use palpate::arm::Arm;
+use palpate::contact;
+use palpate::lattice::{CellId, CellRows, Lattice};
+use palpate::mapper::{Config, MapperError};
+use palpate::torque::{Folder, Observation};
+use palpate::touch::{self, Sample, Tare, Tracker};
+use rayon::prelude::*;
+
+use crate::regression::Frames;
+
+/// A touch as a log holds it, with what is known of the truth.
+#[derive(Debug, Clone)]
+pub struct Touch {
+    /// Its name.
+    pub name: String,
+    /// Its samples in order.
+    pub samples: Vec<Sample>,
+    /// True external torque of every sample, n_joints, N·m, where it is to be predicted.
+    pub truth: Option<Vec<Vec<f64>>>,
+}
+
+/// What can go wrong in tracking.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum TrackError {
+    /// A sample that cannot be used.
+    #[error("touch {touch}, sample {sample}: {source}")]
+    Sample { touch: usize, sample: usize, source: MapperError },
+    /// A truth that does not fit its touch.
+    #[error("the truth of touch `{touch}` has {got}, the touch has {expected}")]
+    Truth { touch: String, got: String, expected: String },
+    /// Settings out of their range.
+    #[error(transparent)]
+    Settings(#[from] contact::ConfigError),
+    /// Asked to stop.
+    #[error("stopped")]
+    Stopped,
+}
+
+/// All touches, tracked.
+#[derive(Debug, Clone)]
+pub struct Tracked {
+    /// The touches in the order in which they were given.
+    pub touches: Vec<TrackedTouch>,
+    /// The box that the cells belong to.
+    pub lattice: Lattice,
+    /// All cells touched, by row.
+    pub cells: Vec<CellId>,
+    /// Their rest points, by row, world frame, m.
+    pub points_m: Vec<[f64; 3]>,
+    /// Joints of every torque.
+    pub n_joints: usize,
+    /// Standard deviation of the torques in the frames of the tare, where nothing is touched,
+    /// n_joints, N·m; 0 without such frames.
+    pub noise_std: Vec<f64>,
+}
+
+/// A touch with its contacts.
+#[derive(Debug, Clone)]
+pub struct TrackedTouch {
+    /// Its name.
+    pub name: String,
+    /// Its frames from the tare on.
+    pub frames: Vec<TrackedFrame>,
+}
+
+/// One frame after the tare.
+#[derive(Debug, Clone)]
+pub struct TrackedFrame {
+    /// Its number among the touch's samples.
+    pub sample: u32,
+    /// By the log's clock, s.
+    pub time_s: Option<f64>,
+    /// Joint positions, n_joints, rad.
+    pub q: Vec<f64>,
+    /// The same with every joint that turns without end counted on from the first sample of all.
+    pub unwrapped: Vec<f64>,
+    /// Contacts, and the measured external torque.
+    pub observation: Observation,
+    /// The external torque that is to be predicted, n_joints, N·m: true or measured.
+    pub target: Vec<f64>,
+}
+
+impl Tracked {
+    /// Tracks all touches, several at a time; the result does not depend on how many.
+    ///
+    /// `stop` is asked before every sample, from any thread.
+    ///
+    /// # Errors
+    ///
+    /// Names the first touch, and its sample, that cannot be used.
+    pub fn new(
+        arm: &Arc<Arm>,
+        config: &Config,
+        touches: &[Touch],
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Self, TrackError> {
+        touches.iter().try_for_each(|touch| check_truth(touch, arm.robot.n_joints()))?;
+        Self::track(arm, config, touches, None, stop)
+    }
+
+    /// The same frames with the same torques under another contact model.
+    ///
+    /// # Errors
+    ///
+    /// If a setting of the contact model is out of its range, or on being stopped.
+    pub fn under(
+        &self,
+        contact: &contact::Config,
+        arm: &Arc<Arm>,
+        config: &Config,
+        touches: &[Touch],
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Self, TrackError> {
+        let mut config = Config { contact: contact.clone(), ..config.clone() };
+        config.touch.tare = Tare::None; // The torques are known, with their tare taken off.
+        Self::track(arm, &config, touches, Some(self), stop)
+    }
+
+    /// Every so-manyth frame of each touch: what a quick look is content with.
+    pub fn thinned(mut self, every: usize) -> Self {
+        for touch in &mut self.touches {
+            let mut number = 0;
+            touch.frames.retain(|_| {
+                number += 1;
+                (number - 1) % every.max(1) == 0
+            });
+        }
+        self
+    }
+
+    fn track(
+        arm: &Arc<Arm>,
+        config: &Config,
+        touches: &[Touch],
+        like: Option<&Self>,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Self, TrackError> {
+        let (contact, touch) = (config.contact.clone(), config.touch.clone());
+        let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
+        let first = touches.iter().flat_map(|touch| &touch.samples).map(|sample| &sample.q).next();
+        let track = |(number, touch): (usize, &Touch)| {
+            let like = like.map(|like| like.touches[number].frames.as_slice());
+            follow(tracker.clone(), (number, touch), (first, like), stop)
+        };
+        let mut folder = Folder::new(CellRows::new(config.lattice.clone()));
+        let mut tracked = Vec::with_capacity(touches.len());
+        let mut noise = Noise::of(arm.robot.n_joints());
+        let numbered: Vec<(usize, &Touch)> = touches.iter().enumerate().collect();
+        // Contacts are larger than what they are folded into: no more of them than are worked on.
+        for some in numbered.chunks(rayon::current_num_threads().max(1)) {
+            let followed: Vec<_> = some.par_iter().map(|touch| track(*touch)).collect();
+            for (frames, (_, touch)) in followed.into_iter().zip(some) {
+                let (frames, of_tare) = frames?;
+                noise.add(&of_tare);
+                let fold = |frame: Followed| frame.fold(arm, &mut folder);
+                let frames = frames.into_iter().map(fold).collect();
+                tracked.push(TrackedTouch { name: touch.name.clone(), frames });
+            }
+        }
+        Ok(Self {
+            touches: tracked,
+            lattice: config.lattice.clone(),
+            cells: folder.rows().cells().to_vec(),
+            points_m: folder.rows().points_m().to_vec(),
+            n_joints: arm.robot.n_joints(),
+            noise_std: like.map_or_else(|| noise.std(), |like| like.noise_std.clone()),
+        })
+    }
+
+    /// Joint positions and measured torques of some touches, for what learns from them alone.
+    pub fn frames(&self, touches: &[usize]) -> Frames {
+        let of =
+            |&touch: &usize| self.touches[touch].frames.iter().map(move |frame| (touch, frame));
+        let frames: Vec<(usize, &TrackedFrame)> = touches.iter().flat_map(of).collect();
+        let q = |joint: usize, frame: usize| frames[frame].1.unwrapped[joint];
+        let tau = |joint: usize, frame: usize| frames[frame].1.observation.tau()[joint];
+        Frames {
+            q: DMatrix::from_fn(self.n_joints, frames.len(), q),
+            tau: DMatrix::from_fn(self.n_joints, frames.len(), tau),
+            touch: frames.iter().map(|(touch, _)| *touch).collect(),
+        }
+    }
+}
+
+impl TrackedTouch {
+    /// Frames in which the arm displaces something.
+    pub fn frames_in_contact(&self) -> usize {
+        self.frames.iter().filter(|frame| frame.observation.n_contacts() > 0).count()
+    }
+
+    /// Joint positions as [`Frames::q`] has them, n_joints × frames, rad.
+    pub fn positions(&self, n_joints: usize) -> DMatrix<f64> {
+        DMatrix::from_fn(n_joints, self.frames.len(), |joint, frame| {
+            self.frames[frame].unwrapped[joint]
+        })
+    }
+}
+
+/// A frame on its way to a [`TrackedFrame`].
+struct Followed {
+    sample: u32,
+    time_s: Option<f64>,
+    q: Vec<f64>,
+    unwrapped: Vec<f64>,
+    frame: touch::Frame,
+    external: DVector<f64>,
+    truth: Option<Vec<f64>>,
+}
+
+impl Followed {
+    fn fold(self, arm: &Arm, folder: &mut Folder) -> TrackedFrame {
+        let (frame, external) = (self.frame, self.external);
+        let observation = folder.fold(&arm.robot, &frame.poses, &frame.contacts, &external);
+        TrackedFrame {
+            sample: self.sample,
+            time_s: self.time_s,
+            q: self.q,
+            unwrapped: self.unwrapped,
+            observation,
+            target: self.truth.unwrap_or_else(|| external.as_slice().to_vec()),
+        }
+    }
+}
+
+/// How torques scatter about the mean of their touch where nothing is touched.
+struct Noise {
+    squares: DVector<f64>,
+    /// Frames less one a touch, for its mean.
+    freedom: f64,
+}
+
+impl Noise {
+    fn of(n_joints: usize) -> Self {
+        Self { squares: DVector::zeros(n_joints), freedom: 0.0 }
+    }
+
+    /// Adds the contact-free frames of a touch.
+    fn add(&mut self, frames: &[DVector<f64>]) {
+        if frames.is_empty() {
+            return;
+        }
+        let n = frames.len() as f64;
+        let mean = frames.iter().sum::<DVector<f64>>() / n;
+        for frame in frames {
+            let apart = frame - &mean;
+            self.squares += apart.component_mul(&apart);
+        }
+        self.freedom += n - 1.0;
+    }
+
+    fn std(&self) -> Vec<f64> {
+        let freedom = self.freedom.max(1.0);
+        self.squares.iter().map(|squares| (squares / freedom).sqrt()).collect()
+    }
+}
+
+/// The frames of a touch from the tare on, or those of `like` with their torques; and the torques,
+/// bias and all, of those before.
+fn follow(
+    mut tracker: Tracker,
+    (number, touch): (usize, &Touch),
+    (first, like): (Option<&Vec<f64>>, Option<&[TrackedFrame]>),
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(Vec<Followed>, Vec<DVector<f64>>), TrackError> {
+    let at = |sample, source| TrackError::Sample { touch: number, sample, source };
+    let arm = Arc::clone(tracker.arm());
+    tracker.begin_touch();
+    let (mut frames, mut of_tare) = (Vec::new(), Vec::new());
+    // A first sample of another robot is refused where it stands.
+    let first = first.filter(|q| q.len() == arm.robot.n_joints());
+    let mut before = first.or(touch.samples.first().map(|sample| &sample.q)).cloned();
+    let mut unwrapped = before.clone().unwrap_or_default();
+    for (index, sample) in touch.samples.iter().enumerate() {
+        if stop() {
+            return Err(TrackError::Stopped);
+        }
+        let mut frame = tracker.feed(sample).map_err(|error| at(index, error.into()))?;
+        let way = arm.robot.difference(before.as_ref().unwrap_or(&sample.q), &sample.q);
+        unwrapped.iter_mut().zip(&way).for_each(|(total, way)| *total += way);
+        before = Some(sample.q.clone());
+        let external = match like {
+            None => frame.external.take(),
+            Some(like) => {
+                let known = like.get(frames.len()).filter(|known| known.sample == index as u32);
+                known.map(|known| known.observation.tau().into_owned())
+            }
+        };
+        if let Some(external) = external {
+            frames.push(Followed {
+                sample: index as u32,
+                time_s: sample.time_s,
+                q: sample.q.clone(),
+                unwrapped: unwrapped.clone(),
+                frame,
+                external,
+                truth: touch.truth.as_ref().map(|truth| truth[index].clone()),
+            });
+        } else {
+            of_tare.push(frame.untared);
+        }
+    }
+    tracker.end_touch().map_err(|error| at(touch.samples.len(), error.into()))?;
+    Ok((frames, of_tare))
+}
+
+fn check_truth(touch: &Touch, n_joints: usize) -> Result<(), TrackError> {
+    let Some(truth) = &touch.truth else { return Ok(()) };
+    let odd = truth.iter().map(Vec::len).find(|n| *n != n_joints);
+    if truth.len() == touch.samples.len() && odd.is_none() {
+        return Ok(());
+    }
+    let size = |rows: usize, joints: usize| format!("{rows} rows of {joints} joints");
+    Err(TrackError::Truth {
+        touch: touch.name.clone(),
+        got: size(truth.len(), odd.unwrap_or(n_joints)),
+        expected: size(touch.samples.len(), n_joints),
+    })
+}

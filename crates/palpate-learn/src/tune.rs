@@ -1,0 +1,240 @@
+//! Settings chosen by cross-validation inside training touches.
+//!
+//! Candidates are drawn once, at random from a seed: contact distance δ, friction μ, prior, torque
+//! noise and replays, all around the shipped ones, which are a candidate themselves. Successive
+//! halving then finds the best: every candidate is tried on few inner folds, the better third of
+//! them on more, and the best few on all, leave-one-touch-out. What a candidate is judged by are
+//! measured torques of training touches that it has not learnt from; the touch under test is never
+//! looked at.
+//!
+//! Frames are thinned for this; every one that is left then counts for as many as it stands for, by
+//! that much less noise, so that evidence and prior keep their balance. A contact model is simulated
+//! once for all candidates and folds that share it.
+
+use std::sync::Arc;
+
+use palpate::arm::Arm;
+use palpate::estimator::Method;
+use palpate::mapper::Config;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::contender::{Contender, ContenderError};
+use crate::evaluation::{MeanStd, Prediction};
+use crate::folds::{Fold, folds};
+use crate::tracked::{Touch, TrackError, Tracked};
+
+/// Contact distances and frictions, as multiples of the given ones: each pair is simulated.
+const DISTANCES: [f64; 5] = [0.7, 0.85, 1.0, 1.15, 1.35];
+const FRICTIONS: [f64; 5] = [0.6, 0.8, 1.0, 1.3, 1.6];
+/// Other settings, as multiples of the given ones.
+const PRIOR_STDS: [f64; 5] = [0.5, 1.0, 1.5, 2.0, 4.0];
+const PRIOR_MEANS: [f64; 3] = [0.5, 1.0, 2.0];
+const TORQUE_STDS: [f64; 3] = [0.7, 1.0, 1.4];
+const REPLAYS: [u32; 3] = [10, 20, 40];
+
+/// Frames of all touches together that a candidate learns and predicts, about.
+const FRAMES: usize = 1_200;
+/// Inner folds of the first rounds; the last one is leave-one-touch-out.
+const INNER: usize = 4;
+
+/// How thorough to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Effort {
+    /// Candidates to begin with.
+    pub candidates: usize,
+    /// Seed of their draw.
+    pub seed: u64,
+}
+
+impl Effort {
+    /// What a few minutes on two cores allow: a visit of `ekf` takes three times as long.
+    pub fn of(method: Method) -> Self {
+        let candidates = match method {
+            Method::Map => 24,
+            Method::Ekf => 12,
+        };
+        Self { candidates, seed: 0 }
+    }
+}
+
+/// What was chosen, and why.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Tuned {
+    /// The settings that did best.
+    pub config: Config,
+    /// All candidates, those that came furthest first, then by their score.
+    pub trials: Vec<Trial>,
+}
+
+/// One candidate's way through the rounds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Trial {
+    /// Its settings.
+    pub config: Config,
+    /// Its score after each round that it was in: mean relative error on training touches it had
+    /// not learnt from, as [`score_of`] has it.
+    pub scores: Vec<f64>,
+}
+
+/// Candidates with their contacts, for any set of training touches.
+pub struct Tuner {
+    candidates: Vec<Config>,
+    /// The place of each candidate's contacts in `tracked`.
+    contacts: Vec<usize>,
+    tracked: Vec<Tracked>,
+    /// Frames that each frame of `tracked` stands for.
+    every: usize,
+}
+
+impl Tuner {
+    /// Draws candidates around `config` and simulates their contact models.
+    ///
+    /// `base` are the touches tracked under `config`; `done` is told after every contact model.
+    ///
+    /// # Errors
+    ///
+    /// On being stopped.
+    pub fn new(
+        (arm, touches, base): (&Arc<Arm>, &[Touch], &Tracked),
+        config: &Config,
+        effort: Effort,
+        stop: &(dyn Fn() -> bool + Sync),
+        done: &dyn Fn(),
+    ) -> Result<Self, TrackError> {
+        let candidates = draw(config, base, effort);
+        let frames: usize = base.touches.iter().map(|touch| touch.frames.len()).sum();
+        let every = frames.div_ceil(FRAMES).max(1);
+        let (mut models, mut tracked, mut contacts) = (Vec::new(), Vec::new(), Vec::new());
+        for candidate in &candidates {
+            let contact = &candidate.contact;
+            let place = models.iter().position(|model| model == contact);
+            contacts.push(place.unwrap_or(models.len()));
+            if place.is_none() {
+                models.push(contact.clone());
+                tracked.push(base.under(contact, arm, config, touches, stop)?.thinned(every));
+            }
+            done();
+        }
+        Ok(Self { candidates, contacts, tracked, every })
+    }
+
+    /// Chooses the settings for some training touches.
+    ///
+    /// # Errors
+    ///
+    /// If no candidate can learn these touches, or on being stopped.
+    pub fn tune(
+        &self,
+        train: &[usize],
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Tuned, ContenderError> {
+        let mut trials: Vec<(usize, Vec<f64>)> =
+            (0..self.candidates.len()).map(|candidate| (candidate, Vec::new())).collect();
+        let mut left = trials.len();
+        let all = inner(train, train.len());
+        let some = inner(train, INNER.min(train.len()));
+        let few = &some[..some.len().div_ceil(2)];
+        for (round, folds) in [few, &some, &all].into_iter().enumerate() {
+            let scored: Result<Vec<f64>, ContenderError> = trials[..left]
+                .par_iter()
+                .map(|(candidate, _)| self.score(*candidate, folds, stop))
+                .collect();
+            for ((_, scores), score) in trials.iter_mut().zip(scored?) {
+                scores.push(score);
+            }
+            trials[..left].sort_by(|a, b| {
+                let last = |scores: &[f64]| scores.last().copied().unwrap_or(f64::INFINITY);
+                last(&a.1).total_cmp(&last(&b.1)).then(a.0.cmp(&b.0))
+            });
+            left = [left.div_ceil(3), left.div_ceil(3), 1][round];
+        }
+        let trial = |(candidate, scores): (usize, Vec<f64>)| Trial {
+            config: self.candidates[candidate].clone(),
+            scores,
+        };
+        let trials: Vec<Trial> = trials.into_iter().map(trial).collect();
+        Ok(Tuned { config: trials[0].config.clone(), trials })
+    }
+
+    /// The mean score of a candidate over the touches that some folds test.
+    fn score(
+        &self,
+        candidate: usize,
+        folds: &[Fold],
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<f64, ContenderError> {
+        let mut config = self.candidates[candidate].clone();
+        let shrink = (self.every as f64).sqrt().recip();
+        config.estimator.torque_std.iter_mut().for_each(|std| *std *= shrink);
+        let tracked = &self.tracked[self.contacts[candidate]];
+        let contender = match config.method {
+            Method::Map => Contender::Map,
+            Method::Ekf => Contender::Ekf,
+        };
+        let mut scores = Vec::new();
+        for fold in folds {
+            let torques = contender.predict(tracked, fold, &config, stop)?;
+            for (&touch, predicted) in fold.test.iter().zip(torques) {
+                let frames = &tracked.touches[touch].frames;
+                let measured: Vec<Vec<f64>> = frames
+                    .iter()
+                    .map(|frame| frame.observation.tau().as_slice().to_vec())
+                    .collect();
+                scores.extend(score_of(predicted, &measured));
+            }
+        }
+        Ok(MeanStd::of(scores).map_or(f64::INFINITY, |score| score.mean))
+    }
+}
+
+/// Mean relative error of a touch; where it never reaches 1 N·m its mean error by that of
+/// predicting zero, and nothing if there is no torque at all.
+fn score_of(predicted: Vec<Vec<f64>>, measured: &[Vec<f64>]) -> Option<f64> {
+    let zeros = measured.iter().map(|tau| vec![0.0; tau.len()]).collect();
+    let zero = Prediction::new("zero", zeros, measured).errors?.avg_error;
+    let errors = Prediction::new("", predicted, measured).errors?;
+    errors.avg_relative.or((zero > 0.0).then_some(errors.avg_error / zero))
+}
+
+/// Divisions of the training touches alone.
+fn inner(train: &[usize], n: usize) -> Vec<Fold> {
+    let touches = |places: Vec<usize>| places.into_iter().map(|place| train[place]).collect();
+    let inner = |fold: Fold| Fold { test: touches(fold.test), train: touches(fold.train) };
+    folds(train.len(), n).into_iter().map(inner).collect()
+}
+
+/// Candidates around the given settings, which are the first of them.
+fn draw(config: &Config, base: &Tracked, effort: Effort) -> Vec<Config> {
+    let mut rng = ChaCha8Rng::seed_from_u64(effort.seed);
+    let mut pick = |n: usize| ((u64::from(rng.next_u32()) * n as u64) >> 32) as usize;
+    let mut candidates = vec![config.clone()];
+    // With the sensors' noise as a floor, seen where nothing is touched.
+    let tries = 20 * effort.candidates;
+    for _ in 0..tries {
+        if candidates.len() >= effort.candidates {
+            break;
+        }
+        let mut candidate = config.clone();
+        let contact = &mut candidate.contact;
+        contact.contact_distance_m *= DISTANCES[pick(DISTANCES.len())];
+        contact.friction *= FRICTIONS[pick(FRICTIONS.len())];
+        let estimator = &mut candidate.estimator;
+        estimator.prior.std_n_per_m *= PRIOR_STDS[pick(PRIOR_STDS.len())];
+        estimator.prior.mean_n_per_m *= PRIOR_MEANS[pick(PRIOR_MEANS.len())];
+        let scale = TORQUE_STDS[pick(TORQUE_STDS.len())];
+        let std = |joint: usize| {
+            let given = estimator.torque_std[joint.min(estimator.torque_std.len() - 1)];
+            (given * scale).hypot(base.noise_std[joint])
+        };
+        estimator.torque_std = (0..base.n_joints).map(std).collect();
+        estimator.replays = REPLAYS[pick(REPLAYS.len())];
+        let fits = candidate.contact.check().is_ok();
+        if fits && !candidates.contains(&candidate) {
+            candidates.push(candidate);
+        }
+    }
+    candidates
+}
