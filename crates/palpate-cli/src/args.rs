@@ -6,7 +6,7 @@ use clap_complete::Shell;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::AllSettings;
-use crate::{bench, demo, evaluate, inspect, map, predict};
+use crate::{bench, demo, evaluate, inspect, map, predict, tune};
 
 /// Learns where an object is stiff from what a robot arm's joints feel while the arm touches it.
 #[derive(Debug, Parser)]
@@ -27,6 +27,8 @@ pub(crate) enum Command {
     Predict(predict::Args),
     /// Compare estimators and baselines on touches that they have not seen: the paper's experiment
     Evaluate(evaluate::Args),
+    /// Choose settings by cross-validation on one's own touches
+    Tune(tune::Args),
     /// Map and predict bundled, simulated touches: a first look, without any data of your own
     Demo(demo::Args),
     /// Say what a log, a robot or a field holds, and what looks wrong with it

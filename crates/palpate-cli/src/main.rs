@@ -23,6 +23,7 @@ mod report;
 mod robot;
 mod settings;
 mod touches;
+mod tune;
 
 use std::process::ExitCode;
 
@@ -53,6 +54,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
         Command::Map(args) => map::run(args, output),
         Command::Predict(args) => predict::run(args, output),
         Command::Evaluate(args) => evaluate::run(args, output),
+        Command::Tune(args) => tune::run(args, output),
         Command::Demo(args) => demo::run(args, output),
         Command::Inspect(args) => inspect::run(args, output),
         Command::Bench(args) => bench::run(args, output),

@@ -1,4 +1,5 @@
-//! `palpate demo`: learn from bundled touches, predict the one that was held out.
+//! `palpate demo`: learn from bundled touches, predict the one that was held out, then evaluate all
+//! methods on all of them.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -9,16 +10,19 @@ use palpate::field::Field;
 use palpate::mapper::Mapper;
 use palpate_io::field::{self, Saved};
 use palpate_io::log::LogOptions;
+use palpate_learn::contender::Contender;
+use palpate_learn::folds::folds;
 use serde::Serialize;
 
 use crate::error::CliError;
+use crate::evaluate::{Origin, Work};
 use crate::learn::learn;
 use crate::output::Output;
 use crate::predict::{Against, Report, TouchResult, score, tell_oddities};
 use crate::settings::sections::{EstimatorSettings, RobotSettings};
 use crate::settings::{Settings, SettingsError};
-use crate::touches::Touches;
-use crate::{bundled, interrupt, picture, place, robot};
+use crate::touches::{Recorded, Touches};
+use crate::{bundled, evaluate, interrupt, picture, place, robot};
 
 const ORIGIN: &str = "The touches are simulated: a Kinova Gen3 pushes into a potted plant in \
                       MuJoCo, an engine\nthat shares nothing with palpate's contact model. No \
@@ -33,6 +37,9 @@ pub(crate) struct Args {
     /// Which of the bundled touches, from 0 to 10, is not learnt from but predicted
     #[arg(long, value_name = "N", default_value_t = bundled::COUNT - 1)]
     hold_out: usize,
+    /// Leave out the report: the evaluation of all methods on all touches
+    #[arg(long)]
+    no_report: bool,
     /// Print the errors as JSON
     #[arg(long)]
     json: bool,
@@ -40,7 +47,7 @@ pub(crate) struct Args {
     estimator: EstimatorSettings,
 }
 
-/// Maps all touches but one and predicts that one.
+/// Maps all touches but one, predicts that one, and evaluates all methods on all touches.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if args.hold_out >= bundled::COUNT {
         let (last, asked) = (bundled::COUNT - 1, args.hold_out);
@@ -53,12 +60,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
 
     let mut files = bundled::unpack()?;
+    let open = |paths: &[PathBuf]| Touches::open(paths, &LogOptions::default());
+    let recorded = open(&files.touches)?.read(None)?;
     let held_out = files.touches.remove(args.hold_out);
 
     let arm = robot::load(&RobotSettings::default(), output)?;
     let out_of_range = |error| SettingsError::Value(Box::new(error));
     let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(out_of_range)?;
-    let open = |paths: &[PathBuf]| Touches::open(paths, &LogOptions::default());
     let tally = learn(&mut mapper, &mut open(&files.touches)?, None, output)?;
     if tally.interrupted.is_some() {
         return Err(CliError::Interrupted { kept: "; nothing was written".to_owned() });
@@ -69,18 +77,50 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let robot = arm.robot.name().to_owned();
     folder.fill(&Saved { field, robot, snapshot: Some(mapper.snapshot()) }, &results)?;
     tell_oddities(&results, output);
+    let evaluation = if args.no_report {
+        None
+    } else {
+        Some(evaluate_all(&arm, &recorded, (&folder.path, settings), output)?)
+    };
     let report = Report::new(&results, Against::Measured);
     if args.json {
         output.json(&Findings {
             report: &report,
             simulated: true,
+            evaluation: evaluation.map(|(_, json)| json),
             learnt_from: tally.touches.iter().map(|touch| touch.name.as_str()).collect(),
             held_out: results.iter().map(|touch| touch.name.as_str()).collect(),
             folder: &folder.path,
         })
     } else {
-        output.result(&told(&report, tally.touches.len(), &folder.path))
+        let table = evaluation.map(|(text, _)| text);
+        output.result(&told(&report, tally.touches.len(), (table, &folder.path)))
     }
+}
+
+/// The paper's experiment on all touches; its table as text, and as JSON.
+fn evaluate_all(
+    arm: &Arc<Arm>,
+    recorded: &[Recorded],
+    (folder, settings): (&Path, Settings),
+    output: &Output,
+) -> Result<(String, serde_json::Value), CliError> {
+    let touches = evaluate::as_touches(recorded, false)?;
+    let work = Work {
+        arm,
+        recorded,
+        touches: &touches,
+        contenders: Contender::ALL.to_vec(),
+        folds: folds(touches.len(), touches.len()),
+        estimators: evaluate::configs(&settings)?,
+        tune: false,
+        truth: false,
+    };
+    let logs = vec!["the bundled touches".to_owned()];
+    let origin = Origin { simulated: true, logs, settings };
+    let evaluated = evaluate::into_folder(&work, folder, &origin, output)?;
+    let told = work.told(&evaluated, folder, &origin);
+    Ok((told.text(), told.json()))
 }
 
 /// What `--json` prints: the keys of `palpate predict`, and where they come from.
@@ -91,6 +131,8 @@ struct Findings<'a> {
     simulated: bool,
     learnt_from: Vec<&'a str>,
     held_out: Vec<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    evaluation: Option<serde_json::Value>,
     folder: &'a Path,
 }
 
@@ -103,21 +145,34 @@ fn predict(
     score(arm, field, field.touch.clone(), Against::Measured, (touches, output))
 }
 
-fn told(report: &Report, learnt_from: usize, folder: &Path) -> String {
+fn told(
+    report: &Report,
+    learnt_from: usize,
+    (evaluation, folder): (Option<String>, &Path),
+) -> String {
     let mut text = format!("{ORIGIN}\n");
     let _ = writeln!(text, "Learnt from {learnt_from} touches, then predicted one held out.");
     text += &report.text();
     let folder = folder.display();
+    let page = if evaluation.is_some() {
+        "\n  report.html  all of that, to open in a browser; figures in figures/"
+    } else {
+        ""
+    };
+    if let Some(evaluation) = evaluation {
+        let _ = write!(text, "\nThe paper's experiment, on all of them.\n{evaluation}");
+    }
     let _ = write!(
         text,
         "\nIn `{folder}`:\n  \
            field.npz    the field: points, stiffness K [N/m] and its uncertainty\n  \
            field.svg    the field from three sides\n  \
-           torques.svg  predicted and felt torques of the touch held out\n\n\
+           torques.svg  predicted and felt torques of the touch held out{page}\n\n\
          Next, with a log of your own:\n  \
            palpate inspect LOG --robot ROBOT.urdf       does it hold what it should?\n  \
            palpate map LOG -o field.npz --robot ROBOT.urdf\n  \
-           palpate predict field.npz OTHER_LOG --robot ROBOT.urdf\n"
+           palpate predict field.npz OTHER_LOG --robot ROBOT.urdf\n  \
+           palpate evaluate LOG --robot ROBOT.urdf      how far is it to be trusted?\n"
     );
     text
 }

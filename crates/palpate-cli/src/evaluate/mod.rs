@@ -24,8 +24,7 @@ use crate::settings::{AllSettings, Settings, SettingsError};
 use crate::touches::{Recorded, Touches};
 use crate::{interrupt, picture, place, robot};
 
-use told::Told;
-use work::{Evaluated, Work};
+pub(crate) use work::{Evaluated, Work, track_fault};
 
 const NOTES: &str = "Examples:
   palpate evaluate recordings/
@@ -112,7 +111,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut touches = touches.for_joints(arm.robot.joint_names());
     let recorded = touches.read(None)?;
     touches.tell_warnings(output);
-    let touches = with_truth(&recorded, args.truth)?;
+    let touches = as_touches(&recorded, args.truth)?;
     let work = Work {
         arm: &arm,
         recorded: &recorded,
@@ -123,18 +122,58 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         tune: args.tune,
         truth: args.truth,
     };
-    let evaluated = work.evaluate(&folder.path, output)?;
-
-    let told = Told {
-        evaluation: &evaluated.evaluation,
+    let origin = Origin {
         simulated: args.logs.iter().all(|log| is_simulated(log)),
-        folds: work.folds.len(),
-        folder: &folder.path,
+        logs: args.logs.iter().map(|log| log.display().to_string()).collect(),
+        settings,
     };
-    let origin = origin(args, &settings);
-    folder.fill(&work, &told, (&evaluated, &origin))?;
-    told.tell_oddities(output);
+    let evaluated = into_folder(&work, &folder.path, &origin, output)?;
+    let told = work.told(&evaluated, &folder.path, &origin);
     if args.json { output.json(&told.json()) } else { output.result(&told.text()) }
+}
+
+/// Where the touches of an evaluation come from.
+pub(crate) struct Origin {
+    /// Whether they are simulated.
+    pub(crate) simulated: bool,
+    /// The logs, as the user calls them.
+    pub(crate) logs: Vec<String>,
+    /// The settings as they were given.
+    pub(crate) settings: Settings,
+}
+
+/// Evaluates, and writes the report and its figures into a folder.
+pub(crate) fn into_folder(
+    work: &Work<'_>,
+    folder: &Path,
+    origin: &Origin,
+    output: &Output,
+) -> Result<Evaluated, CliError> {
+    let evaluated = work.evaluate(folder, output)?;
+    let (evaluation, told) = (&evaluated.evaluation, work.told(&evaluated, folder, origin));
+    let robot = origin.settings.robot.name().to_owned();
+    let report = Report {
+        title: &told.title(),
+        evaluation,
+        simulated: origin.simulated,
+        settings_toml: &evaluated.settings_toml(&origin.settings)?,
+        data: &[("logs".to_owned(), origin.logs.join(", ")), ("robot".to_owned(), robot)],
+        scene: Some(Scene::new(work.arm, &evaluated.field, evaluation)?),
+    };
+    let write = |name: &str, text: &str| place::write(&folder.join(name), text);
+    let figures = folder.join("figures");
+    let what = format!("the folder `{}`", figures.display());
+    std::fs::create_dir_all(&figures).map_err(|source| CliError::Write { what, source })?;
+    for touch in evaluation.touches.iter().filter(|touch| !touch.time_s.is_empty()) {
+        let name = touch.name.replace(['/', '\\'], "_");
+        write(&format!("figures/{name}.svg"), &picture::errors(touch)?)?;
+    }
+    write("figures/field.svg", &picture::field(&evaluated.field)?)?;
+    write("errors.csv", &errors_csv(evaluation))?;
+    write("evaluation.json", &serde_json::to_string(evaluation).map_err(CliError::file)?)?;
+    write("report.html", &report.html()?)?;
+    told.tell_oddities(output);
+    Ok(evaluated)
 }
 
 impl Args {
@@ -190,7 +229,7 @@ impl Args {
 }
 
 /// The configurations of `map` and `ekf`.
-fn configs(settings: &Settings) -> Result<[Config; 2], SettingsError> {
+pub(crate) fn configs(settings: &Settings) -> Result<[Config; 2], SettingsError> {
     let named = settings.estimator.estimator.unwrap_or_default();
     let of = |method: Method| {
         let estimator = if method == named {
@@ -204,7 +243,7 @@ fn configs(settings: &Settings) -> Result<[Config; 2], SettingsError> {
 }
 
 /// The touches as they are evaluated, with names that tell them apart.
-fn with_truth(recorded: &[Recorded], truth: bool) -> Result<Vec<Touch>, CliError> {
+pub(crate) fn as_touches(recorded: &[Recorded], truth: bool) -> Result<Vec<Touch>, CliError> {
     let touch = |one: &Recorded| {
         let ambiguous = recorded.iter().filter(|other| other.name == one.name).count() > 1;
         let log = one.log.file_name().map(|name| name.to_string_lossy().into_owned());
@@ -228,19 +267,6 @@ fn with_truth(recorded: &[Recorded], truth: bool) -> Result<Vec<Touch>, CliError
     recorded.iter().map(touch).collect()
 }
 
-/// Where an evaluation comes from, for its report.
-struct Origin {
-    settings: Settings,
-    data: Vec<(String, String)>,
-}
-
-fn origin(args: &Args, settings: &Settings) -> Origin {
-    let logs: Vec<String> = args.logs.iter().map(|log| log.display().to_string()).collect();
-    let data = [("logs", logs.join(", ")), ("robot", settings.robot.name().to_owned())];
-    let data = data.map(|(name, text)| (name.to_owned(), text)).to_vec();
-    Origin { settings: settings.clone(), data }
-}
-
 /// The folder of results; made before the work, and removed again if nothing came to lie in it.
 struct Folder {
     path: PathBuf,
@@ -253,35 +279,6 @@ impl Folder {
         let folder = Self { path: path.to_owned() };
         place::check(&folder.path.join("report.html"))?;
         Ok(folder)
-    }
-
-    fn fill(
-        &self,
-        work: &Work<'_>,
-        told: &Told<'_>,
-        (evaluated, origin): (&Evaluated, &Origin),
-    ) -> Result<(), CliError> {
-        let evaluation = &evaluated.evaluation;
-        let report = Report {
-            title: &told.title(),
-            evaluation,
-            simulated: told.simulated,
-            settings_toml: &evaluated.settings_toml(&origin.settings)?,
-            data: &origin.data,
-            scene: Some(Scene::new(work.arm, &evaluated.field, evaluation)?),
-        };
-        let write = |name: &str, text: &str| place::write(&self.path.join(name), text);
-        let figures = self.path.join("figures");
-        let what = format!("the folder `{}`", figures.display());
-        std::fs::create_dir_all(&figures).map_err(|source| CliError::Write { what, source })?;
-        for touch in evaluation.touches.iter().filter(|touch| !touch.time_s.is_empty()) {
-            let name = touch.name.replace(['/', '\\'], "_");
-            write(&format!("figures/{name}.svg"), &picture::errors(touch)?)?;
-        }
-        write("figures/field.svg", &picture::field(&evaluated.field)?)?;
-        write("errors.csv", &errors_csv(evaluation))?;
-        write("evaluation.json", &serde_json::to_string(evaluation).map_err(CliError::file)?)?;
-        write("report.html", &report.html()?)
     }
 }
 

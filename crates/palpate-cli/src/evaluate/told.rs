@@ -12,16 +12,16 @@ use serde_json::json;
 use crate::output::{Output, table};
 
 /// What there is to tell.
-pub(super) struct Told<'a> {
-    pub(super) evaluation: &'a Evaluation,
-    pub(super) simulated: bool,
-    pub(super) folds: usize,
-    pub(super) folder: &'a Path,
+pub(crate) struct Told<'a> {
+    pub(crate) evaluation: &'a Evaluation,
+    pub(crate) simulated: bool,
+    pub(crate) folds: usize,
+    pub(crate) folder: &'a Path,
 }
 
 impl Told<'_> {
     /// What `--json` prints: the table, and the figures of every touch.
-    pub(super) fn json(&self) -> serde_json::Value {
+    pub(crate) fn json(&self) -> serde_json::Value {
         let touch = |touch: &LeftOut| {
             let methods = touch.predictions.iter().map(|prediction| {
                 let mut method = figures(prediction.errors);
@@ -56,17 +56,17 @@ impl Told<'_> {
     }
 
     /// The report's heading.
-    pub(super) fn title(&self) -> String {
+    pub(crate) fn title(&self) -> String {
         format!("{}: {} touches", self.protocol(), self.evaluation.touches.len())
     }
 
     /// Table I as text, and what it means.
-    pub(super) fn text(&self) -> String {
+    pub(crate) fn text(&self) -> String {
         let touches = &self.evaluation.touches;
         let frames: usize = touches.iter().map(|touch| touch.external.len()).sum();
         let protocol = self.protocol();
         let torques = if self.evaluation.against == "truth" { "true" } else { "measured" };
-        let simulated = if self.simulated { " The touches are simulated." } else { "" };
+        let simulated = if self.simulated { "\nThe touches are simulated." } else { "" };
         let mut text = format!(
             "{protocol}: {} touches, {frames} frames, against {torques} external torques.{simulated}\n\
              Error of the predicted torque, N·m over all joints, and relative on frames of at least\n\
@@ -102,7 +102,7 @@ impl Told<'_> {
     }
 
     /// Notes what a reader of the table should know.
-    pub(super) fn tell_oddities(&self, output: &Output) {
+    pub(crate) fn tell_oddities(&self, output: &Output) {
         for touch in &self.evaluation.touches {
             let name = &touch.name;
             if touch.external.is_empty() {

@@ -14,7 +14,9 @@ use palpate_learn::folds::Fold;
 use palpate_learn::tracked::{Touch, TrackError, Tracked};
 use palpate_learn::tune::{Effort, Tuned, Tuner};
 
+use super::Origin;
 use super::kept::Kept;
+use super::told::Told;
 use crate::error::CliError;
 use crate::interrupt;
 use crate::output::Output;
@@ -22,33 +24,33 @@ use crate::settings::Settings;
 use crate::touches::Recorded;
 
 /// What is evaluated.
-pub(super) struct Work<'a> {
-    pub(super) arm: &'a Arc<Arm>,
+pub(crate) struct Work<'a> {
+    pub(crate) arm: &'a Arc<Arm>,
     /// As read, for errors that name the log.
-    pub(super) recorded: &'a [Recorded],
-    pub(super) touches: &'a [Touch],
-    pub(super) contenders: Vec<Contender>,
-    pub(super) folds: Vec<Fold>,
+    pub(crate) recorded: &'a [Recorded],
+    pub(crate) touches: &'a [Touch],
+    pub(crate) contenders: Vec<Contender>,
+    pub(crate) folds: Vec<Fold>,
     /// Settings of `map` and of `ekf`.
-    pub(super) estimators: [Config; 2],
+    pub(crate) estimators: [Config; 2],
     /// Whether these are tuned in every fold.
-    pub(super) tune: bool,
+    pub(crate) tune: bool,
     /// Whether true torques are to be predicted.
-    pub(super) truth: bool,
+    pub(crate) truth: bool,
 }
 
 /// What came out.
-pub(super) struct Evaluated {
-    pub(super) evaluation: Evaluation,
+pub(crate) struct Evaluated {
+    pub(crate) evaluation: Evaluation,
     /// Learnt by `map` from all touches, for the picture of it.
-    pub(super) field: Field,
+    pub(crate) field: Field,
     /// The estimators' settings in every fold, if they were tuned.
     tuned: Option<Vec<[Config; 2]>>,
 }
 
 impl Evaluated {
     /// The settings as a file, with those of each fold as remarks.
-    pub(super) fn settings_toml(&self, settings: &Settings) -> Result<String, CliError> {
+    pub(crate) fn settings_toml(&self, settings: &Settings) -> Result<String, CliError> {
         let mut text = settings.template()?;
         for (fold, [map, ekf]) in self.tuned.iter().flatten().enumerate() {
             for (name, config) in [("map", map), ("ekf", ekf)] {
@@ -79,8 +81,19 @@ fn tuned_line(config: &Config) -> String {
 const STOP: &(dyn Fn() -> bool + Sync) = &interrupt::pressed;
 
 impl Work<'_> {
+    /// What there is to tell of what came out.
+    pub(crate) fn told<'a>(
+        &self,
+        evaluated: &'a Evaluated,
+        folder: &'a Path,
+        origin: &Origin,
+    ) -> Told<'a> {
+        let (evaluation, simulated) = (&evaluated.evaluation, origin.simulated);
+        Told { evaluation, simulated, folds: self.folds.len(), folder }
+    }
+
     /// Does what is not kept from before, and puts all together.
-    pub(super) fn evaluate(&self, folder: &Path, output: &Output) -> Result<Evaluated, CliError> {
+    pub(crate) fn evaluate(&self, folder: &Path, output: &Output) -> Result<Evaluated, CliError> {
         let kept = Kept::open(folder, self)?;
         let mut parts: Vec<Part> = kept.read("part-");
         parts.retain(|part| self.contenders.contains(&part.contender));
@@ -97,7 +110,7 @@ impl Work<'_> {
         };
         let config = &self.estimators[0];
         let tracked = Tracked::new(self.arm, config, self.touches, STOP)
-            .map_err(|error| self.fault(error, &interrupted))?;
+            .map_err(|error| track_fault(self.recorded, error, &interrupted))?;
         let stopped = |error| match error {
             ContenderError::Stopped => interrupted(),
             other => CliError::file(other),
@@ -152,7 +165,10 @@ impl Work<'_> {
                             let base = (self.arm, self.touches, tracked);
                             let config = &self.estimators[index];
                             let made = Tuner::new(base, config, effort, STOP, &|| bar.inc(1));
-                            tuner = Some(made.map_err(|error| self.fault(error, interrupted))?);
+                            tuner =
+                                Some(made.map_err(|error| {
+                                    track_fault(self.recorded, error, interrupted)
+                                })?);
                         }
                         let tuner = tuner.as_ref().expect("made above");
                         let tuned = tuner.tune(&self.folds[fold].train, STOP);
@@ -199,7 +215,7 @@ impl Work<'_> {
             } else {
                 other = tracked
                     .under(contact, self.arm, &plan.config, self.touches, STOP)
-                    .map_err(|error| self.fault(error, interrupted))?;
+                    .map_err(|error| track_fault(self.recorded, error, interrupted))?;
                 &other
             };
             let worked = plan.run(tracked, &group, STOP, &|part| {
@@ -221,16 +237,20 @@ impl Work<'_> {
         let unwritten = done.into_inner().unwrap_or_else(PoisonError::into_inner).1;
         unwritten.map_or(Ok(()), Err)
     }
+}
 
-    /// What went wrong in tracking, with the log that it is in.
-    fn fault(&self, error: TrackError, interrupted: &dyn Fn() -> CliError) -> CliError {
-        match error {
-            TrackError::Sample { touch, sample, source } => {
-                let one = &self.recorded[touch];
-                one.fault(format!("touch `{}`, sample {sample} (from 0)", one.name), source)
-            }
-            TrackError::Stopped => interrupted(),
-            other => CliError::file(other),
+/// What went wrong in tracking, with the log that it is in.
+pub(crate) fn track_fault(
+    recorded: &[Recorded],
+    error: TrackError,
+    interrupted: &dyn Fn() -> CliError,
+) -> CliError {
+    match error {
+        TrackError::Sample { touch, sample, source } => {
+            let one = &recorded[touch];
+            one.fault(format!("touch `{}`, sample {sample} (from 0)", one.name), source)
         }
+        TrackError::Stopped => interrupted(),
+        other => CliError::file(other),
     }
 }

@@ -80,6 +80,8 @@ pub(super) struct Watch {
     pages: Vec<Vec<Due>>,
     /// The first page that may hold anything.
     current: usize,
+    /// Room for the blocks of a look and their parts, kept from look to look.
+    room: [Vec<Block>; 2],
 }
 
 impl Watch {
@@ -115,7 +117,7 @@ impl Watch {
             return self.look_everywhere(look, found);
         }
         let page = (self.travel_m / PAGE_M) as usize;
-        let mut due: Vec<Block> = Vec::new();
+        let mut due = std::mem::take(&mut self.room[0]);
         for passed in &mut self.pages[self.current..page] {
             due.extend(passed.drain(..).map(|due| due.block));
         }
@@ -130,7 +132,9 @@ impl Watch {
     /// Puts a place that has become free on the agenda, or adds it to `found`.
     pub(super) fn look_at(&mut self, look: &Look<'_>, place: [u32; 3], found: &mut Vec<Entered>) {
         if !self.pages.is_empty() {
-            self.visit(look, vec![Block { low: place, edge: 1 }], found);
+            let mut due = std::mem::take(&mut self.room[0]);
+            due.push(Block { low: place, edge: 1 });
+            self.visit(look, due, found);
         }
     }
 
@@ -144,7 +148,7 @@ impl Watch {
             return;
         }
         let bricks = |axis: usize| (first[axis] / BRICK_EDGE)..end[axis].div_ceil(BRICK_EDGE);
-        let mut due = Vec::new();
+        let mut due = std::mem::take(&mut self.room[0]);
         for k in bricks(2) {
             for j in bricks(1) {
                 for i in bricks(0) {
@@ -160,7 +164,7 @@ impl Watch {
     ///
     /// Distances come first, a handful at a time, so that the processor waits for them together.
     fn visit(&mut self, look: &Look<'_>, mut blocks: Vec<Block>, found: &mut Vec<Entered>) {
-        let mut parts = Vec::new();
+        let mut parts = std::mem::take(&mut self.room[1]);
         while !blocks.is_empty() {
             for handful in blocks.chunks(HANDFUL) {
                 let mut distances_m = [0.0; HANDFUL];
@@ -174,6 +178,7 @@ impl Watch {
             std::mem::swap(&mut blocks, &mut parts);
             parts.clear();
         }
+        self.room = [blocks, parts];
     }
 
     /// Decides on a block from φ at its middle; `parts` gets those of one to look at more closely.

@@ -146,6 +146,8 @@ pub struct Simulator {
     poses: Vec<Isometry3<f64>>,
     /// By link.
     touched: Vec<Vec<settle::Touched>>,
+    /// Room for [`settle::settle`].
+    slipping: Vec<u32>,
     /// By link.
     watches: Vec<enter::Watch>,
     /// Places that are touched or known empty, and cannot be entered.
@@ -166,8 +168,8 @@ impl Simulator {
         config.check()?;
         let touched = vec![Vec::new(); surfaces.len()];
         let watches = vec![enter::Watch::default(); surfaces.len()];
-        let (poses, taken) = (Vec::new(), CellSet::default());
-        Ok(Self { lattice, surfaces, config, poses, touched, watches, taken })
+        let (poses, slipping, taken) = (Vec::new(), Vec::new(), CellSet::default());
+        Ok(Self { lattice, surfaces, config, poses, touched, slipping, watches, taken })
     }
 
     /// Forgets all contacts and starts a touch with the arm at these poses.
@@ -247,7 +249,7 @@ impl Simulator {
         let Some(surface) = &self.surfaces[link] else { return };
         let slip = settle::Slip::new(&self.config);
         let touched = &mut self.touched[link];
-        settle::settle(surface, world_from_link, &slip, touched);
+        settle::settle(surface, world_from_link, &slip, (&mut *touched, &mut self.slipping));
         let first = released.len();
         let let_go = touched.iter().filter(|touched| !touched.held);
         released.extend(let_go.map(|touched| self.lattice.place(touched.cell)));

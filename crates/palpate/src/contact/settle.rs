@@ -119,15 +119,17 @@ const CLOSE_M: f64 = 1e-5;
 const PROJECTIONS: u32 = 3;
 
 /// Lets the points of a link slip until the friction cone holds them, and marks those that let go.
+///
+/// `slipping` is room for the numbers of those that still do.
 pub(super) fn settle(
     surface: &Grid,
     world_from_link: &Isometry3<f64>,
     slip: &Slip,
-    touched: &mut [Touched],
+    (touched, slipping): (&mut [Touched], &mut Vec<u32>),
 ) {
+    slipping.clear();
     let rotation = world_from_link.rotation.to_rotation_matrix();
     let origin = Point3::from(world_from_link.translation.vector);
-    let mut slipping: Vec<u32> = Vec::with_capacity(touched.len());
     for (index, point) in touched.iter_mut().enumerate() {
         point.rest_link = Point3::from(rotation.matrix().tr_mul(&(point.rest - origin)));
         if slip.iterations > 0 && point.slip(slip) {
@@ -135,7 +137,7 @@ pub(super) fn settle(
         }
     }
     for round in 1..=slip.iterations {
-        for &index in &slipping {
+        for &index in slipping.iter() {
             touched[index as usize].project(surface, slip.contact_distance_m);
         }
         if round < slip.iterations {

@@ -1,0 +1,155 @@
+//! `palpate tune`: settings for one's own robot and object, chosen on one's own touches.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use palpate::mapper::Config;
+use palpate_learn::contender::ContenderError;
+use palpate_learn::tracked::Tracked;
+use palpate_learn::tune::{Effort, Tuned, Tuner};
+use serde_json::json;
+
+use crate::error::CliError;
+use crate::evaluate::{as_touches, track_fault};
+use crate::output::{Output, table};
+use crate::place::Places;
+use crate::settings::{AllSettings, Settings};
+use crate::touches::Touches;
+use crate::{interrupt, place, robot};
+
+const NOTES: &str = "Examples:
+  palpate tune recordings/ -o tuned.toml
+  palpate tune recordings/ --estimator ekf --candidates 40 -o tuned_ekf.toml
+  palpate map recordings/ --settings tuned.toml -o field.npz
+
+Contact distance, friction, prior, torque noise and replays are chosen by cross-validation: touches
+are predicted from other touches under candidate settings around the given ones, and successive
+halving keeps the better third of them, then the best. Measured torques decide; truth/ is not read.
+
+To know how well tuned settings predict touches that had no say in them, use
+`palpate evaluate --tune`, which chooses them anew in every fold.";
+
+/// Flags of `palpate tune`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = NOTES)]
+pub(crate) struct Args {
+    /// Logs of the touches
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Where the settings go, with the evidence as remarks
+    #[arg(long, short, value_name = "FILE.toml")]
+    output: PathBuf,
+    /// Settings to try, of which those given are the first [default: 24, 12 for ekf]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1000))]
+    candidates: Option<u32>,
+    /// Print the evidence as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    settings: AllSettings,
+}
+
+/// Chooses settings and writes them.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let settings = args.settings.load()?;
+    let config = settings.config()?;
+    let mut places = Places::default();
+    places.input("the settings file", args.settings.path());
+    places.input("the robot", Some(Path::new(settings.robot.name())));
+    places.logs(&args.logs);
+    places.output("the settings (--output)", Some(&args.output))?;
+    interrupt::listen();
+    let touches = Touches::open(&args.logs, &settings.log.options())?;
+    let arm = robot::load(&settings.robot, output)?;
+    settings.log.check_for(&arm.robot)?;
+    let mut touches = touches.for_joints(arm.robot.joint_names());
+    let recorded = touches.read(None)?;
+    touches.tell_warnings(output);
+    let touches = as_touches(&recorded, false)?;
+    if touches.len() < 3 {
+        return Err(CliError::from(format!(
+            "tuning needs at least three touches to learn from some and predict others, and the \
+             logs hold {}",
+            touches.len()
+        )));
+    }
+
+    let stop: &(dyn Fn() -> bool + Sync) = &interrupt::pressed;
+    let interrupted = || CliError::Interrupted { kept: "; nothing was written".to_owned() };
+    let fault = |error| track_fault(&recorded, error, &interrupted);
+    let mut effort = Effort::of(config.method);
+    effort.candidates = args.candidates.map_or(effort.candidates, |n| n as usize);
+    effort.seed = config.estimator.seed;
+    let steps = Some(effort.candidates as u64);
+    let bar = output.progress_of(steps, "contact models", "simulating");
+    let tracked = Tracked::new(&arm, &config, &touches, stop).map_err(fault)?;
+    let base = (&arm, touches.as_slice(), &tracked);
+    let tuner = Tuner::new(base, &config, effort, stop, &|| bar.inc(1)).map_err(fault)?;
+    bar.finish_and_clear();
+    output.note("comparing the candidates");
+    let everything: Vec<usize> = (0..touches.len()).collect();
+    let tuned = tuner.tune(&everything, stop).map_err(|error| match error {
+        ContenderError::Stopped => interrupted(),
+        other => CliError::file(other),
+    })?;
+
+    place::write(&args.output, &toml(&tuned, &settings)?)?;
+    if args.json {
+        let trial = |trial: &palpate_learn::tune::Trial| json!({ "settings": trial.config, "scores": trial.scores });
+        let trials: Vec<_> = tuned.trials.iter().map(trial).collect();
+        output.json(&json!({ "output": args.output, "trials": trials }))
+    } else {
+        let next = args.output.display();
+        output.result(&format!(
+            "{}\nThe settings are in `{next}`.\nNext: palpate map LOG --settings {next}\n",
+            evidence(&tuned, &config)
+        ))
+    }
+}
+
+/// The settings as a file that `--settings` reads, the evidence on top.
+fn toml(tuned: &Tuned, given: &Settings) -> Result<String, CliError> {
+    let (mut settings, config) = (given.clone(), &tuned.config);
+    settings.contact.contact_distance_m = Some(config.contact.contact_distance_m);
+    settings.contact.friction = Some(config.contact.friction);
+    let estimator = &mut settings.estimator;
+    estimator.estimator = Some(config.method);
+    estimator.prior_mean = Some(config.estimator.prior.mean_n_per_m);
+    estimator.prior_std = Some(config.estimator.prior.std_n_per_m);
+    estimator.torque_std = Some(config.estimator.torque_std.clone());
+    estimator.replays = Some(config.estimator.replays);
+    let mut text = String::new();
+    for line in evidence(tuned, &given.config()?).lines() {
+        let _ = writeln!(text, "{}", format!("# {line}").trim_end());
+    }
+    Ok(format!("{text}\n{}", settings.template()?))
+}
+
+/// A row a candidate: what it is, and how it did.
+fn evidence(tuned: &Tuned, given: &Config) -> String {
+    let text = "Chosen by cross-validation on measured torques of touches not learnt from: mean \
+                    relative\nerror after each round, of thinned frames; few folds, more folds, \
+                    leave-one-touch-out.\n\n"
+        .to_owned();
+    let heads = ["distance m", "friction", "prior mean", "prior std", "torque std", "replays"];
+    let rounds = ["round 1", "round 2", "round 3", ""];
+    let mut rows = vec![heads.iter().chain(&rounds).map(|&head| head.to_owned()).collect()];
+    for trial in &tuned.trials {
+        let (contact, estimator) = (&trial.config.contact, &trial.config.estimator);
+        let stds = &estimator.torque_std;
+        let std = stds.iter().sum::<f64>() / stds.len() as f64;
+        let score = |round: usize| trial.scores.get(round).map(|score| format!("{score:.4}"));
+        let mut row = vec![
+            format!("{:.4}", contact.contact_distance_m),
+            format!("{:.2}", contact.friction),
+            format!("{:.4}", estimator.prior.mean_n_per_m),
+            format!("{:.2}", estimator.prior.std_n_per_m),
+            format!("{std:.3}"),
+            estimator.replays.to_string(),
+        ];
+        row.extend((0..3).map(|round| score(round).unwrap_or("-".to_owned())));
+        row.push(if trial.config == *given { "given" } else { "" }.to_owned());
+        rows.push(row);
+    }
+    text + &table(&rows)
+}
