@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::contender::{Contender, ContenderError, Torques};
 use crate::evaluation::{Evaluation, LeftOut, Prediction, Summary};
 use crate::folds::Fold;
-use crate::tracked::{Tracked, TrackedTouch};
+use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
 
 /// What is evaluated.
 #[derive(Debug, Clone)]
@@ -117,8 +117,9 @@ impl Plan {
         };
         let mut touches: Vec<(usize, LeftOut)> = Vec::new();
         for (number, fold) in self.folds.iter().enumerate() {
+            let met = tracked.rows_met(&fold.train);
             for (place, &touch) in fold.test.iter().enumerate() {
-                let mut left_out = LeftOut::of(&tracked.touches[touch], number);
+                let mut left_out = LeftOut::of(&tracked.touches[touch], number, &met);
                 for &contender in &self.contenders {
                     let torques = of(contender, number)[place].clone();
                     let prediction = Prediction::new(contender.name(), torques, &left_out.external);
@@ -139,20 +140,21 @@ impl Plan {
 
 impl LeftOut {
     /// A touch that no one has predicted yet.
-    fn of(touch: &TrackedTouch, fold: usize) -> Self {
+    fn of(touch: &TrackedTouch, fold: usize, met: &[bool]) -> Self {
         let frames = &touch.frames;
         let start_s = frames.first().and_then(|frame| frame.time_s);
-        let time_s =
-            |(number, frame): (usize, &crate::tracked::TrackedFrame)| match (frame.time_s, start_s)
-            {
-                (Some(time_s), Some(start_s)) => time_s - start_s,
-                _ => number as f64,
-            };
+        let time_s = |(number, frame): (usize, &TrackedFrame)| match (frame.time_s, start_s) {
+            (Some(time_s), Some(start_s)) => time_s - start_s,
+            _ => number as f64,
+        };
+        let known =
+            |frame: &TrackedFrame| frame.observation.rows().filter(|&row| met[row]).count() as u32;
         Self {
             name: touch.name.clone(),
             fold,
             time_s: frames.iter().enumerate().map(time_s).collect(),
             contacts: frames.iter().map(|frame| frame.observation.n_contacts() as u32).collect(),
+            known: frames.iter().map(known).collect(),
             q: frames.iter().map(|frame| frame.q.clone()).collect(),
             external: frames.iter().map(|frame| frame.target.clone()).collect(),
             predictions: Vec::new(),

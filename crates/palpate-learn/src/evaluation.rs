@@ -59,6 +59,8 @@ pub struct LeftOut {
     pub time_s: Vec<f64>,
     /// Points that the arm displaces in each frame.
     pub contacts: Vec<u32>,
+    /// Of these, points that the touches learnt from have met.
+    pub known: Vec<u32>,
     /// Joint positions, frames × n_joints, rad.
     pub q: Vec<Vec<f64>>,
     /// The external torque to predict, frames × n_joints, N·m.
@@ -98,6 +100,48 @@ impl Prediction {
             sum.add_slices(predicted, external);
         }
         Self { method: method.to_owned(), errors: sum.errors(), predicted }
+    }
+}
+
+impl LeftOut {
+    /// Errors of a method on this touch.
+    pub fn errors(&self, method: &str) -> Option<Errors> {
+        self.predictions.iter().find(|prediction| prediction.method == method)?.errors
+    }
+
+    /// Errors of predicting zero on this touch, whether or not that is in the table.
+    pub fn zero(&self) -> Option<Errors> {
+        let zeros = self.external.iter().map(|external| vec![0.0; external.len()]).collect();
+        Prediction::new("zero", zeros, &self.external).errors
+    }
+
+    /// Why a method does badly on this touch, as far as the torques tell: how many of the contacts
+    /// were known, and size and direction of what was predicted beside what was to be.
+    ///
+    /// Sums are over all frames, so that those with much torque count most.
+    pub fn what_went_wrong(&self, method: &str) -> Option<String> {
+        let prediction = self.predictions.iter().find(|prediction| prediction.method == method)?;
+        let (mut both, mut predicted_sq, mut external_sq) = (0.0, 0.0, 0.0);
+        for (predicted, external) in prediction.predicted.iter().zip(&self.external) {
+            both += predicted.iter().zip(external).map(|(p, e)| p * e).sum::<f64>();
+            predicted_sq += predicted.iter().map(|p| p * p).sum::<f64>();
+            external_sq += external.iter().map(|e| e * e).sum::<f64>();
+        }
+        let sum = |counts: &[u32]| counts.iter().map(|&count| f64::from(count)).sum::<f64>();
+        let known = 100.0 * sum(&self.known) / sum(&self.contacts).max(1.0);
+        let size = (predicted_sq / external_sq.max(f64::MIN_POSITIVE)).sqrt();
+        let alike = both / (predicted_sq * external_sq).sqrt().max(f64::MIN_POSITIVE);
+        let direction = if alike < 0.5 {
+            "in another direction"
+        } else if alike < 0.85 {
+            "in about its direction"
+        } else {
+            "in its direction"
+        };
+        Some(format!(
+            "{known:.0} % of its contacts are points that other touches met; predicted is {size:.1} \
+             times the torque that was there, {direction} (cosine {alike:.2})"
+        ))
     }
 }
 
@@ -149,6 +193,7 @@ mod tests {
             fold: 0,
             time_s: vec![0.0],
             contacts: vec![1],
+            known: vec![1],
             q: vec![vec![0.0]],
             external: vec![vec![external]],
             predictions: vec![Prediction::new("zero", vec![vec![0.0]], &[vec![external]])],

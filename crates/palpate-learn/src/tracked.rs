@@ -178,6 +178,15 @@ impl Tracked {
         })
     }
 
+    /// By row, whether any of these touches has met the cell.
+    pub fn rows_met(&self, touches: &[usize]) -> Vec<bool> {
+        let mut met = vec![false; self.cells.len()];
+        for frame in touches.iter().flat_map(|&touch| &self.touches[touch].frames) {
+            frame.observation.rows().for_each(|row| met[row] = true);
+        }
+        met
+    }
+
     /// Joint positions and measured torques of some touches, for what learns from them alone.
     pub fn frames(&self, touches: &[usize]) -> Frames {
         let of =

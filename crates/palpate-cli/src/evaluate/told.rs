@@ -121,16 +121,15 @@ impl Told<'_> {
             if touch.contacts.iter().all(|n| *n == 0) {
                 output.note(&format!("touch `{name}` touches no point of the lattice"));
             }
-            let error = |method: &str| {
-                let of = touch.predictions.iter().find(|prediction| prediction.method == method)?;
-                Some(of.errors?.avg_error)
-            };
-            if let (Some(map), Some(zero)) = (error("map"), error("zero"))
-                && map > zero
+            if let (Some(map), Some(zero)) = (touch.errors("map"), touch.zero())
+                && map.avg_error > zero.avg_error
             {
                 output.note(&format!(
-                    "touch `{name}`: map is worse than predicting zero, {map:.3} against \
-                     {zero:.3} N·m on average"
+                    "touch `{name}`: map is worse than predicting zero, {:.3} against {:.3} N·m on \
+                     average: {}",
+                    map.avg_error,
+                    zero.avg_error,
+                    touch.what_went_wrong("map").unwrap_or_default()
                 ));
             }
         }

@@ -109,6 +109,7 @@ mod tests {
             fold: 0,
             time_s: (0..frames).map(|frame| 0.1 * frame as f64).collect(),
             contacts: vec![0; frames],
+            known: vec![0; frames],
             q: vec![vec![0.0; 2]; frames],
             predictions: ["map", "gp", "zero"]
                 .map(|name| Prediction::new(name, vec![vec![0.0; 2]; frames], &external))

@@ -46,6 +46,7 @@ mod tests {
             fold: 0,
             time_s: vec![0.0],
             contacts: vec![0],
+            known: vec![0],
             q: vec![vec![0.0; 2]],
             predictions: vec![Prediction::new("zero", vec![vec![0.0; 2]], &external)],
             external,

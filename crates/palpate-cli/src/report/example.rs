@@ -41,6 +41,7 @@ fn touch(number: usize, name: &str) -> LeftOut {
         fold: number,
         time_s: (0..FRAMES).map(|frame| 0.05 * frame as f64).collect(),
         contacts: (0..FRAMES).map(|frame| (300.0 * push(frame)) as u32).collect(),
+        known: (0..FRAMES).map(|frame| (200.0 * push(frame)) as u32).collect(),
         q: (0..FRAMES).map(|at| vec![0.5 * push(at) + 0.1 * number as f64; JOINTS]).collect(),
         predictions: METHODS.iter().map(predicted).collect(),
         external,

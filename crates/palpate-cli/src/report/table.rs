@@ -3,7 +3,6 @@
 use std::fmt::Write;
 
 use palpate_learn::contender::Contender;
-use palpate_learn::errors::{ErrorSum, Errors};
 use palpate_learn::evaluation::{
     Evaluation, LeftOut, MeanStd, PAPER_BASELINES, PAPER_FIELD, Summary,
 };
@@ -142,7 +141,8 @@ pub(super) fn remarks(evaluation: &Evaluation) -> String {
             named(faint)
         ));
     }
-    let worse: Vec<String> = touches.iter().filter_map(|touch| worse(touch, of(touch)?)).collect();
+    let name = &evaluation.methods[subject].name;
+    let worse: Vec<String> = touches.iter().filter_map(|touch| worse(touch, name)).collect();
     if evaluation.methods[subject].name != "zero" {
         lines.push(match worse.is_empty() {
             true => format!("On no touch is {method} worse than predicting zero."),
@@ -156,17 +156,14 @@ fn names(touches: &[LeftOut], which: impl Fn(&LeftOut) -> bool) -> Vec<&str> {
     touches.iter().filter(|touch| which(touch)).map(|touch| touch.name.as_str()).collect()
 }
 
-/// By how much a touch is predicted worse than by zero, if it is.
-fn worse(touch: &LeftOut, errors: Errors) -> Option<String> {
-    let mut zero = ErrorSum::default();
-    for external in &touch.external {
-        zero.add_slices(&vec![0.0; external.len()], external);
-    }
-    let (error, zero) = (errors.avg_error, zero.errors()?.avg_error);
+/// By how much a touch is predicted worse than by zero, if it is, and why.
+fn worse(touch: &LeftOut, method: &str) -> Option<String> {
+    let (error, zero) = (touch.errors(method)?.avg_error, touch.zero()?.avg_error);
     (error > zero).then(|| {
         let more = 100.0 * (error / zero - 1.0);
         let name = escaped(&touch.name);
-        format!("{name} by {more:.0}&nbsp;% ({error:.3} against {zero:.3}&nbsp;N·m)")
+        let why = escaped(&touch.what_went_wrong(method).unwrap_or_default());
+        format!("{name} by {more:.0}&nbsp;% ({error:.3} against {zero:.3}&nbsp;N·m): {why}")
     })
 }
 
