@@ -193,13 +193,16 @@ fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
     }
 }
 
+/// Number, positions, unwrapped positions, torques and targets of a frame.
+type Measured = (u32, Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>);
+
 /// What does not depend on the contact model.
-fn measured(frame: &TrackedFrame) -> (u32, Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
+fn measured(frame: &TrackedFrame) -> Measured {
     let tau = frame.observation.tau().as_slice().to_vec();
     (frame.sample, frame.q.clone(), frame.unwrapped.clone(), tau, frame.target.clone())
 }
 
-fn all_measured(tracked: &Tracked) -> Vec<Vec<(u32, Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>)>> {
+fn all_measured(tracked: &Tracked) -> Vec<Vec<Measured>> {
     let touches = tracked.touches.iter();
     touches.map(|touch| touch.frames.iter().map(measured).collect()).collect()
 }
