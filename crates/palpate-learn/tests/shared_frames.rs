@@ -314,9 +314,12 @@ fn a_touch_under_test_has_no_say_in_its_own_prediction() {
     }
 }
 
+/// So many that two of them come to the last round.
+const CANDIDATES: usize = 10;
+
 fn tuned(arm: &Arc<Arm>, config: &Config, touches: &[Touch], train: &[usize]) -> Tuned {
     let base = tracked(arm, config, touches);
-    let effort = Effort { candidates: 7, seed: 3 };
+    let effort = Effort { candidates: CANDIDATES, seed: 3 };
     Tuner::new((arm, touches, &base), config, effort, NEVER, &|| ())
         .unwrap()
         .tune(train, NEVER)
@@ -340,14 +343,23 @@ fn tuning_chooses_the_lowest_score_of_the_last_round_and_tries_what_was_given() 
     for method in [Method::Map, Method::Ekf] {
         let config = config(method);
         let Tuned { config: chosen, trials } = tuned(&arm, &config, &touches, &[0, 1, 3]);
-        assert_eq!(trials.len(), 7, "candidates");
+        assert_eq!(trials.len(), CANDIDATES);
         assert!(trials.iter().any(|trial| trial.config == config), "the given settings are tried");
         let last = trials.iter().filter(|trial| trial.scores.len() == 3);
         let last: Vec<(f64, &Config)> =
             last.map(|trial| (trial.scores[2], &trial.config)).collect();
-        assert_eq!(last.len(), 1.max(7_usize.div_ceil(3).div_ceil(3)));
+        assert_eq!(last.len(), 2, "two are left in the last round");
         let lowest = last.iter().min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
         assert!(lowest.0.is_finite() && *lowest.1 == chosen);
+        for round in 0..2 {
+            let scores = |further: bool| {
+                let there = trials.iter().filter(move |trial| trial.scores.len() > round);
+                let of = there.filter(move |trial| (trial.scores.len() > round + 1) == further);
+                of.map(move |trial| trial.scores[round])
+            };
+            let worst = scores(true).fold(f64::NEG_INFINITY, f64::max);
+            assert!(scores(false).all(|score| score >= worst), "the better ones go on");
+        }
         let reached: Vec<usize> = trials.iter().map(|trial| trial.scores.len()).collect();
         assert!(reached.is_sorted_by(|a, b| a >= b), "who came furthest comes first: {reached:?}");
     }
