@@ -60,9 +60,6 @@ pub struct Tracked {
     pub points_m: Vec<[f64; 3]>,
     /// Joints of every torque.
     pub n_joints: usize,
-    /// Standard deviation of the torques in the frames of the tare, where nothing is touched,
-    /// n_joints, N·m; 0 without such frames.
-    pub noise_std: Vec<f64>,
 }
 
 /// A touch with its contacts.
@@ -72,6 +69,8 @@ pub struct TrackedTouch {
     pub name: String,
     /// Its frames from the tare on.
     pub frames: Vec<TrackedFrame>,
+    /// What its torques do before.
+    noise: Noise,
 }
 
 /// One frame after the tare.
@@ -155,17 +154,19 @@ impl Tracked {
         };
         let mut folder = Folder::new(CellRows::new(config.lattice.clone()));
         let mut tracked = Vec::with_capacity(touches.len());
-        let mut noise = Noise::of(arm.robot.n_joints());
         let numbered: Vec<(usize, &Touch)> = touches.iter().enumerate().collect();
         // Contacts are larger than what they are folded into: no more of them than are worked on.
         for some in numbered.chunks(rayon::current_num_threads().max(1)) {
             let followed: Vec<_> = some.par_iter().map(|touch| track(*touch)).collect();
-            for (frames, (_, touch)) in followed.into_iter().zip(some) {
+            for (frames, (number, touch)) in followed.into_iter().zip(some) {
                 let (frames, of_tare) = frames?;
-                noise.add(&of_tare);
+                let noise = match like {
+                    None => Noise::of(&of_tare, arm.robot.n_joints()),
+                    Some(like) => like.touches[*number].noise.clone(),
+                };
                 let fold = |frame: Followed| frame.fold(arm, &mut folder);
                 let frames = frames.into_iter().map(fold).collect();
-                tracked.push(TrackedTouch { name: touch.name.clone(), frames });
+                tracked.push(TrackedTouch { name: touch.name.clone(), frames, noise });
             }
         }
         Ok(Self {
@@ -174,7 +175,6 @@ impl Tracked {
             cells: folder.rows().cells().to_vec(),
             points_m: folder.rows().points_m().to_vec(),
             n_joints: arm.robot.n_joints(),
-            noise_std: like.map_or_else(|| noise.std(), |like| like.noise_std.clone()),
         })
     }
 
@@ -185,6 +185,15 @@ impl Tracked {
             frame.observation.rows().for_each(|row| met[row] = true);
         }
         met
+    }
+
+    /// Standard deviation of some touches' torques in the frames of the tare, where nothing is
+    /// touched, n_joints, N·m; 0 without such frames.
+    pub fn noise_std(&self, touches: &[usize]) -> Vec<f64> {
+        let noises = || touches.iter().map(|&touch| &self.touches[touch].noise);
+        let freedom = noises().map(|noise| noise.freedom).sum::<f64>().max(1.0);
+        let squares = |joint: usize| noises().map(|noise| noise.squares[joint]).sum::<f64>();
+        (0..self.n_joints).map(|joint| (squares(joint) / freedom).sqrt()).collect()
     }
 
     /// Joint positions and measured torques of some touches, for what learns from them alone.
@@ -242,35 +251,28 @@ impl Followed {
     }
 }
 
-/// How torques scatter about the mean of their touch where nothing is touched.
+/// How the torques of a touch scatter about their mean where nothing is touched.
+#[derive(Debug, Clone)]
 struct Noise {
     squares: DVector<f64>,
-    /// Frames less one a touch, for its mean.
+    /// Frames less one, for the mean.
     freedom: f64,
 }
 
 impl Noise {
-    fn of(n_joints: usize) -> Self {
-        Self { squares: DVector::zeros(n_joints), freedom: 0.0 }
-    }
-
-    /// Adds the contact-free frames of a touch.
-    fn add(&mut self, frames: &[DVector<f64>]) {
+    /// Of the contact-free frames of a touch.
+    fn of(frames: &[DVector<f64>], n_joints: usize) -> Self {
+        let mut squares = DVector::zeros(n_joints);
         if frames.is_empty() {
-            return;
+            return Self { squares, freedom: 0.0 };
         }
         let n = frames.len() as f64;
         let mean = frames.iter().sum::<DVector<f64>>() / n;
         for frame in frames {
             let apart = frame - &mean;
-            self.squares += apart.component_mul(&apart);
+            squares += apart.component_mul(&apart);
         }
-        self.freedom += n - 1.0;
-    }
-
-    fn std(&self) -> Vec<f64> {
-        let freedom = self.freedom.max(1.0);
-        self.squares.iter().map(|squares| (squares / freedom).sqrt()).collect()
+        Self { squares, freedom: n - 1.0 }
     }
 }
 

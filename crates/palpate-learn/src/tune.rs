@@ -104,7 +104,7 @@ impl Tuner {
         stop: &(dyn Fn() -> bool + Sync),
         done: &dyn Fn(),
     ) -> Result<Self, TrackError> {
-        let candidates = draw(config, base, effort);
+        let candidates = draw(config, effort);
         let frames: usize = base.touches.iter().map(|touch| touch.frames.len()).sum();
         let every = frames.div_ceil(FRAMES).max(1);
         let (mut models, mut tracked, mut contacts) = (Vec::new(), Vec::new(), Vec::new());
@@ -131,8 +131,9 @@ impl Tuner {
         train: &[usize],
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Tuned, ContenderError> {
+        let configs = self.with_noise_of(train);
         let mut trials: Vec<(usize, Vec<f64>)> =
-            (0..self.candidates.len()).map(|candidate| (candidate, Vec::new())).collect();
+            (0..configs.len()).map(|candidate| (candidate, Vec::new())).collect();
         let mut left = trials.len();
         let all = inner(train, train.len());
         let some = inner(train, INNER.min(train.len()));
@@ -140,7 +141,7 @@ impl Tuner {
         for (round, folds) in [few, &some, &all].into_iter().enumerate() {
             let scored: Result<Vec<f64>, ContenderError> = trials[..left]
                 .par_iter()
-                .map(|(candidate, _)| self.score(*candidate, folds, stop))
+                .map(|(candidate, _)| self.score((*candidate, &configs[*candidate]), folds, stop))
                 .collect();
             for ((_, scores), score) in trials.iter_mut().zip(scored?) {
                 scores.push(score);
@@ -152,21 +153,35 @@ impl Tuner {
             left = [left.div_ceil(3), left.div_ceil(3), 1][round];
         }
         let trial = |(candidate, scores): (usize, Vec<f64>)| Trial {
-            config: self.candidates[candidate].clone(),
+            config: configs[candidate].clone(),
             scores,
         };
         let trials: Vec<Trial> = trials.into_iter().map(trial).collect();
         Ok(Tuned { config: trials[0].config.clone(), trials })
     }
 
+    /// The candidates with the sensors' noise as a floor, as it is seen where the training touches
+    /// touch nothing; but for the given settings, which stay as they are.
+    fn with_noise_of(&self, train: &[usize]) -> Vec<Config> {
+        let noise_std = self.tracked[0].noise_std(train);
+        let mut candidates = self.candidates.clone();
+        for candidate in &mut candidates[1..] {
+            let given = &candidate.estimator.torque_std;
+            let given = |joint: usize| given[joint.min(given.len() - 1)];
+            let std = |(joint, noise): (usize, &f64)| given(joint).hypot(*noise);
+            candidate.estimator.torque_std = noise_std.iter().enumerate().map(std).collect();
+        }
+        candidates
+    }
+
     /// The mean score of a candidate over the touches that some folds test.
     fn score(
         &self,
-        candidate: usize,
+        (candidate, config): (usize, &Config),
         folds: &[Fold],
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<f64, ContenderError> {
-        let mut config = self.candidates[candidate].clone();
+        let mut config = config.clone();
         let shrink = (self.every as f64).sqrt().recip();
         config.estimator.torque_std.iter_mut().for_each(|std| *std *= shrink);
         let tracked = &self.tracked[self.contacts[candidate]];
@@ -207,11 +222,10 @@ fn inner(train: &[usize], n: usize) -> Vec<Fold> {
 }
 
 /// Candidates around the given settings, which are the first of them.
-fn draw(config: &Config, base: &Tracked, effort: Effort) -> Vec<Config> {
+fn draw(config: &Config, effort: Effort) -> Vec<Config> {
     let mut rng = ChaCha8Rng::seed_from_u64(effort.seed);
     let mut pick = |n: usize| ((u64::from(rng.next_u32()) * n as u64) >> 32) as usize;
     let mut candidates = vec![config.clone()];
-    // With the sensors' noise as a floor, seen where nothing is touched.
     let tries = 20 * effort.candidates;
     for _ in 0..tries {
         if candidates.len() >= effort.candidates {
@@ -225,14 +239,11 @@ fn draw(config: &Config, base: &Tracked, effort: Effort) -> Vec<Config> {
         estimator.prior.std_n_per_m *= PRIOR_STDS[pick(PRIOR_STDS.len())];
         estimator.prior.mean_n_per_m *= PRIOR_MEANS[pick(PRIOR_MEANS.len())];
         let scale = TORQUE_STDS[pick(TORQUE_STDS.len())];
-        let std = |joint: usize| {
-            let given = estimator.torque_std[joint.min(estimator.torque_std.len() - 1)];
-            (given * scale).hypot(base.noise_std[joint])
-        };
-        estimator.torque_std = (0..base.n_joints).map(std).collect();
+        estimator.torque_std.iter_mut().for_each(|std| *std *= scale);
         estimator.replays = REPLAYS[pick(REPLAYS.len())];
         let fits = candidate.contact.check().is_ok();
-        if fits && !candidates.contains(&candidate) {
+        // The given settings again differ from themselves by the noise that is added.
+        if fits && !candidates[1..].contains(&candidate) {
             candidates.push(candidate);
         }
     }

@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 
 use super::work::Work;
@@ -57,9 +57,15 @@ impl Kept {
         place::write(&self.folder.join(format!("{name}.json")), &text)
     }
 
-    /// Lets go of all pieces.
+    /// Lets go of all pieces, and of nothing else that lies there.
     pub(super) fn remove(&self) {
-        let _ = std::fs::remove_dir_all(&self.folder); // What stays is found, or has another key.
+        let Ok(entries) = self.folder.read_dir() else { return };
+        for path in entries.flatten().map(|entry| entry.path()) {
+            let Ok(text) = std::fs::read_to_string(&path) else { continue };
+            if serde_json::from_str::<Sealed<IgnoredAny>>(&text).is_ok() {
+                let _ = std::fs::remove_file(&path); // What stays is found, or has another key.
+            }
+        }
     }
 }
 

@@ -164,8 +164,10 @@ pub(crate) fn into_folder(
     let figures = folder.join("figures");
     let what = format!("the folder `{}`", figures.display());
     std::fs::create_dir_all(&figures).map_err(|source| CliError::Write { what, source })?;
+    let mut names = vec!["field".to_owned()];
     for touch in evaluation.touches.iter().filter(|touch| !touch.time_s.is_empty()) {
-        let name = touch.name.replace(['/', '\\'], "_");
+        let mut name = touch.name.replace(['/', '\\'], "_");
+        number(&mut name, &mut names);
         write(&format!("figures/{name}.svg"), &picture::errors(touch)?)?;
     }
     write("figures/field.svg", &picture::field(&evaluated.field)?)?;
@@ -210,7 +212,9 @@ impl Args {
                     ))
                 })
             };
-            let test = self.test.iter().map(place).collect::<Result<Vec<usize>, _>>()?;
+            let mut test = self.test.iter().map(place).collect::<Result<Vec<usize>, _>>()?;
+            test.sort_unstable();
+            test.dedup();
             let fold = Fold::testing(test, n);
             if fold.train.is_empty() {
                 let all = "--test names every touch, so that none is left to learn from".to_owned();
@@ -244,13 +248,15 @@ pub(crate) fn configs(settings: &Settings) -> Result<[Config; 2], SettingsError>
 
 /// The touches as they are evaluated, with names that tell them apart.
 pub(crate) fn as_touches(recorded: &[Recorded], truth: bool) -> Result<Vec<Touch>, CliError> {
+    let mut names = Vec::new();
     let touch = |one: &Recorded| {
         let ambiguous = recorded.iter().filter(|other| other.name == one.name).count() > 1;
         let log = one.log.file_name().map(|name| name.to_string_lossy().into_owned());
-        let name = match log {
+        let mut name = match log {
             Some(log) if ambiguous => format!("{log}/{}", one.name),
             _ => one.name.clone(),
         };
+        number(&mut name, &mut names);
         let missing = || {
             format!(
                 "`{}` holds no truth of touch `{name}`: there is no \
@@ -267,16 +273,31 @@ pub(crate) fn as_touches(recorded: &[Recorded], truth: bool) -> Result<Vec<Touch
     recorded.iter().map(touch).collect()
 }
 
+/// Makes a name differ from those taken, by a number, and takes it.
+fn number(name: &mut String, taken: &mut Vec<String>) {
+    let plain = name.clone();
+    let mut times = 1;
+    while taken.contains(name) {
+        times += 1;
+        *name = format!("{plain}#{times}");
+    }
+    taken.push(name.clone());
+}
+
 /// The folder of results; made before the work, and removed again if nothing came to lie in it.
 struct Folder {
     path: PathBuf,
+    /// What was made: the folder, then those that it is in, if they were not there.
+    made: Vec<PathBuf>,
 }
 
 impl Folder {
     fn make(path: &Path) -> Result<Self, CliError> {
         let what = format!("the folder `{}`", path.display());
+        let new = path.ancestors().take_while(|folder| !folder.exists());
+        let made = new.filter(|folder| *folder != Path::new("")).map(Path::to_owned).collect();
+        let folder = Self { path: path.to_owned(), made };
         std::fs::create_dir_all(path).map_err(|source| CliError::Write { what, source })?;
-        let folder = Self { path: path.to_owned() };
         place::check(&folder.path.join("report.html"))?;
         Ok(folder)
     }
@@ -284,6 +305,8 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        let _ = std::fs::remove_dir(&self.path); // Refused unless it is empty, which is the point.
+        for folder in &self.made {
+            let _ = std::fs::remove_dir(folder); // Refused unless it is empty, which is the point.
+        }
     }
 }

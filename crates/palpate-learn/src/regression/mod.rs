@@ -55,7 +55,7 @@ pub trait Regressor {
 #[allow(missing_docs)] // the messages name the fields
 pub enum RegressionError {
     /// Nothing to learn from.
-    #[error("there is no frame to learn torques from")]
+    #[error("there is no frame to learn torques from: no touch leaves its contact-free start")]
     NoFrames,
     /// A value that is no number.
     #[error("the {what} of joint {joint} in frame {frame} is {found}; wanted a finite number")]

@@ -1,0 +1,424 @@
+//! What `evaluate` promises to programs, to those who break it off, and to those who err.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+mod common;
+
+use std::fs;
+use std::process::Command;
+
+use common::{Scene, json, names, npy, palpate, refuse, stderr, succeed};
+use serde_json::Value;
+
+/// What is quick to learn, from each kind of method.
+const QUICK: &str = "map,ekf,knn,uniform,zero";
+
+/// `palpate evaluate` of some logs into `out/e` with quick methods.
+fn evaluate(scene: &Scene, logs: &[&str], more: &[&str]) -> Command {
+    let mut command = palpate();
+    command.arg("evaluate").args(logs.iter().map(|log| scene.path(log))).args(scene.settings());
+    command.args(["--spacing-m", "0.03"]);
+    for (flag, usual) in [("-o", &*scene.text("out/e")), ("--methods", QUICK), ("--replays", "3")] {
+        if !more.contains(&flag) {
+            command.args([flag, usual]);
+        }
+    }
+    command.args(more);
+    command
+}
+
+/// The arm and three touches.
+fn three() -> Scene {
+    let scene = Scene::new();
+    scene.touch("log/seq_2", 50, 0.3);
+    scene
+}
+
+/// Evaluates what must be refused, and leaves nothing.
+#[track_caller]
+fn refuse_all(scene: &Scene, logs: &[&str], more: &[&str], code: i32, words: &[&str]) {
+    refuse(&mut evaluate(scene, logs, more), code, words);
+    assert!(scene.results().is_empty(), "{:?}", scene.results());
+}
+
+fn list(value: &Value) -> Vec<&str> {
+    value.as_array().unwrap().iter().map(|row| row["name"].as_str().unwrap()).collect()
+}
+
+/// The result without the place of its files.
+fn without_folder(mut report: Value) -> Value {
+    report.as_object_mut().unwrap().remove("folder");
+    report
+}
+
+#[test]
+fn evaluate_prints_the_keys_that_programs_rely_on() {
+    let scene = three();
+    let report = json(&mut evaluate(&scene, &["log"], &["--json"]));
+    assert_eq!(list(&report["methods"]), QUICK.split(',').collect::<Vec<_>>());
+    assert_eq!(list(&report["touches"]), ["seq_0", "seq_1", "seq_2"]);
+    let touches = report["touches"].as_array().unwrap();
+    for (index, method) in report["methods"].as_array().unwrap().iter().enumerate() {
+        for key in ["avg_error", "max_error", "avg_relative", "max_relative"] {
+            let figures: Vec<f64> = touches
+                .iter()
+                .map(|touch| touch["methods"][index][key].as_f64().unwrap())
+                .collect();
+            let mean = figures.iter().sum::<f64>() / 3.0;
+            let squares: f64 = figures.iter().map(|figure| (figure - mean).powi(2)).sum();
+            let gap = |name: &str, wanted: f64| method[key][name].as_f64().unwrap() - wanted;
+            assert!(gap("mean", mean).abs() < 1e-12, "{key} of {method}");
+            assert!(gap("std", (squares / 2.0).sqrt()).abs() < 1e-12, "{key} of {method}");
+        }
+    }
+    for (fold, touch) in touches.iter().enumerate() {
+        assert_eq!(list(&touch["methods"]), list(&report["methods"]));
+        assert_eq!(touch["fold"], fold, "leave-one-touch-out");
+        assert!(touch["frames"].as_u64() >= touch["frames_in_contact"].as_u64(), "{touch}");
+        assert!(touch["frames_in_contact"].as_u64().unwrap() > 10, "{touch}");
+        assert_eq!(touch["methods"][4]["avg_relative"], 1.0, "zero");
+    }
+    assert_eq!((&report["against"], &report["simulated"]), (&"measured".into(), &false.into()));
+    let average = |index: usize| report["methods"][index]["avg_error"]["mean"].as_f64().unwrap();
+    assert!(average(0) < average(4), "map learns more than nothing: {report}");
+}
+
+#[test]
+fn the_table_has_a_row_for_each_method_and_names_the_report() {
+    let scene = three();
+    let text = succeed(&mut evaluate(&scene, &["log"], &["--folds", "3"]));
+    for word in ["3 touches", "against measured external torques", "average", "max. rel.", "±"] {
+        assert!(text.contains(word), "{word}: {text}");
+    }
+    let rows = text.lines().skip_while(|line| !line.starts_with("method")).skip(1);
+    let rows: Vec<&str> = rows.take_while(|line| !line.is_empty()).collect();
+    let first = |row: &&str| row.split(' ').next().unwrap().to_owned();
+    assert_eq!(rows.iter().map(first).collect::<Vec<_>>(), QUICK.split(',').collect::<Vec<_>>());
+    assert!(text.contains(&scene.text("out/e/report.html")), "{text}");
+}
+
+#[test]
+fn the_folder_of_results_holds_a_page_of_its_own_and_every_number() {
+    let scene = three();
+    let methods = ["--methods", "map,mlp,gp,zero"];
+    succeed(&mut evaluate(&scene, &["log"], &methods));
+    let folder = scene.path("out/e");
+    assert_eq!(names(&folder), ["errors.csv", "evaluation.json", "figures", "report.html"]);
+    let figures = ["field.svg", "seq_0.svg", "seq_1.svg", "seq_2.svg"];
+    assert_eq!(names(&folder.join("figures")), figures);
+    for figure in figures {
+        let text = fs::read_to_string(folder.join("figures").join(figure)).unwrap();
+        assert!(text.starts_with("<svg"), "{figure}");
+    }
+    let page = fs::read_to_string(folder.join("report.html")).unwrap();
+    // What stands between the scripts; a library within one may speak of addresses.
+    let pieces = page.split("<script").enumerate().map(|(number, piece)| match number {
+        0 => piece.to_owned(),
+        _ => {
+            let (tag, rest) = piece.split_once('>').unwrap();
+            format!("{tag}>{}", rest.split_once("</script>").unwrap().1)
+        }
+    });
+    let page: String = pieces.collect();
+    assert!(page.contains("<body") && page.contains("</html>"), "{page}");
+    for load in ["src=\"http", "href=\"http", "src='http", "src=\"//", "@import", "url(http"] {
+        assert!(!page.contains(load), "the page loads something: {load}");
+    }
+    let csv = fs::read_to_string(folder.join("errors.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows[0][..2], ["method", "touch"]);
+    let named: Vec<String> = rows[1..].iter().map(|row| row[..2].join(" ")).collect();
+    let expected = ["map", "mlp", "gp", "zero"]
+        .into_iter()
+        .flat_map(|method| ["seq_0", "seq_1", "seq_2"].map(|touch| format!("{method} {touch}")));
+    assert_eq!(named, expected.collect::<Vec<_>>());
+    let text = fs::read_to_string(folder.join("evaluation.json")).unwrap();
+    let whole: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(whole["joint_names"], serde_json::json!(["shoulder", "elbow"]));
+    for touch in whole["touches"].as_array().unwrap() {
+        let frames = touch["external"].as_array().unwrap().len();
+        assert!(frames > 10);
+        for prediction in touch["predictions"].as_array().unwrap() {
+            assert_eq!(prediction["predicted"].as_array().unwrap().len(), frames);
+        }
+    }
+}
+
+#[test]
+fn a_single_touch_leaves_nothing_to_learn_from() {
+    let scene = Scene::new();
+    refuse_all(&scene, &["log/seq_0"], &[], 1, &["1 touch;", "at least two", "palpate inspect"]);
+}
+
+#[test]
+fn divisions_that_cannot_be_are_refused_with_a_remedy() {
+    let scene = three();
+    let refuse = |more: &[&str], words: &[&str]| refuse_all(&scene, &["log"], more, 2, words);
+    refuse(&["--folds", "4"], &["--folds is 4", "only 3 touches", "3 is leave-one-touch-out"]);
+    refuse(&["--folds", "1"], &["--folds", "'1'"]);
+    refuse(&["--test", "seq_9"], &["`seq_9`", "none of seq_0, seq_1, seq_2"]);
+    refuse(&["--test", "seq_0,seq_1,seq_2"], &["every touch", "none is left to learn from"]);
+    refuse(&["--test", "seq_0", "--folds", "2"], &["--test", "--folds"]);
+    refuse(&["--methods", "map,svm"], &["svm", "map, ekf, mlp, gp, knn, uniform, zero"]);
+}
+
+#[test]
+fn named_touches_are_predicted_from_all_others_and_each_once() {
+    let scene = three();
+    let of = |test: &str| {
+        without_folder(json(&mut evaluate(&scene, &["log"], &["--json", "--test", test])))
+    };
+    let both = of("seq_2,seq_0");
+    assert_eq!((list(&both["touches"]), &both["folds"]), (vec!["seq_0", "seq_2"], &1.into()));
+    assert_eq!(both, of("seq_0,seq_2,seq_0"), "naming a touch twice does not count it twice");
+    let whole = json(&mut evaluate(&scene, &["log"], &["--json"]));
+    let alone = of("seq_1");
+    assert_eq!(alone["touches"][0]["methods"], whole["touches"][1]["methods"]);
+}
+
+#[test]
+fn touches_of_the_same_name_are_told_apart() {
+    let scene = Scene::new();
+    for (day, elbow) in [("monday", 0.0), ("tuesday", -0.2)] {
+        scene.touch(&format!("{day}/log/seq_0"), 40, elbow);
+        scene.touch(&format!("{day}/log/field"), 40, elbow + 0.4);
+    }
+    let logs = ["monday/log", "tuesday/log"];
+    let report = json(&mut evaluate(&scene, &logs, &["--json", "--methods", "map,zero"]));
+    let mut touches = list(&report["touches"]);
+    assert_eq!(touches.len(), 4);
+    let some = touches[0].to_owned();
+    touches.sort_unstable();
+    touches.dedup();
+    assert_eq!(touches.len(), 4, "{touches:?}");
+    let figures = names(&scene.path("out/e/figures"));
+    assert_eq!(figures.len(), 5, "one a touch, and the field: {figures:?}");
+    let one = json(&mut evaluate(&scene, &logs, &["--json", "--methods", "zero", "--test", &some]));
+    assert_eq!(list(&one["touches"]), [&some]);
+}
+
+#[test]
+fn a_touch_called_field_keeps_its_figure() {
+    let scene = Scene::new();
+    scene.touch("log/field", 40, 0.3);
+    succeed(&mut evaluate(&scene, &["log"], &["--methods", "zero"]));
+    let figures = names(&scene.path("out/e/figures"));
+    assert_eq!(figures.len(), 4, "one a touch, and the field: {figures:?}");
+}
+
+#[test]
+fn touches_may_differ_in_length_but_not_in_joints() {
+    let scene = Scene::new();
+    scene.touch("log/long", 90, 0.2);
+    let report = json(&mut evaluate(&scene, &["log"], &["--json"]));
+    let frames = |touch: usize| report["touches"][touch]["frames"].as_u64().unwrap();
+    assert!(frames(0) > frames(1), "{report}");
+    fs::remove_dir_all(scene.path("out/e")).unwrap();
+
+    scene.arrays("log/three", &[[0.0; 3]; 40], &[[0.0; 3]; 40]);
+    refuse_all(&scene, &["log"], &[], 1, &["three", "3"]);
+}
+
+#[test]
+fn touches_without_contact_are_evaluated_and_named() {
+    let scene = Scene::new();
+    let away = ["--json", "--box-low-m", "5,5,5", "--box-high-m", "6,6,6"];
+    // All frames are tare, so there is nothing to learn from joint angles alone.
+    refuse(&mut evaluate(&scene, &["log"], &away), 1, &["knn on fold", "no frame to learn"]);
+    let fields = [&away[..], &["--methods", "map,ekf,uniform,zero"]].concat();
+    let output = evaluate(&scene, &["log"], &fields).output().unwrap();
+    let said = stderr(&output);
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("`seq_0` never leaves its contact-free start"), "{said}");
+
+    // A tare of a known length: there are frames to score, but none with contact.
+    let output = evaluate(&scene, &["log"], &[&away[..], &["--tare-frames", "8"]].concat())
+        .output()
+        .unwrap();
+    let said = stderr(&output);
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("`seq_0` touches no point of the lattice"), "{said}");
+}
+
+#[test]
+fn an_arm_that_stands_still_is_named_and_does_not_keep_others_from_being_scored() {
+    let scene = Scene::new();
+    scene.arrays("log/still", &[[0.0, 0.3]; 30], &[[0.2, 0.1]; 30]);
+    let output = evaluate(&scene, &["log"], &["--json"]).output().unwrap();
+    let said = stderr(&output);
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("`still` never leaves its contact-free start"), "{said}");
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(report["touches"][2]["methods"][0]["avg_error"].is_null(), "{report}");
+    assert!(report["touches"][0]["methods"][0]["avg_error"].is_f64(), "{report}");
+    assert!(report["methods"][0]["avg_error"]["mean"].is_f64(), "{report}");
+}
+
+#[test]
+fn truth_is_scored_against_where_it_is_and_missed_by_name() {
+    let scene = Scene::new();
+    refuse_all(
+        &scene,
+        &["log"],
+        &["--truth"],
+        1,
+        &["seq_0", "truth/seq_0_external.npy", "--truth"],
+    );
+    fs::create_dir(scene.path("log/truth")).unwrap();
+    let truth = |touch: &str, rows: usize| {
+        let path = scene.path(&format!("log/truth/{touch}_external.npy"));
+        npy(&path, &[rows, 2], &vec![5.0; 2 * rows]);
+    };
+    truth("seq_0", 40);
+    refuse_all(&scene, &["log"], &["--truth"], 1, &["truth/seq_1_external.npy"]);
+    truth("seq_1", 39);
+    refuse_all(&scene, &["log"], &["--truth"], 1, &["seq_1", "39", "40"]);
+    truth("seq_1", 40);
+    let report = json(&mut evaluate(&scene, &["log"], &["--json", "--truth"]));
+    assert_eq!(report["against"], "truth");
+    let zero = report["touches"][1]["methods"][4]["max_error"].as_f64().unwrap();
+    assert!((zero - 50_f64.sqrt()).abs() < 1e-12, "{zero}");
+}
+
+#[test]
+fn a_torque_that_is_no_number_is_met_with_its_sample() {
+    let scene = Scene::new();
+    let mut torques = [[0.0; 2]; 40];
+    torques[20][1] = f64::NAN;
+    scene.arrays("log/seq_1", &[[0.0; 2]; 40], &torques);
+    refuse_all(&scene, &["log"], &[], 1, &["seq_1/torques.npy", "row 20, column 1"]);
+    torques[20][1] = 1e7;
+    scene.arrays("log/seq_1", &[[0.0; 2]; 40], &torques);
+    refuse_all(&scene, &["log"], &[], 1, &["seq_1", "sample 20", "elbow"]);
+}
+
+#[test]
+fn quiet_means_nothing_but_the_result() {
+    let scene = Scene::new();
+    scene.arrays("log/still", &[[0.0, 0.3]; 30], &[[0.2, 0.1]; 30]);
+    let output = evaluate(&scene, &["log"], &["--quiet"]).output().unwrap();
+    assert!(output.status.success() && !output.stdout.is_empty());
+    assert_eq!(stderr(&output), "");
+}
+
+#[test]
+fn a_folder_that_cannot_be_is_refused_before_any_work() {
+    let scene = Scene::new();
+    let refuse = |place: &str, words: &[&str]| {
+        refuse(&mut evaluate(&scene, &["log"], &["-o", place]), 1, words);
+    };
+    refuse(&scene.text("tiny.urdf"), &["tiny.urdf"]);
+    refuse(&scene.text("tiny.urdf/e"), &["tiny.urdf/e", "cannot be written"]);
+    if cfg!(target_os = "linux") {
+        refuse("/proc/e", &["/proc/e"]);
+    }
+    fs::create_dir_all(scene.path("out/report.html")).unwrap();
+    refuse(&scene.text("out"), &["report.html"]);
+}
+
+#[test]
+fn a_bad_log_leaves_no_folder_and_takes_none_away() {
+    let scene = Scene::new();
+    let nowhere = |place: &str| {
+        let output = scene.text(place);
+        refuse(&mut evaluate(&scene, &["nowhere"], &["-o", &output]), 1, &["nowhere"]);
+    };
+    nowhere("out/e");
+    nowhere("out/one/in/another");
+    assert!(scene.results().is_empty(), "{:?}", scene.results());
+    nowhere("out");
+    assert!(scene.path("out").is_dir(), "an empty folder that was there before");
+}
+
+#[test]
+fn a_folder_of_the_users_own_called_parts_stays() {
+    let scene = Scene::new();
+    fs::create_dir_all(scene.path("out/e/parts")).unwrap();
+    let own = ["part-map-0.json", "part-map-1.json", "bolt.step", "part-of-mine.json"];
+    for (name, text) in own.iter().zip(["{\"key\": ", "{\"key\": \"x\"}", "ISO", "{}"]) {
+        fs::write(scene.path("out/e/parts").join(name), text).unwrap();
+    }
+    let methods = ["--json", "--methods", "knn,zero"];
+    let beside = evaluate(&scene, &["log"], &methods).output().unwrap();
+    assert!(beside.status.success(), "{}", stderr(&beside));
+    assert!(!stderr(&beside).contains("were done before"), "{}", stderr(&beside));
+    assert_eq!(names(&scene.path("out/e/parts")), {
+        let mut own = own;
+        own.sort_unstable();
+        own
+    });
+    let else_where = scene.text("out/f");
+    let alone =
+        json(evaluate(&scene, &["log"], &[&methods[..], &["-o", &else_where]].concat()).arg("-q"));
+    let beside: Value = serde_json::from_slice(&beside.stdout).unwrap();
+    assert_eq!(without_folder(beside), without_folder(alone));
+}
+
+#[cfg(unix)]
+mod broken_off {
+    use std::path::Path;
+    use std::process::Stdio;
+    use std::time::{Duration, Instant};
+
+    use super::*;
+
+    /// Presses Ctrl-C as soon as some parts are kept, and returns how many were, the exit code and
+    /// stderr.
+    fn press(command: &mut Command, parts: &Path) -> (usize, Option<i32>, String) {
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let kept = || {
+            let entries = fs::read_dir(parts).into_iter().flatten().flatten();
+            let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+            names.filter(|name| name.starts_with("part-") && name.ends_with(".json")).count()
+        };
+        let patience = Instant::now() + Duration::from_secs(120);
+        while kept() == 0 {
+            assert!(child.try_wait().unwrap().is_none(), "it ended before a part was kept");
+            assert!(Instant::now() < patience, "no part in two minutes");
+            std::thread::yield_now();
+        }
+        let id = child.id().to_string();
+        assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+        let told = child.wait_with_output().unwrap();
+        assert!(told.stdout.is_empty());
+        (kept(), told.status.code(), stderr(&told))
+    }
+
+    #[test]
+    fn the_same_command_goes_on_and_ends_as_if_it_had_never_stopped() {
+        let scene = three();
+        scene.touch("log/seq_3", 400, -0.2);
+        let long = |place: &str| {
+            let more = ["--json", "--replays", "100", "-o", &scene.text(place)];
+            evaluate(&scene, &["log"], &more)
+        };
+        let (kept, code, said) = press(&mut long("out/broken"), &scene.path("out/broken/parts"));
+        assert_eq!(code, Some(130), "{said}");
+        assert!(said.contains("error: interrupted; what is done is kept in"), "{said}");
+        assert!((1..20).contains(&kept), "{kept} parts of 20");
+        assert_eq!(names(&scene.path("out/broken")), ["parts"]);
+
+        fs::write(scene.path("out/broken/parts/part-zero-9.json"), "{\"key\": \"foreign\"")
+            .unwrap();
+        let output = long("out/broken").output().unwrap();
+        let said = stderr(&output);
+        assert!(output.status.success(), "{said}");
+        assert!(said.contains(&format!("{kept} parts were done before")), "{kept}: {said}");
+        let resumed: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let whole = json(&mut long("out/whole"));
+        assert_eq!(without_folder(resumed), without_folder(whole));
+    }
+
+    #[test]
+    fn parts_of_other_settings_are_not_taken() {
+        let scene = three();
+        scene.touch("log/seq_3", 400, -0.2);
+        let mut long = evaluate(&scene, &["log"], &["--torque-std", "0.3"]);
+        let (kept, code, said) = press(&mut long, &scene.path("out/e/parts"));
+        assert_eq!(code, Some(130), "{said}");
+        assert!(kept > 0);
+        let output = evaluate(&scene, &["log"], &["--json"]).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        assert!(!stderr(&output).contains("were done before"), "{}", stderr(&output));
+        assert!(!names(&scene.path("out/e")).contains(&"parts".to_owned()), "nothing left over");
+    }
+}

@@ -1,0 +1,366 @@
+//! Frames that are tracked once teach and predict what each method would alone, and no touch under
+//! test is looked at.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+
+use palpate::arm::Arm;
+use palpate::contact;
+use palpate::estimator::Method;
+use palpate::field::{Field, Predictor};
+use palpate::lattice::Lattice;
+use palpate::mapper::{Config, Mapper};
+use palpate::robot::Robot;
+use palpate::sdf;
+use palpate::touch::Sample;
+use palpate_learn::contender::{self, Contender, Torques};
+use palpate_learn::evaluate::{Part, Plan};
+use palpate_learn::evaluation::Prediction;
+use palpate_learn::folds::{Fold, folds};
+use palpate_learn::tracked::{Touch, Tracked, TrackedFrame};
+use palpate_learn::tune::{Effort, Tuned, Tuner};
+
+/// Two links that swing about vertical axes, so that gravity does not reach the joints.
+const URDF: &str = r#"<robot name="tiny">
+  <link name="base"/>
+  <joint name="shoulder" type="continuous">
+    <parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+  </joint>
+  <link name="upper">
+    <collision><origin xyz="0.2 0 0"/><geometry><box size="0.4 0.06 0.06"/></geometry></collision>
+  </link>
+  <joint name="elbow" type="continuous">
+    <origin xyz="0.4 0 0"/><parent link="upper"/><child link="fore"/><axis xyz="0 0 1"/>
+  </joint>
+  <link name="fore">
+    <collision><origin xyz="0.15 0 0"/><geometry><box size="0.3 0.05 0.05"/></geometry></collision>
+  </link>
+</robot>"#;
+
+const STILL: usize = 8;
+const FRAMES: usize = 28;
+const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
+
+fn arm() -> Arc<Arm> {
+    let bake = sdf::Config { spacing_m: 0.01, ..sdf::Config::default() };
+    let robot = Robot::from_urdf(URDF).unwrap();
+    Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
+}
+
+fn config(method: Method) -> Config {
+    let lattice = Lattice::filling([-0.8, -0.8, -0.1], [0.8, 0.8, 0.1], 0.03).unwrap();
+    let mut config = Config { lattice, ..Config::of(method) };
+    config.estimator.drift_std_n_per_m = 0.1; // so that frames without contact count
+    config.estimator.replays = 5;
+    config
+}
+
+/// Still frames, then a swing of the shoulder with the elbow bent, into something springy.
+fn touch(number: usize) -> Touch {
+    let (way, bend) = (0.4 + 0.1 * number as f64, -0.3 * number as f64);
+    let sample = |frame: usize| {
+        let part = frame.saturating_sub(STILL) as f64 / (FRAMES - STILL) as f64;
+        let noise = 0.01 * ((7 * frame + 3 * number) as f64).sin();
+        let push = (way * part - 0.05).max(0.0);
+        let q = vec![way * part, bend + 0.2 * part];
+        let tau = vec![0.3 - 9.0 * push + noise, 0.1 - 3.0 * push - 0.5 * noise];
+        Sample { time_s: None, q, tau }
+    };
+    Touch {
+        name: format!("touch_{number}"),
+        samples: (0..FRAMES).map(sample).collect(),
+        truth: None,
+    }
+}
+
+fn touches(count: usize) -> Vec<Touch> {
+    (0..count).map(touch).collect()
+}
+
+fn tracked(arm: &Arc<Arm>, config: &Config, touches: &[Touch]) -> Tracked {
+    let tracked = Tracked::new(arm, config, touches, NEVER).unwrap();
+    let in_contact = |touch: usize| tracked.touches[touch].frames_in_contact();
+    assert!((0..touches.len()).all(|touch| in_contact(touch) > 5), "the arm must touch something");
+    tracked
+}
+
+/// What a mapper learns from some touches.
+fn mapped<'a>(
+    arm: &Arc<Arm>,
+    config: &Config,
+    touches: impl IntoIterator<Item = &'a Touch>,
+) -> Field {
+    let mut mapper = Mapper::new(Arc::clone(arm), config.clone()).unwrap();
+    for touch in touches {
+        mapper.begin_touch();
+        touch.samples.iter().for_each(|sample| drop(mapper.step(sample).unwrap()));
+        mapper.end_touch().unwrap();
+    }
+    mapper.field()
+}
+
+/// What a field says of a touch from its tare on, frames × n_joints, N·m.
+fn foretold(arm: &Arc<Arm>, field: &Field, touch: &Touch) -> Vec<Vec<f64>> {
+    let mut predictor = Predictor::new(Arc::clone(arm), field, field.touch.clone()).unwrap();
+    predictor.begin_touch();
+    let predictions = touch.samples.iter().map(|sample| predictor.step(sample).unwrap());
+    predictions.flatten().map(|told| told.predicted.as_slice().to_vec()).collect()
+}
+
+/// Cell by cell: the bits of stiffness and deviation, and the count.
+fn by_cell(field: &Field) -> BTreeMap<u32, (u64, u64, u32)> {
+    let row = |(row, cell): (usize, &palpate::lattice::CellId)| {
+        let bits = |numbers: &[f64]| numbers[row].to_bits();
+        (cell.0, (bits(&field.stiffness_n_per_m), bits(&field.std_n_per_m), field.counts[row]))
+    };
+    field.cells.iter().enumerate().map(row).collect()
+}
+
+fn largest_gap(a: &[Vec<f64>], b: &[Vec<f64>]) -> f64 {
+    assert_eq!(
+        a.iter().map(Vec::len).collect::<Vec<_>>(),
+        b.iter().map(Vec::len).collect::<Vec<_>>()
+    );
+    let pairs = a.iter().flatten().zip(b.iter().flatten());
+    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn shared_frames_teach_what_a_mapper_learns_to_the_bit() {
+    let (arm, touches) = (arm(), touches(3));
+    for method in [Method::Map, Method::Ekf] {
+        let config = config(method);
+        let tracked = tracked(&arm, &config, &touches);
+        // Also without the touch in the middle, and in another order: cells then have other rows.
+        for some in [vec![0, 1, 2], vec![0, 2], vec![2, 0]] {
+            let estimator = contender::learn(&tracked, &some, &config, NEVER).unwrap();
+            let field = contender::field(&tracked, estimator.as_ref(), &config);
+            let whole = mapped(&arm, &config, some.iter().map(|&touch| &touches[touch]));
+            assert!(whole.cells.len() > 100, "{} cells touched", whole.cells.len());
+            assert_eq!(by_cell(&field), by_cell(&whole), "{method:?} of {some:?}");
+            assert_eq!(field.untouched_n_per_m.to_bits(), whole.untouched_n_per_m.to_bits());
+            assert_eq!((field.lattice, field.contact), (whole.lattice, whole.contact));
+        }
+    }
+}
+
+#[test]
+fn an_estimator_predicts_what_the_field_of_a_mapper_predicts() {
+    let (arm, touches) = (arm(), touches(3));
+    for (method, contender) in [(Method::Map, Contender::Map), (Method::Ekf, Contender::Ekf)] {
+        let config = config(method);
+        let tracked = tracked(&arm, &config, &touches);
+        for fold in folds(3, 3) {
+            let torques = contender.predict(&tracked, &fold, &config, NEVER).unwrap();
+            let field = mapped(&arm, &config, fold.train.iter().map(|&touch| &touches[touch]));
+            let expected = foretold(&arm, &field, &touches[fold.test[0]]);
+            assert!(expected.iter().flatten().any(|tau| tau.abs() > 0.1), "something to predict");
+            let gap = largest_gap(&torques[0], &expected);
+            assert!(gap <= 1e-12, "{method:?}, {fold:?}: {gap} N·m apart");
+        }
+    }
+}
+
+#[test]
+fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
+    let (arm, touches) = (arm(), touches(4));
+    let config = config(Method::Map);
+    let plan = Plan {
+        contenders: Contender::ALL.to_vec(),
+        folds: folds(4, 2),
+        config: config.clone(),
+        estimators: vec![[config.clone(), self::config(Method::Ekf)]; 2],
+    };
+    let run = || {
+        let tracked = tracked(&arm, &config, &touches);
+        let done = Mutex::new(Vec::new());
+        plan.run(&tracked, &plan.parts(), NEVER, &|part| done.lock().unwrap().push(part)).unwrap();
+        let parts: Vec<Part> = done.into_inner().unwrap();
+        let bits = |part: Part| {
+            let numbers = part.torques.iter().flatten().flatten();
+            let bits: Vec<u64> = numbers.map(|torque| torque.to_bits()).collect();
+            ((part.contender.name(), part.fold), bits)
+        };
+        parts.into_iter().map(bits).collect::<BTreeMap<_, _>>()
+    };
+    let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let serial = on(1).install(run);
+    assert_eq!(serial.len(), 2 * Contender::ALL.len());
+    let parallel = on(2).install(run);
+    for (part, bits) in &serial {
+        assert!(*bits == parallel[part], "{part:?} depends on the number of threads");
+    }
+}
+
+/// Number, positions, unwrapped positions, torques and targets of a frame.
+type Measured = (u32, Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>);
+
+/// What does not depend on the contact model.
+fn measured(frame: &TrackedFrame) -> Measured {
+    let tau = frame.observation.tau().as_slice().to_vec();
+    (frame.sample, frame.q.clone(), frame.unwrapped.clone(), tau, frame.target.clone())
+}
+
+fn all_measured(tracked: &Tracked) -> Vec<Vec<Measured>> {
+    let touches = tracked.touches.iter();
+    touches.map(|touch| touch.frames.iter().map(measured).collect()).collect()
+}
+
+#[test]
+fn under_the_same_contact_model_frames_are_the_same() {
+    let (arm, mut touches) = (arm(), touches(3));
+    touches[1].truth = Some(vec![vec![0.5, -0.5]; FRAMES]);
+    let config = config(Method::Map);
+    let tracked = tracked(&arm, &config, &touches);
+    let again = tracked.under(&config.contact, &arm, &config, &touches, NEVER).unwrap();
+    assert_eq!(all_measured(&tracked), all_measured(&again));
+    assert_eq!(tracked.noise_std(&[0, 2]), again.noise_std(&[0, 2]));
+    for fold in folds(3, 3) {
+        let of =
+            |tracked: &Tracked| Contender::Map.predict(tracked, &fold, &config, NEVER).unwrap();
+        assert_eq!(of(&tracked), of(&again));
+    }
+}
+
+#[test]
+fn under_another_contact_model_contacts_change_and_torques_do_not() {
+    let (arm, touches) = (arm(), touches(3));
+    let config = config(Method::Map);
+    let tracked = tracked(&arm, &config, &touches);
+    let given = config.contact.contact_distance_m;
+    for contact_distance_m in [0.6 * given, 1.5 * given] {
+        let contact = contact::Config { contact_distance_m, ..config.contact.clone() };
+        let other = tracked.under(&contact, &arm, &config, &touches, NEVER).unwrap();
+        assert_eq!(all_measured(&tracked), all_measured(&other));
+        assert_eq!(tracked.noise_std(&[0, 2]), other.noise_std(&[0, 2]));
+        let contacts = |tracked: &Tracked| -> usize {
+            let frames = tracked.touches.iter().flat_map(|touch| &touch.frames);
+            frames.map(|frame| frame.observation.n_contacts()).sum()
+        };
+        assert_ne!(contacts(&tracked), contacts(&other));
+    }
+}
+
+#[test]
+fn predicting_zero_has_a_relative_error_of_exactly_one() {
+    let touches = touches(2);
+    let config = config(Method::Map);
+    let tracked = tracked(&arm(), &config, &touches);
+    let fold = Fold::testing(vec![1], 2);
+    let torques = Contender::Zero.predict(&tracked, &fold, &config, NEVER).unwrap();
+    let frames = tracked.touches[1].frames.iter();
+    let external: Vec<Vec<f64>> = frames.map(|frame| frame.target.clone()).collect();
+    let errors = Prediction::new("zero", torques[0].clone(), &external).errors.unwrap();
+    assert_eq!((errors.avg_relative, errors.max_relative), (Some(1.0), Some(1.0)));
+}
+
+#[test]
+fn uniform_recovers_the_stiffness_of_a_uniform_field() {
+    let (arm, mut touches) = (arm(), touches(3));
+    let config = config(Method::Map);
+    let stiffness = 37.5;
+    let mut field = mapped(&arm, &config, &touches);
+    field.stiffness_n_per_m.fill(stiffness);
+    field.untouched_n_per_m = stiffness;
+    for touch in &mut touches {
+        let torques = foretold(&arm, &field, touch);
+        let tare = touch.samples.len() - torques.len();
+        touch.samples.iter_mut().for_each(|sample| sample.tau.fill(0.2)); // a bias to tare off
+        for (sample, torque) in touch.samples[tare..].iter_mut().zip(torques) {
+            sample.tau.iter_mut().zip(torque).for_each(|(tau, torque)| *tau += torque);
+        }
+    }
+    let tracked = tracked(&arm, &config, &touches);
+    for fold in folds(3, 3) {
+        let torques = Contender::Uniform.predict(&tracked, &fold, &config, NEVER).unwrap();
+        let expected = foretold(&arm, &field, &touches[fold.test[0]]);
+        let size = expected.iter().flatten().fold(0.0, |most: f64, tau| most.max(tau.abs()));
+        assert!(size > 0.1, "{size} N·m to recover");
+        let gap = largest_gap(&torques[0], &expected);
+        assert!(gap < 1e-12 * stiffness.max(size), "{gap} N·m apart");
+    }
+}
+
+/// The same touches with other torques in one of them, in its tare too.
+fn with_other_torques(touches: &[Touch], touch: usize) -> Vec<Touch> {
+    let mut touches = touches.to_vec();
+    for (number, sample) in touches[touch].samples.iter_mut().enumerate() {
+        sample.tau[0] = 5.0 - 0.4 * sample.tau[0] + 2.0 * (number as f64).cos();
+        sample.tau[1] = -7.0 * sample.tau[1] + (number as f64).sin();
+    }
+    touches
+}
+
+#[test]
+fn a_touch_under_test_has_no_say_in_its_own_prediction() {
+    let (arm, touches) = (arm(), touches(3));
+    let contenders =
+        [Contender::Map, Contender::Ekf, Contender::Uniform, Contender::Knn, Contender::Gp];
+    for test in 0..3 {
+        let fold = Fold::testing(vec![test], 3);
+        let others = with_other_torques(&touches, test);
+        for contender in contenders {
+            let method = if contender == Contender::Ekf { Method::Ekf } else { Method::Map };
+            let config = config(method);
+            let told = |touches: &[Touch]| -> Torques {
+                let tracked = tracked(&arm, &config, touches);
+                contender.predict(&tracked, &fold, &config, NEVER).unwrap()
+            };
+            let first = told(&touches);
+            assert!(first.iter().flatten().flatten().any(|tau| *tau != 0.0), "a prediction");
+            assert!(first == told(&others), "{} saw touch {test}", contender.name());
+        }
+    }
+}
+
+/// So many that two of them come to the last round.
+const CANDIDATES: usize = 10;
+
+fn tuned(arm: &Arc<Arm>, config: &Config, touches: &[Touch], train: &[usize]) -> Tuned {
+    let base = tracked(arm, config, touches);
+    let effort = Effort { candidates: CANDIDATES, seed: 3 };
+    Tuner::new((arm, touches, &base), config, effort, NEVER, &|| ())
+        .unwrap()
+        .tune(train, NEVER)
+        .unwrap()
+}
+
+#[test]
+fn tuning_does_not_look_at_the_touch_under_test() {
+    let (arm, touches) = (arm(), touches(4));
+    for method in [Method::Map, Method::Ekf] {
+        let config = config(method);
+        let first = tuned(&arm, &config, &touches, &[0, 1, 3]);
+        let second = tuned(&arm, &config, &with_other_torques(&touches, 2), &[0, 1, 3]);
+        assert!(first == second, "{method:?} saw the touch under test");
+    }
+}
+
+#[test]
+fn tuning_chooses_the_lowest_score_of_the_last_round_and_tries_what_was_given() {
+    let (arm, touches) = (arm(), touches(4));
+    for method in [Method::Map, Method::Ekf] {
+        let config = config(method);
+        let Tuned { config: chosen, trials } = tuned(&arm, &config, &touches, &[0, 1, 3]);
+        assert_eq!(trials.len(), CANDIDATES);
+        assert!(trials.iter().any(|trial| trial.config == config), "the given settings are tried");
+        let last = trials.iter().filter(|trial| trial.scores.len() == 3);
+        let last: Vec<(f64, &Config)> =
+            last.map(|trial| (trial.scores[2], &trial.config)).collect();
+        assert_eq!(last.len(), 2, "two are left in the last round");
+        let lowest = last.iter().min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+        assert!(lowest.0.is_finite() && *lowest.1 == chosen);
+        for round in 0..2 {
+            let scores = |further: bool| {
+                let there = trials.iter().filter(move |trial| trial.scores.len() > round);
+                let of = there.filter(move |trial| (trial.scores.len() > round + 1) == further);
+                of.map(move |trial| trial.scores[round])
+            };
+            let worst = scores(true).fold(f64::NEG_INFINITY, f64::max);
+            assert!(scores(false).all(|score| score >= worst), "the better ones go on");
+        }
+        let reached: Vec<usize> = trials.iter().map(|trial| trial.scores.len()).collect();
+        assert!(reached.is_sorted_by(|a, b| a >= b), "who came furthest comes first: {reached:?}");
+    }
+}
