@@ -59,7 +59,8 @@ impl Frame {
         alpha: &[f64],
         gain: &DMatrix<f64>,
     ) -> Self {
-        observation.note(alpha.iter().chain(gain.iter()).copied());
+        observation.note(alpha.iter().copied());
+        observation.note(gain.iter().copied());
         Self { observation, source }
     }
 

@@ -103,3 +103,20 @@ fn nothing_touched_feels_like_nothing() {
     let frame = Observation::new(&robot, &poses, &none, &mut rows, &DVector::zeros(4));
     assert_eq!(frame.predict(&cells_with(&rows, |_| 1.0), Stiffness::Positive), DVector::zeros(4));
 }
+
+#[test]
+fn notes_come_back_and_a_copy_with_notes_takes_no_more_memory_than_the_original() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut rows = CellRows::new(centimetre_lattice());
+    let mut frame = random_frame(&mut rng, &crooked_arm(), &mut rows, &[30.0; 40], 0.1);
+    let (mut copy, levers) = (frame.clone(), frame.levers(&cells_with(&rows, |_| 0.0)));
+    let bytes = frame.bytes();
+    let notes: Vec<f64> = (0..4 * 5).map(f64::from).collect();
+    for one in [&mut frame, &mut copy] {
+        one.note(notes[..4].iter().copied());
+        one.note(notes[4..].iter().copied());
+        assert_eq!(one.notes(), notes);
+        assert_eq!(one.levers(&cells_with(&rows, |_| 0.0)), levers);
+        assert_eq!(one.bytes(), bytes, "room for a vector and a matrix was there already");
+    }
+}

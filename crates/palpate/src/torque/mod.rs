@@ -227,7 +227,9 @@ impl Observation {
     }
 
     /// Keeps numbers of an estimator with the frame, which come back when it does.
-    pub fn note(&mut self, numbers: impl IntoIterator<Item = f64>) {
+    pub fn note(&mut self, numbers: impl ExactSizeIterator<Item = f64>) {
+        // Left to itself, a frame that was copied, and has no room, would take twice its size.
+        self.stream.reserve_exact(numbers.len());
         self.stream.extend(numbers);
     }
 
