@@ -89,6 +89,15 @@ pub(crate) fn table(rows: &[Vec<String>]) -> String {
     text
 }
 
+/// A cell of a table for programs, which may hold commas or quotes.
+pub(crate) fn quoted(cell: &str) -> String {
+    if cell.contains([',', '"', '\n']) {
+        format!("\"{}\"", cell.replace('"', "\"\""))
+    } else {
+        cell.to_owned()
+    }
+}
+
 /// A size for people.
 pub(crate) fn mib(bytes: usize) -> String {
     format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20))

@@ -70,6 +70,35 @@ impl Places {
     }
 }
 
+/// The folder of results; made before the work, and removed again if nothing came to lie in it.
+pub(crate) struct Folder {
+    /// Where it is.
+    pub(crate) path: PathBuf,
+    /// What was made: the folder, then those that it is in, if they were not there.
+    made: Vec<PathBuf>,
+}
+
+impl Folder {
+    /// Makes the folder, and tries whether a file of this name can be written into it.
+    pub(crate) fn make(path: &Path, file: &str) -> Result<Self, CliError> {
+        let what = format!("the folder `{}`", path.display());
+        let new = path.ancestors().take_while(|folder| !folder.exists());
+        let made = new.filter(|folder| *folder != Path::new("")).map(Path::to_owned).collect();
+        let folder = Self { path: path.to_owned(), made };
+        std::fs::create_dir_all(path).map_err(|source| CliError::Write { what, source })?;
+        check(&folder.path.join(file))?;
+        Ok(folder)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        for folder in &self.made {
+            let _ = std::fs::remove_dir(folder); // Refused unless it is empty, which is the point.
+        }
+    }
+}
+
 /// Where a file is or would be, with links resolved.
 fn resolved(path: &Path) -> Option<PathBuf> {
     path.canonicalize().ok().or_else(|| {

@@ -18,6 +18,7 @@ use crate::error::CliError;
 use crate::evaluate::{Origin, Work};
 use crate::learn::learn;
 use crate::output::Output;
+use crate::place::Folder;
 use crate::predict::{Against, Report, TouchResult, score, tell_oddities};
 use crate::settings::sections::{EstimatorSettings, RobotSettings};
 use crate::settings::{Settings, SettingsError};
@@ -56,7 +57,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings = Settings { estimator: args.estimator.clone(), ..Settings::default() };
     settings.check()?;
     let config = settings.config()?;
-    let folder = Folder::make(&args.output)?;
+    let folder = Folder::make(&args.output, "field.npz")?;
     interrupt::listen();
 
     let mut files = bundled::unpack()?;
@@ -75,7 +76,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let results = predict(&arm, &field, &mut open(&[held_out])?, output)?;
 
     let robot = arm.robot.name().to_owned();
-    folder.fill(&Saved { field, robot, snapshot: Some(mapper.snapshot()) }, &results)?;
+    let saved = Saved { field, robot, snapshot: Some(mapper.snapshot()) };
+    fill(&folder.path, &saved, &results)?;
     tell_oddities(&results, output);
     let evaluation = if args.no_report {
         None
@@ -177,32 +179,9 @@ fn told(
     text
 }
 
-/// The folder of results; made before the work, and removed again if nothing came to lie in it.
-struct Folder {
-    path: PathBuf,
-}
-
-impl Folder {
-    fn make(path: &Path) -> Result<Self, CliError> {
-        let what = format!("the folder `{}`", path.display());
-        std::fs::create_dir_all(path).map_err(|source| CliError::Write { what, source })?;
-        let folder = Self { path: path.to_owned() };
-        place::check(&folder.path.join("field.npz"))?;
-        Ok(folder)
-    }
-
-    fn fill(&self, saved: &Saved, results: &[TouchResult]) -> Result<(), CliError> {
-        place::write(
-            &self.path.join("torques.svg"),
-            &picture::torques(results, Against::Measured)?,
-        )?;
-        place::write(&self.path.join("field.svg"), &picture::field(&saved.field)?)?;
-        field::save(&self.path.join("field.npz"), saved).map_err(CliError::file)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir(&self.path); // Refused unless it is empty, which is the point.
-    }
+/// Writes the field and the pictures.
+fn fill(folder: &Path, saved: &Saved, results: &[TouchResult]) -> Result<(), CliError> {
+    place::write(&folder.join("torques.svg"), &picture::torques(results, Against::Measured)?)?;
+    place::write(&folder.join("field.svg"), &picture::field(&saved.field)?)?;
+    field::save(&folder.join("field.npz"), saved).map_err(CliError::file)
 }

@@ -18,6 +18,7 @@ use palpate_learn::tracked::Touch;
 
 use crate::error::CliError;
 use crate::output::Output;
+use crate::place::Folder;
 use crate::report::{Report, Scene, errors_csv};
 use crate::settings::sections::EstimatorSettings;
 use crate::settings::{AllSettings, Settings, SettingsError};
@@ -102,7 +103,7 @@ fn contender_of(name: &str) -> Result<Contender, String> {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings = args.settings.load()?;
     let estimators = configs(&settings)?;
-    let folder = Folder::make(&args.output)?;
+    let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
     let touches = Touches::open(&args.logs, &settings.log.options())?;
     let arm = robot::load(&settings.robot, output)?;
@@ -282,31 +283,4 @@ fn number(name: &mut String, taken: &mut Vec<String>) {
         *name = format!("{plain}#{times}");
     }
     taken.push(name.clone());
-}
-
-/// The folder of results; made before the work, and removed again if nothing came to lie in it.
-struct Folder {
-    path: PathBuf,
-    /// What was made: the folder, then those that it is in, if they were not there.
-    made: Vec<PathBuf>,
-}
-
-impl Folder {
-    fn make(path: &Path) -> Result<Self, CliError> {
-        let what = format!("the folder `{}`", path.display());
-        let new = path.ancestors().take_while(|folder| !folder.exists());
-        let made = new.filter(|folder| *folder != Path::new("")).map(Path::to_owned).collect();
-        let folder = Self { path: path.to_owned(), made };
-        std::fs::create_dir_all(path).map_err(|source| CliError::Write { what, source })?;
-        place::check(&folder.path.join("report.html"))?;
-        Ok(folder)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        for folder in &self.made {
-            let _ = std::fs::remove_dir(folder); // Refused unless it is empty, which is the point.
-        }
-    }
 }

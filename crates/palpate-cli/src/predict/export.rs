@@ -8,6 +8,7 @@ use palpate_io::atomic::IfExists;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
 
 use crate::error::CliError;
+use crate::output::quoted;
 use crate::place;
 
 use super::{FrameResult, TouchResult};
@@ -67,15 +68,6 @@ fn csv(results: &[TouchResult]) -> String {
         }
     }
     text
-}
-
-/// A cell that may hold commas or quotes.
-fn quoted(cell: &str) -> String {
-    if cell.contains([',', '"', '\n']) {
-        format!("\"{}\"", cell.replace('"', "\"\""))
-    } else {
-        cell.to_owned()
-    }
 }
 
 fn npz(results: &[TouchResult]) -> Arrays {

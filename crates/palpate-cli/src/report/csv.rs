@@ -2,6 +2,8 @@
 
 use palpate_learn::evaluation::Evaluation;
 
+use crate::output::quoted;
+
 /// One row a method and touch: the four figures, empty where a touch has none.
 pub(crate) fn errors_csv(evaluation: &Evaluation) -> String {
     let mut text = "method,touch,avg_error,max_error,avg_relative,max_relative\n".to_owned();
@@ -21,15 +23,6 @@ pub(crate) fn errors_csv(evaluation: &Evaluation) -> String {
         }
     }
     text
-}
-
-/// A cell that may hold commas or quotes.
-fn quoted(cell: &str) -> String {
-    if cell.contains([',', '"', '\n']) {
-        format!("\"{}\"", cell.replace('"', "\"\""))
-    } else {
-        cell.to_owned()
-    }
 }
 
 #[cfg(test)]
