@@ -161,6 +161,24 @@ fn the_demo_beats_predicting_zero_and_leaves_its_results() {
     assert_eq!(report["held_out"][0], "seq_010");
     let overall = &report["overall"];
     assert!(overall["avg_error"].as_f64() < overall["zero"]["avg_error"].as_f64(), "{overall}");
+    let evaluation = report["evaluation"]["methods"].as_array().unwrap();
+    let error = |name: &str| {
+        let method = evaluation.iter().find(|method| method["name"] == name).unwrap();
+        method["avg_error"]["mean"].as_f64().unwrap()
+    };
+    assert!(error("map") < error("uniform").min(error("gp")).min(error("zero")), "{evaluation:?}");
+    let mut results = vec!["errors.csv", "evaluation.json", "field.npz", "field.svg", "figures"];
+    results.extend(["report.html", "torques.svg"]);
+    assert_eq!(common::names(&scene.path("demo")), results);
+}
+
+#[test]
+fn the_demo_without_its_report_is_a_field_and_two_pictures() {
+    let scene = Scene::new();
+    let folder = scene.text("demo");
+    let more = ["demo", "--json", "--replays", "2", "--no-report", "-o", &folder];
+    let report = json(palpate().args(more));
+    assert!(report.get("evaluation").is_none());
     assert_eq!(common::names(&scene.path("demo")), ["field.npz", "field.svg", "torques.svg"]);
 }
 
