@@ -75,7 +75,7 @@ pub struct Trial {
     /// Its settings.
     pub config: Config,
     /// Its score after each round that it was in: mean relative error on training touches it had
-    /// not learnt from, as [`score_of`] has it.
+    /// not learnt from (of a touch below 1 N·m: its mean error by that of predicting zero).
     pub scores: Vec<f64>,
 }
 
