@@ -1,4 +1,4 @@
-//! Files of palpate: logs in, fields in and out, robot descriptions and their cache.
+//! Files of palpate: logs and pictures in, fields and clouds in and out, robots and their cache.
 //!
 //! One file a format. What a file holds is checked at this door: the core may trust that numbers
 //! are finite, that lengths agree and that nothing is larger than the bytes that came.
@@ -8,15 +8,19 @@
 //! | [`log`]             | touches: npy folders, CSV                |                         |
 //! | [`field`]           | a stiffness field: npz                   | the same                |
 //! | [`robot_files`]     | URDF, STL, OBJ, DAE, cached grids        | cached grids            |
+//! | [`cloud`]           | coloured clouds: PLY, PCD                | the same, with more columns |
+//! | [`rgbd`]            | colour and depth images, cameras         |                         |
 //! | [`atomic`]          |                                          | any file, whole or not at all |
 //!
 //! Nothing here knows the method: no contact, no estimator, no gravity.
 #![forbid(unsafe_code)]
 
 pub mod atomic;
+pub mod cloud;
 pub mod field;
 pub mod log;
 mod npy;
+pub mod rgbd;
 pub mod robot_files;
 
 pub use npy::NpyError;

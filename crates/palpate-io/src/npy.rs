@@ -85,7 +85,7 @@ impl Number {
 
     /// The number in the first bytes of `raw`, little-endian, rounded to `f64` if need be.
     #[allow(clippy::cast_precision_loss)] // integers beyond 2^53 are no joint angles
-    fn to_f64(self, raw: [u8; 8]) -> f64 {
+    pub(crate) fn to_f64(self, raw: [u8; 8]) -> f64 {
         let [a, b, c, d, ..] = raw;
         match self {
             Self::F64 => f64::from_le_bytes(raw),
@@ -239,6 +239,11 @@ impl<R: Read + Seek> Rows<R> {
     /// Sides of the array as the file gives them.
     pub(crate) fn shape(&self) -> &[u64] {
         &self.header.shape
+    }
+
+    /// Whether the file holds floats, not integers.
+    pub(crate) fn is_float(&self) -> bool {
+        matches!(self.header.number, Number::F32 | Number::F64)
     }
 
     /// The next row, or `None` after the last.

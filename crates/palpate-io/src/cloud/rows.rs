@@ -1,0 +1,176 @@
+//! Rows of named numbers, made into points and colours.
+//!
+//! A header names the numbers of a row; [`Layout::find`] says which of them matter, and
+//! [`Collector`] takes row after row. Whether colours are bytes or fractions is known only once
+//! all of them were seen, because floats come as either.
+
+use super::{Cloud, CloudError, Reading};
+use crate::npy::Number;
+use nalgebra::Point3;
+use std::path::Path;
+
+/// Where in a row the point and its colour are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Layout {
+    xyz: [usize; 3],
+    colour: Colour,
+}
+
+/// How a row tells its colour.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Colour {
+    None,
+    /// Three numbers, of this kind.
+    Channels([usize; 3], Number),
+    /// One number `0xaarrggbb`.
+    Packed(usize),
+}
+
+impl Layout {
+    /// Finds coordinates and colours among the numbers of a row; `None` stands for what is no
+    /// single number. Without coordinates there is no layout.
+    pub(super) fn find(fields: &[(String, Option<Number>)]) -> Option<Self> {
+        let place = |wanted: &str| {
+            fields
+                .iter()
+                .position(|(name, kind)| kind.is_some() && name.eq_ignore_ascii_case(wanted))
+        };
+        let three = |[a, b, c]: [&str; 3]| Some([place(a)?, place(b)?, place(c)?]);
+        let channels = three(["red", "green", "blue"])
+            .or_else(|| three(["r", "g", "b"]))
+            .or_else(|| three(["diffuse_red", "diffuse_green", "diffuse_blue"]));
+        let colour = match channels {
+            Some(places) => fields[places[0]]
+                .1
+                .filter(|&kind| places.iter().all(|&place| fields[place].1 == Some(kind)))
+                .map_or(Colour::None, |kind| Colour::Channels(places, kind)),
+            None => place("rgb").or_else(|| place("rgba")).map_or(Colour::None, Colour::Packed),
+        };
+        Some(Self { xyz: three(["x", "y", "z"])?, colour })
+    }
+}
+
+/// Takes rows and makes a cloud of them.
+#[derive(Debug)]
+pub(super) struct Collector {
+    layout: Layout,
+    points: Vec<Point3<f64>>,
+    /// As in the file, of the points that are kept.
+    colours: Vec<[f64; 3]>,
+    dropped: Vec<usize>,
+    rows: usize,
+}
+
+impl Collector {
+    pub(super) fn new(layout: Layout) -> Self {
+        Self { layout, points: vec![], colours: vec![], dropped: vec![], rows: 0 }
+    }
+
+    /// Takes the numbers of the next row.
+    pub(super) fn push(&mut self, row: &[f64]) {
+        let point = Point3::from(self.layout.xyz.map(|place| row[place]));
+        self.rows += 1;
+        if !point.iter().all(|number| number.is_finite()) {
+            self.dropped.push(self.rows - 1);
+            return;
+        }
+        self.points.push(point);
+        match self.layout.colour {
+            Colour::None => {}
+            Colour::Channels(places, _) => self.colours.push(places.map(|place| row[place])),
+            Colour::Packed(place) => {
+                let [b, g, r, _a] = (row[place] as u32).to_le_bytes();
+                self.colours.push([r, g, b].map(f64::from));
+            }
+        }
+    }
+
+    /// The cloud of all rows.
+    pub(super) fn finish(self, path: &Path) -> Result<Reading, CloudError> {
+        if self.points.is_empty() {
+            return Err(CloudError::Empty { path: path.to_owned(), dropped: self.dropped.len() });
+        }
+        let colours = match self.layout.colour {
+            Colour::None => None,
+            Colour::Packed(_) => Some(self.bytes(path, 1.0)?),
+            Colour::Channels(_, kind) => Some(self.bytes(path, self.scale(kind))?),
+        };
+        Ok(Reading { cloud: Cloud::new(self.points, colours), dropped: self.dropped })
+    }
+
+    /// What a colour is to be multiplied with to be a byte.
+    fn scale(&self, kind: Number) -> f64 {
+        let highest = self.colours.iter().flatten().fold(0.0, |a: f64, &b| a.max(b));
+        match kind {
+            Number::F32 | Number::F64 if highest <= 1.0 => 255.0,
+            Number::U16 => 255.0 / 65_535.0,
+            _ => 1.0,
+        }
+    }
+
+    fn bytes(&self, path: &Path, scale: f64) -> Result<Vec<[u8; 3]>, CloudError> {
+        let byte = |number: f64| {
+            let scaled = (number * scale).round();
+            (0.0..=255.0).contains(&scaled).then_some(scaled as u8)
+        };
+        let colour = |(place, colour): (usize, &[f64; 3])| match colour.map(byte) {
+            [Some(r), Some(g), Some(b)] => Ok([r, g, b]),
+            _ => Err(CloudError::Value {
+                path: path.to_owned(),
+                place: format!("the colour of the finite point {place}, counted from 0,"),
+                found: format!("{colour:?}"),
+                wanted: "three numbers from 0 to 1, from 0 to 255 or, as ushort, to 65535",
+            }),
+        };
+        self.colours.iter().enumerate().map(colour).collect()
+    }
+}
+
+/// Reads a number from the front of little- or big-endian bytes.
+pub(super) fn number(kind: Number, big_endian: bool, bytes: &[u8]) -> f64 {
+    let mut raw = [0; 8];
+    let size = kind.bytes();
+    raw[..size].copy_from_slice(&bytes[..size]);
+    if big_endian {
+        raw[..size].reverse();
+    }
+    kind.to_f64(raw)
+}
+
+/// Words of a text, with the number of the line that each is in.
+pub(super) struct Words<'a> {
+    rest: &'a [u8],
+    line: usize,
+}
+
+impl<'a> Words<'a> {
+    /// `line` is the number of the text's first line in its file.
+    pub(super) fn new(text: &'a [u8], line: usize) -> Self {
+        Self { rest: text, line }
+    }
+
+    /// The next word as a number; a word that is none is an error, the end is `None`.
+    pub(super) fn number(&mut self, path: &Path, name: &str) -> Result<Option<f64>, CloudError> {
+        let Some(word) = self.next() else { return Ok(None) };
+        let number = std::str::from_utf8(word).ok().and_then(|word| word.parse::<f64>().ok());
+        number.map(Some).ok_or_else(|| CloudError::Value {
+            path: path.to_owned(),
+            place: format!("`{name}` in line {}", self.line),
+            found: format!("`{}`", word[..word.len().min(24)].escape_ascii()),
+            wanted: "a number",
+        })
+    }
+}
+
+impl<'a> Iterator for Words<'a> {
+    type Item = &'a [u8];
+
+    fn next(&mut self) -> Option<&'a [u8]> {
+        let start = self.rest.iter().position(|byte| !byte.is_ascii_whitespace())?;
+        self.line += self.rest[..start].iter().filter(|&&byte| byte == b'\n').count();
+        let rest = &self.rest[start..];
+        let end = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
+        self.rest = &rest[end..];
+        Some(&rest[..end])
+    }
+}

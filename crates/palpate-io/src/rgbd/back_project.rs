@@ -1,0 +1,184 @@
+//! From pixels to points of the world, and an account of what was left out.
+
+use super::RgbdError;
+use super::camera::Camera;
+use super::flying::FlyingPixels;
+use super::images::{ColourImage, DepthImage};
+use crate::cloud::Cloud;
+use nalgebra::Point3;
+use std::fmt;
+
+/// Medians of depth beyond which the unit is in doubt, m.
+const PLAUSIBLE_MEDIAN_M: [f64; 2] = [0.02, 50.0];
+
+/// Which pixels become points.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Config {
+    /// Nearest and farthest depth that is kept, m along the optical axis.
+    pub depth_range_m: [f64; 2],
+    /// Lowest and highest corner of the box that is kept, m, world frame; `None` keeps all.
+    pub crop: Option<[Point3<f64>; 2]>,
+    /// What is taken for a flying pixel; `None` keeps them.
+    pub flying: Option<FlyingPixels>,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        let flying = Some(FlyingPixels::default());
+        Self { depth_range_m: [0.0, f64::INFINITY], crop: None, flying }
+    }
+}
+
+/// How many pixels were left out; each is counted once, for the first reason that applies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Dropped {
+    /// No depth: zero, negative or not finite.
+    pub without_depth: usize,
+    /// Nearer or farther than wanted.
+    pub out_of_range: usize,
+    /// Hanging between an object and what is behind it.
+    pub flying: usize,
+    /// Where the lens, as calibrated, cannot show anything.
+    pub beyond_lens: usize,
+    /// Outside of the box.
+    pub outside_box: usize,
+}
+
+impl fmt::Display for Dropped {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { without_depth, out_of_range, flying, beyond_lens, outside_box } = self;
+        write!(
+            out,
+            "{without_depth} have no depth, {out_of_range} are out of range, {flying} hang in the \
+             air, {beyond_lens} lie beyond the lens, {outside_box} outside of the box"
+        )
+    }
+}
+
+/// A picture as a cloud.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BackProjection {
+    /// One point a pixel that was kept, row by row.
+    pub cloud: Cloud,
+    /// The pixel (u, v) of each point.
+    pub pixels: Vec<[u32; 2]>,
+    /// The other pixels.
+    pub dropped: Dropped,
+}
+
+/// Makes a point of the world of each pixel that has a depth, as far as `config` wants it.
+///
+/// Depth is along the optical axis; the centre of the first pixel is at (0, 0). Whether a pixel
+/// flies is judged from the whole image, before anything is cut away.
+///
+/// Cost: O(pixels), and one small iteration each if the lens distorts.
+///
+/// # Errors
+///
+/// If images and camera differ in size, the median depth says that the unit is wrong, or no pixel
+/// is left.
+///
+/// # Panics
+///
+/// If a bound of `config` is not a number, or an upper one is below the lower one.
+pub fn back_project(
+    colour: &ColourImage,
+    depth: &DepthImage,
+    camera: &Camera,
+    config: &Config,
+) -> Result<BackProjection, RgbdError> {
+    check_config(config);
+    check_size("the colour image", [colour.width(), colour.height()], depth)?;
+    check_size("the camera", camera.intrinsics.size(), depth)?;
+    check_unit(depth)?;
+
+    let (mut points, mut colours, mut pixels) = (Vec::new(), Vec::new(), Vec::new());
+    let mut dropped = Dropped::default();
+    for v in 0..depth.height() {
+        for u in 0..depth.width() {
+            match point_at(depth, camera, config, [u, v]) {
+                Ok(point) => {
+                    points.push(point);
+                    colours.push(colour.at(u, v));
+                    pixels.push([u, v]);
+                }
+                Err(reason) => *reason(&mut dropped) += 1,
+            }
+        }
+    }
+    if points.is_empty() {
+        let remedy = remedy(&dropped);
+        return Err(RgbdError::Nothing { dropped, remedy });
+    }
+    Ok(BackProjection { cloud: Cloud::new(points, Some(colours)), pixels, dropped })
+}
+
+/// Where a count of [`Dropped`] is kept.
+type Reason = fn(&mut Dropped) -> &mut usize;
+
+/// The point that a pixel shows, or why it is left out.
+fn point_at(
+    depth: &DepthImage,
+    camera: &Camera,
+    config: &Config,
+    [u, v]: [u32; 2],
+) -> Result<Point3<f64>, Reason> {
+    let z = depth.at(u, v).ok_or::<Reason>(|dropped| &mut dropped.without_depth)?;
+    let [nearest, farthest] = config.depth_range_m;
+    if !(nearest..=farthest).contains(&z) {
+        return Err(|dropped| &mut dropped.out_of_range);
+    }
+    if config.flying.is_some_and(|flying| flying.hangs(depth, u, v)) {
+        return Err(|dropped| &mut dropped.flying);
+    }
+    let ray = camera.intrinsics.ray([f64::from(u), f64::from(v)]);
+    let ray = ray.ok_or::<Reason>(|dropped| &mut dropped.beyond_lens)?;
+    let point = camera.world_from_camera * Point3::from(ray * z);
+    if let Some([low, high]) = config.crop
+        && !(0..3).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]))
+    {
+        return Err(|dropped| &mut dropped.outside_box);
+    }
+    Ok(point)
+}
+
+fn check_config(config: &Config) {
+    let [nearest, farthest] = config.depth_range_m;
+    assert!(nearest <= farthest, "the depth range has its lower end first");
+    if let Some([low, high]) = config.crop {
+        assert!((0..3).all(|axis| low[axis] <= high[axis]), "the box has its lower corner first");
+    }
+}
+
+fn check_size(what: &'static str, found: [u32; 2], depth: &DepthImage) -> Result<(), RgbdError> {
+    let (width, height) = (depth.width(), depth.height());
+    let [found_width, found_height] = found;
+    if found == [width, height] {
+        return Ok(());
+    }
+    Err(RgbdError::Size { what, found_width, found_height, width, height })
+}
+
+fn check_unit(depth: &DepthImage) -> Result<(), RgbdError> {
+    let Some(median_m) = depth.median_m() else { return Ok(()) };
+    let [nearest, farthest] = PLAUSIBLE_MEDIAN_M;
+    let beyond = match median_m {
+        median if median < nearest => "nearer",
+        median if median > farthest => "farther",
+        _ => return Ok(()),
+    };
+    Err(RgbdError::DepthUnit { beyond, median_m, unit_m: depth.unit_m() })
+}
+
+/// What to do if nothing is left, by what took most.
+fn remedy(dropped: &Dropped) -> &'static str {
+    let Dropped { without_depth, out_of_range, flying, beyond_lens, outside_box } = *dropped;
+    let most = [without_depth, out_of_range, flying, beyond_lens, outside_box].into_iter().max();
+    match most {
+        most if most == Some(without_depth) => "look at the depth image: it may be the wrong file",
+        most if most == Some(out_of_range) => "widen the depth range",
+        most if most == Some(outside_box) => "widen the box, or look at the camera's pose",
+        most if most == Some(beyond_lens) => "look at the distortion coefficients",
+        _ => "the depth is too noisy to tell edges from objects; keep flying pixels",
+    }
+}

@@ -1,0 +1,120 @@
+//! Where a pixel looks.
+
+use super::distortion::Distortion;
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+
+/// Longest side of an image that is believed, in pixels.
+pub(super) const MAX_SIDE: u32 = 16_384;
+
+/// How a camera maps what is ahead of it to pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Intrinsics {
+    width: u32,
+    height: u32,
+    /// fx and fy, pixels.
+    focal: Vector2<f64>,
+    /// cx and cy, pixels.
+    centre: Vector2<f64>,
+    distortion: Distortion,
+}
+
+impl Intrinsics {
+    /// Checks and takes the size in pixels, `[fx, fy]` and `[cx, cy]` in pixels, and the lens.
+    ///
+    /// # Errors
+    ///
+    /// Half a sentence that says what no camera could have: no pixels, a focal length that is not
+    /// positive or belongs to another unit, a centre far outside of the image.
+    pub fn new(
+        [width, height]: [u32; 2],
+        focal: [f64; 2],
+        centre: [f64; 2],
+        distortion: Distortion,
+    ) -> Result<Self, String> {
+        if [width, height].iter().any(|side| !(1..=MAX_SIDE).contains(side)) {
+            return Err(format!(
+                "the image is {width} x {height} pixels; wanted 1 to {MAX_SIDE} a side"
+            ));
+        }
+        let sides = [f64::from(width), f64::from(height)];
+        for (axis, name) in ["x", "y"].into_iter().enumerate() {
+            let (side, focal, centre) = (sides[axis], focal[axis], centre[axis]);
+            if focal.is_nan() || focal <= 0.0 || focal.is_infinite() {
+                return Err(format!(
+                    "f{name} is {focal}; wanted a focal length above 0, in pixels"
+                ));
+            }
+            if focal < 0.02 * side || focal > 1000.0 * side {
+                return Err(format!(
+                    "f{name} is {focal} for {side} pixels, which no lens has; wanted the focal \
+                     length in pixels"
+                ));
+            }
+            if !(-side..=2.0 * side).contains(&centre) {
+                return Err(format!(
+                    "c{name} is {centre}, far outside of the {side} pixels; wanted the pixel where \
+                     the optical axis ends"
+                ));
+            }
+        }
+        Ok(Self { width, height, focal: focal.into(), centre: centre.into(), distortion })
+    }
+
+    /// Pixels a row, and rows.
+    #[must_use]
+    pub fn size(&self) -> [u32; 2] {
+        [self.width, self.height]
+    }
+
+    /// fx and fy, pixels.
+    #[must_use]
+    pub fn focal(&self) -> [f64; 2] {
+        self.focal.into()
+    }
+
+    /// cx and cy, pixels.
+    #[must_use]
+    pub fn centre(&self) -> [f64; 2] {
+        self.centre.into()
+    }
+
+    /// The lens.
+    #[must_use]
+    pub fn distortion(&self) -> &Distortion {
+        &self.distortion
+    }
+
+    /// Where a pixel looks, in the camera's frame: a vector with z = 1. `None` where the lens
+    /// cannot show anything.
+    #[must_use]
+    pub fn ray(&self, pixel: [f64; 2]) -> Option<Vector3<f64>> {
+        let seen = (Vector2::from(pixel) - self.centre).component_div(&self.focal);
+        self.distortion.undistort(seen).map(|ideal| ideal.push(1.0))
+    }
+
+    /// The pixel that shows a point of the camera's frame; `None` if it is not ahead.
+    #[must_use]
+    pub fn project(&self, point: &Point3<f64>) -> Option<[f64; 2]> {
+        (point.z > 0.0).then(|| {
+            let seen = self.distortion.distort(point.xy().coords / point.z);
+            (seen.component_mul(&self.focal) + self.centre).into()
+        })
+    }
+}
+
+/// A camera that stands somewhere.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    /// How it maps what is ahead of it to pixels.
+    pub intrinsics: Intrinsics,
+    /// Where it stands; its frame has x to the right, y down and z forward.
+    pub world_from_camera: Isometry3<f64>,
+}
+
+impl Camera {
+    /// The pixel (u, v), not rounded, that shows a point of the world; `None` if it is behind.
+    #[must_use]
+    pub fn project(&self, point: &Point3<f64>) -> Option<[f64; 2]> {
+        self.intrinsics.project(&self.world_from_camera.inverse_transform_point(point))
+    }
+}

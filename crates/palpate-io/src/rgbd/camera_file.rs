@@ -1,0 +1,183 @@
+//! Cameras as text: JSON of palpate's data and of Open3D, YAML of ROS.
+//!
+//! | who                           | matrix                                   | pose                       |
+//! |-------------------------------|------------------------------------------|----------------------------|
+//! | palpate                       | `fx fy cx cy`, or `K` by rows            | `camera_to_world` by rows  |
+//! | Open3D, intrinsic             | `intrinsic_matrix` by columns            |                            |
+//! | Open3D, parameters            | the same in `intrinsic`                  | `extrinsic` by columns: camera from world |
+//! | ROS, `camera_calibration`     | `camera_matrix.data` by rows             |                            |
+//! | ROS, message                  | `k` or `K` by rows                       |                            |
+//!
+//! All of them are read into one tree and told apart by their keys. ROS's `K` and `D` describe the
+//! raw image; for a rectified one (`image_rect`) the coefficients must be zero.
+//!
+//! YAML is read by `serde-saphyr`: `serde_yaml` is archived, its forks carry a translated C
+//! library, and this one bounds depth and size of what it reads.
+
+use super::camera::Intrinsics;
+use super::distortion::Distortion;
+use super::pose::{numbers_in, pose_of};
+use super::{Camera, RgbdError};
+use nalgebra::Isometry3;
+use serde_json::Value;
+use std::path::Path;
+
+/// Longest text believed.
+const MAX_BYTES: usize = 1 << 20;
+
+/// What a file says about a camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraFile {
+    /// How it maps what is ahead of it to pixels.
+    pub intrinsics: Intrinsics,
+    /// Where it stands, if the file says so.
+    pub world_from_camera: Option<Isometry3<f64>>,
+}
+
+impl CameraFile {
+    /// The camera, standing where `pose` says or else where the file says; `None` if neither does.
+    #[must_use]
+    pub fn at(&self, pose: Option<Isometry3<f64>>) -> Option<Camera> {
+        let world_from_camera = pose.or(self.world_from_camera)?;
+        Some(Camera { intrinsics: self.intrinsics, world_from_camera })
+    }
+}
+
+/// Reads a camera from JSON or YAML, whichever of the above it is.
+///
+/// # Errors
+///
+/// [`RgbdError::Io`], [`RgbdError::Camera`] or [`RgbdError::Pose`].
+pub fn read_camera(path: &Path) -> Result<CameraFile, RgbdError> {
+    let failed = |source| RgbdError::Io { path: path.to_owned(), source };
+    let bytes = std::fs::read(path).map_err(failed)?;
+    decode_camera(&bytes, path)
+}
+
+/// Reads a camera from bytes; `path` is for errors only.
+pub(super) fn decode_camera(bytes: &[u8], path: &Path) -> Result<CameraFile, RgbdError> {
+    let wrong = |reason: String| RgbdError::Camera { path: path.to_owned(), reason };
+    let tree = tree(bytes).map_err(wrong)?;
+    let inner = tree.get("intrinsic").unwrap_or(&tree);
+    let intrinsics = intrinsics(inner).map_err(wrong)?;
+    let place = |key: &str| format!("`{}`, `{key}`", path.display());
+    let world_from_camera = match (tree.get("camera_to_world"), tree.get("extrinsic")) {
+        (Some(pose), _) => {
+            let place = place("camera_to_world");
+            Some(pose_of(&numbers_in(pose, &place)?, &place)?)
+        }
+        (None, Some(pose)) => {
+            let place = place("extrinsic");
+            let numbers = numbers_in(pose, &place)?;
+            let by_rows = if numbers.len() == 16 { transposed::<4>(&numbers) } else { numbers };
+            Some(pose_of(&by_rows, &place)?.inverse())
+        }
+        (None, None) => None,
+    };
+    Ok(CameraFile { intrinsics, world_from_camera })
+}
+
+/// The text as a tree; a YAML text may hold several documents, of which the first counts.
+fn tree(bytes: &[u8]) -> Result<Value, String> {
+    if bytes.len() > MAX_BYTES {
+        return Err("is longer than 1 MiB, too long for a camera".to_owned());
+    }
+    let text = std::str::from_utf8(bytes).map_err(|_| "is not text, so no camera".to_owned())?;
+    let text = text.trim_start_matches('\u{feff}');
+    let tree: Value = if text.trim_start().starts_with('{') {
+        serde_json::from_str(text).map_err(|error| format!("is no JSON: {error}"))?
+    } else {
+        let is_mark = |line: &&str| matches!(line.trim_end(), "---" | "...");
+        let first: Vec<&str> =
+            text.lines().skip_while(is_mark).take_while(|line| !is_mark(line)).collect();
+        serde_saphyr::from_str(&first.join("\n")).map_err(|error| {
+            let line = error.to_string();
+            format!("is no YAML: {}", line.lines().next().unwrap_or_default())
+        })?
+    };
+    match tree {
+        Value::Object(_) => Ok(tree),
+        _ => Err("holds no names and values; wanted a camera as JSON or YAML".to_owned()),
+    }
+}
+
+/// Swaps rows and columns of an `N` x `N` matrix.
+fn transposed<const N: usize>(numbers: &[f64]) -> Vec<f64> {
+    (0..N * N).map(|place| numbers[place % N * N + place / N]).collect()
+}
+
+fn intrinsics(camera: &Value) -> Result<Intrinsics, String> {
+    let ([fx, fy], [cx, cy]) = matrix(camera)?;
+    let side = |names: [&str; 2]| {
+        let value = names.iter().find_map(|name| camera.get(name));
+        let value = value.ok_or_else(|| format!("has no `{}`, the pixels a side", names[0]))?;
+        let side = value.as_u64().and_then(|side| u32::try_from(side).ok());
+        side.ok_or_else(|| format!("has the {} {}; wanted pixels", names[0], shortened(value)))
+    };
+    let size = [side(["width", "image_width"])?, side(["height", "image_height"])?];
+    Intrinsics::new(size, [fx, fy], [cx, cy], distortion(camera)?)
+}
+
+/// Focal lengths and centre, from whichever key has them.
+fn matrix(camera: &Value) -> Result<([f64; 2], [f64; 2]), String> {
+    let single = |name: &str| camera.get(name).and_then(Value::as_f64);
+    if let (Some(fx), Some(fy), Some(cx), Some(cy)) =
+        (single("fx"), single("fy"), single("cx"), single("cy"))
+    {
+        return Ok(([fx, fy], [cx, cy]));
+    }
+    let keys = ["intrinsic_matrix", "camera_matrix", "K", "k"];
+    let Some(key) = keys.into_iter().find(|key| camera.get(key).is_some()) else {
+        return Err("has neither `fx fy cx cy` nor `K`, `camera_matrix` or `intrinsic_matrix`; \
+                    wanted the intrinsics of the camera"
+            .to_owned());
+    };
+    let numbers = list(camera, key)?;
+    if numbers.len() != 9 {
+        return Err(format!("has {} numbers in `{key}`; wanted 3x3", numbers.len()));
+    }
+    let by_rows = if key == "intrinsic_matrix" { transposed::<3>(&numbers) } else { numbers };
+    match by_rows[..] {
+        [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0] => Ok(([fx, fy], [cx, cy])),
+        _ => Err(format!(
+            "has {by_rows:?} in `{key}`, row by row; wanted fx 0 cx, 0 fy cy, 0 0 1: skewed pixels \
+             and transposed matrices are not read"
+        )),
+    }
+}
+
+/// The numbers of a list, or of the `data` of a matrix.
+fn list(camera: &Value, key: &str) -> Result<Vec<f64>, String> {
+    let value = camera.get(key).map(|value| value.get("data").unwrap_or(value));
+    let numbers = value.and_then(|value| numbers_in(value, key).ok());
+    numbers.ok_or_else(|| format!("has something else than numbers in `{key}`"))
+}
+
+fn distortion(camera: &Value) -> Result<Distortion, String> {
+    let said = camera.get("distortion_model").or_else(|| camera.get("distortion"));
+    let model = said.and_then(Value::as_str).unwrap_or_default();
+    let keys = ["distortion_coefficients", "D", "d", "distortion"];
+    let is_list = |key: &&str| camera.get(key).is_some_and(|value| !value.is_string());
+    let mut coefficients = match keys.into_iter().find(is_list) {
+        Some(key) if !camera[key].is_null() => list(camera, key)?,
+        _ => Vec::new(),
+    };
+    // OpenCV may write as many as 14, of which only prisms and tilted sensors need the last.
+    while coefficients.len() > 8 && coefficients.last() == Some(&0.0) {
+        coefficients.pop();
+    }
+    let known = ["", "none", "plumb_bob", "rational_polynomial", "radtan"];
+    let lens = Distortion::new(&coefficients).filter(|_| known.contains(&model));
+    lens.ok_or_else(|| {
+        format!(
+            "has the distortion model `{model}` with {} coefficients; wanted plumb_bob with 4 or 5 \
+             or rational_polynomial with 8: rectify the images, and say `none`",
+            coefficients.len()
+        )
+    })
+}
+
+/// A value as text that fits in a line.
+fn shortened(value: &Value) -> String {
+    value.to_string().chars().take(24).collect()
+}

@@ -1,0 +1,94 @@
+//! Flying pixels: depths between an object and what is behind it, where there is nothing.
+//!
+//! At the edge of an object a pixel sees both sides of it, and many cameras report a depth in
+//! between. Such a depth hangs: among its eight neighbours one is nearer, one is farther, and
+//! hardly any is as far away as it is. Both halves are needed. A twig one pixel wide has few
+//! neighbours of its own depth, two along its length and one at its end, but all others are
+//! *behind* it; a leaf seen at a grazing angle has nearer and farther neighbours, but two of its
+//! own depth across the slope.
+//!
+//! What counts as the same depth grows with it: [`FlyingPixels::same_m`] at one metre.
+
+use super::images::DepthImage;
+
+/// When a pixel is taken to hang in the air.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FlyingPixels {
+    /// Neighbours within this much are on the same surface, m for each metre of depth.
+    pub same_m_per_m: f64,
+    /// Neighbours of its own depth that save a pixel.
+    pub enough: usize,
+}
+
+impl Default for FlyingPixels {
+    /// Ten millimetres at one metre: several times the noise of depth cameras there, and the slope
+    /// of a leaf seen at 10° by a camera of 640 pixels. Two neighbours make a line.
+    fn default() -> Self {
+        Self { same_m_per_m: 0.01, enough: 2 }
+    }
+}
+
+impl FlyingPixels {
+    /// Whether the depth at a pixel, which must be valid, hangs between others.
+    pub(super) fn hangs(&self, depth: &DepthImage, u: u32, v: u32) -> bool {
+        let Some(here) = depth.at(u, v) else { return false };
+        let same_m = self.same_m_per_m * here;
+        let (mut same, mut is_nearer, mut is_farther) = (0, false, false);
+        for dv in -1..=1 {
+            for du in -1..=1 {
+                let there = (u.checked_add_signed(du)).zip(v.checked_add_signed(dv));
+                let Some(there) = there.and_then(|(u, v)| depth.at(u, v)) else { continue };
+                is_nearer |= there < here - same_m;
+                is_farther |= there > here + same_m;
+                same += usize::from((there - here).abs() <= same_m);
+            }
+        }
+        // The pixel itself is among the nine.
+        is_nearer && is_farther && same - 1 < self.enough
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture of `rows`, one digit a pixel: its depth is 1 m and as many tenths.
+    fn picture(rows: &[&str]) -> DepthImage {
+        let metres = rows.iter().flat_map(|row| row.bytes()).map(|digit| match digit {
+            b'.' => 0.0,
+            digit => 1.0 + 0.1 * f32::from(digit - b'0'),
+        });
+        let (width, height) = (rows[0].len() as u32, rows.len() as u32);
+        DepthImage::new(width, height, metres.collect(), 0.001)
+    }
+
+    fn hanging(rows: &[&str]) -> Vec<[u32; 2]> {
+        let depth = picture(rows);
+        let pixels = (0..depth.height()).flat_map(|v| (0..depth.width()).map(move |u| [u, v]));
+        pixels.filter(|&[u, v]| FlyingPixels::default().hangs(&depth, u, v)).collect()
+    }
+
+    #[test]
+    fn a_depth_between_two_sides_of_an_edge_hangs() {
+        assert_eq!(hanging(&["00999", "00599", "00999"]), [[2, 1]]);
+        // A whole edge of them, each of another depth, as the share of the two sides varies.
+        assert_eq!(hanging(&["00299", "00599", "00799"]), [[2, 0], [2, 1], [2, 2]]);
+    }
+
+    #[test]
+    fn twigs_of_one_pixel_survive_with_their_ends() {
+        assert!(hanging(&["99099", "99099", "99099", "99999"]).is_empty());
+        assert!(hanging(&["90999", "99099", "99909", "99999"]).is_empty());
+        // Between a leaf in front and the wall behind: the twig's length saves it, not its end.
+        assert_eq!(hanging(&["03999", "03999", "03999", "09999"]), [[1, 0], [1, 2]]);
+    }
+
+    #[test]
+    fn steep_leaves_and_holes_survive() {
+        // At the border of the picture one of two neighbours across the slope is missing.
+        let steep = hanging(&["01234", "01234", "01234", "01234"]);
+        assert!(steep.iter().all(|&[_, v]| v == 0 || v == 3), "{steep:?}");
+        assert!(hanging(&["0.9", "0.9", "0.9"]).is_empty());
+        assert!(hanging(&["0"]).is_empty());
+    }
+}

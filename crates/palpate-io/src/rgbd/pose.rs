@@ -1,0 +1,144 @@
+//! Where a camera stands: `camera_to_world`, which turns and moves and does nothing else.
+//!
+//! A calibration is rarely orthonormal to the last digit. What is off by less than [`SLACK`] is
+//! taken as the nearest rotation; more than that is a matrix of another kind, and an error.
+
+use super::RgbdError;
+use crate::npy::Rows;
+use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
+use std::io::Cursor;
+use std::path::Path;
+
+/// How far a matrix may be from a rotation: at one metre that is one millimetre.
+const SLACK: f64 = 1e-3;
+
+/// Reads a pose from a file: text, JSON (bare or under the key `camera_to_world`) or npy.
+///
+/// # Errors
+///
+/// [`RgbdError::Io`], [`RgbdError::Npy`] or [`RgbdError::Pose`].
+pub fn read_pose(path: &Path) -> Result<Isometry3<f64>, RgbdError> {
+    let failed = |source| RgbdError::Io { path: path.to_owned(), source };
+    let bytes = std::fs::read(path).map_err(failed)?;
+    decode_pose(&bytes, path)
+}
+
+/// Reads a pose from bytes; `path` is for errors only.
+pub(super) fn decode_pose(bytes: &[u8], path: &Path) -> Result<Isometry3<f64>, RgbdError> {
+    let place = format!("`{}`", path.display());
+    if bytes.starts_with(b"\x93NUMPY") {
+        let npy = |source| RgbdError::Npy { path: path.to_owned(), source };
+        let mut rows = Rows::open(Cursor::new(bytes)).map_err(npy)?;
+        let mut numbers = Vec::new();
+        while let Some(row) = rows.next_row() {
+            numbers.extend_from_slice(row.map_err(npy)?);
+        }
+        return pose_of(&numbers, &place);
+    }
+    let Ok(text) = std::str::from_utf8(bytes) else {
+        return Err(RgbdError::Pose { place, reason: "the file is not text".to_owned() });
+    };
+    if text.trim_start().starts_with('{') {
+        let object: serde_json::Value = serde_json::from_str(text).map_err(|error| {
+            RgbdError::Pose { place: place.clone(), reason: format!("it is no JSON: {error}") }
+        })?;
+        let pose = object.get("camera_to_world").ok_or_else(|| RgbdError::Pose {
+            place: place.clone(),
+            reason: "it has no key `camera_to_world`".to_owned(),
+        })?;
+        return pose_of(&numbers_in(pose, &place)?, &place);
+    }
+    text_pose(text, &place)
+}
+
+/// Reads a pose from a text: 16 numbers row by row, or `x y z qx qy qz qw`; blanks, commas,
+/// semicolons and brackets between them, `#` begins a remark.
+///
+/// # Errors
+///
+/// [`RgbdError::Pose`] if the numbers are not a rotation and a place.
+pub fn pose_from_text(text: &str) -> Result<Isometry3<f64>, RgbdError> {
+    text_pose(text, "the camera's pose")
+}
+
+fn text_pose(text: &str, place: &str) -> Result<Isometry3<f64>, RgbdError> {
+    let lines = text.lines().map(|line| line.split('#').next().unwrap_or_default());
+    let is_between = |c: char| c.is_whitespace() || matches!(c, ',' | ';' | '[' | ']');
+    let mut numbers = Vec::new();
+    for word in lines.flat_map(|line| line.split(is_between)).filter(|word| !word.is_empty()) {
+        numbers.push(word.parse().map_err(|_| RgbdError::Pose {
+            place: place.to_owned(),
+            reason: format!("`{}` is no number", word.chars().take(24).collect::<String>()),
+        })?);
+    }
+    pose_of(&numbers, place)
+}
+
+/// All numbers of nested lists, in their order.
+pub(super) fn numbers_in(value: &serde_json::Value, place: &str) -> Result<Vec<f64>, RgbdError> {
+    fn gather(value: &serde_json::Value, into: &mut Vec<f64>) -> Option<()> {
+        match value.as_array() {
+            Some(list) => list.iter().try_for_each(|value| gather(value, into)),
+            None => value.as_f64().map(|number| into.push(number)),
+        }
+    }
+    let mut numbers = Vec::new();
+    match gather(value, &mut numbers) {
+        Some(()) => Ok(numbers),
+        None => {
+            let reason = "it holds something else than numbers".to_owned();
+            Err(RgbdError::Pose { place: place.to_owned(), reason })
+        }
+    }
+}
+
+/// The pose that 16 numbers, row by row, or 7 stand for.
+pub(super) fn pose_of(numbers: &[f64], place: &str) -> Result<Isometry3<f64>, RgbdError> {
+    let wrong = |reason: String| Err(RgbdError::Pose { place: place.to_owned(), reason });
+    if let Some(number) = numbers.iter().find(|number| !number.is_finite()) {
+        return wrong(format!("it holds {number}"));
+    }
+    match *numbers {
+        [x, y, z, qx, qy, qz, qw] => {
+            let turn = Quaternion::new(qw, qx, qy, qz);
+            if (turn.norm() - 1.0).abs() > SLACK {
+                return wrong(format!("its quaternion has the length {}, not 1", turn.norm()));
+            }
+            let turn = UnitQuaternion::from_quaternion(turn);
+            Ok(Isometry3::from_parts(Translation3::new(x, y, z), turn))
+        }
+        [xx, xy, xz, x, yx, yy, yz, y, zx, zy, zz, z, ref last @ ..] if last.len() == 4 => {
+            if last.iter().zip([0.0, 0.0, 0.0, 1.0]).any(|(a, b): (&f64, f64)| (a - b).abs() > 1e-9)
+            {
+                return wrong(format!(
+                    "its last row is {last:?}, not 0 0 0 1: is it written column by column?"
+                ));
+            }
+            let turn = Matrix3::new(xx, xy, xz, yx, yy, yz, zx, zy, zz);
+            match nearest_rotation(&turn) {
+                Ok(turn) => Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), turn)),
+                Err(reason) => wrong(reason),
+            }
+        }
+        _ => wrong(format!("it holds {} numbers", numbers.len())),
+    }
+}
+
+/// The rotation that a matrix is but for rounding; an error is half a sentence.
+fn nearest_rotation(turn: &Matrix3<f64>) -> Result<UnitQuaternion<f64>, String> {
+    let off = (turn.transpose() * turn - Matrix3::identity()).amax();
+    if off.is_nan() || off > SLACK {
+        return Err(format!(
+            "its upper left 3x3 is no rotation: columns are off from length 1 and right angles by \
+             {off:.3}"
+        ));
+    }
+    if turn.determinant() < 0.0 {
+        return Err("its upper left 3x3 is a reflection: one axis looks the wrong way".to_owned());
+    }
+    let svd = turn.svd(true, true);
+    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
+        return Err("its upper left 3x3 is no rotation".to_owned());
+    };
+    Ok(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(u * v_t)))
+}
