@@ -6,7 +6,8 @@
 //! | `distortion`   | the lens model of OpenCV and ROS, and its inverse                     |
 //! | `camera_file`  | cameras as JSON or YAML, by palpate, Open3D and ROS                   |
 //! | `pose`         | where the camera stands: 4x4 or seven numbers, as text, JSON or npy   |
-//! | `images`       | colour (PNG, JPEG) and depth (PNG, TIFF, npy)                         |
+//! | `images`       | colours and depths in memory                                          |
+//! | `image_files`  | the same from PNG and JPEG, and from PNG, TIFF and npy                |
 //! | `flying`       | which depths hang between an object and what is behind it             |
 //! | `back_project` | all of it together                                                    |
 //!
@@ -18,6 +19,7 @@ mod camera;
 mod camera_file;
 mod distortion;
 mod flying;
+mod image_files;
 mod images;
 mod pose;
 
@@ -30,7 +32,8 @@ pub use camera::{Camera, Intrinsics};
 pub use camera_file::{CameraFile, read_camera};
 pub use distortion::Distortion;
 pub use flying::FlyingPixels;
-pub use images::{ColourImage, DepthImage, read_colour, read_depth};
+pub use image_files::{read_colour, read_depth};
+pub use images::{ColourImage, DepthImage};
 pub use pose::{pose_from_text, read_pose};
 
 /// What can be wrong with a picture, its camera, or the two together.

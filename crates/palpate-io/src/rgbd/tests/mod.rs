@@ -1,0 +1,2 @@
+mod cameras;
+mod pictures;
