@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_known_lens_puts_a_pixel_where_opencv_puts_it() {
+    fn a_known_lens_puts_a_pixel_where_its_formula_says() {
         // By hand: r² = 0.05, s = 1 − 0.28·0.05 + 0.09·0.0025.
         let lens = Distortion::new(LENSES[0]).unwrap();
         let seen = lens.distort(Vector2::new(0.2, 0.1));
