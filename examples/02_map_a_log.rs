@@ -52,7 +52,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let stiffest = field.stiffness_n_per_m.iter().copied().fold(0.0, f64::max);
     println!("{} cells touched, the stiffest {stiffest:.1} N/m", field.cells.len());
     let robot = arm.robot.name().to_owned();
-    save(&output, &Saved { field, robot, snapshot: Some(mapper.snapshot()) })?;
+    let (prior_n_per_m, snapshot) = (mapper.prior_n_per_m(), Some(mapper.snapshot()));
+    save(&output, &Saved { field, prior_n_per_m, robot, snapshot })?;
     println!("saved to {}", output.display());
     Ok(())
 }

@@ -18,6 +18,7 @@ mod pace;
 mod picture;
 mod place;
 mod predict;
+mod prior;
 mod quantile;
 mod report;
 mod robot;

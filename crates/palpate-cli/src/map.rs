@@ -16,20 +16,25 @@ use crate::learn::{Tally, learn};
 use crate::output::{Output, mib, seconds};
 use crate::pace::{self, Pace, PaceArgs, PaceFigures};
 use crate::place::Places;
-use crate::settings::{AllSettings, Settings, SettingsError, first_difference};
+use crate::settings::{AllSettings, Settings, first_difference};
 use crate::touches::Touches;
-use crate::{interrupt, picture, place, robot};
+use crate::{interrupt, picture, place, prior, robot};
 
 const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz
   palpate map monday/ tuesday/ -o field.npz --robot panda.urdf --gravity removed
   palpate map wednesday/ -o field.npz --from field.npz
+  palpate map today/ -o field.npz --prior yesterday.npz
   palpate map recordings/ -o field.npz --rate 17
 
 A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
 a folder of them. Without --settings and flags the shipped defaults hold; `palpate settings` prints
 them. The field holds the memory of what it was learnt from, so that --from goes on exactly where
 it stopped.
+
+--prior starts anew from what another field expects of its cells, touched or not: what it says they
+would be had nothing been touched (`K_prior`), or else what it has learnt (`K`). The lattice must be
+the same.
 
 --rate learns as beside a robot that reports so many times a second: every step spends what is left
 of its time on replays. The field then depends on the speed of the machine, and differs a little
@@ -48,6 +53,9 @@ pub(crate) struct Args {
     /// Go on from a saved field, under its settings
     #[arg(long, value_name = "FIELD.npz")]
     from: Option<PathBuf>,
+    /// Start from the stiffness that a field expects of its cells, in place of the one prior of all
+    #[arg(long, value_name = "FIELD.npz")]
+    prior: Option<PathBuf>,
     /// Leave out the memory: a smaller file, which --from cannot continue
     #[arg(long)]
     no_memory: bool,
@@ -73,6 +81,7 @@ impl Args {
         places.input("the settings file", self.settings.path());
         places.input("the robot", Some(Path::new(settings.robot.name())));
         places.logs(&self.logs);
+        places.input("the prior (--prior)", self.prior.as_deref());
         places.output("the field (--output)", Some(&self.output))?;
         // Only the field itself may be replaced by the one that goes on from it.
         places.input("the field to go on from (--from)", self.from.as_deref());
@@ -83,6 +92,13 @@ impl Args {
 /// Learns a field and saves it.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let started = Instant::now();
+    if args.prior.is_some() && args.from.is_some() {
+        return Err(CliError::Usage(
+            "--prior and --from exclude each other: the field to go on from has its prior already; \
+             leave out --prior, or leave out --from to start a new field"
+                .to_owned(),
+        ));
+    }
     let settings = args.settings.load()?;
     if args.from.is_none() {
         settings.config()?;
@@ -92,7 +108,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let touches = Touches::open(&args.logs, &settings.log.options())?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
-    let (mut mapper, mut pace) = begin(args, &arm, &settings)?;
+    let (mut mapper, mut pace) = begin(args, &arm, &settings, output)?;
 
     output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
     let mut touches = touches.for_joints(arm.robot.joint_names());
@@ -107,7 +123,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         place::write(path, &picture::field(&mapper.field())?)?;
     }
     let pace = pace.map(Pace::figures);
-    let summary = Summary { args, arm: &arm, mapper: &mapper, tally: &tally, pace };
+    let cells = Cells::of(&mapper);
+    let summary = Summary { args, arm: &arm, mapper: &mapper, tally: &tally, cells, pace };
     if args.json {
         output.json(&summary.json(started.elapsed()))
     } else {
@@ -120,12 +137,13 @@ fn begin(
     args: &Args,
     arm: &Arc<Arm>,
     settings: &Settings,
+    output: &Output,
 ) -> Result<(Mapper, Option<Pace>), CliError> {
-    let out_of_range = |error| SettingsError::Value(Box::new(error));
     let Some(path) = &args.from else {
         let mut config = settings.config()?;
         let pace = args.pace.take_over(&mut config);
-        return Ok((Mapper::new(Arc::clone(arm), config).map_err(out_of_range)?, pace));
+        let mapper = prior::mapper(args.prior.as_deref(), arm, config, output)?;
+        return Ok((mapper, pace));
     };
     let name = path.display();
     let Some(mut snapshot) = field::load(path).map_err(CliError::file)?.snapshot else {
@@ -155,7 +173,8 @@ fn save(args: &Args, mapper: &Mapper, pace: Option<&Pace>) -> Result<(), CliErro
     }
     let robot = snapshot.robot.0.clone();
     let snapshot = (!args.no_memory).then_some(snapshot);
-    let saved = Saved { field: mapper.field(), robot, snapshot };
+    let (field, prior_n_per_m) = (mapper.field(), mapper.prior_n_per_m());
+    let saved = Saved { field, prior_n_per_m, robot, snapshot };
     field::save(&args.output, &saved).map_err(CliError::file)
 }
 
@@ -177,12 +196,30 @@ fn stop(
 /// Columns for the names of what is told.
 const WIDTH: usize = 29;
 
+/// How many cells there are, by what is known of them.
+struct Cells {
+    touched: usize,
+    /// Of these a prior by cell expects something, touched or not.
+    expected: usize,
+    expected_and_touched: usize,
+}
+
+impl Cells {
+    fn of(mapper: &Mapper) -> Self {
+        let (counts, expected) = (mapper.field().counts, mapper.expected_n_per_m().len());
+        let touched = |counts: &[u32]| counts.iter().filter(|&&count| count > 0).count();
+        let expected_and_touched = touched(&counts[..expected]); // the first rows
+        Self { touched: touched(&counts), expected, expected_and_touched }
+    }
+}
+
 /// What is told at the end.
 struct Summary<'a> {
     args: &'a Args,
     arm: &'a Arm,
     mapper: &'a Mapper,
     tally: &'a Tally,
+    cells: Cells,
     pace: Option<PaceFigures>,
 }
 
@@ -203,7 +240,9 @@ impl Summary<'_> {
             "tare_frames": tally.total(|touch| touch.tare_frames),
             "frames_in_contact": tally.total(|touch| touch.frames_in_contact),
             "contacts_median": tally.contacts_median(),
-            "cells_touched": self.mapper.field().cells.len(),
+            "cells_touched": self.cells.touched,
+            "cells_expected": self.cells.expected,
+            "cells_expected_and_touched": self.cells.expected_and_touched,
             "cells_declared": config.lattice.n_cells(),
             "frames_remembered": frames_remembered,
             "memory_mib": bytes as f64 / f64::from(1 << 20),
@@ -225,10 +264,17 @@ impl Summary<'_> {
             row("frames", tally.total(|touch| touch.frames).to_string()),
             row("of them for the tare", tally.total(|touch| touch.tare_frames).to_string()),
             row("contacts (median where any)", tally.contacts_median().to_string()),
-            row("cells touched", self.mapper.field().cells.len().to_string()),
+            row("cells touched", self.cells.touched.to_string()),
+        ];
+        if self.cells.expected > 0 {
+            let Cells { expected, expected_and_touched, .. } = self.cells;
+            let told = format!("{expected}, {expected_and_touched} of them touched");
+            rows.push(row("cells expected by the prior", told));
+        }
+        rows.extend([
             row("frames remembered", format!("{frames_remembered} in {}", mib(bytes))),
             row("time", seconds(elapsed)),
-        ];
+        ]);
         if let Some(pace) = &self.pace {
             rows.push(row("pace", pace.text()));
         }

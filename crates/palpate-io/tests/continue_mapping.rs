@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use palpate::arm::Arm;
 use palpate::estimator::Method;
-use palpate::lattice::Lattice;
+use palpate::lattice::{CellId, Lattice};
 use palpate::mapper::{Config, Mapper};
 use palpate::robot::Robot;
 use palpate::sdf;
@@ -56,26 +56,43 @@ fn through_a_file(mapper: Mapper, arm: &Arc<Arm>) -> Mapper {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.npz");
     let robot = arm.robot.name().to_owned();
-    let saved = Saved { field: mapper.field(), robot, snapshot: Some(mapper.snapshot()) };
+    let (prior_n_per_m, snapshot) = (mapper.prior_n_per_m(), Some(mapper.snapshot()));
+    let saved = Saved { field: mapper.field(), prior_n_per_m, robot, snapshot };
     save(&path, &saved).unwrap();
     drop(mapper);
     let loaded = load(&path).unwrap();
-    assert_eq!(loaded.field, saved.field);
+    assert_eq!((&loaded.field, &loaded.prior_n_per_m), (&saved.field, &saved.prior_n_per_m));
     Mapper::resume(Arc::clone(arm), loaded.snapshot.unwrap()).unwrap()
 }
 
 #[test]
 fn saved_loaded_and_continued_is_never_having_stopped() {
+    never_having_stopped(&[]);
+}
+
+#[test]
+fn with_a_prior_by_cell_saved_loaded_and_continued_is_never_having_stopped() {
+    let lattice = config(Method::Map).lattice;
+    // Every third cell of a slab that the touches go through, and some that they do not reach.
+    let cells = (0..lattice.n_cells() as u32).map(CellId);
+    let slab = cells.filter(|&cell| cell.0 % 3 == 0 && lattice.point(cell).z.abs() < 0.3);
+    let prior: Vec<_> = slab.map(|cell| (cell, 0.01 * f64::from(cell.0 % 100))).collect();
+    never_having_stopped(&prior);
+}
+
+/// Three touches in one go, and with two stops.
+fn never_having_stopped(prior: &[(CellId, f64)]) {
     let (arm, touches) = (arm(), touches(3));
     for method in [Method::Map, Method::Ekf] {
-        let mut whole = Mapper::new(Arc::clone(&arm), config(method)).unwrap();
+        let new = || Mapper::with_prior(Arc::clone(&arm), config(method), prior).unwrap();
+        let mut whole = new();
         for touch in &touches {
             whole.begin_touch();
             go_on(&mut whole, touch);
             whole.end_touch().unwrap();
         }
 
-        let mut broken = Mapper::new(Arc::clone(&arm), config(method)).unwrap();
+        let mut broken = new();
         broken.begin_touch();
         go_on(&mut broken, &touches[0]);
         broken.end_touch().unwrap();
@@ -90,10 +107,24 @@ fn saved_loaded_and_continued_is_never_having_stopped() {
         go_on(&mut broken, &touches[2]);
         broken.end_touch().unwrap();
 
+        assert_eq!(whole.prior_n_per_m(), broken.prior_n_per_m());
+        assert_eq!(whole.expected_n_per_m(), broken.expected_n_per_m());
         let (whole, broken) = (whole.field(), broken.field());
         assert!(whole.cells.len() > 500, "{} cells touched", whole.cells.len());
         assert_eq!(whole, broken, "{method:?}: the two must agree to the bit");
     }
+}
+
+#[test]
+fn a_file_that_promises_a_prior_and_lacks_it_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("field.npz");
+    let mapper = Mapper::with_prior(arm(), config(Method::Map), &[(CellId(5), 1.0)]).unwrap();
+    let (field, robot) = (mapper.field(), "kinova_gen3".to_owned());
+    let saved = Saved { field, prior_n_per_m: None, robot, snapshot: Some(mapper.snapshot()) };
+    save(&path, &saved).unwrap();
+    let error = load(&path).unwrap_err().to_string();
+    assert!(error.contains("1 cells are said to have a prior of their own"), "{error}");
 }
 
 #[test]

@@ -20,6 +20,7 @@ fn field() -> FieldFile {
         stiffness: vec![10.0, 0.0, 250.5],
         std: Some(vec![1.0, 2.0, 3.0]),
         counts: Some(vec![4, 5, 6]),
+        prior: None,
         lattice: Some(FieldLattice { origin_m, spacing_m: 0.012, shape: shape.map(|n| n as u32) }),
         cells: Some(vec![7, 8, 39999]),
     }
@@ -76,6 +77,12 @@ fn what_we_write_reads_back_and_the_golden_too() {
 }
 
 #[test]
+fn what_was_expected_before_any_touch_is_kept_with_the_field() {
+    let expecting = FieldFile { prior: Some(vec![0.0, 2.5, 1.0]), ..field() };
+    assert_eq!(FieldFile::from_arrays(&expecting.to_arrays()).unwrap(), expecting);
+}
+
+#[test]
 fn the_same_arrays_give_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = ["a.npz", "b.npz"].map(|name| {
@@ -99,6 +106,9 @@ fn every_defect_of_a_field_is_named() {
         ("K", f64s(&[1.0, -2.0, 3.0]), "-2 in row 1"),
         ("K", Array::new(vec![3, 3], Data::F64(vec![1.0; 9])), "wanted floats of [3]"),
         ("K_std", f64s(&[1.0, f64::INFINITY, 3.0]), "inf in row 1"),
+        ("K_prior", f64s(&[1.0, 2.0]), "f8 of [2]; wanted floats of [3]"),
+        ("K_prior", f64s(&[1.0, 2.0, -0.5]), "-0.5 in row 2"),
+        ("K_prior", nan(3), "NaN in row 0"),
         ("N_obs", Array::flat(Data::I64(vec![1, 2, -3])), "-3 in row 2"),
         ("N_obs", Array::flat(Data::U64(vec![1, 2, 1 << 40])), "row 2"),
         ("lattice", f64s(&[0.0; 6]), "floats of [7]"),

@@ -126,7 +126,30 @@ pub fn learn(
     config: &Config,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Box<dyn Estimator>, ContenderError> {
+    learn_from(tracked, touches, config, &[], stop)
+}
+
+/// Learns some touches as [`learn`] does, from prior means by row.
+///
+/// `expected_n_per_m` are those of the first rows of [`Tracked::cells`], N/m: of all rows, or of
+/// as many as there are. Rows after them have the prior's. See [`Estimator::expect`].
+///
+/// # Errors
+///
+/// As [`learn`].
+///
+/// # Panics
+///
+/// If there are more means than rows, or one is negative or not finite.
+pub fn learn_from(
+    tracked: &Tracked,
+    touches: &[usize],
+    config: &Config,
+    expected_n_per_m: &[f64],
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Box<dyn Estimator>, ContenderError> {
     let mut estimator = config.estimator(tracked.n_joints)?;
+    estimator.expect(&tracked.points_m, expected_n_per_m);
     for (number, &touch) in touches.iter().enumerate() {
         for frame in &tracked.touches[touch].frames {
             if stop() {

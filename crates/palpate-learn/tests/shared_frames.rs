@@ -146,6 +146,32 @@ fn shared_frames_teach_what_a_mapper_learns_to_the_bit() {
 }
 
 #[test]
+fn shared_frames_teach_what_a_mapper_learns_from_the_same_expectations() {
+    let (arm, touches) = (arm(), touches(2));
+    for method in [Method::Map, Method::Ekf] {
+        let config = config(method);
+        let tracked = tracked(&arm, &config, &touches);
+        let means: Vec<f64> = (0..tracked.cells.len()).map(|row| (row % 5) as f64).collect();
+        let estimator = contender::learn_from(&tracked, &[1], &config, &means, NEVER).unwrap();
+        let field = contender::field(&tracked, estimator.as_ref(), &config);
+        let prior: Vec<_> = tracked.cells.iter().copied().zip(means).collect();
+        let mut mapper = Mapper::with_prior(Arc::clone(&arm), config, &prior).unwrap();
+        mapper.begin_touch();
+        touches[1].samples.iter().for_each(|sample| drop(mapper.step(sample).unwrap()));
+        mapper.end_touch().unwrap();
+        let mut whole = by_cell(&mapper.field());
+        whole.retain(|_, (_, _, count)| *count > 0);
+        assert!(whole.len() > 100 && whole.len() < prior.len(), "{} cells", whole.len());
+        assert_eq!(by_cell(&field), whole, "{method:?}");
+        let untouched = (0..prior.len()).filter(|&row| estimator.count(row) == 0);
+        let least = estimator.stiffness(usize::MAX);
+        for row in untouched {
+            assert_eq!(estimator.stiffness(row), prior[row].1.max(least), "{method:?}, row {row}");
+        }
+    }
+}
+
+#[test]
 fn an_estimator_predicts_what_the_field_of_a_mapper_predicts() {
     let (arm, touches) = (arm(), touches(3));
     for (method, contender) in [(Method::Map, Contender::Map), (Method::Ekf, Contender::Ekf)] {

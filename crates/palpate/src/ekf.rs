@@ -13,7 +13,8 @@
 //! it was last seen and adds what it missed, so that a step costs what it touches.
 //!
 //! sgn 0 is taken as +1; even so a prior mean of exactly zero is refused, because the paper's
-//! filter has no slope there.
+//! filter has no slope there. For the same reason a cell of which less is expected than the prior
+//! mean ([`Estimator::expect`]) starts from the prior mean.
 //!
 //! # What the standard deviation means
 //!
@@ -24,7 +25,7 @@
 use nalgebra::DVector;
 
 use crate::estimator::{
-    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Replayed, Source,
+    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Replayed, Source, expected_cells,
     innovation_inverse, padded, shrunk,
 };
 use crate::replay::Memory;
@@ -68,6 +69,11 @@ impl Belief {
     fn grow(&mut self, points_m: &[[f64; 3]]) {
         let known = self.cells.len().min(points_m.len());
         self.cells.extend(points_m[known..].iter().map(|&point| Cell::new(point, self.prior_mean)));
+        self.resize();
+    }
+
+    /// Gives rows that are new the prior's variance.
+    fn resize(&mut self) {
         self.variance.resize(self.cells.len(), self.prior_variance);
         self.seen.resize(self.cells.len(), 0);
     }
@@ -193,6 +199,15 @@ impl Estimator for EkfEstimator {
 
     fn count(&self, row: usize) -> u32 {
         self.counts.get(row).copied().unwrap_or(0)
+    }
+
+    fn expect(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]) {
+        let (known, least) = (self.belief.cells.len(), self.belief.prior_mean);
+        self.belief.cells.extend(expected_cells(known, points_m, mean_n_per_m).map(|mut cell| {
+            *cell.unknown_mut() = cell.unknown().max(least);
+            cell
+        }));
+        self.belief.resize();
     }
 
     fn correct(

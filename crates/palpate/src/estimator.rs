@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::replay::RngState;
-use crate::torque::Observation;
+use crate::torque::{Cell, Observation};
 
 /// The stiffness of a cell before it is touched, stated for a reference cell of 1 cm.
 ///
@@ -73,7 +73,7 @@ pub enum Method {
 /// Bounds of every mean and standard deviation, N/m or N·m: none of this world lies outside, and
 /// within them no product of them overflows.
 const SMALLEST: f64 = 1e-9;
-const LARGEST: f64 = 1e9;
+pub(crate) const LARGEST: f64 = 1e9;
 
 /// Settings of either estimator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -233,7 +233,7 @@ impl Replayed {
 
 /// A belief about the stiffness of touched cells that learns from frames.
 ///
-/// Rows beyond those that the estimator has seen have the prior.
+/// Rows beyond those that the estimator has seen, or was told what to expect of, have the prior.
 pub trait Estimator: Send + Sync {
     /// K of a row, N/m, at least zero. A row never seen has the prior's.
     fn stiffness(&self, row: usize) -> f64;
@@ -243,6 +243,20 @@ pub trait Estimator: Send + Sync {
 
     /// Frames that touched a row.
     fn count(&self, row: usize) -> u32;
+
+    /// Gives rows of which nothing is known yet their own prior mean, m₀ by row.
+    ///
+    /// Rows that the estimator has seen keep what is believed of them; rows after the given ones
+    /// have the prior's mean as ever. The prior's standard deviation is that of every row. `ekf`
+    /// cannot leave κ = 0, so there a mean below the prior's gives way to the prior's.
+    ///
+    /// `points_m` are the rest points of at least as many rows, world frame; `mean_n_per_m` are
+    /// their means, N/m.
+    ///
+    /// # Panics
+    ///
+    /// If a mean has no point, is negative or not finite, which is a bug in the caller.
+    fn expect(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]);
 
     /// Predicts a new frame, learns from it and remembers it; returns the prediction, `τ̂ = H K`
     /// before the correction (Eq. 5), n_joints, N·m.
@@ -276,6 +290,18 @@ pub trait Estimator: Send + Sync {
 
     /// Everything that [`crate::mapper::Mapper`] saves, for so many rows.
     fn state(&self, n_rows: usize) -> EstimatorState;
+}
+
+/// The cells of rows from `known` on that are expected to have a mean of their own, N/m.
+pub(crate) fn expected_cells<'a>(
+    known: usize,
+    points_m: &'a [[f64; 3]],
+    mean_n_per_m: &'a [f64],
+) -> impl Iterator<Item = Cell> + 'a {
+    assert!(mean_n_per_m.len() <= points_m.len(), "an expected row has a rest point");
+    assert!(mean_n_per_m.iter().all(|mean| (0.0..=LARGEST).contains(mean)), "a stiffness each");
+    let rows = points_m.iter().zip(mean_n_per_m).skip(known);
+    rows.map(|(&point, &mean)| Cell::new(point, mean))
 }
 
 /// A copy of values by row in which rows without a value get one.

@@ -1,7 +1,7 @@
 //! A learnt field, and what it says of a motion.
 //!
-//! [`Field`] is the product of mapping: K of every touched cell, with the settings under which
-//! it means something. [`Predictor`] asks it what torque a motion meets (Eq. 5), with the same
+//! [`Field`] is the product of mapping: K of every cell that was touched or that something is
+//! expected of, with the settings under which it means something. [`Predictor`] asks it what torque a motion meets (Eq. 5), with the same
 //! contacts, gravity and tare as the mapper, and learns nothing.
 
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use crate::lattice::{CellId, CellRows, Lattice};
 use crate::torque::{Cell, Folder, Stiffness};
 use crate::touch::{self, Sample, TouchError, Tracker};
 
-/// The stiffness of all touched cells, by row.
+/// The stiffness of all cells that were touched or that a prior expects something of, by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     /// The box that the cells belong to.
@@ -23,13 +23,14 @@ pub struct Field {
     pub contact: contact::Config,
     /// Gravity and tare of the logs that it was learnt from.
     pub touch: touch::Config,
-    /// The touched cells, in the order of their first touch.
+    /// The cells: those of a prior by cell in the lattice's order, then the others in the order of
+    /// their first touch.
     pub cells: Vec<CellId>,
     /// K, N/m.
     pub stiffness_n_per_m: Vec<f64>,
     /// Standard deviation of K, N/m; [`crate::map`] and [`crate::ekf`] say what it means.
     pub std_n_per_m: Vec<f64>,
-    /// Frames that touched the cell.
+    /// Frames that touched the cell; 0 if its stiffness is only expected.
     pub counts: Vec<u32>,
     /// K of all other cells, N/m.
     pub untouched_n_per_m: f64,
@@ -40,7 +41,7 @@ pub struct Field {
 pub struct Prediction {
     /// Points touched.
     pub contacts: usize,
-    /// Those of them that the field knows.
+    /// Those of them that were touched when the field was learnt, rather than merely expected.
     pub known: usize,
     /// τ̂, n_joints, N·m.
     pub predicted: DVector<f64>,
@@ -52,9 +53,10 @@ pub struct Prediction {
 pub struct Predictor {
     tracker: Tracker,
     folder: Folder,
-    /// The cells by row: first those that the field knows, then those met since.
+    /// The cells by row: first those of the field, then those met since.
     cells: Vec<Cell>,
-    known: usize,
+    /// Frames that touched the cells of the field, by row.
+    counts: Vec<u32>,
     untouched_n_per_m: f64,
 }
 
@@ -78,9 +80,9 @@ impl Predictor {
         }
         let points_and_k = rows.points_m().iter().zip(&field.stiffness_n_per_m);
         let cells: Vec<Cell> = points_and_k.map(|(&point, &k)| Cell::new(point, k)).collect();
-        let (folder, known) = (Folder::new(rows), cells.len());
+        let (folder, counts) = (Folder::new(rows), field.counts.clone());
         let untouched_n_per_m = field.untouched_n_per_m;
-        Ok(Self { tracker, folder, cells, known, untouched_n_per_m })
+        Ok(Self { tracker, folder, cells, counts, untouched_n_per_m })
     }
 
     /// Starts a touch.
@@ -101,7 +103,8 @@ impl Predictor {
         let met = self.folder.rows().points_m()[self.cells.len()..].iter();
         self.cells.extend(met.map(|&point| Cell::new(point, self.untouched_n_per_m)));
         let predicted = observation.predict(&self.cells, Stiffness::Positive);
-        let known = observation.rows().filter(|&row| row < self.known).count();
+        let touched = |row: &usize| self.counts.get(*row).is_some_and(|&count| count > 0);
+        let known = observation.rows().filter(touched).count();
         let contacts = observation.n_contacts();
         Ok(Some(Prediction { contacts, known, predicted, external }))
     }

@@ -14,6 +14,7 @@
 //! | [`torque`]            | levers (Eq. 2) and predicted torques (Eq. 5)                        |
 //! | [`touch`]             | samples to contacts and external torques: gravity, tare             |
 //! | [`estimator`]         | what the two estimators share                                       |
+//! | [`expected`]          | a prior by cell: what is expected where nothing was touched         |
 //! | [`map`], [`ekf`]      | the exact maximum a posteriori; the paper's filter (Eqs. 3, 4, 6)   |
 //! | [`replay`]            | the bounded memory of both                                          |
 //! | [`mapper`], [`field`] | the loop, and what it learnt                                        |
@@ -26,6 +27,7 @@ pub mod arm;
 pub mod contact;
 pub mod ekf;
 pub mod estimator;
+pub mod expected;
 pub mod field;
 pub mod lattice;
 pub mod map;

@@ -21,6 +21,9 @@
 //! and its share of z stays. z is kept in `f64`, where the rounding of millions of visits stays
 //! far below a millionth of a newton per metre; a test holds it to that.
 //!
+//! m₀ may differ from cell to cell ([`Estimator::expect`]): it is where z starts, and none of the
+//! above looks at it again.
+//!
 //! Frames come back at random and, every other time, as the one of several random ones that
 //! contradicted the belief most when it was last visited: `r·d` is what a visit gains. On the
 //! bundled touches this leaves a quarter of the contradiction that chance alone leaves after the
@@ -38,7 +41,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::estimator::{
-    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Replayed, Source,
+    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Replayed, Source, expected_cells,
     innovation_inverse, padded, shrunk,
 };
 use crate::replay::Memory;
@@ -80,7 +83,8 @@ impl Frame {
 struct Belief {
     /// Rest points and z, by row.
     cells: Vec<Cell>,
-    /// m₀ and the diagonal of S₀ at this lattice's spacing.
+    /// m₀ of cells of which nothing else is expected, and the diagonal of S₀, at this lattice's
+    /// spacing.
     prior_mean: f64,
     prior_variance: f64,
     /// The diagonal of R, n_joints, (N·m)².
@@ -269,6 +273,11 @@ impl Estimator for MapEstimator {
 
     fn count(&self, row: usize) -> u32 {
         self.counts.get(row).copied().unwrap_or(0)
+    }
+
+    fn expect(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]) {
+        let known = self.belief.cells.len();
+        self.belief.cells.extend(expected_cells(known, points_m, mean_n_per_m));
     }
 
     fn correct(

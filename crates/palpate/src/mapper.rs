@@ -15,8 +15,9 @@ use crate::arm::Arm;
 use crate::contact;
 use crate::ekf::EkfEstimator;
 use crate::estimator::{
-    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Method, Source,
+    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Method, Source, padded,
 };
+use crate::expected::{self, ExpectedError};
 use crate::field::Field;
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::map::MapEstimator;
@@ -78,6 +79,8 @@ pub enum MapperError {
     Contact(#[from] contact::ConfigError),
     #[error(transparent)]
     Estimator(#[from] EstimatorError),
+    #[error(transparent)]
+    Expected(#[from] ExpectedError),
     /// A snapshot of another robot.
     #[error(
         "the field was learnt with robot `{learnt}`, of which `{given}` differs in joints, masses \
@@ -130,8 +133,10 @@ pub struct Snapshot {
     pub robot: (String, u64),
     /// Joints of its samples.
     pub n_joints: usize,
-    /// Cells by row.
+    /// Cells by row: those of a prior by cell, then the others in the order of first touch.
     pub cells: Vec<CellId>,
+    /// Prior means of the first rows, N/m, if there was a prior by cell; else empty.
+    pub expected_n_per_m: Vec<f64>,
     /// The belief.
     pub state: EstimatorState,
     /// Touches begun so far.
@@ -148,6 +153,8 @@ pub struct Mapper {
     tracker: Tracker,
     folder: Folder,
     estimator: Replayer,
+    /// Prior means of the rows that a prior by cell declared, N/m.
+    expected_n_per_m: Vec<f64>,
     /// Whether old frames are still to be visited for the frame learnt last.
     replays_due: bool,
     touches: u32,
@@ -163,11 +170,40 @@ impl Mapper {
     ///
     /// If a setting is out of its range.
     pub fn new(arm: Arc<Arm>, config: Config) -> Result<Self, MapperError> {
-        let estimator = Replayer::new(config.estimator(arm.robot.n_joints())?);
-        let tracker = Self::tracker(arm, &config)?;
-        let folder = Folder::new(CellRows::new(config.lattice.clone()));
-        let (replays_due, tape) = (false, Vec::new());
-        Ok(Self { config, tracker, folder, estimator, replays_due, touches: 0, samples: 0, tape })
+        Self::with_prior(arm, config, &[])
+    }
+
+    /// A mapper that has touched nothing yet and expects a stiffness of its own, N/m, of some
+    /// cells; of all others, the prior mean of its settings.
+    ///
+    /// These cells get the first rows, in the lattice's order; [`Mapper::field`] lists them with a
+    /// count of 0. With `ekf` a mean below the prior's is raised to it ([`Estimator::expect`]).
+    ///
+    /// # Errors
+    ///
+    /// If a setting is out of its range, a cell outside the lattice or given twice, or a mean
+    /// negative or not finite.
+    pub fn with_prior(
+        arm: Arc<Arm>,
+        config: Config,
+        prior: &[(CellId, f64)],
+    ) -> Result<Self, MapperError> {
+        let (rows, means) = expected::rows(&config.lattice, prior)?;
+        let mut estimator = config.estimator(arm.robot.n_joints())?;
+        estimator.expect(rows.points_m(), &means);
+        // As the estimator took them.
+        let expected_n_per_m = (0..rows.len()).map(|row| estimator.stiffness(row)).collect();
+        Ok(Self {
+            tracker: Self::tracker(arm, &config)?,
+            config,
+            folder: Folder::new(rows),
+            estimator: Replayer::new(estimator),
+            expected_n_per_m,
+            replays_due: false,
+            touches: 0,
+            samples: 0,
+            tape: Vec::new(),
+        })
     }
 
     /// Starts a touch.
@@ -276,6 +312,19 @@ impl Mapper {
         }
     }
 
+    /// Prior means of the cells that a prior by cell declared, N/m: those of the first rows, as
+    /// many as there are; empty without such a prior.
+    pub fn expected_n_per_m(&self) -> &[f64] {
+        &self.expected_n_per_m
+    }
+
+    /// Prior means of all rows of [`Mapper::field`], N/m; `None` without a prior by cell.
+    pub fn prior_n_per_m(&self) -> Option<Vec<f64>> {
+        let of_others = self.estimator.stiffness(usize::MAX);
+        (!self.expected_n_per_m.is_empty())
+            .then(|| padded(&self.expected_n_per_m, self.folder.rows().len(), of_others))
+    }
+
     /// Everything needed to go on later.
     pub fn snapshot(&self) -> Snapshot {
         let mut state = self.estimator.state(self.folder.rows().len());
@@ -290,6 +339,7 @@ impl Mapper {
             robot: (arm.robot.name().to_owned(), arm.fingerprint()),
             n_joints: arm.robot.n_joints(),
             cells: self.folder.rows().cells().to_vec(),
+            expected_n_per_m: self.expected_n_per_m.clone(),
             tape: self.tape.iter().filter(keep).cloned().collect(),
             touches: self.touches,
             replays_due: self.replays_due,
@@ -322,7 +372,12 @@ impl Mapper {
             }
             rows.row_of(*cell);
         }
+        if snapshot.expected_n_per_m.len() > rows.len() {
+            let what = "it expects something of more cells than there are".to_owned();
+            return Err(MapperError::Snapshot { what });
+        }
         mapper.folder = Folder::new(rows);
+        mapper.expected_n_per_m = snapshot.expected_n_per_m;
         mapper.replays_due = snapshot.replays_due;
         let remembered: Vec<Source> =
             snapshot.state.remembered.iter().map(|(source, _)| *source).collect();

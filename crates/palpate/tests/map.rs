@@ -31,10 +31,14 @@ fn frames(seed: u64, count: usize) -> (CellRows, Vec<Observation>) {
 
 fn learn(config: &EstimatorConfig, rows: &CellRows, frames: &[Observation]) -> MapEstimator {
     let mut map = MapEstimator::new(config, 0.01, 4).unwrap();
+    teach(&mut map, rows, frames);
+    map
+}
+
+fn teach(map: &mut MapEstimator, rows: &CellRows, frames: &[Observation]) {
     for (number, frame) in frames.iter().enumerate() {
         map.correct(rows.points_m(), frame.clone(), source(number as u32)).unwrap();
     }
-    map
 }
 
 fn stiffness(map: &MapEstimator, rows: &CellRows) -> DVector<f64> {
@@ -96,8 +100,22 @@ fn one_joint_one_contact_recovers_the_spring() {
 #[test]
 fn many_visits_end_at_the_optimum_of_an_independent_solver() {
     let (rows, frames) = frames(3, 25);
-    let (mean, std, torque_std) = (5.0, 40.0, 0.1);
-    let mut map = learn(&config(Method::Map, mean, std, torque_std), &rows, &frames);
+    let mut expected = vec![5.0; rows.len()];
+    ends_at_the_optimum(&rows, &frames, &expected);
+    // The same with a prior by cell, of every cell but the last few.
+    for (row, mean) in expected[..rows.len() - 4].iter_mut().enumerate() {
+        *mean = (7 * row % 31) as f64;
+    }
+    ends_at_the_optimum(&rows, &frames, &expected);
+}
+
+/// The prior means by row are `expected`, N/m, and 5 N/m in the settings.
+#[track_caller]
+fn ends_at_the_optimum(rows: &CellRows, frames: &[Observation], expected: &[f64]) {
+    let (std, torque_std) = (40.0, 0.1);
+    let mut map = MapEstimator::new(&config(Method::Map, 5.0, std, torque_std), 0.01, 4).unwrap();
+    map.expect(rows.points_m(), &expected[..rows.len() - 4]);
+    teach(&mut map, rows, frames);
     map.replay(2_000_000);
     let residual = map.kkt_residual();
     assert!(residual < 1e-8, "{residual} N·m");
@@ -106,18 +124,19 @@ fn many_visits_end_at_the_optimum_of_an_independent_solver() {
     let mut a = DMatrix::zeros(frames.len() * 4 + n, n);
     let mut b = DVector::zeros(a.nrows());
     for (t, frame) in frames.iter().enumerate() {
-        let levers = frame.levers(&cells_with(&rows, |_| 0.0)) / torque_std;
+        let levers = frame.levers(&cells_with(rows, |_| 0.0)) / torque_std;
         for (contact, row) in frame.rows().enumerate() {
             a.view_mut((4 * t, row), (4, 1)).copy_from(&levers.column(contact));
         }
         b.rows_mut(4 * t, 4).copy_from(&(frame.tau() / torque_std));
     }
     a.view_mut((frames.len() * 4, 0), (n, n)).fill_diagonal(1.0 / std);
-    b.rows_mut(frames.len() * 4, n).fill(mean / std);
-    let expected = non_negative_least_squares(&a, &b);
+    let prior = DVector::from_column_slice(expected) / std;
+    b.rows_mut(frames.len() * 4, n).copy_from(&prior);
+    let best = non_negative_least_squares(&a, &b);
 
-    assert!(expected.iter().any(|&k| k == 0.0) && expected.iter().any(|&k| k > 20.0));
-    assert!((stiffness(&map, &rows) - &expected).amax() < 1e-6);
+    assert!(best.iter().any(|&k| k == 0.0) && best.iter().any(|&k| k > 20.0));
+    assert!((stiffness(&map, rows) - &best).amax() < 1e-6);
 }
 
 #[test]

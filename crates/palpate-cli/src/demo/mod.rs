@@ -76,7 +76,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let results = predict(&arm, &field, &mut open(&[held_out])?, output)?;
 
     let robot = arm.robot.name().to_owned();
-    let saved = Saved { field, robot, snapshot: Some(mapper.snapshot()) };
+    let (prior_n_per_m, snapshot) = (mapper.prior_n_per_m(), Some(mapper.snapshot()));
+    let saved = Saved { field, prior_n_per_m, robot, snapshot };
     fill(&folder.path, &saved, &results)?;
     tell_oddities(&results, output);
     let evaluation = if args.no_report {

@@ -25,10 +25,13 @@ const SHARES: [f64; 5] = [0.1, 0.5, 0.9, 0.99, 1.0];
 #[derive(Debug, Serialize)]
 pub(super) struct FieldFacts {
     file_bytes: u64,
+    /// Those that were touched, which all figures are of.
     cells: usize,
+    /// Those of which something is expected and nothing was ever felt.
+    expected_cells: usize,
     /// Quantiles 10, 50, 90, 99 and 100 % of the cells above zero, N/m.
     stiffness_n_per_m: Option<[f64; 5]>,
-    /// Sum over all cells, N/m.
+    /// Sum over the touched cells, N/m.
     total_n_per_m: f64,
     /// Share of the cells at zero.
     zero_share: f64,
@@ -111,6 +114,22 @@ fn foreign(path: &Path, missing: &str) -> (Option<FieldFacts>, Vec<Finding>) {
     (Some(facts), findings)
 }
 
+/// The touched points of a field: all of them, if it does not say.
+fn touched(file: &FieldFile) -> FieldFile {
+    let is_touched = |row: &usize| file.counts.as_ref().is_none_or(|counts| counts[*row] > 0);
+    let rows: Vec<usize> = (0..file.points.len()).filter(is_touched).collect();
+    let of = |numbers: &Vec<f64>| rows.iter().map(|&row| numbers[row]).collect();
+    FieldFile {
+        points: rows.iter().map(|&row| file.points[row]).collect(),
+        stiffness: of(&file.stiffness),
+        std: file.std.as_ref().map(of),
+        counts: file.counts.as_ref().map(|counts| rows.iter().map(|&row| counts[row]).collect()),
+        prior: file.prior.as_ref().map(of),
+        lattice: file.lattice,
+        cells: file.cells.as_ref().map(|cells| rows.iter().map(|&row| cells[row]).collect()),
+    }
+}
+
 /// The shares of interest of some numbers.
 fn quantiles(numbers: &[f64]) -> Option<[f64; 5]> {
     let all: Option<Vec<f64>> = SHARES.iter().map(|&share| quantile(numbers, share)).collect();
@@ -119,6 +138,8 @@ fn quantiles(numbers: &[f64]) -> Option<[f64; 5]> {
 
 impl FieldFacts {
     fn new(path: &Path, file: &FieldFile) -> Self {
+        let all = file.points.len();
+        let file = &touched(file);
         let largest = file.stiffness.iter().copied().fold(0.0, f64::max);
         let above =
             |part: f64| move |stiffness: &&f64| **stiffness > 0.0 && **stiffness >= part * largest;
@@ -138,6 +159,7 @@ impl FieldFacts {
         Self {
             file_bytes: path.metadata().map_or(0, |metadata| metadata.len()),
             cells,
+            expected_cells: all - cells,
             stiffness_n_per_m: quantiles(&positive),
             total_n_per_m: file.stiffness.iter().sum(),
             zero_share: 1.0 - positive.len() as f64 / cells.max(1) as f64,
@@ -158,6 +180,7 @@ impl FieldFacts {
             stiffness: held.stiffness_n_per_m.clone(),
             std: Some(held.std_n_per_m.clone()),
             counts: Some(held.counts.clone()),
+            prior: None,
             lattice: None,
             cells: None,
         };
@@ -218,6 +241,10 @@ impl FieldFacts {
         let mut text = self.own.as_ref().map_or(String::new(), OwnFacts::text);
         text += &fact("file", &format!("{:.1} kB", self.file_bytes as f64 / 1e3));
         text += &fact("cells", &format!("{} touched", self.cells));
+        if self.expected_cells > 0 {
+            let only = counted(self.expected_cells, "cell");
+            text += &fact("", &format!("{only} more, expected by a prior and never touched"));
+        }
         let shown_as = |quantiles: [f64; 5], number: fn(f64) -> String| {
             let names = ["10 %", "median", "90 %", "99 %", "largest"];
             let parts = names.iter().zip(quantiles);

@@ -1,9 +1,12 @@
-//! A field from the front, the side and above: of each line of sight, the stiffest cell.
+//! A field from the front, the side and above: of each line of sight, the stiffest touched cell.
+//!
+//! Cells that were never touched are not shown: what is expected of them is no finding.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 
 use palpate::field::Field;
+use palpate::lattice::{CellId, Lattice};
 use plotters::chart::ChartBuilder;
 use plotters::element::{Circle, Rectangle, Text};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -54,7 +57,9 @@ pub(crate) fn field(field: &Field) -> Result<String, String> {
 
 /// What is shown, and in which frame and colours.
 struct Scene<'a> {
-    field: &'a Field,
+    lattice: &'a Lattice,
+    /// The touched cells, and the stiffness of each, N/m.
+    cells: Vec<(CellId, f64)>,
     low_m: [f64; 3],
     high_m: [f64; 3],
     /// Stiffness at the ends of the colour bar, N/m.
@@ -65,17 +70,21 @@ impl<'a> Scene<'a> {
     fn of(field: &'a Field) -> Option<Self> {
         let margin_m = 3.0 * field.lattice.spacing_m();
         let (mut low_m, mut high_m) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for &cell in &field.cells {
+        let all = field.cells.iter().zip(&field.stiffness_n_per_m).zip(&field.counts);
+        let touched = all.filter(|(_, count)| **count > 0);
+        let cells: Vec<_> = touched.map(|((&cell, &k), _)| (cell, k)).collect();
+        for &(cell, _) in &cells {
             let point = field.lattice.point(cell);
             for axis in 0..3 {
                 low_m[axis] = low_m[axis].min(point[axis] - margin_m);
                 high_m[axis] = high_m[axis].max(point[axis] + margin_m);
             }
         }
-        let largest = field.stiffness_n_per_m.iter().copied().fold(0.0, f64::max);
+        let largest = cells.iter().map(|&(_, stiffness)| stiffness).fold(0.0, f64::max);
         let largest = if largest > 0.0 { largest } else { 1.0 };
         let scale = largest / 10_f64.powf(DECADES)..largest;
-        (!field.cells.is_empty()).then_some(Self { field, low_m, high_m, scale })
+        let lattice = &field.lattice;
+        (!cells.is_empty()).then_some(Self { lattice, cells, low_m, high_m, scale })
     }
 
     fn length_m(&self, axis: usize) -> f64 {
@@ -100,9 +109,9 @@ impl<'a> Scene<'a> {
 
     /// The stiffest cell of each line of sight, softest first.
     fn projected(&self, right: usize, up: usize) -> Vec<((f64, f64), f64)> {
-        let lattice = &self.field.lattice;
+        let lattice = self.lattice;
         let mut seen: BTreeMap<[u32; 2], ((f64, f64), f64)> = BTreeMap::new();
-        for (&cell, &stiffness) in self.field.cells.iter().zip(&self.field.stiffness_n_per_m) {
+        for &(cell, stiffness) in &self.cells {
             let (place, point) = (lattice.place(cell), lattice.point(cell));
             let dot = seen
                 .entry([place[right], place[up]])
@@ -140,7 +149,7 @@ impl<'a> Scene<'a> {
             .x_desc(AXES[right])
             .y_desc(AXES[up])
             .draw()?;
-        let radius_px = 0.46 * self.field.lattice.spacing_m() * self.px_per_m();
+        let radius_px = 0.46 * self.lattice.spacing_m() * self.px_per_m();
         let radius_px = radius_px.round().max(1.0) as i32;
         let dot = |(at, stiffness)| Circle::new(at, radius_px, self.colour(stiffness).filled());
         chart.draw_series(self.projected(right, up).into_iter().map(dot))?;

@@ -131,8 +131,8 @@ impl Report {
 pub(crate) fn tell_oddities(results: &[TouchResult], output: &Output) {
     if results.iter().all(|touch| touch.frames_on_known == 0) {
         output.note(
-            "no touch meets a point that the field knows: the predictions are those of an \
-             untouched field; check that field, robot and log belong together",
+            "no touch meets a point that the field knows: the predictions are what is expected of \
+             untouched points; check that field, robot and log belong together",
         );
         return;
     }

@@ -9,6 +9,7 @@ use palpate::mapper::Config;
 use palpate::robot::{JointKind, Payload, Robot};
 use palpate::touch::{self, Tare};
 use palpate_io::log::{AngleUnit, LogOptions};
+use serde::Serialize;
 
 use super::parse::TareFrames;
 use super::sections::{
@@ -238,7 +239,7 @@ impl EstimatorSettings {
 }
 
 /// Whether two lattices differ by no more than the dust of arithmetic.
-fn same_lattice(a: &Lattice, b: &Lattice) -> bool {
+pub(crate) fn same_lattice(a: &Lattice, b: &Lattice) -> bool {
     (a.spacing_m() - b.spacing_m()).abs() < 1e-9
         && (a.origin_m() - b.origin_m()).amax() < 1e-9
         && a.shape() == b.shape()
@@ -248,31 +249,32 @@ fn same_lattice(a: &Lattice, b: &Lattice) -> bool {
 pub(crate) fn first_difference(saved: &Config, given: &Config) -> Option<String> {
     let (a, b) = (&saved.lattice, &given.lattice);
     if !same_lattice(a, b) {
-        let say = |lattice: &Lattice| {
-            let origin_m: [f64; 3] = lattice.origin_m().into();
-            format!(
-                "{:?} points every {} m from {origin_m:?} m",
-                lattice.shape(),
-                lattice.spacing_m()
-            )
-        };
-        return Some(format!("the lattice is {}, not {}", say(a), say(b)));
+        let [a, b] = [a, b].map(lattice_in_words);
+        return Some(format!("the lattice is {a}, not {b}"));
     }
     if saved.method != given.method {
         let name = |method| if method == Method::Map { "map" } else { "ekf" };
         return Some(format!("estimator is {}, not {}", name(saved.method), name(given.method)));
     }
-    let sections = [
-        (serde_json::to_value(&saved.contact), serde_json::to_value(&given.contact)),
-        (serde_json::to_value(&saved.touch), serde_json::to_value(&given.touch)),
-        (serde_json::to_value(&saved.estimator), serde_json::to_value(&given.estimator)),
-    ];
-    sections.into_iter().find_map(|(saved, given)| {
-        let (saved, given) = (saved.ok()?, given.ok()?);
-        let differs = |(key, value): (&String, &serde_json::Value)| {
-            (given.get(key) != Some(value))
-                .then(|| format!("{key} is {value}, not {}", given.get(key).unwrap_or_default()))
-        };
-        saved.as_object()?.iter().find_map(differs)
-    })
+    let mut differences = departures(&saved.contact, &given.contact);
+    differences.extend(departures(&saved.touch, &given.touch));
+    differences.extend(departures(&saved.estimator, &given.estimator));
+    differences.into_iter().next()
+}
+
+/// The settings of a section in which it departs from a saved one.
+pub(crate) fn departures<T: Serialize>(saved: &T, given: &T) -> Vec<String> {
+    let json = |section| serde_json::to_value(section).expect("settings are plain data");
+    let (saved, given) = (json(saved), json(given));
+    let differs = |(key, value): (&String, &serde_json::Value)| {
+        (given.get(key) != Some(value))
+            .then(|| format!("{key} is {value}, not {}", given.get(key).unwrap_or_default()))
+    };
+    saved.as_object().into_iter().flatten().filter_map(differs).collect()
+}
+
+/// Shape, spacing and origin.
+pub(crate) fn lattice_in_words(lattice: &Lattice) -> String {
+    let origin_m: [f64; 3] = lattice.origin_m().into();
+    format!("{:?} points every {} m from {origin_m:?} m", lattice.shape(), lattice.spacing_m())
 }

@@ -1,17 +1,19 @@
 //! A stiffness field as a file: points and the spring of each.
 //!
-//! | array     | shape | type         | unit | meaning                                          |
-//! |-----------|-------|--------------|------|--------------------------------------------------|
-//! | `points`  | N x 3 | f64          | m    | rest points, world frame                         |
-//! | `K`       | N     | f64          | N/m  | stiffness, never negative                        |
-//! | `K_std`   | N     | f64          | N/m  | its standard deviation (optional)                |
-//! | `N_obs`   | N     | u32          |      | frames that touched the point (optional)         |
-//! | `lattice` | 7     | f64          | m    | origin x y z, spacing, cells in x y z (optional) |
-//! | `cells`   | N     | u32          |      | index of each point in the lattice (optional)    |
+//! | array     | shape | type | unit | meaning                                              |
+//! |-----------|-------|------|------|------------------------------------------------------|
+//! | `points`  | N x 3 | f64  | m    | rest points, world frame                             |
+//! | `K`       | N     | f64  | N/m  | stiffness, never negative                            |
+//! | `K_std`   | N     | f64  | N/m  | its standard deviation (optional)                    |
+//! | `N_obs`   | N     | u32  |      | frames that touched the point (optional)             |
+//! | `K_prior` | N     | f64  | N/m  | what K would be, had nothing been touched (optional) |
+//! | `lattice` | 7     | f64  | m    | origin x y z, spacing, cells in x y z (optional)     |
+//! | `cells`   | N     | u32  |      | index of each point in the lattice (optional)        |
 //!
 //! The first four names are those of the OpenVSF library, so either reads the other's; its files
-//! lack the rest. Other arrays are kept apart in [`npz::Arrays`] for whoever put them there. How a
-//! cell's index follows from its place is the lattice's business, not the file's.
+//! lack the rest. A point of which `N_obs` is 0 is only expected to have its stiffness. Other arrays
+//! are kept apart in [`npz::Arrays`] for whoever put them there. How a cell's index follows from its
+//! place is the lattice's business, not the file's.
 
 pub mod npz;
 mod saved;
@@ -30,6 +32,8 @@ pub struct FieldFile {
     pub std: Option<Vec<f64>>,
     /// Frames that touched each point.
     pub counts: Option<Vec<u32>>,
+    /// Stiffness of each point had nothing been touched, N/m.
+    pub prior: Option<Vec<f64>>,
     /// The lattice that the points belong to.
     pub lattice: Option<FieldLattice>,
     /// Index of each point in the lattice; no index comes twice.
@@ -60,12 +64,13 @@ impl FieldFile {
         let stiffness = springs(arrays, "K", n)?;
         let std = given(arrays, "K_std").map(|name| springs(arrays, name, n)).transpose()?;
         let counts = given(arrays, "N_obs").map(|name| small(arrays, name, n)).transpose()?;
+        let prior = given(arrays, "K_prior").map(|name| springs(arrays, name, n)).transpose()?;
         let lattice = given(arrays, "lattice").map(|_| lattice(arrays)).transpose()?;
         let cells = given(arrays, "cells").map(|name| small(arrays, name, n)).transpose()?;
         if let Some(cells) = &cells {
             check_cells(arrays, cells, lattice.as_ref())?;
         }
-        Ok(Self { points, stiffness, std, counts, lattice, cells })
+        Ok(Self { points, stiffness, std, counts, prior, lattice, cells })
     }
 
     /// The arrays to write; more may be inserted beside them.
@@ -86,6 +91,9 @@ impl FieldFile {
         }
         if let Some(counts) = &self.counts {
             arrays.insert("N_obs", column(Data::U32(counts.clone())));
+        }
+        if let Some(prior) = &self.prior {
+            arrays.insert("K_prior", column(Data::F64(prior.clone())));
         }
         if let Some(FieldLattice { origin_m: [x, y, z], spacing_m, shape }) = self.lattice {
             let [nx, ny, nz] = shape.map(f64::from);

@@ -33,14 +33,17 @@ use super::npz::{Array, Arrays, Data, NpzError, read_npz, write_npz};
 use super::{FieldFile, FieldLattice};
 use crate::atomic::IfExists;
 
-/// The version of the layout above.
+/// The version of the layout above; arrays that may be missing change nothing of it.
 const FORMAT: u32 = 1;
 
 /// A field, and the mapper that learnt it if mapping is to go on.
 #[derive(Debug, Clone)]
 pub struct Saved {
-    /// The stiffness of all touched cells.
+    /// The stiffness of all cells that were touched or expected to be stiff.
     pub field: Field,
+    /// What would be expected of every cell of the field, had nothing been touched, N/m, by row;
+    /// `None` if that is the same of all, as the settings have it. The array `K_prior`.
+    pub prior_n_per_m: Option<Vec<f64>>,
     /// Name of the robot that touched them.
     pub robot: String,
     /// The mapper, if the file holds it.
@@ -95,6 +98,9 @@ struct MapperMeta {
     rng: RngState,
     #[serde(default)]
     replays_due: bool,
+    /// First rows that a prior by cell declared: the prior of the others is the settings'.
+    #[serde(default)]
+    expected: usize,
 }
 
 /// Writes a field, whole or not at all, in the place of any file of that name.
@@ -132,6 +138,7 @@ fn to_arrays(saved: &Saved) -> Arrays {
         stiffness: field.stiffness_n_per_m.clone(),
         std: Some(field.std_n_per_m.clone()),
         counts: Some(field.counts.clone()),
+        prior: saved.prior_n_per_m.clone(),
         lattice: Some(lattice_of(field)),
         cells: Some(field.cells.iter().map(|cell| cell.0).collect()),
     };
@@ -151,6 +158,7 @@ fn to_arrays(saved: &Saved) -> Arrays {
             step: snapshot.state.step,
             rng: snapshot.state.rng,
             replays_due: snapshot.replays_due,
+            expected: snapshot.expected_n_per_m.len(),
         }),
     };
     let json = serde_json::to_string(&meta).expect("settings are plain data");
@@ -229,11 +237,11 @@ fn from_arrays(arrays: &Arrays, path: &str) -> Result<Saved, SavedError> {
         let what = format!("cell {} is not in the lattice {:?}", cell.0, field.lattice.shape());
         return Err(contradiction(what));
     }
-    let snapshot = match meta.mapper {
-        Some(mapper) => Some(snapshot(arrays, path, mapper, &field, &meta.robot)?),
-        None => None,
-    };
-    Ok(Saved { field, robot: meta.robot, snapshot })
+    let mut saved = Saved { field, prior_n_per_m: file.prior, robot: meta.robot, snapshot: None };
+    if let Some(mapper) = meta.mapper {
+        saved.snapshot = Some(snapshot(arrays, path, mapper, &saved)?);
+    }
+    Ok(saved)
 }
 
 /// The mapper that named arrays hold.
@@ -241,8 +249,7 @@ fn snapshot(
     arrays: &Arrays,
     path: &str,
     mapper: MapperMeta,
-    field: &Field,
-    robot: &str,
+    saved: &Saved,
 ) -> Result<Snapshot, SavedError> {
     let numbers = arrays.counts("memory_source", &[None, Some(2)])?;
     let alphas = arrays.floats("memory_alpha", &[Some(numbers.len() / 2), None])?;
@@ -254,7 +261,7 @@ fn snapshot(
     let state = EstimatorState {
         mean: arrays.floats("state_mean", &[None])?,
         variance: arrays.floats("state_variance", &[None])?,
-        counts: field.counts.clone(),
+        counts: saved.field.counts.clone(),
         seen: arrays.counts("state_seen", &[None])?,
         step: mapper.step,
         remembered: remembered.collect(),
@@ -270,11 +277,21 @@ fn snapshot(
         let what = format!("remembered frames have {width} multipliers, wanted {wanted}");
         return Err(SavedError::Contradiction { path: path.to_owned(), what });
     }
+    let prior = saved.prior_n_per_m.as_deref().unwrap_or_default();
+    let Some(expected) = prior.get(..mapper.expected) else {
+        let what = format!(
+            "{} cells are said to have a prior of their own, but `K_prior` has {}",
+            mapper.expected,
+            prior.len()
+        );
+        return Err(SavedError::Contradiction { path: path.to_owned(), what });
+    };
     Ok(Snapshot {
         config: mapper.config,
-        robot: (robot.to_owned(), mapper.fingerprint),
+        robot: (saved.robot.clone(), mapper.fingerprint),
         n_joints,
-        cells: field.cells.clone(),
+        cells: saved.field.cells.clone(),
+        expected_n_per_m: expected.to_vec(),
         state,
         touches: mapper.touches,
         replays_due: mapper.replays_due,

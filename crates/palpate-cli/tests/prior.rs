@@ -1,0 +1,213 @@
+//! What `palpate map --prior` promises: what a field expects is where another one starts.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+mod common;
+
+use std::path::Path;
+use std::process::Command;
+
+use common::{Scene, json, palpate, refuse, stderr, stdout, succeed};
+use palpate_io::atomic::IfExists;
+use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
+use palpate_io::field::{Saved, load, save};
+
+/// What both touches of the scene meet is learnt from the first: `out/first.npz`.
+fn scene() -> Scene {
+    let scene = Scene::new();
+    let first = scene.text("out/first.npz");
+    succeed(&mut scene.map(&["log/seq_0"], &["-o", &first]));
+    scene
+}
+
+/// `palpate map` of the second touch into `out/field.npz`, with a prior out of the scene.
+fn with_prior(scene: &Scene, prior: &str, more: &[&str]) -> Command {
+    let prior = scene.text(prior);
+    scene.map(&["log/seq_1"], &[&["--prior", &prior], more].concat())
+}
+
+fn field(scene: &Scene, name: &str) -> Saved {
+    load(&scene.path(name)).unwrap()
+}
+
+/// Changes a field on disk.
+fn change(scene: &Scene, name: &str, change: impl FnOnce(&mut Saved)) {
+    let mut saved = field(scene, name);
+    change(&mut saved);
+    save(&scene.path(name), &saved).unwrap();
+}
+
+#[test]
+fn a_field_learnt_yesterday_is_a_prior_for_today() {
+    let scene = scene();
+    let told = json(&mut with_prior(&scene, "out/first.npz", &["--json"]));
+    let (first, second) = (field(&scene, "out/first.npz"), field(&scene, "out/field.npz"));
+    let (was, is) = (&first.field, &second.field);
+    let prior = second.prior_n_per_m.unwrap();
+    let expected = was.cells.len();
+    assert!(is.cells[..expected].is_sorted() && is.cells.len() > expected);
+    for (row, cell) in is.cells.iter().enumerate() {
+        let before = was.cells.iter().position(|other| other == cell);
+        let mean = before.map_or(was.untouched_n_per_m, |row| was.stiffness_n_per_m[row]);
+        assert_eq!((before.is_some(), prior[row]), (row < expected, mean), "row {row}");
+        assert!(is.counts[row] > 0 || is.stiffness_n_per_m[row] == mean, "row {row}");
+    }
+    let touched = |counts: &[u32]| counts.iter().filter(|&&count| count > 0).count();
+    assert_eq!(told["cells_touched"], touched(&is.counts));
+    assert_eq!(told["cells_expected"], expected);
+    let both = touched(&is.counts[..expected]);
+    assert!(0 < both && both < expected, "{both} of {expected}");
+    assert_eq!(told["cells_expected_and_touched"], both);
+    let output = with_prior(&scene, "out/first.npz", &[]).output().unwrap();
+    assert!(stdout(&output).contains(&format!("{expected}, {both} of them touched")));
+    let words = format!("the prior of {expected} cells is `K` of");
+    assert!(stderr(&output).contains(&words), "{}", stderr(&output));
+    // The other touch is predicted from it as if it had been learnt.
+    let report = json(&mut scene.predict(&["log/seq_0"], &["--json"]));
+    assert!(report["overall"]["avg_relative"].as_f64() < Some(0.9), "{report}");
+
+    let mut inspect = palpate();
+    let told = succeed(inspect.arg("inspect").arg(scene.path("out/field.npz")));
+    let more = format!("{} cells more, expected by a prior", is.cells.len() - touched(&is.counts));
+    assert!(told.contains(&more), "{told}");
+    assert!(told.contains(&format!("{} touched", touched(&is.counts))), "{told}");
+}
+
+#[test]
+fn what_was_expected_before_any_touch_wins_over_what_was_learnt() {
+    let scene = scene();
+    change(&scene, "out/first.npz", |saved| {
+        saved.prior_n_per_m = Some(vec![0.125; saved.field.cells.len()]);
+    });
+    let output = with_prior(&scene, "out/first.npz", &[]).output().unwrap();
+    assert!(stderr(&output).contains("is `K_prior` of"), "{}", stderr(&output));
+    let (second, expected) = (field(&scene, "out/field.npz"), field(&scene, "out/first.npz"));
+    let prior = second.prior_n_per_m.unwrap();
+    let (expected, others) = prior.split_at(expected.field.cells.len());
+    assert!(expected.iter().all(|&k| k == 0.125) && others.iter().all(|&k| k == 0.0));
+    assert!(!others.is_empty());
+}
+
+#[test]
+fn mapping_in_two_halves_is_mapping_at_once_with_a_prior_too() {
+    let scene = scene();
+    let prior = scene.text("out/first.npz");
+    let at = |name: &str| scene.text(name);
+    for estimator in ["map", "ekf"] {
+        let with = ["--prior", &prior, "--estimator", estimator];
+        let to = |name: &str| [&with[..], &["-o", &at(name)]].concat().join("\n");
+        let map = |logs: &[&str], flags: &str| {
+            succeed(&mut scene.map(logs, &flags.split('\n').collect::<Vec<_>>()))
+        };
+        map(&["log/seq_1", "log/seq_0"], &to("once.npz"));
+        map(&["log/seq_1"], &to("half.npz"));
+        let (from, both) = (at("half.npz"), at("both.npz"));
+        let told = json(&mut scene.map(&["log/seq_0"], &["--from", &from, "-o", &both, "--json"]));
+        let (once, both) = (field(&scene, "once.npz"), field(&scene, "both.npz"));
+        assert_eq!((&once.field, &once.prior_n_per_m), (&both.field, &both.prior_n_per_m));
+        let expected = field(&scene, "out/first.npz").field.cells.len();
+        assert_eq!(told["cells_expected"], expected, "{estimator}");
+    }
+}
+
+#[test]
+fn what_is_no_field_of_palpates_is_no_prior() {
+    let scene = scene();
+    let mut cloud = Arrays::new();
+    cloud.insert("points", Array::new(vec![2, 3], Data::F64(vec![0.0; 6])));
+    for name in ["K", "K_std", "touched"] {
+        cloud.insert(name, Array::flat(Data::F64(vec![1.0; 2])));
+    }
+    write_npz(&scene.path("cloud.npz"), &cloud, IfExists::Refuse).unwrap();
+    let openvsf = "../palpate-io/testdata/openvsf.npz";
+    let openvsf = Path::new(env!("CARGO_MANIFEST_DIR")).join(openvsf);
+    std::fs::copy(openvsf, scene.path("openvsf.npz")).unwrap();
+    for file in ["cloud.npz", "openvsf.npz"] {
+        let words = [file, "cannot be a prior", "`palpate extrapolate --field`"];
+        refuse(&mut with_prior(&scene, file, &[]), 1, &words);
+    }
+    refuse(&mut with_prior(&scene, "none.npz", &[]), 1, &["none.npz"]);
+    assert_eq!(scene.results(), ["first.npz"]);
+}
+
+#[test]
+fn a_prior_in_another_lattice_is_refused_with_the_flags_that_give_it() {
+    let scene = scene();
+    let mut coarser = with_prior(&scene, "out/first.npz", &["--settings"]);
+    std::fs::write(scene.path("s.toml"), "[lattice]\n").unwrap();
+    coarser.arg(scene.path("s.toml")).args(["--box-high-m", "1.0,1.2,1.2"]);
+    let output = coarser.output().unwrap();
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    for words in ["[80, 80, 80] points every 0.03 m", "[73, 80, 80] points", "make the prior anew"]
+    {
+        assert!(said.contains(words), "`{words}` is not in: {said}");
+    }
+    // What it advises works.
+    let advice = said.split_once("give ").unwrap().1.split_once(", or make").unwrap().0;
+    let mut map = palpate();
+    map.arg("map").arg(scene.path("log/seq_1")).args(scene.settings());
+    map.arg("-o").arg(scene.path("out/field.npz"));
+    map.arg("--prior").arg(scene.path("out/first.npz")).args(advice.split(' '));
+    succeed(&mut map);
+}
+
+#[test]
+fn a_prior_beside_from_or_of_impossible_stiffness_or_replaced_by_the_result_is_refused() {
+    let scene = scene();
+    let first = scene.text("out/first.npz");
+    let both = ["--from", &first];
+    refuse(&mut with_prior(&scene, "out/first.npz", &both), 2, &["--prior and --from exclude"]);
+    let over = scene.map(&["log/seq_1"], &["--prior", &first, "-o", &first]);
+    refuse(&mut { over }, 2, &["the prior (--prior)"]);
+    change(&scene, "out/first.npz", |saved| saved.field.stiffness_n_per_m[3] = 1e10);
+    let words = ["first.npz", "cannot be a prior", "is 10000000000 N/m"];
+    refuse(&mut with_prior(&scene, "out/first.npz", &[]), 1, &words);
+}
+
+#[test]
+fn a_prior_learnt_with_another_contact_model_is_taken_and_told() {
+    let scene = scene();
+    let more = ["--friction", "0.9", "--contact-distance-m", "0.03"];
+    let output = with_prior(&scene, "out/first.npz", &more).output().unwrap();
+    assert!(output.status.success());
+    let said = stderr(&output);
+    for words in
+        ["another contact model", "friction is 0.3, not 0.9", "contact_distance_m is 0.024"]
+    {
+        assert!(said.contains(words), "`{words}` is not in: {said}");
+    }
+    let same = with_prior(&scene, "out/first.npz", &[]).output().unwrap();
+    assert!(!stderr(&same).contains("contact model"));
+}
+
+#[test]
+fn a_picture_shows_what_was_touched_and_not_what_was_expected() {
+    let scene = scene();
+    let svg = |name: &str| std::fs::read_to_string(scene.path(name)).unwrap();
+    let plain = scene.text("out/plain.svg");
+    succeed(&mut scene.map(&["log/seq_1"], &["--picture", &plain]));
+    // Expecting zero, as the settings do, changes nothing but the cells that there are.
+    change(&scene, "out/first.npz", |saved| saved.field.stiffness_n_per_m.fill(0.0));
+    let expecting = scene.text("out/expecting.svg");
+    succeed(&mut with_prior(&scene, "out/first.npz", &["--picture", &expecting]));
+    assert!(svg("out/plain.svg") == svg("out/expecting.svg"));
+}
+
+#[test]
+fn half_of_the_bundled_touches_tell_something_about_the_other_half() {
+    let scene = Scene::new();
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
+    let map = |touches: [&str; 3], to: &str, more: &[&str]| {
+        let mut map = palpate();
+        map.arg("map").args(touches.map(|touch| data.join(touch))).args(more);
+        map.args(["--json", "--no-cache", "--bake-spacing-m", "0.01", "--spacing-m", "0.024"]);
+        json(map.args(["--replays", "3", "-o", &scene.text(to)]))
+    };
+    map(["seq_000", "seq_002", "seq_004"], "out/half.npz", &[]);
+    let others = ["seq_001", "seq_003", "seq_005"];
+    let error = |told: serde_json::Value| told["before_learning"]["avg_error"].as_f64().unwrap();
+    let alone = error(map(others, "out/alone.npz", &[]));
+    let half = scene.text("out/half.npz");
+    let after = error(map(others, "out/after.npz", &["--prior", &half]));
+    assert!(after < alone, "{after} N·m with the prior, {alone} N·m without");
+}
