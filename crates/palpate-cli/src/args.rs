@@ -6,7 +6,7 @@ use clap_complete::Shell;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::AllSettings;
-use crate::{bench, demo, evaluate, inspect, map, predict, tune};
+use crate::{bench, demo, evaluate, extrapolate, inspect, map, predict, tune};
 
 /// Learns where an object is stiff from what a robot arm's joints feel while the arm touches it.
 #[derive(Debug, Parser)]
@@ -29,6 +29,8 @@ pub(crate) enum Command {
     Evaluate(evaluate::Args),
     /// Choose settings by cross-validation on one's own touches
     Tune(tune::Args),
+    /// Carry stiffness over to all that a camera saw: from what was touched to what was only seen
+    Extrapolate(extrapolate::Args),
     /// Map and predict bundled, simulated touches: a first look, without any data of your own
     Demo(demo::Args),
     /// Say what a log, a robot or a field holds, and what looks wrong with it

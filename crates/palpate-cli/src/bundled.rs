@@ -1,4 +1,4 @@
-//! The bundled touches, carried in the binary so that what needs no log runs wherever it is
+//! The bundled touches and the cloud of what they touch, carried in the binary so that what needs no log runs wherever it is
 //! installed.
 //!
 //! They are simulated, and whoever shows results of them says so.
@@ -77,6 +77,9 @@ const TOUCHES: [Bundled; 11] = [
     },
 ];
 
+/// What a camera saw of the plant before the touches, as PLY.
+const OBJECT: &[u8] = include_bytes!("../../../data/plant_a/object.ply");
+
 /// How many touches there are.
 pub(crate) const COUNT: usize = TOUCHES.len();
 
@@ -86,6 +89,8 @@ pub(crate) struct Unpacked {
     _folder: TempDir,
     /// The folder of each touch.
     pub touches: Vec<PathBuf>,
+    /// The coloured cloud of the object that was touched.
+    pub object: PathBuf,
 }
 
 /// Unpacks the touches into a temporary folder.
@@ -93,7 +98,9 @@ pub(crate) fn unpack() -> Result<Unpacked, CliError> {
     let unpacked = |source| CliError::Write { what: "the bundled touches".to_owned(), source };
     let folder = tempfile::tempdir().map_err(unpacked)?;
     let touches = into(folder.path()).map_err(unpacked)?;
-    Ok(Unpacked { _folder: folder, touches })
+    let object = folder.path().join("object.ply");
+    fs::write(&object, OBJECT).map_err(unpacked)?;
+    Ok(Unpacked { _folder: folder, touches, object })
 }
 
 /// Unpacks the touches into a folder and returns the folder of each.

@@ -9,6 +9,8 @@ mod bundled;
 mod demo;
 mod error;
 mod evaluate;
+mod extrapolate;
+mod hull;
 mod inspect;
 mod interrupt;
 mod learn;
@@ -22,6 +24,7 @@ mod prior;
 mod quantile;
 mod report;
 mod robot;
+mod seen;
 mod settings;
 mod touches;
 mod tune;
@@ -56,6 +59,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
         Command::Predict(args) => predict::run(args, output),
         Command::Evaluate(args) => evaluate::run(args, output),
         Command::Tune(args) => tune::run(args, output),
+        Command::Extrapolate(args) => extrapolate::run(args, output),
         Command::Demo(args) => demo::run(args, output),
         Command::Inspect(args) => inspect::run(args, output),
         Command::Bench(args) => bench::run(args, output),

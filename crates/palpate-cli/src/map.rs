@@ -18,7 +18,7 @@ use crate::pace::{self, Pace, PaceArgs, PaceFigures};
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings, first_difference};
 use crate::touches::Touches;
-use crate::{interrupt, picture, place, prior, robot};
+use crate::{interrupt, picture, prior, robot};
 
 const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz
@@ -63,7 +63,7 @@ pub(crate) struct Args {
     #[arg(long)]
     save_on_interrupt: bool,
     /// Draw the field from three sides
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_name = "FILE.svg|FILE.png")]
     picture: Option<PathBuf>,
     /// Print the summary as JSON
     #[arg(long)]
@@ -103,6 +103,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if args.from.is_none() {
         settings.config()?;
     }
+    let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
     args.check_places(&settings)?;
     interrupt::listen();
     let touches = Touches::open(&args.logs, &settings.log.options())?;
@@ -119,8 +120,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
 
     save(args, &mapper, pace)?;
-    if let Some(path) = &args.picture {
-        place::write(path, &picture::field(&mapper.field())?)?;
+    if let (Some(path), Some(format)) = (&args.picture, format) {
+        format.write(path, &picture::field(&mapper.field())?)?;
     }
     let pace = pace.map(Pace::figures);
     let cells = Cells::of(&mapper);

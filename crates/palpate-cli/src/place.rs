@@ -123,7 +123,11 @@ fn is_table(path: &Path) -> bool {
 
 /// Writes a text, whole or not at all.
 pub(crate) fn write(path: &Path, text: &str) -> Result<(), CliError> {
+    write_bytes(path, text.as_bytes())
+}
+
+/// Writes bytes, whole or not at all.
+pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
     use std::io::Write;
-    atomic::write(path, IfExists::Replace, |out| out.write_all(text.as_bytes()))
-        .map_err(CliError::file)
+    atomic::write(path, IfExists::Replace, |out| out.write_all(bytes)).map_err(CliError::file)
 }

@@ -143,6 +143,20 @@ fn torques_and_pictures_go_where_they_are_asked_to() {
 }
 
 #[test]
+fn a_picture_is_what_its_name_ends_in() {
+    let scene = Scene::new();
+    let [field, torques] = ["out/field.png", "out/torques.PNG"].map(|name| scene.text(name));
+    refuse(&mut scene.map(&["log"], &["--picture", "field.jpg"]), 2, &["jpg", ".svg", ".png"]);
+    assert!(common::names(&scene.path("out")).is_empty(), "refused before any work");
+    succeed(&mut scene.map(&["log"], &["--picture", &field]));
+    succeed(&mut scene.predict(&["log"], &["--picture", &torques]));
+    for picture in [field, torques] {
+        assert!(fs::read(picture).unwrap().starts_with(b"\x89PNG"));
+    }
+    refuse(&mut scene.predict(&["log"], &["--picture", "torques"]), 2, &[".svg", ".png"]);
+}
+
+#[test]
 fn what_touches_nothing_known_is_said() {
     let scene = Scene::new();
     let away = ["--box-low-m", "5,5,5", "--box-high-m", "6,6,6"];

@@ -9,6 +9,7 @@
 //! | [`mod@evaluate`]        | all methods on all folds                                        |
 //! | [`mod@evaluation`]      | what came out                                                   |
 //! | [`mod@tune`]            | settings from training touches alone                            |
+//! | [`mod@extrapolate`]     | from what was touched to what was only seen                     |
 //! | [`mod@errors`]          | the four figures of Table I                                     |
 //!
 //! The crate knows the estimators of the core, but no file.
@@ -18,6 +19,7 @@ pub mod contender;
 pub mod errors;
 pub mod evaluate;
 pub mod evaluation;
+pub mod extrapolate;
 pub mod folds;
 pub mod regression;
 pub mod tracked;

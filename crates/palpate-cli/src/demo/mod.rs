@@ -1,5 +1,5 @@
-//! `palpate demo`: learn from bundled touches, predict the one that was held out, then evaluate all
-//! methods on all of them.
+//! `palpate demo`: learn from bundled touches, predict the one that was held out, evaluate all
+//! methods on all of them, and carry what was learnt over to what a camera saw.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -8,6 +8,7 @@ use std::sync::Arc;
 use palpate::arm::Arm;
 use palpate::field::Field;
 use palpate::mapper::Mapper;
+use palpate_io::cloud;
 use palpate_io::field::{self, Saved};
 use palpate_io::log::LogOptions;
 use palpate_learn::contender::Contender;
@@ -23,11 +24,14 @@ use crate::predict::{Against, Report, TouchResult, score, tell_oddities};
 use crate::settings::sections::{EstimatorSettings, RobotSettings};
 use crate::settings::{Settings, SettingsError};
 use crate::touches::{Recorded, Touches};
-use crate::{bundled, evaluate, interrupt, picture, place, robot};
+use crate::{bundled, evaluate, extrapolate, interrupt, picture, place, robot};
 
 const ORIGIN: &str = "The touches are simulated: a Kinova Gen3 pushes into a potted plant in \
                       MuJoCo, an engine\nthat shares nothing with palpate's contact model. No \
                       real robot took part.\n";
+
+/// Random halves of the touches on which the extrapolation is tried.
+const HALVES: u32 = 3;
 
 /// Flags of `palpate demo`.
 #[derive(Debug, clap::Args)]
@@ -83,7 +87,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let evaluation = if args.no_report {
         None
     } else {
-        Some(evaluate_all(&arm, &recorded, (&folder.path, settings), output)?)
+        let evaluated = evaluate_all(&arm, &recorded, (&folder.path, settings), output)?;
+        carry_over(&arm, &saved, (&files.object, &folder.path), output)?;
+        Some(evaluated)
     };
     let report = Report::new(&results, Against::Measured);
     if args.json {
@@ -126,6 +132,24 @@ fn evaluate_all(
     Ok((told.text(), told.json()))
 }
 
+/// Carries the stiffness of the field over to the bundled cloud; writes Fig. 4 and its page.
+fn carry_over(
+    arm: &Arc<Arm>,
+    saved: &Saved,
+    (object, folder): (&Path, &Path),
+    output: &Output,
+) -> Result<(), CliError> {
+    let cloud = cloud::read(object).map_err(CliError::file)?.cloud;
+    let names = [Path::new("field.npz"), Path::new("object.ply")];
+    let (config, halves) = (extrapolate::Config::default(), Some(HALVES));
+    let work = extrapolate::Work { arm, saved, names, cloud: &cloud, config, halves };
+    let found = work.run(output)?;
+    let told = extrapolate::Told { work: &work, found: &found, truth: None, simulated: true };
+    extrapolate::write(&folder.join("seen.ply"), &cloud, &found.extrapolation)?;
+    place::write(&folder.join("fig4.svg"), &told.picture(None)?)?;
+    place::write(&folder.join("seen.html"), &told.page()?)
+}
+
 /// What `--json` prints: the keys of `palpate predict`, and where they come from.
 #[derive(Serialize)]
 struct Findings<'a> {
@@ -158,7 +182,10 @@ fn told(
     text += &report.text();
     let folder = folder.display();
     let page = if evaluation.is_some() {
-        "\n  report.html  all of that, to open in a browser; figures in figures/"
+        "\n  report.html  all of that, to open in a browser; figures in figures/\n  \
+           seen.html    stiffness of all that a camera saw of the plant, carried over from what was \
+         touched\n  \
+           fig4.svg     the same as a picture, seen.ply as a cloud"
     } else {
         ""
     };
@@ -175,7 +202,8 @@ fn told(
            palpate inspect LOG --robot ROBOT.urdf       does it hold what it should?\n  \
            palpate map LOG -o field.npz --robot ROBOT.urdf\n  \
            palpate predict field.npz OTHER_LOG --robot ROBOT.urdf\n  \
-           palpate evaluate LOG --robot ROBOT.urdf      how far is it to be trusted?\n"
+           palpate evaluate LOG --robot ROBOT.urdf      how far is it to be trusted?\n  \
+           palpate extrapolate field.npz CLOUD.ply -o seen.ply --robot ROBOT.urdf\n"
     );
     text
 }

@@ -3,15 +3,14 @@
 //! Cells that were never touched are not shown: what is expected of them is no finding.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 use palpate::field::Field;
 use palpate::lattice::{CellId, Lattice};
 use plotters::chart::ChartBuilder;
-use plotters::element::{Circle, Rectangle, Text};
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{Color, RGBColor};
+use plotters::element::{Circle, Text};
+use plotters::style::Color;
 
+use super::scale::Scale;
 use super::{Area, Drawn, FAINT, INK, svg, text};
 
 /// What each view shows to the right and upwards: axes x, y, z as 0, 1, 2.
@@ -26,9 +25,6 @@ const TITLE: u32 = 34;
 const GAP: u32 = 14;
 const EDGE: u32 = 8;
 const BAR_WIDTH: u32 = 110;
-/// Stiffness shown: this many powers of ten below the largest.
-const DECADES: f64 = 2.5;
-const SOFT: RGBColor = RGBColor(226, 228, 232);
 
 /// Draws a field.
 pub(crate) fn field(field: &Field) -> Result<String, String> {
@@ -51,7 +47,8 @@ pub(crate) fn field(field: &Field) -> Result<String, String> {
             scene.view(&area.clone().shrink((x, 0), size), view)?;
             x += size.0;
         }
-        scene.bar(&area.clone().shrink((x, 0), (BAR_WIDTH, height)))
+        let bar = (TITLE as i32 + 12, (height - LABELS.1) as i32 - 34);
+        scene.scale.bar(&area.clone().shrink((x, 0), (BAR_WIDTH, height)), bar)
     })
 }
 
@@ -62,8 +59,7 @@ struct Scene<'a> {
     cells: Vec<(CellId, f64)>,
     low_m: [f64; 3],
     high_m: [f64; 3],
-    /// Stiffness at the ends of the colour bar, N/m.
-    scale: Range<f64>,
+    scale: Scale,
 }
 
 impl<'a> Scene<'a> {
@@ -81,8 +77,7 @@ impl<'a> Scene<'a> {
             }
         }
         let largest = cells.iter().map(|&(_, stiffness)| stiffness).fold(0.0, f64::max);
-        let largest = if largest > 0.0 { largest } else { 1.0 };
-        let scale = largest / 10_f64.powf(DECADES)..largest;
+        let scale = Scale::up_to(largest);
         let lattice = &field.lattice;
         (!cells.is_empty()).then_some(Self { lattice, cells, low_m, high_m, scale })
     }
@@ -96,15 +91,6 @@ impl<'a> Scene<'a> {
         let across: f64 = VIEWS.iter().map(|&(_, right, _)| self.length_m(right)).sum();
         let up = VIEWS.iter().map(|&(_, _, up)| self.length_m(up)).fold(0.0, f64::max);
         (PLOTS.0 / across).min(PLOTS.1 / up)
-    }
-
-    /// Colour of a stiffness; grey below the bar.
-    fn colour(&self, stiffness: f64) -> RGBColor {
-        if stiffness < self.scale.start {
-            return SOFT;
-        }
-        let part = (stiffness / self.scale.start).log10() / DECADES;
-        viridis(part)
     }
 
     /// The stiffest cell of each line of sight, softest first.
@@ -151,81 +137,9 @@ impl<'a> Scene<'a> {
             .draw()?;
         let radius_px = 0.46 * self.lattice.spacing_m() * self.px_per_m();
         let radius_px = radius_px.round().max(1.0) as i32;
-        let dot = |(at, stiffness)| Circle::new(at, radius_px, self.colour(stiffness).filled());
+        let dot =
+            |(at, stiffness)| Circle::new(at, radius_px, self.scale.colour(stiffness).filled());
         chart.draw_series(self.projected(right, up).into_iter().map(dot))?;
         Ok(())
-    }
-
-    fn bar(&self, area: &Area<'_>) -> Drawn {
-        let height = area.dim_in_pixel().1 as i32;
-        let (top, bottom) = (TITLE as i32 + 12, height - LABELS.1 as i32 - 34);
-        area.draw(&Text::new("K [N/m]", (8, top - 32), text(14)))?;
-        let y = |part: f64| bottom - (part * f64::from(bottom - top)).round() as i32;
-        for step in 0..64 {
-            let (from, to) = (f64::from(step) / 64.0, f64::from(step + 1) / 64.0);
-            let box_px = [(10, y(to)), (28, y(from))];
-            area.draw(&Rectangle::new(box_px, viridis(0.5 * (from + to)).filled()))?;
-        }
-        let beside = text(13).pos(Pos::new(HPos::Left, VPos::Center));
-        let first = self.scale.start.log10().floor() as i32;
-        for decade in first..=first + DECADES.ceil() as i32 + 1 {
-            for digit in [1.0, 3.0] {
-                let stiffness = digit * 10_f64.powi(decade);
-                let part = (stiffness / self.scale.start).log10() / DECADES;
-                if (0.0..=1.0).contains(&part) {
-                    let line = [(28, y(part)), (34, y(part))];
-                    area.draw(&plotters::element::PathElement::new(line, INK))?;
-                    area.draw(&Text::new(shown(stiffness), (38, y(part)), beside.clone()))?;
-                }
-            }
-        }
-        area.draw(&Rectangle::new([(10, bottom + 10), (28, bottom + 24)], SOFT.filled()))?;
-        area.draw(&Text::new("softer", (38, bottom + 17), beside))?;
-        Ok(())
-    }
-}
-
-/// A round number for the colour bar.
-fn shown(stiffness: f64) -> String {
-    let digits = (-stiffness.log10().floor()).max(0.0) as usize;
-    format!("{stiffness:.digits$}")
-}
-
-/// Matplotlib's colour map of that name, 0 to 1, between ten of its colours.
-fn viridis(part: f64) -> RGBColor {
-    const STOPS: [[u8; 3]; 10] = [
-        [68, 1, 84],
-        [72, 40, 120],
-        [62, 74, 137],
-        [49, 104, 142],
-        [38, 130, 142],
-        [31, 158, 137],
-        [53, 183, 121],
-        [110, 206, 88],
-        [181, 222, 43],
-        [253, 231, 37],
-    ];
-    let at = part.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
-    let below = (at.floor() as usize).min(STOPS.len() - 2);
-    let mix = |channel: usize| {
-        let (from, to) = (f64::from(STOPS[below][channel]), f64::from(STOPS[below + 1][channel]));
-        (from + (at - below as f64) * (to - from)).round() as u8
-    };
-    RGBColor(mix(0), mix(1), mix(2))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_colour_map_meets_its_ends_and_stops() {
-        assert_eq!(viridis(0.0), RGBColor(68, 1, 84));
-        assert_eq!(viridis(1.0), RGBColor(253, 231, 37));
-        assert_eq!(viridis(3.0 / 9.0), RGBColor(49, 104, 142));
-        assert_eq!(
-            (shown(0.03), shown(1.0), shown(300.0)),
-            ("0.03".into(), "1".into(), "300".into())
-        );
     }
 }

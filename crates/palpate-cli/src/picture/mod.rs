@@ -1,12 +1,18 @@
 //! Pictures, as SVG that needs no font of this machine.
 //!
 //! [`torques()`] shows what was predicted beside what was felt, [`field()`] the field from three
-//! sides, [`errors()`] how wrong every method was during a touch. They return the file's text;
-//! [`crate::place`] writes it.
+//! sides, [`errors()`] how wrong every method was during a touch, [`fig4()`] the field beside the
+//! camera's cloud that it was extrapolated to. They return the file's text; [`Format`] writes it, or
+//! turns it into a PNG, with letters that the command brings along.
 
 mod errors;
 mod field;
+mod fig4;
+mod format;
+mod raster;
+mod scale;
 mod torques;
+mod view;
 
 use plotters::backend::SVGBackend;
 use plotters::coord::Shift;
@@ -15,7 +21,10 @@ use plotters::style::{Color, IntoFont, RGBColor, TextStyle};
 
 pub(crate) use errors::{counted, errors};
 pub(crate) use field::field;
+pub(crate) use fig4::fig4;
+pub(crate) use format::Format;
 pub(crate) use torques::torques;
+pub(crate) use view::View;
 
 /// Where a picture is drawn.
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;

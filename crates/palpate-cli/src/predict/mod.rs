@@ -18,7 +18,7 @@ use crate::output::Output;
 use crate::place::Places;
 use crate::settings::RobotAndLogSettings;
 use crate::touches::Touches;
-use crate::{interrupt, picture, place, robot};
+use crate::{interrupt, picture, robot};
 
 pub(crate) use report::{Report, tell_oddities};
 pub(crate) use score::{Against, FrameResult, TouchResult, score};
@@ -58,7 +58,7 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "FILE.csv|FILE.npz")]
     output: Option<PathBuf>,
     /// Draw predicted and felt torques
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_name = "FILE.svg|FILE.png")]
     picture: Option<PathBuf>,
     /// Print the errors as JSON
     #[arg(long)]
@@ -84,6 +84,7 @@ impl Args {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings = args.settings.load()?;
     let export = args.output.as_deref().map(export::Format::of).transpose()?;
+    let picture = args.picture.as_deref().map(picture::Format::of).transpose()?;
     args.check_places(settings.robot.name())?;
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
@@ -100,8 +101,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if let (Some(path), Some(format)) = (&args.output, export) {
         format.write(path, &results)?;
     }
-    if let Some(path) = &args.picture {
-        place::write(path, &picture::torques(&results, against)?)?;
+    if let (Some(path), Some(format)) = (&args.picture, picture) {
+        format.write(path, &picture::torques(&results, against)?)?;
     }
     let report = Report::new(&results, against);
     tell_oddities(&results, output);

@@ -13,7 +13,7 @@ const FRAMES: usize = 200;
 const JOINTS: usize = 7;
 
 /// Touches that push in and come back, at 20 Hz; the second has a name that breaks careless HTML.
-pub(super) fn evaluation() -> Evaluation {
+pub(crate) fn evaluation() -> Evaluation {
     let names = ["first", "second <touch>", "third </script>"];
     let touches: Vec<LeftOut> = names.iter().enumerate().map(|(n, name)| touch(n, name)).collect();
     let rows = METHODS.iter().enumerate();
@@ -49,7 +49,7 @@ fn touch(number: usize, name: &str) -> LeftOut {
 }
 
 /// Seven joints, of which the fourth and the last carry a rod.
-pub(super) fn arm() -> Arm {
+pub(crate) fn arm() -> Arm {
     let mut urdf = "<robot name='rods'><link name='link_0'/>".to_owned();
     for joint in 1..=JOINTS {
         let rod = "<collision><origin xyz='0 0 0.05'/><geometry><cylinder radius='0.03' \
@@ -69,7 +69,7 @@ pub(super) fn arm() -> Arm {
 }
 
 /// A ball of cells whose stiffness spans four decades.
-pub(super) fn field() -> Field {
+pub(crate) fn field() -> Field {
     let lattice = Lattice::new([0.2, -0.2, 0.3], 0.02, [20, 20, 20]).unwrap();
     let places = (0..20_u32.pow(3)).map(|n| [n % 20, n / 20 % 20, n / 400]);
     let (mut cells, mut stiffness_n_per_m) = (Vec::new(), Vec::new());

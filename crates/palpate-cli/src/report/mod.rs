@@ -1,12 +1,16 @@
-//! The report of an evaluation: one HTML file that opens without a network.
+//! Pages for readers, each one HTML file that opens without a network.
 //!
-//! [`table`] words what was found, [`data`] packs the curves for the figures, [`Scene`] the field
-//! and the arm that moves before it; the page itself is `report.html` with `report.css` and
-//! `report.js`, and plotly.js draws. Everything is inlined, and the page forbids itself to load
-//! anything else. [`errors_csv`] is Table I touch by touch, for programs.
+//! [`Report`] is that of an evaluation: [`table`] words what was found, [`data`] gathers the curves
+//! for the figures, [`Scene`] the field and the arm that moves before it; the page itself is
+//! `report.html` with `report.css` and `report.js`. [`ExtrapolationPage`] is Fig. 4, to be turned:
+//! `extrapolation.html` and `.js`. Both share `shared.js` and how numbers are [`packed`]; plotly.js
+//! draws. Everything is inlined, and the pages forbid themselves to load anything else.
+//! [`errors_csv`] is Table I touch by touch, for programs.
 
 mod csv;
 mod data;
+mod extrapolation;
+mod packed;
 mod page;
 mod scene;
 mod table;
@@ -14,13 +18,14 @@ mod table;
 #[cfg(test)]
 mod browser;
 #[cfg(test)]
-mod example;
+pub(crate) mod example;
 
 use palpate_learn::evaluation::Evaluation;
 
 use crate::error::CliError;
 
 pub(crate) use csv::errors_csv;
+pub(crate) use extrapolation::ExtrapolationPage;
 pub(crate) use scene::Scene;
 
 /// What a report tells.
@@ -60,7 +65,7 @@ impl Report<'_> {
             ("settings", page::escaped(self.settings_toml)),
             ("plotly", page::plotly_js()),
             ("data", blob),
-            ("script", include_str!("report.js").to_owned()),
+            ("script", [page::SHARED_JS, include_str!("report.js")].concat()),
         ];
         Ok(page::fill(include_str!("report.html"), &slots))
     }

@@ -4,6 +4,9 @@ use std::fmt::Write;
 
 use plotly::Plot;
 
+/// The script that comes before a page's own.
+pub(super) const SHARED_JS: &str = include_str!("shared.js");
+
 /// Fills the slots `{{name}}` of a template.
 ///
 /// What is filled in is never searched for slots.

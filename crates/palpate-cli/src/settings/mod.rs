@@ -19,6 +19,7 @@ use palpate::robot::RobotError;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use file::Keys;
+pub(crate) use parse::vector3;
 pub(crate) use resolve::{corners, departures, first_difference, lattice_in_words, same_lattice};
 use sections::{
     ContactSettings, EstimatorSettings, LatticeSettings, LogSettings, RobotSettings, TouchSettings,

@@ -21,7 +21,7 @@ where
 }
 
 /// Three numbers with commas between them.
-pub(super) fn vector3(text: &str) -> Result<[f64; 3], String> {
+pub(crate) fn vector3(text: &str) -> Result<[f64; 3], String> {
     three(text, "three numbers with commas between, such as -1.2,0,0.5")
 }
 

@@ -6,6 +6,7 @@
 //! | `rows`          | the same for both: which numbers are a point, which its colour    |
 //! | `lzf`           | what PCD's `binary_compressed` unpacks                            |
 //! | `write`         | the way out: points, colours, any more columns                    |
+//! | `truth`         | what a simulation knows of every point, for checking              |
 //!
 //! Both formats are read by code of our own, not by a library. They are one thing in two dialects,
 //! so that one decoder serves both; `ply-rs-bw` is sound but brings a parser generator and hands
@@ -16,6 +17,7 @@ mod lzf;
 mod pcd;
 mod ply;
 mod rows;
+mod truth;
 mod write;
 
 use crate::atomic::WriteError;
@@ -23,6 +25,7 @@ use nalgebra::Point3;
 use std::io;
 use std::path::{Path, PathBuf};
 
+pub use truth::{PointTruth, read_point_truth};
 pub use write::{Column, write_pcd, write_ply};
 
 /// What can be wrong with a cloud.

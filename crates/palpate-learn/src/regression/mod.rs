@@ -186,7 +186,7 @@ fn thinned(n: usize, wanted: usize) -> Vec<usize> {
 }
 
 /// Puts items into random order (Fisher and Yates).
-fn shuffle(items: &mut [usize], rng: &mut ChaCha8Rng) {
+pub(crate) fn shuffle(items: &mut [usize], rng: &mut ChaCha8Rng) {
     for last in (1..items.len()).rev() {
         // Multiply and shift maps 32 random bits onto 0..=last; its bias is below n / 2³².
         let other = (u64::from(rng.next_u32()) * (last as u64 + 1)) >> 32;

@@ -1,0 +1,155 @@
+//! The cloud that a command is given: a file of points, or a picture with depth.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Isometry3, Point3};
+use palpate_io::cloud::{self, Cloud};
+use palpate_io::rgbd;
+
+use crate::error::CliError;
+use crate::output::Output;
+
+/// How a picture with depth becomes points.
+#[derive(Debug, Clone, clap::Args)]
+#[command(next_help_heading = "Picture with depth")]
+pub(crate) struct CloudArgs {
+    /// Camera of the picture, where it does not lie beside it as `camera.json` or `.yaml`
+    #[arg(long, value_name = "FILE")]
+    camera: Option<PathBuf>,
+    /// Pose of the camera, `camera_to_world`, where its file has none: a file of a 4 x 4 matrix, or
+    /// seven numbers `x y z qx qy qz qw`, m
+    #[arg(long, value_name = "FILE|NUMBERS", allow_hyphen_values = true)]
+    camera_pose: Option<String>,
+    /// Length of a unit of an integer depth image, m
+    #[arg(long, value_name = "M", default_value_t = 0.001)]
+    depth_unit_m: f64,
+    /// Nearest and farthest depth that is used, m
+    #[arg(long, value_name = "NEAR,FAR", value_delimiter = ',', num_args = 2)]
+    depth_range_m: Vec<f64>,
+    /// Keep pixels that hang between what is near and what is far
+    #[arg(long)]
+    keep_flying: bool,
+    /// Low corner of the box that points are kept of, m, world frame
+    #[arg(long, value_name = "X,Y,Z", value_parser = crate::settings::vector3, allow_hyphen_values = true, requires = "crop_high_m")]
+    crop_low_m: Option<[f64; 3]>,
+    /// High corner of the box
+    #[arg(long, value_name = "X,Y,Z", value_parser = crate::settings::vector3, allow_hyphen_values = true, requires = "crop_low_m")]
+    crop_high_m: Option<[f64; 3]>,
+}
+
+impl CloudArgs {
+    /// Reads points with colours: a PLY or PCD file, or a folder with colour, depth and camera.
+    pub(crate) fn read(&self, path: &Path, output: &Output) -> Result<Cloud, CliError> {
+        let crop = self.crop()?;
+        if path.is_dir() {
+            return self.picture(path, crop, output);
+        }
+        let reading = cloud::read(path).map_err(CliError::file)?;
+        let name = path.display();
+        if !reading.dropped.is_empty() {
+            let dropped = reading.dropped.len();
+            output.note(&format!("`{name}`: {dropped} rows without a finite point were left out"));
+        }
+        let Some(colours) = reading.cloud.colours() else {
+            return Err(CliError::from(format!(
+                "`{name}` has points but no colours, by which stiffness is carried over; export it \
+                 with red, green and blue, or give the folder of the colour and depth images"
+            )));
+        };
+        let inside = |point: &Point3<f64>| {
+            crop.is_none_or(|[low, high]| {
+                (0..3).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]))
+            })
+        };
+        let kept = reading.cloud.points().iter().zip(colours).filter(|(point, _)| inside(point));
+        let (points, colours): (Vec<_>, Vec<_>) = kept.map(|(p, c)| (*p, *c)).unzip();
+        if points.is_empty() {
+            return Err(CliError::from(format!(
+                "no point of `{name}` lies in the box of --crop-*"
+            )));
+        }
+        Ok(Cloud::new(points, Some(colours)))
+    }
+
+    fn picture(
+        &self,
+        folder: &Path,
+        crop: Option<[Point3<f64>; 2]>,
+        output: &Output,
+    ) -> Result<Cloud, CliError> {
+        let within = folder.join("rgbd");
+        let folder = if within.is_dir() { within.as_path() } else { folder };
+        let find = |what: &str, names: &[&str], endings: &[&str]| {
+            let files = names.iter().flat_map(|name| {
+                endings.iter().map(move |ending| folder.join(format!("{name}.{ending}")))
+            });
+            let tried: Vec<PathBuf> = files.collect();
+            tried.iter().find(|file| file.is_file()).cloned().ok_or_else(|| {
+                let names: Vec<String> = tried
+                    .iter()
+                    .filter_map(|f| Some(f.file_name()?.to_string_lossy().into()))
+                    .collect();
+                let folder = folder.display();
+                CliError::from(format!("`{folder}` holds no {what}: wanted {}", names.join(", ")))
+            })
+        };
+        let colour = find("colour image", &["color", "colour", "rgb"], &["png", "jpg", "jpeg"])?;
+        let depth = find("depth image", &["depth"], &["png", "tif", "tiff", "npy"])?;
+        let camera = match &self.camera {
+            Some(file) => file.clone(),
+            None => find("camera", &["camera", "camera_info"], &["json", "yaml", "yml"])?,
+        };
+        if !(self.depth_unit_m.is_finite() && self.depth_unit_m > 0.0) {
+            let found = self.depth_unit_m;
+            return Err(CliError::Usage(format!("--depth-unit-m is {found}; wanted a length")));
+        }
+        let (colour, depth) = (
+            rgbd::read_colour(&colour).map_err(CliError::file)?,
+            rgbd::read_depth(&depth, self.depth_unit_m).map_err(CliError::file)?,
+        );
+        let file = rgbd::read_camera(&camera).map_err(CliError::file)?;
+        let camera = file.at(self.pose()?).ok_or_else(|| {
+            let camera = camera.display();
+            CliError::from(format!(
+                "`{camera}` does not say where the camera stands; give --camera-pose"
+            ))
+        })?;
+        let mut config = rgbd::Config { crop, ..rgbd::Config::default() };
+        if let [near, far] = self.depth_range_m[..] {
+            if !(near >= 0.0 && near < far) {
+                let range = format!("--depth-range-m is {near},{far}; wanted near below far");
+                return Err(CliError::Usage(range));
+            }
+            config.depth_range_m = [near, far];
+        }
+        if self.keep_flying {
+            config.flying = None;
+        }
+        let found =
+            rgbd::back_project(&colour, &depth, &camera, &config).map_err(CliError::file)?;
+        output.note(&format!(
+            "{} points of the picture; left out: {}",
+            found.cloud.len(),
+            found.dropped
+        ));
+        Ok(found.cloud)
+    }
+
+    fn pose(&self) -> Result<Option<Isometry3<f64>>, CliError> {
+        let Some(given) = &self.camera_pose else { return Ok(None) };
+        let path = Path::new(given);
+        let pose = if path.is_file() { rgbd::read_pose(path) } else { rgbd::pose_from_text(given) };
+        pose.map(Some).map_err(CliError::file)
+    }
+
+    fn crop(&self) -> Result<Option<[Point3<f64>; 2]>, CliError> {
+        let (Some(low), Some(high)) = (self.crop_low_m, self.crop_high_m) else { return Ok(None) };
+        if (0..3).any(|axis| high[axis] <= low[axis]) {
+            return Err(CliError::Usage(format!(
+                "the box is turned inside out: --crop-high-m is {high:?}, which must be above \
+                 --crop-low-m, {low:?}, on every axis"
+            )));
+        }
+        Ok(Some([low.into(), high.into()]))
+    }
+}

@@ -1,0 +1,268 @@
+//! `palpate extrapolate`: from what was touched to what was only seen (Sec. III-B).
+//!
+//! [`run`] is the command; [`mod@cloud`] reads what was seen, [`mod@work`] carries stiffness over,
+//! [`mod@felt`] recalls the touches that a field remembers, [`mod@back`] brings it back into the
+//! field, and [`mod@told`] says what came out.
+
+mod back;
+mod cloud;
+mod felt;
+mod told;
+mod work;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use palpate_io::atomic::IfExists;
+use palpate_io::cloud::{self as clouds, Cloud, Column};
+use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
+use palpate_io::field::{self, Saved};
+pub(crate) use palpate_learn::extrapolate::Config;
+use palpate_learn::extrapolate::{Extrapolation, Features, Method};
+
+use crate::error::CliError;
+use crate::output::Output;
+use crate::picture::Format;
+use crate::place::Places;
+use crate::settings::{RobotAndLogSettings, Settings};
+use crate::{interrupt, place, robot};
+
+use cloud::CloudArgs;
+pub(crate) use told::Told;
+pub(crate) use work::Work;
+
+const NOTES: &str = "Examples:
+  palpate extrapolate field.npz plant.ply -o seen.ply
+  palpate extrapolate field.npz plant_a/ -o seen.npz --field filled.npz
+  palpate extrapolate field.npz plant.pcd -o seen.ply --method knn --features rgb
+  palpate extrapolate field.npz plant.ply -o seen.ply --picture fig4.png --report seen.html --compare
+  palpate map more/ --prior filled.npz -o better.npz
+
+A CLOUD is a PLY or PCD file with colours, or a folder (or its rgbd/) with color.png, depth.png and
+camera.json, in the frame of the robot's base, m. A picture is taken before the touches, without the
+arm in it.
+
+What looks alike is taken to be alike:
+
+  torque  a Gaussian process over features, learnt from the torques that the field remembers
+  cells   the same, learnt from the stiffness of touched cells
+  knn     the paper's: the 50 touched points nearest in features, RBF weights
+
+Features are a colour (chroma: without brightness; rgb; oklab), height and shape, joined by `+`.
+The stiffness of a point is that of a cell of the field's lattice, as in the field itself. K_std is
+the uncertainty of the regression; single points differ more.
+
+--field writes the field with the cells that the camera saw and no touch reached: `palpate predict`
+then expects them to resist, and `palpate map --prior` begins with them.
+
+--compare predicts random halves of the remembered touches from the other half, with and without
+the prior, with every method and set of features.
+
+--json prints {\"points\", \"touched\", \"method\", \"features\", \"stiffness\": {quantiles}, ...}.";
+
+/// Flags of `palpate extrapolate`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = NOTES)]
+pub(crate) struct Args {
+    /// A field that `palpate map` saved
+    #[arg(value_name = "FIELD.npz")]
+    from: PathBuf,
+    /// What a camera saw: a coloured cloud, or a folder with colour, depth and camera
+    #[arg(value_name = "CLOUD")]
+    cloud: PathBuf,
+    /// Where the cloud goes, with K, K_std and touched for each point
+    #[arg(long, short, value_name = "FILE.npz|.ply|.pcd")]
+    output: PathBuf,
+    /// Where the field goes, with what the untouched cells at seen points are expected to be
+    #[arg(long, value_name = "FIELD.npz")]
+    field: Option<PathBuf>,
+    /// How stiffness is carried over: torque, cells or knn [default: torque if the field has its
+    /// memory, else knn]
+    #[arg(long, value_name = "NAME", value_parser = method)]
+    method: Option<Method>,
+    /// What points are compared by [default: chroma; rgb for knn]
+    #[arg(long, value_name = "NAMES")]
+    features: Option<Features>,
+    /// How far, in cells, a cell may be from the seen point that it lies at
+    #[arg(long, value_name = "CELLS", default_value_t = Config::default().reach_cells)]
+    reach_cells: f64,
+    /// How far apart features must be to say nothing of each other, in standard deviations
+    #[arg(long, value_name = "STD", default_value_t = Config::default().length_scale)]
+    length_scale: f64,
+    /// Compare methods and features on random halves of the remembered touches
+    #[arg(long)]
+    compare: bool,
+    /// Random halves of --compare
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    halves: u32,
+    /// Folder of a simulation's truth about the points, to score the order that they are put in
+    #[arg(long, value_name = "DIR")]
+    truth: Option<PathBuf>,
+    /// Draw the stiff part of the field with the arm, and the cloud in colours of its stiffness
+    #[arg(long, value_name = "FILE.png|.svg")]
+    picture: Option<PathBuf>,
+    /// Stiffness from which on the picture shows cells of the field, N/m [default: that of the
+    /// stiffest twentieth]
+    #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
+    threshold: Option<f64>,
+    /// Write a page to turn and look at, which opens in a browser without a network
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Say on the page that the touches are simulated
+    #[arg(long)]
+    simulated: bool,
+    /// Print the summary as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    depth: CloudArgs,
+    #[command(flatten)]
+    settings: RobotAndLogSettings,
+}
+
+fn method(name: &str) -> Result<Method, String> {
+    let all = [Method::Torque, Method::Cells, Method::Knn];
+    let found = all.into_iter().find(|method| method.name() == name);
+    found.ok_or_else(|| "there are torque, cells and knn".to_owned())
+}
+
+/// Carries stiffness over and writes it.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let started = Instant::now();
+    Ending::of(&args.output)?;
+    let picture = args.picture.as_deref().map(Format::of).transpose()?;
+    let settings = args.settings.load()?;
+    args.check_places(&settings)?;
+    interrupt::listen();
+
+    let saved = field::load(&args.from).map_err(CliError::file)?;
+    let cloud = args.depth.read(&args.cloud, output)?;
+    let truth = args.truth.as_deref().map(|folder| clouds::read_point_truth(folder, cloud.len()));
+    let truth = truth.transpose().map_err(CliError::file)?;
+    let config = args.config(&saved, output);
+    config.check().map_err(|error| CliError::Usage(error.to_string()))?;
+    let arm = robot::load(&settings.robot, output)?;
+    let names = [args.from.as_path(), args.cloud.as_path()];
+    let halves = args.compare.then_some(args.halves);
+    let work = Work { arm: &arm, saved: &saved, names, cloud: &cloud, config, halves };
+    if args.compare && !felt::remembers(&saved) {
+        return Err(CliError::from(format!(
+            "`{}` remembers no touch to compare on; map its logs again without --no-memory",
+            args.from.display()
+        )));
+    }
+    let found = work.run(output)?;
+
+    write(&args.output, &cloud, &found.extrapolation)?;
+    if let Some(path) = &args.field {
+        let expected = found.extrapolation.cells(&found.seen, &saved.field.lattice, &work.config);
+        field::save(path, &back::filled(saved.clone(), &expected)).map_err(CliError::file)?;
+    }
+    let (truth, simulated) = (truth.as_ref(), args.simulated);
+    let told = Told { work: &work, found: &found, truth, simulated };
+    if let (Some(path), Some(format)) = (&args.picture, picture) {
+        format.write(path, &told.picture(args.threshold)?)?;
+    }
+    if let Some(path) = &args.report {
+        place::write(path, &told.page()?)?;
+    }
+    if args.json {
+        output.json(&told.json(args, started.elapsed()))
+    } else {
+        output.result(&told.text(args, started.elapsed()))
+    }
+}
+
+/// How the cloud is written.
+#[derive(Clone, Copy)]
+enum Ending {
+    Npz,
+    Ply,
+    Pcd,
+}
+
+impl Ending {
+    /// The one that a file's name asks for.
+    fn of(path: &Path) -> Result<Self, CliError> {
+        let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
+        match ending.as_deref().and_then(|ending| ending.to_str()) {
+            Some("npz") => Ok(Self::Npz),
+            Some("ply") => Ok(Self::Ply),
+            Some("pcd") => Ok(Self::Pcd),
+            _ => Err(CliError::Usage(format!(
+                "`{}` does not say how the cloud is to be written; end its name with .npz, .ply or \
+                 .pcd",
+                path.display()
+            ))),
+        }
+    }
+}
+
+impl Args {
+    /// Refuses results that cannot be written, or would replace what is read or each other.
+    fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
+        let mut places = Places::default();
+        places.input("the settings file", self.settings.path());
+        places.input("the field", Some(&self.from));
+        places.input("the cloud", Some(&self.cloud));
+        places.input("the robot", Some(Path::new(settings.robot.name())));
+        places.output("the cloud (--output)", Some(&self.output))?;
+        places.output("the field (--field)", self.field.as_deref())?;
+        places.output("the picture (--picture)", self.picture.as_deref())?;
+        places.output("the report (--report)", self.report.as_deref())
+    }
+
+    fn config(&self, saved: &Saved, output: &Output) -> Config {
+        let method = self.method.unwrap_or_else(|| {
+            if felt::remembers(saved) {
+                return Method::Torque;
+            }
+            output.note(
+                "the field remembers no touch: `knn` on its cells takes the place of `torque`",
+            );
+            Method::Knn
+        });
+        let rgb = || "rgb".parse().expect("our own name");
+        let features = self.features.unwrap_or_else(|| match method {
+            Method::Knn => rgb(),
+            _ => Features::default(),
+        });
+        let (reach_cells, length_scale) = (self.reach_cells, self.length_scale);
+        Config { method, features, reach_cells, length_scale, ..Config::default() }
+    }
+}
+
+/// Writes the cloud with K, its deviation and whether it was touched, whole or not at all.
+pub(crate) fn write(
+    path: &Path,
+    cloud: &Cloud,
+    extrapolation: &Extrapolation,
+) -> Result<(), CliError> {
+    let Extrapolation { stiffness_n_per_m, std_n_per_m, touched } = extrapolation;
+    let touched: Vec<u8> = touched.iter().map(|&touched| u8::from(touched)).collect();
+    let colours = cloud.colours().expect("a cloud without colours was refused");
+    let columns = [
+        ("K", Column::F64(stiffness_n_per_m)),
+        ("K_std", Column::F64(std_n_per_m)),
+        ("touched", Column::U8(&touched)),
+    ];
+    match Ending::of(path)? {
+        Ending::Ply => {
+            clouds::write_ply(path, IfExists::Replace, cloud, &columns).map_err(CliError::file)
+        }
+        Ending::Pcd => {
+            clouds::write_pcd(path, IfExists::Replace, cloud, &columns).map_err(CliError::file)
+        }
+        Ending::Npz => {
+            let n = cloud.len();
+            let points = cloud.points().iter().flat_map(|point| [point.x, point.y, point.z]);
+            let mut arrays = Arrays::new();
+            arrays.insert("points", Array::new(vec![n, 3], Data::F64(points.collect())));
+            arrays.insert("colors", Array::new(vec![n, 3], Data::U8(colours.concat())));
+            arrays.insert("K", Array::flat(Data::F64(stiffness_n_per_m.clone())));
+            arrays.insert("K_std", Array::flat(Data::F64(std_n_per_m.clone())));
+            arrays.insert("touched", Array::flat(Data::U8(touched)));
+            write_npz(path, &arrays, IfExists::Replace).map_err(CliError::file)
+        }
+    }
+}

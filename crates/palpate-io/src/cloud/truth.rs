@@ -1,0 +1,77 @@
+//! What a simulation knows of the points of its cloud; for checking only.
+
+use super::CloudError;
+use crate::npy::Header;
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+/// The truth about every point of a cloud, in its order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PointTruth {
+    /// Stiffness, N/m.
+    pub stiffness_n_per_m: Vec<f64>,
+    /// What the point belongs to, as a number of the simulation's own list.
+    pub class: Vec<u32>,
+}
+
+/// Reads `point_stiffness.npy` and `truth_labels.npy` of a folder, one number for each of `points`.
+///
+/// # Errors
+///
+/// If one of the files is missing, is no array of so many numbers, or holds one that is not finite.
+pub fn read_point_truth(folder: &Path, points: usize) -> Result<PointTruth, CloudError> {
+    let class = numbers(&folder.join("truth_labels.npy"), points)?;
+    Ok(PointTruth {
+        stiffness_n_per_m: numbers(&folder.join("point_stiffness.npy"), points)?,
+        class: class.into_iter().map(|class| class as u32).collect(),
+    })
+}
+
+fn numbers(path: &Path, points: usize) -> Result<Vec<f64>, CloudError> {
+    let odd = |found: String, wanted| {
+        let place = "the array".to_owned();
+        CloudError::Value { path: path.to_owned(), place, found, wanted }
+    };
+    let io = |source| CloudError::Io { path: path.to_owned(), source };
+    let mut file = BufReader::new(File::open(path).map_err(io)?);
+    let one_a_point = "one number for each point of the cloud, in its order";
+    let header = Header::read(&mut file).map_err(|error| odd(error.to_string(), one_a_point))?;
+    if header.shape != [points as u64] {
+        return Err(odd(format!("of shape {:?} for {points} points", header.shape), one_a_point));
+    }
+    let mut raw = Vec::new();
+    let bytes = (points * header.number.bytes()) as u64;
+    file.take(bytes).read_to_end(&mut raw).map_err(io)?;
+    if (raw.len() as u64) < bytes {
+        let (held, promised) = (raw.len() as u64, bytes);
+        let (path, unit) = (path.to_owned(), "bytes".to_owned());
+        return Err(CloudError::Truncated { path, held, promised, unit });
+    }
+    let numbers: Vec<f64> = header.decode(&raw).collect();
+    match numbers.iter().find(|number| !number.is_finite() || **number < 0.0) {
+        Some(found) => Err(odd(format!("with {found} in it"), "finite numbers from 0 on")),
+        None => Ok(numbers),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::npy::write_header;
+
+    #[test]
+    fn truth_of_another_cloud_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["truth_labels.npy", "point_stiffness.npy"] {
+            let mut bytes = Vec::new();
+            write_header(&mut bytes, "<f4", &[3]).unwrap();
+            bytes.extend([0.0_f32, 1.0, 2.0].map(f32::to_le_bytes).concat());
+            std::fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        let truth = read_point_truth(folder.path(), 3).unwrap();
+        assert_eq!((truth.class, truth.stiffness_n_per_m[2]), (vec![0, 1, 2], 2.0));
+        let error = read_point_truth(folder.path(), 4).unwrap_err().to_string();
+        assert!(error.contains("shape [3] for 4 points"), "{error}");
+    }
+}

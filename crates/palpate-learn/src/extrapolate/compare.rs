@@ -1,0 +1,267 @@
+//! What an extrapolated prior is worth: torques of touches that nothing has learnt from.
+//!
+//! Touches are halved at random. One half teaches a field and, with the cloud, a stiffness of what it
+//! did not reach; the other half is predicted, without a prior, with the extrapolated stiffness in
+//! the cells that the field has not met, and by a field that is learnt again from it as its prior.
+
+use nalgebra::DVector;
+use palpate::mapper::Config as MapperConfig;
+use palpate::torque::{Cell, Stiffness};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rayon::prelude::*;
+
+use super::process::{Evidence, Process};
+use super::{Config, ExtrapolateError, Extrapolation, Features, Method, Seen, extrapolate, felt};
+use crate::contender::{self, ContenderError};
+use crate::errors::ErrorSum;
+use crate::folds::Fold;
+use crate::regression::shuffle;
+use crate::tracked::Tracked;
+
+/// What is compared.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    /// Settings, whose method and features are the first variant.
+    pub config: Config,
+    /// Other methods and features.
+    pub others: Vec<(Method, Features)>,
+    /// Random halves.
+    pub halves: u32,
+    /// Seed of the draw.
+    pub seed: u64,
+}
+
+/// Errors of one way to predict, by half: means over its test touches.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// How it was predicted.
+    pub name: String,
+    /// Average error, N·m, by half.
+    pub avg_error: Vec<f64>,
+    /// Average relative error by half; not of a half whose touches never reach 1 N·m.
+    pub avg_relative: Vec<f64>,
+}
+
+/// What can go wrong.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum CompareError {
+    #[error(transparent)]
+    Extrapolate(#[from] ExtrapolateError),
+    #[error(transparent)]
+    Contender(#[from] ContenderError),
+    /// Nothing to halve.
+    #[error("a comparison needs at least two touches to learn from one half; found {touches}")]
+    TooFew { touches: usize },
+}
+
+impl Plan {
+    /// The shipped comparison: every method with its features, and every set of features with the
+    /// first method.
+    pub fn of(config: Config) -> Self {
+        let sets =
+            ["chroma", "rgb", "oklab", "chroma+height", "chroma+shape", "chroma+height+shape"];
+        let sets = sets.map(|set| set.parse().expect("our own names"));
+        let torque = sets.map(|features| (Method::Torque, features));
+        let rgb = sets[1];
+        let mut others = torque.to_vec();
+        others.extend([(Method::Cells, config.features), (Method::Knn, rgb)]);
+        others.retain(|other| *other != (config.method, config.features));
+        others.dedup();
+        Self { config, others, halves: 5, seed: 0 }
+    }
+
+    /// Every variant, the chosen one first.
+    pub fn variants(&self) -> Vec<Config> {
+        let other = |&(method, features): &(Method, Features)| Config {
+            method,
+            features,
+            ..self.config.clone()
+        };
+        std::iter::once(self.config.clone()).chain(self.others.iter().map(other)).collect()
+    }
+
+    /// The halves: of an odd number of touches, the smaller half is learnt from.
+    pub fn folds(&self, touches: usize) -> Vec<Fold> {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        let half = |_| {
+            let mut order: Vec<usize> = (0..touches).collect();
+            shuffle(&mut order, &mut rng);
+            let mut test = order.split_off(touches / 2);
+            test.sort_unstable();
+            Fold::testing(test, touches)
+        };
+        (0..self.halves).map(half).collect()
+    }
+
+    /// Compares all variants; `done` is called after each half.
+    ///
+    /// # Errors
+    ///
+    /// Without two touches, if the cloud lies nowhere near what a half has touched, or on being
+    /// stopped.
+    pub fn run(
+        &self,
+        tracked: &Tracked,
+        seen: &Seen,
+        mapper: &MapperConfig,
+        stop: &(dyn Fn() -> bool + Sync),
+        done: &(dyn Fn() + Sync),
+    ) -> Result<Vec<Row>, CompareError> {
+        let touches = tracked.touches.len();
+        if touches < 2 {
+            return Err(CompareError::TooFew { touches });
+        }
+        let at = seen.at(&tracked.points_m, self.config.reach_m(&tracked.lattice));
+        let variants: Vec<Variant> = self
+            .variants()
+            .into_iter()
+            .map(|config| Variant::new(config, tracked, seen, &at))
+            .collect();
+        let halves = self.folds(touches);
+        let halves: Vec<Vec<ErrorOfTouches>> = (halves.par_iter().with_max_len(1))
+            .map(|fold| {
+                let errors = Half { tracked, seen, at: &at, mapper, fold }.run(&variants, stop);
+                done();
+                errors
+            })
+            .collect::<Result<_, _>>()?;
+        let name = |row: usize| match row {
+            0 => "predicting zero".to_owned(),
+            1 => "no prior".to_owned(),
+            2 => format!("{}, learnt again from it", variants[0].name()),
+            _ => format!("{}, where the field met nothing", variants[row - 3].name()),
+        };
+        let row = |row: usize| Row {
+            name: name(row),
+            avg_error: halves.iter().map(|half| half[row].avg_error).collect(),
+            avg_relative: halves.iter().filter_map(|half| half[row].avg_relative).collect(),
+        };
+        Ok((0..variants.len() + 3).map(row).collect())
+    }
+}
+
+impl Row {
+    /// Mean over the halves of the relative error, and of the error, N·m.
+    pub fn means(&self) -> (Option<f64>, f64) {
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        let relative = (!self.avg_relative.is_empty()).then(|| mean(&self.avg_relative));
+        (relative, mean(&self.avg_error))
+    }
+}
+
+/// Means over touches.
+struct ErrorOfTouches {
+    avg_error: f64,
+    avg_relative: Option<f64>,
+}
+
+/// A method with its features, and what all touches say to it.
+struct Variant {
+    config: Config,
+    /// Of the method `torque`.
+    felt: Option<(Process, Vec<Evidence>)>,
+}
+
+impl Variant {
+    fn new(config: Config, tracked: &Tracked, seen: &Seen, at: &[Option<u32>]) -> Self {
+        let felt = (config.method == Method::Torque).then(|| {
+            let process = Process::new(config.features.of(seen), config.length_scale);
+            let evidence = felt::evidence(tracked, &process, at);
+            (process, evidence)
+        });
+        Self { config, felt }
+    }
+
+    fn name(&self) -> String {
+        format!("{} {}", self.config.method.name(), self.config.features)
+    }
+}
+
+/// One division of the touches at work.
+struct Half<'a> {
+    tracked: &'a Tracked,
+    seen: &'a Seen,
+    /// By row the seen point at the cell.
+    at: &'a [Option<u32>],
+    mapper: &'a MapperConfig,
+    fold: &'a Fold,
+}
+
+impl Half<'_> {
+    /// Errors of predicting zero, without prior, learnt again from the first variant, and of all
+    /// variants in the cells that were not met.
+    fn run(
+        &self,
+        variants: &[Variant],
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Vec<ErrorOfTouches>, CompareError> {
+        let (tracked, train) = (self.tracked, &self.fold.train);
+        let estimator = contender::learn(tracked, train, self.mapper, stop)?;
+        let untouched = estimator.stiffness(usize::MAX);
+        let field = contender::field(tracked, estimator.as_ref(), self.mapper);
+        let met = tracked.rows_met(train);
+        let mut errors = vec![
+            self.score(&|_| 0.0),
+            self.score(&|row| if met[row] { estimator.stiffness(row) } else { untouched }),
+        ];
+        let mut filled = Vec::new();
+        for (number, variant) in variants.iter().enumerate() {
+            if stop() {
+                return Err(ExtrapolateError::Stopped.into());
+            }
+            let points = match &variant.felt {
+                Some((process, evidence)) => {
+                    let some: Vec<&Evidence> =
+                        train.iter().map(|&touch| &evidence[touch]).collect();
+                    let prior_std = variant.config.prior_std(&tracked.lattice);
+                    let posterior = felt::posterior(&some, prior_std, variant.config.torque_std);
+                    process.at_all_points(&posterior).0
+                }
+                None => {
+                    let Extrapolation { stiffness_n_per_m, .. } =
+                        extrapolate(self.seen, &field, None, &variant.config)?;
+                    stiffness_n_per_m
+                }
+            };
+            let expected: Vec<f64> = self
+                .at
+                .iter()
+                .map(|at| at.map_or(untouched, |point| points[point as usize]))
+                .collect();
+            let fill = |row: usize| if met[row] { estimator.stiffness(row) } else { expected[row] };
+            filled.push(self.score(&fill));
+            if number == 0 {
+                let again = contender::learn_from(tracked, train, self.mapper, &expected, stop)?;
+                errors.push(self.score(&|row| again.stiffness(row)));
+            }
+        }
+        errors.extend(filled);
+        Ok(errors)
+    }
+
+    /// Means over the test touches of the errors of a stiffness by row.
+    fn score(&self, stiffness: &dyn Fn(usize) -> f64) -> ErrorOfTouches {
+        let cells: Vec<Cell> = (self.tracked.points_m.iter().enumerate())
+            .map(|(row, &point)| Cell::new(point, stiffness(row)))
+            .collect();
+        let of = |&touch: &usize| {
+            let mut sum = ErrorSum::default();
+            for frame in &self.tracked.touches[touch].frames {
+                let tau: DVector<f64> = frame.observation.predict(&cells, Stiffness::Positive);
+                sum.add_slices(tau.as_slice(), &frame.target);
+            }
+            sum.errors()
+        };
+        let errors: Vec<_> = self.fold.test.iter().filter_map(of).collect();
+        let relative: Vec<f64> = errors.iter().filter_map(|errors| errors.avg_relative).collect();
+        let mean = |sum: f64, n: usize| sum / n.max(1) as f64;
+        ErrorOfTouches {
+            avg_error: mean(errors.iter().map(|errors| errors.avg_error).sum(), errors.len()),
+            avg_relative: (!relative.is_empty())
+                .then(|| mean(relative.iter().sum(), relative.len())),
+        }
+    }
+}

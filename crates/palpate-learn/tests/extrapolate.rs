@@ -1,0 +1,225 @@
+//! What was touched is carried over to what was only seen as torques, colours and places say.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use std::sync::Arc;
+
+use nalgebra::Point3;
+use palpate::estimator::Method as Estimator;
+use palpate::field::Field;
+use palpate::mapper::Config as MapperConfig;
+use palpate::touch::Sample;
+use palpate_io::cloud;
+use palpate_io::log::{self, LogEvent, LogOptions};
+use palpate_io::robot_files::{ArmOptions, load_arm};
+use palpate_learn::extrapolate::compare::{CompareError, Plan};
+use palpate_learn::extrapolate::{
+    Config, ExtrapolateError, Method, Seen, area_under_roc, extrapolate, spearman,
+};
+use palpate_learn::tracked::{Touch, Tracked};
+
+const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../data/plant_a");
+
+/// Some of the bundled touches, every so-manyth frame kept.
+fn tracked(touches: &[usize], every: usize) -> Tracked {
+    let arm = Arc::new(load_arm("kinova_gen3", &ArmOptions::default()).unwrap().arm);
+    let read = |number: &usize| {
+        let name = format!("seq_{number:03}");
+        let log = log::open(&std::path::Path::new(DATA).join(&name), &LogOptions::default());
+        let samples: Vec<Sample> = (log.unwrap())
+            .filter_map(|event| match event.unwrap() {
+                LogEvent::Sample(sample) => Some(sample),
+                LogEvent::TouchStarts { .. } => None,
+            })
+            .collect();
+        Touch { name, samples, truth: None }
+    };
+    let touches: Vec<Touch> = touches.iter().map(read).collect();
+    let config = MapperConfig::of(Estimator::Map);
+    Tracked::new(&arm, &config, &touches, NEVER).unwrap().thinned(every)
+}
+
+fn object() -> Seen {
+    let reading = cloud::read(&std::path::Path::new(DATA).join("object.ply")).unwrap();
+    Seen::new(reading.cloud.points(), reading.cloud.colours().unwrap()).unwrap()
+}
+
+/// A field of all touched cells in which K is a function of the place.
+fn field(tracked: &Tracked, k: impl Fn(usize) -> f64) -> Field {
+    let n = tracked.cells.len();
+    let config = MapperConfig::of(Estimator::Map);
+    Field {
+        lattice: tracked.lattice.clone(),
+        contact: config.contact,
+        touch: config.touch,
+        cells: tracked.cells.clone(),
+        stiffness_n_per_m: (0..n).map(k).collect(),
+        std_n_per_m: vec![1.0; n],
+        counts: vec![30; n],
+        untouched_n_per_m: 0.0,
+    }
+}
+
+/// Gives every frame the torque of a stiffness by row.
+fn with_torques_of(mut tracked: Tracked, k: &dyn Fn(usize) -> f64) -> Tracked {
+    use palpate::torque::{Cell, Stiffness};
+    let cell = |(row, &point): (usize, &[f64; 3])| Cell::new(point, k(row));
+    let cells: Vec<Cell> = tracked.points_m.iter().enumerate().map(cell).collect();
+    for frame in tracked.touches.iter_mut().flat_map(|touch| &mut touch.frames) {
+        let tau = frame.observation.predict(&cells, Stiffness::Positive);
+        frame.observation = frame.observation.clone().with_tau(&tau);
+    }
+    tracked
+}
+
+fn is_brown([red, green, _]: [u8; 3]) -> bool {
+    red > green
+}
+
+#[test]
+fn two_colours_of_two_stiffnesses_are_told_apart_by_torque_alone() {
+    let (seen, felt) = (object(), tracked(&[2, 8], 4));
+    let config = Config { torque_std: 0.01, ..Config::default() }; // These torques have no noise.
+    let at = seen.at(&felt.points_m, config.reach_m(&felt.lattice));
+    let made = |scale: f64| {
+        let k = |row: usize| match at[row] {
+            Some(point) if is_brown(seen.colours()[point as usize]) => 3.0 * scale,
+            Some(_) => 0.2 * scale,
+            None => 0.0,
+        };
+        // What the cells themselves are said to be does not matter.
+        let felt = with_torques_of(felt.clone(), &k);
+        extrapolate(&seen, &field(&felt, |_| 0.0), Some(&felt), &config).unwrap()
+    };
+    let [once, thrice] = [made(1.0), made(3.0)];
+    let brown: Vec<bool> = seen.colours().iter().map(|colour| is_brown(*colour)).collect();
+    let auc = area_under_roc(&once.stiffness_n_per_m, &brown).unwrap();
+    assert!(auc > 0.99, "{auc}");
+    let mean = |of: bool| {
+        let k = once.stiffness_n_per_m.iter().zip(&brown).filter(|(_, brown)| **brown == of);
+        let k: Vec<f64> = k.map(|(k, _)| *k).collect();
+        k.iter().sum::<f64>() / k.len() as f64
+    };
+    let [soft, stiff] = [mean(false), mean(true)];
+    assert!((0.1..0.4).contains(&soft) && (2.0..4.0).contains(&stiff), "{soft} {stiff}");
+    // Three times the torque is three times the stiffness, and three times the doubt.
+    for point in (0..seen.len()).step_by(997) {
+        for (one, three) in [
+            (once.stiffness_n_per_m[point], thrice.stiffness_n_per_m[point]),
+            (once.std_n_per_m[point], thrice.std_n_per_m[point]),
+        ] {
+            assert!((three - 3.0 * one).abs() <= 1e-6 * three.abs().max(1e-6), "{one} {three}");
+        }
+    }
+}
+
+#[test]
+fn how_often_a_log_was_sampled_hardly_matters() {
+    let seen = object();
+    let config = Config::default();
+    let of = |every: usize| {
+        let felt = tracked(&[2, 8], every);
+        extrapolate(&seen, &field(&felt, |_| 0.0), Some(&felt), &config).unwrap().stiffness_n_per_m
+    };
+    let rho = spearman(&of(1), &of(5)).unwrap();
+    assert!(rho > 0.98, "{rho}");
+}
+
+#[test]
+fn wood_is_told_from_leaf_on_the_bundled_touches() {
+    let (seen, felt) = (object(), tracked(&(0..11).collect::<Vec<_>>(), 2));
+    let found =
+        extrapolate(&seen, &field(&felt, |_| 0.0), Some(&felt), &Config::default()).unwrap();
+    let truth = std::path::Path::new(DATA).join("truth");
+    let truth = cloud::read_point_truth(&truth, seen.len()).unwrap();
+    let untouched: Vec<usize> = (0..seen.len()).filter(|&point| !found.touched[point]).collect();
+    assert!(untouched.len() > seen.len() / 2, "{}", untouched.len());
+    let k: Vec<f64> = untouched.iter().map(|&at| found.stiffness_n_per_m[at]).collect();
+    let wood: Vec<bool> = untouched.iter().map(|&at| truth.class[at] > 0).collect();
+    let real: Vec<f64> = untouched.iter().map(|&at| truth.stiffness_n_per_m[at]).collect();
+    let (auc, rho) = (area_under_roc(&k, &wood).unwrap(), spearman(&k, &real).unwrap());
+    assert!(auc >= 0.95, "area under the ROC curve {auc}");
+    assert!(rho >= 0.5, "Spearman's correlation {rho}");
+}
+
+#[test]
+fn regressions_on_cells_carry_a_colour_over() {
+    let (seen, felt) = (object(), tracked(&[2, 8], 20));
+    let at = seen.at(&felt.points_m, 0.015);
+    let k = |row: usize| {
+        let brown = |point: u32| is_brown(seen.colours()[point as usize]);
+        if at[row].is_some_and(brown) { 3.0 } else { 0.2 }
+    };
+    let brown: Vec<bool> = seen.colours().iter().map(|colour| is_brown(*colour)).collect();
+    for method in [Method::Cells, Method::Knn] {
+        let config = Config { method, ..Config::default() };
+        let found = extrapolate(&seen, &field(&felt, k), None, &config).unwrap();
+        let auc = area_under_roc(&found.stiffness_n_per_m, &brown).unwrap();
+        assert!(auc > 0.99, "{method:?}: {auc}");
+        assert!(found.std_n_per_m.iter().all(|std| std.is_finite() && *std >= 0.0));
+    }
+}
+
+#[test]
+fn cells_at_seen_points_take_their_stiffness_and_no_others_do() {
+    let (seen, felt) = (object(), tracked(&[2], 20));
+    let config = Config { method: Method::Knn, ..Config::default() };
+    let field = field(&felt, |row| (row % 7) as f64);
+    let found = extrapolate(&seen, &field, None, &config).unwrap();
+    let cells = found.cells(&seen, &field.lattice, &config);
+    assert!(cells.array_windows().all(|[a, b]| a.0 < b.0), "in the lattice's order, each once");
+    for (cell, k) in &cells {
+        let (point, distance_m) = seen.nearest(&field.lattice.point(*cell).into());
+        assert!(distance_m <= 0.015 && found.stiffness_n_per_m[point] == *k);
+    }
+    let expected = |point: &[f64; 3]| {
+        let cell = field.lattice.nearest(&(*point).into()).unwrap();
+        cells.binary_search_by_key(&cell, |(cell, _)| *cell).is_ok()
+    };
+    assert!(seen.points_m().iter().step_by(37).all(expected), "every seen point has its cell");
+}
+
+#[test]
+fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
+    let (seen, felt) = (object(), tracked(&[2], 20));
+    let field = field(&felt, |_| 1.0);
+    let config = Config::default();
+    let none = extrapolate(&seen, &field, None, &config);
+    assert!(matches!(none, Err(ExtrapolateError::NothingFelt)));
+    let shifted = |by: [f64; 3]| {
+        let points: Vec<Point3<f64>> = seen
+            .points_m()
+            .iter()
+            .map(|p| Point3::from(*p) + nalgebra::Vector3::from(by))
+            .collect();
+        Seen::new(&points, seen.colours()).unwrap()
+    };
+    let apart = extrapolate(&shifted([0.0, 5.0, 0.0]), &field, Some(&felt), &config).unwrap_err();
+    let ExtrapolateError::Apart { gap_m, apart_m, .. } = &apart else { panic!("{apart}") };
+    assert!(*gap_m > 3.0 && apart_m[0] == 0.0 && apart_m[1] > 3.0, "{apart}");
+    assert!(apart.to_string().contains("miss each other by"), "{apart}");
+    // One point amid the touched cells' box, at none of them.
+    let corner = felt.points_m.iter().fold([f64::INFINITY; 3], |low, point| {
+        std::array::from_fn(|axis| low[axis].min(point[axis]))
+    });
+    let alone = Seen::new(&[Point3::from(corner)], &[[0, 0, 0]]).unwrap();
+    let error = extrapolate(&alone, &field, Some(&felt), &config).unwrap_err();
+    assert!(matches!(error, ExtrapolateError::NoneTouched { .. }), "{error}");
+    let config = Config { length_scale: 0.0, ..config };
+    let error = extrapolate(&seen, &field, Some(&felt), &config).unwrap_err();
+    assert!(error.to_string().contains("`length_scale` is 0"), "{error}");
+}
+
+#[test]
+fn halves_are_compared_with_and_without_the_prior() {
+    let (seen, felt) = (object(), tracked(&[1, 2, 5, 8], 8));
+    let plan = Plan { halves: 2, ..Plan::of(Config::default()) };
+    let mapper = MapperConfig::of(Estimator::Map);
+    let rows = plan.run(&felt, &seen, &mapper, NEVER, &|| {}).unwrap();
+    assert_eq!(rows.len(), plan.variants().len() + 3);
+    assert_eq!(rows[0].means().0, Some(1.0), "predicting zero");
+    assert!(rows.iter().all(|row| row.avg_error.len() == 2));
+    let one = tracked(&[2], 20);
+    let error = plan.run(&one, &seen, &mapper, NEVER, &|| {}).unwrap_err();
+    assert!(matches!(error, CompareError::TooFew { touches: 1 }));
+}
