@@ -108,7 +108,7 @@ fn resolved(path: &Path) -> Option<PathBuf> {
 }
 
 /// What lies in a folder; nothing if it is none.
-fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
+pub(crate) fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
     folder.read_dir().into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()))
 }
 

@@ -1,8 +1,9 @@
 //! `--prior`: the stiffness that a field expects of its cells, for a mapper that starts anew.
 //!
-//! The prior of a cell is `K_prior`, what would be expected of it had nothing been touched. So the
-//! touches that an extrapolated field comes from can be learnt again without counting them twice.
-//! A field without that array expects what it has learnt.
+//! The prior of a cell is `K_prior`, what was expected of it before any touch, and not what the field
+//! has learnt since: whoever wants to keep that goes on with `--from`. An extrapolated `K_prior` comes
+//! from the touches themselves, so that to learn them again from it uses them twice, for a little
+//! more error than without. A field without that array expects what it has learnt.
 
 use std::path::Path;
 use std::sync::Arc;

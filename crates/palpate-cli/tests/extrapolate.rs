@@ -128,6 +128,41 @@ fn the_field_expects_something_where_no_touch_has_been_and_mapping_goes_on_from_
 }
 
 #[test]
+fn a_second_view_keeps_what_the_first_one_expected() {
+    let out = tempfile::tempdir().unwrap();
+    let path = |name: &str| out.path().join(name);
+    let object = object();
+    let of = |name: &str, keep: &dyn Fn(&Point3<f64>) -> bool| {
+        let both = object.points().iter().zip(object.colours().unwrap());
+        let (points, colours) =
+            both.filter(|(point, _)| keep(point)).map(|(p, c)| (*p, *c)).unzip();
+        let cloud = Cloud::new(points, Some(colours));
+        cloud::write_ply(&path(name), IfExists::Replace, &cloud, &[]).unwrap();
+        path(name)
+    };
+    let (left, right) = (of("left.ply", &|p| p.y > 0.1), of("right.ply", &|p| p.y <= 0.1));
+    let (first, second) = (path("first.npz"), path("second.npz"));
+    let seen = path("seen.npz");
+    succeed(extrapolate("field.npz", &left, &seen).arg("--field").arg(&first));
+    let mut command = palpate();
+    command.args(["--quiet", "extrapolate"]).arg(&first).arg(&right).arg("-o").arg(&seen);
+    succeed(command.arg("--field").arg(&second));
+    let (first, second) = (load(&first).unwrap(), load(&second).unwrap());
+    let n = first.field.cells.len();
+    assert!(second.field.cells.len() > n + 1000);
+    let [before, after] = [&first, &second].map(|saved| saved.prior_n_per_m.as_ref().unwrap());
+    let kept = |row: &usize| {
+        first.field.counts[*row] == 0
+            && after[*row] == before[*row]
+            && second.field.stiffness_n_per_m[*row] == before[*row]
+    };
+    let expected = (0..n).filter(|row| first.field.counts[*row] == 0).count();
+    let kept = (0..n).filter(kept).count();
+    // But for the cells at the seam, of which the second view knows as well.
+    assert!(kept as f64 > 0.9 * expected as f64, "{kept} of {expected}");
+}
+
+#[test]
 fn pictures_and_page_are_written_and_a_comparison_tells_of_all_methods() {
     let out = tempfile::tempdir().unwrap();
     let path = |name: &str| out.path().join(name);
@@ -223,4 +258,6 @@ fn flags_that_cannot_be_followed_are_refused() {
     let field = scene().path().join("field.npz");
     let mut over = extrapolate("field.npz", &cloud, &npz);
     refuse(over.arg("--field").arg(&field), 2, &["which is the field"]);
+    refuse(&mut of(&["--reach-cells", "100"]), 2, &["reach_cells", "from 0.5 to 4"]);
+    refuse(&mut of(&["--picture", "fig4.png", "--threshold", "nan"]), 2, &["from 0 on"]);
 }

@@ -181,8 +181,8 @@ fn the_demo_beats_predicting_zero_and_leaves_its_results() {
         method["avg_error"]["mean"].as_f64().unwrap()
     };
     assert!(error("map") < error("uniform").min(error("gp")).min(error("zero")), "{evaluation:?}");
-    let mut results = vec!["errors.csv", "evaluation.json", "field.npz", "field.svg", "figures"];
-    results.extend(["report.html", "torques.svg"]);
+    let mut results = vec!["errors.csv", "evaluation.json", "field.npz", "field.svg", "fig4.svg"];
+    results.extend(["figures", "report.html", "seen.html", "seen.ply", "torques.svg"]);
     assert_eq!(common::names(&scene.path("demo")), results);
 }
 

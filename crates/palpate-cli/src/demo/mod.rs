@@ -142,10 +142,13 @@ fn carry_over(
     let cloud = cloud::read(object).map_err(CliError::file)?.cloud;
     let names = [Path::new("field.npz"), Path::new("object.ply")];
     let (config, halves) = (extrapolate::Config::default(), Some(HALVES));
-    let work = extrapolate::Work { arm, saved, names, cloud: &cloud, config, halves };
+    let kept = "all but what the camera saw is written";
+    let drawn = true;
+    let cloud = &cloud;
+    let work = extrapolate::Work { arm, saved, names, cloud, config, halves, drawn, kept };
     let found = work.run(output)?;
     let told = extrapolate::Told { work: &work, found: &found, truth: None, simulated: true };
-    extrapolate::write(&folder.join("seen.ply"), &cloud, &found.extrapolation)?;
+    extrapolate::write(&folder.join("seen.ply"), cloud, &found.extrapolation)?;
     place::write(&folder.join("fig4.svg"), &told.picture(None)?)?;
     place::write(&folder.join("seen.html"), &told.page()?)
 }

@@ -19,8 +19,13 @@ pub(super) fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
     let by_cell: HashMap<CellId, f64> = expected.iter().copied().collect();
     let known: HashMap<CellId, usize> =
         field.cells.iter().enumerate().map(|(row, cell)| (*cell, row)).collect();
-    let of = |cell: &CellId| by_cell.get(cell).copied().unwrap_or(field.untouched_n_per_m);
-    let mut prior: Vec<f64> = field.cells.iter().map(of).collect();
+    // What an earlier prior expected of cells that this cloud does not show still holds.
+    let earlier = saved.prior_n_per_m.take().unwrap_or_default();
+    let of = |(row, cell): (usize, &CellId)| {
+        let earlier = earlier.get(row).copied().unwrap_or(field.untouched_n_per_m);
+        by_cell.get(cell).copied().unwrap_or(earlier)
+    };
+    let mut prior: Vec<f64> = field.cells.iter().enumerate().map(of).collect();
     // Of cells that an earlier extrapolation added, the new one knows better.
     let fresh = |row: &usize| field.counts[*row] == 0;
     let renewed: Vec<(usize, f64)> = (known.iter().filter(|(_, row)| fresh(row)))
@@ -28,7 +33,9 @@ pub(super) fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
         .collect();
     let added: Vec<(CellId, f64)> =
         expected.iter().filter(|(cell, _)| !known.contains_key(cell)).copied().collect();
-    let prior_std = field.std_n_per_m.iter().copied().fold(0.0, f64::max);
+    // Without a memory the settings are not known: the least known cell is as little known.
+    let least_known = field.std_n_per_m.iter().copied().fold(0.0, f64::max);
+    let prior_std = saved.snapshot.as_ref().map_or(least_known, |snapshot| std(&snapshot.config));
     for &(row, k) in &renewed {
         field.stiffness_n_per_m[row] = k;
     }
@@ -41,14 +48,13 @@ pub(super) fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
     }
     if let Some(snapshot) = &mut saved.snapshot {
         let (config, state) = (&snapshot.config, &mut snapshot.state);
-        let (_, std) = config.estimator.prior.at_spacing(config.lattice.spacing_m());
         for (row, k) in renewed {
             state.mean[row] = k;
         }
         for (cell, k) in added {
             snapshot.cells.push(cell);
             state.mean.push(k);
-            state.variance.push(std * std);
+            state.variance.push(prior_std * prior_std);
             state.counts.push(0);
             if config.method == Method::Ekf {
                 state.seen.push(0);
@@ -58,6 +64,11 @@ pub(super) fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
     }
     saved.prior_n_per_m = Some(prior);
     saved
+}
+
+/// Standard deviation of a cell that was never touched, N/m.
+fn std(config: &Config) -> f64 {
+    config.estimator.prior.at_spacing(config.lattice.spacing_m()).1
 }
 
 /// The least stiffness that an estimator can begin with, N/m: at κ = 0 the paper's filter would never

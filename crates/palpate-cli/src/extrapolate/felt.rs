@@ -7,9 +7,8 @@ use palpate::arm::Arm;
 use palpate::mapper::{Config, TapedTouch};
 use palpate::touch::Sample;
 use palpate_io::field::Saved;
-use palpate_learn::tracked::{Touch, TrackError, Tracked};
+use palpate_learn::tracked::{Touch, Tracked};
 
-use super::work::stopped;
 use crate::error::CliError;
 use crate::interrupt;
 use crate::output::Output;
@@ -58,10 +57,7 @@ pub(super) fn recalled(
     }
     output.note(&format!("following {} remembered touches again", touches.len()));
     let tracked = Tracked::new(arm, &snapshot.config, &touches, &interrupt::pressed);
-    let tracked = tracked.map_err(|error| match error {
-        TrackError::Stopped => stopped(),
-        other => CliError::from(format!("`{name}`: {other}")),
-    })?;
+    let tracked = tracked.map_err(|error| CliError::from(format!("`{name}`: {error}")))?;
     Ok((tracked, snapshot.config.clone()))
 }
 

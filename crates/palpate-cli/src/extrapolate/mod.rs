@@ -24,7 +24,7 @@ use crate::error::CliError;
 use crate::output::Output;
 use crate::picture::Format;
 use crate::place::Places;
-use crate::settings::{RobotAndLogSettings, Settings};
+use crate::settings::{RobotOnlySettings, Settings};
 use crate::{interrupt, place, robot};
 
 use cloud::CloudArgs;
@@ -36,7 +36,7 @@ const NOTES: &str = "Examples:
   palpate extrapolate field.npz plant_a/ -o seen.npz --field filled.npz
   palpate extrapolate field.npz plant.pcd -o seen.ply --method knn --features rgb
   palpate extrapolate field.npz plant.ply -o seen.ply --picture fig4.png --report seen.html --compare
-  palpate map more/ --prior filled.npz -o better.npz
+  palpate map more/ --from filled.npz -o better.npz
 
 A CLOUD is a PLY or PCD file with colours, or a folder (or its rgbd/) with color.png, depth.png and
 camera.json, in the frame of the robot's base, m. A picture is taken before the touches, without the
@@ -53,7 +53,8 @@ The stiffness of a point is that of a cell of the field's lattice, as in the fie
 the uncertainty of the regression; single points differ more.
 
 --field writes the field with the cells that the camera saw and no touch reached: `palpate predict`
-then expects them to resist, and `palpate map --prior` begins with them.
+then expects them to resist, and `palpate map --from` goes on with them. `palpate map --prior` begins
+anew, with what was expected of all cells at seen points and nothing of what was learnt.
 
 --compare predicts random halves of the remembered touches from the other half, with and without
 the prior, with every method and set of features.
@@ -103,13 +104,13 @@ pub(crate) struct Args {
     picture: Option<PathBuf>,
     /// Stiffness from which on the picture shows cells of the field, N/m [default: that of the
     /// stiffest twentieth]
-    #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N_PER_M", requires = "picture", value_parser = threshold)]
     threshold: Option<f64>,
     /// Write a page to turn and look at, which opens in a browser without a network
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     /// Say on the page that the touches are simulated
-    #[arg(long)]
+    #[arg(long, requires = "report")]
     simulated: bool,
     /// Print the summary as JSON
     #[arg(long)]
@@ -117,13 +118,18 @@ pub(crate) struct Args {
     #[command(flatten)]
     depth: CloudArgs,
     #[command(flatten)]
-    settings: RobotAndLogSettings,
+    settings: RobotOnlySettings,
 }
 
 fn method(name: &str) -> Result<Method, String> {
     let all = [Method::Torque, Method::Cells, Method::Knn];
     let found = all.into_iter().find(|method| method.name() == name);
     found.ok_or_else(|| "there are torque, cells and knn".to_owned())
+}
+
+fn threshold(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number >= 0.0);
+    number.ok_or_else(|| "wanted a stiffness from 0 on, N/m".to_owned())
 }
 
 /// Carries stiffness over and writes it.
@@ -144,7 +150,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let arm = robot::load(&settings.robot, output)?;
     let names = [args.from.as_path(), args.cloud.as_path()];
     let halves = args.compare.then_some(args.halves);
-    let work = Work { arm: &arm, saved: &saved, names, cloud: &cloud, config, halves };
+    let drawn = args.picture.is_some() || args.report.is_some();
+    let kept = "nothing was written";
+    let work = Work { arm: &arm, saved: &saved, names, cloud: &cloud, config, halves, drawn, kept };
     if args.compare && !felt::remembers(&saved) {
         return Err(CliError::from(format!(
             "`{}` remembers no touch to compare on; map its logs again without --no-memory",
@@ -153,18 +161,20 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     let found = work.run(output)?;
 
-    write(&args.output, &cloud, &found.extrapolation)?;
-    if let Some(path) = &args.field {
-        let expected = found.extrapolation.cells(&found.seen, &saved.field.lattice, &work.config);
-        field::save(path, &back::filled(saved.clone(), &expected)).map_err(CliError::file)?;
-    }
+    // Everything is made before anything is written.
     let (truth, simulated) = (truth.as_ref(), args.simulated);
     let told = Told { work: &work, found: &found, truth, simulated };
-    if let (Some(path), Some(format)) = (&args.picture, picture) {
-        format.write(path, &told.picture(args.threshold)?)?;
+    let drawing = picture.map(|_| told.picture(args.threshold)).transpose()?;
+    let page = args.report.as_ref().map(|_| told.page()).transpose()?;
+    write(&args.output, &cloud, &found.extrapolation)?;
+    if let Some(path) = &args.field {
+        field::save(path, &back::filled(saved.clone(), &found.cells)).map_err(CliError::file)?;
     }
-    if let Some(path) = &args.report {
-        place::write(path, &told.page()?)?;
+    if let (Some(path), Some(format), Some(drawing)) = (&args.picture, picture, &drawing) {
+        format.write(path, drawing)?;
+    }
+    if let (Some(path), Some(page)) = (&args.report, &page) {
+        place::write(path, page)?;
     }
     if args.json {
         output.json(&told.json(args, started.elapsed()))
@@ -205,6 +215,11 @@ impl Args {
         places.input("the settings file", self.settings.path());
         places.input("the field", Some(&self.from));
         places.input("the cloud", Some(&self.cloud));
+        for folder in [Some(&self.cloud), Some(&self.cloud.join("rgbd")), self.truth.as_ref()] {
+            for file in folder.iter().flat_map(|folder| place::entries(folder)) {
+                places.input("a file that is read", Some(&file));
+            }
+        }
         places.input("the robot", Some(Path::new(settings.robot.name())));
         places.output("the cloud (--output)", Some(&self.output))?;
         places.output("the field (--field)", self.field.as_deref())?;

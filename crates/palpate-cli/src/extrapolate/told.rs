@@ -43,7 +43,7 @@ struct Order {
 impl Told<'_> {
     /// Cells at seen points that no touch has reached.
     fn expected(&self) -> usize {
-        let (work, field) = (self.work, &self.work.saved.field);
+        let field = &self.work.saved.field;
         let touched: HashSet<_> = field
             .cells
             .iter()
@@ -51,8 +51,7 @@ impl Told<'_> {
             .filter(|(_, n)| **n > 0)
             .map(|(c, _)| c)
             .collect();
-        let cells = self.found.seen.cells(&field.lattice, work.config.reach_m(&field.lattice));
-        cells.iter().filter(|(cell, _)| !touched.contains(cell)).count()
+        self.found.cells.iter().filter(|(cell, _)| !touched.contains(cell)).count()
     }
 
     /// K below which 10, 50 and 90 of 100 points lie, N/m.
@@ -142,7 +141,7 @@ impl Told<'_> {
         if let Some(path) = &args.field {
             let path = path.display();
             let _ = writeln!(text, "The field is in `{path}`.");
-            let _ = writeln!(text, "Next: palpate map LOG --prior {path} -o FIELD.npz");
+            let _ = writeln!(text, "Next: palpate map LOG --from {path} -o FIELD.npz");
         }
         text
     }

@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 use palpate::arm::Arm;
+use palpate::lattice::CellId;
 use palpate::mapper::Config as MapperConfig;
 use palpate_io::cloud::Cloud;
 use palpate_io::field::Saved;
 use palpate_learn::extrapolate::compare::{CompareError, Plan, Row};
-use palpate_learn::extrapolate::{Config, Extrapolation, Seen, extrapolate};
+use palpate_learn::extrapolate::{Config, Extrapolation, Method, Seen, extrapolate};
 use palpate_learn::tracked::{Tracked, TrackedTouch};
 
 use super::felt;
@@ -27,12 +28,18 @@ pub(crate) struct Work<'a> {
     pub(crate) config: Config,
     /// Random halves to compare on, if any.
     pub(crate) halves: Option<u32>,
+    /// Whether the arm is to be drawn in its touches.
+    pub(crate) drawn: bool,
+    /// What is said to be kept on Ctrl-C.
+    pub(crate) kept: &'a str,
 }
 
 /// What was found.
 pub(crate) struct Found {
     pub(crate) seen: Seen,
     pub(crate) extrapolation: Extrapolation,
+    /// Cells of the field's lattice at seen points, each with its expected stiffness, N/m.
+    pub(crate) cells: Vec<(CellId, f64)>,
     /// Touches and frames in contact that the field remembers.
     pub(crate) felt: Option<(usize, usize)>,
     /// Joint positions of each remembered touch where the torque is largest, rad.
@@ -49,8 +56,11 @@ impl Work<'_> {
     pub(crate) fn run(&self, output: &Output) -> Result<Found, CliError> {
         let colours = self.cloud.colours().expect("a cloud without colours was refused");
         let seen = Seen::new(self.cloud.points(), colours).map_err(CliError::file)?;
-        let felt = if felt::remembers(self.saved) {
-            Some(felt::recalled(self.saved, self.names[0], self.arm, output)?)
+        let wanted = self.config.method == Method::Torque || self.halves.is_some() || self.drawn;
+        let felt = if wanted && felt::remembers(self.saved) {
+            let recalled = felt::recalled(self.saved, self.names[0], self.arm, output);
+            self.unless_stopped()?;
+            Some(recalled?)
         } else {
             None
         };
@@ -61,13 +71,12 @@ impl Work<'_> {
         };
         let extrapolation = extrapolate(&seen, &self.saved.field, tracked, &self.config);
         let extrapolation = extrapolation.map_err(|error| fault(&error))?;
+        self.unless_stopped()?;
         let rows = match (self.halves, &felt) {
             (Some(halves), Some((tracked, mapper))) => {
                 let compared = self.compared(halves, (tracked, mapper), &seen, output);
-                Some(compared.map_err(|error| match error {
-                    _ if interrupt::pressed() => stopped(),
-                    other => fault(&other),
-                })?)
+                self.unless_stopped()?;
+                Some(compared.map_err(|error| fault(&error))?)
             }
             _ => None,
         };
@@ -78,10 +87,19 @@ impl Work<'_> {
                 let frames = tracked.touches.iter().map(TrackedTouch::frames_in_contact).sum();
                 (tracked.touches.len(), frames)
             }),
+            cells: extrapolation.cells(&seen, &self.saved.field.lattice, &self.config),
             seen,
             extrapolation,
             rows,
         })
+    }
+
+    /// An error after Ctrl-C.
+    fn unless_stopped(&self) -> Result<(), CliError> {
+        if interrupt::pressed() {
+            return Err(CliError::Interrupted { kept: format!("; {}", self.kept) });
+        }
+        Ok(())
     }
 
     /// The comparison on halves, with a bar.
@@ -98,11 +116,6 @@ impl Work<'_> {
         bar.finish_and_clear();
         rows
     }
-}
-
-/// Ended by Ctrl-C.
-pub(super) fn stopped() -> CliError {
-    CliError::Interrupted { kept: "; nothing was written".to_owned() }
 }
 
 /// Where a touch is felt most, rad.

@@ -66,6 +66,15 @@ pub(crate) struct RobotAndLogSettings {
     touch: TouchSettings,
 }
 
+/// The settings of a command that asks a field which remembers its touches: the robot alone.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct RobotOnlySettings {
+    #[command(flatten)]
+    file: SettingsFile,
+    #[command(flatten)]
+    robot: RobotSettings,
+}
+
 #[derive(Debug, Clone, Args)]
 struct SettingsFile {
     /// TOML file with settings; flags win over it (`palpate settings` prints a template)
@@ -95,6 +104,18 @@ impl RobotAndLogSettings {
     pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
         let (robot, log, touch) = (self.robot.clone(), self.log.clone(), self.touch);
         self.file.under(Settings { robot, log, touch, ..Settings::default() })
+    }
+}
+
+impl RobotOnlySettings {
+    /// The settings file, if one was given.
+    pub(crate) fn path(&self) -> Option<&Path> {
+        self.file.path.as_deref()
+    }
+
+    /// The flags over the file's values.
+    pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
+        self.file.under(Settings { robot: self.robot.clone(), ..Settings::default() })
     }
 }
 

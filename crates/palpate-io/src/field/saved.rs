@@ -271,6 +271,12 @@ fn snapshot(
         },
         rng: mapper.rng,
     };
+    let (means, variances, cells) =
+        (state.mean.len(), state.variance.len(), saved.field.cells.len());
+    if means != cells || variances != cells {
+        let what = format!("{cells} cells have {means} means and {variances} variances");
+        return Err(SavedError::Contradiction { path: path.to_owned(), what });
+    }
     let (n_joints, tape) = tape(arrays, path)?;
     let wanted = if mapper.config.method == Method::Map { n_joints } else { 0 };
     if width != wanted && !state.remembered.is_empty() {

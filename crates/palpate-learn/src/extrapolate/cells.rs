@@ -3,7 +3,7 @@
 //! A cell that a single touch brushed says less than one that was pressed again and again: n frames
 //! count as much as `n/(n + 20)` of a cell that is known.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use palpate::field::Field;
 use palpate::lattice::CellId;
@@ -41,13 +41,12 @@ pub(super) fn evidence(
     evidence
 }
 
-/// Of every seen point the mean stiffness of the touched cells that lie at it, N/m, and their weight;
-/// `None` without such a cell.
+/// Of every seen point the mean stiffness of the touched cells to which it is the nearest, N/m, and
+/// their weight; else that of the touched cell in which it lies; `None` without such a cell.
 pub(super) fn of_points(
     field: &Field,
     seen: &Seen,
-    rows: &[usize],
-    at: &[Option<u32>],
+    (rows, at): (&[usize], &[Option<u32>]),
 ) -> Vec<Option<(f64, f64)>> {
     let mut sums = vec![(0.0, 0.0); seen.len()];
     for (&row, point) in rows.iter().zip(at) {
@@ -58,7 +57,15 @@ pub(super) fn of_points(
             *weights += weight;
         }
     }
-    sums.iter().map(|&(sum, weight)| (weight > 0.0).then(|| (sum / weight, weight))).collect()
+    let by_cell: HashMap<CellId, usize> = rows.iter().map(|&row| (field.cells[row], row)).collect();
+    let within = |point: &[f64; 3]| {
+        let row = *by_cell.get(&field.lattice.nearest(&(*point).into())?)?;
+        Some((field.stiffness_n_per_m[row], weight(field.counts[row])))
+    };
+    let of = |((sum, weight), point): (&(f64, f64), &[f64; 3])| {
+        if *weight > 0.0 { Some((sum / weight, *weight)) } else { within(point) }
+    };
+    sums.iter().zip(seen.points_m()).map(of).collect()
 }
 
 /// Whether each seen point lies in a touched cell.

@@ -12,7 +12,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 
 use super::process::{Evidence, Process};
-use super::{Config, ExtrapolateError, Extrapolation, Features, Method, Seen, extrapolate, felt};
+use super::{Config, ExtrapolateError, Features, Method, Seen, extrapolate, felt};
 use crate::contender::{self, ContenderError};
 use crate::errors::ErrorSum;
 use crate::folds::Fold;
@@ -115,6 +115,9 @@ impl Plan {
             return Err(CompareError::TooFew { touches });
         }
         let at = seen.at(&tracked.points_m, self.config.reach_m(&tracked.lattice));
+        if stop() {
+            return Err(ExtrapolateError::Stopped.into());
+        }
         let variants: Vec<Variant> = self
             .variants()
             .into_iter()
@@ -220,11 +223,16 @@ impl Half<'_> {
                     let posterior = felt::posterior(&some, prior_std, variant.config.torque_std);
                     process.at_all_points(&posterior).0
                 }
-                None => {
-                    let Extrapolation { stiffness_n_per_m, .. } =
-                        extrapolate(self.seen, &field, None, &variant.config)?;
-                    stiffness_n_per_m
-                }
+                None => match extrapolate(self.seen, &field, None, &variant.config) {
+                    Ok(found) => found.stiffness_n_per_m,
+                    // This half has touched nothing that is seen: nothing is expected of the rest.
+                    Err(
+                        ExtrapolateError::NothingTouched
+                        | ExtrapolateError::NoneTouched { .. }
+                        | ExtrapolateError::Apart { .. },
+                    ) => vec![untouched; self.seen.len()],
+                    Err(other) => return Err(other.into()),
+                },
             };
             let expected: Vec<f64> = self
                 .at

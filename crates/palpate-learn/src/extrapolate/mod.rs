@@ -153,8 +153,11 @@ impl Config {
     ///
     /// Names the first setting out of range.
     pub fn check(&self) -> Result<(), ExtrapolateError> {
+        if !(0.5..=4.0).contains(&self.reach_cells) {
+            let (setting, found) = ("reach_cells", self.reach_cells);
+            return Err(ExtrapolateError::Setting { setting, found, wanted: "from 0.5 to 4" });
+        }
         let settings = [
-            ("reach_cells", self.reach_cells),
             ("length_scale", self.length_scale),
             ("std_n_per_m", self.std_n_per_m),
             ("torque_std", self.torque_std),
@@ -205,6 +208,8 @@ pub fn extrapolate(
         Method::Torque => {
             let felt = felt.filter(|felt| felt.touches.iter().any(|t| t.frames_in_contact() > 0));
             let felt = felt.ok_or(ExtrapolateError::NothingFelt)?;
+            // A field may know more than the touches that it still remembers.
+            seen.must_meet(&felt.points_m, reach_m)?;
             let process = Process::new(features, config.length_scale);
             let evidence = felt::evidence(felt, &process, &seen.at(&felt.points_m, reach_m));
             let all: Vec<&Evidence> = evidence.iter().collect();
@@ -219,7 +224,7 @@ pub fn extrapolate(
         }
         Method::Knn => {
             let at = seen.at(&touched_m, reach_m);
-            let known = cells::of_points(field, seen, &rows, &at);
+            let known = cells::of_points(field, seen, (&rows, &at));
             let neighbours = config.neighbours as usize;
             knn::at_all_points(&features, &known, neighbours, config.neighbour_scale)
         }

@@ -1,6 +1,6 @@
 //! A coloured cloud, and which cells of a field lie at it.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::num::NonZero;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -81,7 +81,7 @@ impl Seen {
     /// The cells of a lattice within reach of a seen point, each with the point nearest to it, in
     /// the lattice's order.
     pub fn cells(&self, lattice: &Lattice, reach_m: f64) -> Vec<(CellId, u32)> {
-        let mut cells = BTreeMap::new();
+        let mut cells = BTreeSet::new();
         let reach = nalgebra::Vector3::repeat(reach_m);
         for point in &self.points_m {
             let point = Point3::from(*point);
@@ -89,12 +89,12 @@ impl Seen {
             for k in first[2]..end[2] {
                 for j in first[1]..end[1] {
                     for i in first[0]..end[0] {
-                        cells.entry(lattice.cell([i, j, k])).or_insert(None::<u32>);
+                        cells.insert(lattice.cell([i, j, k]));
                     }
                 }
             }
         }
-        let at = |(cell, _)| {
+        let at = |cell: CellId| {
             let (point, distance_m) = self.nearest(&lattice.point(cell).into());
             (distance_m <= reach_m).then_some((cell, point as u32))
         };
