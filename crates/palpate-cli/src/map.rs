@@ -103,8 +103,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if args.from.is_none() {
         settings.config()?;
     }
-    let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
     args.check_places(&settings)?;
+    let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
     let touches = Touches::open(&args.logs, &settings.log.options())?;
     let arm = robot::load(&settings.robot, output)?;

@@ -84,8 +84,8 @@ impl Args {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings = args.settings.load()?;
     let export = args.output.as_deref().map(export::Format::of).transpose()?;
-    let picture = args.picture.as_deref().map(picture::Format::of).transpose()?;
     args.check_places(settings.robot.name())?;
+    let picture = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
     let touches = Touches::open(&args.logs, &settings.log.options())?;
