@@ -136,9 +136,9 @@ fn threshold(text: &str) -> Result<f64, String> {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let started = Instant::now();
     Ending::of(&args.output)?;
-    let picture = args.picture.as_deref().map(Format::of).transpose()?;
     let settings = args.settings.load()?;
     args.check_places(&settings)?;
+    let picture = args.picture.as_deref().map(Format::of).transpose()?;
     interrupt::listen();
 
     let saved = field::load(&args.from).map_err(CliError::file)?;

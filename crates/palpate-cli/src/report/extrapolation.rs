@@ -27,7 +27,7 @@ pub(crate) struct ExtrapolationPage<'a> {
     pub(crate) tables: &'a [Table],
     /// Where the data come from; a name and a text each.
     pub(crate) data: &'a [(String, String)],
-    /// All settings, as a settings file.
+    /// The settings of the extrapolation, as TOML.
     pub(crate) settings_toml: &'a str,
 }
 

@@ -69,7 +69,6 @@ impl Plan {
         let mut others = torque.to_vec();
         others.extend([(Method::Cells, config.features), (Method::Knn, rgb)]);
         others.retain(|other| *other != (config.method, config.features));
-        others.dedup();
         Self { config, others, halves: 5, seed: 0 }
     }
 
@@ -100,8 +99,8 @@ impl Plan {
     ///
     /// # Errors
     ///
-    /// Without two touches, if the cloud lies nowhere near what a half has touched, or on being
-    /// stopped.
+    /// Without two touches, or on being stopped. Of a half that has touched nothing that is seen,
+    /// nothing is expected elsewhere.
     pub fn run(
         &self,
         tracked: &Tracked,
