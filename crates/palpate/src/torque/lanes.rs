@@ -10,67 +10,54 @@
 
 use pulp::{Scalar256b, Simd, f32x4, f64x4};
 
-use super::{Cell, Contact, Stiffness, contact, row_of};
-
-/// Contacts in a block, one a lane.
-const LANES: usize = 4;
+use super::{Block, Cell, LANES, Stiffness, rows_of};
 
 /// Registers of four lanes.
 pub(super) trait Quads: Simd<f64s = f64x4> {
     /// Rows of a 4 × 4 matrix from its columns.
-    fn transpose(self, columns: [f64x4; 4]) -> [f64x4; 4];
+    fn transpose(self, columns: [&[f64; 4]; 4]) -> [f64x4; 4];
 
-    /// The first three rows of a 4 × 4 matrix from its columns, as `f64`.
-    fn transpose_wide(self, columns: [f32x4; 4]) -> [f64x4; 3];
+    /// Lanes as `f64`.
+    fn widen(self, lanes: f32x4) -> f64x4;
 }
 
 impl Quads for Scalar256b {
     #[inline(always)]
-    fn transpose(self, [a, b, c, d]: [f64x4; 4]) -> [f64x4; 4] {
-        [
-            f64x4(a.0, b.0, c.0, d.0),
-            f64x4(a.1, b.1, c.1, d.1),
-            f64x4(a.2, b.2, c.2, d.2),
-            f64x4(a.3, b.3, c.3, d.3),
-        ]
+    fn transpose(self, [a, b, c, d]: [&[f64; 4]; 4]) -> [f64x4; 4] {
+        std::array::from_fn(|row| f64x4(a[row], b[row], c[row], d[row]))
     }
 
     #[inline(always)]
-    fn transpose_wide(self, columns: [f32x4; 4]) -> [f64x4; 3] {
-        let wide = |f32x4(x, y, z, _): f32x4| f64x4(x.into(), y.into(), z.into(), 0.0);
-        let [x, y, z, _] = self.transpose(columns.map(wide));
-        [x, y, z]
+    fn widen(self, f32x4(a, b, c, d): f32x4) -> f64x4 {
+        f64x4(a.into(), b.into(), c.into(), d.into())
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 impl Quads for pulp::x86::V3 {
+    /// Halves of columns are put side by side as they are loaded, which leaves only half of the
+    /// shuffles that registers would need: of those, most processors make one at a time.
     #[inline(always)]
-    fn transpose(self, [a, b, c, d]: [f64x4; 4]) -> [f64x4; 4] {
+    fn transpose(self, [a, b, c, d]: [&[f64; 4]; 4]) -> [f64x4; 4] {
         use pulp::cast;
-        let (a, b, c, d) = (cast(a), cast(b), cast(c), cast(d));
-        let (ab, cd) = (self.avx._mm256_unpacklo_pd(a, b), self.avx._mm256_unpacklo_pd(c, d));
-        let (ab_odd, cd_odd) =
-            (self.avx._mm256_unpackhi_pd(a, b), self.avx._mm256_unpackhi_pd(c, d));
+        let beside = |left: [f64; 2], right: [f64; 2]| {
+            let left = self.avx._mm256_castpd128_pd256(cast(left));
+            self.avx._mm256_insertf128_pd::<1>(left, cast(right))
+        };
+        let (ac, bd) = (beside([a[0], a[1]], [c[0], c[1]]), beside([b[0], b[1]], [d[0], d[1]]));
+        let (ac_high, bd_high) =
+            (beside([a[2], a[3]], [c[2], c[3]]), beside([b[2], b[3]], [d[2], d[3]]));
         [
-            cast(self.avx._mm256_permute2f128_pd::<0x20>(ab, cd)),
-            cast(self.avx._mm256_permute2f128_pd::<0x20>(ab_odd, cd_odd)),
-            cast(self.avx._mm256_permute2f128_pd::<0x31>(ab, cd)),
-            cast(self.avx._mm256_permute2f128_pd::<0x31>(ab_odd, cd_odd)),
+            cast(self.avx._mm256_unpacklo_pd(ac, bd)),
+            cast(self.avx._mm256_unpackhi_pd(ac, bd)),
+            cast(self.avx._mm256_unpacklo_pd(ac_high, bd_high)),
+            cast(self.avx._mm256_unpackhi_pd(ac_high, bd_high)),
         ]
     }
 
     #[inline(always)]
-    fn transpose_wide(self, [a, b, c, d]: [f32x4; 4]) -> [f64x4; 3] {
-        use pulp::cast;
-        let (a, b, c, d) = (cast(a), cast(b), cast(c), cast(d));
-        let (ab, cd) = (self.sse._mm_unpacklo_ps(a, b), self.sse._mm_unpacklo_ps(c, d));
-        let (ab_high, cd_high) = (self.sse._mm_unpackhi_ps(a, b), self.sse._mm_unpackhi_ps(c, d));
-        [
-            cast(self.avx._mm256_cvtps_pd(self.sse._mm_movelh_ps(ab, cd))),
-            cast(self.avx._mm256_cvtps_pd(self.sse._mm_movehl_ps(cd, ab))),
-            cast(self.avx._mm256_cvtps_pd(self.sse._mm_movelh_ps(ab_high, cd_high))),
-        ]
+    fn widen(self, lanes: f32x4) -> f64x4 {
+        pulp::cast(self.avx._mm256_cvtps_pd(pulp::cast(lanes)))
     }
 }
 
@@ -80,7 +67,7 @@ pub(super) trait Sum {
     type Output;
 
     /// Adds a block, of which the first `count` contacts count; the others are not displaced.
-    fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], count: usize);
+    fn add<S: Quads>(&mut self, simd: S, block: &Block, count: usize);
 
     /// The result.
     fn finish(self) -> Self::Output;
@@ -103,52 +90,48 @@ impl Registers {
         }
     }
 
-    /// Runs a sum over contacts.
+    /// Runs a sum over so many contacts.
     #[inline]
-    pub(super) fn run<T: Sum>(self, contacts: &[Contact], sum: T) -> T::Output {
+    pub(super) fn run<T: Sum>(self, blocks: &[Block], n_contacts: usize, sum: T) -> T::Output {
         #[cfg(target_arch = "x86_64")]
         if let Some(simd) = self.avx2 {
             return simd.vectorize(
                 #[inline(always)]
-                || run_on(simd, contacts, sum),
+                || run_on(simd, blocks, n_contacts, sum),
             );
         }
-        run_on(Scalar256b, contacts, sum)
+        run_on(Scalar256b, blocks, n_contacts, sum)
     }
 }
 
-/// Adds all contacts in blocks; the last one is filled up with contacts that are not displaced.
+/// Adds all contacts; the last block may be filled only in part.
 #[inline(always)]
-fn run_on<S: Quads, T: Sum>(simd: S, contacts: &[Contact], mut sum: T) -> T::Output {
-    let (blocks, rest) = contacts.as_chunks::<LANES>();
-    for block in blocks {
+fn run_on<S: Quads, T: Sum>(simd: S, blocks: &[Block], n_contacts: usize, mut sum: T) -> T::Output {
+    let (full, rest) = blocks.split_at(n_contacts / LANES);
+    for block in full {
         sum.add(simd, block, LANES);
     }
-    if let Some(&[_, _, _, row]) = rest.first() {
-        let mut block = [contact([0.0; 3], row); LANES];
-        block[..rest.len()].copy_from_slice(rest);
-        sum.add(simd, &block, rest.len());
+    if let Some(block) = rest.first() {
+        sum.add(simd, block, n_contacts % LANES);
     }
     sum.finish()
 }
 
 /// Four contacts: displacements u and rest points p by axis, m, and what is unknown of the cells.
-struct Block {
+struct Quad {
     u: [f64x4; 3],
     p: [f64x4; 3],
     unknown: f64x4,
 }
 
-impl Block {
+impl Quad {
     #[inline(always)]
-    fn new<S: Quads>(simd: S, [a, b, c, d]: [Contact; LANES], cells: &[Cell]) -> Self {
-        let u = simd.transpose_wide([pulp::cast(a), pulp::cast(b), pulp::cast(c), pulp::cast(d)]);
-        let [px, py, pz, unknown] = simd.transpose([
-            pulp::cast(cells[row_of(a)].0),
-            pulp::cast(cells[row_of(b)].0),
-            pulp::cast(cells[row_of(c)].0),
-            pulp::cast(cells[row_of(d)].0),
-        ]);
+    fn new<S: Quads>(simd: S, block: &Block, cells: &[Cell]) -> Self {
+        let [ux, uy, uz, rows] = *block;
+        let u = [ux, uy, uz].map(|axis| simd.widen(pulp::cast(axis)));
+        let [a, b, c, d] = rows;
+        let column = |row: u32| &cells[row as usize].0;
+        let [px, py, pz, unknown] = simd.transpose([column(a), column(b), column(c), column(d)]);
         Self { u, p: [px, py, pz], unknown }
     }
 
@@ -191,9 +174,8 @@ impl Sum for Wrench<'_> {
     type Output = [f64; 6];
 
     #[inline(always)]
-    fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], _: usize) {
-        let Block { u: [ux, uy, uz], p: [px, py, pz], unknown } =
-            Block::new(simd, *block, self.cells);
+    fn add<S: Quads>(&mut self, simd: S, block: &Block, _: usize) {
+        let Quad { u: [ux, uy, uz], p: [px, py, pz], unknown } = Quad::new(simd, block, self.cells);
         let k = match self.stiffness {
             Stiffness::Positive => simd.max_f64s(unknown, simd.splat_f64s(0.0)),
             Stiffness::Magnitude => simd.abs_f64s(unknown),
@@ -227,17 +209,16 @@ impl<T: FnMut(&mut Cell, usize, f64)> Sum for Spread<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], count: usize) {
+    fn add<S: Quads>(&mut self, simd: S, block: &Block, count: usize) {
         let [lx, ly, lz, ax, ay, az] = self.twist;
         let (lx, ly, lz) = (simd.splat_f64s(lx), simd.splat_f64s(ly), simd.splat_f64s(lz));
         let (ax, ay, az) = (simd.splat_f64s(ax), simd.splat_f64s(ay), simd.splat_f64s(az));
-        let Block { u: [ux, uy, uz], p: [px, py, pz], .. } = Block::new(simd, *block, self.cells);
+        let Quad { u: [ux, uy, uz], p: [px, py, pz], .. } = Quad::new(simd, block, self.cells);
         let x = simd.mul_f64s(ux, simd.add_f64s(lx, cross(simd, ay, pz, az, py)));
         let y = simd.mul_f64s(uy, simd.add_f64s(ly, cross(simd, az, px, ax, pz)));
         let z = simd.mul_f64s(uz, simd.add_f64s(lz, cross(simd, ax, py, ay, px)));
         let f64x4(a, b, c, d) = simd.add_f64s(simd.add_f64s(x, y), z);
-        for (contact, value) in block[..count].iter().zip([a, b, c, d]) {
-            let row = row_of(*contact);
+        for (row, value) in rows_of(block, count).zip([a, b, c, d]) {
             (self.take)(&mut self.cells[row], row, -value);
         }
     }
@@ -265,10 +246,9 @@ impl<F: Fn(usize) -> f64> Sum for Gram<'_, F> {
     type Output = [f64; TRIANGLE];
 
     #[inline(always)]
-    fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], _: usize) {
-        let unit = Block::new(simd, *block, self.cells).wrenches(simd);
-        let weight = |lane: usize| (self.weight)(row_of(block[lane]));
-        let weight = f64x4(weight(0), weight(1), weight(2), weight(3));
+    fn add<S: Quads>(&mut self, simd: S, block: &Block, _: usize) {
+        let unit = Quad::new(simd, block, self.cells).wrenches(simd);
+        let weight: f64x4 = pulp::cast(block[3].map(|row| (self.weight)(row as usize)));
         for i in 0..6 {
             let weighted = simd.mul_f64s(weight, unit[i]);
             for (j, part) in unit[..=i].iter().enumerate() {
@@ -297,8 +277,8 @@ impl<T: FnMut(usize, f64)> Sum for Quadratic<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn add<S: Quads>(&mut self, simd: S, block: &[Contact; LANES], count: usize) {
-        let unit = Block::new(simd, *block, self.cells).wrenches(simd);
+    fn add<S: Quads>(&mut self, simd: S, block: &Block, count: usize) {
+        let unit = Quad::new(simd, block, self.cells).wrenches(simd);
         let mut value = simd.splat_f64s(0.0);
         for i in 0..6 {
             let mut dot = simd.splat_f64s(0.0);
@@ -309,8 +289,8 @@ impl<T: FnMut(usize, f64)> Sum for Quadratic<'_, T> {
             value = simd.add_f64s(value, simd.mul_f64s(unit[i], dot));
         }
         let f64x4(a, b, c, d) = value;
-        for (contact, value) in block[..count].iter().zip([a, b, c, d]) {
-            (self.take)(row_of(*contact), value);
+        for (row, value) in rows_of(block, count).zip([a, b, c, d]) {
+            (self.take)(row, value);
         }
     }
 
@@ -325,56 +305,61 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::{Rng, SeedableRng};
 
+    use super::super::block;
     use super::*;
 
-    /// Contacts that do not fill the last block, on cells of both signs.
-    fn frame() -> (Vec<Contact>, Vec<Cell>) {
+    /// They do not fill the last block.
+    const CONTACTS: usize = 43;
+
+    /// Contacts on cells of both signs.
+    fn frame() -> (Vec<Block>, Vec<Cell>) {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let mut uniform = || 2.0 * f64::from(rng.next_u32()) / f64::from(u32::MAX) - 1.0;
         let cells: Vec<Cell> =
             (0..50).map(|_| Cell::new([uniform(), uniform(), uniform()], uniform())).collect();
-        let contacts = (0..43).map(|row| contact([(); 3].map(|()| uniform() as f32), row + 3));
-        (contacts.collect(), cells)
+        let contacts: Vec<_> =
+            (0..CONTACTS).map(|row| ([(); 3].map(|()| uniform() as f32), row as u32 + 3)).collect();
+        (contacts.chunks(LANES).map(|four| block(four.iter().copied())).collect(), cells)
     }
 
     /// Whatever runs a sum.
     trait Runs {
-        fn run<T: Sum>(&self, contacts: &[Contact], sum: T) -> T::Output;
+        fn run<T: Sum>(&self, blocks: &[Block], sum: T) -> T::Output;
     }
 
     struct Best;
 
     impl Runs for Best {
-        fn run<T: Sum>(&self, contacts: &[Contact], sum: T) -> T::Output {
-            Registers::best().run(contacts, sum)
+        fn run<T: Sum>(&self, blocks: &[Block], sum: T) -> T::Output {
+            Registers::best().run(blocks, CONTACTS, sum)
         }
     }
 
     struct Plain;
 
     impl Runs for Plain {
-        fn run<T: Sum>(&self, contacts: &[Contact], sum: T) -> T::Output {
-            run_on(Scalar256b, contacts, sum)
+        fn run<T: Sum>(&self, blocks: &[Block], sum: T) -> T::Output {
+            run_on(Scalar256b, blocks, CONTACTS, sum)
         }
     }
 
     /// The bits of everything that the sums give.
     fn all_sums(registers: &impl Runs) -> Vec<u64> {
-        let (contacts, mut cells) = frame();
+        let (blocks, mut cells) = frame();
         let mut out = Vec::new();
         for stiffness in [Stiffness::Positive, Stiffness::Magnitude] {
             let sum = Wrench { cells: &cells, stiffness, sums: [ZERO; 6] };
-            out.extend(registers.run(&contacts, sum));
+            out.extend(registers.run(&blocks, sum));
         }
         let weight = |row: usize| 1.0 + row as f64;
         let gram = Gram { cells: &cells, weight, sums: [ZERO; TRIANGLE] };
-        out.extend(registers.run(&contacts, gram));
+        out.extend(registers.run(&blocks, gram));
         let form = std::array::from_fn(|entry| 0.1 * entry as f64 - 0.7);
         let take = |row: usize, value: f64| out.extend([row as f64, value]);
-        registers.run(&contacts, Quadratic { cells: &cells, form, take });
+        registers.run(&blocks, Quadratic { cells: &cells, form, take });
         let twist = [0.3, -0.2, 0.5, 0.7, -0.9, 0.1];
         let take = |cell: &mut Cell, _: usize, value: f64| *cell.unknown_mut() += value;
-        registers.run(&contacts, Spread { cells: &mut cells, twist, take });
+        registers.run(&blocks, Spread { cells: &mut cells, twist, take });
         out.extend(cells.iter().map(Cell::unknown));
         out.iter().map(|number| number.to_bits()).collect()
     }

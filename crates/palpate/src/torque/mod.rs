@@ -48,25 +48,37 @@ pub fn lever(
     -robot.jacobian(poses, link, &(rest + displacement)).transpose() * displacement
 }
 
-/// One displaced point, of which millions stream by: u (m, world frame) as the bits of three
-/// `f32`, and the cell's row in [`CellRows`]; 16 bytes.
-type Contact = [u32; 4];
+/// Contacts in a block, one a lane.
+const LANES: usize = 4;
 
-/// Numbers that a contact takes in a frame.
-const CONTACT: usize = size_of::<Contact>() / size_of::<f64>();
+/// Four displaced points, of which millions stream by: u by axis (m, world frame) as the bits of
+/// `f32`, then the cells' rows in [`CellRows`]; 64 bytes, a line of the cache.
+type Block = [[u32; LANES]; 4];
 
-fn contact([x, y, z]: [f32; 3], row: u32) -> Contact {
-    [x.to_bits(), y.to_bits(), z.to_bits(), row]
+/// A block of one to four contacts. Lanes without one are not displaced and repeat the last row.
+fn block(contacts: impl Iterator<Item = ([f32; 3], u32)>) -> Block {
+    let mut block = [[0; LANES]; 4];
+    for (lane, (displacement_m, row)) in contacts.take(LANES).enumerate() {
+        let [x, y, z] = displacement_m.map(f32::to_bits);
+        (block[0][lane], block[1][lane], block[2][lane]) = (x, y, z);
+        block[3][lane..].fill(row);
+    }
+    block
 }
 
-fn displacement_m([x, y, z, _]: Contact) -> Vector3<f64> {
-    Vector3::new(x, y, z).map(|bits| f64::from(f32::from_bits(bits)))
+/// The rows of the first so many contacts of a block.
+#[inline(always)]
+fn rows_of(&[_, _, _, rows]: &Block, count: usize) -> impl Iterator<Item = usize> + use<> {
+    rows.into_iter().take(count).map(|row| row as usize)
 }
 
-#[inline]
-fn row_of([_, _, _, row]: Contact) -> usize {
-    row as usize
+/// u of a lane.
+fn displacement_m([x, y, z, _]: &Block, lane: usize) -> Vector3<f64> {
+    Vector3::new(x[lane], y[lane], z[lane]).map(|bits| f64::from(f32::from_bits(bits)))
 }
+
+/// Numbers that a block takes in a frame.
+const BLOCK: usize = size_of::<Block>() / size_of::<f64>();
 
 /// A touched cell as sums over contacts need it: its rest point (world frame, m) and its unknown
 /// (N/m); 32 bytes, half a line of the cache.
@@ -114,7 +126,7 @@ pub enum Stiffness {
 #[derive(Debug, Clone)]
 pub struct Observation {
     /// τ; then for every link that touches: the number of its contacts, S column by column, and
-    /// the contacts; then the notes.
+    /// the contacts in blocks; then the notes.
     stream: Vec<f64>,
     n_joints: usize,
     n_contacts: usize,
@@ -126,10 +138,17 @@ pub struct Observation {
 struct Run<'a> {
     /// S, 6 × n_joints: wrench on the link, about the world's origin, to joint torques is `Sᵀ`.
     spatial: &'a [[f64; 6]],
-    contacts: &'a [Contact],
+    n_contacts: usize,
+    blocks: &'a [Block],
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    /// The blocks, each with the number of its contacts.
+    fn blocks(&self) -> impl Iterator<Item = (&'a Block, usize)> + use<'a> {
+        let left = (0..self.n_contacts).rev().step_by(LANES).map(|last| last + 1);
+        self.blocks.iter().zip(left.map(|left| left.min(LANES)))
+    }
+
     /// `S d`: linear velocity at the world's origin, and angular.
     fn twist(&self, d: &[f64]) -> [f64; 6] {
         let mut twist = [0.0; 6];
@@ -177,8 +196,9 @@ impl Folder {
         tau: &DVector<f64>,
     ) -> Observation {
         let (n_joints, n_contacts) = (tau.len(), contacts.len());
-        let n_measured =
-            n_joints + contacts.links.len() * (1 + 6 * n_joints) + CONTACT * n_contacts;
+        let n_blocks: usize =
+            contacts.links.iter().map(|link| link.cells.len().div_ceil(LANES)).sum();
+        let n_measured = n_joints + contacts.links.len() * (1 + 6 * n_joints) + BLOCK * n_blocks;
         // With room for notes: an estimator keeps a vector and a matrix over the joints, or nothing.
         let mut stream = Vec::with_capacity(n_measured + n_joints * (1 + n_joints));
         stream.extend_from_slice(tau.as_slice());
@@ -186,8 +206,9 @@ impl Folder {
             stream.push(link.cells.len() as f64);
             stream.extend_from_slice(robot.spatial_jacobian(poses, link.link).as_slice());
             let rows = self.runs.follow(link.link.index(), &link.cells, &mut self.rows);
-            for (&displacement_m, &row) in link.displacements_m.iter().zip(rows) {
-                let numbers: [f64; CONTACT] = cast(contact(displacement_m, row));
+            for (four, rows) in link.displacements_m.chunks(LANES).zip(rows.chunks(LANES)) {
+                let numbers: [f64; BLOCK] =
+                    cast(block(four.iter().copied().zip(rows.iter().copied())));
                 stream.extend_from_slice(&numbers);
             }
         }
@@ -255,7 +276,7 @@ impl Observation {
 
     /// The contacts' rows in [`CellRows`], link by link.
     pub fn rows(&self) -> impl Iterator<Item = usize> {
-        self.runs().flat_map(|run| run.contacts.iter().map(|contact| row_of(*contact)))
+        self.runs().flat_map(|run| run.blocks()).flat_map(|(block, count)| rows_of(block, count))
     }
 
     /// Brings the frame closer before it is walked over.
@@ -279,10 +300,11 @@ impl Observation {
         let mut left = &self.stream[self.n_joints..self.n_measured];
         std::iter::from_fn(move || {
             let (count, rest) = left.split_first()?;
+            let n_contacts = *count as usize;
             let (spatial, rest) = rest.split_at(6 * self.n_joints);
-            let (contacts, rest) = rest.split_at(CONTACT * *count as usize);
+            let (blocks, rest) = rest.split_at(BLOCK * n_contacts.div_ceil(LANES));
             left = rest;
-            Some(Run { spatial: spatial.as_chunks().0, contacts: cast_slice(contacts) })
+            Some(Run { spatial: spatial.as_chunks().0, n_contacts, blocks: cast_slice(blocks) })
         })
     }
 
@@ -292,9 +314,9 @@ impl Observation {
     pub fn predict(&self, cells: &[Cell], stiffness: Stiffness) -> DVector<f64> {
         let registers = Registers::best();
         let mut tau = DVector::zeros(self.n_joints);
-        for Run { spatial, contacts } in self.runs() {
+        for Run { spatial, n_contacts, blocks } in self.runs() {
             let sum = lanes::Wrench { cells, stiffness, sums: [lanes::ZERO; 6] };
-            let [fx, fy, fz, mx, my, mz] = registers.run(contacts, sum);
+            let [fx, fy, fz, mx, my, mz] = registers.run(blocks, n_contacts, sum);
             for (torque, [lx, ly, lz, ax, ay, az]) in tau.iter_mut().zip(spatial) {
                 *torque += (lx * fx + ly * fy + lz * fz) + (ax * mx + ay * my + az * mz);
             }
@@ -308,7 +330,8 @@ impl Observation {
         let mut gram = DMatrix::zeros(self.n_joints, self.n_joints);
         for run in self.runs() {
             let sums = [lanes::ZERO; lanes::TRIANGLE];
-            let sum = registers.run(run.contacts, lanes::Gram { cells, weight: &variance, sums });
+            let sum = lanes::Gram { cells, weight: &variance, sums };
+            let sum = registers.run(run.blocks, run.n_contacts, sum);
             // Sᵀ W S, column by column: too small for the machinery of large products.
             let wrenches = Matrix6::from_fn(|i, j| sum[lanes::entry(i.max(j), i.min(j))]);
             for (j, column) in run.spatial.iter().enumerate() {
@@ -333,7 +356,8 @@ impl Observation {
         let registers = Registers::best();
         for run in self.runs() {
             let (cells, twist) = (&mut *cells, run.twist(d));
-            registers.run(run.contacts, lanes::Spread { cells, twist, take: &mut take });
+            let sum = lanes::Spread { cells, twist, take: &mut take };
+            registers.run(run.blocks, run.n_contacts, sum);
         }
     }
 
@@ -355,7 +379,8 @@ impl Observation {
                     form[lanes::entry(i, j)] = twice * on_wrenches[(i, j)];
                 }
             }
-            registers.run(run.contacts, lanes::Quadratic { cells, form, take: &mut take });
+            let sum = lanes::Quadratic { cells, form, take: &mut take };
+            registers.run(run.blocks, run.n_contacts, sum);
         }
     }
 
@@ -364,11 +389,13 @@ impl Observation {
         let mut levers = DMatrix::zeros(self.n_joints, self.n_contacts);
         let mut column = 0;
         for run in self.runs() {
-            for &contact in run.contacts {
-                let (p, u) = (cells[row_of(contact)].rest_point(), displacement_m(contact));
-                let wrench = -Vector6::from_iterator(u.iter().chain(&p.cross(&u)).copied());
-                levers.column_mut(column).copy_from(&run.matrix().tr_mul(&wrench));
-                column += 1;
+            for (block, count) in run.blocks() {
+                for (lane, row) in rows_of(block, count).enumerate() {
+                    let (p, u) = (cells[row].rest_point(), displacement_m(block, lane));
+                    let wrench = -Vector6::from_iterator(u.iter().chain(&p.cross(&u)).copied());
+                    levers.column_mut(column).copy_from(&run.matrix().tr_mul(&wrench));
+                    column += 1;
+                }
             }
         }
         levers
