@@ -13,6 +13,7 @@
 //! | [`contact`]           | what the arm displaces, and how far                                 |
 //! | [`torque`]            | levers (Eq. 2) and predicted torques (Eq. 5)                        |
 //! | [`touch`]             | samples to contacts and external torques: gravity, tare             |
+//! | [`idle`]              | where a stream without marks pauses between two touches             |
 //! | [`estimator`]         | what the two estimators share                                       |
 //! | [`expected`]          | a prior by cell: what is expected where nothing was touched         |
 //! | [`map`], [`ekf`]      | the exact maximum a posteriori; the paper's filter (Eqs. 3, 4, 6)   |
@@ -29,6 +30,7 @@ pub mod ekf;
 pub mod estimator;
 pub mod expected;
 pub mod field;
+pub mod idle;
 pub mod lattice;
 pub mod map;
 pub mod mapper;
