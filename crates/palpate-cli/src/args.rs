@@ -6,7 +6,7 @@ use clap_complete::Shell;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::AllSettings;
-use crate::{bench, demo, evaluate, extrapolate, inspect, map, predict, tune};
+use crate::{bench, demo, evaluate, extrapolate, inspect, live, map, predict, tune};
 
 /// Learns where an object is stiff from what a robot arm's joints feel while the arm touches it.
 #[derive(Debug, Parser)]
@@ -23,6 +23,8 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Learn a stiffness field from touches
     Map(map::Args),
+    /// Map beside a running robot, over ROS 2
+    Live(live::Args),
     /// Predict the torque of motions from a field, and compare it with what was felt
     Predict(predict::Args),
     /// Compare estimators and baselines on touches that they have not seen: the paper's experiment

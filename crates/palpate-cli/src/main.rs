@@ -14,6 +14,7 @@ mod hull;
 mod inspect;
 mod interrupt;
 mod learn;
+mod live;
 mod map;
 mod output;
 mod pace;
@@ -23,6 +24,7 @@ mod predict;
 mod prior;
 mod quantile;
 mod report;
+mod resume;
 mod robot;
 mod seen;
 mod settings;
@@ -56,6 +58,7 @@ fn main() -> ExitCode {
 fn run(command: &Command, output: &Output) -> Result<(), CliError> {
     match command {
         Command::Map(args) => map::run(args, output),
+        Command::Live(args) => live::run(args, output),
         Command::Predict(args) => predict::run(args, output),
         Command::Evaluate(args) => evaluate::run(args, output),
         Command::Tune(args) => tune::run(args, output),

@@ -16,9 +16,9 @@ use crate::learn::{Tally, learn};
 use crate::output::{Output, mib, seconds};
 use crate::pace::{self, Pace, PaceArgs, PaceFigures};
 use crate::place::Places;
-use crate::settings::{AllSettings, Settings, first_difference};
+use crate::settings::{AllSettings, Settings};
 use crate::touches::Touches;
-use crate::{interrupt, picture, prior, robot};
+use crate::{interrupt, picture, prior, resume, robot};
 
 const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz
@@ -146,24 +146,9 @@ fn begin(
         let mapper = prior::mapper(args.prior.as_deref(), arm, config, output)?;
         return Ok((mapper, pace));
     };
-    let name = path.display();
-    let Some(mut snapshot) = field::load(path).map_err(CliError::file)?.snapshot else {
-        return Err(CliError::from(format!(
-            "`{name}` cannot be continued: it was saved without its memory; map its logs again \
-             without --no-memory"
-        )));
-    };
-    let given = settings.config_over_saved(&snapshot.config)?;
-    if let Some(difference) = first_difference(&snapshot.config, &given) {
-        return Err(CliError::Usage(format!(
-            "the settings contradict the field `{name}`, in which {difference}; leave them out \
-             to go on with the field's own, or start a new field"
-        )));
-    }
+    let mut snapshot = resume::snapshot(path, settings)?;
     let pace = args.pace.take_over(&mut snapshot.config);
-    let mapper = Mapper::resume(Arc::clone(arm), snapshot)
-        .map_err(|error| CliError::from(format!("`{name}` cannot be continued: {error}")))?;
-    Ok((mapper, pace))
+    Ok((resume::mapper(path, arm, snapshot)?, pace))
 }
 
 /// Saves the field, under the settings as they were given: a pace takes nothing with it.

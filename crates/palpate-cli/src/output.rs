@@ -32,6 +32,12 @@ impl Output {
         self.result(&format!("{text}\n"))
     }
 
+    /// Prints a result for programs that read line by line.
+    pub(crate) fn json_line<T: Serialize>(&self, value: &T) -> Result<(), CliError> {
+        let text = serde_json::to_string(value).expect("results hold no maps but by name");
+        self.result(&format!("{text}\n"))
+    }
+
     /// Tells something that is no result, unless `--quiet` was given.
     pub(crate) fn note(&self, text: &str) {
         if !self.quiet {
@@ -42,6 +48,13 @@ impl Output {
     /// A bar on stderr if that is a terminal; it knows its length if `steps` does.
     pub(crate) fn progress(&self, steps: Option<u64>, doing: &str) -> ProgressBar {
         self.progress_of(steps, "frames", doing)
+    }
+
+    /// Some lines on stderr that are drawn anew with every message.
+    pub(crate) fn view(&self) -> ProgressBar {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(8));
+        bar.set_style(ProgressStyle::with_template("{msg}").expect("the template is well-formed"));
+        bar
     }
 
     /// The same over other things than frames.

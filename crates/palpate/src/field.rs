@@ -9,7 +9,7 @@ use std::sync::Arc;
 use nalgebra::DVector;
 
 use crate::arm::Arm;
-use crate::contact;
+use crate::contact::{self, Contacts};
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::torque::{Cell, Folder, Stiffness};
 use crate::touch::{self, Sample, TouchError, Tracker};
@@ -34,6 +34,17 @@ pub struct Field {
     pub counts: Vec<u32>,
     /// K of all other cells, N/m.
     pub untouched_n_per_m: f64,
+}
+
+/// What is known of one cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellEstimate {
+    /// K, N/m.
+    pub stiffness_n_per_m: f64,
+    /// Its standard deviation, N/m.
+    pub std_n_per_m: f64,
+    /// Frames that touched it.
+    pub count: u32,
 }
 
 /// What the field says of one sample.
@@ -116,6 +127,11 @@ impl Predictor {
     /// If the touch was shorter than the tare frames asked for.
     pub fn end_touch(&mut self) -> Result<(), TouchError> {
         self.tracker.end_touch()
+    }
+
+    /// What the arm displaced in the last sample, for whoever draws it.
+    pub fn contacts(&self) -> Contacts {
+        self.tracker.contacts()
     }
 
     /// The tare of the touch, n_joints, N·m, once it is known.

@@ -4,8 +4,10 @@
 //! is the tare of the touch to come. So a new touch begins once the arm has idled for long enough,
 //! and the still samples of that pause are its first: without them, an arm that moves on at once
 //! would leave the new touch without a tare. Standing still while pushing is no pause, which is
-//! why the caller says whether anything is touched ([`crate::mapper::StepReport::contacts`], or
-//! [`crate::contact::Contacts::is_empty`]).
+//! why the caller says how many points are touched ([`crate::mapper::StepReport::contacts`], or
+//! [`crate::contact::Contacts::len`]). An arm that comes back to where it started still drags a few
+//! points that slipped on the way, so what counts as nothing is a small part of the most that the
+//! touch has held.
 //!
 //! A pause begins one touch, however long it lasts, but is renewed now and then: the tare stays
 //! fresh, and the tape of an arm that idles through the night does not grow.
@@ -55,6 +57,9 @@ pub struct ConfigError {
 /// So many samples of a pause are kept at most, and so many are a pause whatever their clock says.
 pub const MAX_HELD: usize = 10_000;
 
+/// One of so many points that the touch has held at most may be left, and nothing is touched.
+const RESIDUE: usize = 50;
+
 impl Config {
     /// Checks every setting.
     ///
@@ -90,8 +95,8 @@ impl Config {
 /// let mut split = IdleSplit::new(Config::default()).unwrap();
 /// let at = |time_s, q| Sample { time_s: Some(time_s), q: vec![q], tau: vec![0.0] };
 /// // It moves, and stands still from 0.1 s on, in the air.
-/// assert_eq!(split.push(&at(0.0, 0.3), false), None);
-/// let begins = (1..8).find_map(|i| split.push(&at(0.1 * f64::from(i), 0.0), false));
+/// assert_eq!(split.push(&at(0.0, 0.3), 0), None);
+/// let begins = (1..8).find_map(|i| split.push(&at(0.1 * f64::from(i), 0.0), 0));
 /// let tare = begins.unwrap();
 /// assert_eq!((tare[0].time_s, tare.len()), (Some(0.1), 6));
 /// ```
@@ -104,8 +109,9 @@ pub struct IdleSplit {
     due: bool,
     /// Time of the first sample since a touch began.
     begun_s: Option<f64>,
-    /// Samples since a touch began.
+    /// Samples since a touch began, and the most points that it has touched.
     since: u64,
+    most_contacts: usize,
 }
 
 impl IdleSplit {
@@ -116,25 +122,33 @@ impl IdleSplit {
     /// If a setting is out of its range.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         config.check()?;
-        Ok(Self { config, still: VecDeque::new(), due: true, begun_s: None, since: 0 })
+        Ok(Self {
+            config,
+            still: VecDeque::new(),
+            due: true,
+            begun_s: None,
+            since: 0,
+            most_contacts: 0,
+        })
     }
 
     /// Takes note that the caller begins a touch of its own accord, with the next sample.
     pub fn begun(&mut self) {
         self.still.clear();
-        (self.due, self.begun_s, self.since) = (false, None, 0);
+        (self.due, self.begun_s, self.since, self.most_contacts) = (false, None, 0, 0);
     }
 
-    /// Takes the next sample, and whether the arm touches anything at it.
+    /// Takes the next sample, and how many points the arm touches at it.
     ///
     /// `None`: the touch under way goes on. `Some`: a new touch begins with these samples, oldest
     /// first, the last of which is the one just given. The others were given before; whoever has
     /// fed them to the touch before feeds them to the new one again, which teaches nothing twice,
     /// since nothing is touched at them. At most [`MAX_HELD`], at least [`MIN_TARE_FRAMES`].
-    pub fn push(&mut self, sample: &Sample, touching: bool) -> Option<Vec<Sample>> {
+    pub fn push(&mut self, sample: &Sample, contacts: usize) -> Option<Vec<Sample>> {
         self.since += 1;
         self.begun_s = self.begun_s.or(sample.time_s);
-        if touching {
+        self.most_contacts = self.most_contacts.max(contacts);
+        if contacts * RESIDUE > self.most_contacts {
             self.still.clear();
             self.due = true;
             return None;
@@ -158,7 +172,7 @@ impl IdleSplit {
         if !(self.is_pause(0) && (self.due || self.is_stale(sample))) {
             return None;
         }
-        (self.due, self.begun_s, self.since) = (false, sample.time_s, 0);
+        (self.due, self.begun_s, self.since, self.most_contacts) = (false, sample.time_s, 0, 0);
         Some(self.still.iter().cloned().collect())
     }
 
@@ -237,7 +251,7 @@ mod tests {
             let mut sample = sample(self.at, q);
             sample.tau[0] = self.at as f64;
             sample.time_s = sample.time_s.filter(|_| self.clock);
-            let begins = self.split.push(&sample, touching);
+            let begins = self.split.push(&sample, if touching { 100 } else { 0 });
             self.begins.extend(begins.map(|samples| samples.iter().map(|s| s.tau[0]).collect()));
             self.at += 1;
         }
@@ -288,6 +302,17 @@ mod tests {
     }
 
     #[test]
+    fn the_few_points_that_a_touch_of_many_leaves_are_none() {
+        for (left, begins) in [(0, true), (2, true), (3, false), (100, false)] {
+            let mut split = IdleSplit::new(Config::default()).unwrap();
+            split.begun();
+            assert_eq!(split.push(&sample(0, 1.0), 100), None);
+            let began = (1..100).any(|i| split.push(&sample(i, 0.0), left).is_some());
+            assert_eq!(began, begins, "{left}");
+        }
+    }
+
+    #[test]
     fn a_long_pause_is_renewed_with_its_latest_samples_only() {
         for (clock, renewals) in [(true, [25, 1525, 3025]), (false, [24, 1524, 3024])] {
             let mut run = Run::new(clock);
@@ -312,13 +337,13 @@ mod tests {
     fn a_clock_set_back_starts_the_pause_anew_and_a_gap_alone_is_none() {
         let mut split = IdleSplit::new(Config::default()).unwrap();
         for i in (100..120).chain(0..25) {
-            assert_eq!(split.push(&sample(i, 0.0), false), None, "{i}");
+            assert_eq!(split.push(&sample(i, 0.0), 0), None, "{i}");
         }
-        assert_eq!(split.push(&sample(25, 0.0), false).map(|touch| touch.len()), Some(26));
+        assert_eq!(split.push(&sample(25, 0.0), 0).map(|touch| touch.len()), Some(26));
 
         let mut split = IdleSplit::new(Config::default()).unwrap();
         for i in [0, 1000, 2000, 3000] {
-            assert_eq!(split.push(&sample(i, 0.0), false), None, "too few for a tare");
+            assert_eq!(split.push(&sample(i, 0.0), 0), None, "too few for a tare");
         }
     }
 
@@ -340,7 +365,7 @@ mod tests {
     fn memory_is_bounded_however_the_clock_stands() {
         let mut split = IdleSplit::new(Config::default()).unwrap();
         for _ in 0..3 * MAX_HELD {
-            split.push(&sample(0, 0.0), false);
+            split.push(&sample(0, 0.0), 0);
             assert!(split.held() <= MAX_HELD);
         }
     }

@@ -12,13 +12,13 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use crate::arm::Arm;
-use crate::contact;
+use crate::contact::{self, Contacts};
 use crate::ekf::EkfEstimator;
 use crate::estimator::{
     Estimator, EstimatorConfig, EstimatorError, EstimatorState, Method, Source, padded,
 };
 use crate::expected::{self, ExpectedError};
-use crate::field::Field;
+use crate::field::{CellEstimate, Field};
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::map::MapEstimator;
 use crate::replayer::Replayer;
@@ -288,6 +288,31 @@ impl Mapper {
     /// The settings.
     pub fn config(&self) -> &Config {
         &self.config
+    }
+
+    /// The arm.
+    pub fn arm(&self) -> &Arc<Arm> {
+        self.tracker.arm()
+    }
+
+    /// What is known of a cell, touched or not.
+    pub fn cell(&self, cell: CellId) -> CellEstimate {
+        let row = self.folder.rows().find(cell).map_or(usize::MAX, |row| row as usize);
+        CellEstimate {
+            stiffness_n_per_m: self.estimator.stiffness(row),
+            std_n_per_m: self.estimator.std(row),
+            count: self.estimator.count(row),
+        }
+    }
+
+    /// Cells that were touched or of which a prior expects something.
+    pub fn n_cells(&self) -> usize {
+        self.folder.rows().len()
+    }
+
+    /// What the arm displaced in the last sample, for whoever draws it.
+    pub fn contacts(&self) -> Contacts {
+        self.tracker.contacts()
     }
 
     /// Frames remembered, and the bytes that they and the tape hold; each of the two is bounded

@@ -1,0 +1,195 @@
+//! `palpate live`: maps beside a running robot.
+
+mod shown;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use palpate::arm::Arm;
+use palpate::idle;
+use palpate::mapper::Mapper;
+use palpate_io::field;
+use palpate_live::checkpoint::{self, CheckpointConfig};
+use palpate_live::guard::Guard;
+use palpate_live::ros::{Network, NetworkConfig, Services};
+use palpate_live::session::Session;
+use palpate_live::{LiveConfig, run as run_live};
+
+use crate::error::CliError;
+use crate::output::Output;
+use crate::place::Places;
+use crate::settings::{AllSettings, Settings};
+use crate::{interrupt, prior, resume, robot};
+use shown::Shown;
+
+const EXAMPLES: &str = "Examples:
+  palpate live -o field.npz
+  palpate live --robot panda.urdf --gravity removed --joint-states /franka/joint_states -o field.npz
+  palpate live -o field.npz --resume --guard 25
+  palpate live --localhost --json-lines --duration 60
+
+No ROS needs to be installed: palpate speaks DDS itself. It listens to a topic of
+sensor_msgs/msg/JointState that holds efforts, and publishes
+
+  /palpate/torque_external   what the object exerts on the joints (JointState)
+  /palpate/torque_predicted  the same as predicted, before the sample was learnt from
+  /palpate/contacts          points touched, displacements, stiffness (PointCloud2)
+  /palpate/field             the field near them
+  /palpate/stop              with --guard: whether a limit was passed (Bool)
+  /diagnostics               how it goes (DiagnosticArray)
+
+and answers /palpate/tare (std_srvs/srv/Trigger). A touch begins where the arm pauses and touches
+nothing, or with a tare. Samples may come at any rate; replays fill the time between them, so that
+the field depends on the speed of the machine. Ctrl-C saves the field and ends.";
+
+/// Flags of `palpate live`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Topic of the joint states [default: the only one there is]
+    #[arg(long, value_name = "TOPIC")]
+    joint_states: Option<String>,
+    /// Where the field goes, now and then and at the end; without it, nothing is kept
+    #[arg(long, short, value_name = "FIELD.npz")]
+    output: Option<PathBuf>,
+    /// Time between two checkpoints, s
+    #[arg(long, value_name = "S", default_value = "10", value_parser = period)]
+    checkpoint: f64,
+    /// Go on from the field in --output, if it is there
+    #[arg(long, requires = "output")]
+    resume: bool,
+    /// Start from the stiffness that a field expects of its cells
+    #[arg(long, value_name = "FIELD.npz", conflicts_with = "resume")]
+    prior: Option<PathBuf>,
+    /// Publish that the robot must stop as soon as the measured or the predicted external torque of
+    /// a joint passes this, N·m
+    #[arg(long, value_name = "LIMIT", value_parser = positive)]
+    guard: Option<f64>,
+    /// How long the arm must stand still, free of the object, for a touch to begin, s
+    #[arg(long, value_name = "S", default_value = "0.5", value_parser = period)]
+    idle: f64,
+    /// Samples that may wait before the oldest are dropped
+    #[arg(long, value_name = "N", default_value = "512", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    queue: u32,
+    /// DDS domain
+    #[arg(long, value_name = "N", env = "ROS_DOMAIN_ID", default_value = "0")]
+    domain: u16,
+    /// Meet others on this machine only
+    #[arg(long)]
+    localhost: bool,
+    /// How services are told apart on the wire: `cyclone` for robots on rmw_cyclonedds
+    #[arg(long, value_name = "KIND", default_value = "enhanced", value_parser = ["enhanced", "cyclone"])]
+    services: String,
+    /// End after so long, s
+    #[arg(long, value_name = "S", value_parser = period)]
+    duration: Option<f64>,
+    /// Print figures and notes as JSON, a line a second, in place of the view
+    #[arg(long)]
+    json_lines: bool,
+    #[command(flatten)]
+    settings: AllSettings,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if number > 0.0 && f64::is_finite(number) => Ok(number),
+        _ => Err("wanted a number above 0".to_owned()),
+    }
+}
+
+fn period(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if (0.001..=1e7).contains(&number) => Ok(number),
+        _ => Err("wanted a number of seconds from 0.001 to 10000000".to_owned()),
+    }
+}
+
+impl Args {
+    /// Refuses a result that cannot be written, or would replace what is read or was learnt before.
+    fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
+        let mut places = Places::default();
+        places.input("the settings file", self.settings.path());
+        places.input("the robot", Some(Path::new(settings.robot.name())));
+        places.input("the prior (--prior)", self.prior.as_deref());
+        places.output("the field (--output)", self.output.as_deref())?;
+        match &self.output {
+            Some(path) if path.exists() && !self.resume => Err(CliError::Usage(format!(
+                "`{}` is there already, and the first checkpoint would replace it; go on from it \
+                 with --resume, or choose another name",
+                path.display()
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    fn network(&self) -> NetworkConfig {
+        let services =
+            if self.services == "cyclone" { Services::Cyclone } else { Services::Enhanced };
+        NetworkConfig { domain: self.domain, localhost: self.localhost, services }
+    }
+
+    fn live(&self) -> LiveConfig {
+        let every = Duration::from_secs_f64(self.checkpoint);
+        LiveConfig {
+            joint_states: self.joint_states.clone(),
+            queue: self.queue as usize,
+            checkpoint: self.output.clone().map(|path| CheckpointConfig { path, every }),
+        }
+    }
+
+    /// A new mapper, or one that goes on, and the replays a step that its settings ask for: they
+    /// are made when there is time.
+    fn mapper(
+        &self,
+        arm: &Arc<Arm>,
+        settings: &Settings,
+        output: &Output,
+    ) -> Result<(Mapper, u32), CliError> {
+        match self.output.as_deref().filter(|path| self.resume && path.exists()) {
+            Some(path) => {
+                let mut snapshot = resume::snapshot(path, settings)?;
+                let replays = std::mem::take(&mut snapshot.config.estimator.replays);
+                output.note(&format!("going on from `{}`", path.display()));
+                Ok((resume::mapper(path, arm, snapshot)?, replays))
+            }
+            None => {
+                let mut config = settings.config()?;
+                let replays = std::mem::take(&mut config.estimator.replays);
+                Ok((prior::mapper(self.prior.as_deref(), arm, config, output)?, replays))
+            }
+        }
+    }
+}
+
+/// Maps until Ctrl-C, or until the time is over.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let settings = args.settings.load()?;
+    if !args.resume {
+        settings.config()?;
+    }
+    args.check_places(&settings)?;
+    interrupt::listen();
+    let arm = robot::load(&settings.robot, output)?;
+    let (mapper, replays) = args.mapper(&arm, &settings, output)?;
+    output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
+    if args.output.is_none() {
+        output.note("nothing is kept: --output FIELD.npz saves what is learnt");
+    }
+
+    let idle = idle::Config { idle_s: args.idle, ..idle::Config::default() };
+    let session = Session::new(mapper, idle, replays, args.guard.map(Guard::new))
+        .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
+    let network = Network::join(&args.network()).map_err(CliError::file)?;
+    let ends = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s));
+    let stop = || interrupt::pressed() || ends.is_some_and(|ends| Instant::now() >= ends);
+    let mut shown = Shown::new(*output, args.json_lines);
+    let session = run_live(network, session, &args.live(), stop, |news| shown.tell(news))
+        .map_err(CliError::file)?;
+    shown.clear();
+    if let Some(path) = &args.output {
+        let saved = checkpoint::saved(session.mapper(), session.replays());
+        field::save(path, &saved).map_err(CliError::file)?;
+    }
+    shown.end(&session, args.output.as_deref())
+}

@@ -1,0 +1,104 @@
+//! Checkpoints: the field as it is, on disk every so often, whole or not at all.
+//!
+//! The mapper only hands over a copy; a thread of its own writes it, under a temporary name that is
+//! renamed once the file is complete. If a checkpoint is still being written when the next is due,
+//! the next one waits.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::PoisonError;
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
+use palpate::mapper::Mapper;
+use palpate_io::field::{self, Saved};
+
+/// Where checkpoints go, and how often.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CheckpointConfig {
+    /// The field's file.
+    pub path: PathBuf,
+    /// Time between two.
+    pub every: Duration,
+}
+
+/// All that a mapper has learnt, to be saved; `replays` a step are what its settings would say.
+pub fn saved(mapper: &Mapper, replays: u32) -> Saved {
+    let mut snapshot = mapper.snapshot();
+    snapshot.config.estimator.replays = replays;
+    snapshot.replays_due = false; // they were made while there was time
+    let (field, prior_n_per_m) = (mapper.field(), mapper.prior_n_per_m());
+    Saved { field, prior_n_per_m, robot: snapshot.robot.0.clone(), snapshot: Some(snapshot) }
+}
+
+/// The mapper's side.
+#[derive(Debug)]
+pub(crate) struct Checkpoints {
+    every: Duration,
+    last: Instant,
+    to_writer: Sender<Saved>,
+}
+
+/// The side that writes.
+#[derive(Debug)]
+pub(crate) struct Writer {
+    path: PathBuf,
+    from_mapper: Receiver<Saved>,
+}
+
+/// What came of the last one: when it was written, or why not.
+#[derive(Debug, Default)]
+pub(crate) struct Written {
+    last: Mutex<Option<Result<Instant, String>>>,
+}
+
+impl Checkpoints {
+    /// Both sides.
+    pub(crate) fn new(config: &CheckpointConfig) -> (Self, Writer) {
+        let (to_writer, from_mapper) = bounded(1);
+        let mapper = Self { every: config.every, last: Instant::now(), to_writer };
+        (mapper, Writer { path: config.path.clone(), from_mapper })
+    }
+
+    /// Hands a checkpoint over if one is due and the last one is written.
+    pub(crate) fn tick(&mut self, checkpoint: impl FnOnce() -> Saved) {
+        if self.last.elapsed() < self.every || !self.to_writer.is_empty() {
+            return;
+        }
+        self.last = Instant::now();
+        match self.to_writer.try_send(checkpoint()) {
+            Ok(()) | Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
+        }
+    }
+}
+
+impl Writer {
+    /// Writes what is handed over until nobody is left to do so.
+    pub(crate) fn run(self, written: &Written) {
+        for saved in self.from_mapper {
+            let result = field::save(&self.path, &saved).map(|()| Instant::now());
+            *written.lock() = Some(result.map_err(|error| error.to_string()));
+        }
+    }
+}
+
+impl Written {
+    /// Age of the last one, s.
+    pub(crate) fn age_s(&self) -> Option<f64> {
+        self.lock()
+            .as_ref()
+            .and_then(|last| last.as_ref().ok())
+            .map(|at| at.elapsed().as_secs_f64())
+    }
+
+    /// Why the last one could not be written, told once.
+    pub(crate) fn failure(&self) -> Option<String> {
+        let mut last = self.lock();
+        let failed = matches!(*last, Some(Err(_)));
+        if failed { last.take().and_then(Result::err) } else { None }
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Option<Result<Instant, String>>> {
+        self.last.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,56 @@
+//! What the arm touches and the field near it, as clouds of points.
+
+use palpate::mapper::Mapper;
+
+use crate::message::{Header, PointCloud2};
+
+/// So far from the contacts the field is shown, m.
+const NEAR_M: f64 = 0.15;
+
+/// The contacts now: rest point (m), displacement (m), K and its standard deviation (N/m).
+pub fn contacts(mapper: &Mapper, header: &Header) -> PointCloud2 {
+    let lattice = &mapper.config().lattice;
+    let mut points = Vec::new();
+    for link in mapper.contacts().links {
+        for (&cell, [ux, uy, uz]) in link.cells.iter().zip(link.displacements_m) {
+            let [x, y, z] = lattice.point(cell).coords.map(|x| x as f32).into();
+            let known = mapper.cell(cell);
+            let (k, std) = (known.stiffness_n_per_m as f32, known.std_n_per_m as f32);
+            points.push([x, y, z, ux, uy, uz, k, std]);
+        }
+    }
+    let names = ["x", "y", "z", "ux", "uy", "uz", "stiffness", "stiffness_std"];
+    PointCloud2::of(header.clone(), names, &points)
+}
+
+/// The field within a hand's breadth of what is touched now: point (m), K and its standard
+/// deviation (N/m), and the frames that touched it; `None` if nothing is touched.
+pub fn field_near_contacts(mapper: &Mapper, header: &Header) -> Option<PointCloud2> {
+    let lattice = &mapper.config().lattice;
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for cell in mapper.contacts().links.iter().flat_map(|link| &link.cells) {
+        for ((low, high), x) in low.iter_mut().zip(&mut high).zip(&lattice.point(*cell).coords) {
+            (*low, *high) = (low.min(x - NEAR_M), high.max(x + NEAR_M));
+        }
+    }
+    if low[0] > high[0] {
+        return None;
+    }
+    let field = mapper.field();
+    let known = field.stiffness_n_per_m.iter().zip(&field.std_n_per_m).zip(&field.counts);
+    let points: Vec<[f32; 6]> = field
+        .cells
+        .iter()
+        .zip(known)
+        .filter_map(|(cell, ((k, std), count))| {
+            let point = lattice.point(*cell);
+            let inside = |axis: usize| (low[axis]..=high[axis]).contains(&point[axis]);
+            (inside(0) && inside(1) && inside(2)).then(|| {
+                let [x, y, z] = point.coords.map(|x| x as f32).into();
+                [x, y, z, *k as f32, *std as f32, *count as f32]
+            })
+        })
+        .collect();
+    let names = ["x", "y", "z", "stiffness", "stiffness_std", "count"];
+    Some(PointCloud2::of(header.clone(), names, &points))
+}

@@ -1,0 +1,49 @@
+//! How a session goes, for the tools of ROS that watch robots.
+
+use crate::figures::Figures;
+use crate::message::{DiagnosticArray, DiagnosticStatus, Header, KeyValue};
+use crate::session::State;
+
+const OK: u8 = 0;
+const WARNING: u8 = 1;
+const ERROR: u8 = 2;
+
+/// Figures as a diagnostic message.
+pub fn of(figures: &Figures, robot: &str, header: Header) -> DiagnosticArray {
+    let (level, message) = if figures.stopped {
+        (ERROR, "an external torque has passed the limit".to_owned())
+    } else if figures.state == State::Waiting {
+        (WARNING, "waiting for the arm to pause, free of the object".to_owned())
+    } else if figures.dropped + figures.lost > 0 {
+        (WARNING, format!("{} samples dropped, {} never came", figures.dropped, figures.lost))
+    } else {
+        (OK, "maps".to_owned())
+    };
+    let optional = |number: Option<f64>| number.map_or("-".to_owned(), |x| format!("{x:.3}"));
+    let values = [
+        ("rate, Hz", format!("{:.0}", figures.rate_hz)),
+        ("latency (median), ms", format!("{:.2}", figures.latency_ms.median)),
+        ("latency (99 of 100), ms", format!("{:.2}", figures.latency_ms.p99)),
+        ("step (median), ms", format!("{:.2}", figures.step_ms.median)),
+        ("replays a sample", format!("{:.1}", figures.replays)),
+        ("samples received", figures.received.to_string()),
+        ("samples dropped", figures.dropped.to_string()),
+        ("samples that never came", figures.lost.to_string()),
+        ("messages refused", figures.refused.values().sum::<u64>().to_string()),
+        ("messages unsent", figures.unsent.to_string()),
+        ("points touched", figures.contacts.to_string()),
+        ("cells touched so far", figures.cells.to_string()),
+        ("average error, N m", optional(figures.avg_error)),
+        ("average error of predicting zero, N m", optional(figures.zero_avg_error)),
+        ("age of the checkpoint, s", optional(figures.checkpoint_s)),
+    ];
+    let values = values.into_iter().map(|(key, value)| KeyValue { key: key.to_owned(), value });
+    let status = DiagnosticStatus {
+        level,
+        name: "palpate: stiffness mapping".to_owned(),
+        message,
+        hardware_id: robot.to_owned(),
+        values: values.collect(),
+    };
+    DiagnosticArray { header, status: vec![status] }
+}

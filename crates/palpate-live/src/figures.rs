@@ -1,0 +1,228 @@
+//! How a live session goes, in figures: rates, latencies, what was lost, and errors.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::time::{Duration, Instant};
+
+use nalgebra::DVector;
+use serde::Serialize;
+
+use crate::session::State;
+
+/// Steps that latencies are taken over.
+const WINDOW: usize = 2000;
+
+/// A median and a rare worst case, ms.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Spread {
+    /// Half take longer.
+    pub median: f64,
+    /// One in a hundred does.
+    pub p99: f64,
+}
+
+/// What is told of a session, now and then.
+#[derive(Debug, Clone, Serialize)]
+pub struct Figures {
+    /// Since the start, s.
+    pub seconds: f64,
+    /// What the session does.
+    pub state: State,
+    /// Messages that came.
+    pub received: u64,
+    /// Of the last second or so, Hz.
+    pub rate_hz: f64,
+    /// Samples that came and left unused since they came too fast.
+    pub dropped: u64,
+    /// Messages that never came, by their numbers.
+    pub lost: u64,
+    /// Messages that could not be used, by reason.
+    pub refused: BTreeMap<&'static str, u64>,
+    /// Samples that were followed.
+    pub mapped: u64,
+    /// Touches begun.
+    pub touches: u64,
+    /// Points touched now.
+    pub contacts: usize,
+    /// Cells touched so far.
+    pub cells: usize,
+    /// From the arrival of a sample to the publishing of its prediction.
+    pub latency_ms: Spread,
+    /// A step of the mapper.
+    pub step_ms: Spread,
+    /// Visits of remembered frames a sample, of the last second or so.
+    pub replays: f64,
+    /// Mean norm of τ̂ − τ_ext over the steps that touched something, N·m, each predicted before it
+    /// was learnt from.
+    pub avg_error: Option<f64>,
+    /// The same of predicting zero.
+    pub zero_avg_error: Option<f64>,
+    /// Norms of τ_ext and τ̂ now, N·m.
+    pub external_n_m: Option<f64>,
+    #[allow(missing_docs)]
+    pub predicted_n_m: Option<f64>,
+    /// Whether the guard's flag is up.
+    pub stopped: bool,
+    /// Messages that had no room on the way out.
+    pub unsent: u64,
+    /// Age of the last checkpoint, s.
+    pub checkpoint_s: Option<f64>,
+}
+
+/// Counts while a session runs.
+#[derive(Debug)]
+pub struct Tally {
+    started: Instant,
+    mapped: u64,
+    touches: u64,
+    replays: u64,
+    latencies_ms: VecDeque<f64>,
+    steps_ms: VecDeque<f64>,
+    error: f64,
+    zero: f64,
+    frames: u64,
+    refused: BTreeMap<&'static str, u64>,
+    /// When figures were last taken, and messages and replays until then.
+    last: (Instant, u64, u64),
+    rates: (f64, f64),
+}
+
+impl Default for Tally {
+    fn default() -> Self {
+        let started = Instant::now();
+        Self {
+            started,
+            mapped: 0,
+            touches: 0,
+            replays: 0,
+            latencies_ms: VecDeque::new(),
+            steps_ms: VecDeque::new(),
+            error: 0.0,
+            zero: 0.0,
+            frames: 0,
+            refused: BTreeMap::new(),
+            last: (started, 0, 0),
+            rates: (0.0, 0.0),
+        }
+    }
+}
+
+impl Tally {
+    /// A sample that was followed, and how long that took.
+    pub fn step(&mut self, took: Duration) {
+        self.mapped += 1;
+        keep(&mut self.steps_ms, took);
+    }
+
+    /// A prediction that was published so long after its sample came.
+    pub fn published(&mut self, after: Duration) {
+        keep(&mut self.latencies_ms, after);
+    }
+
+    /// A touch that began.
+    pub fn touch(&mut self) {
+        self.touches += 1;
+    }
+
+    /// A remembered frame that was visited.
+    pub fn replay(&mut self) {
+        self.replays += 1;
+    }
+
+    /// A message that could not be used; whether it is the first for this reason.
+    pub fn refuse(&mut self, reason: &'static str) -> bool {
+        let count = self.refused.entry(reason).or_default();
+        *count += 1;
+        *count == 1
+    }
+
+    /// A prediction beside what was felt while something was touched, n_joints, N·m.
+    pub fn compare(&mut self, external: &DVector<f64>, predicted: &DVector<f64>) {
+        self.error += (predicted - external).norm();
+        self.zero += external.norm();
+        self.frames += 1;
+    }
+
+    /// The figures; what this does not know is left at zero.
+    pub fn figures(&mut self, received: u64) -> Figures {
+        let (before, received_before, replays_before) = self.last;
+        let elapsed_s = before.elapsed().as_secs_f64();
+        if elapsed_s >= 0.5 || received < received_before {
+            let samples = received.saturating_sub(received_before) as f64;
+            let replays = (self.replays - replays_before) as f64;
+            self.rates = (samples / elapsed_s, if samples > 0.0 { replays / samples } else { 0.0 });
+            self.last = (Instant::now(), received, self.replays);
+        }
+        let mean = |sum: f64| (self.frames > 0).then(|| sum / self.frames as f64);
+        Figures {
+            seconds: self.started.elapsed().as_secs_f64(),
+            state: State::Waiting,
+            received,
+            rate_hz: self.rates.0,
+            dropped: 0,
+            lost: 0,
+            refused: self.refused.clone(),
+            mapped: self.mapped,
+            touches: self.touches,
+            contacts: 0,
+            cells: 0,
+            latency_ms: spread(&self.latencies_ms),
+            step_ms: spread(&self.steps_ms),
+            replays: self.rates.1,
+            avg_error: mean(self.error),
+            zero_avg_error: mean(self.zero),
+            external_n_m: None,
+            predicted_n_m: None,
+            stopped: false,
+            unsent: 0,
+            checkpoint_s: None,
+        }
+    }
+}
+
+fn keep(times_ms: &mut VecDeque<f64>, time: Duration) {
+    if times_ms.len() == WINDOW {
+        times_ms.pop_front();
+    }
+    times_ms.push_back(time.as_secs_f64() * 1e3);
+}
+
+fn spread(times_ms: &VecDeque<f64>) -> Spread {
+    let mut sorted: Vec<f64> = times_ms.iter().copied().collect();
+    sorted.sort_by(f64::total_cmp);
+    let at = |part: f64| sorted.get((part * sorted.len() as f64) as usize).copied();
+    Spread { median: at(0.5).unwrap_or_default(), p99: at(0.99).unwrap_or_default() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::dvector;
+
+    #[test]
+    fn spreads_are_of_the_latest_steps() {
+        let mut tally = Tally::default();
+        (0..100).for_each(|_| tally.step(Duration::from_secs(1)));
+        (0..WINDOW).for_each(|ms| tally.step(Duration::from_millis(ms as u64)));
+        let figures = tally.figures(0);
+        let wanted = Spread { median: 0.5 * WINDOW as f64, p99: 0.99 * WINDOW as f64 };
+        assert_eq!((figures.step_ms, figures.mapped), (wanted, 100 + WINDOW as u64));
+    }
+
+    #[test]
+    fn errors_stand_beside_those_of_predicting_zero() {
+        let mut tally = Tally::default();
+        assert_eq!(tally.figures(0).avg_error, None);
+        tally.compare(&dvector![3.0, 4.0], &dvector![3.0, 0.0]);
+        tally.compare(&dvector![0.0, 1.0], &dvector![0.0, 1.0]);
+        let figures = tally.figures(0);
+        assert_eq!((figures.avg_error, figures.zero_avg_error), (Some(2.0), Some(3.0)));
+    }
+
+    #[test]
+    fn the_first_of_each_reason_is_told() {
+        let mut tally = Tally::default();
+        let told: Vec<bool> = ["a", "a", "b", "a"].map(|reason| tally.refuse(reason)).to_vec();
+        assert_eq!(told, [true, false, true, false]);
+        assert_eq!(tally.figures(0).refused, BTreeMap::from([("a", 3), ("b", 1)]));
+    }
+}

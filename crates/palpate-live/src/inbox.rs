@@ -1,0 +1,101 @@
+//! A queue between two threads that never blocks whoever fills it.
+//!
+//! It holds so many items and no more: when a consumer is slow, the oldest leave, are counted, and
+//! the newest are kept, since what matters of a running robot is where it is now.
+
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// A bounded queue that keeps the newest.
+#[derive(Debug)]
+pub struct Inbox<T> {
+    queue: Mutex<Queue<T>>,
+    filled: Condvar,
+    capacity: usize,
+}
+
+#[derive(Debug)]
+struct Queue<T> {
+    items: VecDeque<T>,
+    dropped: u64,
+}
+
+impl<T> Inbox<T> {
+    /// An empty one for at most so many items, at least one.
+    pub fn new(capacity: usize) -> Self {
+        let queue = Mutex::new(Queue { items: VecDeque::new(), dropped: 0 });
+        Self { queue, filled: Condvar::new(), capacity: capacity.max(1) }
+    }
+
+    /// Puts an item in; if there are too many, the oldest leaves.
+    pub fn push(&self, item: T) {
+        let mut queue = self.lock();
+        if queue.items.len() >= self.capacity {
+            queue.items.pop_front();
+            queue.dropped += 1;
+        }
+        queue.items.push_back(item);
+        drop(queue);
+        self.filled.notify_one();
+    }
+
+    /// Takes the oldest out, waiting for one for at most so long.
+    pub fn pop(&self, patience: Duration) -> Option<T> {
+        let queue = self.lock();
+        let waited =
+            self.filled.wait_timeout_while(queue, patience, |queue| queue.items.is_empty());
+        waited.unwrap_or_else(PoisonError::into_inner).0.items.pop_front()
+    }
+
+    /// Items that wait.
+    pub fn len(&self) -> usize {
+        self.lock().items.len()
+    }
+
+    /// Whether none waits.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Items that had to leave so far.
+    pub fn dropped(&self) -> u64 {
+        self.lock().dropped
+    }
+
+    /// No thread panics while it holds the lock; if one did, the queue would still be whole.
+    fn lock(&self) -> MutexGuard<'_, Queue<T>> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+    use std::thread;
+
+    #[test]
+    fn the_newest_are_kept_in_order_and_the_others_counted() {
+        let inbox = Inbox::new(3);
+        (0..10).for_each(|item| inbox.push(item));
+        let kept: Vec<_> = std::iter::from_fn(|| inbox.pop(Duration::ZERO)).collect();
+        assert_eq!((kept, inbox.dropped(), inbox.is_empty()), (vec![7, 8, 9], 7, true));
+    }
+
+    #[test]
+    fn what_one_thread_pushes_another_gets_and_nothing_is_lost_below_capacity() {
+        let inbox = Arc::new(Inbox::new(1000));
+        let producer = Arc::clone(&inbox);
+        let thread = thread::spawn(move || (0..1000).for_each(|item| producer.push(item)));
+        let got: Vec<_> = (0..1000).map(|_| inbox.pop(Duration::from_secs(10))).collect();
+        thread.join().unwrap();
+        assert_eq!(got, (0..1000).map(Some).collect::<Vec<_>>());
+        assert_eq!(inbox.dropped(), 0);
+    }
+
+    #[test]
+    fn patience_ends() {
+        assert_eq!(Inbox::<()>::new(1).pop(Duration::from_millis(1)), None);
+    }
+}

@@ -1,0 +1,205 @@
+//! From joint states to samples: what of a stream may be learnt from.
+//!
+//! Whatever cannot is refused with a reason, and the next one is looked at: a robot goes on,
+//! whatever one of its messages holds.
+
+use palpate::touch::Sample;
+use palpate_io::log::{JointNameError, reorder};
+
+use crate::message::JointState;
+
+/// A stamp that is so much earlier than the last is a clock that was set back; one that is less
+/// so, a message that came late.
+const SET_BACK_S: f64 = 1.0;
+
+/// Why a joint state is no sample.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum Refusal {
+    #[error("{0}; is this the right topic (--joint-states), and the right robot (--robot)?")]
+    Joints(#[from] JointNameError),
+    /// Publishers of a gripper, or of a controller that knows no torques.
+    #[error(
+        "it holds {found} {what} for {wanted} joints; positions and efforts of all joints are \
+         needed: does the driver publish them, or is it another topic (--joint-states)?"
+    )]
+    Length { what: &'static str, found: usize, wanted: usize },
+    #[error("the {what} of joint `{joint}` is {found}; every number must be finite")]
+    NotFinite { what: &'static str, joint: String, found: f64 },
+    #[error("its stamp {now_s:.6} s is that of the one before; each moment counts once")]
+    Duplicate { now_s: f64 },
+    #[error("its stamp {now_s:.6} s is before that of the last, {last_s:.6} s: it came late")]
+    Late { now_s: f64, last_s: f64 },
+}
+
+impl Refusal {
+    /// A short name to count by.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Joints(_) => "joints",
+            Self::Length { .. } => "length",
+            Self::NotFinite { .. } => "not finite",
+            Self::Duplicate { .. } => "duplicate",
+            Self::Late { .. } => "late",
+        }
+    }
+}
+
+/// Reads the samples of one robot.
+#[derive(Debug, Clone)]
+pub struct JointReader {
+    joints: Vec<String>,
+    /// Names in the last message, and where the robot's joints are among them.
+    names: Vec<String>,
+    order: Vec<usize>,
+    last_s: Option<f64>,
+}
+
+/// A sample and what its stamp says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Read {
+    /// The sample.
+    pub sample: Sample,
+    /// Whether the clock was set back before it: nothing goes on from what came before.
+    pub set_back: bool,
+}
+
+impl JointReader {
+    /// A reader for a robot of these joints.
+    pub fn new(joints: Vec<String>) -> Self {
+        Self { joints, names: Vec::new(), order: Vec::new(), last_s: None }
+    }
+
+    /// The sample of a joint state, in the robot's order of joints.
+    ///
+    /// `received_s` is the time of its arrival, s, for messages that nobody stamped.
+    ///
+    /// # Errors
+    ///
+    /// Why it cannot be used; the reader is then as before.
+    pub fn read(&mut self, state: &JointState, received_s: f64) -> Result<Read, Refusal> {
+        let wanted = state.name.len();
+        for (what, numbers) in [("positions", &state.position), ("efforts", &state.effort)] {
+            if numbers.len() != wanted {
+                return Err(Refusal::Length { what, found: numbers.len(), wanted });
+            }
+        }
+        if self.names != state.name {
+            self.order = reorder(&self.joints, &state.name)?;
+            self.names.clone_from(&state.name);
+        }
+        let q = self.pick("position", &state.position)?;
+        let tau = self.pick("effort", &state.effort)?;
+        let now_s = state.header.stamp.seconds().unwrap_or(received_s);
+        let set_back = self.tick(now_s)?;
+        Ok(Read { sample: Sample { time_s: Some(now_s), q, tau }, set_back })
+    }
+
+    fn pick(&self, what: &'static str, numbers: &[f64]) -> Result<Vec<f64>, Refusal> {
+        let finite = |(&place, joint): (&usize, &String)| match numbers[place] {
+            number if number.is_finite() => Ok(number),
+            found => Err(Refusal::NotFinite { what, joint: joint.clone(), found }),
+        };
+        self.order.iter().zip(&self.joints).map(finite).collect()
+    }
+
+    /// Takes the next stamp; whether it was set back.
+    fn tick(&mut self, now_s: f64) -> Result<bool, Refusal> {
+        let set_back = match self.last_s {
+            Some(last_s) if now_s == last_s => return Err(Refusal::Duplicate { now_s }),
+            Some(last_s) if now_s < last_s && last_s - now_s < SET_BACK_S => {
+                return Err(Refusal::Late { now_s, last_s });
+            }
+            Some(last_s) => now_s < last_s,
+            None => false,
+        };
+        self.last_s = Some(now_s);
+        Ok(set_back)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::message::{Header, Stamp};
+    use proptest::prelude::*;
+
+    fn reader() -> JointReader {
+        JointReader::new(vec!["a".to_owned(), "b".to_owned()])
+    }
+
+    fn state(time_s: f64) -> JointState {
+        let (sec, nanosec) = (time_s as i32, (time_s.fract() * 1e9).round() as u32);
+        JointState {
+            header: Header { stamp: Stamp { sec, nanosec }, frame_id: String::new() },
+            name: ["b", "finger", "a"].map(str::to_owned).to_vec(),
+            position: vec![2.0, 9.0, 1.0],
+            velocity: Vec::new(),
+            effort: vec![20.0, 90.0, 10.0],
+        }
+    }
+
+    #[test]
+    fn joints_come_in_the_robots_order_whatever_the_messages() {
+        let read = reader().read(&state(5.25), 0.0).unwrap();
+        let sample = Sample { time_s: Some(5.25), q: vec![1.0, 2.0], tau: vec![10.0, 20.0] };
+        assert_eq!(read, Read { sample, set_back: false });
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_refused_by_name_and_the_next_one_read() {
+        let mut reader = reader();
+        let mut broken = |time_s, change: fn(&mut JointState)| {
+            let mut state = state(time_s);
+            change(&mut state);
+            let name = reader.read(&state, 0.0).unwrap_err();
+            (name.name(), name.to_string())
+        };
+        for (change, name, words) in [
+            ((|s| s.effort.clear()) as fn(&mut JointState), "length", "0 efforts for 3 joints"),
+            (|s| s.position.truncate(2), "length", "2 positions for 3 joints"),
+            (|s| s.effort[0] = f64::NAN, "not finite", "effort of joint `b` is NaN"),
+            (|s| s.position[2] = f64::INFINITY, "not finite", "position of joint `a` is inf"),
+            (|s| s.name[2] = "c".to_owned(), "joints", "`a` is not in the log"),
+        ] {
+            let (found, told) = broken(1.0, change);
+            assert!(found == name && told.contains(words), "{found}: {told}");
+        }
+        assert!(reader.read(&state(1.0), 0.0).is_ok());
+        assert_eq!(reader.read(&state(1.0), 0.0).unwrap_err().name(), "duplicate");
+        assert_eq!(reader.read(&state(0.5), 0.0).unwrap_err().name(), "late");
+        assert!(!reader.read(&state(1.5), 0.0).unwrap().set_back);
+        assert!(reader.read(&state(0.25), 0.0).unwrap().set_back);
+    }
+
+    #[test]
+    fn a_finger_that_is_not_finite_harms_nobody() {
+        let mut state = state(1.0);
+        state.effort[1] = f64::NAN;
+        assert!(reader().read(&state, 0.0).is_ok());
+    }
+
+    #[test]
+    fn a_message_without_a_stamp_is_as_old_as_its_arrival() {
+        let read = reader().read(&state(0.0), 7.5).unwrap();
+        assert_eq!(read.sample.time_s, Some(7.5));
+    }
+
+    proptest! {
+        #[test]
+        fn times_of_what_is_read_grow_unless_the_clock_was_set_back(
+            times in prop::collection::vec(1.0..20.0_f64, 1..50)
+        ) {
+            let mut reader = reader();
+            let mut last_s = f64::NEG_INFINITY;
+            for time_s in times {
+                if let Ok(read) = reader.read(&state(time_s), 0.0) {
+                    let now_s = read.sample.time_s.unwrap();
+                    prop_assert!(now_s > last_s || read.set_back);
+                    last_s = now_s;
+                }
+            }
+        }
+    }
+}

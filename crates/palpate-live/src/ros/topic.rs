@@ -1,0 +1,132 @@
+//! Which of the topics on a network holds the joint states.
+
+/// The type that is looked for.
+const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
+
+/// palpate's own topics, which it does not listen to.
+pub(super) const OWN: &str = "/palpate/";
+
+/// A topic that somebody publishes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TopicSeen {
+    /// As ROS names it.
+    pub name: String,
+    /// Type, as ROS names it.
+    pub kind: String,
+    /// Whether all who publish it send again what was lost.
+    pub reliable: bool,
+}
+
+impl TopicSeen {
+    /// From the names of DDS; `None` for what is no topic of ROS.
+    pub(super) fn of_dds(name: &str, kind: &str, reliable: bool) -> Option<Self> {
+        let name = name.strip_prefix("rt/")?;
+        let kind = kind.replace("::dds_::", "::").replace("::", "/");
+        let kind = kind.strip_suffix('_').unwrap_or(&kind).to_owned();
+        Some(Self { name: format!("/{name}"), kind, reliable })
+    }
+}
+
+/// What to do about the topics that there are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Choice {
+    /// Subscribe to this one.
+    Take(TopicSeen),
+    /// Look again later, and tell the user why.
+    Wait(String),
+}
+
+/// Chooses the topic that is asked for, or the only one that holds joint states.
+pub fn choose(topics: &[TopicSeen], wanted: Option<&str>) -> Choice {
+    let fitting: Vec<&TopicSeen> = topics
+        .iter()
+        .filter(|topic| topic.kind == JOINT_STATE && !topic.name.starts_with(OWN))
+        .collect();
+    if let Some(name) = wanted {
+        if let Some(topic) = fitting.iter().find(|topic| topic.name == name) {
+            return Choice::Take((*topic).clone());
+        }
+        return Choice::Wait(match topics.iter().find(|topic| topic.name == name) {
+            Some(other) => format!(
+                "`{name}` is published as {}; wanted {JOINT_STATE}{}",
+                other.kind,
+                others(topics)
+            ),
+            None => format!("nobody publishes `{name}`{}", others(topics)),
+        });
+    }
+    match fitting.as_slice() {
+        [topic] => Choice::Take((*topic).clone()),
+        [] => Choice::Wait(format!("nobody publishes {JOINT_STATE}{}", others(topics))),
+        several => {
+            let names: Vec<&str> = several.iter().map(|topic| topic.name.as_str()).collect();
+            Choice::Wait(format!(
+                "several topics are {JOINT_STATE}: {}; choose one with --joint-states",
+                names.join(", ")
+            ))
+        }
+    }
+}
+
+/// What else there is.
+fn others(topics: &[TopicSeen]) -> String {
+    let told: Vec<String> = topics
+        .iter()
+        .filter(|topic| !topic.name.starts_with(OWN))
+        .map(|topic| format!("{} ({})", topic.name, topic.kind))
+        .collect();
+    if told.is_empty() {
+        "; no topic is seen at all: are the domain (--domain, ROS_DOMAIN_ID) and the network right?"
+            .to_owned()
+    } else {
+        format!("; there are {}", told.join(", "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(name: &str, kind: &str) -> TopicSeen {
+        TopicSeen { name: name.to_owned(), kind: kind.to_owned(), reliable: true }
+    }
+
+    #[test]
+    fn names_of_dds_become_those_of_ros() {
+        let topic =
+            TopicSeen::of_dds("rt/arm/joint_states", "sensor_msgs::msg::dds_::JointState_", true);
+        assert_eq!(topic, Some(seen("/arm/joint_states", JOINT_STATE)));
+        assert_eq!(TopicSeen::of_dds("ros_discovery_info", "x", true), None);
+        assert_eq!(TopicSeen::of_dds("rq/addRequest", "x", true), None);
+    }
+
+    #[test]
+    fn the_only_topic_that_fits_is_taken_and_palpates_own_are_not() {
+        let arm = seen("/arm/joint_states", JOINT_STATE);
+        let mut topics = vec![
+            seen("/camera", "sensor_msgs/msg/Image"),
+            seen("/palpate/torque_external", JOINT_STATE),
+            arm.clone(),
+        ];
+        assert_eq!(choose(&topics, None), Choice::Take(arm.clone()));
+        topics.push(seen("/joint_states", JOINT_STATE));
+        let Choice::Wait(why) = choose(&topics, None) else { panic!("two fit") };
+        assert!(why.contains("/arm/joint_states, /joint_states; choose one"), "{why}");
+        assert_eq!(choose(&topics, Some("/arm/joint_states")), Choice::Take(arm));
+    }
+
+    #[test]
+    fn what_is_missing_or_of_another_type_is_told_with_what_there_is() {
+        let topics = [seen("/camera", "sensor_msgs/msg/Image")];
+        for (wanted, words) in [
+            (None, "nobody publishes sensor_msgs/msg/JointState; there are /camera (sensor_msgs"),
+            (Some("/joints"), "nobody publishes `/joints`; there are /camera"),
+            (Some("/camera"), "`/camera` is published as sensor_msgs/msg/Image; wanted sensor"),
+        ] {
+            let Choice::Wait(why) = choose(&topics, wanted) else { panic!("{wanted:?}") };
+            assert!(why.contains(words), "{why}");
+        }
+        let Choice::Wait(why) = choose(&[], None) else { panic!("nothing is there") };
+        assert!(why.contains("ROS_DOMAIN_ID"), "{why}");
+    }
+}

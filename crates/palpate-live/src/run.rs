@@ -1,0 +1,382 @@
+//! The threads of a live session.
+//!
+//! ```text
+//! network ──► Ears ──► Inbox ──► mapper ──► Outbox ──► Voice ──► network
+//!             (one thread)      (one thread)   │    (one thread)
+//!                                              ├──► checkpoints (one thread)
+//!                                              └──► news, to whoever called
+//! ```
+//!
+//! Arrows never wait: every queue is bounded and keeps the newest. The mapper's replays fill the
+//! time until the next sample; when samples come faster than it can follow, it makes none.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use crate::checkpoint::{CheckpointConfig, Checkpoints, Written};
+use crate::cloud;
+use crate::diagnostics;
+use crate::figures::{Figures, Tally};
+use crate::inbox::Inbox;
+use crate::joints::JointReader;
+use crate::message::{Header, JointState};
+use crate::ros::{
+    Choice, Ears, Heard, Network, NetworkError, Outbox, TopicSeen, Torques, Voice, choose,
+};
+use crate::session::{Session, State};
+
+/// How a session is run.
+#[derive(Debug, Clone)]
+pub struct LiveConfig {
+    /// The topic of joint states; `None` takes the only one there is.
+    pub joint_states: Option<String>,
+    /// Samples that may wait for the mapper.
+    pub queue: usize,
+    /// Where checkpoints go, if anywhere.
+    pub checkpoint: Option<CheckpointConfig>,
+}
+
+/// What is told while a session runs.
+#[derive(Debug, Clone)]
+pub enum News {
+    /// How it goes.
+    Figures(Box<Figures>),
+    /// Something that the user may want to do something about.
+    Note(String),
+}
+
+/// Between two looks at a flag, or at the network.
+const LOOK: Duration = Duration::from_millis(20);
+/// Between two sets of figures.
+const FIGURES: Duration = Duration::from_millis(200);
+/// Between two diagnostics.
+const DIAGNOSTICS: Duration = Duration::from_secs(1);
+/// Between two clouds of contacts, and two of the field.
+const CONTACTS: Duration = Duration::from_millis(100);
+const FIELD: Duration = Duration::from_secs(1);
+/// News that may wait.
+const NEWS: usize = 64;
+
+/// Maps what a robot says until `stop` says so; returns the session, whose touch has ended.
+///
+/// `tell` is called on this thread, and may take its time.
+///
+/// # Errors
+///
+/// If the network refuses.
+pub fn run(
+    mut network: Network,
+    session: Session,
+    config: &LiveConfig,
+    stop: impl Fn() -> bool,
+    mut tell: impl FnMut(News),
+) -> Result<Session, NetworkError> {
+    let arm = session.mapper().arm();
+    let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
+    let voice = network.speak(joints.clone())?;
+    let Some(topic) = find_topic(&network, config, &stop, &mut tell) else { return Ok(session) };
+    let ears = network.listen(&topic)?;
+    let how = if topic.reliable { "reliable" } else { "best effort" };
+    tell(News::Note(format!("listening to `{}` ({how})", topic.name)));
+
+    let shared = Shared::new(config.queue);
+    let (checkpoints, writer) = config.checkpoint.as_ref().map(Checkpoints::new).unzip();
+    let frame_id = arm.robot.links()[0].name.clone(); // the world of all poses
+    let mut mapping = Mapping {
+        shared: &shared,
+        session,
+        reader: JointReader::new(joints),
+        tally: Tally::default(),
+        checkpoints,
+        header: Header { frame_id, ..Header::default() },
+        now: Now::default(),
+        timers: Timers::default(),
+    };
+    thread::scope(|scope| {
+        scope.spawn(|| hear(ears, &shared));
+        scope.spawn(|| speak(&voice, &shared));
+        if let Some(writer) = writer {
+            scope.spawn(|| writer.run(&shared.written));
+        }
+        let mapper = scope.spawn(move || {
+            mapping.run();
+            mapping.session
+        });
+        while !mapper.is_finished() {
+            if let Some(news) = shared.news.pop(LOOK) {
+                tell(news);
+            }
+            if stop() {
+                shared.stopping.store(true, Ordering::Relaxed);
+            }
+        }
+        let session = mapper.join();
+        shared.stopping.store(true, Ordering::Relaxed); // if the mapper stopped by itself
+        session.map_err(|_| NetworkError::Defect)
+    })
+}
+
+/// Waits for the topic to appear.
+fn find_topic(
+    network: &Network,
+    config: &LiveConfig,
+    stop: &impl Fn() -> bool,
+    tell: &mut impl FnMut(News),
+) -> Option<TopicSeen> {
+    let started = Instant::now();
+    let mut told = String::new();
+    while !stop() {
+        match choose(&network.topics(), config.joint_states.as_deref()) {
+            Choice::Take(topic) => return Some(topic),
+            // Whoever is on the network takes a moment to say so.
+            Choice::Wait(why) if why != told && started.elapsed() > Duration::from_secs(2) => {
+                tell(News::Note(format!("waiting: {why}")));
+                told = why;
+            }
+            Choice::Wait(_) => {}
+        }
+        thread::sleep(LOOK);
+    }
+    None
+}
+
+/// What the threads share.
+struct Shared {
+    samples: Inbox<Arrived>,
+    outbox: Outbox,
+    news: Inbox<News>,
+    published: Inbox<Duration>,
+    counts: std::sync::Mutex<(u64, u64)>,
+    tare: AtomicBool,
+    stopping: AtomicBool,
+    written: Written,
+}
+
+/// A joint state on its way to the mapper.
+enum Arrived {
+    Joints(JointState, Instant, f64),
+    Broken(String),
+}
+
+impl Shared {
+    fn new(queue: usize) -> Self {
+        Self {
+            samples: Inbox::new(queue),
+            outbox: Outbox::default(),
+            news: Inbox::new(NEWS),
+            published: Inbox::new(queue),
+            counts: std::sync::Mutex::default(),
+            tare: AtomicBool::new(false),
+            stopping: AtomicBool::new(false),
+            written: Written::default(),
+        }
+    }
+
+    fn goes_on(&self) -> bool {
+        !self.stopping.load(Ordering::Relaxed)
+    }
+
+    fn note(&self, note: String) {
+        self.news.push(News::Note(note));
+    }
+
+    fn counts(&self) -> std::sync::MutexGuard<'_, (u64, u64)> {
+        self.counts.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+}
+
+/// The thread that listens.
+fn hear(mut ears: Ears, shared: &Shared) {
+    while shared.goes_on() {
+        ears.listen(LOOK, |heard| match heard {
+            Heard::Joints(state, at, at_s) => shared.samples.push(Arrived::Joints(state, at, at_s)),
+            Heard::Broken(why) => shared.samples.push(Arrived::Broken(why)),
+            Heard::Tare => shared.tare.store(true, Ordering::Relaxed),
+        });
+        *shared.counts() = ears.counts();
+    }
+}
+
+/// The thread that publishes.
+fn speak(voice: &Voice, shared: &Shared) {
+    while shared.goes_on() {
+        voice.speak(&shared.outbox, LOOK, |latency| shared.published.push(latency));
+    }
+}
+
+/// What the last sample said.
+#[derive(Debug, Default)]
+struct Now {
+    contacts: usize,
+    external_n_m: Option<f64>,
+    predicted_n_m: Option<f64>,
+}
+
+/// When things are due again.
+#[derive(Debug, Default)]
+struct Timers {
+    figures: Option<Instant>,
+    diagnostics: Option<Instant>,
+    contacts: Option<Instant>,
+    field: Option<Instant>,
+}
+
+/// Whether something is due that was last done then; it then is done now.
+fn due(last: &mut Option<Instant>, every: Duration) -> bool {
+    let due = last.is_none_or(|last| last.elapsed() >= every);
+    if due {
+        *last = Some(Instant::now());
+    }
+    due
+}
+
+/// The thread that maps.
+struct Mapping<'a> {
+    shared: &'a Shared,
+    session: Session,
+    reader: JointReader,
+    tally: Tally,
+    checkpoints: Option<Checkpoints>,
+    /// Frame and stamp of the last sample.
+    header: Header,
+    now: Now,
+    timers: Timers,
+}
+
+impl Mapping<'_> {
+    fn run(&mut self) {
+        self.shared.outbox.stop(false);
+        while self.shared.goes_on() {
+            if self.shared.tare.swap(false, Ordering::Relaxed) {
+                self.session.tare();
+                self.shared.outbox.stop(false);
+                self.shared.note("taring as asked: the arm must stand still and free".to_owned());
+            }
+            let patience = if self.session.has_spare() { Duration::ZERO } else { LOOK };
+            match self.shared.samples.pop(patience) {
+                Some(arrived) => self.arrived(arrived),
+                None if self.session.spare() => self.tally.replay(),
+                None => {}
+            }
+            self.tell();
+        }
+        self.session.finish();
+    }
+
+    fn arrived(&mut self, arrived: Arrived) {
+        let (state, at, at_s) = match arrived {
+            Arrived::Joints(state, at, at_s) => (state, at, at_s),
+            Arrived::Broken(why) => {
+                return self.refuse("broken", &format!("it cannot be decoded: {why}"));
+            }
+        };
+        let read = match self.reader.read(&state, at_s) {
+            Ok(read) => read,
+            Err(refusal) => return self.refuse(refusal.name(), &refusal.to_string()),
+        };
+        if read.set_back {
+            self.session.wait();
+            self.shared.note("the clock was set back; waiting for the arm to pause".to_owned());
+        }
+        self.header.stamp = state.header.stamp;
+        let started = Instant::now();
+        let told = self.session.take(&read.sample);
+        self.tally.step(started.elapsed());
+        if told.trip.is_some() {
+            self.shared.outbox.stop(true);
+        }
+        self.now.contacts = told.contacts;
+        (self.now.external_n_m, self.now.predicted_n_m) = (None, None);
+        if let Some((external, predicted)) = told.torques {
+            self.now.external_n_m = Some(external.norm());
+            self.now.predicted_n_m = Some(predicted.norm());
+            if told.contacts > 0 {
+                self.tally.compare(&external, &predicted);
+            }
+            self.shared.outbox.torques(Torques {
+                header: self.header.clone(),
+                received: at,
+                external_n_m: external.data.into(),
+                predicted_n_m: predicted.data.into(),
+            });
+        }
+        if let Some(trip) = told.trip {
+            let what = if trip.predicted { "predicted" } else { "measured" };
+            self.shared.note(format!(
+                "STOP: the {what} external torque of joint {} is {:.2} N·m; a new tare takes the \
+                 flag back",
+                trip.joint, trip.torque_n_m
+            ));
+        }
+        if told.begins {
+            self.tally.touch();
+        }
+        if let Some(fault) = told.fault
+            && self.tally.refuse("not followed")
+        {
+            self.shared.note(format!("a sample cannot be followed: {fault}"));
+        }
+    }
+
+    /// Counts a message that cannot be used, and tells the first for each reason.
+    fn refuse(&mut self, reason: &'static str, why: &str) {
+        if self.tally.refuse(reason) {
+            self.shared.note(format!("a message cannot be used: {why} (told once)"));
+        }
+    }
+
+    /// All that is told now and then.
+    fn tell(&mut self) {
+        let (shared, session) = (self.shared, &self.session);
+        while let Some(latency) = shared.published.pop(Duration::ZERO) {
+            self.tally.published(latency);
+        }
+        if let Some(checkpoints) = &mut self.checkpoints {
+            checkpoints.tick(|| crate::checkpoint::saved(session.mapper(), session.replays()));
+        }
+        // Whatever is late is later still if clouds are made meanwhile.
+        if shared.samples.len() > 4 {
+            return;
+        }
+        if due(&mut self.timers.contacts, CONTACTS) && session.state() == State::Mapping {
+            shared.outbox.contacts(cloud::contacts(session.mapper(), &self.header));
+        }
+        if due(&mut self.timers.field, FIELD)
+            && session.state() == State::Mapping
+            && let Some(near) = cloud::field_near_contacts(session.mapper(), &self.header)
+        {
+            shared.outbox.field(near);
+        }
+        if due(&mut self.timers.figures, FIGURES) {
+            let figures = self.figures();
+            if let Some(why) = shared.written.failure() {
+                shared.note(format!("the checkpoint could not be written: {why}"));
+            }
+            if due(&mut self.timers.diagnostics, DIAGNOSTICS) {
+                let robot = self.session.mapper().arm().robot.name();
+                let header = Header { stamp: self.header.stamp, ..Header::default() };
+                shared.outbox.diagnostics(diagnostics::of(&figures, robot, header));
+            }
+            shared.news.push(News::Figures(Box::new(figures)));
+        }
+    }
+
+    fn figures(&mut self) -> Figures {
+        let (received, lost) = *self.shared.counts();
+        let mapper = self.session.mapper();
+        Figures {
+            state: self.session.state(),
+            dropped: self.shared.samples.dropped(),
+            lost,
+            contacts: self.now.contacts,
+            cells: mapper.n_cells(),
+            external_n_m: self.now.external_n_m,
+            predicted_n_m: self.now.predicted_n_m,
+            stopped: self.session.is_stopped(),
+            unsent: self.shared.outbox.unsent(),
+            checkpoint_s: self.shared.written.age_s(),
+            ..self.tally.figures(received)
+        }
+    }
+}

@@ -1,0 +1,205 @@
+//! The mapper beside a running robot, sample by sample, without threads or sockets.
+//!
+//! A touch begins where the arm pauses and touches nothing ([`palpate::idle`]), or when somebody
+//! says so; until then, nothing is learnt. A sample that cannot be used is told once a reason and
+//! left out. If a touch can no longer be followed (samples are missing, or it began without a
+//! pause), it ends, and the next pause begins another: nothing that was learnt is lost.
+//!
+//! Replays do not belong to a step here: [`Session::spare`] makes one at a time, for as long as
+//! there is nothing better to do, and at most as many as the settings say.
+
+use nalgebra::DVector;
+use palpate::idle::{self, IdleSplit};
+use palpate::mapper::{Mapper, MapperError, StepReport};
+use palpate::touch::{Sample, TouchError};
+use serde::{Deserialize, Serialize};
+
+use crate::guard::{Guard, Trip};
+
+/// So many samples of a pause are enough for the first tare; a pause of a second holds a thousand,
+/// and the mapper has other things to do. Those that follow it count as well.
+const TARE_SAMPLES: usize = 100;
+
+/// What the session does with the next sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    /// Waits for the arm to pause, or for a tare that is asked for.
+    Waiting,
+    /// Takes the tare.
+    Taring,
+    /// Maps.
+    Mapping,
+}
+
+/// What came of a sample.
+#[derive(Debug, Clone, Default)]
+pub struct Told {
+    /// τ_ext and the τ̂ that was predicted before it was learnt from, n_joints, N·m; `None` unless
+    /// the session maps.
+    pub torques: Option<(DVector<f64>, DVector<f64>)>,
+    /// Points touched.
+    pub contacts: usize,
+    /// The limit that it was the first to pass.
+    pub trip: Option<Trip>,
+    /// Whether a touch begins with it.
+    pub begins: bool,
+    /// Why it, or the touch that it belongs to, could not be followed.
+    pub fault: Option<String>,
+}
+
+/// A mapper beside a running robot.
+pub struct Session {
+    mapper: Mapper,
+    idle: IdleSplit,
+    idle_config: idle::Config,
+    state: State,
+    guard: Option<Guard>,
+    /// Replays a step, and those that may still be made for the last.
+    replays: u32,
+    due: u32,
+}
+
+impl Session {
+    /// A session of a mapper, whose own replays must be off: `replays` a step are made in spare
+    /// time.
+    ///
+    /// A touch that the mapper was in the middle of has ended: nobody knows what happened since.
+    ///
+    /// # Errors
+    ///
+    /// If a setting of idleness is out of its range.
+    pub fn new(
+        mut mapper: Mapper,
+        idle_config: idle::Config,
+        replays: u32,
+        guard: Option<Guard>,
+    ) -> Result<Self, idle::ConfigError> {
+        // Too short for its tare, if that: it then taught nothing.
+        let _ = mapper.end_touch();
+        let idle = IdleSplit::new(idle_config.clone())?;
+        let state = State::Waiting;
+        Ok(Self { mapper, idle, idle_config, state, guard, replays, due: 0 })
+    }
+
+    /// Takes the next sample of the robot.
+    pub fn take(&mut self, sample: &Sample) -> Told {
+        let mut told = Told::default();
+        if self.state != State::Waiting {
+            match self.mapper.step(sample) {
+                Ok(report) => self.learnt(report, &mut told),
+                Err(error) => self.failed(&error, &mut told),
+            }
+        }
+        if let Some(tare) = self.idle.push(sample, told.contacts) {
+            self.begin(&tare, &mut told);
+        }
+        told
+    }
+
+    /// What a step that went well says.
+    fn learnt(&mut self, report: StepReport, told: &mut Told) {
+        told.contacts = report.contacts;
+        let (Some(external), Some(predicted)) = (report.external, report.predicted) else {
+            self.state = State::Taring;
+            return;
+        };
+        self.state = State::Mapping;
+        if report.contacts > 0 {
+            self.due = self.replays;
+        }
+        if let Some(guard) = &mut self.guard {
+            told.trip = guard.watch(&external, &predicted).cloned();
+        }
+        told.torques = Some((external, predicted));
+    }
+
+    /// What a step that failed leaves.
+    fn failed(&mut self, error: &MapperError, told: &mut Told) {
+        told.fault = Some(error.to_string());
+        // A single broken sample is left out; where an arm has jumped, the touch is lost.
+        let lost = matches!(
+            error,
+            MapperError::Touch(
+                TouchError::Jump { .. }
+                    | TouchError::NoContactFreeStart { .. }
+                    | TouchError::NotBegun
+            )
+        );
+        if lost {
+            self.wait();
+        }
+    }
+
+    /// Begins a touch with the samples of a pause.
+    fn begin(&mut self, tare: &[Sample], told: &mut Told) {
+        let _ = self.mapper.end_touch();
+        self.mapper.begin_touch();
+        (self.state, told.begins) = (State::Taring, true);
+        let every = tare.len().div_ceil(TARE_SAMPLES).max(1);
+        for sample in tare.iter().rev().step_by(every).rev() {
+            if let Err(error) = self.mapper.step(sample) {
+                return self.failed(&error, told);
+            }
+        }
+    }
+
+    /// Begins a touch with the next sample, because somebody says that the arm stands free, and
+    /// takes the guard's flag back.
+    pub fn tare(&mut self) {
+        let _ = self.mapper.end_touch();
+        self.mapper.begin_touch();
+        self.idle.begun();
+        self.state = State::Taring;
+        if let Some(guard) = &mut self.guard {
+            guard.reset();
+        }
+    }
+
+    /// Ends the touch and waits for a pause: what follows does not go on from what came before.
+    pub fn wait(&mut self) {
+        let _ = self.mapper.end_touch();
+        self.state = State::Waiting;
+        self.idle = IdleSplit::new(self.idle_config.clone()).expect("checked when it was new");
+    }
+
+    /// Makes one of the replays that the last step may have; whether it did.
+    pub fn spare(&mut self) -> bool {
+        if self.due == 0 {
+            return false;
+        }
+        self.due -= 1;
+        self.mapper.replay(1) > 0
+    }
+
+    /// Whether the last step may have more replays.
+    pub fn has_spare(&self) -> bool {
+        self.due > 0
+    }
+
+    /// What the session does.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// Whether the guard's flag is up.
+    pub fn is_stopped(&self) -> bool {
+        self.guard.as_ref().is_some_and(Guard::is_up)
+    }
+
+    /// The mapper.
+    pub fn mapper(&self) -> &Mapper {
+        &self.mapper
+    }
+
+    /// Replays a step, to be given back to what is saved.
+    pub fn replays(&self) -> u32 {
+        self.replays
+    }
+
+    /// Ends the touch under way.
+    pub fn finish(&mut self) {
+        while self.spare() {}
+        self.wait();
+    }
+}

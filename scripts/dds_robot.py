@@ -1,0 +1,224 @@
+"""A robot on a ROS 2 network, played from a set of touches by CycloneDDS, and what it hears back.
+
+    dds_robot.py SET --rate HZ --seconds S [--loops] ...
+
+Publishes joint states (sensor_msgs/msg/JointState on /joint_states), one touch after the other, over
+and over, with the arm standing still at the start of each for as long as its log has it. Meanwhile it
+reads every topic that palpate publishes. Prints one JSON object: what was sent and heard, and the time
+from writing a sample to reading its prediction. Loopback only. Libraries: requirements.txt, pinned.
+"""
+
+import argparse
+import json
+import os
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+os.environ.setdefault(
+    "CYCLONEDDS_URI",
+    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/>"
+    "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto"
+    "</ParticipantIndex><MaxAutoParticipantIndex>20</MaxAutoParticipantIndex><Peers>"
+    "<Peer address='127.0.0.1'/></Peers></Discovery></Domain></CycloneDDS>",
+)
+
+import numpy as np
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import float64, int32, sequence, uint8, uint32
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+JOINTS = [f"Actuator{joint}" for joint in range(1, 8)]
+
+
+@dataclass
+class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
+    sec: int32
+    nanosec: uint32
+
+
+@dataclass
+class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
+    stamp: Time
+    frame_id: str
+
+
+@dataclass
+class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
+    header: Header
+    name: sequence[str]
+    position: sequence[float64]
+    velocity: sequence[float64]
+    effort: sequence[float64]
+
+
+@dataclass
+class PointField(IdlStruct, typename="sensor_msgs::msg::dds_::PointField_"):
+    name: str
+    offset: uint32
+    datatype: uint8
+    count: uint32
+
+
+@dataclass
+class PointCloud2(IdlStruct, typename="sensor_msgs::msg::dds_::PointCloud2_"):
+    header: Header
+    height: uint32
+    width: uint32
+    fields: sequence[PointField]
+    is_bigendian: bool
+    point_step: uint32
+    row_step: uint32
+    data: sequence[uint8]
+    is_dense: bool
+
+
+@dataclass
+class Bool(IdlStruct, typename="std_msgs::msg::dds_::Bool_"):
+    data: bool
+
+
+@dataclass
+class KeyValue(IdlStruct, typename="diagnostic_msgs::msg::dds_::KeyValue_"):
+    key: str
+    value: str
+
+
+@dataclass
+class DiagnosticStatus(IdlStruct, typename="diagnostic_msgs::msg::dds_::DiagnosticStatus_"):
+    level: uint8
+    name: str
+    message: str
+    hardware_id: str
+    values: sequence[KeyValue]
+
+
+@dataclass
+class DiagnosticArray(IdlStruct, typename="diagnostic_msgs::msg::dds_::DiagnosticArray_"):
+    header: Header
+    status: sequence[DiagnosticStatus]
+
+
+RELIABLE = Qos(
+    Policy.Reliability.Reliable(duration(milliseconds=100)),
+    Policy.History.KeepLast(2000),
+)
+BEST_EFFORT = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(2000))
+HEARD = {
+    "rt/palpate/torque_predicted": JointState,
+    "rt/palpate/torque_external": JointState,
+    "rt/palpate/contacts": PointCloud2,
+    "rt/palpate/field": PointCloud2,
+    "rt/palpate/stop": Bool,
+    "rt/diagnostics": DiagnosticArray,
+}
+
+
+def frames(folder, still):
+    """Positions and torques of all touches in a row; between them the arm stands still."""
+    q, tau = [], []
+    for touch in sorted(folder.glob("seq_*")):
+        angles, torques = np.load(touch / "angles.npy"), np.load(touch / "torques.npy")
+        q += [np.repeat(angles[:1], still, axis=0), angles]
+        tau += [np.repeat(torques[:1], still, axis=0), torques]
+    return np.concatenate(q).astype(float).tolist(), np.concatenate(tau).astype(float).tolist()
+
+
+def now_ns():
+    return time.time_ns()
+
+
+class Ears(threading.Thread):
+    """Reads all that palpate says."""
+
+    def __init__(self, participant):
+        super().__init__(daemon=True)
+        self.readers = {
+            name: DataReader(participant, Topic(participant, name, kind), RELIABLE)
+            for name, kind in HEARD.items()
+        }
+        self.counts = dict.fromkeys(HEARD, 0)
+        self.latencies_ms, self.last, self.stops = [], {}, []
+        self.going = True
+
+    def run(self):
+        while self.going:
+            for name, reader in self.readers.items():
+                for message in reader.take(N=500):
+                    if not hasattr(message, "__dataclass_fields__"):
+                        continue  # a writer that left
+                    self.hear(name, message)
+            time.sleep(0.0005)
+
+    def hear(self, name, message):
+        self.counts[name] += 1
+        self.last[name] = message
+        if name == "rt/palpate/torque_predicted":
+            stamp = message.header.stamp
+            sent_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+            self.latencies_ms.append((now_ns() - sent_ns) * 1e-6)
+        if name == "rt/palpate/stop":
+            self.stops.append((now_ns(), message.data))
+
+
+def play(writer, q, tau, rate, seconds, wide):
+    """Sends frames at a steady rate; returns how many, and when those beyond a torque went out."""
+    start, sent = time.perf_counter(), 0
+    while sent < rate * seconds:
+        due = start + sent / rate
+        while (left := due - time.perf_counter()) > 0:
+            if left > 0.0002:
+                time.sleep(left / 2)
+        stamp_ns, at = now_ns(), sent % len(q)
+        header = Header(Time(stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000), "base_link")
+        writer.write(JointState(header, JOINTS, q[at], [], tau[at]))
+        sent += 1
+    return sent
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("set", type=Path)
+    parser.add_argument("--rate", type=float, default=1000.0)
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--still", type=float, default=0.6, help="pause before each touch, s")
+    parser.add_argument("--domain", type=int, default=0)
+    parser.add_argument("--best-effort", action="store_true")
+    args = parser.parse_args()
+
+    participant = DomainParticipant(args.domain)
+    ears = Ears(participant)
+    ears.start()
+    qos = BEST_EFFORT if args.best_effort else RELIABLE
+    writer = DataWriter(participant, Topic(participant, "rt/joint_states", JointState), qos)
+    q, tau = frames(args.set, round(args.still * args.rate))
+    deadline = time.time() + 20
+    while not writer.get_matched_subscriptions() and time.time() < deadline:
+        time.sleep(0.05)
+    matched = len(writer.get_matched_subscriptions())
+    time.sleep(0.3)
+    started = time.perf_counter()
+    sent = play(writer, q, tau, args.rate, args.seconds, len(q))
+    took = time.perf_counter() - started
+    time.sleep(1.5)
+    ears.going = False
+    ears.join()
+    latencies = np.array(ears.latencies_ms or [np.nan])
+    diagnostics = ears.last.get("rt/diagnostics")
+    print(json.dumps({
+        "matched": matched, "sent": sent, "rate_hz": sent / took, "heard": ears.counts,
+        "latency_ms": {"median": float(np.median(latencies)), "p99": float(np.quantile(latencies, 0.99))},
+        "stops": [data for _, data in ears.stops],
+        "diagnostics": {v.key: v.value for v in diagnostics.status[0].values} if diagnostics else None,
+        "points": {n: ears.last[n].width for n in ("rt/palpate/contacts", "rt/palpate/field") if n in ears.last},
+    }))
+
+
+if __name__ == "__main__":
+    main()
