@@ -2,8 +2,9 @@
 //!
 //! A touch begins where the arm pauses and touches nothing ([`palpate::idle`]), or when somebody
 //! says so; until then, nothing is learnt. A sample that cannot be used is told once a reason and
-//! left out. If a touch can no longer be followed (samples are missing, or it began without a
-//! pause), it ends, and the next pause begins another: nothing that was learnt is lost.
+//! left out. If a touch can no longer be followed (it began without a pause, say), it ends, and the
+//! next pause begins another: nothing that was learnt is lost. An arm that is suddenly elsewhere,
+//! faster than its joints can turn, has begun another recording: a touch begins there.
 //!
 //! Replays do not belong to a step here: [`Session::spare`] makes one at a time, for as long as
 //! there is nothing better to do, and at most as many as the settings say.
@@ -19,6 +20,13 @@ use crate::guard::{Guard, Trip};
 /// So many samples of a pause are enough for the first tare; a pause of a second holds a thousand,
 /// and the mapper has other things to do. Those that follow it count as well.
 const TARE_SAMPLES: usize = 100;
+
+/// An arm has jumped if a joint went so many times farther than its speed allows, and at least so
+/// far, rad or m: logs are played faster than they were recorded.
+const TOO_FAST: f64 = 4.0;
+const LEAST_JUMP: f64 = 0.2;
+/// Speed of a joint of which the URDF says none, rad/s or m/s.
+const FASTEST: f64 = 3.0;
 
 /// What the session does with the next sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -54,6 +62,8 @@ pub struct Session {
     idle: IdleSplit,
     idle_config: idle::Config,
     state: State,
+    /// The sample before.
+    last: Option<Sample>,
     guard: Option<Guard>,
     /// Replays a step, and those that may still be made for the last.
     replays: u32,
@@ -79,12 +89,17 @@ impl Session {
         let _ = mapper.end_touch();
         let idle = IdleSplit::new(idle_config.clone())?;
         let state = State::Waiting;
-        Ok(Self { mapper, idle, idle_config, state, guard, replays, due: 0 })
+        Ok(Self { mapper, idle, idle_config, state, last: None, guard, replays, due: 0 })
     }
 
     /// Takes the next sample of the robot.
     pub fn take(&mut self, sample: &Sample) -> Told {
         let mut told = Told::default();
+        if self.has_jumped(sample) {
+            self.begin(&[], &mut told);
+            self.idle.begun();
+        }
+        self.last = Some(sample.clone());
         if self.state != State::Waiting {
             match self.mapper.step(sample) {
                 Ok(report) => self.learnt(report, &mut told),
@@ -95,6 +110,21 @@ impl Session {
             self.begin(&tare, &mut told);
         }
         told
+    }
+
+    /// Whether no joint of the arm can have come so far since the last sample.
+    fn has_jumped(&self, sample: &Sample) -> bool {
+        let Some(last) = &self.last else { return false };
+        let elapsed_s = match (last.time_s, sample.time_s) {
+            (Some(last_s), Some(now_s)) => now_s - last_s,
+            _ => return false,
+        };
+        let robot = &self.mapper.arm().robot;
+        let ways = robot.difference(&last.q, &sample.q);
+        robot.joints().iter().zip(ways).any(|(joint, way)| {
+            let fastest = joint.velocity.filter(|speed| *speed > 0.0).unwrap_or(FASTEST);
+            way.abs() > LEAST_JUMP.max(TOO_FAST * fastest * elapsed_s)
+        })
     }
 
     /// What a step that went well says.
@@ -131,7 +161,7 @@ impl Session {
         }
     }
 
-    /// Begins a touch with the samples of a pause.
+    /// Begins a touch with the samples of a pause, if there are any.
     fn begin(&mut self, tare: &[Sample], told: &mut Told) {
         let _ = self.mapper.end_touch();
         self.mapper.begin_touch();
