@@ -1,0 +1,136 @@
+//! A session beside a robot that is played from the bundled touches, without a network.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use std::path::Path;
+use std::sync::Arc;
+
+use palpate::arm::Arm;
+use palpate::estimator::Method;
+use palpate::idle;
+use palpate::mapper::{Config, Mapper};
+use palpate::touch::Sample;
+use palpate_io::log::{self, LogEvent, LogOptions};
+use palpate_io::robot_files::{ArmOptions, CachePlace, load_arm};
+use palpate_live::guard::Guard;
+use palpate_live::session::{Session, State, Told};
+
+fn arm() -> Arc<Arm> {
+    let options = ArmOptions { cache: CachePlace::Off, ..ArmOptions::default() };
+    Arc::new(load_arm("kinova_gen3", &options).unwrap().arm)
+}
+
+/// The bundled touches, each with times that go on from the one before.
+fn touches(count: usize) -> Vec<Vec<Sample>> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
+    let mut touches: Vec<Vec<Sample>> = Vec::new();
+    for event in log::open(&folder, &LogOptions::default()).unwrap() {
+        match event.unwrap() {
+            LogEvent::TouchStarts { .. } if touches.len() == count => break,
+            LogEvent::TouchStarts { .. } => touches.push(Vec::new()),
+            LogEvent::Sample(mut sample) => {
+                let start_s = 100.0 * touches.len() as f64;
+                sample.time_s = sample.time_s.map(|time_s| start_s + time_s);
+                touches.last_mut().unwrap().push(sample);
+            }
+        }
+    }
+    touches
+}
+
+/// A mapper that makes no replays of its own.
+fn mapper(arm: &Arc<Arm>) -> Mapper {
+    let mut config = Config::of(Method::Map);
+    config.estimator.replays = 0;
+    Mapper::new(Arc::clone(arm), config).unwrap()
+}
+
+fn session(arm: &Arc<Arm>, replays: u32, guard: Option<Guard>) -> Session {
+    Session::new(mapper(arm), idle::Config::default(), replays, guard).unwrap()
+}
+
+fn play(session: &mut Session, samples: &[Sample]) -> Vec<Told> {
+    samples.iter().map(|sample| session.take(sample)).collect()
+}
+
+#[test]
+fn what_is_learnt_live_is_what_a_log_of_the_same_touches_teaches() {
+    let (arm, touches) = (arm(), touches(2));
+    let mut live = session(&arm, 0, None);
+    let told: Vec<Told> = touches.iter().flat_map(|touch| play(&mut live, touch)).collect();
+    live.finish();
+    let mut from_log = mapper(&arm);
+    for touch in &touches {
+        from_log.begin_touch();
+        touch.iter().for_each(|sample| drop(from_log.step(sample).unwrap()));
+        from_log.end_touch().unwrap();
+    }
+    assert_eq!(live.mapper().field(), from_log.field());
+    assert!(told.iter().all(|told| told.fault.is_none()));
+    // One at the start, one where the arm is suddenly elsewhere, one at the end of each touch.
+    assert_eq!(told.iter().filter(|told| told.begins).count(), 4);
+}
+
+#[test]
+fn replays_fill_spare_time_up_to_those_of_a_step() {
+    let (arm, touches) = (arm(), touches(1));
+    let mut live = session(&arm, 3, None);
+    let mut made = Vec::new();
+    for sample in &touches[0][..100] {
+        live.take(sample);
+        made.push((0..10).filter(|_| live.spare()).count());
+    }
+    assert!(made.contains(&3) && made.iter().all(|&made| made == 0 || made == 3), "{made:?}");
+}
+
+#[test]
+fn nothing_is_learnt_before_the_arm_has_paused_or_somebody_asked_for_a_tare() {
+    let (arm, touches) = (arm(), touches(1));
+    let pushing = &touches[0][60..120];
+    let mut live = session(&arm, 0, None);
+    assert!(play(&mut live, pushing).iter().all(|told| told.torques.is_none()));
+    assert_eq!((live.state(), live.mapper().n_cells()), (State::Waiting, 0));
+
+    // A tare that is asked for while the arm moves through the lattice cannot be taken.
+    live.tare();
+    let told = play(&mut live, &touches[0][120..160]);
+    let faults: Vec<&String> = told.iter().filter_map(|told| told.fault.as_ref()).collect();
+    assert!(faults.len() == 1 && faults[0].contains("no contact-free start"), "{faults:?}");
+    assert_eq!(live.state(), State::Waiting);
+
+    live.tare();
+    let told = play(&mut live, &touches[0]);
+    assert!(told.iter().any(|told| told.torques.is_some()));
+}
+
+#[test]
+fn the_guard_says_once_which_joint_passed_the_limit_until_a_tare_takes_it_back() {
+    let (arm, touches) = (arm(), touches(1));
+    let mut live = session(&arm, 0, Some(Guard::new(1.5)));
+    let told = play(&mut live, &touches[0]);
+    let first = told.iter().position(|told| told.trip.is_some()).unwrap();
+    assert_eq!(told.iter().filter(|told| told.trip.is_some()).count(), 1);
+    assert!(live.is_stopped());
+    let over = |told: &Told| {
+        told.torques
+            .as_ref()
+            .is_some_and(|(external, predicted)| external.amax() > 1.5 || predicted.amax() > 1.5)
+    };
+    assert_eq!(told.iter().position(over), Some(first));
+    live.tare();
+    assert!(!live.is_stopped());
+}
+
+#[test]
+fn a_session_goes_on_from_what_another_has_saved() {
+    let (arm, touches) = (arm(), touches(2));
+    let mut first = session(&arm, 0, None);
+    play(&mut first, &touches[0][..200]);
+    let snapshot = first.mapper().snapshot();
+    let resumed = Mapper::resume(Arc::clone(&arm), snapshot).unwrap();
+    let mut second = Session::new(resumed, idle::Config::default(), 0, None).unwrap();
+    assert_eq!(second.state(), State::Waiting);
+    assert_eq!(second.mapper().field(), first.mapper().field());
+    let told = play(&mut second, &touches[1]);
+    assert!(told.iter().any(|told| told.torques.is_some()));
+    assert!(second.mapper().n_cells() > first.mapper().n_cells());
+}
