@@ -188,7 +188,7 @@ impl Outlook {
     /// Cost: some tenths of a millisecond.
     #[must_use]
     pub fn thinned(mut self, one_in: f64) -> Self {
-        if !(one_in > 1.0) || !self.stands_for.is_empty() {
+        if one_in.is_nan() || one_in <= 1.0 || !self.stands_for.is_empty() {
             return self;
         }
         let share = shares(self.springs.cells(), &self.variance, one_in);

@@ -36,7 +36,7 @@ impl<'a> Route<'a> {
             let [from, to] = [point - 1, point].map(|point| (q[point], &poses[point]));
             let way_m = arm.way_m(from, to).map_err(|lost| PathError::at(point, lost))?;
             along_m.push(along_m[point - 1] + way_m);
-            if !(along_m[point] <= longest_m) {
+            if along_m[point].is_nan() || along_m[point] > longest_m {
                 return Err(PathError::TooLong { point });
             }
         }
