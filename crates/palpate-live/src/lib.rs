@@ -9,12 +9,14 @@
 //! | [`joints`]      | which joint states are samples                                  |
 //! | [`ros`]         | the network: topics, what is heard, what is said                |
 //! | [`run`]         | the threads between them                                        |
+//! | [`AskSocket`]   | questions about motions that are not made yet                   |
 //! | [`checkpoint`]  | what is on disk if the power goes                               |
 //! | [`figures`]     | how it goes                                                     |
 //!
 //! The crate knows no terminal and no settings file; `palpate live` is made of it.
 #![forbid(unsafe_code)]
 
+mod ask;
 pub mod checkpoint;
 pub mod cloud;
 pub mod diagnostics;
@@ -27,4 +29,5 @@ pub mod ros;
 mod run;
 pub mod session;
 
+pub use ask::AskSocket;
 pub use run::{LiveConfig, News, run};

@@ -3,7 +3,8 @@
 //! ```text
 //! network ──► Ears ──► Inbox ──► mapper ──► Outbox ──► Voice ──► network
 //!             (one thread)      (one thread)   │    (one thread)
-//!                                              ├──► checkpoints (one thread)
+//!                                  ▲           ├──► checkpoints (one thread)
+//!                    questions ────┘           │
 //!                                              └──► news, to whoever called
 //! ```
 //!
@@ -14,6 +15,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crossbeam_channel::{Receiver, bounded};
+
+use crate::ask::{AskSocket, Request};
 use crate::checkpoint::{CheckpointConfig, Checkpoints, Written};
 use crate::cloud;
 use crate::diagnostics;
@@ -48,6 +52,10 @@ pub enum News {
 
 /// Between two looks at a flag, or at the network.
 const LOOK: Duration = Duration::from_millis(20);
+/// The mapper's wait for a sample, and so the longest that a question waits for the mapper.
+const PAUSE: Duration = Duration::from_millis(2);
+/// Questions that may wait.
+const REQUESTS: usize = 16;
 /// Between two sets of figures.
 const FIGURES: Duration = Duration::from_millis(200);
 /// Between two diagnostics.
@@ -69,6 +77,7 @@ pub fn run(
     mut network: Network,
     session: Session,
     config: &LiveConfig,
+    ask: Option<&AskSocket>,
     stop: impl Fn() -> bool,
     mut tell: impl FnMut(News),
 ) -> Result<Session, NetworkError> {
@@ -82,6 +91,7 @@ pub fn run(
 
     let shared = Shared::new(config.queue);
     let (checkpoints, writer) = config.checkpoint.as_ref().map(Checkpoints::new).unzip();
+    let (to_mapper, requests) = bounded(REQUESTS);
     let frame_id = arm.robot.links()[0].name.clone(); // the world of all poses
     let mut mapping = Mapping {
         shared: &shared,
@@ -89,15 +99,21 @@ pub fn run(
         reader: JointReader::new(joints),
         tally: Tally::default(),
         checkpoints,
+        requests,
         header: Header { frame_id, ..Header::default() },
         now: Now::default(),
         timers: Timers::default(),
     };
+    let goes_on = || shared.goes_on();
     thread::scope(|scope| {
         scope.spawn(|| hear(ears, &shared));
         scope.spawn(|| speak(&voice, &shared));
         if let Some(writer) = writer {
             scope.spawn(|| writer.run(&shared.written));
+        }
+        if let Some(ask) = ask {
+            let goes_on = &goes_on;
+            scope.spawn(move || ask.run(&to_mapper, goes_on));
         }
         let mapper = scope.spawn(move || {
             mapping.run();
@@ -238,6 +254,7 @@ struct Mapping<'a> {
     reader: JointReader,
     tally: Tally,
     checkpoints: Option<Checkpoints>,
+    requests: Receiver<Request>,
     /// Frame and stamp of the last sample.
     header: Header,
     now: Now,
@@ -253,7 +270,8 @@ impl Mapping<'_> {
                 self.shared.outbox.stop(false);
                 self.shared.note("taring as asked: the arm must stand still and free".to_owned());
             }
-            let patience = if self.session.has_spare() { Duration::ZERO } else { LOOK };
+            self.answer();
+            let patience = if self.session.has_spare() { Duration::ZERO } else { PAUSE };
             match self.shared.samples.pop(patience) {
                 Some(arrived) => self.arrived(arrived),
                 None if self.session.spare() => self.tally.replay(),
@@ -262,6 +280,17 @@ impl Mapping<'_> {
             self.tell();
         }
         self.session.finish();
+    }
+
+    /// Hands out what questions need.
+    fn answer(&mut self) {
+        while let Ok(request) = self.requests.try_recv() {
+            match request {
+                Request::Tare => self.shared.tare.store(true, Ordering::Relaxed),
+                // Whoever asked may have left.
+                Request::Outlook(to_asker) => drop(to_asker.send(self.session.mapper().outlook())),
+            }
+        }
     }
 
     fn arrived(&mut self, arrived: Arrived) {

@@ -11,7 +11,8 @@ use nalgebra::DVector;
 use crate::arm::Arm;
 use crate::contact::{self, Contacts};
 use crate::lattice::{CellId, CellRows, Lattice};
-use crate::torque::{Cell, Folder, Stiffness};
+use crate::robot::{Poses, Robot};
+use crate::torque::{Cell, Folder, Observation, Stiffness};
 use crate::touch::{self, Sample, TouchError, Tracker};
 
 /// The stiffness of all cells that were touched or that a prior expects something of, by row.
@@ -60,15 +61,77 @@ pub struct Prediction {
     pub external: DVector<f64>,
 }
 
+/// The springs that motions are asked about, by row: first those of a field, then those met since.
+#[derive(Debug, Clone)]
+pub(crate) struct Springs {
+    folder: Folder,
+    cells: Vec<Cell>,
+    /// Frames that touched the cells of the field.
+    counts: Vec<u32>,
+    untouched_n_per_m: f64,
+}
+
+impl Springs {
+    /// Springs of the given rows, K in N/m; cells met later are untouched ones.
+    pub(crate) fn new(
+        rows: CellRows,
+        stiffness_n_per_m: &[f64],
+        counts: Vec<u32>,
+        untouched_n_per_m: f64,
+    ) -> Self {
+        let points_and_k = rows.points_m().iter().zip(stiffness_n_per_m);
+        let cells = points_and_k.map(|(&point, &k)| Cell::new(point, k)).collect();
+        Self { folder: Folder::new(rows), cells, counts, untouched_n_per_m }
+    }
+
+    /// Folds a frame's contacts beside `tau`, n_joints, N·m.
+    pub(crate) fn fold(
+        &mut self,
+        robot: &Robot,
+        poses: &Poses,
+        contacts: &Contacts,
+        tau: &DVector<f64>,
+    ) -> Observation {
+        let observation = self.folder.fold(robot, poses, contacts, tau);
+        let met = self.folder.rows().points_m()[self.cells.len()..].iter();
+        self.cells.extend(met.map(|&point| Cell::new(point, self.untouched_n_per_m)));
+        observation
+    }
+
+    /// τ̂ of a frame that was folded here, n_joints, N·m.
+    pub(crate) fn predict(&self, observation: &Observation) -> DVector<f64> {
+        observation.predict(&self.cells, Stiffness::Positive)
+    }
+
+    /// Whether the cell of a row was touched when the field was learnt.
+    pub(crate) fn is_known(&self, row: usize) -> bool {
+        self.counts.get(row).is_some_and(|&count| count > 0)
+    }
+
+    /// The cells by row.
+    pub(crate) fn rows(&self) -> &CellRows {
+        self.folder.rows()
+    }
+
+    /// Makes springs stand for others: K of every row times its factor, and that of all other
+    /// cells times theirs.
+    pub(crate) fn scale(&mut self, factor: impl Fn(usize) -> f64, others: f64) {
+        for (row, cell) in self.cells.iter_mut().enumerate() {
+            *cell.unknown_mut() *= factor(row);
+        }
+        self.untouched_n_per_m *= others;
+    }
+
+    /// The springs as sums over contacts need them.
+    pub(crate) fn cells(&self) -> &[Cell] {
+        &self.cells
+    }
+}
+
 /// Predicts the torque of motions from a field that stays as it is.
 pub struct Predictor {
     tracker: Tracker,
-    folder: Folder,
-    /// The cells by row: first those of the field, then those met since.
-    cells: Vec<Cell>,
-    /// Frames that touched the cells of the field, by row.
-    counts: Vec<u32>,
-    untouched_n_per_m: f64,
+    springs: Springs,
 }
 
 impl Predictor {
@@ -89,11 +152,9 @@ impl Predictor {
         for &cell in &field.cells {
             rows.row_of(cell);
         }
-        let points_and_k = rows.points_m().iter().zip(&field.stiffness_n_per_m);
-        let cells: Vec<Cell> = points_and_k.map(|(&point, &k)| Cell::new(point, k)).collect();
-        let (folder, counts) = (Folder::new(rows), field.counts.clone());
-        let untouched_n_per_m = field.untouched_n_per_m;
-        Ok(Self { tracker, folder, cells, counts, untouched_n_per_m })
+        let (stiffness, counts) = (&field.stiffness_n_per_m, field.counts.clone());
+        let springs = Springs::new(rows, stiffness, counts, field.untouched_n_per_m);
+        Ok(Self { tracker, springs })
     }
 
     /// Starts a touch.
@@ -110,13 +171,11 @@ impl Predictor {
         let frame = self.tracker.feed(sample)?;
         let Some(external) = frame.external else { return Ok(None) };
         let robot = &self.tracker.arm().robot;
-        let observation = self.folder.fold(robot, &frame.poses, &frame.contacts, &external);
-        let met = self.folder.rows().points_m()[self.cells.len()..].iter();
-        self.cells.extend(met.map(|&point| Cell::new(point, self.untouched_n_per_m)));
-        let predicted = observation.predict(&self.cells, Stiffness::Positive);
-        let touched = |row: &usize| self.counts.get(*row).is_some_and(|&count| count > 0);
-        let known = observation.rows().filter(touched).count();
+        let springs = &mut self.springs;
+        let observation = springs.fold(robot, &frame.poses, &frame.contacts, &external);
+        let known = observation.rows().filter(|&row| springs.is_known(row)).count();
         let contacts = observation.n_contacts();
+        let predicted = springs.predict(&observation);
         Ok(Some(Prediction { contacts, known, predicted, external }))
     }
 

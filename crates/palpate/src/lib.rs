@@ -19,6 +19,7 @@
 //! | [`map`], [`ekf`]      | the exact maximum a posteriori; the paper's filter (Eqs. 3, 4, 6)   |
 //! | [`replay`]            | the bounded memory of both                                          |
 //! | [`mapper`], [`field`] | the loop, and what it learnt                                        |
+//! | [`outlook`]           | what torque a motion would meet, asked while mapping goes on        |
 //!
 //! No file, socket or clock is opened here, nothing is printed, and the same samples, settings and
 //! seed give the same field, on one thread or many.
@@ -30,10 +31,12 @@ pub mod ekf;
 pub mod estimator;
 pub mod expected;
 pub mod field;
+mod follow;
 pub mod idle;
 pub mod lattice;
 pub mod map;
 pub mod mapper;
+pub mod outlook;
 pub mod replay;
 mod replayer;
 pub mod robot;

@@ -18,9 +18,10 @@ use crate::estimator::{
     Estimator, EstimatorConfig, EstimatorError, EstimatorState, Method, Source, padded,
 };
 use crate::expected::{self, ExpectedError};
-use crate::field::{CellEstimate, Field};
+use crate::field::{CellEstimate, Field, Springs};
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::map::MapEstimator;
+use crate::outlook::Outlook;
 use crate::replayer::Replayer;
 use crate::robot::RobotError;
 use crate::torque::{Folder, Observation};
@@ -335,6 +336,26 @@ impl Mapper {
             counts: rows.map(|row| self.estimator.count(row)).collect(),
             untouched_n_per_m: self.estimator.stiffness(usize::MAX),
         }
+    }
+
+    /// The field as it is now and the arm where it is, to be asked about motions while mapping goes
+    /// on, by another thread if need be.
+    ///
+    /// Cost: a copy of what is known of the touched cells and of the contacts.
+    pub fn outlook(&self) -> Outlook {
+        let (rows, estimator) = (self.folder.rows().clone(), &*self.estimator);
+        let numbers = 0..rows.len();
+        let stiffness: Vec<f64> = numbers.clone().map(|row| estimator.stiffness(row)).collect();
+        let counts: Vec<u32> = numbers.clone().map(|row| estimator.count(row)).collect();
+        let variance = numbers.map(|row| estimator.std(row).powi(2)).collect();
+        let untouched = usize::MAX;
+        let springs = Springs::new(rows, &stiffness, counts, estimator.stiffness(untouched));
+        Outlook::new(
+            self.tracker.whereabouts(),
+            springs,
+            variance,
+            estimator.std(untouched).powi(2),
+        )
     }
 
     /// Prior means of the cells that a prior by cell declared, N/m: those of the first rows, as

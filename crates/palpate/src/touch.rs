@@ -11,11 +11,12 @@
 
 use std::sync::Arc;
 
-use nalgebra::{DVector, Isometry3};
+use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use crate::arm::Arm;
-use crate::contact::{self, Contacts, Simulator};
+use crate::contact::{self, Contacts};
+use crate::follow::{Follower, Lost};
 use crate::lattice::Lattice;
 use crate::robot::{Poses, RobotError};
 
@@ -94,13 +95,6 @@ impl Default for Config {
 /// Torques from here on are broken sensors, N·m.
 pub const MAX_TORQUE: f64 = 1e6;
 
-/// The farthest that a joint turns (rad) or slides (m) in a piece of a motion whose ends are
-/// compared to count its sub-steps: short enough for chord and arc to differ by a millimetre.
-const PIECE: f64 = 0.1;
-
-/// Motions longer than this many pieces, or pieces of more sub-steps, are refused.
-const MAX_PARTS: f64 = 1000.0;
-
 /// The fewest contact-free frames that give a tare.
 pub const MIN_TARE_FRAMES: u32 = 5;
 
@@ -139,6 +133,15 @@ pub enum TouchError {
     NotBegun,
 }
 
+impl From<Lost> for TouchError {
+    fn from(lost: Lost) -> Self {
+        match lost {
+            Lost::Robot(error) => Self::Robot(error),
+            Lost::Jump { joint, from, to } => Self::Jump { joint, from, to },
+        }
+    }
+}
+
 /// A frame with everything geometry can say of it.
 #[derive(Debug, Clone)]
 pub struct Frame {
@@ -163,15 +166,13 @@ enum TareState {
 #[derive(Debug, Clone)]
 struct Progress {
     q_start: Vec<f64>,
-    q: Vec<f64>,
     tare: TareState,
 }
 
 /// Follows one touch after another.
 #[derive(Debug, Clone)]
 pub struct Tracker {
-    arm: Arc<Arm>,
-    simulator: Simulator,
+    follower: Follower,
     config: Config,
     begun: bool,
     progress: Option<Progress>,
@@ -193,19 +194,29 @@ impl Tracker {
             let (found, wanted) = (config.still_rad, "zero or more, and finite");
             return Err(contact::ConfigError { setting: "still_rad", found, wanted });
         }
-        let simulator = Simulator::new(lattice, Arc::clone(&arm.surfaces), contact)?;
-        Ok(Self { arm, simulator, config, begun: false, progress: None })
+        let follower = Follower::new(arm, lattice, contact)?;
+        Ok(Self { follower, config, begun: false, progress: None })
     }
 
     /// The arm that is followed.
     pub fn arm(&self) -> &Arc<Arm> {
-        &self.arm
+        self.follower.arm()
+    }
+
+    /// The arm where it is in the touch under way, or before the first position of another.
+    pub(crate) fn whereabouts(&self) -> Follower {
+        let mut arm = self.follower.clone();
+        if !self.begun {
+            arm.begin_touch();
+        }
+        arm
     }
 
     /// Starts a touch: contacts and tare of the last one are forgotten.
     pub fn begin_touch(&mut self) {
         self.begun = true;
         self.progress = None;
+        self.follower.begin_touch();
     }
 
     /// Takes the next sample of the touch.
@@ -219,7 +230,7 @@ impl Tracker {
         if !self.begun {
             return Err(TouchError::NotBegun);
         }
-        let poses = self.arm.robot.forward(&sample.q)?;
+        let poses = self.arm().robot.forward(&sample.q)?;
         let raw = self.without_gravity(&sample.tau, &poses)?;
         let contacts = self.move_arm(&sample.q, &poses)?;
         let untared = raw.clone();
@@ -238,7 +249,7 @@ impl Tracker {
     /// What the arm displaced in the last sample: the contacts of its [`Frame`]; none before the
     /// first.
     pub fn contacts(&self) -> Contacts {
-        self.simulator.contacts()
+        self.follower.contacts()
     }
 
     /// Checks, at the end of a touch, that it was long enough for its tare.
@@ -260,7 +271,7 @@ impl Tracker {
 
     /// Measured torques with the sign of external ones, less gravity.
     fn without_gravity(&self, tau: &[f64], poses: &Poses) -> Result<DVector<f64>, TouchError> {
-        let robot = &self.arm.robot;
+        let robot = &self.arm().robot;
         if tau.len() != robot.n_joints() {
             return Err(TouchError::TorqueCount { expected: robot.n_joints(), got: tau.len() });
         }
@@ -281,67 +292,18 @@ impl Tracker {
         Ok(raw)
     }
 
-    /// Advances the simulator to a sample's poses, in sub-steps where the motion is long.
+    /// Takes the arm to a sample's poses; the first sample of a touch opens its tare.
     fn move_arm(&mut self, q: &[f64], poses: &Poses) -> Result<Contacts, TouchError> {
-        if let Some(progress) = &self.progress {
-            for between in self.substeps(&progress.q, q, poses)? {
-                self.simulator.advance(&between);
-            }
-        } else {
-            self.simulator.begin_touch(&poses.world_from_link);
+        let contacts = self.follower.go(q, poses)?;
+        if self.progress.is_none() {
             let (sum, frames) = (DVector::zeros(q.len()), 0);
             let tare = match self.config.tare {
                 Tare::None => TareState::Closed(sum),
                 Tare::Auto | Tare::Frames(_) => TareState::Open { sum, frames },
             };
-            self.progress = Some(Progress { q_start: q.to_vec(), q: q.to_vec(), tare });
+            self.progress = Some(Progress { q_start: q.to_vec(), tare });
         }
-        Ok(self.simulator.advance(&poses.world_from_link))
-    }
-
-    /// The poses between the arm's joint positions and the next, without the ends, close enough
-    /// that nothing tunnels. `end` are those of the next.
-    fn substeps(
-        &self,
-        from: &[f64],
-        to: &[f64],
-        end: &Poses,
-    ) -> Result<Vec<Vec<Isometry3<f64>>>, TouchError> {
-        let robot = &self.arm.robot;
-        let jump = || {
-            let way = robot.difference(from, to);
-            let joint = (0..way.len()).max_by(|&a, &b| way[a].abs().total_cmp(&way[b].abs()));
-            let joint = joint.unwrap_or_default();
-            let name = robot.joint_names().nth(joint).unwrap_or_default().to_owned();
-            TouchError::Jump { joint: name, from: from[joint], to: to[joint] }
-        };
-        let poses_at = |part: f64| -> Result<Vec<Isometry3<f64>>, TouchError> {
-            Ok(robot.forward(&robot.interpolate(from, to, part))?.world_from_link)
-        };
-        let longest =
-            robot.difference(from, to).iter().fold(0.0, |most: f64, way| most.max(way.abs()));
-        let pieces = (longest / PIECE).ceil().max(1.0);
-        if pieces > MAX_PARTS {
-            return Err(jump());
-        }
-        let (mut between, mut start) = (Vec::new(), self.simulator.poses().to_vec());
-        for piece in 0..pieces as u32 {
-            let end = match f64::from(piece + 1) / pieces {
-                part if part < 1.0 => poses_at(part)?,
-                _ => end.world_from_link.clone(),
-            };
-            let parts = f64::from(self.simulator.substeps(&start, &end));
-            if parts > MAX_PARTS {
-                return Err(jump());
-            }
-            for part in 1..parts as u32 {
-                between.push(poses_at((f64::from(piece) + f64::from(part) / parts) / pieces)?);
-            }
-            start.clone_from(&end);
-            between.push(end);
-        }
-        between.pop(); // the end of the last piece is where the motion ends
-        Ok(between)
+        Ok(contacts)
     }
 
     /// Adds a contact-free frame to the tare, or takes the tare off.
@@ -351,9 +313,8 @@ impl Tracker {
         raw: DVector<f64>,
         contacts: &Contacts,
     ) -> Result<Option<DVector<f64>>, TouchError> {
-        let robot = &self.arm.robot;
+        let robot = &self.follower.arm().robot;
         let progress = self.progress.as_mut().expect("move_arm made it");
-        progress.q = q.to_vec();
         if let TareState::Open { sum, frames } = &mut progress.tare {
             let moved = robot.difference(&progress.q_start, q);
             let still = moved.iter().all(|way| way.abs() <= self.config.still_rad);

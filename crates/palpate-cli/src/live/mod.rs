@@ -14,7 +14,7 @@ use palpate_live::checkpoint::{self, CheckpointConfig};
 use palpate_live::guard::Guard;
 use palpate_live::ros::{Network, NetworkConfig, Services};
 use palpate_live::session::Session;
-use palpate_live::{LiveConfig, run as run_live};
+use palpate_live::{AskSocket, LiveConfig, run as run_live};
 
 use crate::error::CliError;
 use crate::output::Output;
@@ -66,6 +66,10 @@ pub(crate) struct Args {
     /// a joint passes this, N·m
     #[arg(long, value_name = "LIMIT", value_parser = positive)]
     guard: Option<f64>,
+    /// Socket on which to ask what torque a motion would meet: a line of JSON each way, such as
+    /// {"path": [[0.1, 0.2], [0.1, 0.3]]}
+    #[arg(long, value_name = "SOCKET")]
+    ask: Option<PathBuf>,
     /// How long the arm must stand still, free of the object, for a touch to begin, s
     #[arg(long, value_name = "S", default_value = "0.5", value_parser = period)]
     idle: f64,
@@ -162,6 +166,15 @@ impl Args {
     }
 }
 
+fn open_socket(path: &Path) -> Result<AskSocket, CliError> {
+    AskSocket::bind(path).map_err(|error| {
+        CliError::from(format!(
+            "the socket `{}` (--ask) cannot be opened: {error}; choose another name",
+            path.display()
+        ))
+    })
+}
+
 /// Maps until Ctrl-C, or until the time is over.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings = args.settings.load()?;
@@ -181,11 +194,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let session = Session::new(mapper, idle, replays, args.guard.map(Guard::new))
         .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
     let network = Network::join(&args.network()).map_err(CliError::file)?;
+    let ask = args.ask.as_deref().map(open_socket).transpose()?;
     let ends = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s));
     let stop = || interrupt::pressed() || ends.is_some_and(|ends| Instant::now() >= ends);
     let mut shown = Shown::new(*output, args.json_lines);
-    let session = run_live(network, session, &args.live(), stop, |news| shown.tell(news))
-        .map_err(CliError::file)?;
+    let session =
+        run_live(network, session, &args.live(), ask.as_ref(), stop, |news| shown.tell(news))
+            .map_err(CliError::file)?;
     shown.clear();
     if let Some(path) = &args.output {
         let saved = checkpoint::saved(session.mapper(), session.replays());

@@ -9,6 +9,7 @@
 
 use nalgebra::{Isometry3, Point3, Rotation3, Vector3};
 
+use super::chosen::Chosen;
 use crate::lattice::{BRICK_EDGE, CellSet, Lattice};
 use crate::sdf::Grid;
 
@@ -44,6 +45,8 @@ pub(super) struct Look<'a> {
     pub(super) lattice: &'a Lattice,
     /// Places that cannot be entered.
     pub(super) taken: &'a CellSet,
+    /// Those that can, if not all others.
+    pub(super) chosen: Option<&'a Chosen>,
     /// δ.
     pub(super) reach_m: f64,
     pub(super) link: usize,
@@ -205,7 +208,7 @@ impl Watch {
         for octant in 0..8 {
             let step = [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * edge);
             let low = [low[0] + step[0], low[1] + step[1], low[2] + step[2]];
-            if (0..3).all(|axis| low[axis] < shape[axis]) {
+            if (0..3).all(|axis| low[axis] < shape[axis]) && look.may_enter(low, edge) {
                 parts.push(Block { low, edge });
             }
         }
@@ -227,6 +230,11 @@ impl Look<'_> {
         let middle = self.lattice.point_at(block.low) + Vector3::repeat(half_m);
         let from_origin = middle.coords - self.pose.translation.vector;
         self.surface.distance(&self.rotation.matrix().tr_mul(&from_origin).into())
+    }
+
+    /// Whether a block may have a point that is followed at all.
+    fn may_enter(&self, low: [u32; 3], edge: u32) -> bool {
+        self.chosen.is_none_or(|chosen| chosen.may_touch(low, edge))
     }
 
     /// The farthest that a point of a block is from its middle.

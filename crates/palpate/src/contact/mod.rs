@@ -19,6 +19,7 @@
 //!
 //! The cost follows the contacts and the links' surfaces, not the lattice's size.
 
+mod chosen;
 mod enter;
 mod settle;
 
@@ -26,6 +27,8 @@ use std::sync::Arc;
 
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
+
+pub(crate) use chosen::Chosen;
 
 use crate::lattice::{CellId, CellSet, Lattice};
 use crate::robot::LinkId;
@@ -152,6 +155,8 @@ pub struct Simulator {
     watches: Vec<enter::Watch>,
     /// Places that are touched or known empty, and cannot be entered.
     taken: CellSet,
+    /// The points that are followed, if not all.
+    chosen: Option<Arc<Chosen>>,
 }
 
 impl Simulator {
@@ -169,7 +174,8 @@ impl Simulator {
         let touched = vec![Vec::new(); surfaces.len()];
         let watches = vec![enter::Watch::default(); surfaces.len()];
         let (poses, slipping, taken) = (Vec::new(), Vec::new(), CellSet::default());
-        Ok(Self { lattice, surfaces, config, poses, touched, slipping, watches, taken })
+        let chosen = None;
+        Ok(Self { lattice, surfaces, config, poses, touched, slipping, watches, taken, chosen })
     }
 
     /// Forgets all contacts and starts a touch with the arm at these poses.
@@ -195,6 +201,15 @@ impl Simulator {
         }
     }
 
+    /// Follows these points only from now on, each as before, and lets go of all others.
+    pub(crate) fn follow_only(&mut self, chosen: Arc<Chosen>) {
+        for touched in &mut self.touched {
+            touched.retain(|touched| chosen.contains(self.lattice.place(touched.cell)));
+        }
+        self.watches.iter_mut().for_each(enter::Watch::clear);
+        self.chosen = Some(chosen);
+    }
+
     /// Where the links are, by link; nowhere before the first touch.
     pub fn poses(&self) -> &[Isometry3<f64>] {
         &self.poses
@@ -203,10 +218,19 @@ impl Simulator {
     /// How many sub-steps a short motion needs so that no point of a link goes further than
     /// [`Config::substep_cells`] in one; at least 1.
     ///
-    /// Travel is that of the corners of the links' bounding boxes along the chord, so the motion
-    /// must be short enough for chord and arc to be alike.
+    /// The motion must be short enough for chord and arc to be alike.
     pub fn substeps(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> u32 {
-        let limit_m = self.config.substep_cells * self.lattice.spacing_m();
+        ((self.travel_m(from, to) / self.substep_m()).ceil() as u32).max(1)
+    }
+
+    /// The longest sub-step, m.
+    pub(crate) fn substep_m(&self) -> f64 {
+        self.config.substep_cells * self.lattice.spacing_m()
+    }
+
+    /// How far a link goes from one pose to another, m: the farthest that a corner of any link's
+    /// bounding box does, along the chord.
+    pub(crate) fn travel_m(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
         let mut travel_m: f64 = 0.0;
         for ((surface, from), to) in self.surfaces.iter().zip(from).zip(to) {
             let Some(surface) = surface else { continue };
@@ -214,7 +238,12 @@ impl Simulator {
                 travel_m = travel_m.max((to * corner - from * corner).norm());
             }
         }
-        ((travel_m / limit_m).ceil() as u32).max(1)
+        travel_m
+    }
+
+    /// The box of points that it follows the arm through.
+    pub(crate) fn lattice(&self) -> &Lattice {
+        &self.lattice
     }
 
     /// Moves the arm to these poses and returns what it displaces there.
@@ -276,10 +305,11 @@ impl Simulator {
         let mut found = Vec::new();
         for (link, watch) in self.watches.iter_mut().enumerate() {
             let (Some(surface), pose) = (&self.surfaces[link], &self.poses[link]) else { continue };
-            let (lattice, taken) = (&self.lattice, &self.taken);
+            let (lattice, taken, chosen) = (&self.lattice, &self.taken, self.chosen.as_deref());
             let reach_m = self.config.contact_distance_m;
             let rotation = pose.rotation.to_rotation_matrix();
-            let look = enter::Look { lattice, taken, reach_m, link, surface, pose, rotation };
+            let look =
+                enter::Look { lattice, taken, chosen, reach_m, link, surface, pose, rotation };
             watch.look(&look, &mut found);
             for place in released {
                 watch.look_at(&look, *place, &mut found);

@@ -79,11 +79,28 @@ impl BrickBits {
     /// If the cube reaches beyond the brick that `low` lies in, which is a bug in the caller.
     pub fn holds_cube(&self, low: [u32; 3], edge: u32) -> bool {
         let [i, j, k] = low.map(|n| n % BRICK_EDGE);
-        assert!([i, j, k].iter().all(|n| n + edge <= BRICK_EDGE), "cubes do not straddle bricks");
-        let row = u64::MAX >> (64 - edge) << i;
-        let layer = (j..j + edge).fold(0, |layer, j| layer | row << (BRICK_EDGE * j));
+        let layer = layer([i, j, k], edge);
         (k..k + edge).all(|k| self.0[k as usize] & layer == layer)
     }
+
+    /// Whether any bit of such a cube is set.
+    ///
+    /// # Panics
+    ///
+    /// As [`BrickBits::holds_cube`].
+    pub fn touches_cube(&self, low: [u32; 3], edge: u32) -> bool {
+        let [i, j, k] = low.map(|n| n % BRICK_EDGE);
+        let layer = layer([i, j, k], edge);
+        (k..k + edge).any(|k| self.0[k as usize] & layer != 0)
+    }
+}
+
+/// The bits that a cube has in each layer of its brick.
+fn layer(low_inside: [u32; 3], edge: u32) -> u64 {
+    assert!(low_inside.iter().all(|n| n + edge <= BRICK_EDGE), "cubes do not straddle bricks");
+    let [i, j, _] = low_inside;
+    let row = u64::MAX >> (64 - edge) << i;
+    (j..j + edge).fold(0, |layer, j| layer | row << (BRICK_EDGE * j))
 }
 
 /// A set of cells, a bit each, in bricks.
@@ -107,6 +124,16 @@ impl CellSet {
     pub fn holds_cube(&self, low: [u32; 3], edge: u32) -> bool {
         let (brick, _) = Bricks::<()>::locate(low);
         self.bricks.get(brick).is_some_and(|bits| bits.holds_cube(low, edge))
+    }
+
+    /// Whether the set holds any cell of such a cube.
+    ///
+    /// # Panics
+    ///
+    /// As [`CellSet::holds_cube`].
+    pub fn touches_cube(&self, low: [u32; 3], edge: u32) -> bool {
+        let (brick, _) = Bricks::<()>::locate(low);
+        self.bricks.get(brick).is_some_and(|bits| bits.touches_cube(low, edge))
     }
 
     /// Adds the cell at a place.
@@ -155,6 +182,10 @@ mod tests {
             for place in &places {
                 assert!(!set.holds_cube(low, edge));
                 set.insert(*place);
+                assert!(set.touches_cube(low, edge));
+            }
+            for beside in [low.map(|n| n ^ 8), [low[0] ^ edge, low[1], low[2]]] {
+                assert!(edge == 8 || !set.touches_cube(beside, edge), "{beside:?}");
             }
             assert!(set.holds_cube(low, edge));
             set.remove(places[places.len() / 2]);

@@ -1,0 +1,276 @@
+//! Questions while the robot moves, over a Unix socket: a line of JSON each way.
+//!
+//! | a line with       | is answered with                                                          |
+//! |-------------------|---------------------------------------------------------------------------|
+//! | `{"path": [[q…]…]}` | `torque`, `torque_std` (N × n_joints, N·m), `contacts`, `known` (N), `goes_on`, `ms` |
+//! | `{"tare": true}`  | `{"taring": true}`                                                        |
+//! | anything else     | `{"error": …}`, and the next line is read                                  |
+//!
+//! A path is joint positions (N × n_joints, rad or m) in the order of the URDF, from where the arm
+//! is or from a place free of contact ([`palpate::outlook`]). `"exact": true` beside it looks at
+//! every point with every spring, which takes several times as long. ROS types would have to be
+//! built into every robot that asks; a socket and JSON are everywhere.
+//!
+//! The mapper hands out what a question needs in a fraction of a millisecond and goes on; the answer
+//! is worked out on the thread of whoever asks.
+
+use std::io::{self, BufRead, BufReader, Read, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{Receiver, Sender, bounded};
+use palpate::outlook::{self, Outlook};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+/// Who may ask at the same time.
+const MOST_ASKERS: usize = 8;
+/// Bytes of the longest line: 100,000 points of 14 joints.
+const LONGEST: u64 = 64 << 20;
+/// How long the mapper may take to hand out an outlook.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Between two looks at whether to stop.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// What is asked of the mapper's thread.
+#[derive(Debug)]
+pub(crate) enum Request {
+    /// The field and the arm as they are.
+    Outlook(Sender<Outlook>),
+    /// A tare.
+    Tare,
+}
+
+/// A line that was asked.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Question {
+    path: Option<Vec<Vec<f64>>>,
+    #[serde(default)]
+    exact: bool,
+    #[serde(default)]
+    tare: bool,
+}
+
+/// The socket, which goes away with this.
+#[derive(Debug)]
+pub struct AskSocket {
+    listener: UnixListener,
+    path: PathBuf,
+}
+
+impl AskSocket {
+    /// Opens a socket. One that a process which is no more has left behind is replaced.
+    ///
+    /// # Errors
+    ///
+    /// If somebody listens there already, or it cannot be made.
+    pub fn bind(path: &Path) -> io::Result<Self> {
+        use std::os::unix::fs::FileTypeExt;
+        if let Ok(metadata) = path.symlink_metadata() {
+            let alive = UnixStream::connect(path).is_ok();
+            if alive || !metadata.file_type().is_socket() {
+                return Err(io::Error::new(
+                    io::ErrorKind::AddrInUse,
+                    if alive { "another process listens there" } else { "it is a file" },
+                ));
+            }
+            std::fs::remove_file(path)?;
+        }
+        let listener = UnixListener::bind(path)?;
+        listener.set_nonblocking(true)?;
+        Ok(Self { listener, path: path.to_owned() })
+    }
+
+    /// Answers until `goes_on` says no.
+    pub(crate) fn run(&self, mapper: &Sender<Request>, goes_on: &(dyn Fn() -> bool + Sync)) {
+        let askers = Arc::new(AtomicUsize::new(0));
+        thread::scope(|scope| {
+            while goes_on() {
+                let Ok((stream, _)) = self.listener.accept() else {
+                    thread::sleep(Duration::from_millis(2));
+                    continue;
+                };
+                if askers.fetch_add(1, Ordering::Relaxed) >= MOST_ASKERS {
+                    askers.fetch_sub(1, Ordering::Relaxed);
+                    let _ = say(&stream, &json!({ "error": "too many ask at once; try again" }));
+                    continue;
+                }
+                let askers = Arc::clone(&askers);
+                scope.spawn(move || {
+                    // Whoever leaves in the middle of a line has no question.
+                    let _ = converse(&stream, mapper, goes_on);
+                    askers.fetch_sub(1, Ordering::Relaxed);
+                });
+            }
+        });
+    }
+}
+
+impl Drop for AskSocket {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.path);
+    }
+}
+
+/// Answers one asker, line by line.
+fn converse(
+    stream: &UnixStream,
+    mapper: &Sender<Request>,
+    goes_on: &(dyn Fn() -> bool + Sync),
+) -> io::Result<()> {
+    stream.set_nonblocking(false)?;
+    stream.set_read_timeout(Some(LOOK))?;
+    stream.set_write_timeout(Some(PATIENCE))?;
+    let mut reader = BufReader::new(stream);
+    let mut line = Vec::new();
+    while goes_on() {
+        let room = LONGEST.saturating_sub(line.len() as u64);
+        match reader.by_ref().take(room).read_until(b'\n', &mut line) {
+            Ok(0) if room == 0 => {
+                return say(
+                    stream,
+                    &json!({ "error": "a line of more than 64 MiB; ask in pieces" }),
+                );
+            }
+            Ok(0) => return Ok(()),
+            Ok(_) if line.ends_with(b"\n") => {
+                say(stream, &answer(&line, mapper))?;
+                line.clear();
+            }
+            Ok(_) => {}
+            // The rest of the line is still to come.
+            Err(error)
+                if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
+}
+
+fn say(mut stream: &UnixStream, answer: &Value) -> io::Result<()> {
+    stream.write_all(format!("{answer}\n").as_bytes())
+}
+
+/// The answer to a line.
+fn answer(line: &[u8], mapper: &Sender<Request>) -> Value {
+    let started = Instant::now();
+    let answered = serde_json::from_slice(line)
+        .map_err(|error| {
+            format!(
+                "{error}; wanted a line of JSON such as {{\"path\": [[0.1, 0.2], [0.1, 0.3]]}}, \
+                 positions of all joints at every point, or {{\"tare\": true}}"
+            )
+        })
+        .and_then(|question| match question {
+            Question { tare: true, .. } => {
+                mapper.send(Request::Tare).map_err(|_| GONE.to_owned())?;
+                Ok(json!({ "taring": true }))
+            }
+            Question { path: Some(path), exact, .. } => torque_of(&path, exact, mapper, started),
+            _ => Err("neither a path nor a tare is asked for".to_owned()),
+        });
+    answered.unwrap_or_else(|error| json!({ "error": error }))
+}
+
+/// What there is to say once the mapper has stopped.
+const GONE: &str = "the mapper has stopped";
+
+/// What torque a path would meet.
+fn torque_of(
+    path: &[Vec<f64>],
+    exact: bool,
+    mapper: &Sender<Request>,
+    started: Instant,
+) -> Result<Value, String> {
+    let (to_me, from_mapper): (_, Receiver<Outlook>) = bounded(1);
+    mapper.send(Request::Outlook(to_me)).map_err(|_| GONE.to_owned())?;
+    let outlook = from_mapper
+        .recv_timeout(PATIENCE)
+        .map_err(|_| "the mapper has no time for an answer now; ask again".to_owned())?;
+    let (mut outlook, config) = if exact {
+        (outlook, outlook::Config { resolution_cells: 0.0, ..outlook::Config::default() })
+    } else {
+        (outlook.thinned(outlook::ONE_IN), outlook::Config::default())
+    };
+    let answer = outlook.ask(path, &config).map_err(|error| error.to_string())?;
+    let points = &answer.points;
+    Ok(json!({
+        "torque": points.iter().map(|point| point.torque.as_slice()).collect::<Vec<_>>(),
+        "torque_std": points.iter().map(|point| point.torque_std.as_slice()).collect::<Vec<_>>(),
+        "contacts": points.iter().map(|point| point.contacts).collect::<Vec<_>>(),
+        "known": points.iter().map(|point| point.known).collect::<Vec<_>>(),
+        "goes_on": answer.goes_on,
+        "ms": started.elapsed().as_secs_f64() * 1e3,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A socket whose mapper only counts tares.
+    fn served(test: impl FnOnce(&Path)) -> usize {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ask");
+        let socket = AskSocket::bind(&path).unwrap();
+        let (to_mapper, from_askers) = bounded(8);
+        let done = std::sync::atomic::AtomicBool::new(false);
+        thread::scope(|scope| {
+            let goes_on = || !done.load(Ordering::Relaxed);
+            let (socket, to_mapper) = (&socket, to_mapper);
+            scope.spawn(move || socket.run(&to_mapper, &goes_on));
+            let counted = scope
+                .spawn(move || from_askers.iter().filter(|r| matches!(r, Request::Tare)).count());
+            test(&path);
+            done.store(true, Ordering::Relaxed);
+            counted.join().unwrap()
+        })
+    }
+
+    fn ask(stream: &mut BufReader<UnixStream>, line: &str) -> Value {
+        stream.get_mut().write_all(line.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_line(&mut answer).unwrap();
+        serde_json::from_str(&answer).unwrap()
+    }
+
+    #[test]
+    fn what_is_no_question_is_told_and_the_next_line_is_read() {
+        let tares = served(|path| {
+            let mut stream = BufReader::new(UnixStream::connect(path).unwrap());
+            for (line, words) in [
+                ("what\n", "wanted a line of JSON"),
+                ("{\"path\": [[1, null]]}\n", "wanted a line of JSON"),
+                ("{\"way\": []}\n", "unknown field `way`"),
+                ("{}\n", "neither a path nor a tare"),
+                ("\u{0}\u{1}\n", "wanted a line of JSON"),
+            ] {
+                let answer = ask(&mut stream, line);
+                let told = answer["error"].as_str().unwrap_or_default();
+                assert!(told.contains(words), "{line}: {answer}");
+            }
+            assert_eq!(ask(&mut stream, "{\"tare\": true}\n"), json!({ "taring": true }));
+        });
+        assert_eq!(tares, 1);
+    }
+
+    #[test]
+    fn a_socket_that_was_left_behind_is_replaced_but_no_other_and_no_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ask");
+        drop(UnixListener::bind(&path).unwrap()); // its file stays
+        let socket = AskSocket::bind(&path).unwrap();
+        let error = AskSocket::bind(&path).unwrap_err().to_string();
+        assert!(error.contains("another process listens there"), "{error}");
+        drop(socket);
+        assert!(!path.exists());
+        std::fs::write(&path, "precious").unwrap();
+        assert!(AskSocket::bind(&path).unwrap_err().to_string().contains("it is a file"));
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious");
+    }
+}
