@@ -9,7 +9,7 @@ use std::sync::Arc;
 use nalgebra::DVector;
 
 use crate::arm::Arm;
-use crate::contact;
+use crate::contact::{self, Contacts};
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::torque::{Cell, Folder, Stiffness};
 use crate::touch::{self, Sample, TouchError, Tracker};
@@ -116,6 +116,11 @@ impl Predictor {
     /// If the touch was shorter than the tare frames asked for.
     pub fn end_touch(&mut self) -> Result<(), TouchError> {
         self.tracker.end_touch()
+    }
+
+    /// What the arm displaced in the last sample, for whoever draws it.
+    pub fn contacts(&self) -> Contacts {
+        self.tracker.contacts()
     }
 
     /// The tare of the touch, n_joints, N·m, once it is known.

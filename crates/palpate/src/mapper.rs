@@ -12,7 +12,7 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use crate::arm::Arm;
-use crate::contact;
+use crate::contact::{self, Contacts};
 use crate::ekf::EkfEstimator;
 use crate::estimator::{
     Estimator, EstimatorConfig, EstimatorError, EstimatorState, Method, Source, padded,
@@ -288,6 +288,11 @@ impl Mapper {
     /// The settings.
     pub fn config(&self) -> &Config {
         &self.config
+    }
+
+    /// What the arm displaced in the last sample, for whoever draws it.
+    pub fn contacts(&self) -> Contacts {
+        self.tracker.contacts()
     }
 
     /// Frames remembered, and the bytes that they and the tape hold; each of the two is bounded

@@ -235,6 +235,12 @@ impl Tracker {
         }
     }
 
+    /// What the arm displaced in the last sample: the contacts of its [`Frame`]; none before the
+    /// first.
+    pub fn contacts(&self) -> Contacts {
+        self.simulator.contacts()
+    }
+
     /// Checks, at the end of a touch, that it was long enough for its tare.
     ///
     /// # Errors

@@ -302,8 +302,8 @@ impl Simulator {
         }
     }
 
-    /// The contacts as they stand.
-    fn contacts(&self) -> Contacts {
+    /// The contacts as they stand; those of [`Simulator::advance`], without a motion.
+    pub fn contacts(&self) -> Contacts {
         let mut contacts = Contacts::default();
         for (link, touched) in self.touched.iter().enumerate() {
             if !touched.is_empty() {
