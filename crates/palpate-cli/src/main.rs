@@ -30,6 +30,7 @@ mod seen;
 mod settings;
 mod touches;
 mod tune;
+mod view;
 
 use std::process::ExitCode;
 
@@ -65,6 +66,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
         Command::Extrapolate(args) => extrapolate::run(args, output),
         Command::Demo(args) => demo::run(args, output),
         Command::Inspect(args) => inspect::run(args, output),
+        Command::View(args) => view::run(args, output),
         Command::Bench(args) => bench::run(args, output),
         Command::Settings(args) => output.result(&args.load()?.template()?),
         Command::Completions { shell } => args::completions(*shell, output),

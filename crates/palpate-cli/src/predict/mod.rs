@@ -110,7 +110,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 }
 
 /// Notes that the field was learnt with another arm, which is allowed.
-fn tell_other_robot(saved: &Saved, arm: &Arc<Arm>, output: &Output) {
+pub(crate) fn tell_other_robot(saved: &Saved, arm: &Arc<Arm>, output: &Output) {
     let same = match &saved.snapshot {
         Some(snapshot) => snapshot.robot.1 == arm.fingerprint(),
         None => saved.robot == arm.robot.name(),

@@ -94,6 +94,21 @@ impl AllSettings {
     }
 }
 
+impl AllSettings {
+    #[cfg(feature = "viewer")]
+    /// The first kind of settings among the flags that only learning has, in a word.
+    pub(crate) fn of_learning(&self) -> Option<&'static str> {
+        let Settings { lattice, contact, estimator, .. } = &self.flags;
+        if *lattice != LatticeSettings::default() {
+            Some("lattice")
+        } else if *contact != ContactSettings::default() {
+            Some("contact")
+        } else {
+            (*estimator != EstimatorSettings::default()).then_some("estimator")
+        }
+    }
+}
+
 impl RobotAndLogSettings {
     /// The settings file, if one was given.
     pub(crate) fn path(&self) -> Option<&Path> {

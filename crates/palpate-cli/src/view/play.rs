@@ -1,0 +1,293 @@
+//! Touches played sample by sample: followed by a field or learnt from, and shown.
+
+use std::collections::VecDeque;
+use std::fmt::Write;
+
+use nalgebra::DVector;
+use palpate::arm::Arm;
+use palpate::contact::Contacts;
+use palpate::field::Predictor;
+use palpate::lattice::Lattice;
+use palpate::mapper::{Mapper, MapperError};
+use palpate::touch::Sample;
+use palpate_learn::errors::{ErrorSum, Errors};
+use palpate_view::{Frame, Recording, Torque};
+use serde::Serialize;
+
+use crate::error::CliError;
+use crate::hull::Hulls;
+use crate::interrupt;
+use crate::output::Output;
+use crate::touches::{Moment, Touches};
+
+use super::to::failed;
+
+/// Between the end of a touch and the start of the next, s.
+const PAUSE_S: f64 = 1.0;
+
+/// What says the torques of a sample.
+pub(super) enum Follower {
+    /// Learns from each sample after it has said what it expects.
+    Mapper(Box<Mapper>),
+    /// Asks a field in this lattice.
+    Predictor(Box<Predictor>, Lattice),
+}
+
+/// Measured and predicted torque, n_joints, N·m; `None` while the tare is being taken.
+type Torques = Option<(DVector<f64>, DVector<f64>)>;
+
+impl Follower {
+    fn begin_touch(&mut self) {
+        match self {
+            Self::Mapper(mapper) => mapper.begin_touch(),
+            Self::Predictor(predictor, _) => predictor.begin_touch(),
+        }
+    }
+
+    fn step(&mut self, sample: &Sample) -> Result<Torques, MapperError> {
+        Ok(match self {
+            Self::Mapper(mapper) => {
+                let report = mapper.step(sample)?;
+                report.external.zip(report.predicted)
+            }
+            Self::Predictor(predictor, _) => {
+                predictor.step(sample)?.map(|step| (step.external, step.predicted))
+            }
+        })
+    }
+
+    fn end_touch(&mut self) -> Result<(), MapperError> {
+        match self {
+            Self::Mapper(mapper) => mapper.end_touch(),
+            Self::Predictor(predictor, _) => Ok(predictor.end_touch()?),
+        }
+    }
+
+    fn contacts(&self) -> Contacts {
+        match self {
+            Self::Mapper(mapper) => mapper.contacts(),
+            Self::Predictor(predictor, _) => predictor.contacts(),
+        }
+    }
+
+    /// The lattice of the contacts.
+    pub(super) fn lattice(&self) -> &Lattice {
+        match self {
+            Self::Mapper(mapper) => &mapper.config().lattice,
+            Self::Predictor(_, lattice) => lattice,
+        }
+    }
+}
+
+/// How often something is shown, in samples.
+#[derive(Clone, Copy)]
+pub(super) struct Rhythm {
+    pub(super) every: u64,
+    /// A field that grows.
+    pub(super) field_every: u64,
+}
+
+/// What was played.
+#[derive(Debug, Default, Serialize)]
+pub(super) struct Played {
+    touches: u64,
+    samples: u64,
+    samples_shown: u64,
+    contacts_largest: usize,
+    /// Of the predicted torques against the measured ones.
+    errors: Option<Errors>,
+    /// The same of predicting zero.
+    zero: Option<Errors>,
+}
+
+impl Played {
+    /// A few lines for people.
+    pub(super) fn text(&self) -> String {
+        let Self { touches, samples, samples_shown, contacts_largest, .. } = self;
+        let mut text = format!(
+            "  touches {touches}, samples {samples}, of them shown {samples_shown}; at most \
+             {contacts_largest} points touched\n"
+        );
+        if let (Some(errors), Some(zero)) = (&self.errors, &self.zero) {
+            let _ = writeln!(
+                text,
+                "  error of the predicted torque {:.3} N·m on average (predicting zero: {:.3} N·m)",
+                errors.avg_error, zero.avg_error
+            );
+        }
+        text
+    }
+}
+
+/// The time of a recording, in which touches follow each other whatever their own clocks say.
+#[derive(Debug, Default)]
+struct Clock {
+    /// Clock of the touch under way at its first sample, s.
+    first_s: Option<f64>,
+    /// When that was in the recording, s.
+    began_s: f64,
+    /// The latest time so far, s.
+    now_s: f64,
+}
+
+impl Clock {
+    fn begin_touch(&mut self) {
+        if self.first_s.take().is_some() {
+            self.began_s = self.now_s + PAUSE_S;
+        }
+        self.now_s = self.began_s;
+    }
+
+    fn at(&mut self, time_s: f64) -> f64 {
+        let first_s = *self.first_s.get_or_insert(time_s);
+        let at_s = self.began_s + (time_s - first_s);
+        self.now_s = self.now_s.max(at_s);
+        at_s
+    }
+}
+
+/// Logs under way.
+pub(super) struct Player {
+    pub(super) follower: Follower,
+    pub(super) touches: Touches,
+    /// What was read before the playing began.
+    ahead: VecDeque<Moment>,
+    /// Whether the logs say when a sample was taken.
+    pub(super) timed: bool,
+    clock: Clock,
+    played: Played,
+    errors: ErrorSum,
+    zero: ErrorSum,
+}
+
+impl Player {
+    /// Reads as far as the first sample.
+    pub(super) fn new(follower: Follower, mut touches: Touches) -> Result<Self, CliError> {
+        let mut ahead = VecDeque::new();
+        while !matches!(ahead.back(), Some(Moment::Sample(_))) {
+            let Some(moment) = touches.advance()? else { break };
+            ahead.push_back(moment);
+        }
+        let timed = matches!(ahead.back(), Some(Moment::Sample(first)) if first.time_s.is_some());
+        let (clock, played) = (Clock::default(), Played::default());
+        let (errors, zero) = (ErrorSum::default(), ErrorSum::default());
+        Ok(Self { follower, touches, ahead, timed, clock, played, errors, zero })
+    }
+
+    /// Joint positions of the first sample, if nothing was played yet.
+    pub(super) fn first_q(&self) -> Option<&[f64]> {
+        match self.ahead.back() {
+            Some(Moment::Sample(sample)) => Some(&sample.q),
+            _ => None,
+        }
+    }
+
+    fn advance(&mut self) -> Result<Option<Moment>, CliError> {
+        match self.ahead.pop_front() {
+            Some(moment) => Ok(Some(moment)),
+            None => self.touches.advance(),
+        }
+    }
+
+    /// Plays everything until Ctrl-C.
+    pub(super) fn play(
+        &mut self,
+        recording: &mut Recording<'_>,
+        arm: (&Arm, &Hulls),
+        rhythm: Rhythm,
+        output: &Output,
+    ) -> Result<Played, CliError> {
+        let bar = output.progress(self.touches.samples(), "playing");
+        while let Some(moment) = self.advance()? {
+            if interrupt::pressed() {
+                bar.finish_and_clear();
+                let kept = format!(" at {}; no file was written", self.touches.place());
+                return Err(CliError::Interrupted { kept });
+            }
+            match moment {
+                Moment::Touch(name) => {
+                    self.end_touch(recording)?;
+                    self.follower.begin_touch();
+                    self.clock.begin_touch();
+                    self.played.touches += 1;
+                    bar.set_message(name.clone());
+                    let at_s = self.timed.then_some(self.clock.now_s);
+                    recording.touch(&name, self.played.samples, at_s).map_err(failed)?;
+                }
+                Moment::Sample(sample) => {
+                    self.sample(&sample, recording, arm, rhythm)?;
+                    bar.inc(1);
+                }
+            }
+        }
+        self.end_touch(recording)?;
+        bar.finish_and_clear();
+        let mut played = std::mem::take(&mut self.played);
+        (played.errors, played.zero) = (self.errors.errors(), self.zero.errors());
+        Ok(played)
+    }
+
+    /// Follows a sample, and shows it if it is its turn.
+    fn sample(
+        &mut self,
+        sample: &Sample,
+        recording: &mut Recording<'_>,
+        (arm, hulls): (&Arm, &Hulls),
+        rhythm: Rhythm,
+    ) -> Result<(), CliError> {
+        let number = self.played.samples;
+        let time_s = sample.time_s.map(|time_s| self.clock.at(time_s));
+        let torques = self.follower.step(sample).map_err(|error| self.touches.fault(error))?;
+        self.played.samples += 1;
+        if let Some((measured, predicted)) = &torques {
+            self.errors.add(predicted, measured);
+            self.zero.add(&DVector::zeros(measured.len()), measured);
+        }
+        let contacts = self.follower.contacts();
+        self.played.contacts_largest = self.played.contacts_largest.max(contacts.len());
+        if number.is_multiple_of(rhythm.every) {
+            let poses = hulls.poses(arm, &sample.q).map_err(CliError::file)?;
+            let torque = torques.as_ref();
+            let torque = torque.map(|(measured, predicted)| Torque { measured, predicted });
+            let frame = Frame {
+                sample: number,
+                time_s,
+                world_from_link: &poses,
+                contacts: &contacts,
+                torque,
+            };
+            recording.frame(&frame).map_err(failed)?;
+            self.played.samples_shown += 1;
+        }
+        if self.played.samples.is_multiple_of(rhythm.field_every) {
+            self.show_field(recording, number, time_s)?;
+        }
+        Ok(())
+    }
+
+    /// Shows the field so far, if it grows.
+    fn show_field(
+        &self,
+        recording: &mut Recording<'_>,
+        sample: u64,
+        time_s: Option<f64>,
+    ) -> Result<(), CliError> {
+        match &self.follower {
+            Follower::Mapper(mapper) => {
+                recording.field(&mapper.field(), sample, time_s).map_err(failed)
+            }
+            Follower::Predictor(..) => Ok(()),
+        }
+    }
+
+    /// Ends the touch that is under way, if any is, and shows what it has taught.
+    fn end_touch(&mut self, recording: &mut Recording<'_>) -> Result<(), CliError> {
+        if self.played.touches == 0 {
+            return Ok(());
+        }
+        self.follower.end_touch().map_err(|error| self.touches.fault(error))?;
+        let last = self.played.samples.saturating_sub(1);
+        let time_s = self.clock.first_s.map(|_| self.clock.now_s);
+        self.show_field(recording, last, time_s)
+    }
+}

@@ -1,0 +1,264 @@
+//! The command: what is to be shown, with what and where.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use palpate::arm::Arm;
+use palpate::field::Predictor;
+use palpate::lattice::Lattice;
+use palpate::mapper::Mapper;
+use palpate_io::field::{self, Saved};
+use palpate_view::shown::LinkShape;
+use palpate_view::{Frame, Recording, Scene};
+use serde_json::json;
+
+use crate::error::CliError;
+use crate::hull::Hulls;
+use crate::output::Output;
+use crate::place::Places;
+use crate::predict::tell_other_robot;
+use crate::settings::{Settings, SettingsError};
+use crate::touches::Touches;
+use crate::{interrupt, robot};
+
+use super::Args;
+use super::play::{Follower, Played, Player, Rhythm};
+use super::to::{To, failed};
+
+/// What the arguments name.
+struct Named<'a> {
+    field: Option<&'a Path>,
+    logs: Vec<PathBuf>,
+}
+
+impl<'a> Named<'a> {
+    /// Fields end in .npz, as everywhere; all else are logs.
+    fn of(what: &'a [PathBuf]) -> Result<Self, CliError> {
+        let is_field = |path: &&PathBuf| {
+            path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"))
+        };
+        let (fields, logs): (Vec<_>, Vec<_>) = what.iter().partition(is_field);
+        if let [one, other, ..] = fields[..] {
+            return Err(CliError::Usage(format!(
+                "`{}` and `{}` are both fields, and one is shown at a time; leave out one",
+                one.display(),
+                other.display()
+            )));
+        }
+        Ok(Self {
+            field: fields.first().map(|path| path.as_path()),
+            logs: logs.into_iter().cloned().collect(),
+        })
+    }
+}
+
+impl Args {
+    /// Refuses a place that cannot be written, or is one of those that are read.
+    fn check_places(&self, named: &Named<'_>, settings: &Settings) -> Result<(), CliError> {
+        let Some(path) = &self.save else { return Ok(()) };
+        let mut places = Places::default();
+        places.input("the field", named.field);
+        places.input("the settings file", self.settings.path());
+        places.input("the robot", Some(Path::new(settings.robot.name())));
+        places.logs(&named.logs);
+        places.output("the recording (--save)", Some(path))?;
+        if path.extension().and_then(OsStr::to_str) != Some("rrd") {
+            return Err(CliError::Usage(format!(
+                "`{}` does not end in .rrd, the format that recordings are written in",
+                path.display()
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// Shows a field, logs, or both.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let named = Named::of(&args.what)?;
+    if let (Some(field), Some(setting)) = (named.field, args.settings.of_learning()) {
+        return Err(CliError::Usage(format!(
+            "{setting} settings belong to learning, and the field `{}` has its own; leave them \
+             out, or leave out the field to learn a new one",
+            field.display()
+        )));
+    }
+    let settings = args.settings.load()?;
+    if named.field.is_none() {
+        settings.config()?;
+    }
+    args.check_places(&named, &settings)?;
+    interrupt::listen();
+    let saved = named.field.map(field::load).transpose().map_err(CliError::file)?;
+    let touches = Touches::open(&named.logs, &settings.log.options())?;
+    let arm = robot::load(&settings.robot, output)?;
+    settings.log.check_for(&arm.robot)?;
+    if let Some(saved) = &saved {
+        tell_other_robot(saved, &arm, output);
+    }
+    let to = To::of(args)?;
+    let touches = (!named.logs.is_empty()).then_some(touches);
+    let stage = Stage { args, named: &named, settings: &settings, arm: &arm, saved, output };
+    let (place, played) = match (touches, &stage.saved) {
+        (Some(touches), _) => stage.play(touches, to)?,
+        (None, Some(saved)) => (stage.show_field(saved, to)?, None),
+        (None, None) => unreachable!("clap asks for a field or a log"),
+    };
+    stage.tell(&place, played.as_ref())
+}
+
+/// All that is known before anything is shown.
+struct Stage<'a> {
+    args: &'a Args,
+    named: &'a Named<'a>,
+    settings: &'a Settings,
+    arm: &'a Arc<Arm>,
+    saved: Option<Saved>,
+    output: &'a Output,
+}
+
+impl Stage<'_> {
+    /// Plays logs, and says where.
+    fn play(&self, touches: Touches, to: To) -> Result<(String, Option<Played>), CliError> {
+        let names = self.arm.robot.joint_names();
+        let mut player = Player::new(self.follower()?, touches.for_joints(names))?;
+        let hulls = Hulls::of(self.arm);
+        let mut scene = self.scene(&hulls, player.follower.lattice());
+        (scene.clock, scene.torques) = (player.timed, true);
+        // Joint positions that are not the arm's: an error when that sample is followed.
+        let first = player.first_q().and_then(|q| hulls.poses(self.arm, q).ok());
+        scene.world_from_link = first.unwrap_or_default();
+        let (robot, joints) = (self.settings.robot.name(), scene.joints.len());
+        self.output.note(&format!("robot {robot}, {joints} joints"));
+        let rhythm =
+            Rhythm { every: self.args.every.into(), field_every: self.args.field_every.into() };
+        let (place, played) = to.record(&scene, |recording| {
+            if let Some(saved) = &self.saved {
+                recording.field(&saved.field, 0, scene.clock.then_some(0.0)).map_err(failed)?;
+            }
+            player.play(recording, (self.arm, &hulls), rhythm, self.output)
+        })?;
+        player.touches.tell_warnings(self.output);
+        Ok((place, Some(played)))
+    }
+
+    /// What says the torques: the field, or a mapper that starts anew.
+    fn follower(&self) -> Result<Follower, CliError> {
+        let arm = Arc::clone(self.arm);
+        let bad = |error| SettingsError::Value(Box::new(error));
+        Ok(match &self.saved {
+            Some(saved) => {
+                let touch = self.settings.touch.over_config(&saved.field.touch);
+                let predictor = Predictor::new(arm, &saved.field, touch);
+                let predictor = predictor.map_err(|error| bad(error.into()))?;
+                Follower::Predictor(Box::new(predictor), saved.field.lattice.clone())
+            }
+            None => {
+                let mapper = Mapper::new(arm, self.settings.config()?).map_err(bad)?;
+                Follower::Mapper(Box::new(mapper))
+            }
+        })
+    }
+
+    /// Shows a field alone, and says where.
+    fn show_field(&self, saved: &Saved, to: To) -> Result<String, CliError> {
+        let hulls = Hulls::of(self.arm);
+        let mut scene = self.scene(&hulls, &saved.field.lattice);
+        let n_joints = self.arm.robot.n_joints();
+        let last = saved.snapshot.as_ref().and_then(|snapshot| snapshot.tape.last());
+        let last = last.and_then(|touch| touch.q.rchunks_exact(n_joints).next());
+        if last.is_none() {
+            self.output.note("the field remembers no touch: the arm is shown with all joints at 0");
+        }
+        let q = last.map_or(vec![0.0; n_joints], <[f64]>::to_vec);
+        let poses = hulls.poses(self.arm, &q).map_err(CliError::file)?;
+        scene.world_from_link.clone_from(&poses);
+        let show = |recording: &mut Recording<'_>| {
+            let contacts = palpate::contact::Contacts::default();
+            let (sample, time_s, torque) = (0, None, None);
+            let world_from_link = &poses;
+            let frame = Frame { sample, time_s, world_from_link, contacts: &contacts, torque };
+            recording.frame(&frame)?;
+            recording.field(&saved.field, 0, None)
+        };
+        Ok(to.record(&scene, |recording| show(recording).map_err(failed))?.0)
+    }
+
+    /// The arm and the words, without clock and torques.
+    fn scene(&self, hulls: &Hulls, lattice: &Lattice) -> Scene {
+        let link = |hull: &crate::hull::Hull| LinkShape {
+            name: hull.link.clone(),
+            vertices_m: hull.vertices_m.clone(),
+            triangles: hull.triangles.clone(),
+        };
+        Scene {
+            name: self.args.what.iter().map(|path| name(path)).collect::<Vec<_>>().join(", "),
+            about: self.about(lattice),
+            links: hulls.hulls.iter().map(link).collect(),
+            world_from_link: Vec::new(),
+            joints: self.arm.robot.joint_names().map(str::to_owned).collect(),
+            lattice: lattice.clone(),
+            clock: false,
+            torques: false,
+        }
+    }
+
+    /// What a reader of the recording must know, in Markdown.
+    fn about(&self, lattice: &Lattice) -> String {
+        let robot = self.arm.robot.name();
+        let logs: Vec<String> =
+            self.named.logs.iter().map(|log| format!("`{}`", name(log))).collect();
+        let logs = logs.join(", ");
+        let (shown, expected) = match (self.named.field, self.named.logs.is_empty()) {
+            (Some(field), true) => (format!("The field `{}`", name(field)), ""),
+            (Some(field), false) => {
+                (format!("The field `{}` predicts {logs}", name(field)), "the field expects")
+            }
+            (None, _) => (
+                format!("A field is learnt from {logs}"),
+                "was expected just before the sample was learnt from",
+            ),
+        };
+        let spacing_mm = 1e3 * lattice.spacing_m();
+        let mut text = format!(
+            "{shown}; robot `{robot}`.\n\nBalls are cells of {spacing_mm:.1} mm that the arm has \
+             touched, by stiffness. Torque says how hard, hardly where: no value of a single cell is \
+             a property of the material.\n"
+        );
+        if !expected.is_empty() {
+            text += &format!(
+                "\nArrows go from where a touched point is at rest to where the arm has pushed \
+                 it, true to length; of more than 300, 300 are drawn.\n\nCurves, N·m: **grey** is \
+                 the measured external torque, without gravity and tare; **blue** what {expected}; \
+                 **red** the norm of the difference. Predicting zero would be wrong by the grey \
+                 norm.\n"
+            );
+        }
+        text
+    }
+
+    /// Says what was shown.
+    fn tell(&self, place: &str, played: Option<&Played>) -> Result<(), CliError> {
+        let args = self.args;
+        if args.json {
+            let viewer = args.save.is_none().then_some(place);
+            let summary = json!({ "recording": args.save, "viewer": viewer, "played": played });
+            return self.output.json(&summary);
+        }
+        let mut text = match &args.save {
+            Some(path) => format!("The recording is in `{}`.\n", path.display()),
+            None => format!("It is in the viewer at {place}.\n"),
+        };
+        text += &played.map(Played::text).unwrap_or_default();
+        if let Some(path) = &args.save {
+            text += &format!("Next: rerun {}\n", path.display());
+        }
+        self.output.result(&text)
+    }
+}
+
+/// The last part of a path: recordings are shared, and folders are nobody's business.
+fn name(path: &Path) -> String {
+    let last = path.file_name().or_else(|| path.components().next_back().map(|c| c.as_os_str()));
+    last.unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
