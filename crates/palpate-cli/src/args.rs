@@ -6,7 +6,7 @@ use clap_complete::Shell;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::AllSettings;
-use crate::{bench, demo, evaluate, extrapolate, inspect, map, predict, tune};
+use crate::{bench, convert, demo, evaluate, extrapolate, inspect, map, predict, tune};
 
 /// Learns where an object is stiff from what a robot arm's joints feel while the arm touches it.
 #[derive(Debug, Parser)]
@@ -35,6 +35,8 @@ pub(crate) enum Command {
     Demo(demo::Args),
     /// Say what a log, a robot or a field holds, and what looks wrong with it
     Inspect(inspect::Args),
+    /// Turn a log or a field into another format
+    Convert(convert::Args),
     /// Measure how fast the mapper is on this machine
     Bench(bench::Args),
     /// Print the settings that hold, as a commented TOML file to start from
