@@ -137,7 +137,7 @@ def now_ns():
 class Ears(threading.Thread):
     """Reads all that palpate says."""
 
-    def __init__(self, participant):
+    def __init__(self, participant, limit):
         super().__init__(daemon=True)
         self.readers = {
             name: DataReader(participant, Topic(participant, name, kind), RELIABLE)
@@ -145,13 +145,14 @@ class Ears(threading.Thread):
         }
         self.counts = dict.fromkeys(HEARD, 0)
         self.latencies_ms, self.last, self.stops = [], {}, []
+        self.limit, self.passed_ns = limit, []
         self.going = True
 
     def run(self):
         while self.going:
             for name, reader in self.readers.items():
                 for message in reader.take(N=500):
-                    if not hasattr(message, "__dataclass_fields__"):
+                    if not isinstance(message, HEARD[name]):
                         continue  # a writer that left
                     self.hear(name, message)
             time.sleep(0.0005)
@@ -163,12 +164,34 @@ class Ears(threading.Thread):
             stamp = message.header.stamp
             sent_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
             self.latencies_ms.append((now_ns() - sent_ns) * 1e-6)
+            if self.limit and max(map(abs, message.effort)) > self.limit:
+                self.passed_ns.append(sent_ns)
+        if name == "rt/palpate/torque_external" and self.limit:
+            if max(map(abs, message.effort)) > self.limit:
+                stamp = message.header.stamp
+                self.passed_ns.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
         if name == "rt/palpate/stop":
             self.stops.append((now_ns(), message.data))
 
 
-def play(writer, q, tau, rate, seconds, wide):
-    """Sends frames at a steady rate; returns how many, and when those beyond a torque went out."""
+def spoil(state, number, broken):
+    """Every fiftieth joint state as a broken robot would send it."""
+    if broken and number % 50 == 7:
+        if broken == "nan":
+            state.effort = [float("nan")] * 7
+        elif broken == "effort":
+            state.effort = []
+        elif broken == "names":
+            state.name = [name.lower() for name in JOINTS]
+        elif broken == "clock":
+            state.header.stamp.sec -= 100
+        elif broken == "still":
+            state.header.stamp = Time(1, 1)
+    return state
+
+
+def play(writer, q, tau, rate, seconds, broken):
+    """Sends frames at a steady rate; returns how many."""
     start, sent = time.perf_counter(), 0
     while sent < rate * seconds:
         due = start + sent / rate
@@ -177,9 +200,16 @@ def play(writer, q, tau, rate, seconds, wide):
                 time.sleep(left / 2)
         stamp_ns, at = now_ns(), sent % len(q)
         header = Header(Time(stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000), "base_link")
-        writer.write(JointState(header, JOINTS, q[at], [], tau[at]))
+        state = JointState(header, list(JOINTS), q[at], [], tau[at])
+        writer.write(spoil(state, sent, broken))
         sent += 1
     return sent
+
+
+def stop_ms(ears):
+    """From the sample that passed the limit to the flag that followed it."""
+    ups = [at_ns for at_ns, up in ears.stops if up]
+    return (ups[0] - min(ears.passed_ns)) * 1e-6 if ups and ears.passed_ns else None
 
 
 def main():
@@ -190,10 +220,12 @@ def main():
     parser.add_argument("--still", type=float, default=0.6, help="pause before each touch, s")
     parser.add_argument("--domain", type=int, default=0)
     parser.add_argument("--best-effort", action="store_true")
+    parser.add_argument("--break", dest="broken", default="", help="what is wrong: see `spoil`")
+    parser.add_argument("--guard", type=float, help="a limit, N·m, to time the flag against")
     args = parser.parse_args()
 
     participant = DomainParticipant(args.domain)
-    ears = Ears(participant)
+    ears = Ears(participant, args.guard)
     ears.start()
     qos = BEST_EFFORT if args.best_effort else RELIABLE
     writer = DataWriter(participant, Topic(participant, "rt/joint_states", JointState), qos)
@@ -204,7 +236,7 @@ def main():
     matched = len(writer.get_matched_subscriptions())
     time.sleep(0.3)
     started = time.perf_counter()
-    sent = play(writer, q, tau, args.rate, args.seconds, len(q))
+    sent = play(writer, q, tau, args.rate, args.seconds, args.broken)
     took = time.perf_counter() - started
     time.sleep(1.5)
     ears.going = False
@@ -215,6 +247,7 @@ def main():
         "matched": matched, "sent": sent, "rate_hz": sent / took, "heard": ears.counts,
         "latency_ms": {"median": float(np.median(latencies)), "p99": float(np.quantile(latencies, 0.99))},
         "stops": [data for _, data in ears.stops],
+        "stop_ms": stop_ms(ears),
         "diagnostics": {v.key: v.value for v in diagnostics.status[0].values} if diagnostics else None,
         "points": {n: ears.last[n].width for n in ("rt/palpate/contacts", "rt/palpate/field") if n in ears.last},
     }))

@@ -6,7 +6,7 @@ use clap_complete::Shell;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::AllSettings;
-use crate::{bench, demo, evaluate, extrapolate, inspect, live, map, predict, tune, view};
+use crate::{bench, convert, demo, evaluate, extrapolate, inspect, live, map, predict, tune, view};
 
 /// Learns where an object is stiff from what a robot arm's joints feel while the arm touches it.
 #[derive(Debug, Parser)]
@@ -39,6 +39,8 @@ pub(crate) enum Command {
     Inspect(inspect::Args),
     /// Watch the arm, its contacts, the field and the torques in the Rerun viewer
     View(view::Args),
+    /// Turn a log or a field into another format
+    Convert(convert::Args),
     /// Measure how fast the mapper is on this machine
     Bench(bench::Args),
     /// Print the settings that hold, as a commented TOML file to start from

@@ -6,6 +6,7 @@
 mod args;
 mod bench;
 mod bundled;
+mod convert;
 mod demo;
 mod error;
 mod evaluate;
@@ -18,6 +19,7 @@ mod live;
 mod map;
 mod output;
 mod pace;
+mod pauses;
 mod picture;
 mod place;
 mod predict;
@@ -67,6 +69,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
         Command::Demo(args) => demo::run(args, output),
         Command::Inspect(args) => inspect::run(args, output),
         Command::View(args) => view::run(args, output),
+        Command::Convert(args) => convert::run(args, output),
         Command::Bench(args) => bench::run(args, output),
         Command::Settings(args) => output.result(&args.load()?.template()?),
         Command::Completions { shell } => args::completions(*shell, output),

@@ -28,7 +28,7 @@ const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz --rate 17
 
 A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
-a folder of them. Without --settings and flags the shipped defaults hold; `palpate settings` prints
+a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. Without --settings and flags the shipped defaults hold; `palpate settings` prints
 them. The field holds the memory of what it was learnt from, so that --from goes on exactly where
 it stopped.
 
@@ -99,7 +99,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
                 .to_owned(),
         ));
     }
-    let settings = args.settings.load()?;
+    let mut settings = args.settings.load()?;
     if args.from.is_none() {
         settings.config()?;
     }
@@ -107,12 +107,14 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
     let touches = Touches::open(&args.logs, &settings.log.options())?;
+    touches.settle(&mut settings.touch, output)?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
     let (mut mapper, mut pace) = begin(args, &arm, &settings, output)?;
 
     output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
-    let mut touches = touches.for_joints(arm.robot.joint_names());
+    let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
+    let mut touches = touches.for_arm(&arm, &settings.log, place)?;
     let tally = learn(&mut mapper, &mut touches, pace.as_mut(), output)?;
     let pace = pace.as_ref();
     if let Some(place) = &tally.interrupted {

@@ -1,13 +1,20 @@
 //! Logs one after another, with their joints in the robot's order.
 
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use palpate::arm::Arm;
+use palpate::contact;
+use palpate::lattice::Lattice;
 use palpate::mapper::MapperError;
-use palpate::touch::Sample;
-use palpate_io::log::{self, Log, LogEvent, LogOptions, LogWarning, reorder};
+use palpate::touch::{Gravity, Sample};
+use palpate_io::log::{self, Log, LogEvent, LogOptions, LoggedTorques, reorder};
 
 use crate::error::CliError;
 use crate::output::Output;
+use crate::pauses::Pauses;
+use crate::settings::sections::{LogSettings, TouchSettings};
 
 /// What happens next.
 pub(crate) enum Moment {
@@ -40,6 +47,11 @@ pub(crate) struct Touches {
     current: usize,
     joints: Vec<String>,
     permutation: Option<Vec<usize>>,
+    /// Joints of the touch that was started last, as the log names them.
+    named: Option<Vec<String>>,
+    /// Parts touches at pauses, if that was asked for, and what it has made of them.
+    pauses: Option<Pauses>,
+    next: VecDeque<Moment>,
     touch: Option<String>,
     sample: u64,
 }
@@ -49,14 +61,79 @@ impl Touches {
     pub(crate) fn open(paths: &[PathBuf], options: &LogOptions) -> Result<Self, CliError> {
         let open = |path: &PathBuf| Ok((path.clone(), log::open(path, options)?));
         let logs = paths.iter().map(open).collect::<Result<Vec<_>, CliError>>()?;
-        let (joints, permutation, touch) = (Vec::new(), None, None);
-        Ok(Self { logs, current: 0, joints, permutation, touch, sample: 0 })
+        Ok(Self {
+            logs,
+            current: 0,
+            joints: Vec::new(),
+            permutation: None,
+            named: None,
+            pauses: None,
+            next: VecDeque::new(),
+            touch: None,
+            sample: 0,
+        })
     }
 
-    /// The same touches for a robot whose joints, by name, are these.
-    pub(crate) fn for_joints<'a>(mut self, names: impl Iterator<Item = &'a str>) -> Self {
-        self.joints = names.map(str::to_owned).collect();
-        self
+    /// Takes from the logs what the settings leave open: torques that are external ones hold no
+    /// gravity.
+    pub(crate) fn settle(
+        &self,
+        settings: &mut TouchSettings,
+        output: &Output,
+    ) -> Result<(), CliError> {
+        let external = |log: &dyn Log| log.describe().torques == LoggedTorques::External;
+        let Some((path, _)) = self.logs.iter().find(|(_, log)| external(log.as_ref())) else {
+            return Ok(());
+        };
+        let path = path.display();
+        match settings.gravity {
+            Some(Gravity::Removed) => return Ok(()),
+            Some(Gravity::Included) => {
+                return Err(CliError::Usage(format!(
+                    "`{path}` holds external torques, out of which the robot has taken gravity; \
+                     say --gravity removed, or leave it out"
+                )));
+            }
+            None => {}
+        }
+        if !self.logs.iter().all(|(_, log)| external(log.as_ref())) {
+            return Err(CliError::Usage(format!(
+                "`{path}` holds external torques, without gravity, and other logs do not say so; \
+                 give --gravity if it holds for all, or read them one after the other"
+            )));
+        }
+        output.note(&format!("`{path}` holds external torques: gravity is not taken off them"));
+        settings.gravity = Some(Gravity::Removed);
+        Ok(())
+    }
+
+    /// The same touches for an arm: joints in its order, and parted where it pauses in this box,
+    /// if the settings say so.
+    pub(crate) fn for_arm(
+        mut self,
+        arm: &Arc<Arm>,
+        settings: &LogSettings,
+        place: (Lattice, contact::Config),
+    ) -> Result<Self, CliError> {
+        self.joints = arm.robot.joint_names().map(str::to_owned).collect();
+        let parted = settings.pauses();
+        self.pauses = parted.map(|config| Pauses::new(arm, place, config)).transpose()?;
+        Ok(self)
+    }
+
+    /// Whether any log says that its torques are external ones.
+    pub(crate) fn are_external(&self) -> bool {
+        let mut logs = self.logs.iter();
+        logs.any(|(_, log)| log.describe().torques == LoggedTorques::External)
+    }
+
+    /// The joints of the touch that was started last, if the log names them; from now on, all
+    /// touches have theirs in this order.
+    pub(crate) fn keep_joints(&mut self) -> Option<Vec<String>> {
+        if self.joints.is_empty() {
+            self.joints = self.named.clone().unwrap_or_default();
+        }
+        self.named.is_some().then(|| self.joints.clone())
     }
 
     /// Samples in all logs, if they know.
@@ -66,10 +143,39 @@ impl Touches {
 
     /// The next moment, `None` at the end.
     pub(crate) fn advance(&mut self) -> Result<Option<Moment>, CliError> {
+        while self.next.is_empty() {
+            let (moment, pauses) = (self.read_on()?, &mut self.pauses);
+            match (moment, pauses) {
+                (Some(moment), None) => self.next.push_back(moment),
+                (Some(moment), Some(pauses)) => {
+                    let taken = pauses.take(moment, &mut self.next);
+                    taken.map_err(|error| self.fault(error))?;
+                }
+                (None, Some(pauses)) => {
+                    pauses.finish(&mut self.next);
+                    if self.next.is_empty() {
+                        return Ok(None);
+                    }
+                }
+                (None, None) => return Ok(None),
+            }
+        }
+        let moment = self.next.pop_front();
+        match &moment {
+            Some(Moment::Touch(name)) => (self.touch, self.sample) = (Some(name.clone()), 0),
+            Some(Moment::Sample(_)) => self.sample += 1,
+            None => {}
+        }
+        Ok(moment)
+    }
+
+    /// What the logs say next.
+    fn read_on(&mut self) -> Result<Option<Moment>, CliError> {
         while let Some((path, log)) = self.logs.get_mut(self.current) {
             match log.next().transpose()? {
                 None => self.current += 1,
                 Some(LogEvent::TouchStarts { name, joint_names }) => {
+                    self.named.clone_from(&joint_names);
                     self.permutation = match joint_names {
                         Some(names) if !self.joints.is_empty() => {
                             let order = reorder(&self.joints, &names);
@@ -81,7 +187,6 @@ impl Touches {
                         }
                         _ => None,
                     };
-                    (self.touch, self.sample) = (Some(name.clone()), 0);
                     return Ok(Some(Moment::Touch(name)));
                 }
                 Some(LogEvent::Sample(mut sample)) => {
@@ -89,7 +194,6 @@ impl Touches {
                         sample.q = order.iter().map(|&place| sample.q[place]).collect();
                         sample.tau = order.iter().map(|&place| sample.tau[place]).collect();
                     }
-                    self.sample += 1;
                     return Ok(Some(Moment::Sample(sample)));
                 }
             }
@@ -142,18 +246,14 @@ impl Touches {
     pub(crate) fn tell_warnings(&self, output: &Output) {
         for (path, log) in &self.logs {
             for warning in log.warnings() {
-                output.note(&format!("`{}`: {}", path.display(), describe(warning)));
+                output.note(&format!("`{}`: {warning}", path.display()));
             }
         }
-    }
-}
-
-fn describe(warning: &LogWarning) -> String {
-    match warning {
-        LogWarning::TimeNotIncreasing { touch, row, before_s, now_s, count } => format!(
-            "touch `{touch}`: the clock goes from {before_s} s to {now_s} s in row {row} (from \
-             0), and does not advance {count} times in all; the order of the rows was believed"
-        ),
-        other => format!("{other:?}"),
+        let left_out = self.pauses.as_ref().map_or(0, Pauses::left_out);
+        if left_out > 0 {
+            output.note(&format!(
+                "{left_out} samples were left out: the arm moved in them before it had stood still"
+            ));
+        }
     }
 }

@@ -51,8 +51,8 @@ pub(crate) struct Args {
 
 /// Chooses settings and writes them.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
-    let settings = args.settings.load()?;
-    let config = settings.config()?;
+    let mut settings = args.settings.load()?;
+    settings.config()?;
     let mut places = Places::default();
     places.input("the settings file", args.settings.path());
     places.input("the robot", Some(Path::new(settings.robot.name())));
@@ -60,9 +60,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     places.output("the settings (--output)", Some(&args.output))?;
     interrupt::listen();
     let touches = Touches::open(&args.logs, &settings.log.options())?;
+    touches.settle(&mut settings.touch, output)?;
+    let config = settings.config()?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
-    let mut touches = touches.for_joints(arm.robot.joint_names());
+    let place = (config.lattice.clone(), config.contact.clone());
+    let mut touches = touches.for_arm(&arm, &settings.log, place)?;
     let recorded = touches.read(None)?;
     touches.tell_warnings(output);
     let touches = as_touches(&recorded, false)?;

@@ -5,8 +5,8 @@
 //!
 //! | door                | reads                                    | writes                  |
 //! |---------------------|------------------------------------------|-------------------------|
-//! | [`log`]             | touches: npy folders, CSV                |                         |
-//! | [`field`]           | a stiffness field: npz                   | the same                |
+//! | [`log`]             | touches: npy folders, CSV, bags of ROS 2, Parquet | npy folders, CSV, MCAP |
+//! | [`field`]           | a stiffness field: npz                   | the same, VTK images, MCAP |
 //! | [`robot_files`]     | URDF, STL, OBJ, DAE, cached grids        | cached grids            |
 //! | [`cloud`]           | coloured clouds: PLY, PCD                | the same, with more columns |
 //! | [`rgbd`]            | colour and depth images, cameras         |                         |

@@ -114,11 +114,11 @@ fn at_least_one() -> clap::builder::RangedI64ValueParser<u32> {
 /// Measures, and prints what was found.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let started = Instant::now();
-    let settings = args.settings.load()?;
+    let mut settings = args.settings.load()?;
     let config = settings.config()?;
     let plan = Plan::new(&args.sweep, &config.lattice)?;
     interrupt::listen();
-    let bench = Bench::prepare(args, &settings, config, output)?;
+    let bench = Bench::prepare(args, &mut settings, output)?;
     let (figures, touched) = bench.measure(started, output)?;
     let sweeps = plan.run(&bench, &settings, &touched, output)?;
     if args.json {
@@ -153,20 +153,18 @@ struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
-    fn prepare(
-        args: &'a Args,
-        settings: &Settings,
-        config: Config,
-        output: &Output,
-    ) -> Result<Self, CliError> {
+    fn prepare(args: &'a Args, settings: &mut Settings, output: &Output) -> Result<Self, CliError> {
         let logs = match args.logs.as_slice() {
             [] => Logs::Bundled(bundled::unpack()?),
             given => Logs::Given(given),
         };
         let touches = Touches::open(logs.paths(), &settings.log.options())?;
+        touches.settle(&mut settings.touch, output)?;
+        let config = settings.config()?;
         let arm = robot::load(&settings.robot, output)?;
         settings.log.check_for(&arm.robot)?;
-        let mut touches = touches.for_joints(arm.robot.joint_names());
+        let place = (config.lattice.clone(), config.contact.clone());
+        let mut touches = touches.for_arm(&arm, &settings.log, place)?;
         let recording = Recording::read(&mut touches, args.touches)?;
         touches.tell_warnings(output);
         output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));

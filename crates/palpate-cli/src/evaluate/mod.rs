@@ -101,15 +101,18 @@ fn contender_of(name: &str) -> Result<Contender, String> {
 
 /// Evaluates all methods and writes the report.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
-    let settings = args.settings.load()?;
-    let estimators = configs(&settings)?;
+    let mut settings = args.settings.load()?;
+    settings.config()?;
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
     let touches = Touches::open(&args.logs, &settings.log.options())?;
+    touches.settle(&mut settings.touch, output)?;
+    let estimators = configs(&settings)?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
 
-    let mut touches = touches.for_joints(arm.robot.joint_names());
+    let config = settings.config()?;
+    let mut touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
     let recorded = touches.read(None)?;
     touches.tell_warnings(output);
     let touches = as_touches(&recorded, args.truth)?;

@@ -32,7 +32,7 @@ impl Kind {
 }
 
 const WANTED: &str = "wanted a log (a folder with angles.npy and torques.npy, a folder of such \
-                      folders, a .csv file or a folder of them), a URDF, the name of a built-in \
+                      folders, a .csv file or a folder of them, a bag of ROS 2, Parquet), a URDF, the name of a built-in \
                       robot, or a field (.npz)";
 
 /// Says what a path is, or why that cannot be said.
@@ -54,7 +54,7 @@ pub(super) fn recognise(path: &Path) -> Result<Kind, Box<Finding>> {
     }
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     match ending.as_deref() {
-        Some("csv" | "tsv") => Ok(Kind::Log),
+        Some("csv" | "tsv" | "mcap" | "db3" | "parquet") => Ok(Kind::Log),
         Some("urdf" | "xacro" | "xml") => Ok(Kind::Robot),
         Some("npz") => Ok(Kind::Field),
         _ => by_first_bytes(path),
@@ -84,12 +84,9 @@ fn by_first_bytes(path: &Path) -> Result<Kind, Box<Finding>> {
             "give the folder that holds angles.npy and torques.npy",
         );
     }
-    let is_bag = bytes.starts_with(b"\x89MCAP") || bytes.starts_with(b"SQLite format 3");
-    if is_bag || bytes.starts_with(b"#ROSBAG") {
-        return unknown(
-            "a bag, which is not read yet",
-            "save its joint states as CSV, one row a sample: time, positions, efforts",
-        );
+    let magics = [&b"\x89MCAP"[..], b"SQLite format 3", b"#ROSBAG", b"PAR1"];
+    if magics.iter().any(|magic| bytes.starts_with(magic)) {
+        return Ok(Kind::Log);
     }
     unknown("of no format that is known", WANTED)
 }

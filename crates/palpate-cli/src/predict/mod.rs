@@ -82,20 +82,22 @@ impl Args {
 
 /// Predicts the touches of logs and prints the errors.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
-    let settings = args.settings.load()?;
+    let mut settings = args.settings.load()?;
     let export = args.output.as_deref().map(export::Format::of).transpose()?;
     args.check_places(settings.robot.name())?;
     let picture = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
     let touches = Touches::open(&args.logs, &settings.log.options())?;
+    touches.settle(&mut settings.touch, output)?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
     tell_other_robot(&saved, &arm, output);
 
     let touch = settings.touch.over_config(&saved.field.touch);
     let against = if args.truth { Against::Truth } else { Against::Measured };
-    let mut touches = touches.for_joints(arm.robot.joint_names());
+    let place = (saved.field.lattice.clone(), saved.field.contact.clone());
+    let mut touches = touches.for_arm(&arm, &settings.log, place)?;
     let results = score(&arm, &saved.field, touch, against, (&mut touches, output))?;
 
     if let (Some(path), Some(format)) = (&args.output, export) {

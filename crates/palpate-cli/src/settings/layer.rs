@@ -10,10 +10,7 @@ impl Settings {
     pub(crate) fn over(self, lower: Self) -> Self {
         Self {
             robot: self.robot.over(lower.robot),
-            log: LogSettings {
-                angle_unit: self.log.angle_unit.or(lower.log.angle_unit),
-                columns: self.log.columns.or(lower.log.columns),
-            },
+            log: self.log.over(lower.log),
             touch: self.touch.over(lower.touch),
             lattice: self.lattice.over(lower.lattice),
             contact: self.contact.over(lower.contact),
@@ -33,6 +30,22 @@ impl RobotSettings {
             payload_link: self.payload_link.or(lower.payload_link),
             payload_mass_kg: self.payload_mass_kg.or(lower.payload_mass_kg),
             payload_com_m: self.payload_com_m.or(lower.payload_com_m),
+        }
+    }
+}
+
+impl LogSettings {
+    fn over(self, lower: Self) -> Self {
+        Self {
+            angle_unit: self.angle_unit.or(lower.angle_unit),
+            columns: self.columns.or(lower.columns),
+            topic: self.topic.or(lower.topic),
+            touch_topic: self.touch_topic.or(lower.touch_topic),
+            joints: self.joints.or(lower.joints),
+            until_break: self.until_break.or(lower.until_break),
+            split_gap_s: self.split_gap_s.or(lower.split_gap_s),
+            split_idle: self.split_idle.or(lower.split_idle),
+            idle_s: self.idle_s.or(lower.idle_s),
         }
     }
 }

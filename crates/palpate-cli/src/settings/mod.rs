@@ -66,6 +66,17 @@ pub(crate) struct RobotAndLogSettings {
     touch: TouchSettings,
 }
 
+/// The settings of a command that only reads a log.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ReadSettings {
+    #[command(flatten)]
+    file: SettingsFile,
+    #[command(flatten)]
+    robot: RobotSettings,
+    #[command(flatten)]
+    log: LogSettings,
+}
+
 /// The settings of a command that asks a field which remembers its touches: the robot alone.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct RobotOnlySettings {
@@ -119,6 +130,19 @@ impl RobotAndLogSettings {
     pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
         let (robot, log, touch) = (self.robot.clone(), self.log.clone(), self.touch);
         self.file.under(Settings { robot, log, touch, ..Settings::default() })
+    }
+}
+
+impl ReadSettings {
+    /// The settings file, if one was given.
+    pub(crate) fn path(&self) -> Option<&Path> {
+        self.file.path.as_deref()
+    }
+
+    /// The flags over the file's values.
+    pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
+        let (robot, log) = (self.robot.clone(), self.log.clone());
+        self.file.under(Settings { robot, log, ..Settings::default() })
     }
 }
 

@@ -4,6 +4,7 @@
 
 use palpate::contact;
 use palpate::estimator::{EstimatorConfig, Method};
+use palpate::idle;
 use palpate::lattice::{Lattice, LatticeError};
 use palpate::mapper::Config;
 use palpate::robot::{JointKind, Payload, Robot};
@@ -37,7 +38,8 @@ impl Settings {
         too_large("bake_spacing_m", spacing_m, BAKE_SPACING_LIMIT_M, reason)?;
         let replays = f64::from(self.estimator.replays.unwrap_or(0));
         let reason = "more would take hours for a touch";
-        too_large("replays", replays, f64::from(REPLAYS_LIMIT), reason)
+        too_large("replays", replays, f64::from(REPLAYS_LIMIT), reason)?;
+        self.log.check()
     }
 
     /// The configuration of a new field.
@@ -100,8 +102,34 @@ impl RobotSettings {
 impl LogSettings {
     /// How to open logs.
     pub(crate) fn options(&self) -> LogOptions {
-        let (columns, angle_unit) = (self.columns.clone(), self.angle_unit.unwrap_or_default());
-        LogOptions { columns, angle_unit }
+        LogOptions {
+            columns: self.columns.clone(),
+            angle_unit: self.angle_unit.unwrap_or_default(),
+            topic: self.topic.clone(),
+            touch_topic: self.touch_topic.clone(),
+            joints: self.joints.clone(),
+            split_gap_s: self.split_gap_s,
+            until_break: self.until_break.unwrap_or_default(),
+        }
+    }
+
+    /// Refuses gaps and pauses that are none.
+    fn check(&self) -> Result<(), SettingsError> {
+        if let Some(gap_s) = self.split_gap_s.filter(|gap_s| !(*gap_s > 0.0 && gap_s.is_finite())) {
+            return Err(SettingsError::Together(format!(
+                "bad setting: split_gap_s is {gap_s}; it must be above 0 s, and finite"
+            )));
+        }
+        let pauses = self.pauses().map_or(Ok(()), |config| config.check());
+        pauses.map_err(|error| SettingsError::Together(format!("bad setting: {error}")))
+    }
+
+    /// What counts as a pause, if logs are to be parted at pauses.
+    pub(crate) fn pauses(&self) -> Option<idle::Config> {
+        let mut config = idle::Config::default();
+        config.idle_s = self.idle_s.unwrap_or(config.idle_s);
+        config.renew_s = config.renew_s.max(config.idle_s);
+        self.split_idle.unwrap_or_default().then_some(config)
     }
 
     /// Refuses degrees for a robot of which some positions are no angles.

@@ -60,6 +60,36 @@ pub(crate) struct LogSettings {
     /// two if there are any); in a file columns = { q = ["a", "b"], tau = ["c", "d"], time = "t" }
     #[arg(long, value_name = "MAP", value_parser = columns)]
     pub columns: Option<CsvColumns>,
+    /// Topic of a bag that holds the joints [default: the only one that does]
+    #[arg(long, value_name = "TOPIC")]
+    pub topic: Option<String>,
+    /// Topic of a bag on which each message starts a touch; text in it names the touch [default:
+    /// /palpate/touch, if there is one]
+    #[arg(long, value_name = "TOPIC")]
+    pub touch_topic: Option<String>,
+    /// Joints of a bag to read, by name; messages without them are left out [default: those of the
+    /// message that has most]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub joints: Option<Vec<String>>,
+    /// Read a bag that breaks off up to there, as if it ended
+    #[arg(
+        long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
+        require_equals = true
+    )]
+    pub until_break: Option<bool>,
+    /// Start a new touch wherever two samples lie further apart than this, s
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    pub split_gap_s: Option<f64>,
+    /// Start a new touch whenever the arm has stood still for a while and touches nothing
+    #[arg(
+        long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
+        require_equals = true
+    )]
+    pub split_idle: Option<bool>,
+    /// How long the arm must stand still for that, s; where samples have no time, 25 of them
+    /// [default: 0.5]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    pub idle_s: Option<f64>,
 }
 
 /// How logged torques become external ones.

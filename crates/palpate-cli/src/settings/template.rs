@@ -1,5 +1,6 @@
 //! `palpate settings`: what holds, as a commented file to start from.
 
+use palpate::idle;
 use palpate::lattice::Lattice;
 use palpate::touch::Tare;
 
@@ -14,6 +15,9 @@ impl Settings {
         let mut all = self.clone();
         all.robot.robot = Some(self.robot.name().to_owned());
         all.log.angle_unit = Some(self.log.options().angle_unit);
+        all.log.until_break = Some(self.log.until_break.unwrap_or_default());
+        all.log.split_idle = Some(self.log.split_idle.unwrap_or_default());
+        all.log.idle_s = Some(self.log.idle_s.unwrap_or(idle::Config::default().idle_s));
 
         let touch = config.touch;
         all.touch.torque_sign = Some(touch.torque_sign);

@@ -17,9 +17,11 @@
 
 pub mod npz;
 mod saved;
+mod vti;
 
 use npz::{Array, Arrays, Data, NpzError};
 pub use saved::{Saved, SavedError, load, save};
+pub use vti::write_vti;
 
 /// What the arrays of a field file mean.
 #[derive(Debug, Clone, PartialEq)]

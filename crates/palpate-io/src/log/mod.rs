@@ -9,25 +9,36 @@
 //! | folder with `angles.npy`, `torques.npy`      | `npy_folder`   |
 //! | folder of such folders (also OpenVSF's)      | `npy_folder`   |
 //! | `.csv`, or a folder of them                  | `csv`          |
+//! | bag of ROS 2: `.mcap`, `.db3`, their folder  | `bag`          |
+//! | `.parquet`, or a data set of LeRobot         | `parquet`      |
+//!
+//! `gap` parts touches of any of them where the clock leaps.
 //!
 //! Torques are handed on as logged: neither gravity nor bias is known here. `truth/` beside the
 //! touches is read by [`external_truth`] alone, never by a log.
 
+mod bag;
 mod csv;
+mod gap;
 mod joints;
 mod natural;
 mod npy_folder;
+mod parquet;
 mod truth;
+pub mod write;
 
 use crate::npy::NpyError;
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::{Path, PathBuf};
 
+pub use bag::BagError;
+pub use bag::write as bag_write;
 pub use csv::{CsvColumns, CsvError};
 pub use palpate::touch::Sample;
 
 pub use joints::{JointNameError, reorder};
+pub use parquet::ParquetError;
 pub use truth::{external_truth, is_simulated};
 
 /// More joints than any arm has: an array this wide is something else, or turned on its side.
@@ -69,6 +80,19 @@ pub struct LogDescription {
     pub samples: Option<u64>,
     /// Number of joints, if known before reading.
     pub joints: Option<usize>,
+    /// What the log says of its torques.
+    pub torques: LoggedTorques,
+}
+
+/// What a log says of its torques.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LoggedTorques {
+    /// Nothing: they may hold gravity.
+    #[default]
+    Unsaid,
+    /// They are external ones: gravity has been taken out.
+    External,
 }
 
 /// The formats of logs.
@@ -80,6 +104,12 @@ pub enum Format {
     NpyFolder,
     /// One table, or a folder of them.
     Csv,
+    /// Bag of ROS 2 as MCAP.
+    Mcap,
+    /// Bag of ROS 2 as SQLite.
+    Rosbag2Sqlite,
+    /// Parquet, such as LeRobot's.
+    Parquet,
 }
 
 /// How to read a log.
@@ -90,6 +120,16 @@ pub struct LogOptions {
     pub columns: Option<CsvColumns>,
     /// Unit of the logged joint positions.
     pub angle_unit: AngleUnit,
+    /// Topic of a bag that holds the samples; `None` takes the only one that can be read.
+    pub topic: Option<String>,
+    /// Topic of a bag whose messages each start a touch.
+    pub touch_topic: Option<String>,
+    /// Joints of a bag to read, by name; `None` takes those of the message that has most.
+    pub joints: Option<Vec<String>>,
+    /// Starts a new touch where two samples lie further apart than this, s.
+    pub split_gap_s: Option<f64>,
+    /// Reads a bag that breaks off up to there, as if it ended.
+    pub until_break: bool,
 }
 
 /// Unit of logged joint positions.
@@ -129,6 +169,44 @@ pub enum LogWarning {
         /// How many samples of the touch do so.
         count: u64,
     },
+    /// Messages of a bag that gave no sample.
+    LeftOut {
+        /// Those of other joints.
+        other_joints: u64,
+        /// Those before the first touch starts.
+        before_touch: u64,
+    },
+    /// A bag that breaks off, read up to there.
+    BrokenOff {
+        /// Messages that could be read.
+        messages: u64,
+        /// From the first to the last of them, s.
+        seconds: f64,
+        /// What stopped the reading.
+        reason: String,
+    },
+}
+
+impl std::fmt::Display for LogWarning {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::TimeNotIncreasing { touch, row, before_s, now_s, count } => write!(
+                f,
+                "touch `{touch}`: the clock goes from {before_s} s to {now_s} s in row {row} (from \
+                 0), and does not advance {count} times in all; the order of the rows was believed"
+            ),
+            Self::LeftOut { other_joints, before_touch } => write!(
+                f,
+                "messages that gave no sample: {other_joints} of other joints, {before_touch} \
+                 before the first touch starts"
+            ),
+            Self::BrokenOff { messages, seconds, reason } => write!(
+                f,
+                "the bag breaks off after {messages} messages and {seconds:.1} s ({reason}); what \
+                 lies before was read"
+            ),
+        }
+    }
 }
 
 /// What can be wrong with a log.
@@ -163,6 +241,17 @@ pub enum LogError {
     /// A table that cannot be read.
     #[error(transparent)]
     Csv(#[from] CsvError),
+    /// A bag that cannot be read.
+    #[error(transparent)]
+    Bag(#[from] BagError),
+    /// A Parquet file that cannot be read.
+    #[error(transparent)]
+    Parquet(#[from] ParquetError),
+    /// Gaps are to part touches, and there is no time.
+    #[error(
+        "`{path}` has no time, by whose gaps its touches were to be parted; leave --split-gap-s out"
+    )]
+    NoClock { path: PathBuf },
 }
 
 /// Opens a log, whatever its format.
@@ -175,6 +264,15 @@ pub enum LogError {
 ///
 /// [`LogError`], each naming the file and the remedy.
 pub fn open(path: &Path, options: &LogOptions) -> Result<Box<dyn Log>, LogError> {
+    let log = open_whole(path, options)?;
+    Ok(match options.split_gap_s {
+        Some(gap_s) => Box::new(gap::GapSplit::new(log, gap_s)),
+        None => log,
+    })
+}
+
+/// Opens a log with the touches that it has itself.
+fn open_whole(path: &Path, options: &LogOptions) -> Result<Box<dyn Log>, LogError> {
     let metadata = path.metadata().map_err(|source| LogError::reading(path, source))?;
     if metadata.is_dir() {
         let touches = npy_folder::touches_in(path)?;
@@ -185,10 +283,23 @@ pub fn open(path: &Path, options: &LogOptions) -> Result<Box<dyn Log>, LogError>
         if !tables.is_empty() {
             return Ok(Box::new(csv::CsvLog::open(path, tables, options)?));
         }
+        if bag::is_bag(path) {
+            return Ok(Box::new(bag::BagLog::open(path, options)?));
+        }
+        let files = parquet::files_in(path);
+        if !files.is_empty() {
+            return Ok(Box::new(parquet::ParquetLog::open(path, files, options)?));
+        }
         return Err(no_touch(path));
     }
     if csv::is_table(path) {
         return Ok(Box::new(csv::CsvLog::open(path, vec![path.to_owned()], options)?));
+    }
+    if bag::is_bag(path) {
+        return Ok(Box::new(bag::BagLog::open(path, options)?));
+    }
+    if parquet::is_parquet(path) || !parquet::files_in(path).is_empty() {
+        return Ok(Box::new(parquet::ParquetLog::open(path, vec![path.to_owned()], options)?));
     }
     Err(LogError::NoTouch {
         path: path.to_owned(),
@@ -199,7 +310,8 @@ pub fn open(path: &Path, options: &LogOptions) -> Result<Box<dyn Log>, LogError>
 
 /// What a path must be to be a log.
 const WANTED: &str = "a folder with `angles.npy` and `torques.npy`, a folder of such folders, \
-                      a .csv file or a folder of .csv files";
+                      a .csv file or a folder of .csv files, a bag of ROS 2 (.mcap, .db3 or their \
+                      folder), Parquet (.parquet or a folder of them)";
 
 /// Says what a folder holds instead of touches.
 fn no_touch(path: &Path) -> LogError {

@@ -11,8 +11,8 @@
 //! when the log is opened, NaN and infinity as the rows come by.
 
 use super::{
-    Clock, Format, Log, LogDescription, LogError, LogEvent, LogOptions, LogWarning, MAX_JOINTS,
-    Sample, natural,
+    Clock, Format, Log, LogDescription, LogError, LogEvent, LogOptions, LogWarning, LoggedTorques,
+    MAX_JOINTS, Sample, natural,
 };
 use crate::npy::{NpyError, Rows};
 use std::fs::File;
@@ -80,6 +80,7 @@ impl NpyFolders {
             touches: Some(touches.len()),
             samples: Some(samples),
             joints,
+            torques: LoggedTorques::Unsaid,
         };
         touches.reverse();
         let options = options.clone();

@@ -32,11 +32,12 @@ use std::sync::Arc;
 
 use palpate::arm::Arm;
 use palpate::touch::{Gravity, TorqueSign};
-use palpate_io::log::Format;
+use palpate_io::log::{Format, LoggedTorques};
 use serde::Serialize;
 
 use super::finding::Finding;
 use crate::error::CliError;
+use crate::pauses::Pauses;
 use crate::settings::{Settings, SettingsError};
 use figures::{Figures, TouchFacts};
 use frames::ClockFacts;
@@ -65,7 +66,8 @@ pub(super) fn inspect(
     settings: &Settings,
     arm: &Arc<Arm>,
 ) -> Result<(Option<LogFacts>, Vec<Finding>), CliError> {
-    let set = settings.config()?.touch;
+    let config = settings.config()?;
+    let mut set = config.touch;
     let options = settings.log.options();
     let mut record = match record::read(path, &options) {
         Ok(record) => record,
@@ -73,8 +75,12 @@ pub(super) fn inspect(
     };
     let mut findings: Vec<Finding> =
         record.broken.iter().map(|error| unreadable(&error.to_string())).collect();
+    findings.extend(record.warnings.iter().map(|odd| left_out(odd)));
     if record.touches.is_empty() {
         return Ok((None, findings));
+    }
+    if record.torques == LoggedTorques::External && settings.touch.gravity.is_none() {
+        set.gravity = Gravity::Removed;
     }
     let robot = &arm.robot;
     if let Err(error) = settings.log.check_for(robot) {
@@ -89,6 +95,15 @@ pub(super) fn inspect(
         return Ok((Some(facts), findings));
     }
 
+    if let Some(parted) = settings.log.pauses() {
+        let mut pauses = Pauses::new(arm, (config.lattice, config.contact), parted)?;
+        if let Err(error) = record.part(&mut pauses) {
+            findings.push(unreadable(&error.to_string()));
+        }
+        if record.touches.is_empty() {
+            return Ok((Some(facts), findings));
+        }
+    }
     facts.joints = robot.joint_names().map(str::to_owned).collect();
     let touches = &mut record.touches;
     let (angle_unit, wrong_unit) = unit::correct(touches, robot, options.angle_unit, &set);
@@ -109,6 +124,11 @@ pub(super) fn inspect(
     findings.extend(figured.findings(gravity_fits));
     facts.reading = Some(reading);
     Ok((Some(facts), findings))
+}
+
+fn left_out(what: &str) -> Finding {
+    let remedy = "nothing, if that is as meant; else see --joints, --touch-topic and the recording";
+    Finding::warning("left_out", what, remedy)
 }
 
 fn unreadable(what: &str) -> Finding {

@@ -3,14 +3,21 @@
 //! What is wrong with a log shows only against all of it, so it is read into memory: 120 bytes a
 //! frame of seven joints, which is a day at 20 Hz in 200 MB.
 
+use std::collections::VecDeque;
 use std::path::Path;
 
+use palpate::mapper::MapperError;
 use palpate::robot::Robot;
-use palpate_io::log::{self, Format, LogError, LogEvent, LogOptions, reorder};
+use palpate::touch::Sample;
+use palpate_io::log::{
+    self, Format, LogError, LogEvent, LogOptions, LogWarning, LoggedTorques, reorder,
+};
 use serde::Serialize;
 
 use super::super::finding::Finding;
 use super::super::page::listed;
+use crate::pauses::Pauses;
+use crate::touches::Moment;
 
 /// The frames of one touch.
 #[derive(Debug, Clone, Default)]
@@ -28,6 +35,10 @@ pub(super) struct Touch {
 pub(super) struct Record {
     pub format: Format,
     pub touches: Vec<Touch>,
+    /// What the log says of its torques.
+    pub torques: LoggedTorques,
+    /// What looked odd and did not stop the reading, but for the clock, which is looked at apart.
+    pub warnings: Vec<String>,
     /// Where the reading ended early.
     pub broken: Option<LogError>,
 }
@@ -78,8 +89,9 @@ pub(super) fn farthest(a: &[f64], b: &[f64]) -> f64 {
 /// Reads a log to its end, or to the first thing that cannot be read.
 pub(super) fn read(path: &Path, options: &LogOptions) -> Result<Record, LogError> {
     let mut log = log::open(path, options)?;
-    let format = log.describe().format;
-    let mut record = Record { format, touches: Vec::new(), broken: None };
+    let (description, touches) = (log.describe(), Vec::new());
+    let (format, torques) = (description.format, description.torques);
+    let mut record = Record { format, torques, touches, warnings: Vec::new(), broken: None };
     for event in log.by_ref() {
         match event {
             Ok(LogEvent::TouchStarts { name, joint_names }) => {
@@ -95,10 +107,50 @@ pub(super) fn read(path: &Path, options: &LogOptions) -> Result<Record, LogError
         }
     }
     record.touches.retain(|touch| touch.frames() > 0);
+    let odd = log.warnings().iter();
+    let odd = odd.filter(|odd| !matches!(odd, LogWarning::TimeNotIncreasing { .. }));
+    record.warnings = odd.map(ToString::to_string).collect();
     Ok(record)
 }
 
+impl Touch {
+    /// The frames as samples.
+    fn samples(self) -> impl Iterator<Item = Sample> {
+        let times_s = self.times_s.into_iter().map(Some).chain(std::iter::repeat(None));
+        let frames = self.q.into_iter().zip(self.tau);
+        frames.zip(times_s).map(|((q, tau), time_s)| Sample { time_s, q, tau })
+    }
+}
+
 impl Record {
+    /// Parts the touches where the arm pauses; joints must be the robot's.
+    pub(super) fn part(&mut self, pauses: &mut Pauses) -> Result<(), MapperError> {
+        let mut moments = VecDeque::new();
+        for touch in std::mem::take(&mut self.touches) {
+            let (name, joint_names) = (touch.name.clone(), touch.joint_names.clone());
+            pauses.take(Moment::Touch(name), &mut moments)?;
+            for sample in touch.samples() {
+                pauses.take(Moment::Sample(sample), &mut moments)?;
+            }
+            pauses.finish(&mut moments);
+            for moment in moments.drain(..) {
+                match (moment, self.touches.last_mut()) {
+                    (Moment::Sample(sample), Some(touch)) => {
+                        touch.times_s.extend(sample.time_s);
+                        touch.q.push(sample.q);
+                        touch.tau.push(sample.tau);
+                    }
+                    (Moment::Sample(_), None) => {}
+                    (Moment::Touch(name), _) => {
+                        let joint_names = joint_names.clone();
+                        self.touches.push(Touch { name, joint_names, ..Touch::default() });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Puts the joints into the robot's order by name, if they have names, and says what of them
     /// does not serve the robot. Without a match they stay as they are.
     pub(super) fn match_joints(&mut self, robot: &Robot) -> (Matching, Vec<Finding>) {

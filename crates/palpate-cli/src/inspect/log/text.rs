@@ -16,6 +16,9 @@ impl LogFacts {
         let format = match self.format {
             Format::NpyFolder => "npy folders",
             Format::Csv => "CSV",
+            Format::Parquet => "Parquet",
+            Format::Mcap => "bag of ROS 2, MCAP",
+            Format::Rosbag2Sqlite => "bag of ROS 2, SQLite",
             _ => "another",
         };
         let mut text = fact("format", format);

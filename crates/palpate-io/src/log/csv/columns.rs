@@ -37,12 +37,12 @@ pub struct CsvColumns {
 
 /// Places of the columns in a row.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Columns {
-    pub(super) q: Vec<usize>,
-    pub(super) tau: Vec<usize>,
-    pub(super) joint_names: Option<Vec<String>>,
-    pub(super) time: Option<usize>,
-    pub(super) touch: Option<usize>,
+pub(in crate::log) struct Columns {
+    pub(in crate::log) q: Vec<usize>,
+    pub(in crate::log) tau: Vec<usize>,
+    pub(in crate::log) joint_names: Option<Vec<String>>,
+    pub(in crate::log) time: Option<usize>,
+    pub(in crate::log) touch: Option<usize>,
 }
 
 const POSITIONS: &[&str] = &[
@@ -77,7 +77,10 @@ const SEPARATORS: &[char] = &['_', '.', '/', ':', '-', ' '];
 impl Columns {
     /// The columns that `map` names, or those that are recognised by their spelling. An error is
     /// half a sentence for the user.
-    pub(super) fn find(header: &[String], map: Option<&CsvColumns>) -> Result<Self, String> {
+    pub(in crate::log) fn find(
+        header: &[String],
+        map: Option<&CsvColumns>,
+    ) -> Result<Self, String> {
         let columns = match map {
             Some(map) => Self::mapped(header, map)?,
             None => Self::recognised(header)?,

@@ -9,10 +9,11 @@ mod columns;
 mod sniff;
 
 use super::{
-    Clock, Format, Log, LogDescription, LogError, LogEvent, LogOptions, LogWarning, Sample, natural,
+    Clock, Format, Log, LogDescription, LogError, LogEvent, LogOptions, LogWarning, LoggedTorques,
+    Sample, natural,
 };
 use ::csv::{ByteRecord, Reader, ReaderBuilder, Terminator, Trim};
-use columns::Columns;
+pub(super) use columns::Columns;
 use sniff::{MAX_LINE_BYTES, sniff};
 use std::collections::HashSet;
 use std::fs::File;
@@ -102,7 +103,8 @@ impl CsvLog {
             touches = touches.filter(|_| table.columns.touch.is_none());
         }
         let (path, format) = (path.to_owned(), Format::Csv);
-        let description = LogDescription { path, format, touches, samples: None, joints };
+        let torques = LoggedTorques::Unsaid;
+        let description = LogDescription { path, format, touches, samples: None, joints, torques };
         tables.reverse();
         let (clock, warnings) = (Clock::default(), Vec::new());
         Ok(Self {

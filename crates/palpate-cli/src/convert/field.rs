@@ -1,0 +1,52 @@
+//! A field in another format.
+
+use std::path::Path;
+
+use nalgebra::Point3;
+use palpate_io::atomic::{self, IfExists};
+use palpate_io::cloud::{self, Cloud, Column};
+use palpate_io::field::npz::{read_npz, write_npz};
+use palpate_io::field::{FieldFile, write_vti};
+use palpate_io::log::bag_write::{Compression, write_field};
+
+use crate::error::CliError;
+use crate::output::Output;
+
+/// Frame of the points in a message: that of the robot's base, as ROS calls it.
+const FRAME: &str = "base_link";
+
+/// Reads a field and writes it as the ending says.
+pub(super) fn convert(
+    (input, path, to): (&Path, &Path, &str),
+    compression: Compression,
+    output: &Output,
+) -> Result<(), CliError> {
+    let arrays = read_npz(input).map_err(CliError::file)?;
+    let field = FieldFile::from_arrays(&arrays).map_err(CliError::file)?;
+    let replace = IfExists::Replace;
+    let written = match to {
+        "npz" => write_npz(path, &field.to_arrays(), replace).map_err(CliError::file),
+        "ply" => write_ply(path, &field),
+        "vti" => write_vti(path, replace, &field).map_err(CliError::file),
+        "mcap" => atomic::write(path, replace, |out| write_field(out, &field, FRAME, compression))
+            .map_err(CliError::file),
+        _ => Err(CliError::Usage(format!(
+            "`{}`: a field becomes .npz, .ply, .vti or .mcap; give the output one of these endings",
+            path.display()
+        ))),
+    };
+    written?;
+    let (points, path) = (field.points.len(), path.display());
+    output.result(&format!("{points} points are in `{path}`.\n"))
+}
+
+fn write_ply(path: &Path, field: &FieldFile) -> Result<(), CliError> {
+    let points = field.points.iter().map(|&point| Point3::from(point)).collect();
+    let counts: Option<Vec<f64>> =
+        field.counts.as_ref().map(|counts| counts.iter().map(|&n| f64::from(n)).collect());
+    let mut columns = vec![("K", Column::F64(&field.stiffness))];
+    columns.extend(field.std.as_ref().map(|std| ("K_std", Column::F64(std))));
+    columns.extend(counts.as_ref().map(|counts| ("N_obs", Column::F64(counts))));
+    let cloud = Cloud::new(points, None);
+    cloud::write_ply(path, IfExists::Replace, &cloud, &columns).map_err(CliError::file)
+}

@@ -1,0 +1,80 @@
+//! `palpate convert`: logs and fields from one format into another.
+
+mod field;
+mod log;
+
+use std::path::{Path, PathBuf};
+
+use palpate_io::log::bag_write::Compression;
+
+use crate::error::CliError;
+use crate::interrupt;
+use crate::output::Output;
+use crate::place::Places;
+use crate::settings::ReadSettings;
+
+const NOTES: &str = "Examples:
+  palpate convert recording.mcap -o touches/            a folder of arrays a touch
+  palpate convert recordings/ -o touches.mcap           a bag of ROS 2
+  palpate convert day.mcap -o touches.csv --split-idle  a table, parted where the arm pauses
+  palpate convert field.npz -o field.vti                an image for ParaView
+
+The ending of the output decides. Of a log: .mcap, .csv, or none for a folder of arrays. Of a field
+(.npz): .npz, .ply with the columns K, K_std and N_obs, .vti (ParaView), or .mcap with a
+PointCloud2 of x y z K K_std.
+
+A bag names the touches on the topic /palpate/touch, which is read again without being asked to.
+Bags need names of joints: where the log has none, they are those of --robot. Times are kept to the
+nanosecond in bags, to the last bit elsewhere.";
+
+/// Flags of `palpate convert`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = NOTES)]
+pub(crate) struct Args {
+    /// The log or the field
+    #[arg(value_name = "IN")]
+    input: PathBuf,
+    /// Where it goes; the ending says as what
+    #[arg(long, short, value_name = "OUT")]
+    output: PathBuf,
+    /// How the chunks of a bag are packed
+    #[arg(long, value_name = "HOW", default_value = "zstd", value_parser = ["zstd", "lz4", "none"])]
+    compression: String,
+    #[command(flatten)]
+    settings: ReadSettings,
+}
+
+impl Args {
+    fn compression(&self) -> Compression {
+        match self.compression.as_str() {
+            "lz4" => Compression::Lz4,
+            "none" => Compression::None,
+            _ => Compression::Zstd,
+        }
+    }
+}
+
+/// Converts a log or a field.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let settings = args.settings.load()?;
+    let to = ending(&args.output);
+    let mut places = Places::default();
+    places.input("the settings file", args.settings.path());
+    places.input("the input", Some(&args.input));
+    places.input("the robot", Some(Path::new(settings.robot.name())));
+    places.logs(std::slice::from_ref(&args.input));
+    if !to.is_empty() {
+        places.output("the output", Some(&args.output))?;
+    }
+    interrupt::listen();
+    if ending(&args.input) == "npz" {
+        return field::convert((&args.input, &args.output, &to), args.compression(), output);
+    }
+    let format = log::Format::of(&args.output, &to, args.compression())?;
+    log::convert((&args.input, &args.output), format, &settings, output)
+}
+
+/// The ending of a path in small letters; empty if it has none.
+fn ending(path: &Path) -> String {
+    path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().to_lowercase())
+}

@@ -1,0 +1,144 @@
+//! Bags between palpate and programs of others: what they write gives the same field, and they
+//! read what is written here. The other side is Python, in the environment that ./setup makes.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+mod common;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use common::{json, palpate, refuse, succeed};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// The root of the project.
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
+}
+
+/// The script that writes and reads bags.
+fn script(arguments: &[&Path]) -> Command {
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
+    let python = target.join("interop-venv/bin/python");
+    assert!(python.is_file(), "{} is missing: run ./setup first", python.display());
+    let mut command = Command::new(python);
+    command.arg(root().join("scripts/ros2_bags.py")).args(arguments);
+    command
+}
+
+/// Bags of the bundled touches, as others write them.
+fn bags(of: &str) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let touches = root().join("data/plant_a");
+    succeed(&mut script(&[Path::new(of), &touches, folder.path()]));
+    folder
+}
+
+/// The field that is learnt from a log.
+fn field(log: &Path, more: &[&str]) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("field.npz");
+    // Two replays are as good as twenty to tell one log from another.
+    succeed(palpate().arg("map").arg(log).arg("-o").arg(&path).args(["--replays", "2"]).args(more));
+    fs::read(path).unwrap()
+}
+
+/// What a reader of others finds, a message a line.
+fn lines(reader: &str, bag: &Path) -> Vec<Value> {
+    let text = succeed(&mut script(&[Path::new(reader), bag]));
+    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn touches_written_by_rosbags_give_the_field_of_the_arrays_bit_for_bit() {
+    let bags = bags("write");
+    let arrays = field(&root().join("data/plant_a"), &[]);
+    for bag in ["mcap_zstd", "mcap_plain", "sqlite"] {
+        let found = field(&bags.path().join(bag), &["--touch-topic", "/marker"]);
+        assert!(found == arrays, "{bag} gives another field");
+    }
+    // Without marks, the pause between touches tells them apart.
+    let found = field(&bags.path().join("mcap_zstd/mcap_zstd.mcap"), &["--split-gap-s", "5"]);
+    assert!(found == arrays, "gaps give another field");
+    for packed in ["message_zstd", "file_zstd"] {
+        let mut map = palpate();
+        map.arg("map").arg(bags.path().join(packed)).arg("-o").arg(bags.path().join("field.npz"));
+        refuse(&mut map, 1, &["metadata.yaml", "compressed by itself", "ros2 bag convert"]);
+    }
+}
+
+#[test]
+fn robot_states_of_franka_are_followed_by_their_definition_and_hold_no_gravity() {
+    let bags = bags("franka");
+    let arrays = field(&root().join("data/plant_a/seq_000"), &["--gravity", "removed"]);
+    for layout in ["franka_new", "franka_old"] {
+        assert!(field(&bags.path().join(layout), &[]) == arrays, "{layout}");
+        let mut map = palpate();
+        map.arg("map").arg(bags.path().join(layout)).arg("-o").arg(bags.path().join("field.npz"));
+        refuse(map.args(["--gravity", "included"]), 2, &["external torques", "--gravity removed"]);
+        let told = json(palpate().arg("inspect").arg(bags.path().join(layout)).arg("--json"));
+        assert_eq!(told["paths"][0]["format"], "mcap", "{told}");
+    }
+}
+
+#[test]
+fn bags_written_here_are_read_by_rosbags_and_by_mcap_ros2() {
+    let folder = tempfile::tempdir().unwrap();
+    let touch = root().join("data/plant_a/seq_003");
+    for packed in ["zstd", "lz4", "none"] {
+        let bag = folder.path().join(format!("{packed}.mcap"));
+        let mut convert = palpate();
+        convert.arg("convert").arg(&touch).arg("-o").arg(&bag).args(["--compression", packed]);
+        succeed(&mut convert);
+        let by_mcap = lines("read-mcap", &bag);
+        assert_eq!(lines("read", &bag), by_mcap, "the two readers differ: {packed}");
+        assert_eq!(by_mcap[0]["topic"], "/palpate/touch");
+        assert_eq!(by_mcap[0]["data"], "seq_003");
+        let states = &by_mcap[1..];
+        assert_eq!((states.len(), &states[0]["name"][6]), (400, &Value::from("Actuator7")));
+        for (what, array) in [("position", "angles"), ("effort", "torques")] {
+            let bytes = fs::read(touch.join(format!("{array}.npy"))).unwrap();
+            let numbers =
+                bytes[128..].as_chunks::<8>().0.iter().map(|raw| f64::from_le_bytes(*raw));
+            let read = states.iter().flat_map(|state| state[what].as_array().unwrap());
+            assert!(read.map(|number| number.as_f64().unwrap()).eq(numbers), "{packed} {what}");
+        }
+    }
+}
+
+#[test]
+fn a_log_turned_into_every_format_and_back_is_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let convert = |from: &Path, to: &Path| {
+        succeed(palpate().arg("convert").arg(from).arg("-o").arg(to));
+    };
+    let touches = root().join("data/plant_a");
+    convert(&touches, &at("a.mcap"));
+    convert(&at("a.mcap"), &at("b.csv"));
+    convert(&at("b.csv"), &at("c.mcap"));
+    assert!(fs::read(at("a.mcap")).unwrap() == fs::read(at("c.mcap")).unwrap(), "a bag is another");
+    convert(&at("c.mcap"), &at("arrays"));
+    assert_eq!(
+        common::names(&at("arrays")),
+        (0..11).map(|i| format!("seq_{i:03}")).collect::<Vec<_>>()
+    );
+    for touch in common::names(&at("arrays")) {
+        for array in ["angles.npy", "torques.npy"] {
+            let read =
+                |folder: &Path| fs::read(folder.join(&touch).join(array)).unwrap().split_off(128);
+            assert!(read(&at("arrays")) == read(&touches), "{touch}/{array}");
+        }
+    }
+    refuse(
+        palpate().arg("convert").arg(at("b.csv")).arg("-o").arg(at("arrays")),
+        1,
+        &["arrays", "exists already"],
+    );
+    refuse(
+        palpate().arg("convert").arg(at("b.csv")).arg("-o").arg(at("x.txt")),
+        2,
+        &[".mcap, .csv"],
+    );
+}

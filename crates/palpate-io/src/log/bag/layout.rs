@@ -1,0 +1,389 @@
+//! Where in a message of ROS 2 the fields stand that we want: by its definition, never by guess.
+//!
+//! A message is CDR: values one after another, each aligned to its size, strings and sequences
+//! with their length before them. What comes in which order only the definition says, and a type
+//! of one name may have changed from one release of its package to the next, so the definition
+//! that the bag itself carries is followed. `re_ros_msg` reads definitions, `re_cdr` the values;
+//! the walk is ours, since lengths that a message claims must not be believed.
+//!
+//! The module knows neither topics nor joints.
+
+use re_cdr::{BigEndian, ByteOrder, CdrReader, Error, LittleEndian};
+use re_ros_msg::MessageSchema;
+use re_ros_msg::message_spec::{ArraySize, BuiltInType, ComplexType, MessageSpecification, Type};
+
+/// Messages within messages deeper than this are no message.
+const DEEPEST: usize = 16;
+/// More fields than this in all, those of inner messages included, are no message either.
+const MOST_FIELDS: usize = 4096;
+/// More values than this in a field that we want are no robot.
+const MOST_VALUES: usize = 4096;
+
+/// What a field is wanted for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Slot {
+    Seconds,
+    Nanoseconds,
+    Names,
+    Positions,
+    Torques,
+    /// A value of any kind, in words.
+    Text,
+}
+
+/// The wanted fields of one message.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Taken {
+    pub(super) seconds: i64,
+    pub(super) nanoseconds: i64,
+    pub(super) names: Vec<String>,
+    pub(super) positions: Vec<f64>,
+    pub(super) torques: Vec<f64>,
+    pub(super) text: Option<String>,
+}
+
+/// A value without parts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Scalar {
+    Unsigned(usize),
+    Signed(usize),
+    Float(usize),
+    String,
+}
+
+#[derive(Debug, Clone)]
+enum Node {
+    Value(Scalar, Option<Slot>),
+    /// `None`: the number stands before the elements.
+    Many(Option<usize>, Box<Node>),
+    Message(Vec<Node>),
+}
+
+/// The order of the values of a message, and which are wanted.
+#[derive(Debug, Clone)]
+pub(super) struct Layout {
+    root: Node,
+}
+
+impl Layout {
+    /// Follows a definition: the text of the message, then of those it is made of, parted by lines
+    /// of `=`. `wanted` are fields by their path, such as `header.stamp.sec`. An error is half a
+    /// sentence for the user.
+    pub(super) fn of(
+        kind: &str,
+        definition: &str,
+        wanted: &[(&str, Slot)],
+    ) -> Result<Self, String> {
+        let schema = MessageSchema::parse(kind, definition)
+            .map_err(|error| format!("its definition cannot be read ({error:#})"))?;
+        let mut walk = Compiler { schema: &schema, wanted, found: 0, fields: 0 };
+        let root = walk.message(&schema.spec, "", 0)?;
+        if walk.found != wanted.len() {
+            let fields: Vec<&str> =
+                schema.spec.fields.iter().map(|field| field.name.as_str()).collect();
+            let paths: Vec<&str> = wanted.iter().map(|(path, _)| *path).collect();
+            let (paths, fields) = (paths.join(", "), fields.join(", "));
+            return Err(format!("it wants the fields {paths}, and has {fields}"));
+        }
+        Ok(Self { root })
+    }
+
+    /// Takes the wanted fields out of a message. An error is half a sentence for the user.
+    pub(super) fn take(&self, data: &[u8]) -> Result<Taken, String> {
+        let Some((head, body)) = data.split_at_checked(4) else {
+            return Err(format!("it has {} bytes, less than the head of a message", data.len()));
+        };
+        let mut taken = Taken::default();
+        match [head[0], head[1]] {
+            [0, 1] => walk(&mut CdrReader::<LittleEndian>::new(body), &self.root, &mut taken),
+            [0, 0] => walk(&mut CdrReader::<BigEndian>::new(body), &self.root, &mut taken),
+            [a, b] => {
+                return Err(format!("it is encoded as {a:02x}{b:02x}; only plain CDR is read"));
+            }
+        }
+        .map_err(|error| format!("its {} bytes do not fit its definition ({error})", data.len()))?;
+        Ok(taken)
+    }
+}
+
+/// A definition on its way to a [`Layout`].
+struct Compiler<'a> {
+    schema: &'a MessageSchema,
+    wanted: &'a [(&'a str, Slot)],
+    found: usize,
+    fields: usize,
+}
+
+impl<'a> Compiler<'a> {
+    fn message(
+        &mut self,
+        spec: &MessageSpecification,
+        path: &str,
+        depth: usize,
+    ) -> Result<Node, String> {
+        self.fields += spec.fields.len();
+        if depth > DEEPEST || self.fields > MOST_FIELDS {
+            return Err("its definition nests without end".to_owned());
+        }
+        if spec.fields.is_empty() {
+            return Ok(Node::Value(Scalar::Unsigned(1), None)); // a message is never without a byte
+        }
+        let mut parts = Vec::new();
+        for field in &spec.fields {
+            let path =
+                if path.is_empty() { field.name.clone() } else { format!("{path}.{}", field.name) };
+            parts.push(self.node(spec, &field.ty, &path, depth)?);
+        }
+        Ok(Node::Message(parts))
+    }
+
+    fn node(
+        &mut self,
+        scope: &MessageSpecification,
+        kind: &Type,
+        path: &str,
+        depth: usize,
+    ) -> Result<Node, String> {
+        match kind {
+            Type::BuiltIn(kind) => {
+                let slot = self.wanted.iter().find(|(wanted, _)| *wanted == path);
+                self.found += usize::from(slot.is_some());
+                Ok(Node::Value(scalar(kind, path)?, slot.map(|(_, slot)| *slot)))
+            }
+            Type::Complex(kind) => {
+                let spec = self.resolve(scope, kind)?;
+                self.message(spec, path, depth + 1)
+            }
+            Type::Array { ty, size } => {
+                let of = Box::new(self.node(scope, ty, path, depth)?);
+                Ok(match size {
+                    ArraySize::Fixed(count) => Node::Many(Some(*count), of),
+                    ArraySize::Bounded(_) | ArraySize::Unbounded => Node::Many(None, of),
+                })
+            }
+        }
+    }
+
+    /// The definition of an inner message.
+    fn resolve(
+        &self,
+        scope: &MessageSpecification,
+        kind: &ComplexType,
+    ) -> Result<&'a MessageSpecification, String> {
+        let full = match kind {
+            ComplexType::Absolute { package, name } => plain(&format!("{package}/{name}")),
+            ComplexType::Relative { name } => {
+                let package = scope.name.split('/').next().unwrap_or_default();
+                format!("{package}/{name}")
+            }
+        };
+        let mut inner = self.schema.dependencies.iter();
+        inner.find(|spec| plain(&spec.name) == full).ok_or_else(|| {
+            format!("its definition refers to `{full}`, which the bag does not hold")
+        })
+    }
+}
+
+/// The name of a type without the `msg` in its middle, which some programs write.
+pub(super) fn plain(kind: &str) -> String {
+    kind.replacen("/msg/", "/", 1)
+}
+
+fn scalar(kind: &BuiltInType, path: &str) -> Result<Scalar, String> {
+    Ok(match kind {
+        BuiltInType::Bool | BuiltInType::Byte | BuiltInType::Char | BuiltInType::UInt8 => {
+            Scalar::Unsigned(1)
+        }
+        BuiltInType::UInt16 => Scalar::Unsigned(2),
+        BuiltInType::UInt32 => Scalar::Unsigned(4),
+        BuiltInType::UInt64 => Scalar::Unsigned(8),
+        BuiltInType::Int8 => Scalar::Signed(1),
+        BuiltInType::Int16 => Scalar::Signed(2),
+        BuiltInType::Int32 => Scalar::Signed(4),
+        BuiltInType::Int64 => Scalar::Signed(8),
+        BuiltInType::Float32 => Scalar::Float(4),
+        BuiltInType::Float64 => Scalar::Float(8),
+        BuiltInType::String(_) => Scalar::String,
+        BuiltInType::WString(_) => {
+            return Err(format!("its field `{path}` is a wide string, which is not read"));
+        }
+    })
+}
+
+/// Goes over the values in order and takes those that are wanted.
+fn walk<B: ByteOrder>(
+    reader: &mut CdrReader<'_, B>,
+    node: &Node,
+    taken: &mut Taken,
+) -> Result<(), Error> {
+    match node {
+        Node::Value(scalar, slot) => value(reader, *scalar, *slot, taken),
+        Node::Message(parts) => parts.iter().try_for_each(|part| walk(reader, part, taken)),
+        Node::Many(count, of) => {
+            let count = match count {
+                Some(count) => *count,
+                None => reader.read_u32()? as usize,
+            };
+            if let Node::Value(Scalar::Unsigned(size) | Scalar::Signed(size), None)
+            | Node::Value(Scalar::Float(size), None) = **of
+                && count > 0
+            {
+                reader.align(size)?;
+                let bytes = count.checked_mul(size).ok_or(Error::UnexpectedEof)?;
+                return reader.read_bytes(bytes).map(|_| ());
+            }
+            // Every element has a byte or more, so that a false count ends with the message.
+            (0..count).try_for_each(|_| walk(reader, of, taken))
+        }
+    }
+}
+
+fn value<B: ByteOrder>(
+    reader: &mut CdrReader<'_, B>,
+    scalar: Scalar,
+    slot: Option<Slot>,
+    taken: &mut Taken,
+) -> Result<(), Error> {
+    let number = match scalar {
+        Scalar::String => {
+            let Some(slot) = slot else {
+                let bytes = reader.read_u32()? as usize;
+                return reader.read_bytes(bytes).map(|_| ());
+            };
+            return put_text(slot, reader.read_str()?.to_owned(), taken);
+        }
+        Scalar::Unsigned(1) => reader.read_u8()?.into(),
+        Scalar::Unsigned(2) => reader.read_u16()?.into(),
+        Scalar::Unsigned(4) => reader.read_u32()?.into(),
+        Scalar::Unsigned(_) => reader.read_u64()?.cast_signed(),
+        Scalar::Signed(1) => reader.read_i8()?.into(),
+        Scalar::Signed(2) => reader.read_i16()?.into(),
+        Scalar::Signed(4) => reader.read_i32()?.into(),
+        Scalar::Signed(_) => reader.read_i64()?,
+        Scalar::Float(4) => return put_float(slot, reader.read_f32()?.into(), taken),
+        Scalar::Float(_) => return put_float(slot, reader.read_f64()?, taken),
+    };
+    match slot {
+        Some(Slot::Seconds) => taken.seconds = number,
+        Some(Slot::Nanoseconds) => taken.nanoseconds = number,
+        Some(slot) => put_text(slot, number.to_string(), taken)?,
+        None => {}
+    }
+    Ok(())
+}
+
+fn put_text(slot: Slot, text: String, taken: &mut Taken) -> Result<(), Error> {
+    match slot {
+        Slot::Names if taken.names.len() < MOST_VALUES => taken.names.push(text),
+        Slot::Text => taken.text = Some(text),
+        _ => return Err(misplaced(slot)),
+    }
+    Ok(())
+}
+
+fn put_float(slot: Option<Slot>, number: f64, taken: &mut Taken) -> Result<(), Error> {
+    match slot {
+        None => {}
+        Some(Slot::Positions) if taken.positions.len() < MOST_VALUES => {
+            taken.positions.push(number)
+        }
+        Some(Slot::Torques) if taken.torques.len() < MOST_VALUES => taken.torques.push(number),
+        Some(Slot::Text) => taken.text = Some(number.to_string()),
+        Some(slot) => return Err(misplaced(slot)),
+    }
+    Ok(())
+}
+
+fn misplaced(slot: Slot) -> Error {
+    Error::Custom(format!("the field of the {slot:?} holds values of another kind, or too many"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use re_cdr::CdrWriter;
+
+    const DEFINITION: &str = "bool early\nother/Stamp stamp\nuint16[3] words\nfloat64[] q\n\
+        string[] name\nInner[<=2] parts\nfloat32[2] tau\n\
+        ================\nMSG: other/Stamp\nint32 sec\nuint32 nanosec\n\
+        ================\nMSG: here/Inner\nstring text\nfloat64 value\n";
+    const WANTED: &[(&str, Slot)] = &[
+        ("stamp.sec", Slot::Seconds),
+        ("stamp.nanosec", Slot::Nanoseconds),
+        ("q", Slot::Positions),
+        ("name", Slot::Names),
+        ("tau", Slot::Torques),
+    ];
+
+    fn layout() -> Layout {
+        Layout::of("here/Message", DEFINITION, WANTED).unwrap()
+    }
+
+    fn message<B: ByteOrder>(head: [u8; 4]) -> Vec<u8> {
+        let mut body = Vec::new();
+        let mut writer = CdrWriter::<B>::new(&mut body);
+        writer.write_bool(true);
+        writer.write_i32(-7);
+        writer.write_u32(9);
+        (1..4).for_each(|word| writer.write_u16(word));
+        writer.write_u32(2);
+        [0.25, -3.5].iter().for_each(|&q| writer.write_f64(q));
+        writer.write_u32(2);
+        ["a", "bc"].iter().for_each(|name| writer.write_string(name));
+        writer.write_u32(1);
+        writer.write_string("odd");
+        writer.write_f64(1.0);
+        [0.5, 1.5].iter().for_each(|&tau| writer.write_f32(tau));
+        [head.to_vec(), body].concat()
+    }
+
+    #[test]
+    fn fields_are_found_by_the_definition_in_either_byte_order() {
+        let expected = Taken {
+            seconds: -7,
+            nanoseconds: 9,
+            names: vec!["a".to_owned(), "bc".to_owned()],
+            positions: vec![0.25, -3.5],
+            torques: vec![0.5, 1.5],
+            text: None,
+        };
+        let little = message::<LittleEndian>([0, 1, 0, 0]);
+        assert_eq!(layout().take(&little), Ok(expected.clone()));
+        assert_eq!(layout().take(&message::<BigEndian>([0, 0, 0, 0])), Ok(expected));
+    }
+
+    #[test]
+    fn what_cannot_be_followed_is_named() {
+        let error =
+            |definition: &str, wanted| Layout::of("here/Message", definition, wanted).unwrap_err();
+        assert!(error("float64[] p\n", WANTED).contains("and has p"));
+        assert!(error("Gone x\n", &[]).contains("`here/Gone`"));
+        assert!(error("wstring x\n", &[]).contains("wide string"));
+        let endless = "A a\n===\nMSG: here/A\nA a\n";
+        assert!(error(endless, &[]).contains("without end"));
+        let encoded = layout().take(&message::<LittleEndian>([0, 7, 0, 0])).unwrap_err();
+        assert!(encoded.contains("0007"), "{encoded}");
+        assert!(layout().take(&[0]).unwrap_err().contains("1 bytes"));
+    }
+
+    proptest! {
+        #[test]
+        fn a_cut_or_changed_message_is_refused_or_read_but_never_fatal(
+            cut in 0_usize..120, at in 0_usize..120, byte in any::<u8>(),
+        ) {
+            let mut bytes = message::<LittleEndian>([0, 1, 0, 0]);
+            let whole = bytes.len();
+            if cut < whole {
+                prop_assert!(layout().take(&bytes[..cut]).is_err());
+            }
+            bytes[at % whole] = byte;
+            let _ = layout().take(&bytes);
+        }
+
+        #[test]
+        fn no_definition_is_fatal(text in "[a-z/\\[\\]<=#0-9 \n]{0,80}") {
+            let _ = Layout::of("here/Message", &text, &[]);
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! One file of MCAP: its topics, and the messages of some of them, chunk by chunk.
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+use std::sync::Arc;
+
+use ::mcap::io::MessageReader;
+use ::mcap::sans_io::{LinearReaderOptions, SummaryReadEvent, SummaryReader, SummaryReaderOptions};
+use ::mcap::{Channel, McapError, McapResult, Summary};
+
+use super::topic::{Topic, merge};
+use super::{Message, Which};
+
+/// The largest record that is believed, bytes: a picture of hundreds of megapixels.
+const LARGEST_RECORD: usize = 256 << 20;
+
+/// The topics of a file: from its summary, or, if that is missing or broken off, from all of it.
+pub(super) fn topics(path: &Path) -> McapResult<Vec<Topic>> {
+    let mut file = File::open(path)?;
+    let summary = summary(&mut file).ok().flatten();
+    if let Some(summary) = summary.filter(|summary| !summary.channels.is_empty()) {
+        return Ok(of_summary(&summary));
+    }
+    file.seek(SeekFrom::Start(0))?;
+    let mut topics = Vec::new();
+    for (messages, message) in reader(file).enumerate() {
+        match message {
+            Ok(message) => merge(&mut topics, vec![topic(&message.channel, Some(1))]),
+            // What lies before a break can be read; the break shows again when it is.
+            Err(_) if messages > 0 => break,
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(topics)
+}
+
+/// The messages of the wanted topics in a file.
+pub(super) struct Messages {
+    reader: MessageReader<BufReader<File>>,
+    wanted: [Option<String>; 2],
+}
+
+impl Messages {
+    /// Stands before the first message. `wanted` are the topics of samples and of markers.
+    pub(super) fn open(path: &Path, wanted: [Option<String>; 2]) -> McapResult<Self> {
+        Ok(Self { reader: reader(File::open(path)?), wanted })
+    }
+}
+
+impl Iterator for Messages {
+    type Item = Result<Message, String>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        for message in self.reader.by_ref() {
+            let message = match message {
+                Ok(message) => message,
+                Err(error) => return Some(Err(in_words(&error))),
+            };
+            let topic = Some(&message.channel.topic);
+            let which = match (&self.wanted[0], &self.wanted[1]) {
+                (samples, _) if samples.as_ref() == topic => Which::Sample,
+                (_, markers) if markers.as_ref() == topic => Which::Marker,
+                _ => continue,
+            };
+            let time_ns = i64::try_from(message.log_time).unwrap_or(i64::MAX);
+            return Some(Ok(Message { which, time_ns, data: message.data.into_owned() }));
+        }
+        None
+    }
+}
+
+/// What went wrong, as half a sentence.
+pub(super) fn in_words(error: &McapError) -> String {
+    match error {
+        McapError::UnexpectedEof | McapError::UnexpectedEoc => {
+            "the file ends in the middle of it; was the recording, or a copy of it, cut short?"
+                .to_owned()
+        }
+        McapError::BadMagic => "it does not begin or end as an MCAP file does".to_owned(),
+        other => match std::error::Error::source(other) {
+            Some(cause) => format!("{other}: {cause}"),
+            None => other.to_string(),
+        },
+    }
+}
+
+fn reader(file: File) -> MessageReader<BufReader<File>> {
+    let options = LinearReaderOptions::default()
+        .with_validate_chunk_crcs(true)
+        .with_record_length_limit(LARGEST_RECORD);
+    MessageReader::new_with_options(BufReader::new(file), options)
+}
+
+/// The summary at the end of a file, if there is one.
+fn summary(file: &mut File) -> McapResult<Option<Summary>> {
+    let size = file.metadata()?.len();
+    let limit = LARGEST_RECORD.min(usize::try_from(size).unwrap_or(usize::MAX));
+    let options =
+        SummaryReaderOptions::default().with_file_size(size).with_record_length_limit(limit);
+    let mut reader = SummaryReader::new_with_options(options);
+    while let Some(event) = reader.next_event() {
+        match event? {
+            SummaryReadEvent::ReadRequest(bytes) => {
+                let read = file.read(reader.insert(bytes))?;
+                reader.notify_read(read);
+            }
+            SummaryReadEvent::SeekRequest(to) => {
+                let at = file.seek(to)?;
+                reader.notify_seeked(at);
+            }
+        }
+    }
+    Ok(reader.finish())
+}
+
+fn of_summary(summary: &Summary) -> Vec<Topic> {
+    let mut channels: Vec<_> = summary.channels.values().collect();
+    channels.sort_by_key(|channel| channel.id);
+    let mut topics = Vec::new();
+    for channel in channels {
+        let counts = summary.stats.as_ref().map(|stats| &stats.channel_message_counts);
+        let messages = counts.map(|counts| counts.get(&channel.id).copied().unwrap_or(0));
+        merge(&mut topics, vec![topic(channel, messages)]);
+    }
+    topics
+}
+
+fn topic(channel: &Arc<Channel<'_>>, messages: Option<u64>) -> Topic {
+    let schema = channel.schema.as_ref();
+    let text = schema.filter(|schema| schema.encoding == "ros2msg");
+    let text = text.and_then(|schema| String::from_utf8(schema.data.to_vec()).ok());
+    Topic {
+        name: channel.topic.clone(),
+        kind: schema.map_or_else(String::new, |schema| schema.name.clone()),
+        messages,
+        definition: text.filter(|text| !text.trim().is_empty()),
+    }
+}

@@ -1,0 +1,206 @@
+//! From messages to samples and to the names of touches: what is known of single types.
+//!
+//! | type                           | positions                           | torques                |
+//! |--------------------------------|-------------------------------------|------------------------|
+//! | `sensor_msgs/JointState`       | `position`                          | `effort`               |
+//! | `franka_msgs/FrankaRobotState` | `measured_joint_state.position`, `q` | `tau_ext_hat_filtered` |
+//!
+//! A robot state of Franka has had several layouts; each is followed by its definition. Its
+//! torques are external ones, without gravity. Markers are messages with a field `data`, which
+//! names the touch, or with none.
+
+use super::super::{AngleUnit, LoggedTorques, Sample};
+use super::layout::{Layout, Slot, Taken, plain};
+use super::topic::Topic;
+
+/// What a joint state is where the bag does not say; also what is written.
+pub(super) const JOINT_STATE: &str = "std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+";
+
+const JOINT_STATE_TYPE: &str = "sensor_msgs/JointState";
+const ROBOT_STATE_TYPE: &str = "franka_msgs/FrankaRobotState";
+const STAMP: [(&str, Slot); 2] =
+    [("header.stamp.sec", Slot::Seconds), ("header.stamp.nanosec", Slot::Nanoseconds)];
+
+/// Whether joints can be read from messages of a type.
+pub(super) fn has_joints(kind: &str) -> bool {
+    [JOINT_STATE_TYPE, ROBOT_STATE_TYPE].contains(&plain(kind).as_str())
+}
+
+/// How the samples of a topic are read.
+#[derive(Debug, Clone)]
+pub(super) struct Reading {
+    layout: Layout,
+    pub(super) torques: LoggedTorques,
+    /// Whether messages name their joints.
+    named: bool,
+}
+
+/// The joints of a bag, and which clock tells their time.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Joints {
+    /// `None` if the messages name none.
+    pub(super) names: Option<Vec<String>>,
+    pub(super) count: usize,
+    /// Whether the headers carry no time, and that of recording counts.
+    pub(super) by_log_time: bool,
+}
+
+impl Reading {
+    /// The reading of a topic of a type that [`has_joints`]. An error is half a sentence.
+    pub(super) fn of(topic: &Topic) -> Result<Self, String> {
+        let kind = plain(&topic.kind);
+        let with_stamp = |fields: &[(&'static str, Slot)]| [&STAMP[..], fields].concat();
+        if kind == JOINT_STATE_TYPE {
+            let fields =
+                [("name", Slot::Names), ("position", Slot::Positions), ("effort", Slot::Torques)];
+            let definition = topic.definition.as_deref().unwrap_or(JOINT_STATE);
+            let layout = Layout::of(&kind, definition, &with_stamp(&fields))?;
+            return Ok(Self { layout, torques: LoggedTorques::Unsaid, named: true });
+        }
+        let Some(definition) = &topic.definition else {
+            return Err(
+                "the bag does not carry the definition of this type, of which there are several; \
+                 record it as MCAP or with a newer rosbag2, which do"
+                    .to_owned(),
+            );
+        };
+        let torques = LoggedTorques::External;
+        let nested = [
+            ("measured_joint_state.name", Slot::Names),
+            ("measured_joint_state.position", Slot::Positions),
+            ("tau_ext_hat_filtered.effort", Slot::Torques),
+        ];
+        let refused = match Layout::of(&kind, definition, &with_stamp(&nested)) {
+            Ok(layout) => return Ok(Self { layout, torques, named: true }),
+            Err(reason) => reason,
+        };
+        let plain = [("q", Slot::Positions), ("tau_ext_hat_filtered", Slot::Torques)];
+        match Layout::of(&kind, definition, &with_stamp(&plain)) {
+            Ok(layout) => Ok(Self { layout, torques, named: false }),
+            Err(_) => Err(refused),
+        }
+    }
+
+    /// The joints of the first messages: those of the message that has most of them, so that a
+    /// gripper which reports on the same topic is not taken for the arm; or those `wanted`.
+    pub(super) fn joints(&self, first: &[Vec<u8>], wanted: Option<&[String]>) -> Joints {
+        let mut joints = Joints { by_log_time: true, ..Joints::default() };
+        for taken in first.iter().filter_map(|data| self.layout.take(data).ok()) {
+            joints.by_log_time &= taken.seconds == 0 && taken.nanoseconds == 0;
+            if taken.positions.len() > joints.count {
+                joints.count = taken.positions.len();
+                joints.names = self.named.then_some(taken.names);
+            }
+        }
+        if let (Some(wanted), true) = (wanted, self.named) {
+            joints.count = wanted.len();
+            joints.names = Some(wanted.to_vec());
+        }
+        joints
+    }
+
+    /// A sample of these joints; `None` if the message is about others. An error is half a
+    /// sentence for the user.
+    pub(super) fn sample(
+        &self,
+        data: &[u8],
+        time_ns: i64,
+        joints: &Joints,
+        unit: AngleUnit,
+    ) -> Result<Option<Sample>, String> {
+        let taken = self.layout.take(data)?;
+        let places = match &joints.names {
+            Some(names) => {
+                let place = |name| taken.names.iter().position(|held| held == name);
+                match names.iter().map(place).collect::<Option<Vec<usize>>>() {
+                    Some(places) => places,
+                    None => return Ok(None),
+                }
+            }
+            None => (0..joints.count).collect(),
+        };
+        let held = if self.named { taken.names.len() } else { joints.count };
+        check_lengths(&taken, held)?;
+        let time_s = if joints.by_log_time {
+            time_ns as f64 / 1e9
+        } else {
+            taken.seconds as f64 + taken.nanoseconds as f64 / 1e9
+        };
+        let name =
+            |place: usize| taken.names.get(place).cloned().unwrap_or((place + 1).to_string());
+        let finite = |what: &str, values: &[f64]| {
+            let bad = places.iter().find(|&&place| !values[place].is_finite());
+            bad.map_or(Ok(()), |&place| {
+                Err(format!(
+                    "the {what} of joint `{}` is {}; every number must be finite: if the joint is \
+                     not the arm's, name those that are (--joints)",
+                    name(place),
+                    values[place]
+                ))
+            })
+        };
+        finite("position", &taken.positions)?;
+        finite("torque", &taken.torques)?;
+        let mut q: Vec<f64> = places.iter().map(|&place| taken.positions[place]).collect();
+        unit.into_rad(&mut q);
+        let tau = places.iter().map(|&place| taken.torques[place]).collect();
+        Ok(Some(Sample { time_s: Some(time_s), q, tau }))
+    }
+}
+
+/// Refuses a message that has not as many positions and torques as joints.
+fn check_lengths(taken: &Taken, joints: usize) -> Result<(), String> {
+    let (q, tau) = (taken.positions.len(), taken.torques.len());
+    match (q == joints, tau == joints, tau) {
+        (true, true, _) => Ok(()),
+        (_, _, 0) => Err(format!(
+            "it has {q} positions and no effort; torques are needed: have the driver publish \
+             efforts, and record again"
+        )),
+        _ => Err(format!("it has {joints} joints, {q} positions and {tau} torques")),
+    }
+}
+
+/// How the name of a touch is read from a marker.
+#[derive(Debug, Clone)]
+pub(super) struct Marker {
+    /// `None` for a type without content.
+    layout: Option<Layout>,
+}
+
+impl Marker {
+    /// The reading of a topic of markers. An error is half a sentence.
+    pub(super) fn of(topic: &Topic) -> Result<Self, String> {
+        let kind = plain(&topic.kind);
+        let data = [("data", Slot::Text)];
+        let known = match kind.as_str() {
+            "std_msgs/String" => "string data",
+            "std_msgs/Bool" => "bool data",
+            "std_msgs/Int32" => "int32 data",
+            _ => "",
+        };
+        let definition = topic.definition.as_deref().unwrap_or(known);
+        Ok(Self { layout: Layout::of(&kind, definition, &data).ok() })
+    }
+
+    /// The text of a marker, if it has any. An error is half a sentence.
+    pub(super) fn text(&self, data: &[u8]) -> Result<Option<String>, String> {
+        match &self.layout {
+            Some(layout) => Ok(layout.take(data)?.text.filter(|text| !text.trim().is_empty())),
+            None => Ok(None),
+        }
+    }
+}

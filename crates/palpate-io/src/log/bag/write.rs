@@ -1,0 +1,284 @@
+//! Touches and stiff points as MCAP with the profile of ROS 2, which its tools read.
+//!
+//! | topic            | type                      | one message                             |
+//! |------------------|---------------------------|-----------------------------------------|
+//! | `/joint_states`  | `sensor_msgs/JointState`  | a sample: positions, torques as efforts |
+//! | `/palpate/touch` | `std_msgs/String`         | before the first sample of each touch   |
+//! | `/palpate/field` | `sensor_msgs/PointCloud2` | a field: `x y z K K_std`, 32-bit floats |
+//!
+//! The header of a sample has its time, to the nanosecond. Touches may each begin their clock
+//! anew, but a bag goes forward: the time of recording goes on from touch to touch. Samples
+//! without a time have none in the header, and are recorded a millisecond apart.
+
+use std::collections::BTreeMap;
+use std::io::{self, Seek, Write};
+
+use ::mcap::records::MessageHeader;
+use ::mcap::{McapError, WriteOptions, Writer};
+use re_cdr::{CdrWriter, LittleEndian};
+
+use super::reading::JOINT_STATE;
+use super::topic::TOUCH_TOPIC;
+use crate::field::FieldFile;
+use crate::log::Sample;
+
+/// How the chunks of a bag are packed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Compression {
+    /// Zstandard: small.
+    #[default]
+    Zstd,
+    /// LZ4: quick.
+    Lz4,
+    /// Not at all.
+    None,
+}
+
+/// From one touch to the next, ns.
+const PAUSE_NS: i64 = 1_000_000_000;
+/// Between samples without a time, ns.
+const PERIOD_NS: i64 = 1_000_000;
+
+const POINT_CLOUD: &str = "std_msgs/Header header
+uint32 height
+uint32 width
+sensor_msgs/PointField[] fields
+bool is_bigendian
+uint32 point_step
+uint32 row_step
+uint8[] data
+bool is_dense
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+================================================================================
+MSG: sensor_msgs/PointField
+uint8 INT8=1
+uint8 UINT8=2
+uint8 INT16=3
+uint8 UINT16=4
+uint8 INT32=5
+uint8 UINT32=6
+uint8 FLOAT32=7
+uint8 FLOAT64=8
+string name
+uint32 offset
+uint8 datatype
+uint32 count
+";
+
+/// Writes touches, one sample after another.
+pub struct TouchWriter<W: Write + Seek> {
+    bag: Writer<W>,
+    joints: Vec<String>,
+    samples: u16,
+    markers: u16,
+    sequence: u32,
+    /// When the last message was recorded, ns.
+    latest_ns: i64,
+    /// What lies between the clock of the touch and that of the bag, ns; unknown before its first
+    /// sample.
+    shift_ns: Option<i64>,
+    name: String,
+}
+
+impl<W: Write + Seek> TouchWriter<W> {
+    /// A bag for samples of these joints.
+    ///
+    /// # Errors
+    ///
+    /// If the beginning cannot be written.
+    pub fn new(out: W, joints: Vec<String>, compression: Compression) -> io::Result<Self> {
+        let mut bag = options(compression).create(out).map_err(other)?;
+        let samples =
+            channel(&mut bag, "/joint_states", "sensor_msgs/msg/JointState", JOINT_STATE)?;
+        let markers = channel(&mut bag, TOUCH_TOPIC, "std_msgs/msg/String", "string data\n")?;
+        let (name, shift_ns) = (String::new(), None);
+        Ok(Self { bag, joints, samples, markers, sequence: 0, latest_ns: 0, shift_ns, name })
+    }
+
+    /// Starts a touch; it is written with its first sample.
+    pub fn touch(&mut self, name: &str) {
+        name.clone_into(&mut self.name);
+        self.shift_ns = None;
+    }
+
+    /// Writes a sample of the touch that was started last.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be written, has not one position and torque a joint, or a time that a header
+    /// cannot hold.
+    pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
+        let joints = self.joints.len();
+        if sample.q.len() != joints || sample.tau.len() != joints {
+            let (q, tau) = (sample.q.len(), sample.tau.len());
+            let what = format!("a sample has {q} positions and {tau} torques of {joints} joints");
+            return Err(io::Error::new(io::ErrorKind::InvalidData, what));
+        }
+        let time_ns = sample.time_s.map(nanoseconds).transpose()?;
+        let first = self.shift_ns.is_none();
+        let earliest = self.latest_ns + if first { PAUSE_NS } else { PERIOD_NS };
+        let recorded_ns = match time_ns {
+            // The first touch keeps its clock, and so does each that begins after the one before.
+            Some(time_ns) => {
+                let shift_ns = *self.shift_ns.get_or_insert((earliest - time_ns).max(0));
+                (time_ns + shift_ns).max(self.latest_ns)
+            }
+            None => {
+                self.shift_ns = Some(0);
+                earliest
+            }
+        };
+        if first {
+            let marker = string(&self.name);
+            self.put(self.markers, recorded_ns, &marker)?;
+        }
+        let message = self.joint_state(time_ns.unwrap_or(0), sample);
+        self.put(self.samples, recorded_ns, &message)
+    }
+
+    /// Ends the bag.
+    ///
+    /// # Errors
+    ///
+    /// If the end cannot be written.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.bag.finish().map(|_| ()).map_err(other)
+    }
+
+    fn put(&mut self, channel_id: u16, recorded_ns: i64, data: &[u8]) -> io::Result<()> {
+        self.latest_ns = recorded_ns;
+        self.sequence = self.sequence.wrapping_add(1);
+        put(&mut self.bag, (channel_id, self.sequence), recorded_ns.cast_unsigned(), data)
+    }
+
+    fn joint_state(&self, time_ns: i64, sample: &Sample) -> Vec<u8> {
+        message(|out| {
+            header(out, time_ns, "");
+            out.write_sequence_length(self.joints.len());
+            self.joints.iter().for_each(|joint| out.write_string(joint));
+            for values in [&sample.q[..], &[], &sample.tau[..]] {
+                out.write_sequence_length(values.len());
+                values.iter().for_each(|&value| out.write_f64(value));
+            }
+        })
+    }
+}
+
+/// Writes a field as one cloud of points, in the frame of the robot's base.
+///
+/// # Errors
+///
+/// If it cannot be written, or has more points than a message can hold.
+pub fn write_field(
+    out: impl Write + Seek,
+    field: &FieldFile,
+    frame: &str,
+    compression: Compression,
+) -> io::Result<()> {
+    let columns: &[&str] =
+        &["x", "y", "z", "K", "K_std"][..if field.std.is_some() { 5 } else { 4 }];
+    let step = 4 * columns.len();
+    let too_many = || io::Error::new(io::ErrorKind::InvalidData, "a cloud holds too many points");
+    let points = u32::try_from(field.points.len()).map_err(|_| too_many())?;
+    let bytes = u32::try_from(field.points.len() * step).map_err(|_| too_many())?;
+    let data = message(|out| {
+        header(out, 0, frame);
+        out.write_u32(1);
+        out.write_u32(points);
+        out.write_sequence_length(columns.len());
+        for (place, name) in columns.iter().enumerate() {
+            out.write_string(name);
+            out.write_u32(4 * place as u32);
+            out.write_u8(7); // 32-bit floats
+            out.write_u32(1);
+        }
+        out.write_bool(false);
+        out.write_u32(step as u32);
+        out.write_u32(bytes);
+        out.write_u32(bytes);
+        for (row, point) in field.points.iter().enumerate() {
+            let std = field.std.as_ref().map(|std| std[row]);
+            let numbers = point.iter().copied().chain([field.stiffness[row]]).chain(std);
+            numbers.for_each(|number| out.write_f32(number as f32));
+        }
+        out.write_bool(true);
+    });
+    let mut bag = options(compression).create(out).map_err(other)?;
+    let kind = "sensor_msgs/msg/PointCloud2";
+    let cloud = channel(&mut bag, "/palpate/field", kind, POINT_CLOUD)?;
+    put(&mut bag, (cloud, 1), 0, &data)?;
+    bag.finish().map(|_| ()).map_err(other)
+}
+
+fn options(compression: Compression) -> WriteOptions {
+    let compression = match compression {
+        Compression::Zstd => Some(::mcap::Compression::Zstd),
+        Compression::Lz4 => Some(::mcap::Compression::Lz4),
+        Compression::None => None,
+    };
+    let library = concat!("palpate ", env!("CARGO_PKG_VERSION"));
+    WriteOptions::new().compression(compression).profile("ros2").library(library)
+}
+
+fn channel<W: Write + Seek>(
+    bag: &mut Writer<W>,
+    topic: &str,
+    kind: &str,
+    definition: &str,
+) -> io::Result<u16> {
+    let schema = bag.add_schema(kind, "ros2msg", definition.as_bytes()).map_err(other)?;
+    bag.add_channel(schema, topic, "cdr", &BTreeMap::new()).map_err(other)
+}
+
+fn put<W: Write + Seek>(
+    bag: &mut Writer<W>,
+    (channel_id, sequence): (u16, u32),
+    time_ns: u64,
+    data: &[u8],
+) -> io::Result<()> {
+    let (log_time, publish_time) = (time_ns, time_ns);
+    let header = MessageHeader { channel_id, sequence, log_time, publish_time };
+    bag.write_to_known_channel(&header, data).map_err(other)
+}
+
+/// A message of plain little-endian CDR.
+fn message(fill: impl FnOnce(&mut CdrWriter<'_, LittleEndian>)) -> Vec<u8> {
+    let mut body = Vec::new();
+    fill(&mut CdrWriter::new(&mut body));
+    [&[0, 1, 0, 0], &body[..]].concat()
+}
+
+fn header(out: &mut CdrWriter<'_, LittleEndian>, time_ns: i64, frame: &str) {
+    let second = 1_000_000_000;
+    out.write_i32(time_ns.div_euclid(second) as i32);
+    out.write_u32(time_ns.rem_euclid(second) as u32);
+    out.write_string(frame);
+}
+
+fn string(text: &str) -> Vec<u8> {
+    message(|out| out.write_string(text))
+}
+
+/// A time that a header can hold, ns.
+fn nanoseconds(time_s: f64) -> io::Result<i64> {
+    if !(f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&time_s) {
+        let what = format!("the time {time_s} s is beyond what a header of ROS 2 can hold");
+        return Err(io::Error::new(io::ErrorKind::InvalidData, what));
+    }
+    let whole = time_s.floor();
+    Ok(whole as i64 * 1_000_000_000 + ((time_s - whole) * 1e9).round() as i64)
+}
+
+fn other(error: McapError) -> io::Error {
+    match error {
+        McapError::Io(error) => error,
+        other => io::Error::other(other),
+    }
+}

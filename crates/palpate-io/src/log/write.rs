@@ -1,0 +1,262 @@
+//! Touches out, as arrays or as a table, one sample after another; [`super::bag_write`] has bags.
+//!
+//! Both read back as they were, to the last bit: names of touches and joints, times, positions and
+//! torques (arrays name no joints). A folder of arrays appears whole or not at all; its touches
+//! are read in natural order, so they get numbers before their names where that is not theirs.
+
+use std::collections::HashSet;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
+
+use super::{Sample, natural};
+use crate::npy::write_header;
+
+/// Writes touches as a table, with a column for the touch, the time if there is one, positions and
+/// torques.
+pub struct TableWriter<W: Write> {
+    out: ::csv::Writer<W>,
+    joints: Option<Vec<String>>,
+    names: Names,
+    /// Whether samples have a time, once the header is written.
+    timed: Option<bool>,
+}
+
+impl<W: Write> TableWriter<W> {
+    /// A table for samples of these joints, or of joints without names.
+    pub fn new(out: W, joints: Option<Vec<String>>) -> Self {
+        let out = ::csv::Writer::from_writer(out);
+        Self { out, joints, names: Names::default(), timed: None }
+    }
+
+    /// Starts a touch.
+    pub fn touch(&mut self, name: &str) {
+        self.names.start(name);
+    }
+
+    /// Writes a sample of the touch that was started last.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be written, or is not like the first one: joints, or a time.
+    pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
+        let timed = match self.timed {
+            Some(timed) => timed,
+            None => self.header(sample)?,
+        };
+        if timed != sample.time_s.is_some() {
+            return Err(unlike("time"));
+        }
+        let mut row = vec![self.names.latest().to_owned()];
+        row.extend(sample.time_s.map(|time_s| time_s.to_string()));
+        row.extend(sample.q.iter().chain(&sample.tau).map(ToString::to_string));
+        Ok(self.out.write_record(&row)?)
+    }
+
+    /// Ends the table.
+    ///
+    /// # Errors
+    ///
+    /// If the end cannot be written.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+
+    fn header(&mut self, sample: &Sample) -> io::Result<bool> {
+        let timed = sample.time_s.is_some();
+        let mut row = vec!["touch".to_owned()];
+        row.extend(timed.then(|| "time".to_owned()));
+        match &self.joints {
+            Some(joints) => {
+                for what in ["position", "effort"] {
+                    row.extend(joints.iter().map(|joint| format!("{joint}_{what}")));
+                }
+            }
+            None => {
+                for what in ["q", "tau"] {
+                    row.extend((1..=sample.q.len()).map(|joint| format!("{what}{joint}")));
+                }
+            }
+        }
+        self.out.write_record(&row)?;
+        self.timed = Some(timed);
+        Ok(timed)
+    }
+}
+
+/// Writes touches as folders of arrays, in a folder that appears when all is written.
+pub struct ArraysWriter {
+    target: PathBuf,
+    hidden: TempDir,
+    names: Names,
+    touch: Option<Touch>,
+}
+
+impl ArraysWriter {
+    /// A folder that is not there yet.
+    ///
+    /// # Errors
+    ///
+    /// If something is there, or nothing can be written beside it.
+    pub fn new(target: &Path) -> io::Result<Self> {
+        if target.exists() {
+            let what = "it exists already; choose another name, or remove it";
+            return Err(io::Error::new(io::ErrorKind::AlreadyExists, what));
+        }
+        let parent = target.parent().filter(|parent| !parent.as_os_str().is_empty());
+        let hidden = tempfile::Builder::new()
+            .suffix(".partial")
+            .tempdir_in(parent.unwrap_or(Path::new(".")))?;
+        Ok(Self { target: target.to_owned(), hidden, names: Names::default(), touch: None })
+    }
+
+    /// Starts a touch.
+    ///
+    /// # Errors
+    ///
+    /// If its folder cannot be made, or the touch before cannot be ended.
+    pub fn touch(&mut self, name: &str) -> io::Result<()> {
+        self.end_touch()?;
+        let plain: String = name
+            .chars()
+            .map(|c| if c.is_control() || "/\\:".contains(c) { '_' } else { c })
+            .collect();
+        let plain = plain.trim_matches(['.', ' ']);
+        self.names.start(if plain.is_empty() { "touch" } else { plain });
+        let folder = self.hidden.path().join(self.names.latest());
+        fs::create_dir(&folder)?;
+        self.touch = Some(Touch { folder, files: None, rows: 0, joints: 0 });
+        Ok(())
+    }
+
+    /// Writes a sample of the touch that was started last.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be written, or is not like the first one: joints, or a time.
+    pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
+        let touch = self.touch.as_mut().ok_or_else(|| unlike("touch"))?;
+        touch.sample(sample)
+    }
+
+    /// Ends the folder, which then appears.
+    ///
+    /// # Errors
+    ///
+    /// If the last touch cannot be ended, or the folder cannot take its name.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.end_touch()?;
+        let names = &self.names.given;
+        if !names.is_sorted_by(|a, b| natural::compare(a, b).is_lt()) {
+            let written = names.iter().filter(|name| self.hidden.path().join(name).exists());
+            for (place, name) in written.enumerate() {
+                let numbered = self.hidden.path().join(format!("{place:03}_{name}"));
+                fs::rename(self.hidden.path().join(name), numbered)?;
+            }
+        }
+        fs::rename(self.hidden.keep(), &self.target)
+    }
+
+    fn end_touch(&mut self) -> io::Result<()> {
+        self.touch.take().map_or(Ok(()), Touch::finish)
+    }
+}
+
+/// Angles, torques, and times if there are any.
+type Arrays = (BufWriter<File>, BufWriter<File>, Option<BufWriter<File>>);
+
+/// The arrays of one touch; their headers are put right at the end.
+struct Touch {
+    folder: PathBuf,
+    files: Option<Arrays>,
+    rows: usize,
+    joints: usize,
+}
+
+impl Touch {
+    fn sample(&mut self, sample: &Sample) -> io::Result<()> {
+        if self.files.is_none() {
+            self.joints = sample.q.len();
+            let make = |name: &str, shape: &[usize]| -> io::Result<BufWriter<File>> {
+                let mut file = BufWriter::new(File::create(self.folder.join(name))?);
+                write_header(&mut file, "<f8", shape)?;
+                Ok(file)
+            };
+            let table = [usize::MAX, self.joints]; // as wide as a number of rows can be
+            let time = sample.time_s.map(|_| make("time.npy", &[usize::MAX])).transpose()?;
+            self.files = Some((make("angles.npy", &table)?, make("torques.npy", &table)?, time));
+        }
+        let Some((angles, torques, time)) = &mut self.files else { return Ok(()) };
+        if sample.q.len() != self.joints || sample.tau.len() != self.joints {
+            return Err(unlike("joints"));
+        }
+        let put = |file: &mut BufWriter<File>, values: &[f64]| {
+            values.iter().try_for_each(|value| file.write_all(&value.to_le_bytes()))
+        };
+        put(angles, &sample.q)?;
+        put(torques, &sample.tau)?;
+        match (time, sample.time_s) {
+            (Some(file), Some(time_s)) => put(file, &[time_s])?,
+            (None, None) => {}
+            _ => return Err(unlike("time")),
+        }
+        self.rows += 1;
+        Ok(())
+    }
+
+    fn finish(self) -> io::Result<()> {
+        let Some((angles, torques, time)) = self.files else {
+            return fs::remove_dir(self.folder); // a touch without a sample is none
+        };
+        let table = [self.rows, self.joints];
+        let mut files = vec![(angles, &table[..]), (torques, &table)];
+        files.extend(time.map(|file| (file, &table[..1])));
+        for (mut file, shape) in files {
+            let mut reserved = Vec::new();
+            let widest = [&[usize::MAX][..], &shape[1..]].concat();
+            write_header(&mut reserved, "<f8", &widest)?;
+            let mut header = Vec::new();
+            write_header(&mut header, "<f8", shape)?;
+            // The text ends in blanks and a line end, of which it may have any number.
+            let end = header.pop().unwrap_or(b'\n');
+            header.resize(reserved.len() - 1, b' ');
+            header.push(end);
+            header[8..10].copy_from_slice(&reserved[8..10]);
+            file.seek(SeekFrom::Start(0))?;
+            file.write_all(&header)?;
+            file.flush()?;
+            file.get_ref().sync_all()?;
+        }
+        Ok(())
+    }
+}
+
+/// Names that differ.
+#[derive(Debug, Default)]
+struct Names {
+    given: Vec<String>,
+    taken: HashSet<String>,
+}
+
+impl Names {
+    fn start(&mut self, name: &str) {
+        let mut unique = name.to_owned();
+        let mut times = 1;
+        while !self.taken.insert(unique.clone()) {
+            times += 1;
+            unique = format!("{name}_{times}");
+        }
+        self.given.push(unique);
+    }
+
+    fn latest(&self) -> &str {
+        self.given.last().map_or("touch", String::as_str)
+    }
+}
+
+fn unlike(what: &str) -> io::Error {
+    let what = format!("a sample has not the same {what} as the first one");
+    io::Error::new(io::ErrorKind::InvalidData, what)
+}

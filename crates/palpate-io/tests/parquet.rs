@@ -1,0 +1,147 @@
+//! Parquet: lists as LeRobot has them, and a column a joint.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use std::fs::{self, File};
+use std::path::Path;
+use std::sync::Arc;
+
+use palpate_io::log::{self, Format, LogEvent, LogOptions, Sample};
+use parquet::data_type::{DoubleType, FloatType, Int64Type};
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::parser::parse_message_type;
+
+const LISTS: &str = "message schema {
+    optional group observation.state (LIST) { repeated group list { optional float element; } }
+    optional group observation.effort (LIST) { repeated group list { optional float element; } }
+    required int64 frame_index;
+    required float timestamp;
+    required int64 episode_index;
+}";
+
+/// So many frames of two joints, in row groups of four, in the episodes given.
+fn write_lists(path: &Path, episodes: &[i64]) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let schema = Arc::new(parse_message_type(LISTS).unwrap());
+    let properties = Arc::new(WriterProperties::builder().build());
+    let file = File::create(path).unwrap();
+    let mut writer = SerializedFileWriter::new(file, schema, properties).unwrap();
+    for (group, episodes) in episodes.chunks(4).enumerate() {
+        let mut rows = writer.next_row_group().unwrap();
+        let n = episodes.len();
+        let frames: Vec<i64> = (0..n as i64).map(|i| 4 * group as i64 + i).collect();
+        for scale in [1.0, 10.0] {
+            let values: Vec<f32> =
+                frames.iter().flat_map(|&i| [scale * i as f32, -scale]).collect();
+            let repeats: Vec<i16> = (0..2 * n).map(|i| (i % 2) as i16).collect();
+            let mut column = rows.next_column().unwrap().unwrap();
+            let typed = column.typed::<FloatType>();
+            typed.write_batch(&values, Some(&vec![3; 2 * n]), Some(&repeats)).unwrap();
+            column.close().unwrap();
+        }
+        let times: Vec<f32> = frames.iter().map(|&i| i as f32 / 4.0).collect();
+        for (place, numbers) in [&frames[..], &[], episodes].iter().enumerate() {
+            let mut column = rows.next_column().unwrap().unwrap();
+            if place == 1 {
+                column.typed::<FloatType>().write_batch(&times, None, None).unwrap();
+            } else {
+                column.typed::<Int64Type>().write_batch(numbers, None, None).unwrap();
+            }
+            column.close().unwrap();
+        }
+        rows.close().unwrap();
+    }
+    writer.close().unwrap();
+}
+
+/// A table of doubles.
+fn write_columns(path: &Path, columns: &[(&str, &[f64])]) {
+    let fields: String =
+        columns.iter().map(|(name, _)| format!("required double {name};")).collect();
+    let schema = parse_message_type(&format!("message schema {{ {fields} }}")).unwrap();
+    let properties = Arc::new(WriterProperties::builder().build());
+    let file = File::create(path).unwrap();
+    let mut writer = SerializedFileWriter::new(file, Arc::new(schema), properties).unwrap();
+    let mut rows = writer.next_row_group().unwrap();
+    for (_, values) in columns {
+        let mut column = rows.next_column().unwrap().unwrap();
+        column.typed::<DoubleType>().write_batch(values, None, None).unwrap();
+        column.close().unwrap();
+    }
+    rows.close().unwrap();
+    writer.close().unwrap();
+}
+
+fn read(path: &Path) -> Result<Vec<LogEvent>, String> {
+    let log = log::open(path, &LogOptions::default()).map_err(|error| error.to_string())?;
+    log.collect::<Result<_, _>>().map_err(|error| error.to_string())
+}
+
+#[track_caller]
+fn refused(path: &Path, words: &[&str]) {
+    let error = read(path).expect_err("it must be refused");
+    for word in words {
+        assert!(error.contains(word), "`{word}` is not in: {error}");
+    }
+}
+
+#[test]
+fn a_data_set_of_lerobot_is_a_touch_an_episode() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    write_lists(&data.join("chunk-000/file-000.parquet"), &[0, 0, 0, 1, 1, 1, 1, 1, 1]);
+    write_lists(&data.join("chunk-000/file-001.parquet"), &[2, 2]);
+    let description = log::open(folder.path(), &LogOptions::default()).unwrap().describe();
+    assert_eq!((description.format, description.samples), (Format::Parquet, Some(11)));
+
+    let events = read(folder.path()).unwrap();
+    let mut expected = Vec::new();
+    for (episode, frames) in [(0, 0..3), (1, 3..9), (2, 0..2)] {
+        let name = format!("episode_{episode}");
+        expected.push(LogEvent::TouchStarts { name, joint_names: None });
+        expected.extend(frames.map(|i| {
+            let x = f64::from(i);
+            let (q, tau) = (vec![x, -1.0], vec![10.0 * x, -10.0]);
+            LogEvent::Sample(Sample { time_s: Some(x / 4.0), q, tau })
+        }));
+    }
+    assert_eq!(events, expected);
+}
+
+#[test]
+fn columns_are_recognised_as_in_a_table_and_a_file_is_a_touch() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("push.parquet");
+    let time = [0.0, 0.5];
+    let columns: [(&str, &[f64]); 4] = [
+        ("elbow_effort", &[3.0, 4.0]),
+        ("extra", &time),
+        ("elbow_position", &[1.0, 2.0]),
+        ("t", &time),
+    ];
+    write_columns(&path, &columns);
+    let events = read(&path).unwrap();
+    let joint_names = Some(vec!["elbow".to_owned()]);
+    let name = "push".to_owned();
+    assert_eq!(events[0], LogEvent::TouchStarts { name, joint_names });
+    let last = Sample { time_s: Some(0.5), q: vec![2.0], tau: vec![4.0] };
+    assert_eq!((&events[2], events.len()), (&LogEvent::Sample(last), 3));
+}
+
+#[test]
+fn what_cannot_be_used_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_columns(&at("a.parquet"), &[("q1", &[0.0]), ("speed", &[0.0])]);
+    refused(&at("a.parquet"), &["a.parquet", "like a joint torque", "`q1`, `speed`"]);
+    write_columns(&at("b.parquet"), &[("q1", &[0.0, f64::NAN]), ("tau1", &[0.0, 0.0])]);
+    refused(&at("b.parquet"), &["row 1", "`q1`", "finite"]);
+    write_columns(&at("c.parquet"), &[("observation.state", &[0.0])]);
+    refused(&at("c.parquet"), &["no column holds torques", "observation.effort"]);
+    write_lists(&at("d.parquet"), &[0, 1, 0]);
+    refused(&at("d.parquet"), &["goes back to touch `episode_0`"]);
+
+    let bytes = fs::read(at("d.parquet")).unwrap();
+    fs::write(at("e.parquet"), &bytes[..bytes.len() - 20]).unwrap();
+    refused(&at("e.parquet"), &["e.parquet", "broken"]);
+}
