@@ -174,7 +174,7 @@ class Ears(threading.Thread):
             self.stops.append((now_ns(), message.data))
 
 
-def spoil(state, number, broken):
+def spoil(state, before, number, broken):
     """Every fiftieth joint state as a broken robot would send it."""
     if broken and number % 50 == 7:
         if broken == "nan":
@@ -183,16 +183,16 @@ def spoil(state, number, broken):
             state.effort = []
         elif broken == "names":
             state.name = [name.lower() for name in JOINTS]
-        elif broken == "clock":
+        elif broken == "clock" and number == 107:
             state.header.stamp.sec -= 100
         elif broken == "still":
-            state.header.stamp = Time(1, 1)
+            state.header.stamp = before
     return state
 
 
 def play(writer, q, tau, rate, seconds, broken):
     """Sends frames at a steady rate; returns how many."""
-    start, sent = time.perf_counter(), 0
+    start, sent, before = time.perf_counter(), 0, Time(0, 1)
     while sent < rate * seconds:
         due = start + sent / rate
         while (left := due - time.perf_counter()) > 0:
@@ -201,7 +201,8 @@ def play(writer, q, tau, rate, seconds, broken):
         stamp_ns, at = now_ns(), sent % len(q)
         header = Header(Time(stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000), "base_link")
         state = JointState(header, list(JOINTS), q[at], [], tau[at])
-        writer.write(spoil(state, sent, broken))
+        writer.write(spoil(state, before, sent, broken))
+        before = state.header.stamp
         sent += 1
     return sent
 

@@ -108,7 +108,7 @@ fn heard(command: &mut Command) -> Value {
 #[test]
 fn a_robot_hears_every_topic_and_no_sample_is_lost() {
     let domain = domain();
-    let mut live = Live::start(&domain, &["--guard", "3", "--checkpoint", "1"]);
+    let mut live = Live::start(&domain, &["--guard", "1", "--checkpoint", "1"]);
     let robot = heard(&mut robot(&domain, &["--rate", "100", "--seconds", "9"]));
     let end = live.end();
     let figures = &end["figures"];
@@ -134,6 +134,7 @@ fn a_broken_stream_is_told_of_and_the_rest_is_mapped() {
         ("effort", "length", "0 efforts for 7 joints"),
         ("names", "joints", "the robot's joint `Actuator1` is not in the log"),
         ("still", "duplicate", "each moment counts once"),
+        ("clock", "", "the clock was set back; waiting for the arm to pause"),
     ] {
         let domain = domain();
         let mut live = Live::start(&domain, &[]);
@@ -144,10 +145,10 @@ fn a_broken_stream_is_told_of_and_the_rest_is_mapped() {
         let (end, told) = (live.end(), live.told());
         assert!(told.contains(words), "{broken}: {told}");
         let figures = &end["figures"];
-        if broken != "still" {
+        assert!(figures["mapped"].as_u64() > Some(100), "{figures}");
+        if broken != "clock" {
             let refused = figures["refused"][reason].as_u64().unwrap();
             assert!(refused >= robot["sent"].as_u64().unwrap() / 50, "{figures}");
-            assert!(figures["mapped"].as_u64() > Some(100), "{figures}");
         }
     }
 }
@@ -228,8 +229,7 @@ fn however_it_is_killed_it_goes_on_from_a_whole_checkpoint() {
         let field = live.path("field.npz");
         let report = succeed(palpate().arg("inspect").arg(&field).arg("--json"));
         let report: Value = serde_json::from_str(&report).unwrap();
-        let now = report["cells"].as_u64().or(report["field"]["cells"].as_u64());
-        let now = now.unwrap_or_else(|| panic!("{report}"));
+        let now = report["paths"][0]["cells"].as_u64().unwrap_or_else(|| panic!("{report}"));
         assert!(now >= cells && now > 0, "round {round}: {now} cells after {cells}");
         cells = now;
         let kept = tempfile::tempdir().unwrap();

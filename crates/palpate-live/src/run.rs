@@ -63,6 +63,8 @@ const DIAGNOSTICS: Duration = Duration::from_secs(1);
 /// Between two clouds of contacts, and two of the field.
 const CONTACTS: Duration = Duration::from_millis(100);
 const FIELD: Duration = Duration::from_secs(1);
+/// Samples that wait while clouds are still made.
+const BACKLOG: usize = 4;
 /// News that may wait.
 const NEWS: usize = 64;
 
@@ -365,17 +367,8 @@ impl Mapping<'_> {
             checkpoints.tick(|| crate::checkpoint::saved(session.mapper(), session.replays()));
         }
         // Whatever is late is later still if clouds are made meanwhile.
-        if shared.samples.len() > 4 {
-            return;
-        }
-        if due(&mut self.timers.contacts, CONTACTS) && session.state() == State::Mapping {
-            shared.outbox.contacts(cloud::contacts(session.mapper(), &self.header));
-        }
-        if due(&mut self.timers.field, FIELD)
-            && session.state() == State::Mapping
-            && let Some(near) = cloud::field_near_contacts(session.mapper(), &self.header)
-        {
-            shared.outbox.field(near);
+        if shared.samples.len() <= BACKLOG && session.state() == State::Mapping {
+            self.clouds();
         }
         if due(&mut self.timers.figures, FIGURES) {
             let figures = self.figures();
@@ -388,6 +381,19 @@ impl Mapping<'_> {
                 shared.outbox.diagnostics(diagnostics::of(&figures, robot, header));
             }
             shared.news.push(News::Figures(Box::new(figures)));
+        }
+    }
+
+    /// What is touched now, and the field near it.
+    fn clouds(&mut self) {
+        let (outbox, mapper) = (&self.shared.outbox, self.session.mapper());
+        if due(&mut self.timers.contacts, CONTACTS) {
+            outbox.contacts(cloud::contacts(mapper, &self.header));
+        }
+        if due(&mut self.timers.field, FIELD)
+            && let Some(near) = cloud::field_near_contacts(mapper, &self.header)
+        {
+            outbox.field(near);
         }
     }
 
