@@ -37,6 +37,12 @@ fn touches(count: usize) -> Vec<Vec<Sample>> {
     touches
 }
 
+/// A touch without the pause at its end, in which a session begins the next one.
+fn without_last_pause(touch: &[Sample]) -> &[Sample] {
+    let last = touch.array_windows().rposition(|[a, b]| a.q != b.q).unwrap();
+    &touch[..=last]
+}
+
 /// A mapper that makes no replays of its own.
 fn mapper(arm: &Arc<Arm>) -> Mapper {
     let mut config = Config::of(Method::Map);
@@ -55,6 +61,7 @@ fn play(session: &mut Session, samples: &[Sample]) -> Vec<Told> {
 #[test]
 fn what_is_learnt_live_is_what_a_log_of_the_same_touches_teaches() {
     let (arm, touches) = (arm(), touches(2));
+    let touches: Vec<&[Sample]> = touches.iter().map(|touch| without_last_pause(touch)).collect();
     let mut live = session(&arm, 0, None);
     let told: Vec<Told> = touches.iter().flat_map(|touch| play(&mut live, touch)).collect();
     live.finish();
@@ -64,10 +71,10 @@ fn what_is_learnt_live_is_what_a_log_of_the_same_touches_teaches() {
         touch.iter().for_each(|sample| drop(from_log.step(sample).unwrap()));
         from_log.end_touch().unwrap();
     }
-    assert_eq!(live.mapper().field(), from_log.field());
+    assert!(live.mapper().field() == from_log.field());
     assert!(told.iter().all(|told| told.fault.is_none()));
-    // One at the start, one where the arm is suddenly elsewhere, one at the end of each touch.
-    assert_eq!(told.iter().filter(|told| told.begins).count(), 4);
+    // One in the first pause, one where the arm is suddenly elsewhere.
+    assert_eq!(told.iter().filter(|told| told.begins).count(), 2);
 }
 
 #[test]
@@ -129,7 +136,7 @@ fn a_session_goes_on_from_what_another_has_saved() {
     let resumed = Mapper::resume(Arc::clone(&arm), snapshot).unwrap();
     let mut second = Session::new(resumed, idle::Config::default(), 0, None).unwrap();
     assert_eq!(second.state(), State::Waiting);
-    assert_eq!(second.mapper().field(), first.mapper().field());
+    assert!(second.mapper().field() == first.mapper().field());
     let told = play(&mut second, &touches[1]);
     assert!(told.iter().any(|told| told.torques.is_some()));
     assert!(second.mapper().n_cells() > first.mapper().n_cells());
