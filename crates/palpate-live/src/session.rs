@@ -4,7 +4,8 @@
 //! says so; until then, nothing is learnt. A sample that cannot be used is told once a reason and
 //! left out. If a touch can no longer be followed (it began without a pause, say), it ends, and the
 //! next pause begins another: nothing that was learnt is lost. An arm that is suddenly elsewhere,
-//! faster than its joints can turn, has begun another recording: a touch begins there.
+//! faster than its joints can turn or after a silence, has begun another recording: a touch begins
+//! there.
 //!
 //! Replays do not belong to a step here: [`Session::spare`] makes one at a time, for as long as
 //! there is nothing better to do, and at most as many as the settings say.
@@ -25,6 +26,8 @@ const TARE_SAMPLES: usize = 100;
 /// far, rad or m: logs are played faster than they were recorded.
 const TOO_FAST: f64 = 4.0;
 const LEAST_JUMP: f64 = 0.2;
+/// Nobody knows which way an arm has gone that was not heard of for so long, s.
+const GAP_S: f64 = 1.0;
 /// Speed of a joint of which the URDF says none, rad/s or m/s.
 const FASTEST: f64 = 3.0;
 
@@ -112,7 +115,7 @@ impl Session {
         told
     }
 
-    /// Whether no joint of the arm can have come so far since the last sample.
+    /// Whether the arm is elsewhere than at the last sample, on a way that nobody saw.
     fn has_jumped(&self, sample: &Sample) -> bool {
         let Some(last) = &self.last else { return false };
         let elapsed_s = match (last.time_s, sample.time_s) {
@@ -123,7 +126,8 @@ impl Session {
         let ways = robot.difference(&last.q, &sample.q);
         robot.joints().iter().zip(ways).any(|(joint, way)| {
             let fastest = joint.velocity.filter(|speed| *speed > 0.0).unwrap_or(FASTEST);
-            way.abs() > LEAST_JUMP.max(TOO_FAST * fastest * elapsed_s)
+            let unseen = elapsed_s > GAP_S || way.abs() > TOO_FAST * fastest * elapsed_s;
+            unseen && way.abs() > LEAST_JUMP
         })
     }
 
