@@ -39,8 +39,9 @@ fn touches(count: usize) -> Vec<Vec<Sample>> {
 
 /// A touch without the pause at its end, in which a session begins the next one.
 fn without_last_pause(touch: &[Sample]) -> &[Sample] {
-    let last = touch.array_windows().rposition(|[a, b]| a.q != b.q).unwrap();
-    &touch[..=last]
+    let end = &touch.last().unwrap().q;
+    let far = |q: &[f64]| q.iter().zip(end).any(|(q, end)| (q - end).abs() > 0.002);
+    &touch[..=touch.iter().rposition(|sample| far(&sample.q)).unwrap()]
 }
 
 /// A mapper that makes no replays of its own.
