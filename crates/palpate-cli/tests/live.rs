@@ -101,6 +101,22 @@ impl Drop for Live {
     }
 }
 
+/// A robot that plays while a test goes on, and stops with it.
+struct Playing(Child);
+
+impl Playing {
+    fn start(mut robot: Command) -> Self {
+        Self(robot.stdout(Stdio::null()).spawn().unwrap())
+    }
+}
+
+impl Drop for Playing {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 fn heard(command: &mut Command) -> Value {
     serde_json::from_str(&succeed(command)).unwrap()
 }
@@ -157,11 +173,9 @@ fn a_broken_stream_is_told_of_and_the_rest_is_mapped() {
 fn a_topic_of_another_type_and_a_field_that_is_there_are_told() {
     let domain = domain();
     let live = Live::start(&domain, &["--joint-states", "/joints"]);
-    let mut robot =
-        robot(&domain, &["--rate", "20", "--seconds", "5"]).stdout(Stdio::null()).spawn().unwrap();
+    let _robot = Playing::start(robot(&domain, &["--rate", "20", "--seconds", "60"]));
     live.wait_for("nobody publishes `/joints`");
     live.wait_for("there are /joint_states (sensor_msgs/msg/JointState)");
-    robot.wait().unwrap();
 
     let folder = tempfile::tempdir().unwrap();
     let field = folder.path().join("field.npz");
@@ -179,10 +193,7 @@ fn whoever_asks_is_answered_while_it_maps() {
     let folder = tempfile::tempdir().unwrap();
     let socket = folder.path().join("ask");
     let live = Live::start(&domain, &["--ask", socket.to_str().unwrap()]);
-    let mut robot = robot(&domain, &["--rate", "100", "--seconds", "12"])
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
+    let _robot = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "12"]));
     live.wait_for("\"state\":\"mapping\"");
     let mut stream = BufReader::new(UnixStream::connect(&socket).unwrap());
     let mut ask = |line: String| -> Value {
@@ -205,24 +216,20 @@ fn whoever_asks_is_answered_while_it_maps() {
     );
     assert_eq!(ask("{\"tare\": true}\n".to_owned())["taring"], true);
     live.wait_for("taring as asked");
-    robot.wait().unwrap();
 }
 
 #[test]
 fn however_it_is_killed_it_goes_on_from_a_whole_checkpoint() {
     let domain = domain();
     let mut folder = tempfile::tempdir().unwrap();
-    let mut robot = robot(&domain, &["--rate", "100", "--seconds", "600"])
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
+    let _robot = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "600"]));
     let mut cells = 0;
     for round in 0..20_u64 {
         let arguments = ["--resume", "--checkpoint", "0.3", "--replays", "2"];
         let mut live = Live::start_in(folder, &domain, &arguments);
-        live.wait_for("\"state\":\"");
+        live.wait_for(if round == 0 { "\"state\":\"mapping\"" } else { "\"state\":\"" });
         // Moments without a pattern, the first of them late enough for a checkpoint.
-        let after_ms = if round == 0 { 6000 } else { 100 + (round * 7919) % 700 };
+        let after_ms = if round == 0 { 3000 } else { 100 + (round * 7919) % 700 };
         thread::sleep(Duration::from_millis(after_ms));
         live.kill("-KILL");
         live.child.wait().unwrap();
@@ -238,6 +245,4 @@ fn however_it_is_killed_it_goes_on_from_a_whole_checkpoint() {
         assert!(leftovers.len() <= 4, "{leftovers:?}");
         folder = kept;
     }
-    robot.kill().unwrap();
-    robot.wait().unwrap();
 }
