@@ -56,9 +56,9 @@ pub struct Figures {
     pub avg_error: Option<f64>,
     /// The same of predicting zero.
     pub zero_avg_error: Option<f64>,
-    /// Norms of τ_ext and τ̂ now, N·m.
+    /// Norm of τ_ext now, N·m.
     pub external_n_m: Option<f64>,
-    #[allow(missing_docs)]
+    /// Norm of τ̂ now, N·m.
     pub predicted_n_m: Option<f64>,
     /// Whether the guard's flag is up.
     pub stopped: bool,

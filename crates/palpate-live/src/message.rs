@@ -3,7 +3,6 @@
 //! Serialized by ros2-client as CDR. Only what is read or written here; arrays that palpate does
 //! not look at are still there, since CDR has no names to skip by.
 
-use palpate::touch::Sample;
 use ros2_client::Message;
 use serde::{Deserialize, Serialize};
 
@@ -54,12 +53,6 @@ impl JointState {
     /// Torques of joints at the time of a sample.
     pub fn of_torques(header: Header, names: &[String], effort: Vec<f64>) -> Self {
         Self { header, name: names.to_vec(), effort, ..Self::default() }
-    }
-
-    /// A sample as a robot would have said it.
-    pub fn of_sample(header: Header, names: &[String], sample: &Sample) -> Self {
-        let (position, effort) = (sample.q.clone(), sample.tau.clone());
-        Self { header, name: names.to_vec(), position, effort, velocity: Vec::new() }
     }
 }
 

@@ -12,13 +12,14 @@
 //! time until the next sample; when samples come faster than it can follow, it makes none.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, bounded};
 
 use crate::ask::{AskSocket, Request};
-use crate::checkpoint::{CheckpointConfig, Checkpoints, Written};
+use crate::checkpoint::{self, CheckpointConfig, Checkpoints, Written};
 use crate::cloud;
 use crate::diagnostics;
 use crate::figures::{Figures, Tally};
@@ -165,7 +166,8 @@ struct Shared {
     outbox: Outbox,
     news: Inbox<News>,
     published: Inbox<Duration>,
-    counts: std::sync::Mutex<(u64, u64)>,
+    /// Messages that came, and those that never did.
+    counts: Mutex<(u64, u64)>,
     tare: AtomicBool,
     stopping: AtomicBool,
     written: Written,
@@ -184,7 +186,7 @@ impl Shared {
             outbox: Outbox::default(),
             news: Inbox::new(NEWS),
             published: Inbox::new(queue),
-            counts: std::sync::Mutex::default(),
+            counts: Mutex::default(),
             tare: AtomicBool::new(false),
             stopping: AtomicBool::new(false),
             written: Written::default(),
@@ -199,8 +201,8 @@ impl Shared {
         self.news.push(News::Note(note));
     }
 
-    fn counts(&self) -> std::sync::MutexGuard<'_, (u64, u64)> {
-        self.counts.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    fn counts(&self) -> MutexGuard<'_, (u64, u64)> {
+        self.counts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -364,7 +366,7 @@ impl Mapping<'_> {
             self.tally.published(latency);
         }
         if let Some(checkpoints) = &mut self.checkpoints {
-            checkpoints.tick(|| crate::checkpoint::saved(session.mapper(), session.replays()));
+            checkpoints.tick(|| checkpoint::saved(session.mapper(), session.replays()));
         }
         // Whatever is late is later still if clouds are made meanwhile.
         if shared.samples.len() <= BACKLOG && session.state() == State::Mapping {

@@ -118,7 +118,7 @@ fn view(figures: &Figures) -> String {
     );
     [
         format!(
-            "{:<9} {rate_hz:.0} Hz, latency {:.2} ms (99 of 100 within {:.2}), step {:.2} ms, \
+            "{}, {rate_hz:.0} Hz, latency {:.2} ms (99 of 100 within {:.2}), step {:.2} ms, \
              {replays:.1} replays a sample",
             state(figures),
             latency_ms.median,
