@@ -35,7 +35,7 @@ const NUMBERS: [&str; 26] = [
     "ns_per_visit",
     "floor_ratio",
     "floor.bandwidth_gb_per_s",
-    "floor.gflop_per_s",
+    "floor.goperations_per_s",
     "floor.ns_per_visit",
     "floor.frame_only_ns_per_visit",
     "floor.arithmetic_ns_per_visit",

@@ -234,7 +234,7 @@ impl Estimator for EkfEstimator {
         for _ in 0..visits {
             let Some(index) = self.memory.draw() else { break };
             let observation = &self.memory.frames()[index].observation;
-            observation.fetch();
+            observation.ahead().finish();
             // A frame that was fused once can be fused again, so this does not fail in practice.
             if self.belief.update(observation).is_err() {
                 break;

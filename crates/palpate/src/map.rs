@@ -45,7 +45,7 @@ use crate::estimator::{
     innovation_inverse, padded, shrunk,
 };
 use crate::replay::Memory;
-use crate::torque::{Cell, Observation, Stiffness};
+use crate::torque::{Ahead, Cell, Observation, Stiffness};
 
 /// A remembered frame with its multiplier.
 #[derive(Debug, Clone)]
@@ -98,8 +98,9 @@ impl Belief {
     }
 
     /// `τ − H K − R α` of a frame.
-    fn residual(&self, frame: &Frame) -> DVector<f64> {
-        let mut residual = self.predict(&frame.observation);
+    fn residual(&self, frame: &Frame, ahead: &mut Ahead<'_>) -> DVector<f64> {
+        let observation = &frame.observation;
+        let mut residual = observation.predict_beside(ahead, &self.cells, Stiffness::Positive);
         let tau = frame.observation.tau();
         let known = tau.iter().zip(frame.alpha()).zip(&self.torque_variance);
         for (r, ((tau, alpha), variance)) in residual.iter_mut().zip(known) {
@@ -109,9 +110,9 @@ impl Belief {
     }
 
     /// Solves one frame's own condition; returns r·d, by how much it contradicted the belief in
-    /// units of what noise does.
-    fn visit(&mut self, frame: &mut Frame) -> f64 {
-        let residual = self.residual(frame);
+    /// units of what noise does. Brings the next frame closer meanwhile.
+    fn visit(&mut self, frame: &mut Frame, mut ahead: Ahead<'_>) -> f64 {
+        let residual = self.residual(frame, &mut ahead);
         let n_joints = residual.len();
         let (alpha, gain) = frame.observation.notes_mut().split_at_mut(n_joints);
         let mut d = DVector::zeros(n_joints);
@@ -119,14 +120,15 @@ impl Belief {
             d.iter_mut().zip(column).for_each(|(d, gain)| *d += gain * r);
         }
         alpha.iter_mut().zip(&d).for_each(|(alpha, d)| *alpha += d);
-        self.add(&frame.observation, d.as_slice());
+        self.add(&frame.observation, d.as_slice(), &mut ahead);
+        ahead.finish();
         residual.dot(&d)
     }
 
     /// `z += S₀Hᵀ d`.
-    fn add(&mut self, observation: &Observation, d: &[f64]) {
-        let s0 = self.prior_variance;
-        observation.spread(&mut self.cells, d, |cell, _, value| *cell.unknown_mut() += s0 * value);
+    fn add(&mut self, observation: &Observation, d: &[f64], ahead: &mut Ahead<'_>) {
+        let scaled: Vec<f64> = d.iter().map(|d| self.prior_variance * d).collect();
+        observation.add(ahead, &mut self.cells, &scaled);
     }
 
     /// Gives rows that are new their prior.
@@ -218,14 +220,14 @@ impl MapEstimator {
         };
         let frame = self.memory.remove(index);
         let taken_back: Vec<f64> = frame.alpha().iter().map(|alpha| -alpha).collect();
-        self.belief.add(&frame.observation, &taken_back);
+        self.belief.add(&frame.observation, &taken_back, &mut Ahead::nothing());
         true
     }
 
     /// The largest violation of `R α = τ − H K` over the remembered frames, N·m: zero at the
     /// optimum.
     pub fn kkt_residual(&self) -> f64 {
-        let residual = |frame: &Frame| self.belief.residual(frame).amax();
+        let residual = |frame: &Frame| self.belief.residual(frame, &mut Ahead::nothing()).amax();
         self.memory.frames().iter().map(residual).fold(0.0, f64::max)
     }
 
@@ -245,13 +247,11 @@ impl MapEstimator {
         ])
     }
 
-    /// Draws the frame of a visit, and asks memory for it while the one before is at work.
+    /// Draws the frame of a visit.
     ///
     /// Chance sees to it that every frame comes back; between, those that contradict most.
-    fn draw_ahead(&mut self, visit: u32) -> Option<usize> {
-        let index = self.memory.draw_best(if visit.is_multiple_of(2) { 1 } else { TRIES })?;
-        self.memory.frames()[index].observation.fetch();
-        Some(index)
+    fn draw(&mut self, visit: u32) -> Option<usize> {
+        self.memory.draw_best(if visit.is_multiple_of(2) { 1 } else { TRIES })
     }
 
     /// Remembers a frame and by how much it contradicted the belief; whoever leaves for it is
@@ -302,7 +302,7 @@ impl Estimator for MapEstimator {
         observation.quadratic(&self.belief.cells, &shrinkage, |row, value| {
             variance[row] = shrunk(variance[row], value);
         });
-        self.belief.add(&observation, alpha.as_slice());
+        self.belief.add(&observation, alpha.as_slice(), &mut Ahead::nothing());
         let contradiction = (observation.tau() - &predicted).dot(&alpha);
         self.remember(Frame::new(observation, source, alpha.as_slice(), &gain), contradiction);
         Ok(predicted)
@@ -314,13 +314,17 @@ impl Estimator for MapEstimator {
 
     fn replay(&mut self, visits: u32) -> Replayed {
         let mut replayed = Replayed::default();
-        let mut next = self.draw_ahead(0);
+        let mut next = self.draw(0);
         for visit in 0..visits {
             let Some(index) = next else { break };
-            next = if visit + 1 < visits { self.draw_ahead(visit + 1) } else { None };
-            let frame = &mut self.memory.frames_mut()[index];
-            replayed.add(&frame.observation);
-            let contradiction = self.belief.visit(frame);
+            next = if visit + 1 < visits { self.draw(visit + 1) } else { None };
+            let frames = self.memory.frames_mut();
+            let pair = next.and_then(|next| frames.get_disjoint_mut([index, next]).ok());
+            let contradiction = match pair {
+                Some([frame, next]) => self.belief.visit(frame, next.observation.ahead()),
+                None => self.belief.visit(&mut frames[index], Ahead::nothing()),
+            };
+            replayed.add(&self.memory.frames()[index].observation);
             self.memory.set_score(index, contradiction);
         }
         replayed

@@ -3,7 +3,7 @@
 use palpate::estimator::Method;
 use serde::{Deserialize, Serialize};
 
-use super::floor::{Floor, VISIT_BYTES, VISIT_FLOP};
+use super::floor::{Floor, VISIT_BYTES, VISIT_OPERATIONS};
 use super::parts::Times;
 use super::whole::Measured;
 use super::{Bench, Logs};
@@ -182,8 +182,8 @@ impl Figures {
             (
                 "the least that arithmetic allows",
                 format!(
-                    "{:.2} ns: {VISIT_FLOP} operations at {:.1} Gflop/s",
-                    floor.arithmetic_ns_per_visit, floor.gflop_per_s
+                    "{:.2} ns: {VISIT_OPERATIONS} operations at {:.1} billion a second",
+                    floor.arithmetic_ns_per_visit, floor.goperations_per_s
                 ),
             ),
         ]

@@ -1,8 +1,8 @@
 //! Sums over the contacts of a link, four contacts at a time.
 //!
 //! Contact `i` of a run belongs to lane `i mod 4`, and lanes are added up in a fixed order: the
-//! result has the same bits on every machine. Where there is AVX2, four lanes are one register,
-//! and a visit takes half the time. The module knows neither joints nor links; [`super`] turns
+//! result has the same bits on every machine; so a product and its sum are rounded once, everywhere.
+//! Where there is AVX2, four lanes are one register, and a visit takes half the time. The module knows neither joints nor links; [`super`] turns
 //! wrenches into torques.
 //!
 //! The loops are written out because what a closure computes is not compiled for the registers of
@@ -10,7 +10,7 @@
 
 use pulp::{Scalar256b, Simd, f32x4, f64x4};
 
-use super::{Block, Cell, LANES, Stiffness, rows_of};
+use super::{Ahead, Block, Cell, LANES, Stiffness, rows_of};
 
 /// Registers of four lanes.
 pub(super) trait Quads: Simd<f64s = f64x4> {
@@ -90,25 +90,38 @@ impl Registers {
         }
     }
 
-    /// Runs a sum over so many contacts.
+    /// Runs a sum over so many contacts, and asks for what comes next meanwhile.
     #[inline]
-    pub(super) fn run<T: Sum>(self, blocks: &[Block], n_contacts: usize, sum: T) -> T::Output {
+    pub(super) fn run<T: Sum>(
+        self,
+        blocks: &[Block],
+        n_contacts: usize,
+        ahead: &mut Ahead<'_>,
+        sum: T,
+    ) -> T::Output {
         #[cfg(target_arch = "x86_64")]
         if let Some(simd) = self.avx2 {
             return simd.vectorize(
                 #[inline(always)]
-                || run_on(simd, blocks, n_contacts, sum),
+                || run_on(simd, blocks, n_contacts, ahead, sum),
             );
         }
-        run_on(Scalar256b, blocks, n_contacts, sum)
+        run_on(Scalar256b, blocks, n_contacts, ahead, sum)
     }
 }
 
 /// Adds all contacts; the last block may be filled only in part.
 #[inline(always)]
-fn run_on<S: Quads, T: Sum>(simd: S, blocks: &[Block], n_contacts: usize, mut sum: T) -> T::Output {
+fn run_on<S: Quads, T: Sum>(
+    simd: S,
+    blocks: &[Block],
+    n_contacts: usize,
+    ahead: &mut Ahead<'_>,
+    mut sum: T,
+) -> T::Output {
     let (full, rest) = blocks.split_at(n_contacts / LANES);
     for block in full {
+        ahead.ask();
         sum.add(simd, block, LANES);
     }
     if let Some(block) = rest.first() {
@@ -154,7 +167,13 @@ impl Quad {
 /// `a b − c d`, lane by lane.
 #[inline(always)]
 fn cross<S: Quads>(simd: S, a: f64x4, b: f64x4, c: f64x4, d: f64x4) -> f64x4 {
-    simd.sub_f64s(simd.mul_f64s(a, b), simd.mul_f64s(c, d))
+    simd.negate_mul_add_f64s(c, d, simd.mul_f64s(a, b))
+}
+
+/// `e + a b − c d`, lane by lane.
+#[inline(always)]
+fn add_cross<S: Quads>(simd: S, e: f64x4, [a, b, c, d]: [f64x4; 4]) -> f64x4 {
+    simd.negate_mul_add_f64s(c, d, simd.mul_add_f64s(a, b, e))
 }
 
 /// The lanes of a sum, added up.
@@ -185,9 +204,9 @@ impl Sum for Wrench<'_> {
         sums[0] = simd.sub_f64s(sums[0], x);
         sums[1] = simd.sub_f64s(sums[1], y);
         sums[2] = simd.sub_f64s(sums[2], z);
-        sums[3] = simd.add_f64s(sums[3], cross(simd, pz, y, py, z));
-        sums[4] = simd.add_f64s(sums[4], cross(simd, px, z, pz, x));
-        sums[5] = simd.add_f64s(sums[5], cross(simd, py, x, px, y));
+        sums[3] = add_cross(simd, sums[3], [pz, y, py, z]);
+        sums[4] = add_cross(simd, sums[4], [px, z, pz, x]);
+        sums[5] = add_cross(simd, sums[5], [py, x, px, y]);
     }
 
     #[inline(always)]
@@ -196,11 +215,28 @@ impl Sum for Wrench<'_> {
     }
 }
 
-/// `wᵢ·d = −uᵢ·v(pᵢ)` of every contact, where the joint speeds d move the link by `twist`: the
-/// velocity of what passes the world's origin, and the angular one.
+/// Joint speeds as they move a link: the velocity of what passes the world's origin, and the angular
+/// one.
+pub(super) struct Twist(pub(super) [f64; 6]);
+
+impl Twist {
+    /// `u·v(p)`, contact by contact.
+    #[inline(always)]
+    fn along<S: Quads>(&self, simd: S, quad: &Quad) -> f64x4 {
+        let [lx, ly, lz, ax, ay, az] = self.0;
+        let (lx, ly, lz) = (simd.splat_f64s(lx), simd.splat_f64s(ly), simd.splat_f64s(lz));
+        let (ax, ay, az) = (simd.splat_f64s(ax), simd.splat_f64s(ay), simd.splat_f64s(az));
+        let ([ux, uy, uz], [px, py, pz]) = (quad.u, quad.p);
+        let x = simd.mul_f64s(ux, add_cross(simd, lx, [ay, pz, az, py]));
+        let xy = simd.mul_add_f64s(uy, add_cross(simd, ly, [az, px, ax, pz]), x);
+        simd.mul_add_f64s(uz, add_cross(simd, lz, [ax, py, ay, px]), xy)
+    }
+}
+
+/// `wᵢ·d = −uᵢ·v(pᵢ)` of every contact, where the joint speeds d move the link by `twist`.
 pub(super) struct Spread<'a, T> {
     pub(super) cells: &'a mut [Cell],
-    pub(super) twist: [f64; 6],
+    pub(super) twist: Twist,
     /// Gets a row's cell, the row and its value.
     pub(super) take: T,
 }
@@ -210,16 +246,30 @@ impl<T: FnMut(&mut Cell, usize, f64)> Sum for Spread<'_, T> {
 
     #[inline(always)]
     fn add<S: Quads>(&mut self, simd: S, block: &Block, count: usize) {
-        let [lx, ly, lz, ax, ay, az] = self.twist;
-        let (lx, ly, lz) = (simd.splat_f64s(lx), simd.splat_f64s(ly), simd.splat_f64s(lz));
-        let (ax, ay, az) = (simd.splat_f64s(ax), simd.splat_f64s(ay), simd.splat_f64s(az));
-        let Quad { u: [ux, uy, uz], p: [px, py, pz], .. } = Quad::new(simd, block, self.cells);
-        let x = simd.mul_f64s(ux, simd.add_f64s(lx, cross(simd, ay, pz, az, py)));
-        let y = simd.mul_f64s(uy, simd.add_f64s(ly, cross(simd, az, px, ax, pz)));
-        let z = simd.mul_f64s(uz, simd.add_f64s(lz, cross(simd, ax, py, ay, px)));
-        let f64x4(a, b, c, d) = simd.add_f64s(simd.add_f64s(x, y), z);
+        let f64x4(a, b, c, d) = self.twist.along(simd, &Quad::new(simd, block, self.cells));
         for (row, value) in rows_of(block, count).zip([a, b, c, d]) {
             (self.take)(&mut self.cells[row], row, -value);
+        }
+    }
+
+    fn finish(self) {}
+}
+
+/// Adds `wᵢ·d` to what is unknown of every cell: [`Spread`] where nothing else is to be done.
+pub(super) struct Add<'a> {
+    pub(super) cells: &'a mut [Cell],
+    pub(super) twist: Twist,
+}
+
+impl Sum for Add<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn add<S: Quads>(&mut self, simd: S, block: &Block, count: usize) {
+        let quad = Quad::new(simd, block, self.cells);
+        let f64x4(a, b, c, d) = simd.sub_f64s(quad.unknown, self.twist.along(simd, &quad));
+        for (row, unknown) in rows_of(block, count).zip([a, b, c, d]) {
+            *self.cells[row].unknown_mut() = unknown;
         }
     }
 
@@ -253,7 +303,7 @@ impl<F: Fn(usize) -> f64> Sum for Gram<'_, F> {
             let weighted = simd.mul_f64s(weight, unit[i]);
             for (j, part) in unit[..=i].iter().enumerate() {
                 let sum = &mut self.sums[entry(i, j)];
-                *sum = simd.add_f64s(*sum, simd.mul_f64s(weighted, *part));
+                *sum = simd.mul_add_f64s(weighted, *part, *sum);
             }
         }
     }
@@ -284,9 +334,9 @@ impl<T: FnMut(usize, f64)> Sum for Quadratic<'_, T> {
             let mut dot = simd.splat_f64s(0.0);
             for (j, part) in unit[..=i].iter().enumerate() {
                 let form = simd.splat_f64s(self.form[entry(i, j)]);
-                dot = simd.add_f64s(dot, simd.mul_f64s(form, *part));
+                dot = simd.mul_add_f64s(form, *part, dot);
             }
-            value = simd.add_f64s(value, simd.mul_f64s(unit[i], dot));
+            value = simd.mul_add_f64s(unit[i], dot, value);
         }
         let f64x4(a, b, c, d) = value;
         for (row, value) in rows_of(block, count).zip([a, b, c, d]) {
@@ -331,7 +381,7 @@ mod tests {
 
     impl Runs for Best {
         fn run<T: Sum>(&self, blocks: &[Block], sum: T) -> T::Output {
-            Registers::best().run(blocks, CONTACTS, sum)
+            Registers::best().run(blocks, CONTACTS, &mut Ahead::nothing(), sum)
         }
     }
 
@@ -339,7 +389,7 @@ mod tests {
 
     impl Runs for Plain {
         fn run<T: Sum>(&self, blocks: &[Block], sum: T) -> T::Output {
-            run_on(Scalar256b, blocks, CONTACTS, sum)
+            run_on(Scalar256b, blocks, CONTACTS, &mut Ahead::nothing(), sum)
         }
     }
 
@@ -359,7 +409,8 @@ mod tests {
         registers.run(&blocks, Quadratic { cells: &cells, form, take });
         let twist = [0.3, -0.2, 0.5, 0.7, -0.9, 0.1];
         let take = |cell: &mut Cell, _: usize, value: f64| *cell.unknown_mut() += value;
-        registers.run(&blocks, Spread { cells: &mut cells, twist, take });
+        registers.run(&blocks, Spread { cells: &mut cells, twist: Twist(twist), take });
+        registers.run(&blocks, Add { cells: &mut cells, twist: Twist(twist) });
         out.extend(cells.iter().map(Cell::unknown));
         out.iter().map(|number| number.to_bits()).collect()
     }
