@@ -3,22 +3,22 @@
 //! No point's way depends on another's, so a part of them can be followed alone, each exactly as
 //! among all; whoever chooses knows for how many others each of them stands.
 
-use crate::lattice::CellSet;
+use crate::lattice::{BRICK_EDGE, CellSet};
 
 /// The points that are followed: some of those that are known, and of all others one in every block
-/// of 2³.
-///
-/// Those stand on planes askew to the axes, so that a flat face of a link, which mostly lies along
-/// one, has as many of them wherever it is.
+/// of 4³.
 #[derive(Debug, Default)]
 pub(crate) struct Chosen {
     known: CellSet,
     chosen: CellSet,
 }
 
+/// Edge of a block in which one point stands for all that are not known.
+const EDGE: u32 = 4;
+
 impl Chosen {
     /// For how many points one stands that is not known.
-    pub(crate) const ONE_IN: f64 = 8.0;
+    pub(crate) const ONE_IN: f64 = (EDGE * EDGE * EDGE) as f64;
 
     /// Makes a point known, and says whether it is followed.
     pub(crate) fn insert(&mut self, place: [u32; 3], chosen: bool) {
@@ -33,38 +33,62 @@ impl Chosen {
         if self.known.contains(place) {
             return self.chosen.contains(place);
         }
-        let [i, j, k] = place;
-        (i % 8 + 2 * (j % 4) + 4 * (k % 2)) % 8 == 0
+        place == representative(place.map(|n| n / EDGE))
     }
 
-    /// Whether a cube of `edge` cells a side may have a point that is followed.
-    pub(super) fn may_touch(&self, low: [u32; 3], edge: u32) -> bool {
-        match edge {
-            1 => self.contains(low),
-            _ => self.chosen.touches_cube(low, edge) || !self.known.holds_cube(low, edge),
-        }
+    /// The points of a brick that are followed, by its first place.
+    pub(super) fn of_brick(&self, low: [u32; 3]) -> impl Iterator<Item = [u32; 3]> {
+        let blocks = BRICK_EDGE / EDGE;
+        let others = (0..blocks.pow(3)).map(move |n| {
+            let block = [n % blocks, n / blocks % blocks, n / (blocks * blocks)];
+            representative([0, 1, 2].map(|axis| low[axis] / EDGE + block[axis]))
+        });
+        self.chosen.of_brick(low).chain(others.filter(|place| !self.known.contains(*place)))
     }
+}
+
+/// The point that stands for those of its block.
+///
+/// It lies elsewhere in every block, so that a flat face of a link, which mostly lies along an axis,
+/// meets as many of them wherever it is.
+fn representative([i, j, k]: [u32; 3]) -> [u32; 3] {
+    let inside = [j + 2 * k, k + 2 * i, i + 2 * j];
+    std::array::from_fn(|axis| EDGE * [i, j, k][axis] + inside[axis] % EDGE)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// All places of a brick, in the lattice's order.
+    fn places(low: [u32; 3]) -> impl Iterator<Item = [u32; 3]> {
+        let n = BRICK_EDGE;
+        (0..n.pow(3)).map(move |at| [low[0] + at % n, low[1] + at / n % n, low[2] + at / (n * n)])
+    }
+
+    /// The points of a brick that are followed, asked for one by one.
+    fn followed(points: &Chosen, low: [u32; 3]) -> Vec<[u32; 3]> {
+        let followed: Vec<_> = places(low).filter(|place| points.contains(*place)).collect();
+        let mut together: Vec<_> = points.of_brick(low).collect();
+        together.sort_by_key(|[i, j, k]| [*k, *j, *i]);
+        assert_eq!(followed, together);
+        followed
+    }
+
     #[test]
     fn of_what_is_not_known_every_block_has_one_and_of_what_is_none_but_the_chosen() {
         let mut points = Chosen::default();
-        let block = |low: [u32; 3]| {
-            let beside = move |n: u32, axis: usize| low[axis] + (n >> axis & 1);
-            (0..8).map(move |n| [beside(n, 0), beside(n, 1), beside(n, 2)])
-        };
-        for low in [[0, 0, 0], [6, 2, 14], [2, 4, 8]] {
-            assert_eq!(block(low).filter(|place| points.contains(*place)).count(), 1, "{low:?}");
-            assert!(points.may_touch(low, 2));
+        for low in [[0, 0, 0], [8, 16, 72]] {
+            let mut blocks: Vec<_> =
+                followed(&points, low).iter().map(|place| place.map(|n| n / EDGE)).collect();
+            blocks.sort_unstable();
+            blocks.dedup();
+            assert_eq!(blocks.len(), 8, "{low:?}");
         }
-        block([2, 4, 8]).for_each(|place| points.insert(place, false));
-        assert!(!points.may_touch([2, 4, 8], 2) && points.may_touch([0, 4, 8], 4));
-        points.insert([3, 4, 9], true);
-        assert_eq!(block([2, 4, 8]).filter(|place| points.contains(*place)).count(), 1);
-        assert!(points.contains([3, 4, 9]) && points.may_touch([2, 4, 8], 2));
+        places([8, 16, 72]).for_each(|place| points.insert(place, false));
+        assert!(followed(&points, [8, 16, 72]).is_empty());
+        points.insert([9, 20, 79], true);
+        assert_eq!(followed(&points, [8, 16, 72]), [[9, 20, 79]]);
+        assert_eq!(followed(&points, [8, 16, 64]).len(), 8);
     }
 }

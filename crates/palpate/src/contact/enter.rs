@@ -204,11 +204,17 @@ impl Watch {
         if edge == 1 {
             return found.push(Entered { place: low, link: look.link, distance_m });
         }
-        let (edge, shape) = (edge / 2, look.lattice.shape());
+        let shape = look.lattice.shape();
+        let inside = |place: &[u32; 3]| (0..3).all(|axis| place[axis] < shape[axis]);
+        if let Some(chosen) = look.chosen {
+            let free = chosen.of_brick(low).filter(|place| !look.taken.contains(*place));
+            return parts.extend(free.filter(inside).map(|low| Block { low, edge: 1 }));
+        }
+        let edge = edge / 2;
         for octant in 0..8 {
             let step = [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * edge);
             let low = [low[0] + step[0], low[1] + step[1], low[2] + step[2]];
-            if (0..3).all(|axis| low[axis] < shape[axis]) && look.may_enter(low, edge) {
+            if inside(&low) {
                 parts.push(Block { low, edge });
             }
         }
@@ -230,11 +236,6 @@ impl Look<'_> {
         let middle = self.lattice.point_at(block.low) + Vector3::repeat(half_m);
         let from_origin = middle.coords - self.pose.translation.vector;
         self.surface.distance(&self.rotation.matrix().tr_mul(&from_origin).into())
-    }
-
-    /// Whether a block may have a point that is followed at all.
-    fn may_enter(&self, low: [u32; 3], edge: u32) -> bool {
-        self.chosen.is_none_or(|chosen| chosen.may_touch(low, edge))
     }
 
     /// The farthest that a point of a block is from its middle.

@@ -82,17 +82,6 @@ impl BrickBits {
         let layer = layer([i, j, k], edge);
         (k..k + edge).all(|k| self.0[k as usize] & layer == layer)
     }
-
-    /// Whether any bit of such a cube is set.
-    ///
-    /// # Panics
-    ///
-    /// As [`BrickBits::holds_cube`].
-    pub fn touches_cube(&self, low: [u32; 3], edge: u32) -> bool {
-        let [i, j, k] = low.map(|n| n % BRICK_EDGE);
-        let layer = layer([i, j, k], edge);
-        (k..k + edge).any(|k| self.0[k as usize] & layer != 0)
-    }
 }
 
 /// The bits that a cube has in each layer of its brick.
@@ -126,14 +115,17 @@ impl CellSet {
         self.bricks.get(brick).is_some_and(|bits| bits.holds_cube(low, edge))
     }
 
-    /// Whether the set holds any cell of such a cube.
-    ///
-    /// # Panics
-    ///
-    /// As [`CellSet::holds_cube`].
-    pub fn touches_cube(&self, low: [u32; 3], edge: u32) -> bool {
+    /// The cells of a brick that the set holds, in the lattice's order; `low` is its first place.
+    pub fn of_brick(&self, low: [u32; 3]) -> impl Iterator<Item = [u32; 3]> {
         let (brick, _) = Bricks::<()>::locate(low);
-        self.bricks.get(brick).is_some_and(|bits| bits.touches_cube(low, edge))
+        let words = self.bricks.get(brick).into_iter().flat_map(|bits| bits.0);
+        words.zip(low[2]..).flat_map(move |(mut word, k)| {
+            std::iter::from_fn(move || {
+                let bit = word.trailing_zeros();
+                word &= word.checked_sub(1)?; // the lowest bit goes
+                Some([low[0] + bit % BRICK_EDGE, low[1] + bit / BRICK_EDGE, k])
+            })
+        })
     }
 
     /// Adds the cell at a place.
@@ -171,6 +163,16 @@ mod tests {
     }
 
     #[test]
+    fn the_cells_of_a_brick_come_in_the_lattices_order() {
+        let mut set = CellSet::default();
+        let places = [[8, 16, 24], [15, 16, 24], [8, 23, 25], [9, 23, 31], [15, 23, 31]];
+        places.iter().rev().for_each(|place| set.insert(*place));
+        [[7, 16, 24], [16, 16, 24], [8, 16, 32]].iter().for_each(|beside| set.insert(*beside));
+        assert_eq!(set.of_brick([8, 16, 24]).collect::<Vec<_>>(), places);
+        assert_eq!(set.of_brick([80, 16, 24]).count(), 0);
+    }
+
+    #[test]
     fn a_cube_is_held_if_each_of_its_cells_is() {
         for (low, edge) in [([8, 16, 24], 8), ([12, 16, 28], 4), ([14, 20, 26], 2), ([9, 9, 9], 1)]
         {
@@ -182,10 +184,6 @@ mod tests {
             for place in &places {
                 assert!(!set.holds_cube(low, edge));
                 set.insert(*place);
-                assert!(set.touches_cube(low, edge));
-            }
-            for beside in [low.map(|n| n ^ 8), [low[0] ^ edge, low[1], low[2]]] {
-                assert!(edge == 8 || !set.touches_cube(beside, edge), "{beside:?}");
             }
             assert!(set.holds_cube(low, edge));
             set.remove(places[places.len() / 2]);

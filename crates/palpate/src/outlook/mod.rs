@@ -30,9 +30,10 @@
 //!
 //! What a stop costs follows the points touched. No point's way depends on another's, so some of
 //! them can stand for the rest: [`Outlook::thinned`] keeps one in [`ONE_IN`], the stiff and the
-//! hardly known ones before others, each followed exactly as before. On touches of a plant that
-//! the field had not learnt, that moved torques by 0.7 % on average, and with a stop every cell (the
-//! default) by 2 to 5 % in all, on each of three sets; what the field itself gets wrong is 33 %.
+//! hardly known ones before others, each followed exactly as before. On touches of plants that the
+//! field had not learnt that moved torques, with a stop every cell (the default), by 1 to 9 % from
+//! path to path, and their standard deviations by 3 to 18 %; what the field itself gets wrong is
+//! 33 %.
 //!
 //! # What the standard deviation means
 //!
@@ -181,7 +182,7 @@ impl Outlook {
     /// much less time; with 1 or less, the outlook as it is.
     ///
     /// Of the cells of the field, those that are stiff or hardly known are the likelier to be
-    /// kept, and count for as much less; of all others every second along each axis is. Torques
+    /// kept, and count for as much less; of all others one in every block of 4³ is. Torques
     /// are then off by some percent, see [`ONE_IN`], and counts of contacts are estimates. The
     /// choice follows from the field alone: the same field has the same answer.
     ///
