@@ -2,8 +2,8 @@
 //!
 //! Contact `i` of a run belongs to lane `i mod 4`, and lanes are added up in a fixed order: the
 //! result has the same bits on every machine; so a product and its sum are rounded once, everywhere.
-//! Where there is AVX2, four lanes are one register, and a visit takes half the time. The module knows neither joints nor links; [`super`] turns
-//! wrenches into torques.
+//! Where there is AVX2, four lanes are one register, and a visit takes half the time. The module
+//! knows neither joints nor links; [`super`] turns wrenches into torques.
 //!
 //! The loops are written out because what a closure computes is not compiled for the registers of
 //! its caller.

@@ -399,6 +399,8 @@ impl Observation {
     }
 
     /// `unknown += Hᵀ d`, cell by cell; brings the next frame closer meanwhile.
+    ///
+    /// As a cell has one contact in a frame, four can be added at once.
     pub fn add(&self, ahead: &mut Ahead<'_>, cells: &mut [Cell], d: &[f64]) {
         let registers = Registers::best();
         for run in self.runs() {
