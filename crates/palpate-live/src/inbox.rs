@@ -19,12 +19,13 @@ pub struct Inbox<T> {
 struct Queue<T> {
     items: VecDeque<T>,
     dropped: u64,
+    woken: bool,
 }
 
 impl<T> Inbox<T> {
     /// An empty one for at most so many items, at least one.
     pub fn new(capacity: usize) -> Self {
-        let queue = Mutex::new(Queue { items: VecDeque::new(), dropped: 0 });
+        let queue = Mutex::new(Queue { items: VecDeque::new(), dropped: 0, woken: false });
         Self { queue, filled: Condvar::new(), capacity: capacity.max(1) }
     }
 
@@ -40,12 +41,21 @@ impl<T> Inbox<T> {
         self.filled.notify_one();
     }
 
-    /// Takes the oldest out, waiting for one for at most so long.
+    /// Takes the oldest out, waiting for one for at most so long, or until somebody wakes whoever
+    /// waits.
     pub fn pop(&self, patience: Duration) -> Option<T> {
         let queue = self.lock();
-        let waited =
-            self.filled.wait_timeout_while(queue, patience, |queue| queue.items.is_empty());
-        waited.unwrap_or_else(PoisonError::into_inner).0.items.pop_front()
+        let nothing = |queue: &mut Queue<T>| queue.items.is_empty() && !queue.woken;
+        let waited = self.filled.wait_timeout_while(queue, patience, nothing);
+        let (mut queue, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        queue.woken = false;
+        queue.items.pop_front()
+    }
+
+    /// Ends the wait for an item, this one or the next: there is something else to do.
+    pub fn wake(&self) {
+        self.lock().woken = true;
+        self.filled.notify_one();
     }
 
     /// Items that wait.
@@ -95,7 +105,15 @@ mod tests {
     }
 
     #[test]
-    fn patience_ends() {
-        assert_eq!(Inbox::<()>::new(1).pop(Duration::from_millis(1)), None);
+    fn patience_ends_and_so_it_does_when_somebody_wakes_whoever_waits() {
+        let inbox = Arc::new(Inbox::<()>::new(1));
+        assert_eq!(inbox.pop(Duration::from_millis(1)), None);
+        let waking = Arc::clone(&inbox);
+        let thread = thread::spawn(move || waking.wake());
+        assert_eq!(inbox.pop(Duration::MAX), None);
+        thread.join().unwrap();
+        inbox.push(());
+        inbox.wake();
+        assert_eq!(inbox.pop(Duration::MAX), Some(()));
     }
 }

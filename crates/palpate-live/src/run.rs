@@ -12,7 +12,7 @@
 //! time until the next sample; when samples come faster than it can follow, it makes none.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -23,6 +23,7 @@ use crate::checkpoint::{self, CheckpointConfig, Checkpoints, Written};
 use crate::cloud;
 use crate::diagnostics;
 use crate::figures::{Figures, Tally};
+use crate::guard::{Guard, Sentry, Trip};
 use crate::inbox::Inbox;
 use crate::joints::JointReader;
 use crate::message::{Header, JointState};
@@ -92,7 +93,10 @@ pub fn run(
     let how = if topic.reliable { "reliable" } else { "best effort" };
     tell(News::Note(format!("listening to `{}` ({how})", topic.name)));
 
-    let shared = Shared::new(config.queue);
+    let guard = session.guard().cloned();
+    let touch = &session.mapper().config().touch;
+    let sentry = guard.clone().map(|guard| Sentry::new(guard, Arc::clone(arm), touch.clone()));
+    let shared = Shared::new(config.queue, guard);
     let (checkpoints, writer) = config.checkpoint.as_ref().map(Checkpoints::new).unzip();
     let (to_mapper, requests) = bounded(REQUESTS);
     let frame_id = arm.robot.links()[0].name.clone(); // the world of all poses
@@ -109,7 +113,7 @@ pub fn run(
     };
     let goes_on = || shared.goes_on();
     thread::scope(|scope| {
-        scope.spawn(|| hear(ears, &shared));
+        scope.spawn(|| hear(ears, sentry, &shared));
         scope.spawn(|| speak(&voice, &shared));
         if let Some(writer) = writer {
             scope.spawn(|| writer.run(&shared.written));
@@ -164,6 +168,7 @@ fn find_topic(
 struct Shared {
     samples: Inbox<Arrived>,
     outbox: Outbox,
+    guard: Option<Guard>,
     news: Inbox<News>,
     published: Inbox<Duration>,
     /// Messages that came, and those that never did.
@@ -180,10 +185,11 @@ enum Arrived {
 }
 
 impl Shared {
-    fn new(queue: usize) -> Self {
+    fn new(queue: usize, guard: Option<Guard>) -> Self {
         Self {
             samples: Inbox::new(queue),
             outbox: Outbox::default(),
+            guard,
             news: Inbox::new(NEWS),
             published: Inbox::new(queue),
             counts: Mutex::default(),
@@ -197,6 +203,21 @@ impl Shared {
         !self.stopping.load(Ordering::Relaxed)
     }
 
+    fn is_stopped(&self) -> bool {
+        self.guard.as_ref().is_some_and(Guard::is_up)
+    }
+
+    /// Publishes that a limit was passed, then says so.
+    fn tripped(&self, trip: &Trip) {
+        self.outbox.flag();
+        let what = if trip.predicted { "predicted" } else { "measured" };
+        self.note(format!(
+            "STOP: the {what} external torque of joint {} is {:.2} N·m; a new tare takes the flag \
+             back",
+            trip.joint, trip.torque_n_m
+        ));
+    }
+
     fn note(&self, note: String) {
         self.news.push(News::Note(note));
     }
@@ -206,11 +227,16 @@ impl Shared {
     }
 }
 
-/// The thread that listens.
-fn hear(mut ears: Ears, shared: &Shared) {
+/// The thread that listens, and keeps watch.
+fn hear(mut ears: Ears, mut sentry: Option<Sentry>, shared: &Shared) {
     while shared.goes_on() {
         ears.listen(LOOK, |heard| match heard {
-            Heard::Joints(state, at, at_s) => shared.samples.push(Arrived::Joints(state, at, at_s)),
+            Heard::Joints(state, at, at_s) => {
+                if let Some(trip) = sentry.as_mut().and_then(|sentry| sentry.see(&state, at_s)) {
+                    shared.tripped(&trip);
+                }
+                shared.samples.push(Arrived::Joints(state, at, at_s));
+            }
             Heard::Broken(why) => shared.samples.push(Arrived::Broken(why)),
             Heard::Tare => shared.tare.store(true, Ordering::Relaxed),
         });
@@ -221,7 +247,8 @@ fn hear(mut ears: Ears, shared: &Shared) {
 /// The thread that publishes.
 fn speak(voice: &Voice, shared: &Shared) {
     while shared.goes_on() {
-        voice.speak(&shared.outbox, LOOK, |latency| shared.published.push(latency));
+        let said = |latency| shared.published.push(latency);
+        voice.speak(&shared.outbox, LOOK, || shared.is_stopped(), said);
     }
 }
 
@@ -267,11 +294,11 @@ struct Mapping<'a> {
 
 impl Mapping<'_> {
     fn run(&mut self) {
-        self.shared.outbox.stop(false);
+        self.shared.outbox.flag();
         while self.shared.goes_on() {
             if self.shared.tare.swap(false, Ordering::Relaxed) {
                 self.session.tare();
-                self.shared.outbox.stop(false);
+                self.shared.outbox.flag();
                 self.shared.note("taring as asked: the arm must stand still and free".to_owned());
             }
             self.answer();
@@ -316,8 +343,8 @@ impl Mapping<'_> {
         let started = Instant::now();
         let told = self.session.take(&read.sample);
         self.tally.step(started.elapsed());
-        if told.trip.is_some() {
-            self.shared.outbox.stop(true);
+        if let Some(trip) = &told.trip {
+            self.shared.tripped(trip);
         }
         self.now.contacts = told.contacts;
         (self.now.external_n_m, self.now.predicted_n_m) = (None, None);
@@ -333,14 +360,6 @@ impl Mapping<'_> {
                 external_n_m: external.data.into(),
                 predicted_n_m: predicted.data.into(),
             });
-        }
-        if let Some(trip) = told.trip {
-            let what = if trip.predicted { "predicted" } else { "measured" };
-            self.shared.note(format!(
-                "STOP: the {what} external torque of joint {} is {:.2} N·m; a new tare takes the \
-                 flag back",
-                trip.joint, trip.torque_n_m
-            ));
         }
         if told.begins {
             self.tally.touch();
@@ -410,7 +429,7 @@ impl Mapping<'_> {
             cells: mapper.n_cells(),
             external_n_m: self.now.external_n_m,
             predicted_n_m: self.now.predicted_n_m,
-            stopped: self.session.is_stopped(),
+            stopped: self.shared.is_stopped(),
             unsent: self.shared.outbox.unsent(),
             checkpoint_s: self.shared.written.age_s(),
             ..self.tally.figures(received)

@@ -142,8 +142,9 @@ impl Session {
         if report.contacts > 0 {
             self.due = self.replays;
         }
-        if let Some(guard) = &mut self.guard {
-            told.trip = guard.watch(&external, &predicted).cloned();
+        if let Some(guard) = &self.guard {
+            self.mapper.tare().inspect(|tare| guard.tared(tare));
+            told.trip = guard.watch(&external, &predicted);
         }
         told.torques = Some((external, predicted));
     }
@@ -185,7 +186,7 @@ impl Session {
         self.mapper.begin_touch();
         self.idle.begun();
         self.state = State::Taring;
-        if let Some(guard) = &mut self.guard {
+        if let Some(guard) = &self.guard {
             guard.reset();
         }
     }
@@ -216,9 +217,9 @@ impl Session {
         self.state
     }
 
-    /// Whether the guard's flag is up.
-    pub fn is_stopped(&self) -> bool {
-        self.guard.as_ref().is_some_and(Guard::is_up)
+    /// The guard, if there is one.
+    pub fn guard(&self) -> Option<&Guard> {
+        self.guard.as_ref()
     }
 
     /// The mapper.

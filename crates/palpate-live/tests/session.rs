@@ -11,7 +11,8 @@ use palpate::mapper::{Config, Mapper};
 use palpate::touch::Sample;
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, CachePlace, load_arm};
-use palpate_live::guard::Guard;
+use palpate_live::guard::{Guard, Sentry};
+use palpate_live::message::{Header, JointState, Stamp};
 use palpate_live::session::{Session, State, Told};
 
 fn arm() -> Arc<Arm> {
@@ -117,7 +118,7 @@ fn the_guard_says_once_which_joint_passed_the_limit_until_a_tare_takes_it_back()
     let told = play(&mut live, &touches[0]);
     let first = told.iter().position(|told| told.trip.is_some()).unwrap();
     assert_eq!(told.iter().filter(|told| told.trip.is_some()).count(), 1);
-    assert!(live.is_stopped());
+    assert!(live.guard().unwrap().is_up());
     let over = |told: &Told| {
         told.torques
             .as_ref()
@@ -125,7 +126,44 @@ fn the_guard_says_once_which_joint_passed_the_limit_until_a_tare_takes_it_back()
     };
     assert_eq!(told.iter().position(over), Some(first));
     live.tare();
-    assert!(!live.is_stopped());
+    assert!(!live.guard().unwrap().is_up());
+}
+
+/// A sample as a robot would send it.
+fn joint_state(arm: &Arm, sample: &Sample) -> JointState {
+    let time_s = sample.time_s.unwrap();
+    let nanosec = (time_s.fract() * 1e9).round() as u32;
+    let stamp = Stamp { sec: time_s as i32, nanosec };
+    JointState {
+        header: Header { stamp, ..Header::default() },
+        name: arm.robot.joint_names().map(str::to_owned).collect(),
+        position: sample.q.clone(),
+        velocity: Vec::new(),
+        effort: sample.tau.clone(),
+    }
+}
+
+#[test]
+fn a_sentry_sees_the_measured_torque_pass_the_limit_before_the_mapper_has_the_sample() {
+    let (arm, touches) = (arm(), touches(1));
+    let guard = Guard::new(1.5);
+    let mut live = session(&arm, 0, Some(guard.clone()));
+    let config = live.mapper().config().touch.clone();
+    let mut sentry = Sentry::new(guard, Arc::clone(&arm), config);
+    for sample in &touches[0] {
+        let early = sentry.see(&joint_state(&arm, sample), 0.0);
+        let told = live.take(sample);
+        let Some(trip) = early else {
+            assert_eq!(told.trip, None, "the sentry was later");
+            continue;
+        };
+        let external = told.torques.unwrap().0;
+        assert_eq!((trip.joint, trip.predicted), (external.iamax(), false));
+        assert!(trip.torque_n_m.abs() > 1.5 && trip.torque_n_m == external[trip.joint]);
+        assert_eq!(told.trip, None, "one flag is enough");
+        return;
+    }
+    panic!("no torque passed the limit");
 }
 
 #[test]

@@ -296,6 +296,11 @@ impl Mapper {
         self.tracker.arm()
     }
 
+    /// The tare of the touch under way, n_joints, N·m, once it is known.
+    pub fn tare(&self) -> Option<&DVector<f64>> {
+        self.tracker.tare()
+    }
+
     /// What is known of a cell, touched or not.
     pub fn cell(&self, cell: CellId) -> CellEstimate {
         let row = self.folder.rows().find(cell).map_or(usize::MAX, |row| row as usize);

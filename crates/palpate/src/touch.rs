@@ -18,7 +18,7 @@ use crate::arm::Arm;
 use crate::contact::{self, Contacts};
 use crate::follow::{Follower, Lost};
 use crate::lattice::Lattice;
-use crate::robot::{Poses, RobotError};
+use crate::robot::{Poses, Robot, RobotError};
 
 /// What the robot reports at one moment.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,6 +89,40 @@ impl Default for Config {
             tare: Tare::default(),
             still_rad: 0.002,
         }
+    }
+}
+
+impl Config {
+    /// Measured torque with the sign of τ_ext, less gravity at these poses and with its bias,
+    /// n_joints, N·m.
+    ///
+    /// # Errors
+    ///
+    /// If there is not one torque a joint, or one is no number of N·m.
+    pub fn untared(
+        &self,
+        robot: &Robot,
+        poses: &Poses,
+        tau: &[f64],
+    ) -> Result<DVector<f64>, TouchError> {
+        if tau.len() != robot.n_joints() {
+            return Err(TouchError::TorqueCount { expected: robot.n_joints(), got: tau.len() });
+        }
+        if let Some((joint, &found)) = robot
+            .joint_names()
+            .zip(tau)
+            .find(|(_, torque)| !(-MAX_TORQUE..=MAX_TORQUE).contains(*torque))
+        {
+            return Err(TouchError::Torque { joint: joint.to_owned(), found });
+        }
+        let mut untared = DVector::from_column_slice(tau);
+        if self.torque_sign == TorqueSign::Minus {
+            untared.neg_mut();
+        }
+        if self.gravity == Gravity::Included {
+            untared -= robot.gravity_torque(poses);
+        }
+        Ok(untared)
     }
 }
 
@@ -231,10 +265,9 @@ impl Tracker {
             return Err(TouchError::NotBegun);
         }
         let poses = self.arm().robot.forward(&sample.q)?;
-        let raw = self.without_gravity(&sample.tau, &poses)?;
+        let untared = self.config.untared(&self.arm().robot, &poses, &sample.tau)?;
         let contacts = self.move_arm(&sample.q, &poses)?;
-        let untared = raw.clone();
-        let external = self.subtract_tare(&sample.q, raw, &contacts)?;
+        let external = self.subtract_tare(&sample.q, untared.clone(), &contacts)?;
         Ok(Frame { poses, contacts, untared, external })
     }
 
@@ -267,29 +300,6 @@ impl Tracker {
             }
             _ => Ok(()),
         }
-    }
-
-    /// Measured torques with the sign of external ones, less gravity.
-    fn without_gravity(&self, tau: &[f64], poses: &Poses) -> Result<DVector<f64>, TouchError> {
-        let robot = &self.arm().robot;
-        if tau.len() != robot.n_joints() {
-            return Err(TouchError::TorqueCount { expected: robot.n_joints(), got: tau.len() });
-        }
-        if let Some((joint, &found)) = robot
-            .joint_names()
-            .zip(tau)
-            .find(|(_, torque)| !(-MAX_TORQUE..=MAX_TORQUE).contains(*torque))
-        {
-            return Err(TouchError::Torque { joint: joint.to_owned(), found });
-        }
-        let mut raw = DVector::from_column_slice(tau);
-        if self.config.torque_sign == TorqueSign::Minus {
-            raw.neg_mut();
-        }
-        if self.config.gravity == Gravity::Included {
-            raw -= robot.gravity_torque(poses);
-        }
-        Ok(raw)
     }
 
     /// Takes the arm to a sample's poses; the first sample of a touch opens its tare.

@@ -7,7 +7,7 @@
 
 use std::sync::Mutex;
 use std::sync::PoisonError;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use ros2_client::qos::{Durability, History, WhenFull};
@@ -38,7 +38,7 @@ pub struct Torques {
 #[derive(Debug)]
 pub struct Outbox {
     torques: Inbox<Torques>,
-    stop: Mutex<Option<bool>>,
+    flag: AtomicBool,
     contacts: Mutex<Option<PointCloud2>>,
     field: Mutex<Option<PointCloud2>>,
     diagnostics: Mutex<Option<DiagnosticArray>>,
@@ -49,7 +49,7 @@ impl Default for Outbox {
     fn default() -> Self {
         Self {
             torques: Inbox::new(TORQUES),
-            stop: Mutex::default(),
+            flag: AtomicBool::new(false),
             contacts: Mutex::default(),
             field: Mutex::default(),
             diagnostics: Mutex::default(),
@@ -64,9 +64,10 @@ impl Outbox {
         self.torques.push(torques);
     }
 
-    /// Whether to stop.
-    pub fn stop(&self, stop: bool) {
-        put(&self.stop, stop);
+    /// The flag to stop, since it may have changed: at once, whatever else waits.
+    pub fn flag(&self) {
+        self.flag.store(true, Ordering::Release);
+        self.torques.wake();
     }
 
     /// What the arm touches now.
@@ -155,12 +156,20 @@ impl Network {
 }
 
 impl Voice {
-    /// Says what waits, the most urgent first, waiting for torques for at most so long; `said` gets
-    /// the time from the arrival of a sample until its torques went out.
-    pub fn speak(&self, outbox: &Outbox, patience: Duration, said: impl FnOnce(Duration)) {
+    /// Says what waits, the most urgent first, waiting for something for at most so long; `stopped`
+    /// says whether the flag to stop is up, and `said` gets the time from the arrival of a sample
+    /// until its torques went out.
+    pub fn speak(
+        &self,
+        outbox: &Outbox,
+        patience: Duration,
+        stopped: impl FnOnce() -> bool,
+        said: impl FnOnce(Duration),
+    ) {
         let torques = outbox.torques.pop(patience);
-        if let Some(data) = take(&outbox.stop) {
-            count(outbox, self.stop.publish(Bool { data }).is_ok());
+        // Asked for after the note that it changed is taken: a change after that leaves another.
+        if outbox.flag.swap(false, Ordering::AcqRel) {
+            count(outbox, self.stop.publish(Bool { data: stopped() }).is_ok());
         }
         if let Some(Torques { header, received, external_n_m, predicted_n_m }) = torques {
             let state = |torques| JointState::of_torques(header.clone(), &self.joints, torques);
