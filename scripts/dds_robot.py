@@ -10,6 +10,7 @@ from writing a sample to reading its prediction. Loopback only. Libraries: requi
 
 import argparse
 import json
+import multiprocessing
 import os
 import threading
 import time
@@ -144,7 +145,7 @@ class Ears(threading.Thread):
             for name, kind in HEARD.items()
         }
         self.counts = dict.fromkeys(HEARD, 0)
-        self.latencies_ms, self.last, self.stops = [], {}, []
+        self.latencies_ms, self.last = [], {}
         self.limit, self.passed_ns = limit, []
         self.going = True
 
@@ -170,8 +171,22 @@ class Ears(threading.Thread):
             if max(map(abs, message.effort)) > self.limit:
                 stamp = message.header.stamp
                 self.passed_ns.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
-        if name == "rt/palpate/stop":
-            self.stops.append((now_ns(), message.data))
+
+
+def watch_flag(domain, seen):
+    """What a safety node does: waits for the flag to stop, in a process of its own; `seen` gets
+    (when, whether to stop), time in ns."""
+    participant = DomainParticipant(domain)
+    reader = DataReader(participant, Topic(participant, "rt/palpate/stop", Bool), RELIABLE)
+    for message in reader.take_iter(timeout=duration(seconds=3600)):
+        seen.put((now_ns(), message.data))
+
+
+def all_of(queue):
+    items = []
+    while not queue.empty():
+        items.append(queue.get())
+    return items
 
 
 def spoil(state, before, number, broken):
@@ -207,9 +222,9 @@ def play(writer, q, tau, rate, seconds, broken):
     return sent
 
 
-def stop_ms(ears):
+def stop_ms(ears, stops):
     """From the sample that passed the limit to the flag that followed it."""
-    ups = [at_ns for at_ns, up in ears.stops if up]
+    ups = [at_ns for at_ns, up in stops if up]
     return (ups[0] - min(ears.passed_ns)) * 1e-6 if ups and ears.passed_ns else None
 
 
@@ -225,6 +240,10 @@ def main():
     parser.add_argument("--guard", type=float, help="a limit, N·m, to time the flag against")
     args = parser.parse_args()
 
+    spawn = multiprocessing.get_context("spawn")
+    seen = spawn.Queue()
+    watcher = spawn.Process(target=watch_flag, args=(args.domain, seen), daemon=True)
+    watcher.start()
     participant = DomainParticipant(args.domain)
     ears = Ears(participant, args.guard)
     ears.start()
@@ -242,13 +261,15 @@ def main():
     time.sleep(1.5)
     ears.going = False
     ears.join()
+    stops = all_of(seen)
+    watcher.terminate()
     latencies = np.array(ears.latencies_ms or [np.nan])
     diagnostics = ears.last.get("rt/diagnostics")
     print(json.dumps({
         "matched": matched, "sent": sent, "rate_hz": sent / took, "heard": ears.counts,
         "latency_ms": {"median": float(np.median(latencies)), "p99": float(np.quantile(latencies, 0.99))},
-        "stops": [data for _, data in ears.stops],
-        "stop_ms": stop_ms(ears),
+        "stops": [up for _, up in stops],
+        "stop_ms": stop_ms(ears, stops),
         "diagnostics": {v.key: v.value for v in diagnostics.status[0].values} if diagnostics else None,
         "points": {n: ears.last[n].width for n in ("rt/palpate/contacts", "rt/palpate/field") if n in ears.last},
     }))
