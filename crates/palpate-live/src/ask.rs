@@ -12,7 +12,7 @@
 //! built into every robot that asks; a socket and JSON are everywhere.
 //!
 //! The mapper hands out what a question needs in a fraction of a millisecond and goes on; the answer
-//! is worked out on the thread of whoever asks.
+//! is worked out on the thread of whoever asks. Replays wait meanwhile, since nobody waits for them.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -56,6 +56,16 @@ struct Question {
     tare: bool,
 }
 
+/// Who asks, seen from the session.
+pub(crate) struct Desk<'a> {
+    /// The mapper's thread.
+    pub(crate) mapper: Sender<Request>,
+    /// Questions whose answers are being worked out.
+    pub(crate) answering: &'a AtomicUsize,
+    /// Whether the session goes on.
+    pub(crate) goes_on: &'a (dyn Fn() -> bool + Sync),
+}
+
 /// The socket, which goes away with this.
 #[derive(Debug)]
 pub struct AskSocket {
@@ -86,11 +96,11 @@ impl AskSocket {
         Ok(Self { listener, path: path.to_owned() })
     }
 
-    /// Answers until `goes_on` says no.
-    pub(crate) fn run(&self, mapper: &Sender<Request>, goes_on: &(dyn Fn() -> bool + Sync)) {
+    /// Answers for as long as the session goes on.
+    pub(crate) fn run(&self, desk: &Desk<'_>) {
         let askers = Arc::new(AtomicUsize::new(0));
         thread::scope(|scope| {
-            while goes_on() {
+            while (desk.goes_on)() {
                 let Ok((stream, _)) = self.listener.accept() else {
                     thread::sleep(Duration::from_millis(2));
                     continue;
@@ -103,7 +113,7 @@ impl AskSocket {
                 let askers = Arc::clone(&askers);
                 scope.spawn(move || {
                     // Whoever leaves in the middle of a line has no question.
-                    let _ = converse(&stream, mapper, goes_on);
+                    let _ = converse(&stream, desk);
                     askers.fetch_sub(1, Ordering::Relaxed);
                 });
             }
@@ -118,17 +128,13 @@ impl Drop for AskSocket {
 }
 
 /// Answers one asker, line by line.
-fn converse(
-    stream: &UnixStream,
-    mapper: &Sender<Request>,
-    goes_on: &(dyn Fn() -> bool + Sync),
-) -> io::Result<()> {
+fn converse(stream: &UnixStream, desk: &Desk<'_>) -> io::Result<()> {
     stream.set_nonblocking(false)?;
     stream.set_read_timeout(Some(LOOK))?;
     stream.set_write_timeout(Some(PATIENCE))?;
     let mut reader = BufReader::new(stream);
     let mut line = Vec::new();
-    while goes_on() {
+    while (desk.goes_on)() {
         let room = LONGEST.saturating_sub(line.len() as u64);
         match reader.by_ref().take(room).read_until(b'\n', &mut line) {
             Ok(0) if room == 0 => {
@@ -139,7 +145,7 @@ fn converse(
             }
             Ok(0) => return Ok(()),
             Ok(_) if line.ends_with(b"\n") => {
-                say(stream, &answer(&line, mapper))?;
+                say(stream, &answer(&line, desk))?;
                 line.clear();
             }
             Ok(_) => {}
@@ -157,7 +163,7 @@ fn say(mut stream: &UnixStream, answer: &Value) -> io::Result<()> {
 }
 
 /// The answer to a line.
-fn answer(line: &[u8], mapper: &Sender<Request>) -> Value {
+fn answer(line: &[u8], desk: &Desk<'_>) -> Value {
     let started = Instant::now();
     let answered = serde_json::from_slice(line)
         .map_err(|error| {
@@ -168,10 +174,15 @@ fn answer(line: &[u8], mapper: &Sender<Request>) -> Value {
         })
         .and_then(|question| match question {
             Question { tare: true, .. } => {
-                mapper.send(Request::Tare).map_err(|_| GONE.to_owned())?;
+                desk.mapper.send(Request::Tare).map_err(|_| GONE.to_owned())?;
                 Ok(json!({ "taring": true }))
             }
-            Question { path: Some(path), exact, .. } => torque_of(&path, exact, mapper, started),
+            Question { path: Some(path), exact, .. } => {
+                desk.answering.fetch_add(1, Ordering::Relaxed);
+                let answer = torque_of(&path, exact, &desk.mapper, started);
+                desk.answering.fetch_sub(1, Ordering::Relaxed);
+                answer
+            }
             _ => Err("neither a path nor a tare is asked for".to_owned()),
         });
     answered.unwrap_or_else(|error| json!({ "error": error }))
@@ -221,9 +232,13 @@ mod tests {
         let (to_mapper, from_askers) = bounded(8);
         let done = std::sync::atomic::AtomicBool::new(false);
         thread::scope(|scope| {
-            let goes_on = || !done.load(Ordering::Relaxed);
-            let (socket, to_mapper) = (&socket, to_mapper);
-            scope.spawn(move || socket.run(&to_mapper, &goes_on));
+            let (socket, done) = (&socket, &done);
+            scope.spawn(move || {
+                let goes_on = || !done.load(Ordering::Relaxed);
+                let answering = AtomicUsize::new(0);
+                let desk = Desk { mapper: to_mapper, answering: &answering, goes_on: &goes_on };
+                socket.run(&desk);
+            });
             let counted = scope
                 .spawn(move || from_askers.iter().filter(|r| matches!(r, Request::Tare)).count());
             test(&path);

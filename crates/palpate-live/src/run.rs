@@ -11,14 +11,14 @@
 //! Arrows never wait: every queue is bounded and keeps the newest. The mapper's replays fill the
 //! time until the next sample; when samples come faster than it can follow, it makes none.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, bounded};
 
-use crate::ask::{AskSocket, Request};
+use crate::ask::{AskSocket, Desk, Request};
 use crate::checkpoint::{self, CheckpointConfig, Checkpoints, Written};
 use crate::cloud;
 use crate::diagnostics;
@@ -119,8 +119,9 @@ pub fn run(
             scope.spawn(|| writer.run(&shared.written));
         }
         if let Some(ask) = ask {
-            let goes_on = &goes_on;
-            scope.spawn(move || ask.run(&to_mapper, goes_on));
+            let (answering, goes_on) = (&shared.answering, &goes_on);
+            let desk = Desk { mapper: to_mapper, answering, goes_on };
+            scope.spawn(move || ask.run(&desk));
         }
         let mapper = scope.spawn(move || {
             mapping.run();
@@ -174,6 +175,8 @@ struct Shared {
     /// Messages that came, and those that never did.
     counts: Mutex<(u64, u64)>,
     tare: AtomicBool,
+    /// Questions whose answers are being worked out.
+    answering: AtomicUsize,
     stopping: AtomicBool,
     written: Written,
 }
@@ -194,6 +197,7 @@ impl Shared {
             published: Inbox::new(queue),
             counts: Mutex::default(),
             tare: AtomicBool::new(false),
+            answering: AtomicUsize::new(0),
             stopping: AtomicBool::new(false),
             written: Written::default(),
         }
@@ -302,10 +306,13 @@ impl Mapping<'_> {
                 self.shared.note("taring as asked: the arm must stand still and free".to_owned());
             }
             self.answer();
-            let patience = if self.session.has_spare() { Duration::ZERO } else { PAUSE };
+            // Somebody waits for an answer, but nobody for replays.
+            let answering = self.shared.answering.load(Ordering::Relaxed) > 0;
+            let spare = self.session.has_spare() && !answering;
+            let patience = if spare { Duration::ZERO } else { PAUSE };
             match self.shared.samples.pop(patience) {
                 Some(arrived) => self.arrived(arrived),
-                None if self.session.spare() => self.tally.replay(),
+                None if spare && self.session.spare() => self.tally.replay(),
                 None => {}
             }
             self.tell();
