@@ -31,6 +31,8 @@ use serde_json::{Value, json};
 const MOST_ASKERS: usize = 8;
 /// Bytes of the longest line: 100,000 points of 14 joints.
 const LONGEST: u64 = 64 << 20;
+/// Threads that work out an answer, at most.
+const MOST_PARTS: usize = 4;
 /// How long the mapper may take to hand out an outlook.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Between two looks at whether to stop.
@@ -203,12 +205,14 @@ fn torque_of(
     let outlook = from_mapper
         .recv_timeout(PATIENCE)
         .map_err(|_| "the mapper has no time for an answer now; ask again".to_owned())?;
-    let (mut outlook, config) = if exact {
+    let (outlook, config) = if exact {
         (outlook, outlook::Config { resolution_cells: 0.0, ..outlook::Config::default() })
     } else {
         (outlook.thinned(outlook::ONE_IN), outlook::Config::default())
     };
-    let answer = outlook.ask(path, &config).map_err(|error| error.to_string())?;
+    let parts = thread::available_parallelism().map_or(1, |cores| cores.get().min(MOST_PARTS));
+    let answer =
+        outlook.ask_in_parts(path, &config, parts as u32).map_err(|error| error.to_string())?;
     let points = &answer.points;
     Ok(json!({
         "torque": points.iter().map(|point| point.torque.as_slice()).collect::<Vec<_>>(),

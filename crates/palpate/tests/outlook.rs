@@ -5,6 +5,7 @@ mod scene;
 
 use std::sync::Arc;
 
+use nalgebra::DVector;
 use palpate::arm::Arm;
 use palpate::estimator::Method;
 use palpate::field::Predictor;
@@ -236,6 +237,34 @@ fn a_thinned_outlook_is_close_to_the_whole_one_and_its_answers_are_reproducible(
             assert!((few - all).abs() < 0.2 * all + 40.0, "{few} of {all} contacts");
             let [few, all] = [thinned, whole].map(|point| point.torque_std.norm());
             assert!((few - all).abs() < 0.3 * all + 0.05, "± {few} for {all}");
+        }
+    }
+}
+
+#[test]
+fn an_answer_in_parts_is_that_of_the_whole_but_for_rounding() {
+    let (mut mapper, path) = (learnt(), push(0.01, 90));
+    mapper.begin_touch();
+    learn(&mut mapper, &path[..40]);
+    for one_in in [1.0, outlook::ONE_IN] {
+        for rest in [&path[..], &path[40..]] {
+            let mut outlook = mapper.outlook().thinned(one_in);
+            let whole = outlook.ask(rest, &EVERY_POINT).unwrap();
+            assert_eq!(outlook.ask_in_parts(rest, &EVERY_POINT, 1).unwrap(), whole);
+            for parts in [2, 3] {
+                let answer = outlook.ask_in_parts(rest, &EVERY_POINT, parts).unwrap();
+                assert_eq!(outlook.ask_in_parts(rest, &EVERY_POINT, parts).unwrap(), answer);
+                assert_eq!((answer.goes_on, answer.stops), (whole.goes_on, whole.stops));
+                for (sum, point) in answer.points.iter().zip(&whole.points) {
+                    assert_eq!((sum.contacts, sum.known), (point.contacts, point.known));
+                    let close = |a: &DVector<f64>, b: &DVector<f64>| {
+                        (a - b).amax() < 1e-12 * (1.0 + a.amax())
+                    };
+                    assert!(close(&sum.torque, &point.torque));
+                    assert!(close(&sum.torque_std, &point.torque_std));
+                }
+            }
+            assert_eq!(outlook.ask(rest, &EVERY_POINT).unwrap(), whole, "the outlook is as before");
         }
     }
 }

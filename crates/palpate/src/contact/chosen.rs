@@ -1,9 +1,30 @@
 //! Which points are followed where following all would take too long.
 //!
 //! No point's way depends on another's, so a part of them can be followed alone, each exactly as
-//! among all; whoever chooses knows for how many others each of them stands.
+//! among all. A [`Chosen`] stands for all points, and whoever chooses knows for how many others each
+//! of them stands; [`Share`]s are all points between them, for as many threads.
 
 use crate::lattice::{BRICK_EDGE, CellSet};
+
+/// One of so many shares of the points: bricks in turn, so that a link that touches many has some of
+/// each share.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Share {
+    /// Number of the share, from 0.
+    pub(crate) part: u32,
+    /// How many there are.
+    pub(crate) of: u32,
+}
+
+impl Share {
+    /// All points.
+    pub(crate) const WHOLE: Self = Self { part: 0, of: 1 };
+
+    /// Whether a point, and all of its brick, belong to this share.
+    pub(super) fn holds(self, place: [u32; 3]) -> bool {
+        place.iter().map(|n| n / BRICK_EDGE).sum::<u32>() % self.of == self.part
+    }
+}
 
 /// The points that are followed: some of those that are known, and of all others one in every block
 /// of 4³.

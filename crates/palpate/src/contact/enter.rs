@@ -9,7 +9,7 @@
 
 use nalgebra::{Isometry3, Point3, Rotation3, Vector3};
 
-use super::chosen::Chosen;
+use super::chosen::{Chosen, Share};
 use crate::lattice::{BRICK_EDGE, CellSet, Lattice};
 use crate::sdf::Grid;
 
@@ -47,6 +47,8 @@ pub(super) struct Look<'a> {
     pub(super) taken: &'a CellSet,
     /// Those that can, if not all others.
     pub(super) chosen: Option<&'a Chosen>,
+    /// Those that are looked at at all.
+    pub(super) share: Share,
     /// δ.
     pub(super) reach_m: f64,
     pub(super) link: usize,
@@ -156,7 +158,9 @@ impl Watch {
             for j in bricks(1) {
                 for i in bricks(0) {
                     let low = [i, j, k].map(|n| n * BRICK_EDGE);
-                    due.push(Block { low, edge: BRICK_EDGE });
+                    if look.share.holds(low) {
+                        due.push(Block { low, edge: BRICK_EDGE });
+                    }
                 }
             }
         }

@@ -28,7 +28,7 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use chosen::Chosen;
+pub(crate) use chosen::{Chosen, Share};
 
 use crate::lattice::{CellId, CellSet, Lattice};
 use crate::robot::LinkId;
@@ -157,6 +157,7 @@ pub struct Simulator {
     taken: CellSet,
     /// The points that are followed, if not all.
     chosen: Option<Arc<Chosen>>,
+    share: Share,
 }
 
 impl Simulator {
@@ -174,8 +175,19 @@ impl Simulator {
         let touched = vec![Vec::new(); surfaces.len()];
         let watches = vec![enter::Watch::default(); surfaces.len()];
         let (poses, slipping, taken) = (Vec::new(), Vec::new(), CellSet::default());
-        let chosen = None;
-        Ok(Self { lattice, surfaces, config, poses, touched, slipping, watches, taken, chosen })
+        let (chosen, share) = (None, Share::WHOLE);
+        Ok(Self {
+            lattice,
+            surfaces,
+            config,
+            poses,
+            touched,
+            slipping,
+            watches,
+            taken,
+            chosen,
+            share,
+        })
     }
 
     /// Forgets all contacts and starts a touch with the arm at these poses.
@@ -203,11 +215,21 @@ impl Simulator {
 
     /// Follows these points only from now on, each as before, and lets go of all others.
     pub(crate) fn follow_only(&mut self, chosen: Arc<Chosen>) {
+        self.let_go_unless(|place| chosen.contains(place));
+        self.chosen = Some(chosen);
+    }
+
+    /// Follows a share of the points only from now on, each as before, and lets go of all others.
+    pub(crate) fn follow_share(&mut self, share: Share) {
+        self.let_go_unless(|place| share.holds(place));
+        self.share = share;
+    }
+
+    fn let_go_unless(&mut self, stays: impl Fn([u32; 3]) -> bool) {
         for touched in &mut self.touched {
-            touched.retain(|touched| chosen.contains(self.lattice.place(touched.cell)));
+            touched.retain(|touched| stays(self.lattice.place(touched.cell)));
         }
         self.watches.iter_mut().for_each(enter::Watch::clear);
-        self.chosen = Some(chosen);
     }
 
     /// Where the links are, by link; nowhere before the first touch.
@@ -305,11 +327,17 @@ impl Simulator {
         let mut found = Vec::new();
         for (link, watch) in self.watches.iter_mut().enumerate() {
             let (Some(surface), pose) = (&self.surfaces[link], &self.poses[link]) else { continue };
-            let (lattice, taken, chosen) = (&self.lattice, &self.taken, self.chosen.as_deref());
-            let reach_m = self.config.contact_distance_m;
-            let rotation = pose.rotation.to_rotation_matrix();
-            let look =
-                enter::Look { lattice, taken, chosen, reach_m, link, surface, pose, rotation };
+            let look = enter::Look {
+                lattice: &self.lattice,
+                taken: &self.taken,
+                chosen: self.chosen.as_deref(),
+                share: self.share,
+                reach_m: self.config.contact_distance_m,
+                link,
+                surface,
+                pose,
+                rotation: pose.rotation.to_rotation_matrix(),
+            };
             watch.look(&look, &mut found);
             for place in released {
                 watch.look_at(&look, *place, &mut found);

@@ -44,15 +44,18 @@
 //! always pressed together are known by their sum only. Take it as a ranking of paths by how well
 //! their resistance is known, not as a bound on the error.
 
+mod felt;
 mod route;
 
 use std::sync::Arc;
 
 use nalgebra::DVector;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use self::felt::Felt;
 use self::route::Route;
-use crate::contact::{Chosen, Contacts};
+use crate::contact::{Chosen, Contacts, Share};
 use crate::field::Springs;
 use crate::follow::{Follower, Lost};
 use crate::robot::{Poses, RobotError};
@@ -243,33 +246,69 @@ impl Outlook {
         path: &[Q],
         config: &Config,
     ) -> Result<Answer, PathError> {
+        let way = self.way(path, config)?;
+        let felt = self.walk(&way)?;
+        Ok(way.answer(&felt))
+    }
+
+    /// [`Outlook::ask`] by so many threads, each of which follows its share of the points.
+    ///
+    /// Sums of torques come in another order than in [`Outlook::ask`], the same for the same number
+    /// of parts.
+    ///
+    /// # Errors
+    ///
+    /// As [`Outlook::ask`].
+    pub fn ask_in_parts<Q: AsRef<[f64]> + Sync>(
+        &self,
+        path: &[Q],
+        config: &Config,
+        parts: u32,
+    ) -> Result<Answer, PathError> {
+        let way = self.way(path, config)?;
+        let of = parts.max(1);
+        let walk = |part| {
+            let mut own = self.clone();
+            own.arm.simulator_mut().follow_share(Share { part, of });
+            own.walk(&way)
+        };
+        let felt: Vec<Vec<Felt>> =
+            (0..of).into_par_iter().map(walk).collect::<Result<_, PathError>>()?;
+        let felt = felt.into_iter().reduce(|mut sum, part| {
+            sum.iter_mut().zip(&part).for_each(|(sum, part)| *sum += part);
+            sum
+        });
+        Ok(way.answer(&felt.unwrap_or_default()))
+    }
+
+    /// A path that was found fit to be followed from where the arm is, with its stops.
+    fn way<'a, Q: AsRef<[f64]>>(
+        &self,
+        path: &'a [Q],
+        config: &Config,
+    ) -> Result<Way<'a>, PathError> {
         config.check()?;
         let route = Route::new(&self.arm, path)?;
         let goes_on = self.starts_here(&route, config);
-        if !goes_on {
-            self.arm.begin_touch();
-        }
         let resolution_m = config.resolution_cells * self.arm.simulator().lattice().spacing_m();
         let stops = route.stops(&self.arm, resolution_m);
         if stops.len() > MAX_MOTIONS {
             return Err(PathError::TooLong { point: stops[MAX_MOTIONS] });
         }
-        let mut points: Vec<PathPoint> = Vec::with_capacity(path.len());
-        let mut from = 0;
-        for &stop in &stops {
-            let (q, poses) = route.at(stop);
-            let contacts = self.arm.go(q, poses).map_err(|lost| PathError::at(stop, lost))?;
-            let reached = self.feel(poses, &contacts);
-            if let Some(left) = points.last().cloned() {
-                let between = from + 1..stop;
-                points.extend(between.map(|point| {
-                    PathPoint::between(&left, &reached, route.part(point, [from, stop]))
-                }));
-            }
-            points.push(reached);
-            from = stop;
+        Ok(Way { route, goes_on, stops })
+    }
+
+    /// Takes the arm along a way; what it feels at each stop.
+    fn walk(&mut self, way: &Way<'_>) -> Result<Vec<Felt>, PathError> {
+        if !way.goes_on {
+            self.arm.begin_touch();
         }
-        Ok(Answer { points, goes_on, stops: stops.len() })
+        let reach = |&stop: &usize| {
+            let (q, poses) = way.route.at(stop);
+            let contacts = self.arm.go(q, poses).map_err(|lost| PathError::at(stop, lost))?;
+            Ok(self.feel(poses, &contacts))
+        };
+        way.stops.iter().map(reach).collect()
     }
 
     /// Whether a route starts where the arm is in a touch under way.
@@ -282,23 +321,23 @@ impl Outlook {
     }
 
     /// What the arm feels at these poses, with these contacts.
-    fn feel(&mut self, poses: &Poses, contacts: &Contacts) -> PathPoint {
+    fn feel(&mut self, poses: &Poses, contacts: &Contacts) -> Felt {
         let robot = &self.arm.arm().robot;
         let nothing = DVector::zeros(robot.n_joints());
         if contacts.is_empty() {
-            let (torque, torque_std) = (nothing.clone(), nothing);
-            return PathPoint { torque, torque_std, contacts: 0, known: 0 };
+            let (torque, torque_variance) = (nothing.clone(), nothing);
+            return Felt { torque, torque_variance, contacts: 0.0, known: 0.0 };
         }
         let observation = self.springs.fold(robot, poses, contacts, &nothing);
         let of = |values: &[f64], row: usize, other| values.get(row).copied().unwrap_or(other);
         let variance = |row| of(&self.variance, row, self.untouched_variance);
         let stands_for = |row| of(&self.stands_for, row, self.others_stand_for);
         let known = observation.rows().filter(|&row| self.springs.is_known(row));
-        PathPoint {
+        Felt {
             torque: self.springs.predict(&observation),
-            torque_std: observation.gram(self.springs.cells(), variance).diagonal().map(f64::sqrt),
-            contacts: observation.rows().map(stands_for).sum::<f64>().round() as usize,
-            known: known.map(stands_for).sum::<f64>().round() as usize,
+            torque_variance: observation.gram(self.springs.cells(), variance).diagonal(),
+            contacts: observation.rows().map(stands_for).sum(),
+            known: known.map(stands_for).sum(),
         }
     }
 }
@@ -317,18 +356,29 @@ impl Config {
     }
 }
 
-impl PathPoint {
-    /// A part (0 to 1) of the way from one to another.
-    fn between(from: &Self, to: &Self, part: f64) -> Self {
-        let count = |from: usize, to: usize| {
-            (from as f64 + part * (to as f64 - from as f64)).round() as usize
-        };
-        Self {
-            torque: from.torque.lerp(&to.torque, part),
-            torque_std: from.torque_std.lerp(&to.torque_std, part),
-            contacts: count(from.contacts, to.contacts),
-            known: count(from.known, to.known),
+/// A path with the points of it where the arm stops.
+struct Way<'a> {
+    route: Route<'a>,
+    goes_on: bool,
+    stops: Vec<usize>,
+}
+
+impl Way<'_> {
+    /// The answer, from what is felt at each stop.
+    fn answer(&self, felt: &[Felt]) -> Answer {
+        let mut points: Vec<PathPoint> = Vec::new();
+        for (&stop, felt) in self.stops.iter().zip(felt) {
+            let reached = felt.point();
+            if let Some(left) = points.last().cloned() {
+                let from = points.len() - 1;
+                points.extend((from + 1..stop).map(|point| {
+                    let part = self.route.part(point, [from, stop]);
+                    PathPoint::between(&left, &reached, part)
+                }));
+            }
+            points.push(reached);
         }
+        Answer { points, goes_on: self.goes_on, stops: self.stops.len() }
     }
 }
 
