@@ -113,11 +113,11 @@ impl Springs {
         self.folder.rows()
     }
 
-    /// Makes springs stand for others: K of every row times its factor, and that of all other
-    /// cells times theirs.
-    pub(crate) fn scale(&mut self, factor: impl Fn(usize) -> f64, others: f64) {
-        for (row, cell) in self.cells.iter_mut().enumerate() {
-            *cell.unknown_mut() *= factor(row);
+    /// Makes springs stand for others: each row has the K given, N/m, and all other cells have
+    /// theirs times a factor.
+    pub(crate) fn stand_for(&mut self, stiffness_n_per_m: &[f64], others: f64) {
+        for (cell, &k) in self.cells.iter_mut().zip(stiffness_n_per_m) {
+            *cell.unknown_mut() = k;
         }
         self.untouched_n_per_m *= others;
     }

@@ -4,7 +4,7 @@
 //! among all. A [`Chosen`] stands for all points, and whoever chooses knows for how many others each
 //! of them stands; [`Share`]s are all points between them, for as many threads.
 
-use crate::lattice::{BRICK_EDGE, CellSet};
+use crate::lattice::{BRICK_EDGE, BrickBits, Bricks};
 
 /// One of so many shares of the points: bricks in turn, so that a link that touches many has some of
 /// each share.
@@ -30,8 +30,8 @@ impl Share {
 /// of 4³.
 #[derive(Debug, Default)]
 pub(crate) struct Chosen {
-    known: CellSet,
-    chosen: CellSet,
+    /// Those that are followed, in bricks where any point is known.
+    bricks: Bricks<BrickBits>,
 }
 
 /// Edge of a block in which one point stands for all that are not known.
@@ -41,31 +41,42 @@ impl Chosen {
     /// For how many points one stands that is not known.
     pub(crate) const ONE_IN: f64 = (EDGE * EDGE * EDGE) as f64;
 
-    /// Makes a point known, and says whether it is followed.
-    pub(crate) fn insert(&mut self, place: [u32; 3], chosen: bool) {
-        self.known.insert(place);
-        if chosen {
-            self.chosen.insert(place);
+    /// Says which points of a brick, counted in bricks, are known, and which of those are followed.
+    pub(crate) fn choose(&mut self, brick: [u32; 3], known: &BrickBits, leads: &BrickBits) {
+        let followed = self.bricks.get_or_insert_with(brick, || *leads);
+        for place in representatives(brick.map(|n| n * BRICK_EDGE)) {
+            let (_, inside) = Bricks::<()>::locate(place);
+            if !known.get(inside) {
+                followed.insert(inside);
+            }
         }
     }
 
     /// Whether a point is followed.
     pub(super) fn contains(&self, place: [u32; 3]) -> bool {
-        if self.known.contains(place) {
-            return self.chosen.contains(place);
+        let (brick, inside) = Bricks::<()>::locate(place);
+        match self.bricks.get(brick) {
+            Some(followed) => followed.get(inside),
+            None => place == representative(place.map(|n| n / EDGE)),
         }
-        place == representative(place.map(|n| n / EDGE))
     }
 
     /// The points of a brick that are followed, by its first place.
     pub(super) fn of_brick(&self, low: [u32; 3]) -> impl Iterator<Item = [u32; 3]> {
-        let blocks = BRICK_EDGE / EDGE;
-        let others = (0..blocks.pow(3)).map(move |n| {
-            let block = [n % blocks, n / blocks % blocks, n / (blocks * blocks)];
-            representative([0, 1, 2].map(|axis| low[axis] / EDGE + block[axis]))
-        });
-        self.chosen.of_brick(low).chain(others.filter(|place| !self.known.contains(*place)))
+        let (brick, _) = Bricks::<()>::locate(low);
+        let followed = self.bricks.get(brick);
+        let others = followed.is_none().then(|| representatives(low)).into_iter().flatten();
+        followed.into_iter().flat_map(move |followed| followed.places(low)).chain(others)
     }
+}
+
+/// The points that stand for the blocks of a brick, by its first place.
+fn representatives(low: [u32; 3]) -> impl Iterator<Item = [u32; 3]> {
+    let n = BRICK_EDGE / EDGE;
+    (0..n.pow(3)).map(move |block| {
+        let block = [block % n, block / n % n, block / (n * n)];
+        representative([0, 1, 2].map(|axis| low[axis] / EDGE + block[axis]))
+    })
 }
 
 /// The point that stands for those of its block.
@@ -106,10 +117,17 @@ mod tests {
             blocks.dedup();
             assert_eq!(blocks.len(), 8, "{low:?}");
         }
-        places([8, 16, 72]).for_each(|place| points.insert(place, false));
-        assert!(followed(&points, [8, 16, 72]).is_empty());
-        points.insert([9, 20, 79], true);
+        let bits = |places: &[[u32; 3]]| {
+            let mut bits = BrickBits::default();
+            places.iter().for_each(|place| bits.insert(Bricks::<()>::locate(*place).1));
+            bits
+        };
+        let all: Vec<_> = places([8, 16, 72]).collect();
+        points.choose([1, 2, 9], &bits(&all), &bits(&[[9, 20, 79]]));
         assert_eq!(followed(&points, [8, 16, 72]), [[9, 20, 79]]);
-        assert_eq!(followed(&points, [8, 16, 64]).len(), 8);
+        // A point that is known stands for itself alone, or for none.
+        let others = followed(&points, [8, 16, 64]);
+        points.choose([1, 2, 8], &bits(&others[..1]), &BrickBits::default());
+        assert_eq!(followed(&points, [8, 16, 64]), others[1..]);
     }
 }

@@ -43,6 +43,11 @@ impl<T> Bricks<T> {
         &mut self.bricks[slot as usize]
     }
 
+    /// All bricks in use, in no order that means anything.
+    pub fn iter(&self) -> impl Iterator<Item = ([u32; 3], &T)> {
+        self.slots.iter().map(|(&brick, &slot)| (brick, &self.bricks[slot as usize]))
+    }
+
     /// Bricks in use.
     pub fn len(&self) -> usize {
         self.bricks.len()
@@ -68,6 +73,23 @@ impl BrickBits {
     /// The bit of a cell, by its number inside the brick.
     pub fn get(&self, inside: usize) -> bool {
         self.0[inside / 64] >> (inside % 64) & 1 == 1
+    }
+
+    /// Sets the bit of a cell, by its number inside the brick.
+    pub fn insert(&mut self, inside: usize) {
+        self.0[inside / 64] |= 1 << (inside % 64);
+    }
+
+    /// The places of the cells whose bits are set, in the lattice's order, in the brick whose first
+    /// place is `low`.
+    pub fn places(&self, low: [u32; 3]) -> impl Iterator<Item = [u32; 3]> + use<> {
+        self.0.into_iter().zip(low[2]..).flat_map(move |(mut word, k)| {
+            std::iter::from_fn(move || {
+                let bit = word.trailing_zeros();
+                word &= word.checked_sub(1)?; // the lowest bit goes
+                Some([low[0] + bit % BRICK_EDGE, low[1] + bit / BRICK_EDGE, k])
+            })
+        })
     }
 
     /// Whether all bits of a cube of `edge` cells a side are set; `low` is its first place.
@@ -115,24 +137,10 @@ impl CellSet {
         self.bricks.get(brick).is_some_and(|bits| bits.holds_cube(low, edge))
     }
 
-    /// The cells of a brick that the set holds, in the lattice's order; `low` is its first place.
-    pub fn of_brick(&self, low: [u32; 3]) -> impl Iterator<Item = [u32; 3]> {
-        let (brick, _) = Bricks::<()>::locate(low);
-        let words = self.bricks.get(brick).into_iter().flat_map(|bits| bits.0);
-        words.zip(low[2]..).flat_map(move |(mut word, k)| {
-            std::iter::from_fn(move || {
-                let bit = word.trailing_zeros();
-                word &= word.checked_sub(1)?; // the lowest bit goes
-                Some([low[0] + bit % BRICK_EDGE, low[1] + bit / BRICK_EDGE, k])
-            })
-        })
-    }
-
     /// Adds the cell at a place.
     pub fn insert(&mut self, place: [u32; 3]) {
         let (brick, inside) = Bricks::<()>::locate(place);
-        let bits = self.bricks.get_or_insert_with(brick, BrickBits::default);
-        bits.0[inside / 64] |= 1 << (inside % 64);
+        self.bricks.get_or_insert_with(brick, BrickBits::default).insert(inside);
     }
 
     /// Takes the cell at a place out.
@@ -164,12 +172,11 @@ mod tests {
 
     #[test]
     fn the_cells_of_a_brick_come_in_the_lattices_order() {
-        let mut set = CellSet::default();
+        let mut bits = BrickBits::default();
         let places = [[8, 16, 24], [15, 16, 24], [8, 23, 25], [9, 23, 31], [15, 23, 31]];
-        places.iter().rev().for_each(|place| set.insert(*place));
-        [[7, 16, 24], [16, 16, 24], [8, 16, 32]].iter().for_each(|beside| set.insert(*beside));
-        assert_eq!(set.of_brick([8, 16, 24]).collect::<Vec<_>>(), places);
-        assert_eq!(set.of_brick([80, 16, 24]).count(), 0);
+        places.iter().rev().for_each(|place| bits.insert(Bricks::<()>::locate(*place).1));
+        assert_eq!(bits.places([8, 16, 24]).collect::<Vec<_>>(), places);
+        assert_eq!(BrickBits::default().places([8, 16, 24]).count(), 0);
     }
 
     #[test]

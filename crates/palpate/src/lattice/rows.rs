@@ -62,6 +62,12 @@ impl CellRows {
         &self.points_m
     }
 
+    /// The bricks in use, counted in bricks, each with the rows of its cells by their number inside
+    /// it; of cells that have none, a number that no row has.
+    pub fn bricks(&self) -> impl Iterator<Item = ([u32; 3], &[u32; BRICK_CELLS])> {
+        self.rows.iter().map(|(brick, rows)| (brick, rows.as_ref()))
+    }
+
     /// Rows in use.
     pub fn len(&self) -> usize {
         self.cells.len()

@@ -45,6 +45,7 @@
 //! their resistance is known, not as a bound on the error.
 
 mod felt;
+mod groups;
 mod route;
 
 use std::sync::Arc;
@@ -54,12 +55,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::felt::Felt;
+use self::groups::Leaders;
 use self::route::Route;
 use crate::contact::{Chosen, Contacts, Share};
 use crate::field::Springs;
 use crate::follow::{Follower, Lost};
 use crate::robot::{Poses, RobotError};
-use crate::torque::Cell;
 
 /// How closely a path is looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -87,9 +88,6 @@ pub const MAX_MOTIONS: usize = 10_000;
 
 /// Springs of which [`Outlook::thinned`] keeps one where an answer must come fast.
 pub const ONE_IN: f64 = 8.0;
-
-/// The least share of a cell in a choice, against the mean.
-const LEAST: f64 = 0.25;
 
 /// Why a path cannot be looked at. Points are counted from 0.
 #[derive(Debug, thiserror::Error)]
@@ -195,23 +193,13 @@ impl Outlook {
         if one_in.is_nan() || one_in <= 1.0 || !self.stands_for.is_empty() {
             return self;
         }
-        let share = shares(self.springs.cells(), &self.variance, one_in);
-        let (rows, mut chosen) = (self.springs.rows(), Chosen::default());
-        let mut sum = 0.5;
-        for (&share, &cell) in share.iter().zip(rows.cells()) {
-            // One is kept whenever the shares add up to another whole: cells that were first
-            // touched together lie together, and so are thinned evenly.
-            sum += share;
-            chosen.insert(rows.lattice().place(cell), sum >= 1.0);
-            sum -= sum.floor();
-        }
-        self.stands_for = share.iter().map(|share| share.recip()).collect();
+        let (rows, cells) = (self.springs.rows(), self.springs.cells());
+        let leaders = Leaders::new(rows, cells, &self.variance, one_in);
+        (self.variance, self.stands_for) = (leaders.variance, leaders.stands_for);
         self.others_stand_for = Chosen::ONE_IN;
-        let (stands_for, others) = (&self.stands_for, self.others_stand_for);
-        self.springs.scale(|row| stands_for.get(row).copied().unwrap_or(others), others);
-        self.variance.iter_mut().zip(stands_for).for_each(|(variance, count)| *variance *= count);
-        self.untouched_variance *= others;
-        self.arm.simulator_mut().follow_only(Arc::new(chosen));
+        self.springs.stand_for(&leaders.stiffness_n_per_m, self.others_stand_for);
+        self.untouched_variance *= self.others_stand_for;
+        self.arm.simulator_mut().follow_only(Arc::new(leaders.chosen));
         self
     }
 
@@ -380,21 +368,4 @@ impl Way<'_> {
         }
         Answer { points, goes_on: self.goes_on, stops: self.stops.len() }
     }
-}
-
-/// The share of each cell of the field in a choice of one in so many, above 0 and at most 1.
-///
-/// It goes by what a cell may add to the torque and to its variance, each against the mean; none
-/// is left out for good, or one that is kept would stand for a multitude.
-fn shares(springs: &[Cell], variance: &[f64], one_in: f64) -> Vec<f64> {
-    let springs = &springs[..variance.len()];
-    let n = variance.len() as f64;
-    let stiffness = springs.iter().map(Cell::unknown).sum::<f64>() / n;
-    let mean_variance = variance.iter().sum::<f64>() / n;
-    let against = |value: f64, mean: f64| if mean > 0.0 { value / mean } else { 1.0 };
-    let share = |(spring, &variance): (&Cell, &f64)| {
-        let [k, p] = [against(spring.unknown(), stiffness), against(variance, mean_variance)];
-        ((k + p) / 2.0).max(LEAST).min(one_in) / one_in
-    };
-    springs.iter().zip(variance).map(share).collect()
 }

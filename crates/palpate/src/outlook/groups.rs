@@ -1,0 +1,182 @@
+//! Which springs of a field stand for which others where an answer must come fast.
+//!
+//! Neighbours are displaced alike, so one of them, with the stiffness of all, pushes nearly as they
+//! do together. Groups are blocks of 4³ cells, or of 2³, or single cells: a block is divided as
+//! long as it *weighs* more than a bound, so that no spring adds much more to an answer than any
+//! other. A cell weighs what it may add to the torque and to its variance, each against the mean.
+
+use nalgebra::Vector3;
+
+use crate::contact::Chosen;
+use crate::lattice::{BRICK_CELLS, BrickBits, Bricks, CellRows};
+use crate::torque::Cell;
+
+/// Cells of a block, from the largest: 4³, 2³, 1.
+const BLOCKS: [usize; 3] = [64, 8, 1];
+
+/// The springs that stand for groups; by row of the field, and 0 in all rows but theirs.
+#[derive(Debug)]
+pub(super) struct Leaders {
+    /// Sum of the stiffness of the group, N/m.
+    pub(super) stiffness_n_per_m: Vec<f64>,
+    /// Sum of the variances of the group, (N/m)².
+    pub(super) variance: Vec<f64>,
+    /// Cells of the group.
+    pub(super) stands_for: Vec<f64>,
+    /// The leaders, and what stands for cells of which the field knows nothing.
+    pub(super) chosen: Chosen,
+}
+
+/// A cell of a brick that the field knows.
+#[derive(Debug, Clone, Copy)]
+struct Known {
+    /// Its number in the brick, if cells come block by block: [`place`] says where that is.
+    number: usize,
+    row: usize,
+    weight: f64,
+    stiffness_n_per_m: f64,
+}
+
+impl Leaders {
+    /// The leaders of cells with these springs and variances, by row, in groups of which none
+    /// weighs more than `most` cells of the mean unless it is a single one.
+    ///
+    /// Cost: some 20 ns a cell.
+    pub(super) fn new(rows: &CellRows, springs: &[Cell], variance: &[f64], most: f64) -> Self {
+        let springs = &springs[..variance.len()];
+        let zeros = || vec![0.0; variance.len()];
+        let mut leaders = Self {
+            stiffness_n_per_m: zeros(),
+            variance: zeros(),
+            stands_for: zeros(),
+            chosen: Chosen::default(),
+        };
+        let per_cell = |sum: f64| if sum > 0.0 { variance.len() as f64 / sum } else { 0.0 };
+        let per_stiffness = per_cell(springs.iter().map(Cell::unknown).sum());
+        let per_variance = per_cell(variance.iter().sum());
+        let inside: [usize; BRICK_CELLS] = std::array::from_fn(inside);
+        let mut cells: Vec<Known> = Vec::with_capacity(BRICK_CELLS);
+        for (brick, rows) in rows.bricks() {
+            let (mut known, mut leads) = (BrickBits::default(), BrickBits::default());
+            cells.clear();
+            for (number, &inside) in inside.iter().enumerate() {
+                let row = rows[inside] as usize;
+                if let Some(spring) = springs.get(row) {
+                    let stiffness_n_per_m = spring.unknown();
+                    let weight =
+                        (stiffness_n_per_m * per_stiffness + variance[row] * per_variance) / 2.0;
+                    cells.push(Known { number, row, weight, stiffness_n_per_m });
+                    known.insert(inside);
+                }
+            }
+            divide(&cells, &BLOCKS, most, &mut |group| {
+                let leader = leader(group);
+                leads.insert(inside[leader.number]);
+                for cell in group {
+                    leaders.stiffness_n_per_m[leader.row] += cell.stiffness_n_per_m;
+                    leaders.variance[leader.row] += variance[cell.row];
+                }
+                leaders.stands_for[leader.row] = group.len() as f64;
+            });
+            leaders.chosen.choose(brick, &known, &leads);
+        }
+        leaders
+    }
+}
+
+/// The number that the n-th cell has inside its brick elsewhere.
+fn inside(n: usize) -> usize {
+    let (_, inside) = Bricks::<()>::locate(place(n).map(|n| n as u32));
+    inside
+}
+
+/// Where the n-th cell lies in its brick: its bits are those of x, y and z in turn, so that the cells
+/// of a block come in a row.
+fn place(n: usize) -> [usize; 3] {
+    std::array::from_fn(|axis| (0..3).map(|bit| (n >> (3 * bit + axis) & 1) << bit).sum())
+}
+
+/// Calls `group` with every group among cells, which come by number and are divided into blocks of
+/// these numbers of cells.
+fn divide(cells: &[Known], blocks: &[usize], most: f64, group: &mut impl FnMut(&[Known])) {
+    let [block, smaller @ ..] = blocks else { return };
+    for cells in cells.chunk_by(|a, b| a.number / block == b.number / block) {
+        if cells.len() > 1 && cells.iter().map(|cell| cell.weight).sum::<f64>() > most {
+            divide(cells, smaller, most, group);
+        } else {
+            group(cells);
+        }
+    }
+}
+
+/// The cell of a group that stands for all: the nearest to the middle of their stiffness.
+fn leader(group: &[Known]) -> Known {
+    if let [single] = group {
+        return *single;
+    }
+    let point = |cell: &Known| Vector3::from(place(cell.number).map(|n| n as f64));
+    let (mut middle, mut sum) = (Vector3::zeros(), 0.0);
+    for cell in group {
+        let weight = cell.stiffness_n_per_m + f64::MIN_POSITIVE; // all may be 0
+        middle += point(cell) * weight;
+        sum += weight;
+    }
+    middle /= sum;
+    let away = |cell: &Known| (point(cell) - middle).norm_squared();
+    *group.iter().min_by(|a, b| away(a).total_cmp(&away(b))).expect("a chunk is never empty")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lattice::{BRICK_EDGE, Lattice};
+
+    /// Rows of all cells of two bricks of a lattice, and springs for them.
+    fn field(stiffness_n_per_m: impl Fn([u32; 3]) -> f64) -> (CellRows, Vec<Cell>) {
+        let lattice = Lattice::new([0.0; 3], 0.01, [2 * BRICK_EDGE, BRICK_EDGE, BRICK_EDGE]);
+        let mut rows = CellRows::new(lattice.unwrap());
+        for number in 0..2 * BRICK_CELLS as u32 {
+            rows.row_of(crate::lattice::CellId(number));
+        }
+        let k = |&cell| stiffness_n_per_m(rows.lattice().place(cell));
+        let springs = rows.cells().iter().zip(rows.points_m());
+        let springs = springs.map(|(cell, &point)| Cell::new(point, k(cell))).collect();
+        (rows, springs)
+    }
+
+    #[test]
+    fn groups_hold_every_cell_once_with_all_its_stiffness_and_variance() {
+        let (rows, springs) = field(|[i, j, k]| f64::from(i * 7 % 5 + j * k));
+        let variance: Vec<f64> = (0..springs.len()).map(|row| (row % 11) as f64).collect();
+        for most in [0.0, 1.0, 5.0, 30.0, 1e9] {
+            let leaders = Leaders::new(&rows, &springs, &variance, most);
+            let sum = |values: &[f64]| values.iter().sum::<f64>();
+            let stiffness: f64 = springs.iter().map(Cell::unknown).sum();
+            assert!((sum(&leaders.stiffness_n_per_m) - stiffness).abs() < 1e-9 * stiffness);
+            assert!((sum(&leaders.variance) - sum(&variance)).abs() < 1e-9 * sum(&variance));
+            assert_eq!(sum(&leaders.stands_for), springs.len() as f64);
+        }
+    }
+
+    #[test]
+    fn what_is_stiff_is_divided_and_what_is_not_is_not() {
+        let (rows, springs) = field(|[i, _, _]| if i < BRICK_EDGE { 100.0 } else { 1e-3 });
+        let variance = vec![1.0; springs.len()];
+        let leaders = Leaders::new(&rows, &springs, &variance, 4.1);
+        let groups = |of_stiff: bool| {
+            let is_stiff = |row: usize| rows.lattice().place(rows.cells()[row])[0] < BRICK_EDGE;
+            let leads = |row: &usize| leaders.stands_for[*row] > 0.0 && is_stiff(*row) == of_stiff;
+            (0..springs.len()).filter(leads).count()
+        };
+        // Stiff cells weigh 1.5, the others 0.5: eight of them weigh just as much as may be.
+        assert_eq!((groups(true), groups(false)), (BRICK_CELLS, BRICK_CELLS / 8));
+    }
+
+    #[test]
+    fn the_leader_is_where_the_stiffness_is() {
+        let (rows, springs) = field(|place| if place == [3, 2, 1] { 9.0 } else { 0.0 });
+        let leaders = Leaders::new(&rows, &springs, &vec![0.0; springs.len()], 1e9);
+        let row = rows.find(rows.lattice().cell([3, 2, 1])).unwrap() as usize;
+        assert_eq!((leaders.stiffness_n_per_m[row], leaders.stands_for[row]), (9.0, 64.0));
+    }
+}
