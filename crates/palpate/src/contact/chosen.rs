@@ -61,12 +61,16 @@ impl Chosen {
         }
     }
 
-    /// The points of a brick that are followed, by its first place.
-    pub(super) fn of_brick(&self, low: [u32; 3]) -> impl Iterator<Item = [u32; 3]> {
-        let (brick, _) = Bricks::<()>::locate(low);
-        let followed = self.bricks.get(brick);
-        let others = followed.is_none().then(|| representatives(low)).into_iter().flatten();
-        followed.into_iter().flat_map(move |followed| followed.places(low)).chain(others)
+    /// The points that are followed of the brick of a place.
+    pub(super) fn of_brick(&self, place: [u32; 3]) -> BrickBits {
+        let (brick, _) = Bricks::<()>::locate(place);
+        self.bricks.get(brick).copied().unwrap_or_else(|| {
+            let mut followed = BrickBits::default();
+            for place in representatives(brick.map(|n| n * BRICK_EDGE)) {
+                followed.insert(Bricks::<()>::locate(place).1);
+            }
+            followed
+        })
     }
 }
 
@@ -101,9 +105,7 @@ mod tests {
     /// The points of a brick that are followed, asked for one by one.
     fn followed(points: &Chosen, low: [u32; 3]) -> Vec<[u32; 3]> {
         let followed: Vec<_> = places(low).filter(|place| points.contains(*place)).collect();
-        let mut together: Vec<_> = points.of_brick(low).collect();
-        together.sort_by_key(|[i, j, k]| [*k, *j, *i]);
-        assert_eq!(followed, together);
+        assert_eq!(followed, points.of_brick(low).places(low).collect::<Vec<_>>());
         followed
     }
 

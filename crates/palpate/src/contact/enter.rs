@@ -72,6 +72,9 @@ struct Due {
     block: Block,
 }
 
+/// So few points of a block are looked at one by one.
+const FEW: u32 = 2;
+
 /// Blocks looked at together.
 const HANDFUL: usize = 8;
 
@@ -208,18 +211,18 @@ impl Watch {
         if edge == 1 {
             return found.push(Entered { place: low, link: look.link, distance_m });
         }
-        let shape = look.lattice.shape();
-        let inside = |place: &[u32; 3]| (0..3).all(|axis| place[axis] < shape[axis]);
-        if let Some(chosen) = look.chosen {
-            let free = chosen.of_brick(low).filter(|place| !look.taken.contains(*place));
-            return parts.extend(free.filter(inside).map(|low| Block { low, edge: 1 }));
-        }
+        let followed = look.chosen.map(|chosen| chosen.of_brick(low));
         let edge = edge / 2;
         for octant in 0..8 {
             let step = [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * edge);
             let low = [low[0] + step[0], low[1] + step[1], low[2] + step[2]];
-            if inside(&low) {
-                parts.push(Block { low, edge });
+            match followed.map(|followed| followed.of_cube(low, edge)) {
+                Some(few) if few.count() <= FEW => {
+                    let free = few.places(low).filter(|place| look.may_enter(*place));
+                    parts.extend(free.map(|low| Block { low, edge: 1 }));
+                }
+                _ if look.is_inside(low) => parts.push(Block { low, edge }),
+                _ => {}
             }
         }
     }
@@ -234,6 +237,17 @@ impl Watch {
 }
 
 impl Look<'_> {
+    /// Whether a place is one of the lattice's.
+    fn is_inside(&self, place: [u32; 3]) -> bool {
+        let shape = self.lattice.shape();
+        (0..3).all(|axis| place[axis] < shape[axis])
+    }
+
+    /// Whether a place is one that a link may come to cover.
+    fn may_enter(&self, place: [u32; 3]) -> bool {
+        self.is_inside(place) && !self.taken.contains(place)
+    }
+
     /// φ at the middle of a block.
     fn distance(&self, block: Block) -> f64 {
         let half_m = f64::from(block.edge - 1) / 2.0 * self.lattice.spacing_m();

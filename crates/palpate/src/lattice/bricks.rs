@@ -80,9 +80,9 @@ impl BrickBits {
         self.0[inside / 64] |= 1 << (inside % 64);
     }
 
-    /// The places of the cells whose bits are set, in the lattice's order, in the brick whose first
-    /// place is `low`.
-    pub fn places(&self, low: [u32; 3]) -> impl Iterator<Item = [u32; 3]> + use<> {
+    /// The places of the cells whose bits are set, in the lattice's order, in the brick of a place.
+    pub fn places(&self, place: [u32; 3]) -> impl Iterator<Item = [u32; 3]> + use<> {
+        let low = place.map(|n| n - n % BRICK_EDGE);
         self.0.into_iter().zip(low[2]..).flat_map(move |(mut word, k)| {
             std::iter::from_fn(move || {
                 let bit = word.trailing_zeros();
@@ -90,6 +90,26 @@ impl BrickBits {
                 Some([low[0] + bit % BRICK_EDGE, low[1] + bit / BRICK_EDGE, k])
             })
         })
+    }
+
+    /// The bits of a cube of `edge` cells a side, without all others; `low` is its first place.
+    ///
+    /// # Panics
+    ///
+    /// If the cube reaches beyond the brick that `low` lies in, which is a bug in the caller.
+    pub fn of_cube(&self, low: [u32; 3], edge: u32) -> Self {
+        let [i, j, k] = low.map(|n| n % BRICK_EDGE);
+        let layer = layer([i, j, k], edge);
+        let mut cube = Self::default();
+        for k in (k..k + edge).map(|k| k as usize) {
+            cube.0[k] = self.0[k] & layer;
+        }
+        cube
+    }
+
+    /// Bits that are set.
+    pub fn count(&self) -> u32 {
+        self.0.iter().map(|word| word.count_ones()).sum()
     }
 
     /// Whether all bits of a cube of `edge` cells a side are set; `low` is its first place.
@@ -177,6 +197,9 @@ mod tests {
         places.iter().rev().for_each(|place| bits.insert(Bricks::<()>::locate(*place).1));
         assert_eq!(bits.places([8, 16, 24]).collect::<Vec<_>>(), places);
         assert_eq!(BrickBits::default().places([8, 16, 24]).count(), 0);
+        let cube = bits.of_cube([8, 20, 24], 4);
+        assert_eq!(cube.places([8, 16, 24]).collect::<Vec<_>>(), [[8, 23, 25]]);
+        assert_eq!((cube.count(), bits.of_cube([8, 16, 24], 8).count()), (1, 5));
     }
 
     #[test]
