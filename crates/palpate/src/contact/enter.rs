@@ -248,12 +248,25 @@ impl Look<'_> {
         self.is_inside(place) && !self.taken.contains(place)
     }
 
-    /// φ at the middle of a block.
+    /// φ at the middle of a block; of one that is beyond the horizon, no more than φ.
+    ///
+    /// Most blocks of a new agenda are, and the box of the surface says so of most of these: it is at
+    /// hand, where the baked distances of a place that nobody asked about are not.
     fn distance(&self, block: Block) -> f64 {
         let half_m = f64::from(block.edge - 1) / 2.0 * self.lattice.spacing_m();
         let middle = self.lattice.point_at(block.low) + Vector3::repeat(half_m);
         let from_origin = middle.coords - self.pose.translation.vector;
-        self.surface.distance(&self.rotation.matrix().tr_mul(&from_origin).into())
+        let middle_link = Point3::from(self.rotation.matrix().tr_mul(&from_origin));
+        let beyond_m = self.reach_m + LIPSCHITZ * (HORIZON_M + self.radius_m(block));
+        let box_m = self.box_distance_m(&middle_link);
+        if box_m > beyond_m { box_m } else { self.surface.distance(&middle_link) }
+    }
+
+    /// How far a point is from the box of the link's surface, in the link's frame, m.
+    fn box_distance_m(&self, point_link: &Point3<f64>) -> f64 {
+        let (low, high) = self.surface.bounds();
+        let outside = (low - point_link).sup(&(point_link - high)).sup(&Vector3::zeros());
+        outside.norm()
     }
 
     /// The farthest that a point of a block is from its middle.
