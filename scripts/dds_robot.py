@@ -29,7 +29,7 @@ import numpy as np
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import float64, int32, sequence, uint8, uint32
+from cyclonedds.idl.types import float64, int32, int64, sequence, uint8, uint32, uint64
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -104,6 +104,23 @@ class DiagnosticStatus(IdlStruct, typename="diagnostic_msgs::msg::dds_::Diagnost
 class DiagnosticArray(IdlStruct, typename="diagnostic_msgs::msg::dds_::DiagnosticArray_"):
     header: Header
     status: sequence[DiagnosticStatus]
+
+
+@dataclass
+class TriggerRequest(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Request_"):
+    """As rmw_cyclonedds writes it: who asks and which question it is come first."""
+
+    client: uint64
+    number: int64
+    nothing: uint8
+
+
+@dataclass
+class TriggerResponse(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response_"):
+    client: uint64
+    number: int64
+    success: bool
+    message: str
 
 
 RELIABLE = Qos(
@@ -189,6 +206,42 @@ def all_of(queue):
     return items
 
 
+class Stranger(threading.Thread):
+    """Another participant, which publishes another type on the topic of the joint states."""
+
+    def __init__(self, domain):
+        super().__init__(daemon=True)
+        self.participant = DomainParticipant(domain)
+        topic = Topic(self.participant, "rt/joint_states", Bool)
+        self.writer = DataWriter(self.participant, topic, RELIABLE)
+
+    def run(self):
+        while True:
+            self.writer.write(Bool(True))
+            time.sleep(0.02)
+
+
+class Tare(threading.Thread):
+    """Calls the service /palpate/tare as a client on rmw_cyclonedds does, after so many seconds."""
+
+    def __init__(self, participant, after):
+        super().__init__(daemon=True)
+        self.after, self.answers = after, []
+        request = Topic(participant, "rq/palpate/tareRequest", TriggerRequest)
+        response = Topic(participant, "rr/palpate/tareReply", TriggerResponse)
+        self.writer = DataWriter(participant, request, RELIABLE)
+        self.reader = DataReader(participant, response, RELIABLE)
+
+    def run(self):
+        time.sleep(self.after)
+        for number in (1, 2):
+            self.writer.write(TriggerRequest(4711, number, 0))
+            for answer in self.reader.take_iter(timeout=duration(seconds=5)):
+                answered = [answer.client, answer.number, answer.success, answer.message]
+                self.answers.append(answered)
+                break
+
+
 def spoil(state, before, number, broken):
     """Every fiftieth joint state as a broken robot would send it."""
     if broken and number % 50 == 7:
@@ -239,6 +292,8 @@ def main():
     parser.add_argument("--deaf", action="store_true", help="reads nothing back, which takes less time")
     parser.add_argument("--break", dest="broken", default="", help="what is wrong: see `spoil`")
     parser.add_argument("--guard", type=float, help="a limit, N·m, to time the flag against")
+    parser.add_argument("--stranger", action="store_true", help="another type on the same topic")
+    parser.add_argument("--tare", type=float, help="call the service after so many seconds")
     args = parser.parse_args()
 
     spawn = multiprocessing.get_context("spawn")
@@ -249,6 +304,13 @@ def main():
     ears = Ears(participant, args.guard)
     if not args.deaf:
         ears.start()
+    if args.stranger:
+        Stranger(args.domain).start()
+        time.sleep(3)  # alone for a while
+    tare = None
+    if args.tare is not None:
+        tare = Tare(participant, args.tare)
+        tare.start()
     qos = BEST_EFFORT if args.best_effort else RELIABLE
     writer = DataWriter(participant, Topic(participant, "rt/joint_states", JointState), qos)
     q, tau = frames(args.set, round(args.still * args.rate))
@@ -273,6 +335,7 @@ def main():
         "latency_ms": {"median": float(np.median(latencies)), "p99": float(np.quantile(latencies, 0.99))},
         "stops": [up for _, up in stops],
         "stop_ms": stop_ms(ears, stops),
+        "tare": tare and tare.answers,
         "diagnostics": {v.key: v.value for v in diagnostics.status[0].values} if diagnostics else None,
         "points": {n: ears.last[n].width for n in ("rt/palpate/contacts", "rt/palpate/field") if n in ears.last},
     }))

@@ -188,6 +188,35 @@ fn a_topic_of_another_type_and_a_field_that_is_there_are_told() {
 }
 
 #[test]
+fn another_type_on_the_topic_is_told_and_the_robot_is_mapped_beside_it() {
+    let domain = domain();
+    let mut live = Live::start(&domain, &["--joint-states", "/joint_states"]);
+    let robot = heard(&mut robot(&domain, &["--rate", "100", "--seconds", "4", "--stranger"]));
+    let (end, told) = (live.end(), live.told());
+    let words = "`/joint_states` is published as std_msgs/msg/Bool; wanted sensor_msgs";
+    assert!(told.contains(words), "{told}");
+    let figures = &end["figures"];
+    assert_eq!(figures["mapped"], robot["sent"], "{told}");
+}
+
+#[test]
+fn a_client_of_the_service_gets_its_answer_and_the_tare() {
+    let domain = domain();
+    let mut live = Live::start(&domain, &["--services", "cyclone"]);
+    let arguments = ["--rate", "100", "--seconds", "4", "--still", "3", "--tare", "2"];
+    let robot = heard(&mut robot(&domain, &arguments));
+    live.end();
+    let answers = robot["tare"].as_array().unwrap();
+    for (answer, number) in answers.iter().zip([1, 2]) {
+        let answer = answer.as_array().unwrap();
+        assert_eq!(answer[..3], [4711.into(), number.into(), true.into()], "{robot}");
+        assert!(answer[3].as_str().unwrap().contains("hold the arm still"), "{robot}");
+    }
+    assert_eq!(answers.len(), 2, "{robot}");
+    assert_eq!(live.told().matches("taring as asked").count(), 2);
+}
+
+#[test]
 fn whoever_asks_is_answered_while_it_maps() {
     let domain = domain();
     let folder = tempfile::tempdir().unwrap();
@@ -229,11 +258,15 @@ fn however_it_is_killed_it_goes_on_from_a_whole_checkpoint() {
         let mut live = Live::start_in(folder, &domain, &arguments);
         live.wait_for(if round == 0 { "\"state\":\"mapping\"" } else { "\"state\":\"" });
         // Moments without a pattern, the first of them late enough for a checkpoint.
-        let after_ms = if round == 0 { 3000 } else { 100 + (round * 7919) % 700 };
+        let after_ms = if round == 0 { 3000 } else { 100 + (round * 7919) % 1700 };
         thread::sleep(Duration::from_millis(after_ms));
         live.kill("-KILL");
         live.child.wait().unwrap();
         let field = live.path("field.npz");
+        // One every 0.3 s, and a second for a slow machine to write it.
+        let age = field.metadata().unwrap().modified().unwrap().elapsed().unwrap();
+        let oldest = Duration::from_millis(1300);
+        assert!(age < oldest || after_ms < 1300, "round {round}: {age:?} after {after_ms} ms");
         let report = succeed(palpate().arg("inspect").arg(&field).arg("--json"));
         let report: Value = serde_json::from_str(&report).unwrap();
         let now = report["paths"][0]["cells"].as_u64().unwrap_or_else(|| panic!("{report}"));

@@ -12,6 +12,7 @@
 //! | [`AskSocket`]   | questions about motions that are not made yet                   |
 //! | [`checkpoint`]  | what is on disk if the power goes                               |
 //! | [`figures`]     | how it goes                                                     |
+//! | [`seen`]        | what whoever draws it gets to see                               |
 //!
 //! The crate knows no terminal and no settings file; `palpate live` is made of it.
 #![forbid(unsafe_code)]
@@ -27,6 +28,7 @@ pub mod joints;
 pub mod message;
 pub mod ros;
 mod run;
+pub mod seen;
 pub mod session;
 
 pub use ask::AskSocket;

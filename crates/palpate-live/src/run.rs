@@ -5,6 +5,7 @@
 //!             (one thread)      (one thread)   │    (one thread)
 //!                                  ▲           ├──► checkpoints (one thread)
 //!                    questions ────┘           │
+//!                                              ├──► what is drawn, by whoever draws
 //!                                              └──► news, to whoever called
 //! ```
 //!
@@ -30,6 +31,7 @@ use crate::message::{Header, JointState};
 use crate::ros::{
     Choice, Ears, Heard, Network, NetworkError, Outbox, TopicSeen, Torques, Voice, choose,
 };
+use crate::seen::{Picker, Seen};
 use crate::session::{Session, State};
 
 /// How a session is run.
@@ -41,6 +43,8 @@ pub struct LiveConfig {
     pub queue: usize,
     /// Where checkpoints go, if anywhere.
     pub checkpoint: Option<CheckpointConfig>,
+    /// Where what is to be drawn goes, if anywhere.
+    pub seen: Option<Arc<Inbox<Seen>>>,
 }
 
 /// What is told while a session runs.
@@ -106,6 +110,7 @@ pub fn run(
         reader: JointReader::new(joints),
         tally: Tally::default(),
         checkpoints,
+        seen: config.seen.clone().map(Picker::new),
         requests,
         header: Header { frame_id, ..Header::default() },
         now: Now::default(),
@@ -289,6 +294,7 @@ struct Mapping<'a> {
     reader: JointReader,
     tally: Tally,
     checkpoints: Option<Checkpoints>,
+    seen: Option<Picker>,
     requests: Receiver<Request>,
     /// Frame and stamp of the last sample.
     header: Header,
@@ -352,6 +358,10 @@ impl Mapping<'_> {
         self.tally.step(started.elapsed());
         if let Some(trip) = &told.trip {
             self.shared.tripped(trip);
+        }
+        if let Some(seen) = &mut self.seen {
+            let (state, mapper) = (self.session.state(), self.session.mapper());
+            seen.sample((&read.sample, at), (&told, state, mapper));
         }
         self.now.contacts = told.contacts;
         (self.now.external_n_m, self.now.predicted_n_m) = (None, None);

@@ -1,6 +1,8 @@
 //! `palpate live`: maps beside a running robot.
 
 mod shown;
+#[cfg(feature = "viewer")]
+mod viewer;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -22,12 +24,17 @@ use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
 use crate::{interrupt, prior, resume, robot};
 use shown::Shown;
+#[cfg(feature = "viewer")]
+use viewer::Viewer;
+#[cfg(not(feature = "viewer"))]
+use without_viewer::Viewer;
 
 const EXAMPLES: &str = "Examples:
   palpate live -o field.npz
   palpate live --robot panda.urdf --gravity removed --joint-states /franka/joint_states -o field.npz
   palpate live -o field.npz --resume --guard 25
   palpate live --localhost --json-lines --duration 60
+  palpate live -o field.npz --viewer
 
 No ROS needs to be installed: palpate speaks DDS itself. It listens to a topic of
 sensor_msgs/msg/JointState that holds efforts, and publishes
@@ -88,6 +95,10 @@ pub(crate) struct Args {
     /// End after so long, s
     #[arg(long, value_name = "S", value_parser = period)]
     duration: Option<f64>,
+    /// Show it in a Rerun viewer, which is started, or in the one that runs at URL
+    #[arg(long, value_name = "URL", num_args = 0..=1, require_equals = true)]
+    #[allow(clippy::option_option)] // not asked for, or asked for with or without an address
+    viewer: Option<Option<String>>,
     /// Print figures and notes as JSON, a line a second, in place of the view
     #[arg(long)]
     json_lines: bool,
@@ -139,6 +150,7 @@ impl Args {
             joint_states: self.joint_states.clone(),
             queue: self.queue as usize,
             checkpoint: self.output.clone().map(|path| CheckpointConfig { path, every }),
+            seen: None,
         }
     }
 
@@ -190,6 +202,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         output.note("nothing is kept: --output FIELD.npz saves what is learnt");
     }
 
+    let drawn = args
+        .viewer
+        .as_ref()
+        .map(|url| Viewer::start(url.as_deref(), &arm, &mapper.config().lattice));
+    let drawn = drawn.transpose()?;
     let idle = idle::Config { idle_s: args.idle, ..idle::Config::default() };
     let session = Session::new(mapper, idle, replays, args.guard.map(Guard::new))
         .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
@@ -198,13 +215,48 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let ends = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s));
     let stop = || interrupt::pressed() || ends.is_some_and(|ends| Instant::now() >= ends);
     let mut shown = Shown::new(*output, args.json_lines);
-    let session =
-        run_live(network, session, &args.live(), ask.as_ref(), stop, |news| shown.tell(news))
-            .map_err(CliError::file)?;
+    let config = LiveConfig { seen: drawn.as_ref().map(Viewer::inbox), ..args.live() };
+    let session = run_live(network, session, &config, ask.as_ref(), stop, |news| shown.tell(news))
+        .map_err(CliError::file)?;
     shown.clear();
+    if let Some(drawn) = drawn {
+        drawn.end(output);
+    }
     if let Some(path) = &args.output {
         let saved = checkpoint::saved(session.mapper(), session.replays());
         field::save(path, &saved).map_err(CliError::file)?;
     }
     shown.end(&session, args.output.as_deref())
+}
+
+/// In place of the viewer, which the command was built without.
+#[cfg(not(feature = "viewer"))]
+mod without_viewer {
+    use std::sync::Arc;
+
+    use palpate::arm::Arm;
+    use palpate::lattice::Lattice;
+    use palpate_live::inbox::Inbox;
+    use palpate_live::seen::Seen;
+
+    use crate::error::CliError;
+    use crate::output::Output;
+    use crate::view;
+
+    /// None of these is ever made.
+    pub(super) enum Viewer {}
+
+    impl Viewer {
+        pub(super) fn start(_: Option<&str>, _: &Arc<Arm>, _: &Lattice) -> Result<Self, CliError> {
+            Err(view::without_viewer())
+        }
+
+        pub(super) fn inbox(&self) -> Arc<Inbox<Seen>> {
+            match *self {}
+        }
+
+        pub(super) fn end(self, _: &Output) {
+            match self {}
+        }
+    }
 }

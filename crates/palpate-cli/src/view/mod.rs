@@ -2,20 +2,25 @@
 //!
 //! The flags are always there, and what they do needs the feature `viewer`: without it, the command
 //! says how to get it. [`show`] is the command; [`play`] follows the touches and says each sample;
-//! [`to`] is where the recording goes.
+//! [`scene`] is what stays as it is; [`to`] is where the recording goes.
 
 #[cfg(feature = "viewer")]
 mod play;
 #[cfg(feature = "viewer")]
+pub(crate) mod scene;
+#[cfg(feature = "viewer")]
 mod show;
 #[cfg(feature = "viewer")]
-mod to;
+pub(crate) mod to;
 
 use std::path::PathBuf;
 
 use crate::settings::AllSettings;
 #[cfg(not(feature = "viewer"))]
 use crate::{error::CliError, output::Output};
+
+/// Where `--viewer` and `--connect` look for a viewer that runs on this machine.
+const HERE: &str = "rerun+http://127.0.0.1:9876/proxy";
 
 #[cfg(feature = "viewer")]
 pub(crate) use show::run;
@@ -56,7 +61,7 @@ pub(crate) struct Args {
         value_name = "URL",
         num_args = 0..=1,
         require_equals = true,
-        default_missing_value = "rerun+http://127.0.0.1:9876/proxy"
+        default_missing_value = HERE
     )]
     connect: Option<String>,
     /// Show every so-manieth sample; all of them are followed
@@ -75,10 +80,16 @@ pub(crate) struct Args {
 /// Says how to get the viewer, which this command was built without.
 #[cfg(not(feature = "viewer"))]
 pub(crate) fn run(_: &Args, _: &Output) -> Result<(), CliError> {
-    Err(CliError::Usage(
+    Err(without_viewer())
+}
+
+/// How to get the viewer, which this command was built without.
+#[cfg(not(feature = "viewer"))]
+pub(crate) fn without_viewer() -> CliError {
+    CliError::Usage(
         "this `palpate` was built without the viewer, which takes some 360 more crates; get one \
          with it by `cargo install --locked --path crates/palpate-cli --features viewer`. `palpate \
          predict --picture FILE.svg` and `palpate evaluate` draw without it"
             .to_owned(),
-    ))
+    )
 }

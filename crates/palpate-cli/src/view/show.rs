@@ -9,7 +9,6 @@ use palpate::field::Predictor;
 use palpate::lattice::Lattice;
 use palpate::mapper::Mapper;
 use palpate_io::field::{self, Saved};
-use palpate_view::shown::LinkShape;
 use palpate_view::{Frame, Recording, Scene};
 use serde_json::json;
 
@@ -24,6 +23,7 @@ use crate::{interrupt, robot};
 
 use super::Args;
 use super::play::{Follower, Played, Player, Rhythm};
+use super::scene::{about, scene};
 use super::to::{To, failed};
 
 /// What the arguments name.
@@ -83,7 +83,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             field.display()
         )));
     }
-    let settings = args.settings.load()?;
+    let mut settings = args.settings.load()?;
     if named.field.is_none() {
         settings.config()?;
     }
@@ -91,6 +91,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let saved = named.field.map(field::load).transpose().map_err(CliError::file)?;
     let touches = Touches::open(&named.logs, &settings.log.options())?;
+    touches.settle(&mut settings.touch, output)?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
     if let Some(saved) = &saved {
@@ -120,8 +121,15 @@ struct Stage<'a> {
 impl Stage<'_> {
     /// Plays logs, and says where.
     fn play(&self, touches: Touches, to: To) -> Result<(String, Option<Played>), CliError> {
-        let names = self.arm.robot.joint_names();
-        let mut player = Player::new(self.follower()?, touches.for_joints(names))?;
+        let place = match &self.saved {
+            Some(Saved { field, .. }) => (field.lattice.clone(), field.contact.clone()),
+            None => {
+                let config = self.settings.config()?;
+                (config.lattice, config.contact)
+            }
+        };
+        let touches = touches.for_arm(self.arm, &self.settings.log, place)?;
+        let mut player = Player::new(self.follower()?, touches)?;
         let hulls = Hulls::of(self.arm);
         let mut scene = self.scene(&hulls, player.follower.lattice());
         (scene.clock, scene.torques) = (player.timed, true);
@@ -186,55 +194,26 @@ impl Stage<'_> {
 
     /// The arm and the words, without clock and torques.
     fn scene(&self, hulls: &Hulls, lattice: &Lattice) -> Scene {
-        let link = |hull: &crate::hull::Hull| LinkShape {
-            name: hull.link.clone(),
-            vertices_m: hull.vertices_m.clone(),
-            triangles: hull.triangles.clone(),
-        };
-        Scene {
-            name: self.args.what.iter().map(|path| name(path)).collect::<Vec<_>>().join(", "),
-            about: self.about(lattice),
-            links: hulls.hulls.iter().map(link).collect(),
-            world_from_link: Vec::new(),
-            joints: self.arm.robot.joint_names().map(str::to_owned).collect(),
-            lattice: lattice.clone(),
-            clock: false,
-            torques: false,
-        }
+        let name = self.args.what.iter().map(|path| name(path)).collect::<Vec<_>>().join(", ");
+        scene((self.arm, hulls), lattice, name, self.about(lattice))
     }
 
     /// What a reader of the recording must know, in Markdown.
     fn about(&self, lattice: &Lattice) -> String {
-        let robot = self.arm.robot.name();
         let logs: Vec<String> =
             self.named.logs.iter().map(|log| format!("`{}`", name(log))).collect();
         let logs = logs.join(", ");
         let (shown, expected) = match (self.named.field, self.named.logs.is_empty()) {
-            (Some(field), true) => (format!("The field `{}`", name(field)), ""),
+            (Some(field), true) => (format!("The field `{}`", name(field)), None),
             (Some(field), false) => {
-                (format!("The field `{}` predicts {logs}", name(field)), "the field expects")
+                (format!("The field `{}` predicts {logs}", name(field)), Some("the field expects"))
             }
             (None, _) => (
                 format!("A field is learnt from {logs}"),
-                "was expected just before the sample was learnt from",
+                Some("was expected just before the sample was learnt from"),
             ),
         };
-        let spacing_mm = 1e3 * lattice.spacing_m();
-        let mut text = format!(
-            "{shown}; robot `{robot}`.\n\nBalls are cells of {spacing_mm:.1} mm that the arm has \
-             touched, by stiffness. Torque says how hard, hardly where: no value of a single cell is \
-             a property of the material.\n"
-        );
-        if !expected.is_empty() {
-            text += &format!(
-                "\nArrows go from where a touched point is at rest to where the arm has pushed \
-                 it, true to length; of more than 300, 300 are drawn.\n\nCurves, N·m: **grey** is \
-                 the measured external torque, without gravity and tare; **blue** what {expected}; \
-                 **red** the norm of the difference. Predicting zero would be wrong by the grey \
-                 norm.\n"
-            );
-        }
-        text
+        about(&shown, self.arm, lattice, expected)
     }
 
     /// Says what was shown.

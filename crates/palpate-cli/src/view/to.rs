@@ -26,11 +26,7 @@ impl To {
         match (&args.save, &args.connect) {
             (Some(path), _) => Ok(Self::File(path.clone())),
             (None, Some(url)) => Ok(Self::Viewer(url.clone())),
-            (None, None) => {
-                let cache = CachePlace::User.folder().unwrap_or_else(std::env::temp_dir);
-                let started = viewer::start(&cache.join("viewer"));
-                Ok(Self::Viewer(started.map_err(|error| could_not_start(&error))?))
-            }
+            (None, None) => started().map(Self::Viewer),
         }
     }
 
@@ -70,6 +66,12 @@ impl To {
     }
 }
 
+/// Starts a viewer; its address.
+pub(crate) fn started() -> Result<String, CliError> {
+    let cache = CachePlace::User.folder().unwrap_or_else(std::env::temp_dir);
+    viewer::start(&cache.join("viewer")).map_err(|error| could_not_start(&error))
+}
+
 /// Says everything and ends the recording.
 fn all<'out, T>(
     mut recording: Recording<'out>,
@@ -81,7 +83,7 @@ fn all<'out, T>(
 }
 
 /// Why something could not be shown.
-pub(super) fn failed(error: ViewError) -> CliError {
+pub(crate) fn failed(error: ViewError) -> CliError {
     match error {
         ViewError::Write(source) => CliError::Write { what: "the recording".to_owned(), source },
         ViewError::Address { .. } => CliError::Usage(error.to_string()),

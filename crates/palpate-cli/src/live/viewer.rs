@@ -1,0 +1,144 @@
+//! `--viewer`: the session in the Rerun viewer, by a thread that holds up nobody.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use palpate::arm::Arm;
+use palpate::lattice::Lattice;
+use palpate_live::inbox::Inbox;
+use palpate_live::seen::{Seen, WAITING, What};
+use palpate_view::{Frame, Recording, Scene, Torque, ViewError};
+
+use crate::error::CliError;
+use crate::hull::Hulls;
+use crate::output::Output;
+use crate::view::scene::{about, scene};
+use crate::view::to::{failed, started};
+
+/// Between two looks at whether the session goes on.
+const LOOK: Duration = Duration::from_millis(100);
+/// What the viewer may take at the end for what is left.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// A viewer and the thread that tells it.
+pub(super) struct Viewer {
+    inbox: Arc<Inbox<Seen>>,
+    ending: Arc<AtomicBool>,
+    thread: JoinHandle<Result<(), ViewError>>,
+}
+
+impl Viewer {
+    /// Starts a viewer, or finds the one at `url`.
+    pub(super) fn start(
+        url: Option<&str>,
+        arm: &Arc<Arm>,
+        lattice: &Lattice,
+    ) -> Result<Self, CliError> {
+        let url = url.map_or_else(started, |url| Ok(url.to_owned()))?;
+        let hulls = Hulls::of(arm);
+        let expected = "was expected just before the sample was learnt from";
+        let about = about("A field is learnt beside a robot", arm, lattice, Some(expected));
+        let mut scene = scene((arm, &hulls), lattice, "live".to_owned(), about);
+        (scene.clock, scene.torques) = (true, true);
+        let inbox = Arc::new(Inbox::new(WAITING));
+        let ending = Arc::new(AtomicBool::new(false));
+        let (connected, answer) = mpsc::sync_channel(1);
+        let drawer = Drawer { arm: Arc::clone(arm), hulls, inbox: Arc::clone(&inbox) };
+        let until = Arc::clone(&ending);
+        let thread = thread::spawn(move || {
+            let recording = match connect(&url, scene, &drawer) {
+                Ok(recording) => recording,
+                Err(error) => {
+                    let _ = connected.send(Some(error)); // somebody waits for it
+                    return Ok(());
+                }
+            };
+            let _ = connected.send(None);
+            drawer.draw(recording, &until)
+        });
+        match answer.recv() {
+            Ok(Some(error)) => Err(failed(error)),
+            _ => Ok(Self { inbox, ending, thread }),
+        }
+    }
+
+    /// Where what is to be drawn goes.
+    pub(super) fn inbox(&self) -> Arc<Inbox<Seen>> {
+        Arc::clone(&self.inbox)
+    }
+
+    /// Draws what is left. A viewer that went away is told of, and harms nothing.
+    pub(super) fn end(self, output: &Output) {
+        self.ending.store(true, Ordering::Relaxed);
+        self.inbox.wake();
+        let began = Instant::now();
+        while !self.thread.is_finished() {
+            if began.elapsed() >= PATIENCE {
+                return output.note("the viewer no longer answers; what came last is not shown");
+            }
+            thread::sleep(LOOK / 10);
+        }
+        if let Ok(Err(error)) = self.thread.join() {
+            output.note(&error.to_string());
+        }
+        if self.inbox.dropped() > 0 {
+            let dropped = self.inbox.dropped();
+            output.note(&format!("the viewer did not keep up: {dropped} moments are not shown"));
+        }
+    }
+}
+
+/// Connects to the viewer, which turns to where the arm stands with all joints at 0.
+fn connect(url: &str, mut scene: Scene, drawer: &Drawer) -> Result<Recording<'static>, ViewError> {
+    let at_zero = vec![0.0; drawer.arm.robot.n_joints()];
+    scene.world_from_link = drawer.hulls.poses(&drawer.arm, &at_zero).unwrap_or_default();
+    Recording::to_viewer(url, &scene)
+}
+
+/// Draws what is seen.
+struct Drawer {
+    arm: Arc<Arm>,
+    hulls: Hulls,
+    inbox: Arc<Inbox<Seen>>,
+}
+
+impl Drawer {
+    fn draw(&self, mut recording: Recording<'_>, until: &AtomicBool) -> Result<(), ViewError> {
+        let mut touches = 0;
+        loop {
+            let ending = until.load(Ordering::Relaxed);
+            match self.inbox.pop(LOOK) {
+                Some(seen) => self.say(&mut recording, &seen, &mut touches)?,
+                None if ending => return recording.finish(),
+                None => {}
+            }
+        }
+    }
+
+    fn say(
+        &self,
+        recording: &mut Recording<'_>,
+        seen: &Seen,
+        touches: &mut u32,
+    ) -> Result<(), ViewError> {
+        let (sample, time_s) = (seen.sample, Some(seen.since.as_secs_f64()));
+        match &seen.what {
+            What::Touch => {
+                *touches += 1;
+                recording.touch(&touches.to_string(), sample, time_s)
+            }
+            What::Moment { q, contacts, torques } => {
+                // Positions that are not the arm's have been told of by the mapper.
+                let Ok(poses) = self.hulls.poses(&self.arm, q) else { return Ok(()) };
+                let torque = torques.as_ref();
+                let torque = torque.map(|(measured, predicted)| Torque { measured, predicted });
+                let world_from_link = &poses;
+                recording.frame(&Frame { sample, time_s, world_from_link, contacts, torque })
+            }
+            What::Field(field) => recording.field(field, sample, time_s),
+        }
+    }
+}

@@ -1,0 +1,54 @@
+//! What stays as it is throughout a recording: the arm's links, and the words beside them.
+
+use palpate::arm::Arm;
+use palpate::lattice::Lattice;
+use palpate_view::Scene;
+use palpate_view::shown::LinkShape;
+
+use crate::hull::{Hull, Hulls};
+
+/// The arm and the words of a recording of this name, without clock and torques.
+pub(crate) fn scene(
+    (arm, hulls): (&Arm, &Hulls),
+    lattice: &Lattice,
+    name: String,
+    about: String,
+) -> Scene {
+    let link = |hull: &Hull| LinkShape {
+        name: hull.link.clone(),
+        vertices_m: hull.vertices_m.clone(),
+        triangles: hull.triangles.clone(),
+    };
+    Scene {
+        name,
+        about,
+        links: hulls.hulls.iter().map(link).collect(),
+        world_from_link: Vec::new(),
+        joints: arm.robot.joint_names().map(str::to_owned).collect(),
+        lattice: lattice.clone(),
+        clock: false,
+        torques: false,
+    }
+}
+
+/// What a reader of a recording must know, in Markdown: what is shown, and, if torques are, where
+/// the expected ones come from.
+pub(crate) fn about(shown: &str, arm: &Arm, lattice: &Lattice, expected: Option<&str>) -> String {
+    let robot = arm.robot.name();
+    let spacing_mm = 1e3 * lattice.spacing_m();
+    let mut text = format!(
+        "{shown}; robot `{robot}`.\n\nBalls are cells of {spacing_mm:.1} mm that the arm has \
+         touched, by stiffness. Torque says how hard, hardly where: no value of a single cell is \
+         a property of the material.\n"
+    );
+    if let Some(expected) = expected {
+        text += &format!(
+            "\nArrows go from where a touched point is at rest to where the arm has pushed \
+             it, true to length; of more than 300, 300 are drawn.\n\nCurves, N·m: **grey** is \
+             the measured external torque, without gravity and tare; **blue** what {expected}; \
+             **red** the norm of the difference. Predicting zero would be wrong by the grey \
+             norm.\n"
+        );
+    }
+    text
+}
