@@ -1,11 +1,10 @@
 //! `palpate predict`: what torque a field expects of motions, against what was felt.
 //!
-//! [`run`] is the command; [`mod@score`] follows the touches; [`report`] says what came out;
+//! [`run`] is the command; [`score`] follows the touches; [`report`] says what came out;
 //! [`export`] writes the torques themselves.
 
 mod export;
 mod report;
-mod score;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,8 +19,8 @@ use crate::settings::RobotAndLogSettings;
 use crate::touches::Touches;
 use crate::{interrupt, picture, robot};
 
+pub(crate) use palpate_work::predict::{Against, FrameResult, TouchResult, score};
 pub(crate) use report::{Report, tell_oddities};
-pub(crate) use score::{Against, FrameResult, TouchResult, score};
 
 const NOTES: &str = "Examples:
   palpate predict field.npz recordings/seq_010

@@ -10,7 +10,7 @@ use super::{Keys, Settings, SettingsError};
 
 impl Settings {
     /// The same settings with every default filled in.
-    pub(crate) fn effective(&self) -> Result<Self, SettingsError> {
+    pub fn effective(&self) -> Result<Self, SettingsError> {
         let config = self.config()?;
         let mut all = self.clone();
         all.robot.robot = Some(self.robot.name().to_owned());
@@ -65,7 +65,7 @@ impl Settings {
     }
 
     /// The effective settings as TOML, each key under its help; those without a value commented.
-    pub(crate) fn template(&self) -> Result<String, SettingsError> {
+    pub fn template(&self) -> Result<String, SettingsError> {
         let broken = |error: toml::ser::Error| {
             SettingsError::Together(format!("the settings cannot be written as TOML: {error}"))
         };

@@ -1,47 +1,12 @@
-//! What the user sets: flags over a TOML file over the shipped defaults.
+//! The settings of each kind of command, as flags over a file.
 //!
-//! One tree of structs ([`sections`]) is the flags, the file's keys and the template that
-//! `palpate settings` prints, so the three cannot drift apart. The defaults are the core's own:
-//! [`resolve`] lays the given values over them.
-
-pub(crate) mod file;
-mod layer;
-mod parse;
-mod resolve;
-pub(crate) mod sections;
-pub(crate) mod template;
+//! What can be set, and what it means, is `palpate_work`'s.
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use palpate::mapper::MapperError;
-use palpate::robot::RobotError;
-use serde::{Deserialize, Serialize};
-
-pub(crate) use file::Keys;
-pub(crate) use parse::vector3;
-pub(crate) use resolve::{corners, departures, first_difference, lattice_in_words, same_lattice};
-use sections::{
-    ContactSettings, EstimatorSettings, LatticeSettings, LogSettings, RobotSettings, TouchSettings,
-};
-
-/// All that can be set; what was not given is `None`.
-#[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(crate) struct Settings {
-    #[command(flatten)]
-    pub robot: RobotSettings,
-    #[command(flatten)]
-    pub log: LogSettings,
-    #[command(flatten)]
-    pub touch: TouchSettings,
-    #[command(flatten)]
-    pub lattice: LatticeSettings,
-    #[command(flatten)]
-    pub contact: ContactSettings,
-    #[command(flatten)]
-    pub estimator: EstimatorSettings,
-}
+use palpate_work::settings::sections::{LogSettings, RobotSettings, TouchSettings};
+pub(crate) use palpate_work::settings::*;
 
 /// The settings of a command that learns: all of them.
 #[derive(Debug, Clone, Args)]
@@ -161,41 +126,10 @@ impl RobotOnlySettings {
 impl SettingsFile {
     fn under(&self, flags: Settings) -> Result<Settings, SettingsError> {
         let settings = match &self.path {
-            Some(path) => flags.over(file::read(path)?),
+            Some(path) => flags.over(read(path)?),
             None => flags,
         };
         settings.check()?;
         Ok(settings)
     }
-}
-
-/// What can be wrong with settings.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs)] // the messages name the fields
-pub(crate) enum SettingsError {
-    /// The file cannot be read.
-    #[error("the settings file `{}` cannot be read: {source}", path.display())]
-    Unreadable { path: PathBuf, source: std::io::Error },
-    /// Not TOML, or a value of the wrong kind.
-    #[error("the settings file `{}` has an error\n{message}", path.display())]
-    Toml { path: PathBuf, message: String },
-    /// A key that means nothing.
-    #[error("`{}`, line {line}: there is no setting `{key}`{remedy}", path.display())]
-    UnknownKey { path: PathBuf, line: usize, key: String, remedy: String },
-    /// A value outside its range.
-    #[error("bad setting: {0}")]
-    Value(Box<MapperError>),
-    /// A value that would only cost hours or ruin the surface.
-    #[error("bad setting: {key} is {found}; it must be at most {limit}: {reason}")]
-    TooLarge { key: &'static str, found: f64, limit: f64, reason: &'static str },
-    /// A box that is none.
-    #[error("bad lattice: {0}")]
-    Lattice(#[from] palpate::lattice::LatticeError),
-    /// A payload that is none.
-    #[error("bad payload: {0}")]
-    Payload(#[from] RobotError),
-    /// Settings that need or exclude each other.
-    #[error("{0}")]
-    Together(String),
 }

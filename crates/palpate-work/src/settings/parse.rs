@@ -21,7 +21,7 @@ where
 }
 
 /// Three numbers with commas between them.
-pub(crate) fn vector3(text: &str) -> Result<[f64; 3], String> {
+pub fn vector3(text: &str) -> Result<[f64; 3], String> {
     three(text, "three numbers with commas between, such as -1.2,0,0.5")
 }
 
@@ -58,7 +58,7 @@ pub(super) fn columns(text: &str) -> Result<CsvColumns, String> {
 
 /// How many frames the tare is the mean of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum TareFrames {
+pub enum TareFrames {
     /// The contact-free start, found by itself.
     Auto,
     /// The first frames of each touch.

@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use clap::{Arg, Args, Command};
+use serde::Deserialize;
 use toml::de::DeTable;
 
 use super::sections::{
@@ -14,14 +15,14 @@ use super::sections::{
 use super::{Settings, SettingsError};
 
 /// The sections of a settings file and their keys, as the flags declare them.
-pub(crate) struct Keys {
+pub struct Keys {
     /// Section names in the template's order, each with its keys.
     pub sections: Vec<(&'static str, Vec<Arg>)>,
 }
 
 impl Keys {
     /// All there are.
-    pub(crate) fn all() -> Self {
+    pub fn all() -> Self {
         Self {
             sections: vec![
                 ("robot", keys_of::<RobotSettings>()),
@@ -67,7 +68,11 @@ fn keys_of<T: Args>() -> Vec<Arg> {
 }
 
 /// Reads a settings file.
-pub(super) fn read(path: &Path) -> Result<Settings, SettingsError> {
+///
+/// # Errors
+///
+/// If it cannot be read, is no TOML, or has a key or a value that means nothing.
+pub fn read(path: &Path) -> Result<Settings, SettingsError> {
     let text = std::fs::read_to_string(path)
         .map_err(|source| SettingsError::Unreadable { path: path.to_owned(), source })?;
     parse(path, &text)
@@ -80,45 +85,80 @@ fn parse(path: &Path, text: &str) -> Result<Settings, SettingsError> {
     };
     check_keys(path, text, DeTable::parse(text).map_err(broken)?.get_ref())?;
     let settings: Settings = toml::from_str(text).map_err(broken)?;
-    if settings.touch.no_tare == Some(true) && settings.touch.tare_frames.is_some() {
-        return Err(SettingsError::Together(format!(
-            "`{}`: no_tare = true and tare_frames exclude each other; leave one of them out",
-            path.display()
-        )));
+    settings.check_tare(&format!("`{}`: ", path.display()))?;
+    Ok(settings)
+}
+
+/// The settings that a table says, as a program may have made it.
+///
+/// # Errors
+///
+/// As [`read`]; values out of their range are found as well.
+pub fn of_table(table: &toml::Table) -> Result<Settings, SettingsError> {
+    let keys = |value: &toml::Value| {
+        value.as_table().map(|table| table.keys().map(|key| (0, key.clone())).collect())
+    };
+    let sections = table.iter().map(|(name, value)| (0, name.clone(), keys(value)));
+    if let Some((_, key, remedy)) = first_unknown(sections) {
+        return Err(SettingsError::Together(format!("there is no setting `{key}`{remedy}")));
     }
+    let settings = Settings::deserialize(table.clone()).map_err(|error| {
+        let message = error.to_string().trim_end().replace('\n', " ");
+        SettingsError::Together(format!("bad setting: {message}"))
+    })?;
+    settings.check_tare("")?;
+    settings.check()?;
     Ok(settings)
 }
 
 /// Refuses the first key, in the file's order, that is not known.
 fn check_keys(path: &Path, text: &str, table: &DeTable<'_>) -> Result<(), SettingsError> {
-    let keys = Keys::all();
-    let mut unknown: Vec<(usize, &str, String)> = Vec::new();
-    for (section, value) in table {
-        let (at, section) = (section.span().start, section.get_ref().as_ref());
-        let Some((_, known)) = keys.sections.iter().find(|(name, _)| *name == section) else {
-            let remedy = match value.get_ref().as_table() {
-                Some(_) => keys.section_remedy(section),
-                None => keys.key_remedy(None, section),
-            };
-            unknown.push((at, section, remedy));
-            continue;
-        };
-        for key in value.get_ref().as_table().into_iter().flat_map(|table| table.keys()) {
-            let (at, key) = (key.span().start, key.get_ref().as_ref());
-            if !known.iter().any(|arg| arg.get_id() == key) {
-                unknown.push((at, key, keys.key_remedy(Some(section), key)));
-            }
-        }
-    }
-    match unknown.into_iter().min() {
+    let keys = |table: &DeTable<'_>| {
+        table.keys().map(|key| (key.span().start, key.get_ref().to_string())).collect()
+    };
+    let sections = table.iter().map(|(section, value)| {
+        let (at, name) = (section.span().start, section.get_ref().to_string());
+        (at, name, value.get_ref().as_table().map(keys))
+    });
+    match first_unknown(sections) {
         Some((at, key, remedy)) => Err(SettingsError::UnknownKey {
             path: path.to_owned(),
             line: 1 + text[..at].matches('\n').count(),
-            key: key.to_owned(),
+            key,
             remedy,
         }),
         None => Ok(()),
     }
+}
+
+/// A name and where it stands.
+type Placed = (usize, String);
+
+/// The first name that is not known, with what to say to whoever wrote it.
+///
+/// Each section comes with its place, its name and, if it is a table, its keys.
+fn first_unknown(
+    sections: impl Iterator<Item = (usize, String, Option<Vec<Placed>>)>,
+) -> Option<(usize, String, String)> {
+    let all = Keys::all();
+    let mut unknown: Vec<(usize, String, String)> = Vec::new();
+    for (at, section, keys) in sections {
+        let Some((_, known)) = all.sections.iter().find(|(name, _)| *name == section) else {
+            let remedy = match keys {
+                Some(_) => all.section_remedy(&section),
+                None => all.key_remedy(None, &section),
+            };
+            unknown.push((at, section, remedy));
+            continue;
+        };
+        for (at, key) in keys.unwrap_or_default() {
+            if !known.iter().any(|arg| *arg.get_id() == *key) {
+                let remedy = all.key_remedy(Some(&section), &key);
+                unknown.push((at, key, remedy));
+            }
+        }
+    }
+    unknown.into_iter().min()
 }
 
 #[cfg(test)]
@@ -139,6 +179,21 @@ mod tests {
         assert!(found.contains("did you mean [estimator]?"), "{found}");
         let found = message("friction = 0.3\n");
         assert!(found.contains("line 1") && found.contains("in [contact]?"), "{found}");
+    }
+
+    #[test]
+    fn a_table_made_by_a_program_is_checked_as_a_file_is() {
+        let message = |text: &str| {
+            let table: toml::Table = toml::from_str(text).unwrap();
+            of_table(&table).unwrap_err().to_string()
+        };
+        let found = message("[estimator]\npriorstd = 1.0\n");
+        assert_eq!(found, "there is no setting `priorstd`; did you mean `prior_std`?");
+        let found = message("[contact]\nfriction = \"much\"\n");
+        assert!(found.contains("much") && found.contains("contact.friction"), "{found}");
+        let found = message("[touch]\nno_tare = true\ntare_frames = 3\n");
+        assert!(found.contains("exclude each other"), "{found}");
+        assert!(message("[robot]\nbake_spacing_m = 1.0\n").contains("at most"));
     }
 
     #[test]

@@ -6,22 +6,22 @@ use std::sync::Arc;
 use palpate::arm::Arm;
 use palpate_io::robot_files::{ArmOptions, CachePlace, LoadedArm, load_arm};
 
-use crate::error::CliError;
-use crate::output::Output;
+use crate::error::WorkError;
+use crate::host::Host;
 use crate::settings::SettingsError;
 use crate::settings::sections::RobotSettings;
 
 /// Loads the robot with its payload, and says what was odd about it.
-pub(crate) fn load(settings: &RobotSettings, output: &Output) -> Result<Arc<Arm>, CliError> {
+pub fn load(settings: &RobotSettings, host: &dyn Host) -> Result<Arc<Arm>, WorkError> {
     let loaded = load_with_report(settings)?;
-    loaded.warnings.iter().for_each(|warning| output.note(warning));
+    loaded.warnings.iter().for_each(|warning| host.warn(warning));
     Ok(Arc::new(loaded.arm))
 }
 
 /// Loads the robot with its payload.
-pub(crate) fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, CliError> {
+pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError> {
     let payload = settings.payload()?;
-    let mut loaded = load_arm(settings.name(), &settings.options()).map_err(CliError::file)?;
+    let mut loaded = load_arm(settings.name(), &settings.options()).map_err(WorkError::file)?;
     if let Some(payload) = payload {
         loaded.arm.robot =
             loaded.arm.robot.with_payload(&payload).map_err(SettingsError::Payload)?;

@@ -7,7 +7,7 @@ use super::sections::{
 
 impl Settings {
     /// These settings, and those of `lower` wherever these say nothing.
-    pub(crate) fn over(self, lower: Self) -> Self {
+    pub fn over(self, lower: Self) -> Self {
         Self {
             robot: self.robot.over(lower.robot),
             log: self.log.over(lower.log),

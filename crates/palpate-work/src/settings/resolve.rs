@@ -25,7 +25,7 @@ const REPLAYS_LIMIT: u32 = 100_000;
 
 impl Settings {
     /// Refuses values that the core takes but nobody can mean.
-    pub(crate) fn check(&self) -> Result<(), SettingsError> {
+    pub fn check(&self) -> Result<(), SettingsError> {
         let too_large = |key, found, limit, reason| {
             if found > limit {
                 Err(SettingsError::TooLarge { key, found, limit, reason })
@@ -42,8 +42,18 @@ impl Settings {
         self.log.check()
     }
 
+    /// Refuses frames of a tare that is not taken.
+    pub(super) fn check_tare(&self, place: &str) -> Result<(), SettingsError> {
+        if self.touch.no_tare == Some(true) && self.touch.tare_frames.is_some() {
+            return Err(SettingsError::Together(format!(
+                "{place}no_tare = true and tare_frames exclude each other; leave one of them out"
+            )));
+        }
+        Ok(())
+    }
+
     /// The configuration of a new field.
-    pub(crate) fn config(&self) -> Result<Config, SettingsError> {
+    pub fn config(&self) -> Result<Config, SettingsError> {
         let base = Config::of(self.estimator.estimator.unwrap_or_default());
         let lattice = self.lattice.over_lattice(&base.lattice)?;
         Ok(self.with_lattice(lattice, &base))
@@ -53,7 +63,7 @@ impl Settings {
     ///
     /// Settings that the field's lattice may have come from give that very lattice: a box that is
     /// no multiple of the spacing is larger than what fills it, and cannot be told from it.
-    pub(crate) fn config_over_saved(&self, saved: &Config) -> Result<Config, SettingsError> {
+    pub fn config_over_saved(&self, saved: &Config) -> Result<Config, SettingsError> {
         let lattice = if self.lattice.may_give(&saved.lattice) {
             saved.lattice.clone()
         } else {
@@ -78,12 +88,12 @@ impl Settings {
 
 impl RobotSettings {
     /// The robot's name or path.
-    pub(crate) fn name(&self) -> &str {
+    pub fn name(&self) -> &str {
         self.robot.as_deref().unwrap_or("kinova_gen3")
     }
 
     /// What the robot carries.
-    pub(crate) fn payload(&self) -> Result<Option<Payload>, SettingsError> {
+    pub fn payload(&self) -> Result<Option<Payload>, SettingsError> {
         let com_link_m = self.payload_com_m.unwrap_or_default();
         match (&self.payload_link, self.payload_mass_kg) {
             (Some(link), Some(mass_kg)) => {
@@ -101,7 +111,7 @@ impl RobotSettings {
 
 impl LogSettings {
     /// How to open logs.
-    pub(crate) fn options(&self) -> LogOptions {
+    pub fn options(&self) -> LogOptions {
         LogOptions {
             columns: self.columns.clone(),
             angle_unit: self.angle_unit.unwrap_or_default(),
@@ -125,7 +135,7 @@ impl LogSettings {
     }
 
     /// What counts as a pause, if logs are to be parted at pauses.
-    pub(crate) fn pauses(&self) -> Option<idle::Config> {
+    pub fn pauses(&self) -> Option<idle::Config> {
         let mut config = idle::Config::default();
         config.idle_s = self.idle_s.unwrap_or(config.idle_s);
         config.renew_s = config.renew_s.max(config.idle_s);
@@ -133,7 +143,7 @@ impl LogSettings {
     }
 
     /// Refuses degrees for a robot of which some positions are no angles.
-    pub(crate) fn check_for(&self, robot: &Robot) -> Result<(), SettingsError> {
+    pub fn check_for(&self, robot: &Robot) -> Result<(), SettingsError> {
         let mut joints = robot.joints().iter();
         let slides = joints.find(|joint| joint.kind == JointKind::Prismatic);
         match slides {
@@ -153,7 +163,7 @@ impl LogSettings {
 
 impl TouchSettings {
     /// These over another configuration.
-    pub(crate) fn over_config(&self, base: &touch::Config) -> touch::Config {
+    pub fn over_config(&self, base: &touch::Config) -> touch::Config {
         let tare = match (self.no_tare, self.tare_frames) {
             (Some(true), _) => Tare::None,
             (_, Some(TareFrames::First(frames))) => Tare::Frames(frames),
@@ -229,7 +239,7 @@ impl LatticeSettings {
 }
 
 /// The corners of the box that a lattice fills, m.
-pub(crate) fn corners(lattice: &Lattice) -> ([f64; 3], [f64; 3]) {
+pub fn corners(lattice: &Lattice) -> ([f64; 3], [f64; 3]) {
     let (spacing_m, shape) = (lattice.spacing_m(), lattice.shape());
     let low_m: [f64; 3] = lattice.origin_m().coords.map(|x| x - 0.5 * spacing_m).into();
     let high_m =
@@ -267,14 +277,14 @@ impl EstimatorSettings {
 }
 
 /// Whether two lattices differ by no more than the dust of arithmetic.
-pub(crate) fn same_lattice(a: &Lattice, b: &Lattice) -> bool {
+pub fn same_lattice(a: &Lattice, b: &Lattice) -> bool {
     (a.spacing_m() - b.spacing_m()).abs() < 1e-9
         && (a.origin_m() - b.origin_m()).amax() < 1e-9
         && a.shape() == b.shape()
 }
 
 /// The first setting in which a configuration departs from that of a saved field.
-pub(crate) fn first_difference(saved: &Config, given: &Config) -> Option<String> {
+pub fn first_difference(saved: &Config, given: &Config) -> Option<String> {
     let (a, b) = (&saved.lattice, &given.lattice);
     if !same_lattice(a, b) {
         let [a, b] = [a, b].map(lattice_in_words);
@@ -291,7 +301,7 @@ pub(crate) fn first_difference(saved: &Config, given: &Config) -> Option<String>
 }
 
 /// The settings of a section in which it departs from a saved one.
-pub(crate) fn departures<T: Serialize>(saved: &T, given: &T) -> Vec<String> {
+pub fn departures<T: Serialize>(saved: &T, given: &T) -> Vec<String> {
     let json = |section| serde_json::to_value(section).expect("settings are plain data");
     let (saved, given) = (json(saved), json(given));
     let differs = |(key, value): (&String, &serde_json::Value)| {
@@ -302,7 +312,7 @@ pub(crate) fn departures<T: Serialize>(saved: &T, given: &T) -> Vec<String> {
 }
 
 /// Shape, spacing and origin.
-pub(crate) fn lattice_in_words(lattice: &Lattice) -> String {
+pub fn lattice_in_words(lattice: &Lattice) -> String {
     let origin_m: [f64; 3] = lattice.origin_m().into();
     format!("{:?} points every {} m from {origin_m:?} m", lattice.shape(), lattice.spacing_m())
 }

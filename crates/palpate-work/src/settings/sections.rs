@@ -18,7 +18,7 @@ use super::parse::{TareFrames, columns, counts3, named, vector3};
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Robot")]
-pub(crate) struct RobotSettings {
+pub struct RobotSettings {
     /// URDF file, or the name of a built-in robot [default: kinova_gen3]
     #[arg(long, value_name = "URDF|NAME")]
     pub robot: Option<String>,
@@ -52,7 +52,7 @@ pub(crate) struct RobotSettings {
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Log")]
-pub(crate) struct LogSettings {
+pub struct LogSettings {
     /// Unit of logged joint positions [default: rad]
     #[arg(long, value_name = "UNIT", value_parser = named::<AngleUnit>(&["rad", "deg"]))]
     pub angle_unit: Option<AngleUnit>,
@@ -96,7 +96,7 @@ pub(crate) struct LogSettings {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Torques")]
-pub(crate) struct TouchSettings {
+pub struct TouchSettings {
     /// Sign of logged torques: `plus` if they are what gravity and the object exert on the
     /// joints, `minus` if they are what the motors exert [default: plus]
     #[arg(long, value_name = "SIGN", value_parser = named::<TorqueSign>(&["plus", "minus"]))]
@@ -124,7 +124,7 @@ pub(crate) struct TouchSettings {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Lattice")]
-pub(crate) struct LatticeSettings {
+pub struct LatticeSettings {
     /// Distance between neighbouring points, m [default: 0.012]
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub spacing_m: Option<f64>,
@@ -152,7 +152,7 @@ pub(crate) struct LatticeSettings {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Contact")]
-pub(crate) struct ContactSettings {
+pub struct ContactSettings {
     /// How far from its surface a link takes hold of a point, m [default: 0.024]
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub contact_distance_m: Option<f64>,
@@ -177,7 +177,7 @@ pub(crate) struct ContactSettings {
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[command(next_help_heading = "Estimator")]
-pub(crate) struct EstimatorSettings {
+pub struct EstimatorSettings {
     /// `map`, the exact maximum a posteriori, or `ekf`, the paper's filter; each has its own
     /// defaults for the keys below [default: map]
     #[arg(long, value_name = "NAME", value_parser = named::<Method>(&["map", "ekf"]))]

@@ -6,20 +6,19 @@ use std::sync::Arc;
 use nalgebra::DVector;
 use palpate::arm::Arm;
 use palpate::field::{Field, Predictor};
-use palpate::touch;
+use palpate::touch::{self, Sample};
 use palpate_io::log::external_truth;
 use palpate_learn::errors::ErrorSum;
 
-use crate::error::CliError;
-use crate::interrupt;
-use crate::output::Output;
+use crate::error::WorkError;
+use crate::host::Host;
 use crate::settings::SettingsError;
 use crate::touches::{Moment, Touches};
 
 /// What predictions are held against.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Against {
+pub enum Against {
     /// The measured external torque: gravity and tare taken off, noise in.
     Measured,
     /// The true one, which simulated logs have.
@@ -28,7 +27,7 @@ pub(crate) enum Against {
 
 impl Against {
     /// What to call such a torque.
-    pub(crate) fn word(self) -> &'static str {
+    pub fn word(self) -> &'static str {
         match self {
             Self::Measured => "measured",
             Self::Truth => "true",
@@ -37,7 +36,7 @@ impl Against {
 }
 
 /// One scored frame.
-pub(crate) struct FrameResult {
+pub struct FrameResult {
     /// Its number in its touch, from 0.
     pub frame: u64,
     /// Its time, s, if the log has it.
@@ -51,7 +50,7 @@ pub(crate) struct FrameResult {
 }
 
 /// One predicted touch.
-pub(crate) struct TouchResult {
+pub struct TouchResult {
     /// Its name.
     pub name: String,
     /// The log that it is in.
@@ -72,7 +71,7 @@ pub(crate) struct TouchResult {
 }
 
 impl TouchResult {
-    fn begin(name: String, log: &Path, against: Against) -> Result<Self, CliError> {
+    fn begin(name: String, log: &Path, against: Against) -> Result<Self, WorkError> {
         let truth = match against {
             Against::Measured => None,
             Against::Truth => Some(external_truth(log, &name)?.ok_or_else(|| {
@@ -98,7 +97,7 @@ impl TouchResult {
     }
 
     /// The true torque of a frame, `measured` if the truth is not asked for.
-    fn reference(&self, frame: u64, measured: DVector<f64>) -> Result<DVector<f64>, CliError> {
+    fn reference(&self, frame: u64, measured: DVector<f64>) -> Result<DVector<f64>, WorkError> {
         let Some(truth) = &self.truth else { return Ok(measured) };
         let row = usize::try_from(frame).ok().and_then(|frame| truth.get(frame));
         match row.filter(|row| row.len() == measured.len()) {
@@ -124,27 +123,32 @@ impl TouchResult {
 }
 
 /// Predicts all touches; `touch` says what this log's torques mean.
-pub(crate) fn score(
+///
+/// # Errors
+///
+/// If a log is broken, a sample cannot be used, a truth is asked for that is not there, or the host
+/// stops it.
+pub fn score(
     arm: &Arc<Arm>,
     field: &Field,
     touch: touch::Config,
     against: Against,
-    (touches, output): (&mut Touches, &Output),
-) -> Result<Vec<TouchResult>, CliError> {
+    (touches, host): (&mut Touches, &dyn Host),
+) -> Result<Vec<TouchResult>, WorkError> {
     let mut predictor = Predictor::new(Arc::clone(arm), field, touch)
         .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
-    let bar = output.progress(touches.samples(), "predicting");
+    let bar = host.begin(touches.samples(), "frames", "predicting");
     let mut results: Vec<TouchResult> = Vec::new();
     while let Some(moment) = touches.advance()? {
-        if interrupt::pressed() {
+        if host.stopped() {
             let kept = format!(" at {}; nothing was written", touches.place());
-            return Err(CliError::Interrupted { kept });
+            return Err(WorkError::Interrupted { kept });
         }
         match moment {
             Moment::Touch(name) => {
                 end(&mut predictor, results.last())?;
                 predictor.begin_touch();
-                bar.set_message(name.clone());
+                bar.at(&name);
                 results.push(TouchResult::begin(name, touches.log(), against)?);
             }
             Moment::Sample(sample) => {
@@ -159,20 +163,54 @@ pub(crate) fn score(
                     let predicted = step.predicted;
                     result.add(FrameResult { frame, time_s, contacts, predicted, external });
                 }
-                bar.inc(1);
+                bar.step();
             }
         }
     }
     end(&mut predictor, results.last())?;
-    bar.finish_and_clear();
-    touches.tell_warnings(output);
+    touches.tell_warnings(host);
     Ok(results)
 }
 
+/// τ̂ of every point of a motion that is only planned, points × n_joints, N·m.
+///
+/// It starts free of contact, as a touch does, and every point is a step: contacts have a history.
+///
+/// # Errors
+///
+/// If a point does not fit the robot, or the host stops it.
+pub fn planned(
+    arm: &Arc<Arm>,
+    field: &Field,
+    path: &[Vec<f64>],
+    host: &dyn Host,
+) -> Result<Vec<DVector<f64>>, WorkError> {
+    let fault = |point: usize, source: palpate::mapper::MapperError| WorkError::Touch {
+        log: PathBuf::from("path"),
+        place: format!("point {point} (from 0)"),
+        source: Box::new(source),
+    };
+    let mut predictor = Predictor::planned(Arc::clone(arm), field)
+        .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
+    predictor.begin_touch();
+    let bar = host.begin(Some(path.len() as u64), "points", "predicting");
+    let mut torques = Vec::with_capacity(path.len());
+    for (point, q) in path.iter().enumerate() {
+        if host.stopped() {
+            return Err(WorkError::Interrupted { kept: format!(" at point {point} of the path") });
+        }
+        let sample = Sample { time_s: None, q: q.clone(), tau: vec![0.0; q.len()] };
+        let step = predictor.step(&sample).map_err(|error| fault(point, error.into()))?;
+        torques.push(step.expect("there is no tare to wait for").predicted);
+        bar.step();
+    }
+    Ok(torques)
+}
+
 /// Ends the touch that was begun last, if any was.
-fn end(predictor: &mut Predictor, last: Option<&TouchResult>) -> Result<(), CliError> {
+fn end(predictor: &mut Predictor, last: Option<&TouchResult>) -> Result<(), WorkError> {
     let Some(result) = last else { return Ok(()) };
-    predictor.end_touch().map_err(|error| CliError::Touch {
+    predictor.end_touch().map_err(|error| WorkError::Touch {
         log: result.log.clone(),
         place: format!("touch `{}`", result.name),
         source: Box::new(error.into()),

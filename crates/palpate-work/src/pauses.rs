@@ -20,7 +20,7 @@ use crate::settings::SettingsError;
 use crate::touches::Moment;
 
 /// Parts touches at pauses.
-pub(crate) struct Pauses {
+pub struct Pauses {
     tracker: Tracker,
     split: IdleSplit,
     /// The touch as the log calls it, and how many it has become.
@@ -34,7 +34,11 @@ pub(crate) struct Pauses {
 
 impl Pauses {
     /// Parts the touches of an arm in a box.
-    pub(crate) fn new(
+    ///
+    /// # Errors
+    ///
+    /// If a setting is out of its range.
+    pub fn new(
         arm: &Arc<Arm>,
         (lattice, contact): (Lattice, contact::Config),
         config: idle::Config,
@@ -51,11 +55,11 @@ impl Pauses {
     }
 
     /// Takes what the log says next; `then` gets what is to be done.
-    pub(crate) fn take(
-        &mut self,
-        moment: Moment,
-        then: &mut VecDeque<Moment>,
-    ) -> Result<(), MapperError> {
+    ///
+    /// # Errors
+    ///
+    /// If a sample does not fit the arm.
+    pub fn take(&mut self, moment: Moment, then: &mut VecDeque<Moment>) -> Result<(), MapperError> {
         match moment {
             Moment::Touch(name) => {
                 self.finish(then);
@@ -69,7 +73,7 @@ impl Pauses {
     }
 
     /// Hands on what was held back, at the end of a touch or of the log.
-    pub(crate) fn finish(&mut self, then: &mut VecDeque<Moment>) {
+    pub fn finish(&mut self, then: &mut VecDeque<Moment>) {
         if self.parts == 0 && !self.queue.is_empty() {
             self.announce(then);
         }
@@ -77,7 +81,7 @@ impl Pauses {
     }
 
     /// Samples that were left out since the arm had not stood still before them.
-    pub(crate) fn left_out(&self) -> u64 {
+    pub fn left_out(&self) -> u64 {
         self.left_out
     }
 
