@@ -1,0 +1,275 @@
+//! A stiffness field, its arrays shared with NumPy.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
+use palpate::lattice::CellId;
+use palpate::mapper::Snapshot;
+use palpate::{contact, touch};
+use palpate_io::field::{self, Saved};
+use palpate_work::WorkError;
+use palpate_work::given::Given as GivenArrays;
+use palpate_work::predict::planned;
+use palpate_work::settings::{Settings, sections::RobotSettings};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyAny, PyBytes, PyDict};
+
+use crate::array::{copied, counts, flat, points, row, rows, table, table_of};
+use crate::error::{of_bad_settings, of_file, raise};
+use crate::lattice::Lattice;
+use crate::robot;
+use crate::settings::Given;
+use crate::watch::long;
+
+/// What a field returns of places: stiffness, std and counts.
+type Estimates = (Py<PyArray1<f64>>, Py<PyArray1<f64>>, Py<PyArray1<u32>>);
+
+/// The stiffness of all cells that were touched or expected to be stiff.
+#[pyclass(frozen, module = "palpate")]
+pub(crate) struct Field {
+    points: Py<PyArray2<f64>>,
+    stiffness: Py<PyArray1<f64>>,
+    std: Py<PyArray1<f64>>,
+    counts: Py<PyArray1<u32>>,
+    cells: Py<PyArray1<u32>>,
+    prior: Option<Py<PyArray1<f64>>>,
+    lattice: Py<Lattice>,
+    contact: contact::Config,
+    touch: touch::Config,
+    untouched_n_per_m: f64,
+    pub(crate) robot: String,
+    pub(crate) snapshot: Option<Arc<Snapshot>>,
+}
+
+impl Field {
+    /// Moves a field's numbers to where NumPy has them.
+    pub(crate) fn of(py: Python<'_>, saved: Saved) -> PyResult<Self> {
+        let Saved { field, prior_n_per_m, robot, snapshot } = saved;
+        let point = |cell: &CellId| <[f64; 3]>::from(field.lattice.point(*cell));
+        let places: Vec<[f64; 3]> = field.cells.iter().map(point).collect();
+        Ok(Self {
+            points: table(py, places.into_flattened(), 3),
+            stiffness: flat(py, field.stiffness_n_per_m),
+            std: flat(py, field.std_n_per_m),
+            counts: flat(py, field.counts),
+            cells: flat(py, field.cells.into_iter().map(|cell| cell.0).collect()),
+            prior: prior_n_per_m.map(|prior| flat(py, prior)),
+            lattice: Py::new(py, Lattice { inner: field.lattice })?,
+            contact: field.contact,
+            touch: field.touch,
+            untouched_n_per_m: field.untouched_n_per_m,
+            robot,
+            snapshot: snapshot.map(Arc::new),
+        })
+    }
+
+    /// The field as the core has it.
+    pub(crate) fn core(&self, py: Python<'_>) -> palpate::field::Field {
+        palpate::field::Field {
+            lattice: self.lattice.get().inner.clone(),
+            contact: self.contact.clone(),
+            touch: self.touch.clone(),
+            cells: copied(py, &self.cells).into_iter().map(CellId).collect(),
+            stiffness_n_per_m: copied(py, &self.stiffness),
+            std_n_per_m: copied(py, &self.std),
+            counts: copied(py, &self.counts),
+            untouched_n_per_m: self.untouched_n_per_m,
+        }
+    }
+
+    /// The field with everything that gives it meaning.
+    pub(crate) fn saved(&self, py: Python<'_>, memory: bool) -> Saved {
+        Saved {
+            field: self.core(py),
+            prior_n_per_m: self.prior.as_ref().map(|prior| copied(py, prior)),
+            robot: self.robot.clone(),
+            snapshot: self.snapshot.as_deref().filter(|_| memory).cloned(),
+        }
+    }
+
+    /// Standard deviation of cells that the field does not know, N/m; NaN if it does not say.
+    fn untouched_std(&self) -> f64 {
+        self.snapshot.as_ref().map_or(f64::NAN, |snapshot| {
+            let config = &snapshot.config;
+            config.estimator.prior.at_spacing(config.lattice.spacing_m()).1
+        })
+    }
+
+    /// A robot as an argument; `None` is the field's own, by name.
+    pub(crate) fn robot(
+        &self,
+        py: Python<'_>,
+        any: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<robot::Robot> {
+        let own = RobotSettings { robot: Some(self.robot.clone()), ..RobotSettings::default() };
+        robot::given(py, any, &own)
+    }
+}
+
+#[pymethods]
+impl Field {
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let saved = py.detach(|| field::load(&path)).map_err(|error| of_file(&error))?;
+        Self::of(py, saved)
+    }
+
+    #[pyo3(signature = (path, memory = true))]
+    fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> PyResult<()> {
+        let saved = self.saved(py, memory);
+        py.detach(|| field::save(&path, &saved)).map_err(|error| of_file(&error))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (
+        points, stiffness, std = None, counts = None, *, lattice, untouched = 0.0,
+        robot = "kinova_gen3", settings = None, **sections
+    ))]
+    #[allow(clippy::too_many_arguments)] // they are keywords
+    fn from_arrays(
+        py: Python<'_>,
+        points: &Bound<'_, PyAny>,
+        stiffness: &Bound<'_, PyAny>,
+        std: Option<&Bound<'_, PyAny>>,
+        counts: Option<&Bound<'_, PyAny>>,
+        lattice: &Bound<'_, Lattice>,
+        untouched: f64,
+        robot: &str,
+        settings: Option<&Bound<'_, PyAny>>,
+        sections: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let points_m = self::points(points, "points")?;
+        let n = points_m.len();
+        let given = GivenArrays {
+            stiffness_n_per_m: row(stiffness, "stiffness", Some(n))?,
+            std_n_per_m: match std {
+                Some(std) => row(std, "std", Some(n))?,
+                None => vec![0.0; n],
+            },
+            counts: match counts {
+                Some(counts) => self::counts(counts, "counts")?,
+                None => vec![1; n],
+            },
+            points_m,
+            untouched_n_per_m: untouched,
+        };
+        let settings: Settings = Given { settings, sections, method: None }.read()?;
+        let mut config = settings.config().map_err(of_bad_settings)?;
+        config.lattice = lattice.get().inner.clone();
+        let saved = given.field(&config, robot);
+        Self::of(py, saved.map_err(|error| PyValueError::new_err(error.to_string()))?)
+    }
+
+    #[getter]
+    fn points(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
+        self.points.clone_ref(py)
+    }
+
+    #[getter]
+    fn stiffness(&self, py: Python<'_>) -> Py<PyArray1<f64>> {
+        self.stiffness.clone_ref(py)
+    }
+
+    #[getter]
+    fn std(&self, py: Python<'_>) -> Py<PyArray1<f64>> {
+        self.std.clone_ref(py)
+    }
+
+    #[getter]
+    fn counts(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
+        self.counts.clone_ref(py)
+    }
+
+    #[getter]
+    fn cells(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
+        self.cells.clone_ref(py)
+    }
+
+    #[getter]
+    fn prior(&self, py: Python<'_>) -> Option<Py<PyArray1<f64>>> {
+        self.prior.as_ref().map(|prior| prior.clone_ref(py))
+    }
+
+    #[getter]
+    fn lattice(&self, py: Python<'_>) -> Py<Lattice> {
+        self.lattice.clone_ref(py)
+    }
+
+    #[getter]
+    fn robot_name(&self) -> &str {
+        &self.robot
+    }
+
+    #[getter]
+    fn untouched(&self) -> f64 {
+        self.untouched_n_per_m
+    }
+
+    #[getter]
+    fn has_memory(&self) -> bool {
+        self.snapshot.is_some()
+    }
+
+    /// What is known at each place.
+    fn query(&self, py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Estimates> {
+        let places = self::points(points, "points")?;
+        let (field, std) = (self.core(py), self.untouched_std());
+        let found = py.detach(|| field.at(&places, std));
+        let number = |of: fn(&palpate::field::CellEstimate) -> f64| {
+            found.iter().map(|cell| cell.as_ref().map_or(f64::NAN, of)).collect()
+        };
+        let stiffness = flat(py, number(|cell| cell.stiffness_n_per_m));
+        let std = flat(py, number(|cell| cell.std_n_per_m));
+        let count = found.iter().map(|cell| cell.map_or(0, |cell| cell.count)).collect();
+        Ok((stiffness, std, flat(py, count)))
+    }
+
+    /// The torque of a planned motion.
+    #[pyo3(signature = (q_path, robot = None, progress = None))]
+    fn predict(
+        &self,
+        py: Python<'_>,
+        q_path: &Bound<'_, PyAny>,
+        robot: Option<&Bound<'_, PyAny>>,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Py<PyArray2<f64>>> {
+        let robot = self.robot(py, robot)?;
+        let joints = robot.arm.robot.n_joints();
+        let path = rows(q_path, "q_path", Some(joints), &format!("(T, {joints})"))?;
+        let field = self.core(py);
+        let torques: Result<_, WorkError> =
+            long(py, progress, |host| planned(&robot.arm, &field, &path, host))?;
+        let torques = torques.map_err(|error| raise(&error))?;
+        Ok(table_of(py, torques.iter().map(|torque| torque.as_slice()), joints))
+    }
+
+    fn __len__(&self, py: Python<'_>) -> usize {
+        self.stiffness.bind(py).shape()[0]
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let counts = self.counts.bind(py).readonly();
+        let touched = counts.as_array().iter().filter(|&&count| count > 0).count();
+        let (cells, spacing) = (self.__len__(py), self.lattice.get().inner.spacing_m());
+        format!("Field({cells} cells, {touched} touched, every {spacing} m)")
+    }
+
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        let saved = self.saved(py, true);
+        let bytes = py.detach(|| field::to_bytes(&saved));
+        let restore = py.import("palpate._palpate")?.getattr("unpickled_field")?;
+        Ok((restore, (PyBytes::new(py, &bytes),)))
+    }
+}
+
+/// A field from the bytes that it was pickled as.
+#[pyfunction]
+pub(crate) fn unpickled_field(py: Python<'_>, bytes: &[u8]) -> PyResult<Field> {
+    let saved = field::from_bytes(bytes, "the pickled field").map_err(|error| of_file(&error))?;
+    Field::of(py, saved)
+}
