@@ -10,18 +10,21 @@ use palpate::{contact, touch};
 use palpate_io::field::{self, Saved};
 use palpate_work::WorkError;
 use palpate_work::given::Given as GivenArrays;
-use palpate_work::predict::planned;
+use palpate_work::predict::{Against, FrameResult, TouchResult, planned, score};
+use palpate_work::scored::{Report, tell_oddities};
 use palpate_work::settings::{Settings, sections::RobotSettings};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyBytes, PyDict};
 
 use crate::array::{copied, counts, flat, points, row, rows, table, table_of};
+use crate::data::python;
 use crate::error::{of_bad_settings, of_file, raise};
 use crate::lattice::Lattice;
+use crate::log::{opened, sources};
 use crate::robot;
 use crate::settings::Given;
-use crate::watch::long;
+use crate::watch::{Watch, long};
 
 /// What a field returns of places: stiffness, std and counts.
 type Estimates = (Py<PyArray1<f64>>, Py<PyArray1<f64>>, Py<PyArray1<u32>>);
@@ -245,6 +248,38 @@ impl Field {
         Ok(table_of(py, torques.iter().map(|torque| torque.as_slice()), joints))
     }
 
+    /// Predicts the touches of logs, and holds that against what was felt.
+    #[pyo3(signature = (log, robot = None, *, truth = false, settings = None, progress = None, **sections))]
+    #[allow(clippy::too_many_arguments)] // they are keywords
+    fn score<'py>(
+        &self,
+        py: Python<'py>,
+        log: &Bound<'py, PyAny>,
+        robot: Option<&Bound<'py, PyAny>>,
+        truth: bool,
+        settings: Option<&Bound<'py, PyAny>>,
+        progress: Option<&Bound<'py, PyAny>>,
+        sections: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let mut settings = Given { settings, sections, method: None }.read()?;
+        let robot = self.robot(py, robot)?;
+        let (sources, field) = (sources(log)?, self.core(py));
+        let against = if truth { Against::Truth } else { Against::Measured };
+        let work = |host: &Watch| -> Result<_, WorkError> {
+            let touches = opened(sources, &settings.log)?;
+            touches.settle(&mut settings.touch, host)?;
+            settings.log.check_for(&robot.arm.robot)?;
+            let touch = settings.touch.over_config(&field.touch);
+            let place = (field.lattice.clone(), field.contact.clone());
+            let mut touches = touches.for_arm(&robot.arm, &settings.log, place)?;
+            let results = score(&robot.arm, &field, touch, against, (&mut touches, host))?;
+            tell_oddities(&results, host);
+            Ok(results)
+        };
+        let results = long(py, progress, work)?.map_err(|error| raise(&error))?;
+        scored(py, &results, against, robot.arm.robot.n_joints())
+    }
+
     fn __len__(&self, py: Python<'_>) -> usize {
         self.stiffness.bind(py).shape()[0]
     }
@@ -265,6 +300,29 @@ impl Field {
         let restore = py.import("palpate._palpate")?.getattr("unpickled_field")?;
         Ok((restore, (PyBytes::new(py, &bytes),)))
     }
+}
+
+/// What `palpate predict --json` prints, with the torques of each touch.
+fn scored<'py>(
+    py: Python<'py>,
+    results: &[TouchResult],
+    against: Against,
+    joints: usize,
+) -> PyResult<Bound<'py, PyAny>> {
+    let report = python(py, &serde_json::json!(Report::new(results, against)))?;
+    let touches = report.get_item("touches")?;
+    for (touch, result) in touches.try_iter()?.zip(results) {
+        let (touch, frames) = (touch?, &result.frames);
+        let torques = |of: fn(&FrameResult) -> &[f64]| table_of(py, frames.iter().map(of), joints);
+        touch.set_item("predicted", torques(|frame| frame.predicted.as_slice()))?;
+        touch.set_item("external", torques(|frame| frame.external.as_slice()))?;
+        touch.set_item("frame", flat(py, frames.iter().map(|frame| frame.frame).collect()))?;
+        let contacts = frames.iter().map(|frame| frame.contacts as u64).collect();
+        touch.set_item("contacts", flat(py, contacts))?;
+        let time: Option<Vec<f64>> = frames.iter().map(|frame| frame.time_s).collect();
+        touch.set_item("time", time.map(|time| flat(py, time)))?;
+    }
+    Ok(report)
 }
 
 /// A field from the bytes that it was pickled as.

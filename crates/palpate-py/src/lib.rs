@@ -16,6 +16,8 @@
 mod array;
 mod data;
 mod error;
+mod evaluate;
+mod extrapolate;
 mod field;
 mod lattice;
 mod log;
@@ -34,6 +36,10 @@ mod _palpate {
     use crate::error::{
         FileError, LogError, PalpateError, PalpateWarning, SettingsError, TouchError,
     };
+    #[pymodule_export]
+    use crate::evaluate::{evaluate, tune};
+    #[pymodule_export]
+    use crate::extrapolate::{Extrapolation, extrapolate};
     #[pymodule_export]
     use crate::field::{Field, unpickled_field};
     #[pymodule_export]

@@ -11,12 +11,18 @@
 //! | [`mod@resume`]    | a mapper that goes on from a saved field                          |
 //! | [`mod@learn`]     | touches into a mapper, and what is told of it                     |
 //! | [`mod@predict`]   | every frame of every touch: predicted, felt, and how far apart    |
+//! | [`mod@scored`]    | the four figures of predicted touches                             |
+//! | [`mod@evaluate`]  | methods compared on touches that they have not seen               |
+//! | [`mod@extrapolate`] | from what was touched to what was only seen                     |
+//! | [`mod@tune`]      | settings chosen by cross-validation                               |
 //!
 //! Whoever asks for work is its [`Host`]: hears of it, and may stop it. Nothing here knows a
 //! terminal, a page or Python.
 #![forbid(unsafe_code)]
 
 pub mod error;
+pub mod evaluate;
+pub mod extrapolate;
 pub mod given;
 mod host;
 pub mod learn;
@@ -25,8 +31,10 @@ pub mod predict;
 pub mod prior;
 pub mod resume;
 pub mod robot;
+pub mod scored;
 pub mod settings;
 pub mod touches;
+pub mod tune;
 
 pub use error::WorkError;
 pub use host::{Bar, Host};

@@ -128,7 +128,7 @@ fn evaluate_all(
     let logs = vec!["the bundled touches".to_owned()];
     let origin = Origin { simulated: true, logs, settings };
     let evaluated = evaluate::into_folder(&work, folder, &origin, output)?;
-    let told = work.told(&evaluated, folder, &origin);
+    let told = evaluate::told(&work, &evaluated, folder, &origin);
     Ok((told.text(), told.json()))
 }
 
@@ -182,7 +182,7 @@ fn told(
 ) -> String {
     let mut text = format!("{ORIGIN}\n");
     let _ = writeln!(text, "Learnt from {learnt_from} touches, then predicted one held out.");
-    text += &report.text();
+    text += &crate::predict::text(report);
     let folder = folder.display();
     let page = if evaluation.is_some() {
         "\n  report.html  all of that, to open in a browser; figures in figures/\n  \

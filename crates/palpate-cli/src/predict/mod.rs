@@ -20,7 +20,8 @@ use crate::touches::Touches;
 use crate::{interrupt, picture, robot};
 
 pub(crate) use palpate_work::predict::{Against, FrameResult, TouchResult, score};
-pub(crate) use report::{Report, tell_oddities};
+pub(crate) use palpate_work::scored::{Report, tell_oddities};
+pub(crate) use report::text;
 
 const NOTES: &str = "Examples:
   palpate predict field.npz recordings/seq_010
@@ -107,7 +108,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     let report = Report::new(&results, against);
     tell_oddities(&results, output);
-    if args.json { output.json(&report) } else { output.result(&report.text()) }
+    if args.json { output.json(&report) } else { output.result(&text(&report)) }
 }
 
 /// Notes that the field was learnt with another arm, which is allowed.

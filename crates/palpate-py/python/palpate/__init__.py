@@ -7,6 +7,7 @@ their memory with what they came out of.
 
 from ._palpate import (
     Answer,
+    Extrapolation,
     Field,
     FileError,
     Lattice,
@@ -21,11 +22,15 @@ from ._palpate import (
     Touch,
     TouchError,
     default_settings,
+    evaluate,
+    extrapolate,
     open_log,
+    tune,
 )
 
 __all__ = [
     "Answer",
+    "Extrapolation",
     "Field",
     "FileError",
     "Lattice",
@@ -40,5 +45,8 @@ __all__ = [
     "Touch",
     "TouchError",
     "default_settings",
+    "evaluate",
+    "extrapolate",
     "open_log",
+    "tune",
 ]

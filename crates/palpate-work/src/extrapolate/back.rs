@@ -11,7 +11,7 @@ use palpate_io::field::Saved;
 ///
 /// Touched cells keep what they have learnt. The memory goes on from there as well: a mapper that
 /// continues believes the same of the new cells.
-pub(super) fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
+pub fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
     let least = saved.snapshot.as_ref().map_or(0.0, |snapshot| least(&snapshot.config));
     let expected: Vec<(CellId, f64)> =
         expected.iter().map(|&(cell, k)| (cell, k.max(least))).collect();

@@ -9,12 +9,11 @@ use palpate::touch::Sample;
 use palpate_io::field::Saved;
 use palpate_learn::tracked::{Touch, Tracked};
 
-use crate::error::CliError;
-use crate::interrupt;
-use crate::output::Output;
+use crate::error::WorkError;
+use crate::host::Host;
 
 /// Whether a field remembers touches.
-pub(super) fn remembers(saved: &Saved) -> bool {
+pub fn remembers(saved: &Saved) -> bool {
     saved.snapshot.as_ref().is_some_and(|snapshot| snapshot.tape.iter().any(|touch| !touch.open))
 }
 
@@ -27,15 +26,15 @@ pub(super) fn recalled(
     saved: &Saved,
     path: &Path,
     arm: &Arc<Arm>,
-    output: &Output,
-) -> Result<(Tracked, Config), CliError> {
+    host: &dyn Host,
+) -> Result<(Tracked, Config), WorkError> {
     let name = path.display();
     let Some(snapshot) = &saved.snapshot else {
-        return Err(CliError::from(format!("`{name}` remembers no touch to learn from")));
+        return Err(WorkError::from(format!("`{name}` remembers no touch to learn from")));
     };
     let (learnt, fingerprint) = &snapshot.robot;
     if *fingerprint != arm.fingerprint() {
-        return Err(CliError::from(format!(
+        return Err(WorkError::from(format!(
             "`{name}` was learnt with robot `{learnt}`, of which `{}` differs in joints, masses or \
              shapes; give that robot (--robot, --payload-link, --payload-mass-kg)",
             arm.robot.name()
@@ -50,14 +49,14 @@ pub(super) fn recalled(
     let left_out = (snapshot.touches as usize).saturating_sub(touches.len());
     if left_out > 0 {
         let learnt = snapshot.touches;
-        output.note(&format!(
+        host.warn(&format!(
             "{left_out} of the {learnt} touches that `{name}` learnt from are no longer remembered, \
              or were not ended"
         ));
     }
-    output.note(&format!("following {} remembered touches again", touches.len()));
-    let tracked = Tracked::new(arm, &snapshot.config, &touches, &interrupt::pressed);
-    let tracked = tracked.map_err(|error| CliError::from(format!("`{name}`: {error}")))?;
+    host.note(&format!("following {} remembered touches again", touches.len()));
+    let tracked = Tracked::new(arm, &snapshot.config, &touches, &|| host.stopped());
+    let tracked = tracked.map_err(|error| WorkError::from(format!("`{name}`: {error}")))?;
     Ok((tracked, snapshot.config.clone()))
 }
 
