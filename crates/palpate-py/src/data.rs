@@ -34,6 +34,17 @@ pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py,
     })
 }
 
+/// The keys of a section that were given, as keywords.
+pub(crate) fn given<'py>(py: Python<'py>, section: &Value) -> PyResult<Bound<'py, PyDict>> {
+    let given = PyDict::new(py);
+    for (key, value) in section.as_object().into_iter().flatten() {
+        if !value.is_null() {
+            given.set_item(key, python(py, value)?)?;
+        }
+    }
+    Ok(given)
+}
+
 /// Plain data as TOML, `None` as nothing; `name` is for errors.
 pub(crate) fn toml_of(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<toml::Value>> {
     let py = any.py();

@@ -49,10 +49,14 @@ fn read(
     Ok(Read { recorded, touches, settings })
 }
 
-/// Compares methods on touches that they have not seen.
+/// Compares methods on touches that they have not seen, as `palpate evaluate` does.
+///
+/// `methods` are of map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always stands
+/// beside the others. Every touch is predicted from all others, in `folds` groups, or those named by
+/// `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold.
 #[pyfunction]
 #[pyo3(signature = (
-    logs, robot = None, *, methods = Vec::new(), folds = None, test = Vec::new(), truth = false,
+    logs, robot = None, *, methods = None, folds = None, test = None, truth = false,
     tune = false, settings = None, progress = None, **sections
 ))]
 #[allow(clippy::too_many_arguments)] // they are keywords
@@ -60,9 +64,9 @@ pub(crate) fn evaluate<'py>(
     py: Python<'py>,
     logs: &Bound<'py, PyAny>,
     robot: Option<&Bound<'py, PyAny>>,
-    methods: Vec<String>,
+    methods: Option<Vec<String>>,
     folds: Option<u32>,
-    test: Vec<String>,
+    test: Option<Vec<String>>,
     truth: bool,
     tune: bool,
     settings: Option<&Bound<'py, PyAny>>,
@@ -73,7 +77,7 @@ pub(crate) fn evaluate<'py>(
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = sources(logs)?;
     let mut contenders = Vec::new();
-    for name in &methods {
+    for name in methods.iter().flatten() {
         contenders.push(contender_of(name).map_err(|there_are| {
             PyValueError::new_err(format!("`methods` names {name:?}; {there_are}"))
         })?);
@@ -89,7 +93,7 @@ pub(crate) fn evaluate<'py>(
             arm,
             recorded: &recorded,
             touches: &touches,
-            folds: self::folds(&touches, folds, &test)?,
+            folds: self::folds(&touches, folds, test.as_deref().unwrap_or_default())?,
             contenders,
             estimators: configs(&settings)?,
             tune,
@@ -143,7 +147,10 @@ fn left_out<'py>(py: Python<'py>, touch: &LeftOut, joints: usize) -> PyResult<Bo
     Ok(dict)
 }
 
-/// Chooses settings by cross-validation.
+/// Chooses settings by cross-validation on at least three touches, as `palpate tune` does.
+///
+/// `candidates` are from 2 to 1000, 24 if left out (12 for ekf). Give the `settings` of the result to
+/// other calls.
 #[pyfunction]
 #[pyo3(signature = (
     logs, robot = None, *, candidates = None, settings = None, progress = None, **sections

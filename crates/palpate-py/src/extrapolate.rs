@@ -16,15 +16,22 @@ use crate::error::{of_file, of_settings, raise};
 use crate::field::Field;
 use crate::watch::{Watch, long};
 
-/// A stiffness for every seen point.
+/// A stiffness for each of N seen points.
 #[pyclass(frozen, module = "palpate", get_all)]
 pub(crate) struct Extrapolation {
+    /// The points, (N, 3), m.
     points: Py<PyArray2<f64>>,
+    /// K of a cell at each point, (N,), N/m.
     stiffness: Py<PyArray1<f64>>,
+    /// Its standard deviation: of the regression over features, not of single points, (N,), N/m.
     std: Py<PyArray1<f64>>,
+    /// Whether the cell that the point lies in was touched, (N,).
     touched: Py<PyArray1<bool>>,
+    /// The field with what untouched cells at seen points are expected to be.
     field: Py<Field>,
+    /// `torque`, `cells` or `knn`.
     method: &'static str,
+    /// What points were compared by.
     features: String,
 }
 
@@ -35,7 +42,11 @@ impl Extrapolation {
     }
 }
 
-/// Carries the stiffness of a field over to a coloured cloud.
+/// Carries the stiffness of a field over to all that a camera saw, as `palpate extrapolate` does.
+///
+/// `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m with `colours` (N, 3)
+/// from 0 to 255. `method` is torque (if the field has its memory), cells or knn; `features` are a
+/// colour (chroma, rgb, oklab), height and shape, joined by `+`.
 #[pyfunction]
 #[pyo3(signature = (
     field, cloud, colours = None, robot = None, *, method = None, features = None,

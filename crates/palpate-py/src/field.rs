@@ -29,7 +29,9 @@ use crate::watch::{Watch, long};
 /// What a field returns of places: stiffness, std and counts.
 type Estimates = (Py<PyArray1<f64>>, Py<PyArray1<f64>>, Py<PyArray1<u32>>);
 
-/// The stiffness of all cells that were touched or expected to be stiff.
+/// The stiffness of N cells that were touched or expected to be stiff.
+///
+/// Arrays are read-only, share the memory of the field, and are the same object every time.
 #[pyclass(frozen, module = "palpate")]
 pub(crate) struct Field {
     points: Py<PyArray2<f64>>,
@@ -113,18 +115,26 @@ impl Field {
 
 #[pymethods]
 impl Field {
+    /// Reads a field that `save` or `palpate map` wrote. Raises FileError.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let saved = py.detach(|| field::load(&path)).map_err(|error| of_file(&error))?;
         Self::of(py, saved)
     }
 
+    /// Writes the field as .npz, whole or not at all, with its memory if it has one.
     #[pyo3(signature = (path, memory = true))]
     fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> PyResult<()> {
         let saved = self.saved(py, memory);
         py.detach(|| field::save(&path, &saved)).map_err(|error| of_file(&error))
     }
 
+    /// A field from arrays: `points` (N, 3) m, `stiffness` (N,) N/m, `std` (N,) N/m, `counts` (N,).
+    ///
+    /// Points must be points of `lattice`, each at most once; `Lattice.cells` finds the nearest.
+    /// `std` is 0 and `counts` 1 if left out; a count of 0 says that a stiffness is only expected.
+    /// `untouched` is the stiffness of all other cells, N/m. The contact model and the meaning of
+    /// torques are those of the settings. Raises ValueError, which names the array and the row.
     #[staticmethod]
     #[pyo3(signature = (
         points, stiffness, std = None, counts = None, *, lattice, untouched = 0.0,
@@ -165,57 +175,70 @@ impl Field {
         Self::of(py, saved.map_err(|error| PyValueError::new_err(error.to_string()))?)
     }
 
+    /// Rest points, (N, 3), m, frame of the robot's base.
     #[getter]
     fn points(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
         self.points.clone_ref(py)
     }
 
+    /// K of each point, (N,), N/m, never negative.
     #[getter]
     fn stiffness(&self, py: Python<'_>) -> Py<PyArray1<f64>> {
         self.stiffness.clone_ref(py)
     }
 
+    /// Standard deviation of K, (N,), N/m.
     #[getter]
     fn std(&self, py: Python<'_>) -> Py<PyArray1<f64>> {
         self.std.clone_ref(py)
     }
 
+    /// Frames that touched each point, (N,); 0 if its stiffness is only expected.
     #[getter]
     fn counts(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
         self.counts.clone_ref(py)
     }
 
+    /// Cell number of each point in the lattice, (N,).
     #[getter]
     fn cells(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
         self.cells.clone_ref(py)
     }
 
+    /// What K would be had nothing been touched, (N,), N/m; None if that is the same of all.
     #[getter]
     fn prior(&self, py: Python<'_>) -> Option<Py<PyArray1<f64>>> {
         self.prior.as_ref().map(|prior| prior.clone_ref(py))
     }
 
+    /// The box that the cells belong to.
     #[getter]
     fn lattice(&self, py: Python<'_>) -> Py<Lattice> {
         self.lattice.clone_ref(py)
     }
 
+    /// Name of the robot that touched them.
     #[getter]
     fn robot_name(&self) -> &str {
         &self.robot
     }
 
+    /// K of all other cells, N/m.
     #[getter]
     fn untouched(&self) -> f64 {
         self.untouched_n_per_m
     }
 
+    /// Whether mapping can go on from it, and touches be learnt from again.
     #[getter]
     fn has_memory(&self) -> bool {
         self.snapshot.is_some()
     }
 
-    /// What is known at each place.
+    /// Stiffness (M,) N/m, its std (M,) N/m and counts (M,) of the cells at `points` (M, 3) m.
+    ///
+    /// Cells never touched have the prior's stiffness and std (NaN if the field has no memory, and
+    /// so does not say) and a count of 0; outside the box both are NaN.
     fn query(&self, py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Estimates> {
         let places = self::points(points, "points")?;
         let (field, std) = (self.core(py), self.untouched_std());
@@ -229,7 +252,10 @@ impl Field {
         Ok((stiffness, std, flat(py, count)))
     }
 
-    /// The torque of a planned motion.
+    /// External torque that a motion meets: `q_path` (T, n_joints) rad gives (T, n_joints) N·m.
+    ///
+    /// The motion starts free of contact, and every row is a step, as in `palpate predict`. The
+    /// robot is the one that learnt the field, by name, if left out.
     #[pyo3(signature = (q_path, robot = None, progress = None))]
     fn predict(
         &self,
@@ -248,7 +274,10 @@ impl Field {
         Ok(table_of(py, torques.iter().map(|torque| torque.as_slice()), joints))
     }
 
-    /// Predicts the touches of logs, and holds that against what was felt.
+    /// Predicts the touches of logs and compares with what was felt, as `palpate predict` does.
+    ///
+    /// `truth` compares with the true torques beside simulated touches. The settings may change how
+    /// the log is read (`log`) and what its torques mean (`touch`).
     #[pyo3(signature = (log, robot = None, *, truth = false, settings = None, progress = None, **sections))]
     #[allow(clippy::too_many_arguments)] // they are keywords
     fn score<'py>(

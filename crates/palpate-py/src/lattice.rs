@@ -9,7 +9,10 @@ use pyo3::types::PyAny;
 use crate::array::{counts, flat, points, row, table};
 use crate::error::of_settings;
 
-/// Points at equal spacing in a box.
+/// Points at equal spacing in a box, in the frame of the robot's base.
+///
+/// `origin` is the first point (3,) m, `spacing` the distance between neighbours in m, `shape` the
+/// number of points along x, y and z. The cell number of a point runs fastest along x.
 #[pyclass(frozen, module = "palpate")]
 #[derive(Clone)]
 pub(crate) struct Lattice {
@@ -47,6 +50,7 @@ impl Lattice {
         Ok(Self { inner: inner.map_err(|error| of_settings(&error))? })
     }
 
+    /// The points that fill the box between the corners `low` and `high` (3,) m.
     #[staticmethod]
     fn filling(low: &Bound<'_, PyAny>, high: &Bound<'_, PyAny>, spacing: f64) -> PyResult<Self> {
         let (low, high) = (three(low, "low")?, three(high, "high")?);
@@ -54,27 +58,31 @@ impl Lattice {
         Ok(Self { inner: inner.map_err(|error| of_settings(&error))? })
     }
 
+    /// First point, m.
     #[getter]
     fn origin(&self) -> [f64; 3] {
         self.inner.origin_m().into()
     }
 
+    /// Distance between neighbouring points, m.
     #[getter]
     fn spacing(&self) -> f64 {
         self.inner.spacing_m()
     }
 
+    /// Points along x, y and z.
     #[getter]
     fn shape(&self) -> (u32, u32, u32) {
         self.inner.shape().into()
     }
 
+    /// Points in all.
     #[getter]
     fn n_cells(&self) -> u64 {
         self.inner.n_cells()
     }
 
-    /// The cell nearest to each point, -1 outside.
+    /// The cell nearest to each of `points` (M, 3) m: (M,), -1 outside the box.
     #[pyo3(signature = (points, /))]
     fn cells(&self, py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Py<PyArray1<i64>>> {
         let places = self::points(points, "points")?;
@@ -84,7 +92,7 @@ impl Lattice {
         Ok(flat(py, places.iter().map(cell).collect()))
     }
 
-    /// The rest point of each cell.
+    /// The rest point of each of `cells` (M,): (M, 3) m.
     #[pyo3(signature = (cells, /))]
     fn points(&self, py: Python<'_>, cells: &Bound<'_, PyAny>) -> PyResult<Py<PyArray2<f64>>> {
         let cells = counts(cells, "cells")?;

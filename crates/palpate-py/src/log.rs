@@ -20,7 +20,9 @@ use crate::error::raise;
 /// What held touches are called in errors.
 const HELD: &str = "touches";
 
-/// Touches in files, read as a stream.
+/// Touches in files, read as a stream: iterating yields one `Touch` after another.
+///
+/// `open_log` makes one. Only the touch at hand is in memory, and each `for` starts anew.
 #[pyclass(frozen, module = "palpate")]
 #[derive(Clone)]
 pub(crate) struct Log {
@@ -28,7 +30,10 @@ pub(crate) struct Log {
     settings: LogSettings,
 }
 
-/// One touch: an approach, a push and a retreat.
+/// One touch: an approach, a push and a retreat, T frames.
+///
+/// `q` are joint positions (T, n_joints) rad, `tau` joint torques as logged (T, n_joints) N·m,
+/// `time` (T,) s. `joint_names` say the order of the joints, which is the robot's if left out.
 #[pyclass(frozen, module = "palpate")]
 pub(crate) struct Touch {
     name: String,
@@ -59,6 +64,14 @@ pub(crate) enum Source {
 }
 
 /// Opens one or more logs, which are read as one.
+///
+/// A log is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file
+/// or a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. `options` are the keys of the
+/// section `log` of the settings: `angle_unit`, `columns`, `topic`, `touch_topic`, `joints`,
+/// `until_break`, `split_gap_s`, `split_idle`, `idle_s`; parting at pauses (`split_idle`) needs a
+/// robot, and is done by what learns from the log.
+///
+/// Raises LogError, which names the file and the remedy.
 #[pyfunction]
 #[pyo3(signature = (path, **options))]
 pub(crate) fn open_log(
@@ -141,6 +154,7 @@ pub(crate) fn opened(sources: Vec<Source>, settings: &LogSettings) -> Result<Tou
 
 #[pymethods]
 impl Log {
+    /// Where it is.
     #[getter]
     fn paths(&self) -> Vec<PathBuf> {
         self.paths.clone()
@@ -149,6 +163,14 @@ impl Log {
     fn __iter__(&self, py: Python<'_>) -> PyResult<TouchIterator> {
         let reading = Reading { touches: self.touches(py)?, next: None };
         Ok(TouchIterator { reading: Mutex::new(reading) })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, ())> {
+        let settings = serde_json::to_value(&self.settings).expect("settings are plain data");
+        let options = crate::data::given(py, &settings)?;
+        let open = py.import("palpate")?.getattr("open_log")?;
+        let partial = py.import("functools")?.getattr("partial")?;
+        Ok((partial.call((open, self.paths.clone()), Some(&options))?, ()))
     }
 
     fn __repr__(&self) -> String {
@@ -193,6 +215,14 @@ impl Reading {
         }
         Ok(Some(Held { name, joint_names, samples }))
     }
+}
+
+/// Rows of positions and torques, with their times if there are any.
+fn samples(q: Vec<Vec<f64>>, tau: Vec<Vec<f64>>, time: Option<&[f64]>) -> Vec<Sample> {
+    let moments = q.into_iter().zip(tau).enumerate();
+    let sample =
+        |(place, (q, tau))| Sample { time_s: time.map(|time: &[f64]| time[place]), q, tau };
+    moments.map(sample).collect()
 }
 
 impl Touch {
@@ -250,36 +280,52 @@ impl Touch {
             return Err(PyValueError::new_err(message));
         }
         let time = time.map(|time| row(time, "time", Some(q.len()))).transpose()?;
-        let moments = q.into_iter().zip(tau).enumerate();
-        let sample =
-            |(place, (q, tau))| Sample { time_s: time.as_ref().map(|time| time[place]), q, tau };
-        let samples = moments.map(sample).collect();
+        let samples = samples(q, tau, time.as_deref());
         Ok(Self::of(py, Held { name: name.to_owned(), joint_names, samples }))
     }
 
+    /// Its name.
     #[getter]
     fn name(&self) -> &str {
         &self.name
     }
 
+    /// Joint positions, (T, n_joints), rad (m where prismatic).
     #[getter]
     fn q(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
         self.q.clone_ref(py)
     }
 
+    /// Joint torques as logged, (T, n_joints), N·m.
     #[getter]
     fn tau(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
         self.tau.clone_ref(py)
     }
 
+    /// By the log's clock, (T,), s; None if it has none.
     #[getter]
     fn time(&self, py: Python<'_>) -> Option<Py<PyArray1<f64>>> {
         self.time.as_ref().map(|time| time.clone_ref(py))
     }
 
+    /// Names of the joints in the order of the columns; None if the log does not say.
     #[getter]
     fn joint_names(&self) -> Option<Vec<String>> {
         self.joint_names.clone()
+    }
+
+    #[allow(clippy::type_complexity)] // the arguments of `Touch`, in their order
+    fn __getnewargs__(
+        &self,
+        py: Python<'_>,
+    ) -> (
+        Py<PyArray2<f64>>,
+        Py<PyArray2<f64>>,
+        String,
+        Option<Py<PyArray1<f64>>>,
+        Option<Vec<String>>,
+    ) {
+        (self.q(py), self.tau(py), self.name.clone(), self.time(py), self.joint_names())
     }
 
     fn __len__(&self, py: Python<'_>) -> usize {

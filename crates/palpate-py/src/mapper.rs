@@ -23,7 +23,15 @@ use crate::settings::Given;
 use crate::shared::Shared;
 use crate::watch::{Watch, long};
 
-/// Learns a field from touches.
+/// Learns a stiffness field from touches.
+///
+/// `robot` is a `Robot`, a name or a path; `method` is `map`, the exact maximum a posteriori, or
+/// `ekf`, the paper's filter. `settings` are those of the command: the path of a TOML file or a dict
+/// of its sections, over which `sections` are laid, such as `contact={"friction": 0.3}` or
+/// `lattice=Lattice(...)`. `prior` is a field that says what is expected of its cells before they
+/// are touched. Threads that use one mapper wait for each other.
+///
+/// Raises SettingsError if a setting is unknown or out of its range.
 #[pyclass(frozen, module = "palpate")]
 pub(crate) struct Mapper {
     state: Shared<State>,
@@ -37,22 +45,33 @@ struct State {
     in_touch: bool,
 }
 
-/// What one step found.
+/// What one sample gave.
 #[pyclass(frozen, module = "palpate", get_all)]
 pub(crate) struct StepReport {
+    /// Points touched.
     contacts: usize,
+    /// External torque, gravity and tare taken off, (n_joints,) N·m; None while taring.
     external: Option<Py<PyArray1<f64>>>,
+    /// What the field expected before it learnt from the sample, (n_joints,) N·m; None with that.
     predicted: Option<Py<PyArray1<f64>>>,
 }
 
-/// What a field says of a path.
+/// What a field says of a path of P points.
 #[pyclass(frozen, module = "palpate", get_all)]
 pub(crate) struct Answer {
+    /// External torque that the path would meet, (P, n_joints), N·m.
     torque: Py<PyArray2<f64>>,
+    /// Its standard deviation by the uncertainty of the springs alone, (P, n_joints), N·m.
+    ///
+    /// It ranks paths by how well their resistance is known; it bounds no error.
     torque_std: Py<PyArray2<f64>>,
+    /// Points of the lattice touched, (P,).
     contacts: Py<PyArray1<u64>>,
+    /// Those of them that were touched when the field was learnt, (P,).
     known: Py<PyArray1<u64>>,
+    /// Whether the path went on from what the arm touched, rather than free of contact.
     goes_on: bool,
+    /// Points of the path where the arm was looked at; the others lie between.
     stops: usize,
 }
 
@@ -102,6 +121,10 @@ impl Mapper {
         Ok(Self::of(mapper.map_err(|error| raise(&error))?, robot, settings))
     }
 
+    /// Goes on from a field that `save` or `palpate map` wrote, as if it had never stopped.
+    ///
+    /// Settings, if given, must agree with the field's own. Raises PalpateError if it was saved
+    /// without its memory or learnt with another robot.
     #[staticmethod]
     #[pyo3(signature = (path, robot = None, settings = None, **sections))]
     fn load(
@@ -118,6 +141,7 @@ impl Mapper {
         Self::going_on(py, (saved, &path.display().to_string()), robot, settings)
     }
 
+    /// Goes on from a field that has its memory, as `load` does from a file.
     #[staticmethod]
     #[pyo3(signature = (field, robot = None, settings = None, **sections))]
     fn from_field(
@@ -132,11 +156,13 @@ impl Mapper {
         Self::going_on(py, (field.get().saved(py, true), "field"), robot, settings)
     }
 
+    /// The arm.
     #[getter]
     fn robot(&self) -> Robot {
         self.robot.clone()
     }
 
+    /// `map` or `ekf`.
     #[getter]
     fn method(&self, py: Python<'_>) -> PyResult<&'static str> {
         Ok(match self.state.take(py)?.inner.mapper.config().method {
@@ -145,13 +171,14 @@ impl Mapper {
         })
     }
 
-    /// The configuration that holds, resolved from the settings.
+    /// The configuration that holds, as the field's file has it.
     #[getter]
     fn config<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let config = serde_json::to_value(self.state.take(py)?.inner.mapper.config());
         python(py, &config.expect("settings are plain data"))
     }
 
+    /// Starts a touch: the next samples belong to it, and its start gives the tare.
     fn begin_touch(&self, py: Python<'_>) -> PyResult<()> {
         let state = &mut *self.state.take(py)?.inner;
         state.mapper.begin_touch();
@@ -159,6 +186,9 @@ impl Mapper {
         Ok(())
     }
 
+    /// Folds one sample into the field: `q` (n_joints,) rad, `tau` (n_joints,) N·m as logged.
+    ///
+    /// Raises TouchError if the sample cannot be used; it has then taught nothing.
     #[pyo3(signature = (q, tau, time = None))]
     fn step(
         &self,
@@ -185,6 +215,7 @@ impl Mapper {
         })
     }
 
+    /// Ends the touch. Raises TouchError if it was shorter than the tare asked for.
     fn end_touch(&self, py: Python<'_>) -> PyResult<()> {
         let mut state = self.state.take(py)?;
         state.inner.in_touch = false;
@@ -192,7 +223,11 @@ impl Mapper {
         py.detach(|| mapper.end_touch()).map_err(|error: MapperError| of_touch(&error))
     }
 
-    /// Learns the touches of logs.
+    /// Learns the touches of logs, given by path, as `Log` or as `Touch`, in their order.
+    ///
+    /// The field is that of `palpate map` to the bit. `progress` is None for a bar where somebody
+    /// can see it, True, False, or a callable of frames done and in all. Ctrl-C raises
+    /// KeyboardInterrupt; the mapper then knows all samples before it and can go on.
     #[pyo3(signature = (log, progress = None))]
     fn map<'py>(
         &self,
@@ -219,14 +254,21 @@ impl Mapper {
         python(py, &figures)
     }
 
-    /// The field as it is now.
+    /// The field as it is now, with its memory: a snapshot, which later samples do not change.
     fn field(&self, py: Python<'_>) -> PyResult<Field> {
         let state = self.state.take(py)?;
         let mapper = &state.inner.mapper;
         Field::of(py, resume::saved(mapper))
     }
 
-    /// What torque a path would meet.
+    /// What torque a motion would meet: `path` is (P, n_joints) rad.
+    ///
+    /// Joints go straight from point to point. A path that starts where the arm is in a touch under
+    /// way goes on from the contacts there, if no point of the arm is further off than `start_cells`
+    /// cells; any other starts free of contact. Between stops at most `resolution_cells` cells apart
+    /// torques go in proportion; 0 stops at every point.
+    ///
+    /// Raises TouchError if the path cannot be followed.
     #[pyo3(signature = (path, resolution_cells = None, start_cells = None))]
     fn ask(
         &self,
@@ -259,6 +301,7 @@ impl Mapper {
         })
     }
 
+    /// Writes the field as .npz, whole or not at all; without `memory` it cannot be gone on from.
     #[pyo3(signature = (path, memory = true))]
     fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> PyResult<()> {
         let mut saved = resume::saved(&self.state.take(py)?.inner.mapper);

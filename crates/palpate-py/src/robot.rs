@@ -16,6 +16,13 @@ use crate::error::{of_bad_settings, of_touch, raise};
 use crate::watch::long;
 
 /// A robot arm with the surfaces of its links.
+///
+/// `name_or_urdf` is the path of a URDF or the name of a built-in robot, `kinova_gen3` if left out;
+/// `packages` are folders of ROS packages for `package://` paths of meshes. `options` are the other
+/// keys of the section `robot` of the settings: `payload_link`, `payload_mass_kg`, `payload_com_m`,
+/// `bake_spacing_m`, `cache_dir`, `no_cache`. Meshes are baked at the first use and cached.
+///
+/// Raises FileError if there is no such robot or its files are broken.
 #[pyclass(frozen, module = "palpate")]
 #[derive(Clone)]
 pub(crate) struct Robot {
@@ -57,11 +64,11 @@ pub(crate) fn no_bar(py: Python<'_>) -> Bound<'_, pyo3::types::PyBool> {
 #[pymethods]
 impl Robot {
     #[new]
-    #[pyo3(signature = (name_or_urdf = None, packages = Vec::new(), **options))]
+    #[pyo3(signature = (name_or_urdf = None, packages = None, **options))]
     fn new(
         py: Python<'_>,
         name_or_urdf: Option<PathBuf>,
-        packages: Vec<PathBuf>,
+        packages: Option<Vec<PathBuf>>,
         options: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
         let given = options.map(|keys| crate::settings::section("robot", keys)).transpose()?;
@@ -69,9 +76,7 @@ impl Robot {
         if let Some(name) = name_or_urdf {
             settings.robot = Some(name.to_string_lossy().into_owned());
         }
-        if !packages.is_empty() {
-            settings.package_path = Some(packages);
-        }
+        settings.package_path = packages.or(settings.package_path);
         let checked = Settings { robot: settings.clone(), ..Settings::default() };
         checked.check().map_err(of_bad_settings)?;
         loaded(py, settings)
@@ -83,22 +88,25 @@ impl Robot {
         self.arm.robot.name()
     }
 
+    /// Names of the moving joints, in the order of all joint positions and torques.
     #[getter]
     fn joint_names(&self) -> Vec<&str> {
         self.arm.robot.joint_names().collect()
     }
 
+    /// Names of the links.
     #[getter]
     fn link_names(&self) -> Vec<&str> {
         self.arm.robot.links().iter().map(|link| &*link.name).collect()
     }
 
+    /// Number of moving joints.
     #[getter]
     fn n_joints(&self) -> usize {
         self.arm.robot.n_joints()
     }
 
-    /// Gravity torque at joint positions, N·m.
+    /// What gravity exerts on the joints at positions `q` (n_joints,) rad: (n_joints,) N·m.
     fn gravity(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> PyResult<Py<PyArray1<f64>>> {
         let robot = &self.arm.robot;
         let q = row(q, "q", Some(robot.n_joints()))?;
@@ -106,7 +114,7 @@ impl Robot {
         Ok(flat(py, robot.gravity_torque(&poses).as_slice().to_vec()))
     }
 
-    /// Pose of a link at joint positions, `world_from_link`, 4 x 4.
+    /// Pose of a link at positions `q` (n_joints,) rad: `world_from_link`, (4, 4), m.
     fn forward(
         &self,
         py: Python<'_>,
@@ -133,13 +141,6 @@ impl Robot {
 
     fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<((), Bound<'py, PyAny>)> {
         let settings = serde_json::to_value(&self.settings).expect("settings are plain data");
-        let keys = crate::data::python(py, &settings)?.cast_into::<PyDict>()?;
-        let given = PyDict::new(py);
-        for (key, value) in keys {
-            if !value.is_none() {
-                given.set_item(key, value)?;
-            }
-        }
-        Ok(((), given.into_any()))
+        Ok(((), crate::data::given(py, &settings)?.into_any()))
     }
 }

@@ -91,7 +91,7 @@ pub(crate) fn section(name: &str, keys: &Bound<'_, PyDict>) -> PyResult<Settings
     of_table(&table)
 }
 
-/// The settings that hold when nothing, or only `settings`, is said: every section with every key.
+/// All settings that hold when no more than this is said: a dict of sections with every key.
 #[pyfunction]
 #[pyo3(signature = (settings = None, **sections))]
 pub(crate) fn default_settings<'py>(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any, Protocol
 
 Progress = bool | Callable[[int, int | None], object] | None
@@ -34,20 +36,23 @@ class _Bar:
     """A bar of tqdm, a new one for each stretch of work."""
 
     def __init__(self) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # without widgets, a notebook gets a bar of text
+            self._tqdm: Any = import_module("tqdm.auto").tqdm
         self._bar: Any = None
+        self._stretch: tuple[str, int | None] | None = None
 
     def __call__(self, done: int, steps: int | None, doing: str) -> None:
-        from tqdm.auto import tqdm
-
-        if self._bar is None or self._bar.desc != doing + ": " or self._bar.total != steps:
+        if self._stretch != (doing, steps):
             self.close()
-            self._bar = tqdm(total=steps, desc=doing, leave=False)
+            self._bar = self._tqdm(total=steps, desc=doing, leave=False)
+            self._stretch = (doing, steps)
         self._bar.update(done - self._bar.n)
 
     def close(self) -> None:
         if self._bar is not None:
             self._bar.close()
-            self._bar = None
+        self._bar = self._stretch = None
 
 
 def of(progress: Progress) -> Shown | None:
