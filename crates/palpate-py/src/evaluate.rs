@@ -155,6 +155,7 @@ fn left_out<'py>(py: Python<'py>, touch: &LeftOut, joints: usize) -> PyResult<Bo
 #[pyo3(signature = (
     logs, robot = None, *, candidates = None, settings = None, progress = None, **sections
 ))]
+#[allow(clippy::too_many_arguments)] // they are keywords
 pub(crate) fn tune<'py>(
     py: Python<'py>,
     logs: &Bound<'py, PyAny>,

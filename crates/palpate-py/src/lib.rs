@@ -12,6 +12,7 @@
 //! There is no logic here: what the command does as well is `palpate_work`'s. Shapes and dtypes are
 //! checked once, at this door.
 #![forbid(unsafe_code)]
+#![allow(clippy::needless_pass_by_value)] // arguments are made for each call
 
 mod array;
 mod data;
