@@ -85,7 +85,7 @@ def test_a_stretch_of_work_has_one_bar(
 ) -> None:
     bars: list[tuple[str, int]] = []
 
-    class Bar(tqdm.auto.tqdm):  # type: ignore[misc, type-arg]
+    class Bar(tqdm.auto.tqdm):  # type: ignore[misc]
         def close(self) -> None:
             if not self.disable:
                 bars.append((self.desc, self.n))
