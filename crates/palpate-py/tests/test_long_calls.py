@@ -63,7 +63,9 @@ def test_ctrl_c_stops_a_map_and_leaves_the_mapper_usable(plant: Path) -> None:
     print(f"interrupted and mapped a touch in {time.perf_counter() - started:.2f} s")
 
 
-def test_progress_is_told_and_may_stop_the_work(robot: palpate.Robot, plant: Path) -> None:
+def test_progress_is_told_and_may_stop_the_work(
+    robot: palpate.Robot, plant: Path, field: palpate.Field
+) -> None:
     told: list[tuple[int, int | None]] = []
     mapper = palpate.Mapper(robot)
     report = mapper.map(plant / "seq_000", progress=lambda done, steps: told.append((done, steps)))
@@ -75,6 +77,7 @@ def test_progress_is_told_and_may_stop_the_work(robot: palpate.Robot, plant: Pat
 
     with pytest.raises(RuntimeError, match="enough"):
         mapper.map(plant, progress=enough)
+    assert len(mapper.field()) < len(field), "it went on to the end"
     assert mapper.map(plant / "seq_001", progress=False)["frames"] == 400
     with pytest.raises(TypeError, match="wanted None, True, False or a callable"):
         mapper.map(plant, progress=3)  # type: ignore[arg-type]
