@@ -14,32 +14,28 @@ mod extrapolate;
 mod hull;
 mod inspect;
 mod interrupt;
-mod learn;
 mod live;
 mod map;
 mod output;
 mod pace;
-mod pauses;
 mod picture;
 mod place;
 mod predict;
-mod prior;
 mod quantile;
 mod report;
-mod resume;
-mod robot;
 mod seen;
 mod settings;
-mod touches;
 mod tune;
 mod view;
 
 use std::process::ExitCode;
 
 use clap::Parser;
+use palpate_work::error::told;
+use palpate_work::{learn, pauses, prior, resume, robot, touches};
 
 use args::{Cli, Command};
-use error::CliError;
+use error::{CliError, exit_code};
 use output::{Output, complain};
 
 fn main() -> ExitCode {
@@ -49,7 +45,7 @@ fn main() -> ExitCode {
     match run(&cli.command, &output) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let code = error.exit_code();
+            let code = exit_code(&error);
             if code != 0 {
                 report(&error);
             }
@@ -78,16 +74,10 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
 
 /// Prints an error, and under it the causes that its message does not already tell.
 fn report(error: &CliError) {
-    let mut told = error.to_string();
-    complain(&format!("error: {told}"));
-    let mut cause = std::error::Error::source(error);
-    while let Some(error) = cause {
-        let text = error.to_string();
-        if !told.contains(&text) {
-            complain(&format!("  because {text}"));
-            told += &text;
-        }
-        cause = error.source();
+    let told = told(error);
+    complain(&format!("error: {}", told[0]));
+    for cause in &told[1..] {
+        complain(&format!("  because {cause}"));
     }
 }
 

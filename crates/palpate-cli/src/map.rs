@@ -7,12 +7,12 @@ use std::time::{Duration, Instant};
 
 use palpate::arm::Arm;
 use palpate::estimator::Method;
-use palpate::mapper::Mapper;
+use palpate::mapper::{Mapper, StepReport};
 use palpate_io::field::{self, Saved};
 use serde_json::json;
 
 use crate::error::CliError;
-use crate::learn::{Tally, learn};
+use crate::learn::{Cells, Tally, learn};
 use crate::output::{Output, mib, seconds};
 use crate::pace::{self, Pace, PaceArgs, PaceFigures};
 use crate::place::Places;
@@ -115,7 +115,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
     let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
     let mut touches = touches.for_arm(&arm, &settings.log, place)?;
-    let tally = learn(&mut mapper, &mut touches, pace.as_mut(), output)?;
+    let mut fill = |mapper: &mut Mapper, report: &StepReport, started: Instant| {
+        if let Some(pace) = &mut pace {
+            pace.fill(mapper, report, started);
+        }
+    };
+    let tally = learn(&mut mapper, &mut touches, &mut fill, output)?;
     let pace = pace.as_ref();
     if let Some(place) = &tally.interrupted {
         return Err(stop(args, (&mapper, pace), place)?);
@@ -127,7 +132,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     let pace = pace.map(Pace::figures);
     let cells = Cells::of(&mapper);
-    let summary = Summary { args, arm: &arm, mapper: &mapper, tally: &tally, cells, pace };
+    let summary = Summary { args, mapper: &mapper, tally: &tally, cells, pace };
     if args.json {
         output.json(&summary.json(started.elapsed()))
     } else {
@@ -184,27 +189,9 @@ fn stop(
 /// Columns for the names of what is told.
 const WIDTH: usize = 29;
 
-/// How many cells there are, by what is known of them.
-struct Cells {
-    touched: usize,
-    /// Of these a prior by cell expects something, touched or not.
-    expected: usize,
-    expected_and_touched: usize,
-}
-
-impl Cells {
-    fn of(mapper: &Mapper) -> Self {
-        let (counts, expected) = (mapper.field().counts, mapper.expected_n_per_m().len());
-        let touched = |counts: &[u32]| counts.iter().filter(|&&count| count > 0).count();
-        let expected_and_touched = touched(&counts[..expected]); // the first rows
-        Self { touched: touched(&counts), expected, expected_and_touched }
-    }
-}
-
 /// What is told at the end.
 struct Summary<'a> {
     args: &'a Args,
-    arm: &'a Arm,
     mapper: &'a Mapper,
     tally: &'a Tally,
     cells: Cells,
@@ -217,28 +204,12 @@ impl Summary<'_> {
     }
 
     fn json(&self, elapsed: Duration) -> serde_json::Value {
-        let (tally, config) = (self.tally, self.mapper.config());
-        let (frames_remembered, bytes) = self.mapper.memory();
-        json!({
-            "field": self.args.output,
-            "robot": self.arm.robot.name(),
-            "estimator": config.method,
-            "touches": tally.touches,
-            "frames": tally.total(|touch| touch.frames),
-            "tare_frames": tally.total(|touch| touch.tare_frames),
-            "frames_in_contact": tally.total(|touch| touch.frames_in_contact),
-            "contacts_median": tally.contacts_median(),
-            "cells_touched": self.cells.touched,
-            "cells_expected": self.cells.expected,
-            "cells_expected_and_touched": self.cells.expected_and_touched,
-            "cells_declared": config.lattice.n_cells(),
-            "frames_remembered": frames_remembered,
-            "memory_mib": bytes as f64 / f64::from(1 << 20),
-            "before_learning": tally.before_learning(),
-            "seconds": elapsed.as_secs_f64(),
-            "pace": self.pace,
-            "next": self.next_command(),
-        })
+        let mut json = self.tally.figures(self.mapper);
+        json["field"] = json!(self.args.output);
+        json["seconds"] = json!(elapsed.as_secs_f64());
+        json["pace"] = json!(self.pace);
+        json["next"] = json!(self.next_command());
+        json
     }
 
     fn text(&self, elapsed: Duration) -> String {

@@ -7,9 +7,11 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use palpate_work::{Bar, Host};
 use serde::Serialize;
 
 use crate::error::CliError;
+use crate::interrupt;
 
 /// How a command talks.
 #[derive(Debug, Clone, Copy, Default)]
@@ -75,6 +77,39 @@ impl Output {
         bar.set_style(ProgressStyle::with_template(&style).expect("the template is well-formed"));
         bar.set_prefix(doing.to_owned());
         bar
+    }
+}
+
+impl Host for Output {
+    fn note(&self, text: &str) {
+        Self::note(self, text);
+    }
+
+    fn begin(&self, steps: Option<u64>, things: &'static str, doing: &str) -> Box<dyn Bar> {
+        Box::new(Shown(self.progress_of(steps, things, doing)))
+    }
+
+    fn stopped(&self) -> bool {
+        interrupt::pressed()
+    }
+}
+
+/// A bar that goes when its work is over.
+struct Shown(ProgressBar);
+
+impl Bar for Shown {
+    fn step(&self) {
+        self.0.inc(1);
+    }
+
+    fn at(&self, what: &str) {
+        self.0.set_message(what.to_owned());
+    }
+}
+
+impl Drop for Shown {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
     }
 }
 

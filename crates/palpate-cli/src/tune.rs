@@ -4,13 +4,12 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use palpate::mapper::Config;
-use palpate_learn::contender::ContenderError;
-use palpate_learn::tracked::Tracked;
-use palpate_learn::tune::{Effort, Tuned, Tuner};
+use palpate_learn::tune::Tuned;
+use palpate_work::tune::{Tuning, tuned_settings};
 use serde_json::json;
 
 use crate::error::CliError;
-use crate::evaluate::{as_touches, track_fault};
+use crate::evaluate::as_touches;
 use crate::output::{Output, table};
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
@@ -69,32 +68,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let recorded = touches.read(None)?;
     touches.tell_warnings(output);
     let touches = as_touches(&recorded, false)?;
-    if touches.len() < 3 {
-        return Err(CliError::from(format!(
-            "tuning needs at least three touches to learn from some and predict others, and the \
-             logs hold {}",
-            touches.len()
-        )));
-    }
-
-    let stop: &(dyn Fn() -> bool + Sync) = &interrupt::pressed;
-    let interrupted = || CliError::Interrupted { kept: "; nothing was written".to_owned() };
-    let fault = |error| track_fault(&recorded, error, &interrupted);
-    let mut effort = Effort::of(config.method);
-    effort.candidates = args.candidates.map_or(effort.candidates, |n| n as usize);
-    effort.seed = config.estimator.seed;
-    let steps = Some(effort.candidates as u64);
-    let bar = output.progress_of(steps, "contact models", "simulating");
-    let tracked = Tracked::new(&arm, &config, &touches, stop).map_err(fault)?;
-    let base = (&arm, touches.as_slice(), &tracked);
-    let tuner = Tuner::new(base, &config, effort, stop, &|| bar.inc(1)).map_err(fault)?;
-    bar.finish_and_clear();
-    output.note("comparing the candidates");
-    let everything: Vec<usize> = (0..touches.len()).collect();
-    let tuned = tuner.tune(&everything, stop).map_err(|error| match error {
-        ContenderError::Stopped => interrupted(),
-        other => CliError::file(other),
-    })?;
+    let tuned = Tuning { arm: &arm, recorded: &recorded, touches: &touches, config: &config };
+    let tuned = tuned.run(args.candidates, output)?;
 
     place::write(&args.output, &toml(&tuned, &settings)?)?;
     if args.json {
@@ -112,15 +87,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 
 /// The settings as a file that `--settings` reads, the evidence on top.
 fn toml(tuned: &Tuned, given: &Settings) -> Result<String, CliError> {
-    let (mut settings, config) = (given.clone(), &tuned.config);
-    settings.contact.contact_distance_m = Some(config.contact.contact_distance_m);
-    settings.contact.friction = Some(config.contact.friction);
-    let estimator = &mut settings.estimator;
-    estimator.estimator = Some(config.method);
-    estimator.prior_mean = Some(config.estimator.prior.mean_n_per_m);
-    estimator.prior_std = Some(config.estimator.prior.std_n_per_m);
-    estimator.torque_std = Some(config.estimator.torque_std.clone());
-    estimator.replays = Some(config.estimator.replays);
+    let settings = tuned_settings(tuned, given);
     let mut text = String::new();
     for line in evidence(tuned, &given.config()?).lines() {
         let _ = writeln!(text, "{}", format!("# {line}").trim_end());

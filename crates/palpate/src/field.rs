@@ -13,7 +13,7 @@ use crate::contact::{self, Contacts};
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::robot::{Poses, Robot};
 use crate::torque::{Cell, Folder, Observation, Stiffness};
-use crate::touch::{self, Sample, TouchError, Tracker};
+use crate::touch::{self, Gravity, Sample, Tare, TouchError, Tracker};
 
 /// The stiffness of all cells that were touched or that a prior expects something of, by row.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,6 +35,37 @@ pub struct Field {
     pub counts: Vec<u32>,
     /// K of all other cells, N/m.
     pub untouched_n_per_m: f64,
+}
+
+impl Field {
+    /// What is known of the cell at each place, m, world frame: `None` outside the lattice.
+    ///
+    /// `untouched_std_n_per_m` is the standard deviation of cells that the field does not know.
+    /// Cost: one pass over the field, then a look-up a place.
+    pub fn at(
+        &self,
+        places_m: &[[f64; 3]],
+        untouched_std_n_per_m: f64,
+    ) -> Vec<Option<CellEstimate>> {
+        let mut rows = CellRows::new(self.lattice.clone());
+        for &cell in &self.cells {
+            rows.row_of(cell);
+        }
+        let estimate = |cell: CellId| match rows.find(cell) {
+            Some(row) => CellEstimate {
+                stiffness_n_per_m: self.stiffness_n_per_m[row as usize],
+                std_n_per_m: self.std_n_per_m[row as usize],
+                count: self.counts[row as usize],
+            },
+            None => CellEstimate {
+                stiffness_n_per_m: self.untouched_n_per_m,
+                std_n_per_m: untouched_std_n_per_m,
+                count: 0,
+            },
+        };
+        let at = |place_m: &[f64; 3]| self.lattice.nearest(&(*place_m).into()).map(estimate);
+        places_m.iter().map(at).collect()
+    }
 }
 
 /// What is known of one cell.
@@ -155,6 +186,17 @@ impl Predictor {
         let (stiffness, counts) = (&field.stiffness_n_per_m, field.counts.clone());
         let springs = Springs::new(rows, stiffness, counts, field.untouched_n_per_m);
         Ok(Self { tracker, springs })
+    }
+
+    /// A predictor of motions that are only planned: nothing was measured, so there is neither
+    /// gravity nor tare to take off, and no point to wait for it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Predictor::new`].
+    pub fn planned(arm: Arc<Arm>, field: &Field) -> Result<Self, contact::ConfigError> {
+        let (gravity, tare) = (Gravity::Removed, Tare::None);
+        Self::new(arm, field, touch::Config { gravity, tare, ..field.touch.clone() })
     }
 
     /// Starts a touch.

@@ -72,7 +72,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let arm = robot::load(&RobotSettings::default(), output)?;
     let out_of_range = |error| SettingsError::Value(Box::new(error));
     let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(out_of_range)?;
-    let tally = learn(&mut mapper, &mut open(&files.touches)?, None, output)?;
+    let tally = learn(&mut mapper, &mut open(&files.touches)?, &mut |_, _, _| (), output)?;
     if tally.interrupted.is_some() {
         return Err(CliError::Interrupted { kept: "; nothing was written".to_owned() });
     }
@@ -128,7 +128,7 @@ fn evaluate_all(
     let logs = vec!["the bundled touches".to_owned()];
     let origin = Origin { simulated: true, logs, settings };
     let evaluated = evaluate::into_folder(&work, folder, &origin, output)?;
-    let told = work.told(&evaluated, folder, &origin);
+    let told = evaluate::told(&work, &evaluated, folder, &origin);
     Ok((told.text(), told.json()))
 }
 
@@ -182,7 +182,7 @@ fn told(
 ) -> String {
     let mut text = format!("{ORIGIN}\n");
     let _ = writeln!(text, "Learnt from {learnt_from} touches, then predicted one held out.");
-    text += &report.text();
+    text += &crate::predict::text(report);
     let folder = folder.display();
     let page = if evaluation.is_some() {
         "\n  report.html  all of that, to open in a browser; figures in figures/\n  \

@@ -8,12 +8,16 @@ use std::path::{Path, PathBuf};
 use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 
-use super::work::Work;
+use palpate_learn::evaluate::Part;
+use palpate_learn::tune::Tuned;
+use palpate_work::evaluate::{Keep, Work};
+
 use crate::error::CliError;
 use crate::place;
 
 /// The folder of the pieces.
 pub(super) struct Kept {
+    results: PathBuf,
     folder: PathBuf,
     key: String,
 }
@@ -31,11 +35,11 @@ impl Kept {
         let folder = results.join("parts");
         let what = format!("the folder `{}`", folder.display());
         std::fs::create_dir_all(&folder).map_err(|source| CliError::Write { what, source })?;
-        Ok(Self { folder, key: key(work) })
+        Ok(Self { results: results.to_owned(), folder, key: key(work) })
     }
 
     /// All pieces whose name begins so, if they are whole.
-    pub(super) fn read<P: DeserializeOwned>(&self, begins: &str) -> Vec<P> {
+    fn read<P: DeserializeOwned>(&self, begins: &str) -> Vec<P> {
         let Ok(entries) = self.folder.read_dir() else { return Vec::new() };
         let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
         let mut names: Vec<String> = names.filter(|name| name.starts_with(begins)).collect();
@@ -44,14 +48,14 @@ impl Kept {
     }
 
     /// A piece by its name, if it is there and whole.
-    pub(super) fn one<P: DeserializeOwned>(&self, name: &str) -> Option<P> {
+    fn one<P: DeserializeOwned>(&self, name: &str) -> Option<P> {
         let text = std::fs::read_to_string(self.folder.join(format!("{name}.json"))).ok()?;
         let sealed: Sealed<P> = serde_json::from_str(&text).ok()?;
         (sealed.key == self.key).then_some(sealed.piece)
     }
 
     /// Keeps a piece under a name.
-    pub(super) fn keep<P: Serialize>(&self, name: &str, piece: &P) -> Result<(), CliError> {
+    fn keep<P: Serialize>(&self, name: &str, piece: &P) -> Result<(), CliError> {
         let sealed = Sealed { key: self.key.clone(), piece };
         let text = serde_json::to_string(&sealed).map_err(CliError::file)?;
         place::write(&self.folder.join(format!("{name}.json")), &text)
@@ -66,6 +70,31 @@ impl Kept {
                 let _ = std::fs::remove_file(&path); // What stays is found, or has another key.
             }
         }
+    }
+}
+
+impl Keep for Kept {
+    fn parts(&self) -> Vec<Part> {
+        self.read("part-")
+    }
+
+    fn tuned(&self, name: &str) -> Option<Tuned> {
+        self.one(name)
+    }
+
+    fn keep_part(&self, part: &Part) -> Result<(), CliError> {
+        self.keep(&format!("part-{}-{}", part.contender.name(), part.fold), part)
+    }
+
+    fn keep_tuned(&self, name: &str, tuned: &Tuned) -> Result<(), CliError> {
+        self.keep(name, tuned)
+    }
+
+    fn told(&self) -> String {
+        format!(
+            "; what is done is kept in `{}`, and the same command goes on from there",
+            self.results.display()
+        )
     }
 }
 

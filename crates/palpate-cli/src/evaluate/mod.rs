@@ -1,31 +1,29 @@
 //! `palpate evaluate`: the paper's experiment (Sec. III-A) on anyone's touches.
 //!
-//! [`run`] is the command; [`mod@work`] does what there is to do; [`mod@kept`] keeps what is done,
+//! [`run`] is the command; [`mod@kept`] keeps what is done,
 //! so that an evaluation goes on where it was broken off; [`mod@told`] says what came out.
 
 mod kept;
 mod told;
-mod work;
 
 use std::path::{Path, PathBuf};
 
-use palpate::estimator::Method;
 use palpate::mapper::Config;
-use palpate_io::log::{external_truth, is_simulated};
+use palpate_io::log::is_simulated;
 use palpate_learn::contender::Contender;
-use palpate_learn::folds::{Fold, folds};
-use palpate_learn::tracked::Touch;
 
 use crate::error::CliError;
 use crate::output::Output;
 use crate::place::Folder;
 use crate::report::{Report, Scene, errors_csv};
-use crate::settings::sections::EstimatorSettings;
-use crate::settings::{AllSettings, Settings, SettingsError};
-use crate::touches::{Recorded, Touches};
+use crate::settings::{AllSettings, Settings};
+use crate::touches::Touches;
 use crate::{interrupt, picture, place, robot};
 
-pub(crate) use work::{Evaluated, Work, track_fault};
+use kept::Kept;
+pub(crate) use palpate_work::evaluate::{Evaluated, Work, as_touches, configs};
+use palpate_work::evaluate::{contender_of, each_once, folds, number};
+use told::Told;
 
 const NOTES: &str = "Examples:
   palpate evaluate recordings/
@@ -90,15 +88,6 @@ pub(crate) struct Args {
     settings: AllSettings,
 }
 
-/// A method by its name.
-fn contender_of(name: &str) -> Result<Contender, String> {
-    let of = |contender: &&Contender| contender.name() == name;
-    Contender::ALL.iter().find(of).copied().ok_or_else(|| {
-        let names: Vec<&str> = Contender::ALL.iter().map(|contender| contender.name()).collect();
-        format!("there are {}", names.join(", "))
-    })
-}
-
 /// Evaluates all methods and writes the report.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
@@ -120,8 +109,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         arm: &arm,
         recorded: &recorded,
         touches: &touches,
-        contenders: args.contenders(),
-        folds: args.folds(&touches)?,
+        contenders: each_once(&args.methods),
+        folds: folds(&touches, args.folds, &args.test)?,
         estimators,
         tune: args.tune,
         truth: args.truth,
@@ -132,7 +121,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         settings,
     };
     let evaluated = into_folder(&work, &folder.path, &origin, output)?;
-    let told = work.told(&evaluated, &folder.path, &origin);
+    let told = told(&work, &evaluated, &folder.path, &origin);
     if args.json { output.json(&told.json()) } else { output.result(&told.text()) }
 }
 
@@ -153,14 +142,19 @@ pub(crate) fn into_folder(
     origin: &Origin,
     output: &Output,
 ) -> Result<Evaluated, CliError> {
-    let evaluated = work.evaluate(folder, output)?;
-    let (evaluation, told) = (&evaluated.evaluation, work.told(&evaluated, folder, origin));
+    let evaluated = {
+        let kept = Kept::open(folder, work)?;
+        let evaluated = work.evaluate(&kept, output)?;
+        kept.remove();
+        evaluated
+    };
+    let (evaluation, told) = (&evaluated.evaluation, told(work, &evaluated, folder, origin));
     let robot = origin.settings.robot.name().to_owned();
     let report = Report {
         title: &told.title(),
         evaluation,
         simulated: origin.simulated,
-        settings_toml: &evaluated.settings_toml(&origin.settings)?,
+        settings_toml: &settings_toml(&evaluated, &origin.settings)?,
         data: &[("logs".to_owned(), origin.logs.join(", ")), ("robot".to_owned(), robot)],
         scene: Some(Scene::new(work.arm, &evaluated.field, evaluation)?),
     };
@@ -182,108 +176,40 @@ pub(crate) fn into_folder(
     Ok(evaluated)
 }
 
-impl Args {
-    /// The methods, each once.
-    fn contenders(&self) -> Vec<Contender> {
-        let mut contenders: Vec<Contender> = Vec::new();
-        let all: &[Contender] =
-            if self.methods.is_empty() { &Contender::ALL } else { &self.methods };
-        for contender in all {
-            if !contenders.contains(contender) {
-                contenders.push(*contender);
-            }
-        }
-        contenders
-    }
-
-    /// Which touches are predicted from which.
-    fn folds(&self, touches: &[Touch]) -> Result<Vec<Fold>, CliError> {
-        let n = touches.len();
-        if n < 2 {
-            return Err(CliError::from(format!(
-                "the log holds {n} {}; an evaluation needs at least two, one to learn from and one \
-                 to predict; `palpate inspect` says what a log holds",
-                if n == 1 { "touch" } else { "touches" }
-            )));
-        }
-        if !self.test.is_empty() {
-            let place = |name: &String| {
-                touches.iter().position(|touch| touch.name == *name).ok_or_else(|| {
-                    let names: Vec<&str> = touches.iter().map(|touch| &*touch.name).collect();
-                    CliError::Usage(format!(
-                        "--test names touch `{name}`, which is none of {}",
-                        names.join(", ")
-                    ))
-                })
-            };
-            let mut test = self.test.iter().map(place).collect::<Result<Vec<usize>, _>>()?;
-            test.sort_unstable();
-            test.dedup();
-            let fold = Fold::testing(test, n);
-            if fold.train.is_empty() {
-                let all = "--test names every touch, so that none is left to learn from".to_owned();
-                return Err(CliError::Usage(all));
-            }
-            return Ok(vec![fold]);
-        }
-        match self.folds {
-            Some(k) if k as usize > n => Err(CliError::Usage(format!(
-                "--folds is {k}, but there are only {n} touches; {n} is leave-one-touch-out"
-            ))),
-            Some(k) => Ok(folds(n, k as usize)),
-            None => Ok(folds(n, n)),
-        }
-    }
+/// What there is to tell of what came out.
+pub(crate) fn told<'a>(
+    work: &Work<'_>,
+    evaluated: &'a Evaluated,
+    folder: &'a Path,
+    origin: &Origin,
+) -> Told<'a> {
+    let (evaluation, simulated) = (&evaluated.evaluation, origin.simulated);
+    Told { evaluation, simulated, folds: work.folds.len(), folder }
 }
 
-/// The configurations of `map` and `ekf`.
-pub(crate) fn configs(settings: &Settings) -> Result<[Config; 2], SettingsError> {
-    let named = settings.estimator.estimator.unwrap_or_default();
-    let of = |method: Method| {
-        let estimator = if method == named {
-            settings.estimator.clone()
-        } else {
-            EstimatorSettings { estimator: Some(method), ..EstimatorSettings::default() }
-        };
-        Settings { estimator, ..settings.clone() }.config()
-    };
-    Ok([of(Method::Map)?, of(Method::Ekf)?])
-}
-
-/// The touches as they are evaluated, with names that tell them apart.
-pub(crate) fn as_touches(recorded: &[Recorded], truth: bool) -> Result<Vec<Touch>, CliError> {
-    let mut names = Vec::new();
-    let touch = |one: &Recorded| {
-        let ambiguous = recorded.iter().filter(|other| other.name == one.name).count() > 1;
-        let log = one.log.file_name().map(|name| name.to_string_lossy().into_owned());
-        let mut name = match log {
-            Some(log) if ambiguous => format!("{log}/{}", one.name),
-            _ => one.name.clone(),
-        };
-        number(&mut name, &mut names);
-        let missing = || {
-            format!(
-                "`{}` holds no truth of touch `{name}`: there is no \
-                 truth/{name}_external.npy; leave out --truth to score against what was measured",
-                one.log.display(),
-                name = one.name,
-            )
-        };
-        let truth =
-            truth.then(|| external_truth(&one.log, &one.name)?.ok_or_else(|| missing().into()));
-        let truth = truth.transpose().map_err(|error: CliError| error)?;
-        Ok(Touch { name, samples: one.samples.clone(), truth })
-    };
-    recorded.iter().map(touch).collect()
-}
-
-/// Makes a name differ from those taken, by a number, and takes it.
-fn number(name: &mut String, taken: &mut Vec<String>) {
-    let plain = name.clone();
-    let mut times = 1;
-    while taken.contains(name) {
-        times += 1;
-        *name = format!("{plain}#{times}");
+/// The settings as a file, with those of each fold as remarks.
+fn settings_toml(evaluated: &Evaluated, settings: &Settings) -> Result<String, CliError> {
+    let mut text = settings.template()?;
+    for (fold, [map, ekf]) in evaluated.tuned.iter().flatten().enumerate() {
+        for (name, config) in [("map", map), ("ekf", ekf)] {
+            text += &format!("\n# fold {fold}, {name}: {}", tuned_line(config));
+        }
     }
-    taken.push(name.clone());
+    Ok(text)
+}
+
+/// What tuning chooses, in a line.
+fn tuned_line(config: &Config) -> String {
+    let (contact, estimator) = (&config.contact, &config.estimator);
+    let stds: Vec<String> = estimator.torque_std.iter().map(|std| format!("{std:.3}")).collect();
+    format!(
+        "contact_distance_m = {:.4}, friction = {:.3}, prior_mean = {:.4}, prior_std = {:.3}, \
+         torque_std = [{}], replays = {}",
+        contact.contact_distance_m,
+        contact.friction,
+        estimator.prior.mean_n_per_m,
+        estimator.prior.std_n_per_m,
+        stds.join(", "),
+        estimator.replays
+    )
 }

@@ -1,22 +1,18 @@
 //! `palpate extrapolate`: from what was touched to what was only seen (Sec. III-B).
 //!
-//! [`run`] is the command; [`mod@cloud`] reads what was seen, [`mod@work`] carries stiffness over,
-//! [`mod@felt`] recalls the touches that a field remembers, [`mod@back`] brings it back into the
-//! field, and [`mod@told`] says what came out.
+//! [`run`] is the command; [`mod@cloud`] reads what was seen, [`Work`] carries stiffness over, and
+//! [`mod@told`] says what came out.
 
-mod back;
 mod cloud;
-mod felt;
 mod told;
-mod work;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use palpate_io::atomic::IfExists;
 use palpate_io::cloud::{self as clouds, Cloud, Column};
+use palpate_io::field;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
-use palpate_io::field::{self, Saved};
 pub(crate) use palpate_learn::extrapolate::Config;
 use palpate_learn::extrapolate::{Extrapolation, Features, Method};
 
@@ -28,8 +24,9 @@ use crate::settings::{RobotOnlySettings, Settings};
 use crate::{interrupt, place, robot};
 
 use cloud::CloudArgs;
+pub(crate) use palpate_work::extrapolate::Work;
+use palpate_work::extrapolate::{Chosen, config, filled, method_of, remembers};
 pub(crate) use told::Told;
-pub(crate) use work::Work;
 
 const NOTES: &str = "Examples:
   palpate extrapolate field.npz plant.ply -o seen.ply
@@ -79,7 +76,7 @@ pub(crate) struct Args {
     field: Option<PathBuf>,
     /// How stiffness is carried over: torque, cells or knn [default: torque if the field has its
     /// memory, else knn]
-    #[arg(long, value_name = "NAME", value_parser = method)]
+    #[arg(long, value_name = "NAME", value_parser = method_of)]
     method: Option<Method>,
     /// What points are compared by [default: chroma; rgb for knn]
     #[arg(long, value_name = "NAMES")]
@@ -121,12 +118,6 @@ pub(crate) struct Args {
     settings: RobotOnlySettings,
 }
 
-fn method(name: &str) -> Result<Method, String> {
-    let all = [Method::Torque, Method::Cells, Method::Knn];
-    let found = all.into_iter().find(|method| method.name() == name);
-    found.ok_or_else(|| "there are torque, cells and knn".to_owned())
-}
-
 fn threshold(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number >= 0.0);
     number.ok_or_else(|| "wanted a stiffness from 0 on, N/m".to_owned())
@@ -145,7 +136,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let cloud = args.depth.read(&args.cloud, output)?;
     let truth = args.truth.as_deref().map(|folder| clouds::read_point_truth(folder, cloud.len()));
     let truth = truth.transpose().map_err(CliError::file)?;
-    let config = args.config(&saved, output);
+    let config = config(&args.chosen(), &saved, output);
     config.check().map_err(|error| CliError::Usage(error.to_string()))?;
     let arm = robot::load(&settings.robot, output)?;
     let names = [args.from.as_path(), args.cloud.as_path()];
@@ -153,7 +144,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let drawn = args.picture.is_some() || args.report.is_some();
     let kept = "nothing was written";
     let work = Work { arm: &arm, saved: &saved, names, cloud: &cloud, config, halves, drawn, kept };
-    if args.compare && !felt::remembers(&saved) {
+    if args.compare && !remembers(&saved) {
         return Err(CliError::from(format!(
             "`{}` remembers no touch to compare on; map its logs again without --no-memory",
             args.from.display()
@@ -168,7 +159,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let page = args.report.as_ref().map(|_| told.page()).transpose()?;
     write(&args.output, &cloud, &found.extrapolation)?;
     if let Some(path) = &args.field {
-        field::save(path, &back::filled(saved.clone(), &found.cells)).map_err(CliError::file)?;
+        field::save(path, &filled(saved.clone(), &found.cells)).map_err(CliError::file)?;
     }
     if let (Some(path), Some(format), Some(drawing)) = (&args.picture, picture, &drawing) {
         format.write(path, drawing)?;
@@ -227,23 +218,13 @@ impl Args {
         places.output("the report (--report)", self.report.as_deref())
     }
 
-    fn config(&self, saved: &Saved, output: &Output) -> Config {
-        let method = self.method.unwrap_or_else(|| {
-            if felt::remembers(saved) {
-                return Method::Torque;
-            }
-            output.note(
-                "the field remembers no touch: `knn` on its cells takes the place of `torque`",
-            );
-            Method::Knn
-        });
-        let rgb = || "rgb".parse().expect("our own name");
-        let features = self.features.unwrap_or_else(|| match method {
-            Method::Knn => rgb(),
-            _ => Features::default(),
-        });
-        let (reach_cells, length_scale) = (self.reach_cells, self.length_scale);
-        Config { method, features, reach_cells, length_scale, ..Config::default() }
+    fn chosen(&self) -> Chosen {
+        Chosen {
+            method: self.method,
+            features: self.features,
+            reach_cells: Some(self.reach_cells),
+            length_scale: Some(self.length_scale),
+        }
     }
 }
 

@@ -11,13 +11,13 @@ use palpate_learn::extrapolate::{area_under_roc, spearman};
 use serde_json::{Value, json};
 
 use super::Args;
-use super::work::{Found, Work};
 use crate::error::CliError;
 use crate::output::{seconds, table};
 use crate::picture;
 use crate::quantile::quantile;
 use crate::report::ExtrapolationPage;
 use crate::seen::{Seen, Table};
+use palpate_work::extrapolate::{Found, Work};
 
 /// Columns for the names of what is told.
 const WIDTH: usize = 29;

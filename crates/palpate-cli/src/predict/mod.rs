@@ -1,11 +1,10 @@
 //! `palpate predict`: what torque a field expects of motions, against what was felt.
 //!
-//! [`run`] is the command; [`mod@score`] follows the touches; [`report`] says what came out;
+//! [`run`] is the command; [`score`] follows the touches; [`report`] says what came out;
 //! [`export`] writes the torques themselves.
 
 mod export;
 mod report;
-mod score;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,8 +19,9 @@ use crate::settings::RobotAndLogSettings;
 use crate::touches::Touches;
 use crate::{interrupt, picture, robot};
 
-pub(crate) use report::{Report, tell_oddities};
-pub(crate) use score::{Against, FrameResult, TouchResult, score};
+pub(crate) use palpate_work::predict::{Against, FrameResult, TouchResult, score};
+pub(crate) use palpate_work::scored::{Report, tell_oddities};
+pub(crate) use report::text;
 
 const NOTES: &str = "Examples:
   palpate predict field.npz recordings/seq_010
@@ -108,7 +108,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     let report = Report::new(&results, against);
     tell_oddities(&results, output);
-    if args.json { output.json(&report) } else { output.result(&report.text()) }
+    if args.json { output.json(&report) } else { output.result(&text(&report)) }
 }
 
 /// Notes that the field was learnt with another arm, which is allowed.

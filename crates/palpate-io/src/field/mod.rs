@@ -20,7 +20,7 @@ mod saved;
 mod vti;
 
 use npz::{Array, Arrays, Data, NpzError};
-pub use saved::{Saved, SavedError, load, save};
+pub use saved::{Saved, SavedError, from_bytes, load, save, to_bytes};
 pub use vti::write_vti;
 
 /// What the arrays of a field file mean.

@@ -29,7 +29,7 @@ use palpate::replay::RngState;
 use palpate::touch;
 use serde::{Deserialize, Serialize};
 
-use super::npz::{Array, Arrays, Data, NpzError, read_npz, write_npz};
+use super::npz::{Array, Arrays, Data, NpzError, npz_bytes, read_npz, read_npz_bytes, write_npz};
 use super::{FieldFile, FieldLattice};
 use crate::atomic::IfExists;
 
@@ -119,6 +119,20 @@ pub fn save(path: &Path, saved: &Saved) -> Result<(), NpzError> {
 /// If the file is missing, broken, of another program or of a later version.
 pub fn load(path: &Path) -> Result<Saved, SavedError> {
     from_arrays(&read_npz(path)?, &path.display().to_string())
+}
+
+/// The bytes of the file that [`save`] writes, for programs that hand fields on.
+pub fn to_bytes(saved: &Saved) -> Vec<u8> {
+    npz_bytes(&to_arrays(saved))
+}
+
+/// Reads the field of a file that is in memory; errors call it by this name.
+///
+/// # Errors
+///
+/// As [`load`].
+pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Saved, SavedError> {
+    from_arrays(&read_npz_bytes(bytes, name)?, name)
 }
 
 /// The lattice as the file's array has it.

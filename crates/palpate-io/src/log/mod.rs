@@ -110,6 +110,8 @@ pub enum Format {
     Rosbag2Sqlite,
     /// Parquet, such as LeRobot's.
     Parquet,
+    /// Touches that a program holds: no file.
+    Memory,
 }
 
 /// How to read a log.

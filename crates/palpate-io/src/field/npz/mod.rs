@@ -165,6 +165,22 @@ pub fn write_npz(path: &Path, arrays: &Arrays, if_exists: IfExists) -> Result<()
     Ok(())
 }
 
+/// The bytes that [`write_npz`] writes.
+pub fn npz_bytes(arrays: &Arrays) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    pack(&mut bytes, arrays).expect("memory takes all that is written");
+    bytes
+}
+
+/// Reads the arrays of an npz file that is in memory.
+///
+/// # Errors
+///
+/// As [`read_npz`]; errors call it by this name.
+pub fn read_npz_bytes(bytes: &[u8], name: &str) -> Result<Arrays, NpzError> {
+    read(io::Cursor::new(bytes), Path::new(name))
+}
+
 /// Writes the archive.
 fn pack(out: impl Write, arrays: &Arrays) -> Result<(), ZipError> {
     let mut zip = ZipWriter::new_stream(out);

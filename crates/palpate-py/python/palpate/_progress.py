@@ -1,0 +1,87 @@
+"""How far long work is: a bar of tqdm where that makes sense, or whatever the caller gives."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any, Protocol
+
+Progress = bool | Callable[[int, int | None], object] | None
+"""None for a bar where somebody can see it, True or False, or a callable of steps done and in all."""
+
+
+class Shown(Protocol):
+    """What the compiled part shows progress to."""
+
+    def __call__(self, done: int, steps: int | None, doing: str) -> None: ...
+    def close(self) -> None: ...
+
+
+class _Told:
+    """A callable of the caller's, which is not asked what is being done."""
+
+    def __init__(self, tell: Callable[[int, int | None], object]) -> None:
+        self._tell = tell
+
+    def __call__(self, done: int, steps: int | None, doing: str) -> None:
+        self._tell(done, steps)
+
+    def close(self) -> None:
+        pass
+
+
+class _Bar:
+    """A bar of tqdm, a new one for each stretch of work."""
+
+    def __init__(self) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # without widgets, a notebook gets a bar of text
+            self._tqdm: Any = import_module("tqdm.auto").tqdm
+        self._bar: Any = None
+        self._stretch: tuple[str, int | None] | None = None
+
+    def __call__(self, done: int, steps: int | None, doing: str) -> None:
+        if self._stretch != (doing, steps):
+            self.close()
+            self._bar = self._tqdm(total=steps, desc=doing, leave=False)
+            self._stretch = (doing, steps)
+        self._bar.update(done - self._bar.n)
+
+    def close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
+        self._bar = self._stretch = None
+
+
+def of(progress: Progress) -> Shown | None:
+    """What to show progress to, None for nothing."""
+    if progress is None:
+        progress = _is_seen() and _has_tqdm()
+    if progress is False:
+        return None
+    if progress is True:
+        if not _has_tqdm():
+            raise ImportError("progress=True needs tqdm: pip install 'palpate[progress]'")
+        return _Bar()
+    if callable(progress):
+        return _Told(progress)
+    raise TypeError(
+        f"`progress` is {progress!r}; wanted None, True, False or a callable of steps done and in all"
+    )
+
+
+def _has_tqdm() -> bool:
+    from importlib.util import find_spec
+
+    return find_spec("tqdm") is not None
+
+
+def _is_seen() -> bool:
+    """Whether a terminal or a notebook shows what is printed."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        return True
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    return shell is not None and "IPKernelApp" in shell.config

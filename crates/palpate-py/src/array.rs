@@ -1,0 +1,148 @@
+//! NumPy arrays from and to rows of numbers.
+//!
+//! In: whatever NumPy can make an array of numbers of, float or integer, contiguous or not,
+//! read-only or not. Out: arrays that took over the memory of the Rust ones, read-only.
+
+use numpy::ndarray::Array2;
+use numpy::{
+    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::intern;
+use pyo3::prelude::*;
+
+/// Numbers and their shape.
+pub(crate) struct Numbers {
+    /// In C order.
+    pub(crate) values: Vec<f64>,
+    /// Sides.
+    pub(crate) shape: Vec<usize>,
+}
+
+/// The numbers of an argument called `name`; `wanted` says its shape, for errors.
+pub(crate) fn numbers(any: &Bound<'_, PyAny>, name: &str, wanted: &str) -> PyResult<Numbers> {
+    let py = any.py();
+    let numpy = py.import(intern!(py, "numpy"))?;
+    let array = numpy.call_method1(intern!(py, "asarray"), (any,)).map_err(|error| {
+        let found = any.get_type().name().map_or("something".to_owned(), |name| name.to_string());
+        let message = format!(
+            "`{name}` must be an array of numbers, {wanted}; found {found} that NumPy makes none of: {error}"
+        );
+        if error.is_instance_of::<PyTypeError>(py) {
+            PyTypeError::new_err(message)
+        } else {
+            PyValueError::new_err(message)
+        }
+    })?;
+    let dtype = array.getattr(intern!(py, "dtype"))?;
+    let kind: String = dtype.getattr(intern!(py, "kind"))?.extract()?;
+    if !["f", "i", "u"].contains(&kind.as_str()) {
+        return Err(PyTypeError::new_err(format!(
+            "`{name}` has dtype {dtype}; wanted float64, or floats and integers that become it, \
+             {wanted}"
+        )));
+    }
+    let array = numpy.call_method1(intern!(py, "ascontiguousarray"), (&array, "float64"))?;
+    // `ascontiguousarray` makes one number an array of one.
+    let ndim: usize = numpy.call_method1(intern!(py, "ndim"), (any,))?.extract()?;
+    let array = array.cast_into::<PyArrayDyn<f64>>().map_err(PyErr::from)?;
+    let values = array.try_readonly().map_err(|error| PyValueError::new_err(error.to_string()))?;
+    let shape = if ndim == 0 { Vec::new() } else { array.shape().to_vec() };
+    Ok(Numbers { values: values.as_slice().map_err(PyErr::from)?.to_vec(), shape })
+}
+
+/// A row of numbers, of a length if it must have one.
+pub(crate) fn row(any: &Bound<'_, PyAny>, name: &str, length: Option<usize>) -> PyResult<Vec<f64>> {
+    let wanted = match length {
+        Some(length) => format!("({length},)"),
+        None => "(N,)".to_owned(),
+    };
+    let Numbers { values, shape } = numbers(any, name, &wanted)?;
+    match shape[..] {
+        [n] if length.is_none_or(|length| n == length) => Ok(values),
+        _ => Err(wrong_shape(name, &shape, &wanted)),
+    }
+}
+
+/// Rows of numbers, so many columns wide; `wanted` says the shape.
+pub(crate) fn rows(
+    any: &Bound<'_, PyAny>,
+    name: &str,
+    columns: Option<usize>,
+    wanted: &str,
+) -> PyResult<Vec<Vec<f64>>> {
+    let Numbers { values, shape } = numbers(any, name, wanted)?;
+    match shape[..] {
+        [_, n] if n > 0 && columns.is_none_or(|columns| n == columns) => {
+            Ok(values.chunks(n).map(<[f64]>::to_vec).collect())
+        }
+        _ => Err(wrong_shape(name, &shape, wanted)),
+    }
+}
+
+/// Points, M x 3.
+pub(crate) fn points(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3]>> {
+    let wanted = "(N, 3)";
+    let Numbers { values, shape } = numbers(any, name, wanted)?;
+    match shape[..] {
+        [_, 3] => Ok(values.as_chunks::<3>().0.to_vec()),
+        _ => Err(wrong_shape(name, &shape, wanted)),
+    }
+}
+
+/// Counts, each a whole number from 0 on that 32 bits hold.
+pub(crate) fn counts(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<u32>> {
+    let wrong = |(place, number): (usize, &f64)| {
+        PyValueError::new_err(format!(
+            "`{name}` holds {number} in row {place} (from 0); wanted whole numbers from 0 to {}",
+            u32::MAX
+        ))
+    };
+    let numbers = row(any, name, None)?;
+    let whole =
+        |number: &f64| number.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(number);
+    if let Some(at) = numbers.iter().enumerate().find(|(_, number)| !whole(number)) {
+        return Err(wrong(at));
+    }
+    Ok(numbers.into_iter().map(|number| number as u32).collect())
+}
+
+/// The error of an array of another shape.
+fn wrong_shape(name: &str, shape: &[usize], wanted: &str) -> PyErr {
+    let sides: Vec<String> = shape.iter().map(ToString::to_string).collect();
+    let found = match &sides[..] {
+        [side] => format!("({side},)"),
+        sides => format!("({})", sides.join(", ")),
+    };
+    PyValueError::new_err(format!("`{name}` has shape {found}; wanted {wanted}"))
+}
+
+/// A read-only array that takes over the numbers.
+pub(crate) fn flat<T: Element>(py: Python<'_>, values: Vec<T>) -> Py<PyArray1<T>> {
+    let array = values.into_pyarray(py);
+    array.readwrite().make_nonwriteable();
+    array.unbind()
+}
+
+/// A read-only table that takes over the numbers, so many columns wide.
+pub(crate) fn table<T: Element>(py: Python<'_>, values: Vec<T>, columns: usize) -> Py<PyArray2<T>> {
+    let rows = values.len().checked_div(columns).unwrap_or(0);
+    let table = Array2::from_shape_vec((rows, columns), values).expect("rows are of one length");
+    let array = table.into_pyarray(py);
+    array.readwrite().make_nonwriteable();
+    array.unbind()
+}
+
+/// A read-only table of rows.
+pub(crate) fn table_of<'a>(
+    py: Python<'_>,
+    rows: impl IntoIterator<Item = &'a [f64]>,
+    columns: usize,
+) -> Py<PyArray2<f64>> {
+    table(py, rows.into_iter().flatten().copied().collect(), columns)
+}
+
+/// The numbers of an array of ours.
+pub(crate) fn copied<T: Element + Copy>(py: Python<'_>, array: &Py<PyArray1<T>>) -> Vec<T> {
+    array.bind(py).readonly().as_slice().expect("made contiguous").to_vec()
+}

@@ -1,0 +1,201 @@
+//! Methods compared on touches that they have not seen, and settings chosen on one's own.
+
+use std::sync::Arc;
+
+use palpate::arm::Arm;
+use palpate_learn::contender::Contender;
+use palpate_learn::evaluation::{Evaluation, LeftOut, Summary};
+use palpate_learn::tracked::Touch;
+use palpate_work::evaluate::{Nowhere, Work, as_touches, configs, contender_of, each_once, folds};
+use palpate_work::settings::Settings;
+use palpate_work::touches::Recorded;
+use palpate_work::tune::{Tuning, tuned_settings};
+use palpate_work::{Host, WorkError};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyAny, PyDict, PyList};
+use serde_json::json;
+
+use crate::array::{flat, table_of};
+use crate::data::python;
+use crate::error::{of_bad_settings, raise};
+use crate::log::{Source, opened, sources};
+use crate::robot;
+use crate::settings::Given;
+use crate::watch::{Watch, long};
+
+/// Touches that were read whole, and what is to hold for them.
+struct Read {
+    recorded: Vec<Recorded>,
+    touches: Vec<Touch>,
+    settings: Settings,
+}
+
+/// Reads logs as the command does.
+fn read(
+    sources: Vec<Source>,
+    mut settings: Settings,
+    arm: &Arc<Arm>,
+    (truth, host): (bool, &dyn Host),
+) -> Result<Read, WorkError> {
+    let touches = opened(sources, &settings.log)?;
+    touches.settle(&mut settings.touch, host)?;
+    settings.log.check_for(&arm.robot)?;
+    let config = settings.config()?;
+    let mut touches = touches.for_arm(arm, &settings.log, (config.lattice, config.contact))?;
+    let recorded = touches.read(None)?;
+    touches.tell_warnings(host);
+    let touches = as_touches(&recorded, truth)?;
+    Ok(Read { recorded, touches, settings })
+}
+
+/// Compares methods on touches that they have not seen, as `palpate evaluate` does.
+///
+/// `methods` are of map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always stands
+/// beside the others. Every touch is predicted from all others, in `folds` groups, or those named by
+/// `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold.
+#[pyfunction]
+#[pyo3(signature = (
+    logs, robot = None, *, methods = None, folds = None, test = None, truth = false,
+    tune = false, settings = None, progress = None, **sections
+))]
+#[allow(clippy::too_many_arguments)] // they are keywords
+pub(crate) fn evaluate<'py>(
+    py: Python<'py>,
+    logs: &Bound<'py, PyAny>,
+    robot: Option<&Bound<'py, PyAny>>,
+    methods: Option<Vec<String>>,
+    folds: Option<u32>,
+    test: Option<Vec<String>>,
+    truth: bool,
+    tune: bool,
+    settings: Option<&Bound<'py, PyAny>>,
+    progress: Option<&Bound<'py, PyAny>>,
+    sections: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let settings = Given { settings, sections, method: None }.read()?;
+    let robot = robot::given(py, robot, &settings.robot)?;
+    let sources = sources(logs)?;
+    let mut contenders = Vec::new();
+    for name in methods.iter().flatten() {
+        contenders.push(contender_of(name).map_err(|there_are| {
+            PyValueError::new_err(format!("`methods` names {name:?}; {there_are}"))
+        })?);
+    }
+    let mut contenders = each_once(&contenders);
+    if !contenders.contains(&Contender::Zero) {
+        contenders.push(Contender::Zero); // it stands beside the others in every table
+    }
+    let work = |host: &Watch| {
+        let arm = &robot.arm;
+        let Read { recorded, touches, settings } = read(sources, settings, arm, (truth, host))?;
+        let work = Work {
+            arm,
+            recorded: &recorded,
+            touches: &touches,
+            folds: self::folds(&touches, folds, test.as_deref().unwrap_or_default())?,
+            contenders,
+            estimators: configs(&settings)?,
+            tune,
+            truth,
+        };
+        work.evaluate(&Nowhere, host)
+    };
+    let evaluated = long(py, progress, work)?.map_err(|error| raise(&error))?;
+    let result = result(py, &evaluated.evaluation)?;
+    let tuned = evaluated.tuned.map(|folds| {
+        let fold = |[map, ekf]: &[_; 2]| json!({ "map": map, "ekf": ekf });
+        folds.iter().map(fold).collect::<Vec<_>>()
+    });
+    result.set_item("tuned", python(py, &json!(tuned))?)?;
+    Ok(result.into_any())
+}
+
+/// An evaluation as plain data, torques as arrays.
+fn result<'py>(py: Python<'py>, evaluation: &Evaluation) -> PyResult<Bound<'py, PyDict>> {
+    let result = PyDict::new(py);
+    let methods: &[Summary] = &evaluation.methods;
+    result.set_item("methods", python(py, &json!(methods))?)?;
+    result.set_item("against", &evaluation.against)?;
+    result.set_item("joint_names", &evaluation.joint_names)?;
+    let touches = PyList::empty(py);
+    for touch in &evaluation.touches {
+        touches.append(left_out(py, touch, evaluation.joint_names.len())?)?;
+    }
+    result.set_item("touches", touches)?;
+    Ok(result)
+}
+
+/// A touch that was predicted but not learnt from.
+fn left_out<'py>(py: Python<'py>, touch: &LeftOut, joints: usize) -> PyResult<Bound<'py, PyDict>> {
+    let rows = |torques: &[Vec<f64>]| table_of(py, torques.iter().map(Vec::as_slice), joints);
+    let dict = PyDict::new(py);
+    dict.set_item("name", &touch.name)?;
+    dict.set_item("fold", touch.fold)?;
+    dict.set_item("time", flat(py, touch.time_s.clone()))?;
+    dict.set_item("contacts", flat(py, touch.contacts.clone()))?;
+    dict.set_item("known", flat(py, touch.known.clone()))?;
+    dict.set_item("q", rows(&touch.q))?;
+    dict.set_item("external", rows(&touch.external))?;
+    let (predicted, errors) = (PyDict::new(py), PyDict::new(py));
+    for prediction in &touch.predictions {
+        predicted.set_item(&prediction.method, rows(&prediction.predicted))?;
+        errors.set_item(&prediction.method, python(py, &json!(prediction.errors))?)?;
+    }
+    dict.set_item("predicted", predicted)?;
+    dict.set_item("errors", errors)?;
+    Ok(dict)
+}
+
+/// Chooses settings by cross-validation on at least three touches, as `palpate tune` does.
+///
+/// `candidates` are from 2 to 1000, 24 if left out (12 for ekf). Give the `settings` of the result to
+/// other calls.
+#[pyfunction]
+#[pyo3(signature = (
+    logs, robot = None, *, candidates = None, settings = None, progress = None, **sections
+))]
+#[allow(clippy::too_many_arguments)] // they are keywords
+pub(crate) fn tune<'py>(
+    py: Python<'py>,
+    logs: &Bound<'py, PyAny>,
+    robot: Option<&Bound<'py, PyAny>>,
+    candidates: Option<u32>,
+    settings: Option<&Bound<'py, PyAny>>,
+    progress: Option<&Bound<'py, PyAny>>,
+    sections: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    if candidates.is_some_and(|n| !(2..=1000).contains(&n)) {
+        return Err(PyValueError::new_err("`candidates` must be from 2 to 1000"));
+    }
+    let settings = Given { settings, sections, method: None }.read()?;
+    let robot = robot::given(py, robot, &settings.robot)?;
+    let sources = sources(logs)?;
+    let work = |host: &Watch| -> Result<_, WorkError> {
+        let arm = &robot.arm;
+        let Read { recorded, touches, settings } = read(sources, settings, arm, (false, host))?;
+        let config = settings.config()?;
+        let tuning = Tuning { arm, recorded: &recorded, touches: &touches, config: &config };
+        Ok((tuning.run(candidates, host)?, settings))
+    };
+    let (tuned, given) = long(py, progress, work)?.map_err(|error| raise(&error))?;
+    let settings = tuned_settings(&tuned, &given);
+    let given_toml = settings.template().map_err(of_bad_settings)?;
+    let trial = |trial: &palpate_learn::tune::Trial| json!({ "settings": trial.config, "scores": trial.scores });
+    let trials: Vec<_> = tuned.trials.iter().map(trial).collect();
+    let sections = without_nulls(&serde_json::to_value(&settings).expect("plain data"));
+    python(py, &json!({ "settings": sections, "toml": given_toml, "trials": trials }))
+}
+
+/// Sections with the keys that were given.
+fn without_nulls(value: &serde_json::Value) -> serde_json::Value {
+    match value {
+        serde_json::Value::Object(entries) => entries
+            .iter()
+            .filter(|(_, value)| !value.is_null())
+            .map(|(key, value)| (key.clone(), without_nulls(value)))
+            .filter(|(_, value)| value.as_object().is_none_or(|section| !section.is_empty()))
+            .collect(),
+        other => other.clone(),
+    }
+}

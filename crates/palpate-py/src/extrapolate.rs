@@ -1,0 +1,150 @@
+//! From what was touched to what was only seen.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Point3;
+use numpy::{PyArray1, PyArray2};
+use palpate_io::cloud::{self, Cloud};
+use palpate_learn::extrapolate::Features;
+use palpate_work::extrapolate::{Chosen, Work, config, filled, method_of};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyAny;
+
+use crate::array::{counts, flat, numbers, points, table};
+use crate::error::{of_file, of_settings, raise};
+use crate::field::Field;
+use crate::watch::{Watch, long};
+
+/// A stiffness for each of N seen points.
+#[pyclass(frozen, module = "palpate", get_all)]
+pub(crate) struct Extrapolation {
+    /// The points, (N, 3), m.
+    points: Py<PyArray2<f64>>,
+    /// K of a cell at each point, (N,), N/m.
+    stiffness: Py<PyArray1<f64>>,
+    /// Its standard deviation: of the regression over features, not of single points, (N,), N/m.
+    std: Py<PyArray1<f64>>,
+    /// Whether the cell that the point lies in was touched, (N,).
+    touched: Py<PyArray1<bool>>,
+    /// The field with what untouched cells at seen points are expected to be.
+    field: Py<Field>,
+    /// `torque`, `cells` or `knn`.
+    method: &'static str,
+    /// What points were compared by.
+    features: String,
+}
+
+#[pymethods]
+impl Extrapolation {
+    fn __repr__(&self) -> String {
+        format!("Extrapolation({} on {})", self.method, self.features)
+    }
+}
+
+/// Carries the stiffness of a field over to all that a camera saw, as `palpate extrapolate` does.
+///
+/// `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m with `colours` (N, 3)
+/// from 0 to 255. `method` is torque (if the field has its memory), cells or knn; `features` are a
+/// colour (chroma, rgb, oklab), height and shape, joined by `+`.
+#[pyfunction]
+#[pyo3(signature = (
+    field, cloud, colours = None, robot = None, *, method = None, features = None,
+    reach_cells = None, length_scale = None, progress = None
+))]
+#[allow(clippy::too_many_arguments)] // they are keywords
+pub(crate) fn extrapolate(
+    py: Python<'_>,
+    field: &Bound<'_, Field>,
+    cloud: &Bound<'_, PyAny>,
+    colours: Option<&Bound<'_, PyAny>>,
+    robot: Option<&Bound<'_, PyAny>>,
+    method: Option<&str>,
+    features: Option<&str>,
+    reach_cells: Option<f64>,
+    length_scale: Option<f64>,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Extrapolation> {
+    let field = field.get();
+    let robot = field.robot(py, robot)?;
+    let (name, cloud) = read(py, cloud, colours)?;
+    let wrong = |name: &str, told: &str| PyValueError::new_err(format!("`{name}`: {told}"));
+    let method = method.map(method_of).transpose().map_err(|told| wrong("method", &told))?;
+    let features: Option<Features> = features.map(str::parse).transpose().map_err(
+        |told: <Features as std::str::FromStr>::Err| wrong("features", &told.to_string()),
+    )?;
+    let chosen = Chosen { method, features, reach_cells, length_scale };
+    let saved = field.saved(py, true);
+    let work = |host: &Watch| {
+        let config = config(&chosen, &saved, host);
+        let (names, halves) = ([Path::new("field"), name.as_path()], None);
+        let (drawn, kept) = (false, "nothing was kept");
+        let work = Work {
+            arm: &robot.arm,
+            saved: &saved,
+            names,
+            cloud: &cloud,
+            config: config.clone(),
+            halves,
+            drawn,
+            kept,
+        };
+        let checked = config.check();
+        checked.map(|()| (work.run(host), config))
+    };
+    let (found, config) = long(py, progress, work)?.map_err(|error| of_settings(&error))?;
+    let found = found.map_err(|error| raise(&error))?;
+    let places: Vec<[f64; 3]> = cloud.points().iter().map(|&point| point.into()).collect();
+    Ok(Extrapolation {
+        points: table(py, places.into_flattened(), 3),
+        stiffness: flat(py, found.extrapolation.stiffness_n_per_m),
+        std: flat(py, found.extrapolation.std_n_per_m),
+        touched: flat(py, found.extrapolation.touched),
+        field: Py::new(py, Field::of(py, filled(saved, &found.cells))?)?,
+        method: config.method.name(),
+        features: config.features.to_string(),
+    })
+}
+
+/// A cloud from a file, or from points and their colours; and what errors call it.
+fn read(
+    py: Python<'_>,
+    any: &Bound<'_, PyAny>,
+    colours: Option<&Bound<'_, PyAny>>,
+) -> PyResult<(PathBuf, Cloud)> {
+    let Some(colours) = colours else {
+        let path: PathBuf = any.extract().map_err(|_| {
+            PyValueError::new_err(
+                "`cloud` holds points, and `colours`, by which stiffness is carried over, are \
+                 missing: wanted (N, 3) from 0 to 255, or the path of a PLY or PCD file with both",
+            )
+        })?;
+        let reading = py.detach(|| cloud::read(&path)).map_err(|error| of_file(&error))?;
+        if reading.cloud.colours().is_none() {
+            return Err(of_settings(&palpate_work::WorkError::from(format!(
+                "`{}` has points but no colours, by which stiffness is carried over; export it \
+                 with red, green and blue",
+                path.display()
+            ))));
+        }
+        return Ok((path, reading.cloud));
+    };
+    let places: Vec<Point3<f64>> = points(any, "cloud")?.into_iter().map(Point3::from).collect();
+    if let Some(row) = places.iter().position(|point| point.iter().any(|x| !x.is_finite())) {
+        let message = format!("`cloud` holds a number that is not finite in row {row} (from 0)");
+        return Err(PyValueError::new_err(message));
+    }
+    let shape = numbers(colours, "colours", "(N, 3), from 0 to 255")?.shape;
+    if shape != [places.len(), 3] {
+        let message =
+            format!("`colours` has shape {shape:?}; wanted ({}, 3), as `cloud`", places.len());
+        return Err(PyValueError::new_err(message));
+    }
+    let flattened = colours.py().import("numpy")?.call_method1("ravel", (colours,))?;
+    let flattened = counts(&flattened, "colours")?;
+    let bytes: Result<Vec<u8>, _> = flattened.into_iter().map(u8::try_from).collect();
+    let bytes =
+        bytes.map_err(|_| PyValueError::new_err("`colours` wants numbers from 0 to 255"))?;
+    let colours = bytes.as_chunks::<3>().0.to_vec();
+    Ok((PathBuf::from("cloud"), Cloud::new(places, Some(colours))))
+}

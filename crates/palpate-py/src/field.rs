@@ -1,0 +1,362 @@
+//! A stiffness field, its arrays shared with NumPy.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
+use palpate::lattice::CellId;
+use palpate::mapper::Snapshot;
+use palpate::{contact, touch};
+use palpate_io::field::{self, Saved};
+use palpate_work::WorkError;
+use palpate_work::given::Given as GivenArrays;
+use palpate_work::predict::{Against, FrameResult, TouchResult, planned, score};
+use palpate_work::scored::{Report, tell_oddities};
+use palpate_work::settings::{Settings, sections::RobotSettings};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyAny, PyBytes, PyDict};
+
+use crate::array::{copied, counts, flat, points, row, rows, table, table_of};
+use crate::data::python;
+use crate::error::{of_bad_settings, of_file, raise};
+use crate::lattice::Lattice;
+use crate::log::{opened, sources};
+use crate::robot;
+use crate::settings::Given;
+use crate::watch::{Watch, long};
+
+/// What a field returns of places: stiffness, std and counts.
+type Estimates = (Py<PyArray1<f64>>, Py<PyArray1<f64>>, Py<PyArray1<u32>>);
+
+/// The stiffness of N cells that were touched or expected to be stiff.
+///
+/// Arrays are read-only, share the memory of the field, and are the same object every time.
+#[pyclass(frozen, module = "palpate")]
+pub(crate) struct Field {
+    points: Py<PyArray2<f64>>,
+    stiffness: Py<PyArray1<f64>>,
+    std: Py<PyArray1<f64>>,
+    counts: Py<PyArray1<u32>>,
+    cells: Py<PyArray1<u32>>,
+    prior: Option<Py<PyArray1<f64>>>,
+    lattice: Py<Lattice>,
+    contact: contact::Config,
+    touch: touch::Config,
+    untouched_n_per_m: f64,
+    pub(crate) robot: String,
+    pub(crate) snapshot: Option<Arc<Snapshot>>,
+}
+
+impl Field {
+    /// Moves a field's numbers to where NumPy has them.
+    pub(crate) fn of(py: Python<'_>, saved: Saved) -> PyResult<Self> {
+        let Saved { field, prior_n_per_m, robot, snapshot } = saved;
+        let point = |cell: &CellId| <[f64; 3]>::from(field.lattice.point(*cell));
+        let places: Vec<[f64; 3]> = field.cells.iter().map(point).collect();
+        Ok(Self {
+            points: table(py, places.into_flattened(), 3),
+            stiffness: flat(py, field.stiffness_n_per_m),
+            std: flat(py, field.std_n_per_m),
+            counts: flat(py, field.counts),
+            cells: flat(py, field.cells.into_iter().map(|cell| cell.0).collect()),
+            prior: prior_n_per_m.map(|prior| flat(py, prior)),
+            lattice: Py::new(py, Lattice { inner: field.lattice })?,
+            contact: field.contact,
+            touch: field.touch,
+            untouched_n_per_m: field.untouched_n_per_m,
+            robot,
+            snapshot: snapshot.map(Arc::new),
+        })
+    }
+
+    /// The field as the core has it.
+    pub(crate) fn core(&self, py: Python<'_>) -> palpate::field::Field {
+        palpate::field::Field {
+            lattice: self.lattice.get().inner.clone(),
+            contact: self.contact.clone(),
+            touch: self.touch.clone(),
+            cells: copied(py, &self.cells).into_iter().map(CellId).collect(),
+            stiffness_n_per_m: copied(py, &self.stiffness),
+            std_n_per_m: copied(py, &self.std),
+            counts: copied(py, &self.counts),
+            untouched_n_per_m: self.untouched_n_per_m,
+        }
+    }
+
+    /// The field with everything that gives it meaning.
+    pub(crate) fn saved(&self, py: Python<'_>, memory: bool) -> Saved {
+        Saved {
+            field: self.core(py),
+            prior_n_per_m: self.prior.as_ref().map(|prior| copied(py, prior)),
+            robot: self.robot.clone(),
+            snapshot: self.snapshot.as_deref().filter(|_| memory).cloned(),
+        }
+    }
+
+    /// Standard deviation of cells that the field does not know, N/m; NaN if it does not say.
+    fn untouched_std(&self) -> f64 {
+        self.snapshot.as_ref().map_or(f64::NAN, |snapshot| {
+            let config = &snapshot.config;
+            config.estimator.prior.at_spacing(config.lattice.spacing_m()).1
+        })
+    }
+
+    /// A robot as an argument; `None` is the field's own, by name.
+    pub(crate) fn robot(
+        &self,
+        py: Python<'_>,
+        any: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<robot::Robot> {
+        let own = RobotSettings { robot: Some(self.robot.clone()), ..RobotSettings::default() };
+        robot::given(py, any, &own)
+    }
+}
+
+#[pymethods]
+impl Field {
+    /// Reads a field that `save` or `palpate map` wrote. Raises FileError.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let saved = py.detach(|| field::load(&path)).map_err(|error| of_file(&error))?;
+        Self::of(py, saved)
+    }
+
+    /// Writes the field as .npz, whole or not at all, with its memory if it has one.
+    #[pyo3(signature = (path, memory = true))]
+    fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> PyResult<()> {
+        let saved = self.saved(py, memory);
+        py.detach(|| field::save(&path, &saved)).map_err(|error| of_file(&error))
+    }
+
+    /// A field from arrays: `points` (N, 3) m, `stiffness` (N,) N/m, `std` (N,) N/m, `counts` (N,).
+    ///
+    /// Points must be points of `lattice`, each at most once; `Lattice.cells` finds the nearest.
+    /// `std` is 0 and `counts` 1 if left out; a count of 0 says that a stiffness is only expected.
+    /// `untouched` is the stiffness of all other cells, N/m. The contact model and the meaning of
+    /// torques are those of the settings. Raises ValueError, which names the array and the row.
+    #[staticmethod]
+    #[pyo3(signature = (
+        points, stiffness, std = None, counts = None, *, lattice, untouched = 0.0,
+        robot = "kinova_gen3", settings = None, **sections
+    ))]
+    #[allow(clippy::too_many_arguments)] // they are keywords
+    fn from_arrays(
+        py: Python<'_>,
+        points: &Bound<'_, PyAny>,
+        stiffness: &Bound<'_, PyAny>,
+        std: Option<&Bound<'_, PyAny>>,
+        counts: Option<&Bound<'_, PyAny>>,
+        lattice: &Bound<'_, Lattice>,
+        untouched: f64,
+        robot: &str,
+        settings: Option<&Bound<'_, PyAny>>,
+        sections: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let points_m = self::points(points, "points")?;
+        let n = points_m.len();
+        let given = GivenArrays {
+            stiffness_n_per_m: row(stiffness, "stiffness", Some(n))?,
+            std_n_per_m: match std {
+                Some(std) => row(std, "std", Some(n))?,
+                None => vec![0.0; n],
+            },
+            counts: match counts {
+                Some(counts) => self::counts(counts, "counts")?,
+                None => vec![1; n],
+            },
+            points_m,
+            untouched_n_per_m: untouched,
+        };
+        let settings: Settings = Given { settings, sections, method: None }.read()?;
+        let mut config = settings.config().map_err(of_bad_settings)?;
+        config.lattice = lattice.get().inner.clone();
+        let saved = given.field(&config, robot);
+        Self::of(py, saved.map_err(|error| PyValueError::new_err(error.to_string()))?)
+    }
+
+    /// Rest points, (N, 3), m, frame of the robot's base.
+    #[getter]
+    fn points(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
+        self.points.clone_ref(py)
+    }
+
+    /// K of each point, (N,), N/m, never negative.
+    #[getter]
+    fn stiffness(&self, py: Python<'_>) -> Py<PyArray1<f64>> {
+        self.stiffness.clone_ref(py)
+    }
+
+    /// Standard deviation of K, (N,), N/m.
+    #[getter]
+    fn std(&self, py: Python<'_>) -> Py<PyArray1<f64>> {
+        self.std.clone_ref(py)
+    }
+
+    /// Frames that touched each point, (N,); 0 if its stiffness is only expected.
+    #[getter]
+    fn counts(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
+        self.counts.clone_ref(py)
+    }
+
+    /// Cell number of each point in the lattice, (N,).
+    #[getter]
+    fn cells(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
+        self.cells.clone_ref(py)
+    }
+
+    /// What K would be had nothing been touched, (N,), N/m; None if that is the same of all.
+    #[getter]
+    fn prior(&self, py: Python<'_>) -> Option<Py<PyArray1<f64>>> {
+        self.prior.as_ref().map(|prior| prior.clone_ref(py))
+    }
+
+    /// The box that the cells belong to.
+    #[getter]
+    fn lattice(&self, py: Python<'_>) -> Py<Lattice> {
+        self.lattice.clone_ref(py)
+    }
+
+    /// Name of the robot that touched them.
+    #[getter]
+    fn robot_name(&self) -> &str {
+        &self.robot
+    }
+
+    /// K of all other cells, N/m.
+    #[getter]
+    fn untouched(&self) -> f64 {
+        self.untouched_n_per_m
+    }
+
+    /// Whether mapping can go on from it, and touches be learnt from again.
+    #[getter]
+    fn has_memory(&self) -> bool {
+        self.snapshot.is_some()
+    }
+
+    /// Stiffness (M,) N/m, its std (M,) N/m and counts (M,) of the cells at `points` (M, 3) m.
+    ///
+    /// Cells never touched have the prior's stiffness and std (NaN if the field has no memory, and
+    /// so does not say) and a count of 0; outside the box both are NaN.
+    fn query(&self, py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Estimates> {
+        let places = self::points(points, "points")?;
+        let (field, std) = (self.core(py), self.untouched_std());
+        let found = py.detach(|| field.at(&places, std));
+        let number = |of: fn(&palpate::field::CellEstimate) -> f64| {
+            found.iter().map(|cell| cell.as_ref().map_or(f64::NAN, of)).collect()
+        };
+        let stiffness = flat(py, number(|cell| cell.stiffness_n_per_m));
+        let std = flat(py, number(|cell| cell.std_n_per_m));
+        let count = found.iter().map(|cell| cell.map_or(0, |cell| cell.count)).collect();
+        Ok((stiffness, std, flat(py, count)))
+    }
+
+    /// External torque that a motion meets: `q_path` (T, n_joints) rad gives (T, n_joints) N·m.
+    ///
+    /// The motion starts free of contact, and every row is a step, as in `palpate predict`. The
+    /// robot is the one that learnt the field, by name, if left out.
+    #[pyo3(signature = (q_path, robot = None, progress = None))]
+    fn predict(
+        &self,
+        py: Python<'_>,
+        q_path: &Bound<'_, PyAny>,
+        robot: Option<&Bound<'_, PyAny>>,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Py<PyArray2<f64>>> {
+        let robot = self.robot(py, robot)?;
+        let joints = robot.arm.robot.n_joints();
+        let path = rows(q_path, "q_path", Some(joints), &format!("(T, {joints})"))?;
+        let field = self.core(py);
+        let torques: Result<_, WorkError> =
+            long(py, progress, |host| planned(&robot.arm, &field, &path, host))?;
+        let torques = torques.map_err(|error| raise(&error))?;
+        Ok(table_of(py, torques.iter().map(|torque| torque.as_slice()), joints))
+    }
+
+    /// Predicts the touches of logs and compares with what was felt, as `palpate predict` does.
+    ///
+    /// `truth` compares with the true torques beside simulated touches. The settings may change how
+    /// the log is read (`log`) and what its torques mean (`touch`).
+    #[pyo3(signature = (log, robot = None, *, truth = false, settings = None, progress = None, **sections))]
+    #[allow(clippy::too_many_arguments)] // they are keywords
+    fn score<'py>(
+        &self,
+        py: Python<'py>,
+        log: &Bound<'py, PyAny>,
+        robot: Option<&Bound<'py, PyAny>>,
+        truth: bool,
+        settings: Option<&Bound<'py, PyAny>>,
+        progress: Option<&Bound<'py, PyAny>>,
+        sections: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let mut settings = Given { settings, sections, method: None }.read()?;
+        let robot = self.robot(py, robot)?;
+        let (sources, field) = (sources(log)?, self.core(py));
+        let against = if truth { Against::Truth } else { Against::Measured };
+        let work = |host: &Watch| -> Result<_, WorkError> {
+            let touches = opened(sources, &settings.log)?;
+            touches.settle(&mut settings.touch, host)?;
+            settings.log.check_for(&robot.arm.robot)?;
+            let touch = settings.touch.over_config(&field.touch);
+            let place = (field.lattice.clone(), field.contact.clone());
+            let mut touches = touches.for_arm(&robot.arm, &settings.log, place)?;
+            let results = score(&robot.arm, &field, touch, against, (&mut touches, host))?;
+            tell_oddities(&results, host);
+            Ok(results)
+        };
+        let results = long(py, progress, work)?.map_err(|error| raise(&error))?;
+        scored(py, &results, against, robot.arm.robot.n_joints())
+    }
+
+    fn __len__(&self, py: Python<'_>) -> usize {
+        self.stiffness.bind(py).shape()[0]
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let counts = self.counts.bind(py).readonly();
+        let touched = counts.as_array().iter().filter(|&&count| count > 0).count();
+        let (cells, spacing) = (self.__len__(py), self.lattice.get().inner.spacing_m());
+        format!("Field({cells} cells, {touched} touched, every {spacing} m)")
+    }
+
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        let saved = self.saved(py, true);
+        let bytes = py.detach(|| field::to_bytes(&saved));
+        let restore = py.import("palpate._palpate")?.getattr("unpickled_field")?;
+        Ok((restore, (PyBytes::new(py, &bytes),)))
+    }
+}
+
+/// What `palpate predict --json` prints, with the torques of each touch.
+fn scored<'py>(
+    py: Python<'py>,
+    results: &[TouchResult],
+    against: Against,
+    joints: usize,
+) -> PyResult<Bound<'py, PyAny>> {
+    let report = python(py, &serde_json::json!(Report::new(results, against)))?;
+    let touches = report.get_item("touches")?;
+    for (touch, result) in touches.try_iter()?.zip(results) {
+        let (touch, frames) = (touch?, &result.frames);
+        let torques = |of: fn(&FrameResult) -> &[f64]| table_of(py, frames.iter().map(of), joints);
+        touch.set_item("predicted", torques(|frame| frame.predicted.as_slice()))?;
+        touch.set_item("external", torques(|frame| frame.external.as_slice()))?;
+        touch.set_item("frame", flat(py, frames.iter().map(|frame| frame.frame).collect()))?;
+        let contacts = frames.iter().map(|frame| frame.contacts as u64).collect();
+        touch.set_item("contacts", flat(py, contacts))?;
+        let time: Option<Vec<f64>> = frames.iter().map(|frame| frame.time_s).collect();
+        touch.set_item("time", time.map(|time| flat(py, time)))?;
+    }
+    Ok(report)
+}
+
+/// A field from the bytes that it was pickled as.
+#[pyfunction]
+pub(crate) fn unpickled_field(py: Python<'_>, bytes: &[u8]) -> PyResult<Field> {
+    let saved = field::from_bytes(bytes, "the pickled field").map_err(|error| of_file(&error))?;
+    Field::of(py, saved)
+}

@@ -1,0 +1,128 @@
+//! The workspace box and its points.
+
+use numpy::{PyArray1, PyArray2};
+use palpate::lattice::{self, CellId};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyAny;
+
+use crate::array::{counts, flat, points, row, table};
+use crate::error::of_settings;
+
+/// Points at equal spacing in a box, in the frame of the robot's base.
+///
+/// `origin` is the first point (3,) m, `spacing` the distance between neighbours in m, `shape` the
+/// number of points along x, y and z. The cell number of a point runs fastest along x.
+#[pyclass(frozen, module = "palpate")]
+#[derive(Clone)]
+pub(crate) struct Lattice {
+    pub(crate) inner: lattice::Lattice,
+}
+
+impl Lattice {
+    /// The section of the settings that gives it.
+    pub(crate) fn section(&self) -> toml::Table {
+        let origin_m: [f64; 3] = self.inner.origin_m().into();
+        let shape = self.inner.shape().map(i64::from);
+        toml::Table::from_iter([
+            ("spacing_m".to_owned(), self.inner.spacing_m().into()),
+            ("origin_m".to_owned(), toml::Value::from(origin_m.to_vec())),
+            ("shape".to_owned(), toml::Value::from(shape.to_vec())),
+        ])
+    }
+}
+
+/// Three numbers of an argument.
+fn three(any: &Bound<'_, PyAny>, name: &str) -> PyResult<[f64; 3]> {
+    let row = row(any, name, Some(3))?;
+    Ok([row[0], row[1], row[2]])
+}
+
+#[pymethods]
+impl Lattice {
+    #[new]
+    fn new(origin: &Bound<'_, PyAny>, spacing: f64, shape: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let sides = counts(shape, "shape")?;
+        let Ok(sides) = <[u32; 3]>::try_from(sides) else {
+            return Err(PyValueError::new_err("`shape` wants three counts, along x, y and z"));
+        };
+        let inner = lattice::Lattice::new(three(origin, "origin")?, spacing, sides);
+        Ok(Self { inner: inner.map_err(|error| of_settings(&error))? })
+    }
+
+    /// The points that fill the box between the corners `low` and `high` (3,) m.
+    #[staticmethod]
+    fn filling(low: &Bound<'_, PyAny>, high: &Bound<'_, PyAny>, spacing: f64) -> PyResult<Self> {
+        let (low, high) = (three(low, "low")?, three(high, "high")?);
+        let inner = lattice::Lattice::filling(low, high, spacing);
+        Ok(Self { inner: inner.map_err(|error| of_settings(&error))? })
+    }
+
+    /// First point, m.
+    #[getter]
+    fn origin(&self) -> [f64; 3] {
+        self.inner.origin_m().into()
+    }
+
+    /// Distance between neighbouring points, m.
+    #[getter]
+    fn spacing(&self) -> f64 {
+        self.inner.spacing_m()
+    }
+
+    /// Points along x, y and z.
+    #[getter]
+    fn shape(&self) -> (u32, u32, u32) {
+        self.inner.shape().into()
+    }
+
+    /// Points in all.
+    #[getter]
+    fn n_cells(&self) -> u64 {
+        self.inner.n_cells()
+    }
+
+    /// The cell nearest to each of `points` (M, 3) m: (M,), -1 outside the box.
+    #[pyo3(signature = (points, /))]
+    fn cells(&self, py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Py<PyArray1<i64>>> {
+        let places = self::points(points, "points")?;
+        let cell = |point: &[f64; 3]| {
+            self.inner.nearest(&(*point).into()).map_or(-1, |cell| i64::from(cell.0))
+        };
+        Ok(flat(py, places.iter().map(cell).collect()))
+    }
+
+    /// The rest point of each of `cells` (M,): (M, 3) m.
+    #[pyo3(signature = (cells, /))]
+    fn points(&self, py: Python<'_>, cells: &Bound<'_, PyAny>) -> PyResult<Py<PyArray2<f64>>> {
+        let cells = counts(cells, "cells")?;
+        if let Some(cell) = cells.iter().find(|&&cell| !self.inner.contains(CellId(cell))) {
+            let n = self.inner.n_cells();
+            let message = format!("`cells` holds {cell}; the lattice has {n} cells, from 0 on");
+            return Err(PyValueError::new_err(message));
+        }
+        let point = |cell: &u32| <[f64; 3]>::from(self.inner.point(CellId(*cell)));
+        Ok(table(py, cells.iter().flat_map(point).collect(), 3))
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.inner == other.inner
+    }
+
+    fn __hash__(&self) -> u64 {
+        let origin: [f64; 3] = self.inner.origin_m().into();
+        let numbers = origin.into_iter().chain([self.inner.spacing_m()]).map(f64::to_bits);
+        let numbers = numbers.chain(self.inner.shape().map(u64::from));
+        numbers.fold(0, |hash: u64, number| hash.rotate_left(7).wrapping_mul(31) ^ number)
+    }
+
+    fn __repr__(&self) -> String {
+        let (origin, shape): ([f64; 3], _) = (self.inner.origin_m().into(), self.inner.shape());
+        let spacing = self.inner.spacing_m();
+        format!("Lattice(origin={origin:?}, spacing={spacing:?}, shape={shape:?})")
+    }
+
+    fn __getnewargs__(&self) -> ([f64; 3], f64, [u32; 3]) {
+        (self.inner.origin_m().into(), self.inner.spacing_m(), self.inner.shape())
+    }
+}

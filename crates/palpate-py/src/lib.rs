@@ -1,0 +1,56 @@
+//! The Python package `palpate`: NumPy in and out over the crates of palpate.
+//!
+//! | module        | says                                                            |
+//! |---------------|-----------------------------------------------------------------|
+//! | `array`       | NumPy arrays from and to rows of numbers                        |
+//! | `error`       | every error as a Python exception with the same text            |
+//! | `data`        | plain Python data from and to JSON and TOML                     |
+//! | `watch`       | long work with the GIL released, Ctrl-C and progress            |
+//! | `shared`      | what several Python threads may use, one at a time              |
+//! | others        | one class or question each                                      |
+//!
+//! There is no logic here: what the command does as well is `palpate_work`'s. Shapes and dtypes are
+//! checked once, at this door.
+#![forbid(unsafe_code)]
+#![allow(clippy::needless_pass_by_value)] // arguments are made for each call
+
+mod array;
+mod data;
+mod error;
+mod evaluate;
+mod extrapolate;
+mod field;
+mod lattice;
+mod log;
+mod mapper;
+mod robot;
+mod settings;
+mod shared;
+mod watch;
+
+use pyo3::prelude::*;
+
+/// The compiled part of `palpate`.
+#[pymodule]
+mod _palpate {
+    #[pymodule_export]
+    use crate::error::{
+        FileError, LogError, PalpateError, PalpateWarning, SettingsError, TouchError,
+    };
+    #[pymodule_export]
+    use crate::evaluate::{evaluate, tune};
+    #[pymodule_export]
+    use crate::extrapolate::{Extrapolation, extrapolate};
+    #[pymodule_export]
+    use crate::field::{Field, unpickled_field};
+    #[pymodule_export]
+    use crate::lattice::Lattice;
+    #[pymodule_export]
+    use crate::log::{Log, Touch, TouchIterator, open_log};
+    #[pymodule_export]
+    use crate::mapper::{Answer, Mapper, StepReport};
+    #[pymodule_export]
+    use crate::robot::Robot;
+    #[pymodule_export]
+    use crate::settings::default_settings;
+}

@@ -1,0 +1,339 @@
+//! Logs, and the touches in them.
+
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+
+use numpy::{PyArray1, PyArray2};
+use palpate::touch::Sample;
+use palpate_io::log::LogOptions;
+use palpate_work::WorkError;
+use palpate_work::settings::Settings;
+use palpate_work::settings::sections::LogSettings;
+use palpate_work::touches::{Held, Moment, Touches};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyAny, PyDict, PySequence, PyString};
+
+use crate::array::{copied, flat, row, rows, table_of};
+use crate::error::raise;
+
+/// What held touches are called in errors.
+const HELD: &str = "touches";
+
+/// Touches in files, read as a stream: iterating yields one `Touch` after another.
+///
+/// `open_log` makes one. Only the touch at hand is in memory, and each `for` starts anew.
+#[pyclass(frozen, module = "palpate")]
+#[derive(Clone)]
+pub(crate) struct Log {
+    paths: Vec<PathBuf>,
+    settings: LogSettings,
+}
+
+/// One touch: an approach, a push and a retreat, T frames.
+///
+/// `q` are joint positions (T, n_joints) rad, `tau` joint torques as logged (T, n_joints) N·m,
+/// `time` (T,) s. `joint_names` say the order of the joints, which is the robot's if left out.
+#[pyclass(frozen, module = "palpate")]
+pub(crate) struct Touch {
+    name: String,
+    q: Py<PyArray2<f64>>,
+    tau: Py<PyArray2<f64>>,
+    time: Option<Py<PyArray1<f64>>>,
+    joint_names: Option<Vec<String>>,
+}
+
+/// The touches of a log, one after another.
+#[pyclass(frozen, module = "palpate")]
+pub(crate) struct TouchIterator {
+    reading: Mutex<Reading>,
+}
+
+struct Reading {
+    touches: Touches,
+    /// The name of the touch that starts next, with its joints.
+    next: Option<(String, Option<Vec<String>>)>,
+}
+
+/// Where touches come from.
+pub(crate) enum Source {
+    /// A log's paths, and how they are read if that was said.
+    Log(Vec<PathBuf>, LogSettings),
+    /// A touch that Python holds.
+    Held(Held),
+}
+
+/// Opens one or more logs, which are read as one.
+///
+/// A log is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file
+/// or a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. `options` are the keys of the
+/// section `log` of the settings: `angle_unit`, `columns`, `topic`, `touch_topic`, `joints`,
+/// `until_break`, `split_gap_s`, `split_idle`, `idle_s`; parting at pauses (`split_idle`) needs a
+/// robot, and is done by what learns from the log.
+///
+/// Raises LogError, which names the file and the remedy.
+#[pyfunction]
+#[pyo3(signature = (path, **options))]
+pub(crate) fn open_log(
+    path: &Bound<'_, PyAny>,
+    options: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Log> {
+    let settings = options.map(|keys| crate::settings::section("log", keys)).transpose()?;
+    let settings = settings.unwrap_or_default().log;
+    let mut paths = Vec::new();
+    for source in sources(path)? {
+        match source {
+            Source::Log(more, _) => paths.extend(more),
+            Source::Held(_) => {
+                let wanted = "wanted a path, or a list of paths";
+                return Err(PyTypeError::new_err(format!("`path` holds a Touch; {wanted}")));
+            }
+        }
+    }
+    let log = Log { paths, settings };
+    log.touches(path.py())?; // so that most defects show now
+    Ok(log)
+}
+
+impl Log {
+    fn touches(&self, py: Python<'_>) -> PyResult<Touches> {
+        let opened = py.detach(|| Touches::open(&self.paths, &self.settings.options()));
+        opened.map_err(|error| raise(&error))
+    }
+}
+
+/// The sources that an argument means: a path, a [`Log`], a [`Touch`], or several of them.
+pub(crate) fn sources(any: &Bound<'_, PyAny>) -> PyResult<Vec<Source>> {
+    let py = any.py();
+    if let Ok(log) = any.cast::<Log>() {
+        let Log { paths, settings } = log.get().clone();
+        return Ok(vec![Source::Log(paths, settings)]);
+    }
+    if let Ok(touch) = any.cast::<Touch>() {
+        return Ok(vec![Source::Held(touch.get().held(py))]);
+    }
+    if any.is_instance_of::<PyString>() || any.hasattr("__fspath__")? {
+        return Ok(vec![Source::Log(vec![any.extract()?], LogSettings::default())]);
+    }
+    let Ok(several) = any.cast::<PySequence>() else {
+        return Err(PyTypeError::new_err(format!(
+            "found {}; wanted the path of a log, a Log, a Touch, or a list of them",
+            any.get_type().name()?
+        )));
+    };
+    let mut all = Vec::new();
+    for one in several.try_iter()? {
+        all.extend(sources(&one?)?);
+    }
+    if all.is_empty() {
+        return Err(PyValueError::new_err("an empty list of logs; wanted at least one"));
+    }
+    Ok(all)
+}
+
+/// Opens sources as one log; what a [`Log`] says of its format goes before `settings`.
+pub(crate) fn opened(sources: Vec<Source>, settings: &LogSettings) -> Result<Touches, WorkError> {
+    let mut all: Option<Touches> = None;
+    for source in sources {
+        let touches = match source {
+            Source::Held(touch) => Touches::held(HELD, vec![touch]),
+            Source::Log(paths, own) => {
+                let own = Settings { log: own, ..Settings::default() };
+                let given = Settings { log: settings.clone(), ..Settings::default() };
+                let options: LogOptions = own.over(given).log.options();
+                Touches::open(&paths, &options)?
+            }
+        };
+        all = Some(match all {
+            Some(before) => before.then(touches),
+            None => touches,
+        });
+    }
+    Ok(all.expect("an empty list was refused"))
+}
+
+#[pymethods]
+impl Log {
+    /// Where it is.
+    #[getter]
+    fn paths(&self) -> Vec<PathBuf> {
+        self.paths.clone()
+    }
+
+    fn __iter__(&self, py: Python<'_>) -> PyResult<TouchIterator> {
+        let reading = Reading { touches: self.touches(py)?, next: None };
+        Ok(TouchIterator { reading: Mutex::new(reading) })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, ())> {
+        let settings = serde_json::to_value(&self.settings).expect("settings are plain data");
+        let options = crate::data::given(py, &settings)?;
+        let open = py.import("palpate")?.getattr("open_log")?;
+        let partial = py.import("functools")?.getattr("partial")?;
+        Ok((partial.call((open, self.paths.clone()), Some(&options))?, ()))
+    }
+
+    fn __repr__(&self) -> String {
+        let paths: Vec<String> = self.paths.iter().map(|path| format!("{path:?}")).collect();
+        format!("open_log([{}])", paths.join(", "))
+    }
+}
+
+#[pymethods]
+impl TouchIterator {
+    fn __iter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        this
+    }
+
+    fn __next__(&self, py: Python<'_>) -> PyResult<Option<Touch>> {
+        let held =
+            py.detach(|| self.reading.lock().unwrap_or_else(PoisonError::into_inner).next_touch());
+        let held = held.map_err(|error| raise(&error))?;
+        Ok(held.map(|held| Touch::of(py, held)))
+    }
+}
+
+impl Reading {
+    /// Reads the next touch whole.
+    fn next_touch(&mut self) -> Result<Option<Held>, WorkError> {
+        if self.next.is_none() {
+            self.next = match self.touches.advance()? {
+                Some(Moment::Touch(name)) => Some((name, self.touches.keep_joints())),
+                _ => None,
+            };
+        }
+        let Some((name, joint_names)) = self.next.take() else { return Ok(None) };
+        let mut samples = Vec::new();
+        while let Some(moment) = self.touches.advance()? {
+            match moment {
+                Moment::Sample(sample) => samples.push(sample),
+                Moment::Touch(name) => {
+                    self.next = Some((name, self.touches.keep_joints()));
+                    break;
+                }
+            }
+        }
+        Ok(Some(Held { name, joint_names, samples }))
+    }
+}
+
+/// Rows of positions and torques, with their times if there are any.
+fn samples(q: Vec<Vec<f64>>, tau: Vec<Vec<f64>>, time: Option<&[f64]>) -> Vec<Sample> {
+    let moments = q.into_iter().zip(tau).enumerate();
+    let sample =
+        |(place, (q, tau))| Sample { time_s: time.map(|time: &[f64]| time[place]), q, tau };
+    moments.map(sample).collect()
+}
+
+impl Touch {
+    fn of(py: Python<'_>, held: Held) -> Self {
+        let Held { name, joint_names, samples } = held;
+        let joints = samples.first().map_or(0, |sample| sample.q.len());
+        let time: Option<Vec<f64>> = samples.iter().map(|sample| sample.time_s).collect();
+        Self {
+            name,
+            q: table_of(py, samples.iter().map(|sample| &*sample.q), joints),
+            tau: table_of(py, samples.iter().map(|sample| &*sample.tau), joints),
+            time: time.map(|time| flat(py, time)),
+            joint_names,
+        }
+    }
+
+    fn held(&self, py: Python<'_>) -> Held {
+        use numpy::PyArrayMethods;
+        let table = |array: &Py<PyArray2<f64>>| {
+            let array = array.bind(py).readonly();
+            let array = array.as_array();
+            array.rows().into_iter().map(|row| row.to_vec()).collect::<Vec<_>>()
+        };
+        let time = self.time.as_ref().map(|time| copied(py, time));
+        let moments = table(&self.q).into_iter().zip(table(&self.tau)).enumerate();
+        let sample =
+            |(place, (q, tau))| Sample { time_s: time.as_ref().map(|time| time[place]), q, tau };
+        let (name, joint_names) = (self.name.clone(), self.joint_names.clone());
+        Held { name, joint_names, samples: moments.map(sample).collect() }
+    }
+}
+
+#[pymethods]
+impl Touch {
+    #[new]
+    #[pyo3(signature = (q, tau, name = "touch", time = None, joint_names = None))]
+    fn new(
+        py: Python<'_>,
+        q: &Bound<'_, PyAny>,
+        tau: &Bound<'_, PyAny>,
+        name: &str,
+        time: Option<&Bound<'_, PyAny>>,
+        joint_names: Option<Vec<String>>,
+    ) -> PyResult<Self> {
+        let q = rows(q, "q", None, "(T, n_joints)")?;
+        let joints = q.first().map(Vec::len);
+        let wanted = format!("({}, {}), as `q`", q.len(), joints.unwrap_or(0));
+        let tau = rows(tau, "tau", joints, &wanted)?;
+        if tau.len() != q.len() {
+            let message = format!("`tau` has {} rows; wanted {wanted}", tau.len());
+            return Err(PyValueError::new_err(message));
+        }
+        if let Some(names) = joint_names.as_ref().filter(|names| Some(names.len()) != joints) {
+            let message = format!("`joint_names` has {} names; `q` is {wanted}", names.len());
+            return Err(PyValueError::new_err(message));
+        }
+        let time = time.map(|time| row(time, "time", Some(q.len()))).transpose()?;
+        let samples = samples(q, tau, time.as_deref());
+        Ok(Self::of(py, Held { name: name.to_owned(), joint_names, samples }))
+    }
+
+    /// Its name.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Joint positions, (T, n_joints), rad (m where prismatic).
+    #[getter]
+    fn q(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
+        self.q.clone_ref(py)
+    }
+
+    /// Joint torques as logged, (T, n_joints), N·m.
+    #[getter]
+    fn tau(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
+        self.tau.clone_ref(py)
+    }
+
+    /// By the log's clock, (T,), s; None if it has none.
+    #[getter]
+    fn time(&self, py: Python<'_>) -> Option<Py<PyArray1<f64>>> {
+        self.time.as_ref().map(|time| time.clone_ref(py))
+    }
+
+    /// Names of the joints in the order of the columns; None if the log does not say.
+    #[getter]
+    fn joint_names(&self) -> Option<Vec<String>> {
+        self.joint_names.clone()
+    }
+
+    #[allow(clippy::type_complexity)] // the arguments of `Touch`, in their order
+    fn __getnewargs__(
+        &self,
+        py: Python<'_>,
+    ) -> (
+        Py<PyArray2<f64>>,
+        Py<PyArray2<f64>>,
+        String,
+        Option<Py<PyArray1<f64>>>,
+        Option<Vec<String>>,
+    ) {
+        (self.q(py), self.tau(py), self.name.clone(), self.time(py), self.joint_names())
+    }
+
+    fn __len__(&self, py: Python<'_>) -> usize {
+        use numpy::PyUntypedArrayMethods;
+        self.q.bind(py).shape()[0]
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        format!("Touch({:?}, {} frames)", self.name, self.__len__(py))
+    }
+}

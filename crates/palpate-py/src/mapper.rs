@@ -1,0 +1,334 @@
+//! Learning: samples in, a field out.
+
+use std::path::PathBuf;
+
+use numpy::{PyArray1, PyArray2};
+use palpate::mapper::MapperError;
+use palpate::outlook;
+use palpate::touch::Sample;
+use palpate_work::error::WorkError;
+use palpate_work::settings::Settings;
+use palpate_work::settings::sections::TouchSettings;
+use palpate_work::{learn, prior, resume};
+use pyo3::prelude::*;
+use pyo3::types::{PyAny, PyDict};
+
+use crate::array::{flat, row, rows, table_of};
+use crate::data::python;
+use crate::error::{PalpateError, of_bad_settings, of_file, of_touch, raise};
+use crate::field::Field;
+use crate::log::{opened, sources};
+use crate::robot::{self, Robot, no_bar};
+use crate::settings::Given;
+use crate::shared::Shared;
+use crate::watch::{Watch, long};
+
+/// Learns a stiffness field from touches.
+///
+/// `robot` is a `Robot`, a name or a path; `method` is `map`, the exact maximum a posteriori, or
+/// `ekf`, the paper's filter. `settings` are those of the command: the path of a TOML file or a dict
+/// of its sections, over which `sections` are laid, such as `contact={"friction": 0.3}` or
+/// `lattice=Lattice(...)`. `prior` is a field that says what is expected of its cells before they
+/// are touched. Threads that use one mapper wait for each other.
+///
+/// Raises SettingsError if a setting is unknown or out of its range.
+#[pyclass(frozen, module = "palpate")]
+pub(crate) struct Mapper {
+    state: Shared<State>,
+    robot: Robot,
+    settings: Settings,
+}
+
+struct State {
+    mapper: palpate::mapper::Mapper,
+    /// Whether a touch was begun and not ended.
+    in_touch: bool,
+}
+
+/// What one sample gave.
+#[pyclass(frozen, module = "palpate", get_all)]
+pub(crate) struct StepReport {
+    /// Points touched.
+    contacts: usize,
+    /// External torque, gravity and tare taken off, (n_joints,) N·m; None while taring.
+    external: Option<Py<PyArray1<f64>>>,
+    /// What the field expected before it learnt from the sample, (n_joints,) N·m; None with that.
+    predicted: Option<Py<PyArray1<f64>>>,
+}
+
+/// What a field says of a path of P points.
+#[pyclass(frozen, module = "palpate", get_all)]
+pub(crate) struct Answer {
+    /// External torque that the path would meet, (P, n_joints), N·m.
+    torque: Py<PyArray2<f64>>,
+    /// Its standard deviation by the uncertainty of the springs alone, (P, n_joints), N·m.
+    ///
+    /// It ranks paths by how well their resistance is known; it bounds no error.
+    torque_std: Py<PyArray2<f64>>,
+    /// Points of the lattice touched, (P,).
+    contacts: Py<PyArray1<u64>>,
+    /// Those of them that were touched when the field was learnt, (P,).
+    known: Py<PyArray1<u64>>,
+    /// Whether the path went on from what the arm touched, rather than free of contact.
+    goes_on: bool,
+    /// Points of the path where the arm was looked at; the others lie between.
+    stops: usize,
+}
+
+impl Mapper {
+    fn of(mapper: palpate::mapper::Mapper, robot: Robot, settings: Settings) -> Self {
+        let in_touch = false;
+        Self { state: Shared::new(State { mapper, in_touch }), robot, settings }
+    }
+
+    /// A mapper that goes on from a field.
+    fn going_on(
+        py: Python<'_>,
+        (saved, name): (palpate_io::field::Saved, &str),
+        robot: Robot,
+        settings: Settings,
+    ) -> PyResult<Self> {
+        let work = |_: &Watch| -> Result<_, WorkError> {
+            let snapshot = resume::snapshot_of(saved, name, &settings)?;
+            resume::mapper_of(name, &robot.arm, snapshot)
+        };
+        let mapper = long(py, Some(no_bar(py).as_any()), work)?;
+        Ok(Self::of(mapper.map_err(|error| raise(&error))?, robot, settings))
+    }
+}
+
+#[pymethods]
+impl Mapper {
+    #[new]
+    #[pyo3(signature = (robot = None, method = None, settings = None, prior = None, **sections))]
+    fn new(
+        py: Python<'_>,
+        robot: Option<&Bound<'_, PyAny>>,
+        method: Option<&str>,
+        settings: Option<&Bound<'_, PyAny>>,
+        prior: Option<&Bound<'_, Field>>,
+        sections: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let settings = Given { settings, sections, method }.read()?;
+        let config = settings.config().map_err(of_bad_settings)?;
+        let robot = robot::given(py, robot, &settings.robot)?;
+        let prior = prior.map(|prior| prior.get().saved(py, false));
+        let work = |host: &Watch| {
+            let prior = prior.as_ref().map(|prior| (prior, "prior"));
+            prior::mapper_from(prior, &robot.arm, config, host)
+        };
+        let mapper = long(py, Some(no_bar(py).as_any()), work)?;
+        Ok(Self::of(mapper.map_err(|error| raise(&error))?, robot, settings))
+    }
+
+    /// Goes on from a field that `save` or `palpate map` wrote, as if it had never stopped.
+    ///
+    /// Settings, if given, must agree with the field's own. Raises PalpateError if it was saved
+    /// without its memory or learnt with another robot.
+    #[staticmethod]
+    #[pyo3(signature = (path, robot = None, settings = None, **sections))]
+    fn load(
+        py: Python<'_>,
+        path: PathBuf,
+        robot: Option<&Bound<'_, PyAny>>,
+        settings: Option<&Bound<'_, PyAny>>,
+        sections: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let settings = Given { settings, sections, method: None }.read()?;
+        let robot = robot::given(py, robot, &settings.robot)?;
+        let saved = py.detach(|| palpate_io::field::load(&path));
+        let saved = saved.map_err(|error| of_file(&error))?;
+        Self::going_on(py, (saved, &path.display().to_string()), robot, settings)
+    }
+
+    /// Goes on from a field that has its memory, as `load` does from a file.
+    #[staticmethod]
+    #[pyo3(signature = (field, robot = None, settings = None, **sections))]
+    fn from_field(
+        py: Python<'_>,
+        field: &Bound<'_, Field>,
+        robot: Option<&Bound<'_, PyAny>>,
+        settings: Option<&Bound<'_, PyAny>>,
+        sections: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let settings = Given { settings, sections, method: None }.read()?;
+        let robot = robot::given(py, robot, &settings.robot)?;
+        Self::going_on(py, (field.get().saved(py, true), "field"), robot, settings)
+    }
+
+    /// The arm.
+    #[getter]
+    fn robot(&self) -> Robot {
+        self.robot.clone()
+    }
+
+    /// `map` or `ekf`.
+    #[getter]
+    fn method(&self, py: Python<'_>) -> PyResult<&'static str> {
+        Ok(match self.state.take(py)?.inner.mapper.config().method {
+            palpate::estimator::Method::Map => "map",
+            palpate::estimator::Method::Ekf => "ekf",
+        })
+    }
+
+    /// The configuration that holds, as the field's file has it.
+    #[getter]
+    fn config<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let config = serde_json::to_value(self.state.take(py)?.inner.mapper.config());
+        python(py, &config.expect("settings are plain data"))
+    }
+
+    /// Starts a touch: the next samples belong to it, and its start gives the tare.
+    fn begin_touch(&self, py: Python<'_>) -> PyResult<()> {
+        let state = &mut *self.state.take(py)?.inner;
+        state.mapper.begin_touch();
+        state.in_touch = true;
+        Ok(())
+    }
+
+    /// Folds one sample into the field: `q` (n_joints,) rad, `tau` (n_joints,) N·m as logged.
+    ///
+    /// Raises TouchError if the sample cannot be used; it has then taught nothing.
+    #[pyo3(signature = (q, tau, time = None))]
+    fn step(
+        &self,
+        py: Python<'_>,
+        q: &Bound<'_, PyAny>,
+        tau: &Bound<'_, PyAny>,
+        time: Option<f64>,
+    ) -> PyResult<StepReport> {
+        let joints = Some(self.robot.arm.robot.n_joints());
+        let sample =
+            Sample { time_s: time, q: row(q, "q", joints)?, tau: row(tau, "tau", joints)? };
+        let mut state = self.state.take(py)?;
+        if !state.inner.in_touch {
+            let message = "there is no touch that this sample belongs to; call begin_touch() first";
+            return Err(PalpateError::new_err(message));
+        }
+        let mapper = &mut state.inner.mapper;
+        let report = py.detach(|| mapper.step(&sample)).map_err(|error| of_touch(&error))?;
+        let array = |torque: nalgebra::DVector<f64>| flat(py, torque.as_slice().to_vec());
+        Ok(StepReport {
+            contacts: report.contacts,
+            external: report.external.map(array),
+            predicted: report.predicted.map(array),
+        })
+    }
+
+    /// Ends the touch. Raises TouchError if it was shorter than the tare asked for.
+    fn end_touch(&self, py: Python<'_>) -> PyResult<()> {
+        let mut state = self.state.take(py)?;
+        state.inner.in_touch = false;
+        let mapper = &mut state.inner.mapper;
+        py.detach(|| mapper.end_touch()).map_err(|error: MapperError| of_touch(&error))
+    }
+
+    /// Learns the touches of logs, given by path, as `Log` or as `Touch`, in their order.
+    ///
+    /// The field is that of `palpate map` to the bit. `progress` is None for a bar where somebody
+    /// can see it, True, False, or a callable of frames done and in all. Ctrl-C raises
+    /// KeyboardInterrupt; the mapper then knows all samples before it and can go on.
+    #[pyo3(signature = (log, progress = None))]
+    fn map<'py>(
+        &self,
+        py: Python<'py>,
+        log: &Bound<'py, PyAny>,
+        progress: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let sources = sources(log)?;
+        let mut state = self.state.take(py)?;
+        let State { mapper, in_touch } = &mut *state.inner;
+        *in_touch = false; // a touch under way ends where the next one begins
+        let settings = &self.settings.log;
+        let work = |host: &Watch| -> Result<_, WorkError> {
+            let touches = opened(sources, settings)?;
+            let gravity = Some(mapper.config().touch.gravity);
+            touches.settle(&mut TouchSettings { gravity, ..TouchSettings::default() }, host)?;
+            settings.check_for(&mapper.arm().robot)?;
+            let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
+            let mut touches = touches.for_arm(&mapper.arm().clone(), settings, place)?;
+            let tally = learn::learn(mapper, &mut touches, &mut |_, _, _| (), host)?;
+            Ok(tally.figures(mapper))
+        };
+        let figures = long(py, progress, work)?.map_err(|error| raise(&error))?;
+        python(py, &figures)
+    }
+
+    /// The field as it is now, with its memory: a snapshot, which later samples do not change.
+    fn field(&self, py: Python<'_>) -> PyResult<Field> {
+        let state = self.state.take(py)?;
+        let mapper = &state.inner.mapper;
+        Field::of(py, resume::saved(mapper))
+    }
+
+    /// What torque a motion would meet: `path` is (P, n_joints) rad.
+    ///
+    /// Joints go straight from point to point. A path that starts where the arm is in a touch under
+    /// way goes on from the contacts there, if no point of the arm is further off than `start_cells`
+    /// cells; any other starts free of contact. Between stops at most `resolution_cells` cells apart
+    /// torques go in proportion; 0 stops at every point.
+    ///
+    /// Raises TouchError if the path cannot be followed.
+    #[pyo3(signature = (path, resolution_cells = None, start_cells = None))]
+    fn ask(
+        &self,
+        py: Python<'_>,
+        path: &Bound<'_, PyAny>,
+        resolution_cells: Option<f64>,
+        start_cells: Option<f64>,
+    ) -> PyResult<Answer> {
+        let joints = self.robot.arm.robot.n_joints();
+        let path = rows(path, "path", Some(joints), &format!("(P, {joints})"))?;
+        let mut config = outlook::Config::default();
+        config.resolution_cells = resolution_cells.unwrap_or(config.resolution_cells);
+        config.start_cells = start_cells.unwrap_or(config.start_cells);
+        let mut outlook = self.state.take(py)?.inner.mapper.outlook();
+        let no_bar = no_bar(py);
+        let answer = long(py, Some(no_bar.as_any()), |_| outlook.ask(&path, &config))?;
+        let outlook::Answer { points, goes_on, stops } =
+            answer.map_err(|error| of_touch(&error))?;
+        Ok(Answer {
+            torque: table_of(py, points.iter().map(|point| point.torque.as_slice()), joints),
+            torque_std: table_of(
+                py,
+                points.iter().map(|point| point.torque_std.as_slice()),
+                joints,
+            ),
+            contacts: flat(py, points.iter().map(|point| point.contacts as u64).collect()),
+            known: flat(py, points.iter().map(|point| point.known as u64).collect()),
+            goes_on,
+            stops,
+        })
+    }
+
+    /// Writes the field as .npz, whole or not at all; without `memory` it cannot be gone on from.
+    #[pyo3(signature = (path, memory = true))]
+    fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> PyResult<()> {
+        let mut saved = resume::saved(&self.state.take(py)?.inner.mapper);
+        if !memory {
+            saved.snapshot = None;
+        }
+        py.detach(|| palpate_io::field::save(&path, &saved)).map_err(|error| of_file(&error))
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let state = self.state.take(py)?;
+        let cells = state.inner.mapper.n_cells();
+        Ok(format!("Mapper({:?}, {cells} cells)", self.robot.arm.robot.name()))
+    }
+}
+
+#[pymethods]
+impl StepReport {
+    fn __repr__(&self) -> String {
+        let learnt = if self.external.is_some() { "learnt" } else { "taring" };
+        format!("StepReport(contacts={}, {learnt})", self.contacts)
+    }
+}
+
+#[pymethods]
+impl Answer {
+    fn __repr__(&self) -> String {
+        format!("Answer(stops={}, goes_on={})", self.stops, self.goes_on)
+    }
+}

@@ -1,0 +1,146 @@
+//! The arm.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use numpy::{PyArray1, PyArray2};
+use palpate::arm::Arm;
+use palpate_work::settings::Settings;
+use palpate_work::settings::sections::RobotSettings;
+use palpate_work::{WorkError, robot};
+use pyo3::prelude::*;
+use pyo3::types::{PyAny, PyDict};
+
+use crate::array::{flat, row, table};
+use crate::error::{of_bad_settings, of_touch, raise};
+use crate::watch::long;
+
+/// A robot arm with the surfaces of its links.
+///
+/// `name_or_urdf` is the path of a URDF or the name of a built-in robot, `kinova_gen3` if left out;
+/// `packages` are folders of ROS packages for `package://` paths of meshes. `options` are the other
+/// keys of the section `robot` of the settings: `payload_link`, `payload_mass_kg`, `payload_com_m`,
+/// `bake_spacing_m`, `cache_dir`, `no_cache`. Meshes are baked at the first use and cached.
+///
+/// Raises FileError if there is no such robot or its files are broken.
+#[pyclass(frozen, module = "palpate")]
+#[derive(Clone)]
+pub(crate) struct Robot {
+    pub(crate) arm: Arc<Arm>,
+    pub(crate) settings: RobotSettings,
+}
+
+/// A robot as an argument: one, a name, or a path; `None` is the one that the settings name.
+pub(crate) fn given(
+    py: Python<'_>,
+    any: Option<&Bound<'_, PyAny>>,
+    settings: &RobotSettings,
+) -> PyResult<Robot> {
+    match any {
+        None => loaded(py, settings.clone()),
+        Some(any) => match any.cast::<Robot>() {
+            Ok(robot) => Ok(robot.get().clone()),
+            Err(_) => {
+                let mut settings = settings.clone();
+                settings.robot = Some(any.extract::<PathBuf>()?.to_string_lossy().into_owned());
+                loaded(py, settings)
+            }
+        },
+    }
+}
+
+/// Loads the robot that the settings name.
+fn loaded(py: Python<'_>, settings: RobotSettings) -> PyResult<Robot> {
+    let load = |host: &crate::watch::Watch| robot::load(&settings, host);
+    let arm: Result<Arc<Arm>, WorkError> = long(py, Some(no_bar(py).as_any()), load)?;
+    Ok(Robot { arm: arm.map_err(|error| raise(&error))?, settings })
+}
+
+/// For what has no steps to show.
+pub(crate) fn no_bar(py: Python<'_>) -> Bound<'_, pyo3::types::PyBool> {
+    pyo3::types::PyBool::new(py, false).to_owned()
+}
+
+#[pymethods]
+impl Robot {
+    #[new]
+    #[pyo3(signature = (name_or_urdf = None, packages = None, **options))]
+    fn new(
+        py: Python<'_>,
+        name_or_urdf: Option<PathBuf>,
+        packages: Option<Vec<PathBuf>>,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let given = options.map(|keys| crate::settings::section("robot", keys)).transpose()?;
+        let mut settings = given.unwrap_or_default().robot;
+        if let Some(name) = name_or_urdf {
+            settings.robot = Some(name.to_string_lossy().into_owned());
+        }
+        settings.package_path = packages.or(settings.package_path);
+        let checked = Settings { robot: settings.clone(), ..Settings::default() };
+        checked.check().map_err(of_bad_settings)?;
+        loaded(py, settings)
+    }
+
+    /// Its name, as its URDF has it.
+    #[getter]
+    fn name(&self) -> &str {
+        self.arm.robot.name()
+    }
+
+    /// Names of the moving joints, in the order of all joint positions and torques.
+    #[getter]
+    fn joint_names(&self) -> Vec<&str> {
+        self.arm.robot.joint_names().collect()
+    }
+
+    /// Names of the links.
+    #[getter]
+    fn link_names(&self) -> Vec<&str> {
+        self.arm.robot.links().iter().map(|link| &*link.name).collect()
+    }
+
+    /// Number of moving joints.
+    #[getter]
+    fn n_joints(&self) -> usize {
+        self.arm.robot.n_joints()
+    }
+
+    /// What gravity exerts on the joints at positions `q` (n_joints,) rad: (n_joints,) N·m.
+    fn gravity(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> PyResult<Py<PyArray1<f64>>> {
+        let robot = &self.arm.robot;
+        let q = row(q, "q", Some(robot.n_joints()))?;
+        let poses = robot.forward(&q).map_err(|error| of_touch(&error))?;
+        Ok(flat(py, robot.gravity_torque(&poses).as_slice().to_vec()))
+    }
+
+    /// Pose of a link at positions `q` (n_joints,) rad: `world_from_link`, (4, 4), m.
+    fn forward(
+        &self,
+        py: Python<'_>,
+        q: &Bound<'_, PyAny>,
+        link: &str,
+    ) -> PyResult<Py<PyArray2<f64>>> {
+        let robot = &self.arm.robot;
+        let id = robot.link_id(link).ok_or_else(|| {
+            let names: Vec<&str> = robot.links().iter().map(|link| &*link.name).collect();
+            let names = names.join(", ");
+            pyo3::exceptions::PyValueError::new_err(format!(
+                "the robot has no link `{link}`; there are {names}"
+            ))
+        })?;
+        let q = row(q, "q", Some(robot.n_joints()))?;
+        let poses = robot.forward(&q).map_err(|error| of_touch(&error))?;
+        let pose = poses.world_from_link[id.index()].to_homogeneous().transpose();
+        Ok(table(py, pose.as_slice().to_vec(), 4))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Robot({:?}, {} joints)", self.arm.robot.name(), self.arm.robot.n_joints())
+    }
+
+    fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<((), Bound<'py, PyAny>)> {
+        let settings = serde_json::to_value(&self.settings).expect("settings are plain data");
+        Ok(((), crate::data::given(py, &settings)?.into_any()))
+    }
+}

@@ -1,0 +1,144 @@
+"""Long calls let other threads run, show how far they are, and heed Ctrl-C."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+import tqdm.auto  # type: ignore[import-untyped]
+
+import palpate
+
+INTERRUPTED = """
+import sys, time, palpate
+mapper = palpate.Mapper()
+print("ready", flush=True)
+try:
+    while True:
+        mapper.map(sys.argv[1], progress=lambda done, of: print("going", flush=True))
+except KeyboardInterrupt:
+    before = len(mapper.field())
+    assert before > 0, "nothing was learnt"
+    mapper.map(sys.argv[1] + "/seq_010")
+    assert len(mapper.field()) >= before
+    print("usable")
+"""
+
+
+def test_other_threads_run_meanwhile(robot: palpate.Robot, plant: Path) -> None:
+    turns, over = 0, threading.Event()
+
+    def count() -> None:
+        nonlocal turns
+        while not over.is_set():
+            turns += 1
+            time.sleep(0.001)
+
+    counter = threading.Thread(target=count)
+    counter.start()
+    started = time.perf_counter()
+    palpate.Mapper(robot).map(plant / "seq_000")
+    seconds = time.perf_counter() - started
+    over.set()
+    counter.join()
+    # A thread kept out would have had no turn; on a busy machine it has fewer than a thousand.
+    assert turns > 50 * seconds, f"{turns} turns in {seconds:.2f} s"
+
+
+def test_ctrl_c_stops_a_map_and_leaves_the_mapper_usable(plant: Path) -> None:
+    child = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED, str(plant)], stdout=subprocess.PIPE, text=True
+    )
+    assert child.stdout is not None
+    assert child.stdout.readline() == "ready\n"
+    assert child.stdout.readline() == "going\n"
+    started = time.perf_counter()
+    child.send_signal(signal.SIGINT)
+    said, _ = child.communicate(timeout=60)
+    assert said.endswith("usable\n"), said
+    assert child.returncode == 0
+    print(f"interrupted and mapped a touch in {time.perf_counter() - started:.2f} s")
+
+
+def test_progress_is_told_and_may_stop_the_work(
+    robot: palpate.Robot, plant: Path, field: palpate.Field
+) -> None:
+    told: list[tuple[int, int | None]] = []
+    mapper = palpate.Mapper(robot)
+    report = mapper.map(plant / "seq_000", progress=lambda done, steps: told.append((done, steps)))
+    assert told[-1] == (report["frames"], report["frames"])
+    assert told == sorted(told)
+
+    def enough(done: int, steps: int | None) -> None:
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        mapper.map(plant, progress=enough)
+    assert len(mapper.field()) < len(field), "it went on to the end"
+    assert mapper.map(plant / "seq_001", progress=False)["frames"] == 400
+    with pytest.raises(TypeError, match="wanted None, True, False or a callable"):
+        mapper.map(plant, progress=3)  # type: ignore[arg-type]
+
+
+def test_a_stretch_of_work_has_one_bar(
+    robot: palpate.Robot, plant: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bars: list[tuple[str, int]] = []
+
+    class Bar(tqdm.auto.tqdm):  # type: ignore[misc]
+        def close(self) -> None:
+            if not self.disable:
+                bars.append((self.desc, self.n))
+            super().close()
+
+    monkeypatch.setattr(tqdm.auto, "tqdm", Bar)
+    mapper = palpate.Mapper(robot)
+    report = mapper.map(plant / "seq_000", progress=True)
+    assert len(bars) == 1 and bars[0][0].startswith("learning") and bars[0][1] == report["frames"]
+    bars.clear()
+    mapper.map(plant / "seq_001", progress=False)
+    mapper.map(plant / "seq_002")  # nobody sees a bar here
+    assert bars == []
+
+
+def test_progress_cannot_ask_the_mapper_that_is_at_work(robot: palpate.Robot, plant: Path) -> None:
+    mapper = palpate.Mapper(robot)
+    with pytest.raises(palpate.PalpateError, match="from within its own progress"):
+        mapper.map(plant / "seq_000", progress=lambda done, steps: mapper.field())
+
+
+def test_threads_take_turns(robot: palpate.Robot, plant: Path) -> None:
+    mapper = palpate.Mapper(robot)
+    work = threading.Thread(target=mapper.map, args=(plant / "seq_000",))
+    work.start()
+    while work.is_alive():
+        assert len(mapper.field()) >= 0
+        time.sleep(0.01)
+    work.join()
+    alone = palpate.Mapper(robot)
+    alone.map(plant / "seq_000")
+    assert mapper.field().stiffness.tobytes() == alone.field().stiffness.tobytes()
+
+
+def test_an_answer_knows_where_it_knows_little(
+    mapped: tuple[palpate.Mapper, object], touch: palpate.Touch
+) -> None:
+    answer = mapped[0].ask(touch.q[::8])
+    assert answer.torque.shape == answer.torque_std.shape == (50, 7)
+    assert (answer.torque_std >= 0).all() and (answer.known <= answer.contacts).all()
+    assert answer.contacts.max() > 0 and not answer.goes_on and 1 < answer.stops <= 50
+
+
+def test_import_is_quick() -> None:
+    code = "import time; t = time.perf_counter(); import palpate; print(time.perf_counter() - t)"
+    times = [
+        float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout)
+        for _ in range(5)
+    ]
+    print(f"import palpate: {sorted(times)[2] * 1e3:.1f} ms (median of 5)")
+    code = "import palpate, sys; print([m for m in ('tqdm', 'matplotlib', 'IPython') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,190 @@
+"""What Python finds is what the command finds, to the bit, and in the same words."""
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import palpate
+from palpate.results import MapReport
+
+NAMES = {"points": "points", "stiffness": "K", "std": "K_std", "counts": "N_obs", "cells": "cells"}
+
+
+def run(command: Path, *args: object) -> Any:
+    done = subprocess.run([command, "--quiet", *map(str, args)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def said(command: Path, *args: object) -> str:
+    """The error that the command prints."""
+    done = subprocess.run([command, "--quiet", *map(str, args)], capture_output=True, text=True)
+    assert done.returncode != 0
+    return done.stderr.removeprefix("error: ").strip()
+
+
+@pytest.fixture(scope="module")
+def of_command(command: Path, plant: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    path = tmp_path_factory.mktemp("command") / "field.npz"
+    return path, run(command, "map", plant, "-o", path, "--json")
+
+
+def test_the_field_is_that_of_the_command_to_the_bit(
+    of_command: Any, mapped: tuple[palpate.Mapper, MapReport], tmp_path: Path
+) -> None:
+    path, report = of_command
+    mapper, ours = mapped
+    field = mapper.field()
+    with np.load(path) as theirs:
+        for name, key in NAMES.items():
+            found = getattr(field, name)
+            assert found.dtype == theirs[key].dtype and found.tobytes() == theirs[key].tobytes(), name
+    told = {key: value for key, value in report.items() if key in ours and key != "touches"}
+    assert told == {key: value for key, value in ours.items() if key != "touches"}
+    assert [t["frames_in_contact"] for t in ours["touches"]] == [
+        t["frames_in_contact"] for t in report["touches"]
+    ]
+    mapper.save(tmp_path / "field.npz")
+    assert (tmp_path / "field.npz").read_bytes() == path.read_bytes()
+
+
+def test_a_map_is_the_same_from_a_path_a_log_touches_or_steps(plant: Path, robot: palpate.Robot) -> None:
+    log = palpate.open_log([plant / "seq_000", plant / "seq_001"])
+    sources: list[Any] = [log, list(log), log.paths, [log.paths[0], list(log)[1]]]
+    fields = []
+    for source in sources:
+        mapper = palpate.Mapper(robot)
+        mapper.map(source)
+        fields.append(mapper.field())
+    mapper = palpate.Mapper(robot)
+    for touch in log:
+        mapper.begin_touch()
+        for q, tau in zip(touch.q, touch.tau):
+            report = mapper.step(q, tau)
+        mapper.end_touch()
+        assert report.predicted is not None and report.predicted.shape == (robot.n_joints,)
+    fields.append(mapper.field())
+    for field in fields[1:]:
+        assert field.stiffness.tobytes() == fields[0].stiffness.tobytes()
+        assert field.cells.tobytes() == fields[0].cells.tobytes()
+
+
+def test_saved_loaded_continued_is_never_stopped(
+    plant: Path, robot: palpate.Robot, tmp_path: Path
+) -> None:
+    whole = palpate.Mapper(robot)
+    whole.map([plant / "seq_000", plant / "seq_001"])
+    first = palpate.Mapper(robot)
+    first.map(plant / "seq_000")
+    first.save(tmp_path / "first.npz")
+    for mapper in (
+        palpate.Mapper.load(tmp_path / "first.npz", robot),
+        palpate.Mapper.from_field(first.field(), robot),
+    ):
+        mapper.map(plant / "seq_001")
+        assert mapper.field().stiffness.tobytes() == whole.field().stiffness.tobytes()
+
+
+def test_a_score_is_that_of_predict(
+    command: Path, of_command: Any, field: palpate.Field, robot: palpate.Robot, plant: Path
+) -> None:
+    theirs = run(command, "predict", of_command[0], plant / "seq_010", "--truth", "--json")
+    ours = field.score(plant / "seq_010", robot, truth=True)
+    assert ours["overall"] == theirs["overall"]
+    touch = ours["touches"][0]
+    error = np.linalg.norm(touch["predicted"] - touch["external"], axis=1).mean()
+    assert error == pytest.approx(touch["avg_error"])
+    assert touch["zero"]["avg_error"] == pytest.approx(np.linalg.norm(touch["external"], axis=1).mean())
+
+
+def test_the_torque_of_a_planned_path_is_that_of_the_motion(
+    field: palpate.Field, robot: palpate.Robot, touch: palpate.Touch
+) -> None:
+    scored = field.score(touch, robot)["touches"][0]
+    planned = field.predict(touch.q, robot)
+    assert planned.shape == touch.q.shape
+    assert planned[scored["frame"].astype(int)].tobytes() == scored["predicted"].tobytes()
+
+
+def test_an_evaluation_is_that_of_the_command(
+    command: Path, plant: Path, robot: palpate.Robot, tmp_path: Path
+) -> None:
+    logs = [plant / f"seq_00{number}" for number in range(3)]
+    theirs = run(
+        command, "evaluate", *logs, "--methods", "map,knn,zero", "-o", tmp_path / "out", "--json"
+    )
+    ours = palpate.evaluate(logs, robot, methods=["map", "knn"])
+    assert ours["methods"] == theirs["methods"]
+    for touch, told in zip(ours["touches"], theirs["touches"]):
+        assert touch["name"] == told["name"]
+        for method in told["methods"]:
+            assert touch["errors"][method.pop("name")] == method
+        assert touch["predicted"]["map"].shape == touch["external"].shape
+    held_out = palpate.evaluate(logs, robot, methods=["uniform"], test=["seq_002"])
+    assert [touch["name"] for touch in held_out["touches"]] == ["seq_002"]
+    assert [row["name"] for row in held_out["methods"]] == ["uniform", "zero"]
+
+
+def test_tuning_chooses_what_the_command_does(
+    command: Path, plant: Path, robot: palpate.Robot, tmp_path: Path
+) -> None:
+    logs = [plant / f"seq_00{number}" for number in range(3)]
+    out = tmp_path / "tuned.toml"
+    theirs = run(command, "tune", *logs, "--candidates", 3, "-o", out, "--json")
+    ours = palpate.tune(logs, robot, candidates=3)
+    assert ours["trials"] == theirs["trials"]
+    assert out.read_text().endswith(ours["toml"])
+    chosen = palpate.Mapper(robot, settings=ours["settings"]).config
+    assert chosen == palpate.Mapper(robot, settings=out).config
+    assert chosen["contact"] == ours["trials"][0]["settings"]["contact"]
+
+
+def test_an_extrapolation_is_that_of_the_command(
+    command: Path, of_command: Any, plant: Path, field: palpate.Field, robot: palpate.Robot, tmp_path: Path
+) -> None:
+    out, filled = tmp_path / "seen.npz", tmp_path / "filled.npz"
+    run(command, "extrapolate", of_command[0], plant / "object.ply", "-o", out, "--field", filled, "--json")
+    ours = palpate.extrapolate(field, plant / "object.ply", robot=robot)
+    with np.load(out) as theirs:
+        assert ours.stiffness.tobytes() == theirs["K"].tobytes()
+        assert ours.points.tobytes() == theirs["points"].tobytes()
+        assert (ours.touched == theirs["touched"].astype(bool)).all()
+        knn = palpate.extrapolate(field, theirs["points"], theirs["colors"], robot, method="knn")
+    assert knn.method == "knn" and knn.features == "rgb" and knn.stiffness.shape == ours.stiffness.shape
+    assert ours.field.stiffness.tobytes() == palpate.Field.load(filled).stiffness.tobytes()
+    prior = palpate.Mapper(robot, prior=ours.field)
+    assert len(prior.field()) == len(ours.field)
+
+
+@pytest.mark.parametrize(
+    ("ask", "args"),
+    [
+        (lambda plant: palpate.Mapper(palpate.Robot()).map("nothing"), ["map", "nothing"]),
+        (lambda plant: palpate.Robot("hal"), ["map", "{plant}", "--robot", "hal"]),
+        (lambda plant: palpate.Mapper(estimator={"prior_std": -1}), ["map", "{plant}", "--prior-std", "-1"]),
+        (
+            lambda plant: palpate.Mapper("kinova_gen3", "ekf", estimator={"prior_mean": 0.0}),
+            ["map", "{plant}", "--estimator", "ekf", "--prior-mean", "0"],
+        ),
+        (lambda plant: palpate.Field.load(plant / "meta.json"), ["predict", "{plant}/meta.json", "{plant}"]),
+        (
+            lambda plant: palpate.evaluate(plant, test=["seq_99"]),
+            ["evaluate", "{plant}", "--test", "seq_99"],
+        ),
+    ],
+)
+def test_errors_have_the_command_s_text(
+    ask: Any, args: list[str], command: Path, plant: Path, tmp_path: Path
+) -> None:
+    args = [arg.format(plant=plant) for arg in args]
+    if args[0] == "map":
+        args += ["-o", str(tmp_path / "out.npz")]
+    if args[0] == "evaluate":
+        args += ["-o", str(tmp_path / "out")]
+    with pytest.raises(palpate.PalpateError) as error:
+        ask(plant)
+    assert str(error.value) == said(command, *args)

@@ -1,0 +1,69 @@
+"""Settings are those of the command, from a file, a dict or keywords."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import palpate
+
+
+def test_a_file_a_dict_and_keywords_say_the_same(robot: palpate.Robot, tmp_path: Path) -> None:
+    path = tmp_path / "settings.toml"
+    path.write_text('[contact]\nfriction = 0.25\n[estimator]\nestimator = "ekf"\ntorque_std = [2.0]\n')
+    sections: dict[str, Any] = {
+        "contact": {"friction": np.float64(0.25)},
+        "estimator": {"estimator": "ekf", "torque_std": np.array([2.0])},
+    }
+    of_file = palpate.Mapper(robot, settings=path)
+    assert of_file.method == "ekf"
+    assert palpate.Mapper(robot, settings=sections).config == of_file.config
+    assert palpate.Mapper(robot, **sections).config == of_file.config
+    over = palpate.Mapper(robot, settings=path, contact={"friction": 1}, method="map").config
+    assert over["contact"]["friction"] == 1.0 and over["method"] == "map"
+
+
+def test_a_lattice_is_its_section(robot: palpate.Robot) -> None:
+    lattice = palpate.Lattice([0.0, -0.5, 0.1], 0.02, [40, 50, 30])
+    assert palpate.Mapper(robot, lattice=lattice).field().lattice == lattice
+    assert palpate.Mapper(robot, settings={"lattice": lattice}).field().lattice == lattice
+
+
+def test_defaults_are_told_and_mean_themselves(robot: palpate.Robot) -> None:
+    defaults = palpate.default_settings()
+    assert palpate.Mapper(robot, settings=defaults).config == palpate.Mapper(robot).config
+    assert palpate.default_settings(contact={"friction": 0.5})["contact"]["friction"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("settings", "kind", "told"),
+    [
+        ({"contact": {"frictoin": 1}}, palpate.SettingsError, "did you mean `friction`"),
+        ({"contacts": {"friction": 1}}, palpate.SettingsError, r"did you mean \[contact\]"),
+        ({"contact": {"friction": "much"}}, palpate.SettingsError, "friction"),
+        ({"contact": {"friction": -1.0}}, palpate.SettingsError, "friction"),
+        ({"contact": {"friction": object()}}, TypeError, "`settings.contact.friction` holds object"),
+        ({3: {}}, TypeError, "has the key 3"),
+        ("no_such.toml", palpate.SettingsError, "`no_such.toml` cannot be read"),
+        (3, TypeError, "wanted the path of a TOML file"),
+    ],
+)
+def test_settings_that_mean_nothing_are_told(
+    robot: palpate.Robot, settings: Any, kind: type[Exception], told: str
+) -> None:
+    with pytest.raises(kind, match=told):
+        palpate.Mapper(robot, settings=settings)
+
+
+def test_unknown_methods_are_told(robot: palpate.Robot, plant: Path) -> None:
+    with pytest.raises(ValueError, match='wanted "map" or "ekf"'):
+        palpate.Mapper(robot, "magic")
+    with pytest.raises(ValueError, match="there are map, ekf"):
+        palpate.evaluate(plant, robot, methods=["magic"])
+
+
+def test_what_looks_wrong_is_a_warning(robot: palpate.Robot, touch: palpate.Touch) -> None:
+    far = palpate.Lattice([5.0, 5.0, 5.0], 0.02, [10, 10, 10])
+    with pytest.warns(palpate.PalpateWarning, match="touches no point of the lattice"):
+        palpate.Mapper(robot, lattice=far).map(touch)

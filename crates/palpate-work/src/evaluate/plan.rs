@@ -1,0 +1,144 @@
+//! What is to be evaluated: methods, settings, touches, and which are predicted from which.
+
+use palpate::estimator::Method;
+use palpate::mapper::Config;
+use palpate_io::log::external_truth;
+use palpate_learn::contender::Contender;
+use palpate_learn::folds::{self, Fold};
+use palpate_learn::tracked::Touch;
+
+use crate::error::WorkError;
+use crate::settings::sections::EstimatorSettings;
+use crate::settings::{Settings, SettingsError};
+use crate::touches::Recorded;
+
+/// A method by its name.
+///
+/// # Errors
+///
+/// If there is none of that name; says which there are.
+pub fn contender_of(name: &str) -> Result<Contender, String> {
+    let of = |contender: &&Contender| contender.name() == name;
+    Contender::ALL.iter().find(of).copied().ok_or_else(|| {
+        let names: Vec<&str> = Contender::ALL.iter().map(|contender| contender.name()).collect();
+        format!("there are {}", names.join(", "))
+    })
+}
+
+/// The methods, each once; all of them if none is given.
+pub fn each_once(given: &[Contender]) -> Vec<Contender> {
+    let mut contenders: Vec<Contender> = Vec::new();
+    let all: &[Contender] = if given.is_empty() { &Contender::ALL } else { given };
+    for contender in all {
+        if !contenders.contains(contender) {
+            contenders.push(*contender);
+        }
+    }
+    contenders
+}
+
+/// Which touches are predicted from which: one by one, in so many groups, or those of some names
+/// from all others.
+///
+/// # Errors
+///
+/// If there are too few touches, or a name is none of theirs.
+pub fn folds(
+    touches: &[Touch],
+    groups: Option<u32>,
+    test: &[String],
+) -> Result<Vec<Fold>, WorkError> {
+    let n = touches.len();
+    if n < 2 {
+        return Err(WorkError::from(format!(
+            "the log holds {n} {}; an evaluation needs at least two, one to learn from and one \
+             to predict; `palpate inspect` says what a log holds",
+            if n == 1 { "touch" } else { "touches" }
+        )));
+    }
+    if !test.is_empty() {
+        return Ok(vec![testing(touches, test)?]);
+    }
+    match groups {
+        Some(k) if k as usize > n => Err(WorkError::Usage(format!(
+            "--folds is {k}, but there are only {n} touches; {n} is leave-one-touch-out"
+        ))),
+        Some(k) if k < 2 => {
+            Err(WorkError::Usage(format!("--folds is {k}; wanted at least 2, or none")))
+        }
+        Some(k) => Ok(folds::folds(n, k as usize)),
+        None => Ok(folds::folds(n, n)),
+    }
+}
+
+/// The fold that predicts the touches of these names from all others.
+fn testing(touches: &[Touch], test: &[String]) -> Result<Fold, WorkError> {
+    let place = |name: &String| {
+        touches.iter().position(|touch| touch.name == *name).ok_or_else(|| {
+            let names: Vec<&str> = touches.iter().map(|touch| &*touch.name).collect();
+            let names = names.join(", ");
+            WorkError::Usage(format!("--test names touch `{name}`, which is none of {names}"))
+        })
+    };
+    let mut test = test.iter().map(place).collect::<Result<Vec<usize>, _>>()?;
+    test.sort_unstable();
+    test.dedup();
+    let fold = Fold::testing(test, touches.len());
+    if fold.train.is_empty() {
+        let all = "--test names every touch, so that none is left to learn from".to_owned();
+        return Err(WorkError::Usage(all));
+    }
+    Ok(fold)
+}
+
+/// The configurations of `map` and `ekf`.
+pub fn configs(settings: &Settings) -> Result<[Config; 2], SettingsError> {
+    let named = settings.estimator.estimator.unwrap_or_default();
+    let of = |method: Method| {
+        let estimator = if method == named {
+            settings.estimator.clone()
+        } else {
+            EstimatorSettings { estimator: Some(method), ..EstimatorSettings::default() }
+        };
+        Settings { estimator, ..settings.clone() }.config()
+    };
+    Ok([of(Method::Map)?, of(Method::Ekf)?])
+}
+
+/// The touches as they are evaluated, with names that tell them apart.
+pub fn as_touches(recorded: &[Recorded], truth: bool) -> Result<Vec<Touch>, WorkError> {
+    let mut names = Vec::new();
+    let touch = |one: &Recorded| {
+        let ambiguous = recorded.iter().filter(|other| other.name == one.name).count() > 1;
+        let log = one.log.file_name().map(|name| name.to_string_lossy().into_owned());
+        let mut name = match log {
+            Some(log) if ambiguous => format!("{log}/{}", one.name),
+            _ => one.name.clone(),
+        };
+        number(&mut name, &mut names);
+        let missing = || {
+            format!(
+                "`{}` holds no truth of touch `{name}`: there is no \
+                 truth/{name}_external.npy; leave out --truth to score against what was measured",
+                one.log.display(),
+                name = one.name,
+            )
+        };
+        let truth =
+            truth.then(|| external_truth(&one.log, &one.name)?.ok_or_else(|| missing().into()));
+        let truth = truth.transpose().map_err(|error: WorkError| error)?;
+        Ok(Touch { name, samples: one.samples.clone(), truth })
+    };
+    recorded.iter().map(touch).collect()
+}
+
+/// Makes a name differ from those taken, by a number, and takes it.
+pub fn number(name: &mut String, taken: &mut Vec<String>) {
+    let plain = name.clone();
+    let mut times = 1;
+    while taken.contains(name) {
+        times += 1;
+        *name = format!("{plain}#{times}");
+    }
+    taken.push(name.clone());
+}

@@ -1,0 +1,181 @@
+//! The work of an extrapolation: touches followed again, stiffness carried over, halves compared.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use nalgebra::DVector;
+use palpate::arm::Arm;
+use palpate::lattice::CellId;
+use palpate::mapper::Config as MapperConfig;
+use palpate_io::cloud::Cloud;
+use palpate_io::field::Saved;
+use palpate_learn::extrapolate::compare::{CompareError, Plan, Row};
+use palpate_learn::extrapolate::{Config, Extrapolation, Features, Method, Seen, extrapolate};
+use palpate_learn::tracked::{Tracked, TrackedTouch};
+
+mod back;
+mod felt;
+
+pub use back::filled;
+pub use felt::remembers;
+
+use crate::error::WorkError;
+use crate::host::Host;
+
+/// What is said of an extrapolation; the rest follows.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Chosen {
+    /// How stiffness is carried over.
+    pub method: Option<Method>,
+    /// What points are compared by.
+    pub features: Option<Features>,
+    /// How far, in cells, a cell may be from the seen point that it lies at.
+    pub reach_cells: Option<f64>,
+    /// How far apart features must be to say nothing of each other, in standard deviations.
+    pub length_scale: Option<f64>,
+}
+
+/// What there is to do.
+pub struct Work<'a> {
+    /// The robot.
+    pub arm: &'a Arc<Arm>,
+    /// The field.
+    pub saved: &'a Saved,
+    /// Field and cloud as the user calls them.
+    pub names: [&'a Path; 2],
+    /// What was seen, with colours.
+    pub cloud: &'a Cloud,
+    /// The settings.
+    pub config: Config,
+    /// Random halves to compare on, if any.
+    pub halves: Option<u32>,
+    /// Whether the arm is to be drawn in its touches.
+    pub drawn: bool,
+    /// What is said to be kept on Ctrl-C.
+    pub kept: &'a str,
+}
+
+/// What was found.
+pub struct Found {
+    /// What was seen.
+    pub seen: Seen,
+    /// The stiffness of every point.
+    pub extrapolation: Extrapolation,
+    /// Cells of the field's lattice at seen points, each with its expected stiffness, N/m.
+    pub cells: Vec<(CellId, f64)>,
+    /// Touches and frames in contact that the field remembers.
+    pub felt: Option<(usize, usize)>,
+    /// Joint positions of each remembered touch where the torque is largest, rad.
+    pub touching: Vec<Vec<f64>>,
+    /// The comparison on halves, if one was asked for.
+    pub rows: Option<Vec<Row>>,
+}
+
+impl Work<'_> {
+    /// Does it.
+    ///
+    /// # Errors
+    ///
+    /// If the field was learnt with another robot, or the cloud is not where it was learnt.
+    pub fn run(&self, host: &dyn Host) -> Result<Found, WorkError> {
+        let colours = self.cloud.colours().expect("a cloud without colours was refused");
+        let seen = Seen::new(self.cloud.points(), colours).map_err(WorkError::file)?;
+        let wanted = self.config.method == Method::Torque || self.halves.is_some() || self.drawn;
+        let felt = if wanted && felt::remembers(self.saved) {
+            let recalled = felt::recalled(self.saved, self.names[0], self.arm, host);
+            unless_stopped(self.kept, host)?;
+            Some(recalled?)
+        } else {
+            None
+        };
+        let tracked = felt.as_ref().map(|(tracked, _)| tracked);
+        let fault = |error: &dyn std::error::Error| {
+            let [field, cloud] = self.names.map(Path::display);
+            WorkError::from(format!("`{field}` and `{cloud}`: {error}"))
+        };
+        let extrapolation = extrapolate(&seen, &self.saved.field, tracked, &self.config);
+        let extrapolation = extrapolation.map_err(|error| fault(&error))?;
+        unless_stopped(self.kept, host)?;
+        let rows = match (self.halves, &felt) {
+            (Some(halves), Some((tracked, mapper))) => {
+                let compared = self.compared(halves, (tracked, mapper), &seen, host);
+                unless_stopped(self.kept, host)?;
+                Some(compared.map_err(|error| fault(&error))?)
+            }
+            _ => None,
+        };
+        let touching = tracked.iter().flat_map(|tracked| &tracked.touches).filter_map(deepest);
+        Ok(Found {
+            touching: touching.collect(),
+            felt: tracked.map(|tracked| {
+                let frames = tracked.touches.iter().map(TrackedTouch::frames_in_contact).sum();
+                (tracked.touches.len(), frames)
+            }),
+            cells: extrapolation.cells(&seen, &self.saved.field.lattice, &self.config),
+            seen,
+            extrapolation,
+            rows,
+        })
+    }
+
+    /// The comparison on halves, with a bar.
+    fn compared(
+        &self,
+        halves: u32,
+        (tracked, mapper): (&Tracked, &MapperConfig),
+        seen: &Seen,
+        host: &dyn Host,
+    ) -> Result<Vec<Row>, CompareError> {
+        let plan = Plan { halves, ..Plan::of(self.config.clone()) };
+        let bar = host.begin(Some(u64::from(halves)), "halves", "comparing");
+        plan.run(tracked, seen, mapper, &|| host.stopped(), &|| bar.step())
+    }
+}
+
+/// An error after being stopped.
+fn unless_stopped(kept: &str, host: &dyn Host) -> Result<(), WorkError> {
+    if host.stopped() {
+        return Err(WorkError::Interrupted { kept: format!("; {kept}") });
+    }
+    Ok(())
+}
+
+/// The settings that hold where some are not given: what the field remembers decides the method,
+/// and the method the features.
+pub fn config(given: &Chosen, saved: &Saved, host: &dyn Host) -> Config {
+    let method = given.method.unwrap_or_else(|| {
+        if remembers(saved) {
+            return Method::Torque;
+        }
+        host.note("the field remembers no touch: `knn` on its cells takes the place of `torque`");
+        Method::Knn
+    });
+    let rgb = || "rgb".parse().expect("our own name");
+    let features = given.features.unwrap_or_else(|| match method {
+        Method::Knn => rgb(),
+        _ => Features::default(),
+    });
+    let mut config = Config { method, features, ..Config::default() };
+    config.reach_cells = given.reach_cells.unwrap_or(config.reach_cells);
+    config.length_scale = given.length_scale.unwrap_or(config.length_scale);
+    config
+}
+
+/// A method by its name.
+///
+/// # Errors
+///
+/// If there is none of that name; says which there are.
+pub fn method_of(name: &str) -> Result<Method, String> {
+    let all = [Method::Torque, Method::Cells, Method::Knn];
+    let found = all.into_iter().find(|method| method.name() == name);
+    found.ok_or_else(|| "there are torque, cells and knn".to_owned())
+}
+
+/// Where a touch is felt most, rad.
+fn deepest(touch: &TrackedTouch) -> Option<Vec<f64>> {
+    let torque = |tau: &[f64]| DVector::from_column_slice(tau).norm();
+    let deepest =
+        touch.frames.iter().max_by(|a, b| torque(&a.target).total_cmp(&torque(&b.target)));
+    deepest.map(|frame| frame.q.clone())
+}

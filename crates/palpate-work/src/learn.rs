@@ -1,0 +1,220 @@
+//! Touches into a mapper, and what is told of it.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use nalgebra::DVector;
+use palpate::mapper::{Mapper, StepReport};
+use palpate_learn::errors::{ErrorSum, Errors};
+use serde::Serialize;
+use serde_json::json;
+
+use crate::error::WorkError;
+use crate::host::Host;
+use crate::touches::{Moment, Touches};
+
+/// What one touch gave.
+#[derive(Debug, Clone, Serialize)]
+pub struct TouchTally {
+    /// Its name.
+    pub name: String,
+    /// The log that it is in.
+    pub log: PathBuf,
+    /// Frames in the log.
+    pub frames: u64,
+    /// Frames that its tare was taken from.
+    pub tare_frames: u64,
+    /// Frames in which the arm touched points of the lattice.
+    pub frames_in_contact: u64,
+}
+
+/// What all touches gave.
+#[derive(Debug, Default)]
+pub struct Tally {
+    /// The touches in their order.
+    pub touches: Vec<TouchTally>,
+    contacts: Vec<usize>,
+    predicted: ErrorSum,
+    zero: ErrorSum,
+    /// Where it was stopped.
+    pub interrupted: Option<String>,
+}
+
+/// Errors beside those of predicting zero.
+#[derive(Debug, Clone, Serialize)]
+pub struct Beside {
+    /// Those of the field.
+    #[serde(flatten)]
+    pub errors: Option<Errors>,
+    /// Those of predicting zero, on the same frames.
+    pub zero: Option<Errors>,
+}
+
+impl TouchTally {
+    fn new(name: String, log: &Path) -> Self {
+        let log = log.to_owned();
+        Self { name, log, frames: 0, tare_frames: 0, frames_in_contact: 0 }
+    }
+}
+
+impl Tally {
+    fn add(&mut self, report: &StepReport) {
+        let touch = self.touches.last_mut().expect("samples come after the start of a touch");
+        touch.frames += 1;
+        touch.frames_in_contact += u64::from(report.contacts > 0);
+        if report.contacts > 0 {
+            self.contacts.push(report.contacts);
+        }
+        match (&report.predicted, &report.external) {
+            (Some(predicted), Some(external)) => {
+                self.predicted.add(predicted, external);
+                self.zero.add(&DVector::zeros(external.len()), external);
+            }
+            _ => touch.tare_frames += 1,
+        }
+    }
+
+    /// A sum over touches.
+    pub fn total(&self, of: impl Fn(&TouchTally) -> u64) -> u64 {
+        self.touches.iter().map(of).sum()
+    }
+
+    /// Median points touched, over the frames that touched any.
+    pub fn contacts_median(&self) -> usize {
+        let mut contacts = self.contacts.clone();
+        let middle = contacts.len() / 2;
+        if contacts.is_empty() { 0 } else { *contacts.select_nth_unstable(middle).1 }
+    }
+
+    /// All that there is to tell of what `mapper` has learnt, for programs.
+    pub fn figures(&self, mapper: &Mapper) -> serde_json::Value {
+        let (config, cells) = (mapper.config(), Cells::of(mapper));
+        let (frames_remembered, bytes) = mapper.memory();
+        json!({
+            "robot": mapper.arm().robot.name(),
+            "estimator": config.method,
+            "touches": self.touches,
+            "frames": self.total(|touch| touch.frames),
+            "tare_frames": self.total(|touch| touch.tare_frames),
+            "frames_in_contact": self.total(|touch| touch.frames_in_contact),
+            "contacts_median": self.contacts_median(),
+            "cells_touched": cells.touched,
+            "cells_expected": cells.expected,
+            "cells_expected_and_touched": cells.expected_and_touched,
+            "cells_declared": config.lattice.n_cells(),
+            "frames_remembered": frames_remembered,
+            "memory_mib": bytes as f64 / f64::from(1 << 20),
+            "before_learning": self.before_learning(),
+        })
+    }
+
+    /// Errors of predicting every frame just before it was learnt from.
+    pub fn before_learning(&self) -> Beside {
+        Beside { errors: self.predicted.errors(), zero: self.zero.errors() }
+    }
+}
+
+/// How many cells there are, by what is known of them.
+#[derive(Debug, Clone, Copy)]
+pub struct Cells {
+    /// Touched ones.
+    pub touched: usize,
+    /// Those that a prior by cell expects something of, touched or not.
+    pub expected: usize,
+    /// The touched ones among these.
+    pub expected_and_touched: usize,
+}
+
+impl Cells {
+    /// Counts the cells of a mapper.
+    pub fn of(mapper: &Mapper) -> Self {
+        let (counts, expected) = (mapper.field().counts, mapper.expected_n_per_m().len());
+        let touched = |counts: &[u32]| counts.iter().filter(|&&count| count > 0).count();
+        let expected_and_touched = touched(&counts[..expected]); // the first rows
+        Self { touched: touched(&counts), expected, expected_and_touched }
+    }
+}
+
+/// Feeds all touches to the mapper, until the host stops it.
+///
+/// `after_step` gets the mapper after every sample, with what the step found and when it began.
+///
+/// # Errors
+///
+/// If a log is broken, or a sample cannot be used: the mapper then knows all that came before it.
+pub fn learn(
+    mapper: &mut Mapper,
+    touches: &mut Touches,
+    after_step: &mut dyn FnMut(&mut Mapper, &StepReport, Instant),
+    host: &dyn Host,
+) -> Result<Tally, WorkError> {
+    let tally = feed(mapper, touches, after_step, host)?;
+    if tally.interrupted.is_none() {
+        touches.tell_warnings(host);
+        tell_oddities(&tally, host);
+    }
+    Ok(tally)
+}
+
+/// The loop over all samples, which calls [`Mapper::step`] in a row.
+fn feed(
+    mapper: &mut Mapper,
+    touches: &mut Touches,
+    after_step: &mut dyn FnMut(&mut Mapper, &StepReport, Instant),
+    host: &dyn Host,
+) -> Result<Tally, WorkError> {
+    let mut tally = Tally::default();
+    let bar = host.begin(touches.samples(), "frames", "learning");
+    while let Some(moment) = touches.advance()? {
+        if host.stopped() {
+            tally.interrupted = Some(touches.place());
+            return Ok(tally);
+        }
+        match moment {
+            Moment::Touch(name) => {
+                finish_touch(mapper, &tally)?;
+                mapper.begin_touch();
+                bar.at(&name);
+                tally.touches.push(TouchTally::new(name, touches.log()));
+            }
+            Moment::Sample(sample) => {
+                let started = Instant::now();
+                let report = mapper.step(&sample).map_err(|error| touches.fault(error))?;
+                after_step(mapper, &report, started);
+                tally.add(&report);
+                bar.step();
+            }
+        }
+    }
+    finish_touch(mapper, &tally)?;
+    Ok(tally)
+}
+
+/// Ends the touch that was begun last, if any was.
+fn finish_touch(mapper: &mut Mapper, tally: &Tally) -> Result<(), WorkError> {
+    match tally.touches.last() {
+        Some(touch) => mapper.end_touch().map_err(|source| WorkError::Touch {
+            log: touch.log.clone(),
+            place: format!("touch `{}`", touch.name),
+            source: Box::new(source),
+        }),
+        None => Ok(()),
+    }
+}
+
+fn tell_oddities(tally: &Tally, host: &dyn Host) {
+    for touch in &tally.touches {
+        let name = &touch.name;
+        if touch.frames_in_contact == 0 {
+            host.warn(&format!(
+                "touch `{name}` touches no point of the lattice and taught nothing; check \
+                 --robot, the joints' unit and the workspace box"
+            ));
+        } else if touch.tare_frames == touch.frames {
+            host.warn(&format!(
+                "touch `{name}` never leaves its contact-free start and taught nothing; is the \
+                 arm moving in it?"
+            ));
+        }
+    }
+}

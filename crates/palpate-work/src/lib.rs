@@ -1,0 +1,40 @@
+//! The work behind palpate's doors: what the command and the Python package do alike.
+//!
+//! | module            | says                                                              |
+//! |-------------------|-------------------------------------------------------------------|
+//! | [`mod@settings`]  | what can be set, in a TOML file or by flags, over the defaults    |
+//! | [`mod@given`]     | a field from arrays that another program made                     |
+//! | [`mod@robot`]     | the robot that the settings name, loaded and loaded upon          |
+//! | [`mod@touches`]   | logs one after another, with their joints in the robot's order    |
+//! | [`mod@pauses`]    | a log parted into touches where the arm pauses in the air         |
+//! | [`mod@prior`]     | a mapper that starts anew, from what a field expects if one is given |
+//! | [`mod@resume`]    | a mapper that goes on from a saved field                          |
+//! | [`mod@learn`]     | touches into a mapper, and what is told of it                     |
+//! | [`mod@predict`]   | every frame of every touch: predicted, felt, and how far apart    |
+//! | [`mod@scored`]    | the four figures of predicted touches                             |
+//! | [`mod@evaluate`]  | methods compared on touches that they have not seen               |
+//! | [`mod@extrapolate`] | from what was touched to what was only seen                     |
+//! | [`mod@tune`]      | settings chosen by cross-validation                               |
+//!
+//! Whoever asks for work is its [`Host`]: hears of it, and may stop it. Nothing here knows a
+//! terminal, a page or Python.
+#![forbid(unsafe_code)]
+
+pub mod error;
+pub mod evaluate;
+pub mod extrapolate;
+pub mod given;
+mod host;
+pub mod learn;
+pub mod pauses;
+pub mod predict;
+pub mod prior;
+pub mod resume;
+pub mod robot;
+pub mod scored;
+pub mod settings;
+pub mod touches;
+pub mod tune;
+
+pub use error::WorkError;
+pub use host::{Bar, Host};

@@ -1,0 +1,132 @@
+//! `--split-idle`: a log parted into touches where the arm pauses in the air.
+//!
+//! [`IdleSplit`] says when; whether anything is touched, a simulator of our own says, which knows
+//! the arm and the workspace box but no torque. Still samples are held back until it is known
+//! which touch they belong to, so that each is in one touch only. What a log calls a touch stays
+//! one, and may become several; samples of an arm that moves before it has stood still once have
+//! no tare and are left out, which is told.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use palpate::arm::Arm;
+use palpate::contact;
+use palpate::idle::{self, IdleSplit};
+use palpate::lattice::Lattice;
+use palpate::mapper::MapperError;
+use palpate::touch::{self, Gravity, MIN_TARE_FRAMES, Sample, Tare, Tracker};
+
+use crate::settings::SettingsError;
+use crate::touches::Moment;
+
+/// Parts touches at pauses.
+pub struct Pauses {
+    tracker: Tracker,
+    split: IdleSplit,
+    /// The touch as the log calls it, and how many it has become.
+    name: String,
+    parts: u32,
+    /// Samples whose touch is not known yet, the last of them held back.
+    queue: VecDeque<Sample>,
+    /// Samples before the first pause.
+    left_out: u64,
+}
+
+impl Pauses {
+    /// Parts the touches of an arm in a box.
+    ///
+    /// # Errors
+    ///
+    /// If a setting is out of its range.
+    pub fn new(
+        arm: &Arc<Arm>,
+        (lattice, contact): (Lattice, contact::Config),
+        config: idle::Config,
+    ) -> Result<Self, SettingsError> {
+        let split = IdleSplit::new(config)
+            .map_err(|error| SettingsError::Together(format!("bad setting: {error}")))?;
+        // Torques do not matter: nothing is taken off them, so that nothing can be missing.
+        let (gravity, tare) = (Gravity::Removed, Tare::None);
+        let touch = touch::Config { gravity, tare, ..touch::Config::default() };
+        let tracker = Tracker::new(Arc::clone(arm), lattice, contact, touch)
+            .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
+        let (name, queue) = (String::new(), VecDeque::new());
+        Ok(Self { tracker, split, name, parts: 0, queue, left_out: 0 })
+    }
+
+    /// Takes what the log says next; `then` gets what is to be done.
+    ///
+    /// # Errors
+    ///
+    /// If a sample does not fit the arm.
+    pub fn take(&mut self, moment: Moment, then: &mut VecDeque<Moment>) -> Result<(), MapperError> {
+        match moment {
+            Moment::Touch(name) => {
+                self.finish(then);
+                (self.name, self.parts) = (name, 0);
+                self.tracker.begin_touch();
+                self.split.begun();
+            }
+            Moment::Sample(sample) => self.take_sample(sample, then)?,
+        }
+        Ok(())
+    }
+
+    /// Hands on what was held back, at the end of a touch or of the log.
+    pub fn finish(&mut self, then: &mut VecDeque<Moment>) {
+        if self.parts == 0 && !self.queue.is_empty() {
+            self.announce(then);
+        }
+        then.extend(self.queue.drain(..).map(Moment::Sample));
+    }
+
+    /// Samples that were left out since the arm had not stood still before them.
+    pub fn left_out(&self) -> u64 {
+        self.left_out
+    }
+
+    fn take_sample(
+        &mut self,
+        sample: Sample,
+        then: &mut VecDeque<Moment>,
+    ) -> Result<(), MapperError> {
+        let contacts = self.tracker.feed(&sample)?.contacts.len();
+        let begins = self.split.push(&sample, contacts);
+        self.queue.push_back(sample);
+        if let Some(still) = begins {
+            self.release(still.len(), then);
+            self.announce(then);
+            // What the arm covers in the air is empty space for the touch to come.
+            self.tracker.begin_touch();
+            if let Some(sample) = self.queue.back() {
+                self.tracker.feed(sample)?;
+            }
+        } else if self.queue.len() > self.split.held() {
+            if self.parts == 0 && self.queue.len() > MIN_TARE_FRAMES as usize {
+                self.announce(then);
+            }
+            self.release(self.split.held(), then);
+        }
+        Ok(())
+    }
+
+    /// Hands on all but the latest so many.
+    fn release(&mut self, kept: usize, then: &mut VecDeque<Moment>) {
+        let over = self.queue.len().saturating_sub(kept);
+        let released = self.queue.drain(..over);
+        if self.parts == 0 {
+            self.left_out += released.len() as u64;
+        } else {
+            then.extend(released.map(Moment::Sample));
+        }
+    }
+
+    fn announce(&mut self, then: &mut VecDeque<Moment>) {
+        self.parts += 1;
+        let name = match self.parts {
+            1 => self.name.clone(),
+            parts => format!("{}_{parts}", self.name),
+        };
+        then.push_back(Moment::Touch(name));
+    }
+}

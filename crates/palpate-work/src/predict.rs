@@ -1,0 +1,218 @@
+//! Every frame of every touch: predicted, felt, and how far apart.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use nalgebra::DVector;
+use palpate::arm::Arm;
+use palpate::field::{Field, Predictor};
+use palpate::touch::{self, Sample};
+use palpate_io::log::external_truth;
+use palpate_learn::errors::ErrorSum;
+
+use crate::error::WorkError;
+use crate::host::Host;
+use crate::settings::SettingsError;
+use crate::touches::{Moment, Touches};
+
+/// What predictions are held against.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Against {
+    /// The measured external torque: gravity and tare taken off, noise in.
+    Measured,
+    /// The true one, which simulated logs have.
+    Truth,
+}
+
+impl Against {
+    /// What to call such a torque.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::Truth => "true",
+        }
+    }
+}
+
+/// One scored frame.
+pub struct FrameResult {
+    /// Its number in its touch, from 0.
+    pub frame: u64,
+    /// Its time, s, if the log has it.
+    pub time_s: Option<f64>,
+    /// Points touched.
+    pub contacts: usize,
+    /// τ̂, n_joints, N·m.
+    pub predicted: DVector<f64>,
+    /// τ_ext, measured or true, n_joints, N·m.
+    pub external: DVector<f64>,
+}
+
+/// One predicted touch.
+pub struct TouchResult {
+    /// Its name.
+    pub name: String,
+    /// The log that it is in.
+    pub log: PathBuf,
+    /// Frames in the log.
+    pub frames_in_log: u64,
+    /// The scored ones: all from the tare on.
+    pub frames: Vec<FrameResult>,
+    /// Frames that touched points of the lattice.
+    pub frames_in_contact: u64,
+    /// Frames that touched points which the field knows.
+    pub frames_on_known: u64,
+    /// Errors of the field.
+    pub field: ErrorSum,
+    /// Errors of predicting zero, on the same frames.
+    pub zero: ErrorSum,
+    truth: Option<Vec<Vec<f64>>>,
+}
+
+impl TouchResult {
+    fn begin(name: String, log: &Path, against: Against) -> Result<Self, WorkError> {
+        let truth = match against {
+            Against::Measured => None,
+            Against::Truth => Some(external_truth(log, &name)?.ok_or_else(|| {
+                format!(
+                    "`{}` holds no truth of touch `{name}`: there is no \
+                     truth/{name}_external.npy; leave out --truth to score against what was \
+                     measured",
+                    log.display()
+                )
+            })?),
+        };
+        Ok(Self {
+            name,
+            log: log.to_owned(),
+            frames_in_log: 0,
+            frames: Vec::new(),
+            frames_in_contact: 0,
+            frames_on_known: 0,
+            field: ErrorSum::default(),
+            zero: ErrorSum::default(),
+            truth,
+        })
+    }
+
+    /// The true torque of a frame, `measured` if the truth is not asked for.
+    fn reference(&self, frame: u64, measured: DVector<f64>) -> Result<DVector<f64>, WorkError> {
+        let Some(truth) = &self.truth else { return Ok(measured) };
+        let row = usize::try_from(frame).ok().and_then(|frame| truth.get(frame));
+        match row.filter(|row| row.len() == measured.len()) {
+            Some(row) => Ok(DVector::from_column_slice(row)),
+            None => Err(format!(
+                "the truth of touch `{}` is {} x {}, which does not cover frame {frame} of {} \
+                 joints; it belongs to another log",
+                self.name,
+                truth.len(),
+                truth.first().map_or(0, Vec::len),
+                measured.len()
+            )
+            .into()),
+        }
+    }
+
+    fn add(&mut self, frame: FrameResult) {
+        self.field.add(&frame.predicted, &frame.external);
+        self.zero.add(&DVector::zeros(frame.external.len()), &frame.external);
+        self.frames_in_contact += u64::from(frame.contacts > 0);
+        self.frames.push(frame);
+    }
+}
+
+/// Predicts all touches; `touch` says what this log's torques mean.
+///
+/// # Errors
+///
+/// If a log is broken, a sample cannot be used, a truth is asked for that is not there, or the host
+/// stops it.
+pub fn score(
+    arm: &Arc<Arm>,
+    field: &Field,
+    touch: touch::Config,
+    against: Against,
+    (touches, host): (&mut Touches, &dyn Host),
+) -> Result<Vec<TouchResult>, WorkError> {
+    let mut predictor = Predictor::new(Arc::clone(arm), field, touch)
+        .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
+    let bar = host.begin(touches.samples(), "frames", "predicting");
+    let mut results: Vec<TouchResult> = Vec::new();
+    while let Some(moment) = touches.advance()? {
+        if host.stopped() {
+            let kept = format!(" at {}; nothing was written", touches.place());
+            return Err(WorkError::Interrupted { kept });
+        }
+        match moment {
+            Moment::Touch(name) => {
+                end(&mut predictor, results.last())?;
+                predictor.begin_touch();
+                bar.at(&name);
+                results.push(TouchResult::begin(name, touches.log(), against)?);
+            }
+            Moment::Sample(sample) => {
+                let result = results.last_mut().expect("samples come after a touch's start");
+                let frame = result.frames_in_log;
+                let step = predictor.step(&sample).map_err(|error| touches.fault(error))?;
+                result.frames_in_log += 1;
+                if let Some(step) = step {
+                    let external = result.reference(frame, step.external)?;
+                    let (time_s, contacts) = (sample.time_s, step.contacts);
+                    result.frames_on_known += u64::from(step.known > 0);
+                    let predicted = step.predicted;
+                    result.add(FrameResult { frame, time_s, contacts, predicted, external });
+                }
+                bar.step();
+            }
+        }
+    }
+    end(&mut predictor, results.last())?;
+    touches.tell_warnings(host);
+    Ok(results)
+}
+
+/// τ̂ of every point of a motion that is only planned, points × n_joints, N·m.
+///
+/// It starts free of contact, as a touch does, and every point is a step: contacts have a history.
+///
+/// # Errors
+///
+/// If a point does not fit the robot, or the host stops it.
+pub fn planned(
+    arm: &Arc<Arm>,
+    field: &Field,
+    path: &[Vec<f64>],
+    host: &dyn Host,
+) -> Result<Vec<DVector<f64>>, WorkError> {
+    let fault = |point: usize, source: palpate::mapper::MapperError| WorkError::Touch {
+        log: PathBuf::from("path"),
+        place: format!("point {point} (from 0)"),
+        source: Box::new(source),
+    };
+    let mut predictor = Predictor::planned(Arc::clone(arm), field)
+        .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
+    predictor.begin_touch();
+    let bar = host.begin(Some(path.len() as u64), "points", "predicting");
+    let mut torques = Vec::with_capacity(path.len());
+    for (point, q) in path.iter().enumerate() {
+        if host.stopped() {
+            return Err(WorkError::Interrupted { kept: format!(" at point {point} of the path") });
+        }
+        let sample = Sample { time_s: None, q: q.clone(), tau: vec![0.0; q.len()] };
+        let step = predictor.step(&sample).map_err(|error| fault(point, error.into()))?;
+        torques.push(step.expect("there is no tare to wait for").predicted);
+        bar.step();
+    }
+    Ok(torques)
+}
+
+/// Ends the touch that was begun last, if any was.
+fn end(predictor: &mut Predictor, last: Option<&TouchResult>) -> Result<(), WorkError> {
+    let Some(result) = last else { return Ok(()) };
+    predictor.end_touch().map_err(|error| WorkError::Touch {
+        log: result.log.clone(),
+        place: format!("touch `{}`", result.name),
+        source: Box::new(error.into()),
+    })
+}

@@ -1,0 +1,116 @@
+//! `--prior`: the stiffness that a field expects of its cells, for a mapper that starts anew.
+//!
+//! The prior of a cell is `K_prior`, what was expected of it before any touch, and not what the field
+//! has learnt since: whoever wants to keep that goes on with `--from`. An extrapolated `K_prior` comes
+//! from the touches themselves, so that to learn them again from it uses them twice, for a little
+//! more error than without. A field without that array expects what it has learnt.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use palpate::arm::Arm;
+use palpate::lattice::{CellId, Lattice};
+use palpate::mapper::{Config, Mapper, MapperError};
+use palpate_io::field::{self, Saved, SavedError};
+
+use crate::error::WorkError;
+use crate::host::Host;
+use crate::settings::{SettingsError, departures, lattice_in_words, same_lattice};
+
+/// A mapper that knows nothing yet but what the field in a file expects, if one is given.
+///
+/// # Errors
+///
+/// If the file is no field of palpate's, or as [`mapper_from`].
+pub fn mapper(
+    path: Option<&Path>,
+    arm: &Arc<Arm>,
+    config: Config,
+    host: &dyn Host,
+) -> Result<Mapper, WorkError> {
+    match path {
+        Some(path) => {
+            let saved = load(path)?;
+            mapper_from(Some((&saved, &path.display().to_string())), arm, config, host)
+        }
+        None => mapper_from(None, arm, config, host),
+    }
+}
+
+/// A mapper that knows nothing yet but what a field expects, which errors call by this name.
+///
+/// # Errors
+///
+/// If a setting is out of its range, or the field has another lattice.
+pub fn mapper_from(
+    prior: Option<(&Saved, &str)>,
+    arm: &Arc<Arm>,
+    config: Config,
+    host: &dyn Host,
+) -> Result<Mapper, WorkError> {
+    let means = match prior {
+        Some((saved, name)) => expected(saved, name, &config, host)?,
+        None => Vec::new(),
+    };
+    let mapper = Mapper::with_prior(Arc::clone(arm), config, &means);
+    mapper.map_err(|error| match (prior, error) {
+        (Some((_, name)), error @ MapperError::Expected(_)) => {
+            WorkError::from(format!("`{name}` cannot be a prior: {error}"))
+        }
+        (_, error) => SettingsError::Value(Box::new(error)).into(),
+    })
+}
+
+/// The field in a file.
+fn load(path: &Path) -> Result<Saved, WorkError> {
+    let name = path.display();
+    field::load(path).map_err(|error| match error {
+        SavedError::Foreign { missing, .. } => WorkError::from(format!(
+            "`{name}` cannot be a prior: it is no field of palpate's, since it lacks the array \
+             `{missing}`, and so does not say which cells of which lattice its points are; give \
+             the field that `palpate extrapolate --field` or `palpate map` wrote"
+        )),
+        other => WorkError::file(other),
+    })
+}
+
+/// What a field expects of its cells, N/m, for a mapper under these settings.
+///
+/// Tells where the numbers come from, and if they were learnt with another contact model.
+fn expected(
+    saved: &Saved,
+    name: &str,
+    config: &Config,
+    host: &dyn Host,
+) -> Result<Vec<(CellId, f64)>, WorkError> {
+    let Saved { field, prior_n_per_m, .. } = saved;
+    if !same_lattice(&field.lattice, &config.lattice) {
+        return Err(WorkError::Usage(format!(
+            "the prior `{name}` has a lattice of {}, the settings have {}, and a cell of one is \
+             none of the other; give {}, or make the prior anew in the lattice of these settings",
+            lattice_in_words(&field.lattice),
+            lattice_in_words(&config.lattice),
+            flags(&field.lattice)
+        )));
+    }
+    let others = departures(&field.contact, &config.contact);
+    if !others.is_empty() {
+        host.warn(&format!(
+            "the prior `{name}` was learnt with another contact model, in which {}; under this one \
+             the same object has another stiffness",
+            others.join(" and ")
+        ));
+    }
+    let array = if prior_n_per_m.is_some() { "K_prior" } else { "K" };
+    host.note(&format!("the prior of {} cells is `{array}` of `{name}`", field.cells.len()));
+    let means = prior_n_per_m.as_ref().unwrap_or(&field.stiffness_n_per_m);
+    Ok(field.cells.iter().copied().zip(means.iter().copied()).collect())
+}
+
+/// The flags that give a lattice.
+fn flags(lattice: &Lattice) -> String {
+    let origin_m: [f64; 3] = lattice.origin_m().into();
+    let [x, y, z] = origin_m;
+    let [nx, ny, nz] = lattice.shape();
+    format!("--spacing-m {} --origin-m={x},{y},{z} --shape {nx},{ny},{nz}", lattice.spacing_m())
+}

@@ -1,0 +1,46 @@
+//! The robot that the settings name, loaded and loaded upon.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use palpate::arm::Arm;
+use palpate_io::robot_files::{ArmOptions, CachePlace, LoadedArm, load_arm};
+
+use crate::error::WorkError;
+use crate::host::Host;
+use crate::settings::SettingsError;
+use crate::settings::sections::RobotSettings;
+
+/// Loads the robot with its payload, and says what was odd about it.
+pub fn load(settings: &RobotSettings, host: &dyn Host) -> Result<Arc<Arm>, WorkError> {
+    let loaded = load_with_report(settings)?;
+    loaded.warnings.iter().for_each(|warning| host.warn(warning));
+    Ok(Arc::new(loaded.arm))
+}
+
+/// Loads the robot with its payload.
+pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError> {
+    let payload = settings.payload()?;
+    let mut loaded = load_arm(settings.name(), &settings.options()).map_err(WorkError::file)?;
+    if let Some(payload) = payload {
+        loaded.arm.robot =
+            loaded.arm.robot.with_payload(&payload).map_err(SettingsError::Payload)?;
+    }
+    Ok(loaded)
+}
+
+impl RobotSettings {
+    fn options(&self) -> ArmOptions {
+        let cache = match (&self.cache_dir, self.no_cache) {
+            (_, Some(true)) => CachePlace::Off,
+            (Some(folder), _) => CachePlace::At(PathBuf::clone(folder)),
+            (None, _) => CachePlace::User,
+        };
+        let mut options = ArmOptions { cache, ..ArmOptions::default() };
+        options.package_path = self.package_path.clone().unwrap_or_default();
+        if let Some(spacing_m) = self.bake_spacing_m {
+            options.bake.spacing_m = spacing_m;
+        }
+        options
+    }
+}

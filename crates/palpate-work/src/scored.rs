@@ -1,0 +1,131 @@
+//! The four figures of Table I of predicted touches, per touch and over all frames.
+
+use std::path::PathBuf;
+
+use palpate_learn::errors::{ErrorSum, Errors};
+use serde::Serialize;
+
+use crate::host::Host;
+use crate::predict::{Against, TouchResult};
+
+/// The figures of touches, one by one and together: what `palpate predict --json` prints.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// One by one.
+    pub touches: Vec<Row>,
+    /// The frames of all touches together.
+    pub overall: Row,
+    /// What predictions were held against.
+    pub against: Against,
+}
+
+/// One touch, or all of them.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    /// The touch, if it is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// The log that it is in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log: Option<PathBuf>,
+    /// Scored frames.
+    pub frames: u64,
+    /// All that the log holds.
+    pub frames_in_log: u64,
+    /// Those that the tare was taken from.
+    pub tare_frames: u64,
+    /// Those of at least 1 N·m, which have a relative error.
+    pub relative_frames: u64,
+    /// Those that touched points of the lattice.
+    pub frames_in_contact: u64,
+    /// Those that touched points which the field knows.
+    pub frames_on_known: u64,
+    /// Errors of the field.
+    #[serde(flatten)]
+    pub errors: Figures,
+    /// Errors of predicting zero.
+    pub zero: Figures,
+}
+
+/// The four figures; null where there are none.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Figures {
+    /// Mean error, N·m.
+    pub avg_error: Option<f64>,
+    /// Largest error, N·m.
+    pub max_error: Option<f64>,
+    /// Mean relative error.
+    pub avg_relative: Option<f64>,
+    /// Largest relative error.
+    pub max_relative: Option<f64>,
+}
+
+impl From<Option<Errors>> for Figures {
+    fn from(errors: Option<Errors>) -> Self {
+        Self {
+            avg_error: errors.map(|e| e.avg_error),
+            max_error: errors.map(|e| e.max_error),
+            avg_relative: errors.and_then(|e| e.avg_relative),
+            max_relative: errors.and_then(|e| e.max_relative),
+        }
+    }
+}
+
+impl Row {
+    fn of(touches: &[&TouchResult], one: Option<&TouchResult>) -> Self {
+        let sum = |of: fn(&TouchResult) -> u64| touches.iter().map(|touch| of(touch)).sum();
+        let (mut field, mut zero) = (ErrorSum::default(), ErrorSum::default());
+        for touch in touches {
+            field.merge(&touch.field);
+            zero.merge(&touch.zero);
+        }
+        Self {
+            name: one.map(|touch| touch.name.clone()),
+            log: one.map(|touch| touch.log.clone()),
+            frames: field.frames(),
+            frames_in_log: sum(|touch| touch.frames_in_log),
+            tare_frames: sum(|touch| touch.frames_in_log - touch.field.frames()),
+            relative_frames: field.relative_frames(),
+            frames_in_contact: sum(|touch| touch.frames_in_contact),
+            frames_on_known: sum(|touch| touch.frames_on_known),
+            errors: field.errors().into(),
+            zero: zero.errors().into(),
+        }
+    }
+}
+
+impl Report {
+    /// The figures of all touches.
+    pub fn new(results: &[TouchResult], against: Against) -> Self {
+        let touches = results.iter().map(|touch| Row::of(&[touch], Some(touch)));
+        let overall = Row::of(&results.iter().collect::<Vec<_>>(), None);
+        Self { touches: touches.collect(), overall, against }
+    }
+}
+
+/// Notes what a reader of the errors should know.
+pub fn tell_oddities(results: &[TouchResult], host: &dyn Host) {
+    if results.iter().all(|touch| touch.frames_on_known == 0) {
+        host.warn(
+            "no touch meets a point that the field knows: the predictions are what is expected of \
+             untouched points; check that field, robot and log belong together",
+        );
+        return;
+    }
+    for touch in results {
+        let name = &touch.name;
+        if touch.frames.is_empty() {
+            host.warn(&format!(
+                "touch `{name}` never leaves its contact-free start: nothing was scored"
+            ));
+        } else if touch.frames_in_contact == 0 {
+            host.warn(&format!("touch `{name}` touches no point of the field's lattice"));
+        } else if touch.frames_on_known == 0 {
+            host.warn(&format!("touch `{name}` meets no point that the field knows"));
+        } else if let (Some(field), Some(zero)) = (touch.field.errors(), touch.zero.errors())
+            && field.avg_error > zero.avg_error
+        {
+            host.warn(&format!("touch `{name}`: the field is worse than predicting zero"));
+        }
+    }
+}

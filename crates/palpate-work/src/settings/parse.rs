@@ -1,0 +1,118 @@
+//! Values of flags that are more than a number or a word.
+
+use std::fmt;
+use std::str::FromStr;
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use palpate_io::log::CsvColumns;
+use serde::de::value::{Error, StrDeserializer};
+use serde::de::{IntoDeserializer, Unexpected, Visitor};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// A parser of words that serde knows, which help and completions list.
+pub(super) fn named<T>(words: &'static [&'static str]) -> impl TypedValueParser<Value = T>
+where
+    T: for<'de> Deserialize<'de> + Clone + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(words).try_map(|word| {
+        let word: StrDeserializer<'_, Error> = word.as_str().into_deserializer();
+        T::deserialize(word)
+    })
+}
+
+/// Three numbers with commas between them.
+pub fn vector3(text: &str) -> Result<[f64; 3], String> {
+    three(text, "three numbers with commas between, such as -1.2,0,0.5")
+}
+
+/// Three counts with commas between them.
+pub(super) fn counts3(text: &str) -> Result<[u32; 3], String> {
+    three(text, "three whole numbers with commas between, such as 200,200,100")
+}
+
+fn three<T: FromStr>(text: &str, wanted: &str) -> Result<[T; 3], String> {
+    let parts: Option<Vec<T>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    parts.and_then(|parts| parts.try_into().ok()).ok_or_else(|| format!("wanted {wanted}"))
+}
+
+/// Columns of a table: `q=a,b;tau=c,d;joints=e,f;time=t;touch=n`.
+pub(super) fn columns(text: &str) -> Result<CsvColumns, String> {
+    let mut columns = CsvColumns::default();
+    for part in text.split(';') {
+        let (key, value) = part.split_once('=').ok_or("wanted q=a,b;tau=c,d;time=t;touch=n")?;
+        let names = || value.split(',').map(|name| name.trim().to_owned()).collect();
+        match key.trim() {
+            "q" => columns.q = names(),
+            "tau" => columns.tau = names(),
+            "joints" => columns.joints = Some(names()),
+            "time" => columns.time = Some(value.trim().to_owned()),
+            "touch" => columns.touch = Some(value.trim().to_owned()),
+            other => return Err(format!("`{other}` is none of q, tau, joints, time and touch")),
+        }
+    }
+    match (columns.q.len(), columns.tau.len()) {
+        (n, m) if n == m && n > 0 => Ok(columns),
+        (n, m) => Err(format!("{n} columns of q and {m} of tau; wanted one each for every joint")),
+    }
+}
+
+/// How many frames the tare is the mean of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TareFrames {
+    /// The contact-free start, found by itself.
+    Auto,
+    /// The first frames of each touch.
+    First(u32),
+}
+
+const TARE_WANTED: &str = "a number of frames above 0, or auto";
+
+impl FromStr for TareFrames {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            text => match text.parse() {
+                Ok(frames) if frames > 0 => Ok(Self::First(frames)),
+                _ => Err(format!("wanted {TARE_WANTED}")),
+            },
+        }
+    }
+}
+
+impl Serialize for TareFrames {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Auto => serializer.serialize_str("auto"),
+            Self::First(frames) => serializer.serialize_u32(*frames),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for TareFrames {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(TareVisitor)
+    }
+}
+
+struct TareVisitor;
+
+impl Visitor<'_> for TareVisitor {
+    type Value = TareFrames;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(TARE_WANTED)
+    }
+
+    fn visit_i64<E: serde::de::Error>(self, value: i64) -> Result<TareFrames, E> {
+        match u32::try_from(value) {
+            Ok(frames) if frames > 0 => Ok(TareFrames::First(frames)),
+            _ => Err(E::invalid_value(Unexpected::Signed(value), &self)),
+        }
+    }
+
+    fn visit_str<E: serde::de::Error>(self, value: &str) -> Result<TareFrames, E> {
+        value.parse().map_err(|_| E::invalid_value(Unexpected::Str(value), &self))
+    }
+}

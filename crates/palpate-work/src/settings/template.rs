@@ -1,0 +1,136 @@
+//! `palpate settings`: what holds, as a commented file to start from.
+
+use palpate::idle;
+use palpate::lattice::Lattice;
+use palpate::touch::Tare;
+
+use super::parse::TareFrames;
+use super::resolve::corners;
+use super::{Keys, Settings, SettingsError};
+
+impl Settings {
+    /// The same settings with every default filled in.
+    pub fn effective(&self) -> Result<Self, SettingsError> {
+        let config = self.config()?;
+        let mut all = self.clone();
+        all.robot.robot = Some(self.robot.name().to_owned());
+        all.log.angle_unit = Some(self.log.options().angle_unit);
+        all.log.until_break = Some(self.log.until_break.unwrap_or_default());
+        all.log.split_idle = Some(self.log.split_idle.unwrap_or_default());
+        all.log.idle_s = Some(self.log.idle_s.unwrap_or(idle::Config::default().idle_s));
+
+        let touch = config.touch;
+        all.touch.torque_sign = Some(touch.torque_sign);
+        all.touch.gravity = Some(touch.gravity);
+        all.touch.still_rad = Some(touch.still_rad);
+        all.touch.no_tare = Some(touch.tare == Tare::None);
+        all.touch.tare_frames = match touch.tare {
+            Tare::Auto => Some(TareFrames::Auto),
+            Tare::Frames(frames) => Some(TareFrames::First(frames)),
+            Tare::None => None,
+        };
+
+        let lattice = &config.lattice;
+        all.lattice.spacing_m = Some(lattice.spacing_m());
+        if all.lattice.origin_m.is_some() || all.lattice.shape.is_some() {
+            all.lattice.origin_m = Some(lattice.origin_m().into());
+            all.lattice.shape = Some(lattice.shape());
+        } else {
+            // A box that is no multiple of the spacing is larger than what fills it: only the box
+            // that was filled gives the same points again.
+            let (low_m, high_m) = corners(&Lattice::default());
+            all.lattice.box_low_m = all.lattice.box_low_m.or(Some(low_m.map(rounded)));
+            all.lattice.box_high_m = all.lattice.box_high_m.or(Some(high_m.map(rounded)));
+        }
+
+        let contact = config.contact;
+        all.contact.contact_distance_m = Some(contact.contact_distance_m);
+        all.contact.friction = Some(contact.friction);
+        all.contact.slip_step_m = Some(contact.slip_step_m);
+        all.contact.slip_iterations = Some(contact.slip_iterations);
+        all.contact.substep_cells = Some(contact.substep_cells);
+        all.contact.known_empty = Some(contact.known_empty);
+
+        let estimator = config.estimator;
+        all.estimator.estimator = Some(config.method);
+        all.estimator.prior_mean = Some(estimator.prior.mean_n_per_m);
+        all.estimator.prior_std = Some(estimator.prior.std_n_per_m);
+        all.estimator.torque_std = Some(estimator.torque_std);
+        all.estimator.drift_std = Some(estimator.drift_std_n_per_m);
+        all.estimator.replays = Some(estimator.replays);
+        all.estimator.memory_frames = Some(estimator.memory.frames);
+        all.estimator.memory_mib = Some(estimator.memory.bytes >> 20);
+        all.estimator.seed = Some(estimator.seed);
+        Ok(all)
+    }
+
+    /// The effective settings as TOML, each key under its help; those without a value commented.
+    pub fn template(&self) -> Result<String, SettingsError> {
+        let broken = |error: toml::ser::Error| {
+            SettingsError::Together(format!("the settings cannot be written as TOML: {error}"))
+        };
+        let values = toml::Table::try_from(self.effective()?).map_err(broken)?;
+        let mut text = String::from(
+            "# Settings of palpate: every key is also a flag, which wins over this file.\n\
+             # Use with --settings FILE.toml; what is left out keeps its default.\n",
+        );
+        for (section, args) in Keys::all().sections {
+            text += &format!("\n[{section}]\n");
+            for arg in args {
+                let help = arg.get_help().map(ToString::to_string).unwrap_or_default();
+                text += &format!("# {}\n", help.replace('\n', "\n# "));
+                let key = arg.get_id().as_str();
+                text += &match values.get(section).and_then(|table| table.get(key)) {
+                    Some(value) => format!("{key} = {value}\n"),
+                    None => format!("# {key} =\n"),
+                };
+            }
+        }
+        Ok(text)
+    }
+}
+
+/// A length without the dust of its last bits.
+fn rounded(length_m: f64) -> f64 {
+    (length_m * 1e9).round() / 1e9
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate::estimator::Method;
+
+    use super::super::sections::EstimatorSettings;
+    use super::*;
+
+    #[test]
+    fn the_template_read_back_means_the_same() {
+        let text = Settings::default().template().unwrap();
+        let read: Settings = toml::from_str(&text).unwrap();
+        assert_eq!(read.template().unwrap(), text);
+        let (shipped, read) = (Settings::default().config().unwrap(), read.config().unwrap());
+        assert_eq!(super::super::first_difference(&shipped, &read), None);
+    }
+
+    #[test]
+    fn the_help_tells_the_defaults_of_the_core() {
+        let of = |method| {
+            let estimator = EstimatorSettings { estimator: Some(method), ..Default::default() };
+            let settings = Settings { estimator, ..Settings::default() };
+            toml::Table::try_from(settings.effective().unwrap()).unwrap()
+        };
+        let (map, ekf) = (of(Method::Map), of(Method::Ekf));
+        let keys = Keys::all().sections.into_iter();
+        for (section, args) in keys.filter(|(name, _)| ["contact", "estimator"].contains(name)) {
+            for arg in args.iter().filter(|arg| arg.get_id() != "estimator") {
+                let default = |table: &toml::Table| {
+                    let value = table[section][arg.get_id().as_str()].to_string();
+                    value.trim_matches(['[', ']']).to_owned()
+                };
+                let (map, ekf) = (default(&map), default(&ekf));
+                let told = if map == ekf { map } else { format!("{map} for map, {ekf} for ekf") };
+                let help = arg.get_help().unwrap().to_string();
+                assert!(help.ends_with(&format!("[default: {told}]")), "{told}: {help}");
+            }
+        }
+    }
+}

@@ -1,0 +1,330 @@
+//! Logs one after another, with their joints in the robot's order.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use palpate::arm::Arm;
+use palpate::contact;
+use palpate::lattice::Lattice;
+use palpate::mapper::MapperError;
+use palpate::touch::{Gravity, Sample};
+use palpate_io::log::{
+    self, Format, Log, LogDescription, LogError, LogEvent, LogOptions, LogWarning, LoggedTorques,
+    reorder,
+};
+
+use crate::error::WorkError;
+use crate::host::Host;
+use crate::pauses::Pauses;
+use crate::settings::sections::{LogSettings, TouchSettings};
+
+/// What happens next.
+pub enum Moment {
+    /// A touch of this name starts.
+    Touch(String),
+    /// The touch goes on.
+    Sample(Sample),
+}
+
+/// One touch of a log, whole.
+pub struct Recorded {
+    /// The log that it is in.
+    pub log: PathBuf,
+    /// Its name.
+    pub name: String,
+    /// Its samples in order.
+    pub samples: Vec<Sample>,
+}
+
+impl Recorded {
+    /// An error at a place of this touch.
+    pub fn fault(&self, place: String, source: MapperError) -> WorkError {
+        WorkError::Touch { log: self.log.clone(), place, source: Box::new(source) }
+    }
+}
+
+/// A touch that a program holds, with its joints as it calls them.
+#[derive(Debug, Clone)]
+pub struct Held {
+    /// Its name.
+    pub name: String,
+    /// Names of the joints in the order of the samples, if they are known.
+    pub joint_names: Option<Vec<String>>,
+    /// Its samples in order.
+    pub samples: Vec<Sample>,
+}
+
+/// [`Held`] touches, read as any log is.
+struct HeldLog {
+    touches: VecDeque<Held>,
+    samples: VecDeque<Sample>,
+    /// Touches and samples that there were at the beginning.
+    size: (usize, u64),
+}
+
+impl Iterator for HeldLog {
+    type Item = Result<LogEvent, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if let Some(sample) = self.samples.pop_front() {
+            return Some(Ok(LogEvent::Sample(sample)));
+        }
+        let Held { name, joint_names, samples } = self.touches.pop_front()?;
+        self.samples = samples.into();
+        Some(Ok(LogEvent::TouchStarts { name, joint_names }))
+    }
+}
+
+impl Log for HeldLog {
+    fn describe(&self) -> LogDescription {
+        let (touches, samples) = self.size;
+        LogDescription {
+            path: PathBuf::new(),
+            format: Format::Memory,
+            touches: Some(touches),
+            samples: Some(samples),
+            joints: None,
+            torques: LoggedTorques::Unsaid,
+        }
+    }
+
+    fn warnings(&self) -> &[LogWarning] {
+        &[]
+    }
+}
+
+/// Logs that are read as one.
+pub struct Touches {
+    logs: Vec<(PathBuf, Box<dyn Log>)>,
+    current: usize,
+    joints: Vec<String>,
+    permutation: Option<Vec<usize>>,
+    /// Joints of the touch that was started last, as the log names them.
+    named: Option<Vec<String>>,
+    /// Parts touches at pauses, if that was asked for, and what it has made of them.
+    pauses: Option<Pauses>,
+    next: VecDeque<Moment>,
+    touch: Option<String>,
+    sample: u64,
+}
+
+impl Touches {
+    /// Opens all logs, so that most defects show before any work is done.
+    pub fn open(paths: &[PathBuf], options: &LogOptions) -> Result<Self, WorkError> {
+        let open = |path: &PathBuf| Ok((path.clone(), log::open(path, options)?));
+        let logs = paths.iter().map(open).collect::<Result<Vec<_>, WorkError>>()?;
+        Ok(Self { logs, ..Self::empty() })
+    }
+
+    /// Touches that a program holds, after each other, which errors call by this name.
+    pub fn held(name: &str, touches: Vec<Held>) -> Self {
+        let samples = touches.iter().map(|touch| touch.samples.len() as u64).sum();
+        let count = touches.len();
+        let log =
+            HeldLog { touches: touches.into(), samples: VecDeque::new(), size: (count, samples) };
+        Self { logs: vec![(PathBuf::from(name), Box::new(log))], ..Self::empty() }
+    }
+
+    fn empty() -> Self {
+        Self {
+            logs: Vec::new(),
+            current: 0,
+            joints: Vec::new(),
+            permutation: None,
+            named: None,
+            pauses: None,
+            next: VecDeque::new(),
+            touch: None,
+            sample: 0,
+        }
+    }
+
+    /// These touches, then those of others.
+    ///
+    /// Only logs that were not read from yet may be joined.
+    #[must_use]
+    pub fn then(mut self, other: Self) -> Self {
+        self.logs.extend(other.logs);
+        self
+    }
+
+    /// Takes from the logs what the settings leave open: torques that are external ones hold no
+    /// gravity.
+    pub fn settle(&self, settings: &mut TouchSettings, host: &dyn Host) -> Result<(), WorkError> {
+        let external = |log: &dyn Log| log.describe().torques == LoggedTorques::External;
+        let Some((path, _)) = self.logs.iter().find(|(_, log)| external(log.as_ref())) else {
+            return Ok(());
+        };
+        let path = path.display();
+        match settings.gravity {
+            Some(Gravity::Removed) => return Ok(()),
+            Some(Gravity::Included) => {
+                return Err(WorkError::Usage(format!(
+                    "`{path}` holds external torques, out of which the robot has taken gravity; \
+                     say --gravity removed, or leave it out"
+                )));
+            }
+            None => {}
+        }
+        if !self.logs.iter().all(|(_, log)| external(log.as_ref())) {
+            return Err(WorkError::Usage(format!(
+                "`{path}` holds external torques, without gravity, and other logs do not say so; \
+                 give --gravity if it holds for all, or read them one after the other"
+            )));
+        }
+        host.note(&format!("`{path}` holds external torques: gravity is not taken off them"));
+        settings.gravity = Some(Gravity::Removed);
+        Ok(())
+    }
+
+    /// The same touches for an arm: joints in its order, and parted where it pauses in this box,
+    /// if the settings say so.
+    pub fn for_arm(
+        mut self,
+        arm: &Arc<Arm>,
+        settings: &LogSettings,
+        place: (Lattice, contact::Config),
+    ) -> Result<Self, WorkError> {
+        self.joints = arm.robot.joint_names().map(str::to_owned).collect();
+        let parted = settings.pauses();
+        self.pauses = parted.map(|config| Pauses::new(arm, place, config)).transpose()?;
+        Ok(self)
+    }
+
+    /// Whether any log says that its torques are external ones.
+    pub fn are_external(&self) -> bool {
+        let mut logs = self.logs.iter();
+        logs.any(|(_, log)| log.describe().torques == LoggedTorques::External)
+    }
+
+    /// The joints of the touch that was started last, if the log names them; from now on, all
+    /// touches have theirs in this order.
+    pub fn keep_joints(&mut self) -> Option<Vec<String>> {
+        if self.joints.is_empty() {
+            self.joints = self.named.clone().unwrap_or_default();
+        }
+        self.named.is_some().then(|| self.joints.clone())
+    }
+
+    /// Samples in all logs, if they know.
+    pub fn samples(&self) -> Option<u64> {
+        self.logs.iter().map(|(_, log)| log.describe().samples).sum()
+    }
+
+    /// The next moment, `None` at the end.
+    pub fn advance(&mut self) -> Result<Option<Moment>, WorkError> {
+        while self.next.is_empty() {
+            let (moment, pauses) = (self.read_on()?, &mut self.pauses);
+            match (moment, pauses) {
+                (Some(moment), None) => self.next.push_back(moment),
+                (Some(moment), Some(pauses)) => {
+                    let taken = pauses.take(moment, &mut self.next);
+                    taken.map_err(|error| self.fault(error))?;
+                }
+                (None, Some(pauses)) => {
+                    pauses.finish(&mut self.next);
+                    if self.next.is_empty() {
+                        return Ok(None);
+                    }
+                }
+                (None, None) => return Ok(None),
+            }
+        }
+        let moment = self.next.pop_front();
+        match &moment {
+            Some(Moment::Touch(name)) => (self.touch, self.sample) = (Some(name.clone()), 0),
+            Some(Moment::Sample(_)) => self.sample += 1,
+            None => {}
+        }
+        Ok(moment)
+    }
+
+    /// What the logs say next.
+    fn read_on(&mut self) -> Result<Option<Moment>, WorkError> {
+        while let Some((path, log)) = self.logs.get_mut(self.current) {
+            match log.next().transpose()? {
+                None => self.current += 1,
+                Some(LogEvent::TouchStarts { name, joint_names }) => {
+                    self.named.clone_from(&joint_names);
+                    self.permutation = match joint_names {
+                        Some(names) if !self.joints.is_empty() => {
+                            let order = reorder(&self.joints, &names);
+                            let at = path.display();
+                            Some(
+                                order
+                                    .map_err(|error| format!("`{at}`: touch `{name}`: {error}"))?,
+                            )
+                        }
+                        _ => None,
+                    };
+                    return Ok(Some(Moment::Touch(name)));
+                }
+                Some(LogEvent::Sample(mut sample)) => {
+                    if let Some(order) = &self.permutation {
+                        sample.q = order.iter().map(|&place| sample.q[place]).collect();
+                        sample.tau = order.iter().map(|&place| sample.tau[place]).collect();
+                    }
+                    return Ok(Some(Moment::Sample(sample)));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Reads all touches, or the first so many.
+    pub fn read(&mut self, most: Option<u32>) -> Result<Vec<Recorded>, WorkError> {
+        let most = most.map_or(usize::MAX, |most| most as usize);
+        let mut touches: Vec<Recorded> = Vec::new();
+        while let Some(moment) = self.advance()? {
+            match moment {
+                Moment::Touch(_) if touches.len() == most => break,
+                Moment::Touch(name) => {
+                    let log = self.log().to_owned();
+                    touches.push(Recorded { log, name, samples: Vec::new() });
+                }
+                Moment::Sample(sample) => {
+                    let touch = touches.last_mut();
+                    touch.expect("samples come after the start of a touch").samples.push(sample);
+                }
+            }
+        }
+        Ok(touches)
+    }
+
+    /// The log of the touch that was started last.
+    pub fn log(&self) -> &Path {
+        let last = self.logs.len().saturating_sub(1);
+        &self.logs[self.current.min(last)].0
+    }
+
+    /// Where the reading stands.
+    pub fn place(&self) -> String {
+        match (&self.touch, self.sample) {
+            (None, _) => "before the first touch".to_owned(),
+            (Some(touch), 0) => format!("touch `{touch}`"),
+            (Some(touch), sample) => format!("touch `{touch}`, sample {} (from 0)", sample - 1),
+        }
+    }
+
+    /// An error of what was read last.
+    pub fn fault(&self, source: impl Into<MapperError>) -> WorkError {
+        let (log, place) = (self.log().to_owned(), self.place());
+        WorkError::Touch { log, place, source: Box::new(source.into()) }
+    }
+
+    /// Tells what looked odd in the logs.
+    pub fn tell_warnings(&self, host: &dyn Host) {
+        for (path, log) in &self.logs {
+            for warning in log.warnings() {
+                host.warn(&format!("`{}`: {warning}", path.display()));
+            }
+        }
+        let left_out = self.pauses.as_ref().map_or(0, Pauses::left_out);
+        if left_out > 0 {
+            host.warn(&format!(
+                "{left_out} samples were left out: the arm moved in them before it had stood still"
+            ));
+        }
+    }
+}
