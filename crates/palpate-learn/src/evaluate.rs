@@ -20,6 +20,8 @@ pub struct Plan {
     pub contenders: Vec<Contender>,
     /// Which touches are predicted from which.
     pub folds: Vec<Fold>,
+    /// Numbers of the folds that are done here, in rising order.
+    pub todo: Vec<usize>,
     /// Settings of everything, and of `map` where it has none of its own.
     pub config: Config,
     /// Settings of the estimators in each fold: of `map`, then of `ekf`. They differ from `config`
@@ -62,7 +64,7 @@ impl Plan {
         };
         let mut contenders = self.contenders.clone();
         contenders.sort_by_key(cost);
-        let folds = |contender: Contender| (0..self.folds.len()).map(move |fold| (contender, fold));
+        let folds = |contender: Contender| self.todo.iter().map(move |&fold| (contender, fold));
         contenders.into_iter().flat_map(folds).collect()
     }
 
@@ -116,7 +118,8 @@ impl Plan {
             &part.expect("all parts were done").torques
         };
         let mut touches: Vec<(usize, LeftOut)> = Vec::new();
-        for (number, fold) in self.folds.iter().enumerate() {
+        for &number in &self.todo {
+            let fold = &self.folds[number];
             let met = tracked.rows_met(&fold.train);
             for (place, &touch) in fold.test.iter().enumerate() {
                 let mut left_out = LeftOut::of(&tracked.touches[touch], number, &met);

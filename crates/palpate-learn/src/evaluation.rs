@@ -164,7 +164,12 @@ impl Evaluation {
 impl Summary {
     /// The row of the method that stands at `index` in every touch's predictions.
     pub fn new(name: &str, index: usize, touches: &[LeftOut]) -> Self {
-        let errors = || touches.iter().filter_map(|touch| touch.predictions[index].errors);
+        Self::of(name, touches.iter().filter_map(|touch| touch.predictions[index].errors))
+    }
+
+    /// The row of a method by its errors on touches.
+    pub fn of(name: &str, errors: impl Iterator<Item = Errors> + Clone) -> Self {
+        let errors = || errors.clone();
         Self {
             name: name.to_owned(),
             avg_error: MeanStd::of(errors().map(|errors| errors.avg_error)),

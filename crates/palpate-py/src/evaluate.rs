@@ -4,9 +4,12 @@ use std::sync::Arc;
 
 use palpate::arm::Arm;
 use palpate_learn::contender::Contender;
+use palpate_learn::errors::Errors;
 use palpate_learn::evaluation::{Evaluation, LeftOut, Summary};
 use palpate_learn::tracked::Touch;
-use palpate_work::evaluate::{Nowhere, Work, as_touches, configs, contender_of, each_once, folds};
+use palpate_work::evaluate::{
+    Nowhere, Work, as_touches, configs, contender_of, each_once, folds, share,
+};
 use palpate_work::settings::Settings;
 use palpate_work::touches::Recorded;
 use palpate_work::tune::{Tuning, tuned_settings};
@@ -21,7 +24,7 @@ use crate::data::python;
 use crate::error::{of_bad_settings, raise};
 use crate::log::{Source, opened, sources};
 use crate::robot;
-use crate::settings::Given;
+use crate::settings::{Given, without_nulls};
 use crate::watch::{Watch, long};
 
 /// Touches that were read whole, and what is to hold for them.
@@ -54,10 +57,11 @@ fn read(
 /// `methods` are of map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always stands
 /// beside the others. Every touch is predicted from all others, in `folds` groups, or those named by
 /// `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold.
+/// `share`, its number from 0 and how many there are, does every so-manieth fold alone.
 #[pyfunction]
 #[pyo3(signature = (
     logs, robot = None, *, methods = None, folds = None, test = None, truth = false,
-    tune = false, settings = None, progress = None, **sections
+    tune = false, share = None, settings = None, progress = None, **sections
 ))]
 #[allow(clippy::too_many_arguments)] // they are keywords
 pub(crate) fn evaluate<'py>(
@@ -69,6 +73,7 @@ pub(crate) fn evaluate<'py>(
     test: Option<Vec<String>>,
     truth: bool,
     tune: bool,
+    share: Option<(usize, usize)>,
     settings: Option<&Bound<'py, PyAny>>,
     progress: Option<&Bound<'py, PyAny>>,
     sections: Option<&Bound<'py, PyDict>>,
@@ -89,11 +94,13 @@ pub(crate) fn evaluate<'py>(
     let work = |host: &Watch| {
         let arm = &robot.arm;
         let Read { recorded, touches, settings } = read(sources, settings, arm, (truth, host))?;
+        let folds = self::folds(&touches, folds, test.as_deref().unwrap_or_default())?;
         let work = Work {
             arm,
             recorded: &recorded,
             touches: &touches,
-            folds: self::folds(&touches, folds, test.as_deref().unwrap_or_default())?,
+            todo: self::share(folds.len(), share.unwrap_or((0, 1)))?,
+            folds,
             contenders,
             estimators: configs(&settings)?,
             tune,
@@ -109,6 +116,30 @@ pub(crate) fn evaluate<'py>(
     });
     result.set_item("tuned", python(py, &json!(tuned))?)?;
     Ok(result.into_any())
+}
+
+/// Errors on a touch, as `evaluate` gives them.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct OfTouch {
+    avg_error: f64,
+    max_error: f64,
+    avg_relative: Option<f64>,
+    max_relative: Option<f64>,
+}
+
+/// The row of a method in Table I by its errors on touches, as `evaluate` gives them.
+#[pyfunction]
+pub(crate) fn summarised<'py>(
+    py: Python<'py>,
+    name: &str,
+    errors: Vec<Option<OfTouch>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let errors = errors.iter().flatten().map(|touch| {
+        let &OfTouch { avg_error, max_error, avg_relative, max_relative } = touch;
+        Errors { avg_error, max_error, avg_relative, max_relative }
+    });
+    python(py, &json!(Summary::of(name, errors)))
 }
 
 /// An evaluation as plain data, torques as arrays.
@@ -185,17 +216,4 @@ pub(crate) fn tune<'py>(
     let trials: Vec<_> = tuned.trials.iter().map(trial).collect();
     let sections = without_nulls(&serde_json::to_value(&settings).expect("plain data"));
     python(py, &json!({ "settings": sections, "toml": given_toml, "trials": trials }))
-}
-
-/// Sections with the keys that were given.
-fn without_nulls(value: &serde_json::Value) -> serde_json::Value {
-    match value {
-        serde_json::Value::Object(entries) => entries
-            .iter()
-            .filter(|(_, value)| !value.is_null())
-            .map(|(key, value)| (key.clone(), without_nulls(value)))
-            .filter(|(_, value)| value.as_object().is_none_or(|section| !section.is_empty()))
-            .collect(),
-        other => other.clone(),
-    }
 }

@@ -38,7 +38,7 @@ mod _palpate {
         FileError, LogError, PalpateError, PalpateWarning, SettingsError, TouchError,
     };
     #[pymodule_export]
-    use crate::evaluate::{evaluate, tune};
+    use crate::evaluate::{evaluate, summarised, tune};
     #[pymodule_export]
     use crate::extrapolate::{Extrapolation, extrapolate};
     #[pymodule_export]
@@ -52,5 +52,5 @@ mod _palpate {
     #[pymodule_export]
     use crate::robot::Robot;
     #[pymodule_export]
-    use crate::settings::default_settings;
+    use crate::settings::{default_settings, given_settings};
 }

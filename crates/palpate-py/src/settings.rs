@@ -91,6 +91,32 @@ pub(crate) fn section(name: &str, keys: &Bound<'_, PyDict>) -> PyResult<Settings
     of_table(&table)
 }
 
+/// The settings that are given, as a dict of sections: a file's, or those of a dict after a check.
+#[pyfunction]
+#[pyo3(signature = (settings = None, **sections))]
+pub(crate) fn given_settings<'py>(
+    py: Python<'py>,
+    settings: Option<&Bound<'py, PyAny>>,
+    sections: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let settings = Given { settings, sections, method: None }.read()?;
+    let plain = serde_json::to_value(&settings).expect("settings are plain data");
+    python(py, &without_nulls(&plain))
+}
+
+/// Sections with the keys that were given.
+pub(crate) fn without_nulls(value: &serde_json::Value) -> serde_json::Value {
+    match value {
+        serde_json::Value::Object(entries) => entries
+            .iter()
+            .filter(|(_, value)| !value.is_null())
+            .map(|(key, value)| (key.clone(), without_nulls(value)))
+            .filter(|(_, value)| value.as_object().is_none_or(|section| !section.is_empty()))
+            .collect(),
+        other => other.clone(),
+    }
+}
+
 /// All settings that hold when no more than this is said: a dict of sections with every key.
 #[pyfunction]
 #[pyo3(signature = (settings = None, **sections))]

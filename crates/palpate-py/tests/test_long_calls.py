@@ -13,7 +13,8 @@ import tqdm.auto  # type: ignore[import-untyped]
 import palpate
 
 INTERRUPTED = """
-import sys, time, palpate
+import signal, sys, palpate
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run in the background
 mapper = palpate.Mapper()
 print("ready", flush=True)
 try:

@@ -121,6 +121,7 @@ fn evaluate_all(
         touches: &touches,
         contenders: Contender::ALL.to_vec(),
         folds: folds(touches.len(), touches.len()),
+        todo: (0..touches.len()).collect(),
         estimators: evaluate::configs(&settings)?,
         tune: false,
         truth: false,

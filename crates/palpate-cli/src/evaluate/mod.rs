@@ -105,12 +105,14 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let recorded = touches.read(None)?;
     touches.tell_warnings(output);
     let touches = as_touches(&recorded, args.truth)?;
+    let folds = folds(&touches, args.folds, &args.test)?;
     let work = Work {
         arm: &arm,
         recorded: &recorded,
         touches: &touches,
         contenders: each_once(&args.methods),
-        folds: folds(&touches, args.folds, &args.test)?,
+        todo: (0..folds.len()).collect(),
+        folds,
         estimators,
         tune: args.tune,
         truth: args.truth,
@@ -142,11 +144,12 @@ pub(crate) fn into_folder(
     origin: &Origin,
     output: &Output,
 ) -> Result<Evaluated, CliError> {
-    let evaluated = {
+    let (evaluated, field) = {
         let kept = Kept::open(folder, work)?;
         let evaluated = work.evaluate(&kept, output)?;
+        let field = work.field(&evaluated, (&kept, output))?;
         kept.remove();
-        evaluated
+        (evaluated, field)
     };
     let (evaluation, told) = (&evaluated.evaluation, told(work, &evaluated, folder, origin));
     let robot = origin.settings.robot.name().to_owned();
@@ -156,7 +159,7 @@ pub(crate) fn into_folder(
         simulated: origin.simulated,
         settings_toml: &settings_toml(&evaluated, &origin.settings)?,
         data: &[("logs".to_owned(), origin.logs.join(", ")), ("robot".to_owned(), robot)],
-        scene: Some(Scene::new(work.arm, &evaluated.field, evaluation)?),
+        scene: Some(Scene::new(work.arm, &field, evaluation)?),
     };
     let write = |name: &str, text: &str| place::write(&folder.join(name), text);
     let figures = folder.join("figures");
@@ -168,7 +171,7 @@ pub(crate) fn into_folder(
         number(&mut name, &mut names);
         write(&format!("figures/{name}.svg"), &picture::errors(touch)?)?;
     }
-    write("figures/field.svg", &picture::field(&evaluated.field)?)?;
+    write("figures/field.svg", &picture::field(&field)?)?;
     write("errors.csv", &errors_csv(evaluation))?;
     write("evaluation.json", &serde_json::to_string(evaluation).map_err(CliError::file)?)?;
     write("report.html", &report.html()?)?;

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._progress import Progress
-from .results import Evaluation, MapReport, Score, Tuned
+from .results import Errors, Evaluation, MapReport, MethodRow, Score, Tuned
 
 __all__ = [
     "Answer",
@@ -30,7 +30,9 @@ __all__ = [
     "default_settings",
     "evaluate",
     "extrapolate",
+    "given_settings",
     "open_log",
+    "summarised",
     "tune",
     "unpickled_field",
 ]
@@ -420,6 +422,7 @@ def evaluate(
     test: Sequence[str] | None = None,
     truth: bool = False,
     tune: bool = False,
+    share: tuple[int, int] | None = None,
     settings: _Settings = None,
     progress: Progress = None,
     **sections: _Section,
@@ -429,6 +432,7 @@ def evaluate(
     `methods` are of map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always stands
     beside the others. Every touch is predicted from all others, in `folds` groups, or those named by
     `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold.
+    `share`, its number from 0 and how many there are, does every so-manieth fold alone.
     """
 
 def tune(
@@ -493,6 +497,12 @@ def extrapolate(
 
 def default_settings(settings: _Settings = None, **sections: _Section) -> dict[str, Any]:
     """All settings that hold when no more than this is said: a dict of sections with every key."""
+
+def given_settings(settings: _Settings = None, **sections: _Section) -> dict[str, dict[str, Any]]:
+    """The settings that are given, as a dict of sections: a file's, or those of a dict after a check."""
+
+def summarised(name: str, errors: Sequence[Errors | None]) -> MethodRow:
+    """The row of a method in Table I by its errors on touches, as `evaluate` gives them."""
 
 def unpickled_field(bytes: bytes) -> Field:
     """A field from the bytes that it was pickled as."""

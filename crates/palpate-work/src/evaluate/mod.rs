@@ -19,7 +19,7 @@ use crate::touches::Recorded;
 
 mod plan;
 
-pub use plan::{as_touches, configs, contender_of, each_once, folds, number};
+pub use plan::{as_touches, configs, contender_of, each_once, folds, number, share};
 
 /// Where what is done is kept, so that an evaluation that was broken off goes on.
 pub trait Keep: Sync {
@@ -85,6 +85,8 @@ pub struct Work<'a> {
     pub contenders: Vec<Contender>,
     /// Which touches are predicted from which.
     pub folds: Vec<Fold>,
+    /// Numbers of the folds that are done here; all, unless work is shared out.
+    pub todo: Vec<usize>,
     /// Settings of `map` and of `ekf`.
     pub estimators: [Config; 2],
     /// Whether these are tuned in every fold.
@@ -97,10 +99,10 @@ pub struct Work<'a> {
 pub struct Evaluated {
     /// All figures and torques.
     pub evaluation: Evaluation,
-    /// Learnt by `map` from all touches, for the picture of it.
-    pub field: Field,
-    /// The estimators' settings in every fold, if they were tuned.
+    /// The estimators' settings in every fold that was done, if they were tuned.
     pub tuned: Option<Vec<[Config; 2]>>,
+    /// The touches, followed under the given settings.
+    tracked: Tracked,
 }
 
 impl Work<'_> {
@@ -123,26 +125,41 @@ impl Work<'_> {
         let config = &self.estimators[0];
         let tracked = Tracked::new(self.arm, config, self.touches, &stop)
             .map_err(|error| track_fault(self.recorded, error, &interrupted))?;
-        let stopped = |error| match error {
-            ContenderError::Stopped => interrupted(),
-            other => WorkError::file(other),
-        };
         let plan = Plan {
             contenders: self.contenders.clone(),
             folds: self.folds.clone(),
+            todo: self.todo.clone(),
             config: config.clone(),
             estimators: self.in_folds(&tracked, (keep, host))?,
         };
         self.do_parts(&plan, &tracked, (keep, host), &mut parts)?;
 
-        let everything: Vec<usize> = (0..self.touches.len()).collect();
-        let estimator = contender::learn(&tracked, &everything, config, &stop).map_err(stopped)?;
-        let field = contender::field(&tracked, estimator.as_ref(), config);
         let joints = self.arm.robot.joint_names().map(str::to_owned).collect();
         let against = if self.truth { "truth" } else { "measured" };
         let evaluation = plan.gather(&tracked, &parts, joints, against);
-        let tuned = self.tune.then_some(plan.estimators);
-        Ok(Evaluated { evaluation, field, tuned })
+        let in_fold = |&fold: &usize| plan.estimators[fold].clone();
+        let tuned = self.tune.then(|| self.todo.iter().map(in_fold).collect());
+        Ok(Evaluated { evaluation, tuned, tracked })
+    }
+
+    /// What the given settings learn from all touches, for the picture of it.
+    ///
+    /// # Errors
+    ///
+    /// If they cannot learn, or on being stopped; `keep` is what holds the parts then.
+    pub fn field(
+        &self,
+        evaluated: &Evaluated,
+        (keep, host): (&dyn Keep, &dyn Host),
+    ) -> Result<Field, WorkError> {
+        let (tracked, config) = (&evaluated.tracked, &self.estimators[0]);
+        let everything: Vec<usize> = (0..self.touches.len()).collect();
+        let learnt = contender::learn(tracked, &everything, config, &|| host.stopped());
+        let estimator = learnt.map_err(|error| match error {
+            ContenderError::Stopped => WorkError::Interrupted { kept: keep.told() },
+            other => WorkError::file(other),
+        })?;
+        Ok(contender::field(tracked, estimator.as_ref(), config))
     }
 
     /// The estimators' settings in every fold: the given ones, or those that its training touches
@@ -160,14 +177,12 @@ impl Work<'_> {
                 continue;
             }
             let name = |fold: usize| format!("tuned-{}-{fold}", contender.name());
-            let found: Vec<Option<Tuned>> =
-                (0..self.folds.len()).map(|fold| keep.tuned(&name(fold))).collect();
             let mut tuner = None;
             let effort = Effort::of(self.estimators[index].method);
-            let steps = Some((effort.candidates + self.folds.len()) as u64);
+            let steps = Some((effort.candidates + self.todo.len()) as u64);
             let bar = host.begin(steps, "steps", &format!("tuning {}", contender.name()));
-            for (fold, found) in found.into_iter().enumerate() {
-                let tuned = match found {
+            for &fold in &self.todo {
+                let tuned = match keep.tuned(&name(fold)) {
                     Some(tuned) => tuned,
                     None => {
                         if tuner.is_none() {

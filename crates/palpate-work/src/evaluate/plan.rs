@@ -71,6 +71,18 @@ pub fn folds(
     }
 }
 
+/// Numbers of the folds of share `number` of so many: every one of them that leaves it on division.
+///
+/// # Errors
+///
+/// If there is no such share.
+pub fn share(folds: usize, (number, shares): (usize, usize)) -> Result<Vec<usize>, WorkError> {
+    if number >= shares {
+        return Err(WorkError::Usage(format!("there is no share {number} of {shares}, from 0")));
+    }
+    Ok((number..folds).step_by(shares).collect())
+}
+
 /// The fold that predicts the touches of these names from all others.
 fn testing(touches: &[Touch], test: &[String]) -> Result<Fold, WorkError> {
     let place = |name: &String| {

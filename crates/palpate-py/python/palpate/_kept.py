@@ -1,0 +1,77 @@
+"""Results on disk, so that work that was broken off goes on: a file each, whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ._tasks import Outcome
+
+
+class Kept:
+    """A folder of outcomes by the keys of their tasks; None keeps nothing."""
+
+    def __init__(self, folder: str | os.PathLike[str] | None) -> None:
+        self._folder = None if folder is None else Path(folder)
+        if self._folder is not None:
+            self._folder.mkdir(parents=True, exist_ok=True)
+
+    def get(self, key: str) -> Outcome | None:
+        """The outcome kept under a key, if it is there and whole."""
+        if self._folder is None:
+            return None
+        try:
+            with np.load(self._path(key), allow_pickle=False) as arrays:
+                plain = json.loads(arrays["outcome"].tobytes())
+                return Outcome(**_filled(plain, arrays))
+        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
+            return None  # It is done again, and written anew.
+
+    def put(self, key: str, outcome: Outcome) -> None:
+        """Keeps a result; an error is not kept, as its cause may be gone next time."""
+        if self._folder is None or outcome.error is not None:
+            return
+        arrays: dict[str, Any] = {}
+        text = json.dumps(_emptied(vars(outcome), arrays))
+        arrays["outcome"] = np.frombuffer(text.encode(), dtype=np.uint8)
+        path = self._path(key)
+        begun = path.with_suffix(f".{os.getpid()}.part")
+        try:
+            with open(begun, "wb") as file:
+                np.savez_compressed(file, **arrays)
+            os.replace(begun, path)
+        finally:
+            begun.unlink(missing_ok=True)
+
+    def _path(self, key: str) -> Path:
+        assert self._folder is not None
+        return self._folder / f"{key}.npz"
+
+
+def _emptied(plain: Any, arrays: dict[str, Any]) -> Any:
+    """Plain data for JSON; arrays are taken out, and their names put in their place."""
+    if isinstance(plain, np.ndarray):
+        name = f"array{len(arrays)}"
+        arrays[name] = plain
+        return {"array": name}
+    if isinstance(plain, dict):
+        return {key: _emptied(value, arrays) for key, value in plain.items()}
+    if isinstance(plain, list):
+        return [_emptied(value, arrays) for value in plain]
+    return plain
+
+
+def _filled(plain: Any, arrays: Any) -> Any:
+    """The same with the arrays put back."""
+    if isinstance(plain, dict):
+        if plain.keys() == {"array"}:
+            return arrays[plain["array"]]
+        return {key: _filled(value, arrays) for key, value in plain.items()}
+    if isinstance(plain, list):
+        return [_filled(value, arrays) for value in plain]
+    return plain

@@ -1,0 +1,255 @@
+"""`evaluate` and `tune` over many logs and settings, in local processes or on a Ray cluster.
+
+Every task reads its own log, so that logs must lie where the workers see them; relative paths are
+those of this process. Results come as they are done. With `keep`, finished work is kept and not done
+again, whatever happened in between. What a worker was doing when it was lost is done by another.
+
+    import palpate.ray
+
+    logs = {"plant_a": "data/plant_a", "plant_b": "data/plant_b"}
+    settings = {"soft": {"estimator": {"prior_std": 50.0}}, "stiff": {"estimator": {"prior_std": 200.0}}}
+    if __name__ == "__main__":
+        for run in palpate.ray.evaluate(logs, settings, methods=["map"], keep="results"):
+            print(run.log, run.settings, run.result["methods"][0]["avg_relative"])
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, Literal, TypeAlias, TypeVar, cast
+
+from . import Lattice, Log, PalpateError, PalpateWarning, Robot, default_settings, open_log
+from . import _progress, _workers
+from ._kept import Kept
+from ._joined import joined
+from ._palpate import given_settings
+from ._progress import Progress
+from ._tasks import Outcome, Task, files
+from .results import Evaluation, Tuned
+
+__all__ = ["Run", "evaluate", "tune"]
+
+Result = TypeVar("Result")
+
+_Path: TypeAlias = str | os.PathLike[str]
+_Logs: TypeAlias = Mapping[str, _Path | Log] | Sequence[_Path | Log]
+_Choice: TypeAlias = _Path | Mapping[str, Mapping[str, Any] | Lattice]
+_Settings: TypeAlias = Mapping[str, _Choice] | Sequence[_Choice] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Run(Generic[Result]):
+    """One log with one choice of settings."""
+
+    log: str
+    """Name of the log."""
+    settings: str
+    """Name of the settings, their number if they were given in a row."""
+    result: Result | None
+    """What the function of this name in `palpate` returns; None after an error."""
+    error: str | None
+    """Why there is no result: other runs go on."""
+    seconds: float
+    """What the work took, whenever it was done, s."""
+
+    def get(self) -> Result:
+        """The result. Raises PalpateError if there is none."""
+        if self.result is None:
+            raise PalpateError(f"{self.log}, settings {self.settings}: {self.error}")
+        return self.result
+
+
+def evaluate(
+    logs: _Logs,
+    settings: _Settings = None,
+    robot: Robot | _Path | None = None,
+    *,
+    methods: Sequence[str] | None = None,
+    folds: int | None = None,
+    test: Sequence[str] | None = None,
+    truth: bool = False,
+    tune: bool = False,
+    shares: int = 1,
+    keep: _Path | None = None,
+    cluster: str | bool | None = None,
+    workers: int | None = None,
+    threads: int = 1,
+    progress: Progress = None,
+) -> Iterator[Run[Evaluation]]:
+    """Evaluates every log with every choice of settings, as `palpate.evaluate` does one.
+
+    `logs` are one log an object, by name or in a row; `settings` are one dict of sections or TOML
+    file a choice, by name or in a row. The folds of each are divided into `shares` tasks: more for
+    few long logs. `keep` is a folder of finished work, this call's or others'.
+
+    `cluster` is the address of a Ray cluster, True for the one that Ray is connected to or starts,
+    False for `workers` processes of this machine; None takes Ray if it is connected or RAY_ADDRESS
+    is set. A task gets `threads` threads. Numbers are the same wherever and by how many.
+
+    Yields runs as they are done. Raises SettingsError and ValueError at once for arguments that
+    cannot be followed; what is wrong with a log is its run's `error`.
+    """
+    if shares < 1 or (test is not None and shares > 1):
+        raise ValueError(f"`shares` is {shares}; wanted at least 1, and 1 with `test`: one fold")
+    keywords: dict[str, Any] = {
+        "methods": None if methods is None else list(methods),
+        "folds": folds,
+        "test": None if test is None else list(test),
+        "truth": truth,
+        "tune": tune,
+    }
+    options = [{**keywords, "share": (number, shares)} for number in range(shares)]
+    plan = _plan("evaluate", (logs, settings, robot), options, threads)
+    runs = _runs(plan, Kept(keep), (cluster, workers), progress)
+    return cast(Iterator[Run[Evaluation]], runs)
+
+
+def tune(
+    logs: _Logs,
+    settings: _Settings = None,
+    robot: Robot | _Path | None = None,
+    *,
+    candidates: int | None = None,
+    keep: _Path | None = None,
+    cluster: str | bool | None = None,
+    workers: int | None = None,
+    threads: int = 1,
+    progress: Progress = None,
+) -> Iterator[Run[Tuned]]:
+    """Chooses settings for every log, from every choice given to start from, as `palpate.tune` does.
+
+    Arguments are those of `evaluate`; yields runs as they are done.
+    """
+    plan = _plan("tune", (logs, settings, robot), [{"candidates": candidates}], threads)
+    return cast(Iterator[Run[Tuned]], _runs(plan, Kept(keep), (cluster, workers), progress))
+
+
+_Plan: TypeAlias = dict[tuple[str, str], dict[str, Task]]
+"""Tasks by their keys, of every run."""
+
+
+def _plan(
+    what: Literal["evaluate", "tune"],
+    given: tuple[_Logs, _Settings, Robot | _Path | None],
+    options: list[dict[str, Any]],
+    threads: int,
+) -> _Plan:
+    if threads < 1:
+        raise ValueError(f"`threads` is {threads}; wanted at least 1")
+    logs, settings, robot = given
+    arm = robot if robot is None or isinstance(robot, Robot) else os.fspath(robot)
+    choices = {name: given_settings(choice) for name, choice in _choices(settings).items()}
+    plan: _Plan = {}
+    for name, log in _named(logs).items():
+        seen = files(log, arm)
+        for choice, sections in choices.items():
+            tasks = [Task(what, log, sections, arm, some, seen, threads) for some in options]
+            plan[name, choice] = {task.key(): task for task in tasks}
+    return plan
+
+
+def _named(logs: _Logs) -> dict[str, str | Log]:
+    """Logs by their names; those in a row by the last parts of their paths that tell them apart."""
+    if isinstance(logs, (str, os.PathLike, Log)):
+        raise TypeError("`logs` is a single log; wanted several, in a list or in a dict by name")
+    if isinstance(logs, Mapping):
+        return {str(name): _log(log) for name, log in logs.items()}
+    found = [_log(log) for log in logs]
+    paths = [Path(log.paths[0] if isinstance(log, Log) else log).parts for log in found]
+    for length in range(1, max(map(len, paths), default=0) + 1):
+        names = ["/".join(parts[-length:]) for parts in paths]
+        if len(set(names)) == len(names):
+            return dict(zip(names, found, strict=True))
+    if not found:
+        return {}
+    raise ValueError("`logs` names a log twice; give logs in a dict by name")
+
+
+def _log(log: _Path | Log) -> str | Log:
+    return log if isinstance(log, Log) else os.fspath(log)
+
+
+def _choices(settings: _Settings) -> Mapping[str, _Choice | None]:
+    """Choices of settings by their names."""
+    if settings is None:
+        return {"0": None}
+    if isinstance(settings, (str, os.PathLike)):
+        raise TypeError("`settings` is a single file; wanted several choices, in a list or by name")
+    if not isinstance(settings, Mapping):
+        return {str(number): choice for number, choice in enumerate(settings)}
+    if sections := settings.keys() & default_settings().keys():
+        raise TypeError(
+            f"`settings` has a section, {min(sections)}, where names of choices belong; put a single "
+            "choice in a list"
+        )
+    return settings
+
+
+def _runs(
+    plan: _Plan, kept: Kept, pool: tuple[str | bool | None, int | None], progress: Progress
+) -> Iterator[Run[Any]]:
+    """Does what is not kept, and gives out every run when its last task is done."""
+    shown = _progress.of(progress)
+    tasks = {key: task for of_run in plan.values() for key, task in of_run.items()}
+    runs: dict[str, list[tuple[str, str]]] = {key: [] for key in tasks}
+    for run, of_run in plan.items():
+        for key in of_run:
+            runs[key].append(run)
+    found: dict[tuple[str, str], dict[str, Outcome]] = {run: {} for run in plan}
+    try:
+        for number, (key, outcome) in enumerate(_outcomes(tasks, kept, pool), 1):
+            if shown is not None:
+                shown(number, len(tasks), "tasks")
+            for run in runs.pop(key):
+                found[run][key] = outcome
+                if found[run].keys() == plan[run].keys():
+                    outcomes = found.pop(run)
+                    yield _run(*run, [outcomes[key] for key in plan[run]])
+    finally:
+        if shown is not None:
+            shown.close()
+
+
+def _outcomes(
+    tasks: dict[str, Task], kept: Kept, pool: tuple[str | bool | None, int | None]
+) -> Iterator[tuple[str, Outcome]]:
+    """What is kept of some tasks, then what is done of the others."""
+    left = dict(tasks)
+    for key in tasks:
+        if (outcome := kept.get(key)) is not None:
+            del left[key]
+            yield key, outcome
+    cluster, workers = pool
+    if cluster is None:
+        cluster = "RAY_ADDRESS" in os.environ or _is_connected()
+    if cluster is False:
+        doing = _workers.processes(left, workers)
+    else:
+        doing = _workers.on_ray(left, None if cluster is True else cluster)
+    for key, outcome in doing:
+        kept.put(key, outcome)
+        yield key, outcome
+
+
+def _is_connected() -> bool:
+    """Whether Ray is in use here."""
+    ray = sys.modules.get("ray")
+    return ray is not None and bool(ray.is_initialized())
+
+
+def _run(log: str, settings: str, outcomes: list[Outcome]) -> Run[Any]:
+    """What the tasks of a run found together."""
+    seconds = sum(outcome.seconds for outcome in outcomes)
+    for text in dict.fromkeys(text for outcome in outcomes for text in outcome.warnings):
+        warnings.warn(f"{log}: {text}", PalpateWarning, stacklevel=4)
+    errors = [outcome.error for outcome in outcomes if outcome.error is not None]
+    if errors:
+        return Run(log, settings, None, errors[0], seconds)
+    results: list[Any] = [outcome.result for outcome in outcomes]
+    result = results[0] if len(results) == 1 else joined(results)
+    return Run(log, settings, result, None, seconds)
