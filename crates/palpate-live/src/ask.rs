@@ -2,7 +2,7 @@
 //!
 //! | a line with       | is answered with                                                          |
 //! |-------------------|---------------------------------------------------------------------------|
-//! | `{"path": [[q…]…]}` | `torque`, `torque_std` (N × n_joints, N·m), `contacts`, `known` (N), `goes_on`, `ms` |
+//! | `{"path": [[q…]…]}` | `torque`, `torque_std` (N × n_joints, N·m, to a millionth), `contacts`, `known` (N), `goes_on`, `ms` |
 //! | `{"tare": true}`  | `{"taring": true}`                                                        |
 //! | anything else     | `{"error": …}`, and the next line is read                                  |
 //!
@@ -23,8 +23,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
-use palpate::outlook::{self, Outlook};
-use serde::Deserialize;
+use nalgebra::DVector;
+use palpate::outlook::{self, Outlook, PathPoint};
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 /// Who may ask at the same time.
@@ -56,6 +57,17 @@ struct Question {
     exact: bool,
     #[serde(default)]
     tare: bool,
+}
+
+/// What is answered about a path.
+#[derive(Debug, Serialize)]
+struct PathAnswer {
+    torque: Vec<Vec<f64>>,
+    torque_std: Vec<Vec<f64>>,
+    contacts: Vec<usize>,
+    known: Vec<usize>,
+    goes_on: bool,
+    ms: f64,
 }
 
 /// Who asks, seen from the session.
@@ -109,7 +121,10 @@ impl AskSocket {
                 };
                 if askers.fetch_add(1, Ordering::Relaxed) >= MOST_ASKERS {
                     askers.fetch_sub(1, Ordering::Relaxed);
-                    let _ = say(&stream, &json!({ "error": "too many ask at once; try again" }));
+                    let _ = say(
+                        &stream,
+                        json!({ "error": "too many ask at once; try again" }).to_string(),
+                    );
                     continue;
                 }
                 let askers = Arc::clone(&askers);
@@ -140,14 +155,12 @@ fn converse(stream: &UnixStream, desk: &Desk<'_>) -> io::Result<()> {
         let room = LONGEST.saturating_sub(line.len() as u64);
         match reader.by_ref().take(room).read_until(b'\n', &mut line) {
             Ok(0) if room == 0 => {
-                return say(
-                    stream,
-                    &json!({ "error": "a line of more than 64 MiB; ask in pieces" }),
-                );
+                let error = "a line of more than 64 MiB; ask in pieces";
+                return say(stream, json!({ "error": error }).to_string());
             }
             Ok(0) => return Ok(()),
             Ok(_) if line.ends_with(b"\n") => {
-                say(stream, &answer(&line, desk))?;
+                say(stream, answer(&line, desk))?;
                 line.clear();
             }
             Ok(_) => {}
@@ -160,12 +173,14 @@ fn converse(stream: &UnixStream, desk: &Desk<'_>) -> io::Result<()> {
     Ok(())
 }
 
-fn say(mut stream: &UnixStream, answer: &Value) -> io::Result<()> {
-    stream.write_all(format!("{answer}\n").as_bytes())
+/// Writes a line.
+fn say(mut stream: &UnixStream, mut answer: String) -> io::Result<()> {
+    answer.push('\n');
+    stream.write_all(answer.as_bytes())
 }
 
 /// The answer to a line.
-fn answer(line: &[u8], desk: &Desk<'_>) -> Value {
+fn answer(line: &[u8], desk: &Desk<'_>) -> String {
     let started = Instant::now();
     let answered = serde_json::from_slice(line)
         .map_err(|error| {
@@ -177,7 +192,7 @@ fn answer(line: &[u8], desk: &Desk<'_>) -> Value {
         .and_then(|question| match question {
             Question { tare: true, .. } => {
                 desk.mapper.send(Request::Tare).map_err(|_| GONE.to_owned())?;
-                Ok(json!({ "taring": true }))
+                Ok(json!({ "taring": true }).to_string())
             }
             Question { path: Some(path), exact, .. } => {
                 desk.answering.fetch_add(1, Ordering::Relaxed);
@@ -187,7 +202,7 @@ fn answer(line: &[u8], desk: &Desk<'_>) -> Value {
             }
             _ => Err("neither a path nor a tare is asked for".to_owned()),
         });
-    answered.unwrap_or_else(|error| json!({ "error": error }))
+    answered.unwrap_or_else(|error: String| json!({ "error": error }).to_string())
 }
 
 /// What there is to say once the mapper has stopped.
@@ -199,7 +214,7 @@ fn torque_of(
     exact: bool,
     mapper: &Sender<Request>,
     started: Instant,
-) -> Result<Value, String> {
+) -> Result<String, String> {
     let (to_me, from_mapper): (_, Receiver<Outlook>) = bounded(1);
     mapper.send(Request::Outlook(to_me)).map_err(|_| GONE.to_owned())?;
     let outlook = from_mapper
@@ -213,15 +228,24 @@ fn torque_of(
     let parts = thread::available_parallelism().map_or(1, |cores| cores.get().min(MOST_PARTS));
     let answer =
         outlook.ask_in_parts(path, &config, parts as u32).map_err(|error| error.to_string())?;
-    let points = &answer.points;
-    Ok(json!({
-        "torque": points.iter().map(|point| point.torque.as_slice()).collect::<Vec<_>>(),
-        "torque_std": points.iter().map(|point| point.torque_std.as_slice()).collect::<Vec<_>>(),
-        "contacts": points.iter().map(|point| point.contacts).collect::<Vec<_>>(),
-        "known": points.iter().map(|point| point.known).collect::<Vec<_>>(),
-        "goes_on": answer.goes_on,
-        "ms": started.elapsed().as_secs_f64() * 1e3,
-    }))
+    let rows = |torques: &dyn Fn(&PathPoint) -> &DVector<f64>| {
+        let row = |point| torques(point).iter().copied().map(to_a_millionth).collect();
+        answer.points.iter().map(row).collect()
+    };
+    let told = PathAnswer {
+        torque: rows(&|point| &point.torque),
+        torque_std: rows(&|point| &point.torque_std),
+        contacts: answer.points.iter().map(|point| point.contacts).collect(),
+        known: answer.points.iter().map(|point| point.known).collect(),
+        goes_on: answer.goes_on,
+        ms: started.elapsed().as_secs_f64() * 1e3,
+    };
+    serde_json::to_string(&told).map_err(|error| error.to_string())
+}
+
+/// A number that is written in few digits: 17 of them take whoever reads them a millisecond.
+fn to_a_millionth(number: f64) -> f64 {
+    (number * 1e6).round() / 1e6
 }
 
 #[cfg(test)]

@@ -289,6 +289,14 @@ impl Simulator {
         self.contacts()
     }
 
+    /// How points slip: roughly, where few stand for many.
+    fn slip(&self) -> settle::Slip {
+        match self.chosen {
+            Some(_) => settle::Slip::roughly(&self.config),
+            None => settle::Slip::new(&self.config),
+        }
+    }
+
     /// Carries, slips and releases the points that one link holds; `released` gets the places of
     /// those it let go.
     fn settle_link(
@@ -298,7 +306,7 @@ impl Simulator {
         released: &mut Vec<[u32; 3]>,
     ) {
         let Some(surface) = &self.surfaces[link] else { return };
-        let slip = settle::Slip::new(&self.config);
+        let slip = self.slip();
         let touched = &mut self.touched[link];
         settle::settle(surface, world_from_link, &slip, (&mut *touched, &mut self.slipping));
         let first = released.len();
@@ -349,7 +357,7 @@ impl Simulator {
 
     /// Anchors newly entered points on the inflated surface of their links.
     fn hold(&mut self, entered: &[enter::Entered]) {
-        let slip = settle::Slip::new(&self.config);
+        let slip = self.slip();
         for found in entered {
             let Some(surface) = &self.surfaces[found.link] else { continue };
             let (cell, rest) = (self.lattice.cell(found.place), self.lattice.point_at(found.place));

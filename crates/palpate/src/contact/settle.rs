@@ -20,6 +20,10 @@ pub(super) struct Slip {
     /// μ.
     friction: f64,
     iterations: u32,
+    /// Excess over the friction cone that is not worth another iteration.
+    excess_m: f64,
+    /// A miss of the surface that is not worth another look at it.
+    miss_m: f64,
 }
 
 impl Slip {
@@ -29,7 +33,16 @@ impl Slip {
             step_m: config.slip_step_m,
             friction: config.friction,
             iterations: config.slip_iterations,
+            excess_m: TOUCHES_THE_CONE * config.contact_distance_m,
+            miss_m: CLOSE_M,
         }
+    }
+
+    /// The same for points each of which stands for many: no closer to cone and surface than that
+    /// is worth.
+    pub(super) fn roughly(config: &Config) -> Self {
+        let exact = Self::new(config);
+        Self { excess_m: ROUGHLY * exact.excess_m, miss_m: ROUGHLY * exact.miss_m, ..exact }
     }
 }
 
@@ -68,7 +81,7 @@ impl Touched {
             anchor_link: rest_link,
             normal_link: Vector3::zeros(),
         };
-        touched.project(surface, slip.contact_distance_m);
+        touched.project(surface, slip);
         let displacement = world_from_link.rotation * (touched.anchor_link - rest_link);
         touched.displacement_m = displacement.cast::<f32>().into();
         touched
@@ -86,23 +99,23 @@ impl Touched {
         let across_m = across.norm();
         let excess_m = across_m - slip.friction * along_m;
         self.held = along_m > 0.0;
-        let slips = self.held & (excess_m > TOUCHES_THE_CONE * slip.contact_distance_m);
+        let slips = self.held & (excess_m > slip.excess_m);
         // Computed in any case: a branch that goes either way costs more than a division.
         let step = if slips { excess_m.min(slip.step_m) / across_m } else { 0.0 };
         self.anchor_link -= across * step;
         slips
     }
 
-    /// Takes the anchor to the surface φ = `level_m`, where the gradient of φ leads.
+    /// Takes the anchor to the surface φ = δ, where the gradient of φ leads.
     ///
     /// A few Newton steps: where φ is a true distance the first one arrives.
-    fn project(&mut self, surface: &Grid, level_m: f64) {
+    fn project(&mut self, surface: &Grid, slip: &Slip) {
         for _ in 0..=PROJECTIONS {
             let (distance_m, normal) = surface.distance_and_normal(&self.anchor_link);
-            let miss_m = distance_m - level_m;
+            let miss_m = distance_m - slip.contact_distance_m;
             self.normal_link = normal;
             self.anchor_link -= normal * miss_m;
-            if miss_m.abs() < CLOSE_M {
+            if miss_m.abs() < slip.miss_m {
                 break;
             }
         }
@@ -114,6 +127,9 @@ const TOUCHES_THE_CONE: f64 = 1e-4;
 
 /// A miss of the surface that is not worth another look at it, m.
 const CLOSE_M: f64 = 1e-5;
+
+/// By how much either may be exceeded where points stand for others.
+const ROUGHLY: f64 = 30.0;
 
 /// Looks at the surface after the first, at most, until an anchor is on it.
 const PROJECTIONS: u32 = 3;
@@ -138,7 +154,7 @@ pub(super) fn settle(
     }
     for round in 1..=slip.iterations {
         for &index in slipping.iter() {
-            touched[index as usize].project(surface, slip.contact_distance_m);
+            touched[index as usize].project(surface, slip);
         }
         if round < slip.iterations {
             slipping.retain(|&index| touched[index as usize].slip(slip));
