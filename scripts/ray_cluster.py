@@ -77,8 +77,9 @@ def main() -> None:
 
     cluster = Cluster()
     for _ in range(args.nodes):
-        cluster.add_node(num_cpus=1, object_store_memory=80 << 20, include_dashboard=False)
-    ray.init(address=cluster.address, log_to_driver=False)
+        here = {"node_ip_address": "127.0.0.1", "include_dashboard": False}
+        cluster.add_node(num_cpus=1, object_store_memory=80 << 20, **here)
+    ray.init(address=cluster.address, _node_ip_address="127.0.0.1", log_to_driver=False)
     run("cluster", cluster=True)
     run("cluster, a worker killed", cluster=True, lose=True)
     best = min(numbers.values(), key=lambda rows: rows[0]["avg_relative"]["mean"])

@@ -200,8 +200,9 @@ def cluster() -> Iterator[Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Ray's own, of its next version
         for _ in range(2):
-            nodes.add_node(num_cpus=1, object_store_memory=80 << 20, include_dashboard=False)
-        ray.init(address=nodes.address, log_to_driver=False)
+            here = {"node_ip_address": "127.0.0.1", "include_dashboard": False}
+            nodes.add_node(num_cpus=1, object_store_memory=80 << 20, **here)
+        ray.init(address=nodes.address, _node_ip_address="127.0.0.1", log_to_driver=False)
     yield nodes
     ray.shutdown()
     nodes.shutdown()
