@@ -82,11 +82,15 @@ def _told(path: Path) -> Iterator[None]:
         raise FileError(f"`{path}` needs more memory than there is") from error
 
 
+def read_npy(path: Path) -> Any:
+    """The array of one npy file. Raises FileError."""
+    with _told(path), path.open("rb") as stream:
+        return _array(stream, path.stat().st_size, f"`{path}`")
+
+
 def _of_folder(path: Path) -> Arrays:
     def array(name: str) -> Any:
-        file = path / f"{name}.npy"
-        with file.open("rb") as stream:
-            return _array(stream, file.stat().st_size, f"`{file}`")
+        return read_npy(path / f"{name}.npy")
 
     for name in ("points", "K"):
         if not (path / f"{name}.npy").is_file():

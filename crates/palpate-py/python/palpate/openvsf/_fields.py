@@ -162,7 +162,7 @@ def _field(
     variance = _variance(what, arrays, counts, k_std)
     springs = Springs(points, _not_negative(what, arrays.stiffness), variance, counts)
     if lattice is None:
-        lattice = _lattice_of(points, spacing)
+        lattice = _lattice.lattice_of(points, spacing)
     elif spacing is not None:
         raise ValueError("`lattice` has a spacing of its own; give it or `spacing`, not both")
     springs, moved = _lattice.brought_to(lattice, springs)
@@ -170,15 +170,6 @@ def _field(
     std = np.sqrt(springs.variance)
     arguments = (springs.points, springs.stiffness, std, springs.counts)
     return Field.from_arrays(*arguments, lattice=lattice, **given)
-
-
-def _lattice_of(points: NDArray[np.float64], spacing: float | None) -> Lattice:
-    if spacing is None:
-        found = _lattice.holding(points)
-        return found or _lattice.spanning(points, _lattice.typical_spacing(points))
-    if not (np.isfinite(spacing) and spacing > 0.0):
-        raise ValueError(f"`spacing` is {spacing}; wanted more than 0 m")
-    return _lattice.spanning(points, spacing)
 
 
 def _counts(what: str, arrays: Arrays) -> NDArray[np.float64]:

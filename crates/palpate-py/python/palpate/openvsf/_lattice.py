@@ -45,6 +45,18 @@ class Moved:
     """Points that came into the cell of another."""
 
 
+def lattice_of(points: NDArray[np.float64], spacing: float | None = None) -> Lattice:
+    """The lattice that `points` (N, 3) m lie on, or else one that reaches over them.
+
+    Its spacing, m, is deduced if left out. Raises ValueError if it would be no spacing or too fine.
+    """
+    if spacing is None:
+        return holding(points) or spanning(points, typical_spacing(points))
+    if not (math.isfinite(spacing) and spacing > 0.0):
+        raise ValueError(f"`spacing` is {spacing}; wanted more than 0 m")
+    return spanning(points, spacing)
+
+
 def holding(points: NDArray[np.float64]) -> Lattice | None:
     """The lattice of equal spacing that all `points` (N, 3) m lie on, None if there is none."""
     origin = points.min(axis=0)
