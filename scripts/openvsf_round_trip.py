@@ -10,8 +10,7 @@ is not there: OpenVSF with its stated dependencies and matplotlib, which it impo
 8 GB. Nothing that belongs to the project needs it.
 """
 
-import dataclasses
-import json
+import os
 import re
 import subprocess
 import sys
@@ -31,27 +30,22 @@ LINKS += [f"{part}_Link" for part in ("SphericalWrist1", "SphericalWrist2", "Bra
 NEAR_THE_FIRST_TOUCH = np.array([[0.08, -0.06, 0.5], [0.45, 0.19, 0.675]])  # m
 
 
+def blocks(side):
+    """The page's blocks of Python that are marked with a side."""
+    pattern = rf"<!-- {side} -->\n```python\n(.*?)```"
+    found = re.findall(pattern, PAGE.read_text(), re.DOTALL)
+    assert found, f"{PAGE} has no block of {side}"
+    return found
+
+
 # In OpenVSF's environment.
 
 
 def import_vsf():
-    """OpenVSF 0.0.1, which since Python 3.11 imports only if its dataclasses may be hashed."""
-    plain = dataclasses.dataclass
-
-    def hashed(cls=None, /, **options):
-        def of(cls):
-            mine = {"unsafe_hash": True} if cls.__module__.startswith("vsf") else {}
-            return plain(cls, **(mine | options))
-
-        return of if cls is None else of(cls)
-
-    dataclasses.dataclass = hashed
-    try:
-        import vsf
-        import vsf.sim.constructors
-    finally:
-        dataclasses.dataclass = plain
-    return vsf
+    """OpenVSF 0.0.1, as the page says that it is imported since Python 3.11."""
+    (code,) = blocks("first")
+    exec(compile(code, PAGE.name, "exec"), {})
+    return sys.modules["vsf"]
 
 
 def arrays_of(point_vsf):
@@ -161,25 +155,32 @@ def read_what_palpate_saved(folder):
         )
 
 
+def hand_over(folder, packages):
+    """A live field from palpate to OpenVSF and back."""
+    import_vsf()
+    sys.path.append(str(packages))
+    from palpate import openvsf
+
+    field = openvsf.load(folder / "palpate.npz")
+    live = openvsf.to_point_vsf(field)
+    back = openvsf.from_point_vsf(live)
+    for name, found in arrays_of(live).items():
+        wanted = {"points": field.points, "K": field.stiffness, "N_obs": field.counts}
+        wanted |= {"K_std": field.std, "K_var": field.std**2}
+        assert (found == wanted[name]).all(), name
+    assert (back.stiffness == field.stiffness).all() and (back.std == field.std).all()
+    print(f"a live PointVSF of {live.num_points} points has the same springs, and so has its field")
+
+
 def run_page(folder):
     """Runs OpenVSF's part of the page as it stands."""
-    import os
-
     os.chdir(folder)
-    sys.modules["vsf"] = import_vsf()
+    import_vsf()
     for code in blocks("OpenVSF"):
         exec(compile(code, PAGE.name, "exec"), {"__name__": "page"})
 
 
 # In palpate's.
-
-
-def blocks(side):
-    """The page's blocks of Python under the headings of one side."""
-    pattern = rf"<!-- {side} -->\n```python\n(.*?)```"
-    found = re.findall(pattern, PAGE.read_text(), re.DOTALL)
-    assert found, f"{PAGE} has no block of {side}"
-    return found
 
 
 def save_with_palpate(folder):
@@ -241,6 +242,9 @@ def make_environment(folder):
 
 
 def main(environment, *options):
+    import palpate
+    from palpate import openvsf
+
     make_environment(environment)
 
     def inside(work, *arguments):
@@ -254,9 +258,12 @@ def main(environment, *options):
         learnt = save_with_palpate(folder)
         inside("read_what_palpate_saved", folder)
         read_what_openvsf_saved(folder, learnt)
+        inside("hand_over", folder, Path(palpate.__file__).parents[1])
         (folder / "data").symlink_to(ROOT / "data")
         (folder / "kinova_gen3.urdf").symlink_to(URDF)
         inside("run_page", folder)
+        page = openvsf.load(folder / "from_openvsf.npz")
+        print(f"palpate reads the field of the page: {page}, up to {page.stiffness.max():.0f} N/m")
 
 
 if __name__ == "__main__":

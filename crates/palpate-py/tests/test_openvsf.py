@@ -5,33 +5,18 @@ import pickle
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from stand_in import PointVSF, Tensor
 
 import palpate
 from palpate import openvsf
 
 DATA = Path(__file__).parent / "data" / "openvsf"
 """Written by OpenVSF itself: scripts/openvsf_round_trip.py."""
-
-
-class Tensor:
-    """As much of torch's as is asked of one."""
-
-    def __init__(self, array: NDArray[Any]) -> None:
-        self._array = array
-
-    def detach(self) -> "Tensor":
-        return self
-
-    cpu = detach
-
-    def numpy(self) -> NDArray[Any]:
-        return self._array
 
 
 def written(path: Path) -> dict[str, NDArray[Any]]:
@@ -43,12 +28,12 @@ def written(path: Path) -> dict[str, NDArray[Any]]:
         return {"points": held["points"], "K": held["K"], **features}
 
 
-def vsf_of(arrays: dict[str, NDArray[Any]]) -> Any:
-    features = {name: Tensor(arrays[name]) for name in arrays.keys() - {"points", "K"}}
-    points, stiffness = Tensor(arrays["points"]), Tensor(arrays["K"])
-    return SimpleNamespace(
-        rest_points=points, stiffness=stiffness, axis_mode="isotropic", features=features
-    )
+def vsf_of(arrays: dict[str, NDArray[Any]]) -> PointVSF:
+    vsf = PointVSF(Tensor(arrays["points"]))
+    vsf.stiffness = Tensor(arrays["K"])
+    for name in arrays.keys() - {"points", "K"}:
+        vsf.set_feature(name, Tensor(arrays[name]))
+    return vsf
 
 
 def same(one: palpate.Field, other: palpate.Field) -> bool:

@@ -208,8 +208,12 @@ def test_a_filter_does_not_start_from_a_mean_of_0(config: Path) -> None:
 
 def test_points_that_do_not_slide_stick(config: Path) -> None:
     changed(config, "sim_slide: true", "sim_slide: False")
-    contact = palpate.default_settings(openvsf.read_config(config).settings)["contact"]
-    assert contact["slip_iterations"] == 0
+    study = openvsf.read_config(config)
+    assert any("sim_slide` is false, so points stick" in note for note in study.notes)
+    contact = palpate.default_settings(study.settings)["contact"]
+    assert contact["slip_iterations"] == 0 and contact["friction"] == 0.4
+    over = palpate.Mapper(settings=study.settings, contact={"slip_iterations": 10}).config
+    assert over["contact"]["slip_iterations"] == 10 and over["contact"]["friction"] == 0.4
 
 
 def test_arguments_go_before_the_file(config: Path, dataset: Path, tmp_path: Path) -> None:

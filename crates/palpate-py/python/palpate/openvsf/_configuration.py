@@ -245,6 +245,8 @@ class _Reading:
             contact["friction"] = friction
         if slides is False:
             contact["slip_iterations"] = 0
+            told = "palpate's contacts are made for points that slip, and slipping costs it little"
+            self.notes.append(f"`{config.named('sim_slide')}` is false, so points stick; {told}.")
         elif step is not None:
             contact["slip_step_m"] = step
         if any(padding is not None for padding in paddings):
