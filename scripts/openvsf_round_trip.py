@@ -235,10 +235,12 @@ def read_what_openvsf_saved(folder, learnt):
 
 
 def make_environment(folder):
-    if not (folder / "bin" / "python").exists():
+    ready = folder / "has-openvsf"
+    if not ready.exists():
         venv.create(folder, with_pip=True)
         pip = [folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--no-cache-dir"]
-        subprocess.run([*pip, "openvsf==0.0.1", "matplotlib", "tqdm", "pyyaml"], check=True)
+        subprocess.run([*pip, "openvsf==0.0.1", "matplotlib"], check=True)
+        ready.touch()
 
 
 def main(environment, *options):

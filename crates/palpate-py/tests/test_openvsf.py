@@ -172,6 +172,12 @@ def test_what_openvsf_saves_again_is_still_known_to_hold_a_std(
     assert openvsf.from_point_vsf(vsf_of(estimated)).std == pytest.approx(arrays["K_std"] / 2**0.5)
 
 
+def test_a_file_of_palpate_alone_is_its_field(learnt: palpate.Field, tmp_path: Path) -> None:
+    learnt.save(tmp_path / "field.npz")
+    back = openvsf.load(tmp_path / "field.npz")
+    assert same(back, learnt) and back.has_memory
+
+
 def test_a_folder_that_openvsf_wrote_over_is_read_anew(learnt: palpate.Field, tmp_path: Path) -> None:
     folder = tmp_path / "field"
     openvsf.save(learnt, f"{folder}/")
@@ -214,6 +220,24 @@ def test_a_file_is_whole_or_not_there(
     assert all((before[name] == array).all() for name, array in written(Path(path)).items())
 
 
+def test_a_folder_that_cannot_be_put_in_place_leaves_the_old_one(
+    learnt: palpate.Field, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, rename = tmp_path / "field", Path.rename
+    openvsf.save(learnt, f"{folder}/")
+
+    def refused(self: Path, target: Path) -> Path:
+        if self.name == "made":
+            raise OSError(16, "Device or resource busy")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", refused)
+    with pytest.raises(palpate.FileError, match="cannot be written: Device or resource busy"):
+        openvsf.save(palpate.Mapper().field(), folder)
+    monkeypatch.undo()
+    assert same(openvsf.load(folder), learnt) and list(tmp_path.iterdir()) == [folder]
+
+
 def test_a_name_without_ending_is_told(learnt: palpate.Field, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"ends in \.npz, or in / for a folder"):
         openvsf.save(learnt, tmp_path / "field")
@@ -239,7 +263,9 @@ def test_a_whole_box_has_what_is_expected_of_every_cell(
     bare = palpate.Field.load(tmp_path / "bare.npz")
     with pytest.raises(ValueError, match="give `untouched_std`"):
         openvsf.save(bare, path, whole_box=True)
+    openvsf.save(bare, path)
     openvsf.save(bare, path, whole_box=True, untouched_std=3.0)
+    assert not (Path(path) / "palpate" / "field.npz").exists()
     assert openvsf.load(path).std[box.counts == 0] == pytest.approx(3.0)
 
 

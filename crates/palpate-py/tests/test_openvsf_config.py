@@ -243,6 +243,15 @@ def test_the_points_of_a_field_give_the_lattice(config: Path) -> None:
         openvsf.read_config(config)
 
 
+def test_a_posed_box_stands_where_it_is_posed(config: Path) -> None:
+    pose = "pose: [[0, -1, 0, 0.5], [1, 0, 0, 0], [0, 0, 1, 0.1], [0, 0, 0, 1]]\n              config: {f"
+    changed(config, "config: {f", pose)
+    low, high = [0.5 - 0.3, 0.1, 0.2 + 0.1], [0.5 + 0.3, 0.7, 0.8 + 0.1]
+    lattice = openvsf.read_config(config).settings["lattice"]
+    assert isinstance(lattice, palpate.Lattice) and lattice.shape == (30, 30, 30)
+    assert lattice.origin == pytest.approx(palpate.Lattice.filling(low, high, 0.02).origin)
+
+
 def test_json_is_read_as_yaml_is(config: Path, tmp_path: Path) -> None:
     yaml = pytest.importorskip("yaml")
     world = yaml.safe_load((tmp_path / "parts/arm.yaml").read_text().replace("!relative_path", ""))

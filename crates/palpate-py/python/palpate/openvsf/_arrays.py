@@ -82,6 +82,12 @@ def _told(path: Path) -> Iterator[None]:
         raise FileError(f"`{path}` needs more memory than there is") from error
 
 
+def has_settings(path: Path) -> bool:
+    """Whether an npz file is palpate's own as well."""
+    with _told(path), zipfile.ZipFile(path) as archive:
+        return "palpate.npy" in archive.namelist()
+
+
 def read_npy(path: Path) -> Any:
     """The array of one npy file. Raises FileError."""
     with _told(path), path.open("rb") as stream:

@@ -22,12 +22,11 @@ from numpy.typing import NDArray
 
 from .._palpate import Field, FileError, Lattice, PalpateWarning
 from . import _lattice
-from ._arrays import STATED, Arrays, checked, read
+from ._arrays import STATED, Arrays, checked, has_settings, read
 from ._lattice import NEAR_CELLS, Moved, Springs
 
 _Path: TypeAlias = str | os.PathLike[str]
 _Settings: TypeAlias = _Path | Mapping[str, Mapping[str, Any] | Lattice] | None
-KStd: TypeAlias = Literal["variance", "std"]
 
 TINY = 1e-3
 """A negative stiffness down to this part of the largest, or of 1 N/m, is a solver's zero."""
@@ -47,7 +46,7 @@ def load(
     *,
     lattice: Lattice | None = None,
     spacing: float | None = None,
-    k_std: KStd | None = None,
+    k_std: Literal["variance", "std"] | None = None,
     robot: str | None = None,
     settings: _Settings = None,
     **sections: Mapping[str, Any] | Lattice,
@@ -62,7 +61,7 @@ def load(
     (N/m)², as after one. If left out, it is a variance where `N_obs` says that points were observed.
     Without the features, the std is 0 and counts are 1. `robot`, `settings` and `sections` give the
     field its robot (`kinova_gen3`), contact model and meaning of torques, which OpenVSF does not
-    store; a file of `save` brings its own, unless something else is asked for here.
+    store; a file that palpate wrote brings its own, unless something else is asked for here.
 
     Raises FileError, which names the file and the array, and ValueError for a lattice that does not
     hold the points. Of the pickle in an npz file nothing is run.
@@ -70,7 +69,7 @@ def load(
     path = Path(path)
     arrays = read(path)
     own = _own(path, arrays)
-    asked = (lattice, spacing, robot, settings, *sections.values())
+    asked = (lattice, spacing, k_std, robot, settings, *sections.values())
     if own is not None and all(one is None for one in asked):
         return own
     given = {"robot": robot or "kinova_gen3", "settings": settings, **sections}
@@ -82,7 +81,7 @@ def from_point_vsf(
     *,
     lattice: Lattice | None = None,
     spacing: float | None = None,
-    k_std: KStd | None = None,
+    k_std: Literal["variance", "std"] | None = None,
     robot: str = "kinova_gen3",
     settings: _Settings = None,
     **sections: Mapping[str, Any] | Lattice,
@@ -150,7 +149,7 @@ def _field(
     arrays: Arrays,
     lattice: Lattice | None,
     spacing: float | None,
-    k_std: KStd | None,
+    k_std: Literal["variance", "std"] | None,
     given: dict[str, Any],
 ) -> Field:
     """The field of arrays at the points of a lattice; `given` is what else `from_arrays` takes."""
@@ -183,7 +182,7 @@ def _counts(what: str, arrays: Arrays) -> NDArray[np.float64]:
 
 
 def _variance(
-    what: str, arrays: Arrays, counts: NDArray[np.float64], k_std: KStd | None
+    what: str, arrays: Arrays, counts: NDArray[np.float64], k_std: Literal["variance", "std"] | None
 ) -> NDArray[np.float64]:
     """What `K_std` says, (N/m)²."""
     if k_std not in ("variance", "std", None):
@@ -227,15 +226,14 @@ def _tell(what: str, lattice: Lattice, n: int, moved: Moved) -> None:
 
 
 def _own(path: Path, arrays: Arrays) -> Field | None:
-    """The field as `save` wrote it, if what OpenVSF reads is still the same."""
+    """The field as palpate wrote it, if what OpenVSF reads is still the same."""
     inside = path / _OWN if path.is_dir() else path
-    if not inside.is_file() or "palpate.npy" not in zipfile.ZipFile(inside).namelist():
+    if not inside.is_file() or (inside == path and not has_settings(path)):
         return None
     own = Field.load(inside)
     wanted = _touched(own)
     found = {"points": arrays.points, "K": arrays.stiffness, **arrays.features}
-    same = found.keys() == wanted.keys()
-    return own if same and all(np.array_equal(wanted[key], found[key]) for key in wanted) else None
+    return own if all(np.array_equal(wanted[key], found[key]) for key in found) else None
 
 
 def _touched(field: Field) -> dict[str, NDArray[Any]]:
@@ -326,7 +324,7 @@ def _link_others(target: Path, made: Path, ours: set[str]) -> None:
             f"`{target}` also holds {', '.join(strange)}, which OpenVSF takes for features of these "
             "points",
             PalpateWarning,
-            stacklevel=5,
+            stacklevel=4,
         )
 
 

@@ -51,19 +51,17 @@ def _yaml(text: str, path: Path, within: tuple[Path, ...]) -> Any:
     except ImportError as error:
         raise ImportError("YAML needs PyYAML: pip install 'palpate[openvsf]'") from error
 
-    class Loader(yaml.SafeLoader):
-        pass
-
     def include(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> Any:
         return read(_beside(path, str(loader.construct_scalar(node))), (*within, path))
 
     def relative_path(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> str:
         return str(_beside(path, str(loader.construct_scalar(node))))
 
-    Loader.add_constructor("!include", include)
-    Loader.add_constructor("!relative_path", relative_path)
+    loader: Any = type("Loader", (yaml.SafeLoader,), {})
+    loader.add_constructor("!include", include)
+    loader.add_constructor("!relative_path", relative_path)
     try:
-        return yaml.load(text, Loader)
+        return yaml.load(text, loader)
     except (yaml.YAMLError, RecursionError) as error:
         raise FileError(f"`{path}` is no YAML that is read: {error}") from error
 
