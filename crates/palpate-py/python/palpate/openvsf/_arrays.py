@@ -36,16 +36,15 @@ MAX_BYTES = 2 << 30
 STATED = ("K_std", "K_var", "N_obs")
 """The features that say something of a spring."""
 
+_CORE = "numpy._core" if int(np.__version__.split(".")[0]) >= 2 else "numpy.core"
+"""What NumPy calls its core; pickles of one version are read by the other."""
+
 _ARRAYS_ARE_MADE_OF = {
-    (module, name)
-    for core in ("numpy.core", "numpy._core")
-    for module, name in [
-        (f"{core}.multiarray", "_reconstruct"),
-        (f"{core}.numeric", "_frombuffer"),
-        ("numpy", "ndarray"),
-        ("numpy", "dtype"),
-        ("_codecs", "encode"),  # bytes, before protocol 3
-    ]
+    ("numpy.core.multiarray", "_reconstruct"),
+    ("numpy.core.numeric", "_frombuffer"),
+    ("numpy", "ndarray"),
+    ("numpy", "dtype"),
+    ("_codecs", "encode"),  # bytes, before protocol 3
 }
 
 
@@ -198,9 +197,10 @@ class _ArraysOnly(pickle.Unpickler):
     """Follows a pickle as far as it makes arrays."""
 
     def find_class(self, module: str, name: str) -> Any:
-        if (module, name) not in _ARRAYS_ARE_MADE_OF:
+        plain = module.replace("numpy._core.", "numpy.core.")
+        if (plain, name) not in _ARRAYS_ARE_MADE_OF:
             raise pickle.UnpicklingError(f"it wants to call {module}.{name}")
-        return super().find_class(module, name)
+        return super().find_class(plain.replace("numpy.core", _CORE), name)
 
 
 def _dict(stream: IO[bytes], what: str) -> dict[str, Any]:
