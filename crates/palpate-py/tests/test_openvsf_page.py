@@ -58,5 +58,14 @@ def test_every_line_of_the_page_runs(
         exec(compile(block, str(PAGE), "exec"), names)
     average, zero = re.findall(r"[\d.]+", capsys.readouterr().out)[:2]
     assert 0.0 < float(average) < float(zero)
-    (inline,) = re.findall(r"`(palpate\.evaluate\(study[^`]*)\)`", page)
-    exec(f"{inline}, methods=['uniform'])", names)
+    inlines = re.findall(r"`(palpate\.\w+\(study[^`]*)\)`", page)
+    assert len(inlines) == 2
+    for inline in inlines:
+        fewer = ", methods=['zero']" if "evaluate" in inline else ""
+        exec(f"{inline}{fewer})", names)
+
+
+def test_everything_that_is_offered_is_on_the_page() -> None:
+    for name in openvsf.__all__:
+        assert getattr(openvsf, name).__doc__
+        assert name in PAGE.read_text(), name
