@@ -44,6 +44,7 @@ def test_sequences_have_openvsfs_numbers(dataset: Path) -> None:
     assert isinstance(log, palpate.Log)
     assert names(log) == [f"seq_{n}" for n in AS_TEXT]
     assert names(openvsf.open_dataset(dataset, sequences=[2, 4, 0])) == ["seq_10", "seq_2", "seq_0"]
+    assert names(openvsf.open_dataset(dataset, sequences=np.array([2]))) == ["seq_10"]
     assert names(palpate.open_log(dataset))[2] == "seq_2"
 
 
@@ -68,6 +69,8 @@ def test_what_is_no_dataset_is_told(dataset: Path, tmp_path: Path) -> None:
         openvsf.open_dataset(dataset, sequences=[12])
     with pytest.raises(ValueError, match="`sequences` holds -1"):
         openvsf.open_dataset(dataset, sequences=[-1])
+    with pytest.raises(ValueError, match="`sequences` holds 'seq_0'"):
+        openvsf.open_dataset(dataset, sequences=["seq_0"])  # type: ignore[list-item]
     with pytest.raises(ValueError, match="`sequences` is empty"):
         openvsf.open_dataset(dataset, sequences=[])
     with pytest.raises(palpate.LogError, match="seq_0` has no velocities.npy"):

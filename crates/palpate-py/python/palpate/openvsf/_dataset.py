@@ -7,9 +7,10 @@ itself, counts as people do. Numbers in a configuration are OpenVSF's.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable
+from operator import index
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, SupportsIndex, TypeAlias
 
 from .._palpate import FileError, Log, LogError, Touch, open_log
 from ._arrays import read_npy
@@ -21,7 +22,7 @@ Touches: TypeAlias = Log | list[Touch]
 def open_dataset(
     path: str | os.PathLike[str],
     *,
-    sequences: Sequence[int] | None = None,
+    sequences: Iterable[SupportsIndex] | None = None,
     angles: str = "angles",
     torques: str = "torques",
     **options: Any,
@@ -65,10 +66,10 @@ def sequence_names(root: Path) -> list[str]:
     return names
 
 
-def _number(root: Path, one: object, n: int) -> int:
-    if isinstance(one, bool) or not isinstance(one, int) or not 0 <= one < n:
-        raise ValueError(f"`sequences` holds {one!r}; `{root}` has {n}, numbered from 0 on")
-    return one
+def _number(root: Path, one: SupportsIndex, n: int) -> int:
+    if hasattr(one, "__index__") and 0 <= index(one) < n:
+        return index(one)
+    raise ValueError(f"`sequences` holds {one!r}; `{root}` has {n}, numbered from 0 on")
 
 
 def _touch(folder: Path, angles: str, torques: str) -> Touch:
