@@ -263,6 +263,8 @@ def test_a_whole_box_has_what_is_expected_of_every_cell(
     bare = palpate.Field.load(tmp_path / "bare.npz")
     with pytest.raises(ValueError, match="give `untouched_std`"):
         openvsf.save(bare, path, whole_box=True)
+    with pytest.raises(ValueError, match="`untouched_std` is -1"):
+        openvsf.save(bare, path, whole_box=True, untouched_std=-1.0)
     openvsf.save(bare, path)
     openvsf.save(bare, path, whole_box=True, untouched_std=3.0)
     assert not (Path(path) / "palpate" / "field.npz").exists()

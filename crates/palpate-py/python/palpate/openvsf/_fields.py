@@ -255,6 +255,8 @@ def _whole_box(field: Field, untouched_std: float | None) -> dict[str, NDArray[A
                 "the field has no memory and does not say the std of cells never touched; give "
                 "`untouched_std`, N/m"
             )
+        if not (np.isfinite(untouched_std) and untouched_std >= 0.0):
+            raise ValueError(f"`untouched_std` is {untouched_std}; wanted N/m, none below 0")
         std = np.where(np.isnan(std), untouched_std, std)
     return _named(points, stiffness, std, counts)
 
