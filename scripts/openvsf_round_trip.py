@@ -6,10 +6,11 @@
                                                   package read, crates/palpate-py/tests/data/openvsf
 
 Run it with a Python that has palpate. ENVIRONMENT is the folder of another one, which is made if it
-is not there: OpenVSF with its stated dependencies and matplotlib, which it imports as well, take
-8 GB. Nothing that belongs to the project needs it.
+is not there: OpenVSF with its stated dependencies, and three that it does not state, take 8 GB.
+Nothing that belongs to the project needs it.
 """
 
+import json
 import os
 import re
 import subprocess
@@ -27,6 +28,7 @@ URDF = ROOT / "crates" / "palpate" / "src" / "robot" / "kinova_gen3.urdf"
 PAGE = ROOT / "docs" / "openvsf.md"
 LINKS = [f"{part}_Link" for part in ("Shoulder", "HalfArm1", "HalfArm2", "ForeArm")]
 LINKS += [f"{part}_Link" for part in ("SphericalWrist1", "SphericalWrist2", "Bracelet")]
+REQUIRED = ["openvsf==0.0.1", "matplotlib", "pyyaml", "tqdm"]
 NEAR_THE_FIRST_TOUCH = np.array([[0.08, -0.06, 0.5], [0.45, 0.19, 0.675]])  # m
 
 
@@ -235,12 +237,12 @@ def read_what_openvsf_saved(folder, learnt):
 
 
 def make_environment(folder):
-    ready = folder / "has-openvsf"
-    if not ready.exists():
+    ready = folder / "required.json"  # written last
+    if not ready.exists() or json.loads(ready.read_text()) != REQUIRED:
         venv.create(folder, with_pip=True)
         pip = [folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--no-cache-dir"]
-        subprocess.run([*pip, "openvsf==0.0.1", "matplotlib"], check=True)
-        ready.touch()
+        subprocess.run([*pip, *REQUIRED], check=True)
+        ready.write_text(json.dumps(REQUIRED))
 
 
 def main(environment, *options):
