@@ -1,0 +1,410 @@
+"""What a configuration of OpenVSF says, in palpate's words.
+
+| OpenVSF                                  | palpate                                              |
+|------------------------------------------|------------------------------------------------------|
+| `world`: the robot's `file_name`         | robot                                                |
+| `dataset`, `train_sequences`, `test_…`   | logs, in the order that gives sequences their numbers |
+| `calibrators`: `num_samples`             | `touch.tare_frames`                                  |
+| `simulator`: `friction_mu`, `slide_step` | `contact.friction`, `slip_step_m`                    |
+| `geometry_padding1` + `2`                | `contact.contact_distance_m`                         |
+| `bbox`, `voxel_size`, or the points      | `lattice`                                            |
+| `estimator`: `optimizer`                 | `estimator.estimator`, `map` or `ekf`                |
+| `num_replay_update`, `max_buffer_length` | `replays`, `memory_frames`                           |
+| `prior`: `mu`, `var`                     | `prior_mean`, `prior_std`, there of a cell of 1 cm   |
+
+Only what the file says is carried over; what it leaves out stays as palpate ships it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._palpate import FileError, Lattice, Mapper, Robot, SettingsError, default_settings
+from . import _include
+from ._arrays import read as read_field
+from ._dataset import Touches, open_dataset
+from ._lattice import lattice_of
+from ._section import Section
+
+_METHODS = {"quad_prog": "map", "sgd": "map", "dense_ekf": "map", "diag_ekf": "ekf"}
+_SECTIONS = ("world", "simulator", "sensors", "calibrators", "dataset", "estimator", "prior")
+_SEQUENCES = ("train_sequences", "test_sequences")
+_DATASET = ("type", "path", "keys", "cache", "sensor_keys", "control_keys")
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """What `read_config` found."""
+
+    path: Path
+    """The file."""
+    robot: Robot
+    """The arm."""
+    settings: dict[str, Mapping[str, Any] | Lattice]
+    """Sections, to give as `settings=` to `Mapper`, `evaluate` and others."""
+    train: Touches
+    """The touches of `train_sequences`, all if it names none."""
+    test: Touches | None
+    """The touches of `test_sequences`, None if it names none."""
+    notes: tuple[str, ...]
+    """What has no counterpart, or one that is not the same: one sentence each."""
+
+
+def read_config(
+    path: str | os.PathLike[str],
+    *,
+    data_dir: str | os.PathLike[str] | None = None,
+    robot: Robot | str | os.PathLike[str] | None = None,
+    lattice: Lattice | None = None,
+) -> Configuration:
+    """Reads a configuration of OpenVSF, YAML (with PyYAML) or JSON, with the files that it includes.
+
+    The file may also hold a data set's section alone, or no more than its keys. `data_dir` is the
+    data set's folder, as OpenVSF's `--data_dir`; `dataset.path` if left out, from the working
+    directory or else beside the file. `robot` and `lattice` go before what the file says of them.
+
+    Raises FileError, which names the file and the key, for what cannot be understood; LogError and
+    SettingsError for a data set and values that palpate refuses; ValueError if there is no data set.
+    """
+    return _Reading(Path(path)).configuration(data_dir, robot, lattice)
+
+
+@dataclass
+class _Reading:
+    """A configuration while it is read."""
+
+    path: Path
+    settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def configuration(
+        self,
+        data_dir: str | os.PathLike[str] | None,
+        robot: Robot | str | os.PathLike[str] | None,
+        lattice: Lattice | None,
+    ) -> Configuration:
+        top = self.top()
+        dataset = top.section("dataset")
+        controlled = dataset.section("control_keys")
+        name, arm = self.robot(top.section("world"), controlled.keys(), robot)
+        sensor = self.sensor(top.section("sensors"), dataset.section("sensor_keys").keys(), name, arm)
+        lattice = self.simulator(top.section("simulator"), lattice)
+        self.calibrators(top.section("calibrators"), sensor)
+        spacing = lattice.spacing if lattice else default_settings()["lattice"]["spacing_m"]
+        method = self.estimator(top.section("estimator"))
+        self.prior(top.section("prior"), method, spacing)
+        angles, torques = self.keys(dataset, name, sensor, arm)
+        root = self.data(dataset, data_dir)
+        train, test = (top.items(key, int, "whole numbers") for key in _SEQUENCES)
+        top.done()
+        settings: dict[str, Mapping[str, Any] | Lattice] = {**self.settings}
+        if lattice is not None:
+            settings["lattice"] = lattice
+        try:
+            Mapper(arm, settings=settings)  # which checks the range of every value
+        except SettingsError as error:
+            raise SettingsError(f"`{self.path}`, as settings of palpate: {error}") from None
+
+        def touches(sequences: list[int] | None) -> Touches:
+            return open_dataset(root, sequences=sequences, angles=angles, torques=torques)
+
+        tested = touches(test) if test else None
+        return Configuration(
+            self.path, arm, settings, touches(train or None), tested, tuple(self.notes)
+        )
+
+    def top(self) -> Section:
+        """The file's sections; one of a data set alone, or its keys, counts as `dataset`."""
+        held = _include.read(self.path)
+        if isinstance(held, dict) and not set(held) & {*_SECTIONS, *_SEQUENCES}:
+            alone = bool(set(held) & set(_DATASET))
+            held = {"dataset": held if alone else {"keys": held}}
+        return Section(self.path, "", held)
+
+    def ignored(self, section: Section, *keys: str) -> None:
+        """Notes which of `keys` are given, though they say nothing to palpate."""
+        for key in keys:
+            if section.value(key) is not None:
+                self.notes.append(f"`{section.named(key)}` has no counterpart and is ignored.")
+
+    def robot(
+        self,
+        world: Section,
+        controlled: list[str],
+        given: Robot | str | os.PathLike[str] | None,
+    ) -> tuple[str | None, Robot]:
+        """The name in the world of the arm that the data set moves, and the arm."""
+        files: dict[str, str] = {}
+        others: dict[str, str | None] = {}
+        for name, thing in world.sections():
+            kind, file, parent = thing.text("type"), thing.text("file_name"), thing.text("parent_name")
+            for key in ("parent_relative_transform", "initial_config"):
+                thing.value(key)
+            thing.done()
+            if kind == "robot" and file is not None:
+                files[name] = file
+            elif kind in ("rigid", "deformable"):
+                others[name] = parent
+            else:
+                wanted = "wanted a robot, rigid or deformable with a `file_name`"
+                raise world.error(world.named(name), f"is of type {kind!r}; {wanted}")
+        moved = [name for name in files if name in controlled] or list(files)
+        if len(moved) > 1:
+            raise world.error("world", f"has the robots {', '.join(moved)}; name one in control_keys")
+        robot = moved[0] if moved else None
+        arm = self.arm(given, files[robot] if robot else None)
+        for other, parent in others.items():
+            where = f"moves with `{parent}`: add it to the URDF" if parent else "stands in the world"
+            self.notes.append(f"`world.{other}` {where}; palpate touches with the robot's links alone.")
+        return robot, arm
+
+    def arm(self, given: Robot | str | os.PathLike[str] | None, file: str | None) -> Robot:
+        if isinstance(given, Robot):
+            return given
+        if given is None and file is None:
+            self.notes.append("The file names no robot: palpate's kinova_gen3 is taken.")
+        if given is None and file is not None:
+            found = self.found(file)
+            if found is None:
+                raise FileError(f"`{self.path}`: the robot's file_name `{file}` is not there")
+            given = found
+        return Robot(given)
+
+    def found(self, name: str) -> Path | None:
+        """A file or folder from the working directory, where OpenVSF looks, or beside the file."""
+        places = (Path(name), self.path.parent / name)
+        return next((place for place in places if place.exists()), None)
+
+    def sensor(
+        self, sensors: Section, felt: list[str], robot: str | None, arm: Robot
+    ) -> str | None:
+        """The name of the sensor of joint torques."""
+        measuring = []
+        for name, sensor in sensors.sections():
+            kind = sensor.text("type")
+            sensor.text("name")
+            at, links = sensor.text("attachment_name"), sensor.items("link_names", str, "names of links")
+            sensor.done()
+            if kind != "JointTorqueSensor" or (robot is not None and at != robot):
+                told = f"({kind} of `{at}`) has no counterpart and is ignored"
+                self.notes.append(f"Sensor `{name}` {told}.")
+                continue
+            self.links(sensor, links, arm)
+            measuring.append(name)
+        named = [name for name in measuring if name in felt] or measuring
+        if sensors.keys() and len(named) != 1:
+            told = f"has {len(named)} sensors of the robot's joint torques"
+            raise sensors.error("sensors", f"{told}; palpate learns from exactly one JointTorqueSensor")
+        return named[0] if named else None
+
+    def links(self, sensor: Section, links: list[str], arm: Robot) -> None:
+        """The torques must be those of all joints, from base to tip."""
+        unknown = [link for link in links if link not in arm.link_names]
+        order = [arm.link_names.index(link) for link in links if link not in unknown]
+        if links and (unknown or len(links) != arm.n_joints or order != sorted(order)):
+            raise sensor.error(
+                sensor.named("link_names"),
+                f"is {links}; palpate needs the torques of all {arm.n_joints} joints, base to tip, of "
+                f"{arm.link_names}",
+            )
+
+    def simulator(self, simulator: Section, given: Lattice | None) -> Lattice | None:
+        """The contact settings, and the lattice that the points of the field make."""
+        self.ignored(simulator, "world_pcd_samples", "world_sdf_resolution")
+        if simulator.text("type") not in (None, "quasistatic"):
+            raise simulator.error("simulator.type", "is not `quasistatic`, as palpate is")
+        lattice, taken = given, False
+        deformables = simulator.section("deformables")
+        for _, body in deformables.sections():
+            model, contact, pose = body.section("model"), body.section("config"), body.value("pose")
+            body.done()
+            if model.text("type") == "neural" or taken:
+                self.notes.append(f"`{body.named('model')}` has no counterpart and is ignored.")
+                continue
+            taken = True
+            self.contact(contact)
+            found = self.points(model, pose, read=given is None)
+            lattice = lattice or found
+        simulator.done()
+        return lattice
+
+    def contact(self, config: Section) -> None:
+        friction, slides = config.number("friction_mu"), config.flag("sim_slide")
+        step = config.positive("slide_step")
+        paddings = [config.number(f"geometry_padding{which}") for which in (1, 2)]
+        config.done()
+        contact: dict[str, Any] = {}
+        if friction is not None:
+            contact["friction"] = friction
+        if slides is False:
+            contact["slip_iterations"] = 0
+            told = "palpate's contacts are made for points that slip, and slipping costs it little"
+            self.notes.append(f"`{config.named('sim_slide')}` is false, so points stick; {told}.")
+        elif step is not None:
+            contact["slip_step_m"] = step
+        if any(padding is not None for padding in paddings):
+            contact["contact_distance_m"] = sum(0.003 if one is None else one for one in paddings)
+        if contact:
+            self.settings["contact"] = contact
+
+    def points(self, model: Section, pose: Any, *, read: bool) -> Lattice | None:
+        """The lattice of a model's points in the frame of the robot, None if it has none to tell."""
+        way, path = model.text("init_method") or "file", model.text("path")
+        config = model.section("point_vsf_config")
+        for key in ("neural_vsf_config", "factory_config", "rgbd_factory_config"):
+            model.value(key)
+        model.done()
+        corners, size = config.value("bbox"), config.positive("voxel_size")
+        self.ignored(config, "rest_points", "axis_mode", "features")
+        config.done()
+        if not read:
+            return None
+        if way == "config" and corners is not None and size is not None:
+            low, high = self.box(config, corners, pose)
+            return Lattice.filling(low, high, size)
+        found = self.found(path) if path else None
+        if way != "file" or path is None:
+            self.notes.append(
+                f"`{model.named('init_method')}` is {way!r}, which palpate does not make points of: "
+                "its own lattice is taken, or give `lattice`."
+            )
+            return None
+        if found is None:
+            told = f"`{path}` is not there; give `lattice` to do without"
+            raise model.error(model.named("path"), told)
+        points = read_field(found).points
+        lattice = lattice_of(points @ _turned(pose)[:3, :3].T + _turned(pose)[:3, 3])
+        self.notes.append(
+            f"The lattice reaches over the points of `{path}`, one every {lattice.spacing:.6g} m."
+        )
+        return lattice
+
+    def box(self, config: Section, corners: Any, pose: Any) -> tuple[list[float], list[float]]:
+        """Low and high corner, in the frame of the robot, of the box that holds a posed one."""
+        try:
+            box = np.array(corners, dtype=float).reshape(2, 3)
+            turned = _turned(pose)
+        except (TypeError, ValueError) as error:
+            raise config.error(config.named("bbox"), f"or the pose is no box or 4 x 4: {error}") from None
+        picks = np.array(np.meshgrid(*[[0, 1]] * 3)).reshape(3, -1).T
+        posed = box[picks, range(3)] @ turned[:3, :3].T + turned[:3, 3]
+        return posed.min(axis=0).tolist(), posed.max(axis=0).tolist()
+
+    def calibrators(self, calibrators: Section, sensor: str | None) -> None:
+        for name, calibrator in calibrators.sections():
+            kind, samples = calibrator.text("type"), calibrator.whole("num_samples")
+            calibrator.value("output_key")
+            calibrator.done()
+            if kind != "tare":
+                raise calibrator.error(calibrator.named("type"), f"is {kind!r}; wanted `tare`")
+            if name != sensor and sensor is not None:
+                self.notes.append(f"The tare of `{name}` goes with its sensor, which is ignored.")
+            elif samples is not None:
+                self.settings["touch"] = {"tare_frames": samples}
+
+    def estimator(self, estimator: Section) -> str:
+        optimizer = estimator.text("optimizer")
+        replays, memory = estimator.whole("num_replay_update"), estimator.whole("max_buffer_length")
+        self.ignored(estimator, "batch_size")
+        if estimator.value("down_sample_rate") not in (None, 1):
+            self.ignored(estimator, "down_sample_rate")
+        estimator.done()
+        if optimizer is None:
+            return "map"
+        if optimizer not in _METHODS:
+            wanted = f"is {optimizer!r}; wanted {', '.join(_METHODS)}"
+            raise estimator.error(estimator.named("optimizer"), wanted)
+        method = _METHODS[optimizer]
+        if optimizer != "diag_ekf":
+            told = "`map` finds the same optimum, by replay"
+            if optimizer == "dense_ekf":
+                told = "there is no filter with full covariances; `map` is the exact optimum"
+            self.notes.append(f"`{optimizer}` becomes `{method}`: {told}.")
+        given = {"estimator": method, "replays": replays, "memory_frames": memory}
+        self.settings["estimator"] = {key: one for key, one in given.items() if one is not None}
+        return method
+
+    def prior(self, prior: Section, method: str, spacing: float) -> None:
+        """palpate states a prior for cells of 1 cm; the file's is that of its own points."""
+        kind, mean, variance = prior.text("type"), prior.number("mu"), prior.positive("var")
+        self.ignored(prior, "feature_keys")
+        for key in ("diag", "c_dim"):
+            prior.value(key)
+        prior.done()
+        if kind not in (None, "gaussian"):
+            self.notes.append(f"The prior `{kind}` of features is taken as one for all points.")
+        cells = spacing / 0.01
+        estimator = self.settings.setdefault("estimator", {})
+        if mean == 0.0 and method == "ekf":
+            own = default_settings(estimator={"estimator": "ekf"})["estimator"]["prior_mean"]
+            told = f"its `ekf` keeps a prior mean of {own} N/m, for it learns nothing from 0"
+            self.notes.append(f"`prior.mu` is 0 N/m; {told}.")
+        elif mean is not None:
+            estimator["prior_mean"] = mean / cells**3
+        if variance is not None:
+            estimator["prior_std"] = math.sqrt(variance) / cells**1.5
+        if not estimator:
+            del self.settings["estimator"]
+
+    def keys(
+        self, dataset: Section, robot: str | None, sensor: str | None, arm: Robot
+    ) -> tuple[str, str]:
+        """The names of the arrays of joint positions and torques."""
+        keys = dataset.section("keys")
+
+        def named(section: str, name: str | None, default: str) -> str:
+            by_name = dataset.section(section)
+            if name is not None and name in by_name:
+                return by_name.text(name) or default
+            texts = [by_name.text(one) or "" for one in by_name.keys()]
+            fitting = [text for text in texts if _width(keys.value(text)) == arm.n_joints]
+            return fitting[0] if len(fitting) == 1 else default
+
+        angles = named("control_keys", robot, "angles")
+        torques = named("sensor_keys", sensor, "torques")
+        for key, what in ((angles, "positions"), (torques, "torques")):
+            if not keys.keys():
+                continue
+            if key not in keys:
+                raise keys.error(keys.named(key), f"is not there, though it is to hold the {what}")
+            if _width(keys.value(key)) != arm.n_joints:
+                told = f"is {keys.value(key)}; wanted {arm.n_joints}, the {what} of all joints"
+                raise keys.error(keys.named(key), told)
+        unread = ", ".join(f"`{key}`" for key in keys.keys() if key not in (angles, torques))
+        if unread:
+            self.notes.append(f"Of the data set, {unread} are not read.")
+        return angles, torques
+
+    def data(self, dataset: Section, data_dir: str | os.PathLike[str] | None) -> Path:
+        kind, path = dataset.text("type"), dataset.text("path")
+        dataset.value("cache")
+        dataset.done()
+        if kind == "file_loader":
+            told = "is `file_loader`, a file for each frame; wanted an array for each sequence: stack"
+            raise dataset.error("dataset.type", f"{told} them into angles.npy and torques.npy")
+        if data_dir is not None:
+            return Path(data_dir)
+        if not path:
+            raise ValueError(f"`{self.path}` has no `dataset.path`: give `data_dir`")
+        found = self.found(path)
+        if found is None:
+            raise dataset.error("dataset.path", f"is `{path}`, which is not there; give `data_dir`")
+        return found
+
+
+def _turned(pose: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """A pose as a matrix, world_from_vsf; that of the robot's base if there is none."""
+    return np.eye(4) if pose is None else np.array(pose, dtype=float).reshape(4, 4)
+
+
+def _width(spec: Any) -> Any:
+    """How many numbers a row of a key has, if they stand in a row."""
+    shape = spec[0] if isinstance(spec, list) and spec else spec
+    return shape[0] if isinstance(shape, list) and len(shape) == 1 else shape

@@ -1,0 +1,132 @@
+"""Points that lie anywhere, brought to a lattice: springs that end up in one cell stand in parallel.
+
+    K = Σ Kᵢ        variance = Σ varianceᵢ        count = max countᵢ
+
+so what resists a push is the same in all, and only its place has moved.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._palpate import Lattice
+
+NEAR_CELLS = 1e-3
+"""How far from a lattice's points, in cells, points still lie on it; single precision is off by less."""
+
+_SAMPLED = 128
+"""Points whose nearest neighbours tell the spacing of points that are on no lattice."""
+
+_ROUND = 6
+"""Digits of a spacing that was meant to be a round number."""
+
+
+@dataclass(frozen=True)
+class Springs:
+    """N springs: `points` (N, 3) m, `stiffness` (N,) N/m, `variance` (N,) (N/m)², `counts` (N,)."""
+
+    points: NDArray[np.float64]
+    stiffness: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    counts: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Moved:
+    """What bringing points to a lattice did to them."""
+
+    mean_m: float
+    largest_m: float
+    merged: int
+    """Points that came into the cell of another."""
+
+
+def lattice_of(points: NDArray[np.float64], spacing: float | None = None) -> Lattice:
+    """The lattice that `points` (N, 3) m lie on, or else one that reaches over them.
+
+    Its spacing, m, is deduced if left out. Raises ValueError if it would be no spacing or too fine.
+    """
+    if spacing is None:
+        return holding(points) or spanning(points, typical_spacing(points))
+    if not (math.isfinite(spacing) and spacing > 0.0):
+        raise ValueError(f"`spacing` is {spacing}; wanted more than 0 m")
+    return spanning(points, spacing)
+
+
+def holding(points: NDArray[np.float64]) -> Lattice | None:
+    """The lattice of equal spacing that all `points` (N, 3) m lie on, None if there is none."""
+    origin = points.min(axis=0)
+    steps = np.diff(np.sort(points, axis=0), axis=0)
+    tiny_m = 8 * float(np.finfo(np.float32).eps) * float(np.abs(points).max())
+    steps = steps[steps > max(tiny_m, 1e-9)]
+    if len(steps) == 0:
+        return None
+    # The smallest step is one cell, known to its last bits; the farthest points know it better.
+    spacing = float(steps.min())
+    offsets = points - origin
+    for _ in range(3):
+        cells = np.rint(offsets / spacing)
+        spacing = float((cells * offsets).sum() / (cells * cells).sum())
+    for candidate in (float(f"{spacing:.{_ROUND}g}"), spacing):
+        cells = np.rint(offsets / candidate)
+        if np.abs(offsets - cells * candidate).max() <= NEAR_CELLS * candidate:
+            return spanning(points, candidate)
+    return None
+
+
+def spanning(points: NDArray[np.float64], spacing: float) -> Lattice:
+    """The lattice of a spacing, m, that begins at the low corner of `points` and reaches all of them."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    sides = [math.floor(edge / spacing + 0.5) + 1 for edge in (high - low).tolist()]
+    if math.prod(sides) >= 1 << 32:
+        raise ValueError(
+            f"`points` reach from {low.tolist()} to {high.tolist()} m: every {spacing:.6g} m makes "
+            f"{' x '.join(map(str, sides))} cells, and a lattice has less than 2^32; give a larger "
+            "`spacing`, or leave out what lies far off"
+        )
+    return Lattice(low, spacing, sides)
+
+
+def typical_spacing(points: NDArray[np.float64]) -> float:
+    """The median distance from a point to its nearest neighbour, m, by some of `points` (N, 3)."""
+    rows = np.unique(np.linspace(0, len(points) - 1, _SAMPLED).astype(int))
+    nearest = []
+    for row in rows:
+        gaps = np.square(points - points[row]).sum(axis=1)
+        gaps = gaps[gaps > 0.0]
+        if len(gaps):
+            nearest.append(math.sqrt(float(gaps.min())))
+    if not nearest:
+        raise ValueError("`points` are all at one place, which has no spacing; give `spacing`")
+    return float(np.median(nearest))
+
+
+def brought_to(lattice: Lattice, springs: Springs) -> tuple[Springs, Moved]:
+    """Every spring at the nearest point of `lattice`, in the order of the first spring in each.
+
+    Raises ValueError if a point lies outside.
+    """
+    cells = lattice.cells(springs.points)
+    outside = int((cells < 0).sum())
+    if outside:
+        low, high = springs.points.min(axis=0).tolist(), springs.points.max(axis=0).tolist()
+        raise ValueError(
+            f"{outside} of {len(cells)} points lie outside the lattice; they reach from {low} to "
+            f"{high} m"
+        )
+    _, first, place = np.unique(cells, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    place = np.argsort(order)[place]
+    n = len(order)
+    stiffness, variance, counts = np.zeros(n), np.zeros(n), np.zeros(n)
+    np.add.at(stiffness, place, springs.stiffness)
+    np.add.at(variance, place, springs.variance)
+    np.maximum.at(counts, place, springs.counts)
+    points = lattice.points(cells[first[order]])
+    brought = Springs(points, stiffness, variance, counts)
+    gaps = np.linalg.norm(points[place] - springs.points, axis=1)
+    return brought, Moved(float(gaps.mean()), float(gaps.max()), len(cells) - n)
