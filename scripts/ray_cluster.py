@@ -72,14 +72,14 @@ def main() -> None:
     numbers = run("processes", cluster=False)
 
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # as there, all of it stays on loopback
     import ray
     from ray.cluster_utils import Cluster
 
     cluster = Cluster()
     for _ in range(args.nodes):
-        here = {"node_ip_address": "127.0.0.1", "include_dashboard": False}
-        cluster.add_node(num_cpus=1, object_store_memory=80 << 20, **here)
-    ray.init(address=cluster.address, _node_ip_address="127.0.0.1", log_to_driver=False)
+        cluster.add_node(num_cpus=1, object_store_memory=80 << 20, include_dashboard=False)
+    ray.init(address=cluster.address, log_to_driver=False)
     run("cluster", cluster=True)
     run("cluster, a worker killed", cluster=True, lose=True)
     best = min(numbers.values(), key=lambda rows: rows[0]["avg_relative"]["mean"])

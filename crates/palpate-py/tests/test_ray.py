@@ -195,14 +195,14 @@ def test_a_script_without_a_guard_is_told_to_have_one(logs: dict[str, Path], tmp
 def cluster() -> Iterator[Any]:
     """A Ray cluster of two nodes with a CPU each."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # as there, all of it stays on loopback
     ray: Any = import_module("ray")
     nodes: Any = import_module("ray.cluster_utils").Cluster()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Ray's own, of its next version
         for _ in range(2):
-            here = {"node_ip_address": "127.0.0.1", "include_dashboard": False}
-            nodes.add_node(num_cpus=1, object_store_memory=80 << 20, **here)
-        ray.init(address=nodes.address, _node_ip_address="127.0.0.1", log_to_driver=False)
+            nodes.add_node(num_cpus=1, object_store_memory=80 << 20, include_dashboard=False)
+        ray.init(address=nodes.address, log_to_driver=False)
     yield nodes
     ray.shutdown()
     nodes.shutdown()

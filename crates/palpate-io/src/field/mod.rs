@@ -10,7 +10,8 @@
 //! | `lattice` | 7     | f64  | m    | origin x y z, spacing, cells in x y z (optional)     |
 //! | `cells`   | N     | u32  |      | index of each point in the lattice (optional)        |
 //!
-//! The first four names are those of the OpenVSF library, so either reads the other's; its files
+//! The first four names are those of the OpenVSF library. It reads `points` and `K` of our files, and
+//! looks for the other two in a pickle that the Python package adds (`palpate.openvsf`); its files
 //! lack the rest. A point of which `N_obs` is 0 is only expected to have its stiffness. Other arrays
 //! are kept apart in [`npz::Arrays`] for whoever put them there. How a cell's index follows from its
 //! place is the lattice's business, not the file's.
