@@ -164,12 +164,13 @@ impl Evaluation {
 impl Summary {
     /// The row of the method that stands at `index` in every touch's predictions.
     pub fn new(name: &str, index: usize, touches: &[LeftOut]) -> Self {
-        Self::of(name, touches.iter().filter_map(|touch| touch.predictions[index].errors))
+        let errors = |touch: &LeftOut| touch.predictions[index].errors;
+        Self::of(name, &touches.iter().filter_map(errors).collect::<Vec<_>>())
     }
 
     /// The row of a method by its errors on touches.
-    pub fn of(name: &str, errors: impl Iterator<Item = Errors> + Clone) -> Self {
-        let errors = || errors.clone();
+    pub fn of(name: &str, errors: &[Errors]) -> Self {
+        let errors = || errors.iter();
         Self {
             name: name.to_owned(),
             avg_error: MeanStd::of(errors().map(|errors| errors.avg_error)),

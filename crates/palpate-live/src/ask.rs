@@ -26,7 +26,7 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 use nalgebra::DVector;
 use palpate::outlook::{self, Outlook, PathPoint};
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::json;
 
 /// Who may ask at the same time.
 const MOST_ASKERS: usize = 8;
@@ -250,6 +250,8 @@ fn to_a_millionth(number: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::Value;
+
     use super::*;
 
     /// A socket whose mapper only counts tares.

@@ -135,11 +135,11 @@ pub(crate) fn summarised<'py>(
     name: &str,
     errors: Vec<Option<OfTouch>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let errors = errors.iter().flatten().map(|touch| {
-        let &OfTouch { avg_error, max_error, avg_relative, max_relative } = touch;
+    let errors = errors.into_iter().flatten().map(|touch| {
+        let OfTouch { avg_error, max_error, avg_relative, max_relative } = touch;
         Errors { avg_error, max_error, avg_relative, max_relative }
     });
-    python(py, &json!(Summary::of(name, errors)))
+    python(py, &json!(Summary::of(name, &errors.collect::<Vec<_>>())))
 }
 
 /// An evaluation as plain data, torques as arrays.
