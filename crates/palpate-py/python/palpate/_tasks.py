@@ -40,7 +40,7 @@ class Task:
     def key(self) -> str:
         """A digest of all that the result depends on."""
         parts = {**vars(self), "log": _made_from(self.log), "robot": _made_from(self.robot)}
-        del parts["threads"]
+        del parts["threads"], parts["folder"]
         return _digest(parts)
 
 

@@ -107,7 +107,7 @@ def on_ray(tasks: Mapping[str, Task], address: str | None) -> Iterator[tuple[str
             [ref], _ = ray.wait(list(refs))
             try:
                 outcome = ray.get(ref)
-            except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError):
+            except _losses(ray):
                 outcome = Outcome(None, _LOST)
             yield refs.pop(ref), outcome
     finally:
@@ -115,6 +115,12 @@ def on_ray(tasks: Mapping[str, Task], address: str | None) -> Iterator[tuple[str
             ray.cancel(ref, force=True)
         if started:
             ray.shutdown()
+
+
+def _losses(ray: Any) -> tuple[type[Exception], ...]:
+    """What Ray says when a task has been tried for the last time."""
+    names = ["WorkerCrashedError", "OutOfMemoryError", "NodeDiedError", "ObjectLostError"]
+    return tuple(getattr(ray.exceptions, name) for name in names)
 
 
 _QUEUED = 256

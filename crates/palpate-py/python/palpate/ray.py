@@ -10,7 +10,7 @@ again, whatever happened in between. What a worker was doing when it was lost is
     settings = {"soft": {"estimator": {"prior_std": 50.0}}, "stiff": {"estimator": {"prior_std": 200.0}}}
     if __name__ == "__main__":
         for run in palpate.ray.evaluate(logs, settings, methods=["map"], keep="results"):
-            print(run.log, run.settings, run.result["methods"][0]["avg_relative"])
+            print(run.log, run.settings, run.get()["methods"][0]["avg_relative"])
 """
 
 from __future__ import annotations
@@ -23,10 +23,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeAlias, TypeVar, cast
 
-from . import Lattice, Log, PalpateError, PalpateWarning, Robot, default_settings, open_log
-from . import _progress, _workers
-from ._kept import Kept
+from . import Lattice, Log, PalpateError, PalpateWarning, Robot, _progress, _workers, default_settings
 from ._joined import joined
+from ._kept import Kept
 from ._palpate import given_settings
 from ._progress import Progress
 from ._tasks import Outcome, Task, files
