@@ -2,7 +2,7 @@
 //!
 //! One tree of structs ([`sections`]) is the flags, the file's keys and the template that
 //! `palpate settings` prints, so the three cannot drift apart. The defaults are the core's own:
-//! [`resolve`] lays the given values over them.
+//! `resolve.rs` lays the given values over them.
 
 mod file;
 mod layer;
