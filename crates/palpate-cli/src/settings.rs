@@ -68,11 +68,9 @@ impl AllSettings {
     pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
         self.file.under(self.flags.clone())
     }
-}
 
-impl AllSettings {
-    #[cfg(feature = "viewer")]
     /// The first kind of settings among the flags that only learning has, in a word.
+    #[cfg(feature = "viewer")]
     pub(crate) fn of_learning(&self) -> Option<&'static str> {
         let Settings { lattice, contact, estimator, .. } = &self.flags;
         if *lattice != LatticeSettings::default() {

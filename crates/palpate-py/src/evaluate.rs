@@ -57,7 +57,7 @@ fn read(
 /// `methods` are of map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always stands
 /// beside the others. Every touch is predicted from all others, in `folds` groups, or those named by
 /// `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold.
-/// `share`, its number from 0 and how many there are, does every so-manieth fold alone.
+/// `share`, its number from 0 and how many there are, does that share of the folds alone.
 #[pyfunction]
 #[pyo3(signature = (
     logs, robot = None, *, methods = None, folds = None, test = None, truth = false,
