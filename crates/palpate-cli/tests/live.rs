@@ -216,7 +216,9 @@ fn a_client_of_the_service_gets_its_answer_and_the_tare() {
         assert!(words.as_str().unwrap().contains("hold the arm still"), "{robot}");
     }
     assert_eq!(answers.len(), 2, "{robot}");
-    assert_eq!(live.told().matches("taring as asked").count(), 2);
+    // One tare is enough for both if the mapper has not got round to the first.
+    let tares = live.told().matches("taring as asked").count();
+    assert!((1..=2).contains(&tares), "{}", live.told());
 }
 
 #[test]
