@@ -144,13 +144,21 @@ impl Springs {
         self.folder.rows()
     }
 
-    /// Makes springs stand for others: each row has the K given, N/m, and all other cells have
-    /// theirs times a factor.
-    pub(crate) fn stand_for(&mut self, stiffness_n_per_m: &[f64], others: f64) {
-        for (cell, &k) in self.cells.iter_mut().zip(stiffness_n_per_m) {
-            *cell.unknown_mut() = k;
+    /// Springs that stand for all of these, in rows of their own: those of the given rows with the
+    /// K given, N/m, and any other with a multiple of an untouched one's.
+    pub(crate) fn led_by(
+        &self,
+        leaders: impl Iterator<Item = (usize, f64)>,
+        others_stand_for: f64,
+    ) -> Self {
+        let (cells, mut rows) = (self.rows().cells(), CellRows::new(self.rows().lattice().clone()));
+        let (mut stiffness_n_per_m, mut counts) = (Vec::new(), Vec::new());
+        for (row, k) in leaders {
+            rows.row_of(cells[row]);
+            stiffness_n_per_m.push(k);
+            counts.push(self.counts.get(row).copied().unwrap_or_default());
         }
-        self.untouched_n_per_m *= others;
+        Self::new(rows, &stiffness_n_per_m, counts, self.untouched_n_per_m * others_stand_for)
     }
 
     /// The springs as sums over contacts need them.

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 
 use crate::arm::Arm;
-use crate::contact::{self, Contacts, Simulator};
+use crate::contact::{self, Chosen, Contacts, Share, Simulator};
 use crate::lattice::Lattice;
 use crate::robot::{Poses, RobotError};
 
@@ -62,8 +62,11 @@ impl Follower {
         &self.simulator
     }
 
-    pub(crate) fn simulator_mut(&mut self) -> &mut Simulator {
-        &mut self.simulator
+    /// One that is where this one is, and from there on follows a share of the points only, or of
+    /// those chosen if any are.
+    pub(crate) fn following(&self, chosen: Option<Arc<Chosen>>, share: Share) -> Self {
+        let simulator = self.simulator.following(chosen, share);
+        Self { arm: Arc::clone(&self.arm), simulator, q: self.q.clone() }
     }
 
     /// What the arm displaces where it is.

@@ -15,7 +15,7 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use crate::arm::Arm;
-use crate::contact::{self, Contacts};
+use crate::contact::{self, Contacts, Share};
 use crate::follow::{Follower, Lost};
 use crate::lattice::Lattice;
 use crate::robot::{Poses, Robot, RobotError};
@@ -239,7 +239,7 @@ impl Tracker {
 
     /// The arm where it is in the touch under way, or before the first position of another.
     pub(crate) fn whereabouts(&self) -> Follower {
-        let mut arm = self.follower.clone();
+        let mut arm = self.follower.following(None, Share::WHOLE);
         if !self.begun {
             arm.begin_touch();
         }

@@ -19,8 +19,10 @@
 //!
 //! The cost follows the contacts and the links' surfaces, not the lattice's size.
 
+mod agenda;
 mod chosen;
 mod enter;
+mod roster;
 mod settle;
 
 use std::sync::Arc;
@@ -213,23 +215,28 @@ impl Simulator {
         }
     }
 
-    /// Follows these points only from now on, each as before, and lets go of all others.
-    pub(crate) fn follow_only(&mut self, chosen: Arc<Chosen>) {
-        self.let_go_unless(|place| chosen.contains(place));
-        self.chosen = Some(chosen);
-    }
-
-    /// Follows a share of the points only from now on, each as before, and lets go of all others.
-    pub(crate) fn follow_share(&mut self, share: Share) {
-        self.let_go_unless(|place| share.holds(place));
-        self.share = share;
-    }
-
-    fn let_go_unless(&mut self, stays: impl Fn([u32; 3]) -> bool) {
-        for touched in &mut self.touched {
-            touched.retain(|touched| stays(self.lattice.place(touched.cell)));
+    /// One that is where this one is, and from there on follows a share of the points only, or of
+    /// those chosen if any are, each as before.
+    pub(crate) fn following(&self, chosen: Option<Arc<Chosen>>, share: Share) -> Self {
+        let chosen = chosen.or_else(|| self.chosen.clone());
+        let stays = |touched: &&settle::Touched| {
+            let place = self.lattice.place(touched.cell);
+            share.holds(place) && chosen.as_ref().is_none_or(|chosen| chosen.contains(place))
+        };
+        let of_link =
+            |touched: &Vec<settle::Touched>| touched.iter().filter(stays).cloned().collect();
+        Self {
+            lattice: self.lattice.clone(),
+            surfaces: Arc::clone(&self.surfaces),
+            config: self.config.clone(),
+            poses: self.poses.clone(),
+            touched: self.touched.iter().map(of_link).collect(),
+            slipping: Vec::new(),
+            watches: vec![enter::Watch::default(); self.watches.len()],
+            taken: self.taken.clone(),
+            chosen,
+            share,
         }
-        self.watches.iter_mut().for_each(enter::Watch::clear);
     }
 
     /// Where the links are, by link; nowhere before the first touch.
@@ -318,12 +325,17 @@ impl Simulator {
         }
     }
 
+    /// How far a link may travel before its watch is written anew.
+    fn horizon_m(&self) -> f64 {
+        if self.chosen.is_some() { roster::HORIZON_M } else { agenda::HORIZON_M }
+    }
+
     /// Takes the links to their new poses.
     fn move_links(&mut self, world_from_link: &[Isometry3<f64>]) {
-        let reach_m = self.config.contact_distance_m;
+        let within_m = self.config.contact_distance_m + enter::LIPSCHITZ * self.horizon_m();
         for (link, watch) in self.watches.iter_mut().enumerate() {
             if let Some(surface) = &self.surfaces[link] {
-                watch.travel(surface, reach_m, &self.poses[link], &world_from_link[link]);
+                watch.travel(surface, within_m, &self.poses[link], &world_from_link[link]);
             }
         }
         self.poses.clone_from_slice(world_from_link);
@@ -332,7 +344,7 @@ impl Simulator {
     /// Free points that the links cover where they are, each once, with its deepest link;
     /// `released` are places that have become free since the last look.
     fn find_entered(&mut self, released: &[[u32; 3]]) -> Vec<enter::Entered> {
-        let mut found = Vec::new();
+        let (mut found, horizon_m) = (Vec::new(), self.horizon_m());
         for (link, watch) in self.watches.iter_mut().enumerate() {
             let (Some(surface), pose) = (&self.surfaces[link], &self.poses[link]) else { continue };
             let look = enter::Look {
@@ -341,6 +353,7 @@ impl Simulator {
                 chosen: self.chosen.as_deref(),
                 share: self.share,
                 reach_m: self.config.contact_distance_m,
+                horizon_m,
                 link,
                 surface,
                 pose,

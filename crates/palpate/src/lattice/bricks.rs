@@ -92,24 +92,11 @@ impl BrickBits {
         })
     }
 
-    /// The bits of a cube of `edge` cells a side, without all others; `low` is its first place.
-    ///
-    /// # Panics
-    ///
-    /// If the cube reaches beyond the brick that `low` lies in, which is a bug in the caller.
-    pub fn of_cube(&self, low: [u32; 3], edge: u32) -> Self {
-        let [i, j, k] = low.map(|n| n % BRICK_EDGE);
-        let layer = layer([i, j, k], edge);
-        let mut cube = Self::default();
-        for k in (k..k + edge).map(|k| k as usize) {
-            cube.0[k] = self.0[k] & layer;
-        }
-        cube
-    }
-
-    /// Bits that are set.
-    pub fn count(&self) -> u32 {
-        self.0.iter().map(|word| word.count_ones()).sum()
+    /// The bits that are set here and not there.
+    #[must_use]
+    pub fn without(mut self, other: &Self) -> Self {
+        self.0.iter_mut().zip(other.0).for_each(|(here, there)| *here &= !there);
+        self
     }
 
     /// Whether all bits of a cube of `edge` cells a side are set; `low` is its first place.
@@ -145,6 +132,12 @@ impl CellSet {
     pub fn contains(&self, place: [u32; 3]) -> bool {
         let (brick, inside) = Bricks::<()>::locate(place);
         self.bricks.get(brick).is_some_and(|bits| bits.get(inside))
+    }
+
+    /// The cells that the set holds of the brick of a place.
+    pub fn of_brick(&self, place: [u32; 3]) -> BrickBits {
+        let (brick, _) = Bricks::<()>::locate(place);
+        self.bricks.get(brick).copied().unwrap_or_default()
     }
 
     /// Whether the set holds every cell of a cube of `edge` cells a side; `low` is its first place.
@@ -197,9 +190,9 @@ mod tests {
         places.iter().rev().for_each(|place| bits.insert(Bricks::<()>::locate(*place).1));
         assert_eq!(bits.places([8, 16, 24]).collect::<Vec<_>>(), places);
         assert_eq!(BrickBits::default().places([8, 16, 24]).count(), 0);
-        let cube = bits.of_cube([8, 20, 24], 4);
-        assert_eq!(cube.places([8, 16, 24]).collect::<Vec<_>>(), [[8, 23, 25]]);
-        assert_eq!((cube.count(), bits.of_cube([8, 16, 24], 8).count()), (1, 5));
+        let mut first = BrickBits::default();
+        first.insert(Bricks::<()>::locate(places[0]).1);
+        assert_eq!(bits.without(&first).places([8, 16, 24]).collect::<Vec<_>>(), places[1..]);
     }
 
     #[test]

@@ -1,30 +1,39 @@
 //! Which springs of a field stand for which others where an answer must come fast.
 //!
 //! Neighbours are displaced alike, so one of them, with the stiffness of all, pushes nearly as they
-//! do together. Groups are blocks of 4³ cells, or of 2³, or single cells: a block is divided as
-//! long as it *weighs* more than a bound, so that no spring adds much more to an answer than any
-//! other. A cell weighs what it may add to the torque and to its variance, each against the mean.
+//! do together. Groups are blocks of 4³ cells, or half of one, or half of that, down to single cells:
+//! a block is divided as long as it *weighs* more than a bound, so that no spring adds much more to
+//! an answer than any other. A cell weighs what it may add to the torque and to its variance, each against the mean.
 
 use nalgebra::Vector3;
 
-use crate::contact::Chosen;
+use crate::contact::{Chosen, Share};
 use crate::lattice::{BRICK_CELLS, BrickBits, Bricks, CellRows};
 use crate::torque::Cell;
 
-/// Cells of a block, from the largest: 4³, 2³, 1.
-const BLOCKS: [usize; 3] = [64, 8, 1];
+/// Cells of a block, from the largest: 4 × 4 × 4, 4 × 4 × 2, 4 × 2 × 2, 2 × 2 × 2 and so on.
+const BLOCKS: [usize; 7] = [64, 32, 16, 8, 4, 2, 1];
 
-/// The springs that stand for groups; by row of the field, and 0 in all rows but theirs.
+/// The springs that stand for groups.
 #[derive(Debug)]
 pub(super) struct Leaders {
-    /// Sum of the stiffness of the group, N/m.
-    pub(super) stiffness_n_per_m: Vec<f64>,
-    /// Sum of the variances of the group, (N/m)².
-    pub(super) variance: Vec<f64>,
-    /// Cells of the group.
-    pub(super) stands_for: Vec<f64>,
-    /// The leaders, and what stands for cells of which the field knows nothing.
+    /// By row.
+    pub(super) leaders: Vec<Leader>,
+    /// Where they are, and what stands for cells of which the field knows nothing.
     pub(super) chosen: Chosen,
+}
+
+/// A spring that stands for a group.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Leader {
+    /// Its row in the field.
+    pub(super) row: usize,
+    /// Sum of the stiffness of the group, N/m.
+    pub(super) stiffness_n_per_m: f64,
+    /// Sum of the variances of the group, (N/m)².
+    pub(super) variance: f64,
+    /// Cells of the group.
+    pub(super) stands_for: f64,
 }
 
 /// A cell of a brick that the field knows.
@@ -38,25 +47,25 @@ struct Known {
 }
 
 impl Leaders {
-    /// The leaders of cells with these springs and variances, by row, in groups of which none
-    /// weighs more than `most` cells of the mean unless it is a single one.
+    /// The leaders of a share of the cells with these springs and variances, by row, in groups of
+    /// which none weighs more than `most` cells of the mean unless it is a single one.
     ///
     /// Cost: some 20 ns a cell.
-    pub(super) fn new(rows: &CellRows, springs: &[Cell], variance: &[f64], most: f64) -> Self {
+    pub(super) fn new(
+        rows: &CellRows,
+        springs: &[Cell],
+        variance: &[f64],
+        most: f64,
+        share: Share,
+    ) -> Self {
         let springs = &springs[..variance.len()];
-        let zeros = || vec![0.0; variance.len()];
-        let mut leaders = Self {
-            stiffness_n_per_m: zeros(),
-            variance: zeros(),
-            stands_for: zeros(),
-            chosen: Chosen::default(),
-        };
+        let (mut leaders, mut chosen) = (Vec::new(), Chosen::default());
         let per_cell = |sum: f64| if sum > 0.0 { variance.len() as f64 / sum } else { 0.0 };
         let per_stiffness = per_cell(springs.iter().map(Cell::unknown).sum());
         let per_variance = per_cell(variance.iter().sum());
         let inside: [usize; BRICK_CELLS] = std::array::from_fn(inside);
         let mut cells: Vec<Known> = Vec::with_capacity(BRICK_CELLS);
-        for (brick, rows) in rows.bricks() {
+        for (brick, rows) in rows.bricks().filter(|(brick, _)| share.holds_brick(*brick)) {
             let (mut known, mut leads) = (BrickBits::default(), BrickBits::default());
             cells.clear();
             for (number, &inside) in inside.iter().enumerate() {
@@ -70,17 +79,19 @@ impl Leaders {
                 }
             }
             divide(&cells, &BLOCKS, most, &mut |group| {
-                let leader = leader(group);
-                leads.insert(inside[leader.number]);
-                for cell in group {
-                    leaders.stiffness_n_per_m[leader.row] += cell.stiffness_n_per_m;
-                    leaders.variance[leader.row] += variance[cell.row];
-                }
-                leaders.stands_for[leader.row] = group.len() as f64;
+                let first = leader(group);
+                leads.insert(inside[first.number]);
+                leaders.push(Leader {
+                    row: first.row,
+                    stiffness_n_per_m: group.iter().map(|cell| cell.stiffness_n_per_m).sum(),
+                    variance: group.iter().map(|cell| variance[cell.row]).sum(),
+                    stands_for: group.len() as f64,
+                });
             });
-            leaders.chosen.choose(brick, &known, &leads);
+            chosen.choose(brick, &known, &leads);
         }
-        leaders
+        leaders.sort_unstable_by_key(|leader| leader.row);
+        Self { leaders, chosen }
     }
 }
 
@@ -149,12 +160,14 @@ mod tests {
         let (rows, springs) = field(|[i, j, k]| f64::from(i * 7 % 5 + j * k));
         let variance: Vec<f64> = (0..springs.len()).map(|row| (row % 11) as f64).collect();
         for most in [0.0, 1.0, 5.0, 30.0, 1e9] {
-            let leaders = Leaders::new(&rows, &springs, &variance, most);
-            let sum = |values: &[f64]| values.iter().sum::<f64>();
+            let leaders = Leaders::new(&rows, &springs, &variance, most, Share::WHOLE);
+            let sum = |of: fn(&Leader) -> f64| leaders.leaders.iter().map(of).sum::<f64>();
             let stiffness: f64 = springs.iter().map(Cell::unknown).sum();
-            assert!((sum(&leaders.stiffness_n_per_m) - stiffness).abs() < 1e-9 * stiffness);
-            assert!((sum(&leaders.variance) - sum(&variance)).abs() < 1e-9 * sum(&variance));
-            assert_eq!(sum(&leaders.stands_for), springs.len() as f64);
+            let variance: f64 = variance.iter().sum();
+            assert!((sum(|one| one.stiffness_n_per_m) - stiffness).abs() < 1e-9 * stiffness);
+            assert!((sum(|one| one.variance) - variance).abs() < 1e-9 * variance);
+            assert_eq!(sum(|one| one.stands_for), springs.len() as f64);
+            assert!(leaders.leaders.is_sorted_by(|a, b| a.row < b.row), "a leader has one group");
         }
     }
 
@@ -162,21 +175,21 @@ mod tests {
     fn what_is_stiff_is_divided_and_what_is_not_is_not() {
         let (rows, springs) = field(|[i, _, _]| if i < BRICK_EDGE { 100.0 } else { 1e-3 });
         let variance = vec![1.0; springs.len()];
-        let leaders = Leaders::new(&rows, &springs, &variance, 4.1);
+        let leaders = Leaders::new(&rows, &springs, &variance, 4.1, Share::WHOLE);
         let groups = |of_stiff: bool| {
             let is_stiff = |row: usize| rows.lattice().place(rows.cells()[row])[0] < BRICK_EDGE;
-            let leads = |row: &usize| leaders.stands_for[*row] > 0.0 && is_stiff(*row) == of_stiff;
-            (0..springs.len()).filter(leads).count()
+            leaders.leaders.iter().filter(|leader| is_stiff(leader.row) == of_stiff).count()
         };
-        // Stiff cells weigh 1.5, the others 0.5: eight of them weigh just as much as may be.
-        assert_eq!((groups(true), groups(false)), (BRICK_CELLS, BRICK_CELLS / 8));
+        // Stiff cells weigh 1.5, the others 0.5: two and eight of them weigh no more than may be.
+        assert_eq!((groups(true), groups(false)), (BRICK_CELLS / 2, BRICK_CELLS / 8));
     }
 
     #[test]
     fn the_leader_is_where_the_stiffness_is() {
         let (rows, springs) = field(|place| if place == [3, 2, 1] { 9.0 } else { 0.0 });
-        let leaders = Leaders::new(&rows, &springs, &vec![0.0; springs.len()], 1e9);
+        let leaders = Leaders::new(&rows, &springs, &vec![0.0; springs.len()], 1e9, Share::WHOLE);
         let row = rows.find(rows.lattice().cell([3, 2, 1])).unwrap() as usize;
-        assert_eq!((leaders.stiffness_n_per_m[row], leaders.stands_for[row]), (9.0, 64.0));
+        let leader = leaders.leaders.iter().find(|leader| leader.row == row).unwrap();
+        assert_eq!((leader.stiffness_n_per_m, leader.stands_for), (9.0, 64.0));
     }
 }

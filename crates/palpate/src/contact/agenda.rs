@@ -1,0 +1,161 @@
+//! The blocks of points that a link will look at again, and when.
+//!
+//! φ is a distance: at the centre of a block of cells it bounds φ everywhere in the block, and a
+//! block that is far from the link stays free until the link has travelled as far. So an [`Agenda`]
+//! has blocks, each due when the link may have reached it. A motion looks at what has become due; a
+//! block that may hold covered points is split, and whatever is still free goes back on the agenda.
+//! What a motion costs follows the link's surface and how far it went.
+
+use nalgebra::Vector3;
+
+use super::enter::{Entered, LIPSCHITZ, Look};
+use crate::lattice::BRICK_EDGE;
+
+/// How far the link may travel before its agenda is written anew; what it reaches later is left out.
+pub(super) const HORIZON_M: f64 = 0.02;
+
+/// Travel that shares a page of the agenda.
+const PAGE_M: f64 = 0.001;
+
+/// A cube of cells, at its first place, of 8, 4, 2 or 1 cells a side.
+#[derive(Debug, Clone, Copy)]
+struct Block {
+    low: [u32; 3],
+    edge: u32,
+}
+
+/// When a block must be looked at again.
+#[derive(Debug, Clone, Copy)]
+struct Due {
+    travel_m: f64,
+    block: Block,
+}
+
+/// Blocks looked at together.
+const HANDFUL: usize = 8;
+
+/// One link's agenda.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Agenda {
+    /// The travel so far, as [`super::enter::Watch`] has it.
+    travel_m: f64,
+    /// Blocks by the travel at which they are due, a page each [`PAGE_M`].
+    pages: Vec<Vec<Due>>,
+    /// The first page that may hold anything.
+    current: usize,
+    /// Room for the blocks of a look and their parts, kept from look to look.
+    room: [Vec<Block>; 2],
+}
+
+impl Agenda {
+    /// Writes the agenda anew, from every brick that the link can reach before the next time, and
+    /// adds the free points with φ < δ to `found`.
+    pub(super) fn write(&mut self, look: &Look<'_>, found: &mut Vec<Entered>) {
+        self.pages.resize((HORIZON_M / PAGE_M) as usize + 1, Vec::new());
+        self.pages.iter_mut().for_each(Vec::clear);
+        (self.travel_m, self.current) = (0.0, 0);
+        let mut due = std::mem::take(&mut self.room[0]);
+        due.extend(look.bricks_near().map(|low| Block { low, edge: BRICK_EDGE }));
+        self.visit(look, due, found);
+    }
+
+    /// Adds the free points with φ < δ that the link has come to cover to `found`.
+    pub(super) fn look(&mut self, look: &Look<'_>, travel_m: f64, found: &mut Vec<Entered>) {
+        let page = (travel_m / PAGE_M) as usize;
+        let mut due = std::mem::take(&mut self.room[0]);
+        for passed in &mut self.pages[self.current..page] {
+            due.extend(passed.drain(..).map(|due| due.block));
+        }
+        due.extend(
+            self.pages[page].extract_if(.., |due| due.travel_m <= travel_m).map(|due| due.block),
+        );
+        (self.travel_m, self.current) = (travel_m, page);
+        self.visit(look, due, found);
+    }
+
+    /// Puts a place that has become free on the agenda, or adds it to `found`.
+    pub(super) fn look_at(&mut self, look: &Look<'_>, place: [u32; 3], found: &mut Vec<Entered>) {
+        let mut due = std::mem::take(&mut self.room[0]);
+        due.push(Block { low: place, edge: 1 });
+        self.visit(look, due, found);
+    }
+
+    /// Looks at blocks: nothing in one is free, or it is put off, or split, or a covered point.
+    ///
+    /// Distances come first, a handful at a time, so that the processor waits for them together.
+    fn visit(&mut self, look: &Look<'_>, mut blocks: Vec<Block>, found: &mut Vec<Entered>) {
+        let mut parts = std::mem::take(&mut self.room[1]);
+        while !blocks.is_empty() {
+            for handful in blocks.chunks(HANDFUL) {
+                let mut distances_m = [0.0; HANDFUL];
+                for (distance_m, block) in distances_m.iter_mut().zip(handful) {
+                    *distance_m = block.distance_m(look);
+                }
+                for (&block, &distance_m) in handful.iter().zip(&distances_m) {
+                    self.sort(look, block, distance_m, &mut parts, found);
+                }
+            }
+            std::mem::swap(&mut blocks, &mut parts);
+            parts.clear();
+        }
+        self.room = [blocks, parts];
+    }
+
+    /// Decides on a block from φ at its middle; `parts` gets those of one to look at more closely.
+    fn sort(
+        &mut self,
+        look: &Look<'_>,
+        block: Block,
+        distance_m: f64,
+        parts: &mut Vec<Block>,
+        found: &mut Vec<Entered>,
+    ) {
+        let Block { low, edge } = block;
+        let free_m = (distance_m - look.reach_m) / LIPSCHITZ - block.radius_m(look);
+        if free_m > 0.0 || (edge == 1 && distance_m >= look.reach_m) {
+            return self.put_off(block, free_m);
+        }
+        if look.taken.holds_cube(low, edge) {
+            return;
+        }
+        if edge == 1 {
+            return found.push(Entered { place: low, link: look.link, distance_m });
+        }
+        let edge = edge / 2;
+        for octant in 0..8 {
+            let step = [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * edge);
+            let low = [low[0] + step[0], low[1] + step[1], low[2] + step[2]];
+            if look.is_inside(low) {
+                parts.push(Block { low, edge });
+            }
+        }
+    }
+
+    /// Puts a block that the link cannot reach in less than `free_m` on the agenda.
+    fn put_off(&mut self, block: Block, free_m: f64) {
+        let travel_m = self.travel_m + free_m;
+        if let Some(page) = self.pages.get_mut((travel_m / PAGE_M) as usize) {
+            page.push(Due { travel_m, block });
+        }
+    }
+}
+
+impl Block {
+    /// φ at the middle of a block; of one that is beyond the horizon, no more than φ.
+    ///
+    /// Most blocks of a new agenda are, and the box of the surface says so of most of these: it is at
+    /// hand, where the baked distances of a place that nobody asked about are not.
+    fn distance_m(self, look: &Look<'_>) -> f64 {
+        let half_m = f64::from(self.edge - 1) / 2.0 * look.lattice.spacing_m();
+        let middle = look.lattice.point_at(self.low) + Vector3::repeat(half_m);
+        let middle_link = look.in_link(&middle);
+        let beyond_m = look.within_m() + LIPSCHITZ * self.radius_m(look);
+        let box_m = look.box_distance_m(&middle_link);
+        if box_m > beyond_m { box_m } else { look.surface.distance(&middle_link) }
+    }
+
+    /// The farthest that a point of a block is from its middle.
+    fn radius_m(self, look: &Look<'_>) -> f64 {
+        f64::from(self.edge - 1) / 2.0 * look.lattice.spacing_m() * 3f64.sqrt()
+    }
+}
