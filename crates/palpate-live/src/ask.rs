@@ -28,6 +28,8 @@ use palpate::outlook::{self, Outlook, PathPoint};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
+use crate::run::spawn;
+
 /// Who may ask at the same time.
 const MOST_ASKERS: usize = 8;
 /// Bytes of the longest line: 100,000 points of 14 joints.
@@ -42,8 +44,8 @@ const LOOK: Duration = Duration::from_millis(50);
 /// What is asked of the mapper's thread.
 #[derive(Debug)]
 pub(crate) enum Request {
-    /// The field and the arm as they are.
-    Outlook(Sender<Outlook>),
+    /// The field and the arm as they are, with one spring in so many.
+    Outlook { one_in: f64, to_asker: Sender<Outlook> },
     /// A tare.
     Tare,
 }
@@ -128,7 +130,7 @@ impl AskSocket {
                     continue;
                 }
                 let askers = Arc::clone(&askers);
-                scope.spawn(move || {
+                spawn(scope, "answer", move || {
                     // Whoever leaves in the middle of a line has no question.
                     let _ = converse(&stream, desk);
                     askers.fetch_sub(1, Ordering::Relaxed);
@@ -216,15 +218,16 @@ fn torque_of(
     started: Instant,
 ) -> Result<String, String> {
     let (to_me, from_mapper): (_, Receiver<Outlook>) = bounded(1);
-    mapper.send(Request::Outlook(to_me)).map_err(|_| GONE.to_owned())?;
+    let (one_in, resolution_cells) = match exact {
+        true => (1.0, 0.0),
+        false => (outlook::ONE_IN, outlook::Config::default().resolution_cells),
+    };
+    let request = Request::Outlook { one_in, to_asker: to_me };
+    mapper.send(request).map_err(|_| GONE.to_owned())?;
     let outlook = from_mapper
         .recv_timeout(PATIENCE)
         .map_err(|_| "the mapper has no time for an answer now; ask again".to_owned())?;
-    let (outlook, config) = if exact {
-        (outlook, outlook::Config { resolution_cells: 0.0, ..outlook::Config::default() })
-    } else {
-        (outlook.thinned(outlook::ONE_IN), outlook::Config::default())
-    };
+    let config = outlook::Config { resolution_cells, ..outlook::Config::default() };
     let parts = thread::available_parallelism().map_or(1, |cores| cores.get().min(MOST_PARTS));
     let answer =
         outlook.ask_in_parts(path, &config, parts as u32).map_err(|error| error.to_string())?;

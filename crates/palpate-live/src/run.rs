@@ -14,7 +14,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread;
+use std::thread::{self, Scope, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, bounded};
@@ -118,17 +118,17 @@ pub fn run(
     };
     let goes_on = || shared.goes_on();
     thread::scope(|scope| {
-        scope.spawn(|| hear(ears, sentry, &shared));
-        scope.spawn(|| speak(&voice, &shared));
+        spawn(scope, "ears", || hear(ears, sentry, &shared));
+        spawn(scope, "voice", || speak(&voice, &shared));
         if let Some(writer) = writer {
-            scope.spawn(|| writer.run(&shared.written));
+            spawn(scope, "checkpoints", || writer.run(&shared.written));
         }
         if let Some(ask) = ask {
             let (answering, goes_on) = (&shared.answering, &goes_on);
             let desk = Desk { mapper: to_mapper, answering, goes_on };
-            scope.spawn(move || ask.run(&desk));
+            spawn(scope, "ask", move || ask.run(&desk));
         }
-        let mapper = scope.spawn(move || {
+        let mapper = spawn(scope, "mapper", move || {
             mapping.run();
             mapping.session
         });
@@ -144,6 +144,20 @@ pub fn run(
         shared.stopping.store(true, Ordering::Relaxed); // if the mapper stopped by itself
         session.map_err(|_| NetworkError::Defect)
     })
+}
+
+/// Starts a thread of the session; tools that list threads show its name.
+///
+/// # Panics
+///
+/// If the system has no thread to spare, as [`Scope::spawn`] does.
+pub(crate) fn spawn<'scope, T: Send + 'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    name: &str,
+    work: impl FnOnce() -> T + Send + 'scope,
+) -> ScopedJoinHandle<'scope, T> {
+    let thread = thread::Builder::new().name(name.to_owned());
+    thread.spawn_scoped(scope, work).expect("a thread to spare")
 }
 
 /// Waits for the topic to appear.
@@ -332,7 +346,9 @@ impl Mapping<'_> {
             match request {
                 Request::Tare => self.shared.tare.store(true, Ordering::Relaxed),
                 // Whoever asked may have left.
-                Request::Outlook(to_asker) => drop(to_asker.send(self.session.mapper().outlook())),
+                Request::Outlook { one_in, to_asker } => {
+                    drop(to_asker.send(self.session.mapper().thinned_outlook(one_in)));
+                }
             }
         }
     }

@@ -139,28 +139,6 @@ impl Springs {
         self.counts.get(row).is_some_and(|&count| count > 0)
     }
 
-    /// The cells by row.
-    pub(crate) fn rows(&self) -> &CellRows {
-        self.folder.rows()
-    }
-
-    /// Springs that stand for all of these, in rows of their own: those of the given rows with the
-    /// K given, N/m, and any other with a multiple of an untouched one's.
-    pub(crate) fn led_by(
-        &self,
-        leaders: impl Iterator<Item = (usize, f64)>,
-        others_stand_for: f64,
-    ) -> Self {
-        let (cells, mut rows) = (self.rows().cells(), CellRows::new(self.rows().lattice().clone()));
-        let (mut stiffness_n_per_m, mut counts) = (Vec::new(), Vec::new());
-        for (row, k) in leaders {
-            rows.row_of(cells[row]);
-            stiffness_n_per_m.push(k);
-            counts.push(self.counts.get(row).copied().unwrap_or_default());
-        }
-        Self::new(rows, &stiffness_n_per_m, counts, self.untouched_n_per_m * others_stand_for)
-    }
-
     /// The springs as sums over contacts need them.
     pub(crate) fn cells(&self) -> &[Cell] {
         &self.cells

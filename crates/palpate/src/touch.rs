@@ -15,7 +15,7 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use crate::arm::Arm;
-use crate::contact::{self, Contacts, Share};
+use crate::contact::{self, Chosen, Contacts, Share};
 use crate::follow::{Follower, Lost};
 use crate::lattice::Lattice;
 use crate::robot::{Poses, Robot, RobotError};
@@ -237,9 +237,10 @@ impl Tracker {
         self.follower.arm()
     }
 
-    /// The arm where it is in the touch under way, or before the first position of another.
-    pub(crate) fn whereabouts(&self) -> Follower {
-        let mut arm = self.follower.following(None, Share::WHOLE);
+    /// The arm where it is in the touch under way, or before the first position of another; it
+    /// follows the points that were chosen, if any were.
+    pub(crate) fn whereabouts(&self, chosen: Option<Arc<Chosen>>) -> Follower {
+        let mut arm = self.follower.following(chosen, Share::WHOLE);
         if !self.begun {
             arm.begin_touch();
         }

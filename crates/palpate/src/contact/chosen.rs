@@ -1,7 +1,7 @@
 //! Which points are followed where following all would take too long.
 //!
 //! No point's way depends on another's, so a part of them can be followed alone, each exactly as
-//! among all. A [`Chosen`] stands for all points (of a [`Share`]), and whoever chooses knows for how many others each
+//! among all. A [`Chosen`] stands for all points, and whoever chooses knows for how many others each
 //! of them stands; [`Share`]s are all points between them, for as many threads.
 
 use crate::lattice::{BRICK_EDGE, BrickBits, Bricks};
@@ -22,12 +22,7 @@ impl Share {
 
     /// Whether a point, and all of its brick, belong to this share.
     pub(super) fn holds(self, place: [u32; 3]) -> bool {
-        self.holds_brick(place.map(|n| n / BRICK_EDGE))
-    }
-
-    /// Whether the points of a brick, counted in bricks, belong to this share.
-    pub(crate) fn holds_brick(self, brick: [u32; 3]) -> bool {
-        brick.iter().sum::<u32>() % self.of == self.part
+        place.iter().map(|n| n / BRICK_EDGE).sum::<u32>() % self.of == self.part
     }
 }
 

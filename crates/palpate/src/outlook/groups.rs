@@ -7,12 +7,11 @@
 
 use nalgebra::Vector3;
 
-use crate::contact::{Chosen, Share};
+use crate::contact::Chosen;
 use crate::lattice::{BRICK_CELLS, BrickBits, Bricks, CellRows};
-use crate::torque::Cell;
 
-/// Cells of a block, from the largest: 4 × 4 × 4, 4 × 4 × 2, 4 × 2 × 2, 2 × 2 × 2 and so on.
-const BLOCKS: [usize; 7] = [64, 32, 16, 8, 4, 2, 1];
+/// The largest block has two to the power of so many cells; half a block has one less.
+const LARGEST: u32 = 6;
 
 /// The springs that stand for groups.
 #[derive(Debug)]
@@ -36,6 +35,15 @@ pub(super) struct Leader {
     pub(super) stands_for: f64,
 }
 
+/// What is known of a cell.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spring {
+    /// K, N/m.
+    pub(super) stiffness_n_per_m: f64,
+    /// Its variance, (N/m)².
+    pub(super) variance: f64,
+}
+
 /// A cell of a brick that the field knows.
 #[derive(Debug, Clone, Copy)]
 struct Known {
@@ -47,44 +55,40 @@ struct Known {
 }
 
 impl Leaders {
-    /// The leaders of a share of the cells with these springs and variances, by row, in groups of
-    /// which none weighs more than `most` cells of the mean unless it is a single one.
+    /// The leaders of cells with these springs, by row, in groups of which none weighs more than
+    /// `most` cells of the mean unless it is a single one.
     ///
     /// Cost: some 20 ns a cell.
-    pub(super) fn new(
-        rows: &CellRows,
-        springs: &[Cell],
-        variance: &[f64],
-        most: f64,
-        share: Share,
-    ) -> Self {
-        let springs = &springs[..variance.len()];
+    pub(super) fn new(rows: &CellRows, springs: &[Spring], most: f64) -> Self {
         let (mut leaders, mut chosen) = (Vec::new(), Chosen::default());
-        let per_cell = |sum: f64| if sum > 0.0 { variance.len() as f64 / sum } else { 0.0 };
-        let per_stiffness = per_cell(springs.iter().map(Cell::unknown).sum());
-        let per_variance = per_cell(variance.iter().sum());
+        let per_cell = |of: fn(&Spring) -> f64| {
+            let sum: f64 = springs.iter().map(of).sum();
+            if sum > 0.0 { springs.len() as f64 / sum } else { 0.0 }
+        };
+        let per_stiffness = per_cell(|spring| spring.stiffness_n_per_m);
+        let per_variance = per_cell(|spring| spring.variance);
         let inside: [usize; BRICK_CELLS] = std::array::from_fn(inside);
+        let places: [_; BRICK_CELLS] = std::array::from_fn(|n| place(n).map(|n| n as f64).into());
         let mut cells: Vec<Known> = Vec::with_capacity(BRICK_CELLS);
-        for (brick, rows) in rows.bricks().filter(|(brick, _)| share.holds_brick(*brick)) {
+        for (brick, rows) in rows.bricks() {
             let (mut known, mut leads) = (BrickBits::default(), BrickBits::default());
             cells.clear();
             for (number, &inside) in inside.iter().enumerate() {
                 let row = rows[inside] as usize;
-                if let Some(spring) = springs.get(row) {
-                    let stiffness_n_per_m = spring.unknown();
+                if let Some(&Spring { stiffness_n_per_m, variance }) = springs.get(row) {
                     let weight =
-                        (stiffness_n_per_m * per_stiffness + variance[row] * per_variance) / 2.0;
+                        (stiffness_n_per_m * per_stiffness + variance * per_variance) / 2.0;
                     cells.push(Known { number, row, weight, stiffness_n_per_m });
                     known.insert(inside);
                 }
             }
-            divide(&cells, &BLOCKS, most, &mut |group| {
-                let first = leader(group);
+            divide(&cells, most, &mut |group| {
+                let first = leader(group, &places);
                 leads.insert(inside[first.number]);
                 leaders.push(Leader {
                     row: first.row,
                     stiffness_n_per_m: group.iter().map(|cell| cell.stiffness_n_per_m).sum(),
-                    variance: group.iter().map(|cell| variance[cell.row]).sum(),
+                    variance: group.iter().map(|cell| springs[cell.row].variance).sum(),
                     stands_for: group.len() as f64,
                 });
             });
@@ -107,34 +111,39 @@ fn place(n: usize) -> [usize; 3] {
     std::array::from_fn(|axis| (0..3).map(|bit| (n >> (3 * bit + axis) & 1) << bit).sum())
 }
 
-/// Calls `group` with every group among cells, which come by number and are divided into blocks of
-/// these numbers of cells.
-fn divide(cells: &[Known], blocks: &[usize], most: f64, group: &mut impl FnMut(&[Known])) {
-    let [block, smaller @ ..] = blocks else { return };
-    for cells in cells.chunk_by(|a, b| a.number / block == b.number / block) {
-        if cells.len() > 1 && cells.iter().map(|cell| cell.weight).sum::<f64>() > most {
-            divide(cells, smaller, most, group);
-        } else {
-            group(cells);
-        }
+/// Calls `group` with every group among the cells of a brick, which come by number.
+fn divide(cells: &[Known], most: f64, group: &mut impl FnMut(&[Known])) {
+    for block in cells.chunk_by(|a, b| a.number >> LARGEST == b.number >> LARGEST) {
+        halve(block, LARGEST, most, group);
+    }
+}
+
+/// Calls `group` with every group of a block of two to the power of `size` cells.
+fn halve(cells: &[Known], size: u32, most: f64, group: &mut impl FnMut(&[Known])) {
+    if cells.len() > 1 && cells.iter().map(|cell| cell.weight).sum::<f64>() > most {
+        let size = size - 1;
+        let half = cells.partition_point(|cell| cell.number >> size & 1 == 0);
+        halve(&cells[..half], size, most, group);
+        halve(&cells[half..], size, most, group);
+    } else if !cells.is_empty() {
+        group(cells);
     }
 }
 
 /// The cell of a group that stands for all: the nearest to the middle of their stiffness.
-fn leader(group: &[Known]) -> Known {
+fn leader(group: &[Known], places: &[Vector3<f64>; BRICK_CELLS]) -> Known {
     if let [single] = group {
         return *single;
     }
-    let point = |cell: &Known| Vector3::from(place(cell.number).map(|n| n as f64));
     let (mut middle, mut sum) = (Vector3::zeros(), 0.0);
     for cell in group {
         let weight = cell.stiffness_n_per_m + f64::MIN_POSITIVE; // all may be 0
-        middle += point(cell) * weight;
+        middle += places[cell.number] * weight;
         sum += weight;
     }
     middle /= sum;
-    let away = |cell: &Known| (point(cell) - middle).norm_squared();
-    *group.iter().min_by(|a, b| away(a).total_cmp(&away(b))).expect("a chunk is never empty")
+    let away = |cell: &Known| (places[cell.number] - middle).norm_squared();
+    *group.iter().min_by(|a, b| away(a).total_cmp(&away(b))).expect("a group is never empty")
 }
 
 #[cfg(test)]
@@ -142,28 +151,33 @@ mod tests {
     use super::*;
     use crate::lattice::{BRICK_EDGE, Lattice};
 
-    /// Rows of all cells of two bricks of a lattice, and springs for them.
-    fn field(stiffness_n_per_m: impl Fn([u32; 3]) -> f64) -> (CellRows, Vec<Cell>) {
+    /// Rows of all cells of two bricks of a lattice, and springs for them, by place and by row.
+    fn field(
+        stiffness_n_per_m: impl Fn([u32; 3]) -> f64,
+        variance: impl Fn(usize) -> f64,
+    ) -> (CellRows, Vec<Spring>) {
         let lattice = Lattice::new([0.0; 3], 0.01, [2 * BRICK_EDGE, BRICK_EDGE, BRICK_EDGE]);
         let mut rows = CellRows::new(lattice.unwrap());
         for number in 0..2 * BRICK_CELLS as u32 {
             rows.row_of(crate::lattice::CellId(number));
         }
-        let k = |&cell| stiffness_n_per_m(rows.lattice().place(cell));
-        let springs = rows.cells().iter().zip(rows.points_m());
-        let springs = springs.map(|(cell, &point)| Cell::new(point, k(cell))).collect();
+        let spring = |(row, &cell)| Spring {
+            stiffness_n_per_m: stiffness_n_per_m(rows.lattice().place(cell)),
+            variance: variance(row),
+        };
+        let springs = rows.cells().iter().enumerate().map(spring).collect();
         (rows, springs)
     }
 
     #[test]
     fn groups_hold_every_cell_once_with_all_its_stiffness_and_variance() {
-        let (rows, springs) = field(|[i, j, k]| f64::from(i * 7 % 5 + j * k));
-        let variance: Vec<f64> = (0..springs.len()).map(|row| (row % 11) as f64).collect();
+        let stiffness = |[i, j, k]: [u32; 3]| f64::from(i * 7 % 5 + j * k);
+        let (rows, springs) = field(stiffness, |row| (row % 11) as f64);
         for most in [0.0, 1.0, 5.0, 30.0, 1e9] {
-            let leaders = Leaders::new(&rows, &springs, &variance, most, Share::WHOLE);
+            let leaders = Leaders::new(&rows, &springs, most);
             let sum = |of: fn(&Leader) -> f64| leaders.leaders.iter().map(of).sum::<f64>();
-            let stiffness: f64 = springs.iter().map(Cell::unknown).sum();
-            let variance: f64 = variance.iter().sum();
+            let stiffness: f64 = springs.iter().map(|spring| spring.stiffness_n_per_m).sum();
+            let variance: f64 = springs.iter().map(|spring| spring.variance).sum();
             assert!((sum(|one| one.stiffness_n_per_m) - stiffness).abs() < 1e-9 * stiffness);
             assert!((sum(|one| one.variance) - variance).abs() < 1e-9 * variance);
             assert_eq!(sum(|one| one.stands_for), springs.len() as f64);
@@ -173,9 +187,9 @@ mod tests {
 
     #[test]
     fn what_is_stiff_is_divided_and_what_is_not_is_not() {
-        let (rows, springs) = field(|[i, _, _]| if i < BRICK_EDGE { 100.0 } else { 1e-3 });
-        let variance = vec![1.0; springs.len()];
-        let leaders = Leaders::new(&rows, &springs, &variance, 4.1, Share::WHOLE);
+        let stiffness = |[i, _, _]: [u32; 3]| if i < BRICK_EDGE { 100.0 } else { 1e-3 };
+        let (rows, springs) = field(stiffness, |_| 1.0);
+        let leaders = Leaders::new(&rows, &springs, 4.1);
         let groups = |of_stiff: bool| {
             let is_stiff = |row: usize| rows.lattice().place(rows.cells()[row])[0] < BRICK_EDGE;
             leaders.leaders.iter().filter(|leader| is_stiff(leader.row) == of_stiff).count()
@@ -186,8 +200,9 @@ mod tests {
 
     #[test]
     fn the_leader_is_where_the_stiffness_is() {
-        let (rows, springs) = field(|place| if place == [3, 2, 1] { 9.0 } else { 0.0 });
-        let leaders = Leaders::new(&rows, &springs, &vec![0.0; springs.len()], 1e9, Share::WHOLE);
+        let stiffness = |place| if place == [3, 2, 1] { 9.0 } else { 0.0 };
+        let (rows, springs) = field(stiffness, |_| 0.0);
+        let leaders = Leaders::new(&rows, &springs, 1e9);
         let row = rows.find(rows.lattice().cell([3, 2, 1])).unwrap() as usize;
         let leader = leaders.leaders.iter().find(|leader| leader.row == row).unwrap();
         assert_eq!((leader.stiffness_n_per_m, leader.stands_for), (9.0, 64.0));

@@ -29,7 +29,7 @@
 //! # Where an answer must come fast
 //!
 //! What a stop costs follows the points touched. No point's way depends on another's, so some of
-//! them can stand for the rest: [`Outlook::thinned`] keeps one of a block of neighbours, with the
+//! them can stand for the rest: [`crate::mapper::Mapper::thinned_outlook`] keeps one of a block of neighbours, with the
 //! stiffness of all, in blocks as small as the stiff and the hardly known ones need. With one in
 //! [`ONE_IN`], on touches of three simulated plants that the field had not learnt, and with a stop
 //! every cell (the default), that moved torques by 1 to 11 % from path to path, and their standard
@@ -56,11 +56,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::felt::Felt;
-use self::groups::Leaders;
+use self::groups::{Leaders, Spring};
 use self::route::Route;
 use crate::contact::{Chosen, Contacts, Share};
-use crate::field::Springs;
+use crate::field::{CellEstimate, Springs};
 use crate::follow::{Follower, Lost};
+use crate::lattice::CellRows;
 use crate::robot::{Poses, RobotError};
 
 /// How closely a path is looked at.
@@ -87,8 +88,8 @@ pub const MAX_POINTS: usize = 100_000;
 /// Stops and sub-steps of a path at most, each: a few seconds.
 pub const MAX_MOTIONS: usize = 10_000;
 
-/// Springs of which [`Outlook::thinned`] keeps one where an answer must come fast.
-pub const ONE_IN: f64 = 24.0;
+/// Springs of which [`crate::mapper::Mapper::thinned_outlook`] keeps one where an answer must come fast.
+pub const ONE_IN: f64 = 16.0;
 
 /// Why a path cannot be looked at. Points are counted from 0.
 #[derive(Debug, thiserror::Error)]
@@ -165,37 +166,60 @@ pub struct Outlook {
     /// For how many each cell stands, by row, if not for itself alone; then all other cells.
     stands_for: Vec<f64>,
     others_stand_for: f64,
-    /// Springs of which whoever asks is to keep one.
-    one_in: f64,
 }
 
 impl Outlook {
-    /// An outlook of an arm that is in a touch, or before its first position.
+    /// An outlook of an arm that is in a touch, or before its first position; `estimate` knows the
+    /// cells by row, and of any other number what is said of cells without one.
     pub(crate) fn new(
         arm: Follower,
-        springs: Springs,
-        variance: Vec<f64>,
-        untouched_variance: f64,
+        rows: &CellRows,
+        estimate: impl Fn(usize) -> CellEstimate,
     ) -> Self {
-        let (stands_for, others_stand_for) = (Vec::new(), 1.0);
-        let one_in = 1.0;
-        Self { arm, springs, variance, untouched_variance, stands_for, others_stand_for, one_in }
+        let known: Vec<CellEstimate> = (0..rows.len()).map(&estimate).collect();
+        let stiffness: Vec<f64> = known.iter().map(|cell| cell.stiffness_n_per_m).collect();
+        let counts = known.iter().map(|cell| cell.count).collect();
+        let untouched = estimate(usize::MAX);
+        Self {
+            arm,
+            springs: Springs::new(rows.clone(), &stiffness, counts, untouched.stiffness_n_per_m),
+            variance: known.iter().map(|cell| cell.std_n_per_m.powi(2)).collect(),
+            untouched_variance: untouched.std_n_per_m.powi(2),
+            stands_for: Vec::new(),
+            others_stand_for: 1.0,
+        }
     }
 
-    /// The same outlook with about one spring in `one_in`, each standing for its neighbours, in
-    /// less time; with 1 or less, the outlook as it is.
-    ///
-    /// Of the cells of which the field knows nothing, one in every block of 4³ is kept. Torques are
-    /// then off by some percent, see [`ONE_IN`], and counts of contacts are estimates. The choice
-    /// follows from the field alone: the same field has the same answer.
-    ///
-    /// Cost: nothing now; the next question takes some tenths of a millisecond longer.
-    #[must_use]
-    pub fn thinned(mut self, one_in: f64) -> Self {
-        if one_in > 1.0 && self.stands_for.is_empty() {
-            self.one_in = one_in;
+    /// [`Outlook::new`] with about one spring in `one_in`, each standing for its neighbours; `arm`
+    /// is one that follows these only.
+    pub(crate) fn thinned(
+        arm: impl FnOnce(Arc<Chosen>) -> Follower,
+        rows: &CellRows,
+        estimate: impl Fn(usize) -> CellEstimate,
+        one_in: f64,
+    ) -> Self {
+        let spring = |row| {
+            let CellEstimate { stiffness_n_per_m, std_n_per_m, .. } = estimate(row);
+            Spring { stiffness_n_per_m, variance: std_n_per_m.powi(2) }
+        };
+        let known: Vec<Spring> = (0..rows.len()).map(spring).collect();
+        let Leaders { leaders, chosen } = Leaders::new(rows, &known, one_in);
+        let mut led = CellRows::new(rows.lattice().clone());
+        for leader in &leaders {
+            led.row_of(rows.cells()[leader.row]);
         }
-        self
+        let stiffness: Vec<f64> = leaders.iter().map(|leader| leader.stiffness_n_per_m).collect();
+        let counts = leaders.iter().map(|leader| estimate(leader.row).count).collect();
+        let (untouched, others_stand_for) = (spring(usize::MAX), Chosen::ONE_IN);
+        let untouched_n_per_m = untouched.stiffness_n_per_m * others_stand_for;
+        Self {
+            arm: arm(Arc::new(chosen)),
+            springs: Springs::new(led, &stiffness, counts, untouched_n_per_m),
+            variance: leaders.iter().map(|leader| leader.variance).collect(),
+            untouched_variance: untouched.variance * others_stand_for,
+            stands_for: leaders.iter().map(|leader| leader.stands_for).collect(),
+            others_stand_for,
+        }
     }
 
     /// What torque a path would meet, from where the arm is; the next question starts there too.
@@ -212,7 +236,6 @@ impl Outlook {
         path: &[Q],
         config: &Config,
     ) -> Result<Answer, PathError> {
-        self.thin();
         let arm = self.arm.clone();
         let answer = self.follow(path, config);
         self.arm = arm;
@@ -230,7 +253,6 @@ impl Outlook {
         path: &[Q],
         config: &Config,
     ) -> Result<Answer, PathError> {
-        self.thin();
         let way = self.way(path, config)?;
         let felt = self.walk(&way)?;
         Ok(way.answer(&felt))
@@ -252,7 +274,12 @@ impl Outlook {
     ) -> Result<Answer, PathError> {
         let way = self.way(path, config)?;
         let of = parts.max(1);
-        let walk = |part| self.share(Share { part, of }).walk(&way);
+        let walk = |part| {
+            let arm = self.arm.following(None, Share { part, of });
+            let (springs, variance) = (self.springs.clone(), self.variance.clone());
+            let stands_for = self.stands_for.clone();
+            Self { arm, springs, variance, stands_for, ..*self }.walk(&way)
+        };
         let felt: Vec<Vec<Felt>> =
             (0..of).into_par_iter().map(walk).collect::<Result<_, PathError>>()?;
         let felt = felt.into_iter().reduce(|mut sum, part| {
@@ -260,34 +287,6 @@ impl Outlook {
             sum
         });
         Ok(way.answer(&felt.unwrap_or_default()))
-    }
-
-    /// Keeps one of so many springs from now on, if that is still to be done.
-    fn thin(&mut self) {
-        if self.one_in > 1.0 {
-            *self = self.share(Share::WHOLE);
-        }
-    }
-
-    /// An outlook of a share of the points, or of those of them that stand for the rest.
-    fn share(&self, share: Share) -> Self {
-        if self.one_in <= 1.0 {
-            return Self { arm: self.arm.following(None, share), ..self.clone() };
-        }
-        let (rows, cells) = (self.springs.rows(), self.springs.cells());
-        let Leaders { leaders, chosen } =
-            Leaders::new(rows, cells, &self.variance, self.one_in, share);
-        let others_stand_for = Chosen::ONE_IN;
-        let led = leaders.iter().map(|leader| (leader.row, leader.stiffness_n_per_m));
-        Self {
-            arm: self.arm.following(Some(Arc::new(chosen)), share),
-            springs: self.springs.led_by(led, others_stand_for),
-            variance: leaders.iter().map(|leader| leader.variance).collect(),
-            untouched_variance: self.untouched_variance * others_stand_for,
-            stands_for: leaders.iter().map(|leader| leader.stands_for).collect(),
-            others_stand_for,
-            one_in: 1.0,
-        }
     }
 
     /// A path that was found fit to be followed from where the arm is, with its stops.
