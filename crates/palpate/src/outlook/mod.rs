@@ -29,11 +29,11 @@
 //! # Where an answer must come fast
 //!
 //! What a stop costs follows the points touched. No point's way depends on another's, so some of
-//! them can stand for the rest: [`crate::mapper::Mapper::thinned_outlook`] keeps one of a block of neighbours, with the
-//! stiffness of all, in blocks as small as the stiff and the hardly known ones need. With one in
+//! them can stand for the rest: [`Mapper::thinned_outlook`] keeps one of a block of neighbours, with
+//! the stiffness of all, in blocks as small as the stiff and the hardly known ones need. With one in
 //! [`ONE_IN`], on touches of three simulated plants that the field had not learnt, and with a stop
-//! every cell (the default), that moved torques by 1 to 11 % from path to path, and their standard
-//! deviations by 2 to 15 %; what the field itself gets wrong is 33 %. For the same reason several
+//! every cell (the default), that moved torques by 1 to 9 % from path to path, and their standard
+//! deviations by 2 to 22 %; what the field itself gets wrong is 33 %. For the same reason several
 //! threads can share an answer: [`Outlook::ask_in_parts`].
 //!
 //! # What the standard deviation means
@@ -44,6 +44,8 @@
 //! contact model gets wrong is in it, and the springs count as independent, though those that are
 //! always pressed together are known by their sum only. Take it as a ranking of paths by how well
 //! their resistance is known, not as a bound on the error.
+//!
+//! [`Mapper::thinned_outlook`]: crate::mapper::Mapper::thinned_outlook
 
 mod felt;
 mod groups;
@@ -88,7 +90,8 @@ pub const MAX_POINTS: usize = 100_000;
 /// Stops and sub-steps of a path at most, each: a few seconds.
 pub const MAX_MOTIONS: usize = 10_000;
 
-/// Springs of which [`crate::mapper::Mapper::thinned_outlook`] keeps one where an answer must come fast.
+/// Springs of the mean for which one stands at most where an answer must come fast; see
+/// [`Mapper::thinned_outlook`](crate::mapper::Mapper::thinned_outlook).
 pub const ONE_IN: f64 = 16.0;
 
 /// Why a path cannot be looked at. Points are counted from 0.
@@ -190,8 +193,8 @@ impl Outlook {
         }
     }
 
-    /// [`Outlook::new`] with about one spring in `one_in`, each standing for its neighbours; `arm`
-    /// is one that follows these only.
+    /// [`Outlook::new`] with springs that each stand for neighbours, of which none weighs more than
+    /// `one_in` of the mean; `arm` is one that follows these only.
     pub(crate) fn thinned(
         arm: impl FnOnce(Arc<Chosen>) -> Follower,
         rows: &CellRows,
