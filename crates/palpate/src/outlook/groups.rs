@@ -1,16 +1,17 @@
 //! Which springs of a field stand for which others where an answer must come fast.
 //!
 //! Neighbours are displaced alike, so one of them, with the stiffness of all, pushes nearly as they
-//! do together. Groups are blocks of 4³ cells, or half of one, or half of that, down to single cells:
-//! a block is divided as long as it *weighs* more than a bound, so that no spring adds much more to
-//! an answer than any other. A cell weighs what it may add to the torque and to its variance, each against the mean.
+//! do together. Groups are blocks of 4³ cells, or half of one, or half of that, down to single
+//! cells: a block is halved as long as it *weighs* more than a bound, so that no spring adds much
+//! more to an answer than any other. A cell weighs what it may add to the torque and to its
+//! variance, each against the mean.
 
 use nalgebra::Vector3;
 
 use crate::contact::Chosen;
 use crate::lattice::{BRICK_CELLS, BrickBits, Bricks, CellRows};
 
-/// The largest block has two to the power of so many cells; half a block has one less.
+/// The largest block has 2 to the power of this many cells; half of it, of one less.
 const LARGEST: u32 = 6;
 
 /// The springs that stand for groups.
