@@ -45,7 +45,9 @@ impl Roster {
         let limit_m = look.within_m();
         for low in look.bricks_near().filter(|low| look.is_brick_within(limit_m, *low)) {
             let free = chosen.of_brick(low).without(&look.taken.of_brick(low));
-            free.places(low).for_each(|place| self.points.push(Waiting { place, due_m: 0.0 }));
+            // The last bricks may reach beyond the lattice.
+            let free = free.places(low).filter(|place| look.is_inside(*place));
+            free.for_each(|place| self.points.push(Waiting { place, due_m: 0.0 }));
         }
         self.origin = look.pose * look.middle();
         for (axis, from_origin_m) in self.from_origin_m.iter_mut().enumerate() {
@@ -173,11 +175,11 @@ mod tests {
 
     #[test]
     fn no_followed_point_that_a_link_covers_is_ever_free_and_no_other_is_touched() {
-        let lattice = Lattice::new([-0.4, -0.4, -0.4], 0.02, [40; 3]).unwrap();
+        let lattice = Lattice::new([-0.2; 3], 0.02, [19, 21, 18]).unwrap();
         let mut chosen = Chosen::default(); // in some bricks all of every third layer are known
         let mut layers = BrickBits::default();
         (0..512).filter(|inside| inside / 64 % 3 == 0).for_each(|inside| layers.insert(inside));
-        for brick in [[2, 2, 2], [1, 2, 2], [2, 1, 3], [1, 1, 1]] {
+        for brick in [[1, 1, 1], [0, 1, 1], [1, 0, 2], [0, 0, 0]] {
             chosen.choose(brick, &layers, &layers);
         }
         let chosen = Arc::new(chosen);
