@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 use nalgebra::DVector;
-use palpate::outlook::{self, Outlook, PathPoint};
+use palpate::outlook::{self, Outlook, PathChecker, PathPoint};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -34,8 +34,6 @@ use crate::run::spawn;
 const MOST_ASKERS: usize = 8;
 /// Bytes of the longest line: 100,000 points of 14 joints.
 const LONGEST: u64 = 64 << 20;
-/// Threads that work out an answer, at most.
-const MOST_PARTS: usize = 4;
 /// How long the mapper may take to hand out an outlook.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Between two looks at whether to stop.
@@ -76,6 +74,8 @@ struct PathAnswer {
 pub(crate) struct Desk<'a> {
     /// The mapper's thread.
     pub(crate) mapper: Sender<Request>,
+    /// Whether its outlooks can answer a path.
+    pub(crate) checker: PathChecker,
     /// Questions whose answers are being worked out.
     pub(crate) answering: &'a AtomicUsize,
     /// Whether the session goes on.
@@ -198,7 +198,7 @@ fn answer(line: &[u8], desk: &Desk<'_>) -> String {
             }
             Question { path: Some(path), exact, .. } => {
                 desk.answering.fetch_add(1, Ordering::Relaxed);
-                let answer = torque_of(&path, exact, &desk.mapper, started);
+                let answer = torque_of(&path, exact, desk, started);
                 desk.answering.fetch_sub(1, Ordering::Relaxed);
                 answer
             }
@@ -214,7 +214,7 @@ const GONE: &str = "the mapper has stopped";
 fn torque_of(
     path: &[Vec<f64>],
     exact: bool,
-    mapper: &Sender<Request>,
+    desk: &Desk<'_>,
     started: Instant,
 ) -> Result<String, String> {
     let (to_me, from_mapper): (_, Receiver<Outlook>) = bounded(1);
@@ -222,15 +222,15 @@ fn torque_of(
         true => (1.0, 0.0),
         false => (outlook::ONE_IN, outlook::Config::default().resolution_cells),
     };
+    let config = outlook::Config { resolution_cells, ..outlook::Config::default() };
+    // The mapper gets on with it while the path is checked.
     let request = Request::Outlook { one_in, to_asker: to_me };
-    mapper.send(request).map_err(|_| GONE.to_owned())?;
+    desk.mapper.send(request).map_err(|_| GONE.to_owned())?;
+    let path = desk.checker.check(path, &config).map_err(|error| error.to_string())?;
     let outlook = from_mapper
         .recv_timeout(PATIENCE)
         .map_err(|_| "the mapper has no time for an answer now; ask again".to_owned())?;
-    let config = outlook::Config { resolution_cells, ..outlook::Config::default() };
-    let parts = thread::available_parallelism().map_or(1, |cores| cores.get().min(MOST_PARTS));
-    let answer =
-        outlook.ask_in_parts(path, &config, parts as u32).map_err(|error| error.to_string())?;
+    let answer = outlook.answer(&path).map_err(|error| error.to_string())?;
     let rows = |torques: &dyn Fn(&PathPoint) -> &DVector<f64>| {
         let row = |point| torques(point).iter().copied().map(to_a_millionth).collect();
         answer.points.iter().map(row).collect()
@@ -253,9 +253,26 @@ fn to_a_millionth(number: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use palpate::arm::Arm;
+    use palpate::estimator::Method;
+    use palpate::mapper::{Config, Mapper};
+    use palpate::robot::Robot;
+    use palpate::sdf;
     use serde_json::Value;
 
     use super::*;
+
+    fn checker() -> PathChecker {
+        let ball = "<geometry><sphere radius='0.1'/></geometry>";
+        let urdf = format!(
+            "<robot name='r'><link name='a'/><link name='b'><collision>{ball}</collision></link>\
+             <joint name='j' type='continuous'><parent link='a'/><child link='b'/></joint></robot>"
+        );
+        let robot = Robot::from_urdf(&urdf).unwrap();
+        let arm = Arm::bake(robot, &sdf::Config::default(), |_| unreachable!("no meshes"));
+        let mapper = Mapper::new(Arc::new(arm.unwrap().0), Config::of(Method::Map));
+        mapper.unwrap().path_checker()
+    }
 
     /// A socket whose mapper only counts tares.
     fn served(test: impl FnOnce(&Path)) -> usize {
@@ -269,7 +286,8 @@ mod tests {
             scope.spawn(move || {
                 let goes_on = || !done.load(Ordering::Relaxed);
                 let answering = AtomicUsize::new(0);
-                let desk = Desk { mapper: to_mapper, answering: &answering, goes_on: &goes_on };
+                let (mapper, checker) = (to_mapper, checker());
+                let desk = Desk { mapper, checker, answering: &answering, goes_on: &goes_on };
                 socket.run(&desk);
             });
             let counted = scope

@@ -98,6 +98,7 @@ pub fn run(
     tell(News::Note(format!("listening to `{}` ({how})", topic.name)));
 
     let guard = session.guard().cloned();
+    let checker = session.mapper().path_checker();
     let touch = &session.mapper().config().touch;
     let sentry = guard.clone().map(|guard| Sentry::new(guard, Arc::clone(arm), touch.clone()));
     let shared = Shared::new(config.queue, guard);
@@ -125,7 +126,7 @@ pub fn run(
         }
         if let Some(ask) = ask {
             let (answering, goes_on) = (&shared.answering, &goes_on);
-            let desk = Desk { mapper: to_mapper, answering, goes_on };
+            let desk = Desk { mapper: to_mapper, checker, answering, goes_on };
             spawn(scope, "ask", move || ask.run(&desk));
         }
         let mapper = spawn(scope, "mapper", move || {

@@ -282,7 +282,7 @@ impl Mapper {
         let mut config = outlook::Config::default();
         config.resolution_cells = resolution_cells.unwrap_or(config.resolution_cells);
         config.start_cells = start_cells.unwrap_or(config.start_cells);
-        let mut outlook = self.state.take(py)?.inner.mapper.outlook();
+        let outlook = self.state.take(py)?.inner.mapper.outlook();
         let no_bar = no_bar(py);
         let answer = long(py, Some(no_bar.as_any()), |_| outlook.ask(&path, &config))?;
         let outlook::Answer { points, goes_on, stops } =

@@ -138,11 +138,6 @@ impl Springs {
     pub(crate) fn is_known(&self, row: usize) -> bool {
         self.counts.get(row).is_some_and(|&count| count > 0)
     }
-
-    /// The springs as sums over contacts need them.
-    pub(crate) fn cells(&self) -> &[Cell] {
-        &self.cells
-    }
 }
 
 /// Predicts the torque of motions from a field that stays as it is.

@@ -9,9 +9,9 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 
 use crate::arm::Arm;
-use crate::contact::{self, Chosen, Contacts, Share, Simulator};
+use crate::contact::{self, Contacts, Grip, Simulator};
 use crate::lattice::Lattice;
-use crate::robot::{Poses, RobotError};
+use crate::robot::{Poses, Robot, RobotError};
 
 /// The farthest that a joint turns (rad) or slides (m) in a piece of a motion whose ends are
 /// compared to count its sub-steps: short enough for chord and arc to differ by a millimetre.
@@ -35,10 +35,21 @@ impl From<RobotError> for Lost {
     }
 }
 
+/// Where the arm is, as joint positions and the links' poses there.
+pub(crate) type Place<'a> = (&'a [f64], &'a [Isometry3<f64>]);
+
+/// Cuts the arm's motions into sub-steps.
+#[derive(Debug, Clone)]
+pub(crate) struct Stride {
+    arm: Arc<Arm>,
+    /// The farthest that a point of the arm goes in one, m.
+    substep_m: f64,
+}
+
 /// Takes the arm along its way.
 #[derive(Debug, Clone)]
 pub(crate) struct Follower {
-    arm: Arc<Arm>,
+    stride: Stride,
     simulator: Simulator,
     /// Where the arm is; `None` before the first position of a touch.
     q: Option<Vec<f64>>,
@@ -51,22 +62,16 @@ impl Follower {
         contact: contact::Config,
     ) -> Result<Self, contact::ConfigError> {
         let simulator = Simulator::new(lattice, Arc::clone(&arm.surfaces), contact)?;
-        Ok(Self { arm, simulator, q: None })
+        let stride = Stride { arm, substep_m: simulator.substep_m() };
+        Ok(Self { stride, simulator, q: None })
     }
 
     pub(crate) fn arm(&self) -> &Arc<Arm> {
-        &self.arm
+        &self.stride.arm
     }
 
-    pub(crate) fn simulator(&self) -> &Simulator {
-        &self.simulator
-    }
-
-    /// One that is where this one is, and from there on follows a share of the points only, or of
-    /// those chosen if any are.
-    pub(crate) fn following(&self, chosen: Option<Arc<Chosen>>, share: Share) -> Self {
-        let simulator = self.simulator.following(chosen, share);
-        Self { arm: Arc::clone(&self.arm), simulator, q: self.q.clone() }
+    pub(crate) fn stride(&self) -> &Stride {
+        &self.stride
     }
 
     /// What the arm displaces where it is.
@@ -74,9 +79,10 @@ impl Follower {
         self.simulator.contacts()
     }
 
-    /// Joint positions where the arm is, n_joints; `None` before the first of a touch.
-    pub(crate) fn q(&self) -> Option<&[f64]> {
-        self.q.as_deref()
+    /// Joint positions where the arm is, n_joints, and what it holds there; `None` before the first
+    /// position of a touch.
+    pub(crate) fn whereabouts(&self) -> Option<(Vec<f64>, Grip)> {
+        Some((self.q.clone()?, self.simulator.grip()))
     }
 
     /// Forgets where the arm is and what it touches: the next position starts a touch.
@@ -88,7 +94,8 @@ impl Follower {
     /// displaces there. After an error the arm is where it was.
     pub(crate) fn go(&mut self, q: &[f64], poses: &Poses) -> Result<Contacts, Lost> {
         if let Some(from) = &self.q {
-            for between in self.stops(from, q, poses)? {
+            let (from, to) = ((&from[..], self.simulator.poses()), (q, &poses.world_from_link[..]));
+            for between in self.stride.between(from, to)? {
                 self.simulator.advance(&between);
             }
         } else {
@@ -97,40 +104,49 @@ impl Follower {
         self.q = Some(q.to_vec());
         Ok(self.simulator.advance(&poses.world_from_link))
     }
+}
 
-    /// How far the fastest point of the arm goes from one joint position to another, where the
-    /// links have these poses, m.
-    pub(crate) fn way_m(
-        &self,
-        (from, start): (&[f64], &Poses),
-        (to, end): (&[f64], &Poses),
-    ) -> Result<f64, Lost> {
-        let (mut way_m, mut start) = (0.0, start.world_from_link.clone());
-        self.pieces(from, to, end, |_, piece_end| {
-            way_m += self.simulator.travel_m(&start, &piece_end);
+impl Stride {
+    pub(crate) fn robot(&self) -> &Robot {
+        &self.arm.robot
+    }
+
+    /// The farthest that a point of the arm goes in a sub-step, m.
+    pub(crate) fn substep_m(&self) -> f64 {
+        self.substep_m
+    }
+
+    /// How far a point of the arm goes from one place to another as the crow flies, m.
+    pub(crate) fn chord_m(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
+        contact::travel_m(&self.arm.surfaces, from, to)
+    }
+
+    /// How far the fastest point of the arm goes from one place to another, m.
+    pub(crate) fn way_m(&self, from: Place<'_>, to: Place<'_>) -> Result<f64, Lost> {
+        let (mut way_m, mut start) = (0.0, from.1.to_vec());
+        self.pieces(from.0, to, |_, piece_end| {
+            way_m += self.chord_m(&start, &piece_end);
             start = piece_end;
             Ok(())
         })?;
         Ok(way_m)
     }
 
-    /// The poses between the arm's joint positions and the next, without the ends, close enough
-    /// that nothing tunnels. `end` are those of the next.
-    fn stops(
+    /// The poses between one place and another, without the ends, close enough that nothing tunnels.
+    pub(crate) fn between(
         &self,
-        from: &[f64],
-        to: &[f64],
-        end: &Poses,
+        from: Place<'_>,
+        to: Place<'_>,
     ) -> Result<Vec<Vec<Isometry3<f64>>>, Lost> {
-        let (mut between, mut start) = (Vec::new(), self.simulator.poses().to_vec());
-        self.pieces(from, to, end, |[piece, pieces], piece_end| {
-            let parts = f64::from(self.simulator.substeps(&start, &piece_end));
+        let (mut between, mut start) = (Vec::new(), from.1.to_vec());
+        self.pieces(from.0, to, |[piece, pieces], piece_end| {
+            let parts = (self.chord_m(&start, &piece_end) / self.substep_m).ceil().max(1.0);
             if parts > MAX_PARTS {
-                return Err(self.jump(from, to));
+                return Err(self.jump(from.0, to.0));
             }
             for part in 1..parts as u32 {
                 let part = (piece + f64::from(part) / parts) / pieces;
-                between.push(self.poses_at(from, to, part)?);
+                between.push(self.poses_at(from.0, to.0, part)?);
             }
             start.clone_from(&piece_end);
             between.push(piece_end);
@@ -145,8 +161,7 @@ impl Follower {
     fn pieces(
         &self,
         from: &[f64],
-        to: &[f64],
-        end: &Poses,
+        (to, end): Place<'_>,
         mut take: impl FnMut([f64; 2], Vec<Isometry3<f64>>) -> Result<(), Lost>,
     ) -> Result<(), Lost> {
         let way = self.arm.robot.difference(from, to);
@@ -158,7 +173,7 @@ impl Follower {
         for piece in 0..pieces as u32 {
             let piece_end = match f64::from(piece + 1) / pieces {
                 part if part < 1.0 => self.poses_at(from, to, part)?,
-                _ => end.world_from_link.clone(),
+                _ => end.to_vec(),
             };
             take([f64::from(piece), pieces], piece_end)?;
         }

@@ -21,7 +21,7 @@ use crate::expected::{self, ExpectedError};
 use crate::field::{CellEstimate, Field};
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::map::MapEstimator;
-use crate::outlook::Outlook;
+use crate::outlook::{Outlook, PathChecker};
 use crate::replayer::Replayer;
 use crate::robot::RobotError;
 use crate::torque::{Folder, Observation};
@@ -344,8 +344,7 @@ impl Mapper {
     ///
     /// Cost: a copy of what is known of the touched cells and of the contacts.
     pub fn outlook(&self) -> Outlook {
-        let arm = self.tracker.whereabouts(None);
-        Outlook::new(arm, self.folder.rows(), |row| self.estimate(row))
+        self.thinned_outlook(1.0)
     }
 
     /// [`Mapper::outlook`] with springs that each stand for a block of neighbours, where an answer
@@ -360,11 +359,13 @@ impl Mapper {
     ///
     /// Cost: some 30 ns a touched cell.
     pub fn thinned_outlook(&self, one_in: f64) -> Outlook {
-        if one_in.is_nan() || one_in <= 1.0 {
-            return self.outlook();
-        }
-        let arm = |chosen| self.tracker.whereabouts(Some(chosen));
-        Outlook::thinned(arm, self.folder.rows(), |row| self.estimate(row), one_in)
+        let (contact, rows) = (self.config.contact.clone(), self.folder.rows());
+        Outlook::new(&self.tracker, contact, rows, |row| self.estimate(row), one_in)
+    }
+
+    /// What says of paths whether this mapper's outlooks can answer them, before one is asked for.
+    pub fn path_checker(&self) -> PathChecker {
+        PathChecker::new(self.tracker.stride().clone(), self.config.lattice.spacing_m())
     }
 
     /// What is known of the cell of a row; of any other number, of cells never touched.

@@ -15,8 +15,8 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use crate::arm::Arm;
-use crate::contact::{self, Chosen, Contacts, Share};
-use crate::follow::{Follower, Lost};
+use crate::contact::{self, Contacts, Grip};
+use crate::follow::{Follower, Lost, Stride};
 use crate::lattice::Lattice;
 use crate::robot::{Poses, Robot, RobotError};
 
@@ -237,14 +237,15 @@ impl Tracker {
         self.follower.arm()
     }
 
-    /// The arm where it is in the touch under way, or before the first position of another; it
-    /// follows the points that were chosen, if any were.
-    pub(crate) fn whereabouts(&self, chosen: Option<Arc<Chosen>>) -> Follower {
-        let mut arm = self.follower.following(chosen, Share::WHOLE);
-        if !self.begun {
-            arm.begin_touch();
-        }
-        arm
+    /// How the arm's motions are cut into sub-steps.
+    pub(crate) fn stride(&self) -> &Stride {
+        self.follower.stride()
+    }
+
+    /// Joint positions where the arm is, n_joints, and what it holds there; `None` outside a touch,
+    /// or before its first position.
+    pub(crate) fn whereabouts(&self) -> Option<(Vec<f64>, Grip)> {
+        self.begun.then(|| self.follower.whereabouts())?
     }
 
     /// Starts a touch: contacts and tare of the last one are forgotten.

@@ -85,10 +85,15 @@ fn predictions(mapper: &Mapper, path: &[Vec<f64>]) -> Vec<palpate::field::Predic
     path.iter().map(|q| predictor.step(&sample(q)).unwrap().unwrap()).collect()
 }
 
+/// Whether two torques are the same but for the order in which they were summed up.
+fn close(a: &DVector<f64>, b: &DVector<f64>) -> bool {
+    (a - b).amax() < 1e-12 * (1.0 + a.amax())
+}
+
 fn assert_predicted(answer: &Answer, predicted: &[palpate::field::Prediction]) {
     assert_eq!(answer.points.len(), predicted.len());
     for (point, predicted) in answer.points.iter().zip(predicted) {
-        assert_eq!(point.torque, predicted.predicted);
+        assert!(close(&point.torque, &predicted.predicted));
         assert_eq!((point.contacts, point.known), (predicted.contacts, predicted.known));
     }
 }
@@ -101,7 +106,7 @@ fn difference(answer: &Answer, from: &Answer) -> f64 {
 }
 
 #[test]
-fn with_a_stop_at_every_point_the_answer_is_the_predictors_to_the_bit() {
+fn with_a_stop_at_every_point_the_answer_is_the_predictors() {
     let (mapper, path) = (learnt(), push(0.01, 90));
     let answer = mapper.outlook().ask(&path, &EVERY_POINT).unwrap();
     assert!(!answer.goes_on && answer.stops == 90);
@@ -119,7 +124,7 @@ fn a_path_from_where_the_arm_is_goes_on_from_what_it_touches() {
     assert!(answer.goes_on && answer.points[0].contacts > 0);
     assert_predicted(&answer, &predictions(&mapper, &path)[40..]);
     let report = mapper.step(&sample(&path[40])).unwrap();
-    assert_eq!(report.predicted.unwrap(), answer.points[0].torque);
+    assert!(close(&report.predicted.unwrap(), &answer.points[0].torque));
     // From elsewhere, or once the touch is over, a path starts free of contact.
     assert!(!mapper.outlook().ask(&path, &EVERY_POINT).unwrap().goes_on);
     mapper.end_touch().unwrap();
@@ -130,7 +135,7 @@ fn a_path_from_where_the_arm_is_goes_on_from_what_it_touches() {
 #[test]
 fn asking_changes_nothing_of_the_mapper_nor_of_the_next_answer() {
     let (mut asked, mut left_alone, path) = (learnt(), learnt(), push(0.0, 90));
-    let mut outlook = asked.outlook();
+    let outlook = asked.outlook();
     for mapper in [&mut asked, &mut left_alone] {
         mapper.begin_touch();
     }
@@ -143,23 +148,12 @@ fn asking_changes_nothing_of_the_mapper_nor_of_the_next_answer() {
     }
     assert_eq!(asked.field(), left_alone.field());
     // What was learnt meanwhile is not in the outlook, and the order of questions is no matter.
-    let mut same = outlook.clone();
+    let same = outlook.clone();
     let first = outlook.ask(&path, &EVERY_POINT).unwrap();
     let second = outlook.ask(&push(0.03, 50), &EVERY_POINT).unwrap();
     assert_eq!(same.ask(&push(0.03, 50), &EVERY_POINT).unwrap(), second);
     assert_eq!(same.ask(&path, &EVERY_POINT).unwrap(), first);
     assert_predicted(&first, &predictions(&learnt(), &path));
-}
-
-#[test]
-fn a_path_in_two_halves_has_the_answer_of_the_whole() {
-    let (mut outlook, path) = (learnt().outlook(), push(0.01, 91));
-    let whole = outlook.ask(&path, &EVERY_POINT).unwrap();
-    let mut halves = outlook.follow(&path[..33], &EVERY_POINT).unwrap().points;
-    let second = outlook.follow(&path[33..], &EVERY_POINT).unwrap();
-    assert!(second.goes_on);
-    halves.extend(second.points);
-    assert_eq!(halves, whole.points);
 }
 
 /// The torque and its deviation along x when the ball of 6 cm, inflated by 2.4 cm, pushes a single
@@ -195,7 +189,7 @@ fn the_deviation_of_one_spring_is_its_displacement_times_that_of_its_stiffness()
 
 #[test]
 fn a_coarse_look_stops_at_both_ends_and_where_the_arm_turns_round() {
-    let mut outlook = learnt().outlook();
+    let outlook = learnt().outlook();
     let path = push(0.01, 91);
     let config = outlook::Config { resolution_cells: 100.0, start_cells: 1.0 };
     let answer = outlook.ask(&path, &config).unwrap();
@@ -212,7 +206,7 @@ fn a_coarse_look_stops_at_both_ends_and_where_the_arm_turns_round() {
 #[test]
 fn a_coarse_look_is_close_to_one_at_every_point() {
     let (mapper, path) = (learnt(), push(0.01, 200));
-    let mut outlook = mapper.outlook();
+    let outlook = mapper.outlook();
     let fine = outlook.ask(&path, &EVERY_POINT).unwrap();
     let coarse = outlook.ask(&path, &outlook::Config::default()).unwrap();
     assert!(coarse.stops * 4 < fine.stops, "{} stops", coarse.stops);
@@ -226,7 +220,7 @@ fn a_thinned_outlook_is_close_to_the_whole_one_and_its_answers_are_reproducible(
     learn(&mut mapper, &path[..40]);
     for rest in [&path[..], &path[40..]] {
         let whole = mapper.outlook().ask(rest, &EVERY_POINT).unwrap();
-        let ask = |mut outlook: Outlook| outlook.ask(rest, &EVERY_POINT).unwrap();
+        let ask = |outlook: Outlook| outlook.ask(rest, &EVERY_POINT).unwrap();
         assert_eq!(ask(mapper.thinned_outlook(1.0)), whole);
         let thinned = ask(mapper.thinned_outlook(outlook::ONE_IN));
         assert_eq!(ask(mapper.thinned_outlook(outlook::ONE_IN)), thinned);
@@ -244,37 +238,27 @@ fn a_thinned_outlook_is_close_to_the_whole_one_and_its_answers_are_reproducible(
 }
 
 #[test]
-fn an_answer_in_parts_is_that_of_the_whole_but_for_rounding() {
+fn an_answer_is_the_same_however_many_threads_take_part() {
     let (mut mapper, path) = (learnt(), push(0.01, 90));
     mapper.begin_touch();
     learn(&mut mapper, &path[..40]);
     for one_in in [1.0, outlook::ONE_IN] {
         for rest in [&path[..], &path[40..]] {
-            let mut outlook = mapper.thinned_outlook(one_in);
-            let whole = outlook.ask(rest, &EVERY_POINT).unwrap();
-            assert_eq!(outlook.ask_in_parts(rest, &EVERY_POINT, 1).unwrap(), whole);
-            for parts in [2, 3] {
-                let answer = outlook.ask_in_parts(rest, &EVERY_POINT, parts).unwrap();
-                assert_eq!(outlook.ask_in_parts(rest, &EVERY_POINT, parts).unwrap(), answer);
-                assert_eq!((answer.goes_on, answer.stops), (whole.goes_on, whole.stops));
-                for (sum, point) in answer.points.iter().zip(&whole.points) {
-                    assert_eq!((sum.contacts, sum.known), (point.contacts, point.known));
-                    let close = |a: &DVector<f64>, b: &DVector<f64>| {
-                        (a - b).amax() < 1e-12 * (1.0 + a.amax())
-                    };
-                    assert!(close(&sum.torque, &point.torque));
-                    assert!(close(&sum.torque_std, &point.torque_std));
-                }
+            let outlook = mapper.thinned_outlook(one_in);
+            let ask = || outlook.ask(rest, &EVERY_POINT).unwrap();
+            let answer = ask();
+            for threads in [1, 3] {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                assert_eq!(pool.install(ask), answer);
             }
-            assert_eq!(outlook.ask(rest, &EVERY_POINT).unwrap(), whole, "the outlook is as before");
         }
     }
 }
 
 #[test]
 fn a_path_that_cannot_be_followed_is_refused_with_the_place() {
-    let mut outlook = learnt().outlook();
-    let mut refused = |path: &[Vec<f64>]| outlook.ask(path, &EVERY_POINT).unwrap_err();
+    let outlook = learnt().outlook();
+    let refused = |path: &[Vec<f64>]| outlook.ask(path, &EVERY_POINT).unwrap_err();
     let path = |x: f64| vec![vec![-0.1, 0.0, 0.0], vec![-0.09, 0.0, 0.0], vec![x, 0.0, 0.0]];
     assert!(matches!(refused(&[]), PathError::Empty));
     let error = refused(&[vec![0.0; 3], vec![0.0; 2]]).to_string();

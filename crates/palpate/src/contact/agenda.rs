@@ -6,13 +6,20 @@
 //! block that may hold covered points is split, and whatever is still free goes back on the agenda.
 //! What a motion costs follows the link's surface and how far it went.
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 use super::enter::{Entered, LIPSCHITZ, Look};
+use super::placed::travel_in_link_m;
 use crate::lattice::BRICK_EDGE;
+use crate::sdf::Grid;
 
 /// How far the link may travel before its agenda is written anew; what it reaches later is left out.
-pub(super) const HORIZON_M: f64 = 0.02;
+const HORIZON_M: f64 = 0.02;
+
+/// The farthest from a link's box that a point may be to be on the agenda.
+pub(super) fn within_m(reach_m: f64) -> f64 {
+    reach_m + LIPSCHITZ * HORIZON_M
+}
 
 /// Travel that shares a page of the agenda.
 const PAGE_M: f64 = 0.001;
@@ -37,9 +44,10 @@ const HANDFUL: usize = 8;
 /// One link's agenda.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Agenda {
-    /// The travel so far, as [`super::enter::Watch`] has it.
+    /// How far, at most, any point within reach has moved in the link's frame since the agenda was
+    /// written.
     travel_m: f64,
-    /// Blocks by the travel at which they are due, a page each [`PAGE_M`].
+    /// Blocks by the travel at which they are due, a page each [`PAGE_M`]; none: not written yet.
     pages: Vec<Vec<Due>>,
     /// The first page that may hold anything.
     current: usize,
@@ -48,20 +56,29 @@ pub(super) struct Agenda {
 }
 
 impl Agenda {
-    /// Writes the agenda anew, from every brick that the link can reach before the next time, and
-    /// adds the free points with φ < δ to `found`.
-    pub(super) fn write(&mut self, look: &Look<'_>, found: &mut Vec<Entered>) {
-        self.pages.resize((HORIZON_M / PAGE_M) as usize + 1, Vec::new());
-        self.pages.iter_mut().for_each(Vec::clear);
-        (self.travel_m, self.current) = (0.0, 0);
-        let mut due = std::mem::take(&mut self.room[0]);
-        due.extend(look.bricks_near().map(|low| Block { low, edge: BRICK_EDGE }));
-        self.visit(look, due, found);
+    /// Forgets everything: the next look is at all that is near.
+    pub(super) fn clear(&mut self) {
+        self.pages.clear();
+    }
+
+    /// Adds a motion of the link to its travel; only points within [`within_m`] of its box are asked
+    /// for.
+    pub(super) fn travel(
+        &mut self,
+        surface: &Grid,
+        reach_m: f64,
+        from: &Isometry3<f64>,
+        to: &Isometry3<f64>,
+    ) {
+        self.travel_m += travel_in_link_m(surface, within_m(reach_m), from, to);
     }
 
     /// Adds the free points with φ < δ that the link has come to cover to `found`.
-    pub(super) fn look(&mut self, look: &Look<'_>, travel_m: f64, found: &mut Vec<Entered>) {
-        let page = (travel_m / PAGE_M) as usize;
+    pub(super) fn look(&mut self, look: &Look<'_>, found: &mut Vec<Entered>) {
+        if self.pages.is_empty() || self.travel_m >= HORIZON_M {
+            return self.write(look, found);
+        }
+        let (page, travel_m) = ((self.travel_m / PAGE_M) as usize, self.travel_m);
         let mut due = std::mem::take(&mut self.room[0]);
         for passed in &mut self.pages[self.current..page] {
             due.extend(passed.drain(..).map(|due| due.block));
@@ -69,7 +86,7 @@ impl Agenda {
         due.extend(
             self.pages[page].extract_if(.., |due| due.travel_m <= travel_m).map(|due| due.block),
         );
-        (self.travel_m, self.current) = (travel_m, page);
+        self.current = page;
         self.visit(look, due, found);
     }
 
@@ -77,6 +94,17 @@ impl Agenda {
     pub(super) fn look_at(&mut self, look: &Look<'_>, place: [u32; 3], found: &mut Vec<Entered>) {
         let mut due = std::mem::take(&mut self.room[0]);
         due.push(Block { low: place, edge: 1 });
+        self.visit(look, due, found);
+    }
+
+    /// Writes the agenda anew, from every brick that the link can reach before the next time, and
+    /// adds the free points with φ < δ to `found`.
+    fn write(&mut self, look: &Look<'_>, found: &mut Vec<Entered>) {
+        self.pages.resize((HORIZON_M / PAGE_M) as usize + 1, Vec::new());
+        self.pages.iter_mut().for_each(Vec::clear);
+        (self.travel_m, self.current) = (0.0, 0);
+        let mut due = std::mem::take(&mut self.room[0]);
+        due.extend(look.bricks_near().map(|low| Block { low, edge: BRICK_EDGE }));
         self.visit(look, due, found);
     }
 
@@ -148,8 +176,8 @@ impl Block {
     fn distance_m(self, look: &Look<'_>) -> f64 {
         let half_m = f64::from(self.edge - 1) / 2.0 * look.lattice.spacing_m();
         let middle = look.lattice.point_at(self.low) + Vector3::repeat(half_m);
-        let middle_link = look.in_link(&middle);
-        let beyond_m = look.within_m() + LIPSCHITZ * self.radius_m(look);
+        let middle_link = look.placed.in_link(&middle);
+        let beyond_m = within_m(look.reach_m) + LIPSCHITZ * self.radius_m(look);
         let box_m = look.box_distance_m(&middle_link);
         if box_m > beyond_m { box_m } else { look.surface.distance(&middle_link) }
     }

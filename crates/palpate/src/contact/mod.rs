@@ -17,12 +17,15 @@
 //!   the spring would have to pull (`settle.rs`);
 //! - *enter*: free points that the inflated link now covers get an anchor (`enter.rs`).
 //!
-//! The cost follows the contacts and the links' surfaces, not the lattice's size.
+//! The cost follows the contacts and the links' surfaces, not the lattice's size. A [`Simulator`]
+//! takes all points through one motion after the other, since it does not know the next. Where a
+//! whole way is known beforehand (`passage.rs`), a [`Crowd`] of points is followed alone.
 
 mod agenda;
-mod chosen;
+mod crowd;
 mod enter;
-mod roster;
+mod passage;
+mod placed;
 mod settle;
 
 use std::sync::Arc;
@@ -30,7 +33,11 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use chosen::{Chosen, Share};
+pub(crate) use crowd::{Crowd, Displaced};
+pub(crate) use passage::Passage;
+pub(crate) use placed::travel_m;
+
+use placed::Placed;
 
 use crate::lattice::{CellId, CellSet, Lattice};
 use crate::robot::LinkId;
@@ -154,12 +161,20 @@ pub struct Simulator {
     /// Room for [`settle::settle`].
     slipping: Vec<u32>,
     /// By link.
-    watches: Vec<enter::Watch>,
+    agendas: Vec<agenda::Agenda>,
     /// Places that are touched or known empty, and cannot be entered.
     taken: CellSet,
-    /// The points that are followed, if not all.
-    chosen: Option<Arc<Chosen>>,
-    share: Share,
+}
+
+/// What the arm holds at one moment, for whoever goes on from there.
+#[derive(Debug, Clone)]
+pub(crate) struct Grip {
+    /// Where the links are, by link.
+    pub(crate) poses: Vec<Isometry3<f64>>,
+    /// By link.
+    touched: Vec<Vec<settle::Touched>>,
+    /// Places that are touched or known empty, and cannot be entered.
+    taken: CellSet,
 }
 
 impl Simulator {
@@ -175,21 +190,9 @@ impl Simulator {
     ) -> Result<Self, ConfigError> {
         config.check()?;
         let touched = vec![Vec::new(); surfaces.len()];
-        let watches = vec![enter::Watch::default(); surfaces.len()];
+        let agendas = vec![agenda::Agenda::default(); surfaces.len()];
         let (poses, slipping, taken) = (Vec::new(), Vec::new(), CellSet::default());
-        let (chosen, share) = (None, Share::WHOLE);
-        Ok(Self {
-            lattice,
-            surfaces,
-            config,
-            poses,
-            touched,
-            slipping,
-            watches,
-            taken,
-            chosen,
-            share,
-        })
+        Ok(Self { lattice, surfaces, config, poses, touched, slipping, agendas, taken })
     }
 
     /// Forgets all contacts and starts a touch with the arm at these poses.
@@ -205,7 +208,7 @@ impl Simulator {
         assert_eq!(world_from_link.len(), self.touched.len(), "one pose per link");
         self.taken.clear();
         self.touched.iter_mut().for_each(Vec::clear);
-        self.watches.iter_mut().for_each(enter::Watch::clear);
+        self.agendas.iter_mut().for_each(agenda::Agenda::clear);
         self.poses = world_from_link.to_vec();
         let entered = self.find_entered(&[]);
         if self.config.known_empty {
@@ -215,28 +218,10 @@ impl Simulator {
         }
     }
 
-    /// One that is where this one is, and from there on follows a share of the points only, or of
-    /// those chosen if any are, each as before.
-    pub(crate) fn following(&self, chosen: Option<Arc<Chosen>>, share: Share) -> Self {
-        let chosen = chosen.or_else(|| self.chosen.clone());
-        let stays = |touched: &&settle::Touched| {
-            let place = self.lattice.place(touched.cell);
-            share.holds(place) && chosen.as_ref().is_none_or(|chosen| chosen.contains(place))
-        };
-        let of_link =
-            |touched: &Vec<settle::Touched>| touched.iter().filter(stays).cloned().collect();
-        Self {
-            lattice: self.lattice.clone(),
-            surfaces: Arc::clone(&self.surfaces),
-            config: self.config.clone(),
-            poses: self.poses.clone(),
-            touched: self.touched.iter().map(of_link).collect(),
-            slipping: Vec::new(),
-            watches: vec![enter::Watch::default(); self.watches.len()],
-            taken: self.taken.clone(),
-            chosen,
-            share,
-        }
+    /// What the arm holds where it is.
+    pub(crate) fn grip(&self) -> Grip {
+        let (poses, touched) = (self.poses.clone(), self.touched.clone());
+        Grip { poses, touched, taken: self.taken.clone() }
     }
 
     /// Where the links are, by link; nowhere before the first touch.
@@ -249,30 +234,12 @@ impl Simulator {
     ///
     /// The motion must be short enough for chord and arc to be alike.
     pub fn substeps(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> u32 {
-        ((self.travel_m(from, to) / self.substep_m()).ceil() as u32).max(1)
+        ((travel_m(&self.surfaces, from, to) / self.substep_m()).ceil() as u32).max(1)
     }
 
     /// The longest sub-step, m.
     pub(crate) fn substep_m(&self) -> f64 {
         self.config.substep_cells * self.lattice.spacing_m()
-    }
-
-    /// How far a link goes from one pose to another, m: the farthest that a corner of any link's
-    /// bounding box does, along the chord.
-    pub(crate) fn travel_m(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
-        let mut travel_m: f64 = 0.0;
-        for ((surface, from), to) in self.surfaces.iter().zip(from).zip(to) {
-            let Some(surface) = surface else { continue };
-            for corner in enter::corners(surface) {
-                travel_m = travel_m.max((to * corner - from * corner).norm());
-            }
-        }
-        travel_m
-    }
-
-    /// The box of points that it follows the arm through.
-    pub(crate) fn lattice(&self) -> &Lattice {
-        &self.lattice
     }
 
     /// Moves the arm to these poses and returns what it displaces there.
@@ -296,14 +263,6 @@ impl Simulator {
         self.contacts()
     }
 
-    /// How points slip: roughly, where few stand for many.
-    fn slip(&self) -> settle::Slip {
-        match self.chosen {
-            Some(_) => settle::Slip::roughly(&self.config),
-            None => settle::Slip::new(&self.config),
-        }
-    }
-
     /// Carries, slips and releases the points that one link holds; `released` gets the places of
     /// those it let go.
     fn settle_link(
@@ -313,9 +272,10 @@ impl Simulator {
         released: &mut Vec<[u32; 3]>,
     ) {
         let Some(surface) = &self.surfaces[link] else { return };
-        let slip = self.slip();
+        let slip = settle::Slip::new(&self.config);
         let touched = &mut self.touched[link];
-        settle::settle(surface, world_from_link, &slip, (&mut *touched, &mut self.slipping));
+        let placed = Placed::new(world_from_link);
+        settle::settle(surface, &placed, &slip, (&mut *touched, &mut self.slipping));
         let first = released.len();
         let let_go = touched.iter().filter(|touched| !touched.held);
         released.extend(let_go.map(|touched| self.lattice.place(touched.cell)));
@@ -325,17 +285,12 @@ impl Simulator {
         }
     }
 
-    /// How far a link may travel before its watch is written anew.
-    fn horizon_m(&self) -> f64 {
-        if self.chosen.is_some() { roster::HORIZON_M } else { agenda::HORIZON_M }
-    }
-
     /// Takes the links to their new poses.
     fn move_links(&mut self, world_from_link: &[Isometry3<f64>]) {
-        let within_m = self.config.contact_distance_m + enter::LIPSCHITZ * self.horizon_m();
-        for (link, watch) in self.watches.iter_mut().enumerate() {
+        for (link, agenda) in self.agendas.iter_mut().enumerate() {
             if let Some(surface) = &self.surfaces[link] {
-                watch.travel(surface, within_m, &self.poses[link], &world_from_link[link]);
+                let (from, to) = (&self.poses[link], &world_from_link[link]);
+                agenda.travel(surface, self.config.contact_distance_m, from, to);
             }
         }
         self.poses.clone_from_slice(world_from_link);
@@ -344,24 +299,20 @@ impl Simulator {
     /// Free points that the links cover where they are, each once, with its deepest link;
     /// `released` are places that have become free since the last look.
     fn find_entered(&mut self, released: &[[u32; 3]]) -> Vec<enter::Entered> {
-        let (mut found, horizon_m) = (Vec::new(), self.horizon_m());
-        for (link, watch) in self.watches.iter_mut().enumerate() {
-            let (Some(surface), pose) = (&self.surfaces[link], &self.poses[link]) else { continue };
+        let mut found = Vec::new();
+        for (link, agenda) in self.agendas.iter_mut().enumerate() {
+            let Some(surface) = &self.surfaces[link] else { continue };
             let look = enter::Look {
                 lattice: &self.lattice,
                 taken: &self.taken,
-                chosen: self.chosen.as_deref(),
-                share: self.share,
                 reach_m: self.config.contact_distance_m,
-                horizon_m,
                 link,
                 surface,
-                pose,
-                rotation: pose.rotation.to_rotation_matrix(),
+                placed: Placed::new(&self.poses[link]),
             };
-            watch.look(&look, &mut found);
+            agenda.look(&look, &mut found);
             for place in released {
-                watch.look_at(&look, *place, &mut found);
+                agenda.look_at(&look, *place, &mut found);
             }
         }
         enter::keep_deepest(&mut found);
@@ -370,7 +321,7 @@ impl Simulator {
 
     /// Anchors newly entered points on the inflated surface of their links.
     fn hold(&mut self, entered: &[enter::Entered]) {
-        let slip = self.slip();
+        let slip = settle::Slip::new(&self.config);
         for found in entered {
             let Some(surface) = &self.surfaces[found.link] else { continue };
             let (cell, rest) = (self.lattice.cell(found.place), self.lattice.point_at(found.place));

@@ -8,10 +8,12 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::Config;
+use super::placed::Placed;
 use crate::lattice::CellId;
 use crate::sdf::Grid;
 
 /// The contact model's lengths, in metres.
+#[derive(Debug)]
 pub(super) struct Slip {
     /// δ: anchors lie on the surface φ = δ.
     pub(super) contact_distance_m: f64,
@@ -87,6 +89,11 @@ impl Touched {
         touched
     }
 
+    /// Takes the rest point to where it is in the link's frame now; the anchor stays there.
+    fn carry(&mut self, placed: &Placed) {
+        self.rest_link = placed.in_link(&self.rest);
+    }
+
     /// Looks whether the point still pushes, and moves the anchor one step along the surface
     /// towards the rest point if the friction cone is violated; says whether it did.
     ///
@@ -120,6 +127,13 @@ impl Touched {
             }
         }
     }
+
+    /// Lets go of a point that would have to pull, and turns u to the world.
+    fn finish(&mut self, placed: &Placed) {
+        let displacement = self.anchor_link - self.rest_link;
+        self.held &= displacement.dot(&self.normal_link) > 0.0;
+        self.displacement_m = (placed.rotation * displacement).cast::<f32>().into();
+    }
 }
 
 /// Excess over the friction cone that is not worth another iteration, as a share of δ.
@@ -129,7 +143,7 @@ const TOUCHES_THE_CONE: f64 = 1e-4;
 const CLOSE_M: f64 = 1e-5;
 
 /// By how much either may be exceeded where points stand for others.
-const ROUGHLY: f64 = 30.0;
+const ROUGHLY: f64 = 100.0;
 
 /// Looks at the surface after the first, at most, until an anchor is on it.
 const PROJECTIONS: u32 = 3;
@@ -139,15 +153,13 @@ const PROJECTIONS: u32 = 3;
 /// `slipping` is room for the numbers of those that still do.
 pub(super) fn settle(
     surface: &Grid,
-    world_from_link: &Isometry3<f64>,
+    placed: &Placed,
     slip: &Slip,
     (touched, slipping): (&mut [Touched], &mut Vec<u32>),
 ) {
     slipping.clear();
-    let rotation = world_from_link.rotation.to_rotation_matrix();
-    let origin = Point3::from(world_from_link.translation.vector);
     for (index, point) in touched.iter_mut().enumerate() {
-        point.rest_link = Point3::from(rotation.matrix().tr_mul(&(point.rest - origin)));
+        point.carry(placed);
         if slip.iterations > 0 && point.slip(slip) {
             slipping.push(index as u32);
         }
@@ -160,9 +172,5 @@ pub(super) fn settle(
             slipping.retain(|&index| touched[index as usize].slip(slip));
         }
     }
-    for point in touched {
-        let displacement = point.anchor_link - point.rest_link;
-        point.held &= displacement.dot(&point.normal_link) > 0.0;
-        point.displacement_m = (rotation * displacement).cast::<f32>().into();
-    }
+    touched.iter_mut().for_each(|point| point.finish(placed));
 }

@@ -80,25 +80,6 @@ impl BrickBits {
         self.0[inside / 64] |= 1 << (inside % 64);
     }
 
-    /// The places of the cells whose bits are set, in the lattice's order, in the brick of a place.
-    pub fn places(&self, place: [u32; 3]) -> impl Iterator<Item = [u32; 3]> + use<> {
-        let low = place.map(|n| n - n % BRICK_EDGE);
-        self.0.into_iter().zip(low[2]..).flat_map(move |(mut word, k)| {
-            std::iter::from_fn(move || {
-                let bit = word.trailing_zeros();
-                word &= word.checked_sub(1)?; // the lowest bit goes
-                Some([low[0] + bit % BRICK_EDGE, low[1] + bit / BRICK_EDGE, k])
-            })
-        })
-    }
-
-    /// The bits that are set here and not there.
-    #[must_use]
-    pub fn without(mut self, other: &Self) -> Self {
-        self.0.iter_mut().zip(other.0).for_each(|(here, there)| *here &= !there);
-        self
-    }
-
     /// Whether all bits of a cube of `edge` cells a side are set; `low` is its first place.
     ///
     /// A word is one layer along z, a byte of it one row along x, so this is one look a layer.
@@ -132,12 +113,6 @@ impl CellSet {
     pub fn contains(&self, place: [u32; 3]) -> bool {
         let (brick, inside) = Bricks::<()>::locate(place);
         self.bricks.get(brick).is_some_and(|bits| bits.get(inside))
-    }
-
-    /// The cells that the set holds of the brick of a place.
-    pub fn of_brick(&self, place: [u32; 3]) -> BrickBits {
-        let (brick, _) = Bricks::<()>::locate(place);
-        self.bricks.get(brick).copied().unwrap_or_default()
     }
 
     /// Whether the set holds every cell of a cube of `edge` cells a side; `low` is its first place.
@@ -181,18 +156,6 @@ mod tests {
         set.remove([7, 8, 10]);
         assert!(set.contains([7, 8, 9]));
         assert!(!set.contains([7, 8, 10]) && !set.contains([0, 0, 0]));
-    }
-
-    #[test]
-    fn the_cells_of_a_brick_come_in_the_lattices_order() {
-        let mut bits = BrickBits::default();
-        let places = [[8, 16, 24], [15, 16, 24], [8, 23, 25], [9, 23, 31], [15, 23, 31]];
-        places.iter().rev().for_each(|place| bits.insert(Bricks::<()>::locate(*place).1));
-        assert_eq!(bits.places([8, 16, 24]).collect::<Vec<_>>(), places);
-        assert_eq!(BrickBits::default().places([8, 16, 24]).count(), 0);
-        let mut first = BrickBits::default();
-        first.insert(Bricks::<()>::locate(places[0]).1);
-        assert_eq!(bits.without(&first).places([8, 16, 24]).collect::<Vec<_>>(), places[1..]);
     }
 
     #[test]

@@ -185,6 +185,11 @@ impl Lattice {
         u64::from(cell.0) < self.n_cells()
     }
 
+    /// Whether a place, counted in cells, belongs to this lattice.
+    pub(crate) fn holds(&self, place: [u32; 3]) -> bool {
+        (0..3).all(|axis| place[axis] < self.shape[axis])
+    }
+
     /// A cell's rest point, in the world frame.
     pub fn point(&self, cell: CellId) -> Point3<f64> {
         self.point_at(self.place(cell))

@@ -19,22 +19,23 @@
 //!
 //! # Where it is looked at closely
 //!
-//! A motion of the simulator costs a quarter of a millisecond, so points are not asked about one
-//! by one. The arm is taken from one *stop* to the next, as far as [`Config::resolution_cells`]
+//! Every motion costs a look at all that is touched, so points are not asked about one by one. The
+//! arm is taken from one *stop* to the next, as far as [`Config::resolution_cells`]
 //! allows; between stops, torques go along the way in proportion. The first and the last point are
 //! stops, and so is every one where the arm turns round: there friction changes its direction.
 //! At a resolution of 0 all points are stops, and the answer is that of
-//! [`crate::field::Predictor`] to the bit.
+//! [`crate::field::Predictor`] but for rounding.
 //!
 //! # Where an answer must come fast
 //!
-//! What a stop costs follows the points touched. No point's way depends on another's, so some of
-//! them can stand for the rest: [`Mapper::thinned_outlook`] keeps one of a block of neighbours, with
-//! the stiffness of all, in blocks as small as the stiff and the hardly known ones need. With one in
-//! [`ONE_IN`], on touches of three simulated plants that the field had not learnt, and with a stop
-//! every cell (the default), that moved torques by 1 to 9 % from path to path, and their standard
-//! deviations by 2 to 22 %; what the field itself gets wrong is 33 %. For the same reason several
-//! threads can share an answer: [`Outlook::ask_in_parts`].
+//! A path is known beforehand, and no point's way along it depends on another's: so points are
+//! followed alone, in pieces for as many threads as have time, and cost nothing where no link is near
+//! ([`crate::contact`]). Some of them can stand for the rest: [`Mapper::thinned_outlook`]
+//! keeps one of a block of neighbours, with the stiffness of all, in blocks as small as the stiff and
+//! the hardly known ones need. With one in [`ONE_IN`], on touches of three simulated plants that the
+//! field had not learnt, and with a stop every cell (the default), that moved torques by 1 to 9 %
+//! from path to path, and their standard deviations by 2 to 22 %; what the field itself gets wrong is
+//! 33 %.
 //!
 //! # What the standard deviation means
 //!
@@ -47,24 +48,29 @@
 //!
 //! [`Mapper::thinned_outlook`]: crate::mapper::Mapper::thinned_outlook
 
+mod checked;
 mod felt;
 mod groups;
-mod route;
+mod pieces;
+mod springs;
 
 use std::sync::Arc;
 
-use nalgebra::DVector;
-use rayon::prelude::*;
+use nalgebra::{DVector, Isometry3};
 use serde::{Deserialize, Serialize};
 
+pub use self::checked::{CheckedPath, PathChecker};
 use self::felt::Felt;
-use self::groups::{Leaders, Spring};
-use self::route::Route;
-use crate::contact::{Chosen, Contacts, Share};
-use crate::field::{CellEstimate, Springs};
-use crate::follow::{Follower, Lost};
-use crate::lattice::CellRows;
-use crate::robot::{Poses, RobotError};
+use self::groups::few_springs;
+use self::pieces::in_pieces;
+use self::springs::Springs;
+use crate::arm::Arm;
+use crate::contact::{self, Crowd, Grip, Passage};
+use crate::field::CellEstimate;
+use crate::follow::Lost;
+use crate::lattice::{CellRows, Lattice};
+use crate::robot::RobotError;
+use crate::touch::Tracker;
 
 /// How closely a path is looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -161,195 +167,147 @@ pub struct Answer {
 /// A field at one moment, and the arm where it was.
 #[derive(Debug, Clone)]
 pub struct Outlook {
-    arm: Follower,
-    springs: Springs,
-    /// The diagonal of P, (N/m)², by row of the springs; then that of all other cells.
-    variance: Vec<f64>,
-    untouched_variance: f64,
-    /// For how many each cell stands, by row, if not for itself alone; then all other cells.
-    stands_for: Vec<f64>,
-    others_stand_for: f64,
+    arm: Arc<Arm>,
+    checker: PathChecker,
+    lattice: Lattice,
+    contact: contact::Config,
+    /// Joint positions where the arm is in a touch, n_joints, and what it holds there.
+    whereabouts: Option<(Vec<f64>, Arc<Grip>)>,
+    springs: Arc<Springs>,
 }
 
-impl Outlook {
-    /// An outlook of an arm that is in a touch, or before its first position; `estimate` knows the
-    /// cells by row, and of any other number what is said of cells without one.
-    pub(crate) fn new(
-        arm: Follower,
-        rows: &CellRows,
-        estimate: impl Fn(usize) -> CellEstimate,
-    ) -> Self {
-        let known: Vec<CellEstimate> = (0..rows.len()).map(&estimate).collect();
-        let stiffness: Vec<f64> = known.iter().map(|cell| cell.stiffness_n_per_m).collect();
-        let counts = known.iter().map(|cell| cell.count).collect();
-        let untouched = estimate(usize::MAX);
-        Self {
-            arm,
-            springs: Springs::new(rows.clone(), &stiffness, counts, untouched.stiffness_n_per_m),
-            variance: known.iter().map(|cell| cell.std_n_per_m.powi(2)).collect(),
-            untouched_variance: untouched.std_n_per_m.powi(2),
-            stands_for: Vec::new(),
-            others_stand_for: 1.0,
-        }
-    }
+/// Pieces that a short path is answered in; always as many, so that sums have the same order.
+const PIECES: usize = 16;
 
-    /// [`Outlook::new`] with springs that each stand for neighbours, of which none weighs more than
-    /// `one_in` of the mean; `arm` is one that follows these only.
-    pub(crate) fn thinned(
-        arm: impl FnOnce(Arc<Chosen>) -> Follower,
+/// Stops above which there are fewer pieces, since each keeps sums for every stop.
+const FEW_STOPS: usize = 256;
+
+impl Outlook {
+    /// An outlook of the arm that is tracked; `estimate` knows the cells by row, and of any other
+    /// number what is said of cells without one. Above 1, springs each stand for neighbours, of which
+    /// none weighs more than `one_in` of the mean.
+    pub(crate) fn new(
+        tracker: &Tracker,
+        contact: contact::Config,
         rows: &CellRows,
         estimate: impl Fn(usize) -> CellEstimate,
         one_in: f64,
     ) -> Self {
-        let spring = |row| {
-            let CellEstimate { stiffness_n_per_m, std_n_per_m, .. } = estimate(row);
-            Spring { stiffness_n_per_m, variance: std_n_per_m.powi(2) }
+        let springs = match one_in > 1.0 {
+            true => few_springs(rows, estimate, one_in),
+            false => Springs::all(rows, estimate),
         };
-        let known: Vec<Spring> = (0..rows.len()).map(spring).collect();
-        let Leaders { leaders, chosen } = Leaders::new(rows, &known, one_in);
-        let mut led = CellRows::new(rows.lattice().clone());
-        for leader in &leaders {
-            led.row_of(rows.cells()[leader.row]);
-        }
-        let stiffness: Vec<f64> = leaders.iter().map(|leader| leader.stiffness_n_per_m).collect();
-        let counts = leaders.iter().map(|leader| estimate(leader.row).count).collect();
-        let (untouched, others_stand_for) = (spring(usize::MAX), Chosen::ONE_IN);
-        let untouched_n_per_m = untouched.stiffness_n_per_m * others_stand_for;
         Self {
-            arm: arm(Arc::new(chosen)),
-            springs: Springs::new(led, &stiffness, counts, untouched_n_per_m),
-            variance: leaders.iter().map(|leader| leader.variance).collect(),
-            untouched_variance: untouched.variance * others_stand_for,
-            stands_for: leaders.iter().map(|leader| leader.stands_for).collect(),
-            others_stand_for,
+            arm: Arc::clone(tracker.arm()),
+            checker: PathChecker::new(tracker.stride().clone(), rows.lattice().spacing_m()),
+            lattice: rows.lattice().clone(),
+            contact,
+            whereabouts: tracker.whereabouts().map(|(q, grip)| (q, Arc::new(grip))),
+            springs: Arc::new(springs),
         }
     }
 
     /// What torque a path would meet, from where the arm is; the next question starts there too.
     ///
     /// `path` has a row of n_joints positions (rad, m where prismatic) a point. Joints go straight
-    /// from one to the next, angles the shorter way round. Cost: some 0.3 ms a stop for an arm
-    /// that touches two thousand points.
+    /// from one to the next, angles the shorter way round. As many threads take part as rayon has and
+    /// as have time; sums have the same order however many that are.
     ///
     /// # Errors
     ///
     /// If the path is empty, too long, or has a point that does not fit the robot.
-    pub fn ask<Q: AsRef<[f64]>>(
-        &mut self,
-        path: &[Q],
-        config: &Config,
-    ) -> Result<Answer, PathError> {
-        let arm = self.arm.clone();
-        let answer = self.follow(path, config);
-        self.arm = arm;
-        answer
+    pub fn ask<Q: AsRef<[f64]>>(&self, path: &[Q], config: &Config) -> Result<Answer, PathError> {
+        self.answer(&self.checker.check(path, config)?)
     }
 
-    /// [`Outlook::ask`], after which the arm is at the path's end with what it touches there, for
-    /// paths that go on from this one.
+    /// [`Outlook::ask`] about a path that was checked beforehand, for an arm like this one.
     ///
     /// # Errors
     ///
-    /// As [`Outlook::ask`]; where the arm is then is not said.
-    pub fn follow<Q: AsRef<[f64]>>(
-        &mut self,
-        path: &[Q],
-        config: &Config,
-    ) -> Result<Answer, PathError> {
-        let way = self.way(path, config)?;
-        let felt = self.walk(&way)?;
-        Ok(way.answer(&felt))
+    /// If the way from where the arm is to the path's first point cannot be followed.
+    pub fn answer(&self, path: &CheckedPath<'_>) -> Result<Answer, PathError> {
+        let from = self.whereabouts.as_ref().filter(|from| self.starts_at(from, path));
+        let way = self.way(path, from)?;
+        let felt = self.felt(&way, from.map(|(_, grip)| Arc::clone(grip)));
+        let mut points: Vec<PathPoint> = Vec::new();
+        for (number, &stop) in path.stopped_at().iter().enumerate() {
+            let first = way.at.partition_point(|at| *at < way.at[number]);
+            let reached = felt.point(first, &self.arm.robot, path.poses(stop));
+            if let Some(left) = points.last().cloned() {
+                let from = points.len() - 1;
+                points.extend((from + 1..stop).map(|point| {
+                    let part = path.part(point, [from, stop]);
+                    PathPoint::between(&left, &reached, part)
+                }));
+            }
+            points.push(reached);
+        }
+        Ok(Answer { points, goes_on: from.is_some(), stops: path.stopped_at().len() })
     }
 
-    /// [`Outlook::ask`] by so many threads, each of which follows its share of the points.
-    ///
-    /// Sums of torques come in another order than in [`Outlook::ask`], the same for the same number
-    /// of parts.
-    ///
-    /// # Errors
-    ///
-    /// As [`Outlook::ask`].
-    pub fn ask_in_parts<Q: AsRef<[f64]> + Sync>(
+    /// Whether a path starts where the arm is.
+    fn starts_at(&self, (q, grip): &(Vec<f64>, Arc<Grip>), path: &CheckedPath<'_>) -> bool {
+        let way_m = self.checker.stride().way_m((q, &grip.poses), path.at(0));
+        way_m.is_ok_and(|way_m| way_m <= path.start_m())
+    }
+
+    /// The places of a path, from where the arm is or from the first stop.
+    fn way(
         &self,
-        path: &[Q],
-        config: &Config,
-        parts: u32,
-    ) -> Result<Answer, PathError> {
-        let way = self.way(path, config)?;
-        let of = parts.max(1);
-        let walk = |part| {
-            let arm = self.arm.following(None, Share { part, of });
-            let (springs, variance) = (self.springs.clone(), self.variance.clone());
-            let stands_for = self.stands_for.clone();
-            Self { arm, springs, variance, stands_for, ..*self }.walk(&way)
+        path: &CheckedPath<'_>,
+        from: Option<&(Vec<f64>, Arc<Grip>)>,
+    ) -> Result<Way, PathError> {
+        let stops = path.stopped_at();
+        let mut before = match from {
+            Some((q, grip)) => (&q[..], &grip.poses[..]),
+            None => path.at(stops[0]),
         };
-        let felt: Vec<Vec<Felt>> =
-            (0..of).into_par_iter().map(walk).collect::<Result<_, PathError>>()?;
-        let felt = felt.into_iter().reduce(|mut sum, part| {
-            sum.iter_mut().zip(&part).for_each(|(sum, part)| *sum += part);
+        let mut way = Way { places: vec![before.1.to_vec()], at: Vec::with_capacity(stops.len()) };
+        for &stop in stops {
+            let here = path.at(stop);
+            let between = self.checker.stride().between(before, here);
+            for poses in between.map_err(|lost| PathError::at(stop, lost))? {
+                way.go(&poses);
+            }
+            way.go(here.1);
+            way.at.push(way.places.len() - 1);
+            before = here;
+        }
+        Ok(way)
+    }
+
+    /// What the arm feels at the stops of a way; at the first, where several are at the same place.
+    fn felt(&self, way: &Way, grip: Option<Arc<Grip>>) -> Felt {
+        let surfaces = Arc::clone(&self.arm.surfaces);
+        let (links, stops) = (surfaces.len(), way.at.len());
+        let (lattice, contact) = (self.lattice.clone(), self.contact.clone());
+        let roughly = self.springs.are_few();
+        let passage = Passage::new(lattice, surfaces, contact, roughly, grip, &way.places);
+        let mut stop_at = vec![None; way.places.len()];
+        way.at.iter().enumerate().rev().for_each(|(stop, &at)| stop_at[at] = Some(stop));
+        let (bricks, springs) = (passage.bricks(), Arc::clone(&self.springs));
+        let pieces = (PIECES * FEW_STOPS / stops).clamp(1, PIECES);
+        let of_piece = move |piece: usize| {
+            let (mut crowd, mut of_crowd) = (Crowd::new(&passage), Vec::new());
+            let [first, end] = [piece, piece + 1].map(|piece| piece * bricks.len() / pieces);
+            for near in &bricks[first..end] {
+                for (place, spring) in springs.of_brick(near.low) {
+                    crowd.add(near, place);
+                    of_crowd.push(spring);
+                }
+            }
+            let mut felt = Felt::nothing(stops, links);
+            crowd.follow(&stop_at, |stop, crowd, displaced| {
+                let number = displaced.number;
+                felt.add(stop, &of_crowd[number], crowd.rest(number), &displaced);
+            });
+            felt
+        };
+        let felt = in_pieces(pieces, of_piece).into_iter().reduce(|mut sum, piece| {
+            sum.merge(piece);
             sum
         });
-        Ok(way.answer(&felt.unwrap_or_default()))
-    }
-
-    /// A path that was found fit to be followed from where the arm is, with its stops.
-    fn way<'a, Q: AsRef<[f64]>>(
-        &self,
-        path: &'a [Q],
-        config: &Config,
-    ) -> Result<Way<'a>, PathError> {
-        config.check()?;
-        let route = Route::new(&self.arm, path)?;
-        let goes_on = self.starts_here(&route, config);
-        let resolution_m = config.resolution_cells * self.arm.simulator().lattice().spacing_m();
-        let stops = route.stops(&self.arm, resolution_m);
-        if stops.len() > MAX_MOTIONS {
-            return Err(PathError::TooLong { point: stops[MAX_MOTIONS] });
-        }
-        Ok(Way { route, goes_on, stops })
-    }
-
-    /// Takes the arm along a way; what it feels at each stop.
-    fn walk(&mut self, way: &Way<'_>) -> Result<Vec<Felt>, PathError> {
-        if !way.goes_on {
-            self.arm.begin_touch();
-        }
-        let reach = |&stop: &usize| {
-            let (q, poses) = way.route.at(stop);
-            let contacts = self.arm.go(q, poses).map_err(|lost| PathError::at(stop, lost))?;
-            Ok(self.feel(poses, &contacts))
-        };
-        way.stops.iter().map(reach).collect()
-    }
-
-    /// Whether a route starts where the arm is in a touch under way.
-    fn starts_here(&self, route: &Route<'_>, config: &Config) -> bool {
-        let limit_m = config.start_cells * self.arm.simulator().lattice().spacing_m();
-        let Some(here) = self.arm.q() else { return false };
-        let poses = self.arm.arm().robot.forward(here);
-        let way_m = poses.ok().and_then(|poses| self.arm.way_m((here, &poses), route.at(0)).ok());
-        way_m.is_some_and(|way_m| way_m <= limit_m)
-    }
-
-    /// What the arm feels at these poses, with these contacts.
-    fn feel(&mut self, poses: &Poses, contacts: &Contacts) -> Felt {
-        let robot = &self.arm.arm().robot;
-        let nothing = DVector::zeros(robot.n_joints());
-        if contacts.is_empty() {
-            let (torque, torque_variance) = (nothing.clone(), nothing);
-            return Felt { torque, torque_variance, contacts: 0.0, known: 0.0 };
-        }
-        let observation = self.springs.fold(robot, poses, contacts, &nothing);
-        let of = |values: &[f64], row: usize, other| values.get(row).copied().unwrap_or(other);
-        let variance = |row| of(&self.variance, row, self.untouched_variance);
-        let stands_for = |row| of(&self.stands_for, row, self.others_stand_for);
-        let known = observation.rows().filter(|&row| self.springs.is_known(row));
-        Felt {
-            torque: self.springs.predict(&observation),
-            torque_variance: observation.gram(self.springs.cells(), variance).diagonal(),
-            contacts: observation.rows().map(stands_for).sum(),
-            known: known.map(stands_for).sum(),
-        }
+        felt.unwrap_or_default()
     }
 }
 
@@ -367,28 +325,19 @@ impl Config {
     }
 }
 
-/// A path with the points of it where the arm stops.
-struct Way<'a> {
-    route: Route<'a>,
-    goes_on: bool,
-    stops: Vec<usize>,
+/// The places that the arm goes through.
+struct Way {
+    /// The links' poses, by link.
+    places: Vec<Vec<Isometry3<f64>>>,
+    /// The numbers of the places where it stops, by stop.
+    at: Vec<usize>,
 }
 
-impl Way<'_> {
-    /// The answer, from what is felt at each stop.
-    fn answer(&self, felt: &[Felt]) -> Answer {
-        let mut points: Vec<PathPoint> = Vec::new();
-        for (&stop, felt) in self.stops.iter().zip(felt) {
-            let reached = felt.point();
-            if let Some(left) = points.last().cloned() {
-                let from = points.len() - 1;
-                points.extend((from + 1..stop).map(|point| {
-                    let part = self.route.part(point, [from, stop]);
-                    PathPoint::between(&left, &reached, part)
-                }));
-            }
-            points.push(reached);
+impl Way {
+    /// Goes to a place, unless the arm is there.
+    fn go(&mut self, poses: &[Isometry3<f64>]) {
+        if self.places.last().is_none_or(|last| last != poses) {
+            self.places.push(poses.to_vec());
         }
-        Answer { points, goes_on: self.goes_on, stops: self.stops.len() }
     }
 }

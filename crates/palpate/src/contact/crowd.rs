@@ -1,0 +1,421 @@
+//! Points that are followed along a way known beforehand.
+//!
+//! For every point and every link that comes near it, it is known where the link will be near next.
+//! So a [`Crowd`] goes from place to place, looks φ up for those points only that a link is near to,
+//! takes hold of them, and settles those that are held, all together. What a point meets is what
+//! [`super::Simulator`] finds for it, to the bit.
+
+use nalgebra::{Point3, Vector3};
+
+use super::passage::{Near, Passage};
+use super::settle::{Touched, settle};
+use crate::lattice::CellId;
+use crate::robot::LinkId;
+
+/// A point that is displaced where the arm stops.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Displaced {
+    /// Its number in the crowd.
+    pub(crate) number: usize,
+    /// The link that holds it.
+    pub(crate) link: LinkId,
+    /// u: anchor − rest point, world frame, m.
+    pub(crate) displacement_m: Vector3<f64>,
+}
+
+/// Points that are followed together.
+#[derive(Debug)]
+pub(crate) struct Crowd<'a> {
+    passage: &'a Passage,
+    points: Vec<Point>,
+    /// A point's are in a row.
+    meetings: Vec<Meeting>,
+    /// The place where a meeting comes next, by meeting; [`NEVER`] if it does not, or if the point
+    /// is held.
+    next: Vec<u32>,
+    /// By link of the passage.
+    held: Vec<Held>,
+    /// Room for the meetings of a place.
+    due: Vec<usize>,
+}
+
+/// No place.
+const NEVER: u32 = u32::MAX;
+
+/// A point of a crowd.
+#[derive(Debug)]
+struct Point {
+    cell: CellId,
+    rest: Point3<f64>,
+    /// Its first meeting.
+    meetings: usize,
+    state: State,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum State {
+    Free,
+    Held,
+    /// Of an empty place, which nothing can cover.
+    Empty,
+}
+
+/// A point and a link that comes near it.
+#[derive(Debug)]
+struct Meeting {
+    point: usize,
+    /// Among the links of the passage.
+    link: usize,
+    /// The first place where it may be near.
+    from: usize,
+}
+
+/// What a link holds.
+#[derive(Debug, Default)]
+struct Held {
+    touched: Vec<Touched>,
+    /// Their numbers in the crowd.
+    points: Vec<usize>,
+}
+
+/// A free point that a link covers.
+struct Covered {
+    point: usize,
+    distance_m: f64,
+    link: usize,
+}
+
+impl<'a> Crowd<'a> {
+    /// A crowd of nobody.
+    pub(crate) fn new(passage: &'a Passage) -> Self {
+        let held = passage.links.iter().map(|_| Held::default()).collect();
+        let (points, meetings, next, due) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { passage, points, meetings, next, held, due }
+    }
+
+    /// Adds a point, at its place in the lattice, of a brick.
+    pub(crate) fn add(&mut self, near: &Near, place: [u32; 3]) {
+        let lattice = &self.passage.lattice;
+        let (cell, rest) = (lattice.cell(place), lattice.point_at(place));
+        let (point, meetings) = (self.points.len(), self.meetings.len());
+        let mut state = State::Free;
+        if let Some(start) = &self.passage.start {
+            if let Some((index, touched)) = start.held(cell) {
+                let link = self.passage.links.iter().position(|link| link.index == index);
+                let held = &mut self.held[link.expect("a link that holds a point has a surface")];
+                held.touched.push(touched);
+                held.points.push(point);
+                state = State::Held;
+            } else if start.grip.taken.contains(place) {
+                state = State::Empty;
+            }
+        }
+        for &(link, from) in &near.links {
+            self.meetings.push(Meeting { point, link, from });
+            let next = if state == State::Free { self.meets(link, &rest, from) } else { NEVER };
+            self.next.push(next);
+        }
+        self.points.push(Point { cell, rest, meetings, state });
+    }
+
+    /// The position of the points, m, by number.
+    pub(crate) fn rest(&self, number: usize) -> &Point3<f64> {
+        &self.points[number].rest
+    }
+
+    /// Takes all points along the whole way.
+    ///
+    /// `stop_at` has the number of a stop for every place that is one: `feel` is told of every point
+    /// that is displaced there.
+    pub(crate) fn follow(
+        mut self,
+        stop_at: &[Option<usize>],
+        mut feel: impl FnMut(usize, &Self, Displaced),
+    ) {
+        let (mut slipping, mut released, mut covered) = (Vec::new(), Vec::new(), Vec::new());
+        for (at, stop) in stop_at.iter().enumerate() {
+            if at > 0 {
+                self.settle(at, &mut slipping, &mut released);
+            }
+            self.look(at, &mut covered);
+            let is_empty =
+                at == 0 && self.passage.config.known_empty && self.passage.start.is_none();
+            for Covered { point, link, .. } in covered.drain(..) {
+                if is_empty {
+                    self.leave(point, State::Empty);
+                } else {
+                    self.hold(point, link, at);
+                }
+            }
+            let Some(stop) = *stop else { continue };
+            for (link, held) in self.passage.links.iter().zip(&self.held) {
+                for (touched, &number) in held.touched.iter().zip(&held.points) {
+                    let displacement_m = Vector3::from(touched.displacement_m.map(f64::from));
+                    let link = LinkId(link.index as u16);
+                    feel(stop, &self, Displaced { number, link, displacement_m });
+                }
+            }
+        }
+    }
+
+    /// Lets all that is held slip to where its link is at a place, and releases what must be.
+    fn settle(&mut self, at: usize, slipping: &mut Vec<u32>, released: &mut Vec<usize>) {
+        for (link, held) in self.passage.links.iter().zip(&mut self.held) {
+            let surface = self.passage.surface(link);
+            let touched = &mut held.touched[..];
+            settle(surface, &link.placed[at], &self.passage.slip, (touched, slipping));
+            let mut number = 0;
+            while number < held.touched.len() {
+                if held.touched[number].held {
+                    number += 1;
+                } else {
+                    held.touched.swap_remove(number);
+                    released.push(held.points.swap_remove(number));
+                }
+            }
+        }
+        // Any link may cover them at once.
+        for point in released.drain(..) {
+            self.points[point].state = State::Free;
+            for meeting in self.meetings_of(point) {
+                let Meeting { link, from, .. } = self.meetings[meeting];
+                self.next[meeting] = self.meets(link, &self.points[point].rest, from.max(at));
+            }
+        }
+    }
+
+    /// Finds the free points that links cover at a place, each once, with its deepest link.
+    fn look(&mut self, at: usize, covered: &mut Vec<Covered>) {
+        self.due.clear();
+        let due = self.next.iter().enumerate().filter(|(_, next)| **next == at as u32);
+        self.due.extend(due.map(|(meeting, _)| meeting));
+        for &meeting in &self.due {
+            let Meeting { point, link: number, .. } = self.meetings[meeting];
+            let (rest, link) = (self.points[point].rest, &self.passage.links[number]);
+            let distance_m = self.passage.surface(link).distance(&link.placed[at].in_link(&rest));
+            let free_m = distance_m - self.passage.config.contact_distance_m;
+            if free_m < 0.0 {
+                covered.push(Covered { point, distance_m, link: number });
+            } else {
+                let after = link.after(at, free_m);
+                self.next[meeting] = after.map_or(NEVER, |at| self.meets(number, &rest, at));
+            }
+        }
+        // Meetings of a point are in a row, and so are their finds: links in their order.
+        covered.dedup_by(|later, kept| {
+            if later.point == kept.point && later.distance_m < kept.distance_m {
+                (kept.distance_m, kept.link) = (later.distance_m, later.link);
+            }
+            later.point == kept.point
+        });
+    }
+
+    /// The first place from another on where a link is near a point.
+    fn meets(&self, link: usize, rest: &Point3<f64>, from: usize) -> u32 {
+        let near = self.passage.links[link].near(rest, self.passage.reach_m(), from);
+        near.map_or(NEVER, |at| at as u32)
+    }
+
+    /// Anchors a point on the inflated surface of a link.
+    fn hold(&mut self, number: usize, link: usize, at: usize) {
+        self.leave(number, State::Held);
+        let (point, of_link) = (&self.points[number], &self.passage.links[link]);
+        let (surface, pose) = (self.passage.surface(of_link), &of_link.placed[at].world_from_link);
+        let held = &mut self.held[link];
+        held.touched.push(Touched::new(point.cell, point.rest, surface, pose, &self.passage.slip));
+        held.points.push(number);
+    }
+
+    /// Takes a point out of those that wait.
+    fn leave(&mut self, number: usize, state: State) {
+        self.points[number].state = state;
+        let meetings = self.meetings_of(number);
+        self.next[meetings].fill(NEVER);
+    }
+
+    fn meetings_of(&self, number: usize) -> std::ops::Range<usize> {
+        let end = self.points.get(number + 1).map_or(self.meetings.len(), |next| next.meetings);
+        self.points[number].meetings..end
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+    use std::sync::Arc;
+
+    use nalgebra::{Isometry3, UnitQuaternion};
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::{Rng, SeedableRng};
+
+    use super::*;
+    use crate::contact::{Config, Simulator};
+    use crate::lattice::{BRICK_EDGE, Lattice};
+    use crate::robot::{Collision, Shape};
+    use crate::sdf::{self, Grid, Solid};
+
+    /// Cells with their links and displacements, at a place.
+    type Met = HashMap<CellId, (LinkId, [f32; 3])>;
+
+    fn surfaces() -> Arc<Vec<Option<Grid>>> {
+        let shapes = [
+            Shape::Cylinder { radius_m: 0.04, length_m: 0.3 },
+            Shape::Box { size_m: Vector3::new(0.2, 0.06, 0.1) },
+        ];
+        let surface = |shape| {
+            let collision = Collision { link_from_shape: Isometry3::identity(), shape };
+            let solid = Solid { primitives: vec![collision], meshes: vec![] };
+            sdf::bake(&solid, &sdf::Config::default()).unwrap().0
+        };
+        let [cylinder, block] = shapes.map(surface);
+        Arc::new(vec![Some(cylinder), None, Some(block)])
+    }
+
+    fn lattice() -> Lattice {
+        Lattice::new([-0.2; 3], 0.02, [19, 21, 18]).unwrap() // no multiple of a brick
+    }
+
+    /// Three links that wander about the lattice, turning every other time.
+    fn wander(places: usize) -> Vec<Vec<Isometry3<f64>>> {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut uniform = |half: f64| {
+            Vector3::from_fn(|_, _| {
+                (f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0) * half
+            })
+        };
+        let mut poses = [0.0, 0.5, 0.15].map(|x| Isometry3::translation(x, 0.0, 0.0));
+        let mut speeds = [(Vector3::zeros(), Vector3::zeros()); 3];
+        let mut all = vec![poses.to_vec()];
+        for motion in 1..places {
+            if motion % 25 == 1 {
+                let turn = if motion % 50 == 1 { 0.0 } else { 0.03 };
+                let back = |pose: &Isometry3<f64>| pose.translation.vector / 50.0;
+                speeds = poses.map(|pose| (uniform(0.008) - back(&pose), uniform(turn)));
+            }
+            for (pose, (along, about)) in poses.iter_mut().zip(&speeds) {
+                pose.translation.vector += along;
+                pose.rotation = UnitQuaternion::new(*about) * pose.rotation;
+            }
+            all.push(poses.to_vec());
+        }
+        all
+    }
+
+    /// What a crowd of every third cell meets, at every place.
+    fn met_by_a_crowd(passage: &Passage, places: usize) -> Vec<Met> {
+        let (lattice, mut crowd, mut cells) = (lattice(), Crowd::new(passage), Vec::new());
+        for near in passage.bricks() {
+            let n = BRICK_EDGE;
+            for at in 0..n.pow(3) {
+                let inside = [at % n, at / n % n, at / (n * n)];
+                let place = [0, 1, 2].map(|axis| near.low[axis] + inside[axis]);
+                if lattice.holds(place) && lattice.cell(place).0 % 3 == 0 {
+                    crowd.add(&near, place);
+                    cells.push(lattice.cell(place));
+                }
+            }
+        }
+        let stops: Vec<_> = (0..places).map(Some).collect();
+        let mut met = vec![Met::new(); places];
+        crowd.follow(&stops, |stop, crowd, Displaced { number, link, displacement_m }| {
+            assert_eq!(*crowd.rest(number), lattice.point(cells[number]));
+            let displacement_m = displacement_m.map(|u| u as f32).into();
+            let before = met[stop].insert(cells[number], (link, displacement_m));
+            assert!(before.is_none(), "met once");
+        });
+        met
+    }
+
+    /// What the simulator says that these cells meet where it is.
+    fn met_in(simulator: &Simulator) -> Met {
+        let links = simulator.contacts().links.into_iter();
+        let of_link = links.flat_map(|link| {
+            let cells = link.cells.into_iter().zip(link.displacements_m);
+            cells.map(move |(cell, displacement_m)| (cell, (link.link, displacement_m)))
+        });
+        of_link.filter(|(cell, _)| cell.0 % 3 == 0).collect()
+    }
+
+    #[test]
+    fn a_crowd_meets_what_the_simulator_finds_for_its_points_to_the_bit() {
+        let places = wander(800);
+        for known_empty in [false, true] {
+            let config = Config { known_empty, ..Config::default() };
+            let passage = |grip, places: &[_]| {
+                Passage::new(lattice(), surfaces(), config.clone(), false, grip, places)
+            };
+            let mut simulator = Simulator::new(lattice(), surfaces(), config.clone()).unwrap();
+            simulator.begin_touch(&places[0]);
+            let (mut met, mut grip) = (vec![met_in(&simulator)], None);
+            for (at, poses) in places.iter().enumerate().skip(1) {
+                simulator.advance(poses);
+                met.push(met_in(&simulator));
+                if at == 300 {
+                    grip = Some(Arc::new(simulator.grip()));
+                }
+            }
+            assert!(met_by_a_crowd(&passage(None, &places), 800) == met);
+            // From the middle of the way, of which half is known by what is held there.
+            assert!(met_by_a_crowd(&passage(grip, &places[300..]), 500) == met[300..]);
+            let moved = met.windows(2).map(|ends| {
+                let left = ends[0].keys().filter(|cell| !ends[1].contains_key(cell)).count();
+                [ends[1].len() + left - ends[0].len(), left]
+            });
+            let [entered, left] = moved.fold([0, 0], |sum, n| [sum[0] + n[0], sum[1] + n[1]]);
+            assert!(entered > 500 && left > 300, "{entered} entered, {left} left");
+            assert_eq!(met[0].is_empty(), known_empty);
+        }
+    }
+
+    #[test]
+    fn a_point_that_was_pushed_far_away_stays_held() {
+        let lattice = Lattice::new([0.0; 3], 0.005, [4, 1, 1]).unwrap();
+        let config = Config { slip_iterations: 0, ..Config::default() }; // it sticks for good
+        let places: Vec<_> = (0..60)
+            .map(|n| vec![Isometry3::translation(f64::from(n) * 0.01 - 0.1, 0.0, 0.0)])
+            .collect();
+        let collision = Collision {
+            link_from_shape: Isometry3::identity(),
+            shape: Shape::Sphere { radius_m: 0.01 },
+        };
+        let solid = Solid { primitives: vec![collision], meshes: vec![] };
+        let surfaces = Arc::new(vec![Some(sdf::bake(&solid, &sdf::Config::default()).unwrap().0)]);
+        let simulator = Simulator::new(lattice.clone(), Arc::clone(&surfaces), config.clone());
+        let mut simulator = simulator.unwrap();
+        simulator.begin_touch(&places[0]);
+        places[..50].iter().for_each(|poses| drop(simulator.advance(poses)));
+        let grip = Some(Arc::new(simulator.grip()));
+        let passage = Passage::new(lattice, surfaces, config, false, grip, &places[49..]);
+        let (mut crowd, bricks) = (Crowd::new(&passage), passage.bricks());
+        (0..4).for_each(|i| crowd.add(&bricks[0], [i, 0, 0]));
+        let mut met = 0;
+        crowd.follow(&[None, None, Some(0)], |_, _, displaced| {
+            assert!(displaced.displacement_m.x > 0.3);
+            met += 1;
+        });
+        assert_eq!(met, 4);
+    }
+
+    #[test]
+    fn a_link_is_near_where_its_box_is_and_nowhere_before() {
+        let places = wander(400);
+        let passage = Passage::new(lattice(), surfaces(), Config::default(), true, None, &places);
+        for link in &passage.links {
+            for cell in (0..lattice().n_cells() as u32).step_by(37) {
+                let point = lattice().point(CellId(cell));
+                let (low, high) = passage.surface(link).bounds();
+                let from_box_m = |at: usize| {
+                    let point = link.placed[at].in_link(&point);
+                    (low - point).sup(&(point - high)).sup(&Vector3::zeros()).norm()
+                };
+                let mut from = 0;
+                while let Some(at) = link.near(&point, 0.03, from) {
+                    assert!(from_box_m(at) < 0.03 + 1e-5);
+                    assert!((from..at).all(|between| from_box_m(between) > 0.03 - 1e-5));
+                    from = at + 1;
+                }
+                assert!((from..places.len()).all(|at| from_box_m(at) > 0.03 - 1e-5));
+            }
+        }
+    }
+}

@@ -1,0 +1,257 @@
+//! A way of the arm that is known beforehand, and which points a link is near, where.
+//!
+//! No point's way depends on another's. So where all motions of the arm are known, the points that
+//! are asked about can be followed alone ([`super::crowd`]): it is known beforehand when a link will
+//! be near each of them, only they cost anything, and any number of threads can share them.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use rustc_hash::FxHashMap;
+
+use super::enter::{LIPSCHITZ, bricks_within};
+use super::placed::{Placed, travel_in_link_m};
+use super::settle::{Slip, Touched};
+use super::{Config, Grip};
+use crate::lattice::{BRICK_EDGE, Bricks, CellId, Lattice};
+use crate::sdf::Grid;
+
+/// Points as near to a link's box as this, and within reach besides, are bounded by its box; others
+/// by the ball around it.
+const WITHIN_M: f64 = 0.05;
+
+/// More than rounding to `f32` and the interpolation of φ may take from a distance, m.
+const SHORT_M: f64 = 1e-4;
+
+/// A way of the arm, place by place.
+#[derive(Debug)]
+pub(crate) struct Passage {
+    pub(super) lattice: Lattice,
+    pub(super) config: Config,
+    pub(super) slip: Slip,
+    surfaces: Arc<Vec<Option<Grid>>>,
+    /// Those that have a surface.
+    pub(super) links: Vec<Link>,
+    /// What the arm holds at the first place, if it comes from somewhere.
+    pub(super) start: Option<Start>,
+}
+
+/// What the arm holds where the way begins.
+#[derive(Debug)]
+pub(super) struct Start {
+    pub(super) grip: Arc<Grip>,
+    /// Link and number, among what that link holds, of a cell.
+    held: FxHashMap<CellId, (usize, usize)>,
+}
+
+/// A link along the way.
+#[derive(Debug)]
+pub(super) struct Link {
+    /// Its number in the robot.
+    pub(super) index: usize,
+    /// By place.
+    pub(super) placed: Vec<Placed>,
+    /// How far, at most, a point near the link has moved in its frame since the first place, by
+    /// place, m.
+    travel_m: Vec<f64>,
+    /// Blocks of places; the last is filled up with some that are far away from everything.
+    blocks: Vec<Block>,
+    middle: Point3<f64>,
+    half_m: Vector3<f64>,
+}
+
+/// Places of a link that are looked at together.
+const LANES: usize = 8;
+
+/// Where a link's box is at some places: of each of its axes x, y, z and minus the middle of the box
+/// along it, in the world, m.
+type Block = [[[f32; LANES]; 4]; 3];
+
+/// A brick, and the links that may come to cover points of it.
+#[derive(Debug)]
+pub(crate) struct Near {
+    /// Its first place.
+    pub(crate) low: [u32; 3],
+    /// Numbers among the links of the passage, each with the first place where it may.
+    pub(super) links: Vec<(usize, usize)>,
+}
+
+impl Passage {
+    /// A way through these places, where the links have these poses: by place, and by link.
+    ///
+    /// With a grip the way goes on from it, and the first place must be where it was taken; without
+    /// one it starts a touch there. Both mean what they mean to [`super::Simulator`]. Where `roughly`
+    /// is true, points come no closer to cone and surface than is worth where each stands for many.
+    ///
+    /// # Panics
+    ///
+    /// If there are fewer poses than surfaces somewhere, which is a bug in the caller.
+    pub(crate) fn new(
+        lattice: Lattice,
+        surfaces: Arc<Vec<Option<Grid>>>,
+        config: Config,
+        roughly: bool,
+        grip: Option<Arc<Grip>>,
+        places: &[Vec<Isometry3<f64>>],
+    ) -> Self {
+        let within_m = config.contact_distance_m + SHORT_M + WITHIN_M;
+        let of_link = |(index, surface): (usize, &Option<Grid>)| {
+            let poses: Vec<_> = places.iter().map(|poses| poses[index]).collect();
+            Some(Link::new(index, surface.as_ref()?, within_m, &poses))
+        };
+        let links = surfaces.iter().enumerate().filter_map(of_link).collect();
+        let slip = if roughly { Slip::roughly(&config) } else { Slip::new(&config) };
+        let start = grip.map(Start::new);
+        Self { lattice, config, slip, surfaces, links, start }
+    }
+
+    /// The bricks where anything can be displaced, in the lattice's order.
+    pub(crate) fn bricks(&self) -> Vec<Near> {
+        let mut bricks: FxHashMap<[u32; 3], Vec<(usize, usize)>> = FxHashMap::default();
+        let half_m = f64::from(BRICK_EDGE - 1) / 2.0 * self.lattice.spacing_m();
+        for (number, link) in self.links.iter().enumerate() {
+            let (low, high) = self.swept(link);
+            for low in bricks_within(&self.lattice, &low, &high) {
+                let middle = self.lattice.point_at(low) + Vector3::repeat(half_m);
+                if let Some(from) = self.first_near(link, &middle, half_m * 3f64.sqrt()) {
+                    bricks.entry(low).or_default().push((number, from));
+                }
+            }
+        }
+        for cell in self.start.iter().flat_map(|start| start.held.keys()) {
+            let (brick, _) = Bricks::<()>::locate(self.lattice.place(*cell));
+            bricks.entry(brick.map(|n| n * BRICK_EDGE)).or_default();
+        }
+        let mut bricks: Vec<Near> =
+            bricks.into_iter().map(|(low, links)| Near { low, links }).collect();
+        bricks.sort_unstable_by_key(|near| [near.low[2], near.low[1], near.low[0]]);
+        bricks
+    }
+
+    pub(super) fn surface(&self, link: &Link) -> &Grid {
+        self.surfaces[link.index].as_ref().expect("a link of a passage has a surface")
+    }
+
+    /// δ, and what a look at the box of a link alone must allow for besides, m.
+    pub(super) fn reach_m(&self) -> f64 {
+        self.config.contact_distance_m + SHORT_M
+    }
+
+    /// The first place where a link may cover anything of a ball, if there is one.
+    ///
+    /// A link must travel as far as its box is away, or if all of the ball is further away than
+    /// points whose travel is known, as far as the ball around its box.
+    fn first_near(&self, link: &Link, middle: &Point3<f64>, radius_m: f64) -> Option<usize> {
+        let (mut at, reach_m) = (0, self.reach_m());
+        loop {
+            let from_middle = link.placed[at].in_link(middle) - link.middle;
+            let from_ball_m = from_middle.norm() - link.half_m.norm() - radius_m;
+            let outside = (from_middle.abs() - link.half_m).sup(&Vector3::zeros());
+            let free_m = match from_ball_m > reach_m + WITHIN_M {
+                true => from_ball_m - reach_m,
+                false => (outside.norm() - radius_m - reach_m).min(WITHIN_M),
+            };
+            if free_m <= 0.0 {
+                return Some(at);
+            }
+            at = link.after(at, free_m)?;
+        }
+    }
+
+    /// The box that holds a link, with all that it can reach, along the whole way.
+    fn swept(&self, link: &Link) -> (Point3<f64>, Point3<f64>) {
+        let surface = self.surface(link);
+        let reach = Vector3::repeat(self.config.contact_distance_m);
+        let (low, high) = link
+            .placed
+            .iter()
+            .map(|placed| placed.bounds(surface))
+            .fold(link.placed[0].bounds(surface), |(low, high), (a, b)| {
+                (low.inf(&a), high.sup(&b))
+            });
+        (low - reach, high + reach)
+    }
+}
+
+impl Link {
+    fn new(index: usize, surface: &Grid, within_m: f64, poses: &[Isometry3<f64>]) -> Self {
+        let travel_m = poses.windows(2).scan(0.0, |sum_m, ends| {
+            *sum_m += travel_in_link_m(surface, within_m, &ends[0], &ends[1]);
+            Some(*sum_m)
+        });
+        let travel_m = std::iter::once(0.0).chain(travel_m).collect();
+        let placed: Vec<Placed> = poses.iter().map(Placed::new).collect();
+        let (low, high) = surface.bounds();
+        let (middle, half_m) = (nalgebra::center(&low, &high), (high - low) / 2.0);
+        let mut blocks = vec![[[[0.0; LANES]; 4]; 3]; placed.len().div_ceil(LANES)];
+        for (axis, [_, _, _, offset_m]) in blocks.iter_mut().flatten().enumerate() {
+            *offset_m = [if axis % 3 == 0 { FAR_M } else { 0.0 }; LANES];
+        }
+        for (at, placed) in placed.iter().enumerate() {
+            for (axis, along) in placed.rotation.matrix().column_iter().enumerate() {
+                let offset_m = -along.dot(&(placed.world_from_link * middle).coords);
+                for (numbers, n) in blocks[at / LANES][axis].iter_mut().zip(0..) {
+                    let number = if n < 3 { along[n] } else { offset_m };
+                    numbers[at % LANES] = number as f32;
+                }
+            }
+        }
+        Self { index, placed, travel_m, blocks, middle, half_m }
+    }
+
+    /// The first place after another where the link has travelled so far, φ being nearly a distance.
+    pub(super) fn after(&self, at: usize, free_m: f64) -> Option<usize> {
+        let due_m = self.travel_m[at] + free_m / LIPSCHITZ;
+        let passed = self.travel_m[at + 1..].iter().take_while(|travel_m| **travel_m < due_m);
+        let after = at + 1 + passed.count();
+        (after < self.travel_m.len()).then_some(after)
+    }
+
+    /// The first place from another on where a point is that near to the link's box, if there is one.
+    pub(super) fn near(&self, point: &Point3<f64>, limit_m: f64, from: usize) -> Option<usize> {
+        let (half, point) = (self.half_m.cast::<f32>(), point.cast::<f32>());
+        let limit_m2 = (limit_m * limit_m) as f32;
+        let mut at = from;
+        loop {
+            let block = self.blocks.get(at / LANES)?;
+            let from_box_m2: [f32; LANES] = std::array::from_fn(|n| {
+                let outside = |axis: usize| {
+                    let [x, y, z, offset] = &block[axis];
+                    let along = x[n] * point.x + y[n] * point.y + z[n] * point.z + offset[n];
+                    let outside = along.abs() - half[axis];
+                    if outside > 0.0 { outside } else { 0.0 }
+                };
+                let [x, y, z] = [outside(0), outside(1), outside(2)];
+                x * x + y * y + z * z
+            });
+            let first = at - at % LANES;
+            let is_near = |lane: &usize| from_box_m2[*lane] <= limit_m2;
+            if let Some(lane) = (at - first..LANES).find(is_near) {
+                return Some(first + lane);
+            }
+            let last = (first + LANES).min(self.placed.len()) - 1;
+            let free_m = f64::from(from_box_m2[last - first]).sqrt() - limit_m;
+            at = self.after(last, free_m.min(WITHIN_M))?;
+        }
+    }
+}
+
+/// Farther than any point of any lattice from any link, m; its square is a number.
+const FAR_M: f32 = 1e15;
+
+impl Start {
+    fn new(grip: Arc<Grip>) -> Self {
+        let numbered = |(link, touched): (usize, &Vec<Touched>)| {
+            let numbers = touched.iter().enumerate();
+            numbers.map(|(number, touched)| (touched.cell, (link, number))).collect::<Vec<_>>()
+        };
+        let held = grip.touched.iter().enumerate().flat_map(numbered).collect();
+        Self { grip, held }
+    }
+
+    /// A cell's link, by its number in the robot, and what it holds of it, if one does.
+    pub(super) fn held(&self, cell: CellId) -> Option<(usize, Touched)> {
+        let &(link, number) = self.held.get(&cell)?;
+        Some((link, self.grip.touched[link][number].clone()))
+    }
+}
