@@ -11,8 +11,9 @@
 //! every point with every spring, which takes several times as long. ROS types would have to be
 //! built into every robot that asks; a socket and JSON are everywhere.
 //!
-//! The mapper hands out what a question needs in a fraction of a millisecond and goes on; the answer
-//! is worked out on the thread of whoever asks. Replays wait meanwhile, since nobody waits for them.
+//! The mapper hands out what a question needs in about a millisecond and goes on; the answer is worked
+//! out by the thread of whoever asks and all of rayon's that have time. Replays wait meanwhile, since
+//! nobody waits for them.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};

@@ -92,9 +92,9 @@ pub struct Prediction {
     pub external: DVector<f64>,
 }
 
-/// The springs that motions are asked about, by row: first those of a field, then those met since.
-#[derive(Debug, Clone)]
-pub(crate) struct Springs {
+/// The springs that a [`Predictor`] sums up, by row: first those of a field, then those met since.
+#[derive(Debug)]
+struct Springs {
     folder: Folder,
     cells: Vec<Cell>,
     /// Frames that touched the cells of the field.
@@ -104,7 +104,7 @@ pub(crate) struct Springs {
 
 impl Springs {
     /// Springs of the given rows, K in N/m; cells met later are untouched ones.
-    pub(crate) fn new(
+    fn new(
         rows: CellRows,
         stiffness_n_per_m: &[f64],
         counts: Vec<u32>,
@@ -116,7 +116,7 @@ impl Springs {
     }
 
     /// Folds a frame's contacts beside `tau`, n_joints, N·m.
-    pub(crate) fn fold(
+    fn fold(
         &mut self,
         robot: &Robot,
         poses: &Poses,
@@ -130,12 +130,12 @@ impl Springs {
     }
 
     /// τ̂ of a frame that was folded here, n_joints, N·m.
-    pub(crate) fn predict(&self, observation: &Observation) -> DVector<f64> {
+    fn predict(&self, observation: &Observation) -> DVector<f64> {
         observation.predict(&self.cells, Stiffness::Positive)
     }
 
     /// Whether the cell of a row was touched when the field was learnt.
-    pub(crate) fn is_known(&self, row: usize) -> bool {
+    fn is_known(&self, row: usize) -> bool {
         self.counts.get(row).is_some_and(|&count| count > 0)
     }
 }

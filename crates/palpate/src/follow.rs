@@ -1,7 +1,7 @@
 //! The arm on its way from one joint position to the next, and what it touches there.
 //!
-//! Whoever asks for the contacts of a motion asks here, whether it is learnt from, predicted, or
-//! only thought of: so the same motion always has the same contacts. Long motions are cut into
+//! Whoever needs the contacts of a motion comes here, and whoever only thinks of one cuts it into
+//! sub-steps as this does: so the same motion always has the same contacts. Long motions are cut into
 //! sub-steps, short enough that nothing tunnels. The module knows no torque.
 
 use std::sync::Arc;
@@ -36,7 +36,7 @@ impl From<RobotError> for Lost {
 }
 
 /// Where the arm is, as joint positions and the links' poses there.
-pub(crate) type Place<'a> = (&'a [f64], &'a [Isometry3<f64>]);
+pub(crate) type Waypoint<'a> = (&'a [f64], &'a [Isometry3<f64>]);
 
 /// Cuts the arm's motions into sub-steps.
 #[derive(Debug, Clone)]
@@ -116,13 +116,13 @@ impl Stride {
         self.substep_m
     }
 
-    /// How far a point of the arm goes from one place to another as the crow flies, m.
+    /// How far a point of the arm goes from one waypoint to another as the crow flies, m.
     pub(crate) fn chord_m(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
         contact::travel_m(&self.arm.surfaces, from, to)
     }
 
-    /// How far the fastest point of the arm goes from one place to another, m.
-    pub(crate) fn way_m(&self, from: Place<'_>, to: Place<'_>) -> Result<f64, Lost> {
+    /// How far the fastest point of the arm goes from one waypoint to another, m.
+    pub(crate) fn way_m(&self, from: Waypoint<'_>, to: Waypoint<'_>) -> Result<f64, Lost> {
         let (mut way_m, mut start) = (0.0, from.1.to_vec());
         self.pieces(from.0, to, |_, piece_end| {
             way_m += self.chord_m(&start, &piece_end);
@@ -132,15 +132,16 @@ impl Stride {
         Ok(way_m)
     }
 
-    /// The poses between one place and another, without the ends, close enough that nothing tunnels.
+    /// The poses between one waypoint and another, without the ends, close enough that nothing tunnels.
     pub(crate) fn between(
         &self,
-        from: Place<'_>,
-        to: Place<'_>,
+        from: Waypoint<'_>,
+        to: Waypoint<'_>,
     ) -> Result<Vec<Vec<Isometry3<f64>>>, Lost> {
         let (mut between, mut start) = (Vec::new(), from.1.to_vec());
         self.pieces(from.0, to, |[piece, pieces], piece_end| {
-            let parts = (self.chord_m(&start, &piece_end) / self.substep_m).ceil().max(1.0);
+            let travel_m = self.chord_m(&start, &piece_end);
+            let parts = f64::from(contact::substeps(travel_m, self.substep_m));
             if parts > MAX_PARTS {
                 return Err(self.jump(from.0, to.0));
             }
@@ -161,7 +162,7 @@ impl Stride {
     fn pieces(
         &self,
         from: &[f64],
-        (to, end): Place<'_>,
+        (to, end): Waypoint<'_>,
         mut take: impl FnMut([f64; 2], Vec<Isometry3<f64>>) -> Result<(), Lost>,
     ) -> Result<(), Lost> {
         let way = self.arm.robot.difference(from, to);

@@ -357,7 +357,7 @@ impl Mapper {
     /// then off by some percent, see [`crate::outlook::ONE_IN`], and counts of contacts are
     /// estimates. The choice follows from the field alone: the same field has the same answer.
     ///
-    /// Cost: some 30 ns a touched cell.
+    /// Cost: some 40 ns a touched cell.
     pub fn thinned_outlook(&self, one_in: f64) -> Outlook {
         let (contact, rows) = (self.config.contact.clone(), self.folder.rows());
         Outlook::new(&self.tracker, contact, rows, |row| self.estimate(row), one_in)

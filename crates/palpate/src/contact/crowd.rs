@@ -1,7 +1,7 @@
 //! Points that are followed along a way known beforehand.
 //!
 //! For every point and every link that comes near it, it is known where the link will be near next.
-//! So a [`Crowd`] goes from place to place, looks φ up for those points only that a link is near to,
+//! So a [`Crowd`] goes from waypoint to waypoint, looks φ up for those points only that a link is near to,
 //! takes hold of them, and settles those that are held, all together. What a point meets is what
 //! [`super::Simulator`] finds for it, to the bit.
 
@@ -30,16 +30,16 @@ pub(crate) struct Crowd<'a> {
     points: Vec<Point>,
     /// A point's are in a row.
     meetings: Vec<Meeting>,
-    /// The place where a meeting comes next, by meeting; [`NEVER`] if it does not, or if the point
+    /// The waypoint where a meeting comes next, by meeting; [`NEVER`] if it does not, or if the point
     /// is held.
     next: Vec<u32>,
     /// By link of the passage.
     held: Vec<Held>,
-    /// Room for the meetings of a place.
-    due: Vec<usize>,
+    /// By waypoint, the meetings that come there; some of them have been put off since.
+    due: Vec<Vec<usize>>,
 }
 
-/// No place.
+/// No waypoint.
 const NEVER: u32 = u32::MAX;
 
 /// A point of a crowd.
@@ -49,15 +49,6 @@ struct Point {
     rest: Point3<f64>,
     /// Its first meeting.
     meetings: usize,
-    state: State,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum State {
-    Free,
-    Held,
-    /// Of an empty place, which nothing can cover.
-    Empty,
 }
 
 /// A point and a link that comes near it.
@@ -66,7 +57,7 @@ struct Meeting {
     point: usize,
     /// Among the links of the passage.
     link: usize,
-    /// The first place where it may be near.
+    /// The first waypoint where it may be near.
     from: usize,
 }
 
@@ -89,7 +80,8 @@ impl<'a> Crowd<'a> {
     /// A crowd of nobody.
     pub(crate) fn new(passage: &'a Passage) -> Self {
         let held = passage.links.iter().map(|_| Held::default()).collect();
-        let (points, meetings, next, due) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let (points, meetings, next) = (Vec::new(), Vec::new(), Vec::new());
+        let due = vec![Vec::new(); passage.n_waypoints];
         Self { passage, points, meetings, next, held, due }
     }
 
@@ -98,24 +90,26 @@ impl<'a> Crowd<'a> {
         let lattice = &self.passage.lattice;
         let (cell, rest) = (lattice.cell(place), lattice.point_at(place));
         let (point, meetings) = (self.points.len(), self.meetings.len());
-        let mut state = State::Free;
+        let mut is_free = true;
         if let Some(start) = &self.passage.start {
             if let Some((index, touched)) = start.held(cell) {
                 let link = self.passage.links.iter().position(|link| link.index == index);
                 let held = &mut self.held[link.expect("a link that holds a point has a surface")];
                 held.touched.push(touched);
                 held.points.push(point);
-                state = State::Held;
+                is_free = false;
             } else if start.grip.taken.contains(place) {
-                state = State::Empty;
+                is_free = false; // known to be empty space
             }
         }
         for &(link, from) in &near.links {
             self.meetings.push(Meeting { point, link, from });
-            let next = if state == State::Free { self.meets(link, &rest, from) } else { NEVER };
-            self.next.push(next);
+            self.next.push(NEVER);
         }
-        self.points.push(Point { cell, rest, meetings, state });
+        self.points.push(Point { cell, rest, meetings });
+        if is_free {
+            self.wait(point, 0);
+        }
     }
 
     /// The position of the points, m, by number.
@@ -125,7 +119,7 @@ impl<'a> Crowd<'a> {
 
     /// Takes all points along the whole way.
     ///
-    /// `stop_at` has the number of a stop for every place that is one: `feel` is told of every point
+    /// `stop_at` has the number of a stop for every waypoint that is one: `feel` is told of every point
     /// that is displaced there.
     pub(crate) fn follow(
         mut self,
@@ -141,9 +135,9 @@ impl<'a> Crowd<'a> {
             let is_empty =
                 at == 0 && self.passage.config.known_empty && self.passage.start.is_none();
             for Covered { point, link, .. } in covered.drain(..) {
-                if is_empty {
-                    self.leave(point, State::Empty);
-                } else {
+                let meetings = self.meetings_of(point);
+                self.next[meetings].fill(NEVER);
+                if !is_empty {
                     self.hold(point, link, at);
                 }
             }
@@ -158,7 +152,7 @@ impl<'a> Crowd<'a> {
         }
     }
 
-    /// Lets all that is held slip to where its link is at a place, and releases what must be.
+    /// Lets all that is held slip to where its link is at a waypoint, and releases what must be.
     fn settle(&mut self, at: usize, slipping: &mut Vec<u32>, released: &mut Vec<usize>) {
         for (link, held) in self.passage.links.iter().zip(&mut self.held) {
             let surface = self.passage.surface(link);
@@ -176,20 +170,17 @@ impl<'a> Crowd<'a> {
         }
         // Any link may cover them at once.
         for point in released.drain(..) {
-            self.points[point].state = State::Free;
-            for meeting in self.meetings_of(point) {
-                let Meeting { link, from, .. } = self.meetings[meeting];
-                self.next[meeting] = self.meets(link, &self.points[point].rest, from.max(at));
-            }
+            self.wait(point, at);
         }
     }
 
-    /// Finds the free points that links cover at a place, each once, with its deepest link.
+    /// Finds the free points that links cover at a waypoint, each once, with its deepest link.
     fn look(&mut self, at: usize, covered: &mut Vec<Covered>) {
-        self.due.clear();
-        let due = self.next.iter().enumerate().filter(|(_, next)| **next == at as u32);
-        self.due.extend(due.map(|(meeting, _)| meeting));
-        for &meeting in &self.due {
+        let mut due = std::mem::take(&mut self.due[at]);
+        due.retain(|&meeting| self.next[meeting] == at as u32);
+        due.sort_unstable();
+        due.dedup(); // those that were put off, and then again to where they were
+        for meeting in due {
             let Meeting { point, link: number, .. } = self.meetings[meeting];
             let (rest, link) = (self.points[point].rest, &self.passage.links[number]);
             let distance_m = self.passage.surface(link).distance(&link.placed[at].in_link(&rest));
@@ -198,7 +189,7 @@ impl<'a> Crowd<'a> {
                 covered.push(Covered { point, distance_m, link: number });
             } else {
                 let after = link.after(at, free_m);
-                self.next[meeting] = after.map_or(NEVER, |at| self.meets(number, &rest, at));
+                self.put_off(meeting, after.and_then(|at| link.near(&rest, at)));
             }
         }
         // Meetings of a point are in a row, and so are their finds: links in their order.
@@ -210,27 +201,30 @@ impl<'a> Crowd<'a> {
         });
     }
 
-    /// The first place from another on where a link is near a point.
-    fn meets(&self, link: usize, rest: &Point3<f64>, from: usize) -> u32 {
-        let near = self.passage.links[link].near(rest, self.passage.reach_m(), from);
-        near.map_or(NEVER, |at| at as u32)
+    /// Lets a point that is free wait for its links, from a waypoint on.
+    fn wait(&mut self, point: usize, at: usize) {
+        for meeting in self.meetings_of(point) {
+            let Meeting { link, from, .. } = self.meetings[meeting];
+            let link = &self.passage.links[link];
+            self.put_off(meeting, link.near(&self.points[point].rest, from.max(at)));
+        }
+    }
+
+    /// Puts a meeting off to a waypoint, or for good.
+    fn put_off(&mut self, meeting: usize, to: Option<usize>) {
+        self.next[meeting] = to.map_or(NEVER, |at| at as u32);
+        if let Some(at) = to {
+            self.due[at].push(meeting);
+        }
     }
 
     /// Anchors a point on the inflated surface of a link.
     fn hold(&mut self, number: usize, link: usize, at: usize) {
-        self.leave(number, State::Held);
         let (point, of_link) = (&self.points[number], &self.passage.links[link]);
         let (surface, pose) = (self.passage.surface(of_link), &of_link.placed[at].world_from_link);
         let held = &mut self.held[link];
         held.touched.push(Touched::new(point.cell, point.rest, surface, pose, &self.passage.slip));
         held.points.push(number);
-    }
-
-    /// Takes a point out of those that wait.
-    fn leave(&mut self, number: usize, state: State) {
-        self.points[number].state = state;
-        let meetings = self.meetings_of(number);
-        self.next[meetings].fill(NEVER);
     }
 
     fn meetings_of(&self, number: usize) -> std::ops::Range<usize> {
@@ -254,7 +248,7 @@ mod tests {
     use crate::robot::{Collision, Shape};
     use crate::sdf::{self, Grid, Solid};
 
-    /// Cells with their links and displacements, at a place.
+    /// Cells with their links and displacements, at a waypoint.
     type Met = HashMap<CellId, (LinkId, [f32; 3])>;
 
     fn surfaces() -> Arc<Vec<Option<Grid>>> {
@@ -276,7 +270,7 @@ mod tests {
     }
 
     /// Three links that wander about the lattice, turning every other time.
-    fn wander(places: usize) -> Vec<Vec<Isometry3<f64>>> {
+    fn wander(waypoints: usize) -> Vec<Vec<Isometry3<f64>>> {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let mut uniform = |half: f64| {
             Vector3::from_fn(|_, _| {
@@ -286,7 +280,7 @@ mod tests {
         let mut poses = [0.0, 0.5, 0.15].map(|x| Isometry3::translation(x, 0.0, 0.0));
         let mut speeds = [(Vector3::zeros(), Vector3::zeros()); 3];
         let mut all = vec![poses.to_vec()];
-        for motion in 1..places {
+        for motion in 1..waypoints {
             if motion % 25 == 1 {
                 let turn = if motion % 50 == 1 { 0.0 } else { 0.03 };
                 let back = |pose: &Isometry3<f64>| pose.translation.vector / 50.0;
@@ -301,8 +295,8 @@ mod tests {
         all
     }
 
-    /// What a crowd of every third cell meets, at every place.
-    fn met_by_a_crowd(passage: &Passage, places: usize) -> Vec<Met> {
+    /// What a crowd of every third cell meets, at every waypoint.
+    fn met_by_a_crowd(passage: &Passage, waypoints: usize) -> Vec<Met> {
         let (lattice, mut crowd, mut cells) = (lattice(), Crowd::new(passage), Vec::new());
         for near in passage.bricks() {
             let n = BRICK_EDGE;
@@ -315,8 +309,8 @@ mod tests {
                 }
             }
         }
-        let stops: Vec<_> = (0..places).map(Some).collect();
-        let mut met = vec![Met::new(); places];
+        let stops: Vec<_> = (0..waypoints).map(Some).collect();
+        let mut met = vec![Met::new(); waypoints];
         crowd.follow(&stops, |stop, crowd, Displaced { number, link, displacement_m }| {
             assert_eq!(*crowd.rest(number), lattice.point(cells[number]));
             let displacement_m = displacement_m.map(|u| u as f32).into();
@@ -338,25 +332,25 @@ mod tests {
 
     #[test]
     fn a_crowd_meets_what_the_simulator_finds_for_its_points_to_the_bit() {
-        let places = wander(800);
+        let waypoints = wander(800);
         for known_empty in [false, true] {
             let config = Config { known_empty, ..Config::default() };
-            let passage = |grip, places: &[_]| {
-                Passage::new(lattice(), surfaces(), config.clone(), false, grip, places)
+            let passage = |grip, waypoints: &[_]| {
+                Passage::new(lattice(), surfaces(), config.clone(), false, grip, waypoints)
             };
             let mut simulator = Simulator::new(lattice(), surfaces(), config.clone()).unwrap();
-            simulator.begin_touch(&places[0]);
+            simulator.begin_touch(&waypoints[0]);
             let (mut met, mut grip) = (vec![met_in(&simulator)], None);
-            for (at, poses) in places.iter().enumerate().skip(1) {
+            for (at, poses) in waypoints.iter().enumerate().skip(1) {
                 simulator.advance(poses);
                 met.push(met_in(&simulator));
                 if at == 300 {
                     grip = Some(Arc::new(simulator.grip()));
                 }
             }
-            assert!(met_by_a_crowd(&passage(None, &places), 800) == met);
+            assert!(met_by_a_crowd(&passage(None, &waypoints), 800) == met);
             // From the middle of the way, of which half is known by what is held there.
-            assert!(met_by_a_crowd(&passage(grip, &places[300..]), 500) == met[300..]);
+            assert!(met_by_a_crowd(&passage(grip, &waypoints[300..]), 500) == met[300..]);
             let moved = met.windows(2).map(|ends| {
                 let left = ends[0].keys().filter(|cell| !ends[1].contains_key(cell)).count();
                 [ends[1].len() + left - ends[0].len(), left]
@@ -371,7 +365,7 @@ mod tests {
     fn a_point_that_was_pushed_far_away_stays_held() {
         let lattice = Lattice::new([0.0; 3], 0.005, [4, 1, 1]).unwrap();
         let config = Config { slip_iterations: 0, ..Config::default() }; // it sticks for good
-        let places: Vec<_> = (0..60)
+        let waypoints: Vec<_> = (0..60)
             .map(|n| vec![Isometry3::translation(f64::from(n) * 0.01 - 0.1, 0.0, 0.0)])
             .collect();
         let collision = Collision {
@@ -382,10 +376,10 @@ mod tests {
         let surfaces = Arc::new(vec![Some(sdf::bake(&solid, &sdf::Config::default()).unwrap().0)]);
         let simulator = Simulator::new(lattice.clone(), Arc::clone(&surfaces), config.clone());
         let mut simulator = simulator.unwrap();
-        simulator.begin_touch(&places[0]);
-        places[..50].iter().for_each(|poses| drop(simulator.advance(poses)));
+        simulator.begin_touch(&waypoints[0]);
+        waypoints[..50].iter().for_each(|poses| drop(simulator.advance(poses)));
         let grip = Some(Arc::new(simulator.grip()));
-        let passage = Passage::new(lattice, surfaces, config, false, grip, &places[49..]);
+        let passage = Passage::new(lattice, surfaces, config, false, grip, &waypoints[49..]);
         let (mut crowd, bricks) = (Crowd::new(&passage), passage.bricks());
         (0..4).for_each(|i| crowd.add(&bricks[0], [i, 0, 0]));
         let mut met = 0;
@@ -398,8 +392,10 @@ mod tests {
 
     #[test]
     fn a_link_is_near_where_its_box_is_and_nowhere_before() {
-        let places = wander(400);
-        let passage = Passage::new(lattice(), surfaces(), Config::default(), true, None, &places);
+        let waypoints = wander(400);
+        let passage =
+            Passage::new(lattice(), surfaces(), Config::default(), true, None, &waypoints);
+        let reach_m = passage.config.contact_distance_m;
         for link in &passage.links {
             for cell in (0..lattice().n_cells() as u32).step_by(37) {
                 let point = lattice().point(CellId(cell));
@@ -409,12 +405,12 @@ mod tests {
                     (low - point).sup(&(point - high)).sup(&Vector3::zeros()).norm()
                 };
                 let mut from = 0;
-                while let Some(at) = link.near(&point, 0.03, from) {
-                    assert!(from_box_m(at) < 0.03 + 1e-5);
-                    assert!((from..at).all(|between| from_box_m(between) > 0.03 - 1e-5));
+                while let Some(at) = link.near(&point, from) {
+                    assert!(from_box_m(at) < reach_m + 2e-4);
+                    assert!((from..at).all(|between| from_box_m(between) > reach_m));
                     from = at + 1;
                 }
-                assert!((from..places.len()).all(|at| from_box_m(at) > 0.03 - 1e-5));
+                assert!((from..waypoints.len()).all(|at| from_box_m(at) > reach_m));
             }
         }
     }

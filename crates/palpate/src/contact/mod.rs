@@ -19,7 +19,7 @@
 //!
 //! The cost follows the contacts and the links' surfaces, not the lattice's size. A [`Simulator`]
 //! takes all points through one motion after the other, since it does not know the next. Where a
-//! whole way is known beforehand (`passage.rs`), a [`Crowd`] of points is followed alone.
+//! whole way is known beforehand (`passage.rs`), a crowd of points is followed alone (`crowd.rs`).
 
 mod agenda;
 mod crowd;
@@ -166,6 +166,11 @@ pub struct Simulator {
     taken: CellSet,
 }
 
+/// How many sub-steps no longer than that a motion needs, at least 1; m.
+pub(crate) fn substeps(travel_m: f64, substep_m: f64) -> u32 {
+    ((travel_m / substep_m).ceil() as u32).max(1)
+}
+
 /// What the arm holds at one moment, for whoever goes on from there.
 #[derive(Debug, Clone)]
 pub(crate) struct Grip {
@@ -234,7 +239,7 @@ impl Simulator {
     ///
     /// The motion must be short enough for chord and arc to be alike.
     pub fn substeps(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> u32 {
-        ((travel_m(&self.surfaces, from, to) / self.substep_m()).ceil() as u32).max(1)
+        substeps(travel_m(&self.surfaces, from, to), self.substep_m())
     }
 
     /// The longest sub-step, m.

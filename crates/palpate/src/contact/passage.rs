@@ -2,7 +2,7 @@
 //!
 //! No point's way depends on another's. So where all motions of the arm are known, the points that
 //! are asked about can be followed alone ([`super::crowd`]): it is known beforehand when a link will
-//! be near each of them, only they cost anything, and any number of threads can share them.
+//! be near each of them, the others cost nothing, and any number of threads can share them.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ const WITHIN_M: f64 = 0.05;
 /// More than rounding to `f32` and the interpolation of φ may take from a distance, m.
 const SHORT_M: f64 = 1e-4;
 
-/// A way of the arm, place by place.
+/// A way of the arm, waypoint by waypoint: the links' poses, so close that nothing tunnels between.
 #[derive(Debug)]
 pub(crate) struct Passage {
     pub(super) lattice: Lattice,
@@ -32,7 +32,8 @@ pub(crate) struct Passage {
     surfaces: Arc<Vec<Option<Grid>>>,
     /// Those that have a surface.
     pub(super) links: Vec<Link>,
-    /// What the arm holds at the first place, if it comes from somewhere.
+    pub(super) n_waypoints: usize,
+    /// What the arm holds at the first waypoint, if it comes from somewhere.
     pub(super) start: Option<Start>,
 }
 
@@ -49,21 +50,26 @@ pub(super) struct Start {
 pub(super) struct Link {
     /// Its number in the robot.
     pub(super) index: usize,
-    /// By place.
+    /// By waypoint.
     pub(super) placed: Vec<Placed>,
-    /// How far, at most, a point near the link has moved in its frame since the first place, by
-    /// place, m.
+    /// How far, at most, a point near the link has moved in its frame since the first
+    /// waypoint, by waypoint, m.
     travel_m: Vec<f64>,
-    /// Blocks of places; the last is filled up with some that are far away from everything.
+    /// Blocks of waypoints; the last is filled up with some that are far away from everything.
     blocks: Vec<Block>,
+    /// Where points are counted from in them, so that rounding is that of the lattice's size.
+    origin: Point3<f64>,
+    /// δ, and what a look at the box alone must allow for besides, m.
+    reach_m: f64,
+    /// The box, in the link's frame.
     middle: Point3<f64>,
     half_m: Vector3<f64>,
 }
 
-/// Places of a link that are looked at together.
+/// Waypoints of a link that are looked at together.
 const LANES: usize = 8;
 
-/// Where a link's box is at some places: of each of its axes x, y, z and minus the middle of the box
+/// Where a link's box is at some waypoints: of each of its axes x, y, z and minus the middle of the box
 /// along it, in the world, m.
 type Block = [[[f32; LANES]; 4]; 3];
 
@@ -72,14 +78,14 @@ type Block = [[[f32; LANES]; 4]; 3];
 pub(crate) struct Near {
     /// Its first place.
     pub(crate) low: [u32; 3],
-    /// Numbers among the links of the passage, each with the first place where it may.
+    /// Numbers among the links of the passage, each with the first waypoint where it may.
     pub(super) links: Vec<(usize, usize)>,
 }
 
 impl Passage {
-    /// A way through these places, where the links have these poses: by place, and by link.
+    /// A way through waypoints where the links have these poses: by waypoint, and by link.
     ///
-    /// With a grip the way goes on from it, and the first place must be where it was taken; without
+    /// With a grip the way goes on from it, and the first waypoint must be where it was taken; without
     /// one it starts a touch there. Both mean what they mean to [`super::Simulator`]. Where `roughly`
     /// is true, points come no closer to cone and surface than is worth where each stands for many.
     ///
@@ -92,17 +98,18 @@ impl Passage {
         config: Config,
         roughly: bool,
         grip: Option<Arc<Grip>>,
-        places: &[Vec<Isometry3<f64>>],
+        waypoints: &[Vec<Isometry3<f64>>],
     ) -> Self {
-        let within_m = config.contact_distance_m + SHORT_M + WITHIN_M;
+        let (reach_m, shape) = (config.contact_distance_m + SHORT_M, lattice.shape());
+        let origin = nalgebra::center(&lattice.point_at([0; 3]), &lattice.point_at(shape));
         let of_link = |(index, surface): (usize, &Option<Grid>)| {
-            let poses: Vec<_> = places.iter().map(|poses| poses[index]).collect();
-            Some(Link::new(index, surface.as_ref()?, within_m, &poses))
+            let poses: Vec<_> = waypoints.iter().map(|poses| poses[index]).collect();
+            Some(Link::new(index, surface.as_ref()?, reach_m, origin, &poses))
         };
         let links = surfaces.iter().enumerate().filter_map(of_link).collect();
         let slip = if roughly { Slip::roughly(&config) } else { Slip::new(&config) };
-        let start = grip.map(Start::new);
-        Self { lattice, config, slip, surfaces, links, start }
+        let (n_waypoints, start) = (waypoints.len(), grip.map(Start::new));
+        Self { lattice, config, slip, surfaces, links, n_waypoints, start }
     }
 
     /// The bricks where anything can be displaced, in the lattice's order.
@@ -132,17 +139,12 @@ impl Passage {
         self.surfaces[link.index].as_ref().expect("a link of a passage has a surface")
     }
 
-    /// δ, and what a look at the box of a link alone must allow for besides, m.
-    pub(super) fn reach_m(&self) -> f64 {
-        self.config.contact_distance_m + SHORT_M
-    }
-
-    /// The first place where a link may cover anything of a ball, if there is one.
+    /// The first waypoint where a link may cover anything of a ball, if there is one.
     ///
     /// A link must travel as far as its box is away, or if all of the ball is further away than
     /// points whose travel is known, as far as the ball around its box.
     fn first_near(&self, link: &Link, middle: &Point3<f64>, radius_m: f64) -> Option<usize> {
-        let (mut at, reach_m) = (0, self.reach_m());
+        let (mut at, reach_m) = (0, link.reach_m);
         loop {
             let from_middle = link.placed[at].in_link(middle) - link.middle;
             let from_ball_m = from_middle.norm() - link.half_m.norm() - radius_m;
@@ -174,7 +176,14 @@ impl Passage {
 }
 
 impl Link {
-    fn new(index: usize, surface: &Grid, within_m: f64, poses: &[Isometry3<f64>]) -> Self {
+    fn new(
+        index: usize,
+        surface: &Grid,
+        reach_m: f64,
+        origin: Point3<f64>,
+        poses: &[Isometry3<f64>],
+    ) -> Self {
+        let within_m = reach_m + WITHIN_M;
         let travel_m = poses.windows(2).scan(0.0, |sum_m, ends| {
             *sum_m += travel_in_link_m(surface, within_m, &ends[0], &ends[1]);
             Some(*sum_m)
@@ -189,28 +198,28 @@ impl Link {
         }
         for (at, placed) in placed.iter().enumerate() {
             for (axis, along) in placed.rotation.matrix().column_iter().enumerate() {
-                let offset_m = -along.dot(&(placed.world_from_link * middle).coords);
+                let offset_m = -along.dot(&(placed.world_from_link * middle - origin));
                 for (numbers, n) in blocks[at / LANES][axis].iter_mut().zip(0..) {
                     let number = if n < 3 { along[n] } else { offset_m };
                     numbers[at % LANES] = number as f32;
                 }
             }
         }
-        Self { index, placed, travel_m, blocks, middle, half_m }
+        Self { index, placed, travel_m, blocks, origin, reach_m, middle, half_m }
     }
 
-    /// The first place after another where the link has travelled so far, φ being nearly a distance.
+    /// The first waypoint after another where the link has travelled so far, φ being nearly a distance.
     pub(super) fn after(&self, at: usize, free_m: f64) -> Option<usize> {
         let due_m = self.travel_m[at] + free_m / LIPSCHITZ;
-        let passed = self.travel_m[at + 1..].iter().take_while(|travel_m| **travel_m < due_m);
-        let after = at + 1 + passed.count();
+        let after = at + 1 + self.travel_m[at + 1..].partition_point(|travel_m| *travel_m < due_m);
         (after < self.travel_m.len()).then_some(after)
     }
 
-    /// The first place from another on where a point is that near to the link's box, if there is one.
-    pub(super) fn near(&self, point: &Point3<f64>, limit_m: f64, from: usize) -> Option<usize> {
-        let (half, point) = (self.half_m.cast::<f32>(), point.cast::<f32>());
-        let limit_m2 = (limit_m * limit_m) as f32;
+    /// The first waypoint from another on where a point may be within reach, by the link's box, if
+    /// there is one.
+    pub(super) fn near(&self, point: &Point3<f64>, from: usize) -> Option<usize> {
+        let (half, point) = (self.half_m.cast::<f32>(), (point - self.origin).cast::<f32>());
+        let limit_m2 = self.reach_m.powi(2) as f32;
         let mut at = from;
         loop {
             let block = self.blocks.get(at / LANES)?;
@@ -230,7 +239,7 @@ impl Link {
                 return Some(first + lane);
             }
             let last = (first + LANES).min(self.placed.len()) - 1;
-            let free_m = f64::from(from_box_m2[last - first]).sqrt() - limit_m;
+            let free_m = f64::from(from_box_m2[last - first]).sqrt() - self.reach_m;
             at = self.after(last, free_m.min(WITHIN_M))?;
         }
     }

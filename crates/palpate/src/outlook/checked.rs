@@ -1,7 +1,7 @@
 //! The points of a path, how far apart they are, and at which of them the arm stops.
 
 use super::{Config, MAX_MOTIONS, MAX_POINTS, PathError};
-use crate::follow::{Place, Stride};
+use crate::follow::{Stride, Waypoint};
 use crate::robot::Poses;
 
 /// The share of a resolution that the arm must go back for its farthest point to be a stop; less
@@ -94,7 +94,7 @@ impl<'a> CheckedPath<'a> {
     }
 
     /// Where the arm is at a point.
-    pub(super) fn at(&self, point: usize) -> Place<'_> {
+    pub(super) fn at(&self, point: usize) -> Waypoint<'_> {
         (self.q[point], &self.poses[point].world_from_link)
     }
 

@@ -29,7 +29,7 @@
 //! # Where an answer must come fast
 //!
 //! A path is known beforehand, and no point's way along it depends on another's: so points are
-//! followed alone, in pieces for as many threads as have time, and cost nothing where no link is near
+//! followed alone, in pieces for as many threads as have time, and cost little until a link is near
 //! ([`crate::contact`]). Some of them can stand for the rest: [`Mapper::thinned_outlook`]
 //! keeps one of a block of neighbours, with the stiffness of all, in blocks as small as the stiff and
 //! the hardly known ones need. With one in [`ONE_IN`], on touches of three simulated plants that the
@@ -220,11 +220,15 @@ impl Outlook {
         self.answer(&self.checker.check(path, config)?)
     }
 
-    /// [`Outlook::ask`] about a path that was checked beforehand, for an arm like this one.
+    /// [`Outlook::ask`] about a path that was checked beforehand, by the checker of the same mapper.
     ///
     /// # Errors
     ///
-    /// If the way from where the arm is to the path's first point cannot be followed.
+    /// If a motion between two stops, or from where the arm is to the first, is too long.
+    ///
+    /// # Panics
+    ///
+    /// If the path was checked for another robot, which is a bug in the caller.
     pub fn answer(&self, path: &CheckedPath<'_>) -> Result<Answer, PathError> {
         let from = self.whereabouts.as_ref().filter(|from| self.starts_at(from, path));
         let way = self.way(path, from)?;
@@ -251,7 +255,7 @@ impl Outlook {
         way_m.is_ok_and(|way_m| way_m <= path.start_m())
     }
 
-    /// The places of a path, from where the arm is or from the first stop.
+    /// The waypoints of a path, from where the arm is or from the first stop.
     fn way(
         &self,
         path: &CheckedPath<'_>,
@@ -262,7 +266,8 @@ impl Outlook {
             Some((q, grip)) => (&q[..], &grip.poses[..]),
             None => path.at(stops[0]),
         };
-        let mut way = Way { places: vec![before.1.to_vec()], at: Vec::with_capacity(stops.len()) };
+        let mut way =
+            Way { waypoints: vec![before.1.to_vec()], at: Vec::with_capacity(stops.len()) };
         for &stop in stops {
             let here = path.at(stop);
             let between = self.checker.stride().between(before, here);
@@ -270,23 +275,26 @@ impl Outlook {
                 way.go(&poses);
             }
             way.go(here.1);
-            way.at.push(way.places.len() - 1);
+            way.at.push(way.waypoints.len() - 1);
+            if way.at.last() > Some(&(2 * MAX_MOTIONS)) {
+                return Err(PathError::TooLong { point: stop });
+            }
             before = here;
         }
         Ok(way)
     }
 
-    /// What the arm feels at the stops of a way; at the first, where several are at the same place.
+    /// What the arm feels at the stops of a way; at the first, where several are at the same waypoint.
     fn felt(&self, way: &Way, grip: Option<Arc<Grip>>) -> Felt {
         let surfaces = Arc::clone(&self.arm.surfaces);
         let (links, stops) = (surfaces.len(), way.at.len());
         let (lattice, contact) = (self.lattice.clone(), self.contact.clone());
         let roughly = self.springs.are_few();
-        let passage = Passage::new(lattice, surfaces, contact, roughly, grip, &way.places);
-        let mut stop_at = vec![None; way.places.len()];
+        let passage = Passage::new(lattice, surfaces, contact, roughly, grip, &way.waypoints);
+        let mut stop_at = vec![None; way.waypoints.len()];
         way.at.iter().enumerate().rev().for_each(|(stop, &at)| stop_at[at] = Some(stop));
         let (bricks, springs) = (passage.bricks(), Arc::clone(&self.springs));
-        let pieces = (PIECES * FEW_STOPS / stops).clamp(1, PIECES);
+        let pieces = (PIECES * FEW_STOPS / stops).clamp(4, PIECES);
         let of_piece = move |piece: usize| {
             let (mut crowd, mut of_crowd) = (Crowd::new(&passage), Vec::new());
             let [first, end] = [piece, piece + 1].map(|piece| piece * bricks.len() / pieces);
@@ -325,19 +333,19 @@ impl Config {
     }
 }
 
-/// The places that the arm goes through.
+/// The waypoints that the arm goes through.
 struct Way {
     /// The links' poses, by link.
-    places: Vec<Vec<Isometry3<f64>>>,
-    /// The numbers of the places where it stops, by stop.
+    waypoints: Vec<Vec<Isometry3<f64>>>,
+    /// The numbers of the waypoints where it stops, by stop.
     at: Vec<usize>,
 }
 
 impl Way {
-    /// Goes to a place, unless the arm is there.
+    /// Goes to a waypoint, unless the arm is there.
     fn go(&mut self, poses: &[Isometry3<f64>]) {
-        if self.places.last().is_none_or(|last| last != poses) {
-            self.places.push(poses.to_vec());
+        if self.waypoints.last().is_none_or(|last| last != poses) {
+            self.waypoints.push(poses.to_vec());
         }
     }
 }

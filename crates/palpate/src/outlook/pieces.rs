@@ -1,8 +1,10 @@
 //! Work in pieces, for as many threads as have time for it.
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Sender, channel};
+use std::thread;
 
 /// Pieces that wait for whoever is free.
 struct Job<W> {
@@ -14,12 +16,15 @@ struct Job<W> {
 
 impl<T, W: Fn(usize) -> T> Job<W> {
     /// Works out pieces until all have been begun.
-    fn help(&self, done: &Sender<(usize, T)>) {
+    fn help(&self, done: &Sender<(usize, thread::Result<T>)>) {
         loop {
             let piece = self.next.fetch_add(1, Ordering::Relaxed);
-            // Whoever asked may have panicked meanwhile, and listens no more.
-            if piece >= self.pieces || done.send((piece, (self.work)(piece))).is_err() {
+            if piece >= self.pieces {
                 return;
+            }
+            let result = catch_unwind(AssertUnwindSafe(|| (self.work)(piece)));
+            if done.send((piece, result)).is_err() {
+                return; // whoever asked has heard of a panic, and listens no more
             }
         }
     }
@@ -29,6 +34,10 @@ impl<T, W: Fn(usize) -> T> Job<W> {
 ///
 /// A thread of rayon's that gets no core in time is not waited for: whoever asks begins at once, and
 /// the other finds nothing left to do.
+///
+/// # Panics
+///
+/// With whatever a piece panics with.
 pub(super) fn in_pieces<T: Send + 'static>(
     pieces: usize,
     work: impl Fn(usize) -> T + Send + Sync + 'static,
@@ -36,14 +45,20 @@ pub(super) fn in_pieces<T: Send + 'static>(
     let job = Arc::new(Job { pieces, next: AtomicUsize::new(0), work });
     let (done, results) = channel();
     for _ in 1..rayon::current_num_threads().min(pieces) {
-        let (job, done) = (Arc::clone(&job), done.clone());
-        rayon::spawn(move || job.help(&done));
+        let (job, done) = (Arc::downgrade(&job), done.clone());
+        rayon::spawn(move || {
+            if let Some(job) = job.upgrade() {
+                job.help(&done);
+            }
+        });
     }
     job.help(&done);
     drop(done);
-    let mut results: Vec<(usize, T)> = results.iter().take(pieces).collect();
+    let mut results: Vec<(usize, thread::Result<T>)> = results.iter().take(pieces).collect();
     results.sort_unstable_by_key(|(piece, _)| *piece);
-    results.into_iter().map(|(_, result)| result).collect()
+    let result =
+        |(_, result): (usize, thread::Result<T>)| result.unwrap_or_else(|e| resume_unwind(e));
+    results.into_iter().map(result).collect()
 }
 
 #[cfg(test)]
@@ -53,10 +68,23 @@ mod tests {
     #[test]
     fn every_piece_is_worked_out_once_and_comes_in_its_place() {
         for pieces in [0, 1, 2, 7, 100] {
-            let work = |piece| (piece, std::thread::current().id());
-            let results = in_pieces(pieces, work);
-            let order: Vec<usize> = results.iter().map(|(piece, _)| *piece).collect();
-            assert_eq!(order, (0..pieces).collect::<Vec<_>>());
+            let calls = Arc::new(AtomicUsize::new(0));
+            let counted = Arc::clone(&calls);
+            let results = in_pieces(pieces, move |piece| {
+                counted.fetch_add(1, Ordering::Relaxed);
+                piece * piece
+            });
+            assert_eq!(results, (0..pieces).map(|piece| piece * piece).collect::<Vec<_>>());
+            assert_eq!(calls.load(Ordering::Relaxed), pieces);
+        }
+    }
+
+    #[test]
+    fn a_panic_reaches_whoever_asks_whichever_thread_it_is_on() {
+        for bad in [0, 3, 15] {
+            let work = move |piece| assert!(piece != bad, "piece {piece}");
+            let panic = catch_unwind(|| in_pieces(16, work)).unwrap_err();
+            assert_eq!(*panic.downcast::<String>().unwrap(), format!("piece {bad}"));
         }
     }
 

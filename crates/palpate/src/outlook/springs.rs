@@ -147,7 +147,8 @@ fn representatives(low: [u32; 3], edge: u32) -> impl Iterator<Item = [u32; 3]> {
 /// It lies elsewhere in every block, so that a flat face of a link, which mostly lies along an axis,
 /// meets as many of them wherever it is.
 fn representative([i, j, k]: [u32; 3], edge: u32) -> [u32; 3] {
-    let inside = [j + 2 * k, k + 2 * i, i + 2 * j];
+    let [a, b, c] = [i, j, k].map(|n| n % edge);
+    let inside = [b + 2 * c, c + 2 * a, a + 2 * b];
     std::array::from_fn(|axis| edge * [i, j, k][axis] + inside[axis] % edge)
 }
 

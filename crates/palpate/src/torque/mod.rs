@@ -1,6 +1,6 @@
 //! What the joints feel: torques predicted from a stiffness field.
 //!
-//! This is the only module where stiffness meets torque. A spring at rest point p, displaced by
+//! This is where stiffness meets torque; [`crate::outlook`] sums the same up for whole paths. A spring at rest point p, displaced by
 //! u, pushes its link with the force −K u at p + u; as moment about the world's origin that is
 //! −K p × u, since u × u = 0. Summed over the contacts of a link this is one wrench, and the
 //! link's spatial Jacobian S turns it into joint torques. The other way round, joint speeds d move
