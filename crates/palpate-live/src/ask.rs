@@ -8,7 +8,7 @@
 //!
 //! A path is joint positions (N × n_joints, rad or m) in the order of the URDF, from where the arm
 //! is or from a place free of contact ([`palpate::outlook`]). `"exact": true` beside it looks at
-//! every point with every spring, which takes several times as long. ROS types would have to be
+//! every point with every spring, which takes ten times as long. ROS types would have to be
 //! built into every robot that asks; a socket and JSON are everywhere.
 //!
 //! The mapper hands out what a question needs in about a millisecond and goes on; the answer is worked

@@ -1,8 +1,8 @@
 //! The arm on its way from one joint position to the next, and what it touches there.
 //!
 //! Whoever needs the contacts of a motion comes here, and whoever only thinks of one cuts it into
-//! sub-steps as this does: so the same motion always has the same contacts. Long motions are cut into
-//! sub-steps, short enough that nothing tunnels. The module knows no torque.
+//! sub-steps as this does: so the same motion always has the same contacts. Long motions are cut
+//! into sub-steps, short enough that nothing tunnels. The module knows no torque.
 
 use std::sync::Arc;
 
@@ -132,7 +132,8 @@ impl Stride {
         Ok(way_m)
     }
 
-    /// The poses between one waypoint and another, without the ends, close enough that nothing tunnels.
+    /// The poses between one waypoint and another, without the ends, close enough that nothing
+    /// tunnels.
     pub(crate) fn between(
         &self,
         from: Waypoint<'_>,

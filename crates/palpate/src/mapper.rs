@@ -350,8 +350,8 @@ impl Mapper {
     /// [`Mapper::outlook`] with springs that each stand for a block of neighbours, where an answer
     /// must come fast; with 1 or less, or NaN, one with all.
     ///
-    /// No block weighs more than `one_in` springs of the mean, by stiffness and by uncertainty. Most
-    /// weigh less: at 16, one spring in ten is left.
+    /// No block weighs more than `one_in` springs of the mean, by stiffness and by uncertainty.
+    /// Most weigh less: at 16, one spring in ten is left.
     ///
     /// Of the cells of which the field knows nothing, one in every block of 4³ is kept. Torques are
     /// then off by some percent, see [`crate::outlook::ONE_IN`], and counts of contacts are

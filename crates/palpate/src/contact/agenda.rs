@@ -9,11 +9,12 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::enter::{Entered, LIPSCHITZ, Look};
-use super::placed::travel_in_link_m;
+use super::placed::{box_distance_m, travel_in_link_m};
 use crate::lattice::BRICK_EDGE;
 use crate::sdf::Grid;
 
-/// How far the link may travel before its agenda is written anew; what it reaches later is left out.
+/// How far the link may travel before its agenda is written anew; what it reaches later is left
+/// out.
 const HORIZON_M: f64 = 0.02;
 
 /// The farthest from a link's box that a point may be to be on the agenda.
@@ -61,8 +62,8 @@ impl Agenda {
         self.pages.clear();
     }
 
-    /// Adds a motion of the link to its travel; only points within [`within_m`] of its box are asked
-    /// for.
+    /// Adds a motion of the link to its travel; only points within [`within_m`] of its box are
+    /// asked for.
     pub(super) fn travel(
         &mut self,
         surface: &Grid,
@@ -153,7 +154,7 @@ impl Agenda {
         for octant in 0..8 {
             let step = [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * edge);
             let low = [low[0] + step[0], low[1] + step[1], low[2] + step[2]];
-            if look.is_inside(low) {
+            if look.lattice.holds(low) {
                 parts.push(Block { low, edge });
             }
         }
@@ -171,14 +172,14 @@ impl Agenda {
 impl Block {
     /// φ at the middle of a block; of one that is beyond the horizon, no more than φ.
     ///
-    /// Most blocks of a new agenda are, and the box of the surface says so of most of these: it is at
-    /// hand, where the baked distances of a place that nobody asked about are not.
+    /// Most blocks of a new agenda are, and the box of the surface says so of most of these: it is
+    /// at hand, where the baked distances of a place that nobody asked about are not.
     fn distance_m(self, look: &Look<'_>) -> f64 {
         let half_m = f64::from(self.edge - 1) / 2.0 * look.lattice.spacing_m();
         let middle = look.lattice.point_at(self.low) + Vector3::repeat(half_m);
         let middle_link = look.placed.in_link(&middle);
         let beyond_m = within_m(look.reach_m) + LIPSCHITZ * self.radius_m(look);
-        let box_m = look.box_distance_m(&middle_link);
+        let box_m = box_distance_m(look.surface, &middle_link);
         if box_m > beyond_m { box_m } else { look.surface.distance(&middle_link) }
     }
 

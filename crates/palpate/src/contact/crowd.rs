@@ -1,9 +1,9 @@
 //! Points that are followed along a way known beforehand.
 //!
 //! For every point and every link that comes near it, it is known where the link will be near next.
-//! So a [`Crowd`] goes from waypoint to waypoint, looks φ up for those points only that a link is near to,
-//! takes hold of them, and settles those that are held, all together. What a point meets is what
-//! [`super::Simulator`] finds for it, to the bit.
+//! So a [`Crowd`] goes from waypoint to waypoint, looks φ up only for points that a link is near
+//! to, takes hold of those that it covers, and settles all that are held together. What a point
+//! meets is what [`super::Simulator`] finds for it, to the bit.
 
 use nalgebra::{Point3, Vector3};
 
@@ -30,8 +30,8 @@ pub(crate) struct Crowd<'a> {
     points: Vec<Point>,
     /// A point's are in a row.
     meetings: Vec<Meeting>,
-    /// The waypoint where a meeting comes next, by meeting; [`NEVER`] if it does not, or if the point
-    /// is held.
+    /// The waypoint where a meeting comes next, by meeting; [`NEVER`] if it does not, or if the
+    /// point is held.
     next: Vec<u32>,
     /// By link of the passage.
     held: Vec<Held>,
@@ -112,15 +112,15 @@ impl<'a> Crowd<'a> {
         }
     }
 
-    /// The position of the points, m, by number.
+    /// Where a point rests, world frame, m.
     pub(crate) fn rest(&self, number: usize) -> &Point3<f64> {
         &self.points[number].rest
     }
 
     /// Takes all points along the whole way.
     ///
-    /// `stop_at` has the number of a stop for every waypoint that is one: `feel` is told of every point
-    /// that is displaced there.
+    /// `stop_at` has the number of a stop for every waypoint that is one: `feel` is told of every
+    /// point that is displaced there.
     pub(crate) fn follow(
         mut self,
         stop_at: &[Option<usize>],

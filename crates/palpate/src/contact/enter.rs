@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::agenda;
-use super::placed::{Placed, box_distance_m};
+use super::placed::Placed;
 use crate::lattice::{BRICK_EDGE, CellSet, Lattice};
 use crate::sdf::Grid;
 
@@ -32,16 +32,6 @@ pub(super) struct Look<'a> {
 }
 
 impl Look<'_> {
-    /// Whether a place is one of the lattice's.
-    pub(super) fn is_inside(&self, place: [u32; 3]) -> bool {
-        self.lattice.holds(place)
-    }
-
-    /// How far a point is from the box of the link's surface, in the link's frame, m.
-    pub(super) fn box_distance_m(&self, point_link: &Point3<f64>) -> f64 {
-        box_distance_m(self.surface, point_link)
-    }
-
     /// The bricks, by their first places, that the link can reach within a horizon.
     pub(super) fn bricks_near(&self) -> impl Iterator<Item = [u32; 3]> + use<> {
         let (low, high) = self.placed.bounds(self.surface);

@@ -1,8 +1,8 @@
 //! A way of the arm that is known beforehand, and which points a link is near, where.
 //!
 //! No point's way depends on another's. So where all motions of the arm are known, the points that
-//! are asked about can be followed alone ([`super::crowd`]): it is known beforehand when a link will
-//! be near each of them, the others cost nothing, and any number of threads can share them.
+//! are asked about can be followed alone ([`super::crowd`]): it is known beforehand when a link
+//! will be near each of them, the others cost nothing, and any number of threads can share them.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rustc_hash::FxHashMap;
 
 use super::enter::{LIPSCHITZ, bricks_within};
-use super::placed::{Placed, travel_in_link_m};
+use super::placed::{Placed, box_distance_m, travel_in_link_m};
 use super::settle::{Slip, Touched};
 use super::{Config, Grip};
 use crate::lattice::{BRICK_EDGE, Bricks, CellId, Lattice};
@@ -52,8 +52,8 @@ pub(super) struct Link {
     pub(super) index: usize,
     /// By waypoint.
     pub(super) placed: Vec<Placed>,
-    /// How far, at most, a point near the link has moved in its frame since the first
-    /// waypoint, by waypoint, m.
+    /// How far, at most, a point near the link has moved in its frame since the first waypoint, by
+    /// waypoint, m.
     travel_m: Vec<f64>,
     /// Blocks of waypoints; the last is filled up with some that are far away from everything.
     blocks: Vec<Block>,
@@ -69,8 +69,8 @@ pub(super) struct Link {
 /// Waypoints of a link that are looked at together.
 const LANES: usize = 8;
 
-/// Where a link's box is at some waypoints: of each of its axes x, y, z and minus the middle of the box
-/// along it, in the world, m.
+/// Where a link's box is at some waypoints: of each of its axes x, y, z in the world, and minus the
+/// middle of the box along it, counted from [`Link::origin`], m.
 type Block = [[[f32; LANES]; 4]; 3];
 
 /// A brick, and the links that may come to cover points of it.
@@ -85,9 +85,10 @@ pub(crate) struct Near {
 impl Passage {
     /// A way through waypoints where the links have these poses: by waypoint, and by link.
     ///
-    /// With a grip the way goes on from it, and the first waypoint must be where it was taken; without
-    /// one it starts a touch there. Both mean what they mean to [`super::Simulator`]. Where `roughly`
-    /// is true, points come no closer to cone and surface than is worth where each stands for many.
+    /// With a grip the way goes on from it, and the first waypoint must be where it was taken;
+    /// without one it starts a touch there. Both mean what they mean to [`super::Simulator`]. Where
+    /// `roughly` is true, points come no closer to cone and surface than is worth where each stands
+    /// for many.
     ///
     /// # Panics
     ///
@@ -146,12 +147,13 @@ impl Passage {
     fn first_near(&self, link: &Link, middle: &Point3<f64>, radius_m: f64) -> Option<usize> {
         let (mut at, reach_m) = (0, link.reach_m);
         loop {
-            let from_middle = link.placed[at].in_link(middle) - link.middle;
-            let from_ball_m = from_middle.norm() - link.half_m.norm() - radius_m;
-            let outside = (from_middle.abs() - link.half_m).sup(&Vector3::zeros());
+            let middle_link = link.placed[at].in_link(middle);
+            let from_center_m = (middle_link - link.middle).norm();
+            let from_ball_m = from_center_m - link.half_m.norm() - radius_m;
+            let from_box_m = box_distance_m(self.surface(link), &middle_link);
             let free_m = match from_ball_m > reach_m + WITHIN_M {
                 true => from_ball_m - reach_m,
-                false => (outside.norm() - radius_m - reach_m).min(WITHIN_M),
+                false => (from_box_m - radius_m - reach_m).min(WITHIN_M),
             };
             if free_m <= 0.0 {
                 return Some(at);
@@ -208,7 +210,8 @@ impl Link {
         Self { index, placed, travel_m, blocks, origin, reach_m, middle, half_m }
     }
 
-    /// The first waypoint after another where the link has travelled so far, φ being nearly a distance.
+    /// The first waypoint after another where the link has travelled so far, φ being nearly a
+    /// distance.
     pub(super) fn after(&self, at: usize, free_m: f64) -> Option<usize> {
         let due_m = self.travel_m[at] + free_m / LIPSCHITZ;
         let after = at + 1 + self.travel_m[at + 1..].partition_point(|travel_m| *travel_m < due_m);

@@ -71,8 +71,8 @@ pub(crate) fn travel_m(
     travel_m2.sqrt()
 }
 
-/// The square of how far the fastest corner of a link's box goes, m²: a corner c goes from `R c + t`
-/// to `R' c + t'`, and so by `(R' − R) c + t' − t`.
+/// The square of how far the fastest corner of a link's box goes, m²: a corner c goes from
+/// `R c + t` to `R' c + t'`, and so by `(R' − R) c + t' − t`.
 fn corner_travel_m2(surface: &Grid, from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
     let matrix = |pose: &Isometry3<f64>| *pose.rotation.to_rotation_matrix().matrix();
     let turn: Matrix3<f64> = matrix(to) - matrix(from);

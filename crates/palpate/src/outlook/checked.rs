@@ -24,9 +24,9 @@ pub struct CheckedPath<'a> {
     /// How far the fastest point of the arm has gone at each point of the path, m.
     along_m: Vec<f64>,
     /// The points where the arm stops.
-    stops: Vec<usize>,
+    pub(super) stops: Vec<usize>,
     /// The farthest that its first point may be from where the arm is to go on from there, m.
-    start_m: f64,
+    pub(super) start_m: f64,
 }
 
 impl PathChecker {
@@ -54,7 +54,7 @@ impl PathChecker {
         config.check()?;
         let start_m = config.start_cells * self.spacing_m;
         let mut checked = CheckedPath::new(&self.stride, path, start_m)?;
-        checked.stops = checked.stops(&self.stride, config.resolution_cells * self.spacing_m);
+        checked.stops = checked.find_stops(&self.stride, config.resolution_cells * self.spacing_m);
         match checked.stops.get(MAX_MOTIONS) {
             Some(&point) => Err(PathError::TooLong { point }),
             None => Ok(checked),
@@ -98,16 +98,6 @@ impl<'a> CheckedPath<'a> {
         (self.q[point], &self.poses[point].world_from_link)
     }
 
-    /// The points where the arm stops.
-    pub(super) fn stopped_at(&self) -> &[usize] {
-        &self.stops
-    }
-
-    /// The farthest that its first point may be from where the arm is to go on from there, m.
-    pub(super) fn start_m(&self) -> f64 {
-        self.start_m
-    }
-
     pub(super) fn poses(&self, point: usize) -> &Poses {
         &self.poses[point]
     }
@@ -119,7 +109,7 @@ impl<'a> CheckedPath<'a> {
     }
 
     /// Where the arm must stop so that it goes no further than that between two stops.
-    fn stops(&self, stride: &Stride, resolution_m: f64) -> Vec<usize> {
+    fn find_stops(&self, stride: &Stride, resolution_m: f64) -> Vec<usize> {
         let last = self.q.len() - 1;
         if resolution_m == 0.0 {
             return (0..=last).collect();

@@ -1,8 +1,9 @@
 //! What is felt at a stop of a path, and what is said of the points between two stops.
 //!
-//! A spring at rest point p, displaced by u, pushes its link with the wrench `−K w`, `w = (u, p × u)`
-//! about the world's origin ([`crate::torque`]). Sums over the springs of a link, of `K w` and of
-//! `σ² w wᵀ`, are all that is needed: its spatial Jacobian S makes torques and variances of them.
+//! A spring at rest point p, displaced by u, pushes its link with the wrench `−K w`,
+//! `w = (u, p × u)` about the world's origin ([`crate::torque`]). Sums over the springs of a link, of `K w` and
+//! of `σ² w wᵀ`, are all that is needed: its spatial Jacobian S makes torques and variances of
+//! them.
 
 use nalgebra::{DVector, Matrix6, Point3, Vector6};
 

@@ -26,8 +26,8 @@ struct Known {
 }
 
 /// Springs that each stand for a group of cells, none of which weighs more than `most` cells of the
-/// mean unless it is a single one; `estimate` knows them by row, and of any other number what is said
-/// of cells without one.
+/// mean unless it is a single one; `estimate` knows them by row, and of any other number what is
+/// said of cells without one.
 ///
 /// Cost: some 40 ns a cell.
 pub(super) fn few_springs(
@@ -72,8 +72,8 @@ fn inside(n: usize) -> usize {
     inside
 }
 
-/// Where the n-th cell lies in its brick: its bits are those of x, y and z in turn, so that the cells
-/// of a block come in a row.
+/// Where the n-th cell lies in its brick: its bits are those of x, y and z in turn, so that the
+/// cells of a block come in a row.
 fn place(n: usize) -> [usize; 3] {
     std::array::from_fn(|axis| (0..3).map(|bit| (n >> (3 * bit + axis) & 1) << bit).sum())
 }
@@ -107,8 +107,8 @@ fn halve(
     last.weight_up_to
 }
 
-/// The spring that stands for a group, and the number of its cell: the nearest to the middle of their
-/// stiffness.
+/// The spring that stands for a group, and the number of its cell: the nearest to the middle of
+/// their stiffness.
 fn leader(group: &[Known], places: &[Vector3<f64>; BRICK_CELLS]) -> (usize, Spring) {
     if let [single] = group {
         return (single.number, single.spring);

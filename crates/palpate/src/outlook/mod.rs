@@ -30,12 +30,12 @@
 //!
 //! A path is known beforehand, and no point's way along it depends on another's: so points are
 //! followed alone, in pieces for as many threads as have time, and cost little until a link is near
-//! ([`crate::contact`]). Some of them can stand for the rest: [`Mapper::thinned_outlook`]
-//! keeps one of a block of neighbours, with the stiffness of all, in blocks as small as the stiff and
-//! the hardly known ones need. With one in [`ONE_IN`], on touches of three simulated plants that the
+//! ([`crate::contact`]). Some of them can stand for the rest: [`Mapper::thinned_outlook`] keeps one
+//! of a block of neighbours, with the stiffness of all, in blocks as small as the stiff and the
+//! hardly known ones need. With one in [`ONE_IN`], on touches of three simulated plants that the
 //! field had not learnt, and with a stop every cell (the default), that moved torques by 1 to 9 %
-//! from path to path, and their standard deviations by 2 to 22 %; what the field itself gets wrong is
-//! 33 %.
+//! from path to path, and their standard deviations by 2 to 22 %; what the field itself gets wrong
+//! is 33 %.
 //!
 //! # What the standard deviation means
 //!
@@ -179,13 +179,16 @@ pub struct Outlook {
 /// Pieces that a short path is answered in; always as many, so that sums have the same order.
 const PIECES: usize = 16;
 
+/// Pieces of a long one at least.
+const FEW_PIECES: usize = 4;
+
 /// Stops above which there are fewer pieces, since each keeps sums for every stop.
 const FEW_STOPS: usize = 256;
 
 impl Outlook {
     /// An outlook of the arm that is tracked; `estimate` knows the cells by row, and of any other
-    /// number what is said of cells without one. Above 1, springs each stand for neighbours, of which
-    /// none weighs more than `one_in` of the mean.
+    /// number what is said of cells without one. Above 1, springs each stand for neighbours, of
+    /// which none weighs more than `one_in` of the mean.
     pub(crate) fn new(
         tracker: &Tracker,
         contact: contact::Config,
@@ -210,8 +213,8 @@ impl Outlook {
     /// What torque a path would meet, from where the arm is; the next question starts there too.
     ///
     /// `path` has a row of n_joints positions (rad, m where prismatic) a point. Joints go straight
-    /// from one to the next, angles the shorter way round. As many threads take part as rayon has and
-    /// as have time; sums have the same order however many that are.
+    /// from one to the next, angles the shorter way round. As many threads take part as rayon has
+    /// and as have time; sums have the same order however many that are.
     ///
     /// # Errors
     ///
@@ -234,7 +237,7 @@ impl Outlook {
         let way = self.way(path, from)?;
         let felt = self.felt(&way, from.map(|(_, grip)| Arc::clone(grip)));
         let mut points: Vec<PathPoint> = Vec::new();
-        for (number, &stop) in path.stopped_at().iter().enumerate() {
+        for (number, &stop) in path.stops.iter().enumerate() {
             let first = way.at.partition_point(|at| *at < way.at[number]);
             let reached = felt.point(first, &self.arm.robot, path.poses(stop));
             if let Some(left) = points.last().cloned() {
@@ -246,13 +249,13 @@ impl Outlook {
             }
             points.push(reached);
         }
-        Ok(Answer { points, goes_on: from.is_some(), stops: path.stopped_at().len() })
+        Ok(Answer { points, goes_on: from.is_some(), stops: path.stops.len() })
     }
 
     /// Whether a path starts where the arm is.
     fn starts_at(&self, (q, grip): &(Vec<f64>, Arc<Grip>), path: &CheckedPath<'_>) -> bool {
         let way_m = self.checker.stride().way_m((q, &grip.poses), path.at(0));
-        way_m.is_ok_and(|way_m| way_m <= path.start_m())
+        way_m.is_ok_and(|way_m| way_m <= path.start_m)
     }
 
     /// The waypoints of a path, from where the arm is or from the first stop.
@@ -261,14 +264,13 @@ impl Outlook {
         path: &CheckedPath<'_>,
         from: Option<&(Vec<f64>, Arc<Grip>)>,
     ) -> Result<Way, PathError> {
-        let stops = path.stopped_at();
         let mut before = match from {
             Some((q, grip)) => (&q[..], &grip.poses[..]),
-            None => path.at(stops[0]),
+            None => path.at(path.stops[0]),
         };
         let mut way =
-            Way { waypoints: vec![before.1.to_vec()], at: Vec::with_capacity(stops.len()) };
-        for &stop in stops {
+            Way { waypoints: vec![before.1.to_vec()], at: Vec::with_capacity(path.stops.len()) };
+        for &stop in &path.stops {
             let here = path.at(stop);
             let between = self.checker.stride().between(before, here);
             for poses in between.map_err(|lost| PathError::at(stop, lost))? {
@@ -284,7 +286,8 @@ impl Outlook {
         Ok(way)
     }
 
-    /// What the arm feels at the stops of a way; at the first, where several are at the same waypoint.
+    /// What the arm feels at the stops of a way; at the first, where several are at the same
+    /// waypoint.
     fn felt(&self, way: &Way, grip: Option<Arc<Grip>>) -> Felt {
         let surfaces = Arc::clone(&self.arm.surfaces);
         let (links, stops) = (surfaces.len(), way.at.len());
@@ -294,7 +297,7 @@ impl Outlook {
         let mut stop_at = vec![None; way.waypoints.len()];
         way.at.iter().enumerate().rev().for_each(|(stop, &at)| stop_at[at] = Some(stop));
         let (bricks, springs) = (passage.bricks(), Arc::clone(&self.springs));
-        let pieces = (PIECES * FEW_STOPS / stops).clamp(4, PIECES);
+        let pieces = (PIECES * FEW_STOPS / stops).clamp(FEW_PIECES, PIECES);
         let of_piece = move |piece: usize| {
             let (mut crowd, mut of_crowd) = (Crowd::new(&passage), Vec::new());
             let [first, end] = [piece, piece + 1].map(|piece| piece * bricks.len() / pieces);

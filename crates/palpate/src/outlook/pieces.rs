@@ -32,8 +32,8 @@ impl<T, W: Fn(usize) -> T> Job<W> {
 
 /// The results of all pieces in their order, from this thread and rayon's.
 ///
-/// A thread of rayon's that gets no core in time is not waited for: whoever asks begins at once, and
-/// the other finds nothing left to do.
+/// A thread of rayon's that gets no core in time is not waited for: whoever asks begins at once,
+/// and the other finds nothing left to do.
 ///
 /// # Panics
 ///

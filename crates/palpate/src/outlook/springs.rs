@@ -1,7 +1,8 @@
 //! The springs that an answer adds up, brick by brick.
 //!
-//! A spring is a cell, or stands for several: for neighbours that the field knows ([`super::groups`]),
-//! or for those of a block of which it knows nothing, of which one is followed.
+//! A spring is a cell, or stands for several: for neighbours that the field knows
+//! ([`super::groups`]), or for those of a block of which it knows nothing, of which one is
+//! followed.
 
 use std::ops::Range;
 
@@ -69,8 +70,8 @@ impl Spring {
 }
 
 impl Springs {
-    /// A list without entries. All cells are like `other`; if `few` are to be followed, one in every
-    /// block of 4³ stands for it.
+    /// A list without entries. All cells are like `other`; if `few` are to be followed, one in
+    /// every block of 4³ stands for it.
     pub(super) fn new(lattice: Lattice, other: Spring, few: bool) -> Self {
         let edge = if few { EDGE } else { 1 };
         let other = other.times(f64::from(edge.pow(3)));
@@ -144,8 +145,8 @@ fn representatives(low: [u32; 3], edge: u32) -> impl Iterator<Item = [u32; 3]> {
 
 /// The cell that stands for those of its block.
 ///
-/// It lies elsewhere in every block, so that a flat face of a link, which mostly lies along an axis,
-/// meets as many of them wherever it is.
+/// It lies elsewhere in every block, so that a flat face of a link, which mostly lies along an
+/// axis, meets as many of them wherever it is.
 fn representative([i, j, k]: [u32; 3], edge: u32) -> [u32; 3] {
     let [a, b, c] = [i, j, k].map(|n| n % edge);
     let inside = [b + 2 * c, c + 2 * a, a + 2 * b];

@@ -1,12 +1,13 @@
 //! What the joints feel: torques predicted from a stiffness field.
 //!
-//! This is where stiffness meets torque; [`crate::outlook`] sums the same up for whole paths. A spring at rest point p, displaced by
-//! u, pushes its link with the force −K u at p + u; as moment about the world's origin that is
-//! −K p × u, since u × u = 0. Summed over the contacts of a link this is one wrench, and the
-//! link's spatial Jacobian S turns it into joint torques. The other way round, joint speeds d move
-//! the link's points with v(p) = (S d)₁ + (S d)₂ × p, and `w·d = −u·v(p)`. So a frame needs only
-//! u, the cell and the link of every contact: 16 bytes a contact, in one stream, in place of a
-//! column of H. The rest points are kept once a cell by whoever walks over the frame.
+//! This is where stiffness meets torque; [`crate::outlook`] sums the same up for whole paths. A
+//! spring at rest point p, displaced by u, pushes its link with the force −K u at p + u; as moment
+//! about the world's origin that is −K p × u, since u × u = 0. Summed over the contacts of a link
+//! this is one wrench, and the link's spatial Jacobian S turns it into joint torques. The other way
+//! round, joint speeds d move the link's points with v(p) = (S d)₁ + (S d)₂ × p, and
+//! `w·d = −u·v(p)`. So a frame needs only u, the cell and the link of every contact: 16 bytes a contact,
+//! in one stream, in place of a column of H. The rest points are kept once a cell by whoever walks
+//! over the frame.
 //!
 //! | paper | here                     | value                         | shape    | unit    |
 //! |-------|--------------------------|-------------------------------|----------|---------|
