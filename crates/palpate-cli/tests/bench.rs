@@ -112,6 +112,36 @@ fn passes_and_touches_say_what_is_learnt_and_timed() {
 }
 
 #[test]
+fn answers_about_paths_are_timed_and_held_against_exact_ones() {
+    let scene = Scene::new();
+    assert!(json(&mut bench(&scene, &["log"], &["--json"]))["answers"].is_null());
+    let log = scene.path("log");
+    let mut asked = bench(&scene, &["log"], &["--touches", "1"]);
+    asked.arg("--answers").arg(&log);
+    let text = succeed(&mut asked);
+    for words in ["paths of 200 points", "2 touches and 2 pushes", "answer about a push", "std"] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
+    let answers = &json(asked.arg("--json"))["answers"];
+    for kind in ["whole", "push"] {
+        let asked = &answers[kind];
+        assert_eq!(number(asked, "paths"), 2.0);
+        for key in ["thinned_ms", "exact_ms", "torque_off", "std_off"] {
+            let of = |name: &str| number(asked, &format!("{key}.{name}"));
+            assert!(0.0 < of("least") && of("least") <= of("median"), "{kind}, {key}: {answers}");
+            assert!(
+                of("median") <= of("most") && of("most").is_finite(),
+                "{kind}, {key}: {answers}"
+            );
+        }
+        assert!(number(asked, "torque_off.most") < 0.5, "{answers}");
+    }
+    assert!(number(answers, "outlook_ms.most") < number(answers, "whole.exact_ms.most"));
+    let nowhere = scene.path("nowhere");
+    refuse(bench(&scene, &["log"], &[]).arg("--answers").arg(nowhere), 1, &["nowhere"]);
+}
+
+#[test]
 fn without_a_log_the_bundled_touches_are_learnt_and_called_simulated() {
     let bundled = |more: &[&str]| {
         let mut command = palpate();

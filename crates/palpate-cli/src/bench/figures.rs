@@ -3,6 +3,7 @@
 use palpate::estimator::Method;
 use serde::{Deserialize, Serialize};
 
+use super::answers::Answers;
 use super::floor::{Floor, VISIT_BYTES, VISIT_OPERATIONS};
 use super::parts::Times;
 use super::whole::Measured;
@@ -56,6 +57,8 @@ pub(super) struct Figures {
     pub memory_mib: f64,
     /// How `--rate` was kept, if it was given.
     pub pace: Option<PaceFigures>,
+    /// What was found of the paths of `--answers`, if it was given.
+    pub answers: Option<Answers>,
 }
 
 /// The middle and the upper end of many times.
@@ -104,6 +107,7 @@ impl Figures {
             frames_remembered,
             memory_mib: memory_bytes as f64 / MIB,
             pace: whole.pace.clone(),
+            answers: whole.answers.clone(),
         }
     }
 
@@ -119,11 +123,12 @@ impl Figures {
 
     /// All of it for people.
     pub(super) fn text(&self) -> String {
-        let rows: Vec<(&str, String)> =
-            self.speed().into_iter().chain(self.against_floor()).chain(self.size()).collect();
-        let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-        let row = |(name, value): &(&str, String)| format!("  {name:<width$}  {value}\n");
-        self.heading() + &rows.iter().map(row).collect::<String>()
+        let rows = self.speed().into_iter().chain(self.against_floor()).chain(self.size());
+        let answers = self
+            .answers
+            .as_ref()
+            .map(|answers| format!("\n{}\n\n{}", answers.heading(), table(&answers.rows())));
+        self.heading() + &table(&rows.collect::<Vec<_>>()) + &answers.unwrap_or_default()
     }
 
     /// What was measured, and how.
@@ -205,4 +210,10 @@ impl Figures {
             ("start to first step", format!("{:.0} ms", self.start_ms)),
         ]
     }
+}
+
+/// Names and their values, one below the other.
+fn table<N: std::fmt::Display + AsRef<str>>(rows: &[(N, String)]) -> String {
+    let width = rows.iter().map(|(name, _)| name.as_ref().chars().count()).max().unwrap_or(0);
+    rows.iter().map(|(name, value)| format!("  {name:<width$}  {value}\n")).collect()
 }

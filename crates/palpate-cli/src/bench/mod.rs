@@ -5,6 +5,7 @@
 //! | `recording` | a log held in memory, and the passes through it                          |
 //! | `whole`     | the step as a user runs it                                               |
 //! | `parts`     | the same step in two parts, on one thread                                |
+//! | `answers`   | what torque a path would meet: how long an answer takes                  |
 //! | `floor`     | what the machine's memory and arithmetic would allow                     |
 //! | `peak`      | the most memory the process has held                                     |
 //! | `figures`   | all of it, as JSON and as text                                           |
@@ -23,6 +24,7 @@
 //! Nothing here judges: budgets are the reader's. Nothing waits for the machine to be idle either,
 //! so figures are to be read as ratios, and compared only within a run.
 
+mod answers;
 mod child;
 mod figures;
 mod floor;
@@ -58,6 +60,7 @@ const EXAMPLES: &str = "Examples:
   palpate bench --estimator ekf --json
   palpate bench --sweep worlds,cells         does the size of the world matter? that of the cells?
   palpate bench --rate 17 --touches 2        how many replays fit into a step at 17 Hz?
+  palpate bench data/plant_a/seq_00* --answers data/plant_a/seq_010
 
 The log is learnt once before the clock starts (--warm-passes), so that memory is as full as in
 use, and once with the clock running (--passes). Timed are the steps whose tare is known and which
@@ -72,7 +75,11 @@ median.
 
 With --rate the passes take real time. Timed is then the step without replays, and reported is how
 many replays fitted into what it left; that depends on the machine. The parts are measured with
-the replays of the settings, whatever the rate.";
+the replays of the settings, whatever the rate.
+
+With --answers the mapper that has learnt the log is asked what torque the touches of another would
+meet, as `palpate live --ask` answers, and how far that is from the answer of every spring at every
+point. Give touches that it has not learnt.";
 
 /// Flags of `palpate bench`.
 #[derive(Debug, clap::Args)]
@@ -98,6 +105,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = at_least_one(),
           requires = "sweep")]
     rounds: u32,
+    /// Also time answers about the paths of these touches, in 200 points each
+    #[arg(long, value_name = "LOG")]
+    answers: Vec<PathBuf>,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
@@ -150,6 +160,8 @@ struct Bench<'a> {
     arm: Arc<Arm>,
     config: Config,
     recording: Recording,
+    /// What is asked about.
+    asked: Option<Recording>,
 }
 
 impl<'a> Bench<'a> {
@@ -164,11 +176,19 @@ impl<'a> Bench<'a> {
         let arm = robot::load(&settings.robot, output)?;
         settings.log.check_for(&arm.robot)?;
         let place = (config.lattice.clone(), config.contact.clone());
-        let mut touches = touches.for_arm(&arm, &settings.log, place)?;
-        let recording = Recording::read(&mut touches, args.touches)?;
-        touches.tell_warnings(output);
+        let read = |touches: Touches, most| {
+            let mut touches = touches.for_arm(&arm, &settings.log, place.clone())?;
+            let recording = Recording::read(&mut touches, most)?;
+            touches.tell_warnings(output);
+            Ok::<_, CliError>(recording)
+        };
+        let recording = read(touches, args.touches)?;
+        let asked = match args.answers.as_slice() {
+            [] => None,
+            logs => Some(read(Touches::open(logs, &settings.log.options())?, None)?),
+        };
         output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
-        Ok(Self { args, logs, arm, config, recording })
+        Ok(Self { args, logs, arm, config, recording, asked })
     }
 
     /// The figures of this configuration, and which part of the lattice was touched.
@@ -182,7 +202,7 @@ impl<'a> Bench<'a> {
         let pace = self.args.pace.take_over(&mut config);
         let mapper = whole::Whole::new(&self.arm, config, pace, started).map_err(out_of_range)?;
         let passes = Passes { warm: self.args.warm_passes, timed: self.args.passes };
-        let whole = mapper.measure(&self.recording, passes, output)?;
+        let whole = mapper.measure(&self.recording, passes, self.asked.as_ref(), output)?;
         if whole.step_ms.is_empty() {
             return Err(self.touches_nothing());
         }

@@ -44,6 +44,11 @@ impl Recording {
         Ok(Self { touches })
     }
 
+    /// Its touches in order.
+    pub(super) fn each(&self) -> &[Recorded] {
+        &self.touches
+    }
+
     /// How many touches it holds.
     pub(super) fn touches(&self) -> usize {
         self.touches.len()

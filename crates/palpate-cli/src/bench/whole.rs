@@ -7,6 +7,7 @@ use palpate::arm::Arm;
 use palpate::mapper::{Config, Mapper, MapperError};
 use palpate::touch::Sample;
 
+use super::answers::{self, Answers};
 use super::peak;
 use super::recording::{Learner, Passes, Recording};
 use crate::error::CliError;
@@ -44,6 +45,8 @@ pub(super) struct Measured {
     pub cells_touched: usize,
     /// Where they are; nowhere if there are none.
     pub touched: Touched,
+    /// What was found of paths, if any were asked about.
+    pub answers: Option<Answers>,
 }
 
 impl Whole {
@@ -59,11 +62,13 @@ impl Whole {
         Ok(Self { mapper, pace, started, first_step: None, step_ms, contacts })
     }
 
-    /// Learns all passes; the mapper is gone after it, and its memory free for what follows.
+    /// Learns all passes, and is asked about the paths of other touches; the mapper is gone after
+    /// it, and its memory free for what follows.
     pub(super) fn measure(
         mut self,
         recording: &Recording,
         passes: Passes,
+        asked: Option<&Recording>,
         output: &Output,
     ) -> Result<Measured, CliError> {
         recording.play(passes, &mut self, output, "timing the step")?;
@@ -77,6 +82,8 @@ impl Whole {
                 touched[1][axis] = touched[1][axis].max(place[axis]);
             }
         }
+        let answers = |asked| answers::measure(&self.mapper, asked, output);
+        let answers = asked.map(answers).transpose()?;
         Ok(Measured {
             start_ms: self.first_step.map_or(0.0, milliseconds),
             step_ms: self.step_ms,
@@ -86,6 +93,7 @@ impl Whole {
             memory: self.mapper.memory(),
             cells_touched: field.cells.len(),
             touched,
+            answers,
         })
     }
 }
