@@ -7,6 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use crate::field::CellEstimate;
 use crate::replay::RngState;
 use crate::torque::{Cell, Observation};
 
@@ -243,6 +244,20 @@ pub trait Estimator: Send + Sync {
 
     /// Frames that touched a row.
     fn count(&self, row: usize) -> u32;
+
+    /// What is known of the cell of a row; of any other number, of cells never touched.
+    fn estimate(&self, row: usize) -> CellEstimate {
+        CellEstimate {
+            stiffness_n_per_m: self.stiffness(row),
+            std_n_per_m: self.std(row),
+            count: self.count(row),
+        }
+    }
+
+    /// What is known of the cells of the first rows.
+    fn estimates(&self, rows: usize) -> Vec<CellEstimate> {
+        (0..rows).map(|row| self.estimate(row)).collect()
+    }
 
     /// Gives rows of which nothing is known yet their own prior mean, m₀ by row.
     ///

@@ -55,6 +55,9 @@ pub(super) struct Link {
     /// How far, at most, a point near the link has moved in its frame since the first waypoint, by
     /// waypoint, m.
     travel_m: Vec<f64>,
+    /// The first waypoint where it has moved so many [`Link::mark_m`].
+    marks: Vec<u32>,
+    mark_m: f64,
     /// Blocks of waypoints; the last is filled up with some that are far away from everything.
     blocks: Vec<Block>,
     /// Where points are counted from in them, so that rounding is that of the lattice's size.
@@ -190,7 +193,8 @@ impl Link {
             *sum_m += travel_in_link_m(surface, within_m, &ends[0], &ends[1]);
             Some(*sum_m)
         });
-        let travel_m = std::iter::once(0.0).chain(travel_m).collect();
+        let travel_m: Vec<f64> = std::iter::once(0.0).chain(travel_m).collect();
+        let (marks, mark_m) = marks(&travel_m);
         let placed: Vec<Placed> = poses.iter().map(Placed::new).collect();
         let (low, high) = surface.bounds();
         let (middle, half_m) = (nalgebra::center(&low, &high), (high - low) / 2.0);
@@ -207,15 +211,16 @@ impl Link {
                 }
             }
         }
-        Self { index, placed, travel_m, blocks, origin, reach_m, middle, half_m }
+        Self { index, placed, travel_m, marks, mark_m, blocks, origin, reach_m, middle, half_m }
     }
 
     /// The first waypoint after another where the link has travelled so far, φ being nearly a
     /// distance.
     pub(super) fn after(&self, at: usize, free_m: f64) -> Option<usize> {
         let due_m = self.travel_m[at] + free_m / LIPSCHITZ;
-        let after = at + 1 + self.travel_m[at + 1..].partition_point(|travel_m| *travel_m < due_m);
-        (after < self.travel_m.len()).then_some(after)
+        let mark = *self.marks.get((due_m / self.mark_m) as usize)? as usize;
+        let later = self.travel_m.get(mark.max(at + 1)..)?;
+        later.iter().position(|travel_m| *travel_m >= due_m).map(|n| mark.max(at + 1) + n)
     }
 
     /// The first waypoint from another on where a point may be within reach, by the link's box, if
@@ -246,6 +251,25 @@ impl Link {
             at = self.after(last, free_m.min(WITHIN_M))?;
         }
     }
+}
+
+/// By how many marks a link's way is divided for each waypoint.
+const MARKS: usize = 4;
+
+/// Where a link has moved how far, in equal steps, and the step: after each, the next waypoints are
+/// few.
+fn marks(travel_m: &[f64]) -> (Vec<u32>, f64) {
+    let n = MARKS * travel_m.len();
+    let mark_m = (travel_m[travel_m.len() - 1] / n as f64).max(f64::MIN_POSITIVE);
+    let mut at = 0;
+    let mark = |mark: usize| {
+        let due_m = mark as f64 * mark_m;
+        while at < travel_m.len() && travel_m[at] < due_m {
+            at += 1;
+        }
+        at as u32
+    };
+    ((0..=n).map(mark).collect(), mark_m)
 }
 
 /// Farther than any point of any lattice from any link, m; its square is a number.

@@ -43,11 +43,6 @@ impl<T> Bricks<T> {
         &mut self.bricks[slot as usize]
     }
 
-    /// All bricks in use, in no order that means anything.
-    pub fn iter(&self) -> impl Iterator<Item = ([u32; 3], &T)> {
-        self.slots.iter().map(|(&brick, &slot)| (brick, &self.bricks[slot as usize]))
-    }
-
     /// Bricks in use.
     pub fn len(&self) -> usize {
         self.bricks.len()

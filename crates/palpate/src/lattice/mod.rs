@@ -19,6 +19,7 @@ use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 pub use bricks::{BRICK_CELLS, BRICK_EDGE, BrickBits, Bricks, CellSet};
+pub(crate) use rows::RowsOfBricks;
 pub use rows::{CellRows, RowsOfRuns};
 
 /// A cell's number in its lattice: x runs fastest.

@@ -1,5 +1,7 @@
 //! Touched cells without gaps, numbered by first touch.
 
+use std::sync::Arc;
+
 use super::{BRICK_CELLS, Bricks, CellId, Lattice};
 
 /// Cells numbered in the order of their first touch, with their rest points.
@@ -9,10 +11,16 @@ use super::{BRICK_CELLS, Bricks, CellId, Lattice};
 #[derive(Debug, Clone)]
 pub struct CellRows {
     lattice: Lattice,
-    rows: Bricks<Box<[u32; BRICK_CELLS]>>,
+    rows: RowsOfBricks,
     cells: Vec<CellId>,
     points_m: Vec<[f64; 3]>,
 }
+
+/// The rows of cells by their number inside a brick, in the bricks in use; of cells that have none, a
+/// number that no row has.
+///
+/// A copy shares its bricks with the original until that adds a cell to one of them.
+pub(crate) type RowsOfBricks = Bricks<Arc<[u32; BRICK_CELLS]>>;
 
 /// The row number of a cell that has none.
 const NO_ROW: u32 = u32::MAX;
@@ -37,9 +45,9 @@ impl CellRows {
         assert!(self.lattice.contains(cell), "{cell:?} is not in the lattice");
         let place = self.lattice.place(cell);
         let (brick, inside) = Bricks::<()>::locate(place);
-        let brick = self.rows.get_or_insert_with(brick, || Box::new([NO_ROW; BRICK_CELLS]));
+        let brick = self.rows.get_or_insert_with(brick, || Arc::new([NO_ROW; BRICK_CELLS]));
         if brick[inside] == NO_ROW {
-            brick[inside] = self.cells.len() as u32;
+            Arc::make_mut(brick)[inside] = self.cells.len() as u32;
             self.cells.push(cell);
             self.points_m.push(self.lattice.point_at(place).into());
         }
@@ -62,10 +70,9 @@ impl CellRows {
         &self.points_m
     }
 
-    /// The bricks in use, counted in bricks, each with the rows of its cells by their number inside
-    /// it; of cells that have none, a number that no row has.
-    pub fn bricks(&self) -> impl Iterator<Item = ([u32; 3], &[u32; BRICK_CELLS])> {
-        self.rows.iter().map(|(brick, rows)| (brick, rows.as_ref()))
+    /// The rows, by brick.
+    pub(crate) fn by_brick(&self) -> &RowsOfBricks {
+        &self.rows
     }
 
     /// Rows in use.

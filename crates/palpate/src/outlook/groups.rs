@@ -8,9 +8,9 @@
 
 use nalgebra::Vector3;
 
-use super::springs::{Spring, Springs};
+use super::springs::Spring;
 use crate::field::CellEstimate;
-use crate::lattice::{BRICK_CELLS, BrickBits, Bricks, CellRows};
+use crate::lattice::{BRICK_CELLS, Bricks};
 
 /// The largest block has 2 to the power of this many cells; half of it, of one less.
 const LARGEST: u32 = 6;
@@ -25,45 +25,59 @@ struct Known {
     weight_up_to: f64,
 }
 
-/// Springs that each stand for a group of cells, none of which weighs more than `most` cells of the
-/// mean unless it is a single one; `estimate` knows them by row, and of any other number what is
-/// said of cells without one.
-///
-/// Cost: some 40 ns a cell.
-pub(super) fn few_springs(
-    rows: &CellRows,
-    estimate: impl Fn(usize) -> CellEstimate,
+/// How the cells of a field are grouped.
+#[derive(Debug, Clone)]
+pub(super) struct Groups {
+    /// What a group may weigh.
     most: f64,
-) -> Springs {
-    let all: Vec<Spring> = (0..rows.len()).map(|row| estimate(row).into()).collect();
-    let per_cell = |of: fn(&Spring) -> f64| {
-        let sum: f64 = all.iter().map(of).sum();
-        if sum > 0.0 { all.len() as f64 / sum } else { 0.0 }
-    };
-    let per_stiffness = per_cell(|spring| spring.stiffness_n_per_m);
-    let per_variance = per_cell(|spring| spring.variance);
-    let inside: [usize; BRICK_CELLS] = std::array::from_fn(inside);
-    let places: [_; BRICK_CELLS] = std::array::from_fn(|n| place(n).map(|n| n as f64).into());
-    let mut springs = Springs::new(rows.lattice().clone(), estimate(usize::MAX).into(), true);
-    let (mut known, mut leaders) = (Vec::with_capacity(BRICK_CELLS), Vec::new());
-    for (brick, rows) in rows.bricks() {
-        let (mut cells, mut weight_up_to) = (BrickBits::default(), 0.0);
-        known.clear();
-        for (number, &inside) in inside.iter().enumerate() {
-            if let Some(&spring) = all.get(rows[inside] as usize) {
-                let Spring { stiffness_n_per_m, variance, .. } = spring;
-                weight_up_to += (stiffness_n_per_m * per_stiffness + variance * per_variance) / 2.0;
-                known.push(Known { number, spring, weight_up_to });
-                cells.insert(inside);
-            }
+    /// What a cell weighs by its stiffness (N/m) and by its variance ((N/m)²).
+    per_stiffness: f64,
+    per_variance: f64,
+    /// The number inside its brick, and the place there, of every cell that comes block by block.
+    inside: [usize; BRICK_CELLS],
+    places: [Vector3<f64>; BRICK_CELLS],
+}
+
+impl Groups {
+    /// Groups none of which weighs more than `most` cells of the mean of these, unless it is a
+    /// single one.
+    pub(super) fn new(cells: &[CellEstimate], most: f64) -> Self {
+        let (mut stiffness, mut variance) = (0.0, 0.0);
+        for cell in cells {
+            stiffness += cell.stiffness_n_per_m;
+            variance += cell.std_n_per_m.powi(2);
         }
-        divide(&known, most, &mut |group| {
-            let (number, spring) = leader(group, &places);
-            leaders.push((inside[number], spring));
-        });
-        springs.list(brick, cells, leaders.drain(..));
+        let per = |sum: f64| if sum > 0.0 { cells.len() as f64 / sum } else { 0.0 };
+        Self {
+            most,
+            per_stiffness: per(stiffness),
+            per_variance: per(variance),
+            inside: std::array::from_fn(inside),
+            places: std::array::from_fn(|n| place(n).map(|n| n as f64).into()),
+        }
     }
-    springs
+
+    /// Lists the spring that stands for each group of the cells of a brick, with its number there;
+    /// `known` has what is known of each by that number.
+    ///
+    /// Cost: some 30 ns a cell.
+    pub(super) fn leaders(
+        &self,
+        known: impl Fn(usize) -> Option<Spring>,
+        mut list: impl FnMut((usize, Spring)),
+    ) {
+        let (mut cells, mut weight_up_to) = (Vec::with_capacity(BRICK_CELLS), 0.0);
+        for (number, &inside) in self.inside.iter().enumerate() {
+            let Some(spring) = known(inside) else { continue };
+            let by_stiffness = spring.stiffness_n_per_m * self.per_stiffness;
+            weight_up_to += (by_stiffness + spring.variance * self.per_variance) / 2.0;
+            cells.push(Known { number, spring, weight_up_to });
+        }
+        divide(&cells, self.most, &mut |group| {
+            let (number, spring) = leader(group, &self.places);
+            list((self.inside[number], spring));
+        });
+    }
 }
 
 /// The number that the n-th cell has inside its brick elsewhere.
@@ -133,7 +147,8 @@ fn leader(group: &[Known], places: &[Vector3<f64>; BRICK_CELLS]) -> (usize, Spri
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lattice::{BRICK_EDGE, CellId, Lattice};
+    use crate::lattice::{BRICK_EDGE, CellId, CellRows, Lattice};
+    use crate::outlook::Springs;
 
     /// Rows of all cells of two bricks of a lattice.
     fn rows() -> CellRows {
@@ -152,13 +167,13 @@ mod tests {
         most: f64,
     ) -> Vec<([u32; 3], Spring)> {
         let rows = rows();
-        let estimate = |row: usize| {
-            let place = rows.cells().get(row).map_or([0; 3], |cell| rows.lattice().place(*cell));
+        let estimate = |place: [u32; 3]| {
             let (stiffness_n_per_m, std_n_per_m) =
                 (stiffness_n_per_m(place), variance(place).sqrt());
             CellEstimate { stiffness_n_per_m, std_n_per_m, count: place[0] }
         };
-        let springs = few_springs(&rows, estimate, most);
+        let known = rows.cells().iter().map(|cell| estimate(rows.lattice().place(*cell)));
+        let springs = Springs::of(&rows, known.collect(), estimate([0; 3]), most);
         [[0, 0, 0], [BRICK_EDGE, 0, 0]].iter().flat_map(|low| springs.of_brick(*low)).collect()
     }
 
@@ -169,7 +184,7 @@ mod tests {
         let places: Vec<_> =
             rows().cells().iter().map(|cell| rows().lattice().place(*cell)).collect();
         let all = |of: &dyn Fn([u32; 3]) -> f64| places.iter().map(|place| of(*place)).sum::<f64>();
-        for most in [0.0, 1.0, 5.0, 30.0, 1e9] {
+        for most in [1.01, 2.0, 5.0, 30.0, 1e9] {
             let springs = few(stiffness, variance, most);
             let sum = |of: fn(&Spring) -> f64| springs.iter().map(|(_, spring)| of(spring)).sum();
             let (k, var): (f64, f64) =

@@ -61,14 +61,12 @@ use serde::{Deserialize, Serialize};
 
 pub use self::checked::{CheckedPath, PathChecker};
 use self::felt::Felt;
-use self::groups::few_springs;
 use self::pieces::in_pieces;
-use self::springs::Springs;
+pub(crate) use self::springs::Springs;
 use crate::arm::Arm;
 use crate::contact::{self, Crowd, Grip, Passage};
-use crate::field::CellEstimate;
 use crate::follow::Lost;
-use crate::lattice::{CellRows, Lattice};
+use crate::lattice::Lattice;
 use crate::robot::RobotError;
 use crate::touch::Tracker;
 
@@ -186,24 +184,13 @@ const FEW_PIECES: usize = 4;
 const FEW_STOPS: usize = 256;
 
 impl Outlook {
-    /// An outlook of the arm that is tracked; `estimate` knows the cells by row, and of any other
-    /// number what is said of cells without one. Above 1, springs each stand for neighbours, of
-    /// which none weighs more than `one_in` of the mean.
-    pub(crate) fn new(
-        tracker: &Tracker,
-        contact: contact::Config,
-        rows: &CellRows,
-        estimate: impl Fn(usize) -> CellEstimate,
-        one_in: f64,
-    ) -> Self {
-        let springs = match one_in > 1.0 {
-            true => few_springs(rows, estimate, one_in),
-            false => Springs::all(rows, estimate),
-        };
+    /// An outlook of the arm that is tracked.
+    pub(crate) fn new(tracker: &Tracker, contact: contact::Config, springs: Springs) -> Self {
+        let lattice = springs.lattice().clone();
         Self {
             arm: Arc::clone(tracker.arm()),
-            checker: PathChecker::new(tracker.stride().clone(), rows.lattice().spacing_m()),
-            lattice: rows.lattice().clone(),
+            checker: PathChecker::new(tracker.stride().clone(), lattice.spacing_m()),
+            lattice,
             contact,
             whereabouts: tracker.whereabouts().map(|(q, grip)| (q, Arc::new(grip))),
             springs: Arc::new(springs),

@@ -2,12 +2,13 @@
 //!
 //! A spring is a cell, or stands for several: for neighbours that the field knows
 //! ([`super::groups`]), or for those of a block of which it knows nothing, of which one is
-//! followed.
+//! followed. The mapper only copies what it knows; what is near a path is sorted out by whoever
+//! asks.
 
-use std::ops::Range;
-
+use super::groups::Groups;
+use crate::estimator::Estimator;
 use crate::field::CellEstimate;
-use crate::lattice::{BRICK_EDGE, BrickBits, Bricks, CellRows, Lattice};
+use crate::lattice::{BRICK_CELLS, BRICK_EDGE, Bricks, CellRows, Lattice, RowsOfBricks};
 
 /// A spring.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,24 +27,18 @@ pub(super) struct Spring {
 /// springs are followed.
 const EDGE: u32 = 4;
 
-/// The springs of a field, of which those that it knows are listed.
+/// The springs of a field at one moment.
 #[derive(Debug, Clone)]
-pub(super) struct Springs {
+pub(crate) struct Springs {
     lattice: Lattice,
-    bricks: Bricks<Listed>,
-    /// Place in its brick, and spring.
-    listed: Vec<(usize, Spring)>,
-    /// What stands for cells that are not listed, and edge of the blocks for each of which it does.
+    rows: RowsOfBricks,
+    /// What is known of cells, by row.
+    known: Vec<CellEstimate>,
+    /// How these are grouped, if few springs are to stand for many.
+    groups: Option<Groups>,
+    /// What stands for cells without a row, and edge of the blocks for each of which it does.
     other: Spring,
     edge: u32,
-}
-
-/// What is listed of a brick.
-#[derive(Debug, Clone)]
-struct Listed {
-    /// Cells that springs of the list stand for.
-    cells: BrickBits,
-    springs: Range<usize>,
 }
 
 impl From<CellEstimate> for Spring {
@@ -70,61 +65,61 @@ impl Spring {
 }
 
 impl Springs {
-    /// A list without entries. All cells are like `other`; if `few` are to be followed, one in
-    /// every block of 4³ stands for it.
-    pub(super) fn new(lattice: Lattice, other: Spring, few: bool) -> Self {
-        let edge = if few { EDGE } else { 1 };
-        let other = other.times(f64::from(edge.pow(3)));
-        Self { lattice, bricks: Bricks::default(), listed: Vec::new(), other, edge }
+    /// The springs of an estimator's cells as it knows them now; above 1, each stands for
+    /// neighbours, of which none weighs more than `one_in` of the mean.
+    ///
+    /// Cost: a copy, some 3 ns a cell. Groups are formed when a brick is asked for.
+    pub(crate) fn new(rows: &CellRows, estimator: &dyn Estimator, one_in: f64) -> Self {
+        let (known, other) = (estimator.estimates(rows.len()), estimator.estimate(usize::MAX));
+        Self::of(rows, known, other, one_in)
     }
 
-    /// One spring for each cell of a field; `estimate` knows them by row, and of any other number
-    /// what is said of cells without one.
-    pub(super) fn all(rows: &CellRows, estimate: impl Fn(usize) -> CellEstimate) -> Self {
-        let mut springs = Self::new(rows.lattice().clone(), estimate(usize::MAX).into(), false);
-        for (brick, rows_inside) in rows.bricks() {
-            let row = |inside: usize| rows_inside[inside] as usize;
-            let known = (0..rows_inside.len()).filter(|&inside| row(inside) < rows.len());
-            let mut cells = BrickBits::default();
-            known.clone().for_each(|inside| cells.insert(inside));
-            let known = known.map(|inside| (inside, estimate(row(inside)).into()));
-            springs.list(brick, cells, known);
-        }
-        springs
+    /// The springs of cells of which this is known, by row, and this of all others.
+    pub(super) fn of(
+        rows: &CellRows,
+        known: Vec<CellEstimate>,
+        other: CellEstimate,
+        one_in: f64,
+    ) -> Self {
+        let groups = (one_in > 1.0).then(|| Groups::new(&known, one_in));
+        let edge = if groups.is_some() { EDGE } else { 1 };
+        let other = Spring::from(other).times(f64::from(edge.pow(3)));
+        let (lattice, rows) = (rows.lattice().clone(), rows.by_brick().clone());
+        Self { lattice, rows, known, groups, other, edge }
     }
 
-    /// Lists springs that stand for cells of a brick, counted in bricks, each with its place there.
-    pub(super) fn list(
-        &mut self,
-        brick: [u32; 3],
-        cells: BrickBits,
-        springs: impl Iterator<Item = (usize, Spring)>,
-    ) {
-        let first = self.listed.len();
-        self.listed.extend(springs);
-        let springs = first..self.listed.len();
-        self.bricks.get_or_insert_with(brick, || Listed { cells, springs });
+    pub(super) fn lattice(&self) -> &Lattice {
+        &self.lattice
     }
 
     /// Whether few springs stand for many.
     pub(super) fn are_few(&self) -> bool {
-        self.edge > 1
+        self.groups.is_some()
     }
 
     /// The springs of a brick, by its first place, each with its place in the lattice.
-    pub(super) fn of_brick(&self, low: [u32; 3]) -> impl Iterator<Item = ([u32; 3], Spring)> {
-        let brick = self.bricks.get(low.map(|n| n / BRICK_EDGE));
-        let (cells, springs) = match brick {
-            Some(Listed { cells, springs }) => (*cells, springs.clone()),
-            None => (BrickBits::default(), 0..0),
+    pub(super) fn of_brick(&self, low: [u32; 3]) -> Vec<([u32; 3], Spring)> {
+        let rows = self.rows.get(low.map(|n| n / BRICK_EDGE));
+        let known = |inside: usize| {
+            let row = rows?[inside];
+            self.known.get(row as usize).map(|cell| Spring::from(*cell))
         };
-        let listed = self.listed[springs].iter();
-        let listed = listed.map(move |&(inside, spring)| (place(low, inside), spring));
-        let others = representatives(low, self.edge).filter(move |place| {
+        let mut springs = Vec::new();
+        if rows.is_some() {
+            let mut list = |(inside, spring)| springs.push((place(low, inside), spring));
+            match &self.groups {
+                Some(groups) => groups.leaders(known, list),
+                None => (0..BRICK_CELLS).for_each(|inside| {
+                    known(inside).into_iter().for_each(|spring| list((inside, spring)));
+                }),
+            }
+        }
+        let others = representatives(low, self.edge).filter(|place| {
             let (_, inside) = Bricks::<()>::locate(*place);
-            !cells.get(inside) && self.lattice.holds(*place) // bricks may reach beyond it
+            known(inside).is_none() && self.lattice.holds(*place) // bricks may reach beyond it
         });
-        listed.chain(others.map(|place| (place, self.other)))
+        springs.extend(others.map(|place| (place, self.other)));
+        springs
     }
 }
 
@@ -156,58 +151,73 @@ fn representative([i, j, k]: [u32; 3], edge: u32) -> [u32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lattice::BRICK_CELLS;
 
-    const OTHER: Spring =
-        Spring { stiffness_n_per_m: 2.0, variance: 3.0, stands_for: 1.0, is_known: false };
-    const KNOWN: Spring =
-        Spring { stiffness_n_per_m: 7.0, variance: 1.0, stands_for: 5.0, is_known: true };
+    const OTHER: CellEstimate = CellEstimate { stiffness_n_per_m: 2.0, std_n_per_m: 3.0, count: 0 };
+    const KNOWN: CellEstimate = CellEstimate { stiffness_n_per_m: 7.0, std_n_per_m: 1.0, count: 5 };
 
-    fn lattice() -> Lattice {
-        Lattice::new([0.0; 3], 0.01, [24, 24, 20]).unwrap()
+    /// Springs of a lattice, of which cells at these places are known; all in a block may be one.
+    fn springs(known: &[[u32; 3]], few: bool) -> Springs {
+        let mut rows = CellRows::new(Lattice::new([0.0; 3], 0.01, [24, 24, 20]).unwrap());
+        for place in known {
+            rows.row_of(rows.lattice().cell(*place));
+        }
+        Springs::of(&rows, vec![KNOWN; known.len()], OTHER, if few { 1e9 } else { 1.0 })
     }
 
     #[test]
-    fn of_what_is_not_listed_every_block_has_one_or_every_cell_is_its_own() {
+    fn where_nothing_is_known_every_block_has_one_or_every_cell_is_its_own() {
         for (few, blocks) in [(true, 8), (false, BRICK_CELLS)] {
-            let springs = Springs::new(lattice(), OTHER, few);
+            let springs = springs(&[], few);
             for low in [[0, 0, 0], [8, 16, 0]] {
                 let edge = if few { EDGE } else { 1 };
-                let mut found: Vec<_> =
-                    springs.of_brick(low).map(|(place, _)| place.map(|n| n / edge)).collect();
+                let found = springs.of_brick(low);
+                let mut places: Vec<_> =
+                    found.iter().map(|(place, _)| place.map(|n| n / edge)).collect();
                 assert!(
-                    found.iter().all(|block| (0..3).all(|n| block[n] * edge / 8 == low[n] / 8))
+                    places.iter().all(|block| (0..3).all(|n| block[n] * edge / 8 == low[n] / 8))
                 );
-                found.sort_unstable();
-                found.dedup();
-                assert_eq!(found.len(), blocks, "{low:?}");
-                let cells: f64 = springs.of_brick(low).map(|(_, spring)| spring.stands_for).sum();
-                assert_eq!(cells, BRICK_CELLS as f64);
-                let stiffness: f64 =
-                    springs.of_brick(low).map(|(_, spring)| spring.stiffness_n_per_m).sum();
-                assert_eq!(stiffness, 2.0 * BRICK_CELLS as f64);
+                places.sort_unstable();
+                places.dedup();
+                assert_eq!(places.len(), blocks, "{low:?}");
+                let sum = |of: fn(&Spring) -> f64| -> f64 {
+                    found.iter().map(|(_, spring)| of(spring)).sum()
+                };
+                let all = BRICK_CELLS as f64;
+                assert_eq!(sum(|spring| spring.stands_for), all);
+                assert_eq!(sum(|spring| spring.stiffness_n_per_m), 2.0 * all);
+                assert_eq!(sum(|spring| spring.variance), 9.0 * all);
             }
             // Half of the last brick is beyond the lattice.
             let last = springs.of_brick([16, 16, 16]);
-            assert_eq!(last.map(|(_, spring)| spring.stands_for).sum::<f64>(), 256.0);
+            assert_eq!(last.iter().map(|(_, spring)| spring.stands_for).sum::<f64>(), 256.0);
         }
     }
 
     #[test]
-    fn a_cell_that_is_listed_stands_for_itself_or_is_stood_for() {
-        let mut springs = Springs::new(lattice(), OTHER, true);
-        let others: Vec<_> = springs.of_brick([8, 16, 8]).collect();
-        let bits = |places: &[[u32; 3]]| {
-            let mut bits = BrickBits::default();
-            places.iter().for_each(|place| bits.insert(Bricks::<()>::locate(*place).1));
-            bits
-        };
-        let (_, inside) = Bricks::<()>::locate([9, 20, 15]);
-        let cells = bits(&[others[0].0, others[1].0]);
-        springs.list([1, 2, 1], cells, [(inside, KNOWN)].into_iter());
-        let found: Vec<_> = springs.of_brick([8, 16, 8]).collect();
-        assert_eq!(found[0], ([9, 20, 15], KNOWN));
-        assert_eq!(found[1..], others[2..]);
-        assert_eq!(springs.of_brick([8, 16, 0]).count(), 8);
+    fn a_cell_that_is_known_stands_for_itself_or_is_stood_for() {
+        for few in [true, false] {
+            let others = springs(&[], few).of_brick([8, 16, 8]);
+            let places = [others[0].0, others[1].0, [9, 20, 15]];
+            let springs = springs(&places, few);
+            let found = springs.of_brick([8, 16, 8]);
+            let (known, unknown): (Vec<_>, Vec<_>) =
+                found.into_iter().partition(|(_, spring)| spring.is_known);
+            assert_eq!(known.iter().map(|(_, spring)| spring.stands_for).sum::<f64>(), 3.0);
+            assert_eq!(known.iter().map(|(_, spring)| spring.stiffness_n_per_m).sum::<f64>(), 21.0);
+            assert!(known.iter().all(|(place, _)| places.contains(place)));
+            let left = others.iter().filter(|(place, _)| !places.contains(place));
+            assert!(unknown.iter().eq(left));
+            assert!(springs.of_brick([8, 16, 0]).iter().all(|(_, spring)| !spring.is_known));
+        }
+    }
+
+    #[test]
+    fn what_the_field_learns_later_changes_nothing_of_a_copy() {
+        let mut rows = CellRows::new(Lattice::new([0.0; 3], 0.01, [24, 24, 20]).unwrap());
+        rows.row_of(rows.lattice().cell([1, 2, 3]));
+        let springs = Springs::of(&rows, vec![KNOWN], OTHER, 1.0);
+        let before = springs.of_brick([0, 0, 0]);
+        rows.row_of(rows.lattice().cell([4, 5, 6]));
+        assert_eq!(springs.of_brick([0, 0, 0]), before);
     }
 }
