@@ -32,7 +32,7 @@ const FELT_N_M: f64 = 1.0;
 pub(super) struct Answers {
     pub points: usize,
     pub times: usize,
-    /// What keeps the mapper busy with a question: handing out its springs, thinned, ms.
+    /// What keeps the mapper busy with a question: handing out its springs, ms.
     pub outlook_ms: Extent,
     pub whole: Asked,
     /// From the first contact to the largest torque.
@@ -207,7 +207,7 @@ impl Answers {
     /// Rows of a table: what, and how much.
     pub(super) fn rows(&self) -> Vec<(String, String)> {
         let mut rows =
-            vec![("handing out thinned springs".to_owned(), self.outlook_ms.text(1.0, 2, "ms"))];
+            vec![("handing out the springs".to_owned(), self.outlook_ms.text(1.0, 2, "ms"))];
         for (kind, asked) in [("a whole touch", &self.whole), ("a push", &self.push)] {
             let of = |what: &str| format!("{what} about {kind}");
             rows.extend([
