@@ -1,11 +1,11 @@
 """How long a Python process waits for the torque of a path, beside a running `palpate live --ask SOCKET`.
 
-    ask_paths.py SOCKET SET [--points 200] [--times 9] [--exact]
+    ask_paths.py SOCKET SET [--points N] [--times N] [--pause S] [--exact]
 
-Asks about every touch of a set, as a whole and about its push alone (from the first frame at a tenth
-of the largest torque to that of the largest), each resampled to so many points. Prints one JSON
-object: milliseconds from having the path as lists to having the answer as lists, JSON both ways
-included.
+Asks about every touch of a set, as a whole and about its push alone (from the last point without
+contact to the largest torque, by the answer about the whole), each resampled to so many points. Prints
+one JSON object: milliseconds from having the path as lists to having the answer as lists, JSON both
+ways included.
 """
 
 import argparse
@@ -16,21 +16,32 @@ from pathlib import Path
 
 import numpy as np
 
-STILL = 5  # frames free of contact at the start of a touch
-
-
-def paths(folder, points):
-    """The paths of a touch, by name."""
-    q, tau = np.load(folder / "angles.npy"), np.load(folder / "torques.npy")
-    felt = np.linalg.norm(tau - tau[:STILL].mean(axis=0), axis=1)
-    push = slice(int(np.argmax(felt >= felt.max() / 10)), int(np.argmax(felt)) + 1)
-    return {"whole": resample(q, points), "push": resample(q[push], points)}
-
-
 def resample(q, points):
     """N x n_joints, rad, as lists."""
     at = np.linspace(0, len(q) - 1, points)
-    return np.column_stack([np.interp(at, np.arange(len(q)), joint) for joint in q.T]).tolist()
+    return np.column_stack([np.interp(at, np.arange(len(q)), joint) for joint in np.transpose(q)]).tolist()
+
+
+def push_of(path, answer):
+    """The part of a path from the last point without contact to the largest torque."""
+    first = int(np.argmax(np.array(answer["contacts"]) > 0))
+    return path[max(first - 1, 0) : int(np.argmax(np.linalg.norm(answer["torque"], axis=1))) + 1]
+
+
+def ask(lines, question):
+    """The answer to a question, and how long it took, ms."""
+    begun = time.perf_counter()
+    lines.write(json.dumps(question) + "\n")
+    lines.flush()
+    answer = json.loads(lines.readline())
+    took_ms = (time.perf_counter() - begun) * 1e3
+    if "error" in answer:
+        raise SystemExit(answer["error"])
+    return answer, took_ms
+
+
+def figures(ms):
+    return {"median": round(float(np.median(ms)), 2), "least": round(min(ms), 2), "most": round(max(ms), 2)}
 
 
 def main():
@@ -46,27 +57,25 @@ def main():
     asker = socket.socket(socket.AF_UNIX)
     asker.connect(args.socket)
     lines = asker.makefile("rw")
-    waited_ms, answered_ms = {}, {}
+    more = {"exact": True} if args.exact else {}
+    waited_ms, answered_ms = {"whole": [], "push": []}, {"whole": [], "push": []}
     for folder in sorted(args.set.glob("seq_*")):
-        for name, path in paths(folder, args.points).items():
+        path = np.load(folder / "angles.npy")
+        for name in waited_ms:
+            if len(path) < 2:
+                break  # it touches nothing
+            path = resample(path, args.points)
             for _ in range(args.times):
                 time.sleep(args.pause)
-                begun = time.perf_counter()
-                lines.write(json.dumps({"path": path} | ({"exact": True} if args.exact else {})) + "\n")
-                lines.flush()
-                answer = json.loads(lines.readline())
-                waited_ms.setdefault(name, []).append((time.perf_counter() - begun) * 1e3)
-                if "error" in answer:
-                    raise SystemExit(answer["error"])
-                answered_ms.setdefault(name, []).append(answer["ms"])
-
-    def figures(ms):
-        return {"median": round(float(np.median(ms)), 2), "least": round(min(ms), 2), "most": round(max(ms), 2)}
+                answer, took_ms = ask(lines, {"path": path} | more)
+                waited_ms[name].append(took_ms)
+                answered_ms[name].append(answer["ms"])
+            path = push_of(path, answer)
 
     print(json.dumps({
         "asked": {name: len(ms) for name, ms in waited_ms.items()},
-        "waited_ms": {name: figures(ms) for name, ms in waited_ms.items()},
-        "of_which_palpate_ms": {name: figures(ms) for name, ms in answered_ms.items()},
+        "waited_ms": {name: figures(ms) for name, ms in waited_ms.items() if ms},
+        "of_which_palpate_ms": {name: figures(ms) for name, ms in answered_ms.items() if ms},
     }))
 
 

@@ -8,12 +8,12 @@
 //!
 //! A path is joint positions (N × n_joints, rad or m) in the order of the URDF, from where the arm
 //! is or from a place free of contact ([`palpate::outlook`]). `"exact": true` beside it looks at
-//! every point with every spring, which takes ten times as long. ROS types would have to be
+//! every point with every spring, which takes some twenty times as long. ROS types would have to be
 //! built into every robot that asks; a socket and JSON are everywhere.
 //!
-//! The mapper hands out what a question needs in about a millisecond and goes on; the answer is worked
-//! out by the thread of whoever asks and all of rayon's that have time. Replays wait meanwhile, since
-//! nobody waits for them.
+//! The mapper hands out what a question needs, some nanoseconds a touched cell, and goes on; the
+//! answer is worked out by the thread of whoever asks and all of rayon's that have time. Replays wait
+//! meanwhile, since nobody waits for them.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -88,6 +88,8 @@ pub(crate) struct Desk<'a> {
 pub struct AskSocket {
     listener: UnixListener,
     path: PathBuf,
+    /// Device and number of its file.
+    file: (u64, u64),
 }
 
 impl AskSocket {
@@ -110,7 +112,8 @@ impl AskSocket {
         }
         let listener = UnixListener::bind(path)?;
         listener.set_nonblocking(true)?;
-        Ok(Self { listener, path: path.to_owned() })
+        let file = file_at(path)?;
+        Ok(Self { listener, path: path.to_owned(), file })
     }
 
     /// Answers for as long as the session goes on.
@@ -143,8 +146,18 @@ impl AskSocket {
 
 impl Drop for AskSocket {
     fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.path);
+        // Somebody may have removed the file, and another process put its own there.
+        if file_at(&self.path).is_ok_and(|file| file == self.file) {
+            let _ = std::fs::remove_file(&self.path);
+        }
     }
+}
+
+/// Device and number of the file at a path, which tell it from any other.
+fn file_at(path: &Path) -> io::Result<(u64, u64)> {
+    use std::os::unix::fs::MetadataExt;
+    let metadata = path.symlink_metadata()?;
+    Ok((metadata.dev(), metadata.ino()))
 }
 
 /// Answers one asker, line by line.
@@ -334,7 +347,12 @@ mod tests {
         let socket = AskSocket::bind(&path).unwrap();
         let error = AskSocket::bind(&path).unwrap_err().to_string();
         assert!(error.contains("another process listens there"), "{error}");
+        let aside = folder.path().join("aside");
+        std::fs::rename(&path, &aside).unwrap();
+        let next = AskSocket::bind(&path).unwrap();
         drop(socket);
+        assert!(UnixStream::connect(&path).is_ok(), "another's socket stays");
+        drop(next);
         assert!(!path.exists());
         std::fs::write(&path, "precious").unwrap();
         assert!(AskSocket::bind(&path).unwrap_err().to_string().contains("it is a file"));

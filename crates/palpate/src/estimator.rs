@@ -7,7 +7,6 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use crate::field::CellEstimate;
 use crate::replay::RngState;
 use crate::torque::{Cell, Observation};
 
@@ -69,6 +68,17 @@ pub enum Method {
     Map,
     /// The paper's filter ([`crate::ekf`]).
     Ekf,
+}
+
+/// What is known of one cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellEstimate {
+    /// K, N/m.
+    pub stiffness_n_per_m: f64,
+    /// Its standard deviation, N/m.
+    pub std_n_per_m: f64,
+    /// Frames that touched it.
+    pub count: u32,
 }
 
 /// Bounds of every mean and standard deviation, N/m or N·m: none of this world lies outside, and
@@ -254,7 +264,8 @@ pub trait Estimator: Send + Sync {
         }
     }
 
-    /// What is known of the cells of the first rows.
+    /// What is known of the cells of the first rows: in one call, since all of it is wanted at once
+    /// while a question waits.
     fn estimates(&self, rows: usize) -> Vec<CellEstimate> {
         (0..rows).map(|row| self.estimate(row)).collect()
     }

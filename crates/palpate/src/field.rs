@@ -10,6 +10,7 @@ use nalgebra::DVector;
 
 use crate::arm::Arm;
 use crate::contact::{self, Contacts};
+pub use crate::estimator::CellEstimate;
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::robot::{Poses, Robot};
 use crate::torque::{Cell, Folder, Observation, Stiffness};
@@ -66,17 +67,6 @@ impl Field {
         let at = |place_m: &[f64; 3]| self.lattice.nearest(&(*place_m).into()).map(estimate);
         places_m.iter().map(at).collect()
     }
-}
-
-/// What is known of one cell.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CellEstimate {
-    /// K, N/m.
-    pub stiffness_n_per_m: f64,
-    /// Its standard deviation, N/m.
-    pub std_n_per_m: f64,
-    /// Frames that touched it.
-    pub count: u32,
 }
 
 /// What the field says of one sample.

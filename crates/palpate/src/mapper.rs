@@ -15,10 +15,11 @@ use crate::arm::Arm;
 use crate::contact::{self, Contacts};
 use crate::ekf::EkfEstimator;
 use crate::estimator::{
-    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Method, Source, padded,
+    CellEstimate, Estimator, EstimatorConfig, EstimatorError, EstimatorState, Method, Source,
+    padded,
 };
 use crate::expected::{self, ExpectedError};
-use crate::field::{CellEstimate, Field};
+use crate::field::Field;
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::map::MapEstimator;
 use crate::outlook::{Outlook, PathChecker, Springs};
@@ -342,7 +343,7 @@ impl Mapper {
     /// The field as it is now and the arm where it is, to be asked about motions while mapping goes
     /// on, by another thread if need be.
     ///
-    /// Cost: a copy of what is known of the touched cells, some 3 ns each, and of the contacts.
+    /// Cost: a copy of what is known of the touched cells, 3 to 5 ns each, and of the contacts.
     pub fn outlook(&self) -> Outlook {
         self.thinned_outlook(1.0)
     }

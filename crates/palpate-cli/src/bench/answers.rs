@@ -1,15 +1,16 @@
 //! What torque a path would meet: how long an answer takes, and what thinning costs it.
 //!
-//! Asked is about touches, as a whole and about the push alone, each resampled to [`POINTS`]
-//! points, by a mapper that has learnt all passes. Thinned answers, as `palpate live` gives them,
-//! are compared with that at every point with every spring of the same field: what the field
-//! itself gets wrong is for `palpate evaluate` to say.
+//! A mapper that has learnt all passes is asked about touches, as a whole and about the push alone,
+//! each resampled to [`POINTS`] points. Thinned answers, as `palpate live` gives them, are held
+//! against those at every point with every spring of the same field: what the field itself gets
+//! wrong is for `palpate evaluate` to say.
 
+use std::ops::Range;
 use std::time::Instant;
 
 use nalgebra::DVector;
 use palpate::mapper::Mapper;
-use palpate::outlook::{Answer, Config, ONE_IN, PathPoint};
+use palpate::outlook::{Answer, Config, ONE_IN, PathError, PathPoint};
 use palpate::robot::Robot;
 use serde::{Deserialize, Serialize};
 
@@ -32,30 +33,30 @@ const FELT_N_M: f64 = 1.0;
 pub(super) struct Answers {
     pub points: usize,
     pub times: usize,
-    /// What keeps the mapper busy with a question: handing out its springs, ms.
-    pub outlook_ms: Extent,
+    /// What keeps the mapper busy with a question, ms; of each whole touch the median counts.
+    pub outlook_ms: Option<Extent>,
     pub whole: Asked,
-    /// From the first contact to the largest torque.
+    /// From where nothing is touched yet to the largest torque.
     pub push: Asked,
 }
 
-/// What was found of paths of one kind.
+/// What was found of paths of one kind; `null` where there is nothing to tell.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Asked {
-    /// Paths: touches that meet anything.
+    /// Those that touch anything.
     pub paths: usize,
-    /// The thinned answer, ms; of each path the median counts.
-    pub thinned_ms: Extent,
-    /// The answer at every point with every spring, ms.
-    pub exact_ms: Extent,
-    /// What a thinned answer is off by in the mean over a path where that has at least
+    /// The thinned answer with handing out what it needs, ms; of each path the median counts.
+    pub thinned_ms: Option<Extent>,
+    /// The answer at every point with every spring, once a path, ms.
+    pub exact_ms: Option<Extent>,
+    /// What a thinned answer is off by in the mean over a path, where that has at least
     /// [`FELT_N_M`], relative.
-    pub torque_off: Extent,
-    pub std_off: Extent,
+    pub torque_off: Option<Extent>,
+    pub std_off: Option<Extent>,
 }
 
 /// The median over paths, the least and the most.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Extent {
     pub median: f64,
     pub least: f64,
@@ -65,6 +66,7 @@ pub(super) struct Extent {
 /// What was found of single paths, path by path.
 #[derive(Debug, Default)]
 struct Found {
+    outlook_ms: Vec<f64>,
     thinned_ms: Vec<f64>,
     exact_ms: Vec<f64>,
     torque_off: Vec<f64>,
@@ -79,23 +81,18 @@ pub(super) fn measure(
 ) -> Result<Answers, CliError> {
     let robot = &mapper.arm().robot;
     let bar = output.progress_of(Some(asked.touches() as u64), "paths", "asking");
-    let (mut outlook_ms, mut whole, mut push) = (Vec::new(), Found::default(), Found::default());
-    for touch in asked.each() {
+    let (mut whole, mut push) = (Found::default(), Found::default());
+    for touch in asked.each().iter().filter(|touch| !touch.samples.is_empty()) {
         bar.set_message(touch.name.clone());
-        if touch.samples.is_empty() {
-            continue;
-        }
-        let path: Vec<&[f64]> = touch.samples.iter().map(|sample| &sample.q[..]).collect();
-        let fault = |error: &dyn std::fmt::Display| {
+        let fault = |error: PathError| {
             CliError::from(format!("touch `{}` cannot be asked about: {error}", touch.name))
         };
+        let path: Vec<&[f64]> = touch.samples.iter().map(|sample| &sample.q[..]).collect();
         let path = resampled(robot, &path);
-        let answer = whole.ask(mapper, &path, &mut outlook_ms).map_err(|error| fault(&error))?;
-        let pushed = push_of(&answer);
+        let pushed = push_of(&whole.ask(mapper, &path).map_err(fault)?);
         if pushed.len() > 1 {
             let path: Vec<&[f64]> = path[pushed].iter().map(Vec::as_slice).collect();
-            let path = resampled(robot, &path);
-            push.ask(mapper, &path, &mut outlook_ms).map_err(|error| fault(&error))?;
+            push.ask(mapper, &resampled(robot, &path)).map_err(fault)?;
         }
         bar.inc(1);
         if interrupt::pressed() {
@@ -105,14 +102,9 @@ pub(super) fn measure(
         }
     }
     bar.finish_and_clear();
-    let outlook_ms = Extent::of(&outlook_ms);
-    Ok(Answers {
-        points: POINTS,
-        times: TIMES,
-        outlook_ms,
-        whole: whole.asked(),
-        push: push.asked(),
-    })
+    let outlook_ms = Extent::of(&whole.outlook_ms);
+    let (whole, push) = (whole.asked(), push.asked());
+    Ok(Answers { points: POINTS, times: TIMES, outlook_ms, whole, push })
 }
 
 /// A path in [`POINTS`] points, equal times apart; joints go straight in between.
@@ -127,44 +119,41 @@ fn resampled(robot: &Robot, path: &[&[f64]]) -> Vec<Vec<f64>> {
     (0..POINTS).map(point).collect()
 }
 
-/// The points of a path from the first contact to the largest torque.
-fn push_of(answer: &Answer) -> std::ops::Range<usize> {
-    let norms = answer.points.iter().map(|point| point.torque.norm());
-    let largest = norms.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
-    let first = answer.points.iter().position(|point| point.contacts > 0);
-    first.unwrap_or(0)..largest.map_or(0, |(point, _)| point + 1)
+/// The points of a path from the last without contact to the largest torque; what is touched at the
+/// first point of a path is taken for empty space.
+fn push_of(answer: &Answer) -> Range<usize> {
+    let Some(touches) = answer.points.iter().position(|point| point.contacts > 0) else {
+        return 0..0;
+    };
+    let norms = answer.points.iter().map(|point| point.torque.norm()).enumerate();
+    let largest = norms.max_by(|a, b| a.1.total_cmp(&b.1));
+    touches.saturating_sub(1)..largest.map_or(0, |(point, _)| point + 1)
 }
 
 impl Found {
     /// Asks about one path, and returns the exact answer.
-    fn ask(
-        &mut self,
-        mapper: &Mapper,
-        path: &[Vec<f64>],
-        outlook_ms: &mut Vec<f64>,
-    ) -> Result<Answer, palpate::outlook::PathError> {
+    fn ask(&mut self, mapper: &Mapper, path: &[Vec<f64>]) -> Result<Answer, PathError> {
         let config = Config::default();
-        let (mut took_ms, mut thinned) = (Vec::new(), None);
-        for _ in 0..TIMES {
-            let start = Instant::now();
-            let outlook = mapper.thinned_outlook(ONE_IN);
-            outlook_ms.push(milliseconds(start.elapsed()));
-            thinned = Some(outlook.ask(path, &config)?);
-            took_ms.push(milliseconds(start.elapsed()));
-        }
         let start = Instant::now();
         let every_point = Config { resolution_cells: 0.0, ..config };
         let exact = mapper.outlook().ask(path, &every_point)?;
         let exact_ms = milliseconds(start.elapsed());
-        let off = |of| thinned.as_ref().and_then(|thinned| off_by(thinned, &exact, of));
-        if let (Some(torque_off), Some(std_off)) =
-            (off(|point| &point.torque), off(|point| &point.torque_std))
-        {
-            self.thinned_ms.extend(median(&took_ms));
-            self.exact_ms.push(exact_ms);
-            self.torque_off.push(torque_off);
-            self.std_off.push(std_off);
+        if exact.points.iter().all(|point| point.contacts == 0) {
+            return Ok(exact);
         }
+        self.exact_ms.push(exact_ms);
+        let (mut outlook_ms, mut thinned_ms, mut answers) = (Vec::new(), Vec::new(), Vec::new());
+        for _ in 0..TIMES {
+            let start = Instant::now();
+            let outlook = mapper.thinned_outlook(ONE_IN);
+            outlook_ms.push(milliseconds(start.elapsed()));
+            answers.push(outlook.ask(path, &config)?); // all alike
+            thinned_ms.push(milliseconds(start.elapsed()));
+        }
+        self.outlook_ms.extend(median(&outlook_ms));
+        self.thinned_ms.extend(median(&thinned_ms));
+        self.torque_off.extend(off_by(&answers[0], &exact, |point| &point.torque));
+        self.std_off.extend(off_by(&answers[0], &exact, |point| &point.torque_std));
         Ok(exact)
     }
 
@@ -190,32 +179,32 @@ fn off_by(thinned: &Answer, exact: &Answer, of: fn(&PathPoint) -> &DVector<f64>)
 }
 
 impl Extent {
-    /// Of some paths; all zeros if there are none.
-    fn of(numbers: &[f64]) -> Self {
-        let [least, most] = extremes(numbers.iter().copied()).unwrap_or_default();
-        Self { median: median(numbers).unwrap_or_default(), least, most }
+    /// Of some paths, if there are any.
+    fn of(numbers: &[f64]) -> Option<Self> {
+        let [least, most] = extremes(numbers.iter().copied())?;
+        Some(Self { median: median(numbers)?, least, most })
     }
 
     /// The median and what lies about it, in some unit.
-    fn text(&self, factor: f64, digits: usize, unit: &str) -> String {
+    fn text(self, factor: f64, digits: usize, unit: &str) -> String {
         let [median, least, most] = [self.median, self.least, self.most].map(|n| n * factor);
         format!("{median:.digits$} {unit} ({least:.digits$} to {most:.digits$})")
     }
 }
 
 impl Answers {
-    /// Rows of a table: what, and how much.
+    /// Rows of a table: what, and how much; only those of which there is something to tell.
     pub(super) fn rows(&self) -> Vec<(String, String)> {
-        let mut rows =
-            vec![("handing out the springs".to_owned(), self.outlook_ms.text(1.0, 2, "ms"))];
+        let mut rows = Vec::new();
+        let mut row = |name: String, extent: Option<Extent>, (factor, digits, unit)| {
+            rows.extend(extent.map(|extent| (name, extent.text(factor, digits, unit))));
+        };
+        row("handing out the springs".to_owned(), self.outlook_ms, (1.0, 2, "ms"));
         for (kind, asked) in [("a whole touch", &self.whole), ("a push", &self.push)] {
-            let of = |what: &str| format!("{what} about {kind}");
-            rows.extend([
-                (of("answer"), asked.thinned_ms.text(1.0, 1, "ms")),
-                (of("exact answer"), asked.exact_ms.text(1.0, 0, "ms")),
-                ("  torque off from that by".to_owned(), asked.torque_off.text(100.0, 1, "%")),
-                ("  its std off by".to_owned(), asked.std_off.text(100.0, 0, "%")),
-            ]);
+            row(format!("answer about {kind}"), asked.thinned_ms, (1.0, 1, "ms"));
+            row(format!("exact answer about {kind}"), asked.exact_ms, (1.0, 0, "ms"));
+            row("  torque off from that by".to_owned(), asked.torque_off, (100.0, 1, "%"));
+            row("  its std off by".to_owned(), asked.std_off, (100.0, 0, "%"));
         }
         rows
     }
@@ -223,9 +212,11 @@ impl Answers {
     /// What was asked, and how.
     pub(super) fn heading(&self) -> String {
         format!(
-            "Answers about paths of {} points, {} about each of {} touches and {} pushes, on all \
-             threads:\nmedians over paths, the least and the most.",
-            self.points, self.times, self.whole.paths, self.push.paths
+            "Answers about paths of {} points: {} whole touches that touch anything, and their {} \
+             pushes,\n{} times each, with handing out the springs; exact ones once. Told are \
+             medians over paths, the\nleast and the most; off by where the exact torque has at \
+             least {FELT_N_M} N·m.",
+            self.points, self.whole.paths, self.push.paths, self.times
         )
     }
 }

@@ -55,7 +55,7 @@ pub(super) struct Link {
     /// How far, at most, a point near the link has moved in its frame since the first waypoint, by
     /// waypoint, m.
     travel_m: Vec<f64>,
-    /// The first waypoint where it has moved so many [`Link::mark_m`].
+    /// Where to look that up: see [`marks`].
     marks: Vec<u32>,
     mark_m: f64,
     /// Blocks of waypoints; the last is filled up with some that are far away from everything.
@@ -218,9 +218,7 @@ impl Link {
     /// distance.
     pub(super) fn after(&self, at: usize, free_m: f64) -> Option<usize> {
         let due_m = self.travel_m[at] + free_m / LIPSCHITZ;
-        let mark = *self.marks.get((due_m / self.mark_m) as usize)? as usize;
-        let later = self.travel_m.get(mark.max(at + 1)..)?;
-        later.iter().position(|travel_m| *travel_m >= due_m).map(|n| mark.max(at + 1) + n)
+        first_due(&self.travel_m, (&self.marks, self.mark_m), at + 1, due_m)
     }
 
     /// The first waypoint from another on where a point may be within reach, by the link's box, if
@@ -256,8 +254,25 @@ impl Link {
 /// By how many marks a link's way is divided for each waypoint.
 const MARKS: usize = 4;
 
-/// Where a link has moved how far, in equal steps, and the step: after each, the next waypoints are
-/// few.
+/// The first waypoint from one on where a link has moved so far, by its marks.
+fn first_due(
+    travel_m: &[f64],
+    (marks, mark_m): (&[u32], f64),
+    from: usize,
+    due_m: f64,
+) -> Option<usize> {
+    let mark = (due_m / mark_m) as usize;
+    if mark >= marks.len() {
+        return None;
+    }
+    // The quotient may be rounded up to a mark that lies beyond; the one before does not.
+    let from = from.max(marks[mark.saturating_sub(1)] as usize);
+    let later = travel_m.get(from..)?;
+    later.iter().position(|travel_m| *travel_m >= due_m).map(|n| from + n)
+}
+
+/// The first waypoint, by mark, where a link has moved so many steps of a length, and the length:
+/// from one mark to the next, waypoints are few.
 fn marks(travel_m: &[f64]) -> (Vec<u32>, f64) {
     let n = MARKS * travel_m.len();
     let mark_m = (travel_m[travel_m.len() - 1] / n as f64).max(f64::MIN_POSITIVE);
@@ -289,5 +304,37 @@ impl Start {
     pub(super) fn held(&self, cell: CellId) -> Option<(usize, Touched)> {
         let &(link, number) = self.held.get(&cell)?;
         Some((link, self.grip.touched[link][number].clone()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn by_marks_the_same_waypoint_is_due_as_by_searching_all() {
+        let sums = |steps: Vec<f64>| {
+            let sums = steps.iter().scan(0.0, |sum, step| {
+                *sum += step;
+                Some(*sum)
+            });
+            std::iter::once(0.0).chain(sums).collect::<Vec<f64>>()
+        };
+        let uneven = (0..150).map(|n| f64::from(n * n % 23) * 3e-4).collect();
+        let stands = (0..90).map(|n| if n / 10 % 2 == 0 { 0.0 } else { 0.007 }).collect();
+        let ways = [vec![], vec![0.0; 5], vec![0.0125; 80], vec![0.003; 77], uneven, stands];
+        for travel_m in ways.map(sums) {
+            let (marks, mark_m) = marks(&travel_m);
+            let total_m = travel_m[travel_m.len() - 1];
+            let exact = travel_m.iter().flat_map(|m| [*m, m.next_up(), m.next_down()]);
+            let steady = (0..400).map(|n| f64::from(n) * total_m / 300.0 - 0.01);
+            for due_m in exact.chain(steady).chain([f64::INFINITY]) {
+                for from in 0..=travel_m.len() {
+                    let due = from + travel_m[from..].partition_point(|m| *m < due_m);
+                    let due = (due < travel_m.len()).then_some(due);
+                    assert_eq!(first_due(&travel_m, (&marks, mark_m), from, due_m), due, "{due_m}");
+                }
+            }
+        }
     }
 }

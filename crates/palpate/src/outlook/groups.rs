@@ -6,10 +6,12 @@
 //! more to an answer than any other. A cell weighs what it may add to the torque and to its
 //! variance, each against the mean.
 
+use std::sync::LazyLock;
+
 use nalgebra::Vector3;
 
 use super::springs::Spring;
-use crate::field::CellEstimate;
+use crate::estimator::CellEstimate;
 use crate::lattice::{BRICK_CELLS, Bricks};
 
 /// The largest block has 2 to the power of this many cells; half of it, of one less.
@@ -33,10 +35,14 @@ pub(super) struct Groups {
     /// What a cell weighs by its stiffness (N/m) and by its variance ((N/m)²).
     per_stiffness: f64,
     per_variance: f64,
-    /// The number inside its brick, and the place there, of every cell that comes block by block.
-    inside: [usize; BRICK_CELLS],
-    places: [Vector3<f64>; BRICK_CELLS],
 }
+
+/// The number inside its brick of every cell that comes block by block.
+static INSIDE: LazyLock<[usize; BRICK_CELLS]> = LazyLock::new(|| std::array::from_fn(inside));
+
+/// The place of every such cell in its brick.
+static PLACES: LazyLock<[Vector3<f64>; BRICK_CELLS]> =
+    LazyLock::new(|| std::array::from_fn(|n| place(n).map(|n| n as f64).into()));
 
 impl Groups {
     /// Groups none of which weighs more than `most` cells of the mean of these, unless it is a
@@ -48,13 +54,7 @@ impl Groups {
             variance += cell.std_n_per_m.powi(2);
         }
         let per = |sum: f64| if sum > 0.0 { cells.len() as f64 / sum } else { 0.0 };
-        Self {
-            most,
-            per_stiffness: per(stiffness),
-            per_variance: per(variance),
-            inside: std::array::from_fn(inside),
-            places: std::array::from_fn(|n| place(n).map(|n| n as f64).into()),
-        }
+        Self { most, per_stiffness: per(stiffness), per_variance: per(variance) }
     }
 
     /// Lists the spring that stands for each group of the cells of a brick, with its number there;
@@ -67,15 +67,15 @@ impl Groups {
         mut list: impl FnMut((usize, Spring)),
     ) {
         let (mut cells, mut weight_up_to) = (Vec::with_capacity(BRICK_CELLS), 0.0);
-        for (number, &inside) in self.inside.iter().enumerate() {
+        for (number, &inside) in INSIDE.iter().enumerate() {
             let Some(spring) = known(inside) else { continue };
             let by_stiffness = spring.stiffness_n_per_m * self.per_stiffness;
             weight_up_to += (by_stiffness + spring.variance * self.per_variance) / 2.0;
             cells.push(Known { number, spring, weight_up_to });
         }
         divide(&cells, self.most, &mut |group| {
-            let (number, spring) = leader(group, &self.places);
-            list((self.inside[number], spring));
+            let (number, spring) = leader(group);
+            list((INSIDE[number], spring));
         });
     }
 }
@@ -123,7 +123,7 @@ fn halve(
 
 /// The spring that stands for a group, and the number of its cell: the nearest to the middle of
 /// their stiffness.
-fn leader(group: &[Known], places: &[Vector3<f64>; BRICK_CELLS]) -> (usize, Spring) {
+fn leader(group: &[Known]) -> (usize, Spring) {
     if let [single] = group {
         return (single.number, single.spring);
     }
@@ -131,13 +131,13 @@ fn leader(group: &[Known], places: &[Vector3<f64>; BRICK_CELLS]) -> (usize, Spri
     let (mut stiffness_n_per_m, mut variance) = (0.0, 0.0);
     for Known { number, spring, .. } in group {
         let weight = spring.stiffness_n_per_m + f64::MIN_POSITIVE; // all may be 0
-        middle += places[*number] * weight;
+        middle += PLACES[*number] * weight;
         sum += weight;
         stiffness_n_per_m += spring.stiffness_n_per_m;
         variance += spring.variance;
     }
     middle /= sum;
-    let away = |cell: &Known| (places[cell.number] - middle).norm_squared();
+    let away = |cell: &Known| (PLACES[cell.number] - middle).norm_squared();
     let nearest = group.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
     let &Known { number, spring, .. } = nearest.expect("a group is never empty");
     let stands_for = group.len() as f64;

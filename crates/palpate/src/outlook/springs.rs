@@ -5,9 +5,10 @@
 //! followed. The mapper only copies what it knows; what is near a path is sorted out by whoever
 //! asks.
 
+use std::sync::OnceLock;
+
 use super::groups::Groups;
-use crate::estimator::Estimator;
-use crate::field::CellEstimate;
+use crate::estimator::{CellEstimate, Estimator};
 use crate::lattice::{BRICK_CELLS, BRICK_EDGE, Bricks, CellRows, Lattice, RowsOfBricks};
 
 /// A spring.
@@ -34,8 +35,10 @@ pub(crate) struct Springs {
     rows: RowsOfBricks,
     /// What is known of cells, by row.
     known: Vec<CellEstimate>,
-    /// How these are grouped, if few springs are to stand for many.
-    groups: Option<Groups>,
+    /// Above 1, springs stand for neighbours of which none weighs more than so many of the mean.
+    one_in: f64,
+    /// How they then are grouped, once somebody asks.
+    groups: OnceLock<Groups>,
     /// What stands for cells without a row, and edge of the blocks for each of which it does.
     other: Spring,
     edge: u32,
@@ -68,7 +71,7 @@ impl Springs {
     /// The springs of an estimator's cells as it knows them now; above 1, each stands for
     /// neighbours, of which none weighs more than `one_in` of the mean.
     ///
-    /// Cost: a copy, some 3 ns a cell. Groups are formed when a brick is asked for.
+    /// Cost: a copy, 3 to 5 ns a cell. Groups are formed when a brick is asked for.
     pub(crate) fn new(rows: &CellRows, estimator: &dyn Estimator, one_in: f64) -> Self {
         let (known, other) = (estimator.estimates(rows.len()), estimator.estimate(usize::MAX));
         Self::of(rows, known, other, one_in)
@@ -81,11 +84,10 @@ impl Springs {
         other: CellEstimate,
         one_in: f64,
     ) -> Self {
-        let groups = (one_in > 1.0).then(|| Groups::new(&known, one_in));
-        let edge = if groups.is_some() { EDGE } else { 1 };
+        let edge = if one_in > 1.0 { EDGE } else { 1 };
         let other = Spring::from(other).times(f64::from(edge.pow(3)));
         let (lattice, rows) = (rows.lattice().clone(), rows.by_brick().clone());
-        Self { lattice, rows, known, groups, other, edge }
+        Self { lattice, rows, known, one_in, groups: OnceLock::new(), other, edge }
     }
 
     pub(super) fn lattice(&self) -> &Lattice {
@@ -94,7 +96,13 @@ impl Springs {
 
     /// Whether few springs stand for many.
     pub(super) fn are_few(&self) -> bool {
-        self.groups.is_some()
+        self.edge > 1
+    }
+
+    /// How those that are known are grouped, if few stand for many.
+    fn groups(&self) -> Option<&Groups> {
+        let groups = || Groups::new(&self.known, self.one_in);
+        self.are_few().then(|| self.groups.get_or_init(groups))
     }
 
     /// The springs of a brick, by its first place, each with its place in the lattice.
@@ -107,7 +115,7 @@ impl Springs {
         let mut springs = Vec::new();
         if rows.is_some() {
             let mut list = |(inside, spring)| springs.push((place(low, inside), spring));
-            match &self.groups {
+            match self.groups() {
                 Some(groups) => groups.leaders(known, list),
                 None => (0..BRICK_CELLS).for_each(|inside| {
                     known(inside).into_iter().for_each(|spring| list((inside, spring)));
