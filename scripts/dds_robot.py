@@ -163,7 +163,7 @@ class Ears(threading.Thread):
         }
         self.counts = dict.fromkeys(HEARD, 0)
         self.latencies_ms, self.last = [], {}
-        self.limit, self.passed_ns = limit, []
+        self.limit, self.passed_ns = limit, {"predicted": [], "external": []}
         self.going = True
 
     def run(self):
@@ -178,16 +178,15 @@ class Ears(threading.Thread):
     def hear(self, name, message):
         self.counts[name] += 1
         self.last[name] = message
-        if name == "rt/palpate/torque_predicted":
-            stamp = message.header.stamp
-            sent_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        if not name.startswith("rt/palpate/torque_"):
+            return
+        stamp = message.header.stamp
+        sent_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        which = name.rsplit("_", 1)[1]
+        if which == "predicted":
             self.latencies_ms.append((now_ns() - sent_ns) * 1e-6)
-            if self.limit and max(map(abs, message.effort)) > self.limit:
-                self.passed_ns.append(sent_ns)
-        if name == "rt/palpate/torque_external" and self.limit:
-            if max(map(abs, message.effort)) > self.limit:
-                stamp = message.header.stamp
-                self.passed_ns.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
+        if self.limit and max(map(abs, message.effort)) > self.limit:
+            self.passed_ns[which].append(sent_ns)
 
 
 def watch_flag(domain, seen):
@@ -276,9 +275,11 @@ def play(writer, q, tau, rate, seconds, broken):
 
 
 def stop_ms(ears, stops):
-    """From the sample that passed the limit to the flag that followed it."""
+    """From the samples that passed the limit first, by what was predicted and by what was measured, to
+    the flag: it follows whichever is earlier, but a prediction waits for the mapper."""
     ups = [at_ns for at_ns, up in stops if up]
-    return (ups[0] - min(ears.passed_ns)) * 1e-6 if ups and ears.passed_ns else None
+    passed = {which: min(ns) for which, ns in ears.passed_ns.items() if ns}
+    return {which: (ups[0] - ns) * 1e-6 for which, ns in passed.items()} if ups else None
 
 
 def main():
