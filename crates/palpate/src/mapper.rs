@@ -352,7 +352,7 @@ impl Mapper {
     /// must come fast; with 1 or less, or NaN, one with all.
     ///
     /// No block weighs more than `one_in` springs of the mean, by stiffness and by uncertainty.
-    /// Most weigh less: at 16, one spring in ten is left.
+    /// Most weigh less: at 24, one spring in 11 to 15 is left.
     ///
     /// Of the cells of which the field knows nothing, one in every block of 4³ is kept. Torques are
     /// then off by some percent, see [`crate::outlook::ONE_IN`], and counts of contacts are

@@ -204,6 +204,13 @@ fn a_coarse_look_stops_at_both_ends_and_where_the_arm_turns_round() {
 }
 
 #[test]
+fn the_arm_stops_where_it_turns_round_soon_after_a_stop() {
+    let path = [0.0, 2.5, 5.0, 7.5, 10.0, 10.5, 10.0, 8.0].map(|mm| vec![mm / 1e3, 0.0, 0.0]);
+    let answer = learnt().outlook().ask(&path, &outlook::Config::default()).unwrap();
+    assert_eq!(answer.stops, 4, "at 0, at a cell, where it turns round and at the end");
+}
+
+#[test]
 fn a_coarse_look_is_close_to_one_at_every_point() {
     let (mapper, path) = (learnt(), push(0.01, 200));
     let outlook = mapper.outlook();

@@ -85,10 +85,11 @@ impl<'a> Crowd<'a> {
         Self { passage, points, meetings, next, held, due }
     }
 
-    /// Adds a point, at its place in the lattice, of a brick.
-    pub(crate) fn add(&mut self, near: &Near, place: [u32; 3]) {
+    /// Adds a point of a brick, at a place in the lattice or somewhat aside of it, m. What is held at
+    /// the first waypoint is held where its cell is.
+    pub(crate) fn add(&mut self, near: &Near, place: [u32; 3], aside_m: &Vector3<f64>) {
         let lattice = &self.passage.lattice;
-        let (cell, rest) = (lattice.cell(place), lattice.point_at(place));
+        let (cell, mut rest) = (lattice.cell(place), lattice.point_at(place) + aside_m);
         let (point, meetings) = (self.points.len(), self.meetings.len());
         let mut is_free = true;
         if let Some(start) = &self.passage.start {
@@ -97,7 +98,7 @@ impl<'a> Crowd<'a> {
                 let held = &mut self.held[link.expect("a link that holds a point has a surface")];
                 held.touched.push(touched);
                 held.points.push(point);
-                is_free = false;
+                (rest, is_free) = (lattice.point_at(place), false);
             } else if start.grip.taken.contains(place) {
                 is_free = false; // known to be empty space
             }
@@ -304,7 +305,7 @@ mod tests {
                 let inside = [at % n, at / n % n, at / (n * n)];
                 let place = [0, 1, 2].map(|axis| near.low[axis] + inside[axis]);
                 if lattice.holds(place) && lattice.cell(place).0 % 3 == 0 {
-                    crowd.add(&near, place);
+                    crowd.add(&near, place, &Vector3::zeros());
                     cells.push(lattice.cell(place));
                 }
             }
@@ -381,7 +382,7 @@ mod tests {
         let grip = Some(Arc::new(simulator.grip()));
         let passage = Passage::new(lattice, surfaces, config, false, grip, &waypoints[49..]);
         let (mut crowd, bricks) = (Crowd::new(&passage), passage.bricks());
-        (0..4).for_each(|i| crowd.add(&bricks[0], [i, 0, 0]));
+        (0..4).for_each(|i| crowd.add(&bricks[0], [i, 0, 0], &Vector3::zeros()));
         let mut met = 0;
         crowd.follow(&[None, None, Some(0)], |_, _, displaced| {
             assert!(displaced.displacement_m.x > 0.3);

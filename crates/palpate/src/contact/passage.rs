@@ -70,7 +70,7 @@ pub(super) struct Link {
 }
 
 /// Waypoints of a link that are looked at together.
-const LANES: usize = 8;
+const LANES: usize = 4;
 
 /// Where a link's box is at some waypoints: of each of its axes x, y, z in the world, and minus the
 /// middle of the box along it, counted from [`Link::origin`], m.

@@ -6,7 +6,7 @@ use crate::robot::Poses;
 
 /// The share of a resolution that the arm must go back for its farthest point to be a stop; less
 /// may be a sensor's noise.
-const TURNS_ROUND: f64 = 0.1;
+const TURNS_ROUND: f64 = 0.03;
 
 /// Says whether paths are fit to be followed, and where the arm stops on them; knows no field.
 #[derive(Debug, Clone)]

@@ -1,10 +1,10 @@
 //! Which springs of a field stand for which others where an answer must come fast.
 //!
-//! Neighbours are displaced alike, so one of them, with the stiffness of all, pushes nearly as they
-//! do together. Groups are blocks of 4³ cells, or half of one, or half of that, down to single
-//! cells: a block is halved as long as it *weighs* more than a bound, so that no spring adds much
-//! more to an answer than any other. A cell weighs what it may add to the torque and to its
-//! variance, each against the mean.
+//! How far neighbours are displaced changes evenly from one to the next. So a single spring with the
+//! stiffness of all, which rests in the middle of it, pushes nearly as they do together. Groups are
+//! blocks of 4³ cells, or half of one, or half of that, down to single cells: a block is halved as
+//! long as it *weighs* more than a bound, so that no spring adds much more to an answer than any
+//! other. A cell weighs what it may add to the torque and to its variance, each against the mean.
 
 use std::sync::LazyLock;
 
@@ -121,8 +121,8 @@ fn halve(
     last.weight_up_to
 }
 
-/// The spring that stands for a group, and the number of its cell: the nearest to the middle of
-/// their stiffness.
+/// The spring that stands for a group, in the middle of their stiffness, and the number of the cell
+/// nearest to that.
 fn leader(group: &[Known]) -> (usize, Spring) {
     if let [single] = group {
         return (single.number, single.spring);
@@ -140,8 +140,8 @@ fn leader(group: &[Known]) -> (usize, Spring) {
     let away = |cell: &Known| (PLACES[cell.number] - middle).norm_squared();
     let nearest = group.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
     let &Known { number, spring, .. } = nearest.expect("a group is never empty");
-    let stands_for = group.len() as f64;
-    (number, Spring { stiffness_n_per_m, variance, stands_for, ..spring })
+    let (stands_for, aside) = (group.len() as f64, middle - PLACES[number]);
+    (number, Spring { stiffness_n_per_m, variance, stands_for, aside, ..spring })
 }
 
 #[cfg(test)]
@@ -216,5 +216,25 @@ mod tests {
         let springs = few(stiffness, |_| 0.0, 1e9);
         let (_, spring) = springs.iter().find(|(place, _)| *place == [3, 2, 1]).unwrap();
         assert_eq!((spring.stiffness_n_per_m, spring.stands_for), (9.0, 64.0));
+        assert_eq!(spring.aside, Vector3::zeros());
+    }
+
+    #[test]
+    fn springs_push_in_the_middle_of_what_they_stand_for() {
+        // Displacements that change evenly are felt as all cells feel them.
+        let stiffness = |[i, j, k]: [u32; 3]| f64::from(1 + i * 7 % 5 + j * k);
+        let displacement = |at: Vector3<f64>| 0.3 + at.dot(&Vector3::new(0.02, -0.05, 0.07));
+        let at = |place: [u32; 3]| Vector3::from(place.map(f64::from));
+        let cells =
+            rows().cells().iter().map(|cell| rows().lattice().place(*cell)).collect::<Vec<_>>();
+        let all: f64 = cells.iter().map(|place| stiffness(*place) * displacement(at(*place))).sum();
+        for most in [2.0, 5.0, 30.0, 1e9] {
+            let springs = few(stiffness, |_| 1.0, most);
+            let pushes = springs.iter().map(|(place, spring)| {
+                assert!(spring.aside.amax() <= 0.5 + 1e-9, "the leader is the nearest");
+                spring.stiffness_n_per_m * displacement(at(*place) + spring.aside)
+            });
+            assert!((pushes.sum::<f64>() - all).abs() < 1e-9 * all);
+        }
     }
 }

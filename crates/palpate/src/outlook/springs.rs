@@ -7,6 +7,8 @@
 
 use std::sync::OnceLock;
 
+use nalgebra::Vector3;
+
 use super::groups::Groups;
 use crate::estimator::{CellEstimate, Estimator};
 use crate::lattice::{BRICK_CELLS, BRICK_EDGE, Bricks, CellRows, Lattice, RowsOfBricks};
@@ -22,6 +24,8 @@ pub(super) struct Spring {
     pub(super) stands_for: f64,
     /// Whether its cell was touched when the field was learnt.
     pub(super) is_known: bool,
+    /// Where it rests, from the point of its cell, in cells.
+    pub(super) aside: Vector3<f64>,
 }
 
 /// Edge of a block in which one cell stands for all of which the field knows nothing, where few
@@ -51,6 +55,7 @@ impl From<CellEstimate> for Spring {
             variance: cell.std_n_per_m.powi(2),
             stands_for: 1.0,
             is_known: cell.count > 0,
+            aside: Vector3::zeros(),
         }
     }
 }
