@@ -1,14 +1,15 @@
 """How long a Python process waits for the torque of a path, beside a running `palpate live --ask SOCKET`.
 
-    ask_paths.py SOCKET SET [--points N] [--times N] [--pause S] [--exact]
+    ask_paths.py SOCKET SET [--points N] [--times N] [--pause S] [--exact] [--f64]
 
 Asks about every touch of a set, as a whole and about its push alone (from the last point without
 contact to the largest torque, by the answer about the whole), each resampled to so many points. Prints
 one JSON object: milliseconds from having the path as lists to having the answer as lists, JSON both
-ways included.
+ways included; with `--f64` from arrays to arrays, as base64.
 """
 
 import argparse
+import base64
 import json
 import socket
 import time
@@ -28,12 +29,17 @@ def push_of(path, answer):
     return path[max(first - 1, 0) : int(np.argmax(np.linalg.norm(answer["torque"], axis=1))) + 1]
 
 
-def ask(lines, question):
-    """The answer to a question, and how long it took, ms."""
+def ask(lines, path, more, f64):
+    """The answer about a path, and how long it took, ms."""
+    path = np.array(path) if f64 else path
     begun = time.perf_counter()
-    lines.write(json.dumps(question) + "\n")
+    written = {"path_f64": base64.b64encode(path.astype("<f8")).decode()} if f64 else {"path": path}
+    lines.write(json.dumps(written | more) + "\n")
     lines.flush()
     answer = json.loads(lines.readline())
+    for name in ("torque", "torque_std") if f64 else ():
+        numbers = np.frombuffer(base64.b64decode(answer.get(f"{name}_f64", "")), "<f8")
+        answer[name] = numbers.reshape(-1, path.shape[1])
     took_ms = (time.perf_counter() - begun) * 1e3
     if "error" in answer:
         raise SystemExit(answer["error"])
@@ -51,6 +57,7 @@ def main():
     parser.add_argument("--points", type=int, default=200)
     parser.add_argument("--times", type=int, default=9, help="questions about each path")
     parser.add_argument("--pause", type=float, default=0.1, help="between two questions, s")
+    parser.add_argument("--f64", action="store_true", help="numbers as base64, not as lists")
     parser.add_argument("--exact", action="store_true", help="every spring at every point")
     args = parser.parse_args()
 
@@ -67,7 +74,7 @@ def main():
             path = resample(path, args.points)
             for _ in range(args.times):
                 time.sleep(args.pause)
-                answer, took_ms = ask(lines, {"path": path} | more)
+                answer, took_ms = ask(lines, path, more, args.f64)
                 waited_ms[name].append(took_ms)
                 answered_ms[name].append(answer["ms"])
             path = push_of(path, answer)

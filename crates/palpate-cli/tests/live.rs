@@ -15,6 +15,8 @@ use std::sync::atomic::{AtomicU16, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
 use common::{palpate, refuse, succeed};
 use serde_json::Value;
 
@@ -245,6 +247,11 @@ fn whoever_asks_is_answered_while_it_maps() {
     let stds: Vec<f64> =
         answer["torque_std"][49].as_array().unwrap().iter().map(|s| s.as_f64().unwrap()).collect();
     assert!(stds.iter().all(|&std| std >= 0.0) && stds.iter().any(|&std| std > 0.0), "{stds:?}");
+    let bytes: Vec<u8> = path.concat().iter().flat_map(|q| q.to_le_bytes()).collect();
+    let path_f64 = BASE64_STANDARD.encode(bytes);
+    let answer = ask(format!("{}\n", serde_json::json!({ "path_f64": path_f64 })));
+    let bytes = BASE64_STANDARD.decode(answer["torque_f64"].as_str().unwrap()).unwrap();
+    assert_eq!((bytes.len(), answer["contacts"].as_array().unwrap().len()), (50 * 7 * 8, 50));
     assert!(
         ask("{\"path\": [[1, 2]]}\n".to_owned())["error"].as_str().unwrap().contains("point 0")
     );

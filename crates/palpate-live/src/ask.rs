@@ -1,10 +1,15 @@
 //! Questions while the robot moves, over a Unix socket: a line of JSON each way.
 //!
-//! | a line with       | is answered with                                                          |
-//! |-------------------|---------------------------------------------------------------------------|
+//! | a line with         | is answered with                                                          |
+//! |---------------------|---------------------------------------------------------------------------|
 //! | `{"path": [[q…]…]}` | `torque`, `torque_std` (N × n_joints, N·m, to a millionth), `contacts`, `known` (N), `goes_on`, `ms` |
-//! | `{"tare": true}`  | `{"taring": true}`                                                        |
-//! | anything else     | `{"error": …}`, and the next line is read                                  |
+//! | `{"path_f64": "…"}` | the same, with `torque_f64` and `torque_std_f64`                          |
+//! | `{"tare": true}`    | `{"taring": true}`                                                        |
+//! | anything else       | `{"error": …}`, and the next line is read                                 |
+//!
+//! What ends in `_f64` are the bytes of the numbers as base64: float64, little-endian, point by
+//! point. For 200 points of 7 joints that saves Python two milliseconds of reading and writing
+//! numbers.
 //!
 //! A path is joint positions (N × n_joints, rad or m) in the order of the URDF, from where the arm
 //! is or from a place free of contact ([`palpate::outlook`]). `"exact": true` beside it looks at
@@ -23,6 +28,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use nalgebra::DVector;
 use palpate::outlook::{self, Outlook, PathChecker, PathPoint};
@@ -54,21 +61,97 @@ pub(crate) enum Request {
 #[serde(deny_unknown_fields)]
 struct Question {
     path: Option<Vec<Vec<f64>>>,
+    path_f64: Option<String>,
     #[serde(default)]
     exact: bool,
     #[serde(default)]
     tare: bool,
 }
 
+/// How a path is written, and its torques are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Form {
+    /// A list of numbers a point.
+    Lists,
+    /// The numbers' bytes as base64.
+    F64,
+}
+
 /// What is answered about a path.
 #[derive(Debug, Serialize)]
 struct PathAnswer {
-    torque: Vec<Vec<f64>>,
-    torque_std: Vec<Vec<f64>>,
+    #[serde(flatten)]
+    torques: Torques,
     contacts: Vec<usize>,
     known: Vec<usize>,
     goes_on: bool,
     ms: f64,
+}
+
+/// Torques and their standard deviations, as the path was written.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Torques {
+    Lists { torque: Vec<Vec<f64>>, torque_std: Vec<Vec<f64>> },
+    F64 { torque_f64: String, torque_std_f64: String },
+}
+
+impl Question {
+    /// The path that is asked about, and how it is written.
+    fn path(&mut self, n_joints: usize) -> Result<(Vec<Vec<f64>>, Form), String> {
+        match (self.path.take(), self.path_f64.take()) {
+            (Some(path), None) => Ok((path, Form::Lists)),
+            (None, Some(base64)) => Ok((path_from(&base64, n_joints)?, Form::F64)),
+            (None, None) => Err("neither a path nor a tare is asked for".to_owned()),
+            (Some(_), Some(_)) => Err("both `path` and `path_f64`; ask about one".to_owned()),
+        }
+    }
+}
+
+/// The points of a path whose bytes are given as base64.
+fn path_from(base64: &str, n_joints: usize) -> Result<Vec<Vec<f64>>, String> {
+    const WANTED: &str = "wanted the path as float64, little-endian, point by point";
+    let bytes = BASE64_STANDARD.decode(base64);
+    let bytes = bytes.map_err(|error| format!("`path_f64` is no base64 ({error}); {WANTED}"))?;
+    let (numbers, rest) = bytes.as_chunks::<8>();
+    if !rest.is_empty() || !numbers.len().is_multiple_of(n_joints) {
+        return Err(format!(
+            "`path_f64` has {} bytes, no multiple of the {} of a point of {n_joints} joints; {WANTED}",
+            bytes.len(),
+            8 * n_joints
+        ));
+    }
+    let point =
+        |point: &[[u8; 8]]| point.iter().map(|number| f64::from_le_bytes(*number)).collect();
+    Ok(numbers.chunks_exact(n_joints).map(point).collect())
+}
+
+impl Torques {
+    /// Of the points of an answer.
+    fn of(points: &[PathPoint], form: Form) -> Self {
+        match form {
+            Form::Lists => {
+                let rows = |torques: fn(&PathPoint) -> &DVector<f64>| {
+                    let row = |point| torques(point).iter().copied().map(to_a_millionth).collect();
+                    points.iter().map(row).collect()
+                };
+                let [torque, torque_std] =
+                    [rows(|point| &point.torque), rows(|point| &point.torque_std)];
+                Self::Lists { torque, torque_std }
+            }
+            Form::F64 => {
+                let bytes = |torques: fn(&PathPoint) -> &DVector<f64>| {
+                    let numbers = points.iter().flat_map(|point| torques(point).iter());
+                    BASE64_STANDARD
+                        .encode(numbers.flat_map(|n| n.to_le_bytes()).collect::<Vec<_>>())
+                };
+                Self::F64 {
+                    torque_f64: bytes(|point| &point.torque),
+                    torque_std_f64: bytes(|point| &point.torque_std),
+                }
+            }
+        }
+    }
 }
 
 /// Who asks, seen from the session.
@@ -205,18 +288,16 @@ fn answer(line: &[u8], desk: &Desk<'_>) -> String {
                  positions of all joints at every point, or {{\"tare\": true}}"
             )
         })
-        .and_then(|question| match question {
-            Question { tare: true, .. } => {
+        .and_then(|mut question: Question| {
+            if question.tare {
                 desk.mapper.send(Request::Tare).map_err(|_| GONE.to_owned())?;
-                Ok(json!({ "taring": true }).to_string())
+                return Ok(json!({ "taring": true }).to_string());
             }
-            Question { path: Some(path), exact, .. } => {
-                desk.answering.fetch_add(1, Ordering::Relaxed);
-                let answer = torque_of(&path, exact, desk, started);
-                desk.answering.fetch_sub(1, Ordering::Relaxed);
-                answer
-            }
-            _ => Err("neither a path nor a tare is asked for".to_owned()),
+            let (path, form) = question.path(desk.checker.n_joints())?;
+            desk.answering.fetch_add(1, Ordering::Relaxed);
+            let answer = torque_of(&path, question.exact, form, desk, started);
+            desk.answering.fetch_sub(1, Ordering::Relaxed);
+            answer
         });
     answered.unwrap_or_else(|error: String| json!({ "error": error }).to_string())
 }
@@ -228,6 +309,7 @@ const GONE: &str = "the mapper has stopped";
 fn torque_of(
     path: &[Vec<f64>],
     exact: bool,
+    form: Form,
     desk: &Desk<'_>,
     started: Instant,
 ) -> Result<String, String> {
@@ -245,13 +327,8 @@ fn torque_of(
         .recv_timeout(PATIENCE)
         .map_err(|_| "the mapper has no time for an answer now; ask again".to_owned())?;
     let answer = outlook.answer(&path).map_err(|error| error.to_string())?;
-    let rows = |torques: &dyn Fn(&PathPoint) -> &DVector<f64>| {
-        let row = |point| torques(point).iter().copied().map(to_a_millionth).collect();
-        answer.points.iter().map(row).collect()
-    };
     let told = PathAnswer {
-        torque: rows(&|point| &point.torque),
-        torque_std: rows(&|point| &point.torque_std),
+        torques: Torques::of(&answer.points, form),
         contacts: answer.points.iter().map(|point| point.contacts).collect(),
         known: answer.points.iter().map(|point| point.known).collect(),
         goes_on: answer.goes_on,
@@ -329,6 +406,11 @@ mod tests {
                 ("{\"way\": []}\n", "unknown field `way`"),
                 ("{}\n", "neither a path nor a tare"),
                 ("\u{0}\u{1}\n", "wanted a line of JSON"),
+                ("{\"path\": [[1]], \"path_f64\": \"\"}\n", "ask about one"),
+                ("{\"path_f64\": \"{}\"}\n", "is no base64"),
+                ("{\"path_f64\": \"AAAA\"}\n", "has 3 bytes, no multiple of the 8 of a point"),
+                ("{\"path_f64\": \"\"}\n", "the path has no points"),
+                ("{\"path_f64\": \"AAAAAAAA+H8=\"}\n", "point 0 of the path"), // NaN
             ] {
                 let answer = ask(&mut stream, line);
                 let told = answer["error"].as_str().unwrap_or_default();
@@ -337,6 +419,36 @@ mod tests {
             assert_eq!(ask(&mut stream, "{\"tare\": true}\n"), json!({ "taring": true }));
         });
         assert_eq!(tares, 1);
+    }
+
+    #[test]
+    fn lists_and_bytes_say_the_same() {
+        let path = vec![vec![0.1, -1e-300, 3.0], vec![f64::MAX, 0.25, -7.5]];
+        let bytes: Vec<u8> = path.concat().iter().flat_map(|number| number.to_le_bytes()).collect();
+        assert_eq!(path_from(&BASE64_STANDARD.encode(bytes), 3).unwrap(), path);
+        let points: Vec<PathPoint> = (0..5)
+            .map(|n| PathPoint {
+                torque: DVector::from_vec(vec![f64::from(n) / 3.0, -40.0]),
+                torque_std: DVector::from_vec(vec![0.0, 1e-7 + f64::from(n)]),
+                contacts: 1,
+                known: 1,
+            })
+            .collect();
+        let [lists, bytes] = [Form::Lists, Form::F64]
+            .map(|form| serde_json::to_value(Torques::of(&points, form)).unwrap());
+        for name in ["torque", "torque_std"] {
+            let of = |point: &PathPoint| match name {
+                "torque" => point.torque.as_slice().to_vec(),
+                _ => point.torque_std.as_slice().to_vec(),
+            };
+            let wanted: Vec<Vec<f64>> = points.iter().map(of).collect();
+            let base64 = bytes[format!("{name}_f64")].as_str().unwrap();
+            assert_eq!(path_from(base64, 2).unwrap(), wanted);
+            let rows: Vec<Vec<f64>> = serde_json::from_value(lists[name].clone()).unwrap();
+            assert_eq!(rows.len(), wanted.len());
+            let off = rows.concat().into_iter().zip(wanted.concat()).map(|(a, b)| (a - b).abs());
+            assert!(off.fold(0.0, f64::max) < 5.1e-7);
+        }
     }
 
     #[test]

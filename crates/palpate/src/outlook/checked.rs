@@ -34,6 +34,11 @@ impl PathChecker {
         Self { stride, spacing_m }
     }
 
+    /// Positions that a point of a path has.
+    pub fn n_joints(&self) -> usize {
+        self.stride.robot().n_joints()
+    }
+
     pub(super) fn stride(&self) -> &Stride {
         &self.stride
     }
