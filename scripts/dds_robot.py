@@ -194,10 +194,15 @@ def watch_flag(domain, seen):
     (when, whether to stop), time in ns."""
     participant = DomainParticipant(domain)
     reader = DataReader(participant, Topic(participant, "rt/palpate/stop", Bool), RELIABLE)
-    robot = multiprocessing.parent_process()
-    while robot.is_alive():  # one that is killed takes nobody with it
-        for message in reader.take_iter(timeout=duration(seconds=1)):
-            seen.put((now_ns(), message.data))
+    threading.Thread(target=end_with_parent, daemon=True).start()
+    for message in reader.take_iter(timeout=duration(seconds=3600)):
+        seen.put((now_ns(), message.data))
+
+
+def end_with_parent():
+    """A process that is killed takes nobody with it; this one goes when its parent has."""
+    multiprocessing.parent_process().join()
+    os._exit(0)
 
 
 def all_of(queue):
