@@ -5,12 +5,10 @@
 //! 3 / 0.02 = 150 N/m.
 
 use nalgebra::{DVector, Point3, Vector3};
-use palpate::contact::{Contacts, LinkContacts};
-use palpate::estimator::{Estimator, EstimatorConfig, Method, Prior, Source};
-use palpate::lattice::{CellRows, Lattice};
-use palpate::map::MapEstimator;
-use palpate::robot::{LinkId, Robot};
-use palpate::torque::{Observation, lever};
+use palpate::unstable::{
+    CellRows, Estimator, FrameId, LinkContacts, LinkId, MapEstimator, Observation, lever,
+};
+use palpate::{Contacts, EstimatorConfig, EstimatorKind, Lattice, Prior, Robot};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     // The robot is a URDF; its links need no shapes here, since we say ourselves what it touches.
@@ -43,10 +41,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let settings = EstimatorConfig {
         prior: Prior { mean_n_per_m: 0.0, std_n_per_m: 1000.0 },
         torque_std: vec![0.01],
-        ..EstimatorConfig::of(Method::Map)
+        ..EstimatorConfig::of(EstimatorKind::Map)
     };
     let mut map = MapEstimator::new(&settings, rows.lattice().spacing_m(), robot.n_joints())?;
-    map.correct(rows.points_m(), frame, Source { touch: 0, sample: 0 })?;
+    map.correct(rows.points_m(), frame, FrameId { touch: 0, sample: 0 })?;
 
     let row = rows.find(cell).ok_or("the cell was touched")? as usize;
     println!("stiffness   {:.1} ± {:.1} N/m", map.stiffness(row), map.std(row));

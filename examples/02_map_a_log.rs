@@ -6,8 +6,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::estimator::Method;
-use palpate::mapper::{Config, Mapper};
+use palpate::{EstimatorKind, Mapper, MapperConfig};
 use palpate_io::field::{Saved, save};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, load_arm};
@@ -20,7 +19,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     // An arm is a robot with the distance field of each link; the settings are the shipped ones.
     let arm = Arc::new(load_arm("kinova_gen3", &ArmOptions::default())?.arm);
-    let mut mapper = Mapper::new(Arc::clone(&arm), Config::of(Method::Map))?;
+    let mut mapper = Mapper::new(Arc::clone(&arm), MapperConfig::of(EstimatorKind::Map))?;
 
     // One sample in, one report out. The first still frames of a touch are its tare.
     let (mut touches, mut frames) = (0, 0);

@@ -6,10 +6,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::estimator::Method;
-use palpate::field::Predictor;
-use palpate::mapper::{Config, Mapper};
-use palpate::touch::Sample;
+use palpate::{EstimatorKind, Mapper, MapperConfig, Predictor, Sample};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, load_arm};
 use palpate_learn::errors::ErrorSum;
@@ -17,7 +14,7 @@ use palpate_learn::errors::ErrorSum;
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let data = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
     let arm = Arc::new(load_arm("kinova_gen3", &ArmOptions::default())?.arm);
-    let config = Config::of(Method::Map);
+    let config = MapperConfig::of(EstimatorKind::Map);
 
     let mut mapper = Mapper::new(Arc::clone(&arm), config.clone())?;
     for touch in ["seq_002", "seq_008"] {

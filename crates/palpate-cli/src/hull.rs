@@ -4,9 +4,8 @@
 //! spread directions: round enough for the eye, a thousandth of the bytes. Nothing touches by it.
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use palpate::arm::Arm;
-use palpate::robot::RobotError;
-use palpate::sdf::Grid;
+use palpate::unstable::DistanceGrid;
+use palpate::{Arm, RobotError};
 use parry3d_f64::math::Vector as ParryVector;
 use parry3d_f64::transformation::try_convex_hull;
 
@@ -50,7 +49,7 @@ impl Hulls {
 }
 
 /// A link's convex hull; a link thinner than a cell is drawn as its box.
-fn hull(link: &str, surface: &Grid) -> Option<Hull> {
+fn hull(link: &str, surface: &DistanceGrid) -> Option<Hull> {
     let outermost = outermost(&surface.surface_points());
     let hull = try_convex_hull(&outermost).or_else(|_| try_convex_hull(&corners(surface)));
     let (vertices, triangles) = hull.ok()?;
@@ -78,7 +77,7 @@ fn outermost(points: &[Point3<f64>]) -> Vec<ParryVector> {
 }
 
 /// The corners of the box around a link.
-fn corners(surface: &Grid) -> Vec<ParryVector> {
+fn corners(surface: &DistanceGrid) -> Vec<ParryVector> {
     let (low, high) = surface.bounds();
     let of = |corner: usize, axis: usize| [low, high][corner >> axis & 1][axis];
     (0..8).map(|corner| ParryVector::new(of(corner, 0), of(corner, 1), of(corner, 2))).collect()

@@ -5,9 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate::arm::Arm;
-use palpate::estimator::Method;
-use palpate::mapper::{Mapper, StepReport};
+use palpate::{Arm, EstimatorKind, Mapper, StepReport};
 use palpate_io::field::{self, Saved};
 use serde_json::json;
 
@@ -107,7 +105,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
     let touches = Touches::open(&args.logs, &settings.log.options())?;
-    touches.settle(&mut settings.touch, output)?;
+    touches.gravity_of_logs(&mut settings.touch, output)?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
     let (mut mapper, mut pace) = begin(args, &arm, &settings, output)?;
@@ -215,7 +213,7 @@ impl Summary<'_> {
     fn text(&self, elapsed: Duration) -> String {
         let (tally, config) = (self.tally, self.mapper.config());
         let (frames_remembered, bytes) = self.mapper.memory();
-        let estimator = if config.method == Method::Map { "map" } else { "ekf" };
+        let estimator = if config.method == EstimatorKind::Map { "map" } else { "ekf" };
         let row = |name: &str, value: String| format!("  {name:<WIDTH$}  {value}\n");
         let mut rows = vec![
             row("estimator", estimator.to_owned()),

@@ -7,7 +7,7 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use palpate_work::{Bar, Host};
+use palpate_work::{Bar, Progress};
 use serde::Serialize;
 
 use crate::error::CliError;
@@ -80,7 +80,7 @@ impl Output {
     }
 }
 
-impl Host for Output {
+impl Progress for Output {
     fn note(&self, text: &str) {
         Self::note(self, text);
     }

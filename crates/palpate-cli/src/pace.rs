@@ -12,8 +12,7 @@
 
 use std::time::{Duration, Instant};
 
-use palpate::estimator::Method;
-use palpate::mapper::{Config, Mapper, Snapshot, StepReport};
+use palpate::{EstimatorKind, Mapper, MapperConfig, Snapshot, StepReport};
 use serde::{Deserialize, Serialize};
 
 use crate::interrupt;
@@ -52,10 +51,10 @@ impl PaceArgs {
 
     /// The pace asked for, if any; from the settings of the mapper to come, it takes over the
     /// replays.
-    pub(crate) fn take_over(&self, config: &mut Config) -> Option<Pace> {
+    pub(crate) fn take_over(&self, config: &mut MapperConfig) -> Option<Pace> {
         let rate_hz = self.rate?;
         let replays = std::mem::take(&mut config.estimator.replays);
-        let bounded = config.method == Method::Ekf;
+        let bounded = config.method == EstimatorKind::Ekf;
         let tally = Tally::default();
         Some(Pace { rate_hz, replays, bounded, visit_s: 0.0, tally })
     }
@@ -218,7 +217,7 @@ mod tests {
 
     #[test]
     fn only_a_pace_takes_the_replays_over() {
-        let mut config = Config::of(Method::Map);
+        let mut config = MapperConfig::of(EstimatorKind::Map);
         let configured = config.estimator.replays;
         assert!(PaceArgs { rate: None }.take_over(&mut config).is_none());
         assert_eq!(config.estimator.replays, configured);

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use palpate::mapper::Config;
+use palpate::MapperConfig;
 use palpate_learn::tune::Tuned;
 use palpate_work::tune::{Tuning, tuned_settings};
 use serde_json::json;
@@ -59,7 +59,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     places.output("the settings (--output)", Some(&args.output))?;
     interrupt::listen();
     let touches = Touches::open(&args.logs, &settings.log.options())?;
-    touches.settle(&mut settings.touch, output)?;
+    touches.gravity_of_logs(&mut settings.touch, output)?;
     let config = settings.config()?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
@@ -96,7 +96,7 @@ fn toml(tuned: &Tuned, given: &Settings) -> Result<String, CliError> {
 }
 
 /// A row a candidate: what it is, and how it did.
-fn evidence(tuned: &Tuned, given: &Config) -> String {
+fn evidence(tuned: &Tuned, given: &MapperConfig) -> String {
     let text = "Chosen by cross-validation on measured torques of touches not learnt from: mean \
                     relative\nerror after each round, of thinned frames; few folds, more folds, \
                     leave-one-touch-out.\n\n"

@@ -136,7 +136,7 @@ fn answers_about_paths_are_timed_and_held_against_exact_ones() {
         }
         assert!(number(asked, "torque_off.most") < 0.5, "{answers}");
     }
-    assert!(number(answers, "outlook_ms.least") < number(answers, "whole.exact_ms.most"));
+    assert!(number(answers, "handover_ms.least") < number(answers, "whole.exact_ms.most"));
     let nowhere = scene.path("nowhere");
     refuse(bench(&scene, &["log"], &[]).arg("--answers").arg(nowhere), 1, &["nowhere"]);
 }

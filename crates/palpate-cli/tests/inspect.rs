@@ -7,7 +7,7 @@ mod recording;
 use std::fs;
 use std::path::Path;
 
-use palpate::robot::Payload;
+use palpate::Payload;
 use recording::{Maker, Touch, clean, codes, first, inspect, run, write, write_csv};
 use serde_json::Value;
 

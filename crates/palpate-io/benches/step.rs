@@ -11,9 +11,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use palpate::estimator::Method;
-use palpate::mapper::{Config, Mapper};
-use palpate::touch::Sample;
+use palpate::{EstimatorKind, Mapper, MapperConfig, Sample};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, load_arm};
 
@@ -38,9 +36,9 @@ struct Running {
 }
 
 impl Running {
-    fn new(method: Method) -> Self {
+    fn new(method: EstimatorKind) -> Self {
         let arm = load_arm("kinova_gen3", &ArmOptions::default()).unwrap().arm;
-        let mapper = Mapper::new(Arc::new(arm), Config::of(method)).unwrap();
+        let mapper = Mapper::new(Arc::new(arm), MapperConfig::of(method)).unwrap();
         let mut running = Self { mapper, touches: touches(), at: (0, 0), steps: Vec::new() };
         let last = running.touches.len() - 1;
         while running.at.0 < last {
@@ -74,7 +72,7 @@ impl Running {
 
 fn step(c: &mut Criterion) {
     let mut group = c.benchmark_group("step");
-    for (name, method) in [("map", Method::Map), ("ekf", Method::Ekf)] {
+    for (name, method) in [("map", EstimatorKind::Map), ("ekf", EstimatorKind::Ekf)] {
         let mut running = Running::new(method);
         group.sample_size(20);
         group.bench_function(name, |b| {

@@ -4,13 +4,9 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use palpate::arm::Arm;
-use palpate::estimator::Method;
-use palpate::lattice::{CellId, Lattice};
-use palpate::mapper::{Config, Mapper};
-use palpate::robot::Robot;
-use palpate::sdf;
-use palpate::touch::Sample;
+use palpate::{
+    Arm, BakeConfig, CellId, EstimatorKind, Lattice, Mapper, MapperConfig, Robot, Sample,
+};
 use palpate_io::field::{Saved, load, save};
 use palpate_io::log::{self, LogEvent};
 
@@ -34,13 +30,13 @@ fn touches(count: usize) -> Vec<Vec<Sample>> {
 
 fn arm() -> Arc<Arm> {
     let robot = Robot::built_in("kinova_gen3").unwrap();
-    let bake = sdf::Config { spacing_m: 0.01, ..sdf::Config::default() };
+    let bake = BakeConfig { spacing_m: 0.01, ..BakeConfig::default() };
     Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
 }
 
-fn config(method: Method) -> Config {
+fn config(method: EstimatorKind) -> MapperConfig {
     let lattice = Lattice::filling([-1.2; 3], [1.2; 3], 0.02).unwrap();
-    let mut config = Config { lattice, ..Config::of(method) };
+    let mut config = MapperConfig { lattice, ..MapperConfig::of(method) };
     config.estimator.drift_std_n_per_m = 0.1; // so that lazy drift has something to carry over
     config.estimator.memory.frames = 30; // so that frames leave memory before and after
     config
@@ -72,7 +68,7 @@ fn saved_loaded_and_continued_is_never_having_stopped() {
 
 #[test]
 fn with_a_prior_by_cell_saved_loaded_and_continued_is_never_having_stopped() {
-    let lattice = config(Method::Map).lattice;
+    let lattice = config(EstimatorKind::Map).lattice;
     // Every third cell of a slab that the touches go through, and some that they do not reach.
     let cells = (0..lattice.n_cells() as u32).map(CellId);
     let slab = cells.filter(|&cell| cell.0 % 3 == 0 && lattice.point(cell).z.abs() < 0.3);
@@ -83,7 +79,7 @@ fn with_a_prior_by_cell_saved_loaded_and_continued_is_never_having_stopped() {
 /// Three touches in one go, and with two stops.
 fn never_having_stopped(prior: &[(CellId, f64)]) {
     let (arm, touches) = (arm(), touches(3));
-    for method in [Method::Map, Method::Ekf] {
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let new = || Mapper::with_prior(Arc::clone(&arm), config(method), prior).unwrap();
         let mut whole = new();
         for touch in &touches {
@@ -108,7 +104,7 @@ fn never_having_stopped(prior: &[(CellId, f64)]) {
         broken.end_touch().unwrap();
 
         assert_eq!(whole.prior_n_per_m(), broken.prior_n_per_m());
-        assert_eq!(whole.expected_n_per_m(), broken.expected_n_per_m());
+        assert_eq!(whole.prior_means_n_per_m(), broken.prior_means_n_per_m());
         let (whole, broken) = (whole.field(), broken.field());
         assert!(whole.cells.len() > 500, "{} cells touched", whole.cells.len());
         assert_eq!(whole, broken, "{method:?}: the two must agree to the bit");
@@ -119,7 +115,8 @@ fn never_having_stopped(prior: &[(CellId, f64)]) {
 fn a_file_that_promises_a_prior_and_lacks_it_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.npz");
-    let mapper = Mapper::with_prior(arm(), config(Method::Map), &[(CellId(5), 1.0)]).unwrap();
+    let mapper =
+        Mapper::with_prior(arm(), config(EstimatorKind::Map), &[(CellId(5), 1.0)]).unwrap();
     let (field, robot) = (mapper.field(), "kinova_gen3".to_owned());
     let saved = Saved { field, prior_n_per_m: None, robot, snapshot: Some(mapper.snapshot()) };
     save(&path, &saved).unwrap();
@@ -130,30 +127,27 @@ fn a_file_that_promises_a_prior_and_lacks_it_is_refused() {
 #[test]
 fn another_robot_or_a_broken_file_is_told_apart() {
     let (arm, touches) = (arm(), touches(1));
-    let mut mapper = Mapper::new(Arc::clone(&arm), config(Method::Map)).unwrap();
+    let mut mapper = Mapper::new(Arc::clone(&arm), config(EstimatorKind::Map)).unwrap();
     mapper.begin_touch();
     go_on(&mut mapper, &touches[0]);
     let snapshot = mapper.snapshot();
-    let heavier = palpate::robot::Payload {
-        link: "Bracelet_Link".to_owned(),
-        mass_kg: 0.5,
-        com_link_m: [0.0; 3],
-    };
+    let heavier =
+        palpate::Payload { link: "Bracelet_Link".to_owned(), mass_kg: 0.5, com_link_m: [0.0; 3] };
     let robot = Robot::built_in("kinova_gen3").unwrap().with_payload(&heavier).unwrap();
     let other = Arm { robot, surfaces: Arc::clone(&arm.surfaces) };
     let error = Mapper::resume(Arc::new(other), snapshot.clone()).err().unwrap().to_string();
     assert!(error.contains("differs in joints, masses or shapes"), "{error}");
 
     let mut torn = snapshot;
-    torn.tape.clear();
+    torn.sample_log.clear();
     let error = Mapper::resume(arm, torn).err().unwrap().to_string();
-    assert!(error.contains("the tape lacks a remembered frame"), "{error}");
+    assert!(error.contains("the sample log lacks a remembered frame"), "{error}");
 }
 
 #[test]
-fn a_tape_that_outgrows_its_bound_freezes_old_touches_and_can_still_be_continued() {
+fn a_sample_log_that_outgrows_its_bound_condenses_old_touches_and_can_still_be_continued() {
     let (arm, touches) = (arm(), touches(3));
-    let mut config = config(Method::Map);
+    let mut config = config(EstimatorKind::Map);
     let sample = 14 * size_of::<f64>();
     config.estimator.memory.bytes = 40 * sample; // less than two touches, more than one
     let mut mapper = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
@@ -164,8 +158,8 @@ fn a_tape_that_outgrows_its_bound_freezes_old_touches_and_can_still_be_continued
         let bytes = mapper.memory().1;
         assert!(bytes <= 2 * config.estimator.memory.bytes, "{bytes} bytes held");
     }
-    let taped: usize = mapper.snapshot().tape.iter().map(|touch| touch.q.len()).sum();
-    assert!(taped * 16 <= 40 * sample, "{taped} positions taped");
+    let logged: usize = mapper.snapshot().sample_log.iter().map(|touch| touch.q.len()).sum();
+    assert!(logged * 16 <= 40 * sample, "{logged} positions logged");
     let before = mapper.field();
     let continued = through_a_file(mapper, &arm);
     assert_eq!(before, continued.field());
@@ -175,14 +169,14 @@ fn a_tape_that_outgrows_its_bound_freezes_old_touches_and_can_still_be_continued
     mapper.begin_touch();
     go_on(&mut mapper, &touches[0]);
     let snapshot = mapper.snapshot();
-    assert!(snapshot.tape.is_empty() && snapshot.state.remembered.is_empty());
+    assert!(snapshot.sample_log.is_empty() && snapshot.state.remembered.is_empty());
     assert_eq!(mapper.field(), Mapper::resume(arm, snapshot).unwrap().field());
 }
 
 #[test]
 fn a_mapper_saved_between_touches_waits_for_the_next_one_to_begin() {
     let (arm, touches) = (arm(), touches(1));
-    let mut mapper = Mapper::new(Arc::clone(&arm), config(Method::Map)).unwrap();
+    let mut mapper = Mapper::new(Arc::clone(&arm), config(EstimatorKind::Map)).unwrap();
     mapper.begin_touch();
     go_on(&mut mapper, &touches[0]);
     mapper.end_touch().unwrap();
@@ -194,7 +188,7 @@ fn a_mapper_saved_between_touches_waits_for_the_next_one_to_begin() {
 #[test]
 fn on_two_threads_the_field_is_the_same_to_the_bit_as_on_one() {
     let (arm, touches) = (arm(), touches(2));
-    for method in [Method::Map, Method::Ekf] {
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let learn = || {
             let mut mapper = Mapper::new(Arc::clone(&arm), config(method)).unwrap();
             for touch in &touches {

@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::DVector;
-use palpate::robot::Robot;
+use palpate::Robot;
 use palpate_io::log::{self, LogEvent};
 use serde::Deserialize;
 

@@ -4,36 +4,36 @@
 //! in parallel, and may be kept and handed back, so that an evaluation that was broken off goes on.
 //! The figures are the same whatever the number of threads.
 
-use palpate::mapper::Config;
+use palpate::MapperConfig;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::contender::{Contender, ContenderError, Torques};
 use crate::evaluation::{Evaluation, LeftOut, Prediction, Summary};
 use crate::folds::Fold;
+use crate::method::{Method, MethodError, Torques};
 use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
 
 /// What is evaluated.
 #[derive(Debug, Clone)]
 pub struct Plan {
     /// The methods, in the order of the table.
-    pub contenders: Vec<Contender>,
+    pub methods: Vec<Method>,
     /// Which touches are predicted from which.
     pub folds: Vec<Fold>,
     /// Numbers of the folds that are done here, in rising order.
     pub todo: Vec<usize>,
     /// Settings of everything, and of `map` where it has none of its own.
-    pub config: Config,
+    pub config: MapperConfig,
     /// Settings of the estimators in each fold: of `map`, then of `ekf`. They differ from `config`
     /// in estimator and contact model alone.
-    pub estimators: Vec<[Config; 2]>,
+    pub estimators: Vec<[MapperConfig; 2]>,
 }
 
 /// One method on one fold.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Part {
     /// The method.
-    pub contender: Contender,
+    pub method: Method,
     /// The fold's number.
     pub fold: usize,
     /// Predicted torques of the fold's test touches.
@@ -42,37 +42,37 @@ pub struct Part {
 
 /// What went wrong, and where.
 #[derive(Debug, thiserror::Error)]
-#[error("{contender} on fold {fold}: {source}", contender = contender.name())]
+#[error("{method} on fold {fold}: {source}", method = method.name())]
 pub struct PartError {
     /// The method.
-    pub contender: Contender,
+    pub method: Method,
     /// The fold's number.
     pub fold: usize,
     /// What went wrong.
-    pub source: ContenderError,
+    pub source: MethodError,
 }
 
 impl Plan {
     /// All parts that there are to do, those that take longest first.
-    pub fn parts(&self) -> Vec<(Contender, usize)> {
-        let cost = |contender: &Contender| match contender {
-            Contender::Ekf => 0,
-            Contender::Map => 1,
-            Contender::Mlp => 2,
-            Contender::Gp => 3,
+    pub fn parts(&self) -> Vec<(Method, usize)> {
+        let cost = |method: &Method| match method {
+            Method::Ekf => 0,
+            Method::Map => 1,
+            Method::Mlp => 2,
+            Method::Gp => 3,
             _ => 4,
         };
-        let mut contenders = self.contenders.clone();
-        contenders.sort_by_key(cost);
-        let folds = |contender: Contender| self.todo.iter().map(move |&fold| (contender, fold));
-        contenders.into_iter().flat_map(folds).collect()
+        let mut methods = self.methods.clone();
+        methods.sort_by_key(cost);
+        let folds = |method: Method| self.todo.iter().map(move |&fold| (method, fold));
+        methods.into_iter().flat_map(folds).collect()
     }
 
     /// The settings of a part.
-    pub fn config_of(&self, (contender, fold): (Contender, usize)) -> &Config {
-        match contender {
-            Contender::Map => &self.estimators[fold][0],
-            Contender::Ekf => &self.estimators[fold][1],
+    pub fn config_of(&self, (method, fold): (Method, usize)) -> &MapperConfig {
+        match method {
+            Method::Map => &self.estimators[fold][0],
+            Method::Ekf => &self.estimators[fold][1],
             _ => &self.config,
         }
     }
@@ -86,17 +86,17 @@ impl Plan {
     pub fn run(
         &self,
         tracked: &Tracked,
-        parts: &[(Contender, usize)],
+        parts: &[(Method, usize)],
         stop: &(dyn Fn() -> bool + Sync),
         done: &(dyn Fn(Part) + Sync),
     ) -> Result<(), PartError> {
         // One at a time to whoever is free: parts differ too much in length to be shared out before.
-        parts.par_iter().with_max_len(1).try_for_each(|&(contender, fold)| {
-            let config = self.config_of((contender, fold));
-            let torques = contender
+        parts.par_iter().with_max_len(1).try_for_each(|&(method, fold)| {
+            let config = self.config_of((method, fold));
+            let torques = method
                 .predict(tracked, &self.folds[fold], config, stop)
-                .map_err(|source| PartError { contender, fold, source })?;
-            done(Part { contender, fold, torques });
+                .map_err(|source| PartError { method, fold, source })?;
+            done(Part { method, fold, torques });
             Ok(())
         })
     }
@@ -113,8 +113,8 @@ impl Plan {
         joint_names: Vec<String>,
         against: &str,
     ) -> Evaluation {
-        let of = |contender: Contender, fold: usize| {
-            let part = parts.iter().find(|part| part.contender == contender && part.fold == fold);
+        let of = |method: Method, fold: usize| {
+            let part = parts.iter().find(|part| part.method == method && part.fold == fold);
             &part.expect("all parts were done").torques
         };
         let mut touches: Vec<(usize, LeftOut)> = Vec::new();
@@ -123,9 +123,9 @@ impl Plan {
             let met = tracked.rows_met(&fold.train);
             for (place, &touch) in fold.test.iter().enumerate() {
                 let mut left_out = LeftOut::of(&tracked.touches[touch], number, &met);
-                for &contender in &self.contenders {
-                    let torques = of(contender, number)[place].clone();
-                    let prediction = Prediction::new(contender.name(), torques, &left_out.external);
+                for &method in &self.methods {
+                    let torques = of(method, number)[place].clone();
+                    let prediction = Prediction::new(method.name(), torques, &left_out.external);
                     left_out.predictions.push(prediction);
                 }
                 touches.push((touch, left_out));
@@ -133,10 +133,9 @@ impl Plan {
         }
         touches.sort_by_key(|(touch, _)| *touch);
         let touches: Vec<LeftOut> = touches.into_iter().map(|(_, touch)| touch).collect();
-        let summary = |(index, contender): (usize, &Contender)| {
-            Summary::new(contender.name(), index, &touches)
-        };
-        let methods = self.contenders.iter().enumerate().map(summary).collect();
+        let summary =
+            |(index, method): (usize, &Method)| Summary::new(method.name(), index, &touches);
+        let methods = self.methods.iter().enumerate().map(summary).collect();
         Evaluation { joint_names, against: against.to_owned(), methods, touches }
     }
 }

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::contender::Contender;
 use crate::errors::{ErrorSum, Errors};
+use crate::method::Method;
 
 /// An evaluation of several methods on touches that none of them learnt from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -154,9 +154,9 @@ impl Evaluation {
 
     /// The best of what learns from joint angles alone, and its average relative error.
     pub fn best_learnt(&self) -> Option<(&'static str, f64)> {
-        let learnt = Contender::ALL.iter().filter(|contender| contender.is_learnt_baseline());
+        let learnt = Method::ALL.iter().filter(|method| method.is_learnt_baseline());
         learnt
-            .filter_map(|contender| Some((contender.name(), self.relative(contender.name())?)))
+            .filter_map(|method| Some((method.name(), self.relative(method.name())?)))
             .min_by(|a, b| a.1.total_cmp(&b.1))
     }
 }

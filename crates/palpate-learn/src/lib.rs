@@ -4,7 +4,7 @@
 //! |-------------------------|-----------------------------------------------------------------|
 //! | [`mod@tracked`]         | touches with their contacts, simulated once for all             |
 //! | [`mod@folds`]           | which touches are learnt from, and which are predicted          |
-//! | [`mod@contender`]       | the methods that are compared                                   |
+//! | [`mod@method`]       | the methods that are compared                                   |
 //! | [`mod@regression`]      | torque from joint angles alone: MLP, Gaussian process, k-NN     |
 //! | [`mod@evaluate`]        | all methods on all folds                                        |
 //! | [`mod@evaluation`]      | what came out                                                   |
@@ -15,12 +15,12 @@
 //! The crate knows the estimators of the core, but no file.
 #![forbid(unsafe_code)]
 
-pub mod contender;
 pub mod errors;
 pub mod evaluate;
 pub mod evaluation;
 pub mod extrapolate;
 pub mod folds;
+pub mod method;
 pub mod regression;
 pub mod tracked;
 pub mod tune;

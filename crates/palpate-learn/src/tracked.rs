@@ -7,12 +7,10 @@
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
-use palpate::arm::Arm;
-use palpate::contact;
-use palpate::lattice::{CellId, CellRows, Lattice};
-use palpate::mapper::{Config, MapperError};
-use palpate::torque::{Folder, Observation};
-use palpate::touch::{self, Sample, Tare, Tracker};
+use palpate::unstable::{CellRows, Observation, ObservationBuilder, TrackedSample, Tracker};
+use palpate::{
+    Arm, CellId, ContactConfig, Lattice, MapperConfig, MapperError, Sample, SettingError, Tare,
+};
 use rayon::prelude::*;
 
 use crate::regression::Frames;
@@ -41,7 +39,7 @@ pub enum TrackError {
     Truth { touch: String, got: String, expected: String },
     /// Settings out of their range.
     #[error(transparent)]
-    Settings(#[from] contact::ConfigError),
+    Settings(#[from] SettingError),
     /// Asked to stop.
     #[error("stopped")]
     Stopped,
@@ -100,7 +98,7 @@ impl Tracked {
     /// Names the first touch, and its sample, that cannot be used.
     pub fn new(
         arm: &Arc<Arm>,
-        config: &Config,
+        config: &MapperConfig,
         touches: &[Touch],
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self, TrackError> {
@@ -115,13 +113,13 @@ impl Tracked {
     /// If a setting of the contact model is out of its range, or on being stopped.
     pub fn under(
         &self,
-        contact: &contact::Config,
+        contact: &ContactConfig,
         arm: &Arc<Arm>,
-        config: &Config,
+        config: &MapperConfig,
         touches: &[Touch],
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self, TrackError> {
-        let mut config = Config { contact: contact.clone(), ..config.clone() };
+        let mut config = MapperConfig { contact: contact.clone(), ..config.clone() };
         config.touch.tare = Tare::None; // The torques are known, with their tare taken off.
         Self::track(arm, &config, touches, Some(self), stop)
     }
@@ -140,7 +138,7 @@ impl Tracked {
 
     fn track(
         arm: &Arc<Arm>,
-        config: &Config,
+        config: &MapperConfig,
         touches: &[Touch],
         like: Option<&Self>,
         stop: &(dyn Fn() -> bool + Sync),
@@ -152,7 +150,7 @@ impl Tracked {
             let like = like.map(|like| like.touches[number].frames.as_slice());
             follow(tracker.clone(), (number, touch), (first, like), stop)
         };
-        let mut folder = Folder::new(CellRows::new(config.lattice.clone()));
+        let mut observations = ObservationBuilder::new(CellRows::new(config.lattice.clone()));
         let mut tracked = Vec::with_capacity(touches.len());
         let numbered: Vec<(usize, &Touch)> = touches.iter().enumerate().collect();
         // Contacts are larger than what they are folded into: no more of them than are worked on.
@@ -164,7 +162,7 @@ impl Tracked {
                     None => Noise::of(&of_tare, arm.robot.n_joints()),
                     Some(like) => like.touches[*number].noise.clone(),
                 };
-                let fold = |frame: Followed| frame.fold(arm, &mut folder);
+                let fold = |frame: Followed| frame.fold(arm, &mut observations);
                 let frames = frames.into_iter().map(fold).collect();
                 tracked.push(TrackedTouch { name: touch.name.clone(), frames, noise });
             }
@@ -172,8 +170,8 @@ impl Tracked {
         Ok(Self {
             touches: tracked,
             lattice: config.lattice.clone(),
-            cells: folder.rows().cells().to_vec(),
-            points_m: folder.rows().points_m().to_vec(),
+            cells: observations.rows().cells().to_vec(),
+            points_m: observations.rows().points_m().to_vec(),
             n_joints: arm.robot.n_joints(),
         })
     }
@@ -231,15 +229,15 @@ struct Followed {
     time_s: Option<f64>,
     q: Vec<f64>,
     unwrapped: Vec<f64>,
-    frame: touch::Frame,
+    frame: TrackedSample,
     external: DVector<f64>,
     truth: Option<Vec<f64>>,
 }
 
 impl Followed {
-    fn fold(self, arm: &Arm, folder: &mut Folder) -> TrackedFrame {
+    fn fold(self, arm: &Arm, observations: &mut ObservationBuilder) -> TrackedFrame {
         let (frame, external) = (self.frame, self.external);
-        let observation = folder.fold(&arm.robot, &frame.poses, &frame.contacts, &external);
+        let observation = observations.build(&arm.robot, &frame.poses, &frame.contacts, &external);
         TrackedFrame {
             sample: self.sample,
             time_s: self.time_s,

@@ -13,17 +13,15 @@
 
 use std::sync::Arc;
 
-use palpate::arm::Arm;
-use palpate::estimator::Method;
-use palpate::mapper::Config;
+use palpate::{Arm, EstimatorKind, MapperConfig};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::contender::{Contender, ContenderError};
 use crate::evaluation::{MeanStd, Prediction};
 use crate::folds::{Fold, folds};
+use crate::method::{Method, MethodError};
 use crate::tracked::{Touch, TrackError, Tracked};
 
 /// Contact distances and frictions, as multiples of the given ones: each pair is simulated.
@@ -51,10 +49,10 @@ pub struct Effort {
 
 impl Effort {
     /// What a few minutes on two cores allow: a visit of `ekf` takes three times as long.
-    pub fn of(method: Method) -> Self {
+    pub fn of(method: EstimatorKind) -> Self {
         let candidates = match method {
-            Method::Map => 24,
-            Method::Ekf => 12,
+            EstimatorKind::Map => 24,
+            EstimatorKind::Ekf => 12,
         };
         Self { candidates, seed: 0 }
     }
@@ -64,7 +62,7 @@ impl Effort {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tuned {
     /// The settings that did best.
-    pub config: Config,
+    pub config: MapperConfig,
     /// All candidates, those that came furthest first, then by their score.
     pub trials: Vec<Trial>,
 }
@@ -73,7 +71,7 @@ pub struct Tuned {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
     /// Its settings.
-    pub config: Config,
+    pub config: MapperConfig,
     /// Its score after each round that it was in: mean relative error on training touches it had
     /// not learnt from (of a touch below 1 N·m: its mean error by that of predicting zero).
     pub scores: Vec<f64>,
@@ -81,7 +79,7 @@ pub struct Trial {
 
 /// Candidates with their contacts, for any set of training touches.
 pub struct Tuner {
-    candidates: Vec<Config>,
+    candidates: Vec<MapperConfig>,
     /// The place of each candidate's contacts in `tracked`.
     contacts: Vec<usize>,
     tracked: Vec<Tracked>,
@@ -99,7 +97,7 @@ impl Tuner {
     /// On being stopped.
     pub fn new(
         (arm, touches, base): (&Arc<Arm>, &[Touch], &Tracked),
-        config: &Config,
+        config: &MapperConfig,
         effort: Effort,
         stop: &(dyn Fn() -> bool + Sync),
         done: &dyn Fn(),
@@ -130,7 +128,7 @@ impl Tuner {
         &self,
         train: &[usize],
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Tuned, ContenderError> {
+    ) -> Result<Tuned, MethodError> {
         let configs = self.with_noise_of(train);
         let mut trials: Vec<(usize, Vec<f64>)> =
             (0..configs.len()).map(|candidate| (candidate, Vec::new())).collect();
@@ -139,7 +137,7 @@ impl Tuner {
         let some = inner(train, INNER.min(train.len()));
         let few = &some[..some.len().div_ceil(2)];
         for (round, folds) in [few, &some, &all].into_iter().enumerate() {
-            let scored: Result<Vec<f64>, ContenderError> = trials[..left]
+            let scored: Result<Vec<f64>, MethodError> = trials[..left]
                 .par_iter()
                 .map(|(candidate, _)| self.score((*candidate, &configs[*candidate]), folds, stop))
                 .collect();
@@ -162,7 +160,7 @@ impl Tuner {
 
     /// The candidates with the sensors' noise as a floor, as it is seen where the training touches
     /// touch nothing; but for the given settings, which stay as they are.
-    fn with_noise_of(&self, train: &[usize]) -> Vec<Config> {
+    fn with_noise_of(&self, train: &[usize]) -> Vec<MapperConfig> {
         let noise_std = self.tracked[0].noise_std(train);
         let mut candidates = self.candidates.clone();
         for candidate in &mut candidates[1..] {
@@ -177,21 +175,21 @@ impl Tuner {
     /// The mean score of a candidate over the touches that some folds test.
     fn score(
         &self,
-        (candidate, config): (usize, &Config),
+        (candidate, config): (usize, &MapperConfig),
         folds: &[Fold],
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<f64, ContenderError> {
+    ) -> Result<f64, MethodError> {
         let mut config = config.clone();
         let shrink = (self.every as f64).sqrt().recip();
         config.estimator.torque_std.iter_mut().for_each(|std| *std *= shrink);
         let tracked = &self.tracked[self.contacts[candidate]];
-        let contender = match config.method {
-            Method::Map => Contender::Map,
-            Method::Ekf => Contender::Ekf,
+        let method = match config.method {
+            EstimatorKind::Map => Method::Map,
+            EstimatorKind::Ekf => Method::Ekf,
         };
         let mut scores = Vec::new();
         for fold in folds {
-            let torques = contender.predict(tracked, fold, &config, stop)?;
+            let torques = method.predict(tracked, fold, &config, stop)?;
             for (&touch, predicted) in fold.test.iter().zip(torques) {
                 let frames = &tracked.touches[touch].frames;
                 let measured: Vec<Vec<f64>> = frames
@@ -222,7 +220,7 @@ fn inner(train: &[usize], n: usize) -> Vec<Fold> {
 }
 
 /// Candidates around the given settings, which are the first of them.
-fn draw(config: &Config, effort: Effort) -> Vec<Config> {
+fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
     let mut rng = ChaCha8Rng::seed_from_u64(effort.seed);
     let mut pick = |n: usize| ((u64::from(rng.next_u32()) * n as u64) >> 32) as usize;
     let mut candidates = vec![config.clone()];

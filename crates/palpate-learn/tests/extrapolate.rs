@@ -4,16 +4,13 @@
 use std::sync::Arc;
 
 use nalgebra::Point3;
-use palpate::estimator::Method as Estimator;
-use palpate::field::Field;
-use palpate::mapper::Config as MapperConfig;
-use palpate::touch::Sample;
+use palpate::{EstimatorKind as Estimator, Field, MapperConfig, Sample};
 use palpate_io::cloud;
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, load_arm};
 use palpate_learn::extrapolate::compare::{CompareError, Plan};
 use palpate_learn::extrapolate::{
-    Config, ExtrapolateError, Method, Seen, area_under_roc, extrapolate, spearman,
+    Config, ExtrapolateError, Method, SeenCloud, area_under_roc, extrapolate, spearman,
 };
 use palpate_learn::tracked::{Touch, Tracked};
 
@@ -39,9 +36,9 @@ fn tracked(touches: &[usize], every: usize) -> Tracked {
     Tracked::new(&arm, &config, &touches, NEVER).unwrap().thinned(every)
 }
 
-fn object() -> Seen {
+fn object() -> SeenCloud {
     let reading = cloud::read(&std::path::Path::new(DATA).join("object.ply")).unwrap();
-    Seen::new(reading.cloud.points(), reading.cloud.colours().unwrap()).unwrap()
+    SeenCloud::new(reading.cloud.points(), reading.cloud.colours().unwrap()).unwrap()
 }
 
 /// A field of all touched cells in which K is a function of the place.
@@ -62,7 +59,7 @@ fn field(tracked: &Tracked, k: impl Fn(usize) -> f64) -> Field {
 
 /// Gives every frame the torque of a stiffness by row.
 fn with_torques_of(mut tracked: Tracked, k: &dyn Fn(usize) -> f64) -> Tracked {
-    use palpate::torque::{Cell, Stiffness};
+    use palpate::unstable::{Cell, Stiffness};
     let cell = |(row, &point): (usize, &[f64; 3])| Cell::new(point, k(row));
     let cells: Vec<Cell> = tracked.points_m.iter().enumerate().map(cell).collect();
     for frame in tracked.touches.iter_mut().flat_map(|touch| &mut touch.frames) {
@@ -192,7 +189,7 @@ fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
             .iter()
             .map(|p| Point3::from(*p) + nalgebra::Vector3::from(by))
             .collect();
-        Seen::new(&points, seen.colours()).unwrap()
+        SeenCloud::new(&points, seen.colours()).unwrap()
     };
     let apart = extrapolate(&shifted([0.0, 5.0, 0.0]), &field, Some(&felt), &config).unwrap_err();
     let ExtrapolateError::Apart { gap_m, apart_m, .. } = &apart else { panic!("{apart}") };
@@ -202,7 +199,7 @@ fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
     let corner = felt.points_m.iter().fold([f64::INFINITY; 3], |low, point| {
         std::array::from_fn(|axis| low[axis].min(point[axis]))
     });
-    let alone = Seen::new(&[Point3::from(corner)], &[[0, 0, 0]]).unwrap();
+    let alone = SeenCloud::new(&[Point3::from(corner)], &[[0, 0, 0]]).unwrap();
     let error = extrapolate(&alone, &field, Some(&felt), &config).unwrap_err();
     assert!(matches!(error, ExtrapolateError::NoneTouched { .. }), "{error}");
     let config = Config { length_scale: 0.0, ..config };

@@ -5,19 +5,14 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
-use palpate::arm::Arm;
-use palpate::contact;
-use palpate::estimator::Method;
-use palpate::field::{Field, Predictor};
-use palpate::lattice::Lattice;
-use palpate::mapper::{Config, Mapper};
-use palpate::robot::Robot;
-use palpate::sdf;
-use palpate::touch::Sample;
-use palpate_learn::contender::{self, Contender, Torques};
+use palpate::{
+    Arm, BakeConfig, ContactConfig, EstimatorKind, Field, Lattice, Mapper, MapperConfig, Predictor,
+    Robot, Sample,
+};
 use palpate_learn::evaluate::{Part, Plan};
 use palpate_learn::evaluation::Prediction;
 use palpate_learn::folds::{Fold, folds};
+use palpate_learn::method::{self, Method, Torques};
 use palpate_learn::tracked::{Touch, Tracked, TrackedFrame};
 use palpate_learn::tune::{Effort, Tuned, Tuner};
 
@@ -43,14 +38,14 @@ const FRAMES: usize = 28;
 const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
 
 fn arm() -> Arc<Arm> {
-    let bake = sdf::Config { spacing_m: 0.01, ..sdf::Config::default() };
+    let bake = BakeConfig { spacing_m: 0.01, ..BakeConfig::default() };
     let robot = Robot::from_urdf(URDF).unwrap();
     Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
 }
 
-fn config(method: Method) -> Config {
+fn config(method: EstimatorKind) -> MapperConfig {
     let lattice = Lattice::filling([-0.8, -0.8, -0.1], [0.8, 0.8, 0.1], 0.03).unwrap();
-    let mut config = Config { lattice, ..Config::of(method) };
+    let mut config = MapperConfig { lattice, ..MapperConfig::of(method) };
     config.estimator.drift_std_n_per_m = 0.1; // so that frames without contact count
     config.estimator.replays = 5;
     config
@@ -78,7 +73,7 @@ fn touches(count: usize) -> Vec<Touch> {
     (0..count).map(touch).collect()
 }
 
-fn tracked(arm: &Arc<Arm>, config: &Config, touches: &[Touch]) -> Tracked {
+fn tracked(arm: &Arc<Arm>, config: &MapperConfig, touches: &[Touch]) -> Tracked {
     let tracked = Tracked::new(arm, config, touches, NEVER).unwrap();
     let in_contact = |touch: usize| tracked.touches[touch].frames_in_contact();
     assert!((0..touches.len()).all(|touch| in_contact(touch) > 5), "the arm must touch something");
@@ -88,7 +83,7 @@ fn tracked(arm: &Arc<Arm>, config: &Config, touches: &[Touch]) -> Tracked {
 /// What a mapper learns from some touches.
 fn mapped<'a>(
     arm: &Arc<Arm>,
-    config: &Config,
+    config: &MapperConfig,
     touches: impl IntoIterator<Item = &'a Touch>,
 ) -> Field {
     let mut mapper = Mapper::new(Arc::clone(arm), config.clone()).unwrap();
@@ -110,7 +105,7 @@ fn foretold(arm: &Arc<Arm>, field: &Field, touch: &Touch) -> Vec<Vec<f64>> {
 
 /// Cell by cell: the bits of stiffness and deviation, and the count.
 fn by_cell(field: &Field) -> BTreeMap<u32, (u64, u64, u32)> {
-    let row = |(row, cell): (usize, &palpate::lattice::CellId)| {
+    let row = |(row, cell): (usize, &palpate::CellId)| {
         let bits = |numbers: &[f64]| numbers[row].to_bits();
         (cell.0, (bits(&field.stiffness_n_per_m), bits(&field.std_n_per_m), field.counts[row]))
     };
@@ -129,13 +124,13 @@ fn largest_gap(a: &[Vec<f64>], b: &[Vec<f64>]) -> f64 {
 #[test]
 fn shared_frames_teach_what_a_mapper_learns_to_the_bit() {
     let (arm, touches) = (arm(), touches(3));
-    for method in [Method::Map, Method::Ekf] {
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let config = config(method);
         let tracked = tracked(&arm, &config, &touches);
         // Also without the touch in the middle, and in another order: cells then have other rows.
         for some in [vec![0, 1, 2], vec![0, 2], vec![2, 0]] {
-            let estimator = contender::learn(&tracked, &some, &config, NEVER).unwrap();
-            let field = contender::field(&tracked, estimator.as_ref(), &config);
+            let estimator = method::learn(&tracked, &some, &config, NEVER).unwrap();
+            let field = method::field(&tracked, estimator.as_ref(), &config);
             let whole = mapped(&arm, &config, some.iter().map(|&touch| &touches[touch]));
             assert!(whole.cells.len() > 100, "{} cells touched", whole.cells.len());
             assert_eq!(by_cell(&field), by_cell(&whole), "{method:?} of {some:?}");
@@ -148,12 +143,12 @@ fn shared_frames_teach_what_a_mapper_learns_to_the_bit() {
 #[test]
 fn shared_frames_teach_what_a_mapper_learns_from_the_same_expectations() {
     let (arm, touches) = (arm(), touches(2));
-    for method in [Method::Map, Method::Ekf] {
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let config = config(method);
         let tracked = tracked(&arm, &config, &touches);
         let means: Vec<f64> = (0..tracked.cells.len()).map(|row| (row % 5) as f64).collect();
-        let estimator = contender::learn_from(&tracked, &[1], &config, &means, NEVER).unwrap();
-        let field = contender::field(&tracked, estimator.as_ref(), &config);
+        let estimator = method::learn_from(&tracked, &[1], &config, &means, NEVER).unwrap();
+        let field = method::field(&tracked, estimator.as_ref(), &config);
         let prior: Vec<_> = tracked.cells.iter().copied().zip(means).collect();
         let mut mapper = Mapper::with_prior(Arc::clone(&arm), config, &prior).unwrap();
         mapper.begin_touch();
@@ -174,11 +169,11 @@ fn shared_frames_teach_what_a_mapper_learns_from_the_same_expectations() {
 #[test]
 fn an_estimator_predicts_what_the_field_of_a_mapper_predicts() {
     let (arm, touches) = (arm(), touches(3));
-    for (method, contender) in [(Method::Map, Contender::Map), (Method::Ekf, Contender::Ekf)] {
-        let config = config(method);
+    for (kind, method) in [(EstimatorKind::Map, Method::Map), (EstimatorKind::Ekf, Method::Ekf)] {
+        let config = config(kind);
         let tracked = tracked(&arm, &config, &touches);
         for fold in folds(3, 3) {
-            let torques = contender.predict(&tracked, &fold, &config, NEVER).unwrap();
+            let torques = method.predict(&tracked, &fold, &config, NEVER).unwrap();
             let field = mapped(&arm, &config, fold.train.iter().map(|&touch| &touches[touch]));
             let expected = foretold(&arm, &field, &touches[fold.test[0]]);
             assert!(expected.iter().flatten().any(|tau| tau.abs() > 0.1), "something to predict");
@@ -191,13 +186,13 @@ fn an_estimator_predicts_what_the_field_of_a_mapper_predicts() {
 #[test]
 fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
     let (arm, touches) = (arm(), touches(4));
-    let config = config(Method::Map);
+    let config = config(EstimatorKind::Map);
     let plan = Plan {
         todo: vec![0, 1],
-        contenders: Contender::ALL.to_vec(),
+        methods: Method::ALL.to_vec(),
         folds: folds(4, 2),
         config: config.clone(),
-        estimators: vec![[config.clone(), self::config(Method::Ekf)]; 2],
+        estimators: vec![[config.clone(), self::config(EstimatorKind::Ekf)]; 2],
     };
     let run = || {
         let tracked = tracked(&arm, &config, &touches);
@@ -207,13 +202,13 @@ fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
         let bits = |part: Part| {
             let numbers = part.torques.iter().flatten().flatten();
             let bits: Vec<u64> = numbers.map(|torque| torque.to_bits()).collect();
-            ((part.contender.name(), part.fold), bits)
+            ((part.method.name(), part.fold), bits)
         };
         parts.into_iter().map(bits).collect::<BTreeMap<_, _>>()
     };
     let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let serial = on(1).install(run);
-    assert_eq!(serial.len(), 2 * Contender::ALL.len());
+    assert_eq!(serial.len(), 2 * Method::ALL.len());
     let parallel = on(2).install(run);
     for (part, bits) in &serial {
         assert!(*bits == parallel[part], "{part:?} depends on the number of threads");
@@ -238,14 +233,13 @@ fn all_measured(tracked: &Tracked) -> Vec<Vec<Measured>> {
 fn under_the_same_contact_model_frames_are_the_same() {
     let (arm, mut touches) = (arm(), touches(3));
     touches[1].truth = Some(vec![vec![0.5, -0.5]; FRAMES]);
-    let config = config(Method::Map);
+    let config = config(EstimatorKind::Map);
     let tracked = tracked(&arm, &config, &touches);
     let again = tracked.under(&config.contact, &arm, &config, &touches, NEVER).unwrap();
     assert_eq!(all_measured(&tracked), all_measured(&again));
     assert_eq!(tracked.noise_std(&[0, 2]), again.noise_std(&[0, 2]));
     for fold in folds(3, 3) {
-        let of =
-            |tracked: &Tracked| Contender::Map.predict(tracked, &fold, &config, NEVER).unwrap();
+        let of = |tracked: &Tracked| Method::Map.predict(tracked, &fold, &config, NEVER).unwrap();
         assert_eq!(of(&tracked), of(&again));
     }
 }
@@ -253,11 +247,11 @@ fn under_the_same_contact_model_frames_are_the_same() {
 #[test]
 fn under_another_contact_model_contacts_change_and_torques_do_not() {
     let (arm, touches) = (arm(), touches(3));
-    let config = config(Method::Map);
+    let config = config(EstimatorKind::Map);
     let tracked = tracked(&arm, &config, &touches);
     let given = config.contact.contact_distance_m;
     for contact_distance_m in [0.6 * given, 1.5 * given] {
-        let contact = contact::Config { contact_distance_m, ..config.contact.clone() };
+        let contact = ContactConfig { contact_distance_m, ..config.contact.clone() };
         let other = tracked.under(&contact, &arm, &config, &touches, NEVER).unwrap();
         assert_eq!(all_measured(&tracked), all_measured(&other));
         assert_eq!(tracked.noise_std(&[0, 2]), other.noise_std(&[0, 2]));
@@ -272,10 +266,10 @@ fn under_another_contact_model_contacts_change_and_torques_do_not() {
 #[test]
 fn predicting_zero_has_a_relative_error_of_exactly_one() {
     let touches = touches(2);
-    let config = config(Method::Map);
+    let config = config(EstimatorKind::Map);
     let tracked = tracked(&arm(), &config, &touches);
     let fold = Fold::testing(vec![1], 2);
-    let torques = Contender::Zero.predict(&tracked, &fold, &config, NEVER).unwrap();
+    let torques = Method::Zero.predict(&tracked, &fold, &config, NEVER).unwrap();
     let frames = tracked.touches[1].frames.iter();
     let external: Vec<Vec<f64>> = frames.map(|frame| frame.target.clone()).collect();
     let errors = Prediction::new("zero", torques[0].clone(), &external).errors.unwrap();
@@ -285,7 +279,7 @@ fn predicting_zero_has_a_relative_error_of_exactly_one() {
 #[test]
 fn uniform_recovers_the_stiffness_of_a_uniform_field() {
     let (arm, mut touches) = (arm(), touches(3));
-    let config = config(Method::Map);
+    let config = config(EstimatorKind::Map);
     let stiffness = 37.5;
     let mut field = mapped(&arm, &config, &touches);
     field.stiffness_n_per_m.fill(stiffness);
@@ -300,7 +294,7 @@ fn uniform_recovers_the_stiffness_of_a_uniform_field() {
     }
     let tracked = tracked(&arm, &config, &touches);
     for fold in folds(3, 3) {
-        let torques = Contender::Uniform.predict(&tracked, &fold, &config, NEVER).unwrap();
+        let torques = Method::Uniform.predict(&tracked, &fold, &config, NEVER).unwrap();
         let expected = foretold(&arm, &field, &touches[fold.test[0]]);
         let size = expected.iter().flatten().fold(0.0, |most: f64, tau| most.max(tau.abs()));
         assert!(size > 0.1, "{size} N·m to recover");
@@ -322,21 +316,20 @@ fn with_other_torques(touches: &[Touch], touch: usize) -> Vec<Touch> {
 #[test]
 fn a_touch_under_test_has_no_say_in_its_own_prediction() {
     let (arm, touches) = (arm(), touches(3));
-    let contenders =
-        [Contender::Map, Contender::Ekf, Contender::Uniform, Contender::Knn, Contender::Gp];
+    let methods = [Method::Map, Method::Ekf, Method::Uniform, Method::Knn, Method::Gp];
     for test in 0..3 {
         let fold = Fold::testing(vec![test], 3);
         let others = with_other_torques(&touches, test);
-        for contender in contenders {
-            let method = if contender == Contender::Ekf { Method::Ekf } else { Method::Map };
-            let config = config(method);
+        for method in methods {
+            let kind = if method == Method::Ekf { EstimatorKind::Ekf } else { EstimatorKind::Map };
+            let config = config(kind);
             let told = |touches: &[Touch]| -> Torques {
                 let tracked = tracked(&arm, &config, touches);
-                contender.predict(&tracked, &fold, &config, NEVER).unwrap()
+                method.predict(&tracked, &fold, &config, NEVER).unwrap()
             };
             let first = told(&touches);
             assert!(first.iter().flatten().flatten().any(|tau| *tau != 0.0), "a prediction");
-            assert!(first == told(&others), "{} saw touch {test}", contender.name());
+            assert!(first == told(&others), "{} saw touch {test}", method.name());
         }
     }
 }
@@ -344,7 +337,7 @@ fn a_touch_under_test_has_no_say_in_its_own_prediction() {
 /// So many that two of them come to the last round.
 const CANDIDATES: usize = 10;
 
-fn tuned(arm: &Arc<Arm>, config: &Config, touches: &[Touch], train: &[usize]) -> Tuned {
+fn tuned(arm: &Arc<Arm>, config: &MapperConfig, touches: &[Touch], train: &[usize]) -> Tuned {
     let base = tracked(arm, config, touches);
     let effort = Effort { candidates: CANDIDATES, seed: 3 };
     Tuner::new((arm, touches, &base), config, effort, NEVER, &|| ())
@@ -356,7 +349,7 @@ fn tuned(arm: &Arc<Arm>, config: &Config, touches: &[Touch], train: &[usize]) ->
 #[test]
 fn tuning_does_not_look_at_the_touch_under_test() {
     let (arm, touches) = (arm(), touches(4));
-    for method in [Method::Map, Method::Ekf] {
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let config = config(method);
         let first = tuned(&arm, &config, &touches, &[0, 1, 3]);
         let second = tuned(&arm, &config, &with_other_torques(&touches, 2), &[0, 1, 3]);
@@ -367,13 +360,13 @@ fn tuning_does_not_look_at_the_touch_under_test() {
 #[test]
 fn tuning_chooses_the_lowest_score_of_the_last_round_and_tries_what_was_given() {
     let (arm, touches) = (arm(), touches(4));
-    for method in [Method::Map, Method::Ekf] {
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let config = config(method);
         let Tuned { config: chosen, trials } = tuned(&arm, &config, &touches, &[0, 1, 3]);
         assert_eq!(trials.len(), CANDIDATES);
         assert!(trials.iter().any(|trial| trial.config == config), "the given settings are tried");
         let last = trials.iter().filter(|trial| trial.scores.len() == 3);
-        let last: Vec<(f64, &Config)> =
+        let last: Vec<(f64, &MapperConfig)> =
             last.map(|trial| (trial.scores[2], &trial.config)).collect();
         assert_eq!(last.len(), 2, "two are left in the last round");
         let lowest = last.iter().min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();

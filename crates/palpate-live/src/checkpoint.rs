@@ -10,7 +10,7 @@ use std::sync::PoisonError;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
-use palpate::mapper::Mapper;
+use palpate::Mapper;
 use palpate_io::field::{self, Saved};
 
 /// Where checkpoints go, and how often.

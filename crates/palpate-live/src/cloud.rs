@@ -1,6 +1,6 @@
 //! What the arm touches and the field near it, as clouds of points.
 
-use palpate::mapper::Mapper;
+use palpate::Mapper;
 
 use crate::message::{Header, PointCloud2};
 

@@ -11,8 +11,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use nalgebra::DVector;
-use palpate::arm::Arm;
-use palpate::touch;
+use palpate::{Arm, ExternalTorqueConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::joints::JointReader;
@@ -103,13 +102,13 @@ impl Guard {
 pub struct Sentry {
     guard: Guard,
     arm: Arc<Arm>,
-    config: touch::Config,
+    config: ExternalTorqueConfig,
     reader: JointReader,
 }
 
 impl Sentry {
     /// A sentry for an arm whose torques are logged as these settings say.
-    pub fn new(guard: Guard, arm: Arc<Arm>, config: touch::Config) -> Self {
+    pub fn new(guard: Guard, arm: Arc<Arm>, config: ExternalTorqueConfig) -> Self {
         let reader = JointReader::new(arm.robot.joint_names().map(str::to_owned).collect());
         Self { guard, arm, config, reader }
     }

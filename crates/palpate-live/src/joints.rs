@@ -3,7 +3,7 @@
 //! Whatever cannot is refused with a reason, and the next one is looked at: a robot goes on,
 //! whatever one of its messages holds.
 
-use palpate::touch::Sample;
+use palpate::Sample;
 use palpate_io::log::{JointNameError, reorder};
 
 use crate::message::JointState;

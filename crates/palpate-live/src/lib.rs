@@ -17,7 +17,6 @@
 //! The crate knows no terminal and no settings file; `palpate live` is made of it.
 #![forbid(unsafe_code)]
 
-mod ask;
 pub mod checkpoint;
 pub mod cloud;
 pub mod diagnostics;
@@ -26,10 +25,11 @@ pub mod guard;
 pub mod inbox;
 pub mod joints;
 pub mod message;
+mod query_server;
 pub mod ros;
 mod run;
-pub mod seen;
 pub mod session;
+pub mod view_feed;
 
-pub use ask::AskSocket;
+pub use query_server::AskSocket;
 pub use run::{LiveConfig, News, run};

@@ -1,7 +1,7 @@
 //! The threads of a live session.
 //!
 //! ```text
-//! network ──► Ears ──► Inbox ──► mapper ──► Outbox ──► Voice ──► network
+//! network ──► Subscriber ──► Inbox ──► mapper ──► Outbox ──► Publishers ──► network
 //!             (one thread)      (one thread)   │    (one thread)
 //!                                  ▲           ├──► checkpoints (one thread)
 //!                    questions ────┘           │
@@ -19,7 +19,6 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, bounded};
 
-use crate::ask::{AskSocket, Desk, Request};
 use crate::checkpoint::{self, CheckpointConfig, Checkpoints, Written};
 use crate::cloud;
 use crate::diagnostics;
@@ -28,11 +27,13 @@ use crate::guard::{Guard, Sentry, Trip};
 use crate::inbox::Inbox;
 use crate::joints::JointReader;
 use crate::message::{Header, JointState};
+use crate::query_server::{AskSocket, QueryServer, Request};
 use crate::ros::{
-    Choice, Ears, Heard, Network, NetworkError, Outbox, TopicSeen, Torques, Voice, choose,
+    Choice, Network, NetworkError, Outbox, Publishers, Received, Subscriber, TopicSeen, Torques,
+    choose,
 };
-use crate::seen::{Picker, Seen};
 use crate::session::{Session, State};
+use crate::view_feed::{Picker, ViewFrame};
 
 /// How a session is run.
 #[derive(Debug, Clone)]
@@ -44,7 +45,7 @@ pub struct LiveConfig {
     /// Where checkpoints go, if anywhere.
     pub checkpoint: Option<CheckpointConfig>,
     /// Where what is to be drawn goes, if anywhere.
-    pub seen: Option<Arc<Inbox<Seen>>>,
+    pub seen: Option<Arc<Inbox<ViewFrame>>>,
 }
 
 /// What is told while a session runs.
@@ -91,9 +92,9 @@ pub fn run(
 ) -> Result<Session, NetworkError> {
     let arm = session.mapper().arm();
     let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
-    let voice = network.speak(joints.clone())?;
+    let publisher = network.speak(joints.clone())?;
     let Some(topic) = find_topic(&network, config, &stop, &mut tell) else { return Ok(session) };
-    let ears = network.listen(&topic)?;
+    let subscriber = network.listen(&topic)?;
     let how = if topic.reliable { "reliable" } else { "best effort" };
     tell(News::Note(format!("listening to `{}` ({how})", topic.name)));
 
@@ -119,15 +120,15 @@ pub fn run(
     };
     let goes_on = || shared.goes_on();
     thread::scope(|scope| {
-        spawn(scope, "ears", || hear(ears, sentry, &shared));
-        spawn(scope, "voice", || speak(&voice, &shared));
+        spawn(scope, "subscriber", || hear(subscriber, sentry, &shared));
+        spawn(scope, "publisher", || speak(&publisher, &shared));
         if let Some(writer) = writer {
             spawn(scope, "checkpoints", || writer.run(&shared.written));
         }
         if let Some(ask) = ask {
             let (answering, goes_on) = (&shared.answering, &goes_on);
-            let desk = Desk { mapper: to_mapper, checker, answering, goes_on };
-            spawn(scope, "ask", move || ask.run(&desk));
+            let server = QueryServer { mapper: to_mapper, checker, answering, goes_on };
+            spawn(scope, "ask", move || ask.run(&server));
         }
         let mapper = spawn(scope, "mapper", move || {
             mapping.run();
@@ -252,27 +253,27 @@ impl Shared {
 }
 
 /// The thread that listens, and keeps watch.
-fn hear(mut ears: Ears, mut sentry: Option<Sentry>, shared: &Shared) {
+fn hear(mut subscriber: Subscriber, mut sentry: Option<Sentry>, shared: &Shared) {
     while shared.goes_on() {
-        ears.listen(LOOK, |heard| match heard {
-            Heard::Joints(state, at, at_s) => {
+        subscriber.listen(LOOK, |heard| match heard {
+            Received::Joints(state, at, at_s) => {
                 if let Some(trip) = sentry.as_mut().and_then(|sentry| sentry.see(&state, at_s)) {
                     shared.tripped(&trip);
                 }
                 shared.samples.push(Arrived::Joints(state, at, at_s));
             }
-            Heard::Broken(why) => shared.samples.push(Arrived::Broken(why)),
-            Heard::Tare => shared.tare.store(true, Ordering::Relaxed),
+            Received::Broken(why) => shared.samples.push(Arrived::Broken(why)),
+            Received::Tare => shared.tare.store(true, Ordering::Relaxed),
         });
-        *shared.counts() = ears.counts();
+        *shared.counts() = subscriber.counts();
     }
 }
 
 /// The thread that publishes.
-fn speak(voice: &Voice, shared: &Shared) {
+fn speak(publisher: &Publishers, shared: &Shared) {
     while shared.goes_on() {
         let said = |latency| shared.published.push(latency);
-        voice.speak(&shared.outbox, LOOK, || shared.is_stopped(), said);
+        publisher.speak(&shared.outbox, LOOK, || shared.is_stopped(), said);
     }
 }
 
@@ -347,8 +348,10 @@ impl Mapping<'_> {
             match request {
                 Request::Tare => self.shared.tare.store(true, Ordering::Relaxed),
                 // Whoever asked may have left.
-                Request::Outlook { one_in, to_asker } => {
-                    drop(to_asker.send(self.session.mapper().thinned_outlook(one_in)));
+                Request::PathPredictor { cluster_weight, to_asker } => {
+                    drop(
+                        to_asker.send(self.session.mapper().coarse_path_predictor(cluster_weight)),
+                    );
                 }
             }
         }

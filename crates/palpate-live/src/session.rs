@@ -1,6 +1,6 @@
 //! The mapper beside a running robot, sample by sample, without threads or sockets.
 //!
-//! A touch begins where the arm pauses and touches nothing ([`palpate::idle`]), or when somebody
+//! A touch begins where the arm pauses and touches nothing ([`palpate::PauseDetector`]), or when somebody
 //! says so; until then, nothing is learnt. A sample that cannot be used is told once a reason and
 //! left out. If a touch can no longer be followed (it began without a pause, say), it ends, and the
 //! next pause begins another: nothing that was learnt is lost. An arm that is suddenly elsewhere,
@@ -11,9 +11,9 @@
 //! there is nothing better to do, and at most as many as the settings say.
 
 use nalgebra::DVector;
-use palpate::idle::{self, IdleSplit};
-use palpate::mapper::{Mapper, MapperError, StepReport};
-use palpate::touch::{Sample, TouchError};
+use palpate::{
+    Mapper, MapperError, PauseConfig, PauseDetector, Sample, SettingError, StepReport, TrackerError,
+};
 use serde::{Deserialize, Serialize};
 
 use crate::guard::{Guard, Trip};
@@ -45,7 +45,7 @@ pub enum State {
 
 /// What came of a sample.
 #[derive(Debug, Clone, Default)]
-pub struct Told {
+pub struct StepOutcome {
     /// τ_ext and the τ̂ that was predicted before it was learnt from, n_joints, N·m; `None` unless
     /// the session maps.
     pub torques: Option<(DVector<f64>, DVector<f64>)>,
@@ -62,8 +62,8 @@ pub struct Told {
 /// A mapper beside a running robot.
 pub struct Session {
     mapper: Mapper,
-    idle: IdleSplit,
-    idle_config: idle::Config,
+    pauses: PauseDetector,
+    pause_config: PauseConfig,
     state: State,
     /// The sample before.
     last: Option<Sample>,
@@ -81,26 +81,26 @@ impl Session {
     ///
     /// # Errors
     ///
-    /// If a setting of idleness is out of its range.
+    /// If a setting of the pauses is out of its range.
     pub fn new(
         mut mapper: Mapper,
-        idle_config: idle::Config,
+        pause_config: PauseConfig,
         replays: u32,
         guard: Option<Guard>,
-    ) -> Result<Self, idle::ConfigError> {
+    ) -> Result<Self, SettingError> {
         // Too short for its tare, if that: it then taught nothing.
         let _ = mapper.end_touch();
-        let idle = IdleSplit::new(idle_config.clone())?;
+        let pauses = PauseDetector::new(pause_config.clone())?;
         let state = State::Waiting;
-        Ok(Self { mapper, idle, idle_config, state, last: None, guard, replays, due: 0 })
+        Ok(Self { mapper, pauses, pause_config, state, last: None, guard, replays, due: 0 })
     }
 
     /// Takes the next sample of the robot.
-    pub fn take(&mut self, sample: &Sample) -> Told {
-        let mut told = Told::default();
+    pub fn take(&mut self, sample: &Sample) -> StepOutcome {
+        let mut told = StepOutcome::default();
         if self.has_jumped(sample) {
             self.begin(&[], &mut told);
-            self.idle.begun();
+            self.pauses.begun();
         }
         self.last = Some(sample.clone());
         if self.state != State::Waiting {
@@ -109,7 +109,7 @@ impl Session {
                 Err(error) => self.failed(&error, &mut told),
             }
         }
-        if let Some(tare) = self.idle.push(sample, told.contacts) {
+        if let Some(tare) = self.pauses.push(sample, told.contacts) {
             self.begin(&tare, &mut told);
         }
         told
@@ -132,7 +132,7 @@ impl Session {
     }
 
     /// What a step that went well says.
-    fn learnt(&mut self, report: StepReport, told: &mut Told) {
+    fn learnt(&mut self, report: StepReport, told: &mut StepOutcome) {
         told.contacts = report.contacts;
         let (Some(external), Some(predicted)) = (report.external, report.predicted) else {
             self.state = State::Taring;
@@ -150,15 +150,15 @@ impl Session {
     }
 
     /// What a step that failed leaves.
-    fn failed(&mut self, error: &MapperError, told: &mut Told) {
+    fn failed(&mut self, error: &MapperError, told: &mut StepOutcome) {
         told.fault = Some(error.to_string());
         // A single broken sample is left out; where an arm has jumped, the touch is lost.
         let lost = matches!(
             error,
-            MapperError::Touch(
-                TouchError::Jump { .. }
-                    | TouchError::NoContactFreeStart { .. }
-                    | TouchError::NotBegun
+            MapperError::Tracker(
+                TrackerError::Jump { .. }
+                    | TrackerError::NoContactFreeStart { .. }
+                    | TrackerError::NotBegun
             )
         );
         if lost {
@@ -167,7 +167,7 @@ impl Session {
     }
 
     /// Begins a touch with the samples of a pause, if there are any.
-    fn begin(&mut self, tare: &[Sample], told: &mut Told) {
+    fn begin(&mut self, tare: &[Sample], told: &mut StepOutcome) {
         let _ = self.mapper.end_touch();
         self.mapper.begin_touch();
         (self.state, told.begins) = (State::Taring, true);
@@ -184,7 +184,7 @@ impl Session {
     pub fn tare(&mut self) {
         let _ = self.mapper.end_touch();
         self.mapper.begin_touch();
-        self.idle.begun();
+        self.pauses.begun();
         self.state = State::Taring;
         if let Some(guard) = &self.guard {
             guard.reset();
@@ -195,7 +195,8 @@ impl Session {
     pub fn wait(&mut self) {
         let _ = self.mapper.end_touch();
         self.state = State::Waiting;
-        self.idle = IdleSplit::new(self.idle_config.clone()).expect("checked when it was new");
+        self.pauses =
+            PauseDetector::new(self.pause_config.clone()).expect("checked when it was new");
     }
 
     /// Makes one of the replays that the last step may have; whether it did.

@@ -4,16 +4,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use palpate::arm::Arm;
-use palpate::estimator::Method;
-use palpate::idle;
-use palpate::mapper::{Config, Mapper};
-use palpate::touch::Sample;
+use palpate::{Arm, EstimatorKind, Mapper, MapperConfig, PauseConfig, Sample};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, CachePlace, load_arm};
 use palpate_live::guard::{Guard, Sentry};
 use palpate_live::message::{Header, JointState, Stamp};
-use palpate_live::session::{Session, State, Told};
+use palpate_live::session::{Session, State, StepOutcome};
 
 fn arm() -> Arc<Arm> {
     let options = ArmOptions { cache: CachePlace::Off, ..ArmOptions::default() };
@@ -47,16 +43,16 @@ fn without_last_pause(touch: &[Sample]) -> &[Sample] {
 
 /// A mapper that makes no replays of its own.
 fn mapper(arm: &Arc<Arm>) -> Mapper {
-    let mut config = Config::of(Method::Map);
+    let mut config = MapperConfig::of(EstimatorKind::Map);
     config.estimator.replays = 0;
     Mapper::new(Arc::clone(arm), config).unwrap()
 }
 
 fn session(arm: &Arc<Arm>, replays: u32, guard: Option<Guard>) -> Session {
-    Session::new(mapper(arm), idle::Config::default(), replays, guard).unwrap()
+    Session::new(mapper(arm), PauseConfig::default(), replays, guard).unwrap()
 }
 
-fn play(session: &mut Session, samples: &[Sample]) -> Vec<Told> {
+fn play(session: &mut Session, samples: &[Sample]) -> Vec<StepOutcome> {
     samples.iter().map(|sample| session.take(sample)).collect()
 }
 
@@ -65,7 +61,7 @@ fn what_is_learnt_live_is_what_a_log_of_the_same_touches_teaches() {
     let (arm, touches) = (arm(), touches(2));
     let touches: Vec<&[Sample]> = touches.iter().map(|touch| without_last_pause(touch)).collect();
     let mut live = session(&arm, 0, None);
-    let told: Vec<Told> = touches.iter().flat_map(|touch| play(&mut live, touch)).collect();
+    let told: Vec<StepOutcome> = touches.iter().flat_map(|touch| play(&mut live, touch)).collect();
     live.finish();
     let mut from_log = mapper(&arm);
     for touch in &touches {
@@ -119,7 +115,7 @@ fn the_guard_says_once_which_joint_passed_the_limit_until_a_tare_takes_it_back()
     let first = told.iter().position(|told| told.trip.is_some()).unwrap();
     assert_eq!(told.iter().filter(|told| told.trip.is_some()).count(), 1);
     assert!(live.guard().unwrap().is_up());
-    let over = |told: &Told| {
+    let over = |told: &StepOutcome| {
         told.torques
             .as_ref()
             .is_some_and(|(external, predicted)| external.amax() > 1.5 || predicted.amax() > 1.5)
@@ -173,7 +169,7 @@ fn a_session_goes_on_from_what_another_has_saved() {
     play(&mut first, &touches[0][..200]);
     let snapshot = first.mapper().snapshot();
     let resumed = Mapper::resume(Arc::clone(&arm), snapshot).unwrap();
-    let mut second = Session::new(resumed, idle::Config::default(), 0, None).unwrap();
+    let mut second = Session::new(resumed, PauseConfig::default(), 0, None).unwrap();
     assert_eq!(second.state(), State::Waiting);
     assert!(second.mapper().field() == first.mapper().field());
     let told = play(&mut second, &touches[1]);

@@ -2,18 +2,18 @@
 
 use std::sync::Arc;
 
-use palpate::arm::Arm;
-use palpate_learn::contender::Contender;
+use palpate::Arm;
 use palpate_learn::errors::Errors;
 use palpate_learn::evaluation::{Evaluation, LeftOut, Summary};
+use palpate_learn::method::Method;
 use palpate_learn::tracked::Touch;
 use palpate_work::evaluate::{
-    Nowhere, Work, as_touches, configs, contender_of, each_once, folds, share,
+    Nowhere, Work, as_touches, configs, each_once, folds, method_of, share,
 };
 use palpate_work::settings::Settings;
-use palpate_work::touches::Recorded;
+use palpate_work::touches::RecordedTouch;
 use palpate_work::tune::{Tuning, tuned_settings};
-use palpate_work::{Host, WorkError};
+use palpate_work::{Progress, WorkError};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict, PyList};
@@ -24,12 +24,12 @@ use crate::data::python;
 use crate::error::{of_bad_settings, raise};
 use crate::log::{Source, opened, sources};
 use crate::robot;
-use crate::settings::{Given, without_nulls};
+use crate::settings::{SettingsGiven, without_nulls};
 use crate::watch::{Watch, long};
 
 /// Touches that were read whole, and what is to hold for them.
 struct Read {
-    recorded: Vec<Recorded>,
+    recorded: Vec<RecordedTouch>,
     touches: Vec<Touch>,
     settings: Settings,
 }
@@ -39,15 +39,15 @@ fn read(
     sources: Vec<Source>,
     mut settings: Settings,
     arm: &Arc<Arm>,
-    (truth, host): (bool, &dyn Host),
+    (truth, progress): (bool, &dyn Progress),
 ) -> Result<Read, WorkError> {
     let touches = opened(sources, &settings.log)?;
-    touches.settle(&mut settings.touch, host)?;
+    touches.gravity_of_logs(&mut settings.touch, progress)?;
     settings.log.check_for(&arm.robot)?;
     let config = settings.config()?;
     let mut touches = touches.for_arm(arm, &settings.log, (config.lattice, config.contact))?;
     let recorded = touches.read(None)?;
-    touches.tell_warnings(host);
+    touches.tell_warnings(progress);
     let touches = as_touches(&recorded, truth)?;
     Ok(Read { recorded, touches, settings })
 }
@@ -78,22 +78,22 @@ pub(crate) fn evaluate<'py>(
     progress: Option<&Bound<'py, PyAny>>,
     sections: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let settings = Given { settings, sections, method: None }.read()?;
+    let settings = SettingsGiven { settings, sections, method: None }.read()?;
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = sources(logs)?;
-    let mut contenders = Vec::new();
+    let mut chosen = Vec::new();
     for name in methods.iter().flatten() {
-        contenders.push(contender_of(name).map_err(|there_are| {
+        chosen.push(method_of(name).map_err(|there_are| {
             PyValueError::new_err(format!("`methods` names {name:?}; {there_are}"))
         })?);
     }
-    let mut contenders = each_once(&contenders);
-    if !contenders.contains(&Contender::Zero) {
-        contenders.push(Contender::Zero); // it stands beside the others in every table
+    let mut methods = each_once(&chosen);
+    if !methods.contains(&Method::Zero) {
+        methods.push(Method::Zero); // it stands beside the others in every table
     }
-    let work = |host: &Watch| {
+    let work = |progress: &Watch| {
         let arm = &robot.arm;
-        let Read { recorded, touches, settings } = read(sources, settings, arm, (truth, host))?;
+        let Read { recorded, touches, settings } = read(sources, settings, arm, (truth, progress))?;
         let folds = self::folds(&touches, folds, test.as_deref().unwrap_or_default())?;
         let work = Work {
             arm,
@@ -101,12 +101,12 @@ pub(crate) fn evaluate<'py>(
             touches: &touches,
             todo: self::share(folds.len(), share.unwrap_or((0, 1)))?,
             folds,
-            contenders,
+            methods,
             estimators: configs(&settings)?,
             tune,
             truth,
         };
-        work.evaluate(&Nowhere, host)
+        work.evaluate(&Nowhere, progress)
     };
     let evaluated = long(py, progress, work)?.map_err(|error| raise(&error))?;
     let result = result(py, &evaluated.evaluation)?;
@@ -199,15 +199,15 @@ pub(crate) fn tune<'py>(
     if candidates.is_some_and(|n| !(2..=1000).contains(&n)) {
         return Err(PyValueError::new_err("`candidates` must be from 2 to 1000"));
     }
-    let settings = Given { settings, sections, method: None }.read()?;
+    let settings = SettingsGiven { settings, sections, method: None }.read()?;
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = sources(logs)?;
-    let work = |host: &Watch| -> Result<_, WorkError> {
+    let work = |progress: &Watch| -> Result<_, WorkError> {
         let arm = &robot.arm;
-        let Read { recorded, touches, settings } = read(sources, settings, arm, (false, host))?;
+        let Read { recorded, touches, settings } = read(sources, settings, arm, (false, progress))?;
         let config = settings.config()?;
         let tuning = Tuning { arm, recorded: &recorded, touches: &touches, config: &config };
-        Ok((tuning.run(candidates, host)?, settings))
+        Ok((tuning.run(candidates, progress)?, settings))
     };
     let (tuned, given) = long(py, progress, work)?.map_err(|error| raise(&error))?;
     let settings = tuned_settings(&tuned, &given);

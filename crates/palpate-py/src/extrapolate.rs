@@ -75,8 +75,8 @@ pub(crate) fn extrapolate(
     )?;
     let chosen = Chosen { method, features, reach_cells, length_scale };
     let saved = field.saved(py, true);
-    let work = |host: &Watch| {
-        let config = config(&chosen, &saved, host);
+    let work = |progress: &Watch| {
+        let config = config(&chosen, &saved, progress);
         let (names, halves) = ([Path::new("field"), name.as_path()], None);
         let (drawn, kept) = (false, "nothing was kept");
         let work = Work {
@@ -90,7 +90,7 @@ pub(crate) fn extrapolate(
             kept,
         };
         let checked = config.check();
-        checked.map(|()| (work.run(host), config))
+        checked.map(|()| (work.run(progress), config))
     };
     let (found, config) = long(py, progress, work)?.map_err(|error| of_settings(&error))?;
     let found = found.map_err(|error| raise(&error))?;

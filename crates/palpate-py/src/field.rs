@@ -4,12 +4,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
-use palpate::lattice::CellId;
-use palpate::mapper::Snapshot;
-use palpate::{contact, touch};
+use palpate::{CellId, ContactConfig, ExternalTorqueConfig, Snapshot};
 use palpate_io::field::{self, Saved};
 use palpate_work::WorkError;
-use palpate_work::given::Given as GivenArrays;
+use palpate_work::field_arrays::FieldArrays;
 use palpate_work::predict::{Against, FrameResult, TouchResult, planned, score};
 use palpate_work::scored::{Report, tell_oddities};
 use palpate_work::settings::{Settings, sections::RobotSettings};
@@ -23,7 +21,7 @@ use crate::error::{of_bad_settings, of_file, raise};
 use crate::lattice::Lattice;
 use crate::log::{opened, sources};
 use crate::robot;
-use crate::settings::Given;
+use crate::settings::SettingsGiven;
 use crate::watch::{Watch, long};
 
 /// What a field returns of places: stiffness, std and counts.
@@ -41,8 +39,8 @@ pub(crate) struct Field {
     cells: Py<PyArray1<u32>>,
     prior: Option<Py<PyArray1<f64>>>,
     lattice: Py<Lattice>,
-    contact: contact::Config,
-    touch: touch::Config,
+    contact: ContactConfig,
+    touch: ExternalTorqueConfig,
     untouched_n_per_m: f64,
     pub(crate) robot: String,
     pub(crate) snapshot: Option<Arc<Snapshot>>,
@@ -71,8 +69,8 @@ impl Field {
     }
 
     /// The field as the core has it.
-    pub(crate) fn core(&self, py: Python<'_>) -> palpate::field::Field {
-        palpate::field::Field {
+    pub(crate) fn core(&self, py: Python<'_>) -> palpate::Field {
+        palpate::Field {
             lattice: self.lattice.get().inner.clone(),
             contact: self.contact.clone(),
             touch: self.touch.clone(),
@@ -155,7 +153,7 @@ impl Field {
     ) -> PyResult<Self> {
         let points_m = self::points(points, "points")?;
         let n = points_m.len();
-        let given = GivenArrays {
+        let given = FieldArrays {
             stiffness_n_per_m: row(stiffness, "stiffness", Some(n))?,
             std_n_per_m: match std {
                 Some(std) => row(std, "std", Some(n))?,
@@ -168,7 +166,7 @@ impl Field {
             points_m,
             untouched_n_per_m: untouched,
         };
-        let settings: Settings = Given { settings, sections, method: None }.read()?;
+        let settings: Settings = SettingsGiven { settings, sections, method: None }.read()?;
         let mut config = settings.config().map_err(of_bad_settings)?;
         config.lattice = lattice.get().inner.clone();
         let saved = given.field(&config, robot);
@@ -243,7 +241,7 @@ impl Field {
         let places = self::points(points, "points")?;
         let (field, std) = (self.core(py), self.untouched_std());
         let found = py.detach(|| field.at(&places, std));
-        let number = |of: fn(&palpate::field::CellEstimate) -> f64| {
+        let number = |of: fn(&palpate::CellEstimate) -> f64| {
             found.iter().map(|cell| cell.as_ref().map_or(f64::NAN, of)).collect()
         };
         let stiffness = flat(py, number(|cell| cell.stiffness_n_per_m));
@@ -269,7 +267,7 @@ impl Field {
         let path = rows(q_path, "q_path", Some(joints), &format!("(T, {joints})"))?;
         let field = self.core(py);
         let torques: Result<_, WorkError> =
-            long(py, progress, |host| planned(&robot.arm, &field, &path, host))?;
+            long(py, progress, |progress| planned(&robot.arm, &field, &path, progress))?;
         let torques = torques.map_err(|error| raise(&error))?;
         Ok(table_of(py, torques.iter().map(|torque| torque.as_slice()), joints))
     }
@@ -290,19 +288,19 @@ impl Field {
         progress: Option<&Bound<'py, PyAny>>,
         sections: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let mut settings = Given { settings, sections, method: None }.read()?;
+        let mut settings = SettingsGiven { settings, sections, method: None }.read()?;
         let robot = self.robot(py, robot)?;
         let (sources, field) = (sources(log)?, self.core(py));
         let against = if truth { Against::Truth } else { Against::Measured };
-        let work = |host: &Watch| -> Result<_, WorkError> {
+        let work = |progress: &Watch| -> Result<_, WorkError> {
             let touches = opened(sources, &settings.log)?;
-            touches.settle(&mut settings.touch, host)?;
+            touches.gravity_of_logs(&mut settings.touch, progress)?;
             settings.log.check_for(&robot.arm.robot)?;
             let touch = settings.touch.over_config(&field.touch);
             let place = (field.lattice.clone(), field.contact.clone());
             let mut touches = touches.for_arm(&robot.arm, &settings.log, place)?;
-            let results = score(&robot.arm, &field, touch, against, (&mut touches, host))?;
-            tell_oddities(&results, host);
+            let results = score(&robot.arm, &field, touch, against, (&mut touches, progress))?;
+            tell_oddities(&results, progress);
             Ok(results)
         };
         let results = long(py, progress, work)?.map_err(|error| raise(&error))?;

@@ -1,7 +1,7 @@
 //! The workspace box and its points.
 
 use numpy::{PyArray1, PyArray2};
-use palpate::lattice::{self, CellId};
+use palpate::CellId;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyAny;
@@ -16,7 +16,7 @@ use crate::error::of_settings;
 #[pyclass(frozen, module = "palpate")]
 #[derive(Clone)]
 pub(crate) struct Lattice {
-    pub(crate) inner: lattice::Lattice,
+    pub(crate) inner: palpate::Lattice,
 }
 
 impl Lattice {
@@ -46,7 +46,7 @@ impl Lattice {
         let Ok(sides) = <[u32; 3]>::try_from(sides) else {
             return Err(PyValueError::new_err("`shape` wants three counts, along x, y and z"));
         };
-        let inner = lattice::Lattice::new(three(origin, "origin")?, spacing, sides);
+        let inner = palpate::Lattice::new(three(origin, "origin")?, spacing, sides);
         Ok(Self { inner: inner.map_err(|error| of_settings(&error))? })
     }
 
@@ -54,7 +54,7 @@ impl Lattice {
     #[staticmethod]
     fn filling(low: &Bound<'_, PyAny>, high: &Bound<'_, PyAny>, spacing: f64) -> PyResult<Self> {
         let (low, high) = (three(low, "low")?, three(high, "high")?);
-        let inner = lattice::Lattice::filling(low, high, spacing);
+        let inner = palpate::Lattice::filling(low, high, spacing);
         Ok(Self { inner: inner.map_err(|error| of_settings(&error))? })
     }
 

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use numpy::{PyArray1, PyArray2};
-use palpate::touch::Sample;
+use palpate::Sample;
 use palpate_io::log::LogOptions;
 use palpate_work::WorkError;
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::LogSettings;
-use palpate_work::touches::{Held, Moment, Touches};
+use palpate_work::touches::{TouchEvent, TouchInMemory, Touches};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict, PySequence, PyString};
@@ -60,7 +60,7 @@ pub(crate) enum Source {
     /// A log's paths, and how they are read if that was said.
     Log(Vec<PathBuf>, LogSettings),
     /// A touch that Python holds.
-    Held(Held),
+    TouchInMemory(TouchInMemory),
 }
 
 /// Opens one or more logs, which are read as one.
@@ -84,7 +84,7 @@ pub(crate) fn open_log(
     for source in sources(path)? {
         match source {
             Source::Log(more, _) => paths.extend(more),
-            Source::Held(_) => {
+            Source::TouchInMemory(_) => {
                 let wanted = "wanted a path, or a list of paths";
                 return Err(PyTypeError::new_err(format!("`path` holds a Touch; {wanted}")));
             }
@@ -110,7 +110,7 @@ pub(crate) fn sources(any: &Bound<'_, PyAny>) -> PyResult<Vec<Source>> {
         return Ok(vec![Source::Log(paths, settings)]);
     }
     if let Ok(touch) = any.cast::<Touch>() {
-        return Ok(vec![Source::Held(touch.get().held(py))]);
+        return Ok(vec![Source::TouchInMemory(touch.get().held(py))]);
     }
     if any.is_instance_of::<PyString>() || any.hasattr("__fspath__")? {
         return Ok(vec![Source::Log(vec![any.extract()?], LogSettings::default())]);
@@ -136,7 +136,7 @@ pub(crate) fn opened(sources: Vec<Source>, settings: &LogSettings) -> Result<Tou
     let mut all: Option<Touches> = None;
     for source in sources {
         let touches = match source {
-            Source::Held(touch) => Touches::held(HELD, vec![touch]),
+            Source::TouchInMemory(touch) => Touches::held(HELD, vec![touch]),
             Source::Log(paths, own) => {
                 let own = Settings { log: own, ..Settings::default() };
                 let given = Settings { log: settings.clone(), ..Settings::default() };
@@ -195,10 +195,10 @@ impl TouchIterator {
 
 impl Reading {
     /// Reads the next touch whole.
-    fn next_touch(&mut self) -> Result<Option<Held>, WorkError> {
+    fn next_touch(&mut self) -> Result<Option<TouchInMemory>, WorkError> {
         if self.next.is_none() {
             self.next = match self.touches.advance()? {
-                Some(Moment::Touch(name)) => Some((name, self.touches.keep_joints())),
+                Some(TouchEvent::Touch(name)) => Some((name, self.touches.keep_joints())),
                 _ => None,
             };
         }
@@ -206,14 +206,14 @@ impl Reading {
         let mut samples = Vec::new();
         while let Some(moment) = self.touches.advance()? {
             match moment {
-                Moment::Sample(sample) => samples.push(sample),
-                Moment::Touch(name) => {
+                TouchEvent::Sample(sample) => samples.push(sample),
+                TouchEvent::Touch(name) => {
                     self.next = Some((name, self.touches.keep_joints()));
                     break;
                 }
             }
         }
-        Ok(Some(Held { name, joint_names, samples }))
+        Ok(Some(TouchInMemory { name, joint_names, samples }))
     }
 }
 
@@ -226,8 +226,8 @@ fn samples(q: Vec<Vec<f64>>, tau: Vec<Vec<f64>>, time: Option<&[f64]>) -> Vec<Sa
 }
 
 impl Touch {
-    fn of(py: Python<'_>, held: Held) -> Self {
-        let Held { name, joint_names, samples } = held;
+    fn of(py: Python<'_>, held: TouchInMemory) -> Self {
+        let TouchInMemory { name, joint_names, samples } = held;
         let joints = samples.first().map_or(0, |sample| sample.q.len());
         let time: Option<Vec<f64>> = samples.iter().map(|sample| sample.time_s).collect();
         Self {
@@ -239,7 +239,7 @@ impl Touch {
         }
     }
 
-    fn held(&self, py: Python<'_>) -> Held {
+    fn held(&self, py: Python<'_>) -> TouchInMemory {
         use numpy::PyArrayMethods;
         let table = |array: &Py<PyArray2<f64>>| {
             let array = array.bind(py).readonly();
@@ -251,7 +251,7 @@ impl Touch {
         let sample =
             |(place, (q, tau))| Sample { time_s: time.as_ref().map(|time| time[place]), q, tau };
         let (name, joint_names) = (self.name.clone(), self.joint_names.clone());
-        Held { name, joint_names, samples: moments.map(sample).collect() }
+        TouchInMemory { name, joint_names, samples: moments.map(sample).collect() }
     }
 }
 
@@ -281,7 +281,7 @@ impl Touch {
         }
         let time = time.map(|time| row(time, "time", Some(q.len()))).transpose()?;
         let samples = samples(q, tau, time.as_deref());
-        Ok(Self::of(py, Held { name: name.to_owned(), joint_names, samples }))
+        Ok(Self::of(py, TouchInMemory { name: name.to_owned(), joint_names, samples }))
     }
 
     /// Its name.

@@ -3,9 +3,7 @@
 use std::path::PathBuf;
 
 use numpy::{PyArray1, PyArray2};
-use palpate::mapper::MapperError;
-use palpate::outlook;
-use palpate::touch::Sample;
+use palpate::{MapperError, PathConfig, PathPrediction, Sample};
 use palpate_work::error::WorkError;
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::TouchSettings;
@@ -19,7 +17,7 @@ use crate::error::{PalpateError, of_bad_settings, of_file, of_touch, raise};
 use crate::field::Field;
 use crate::log::{opened, sources};
 use crate::robot::{self, Robot, no_bar};
-use crate::settings::Given;
+use crate::settings::SettingsGiven;
 use crate::shared::Shared;
 use crate::watch::{Watch, long};
 
@@ -40,7 +38,7 @@ pub(crate) struct Mapper {
 }
 
 struct State {
-    mapper: palpate::mapper::Mapper,
+    mapper: palpate::Mapper,
     /// Whether a touch was begun and not ended.
     in_touch: bool,
 }
@@ -76,7 +74,7 @@ pub(crate) struct Answer {
 }
 
 impl Mapper {
-    fn of(mapper: palpate::mapper::Mapper, robot: Robot, settings: Settings) -> Self {
+    fn of(mapper: palpate::Mapper, robot: Robot, settings: Settings) -> Self {
         let in_touch = false;
         Self { state: Shared::new(State { mapper, in_touch }), robot, settings }
     }
@@ -109,13 +107,13 @@ impl Mapper {
         prior: Option<&Bound<'_, Field>>,
         sections: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let settings = Given { settings, sections, method }.read()?;
+        let settings = SettingsGiven { settings, sections, method }.read()?;
         let config = settings.config().map_err(of_bad_settings)?;
         let robot = robot::given(py, robot, &settings.robot)?;
         let prior = prior.map(|prior| prior.get().saved(py, false));
-        let work = |host: &Watch| {
+        let work = |progress: &Watch| {
             let prior = prior.as_ref().map(|prior| (prior, "prior"));
-            prior::mapper_from(prior, &robot.arm, config, host)
+            prior::mapper_from(prior, &robot.arm, config, progress)
         };
         let mapper = long(py, Some(no_bar(py).as_any()), work)?;
         Ok(Self::of(mapper.map_err(|error| raise(&error))?, robot, settings))
@@ -134,7 +132,7 @@ impl Mapper {
         settings: Option<&Bound<'_, PyAny>>,
         sections: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let settings = Given { settings, sections, method: None }.read()?;
+        let settings = SettingsGiven { settings, sections, method: None }.read()?;
         let robot = robot::given(py, robot, &settings.robot)?;
         let saved = py.detach(|| palpate_io::field::load(&path));
         let saved = saved.map_err(|error| of_file(&error))?;
@@ -151,7 +149,7 @@ impl Mapper {
         settings: Option<&Bound<'_, PyAny>>,
         sections: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let settings = Given { settings, sections, method: None }.read()?;
+        let settings = SettingsGiven { settings, sections, method: None }.read()?;
         let robot = robot::given(py, robot, &settings.robot)?;
         Self::going_on(py, (field.get().saved(py, true), "field"), robot, settings)
     }
@@ -166,8 +164,8 @@ impl Mapper {
     #[getter]
     fn method(&self, py: Python<'_>) -> PyResult<&'static str> {
         Ok(match self.state.take(py)?.inner.mapper.config().method {
-            palpate::estimator::Method::Map => "map",
-            palpate::estimator::Method::Ekf => "ekf",
+            palpate::EstimatorKind::Map => "map",
+            palpate::EstimatorKind::Ekf => "ekf",
         })
     }
 
@@ -240,14 +238,17 @@ impl Mapper {
         let State { mapper, in_touch } = &mut *state.inner;
         *in_touch = false; // a touch under way ends where the next one begins
         let settings = &self.settings.log;
-        let work = |host: &Watch| -> Result<_, WorkError> {
+        let work = |progress: &Watch| -> Result<_, WorkError> {
             let touches = opened(sources, settings)?;
             let gravity = Some(mapper.config().touch.gravity);
-            touches.settle(&mut TouchSettings { gravity, ..TouchSettings::default() }, host)?;
+            touches.gravity_of_logs(
+                &mut TouchSettings { gravity, ..TouchSettings::default() },
+                progress,
+            )?;
             settings.check_for(&mapper.arm().robot)?;
             let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
             let mut touches = touches.for_arm(&mapper.arm().clone(), settings, place)?;
-            let tally = learn::learn(mapper, &mut touches, &mut |_, _, _| (), host)?;
+            let tally = learn::learn(mapper, &mut touches, &mut |_, _, _| (), progress)?;
             Ok(tally.figures(mapper))
         };
         let figures = long(py, progress, work)?.map_err(|error| raise(&error))?;
@@ -279,14 +280,13 @@ impl Mapper {
     ) -> PyResult<Answer> {
         let joints = self.robot.arm.robot.n_joints();
         let path = rows(path, "path", Some(joints), &format!("(P, {joints})"))?;
-        let mut config = outlook::Config::default();
+        let mut config = PathConfig::default();
         config.resolution_cells = resolution_cells.unwrap_or(config.resolution_cells);
         config.start_cells = start_cells.unwrap_or(config.start_cells);
-        let outlook = self.state.take(py)?.inner.mapper.outlook();
+        let predictor = self.state.take(py)?.inner.mapper.path_predictor();
         let no_bar = no_bar(py);
-        let answer = long(py, Some(no_bar.as_any()), |_| outlook.ask(&path, &config))?;
-        let outlook::Answer { points, goes_on, stops } =
-            answer.map_err(|error| of_touch(&error))?;
+        let answer = long(py, Some(no_bar.as_any()), |_| predictor.ask(&path, &config))?;
+        let PathPrediction { points, goes_on, stops } = answer.map_err(|error| of_touch(&error))?;
         Ok(Answer {
             torque: table_of(py, points.iter().map(|point| point.torque.as_slice()), joints),
             torque_std: table_of(

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2};
-use palpate::arm::Arm;
+use palpate::Arm;
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::RobotSettings;
 use palpate_work::{WorkError, robot};
@@ -51,7 +51,7 @@ pub(crate) fn given(
 
 /// Loads the robot that the settings name.
 fn loaded(py: Python<'_>, settings: RobotSettings) -> PyResult<Robot> {
-    let load = |host: &crate::watch::Watch| robot::load(&settings, host);
+    let load = |progress: &crate::watch::Watch| robot::load(&settings, progress);
     let arm: Result<Arc<Arm>, WorkError> = long(py, Some(no_bar(py).as_any()), load)?;
     Ok(Robot { arm: arm.map_err(|error| raise(&error))?, settings })
 }

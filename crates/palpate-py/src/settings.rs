@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use palpate::estimator::Method;
+use palpate::EstimatorKind;
 use palpate_work::settings::{self, Settings};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -14,7 +14,7 @@ use crate::lattice::Lattice;
 
 /// What a call says of settings.
 #[derive(Default)]
-pub(crate) struct Given<'a, 'py> {
+pub(crate) struct SettingsGiven<'a, 'py> {
     /// A file or a dict.
     pub(crate) settings: Option<&'a Bound<'py, PyAny>>,
     /// Sections by name, such as `contact={"friction": 0.3}`.
@@ -23,7 +23,7 @@ pub(crate) struct Given<'a, 'py> {
     pub(crate) method: Option<&'a str>,
 }
 
-impl Given<'_, '_> {
+impl SettingsGiven<'_, '_> {
     /// The settings, with what is given apart over what the file or the dict says.
     pub(crate) fn read(&self) -> PyResult<Settings> {
         let lower = match self.settings {
@@ -49,8 +49,8 @@ impl Given<'_, '_> {
         };
         if let Some(method) = self.method {
             upper.estimator.estimator = Some(match method {
-                "map" => Method::Map,
-                "ekf" => Method::Ekf,
+                "map" => EstimatorKind::Map,
+                "ekf" => EstimatorKind::Ekf,
                 _ => {
                     let message = format!("`method` is {method:?}; wanted \"map\" or \"ekf\"");
                     return Err(PyValueError::new_err(message));
@@ -99,7 +99,7 @@ pub(crate) fn given_settings<'py>(
     settings: Option<&Bound<'py, PyAny>>,
     sections: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let settings = Given { settings, sections, method: None }.read()?;
+    let settings = SettingsGiven { settings, sections, method: None }.read()?;
     let plain = serde_json::to_value(&settings).expect("settings are plain data");
     python(py, &without_nulls(&plain))
 }
@@ -125,7 +125,7 @@ pub(crate) fn default_settings<'py>(
     settings: Option<&Bound<'py, PyAny>>,
     sections: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let settings = Given { settings, sections, method: None }.read()?;
+    let settings = SettingsGiven { settings, sections, method: None }.read()?;
     let all = settings.effective().map_err(of_bad_settings)?;
     python(py, &serde_json::to_value(all).expect("settings are plain data"))
 }

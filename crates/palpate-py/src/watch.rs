@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use palpate_work::{Bar, Host};
+use palpate_work::{Bar, Progress};
 use pyo3::intern;
 use pyo3::prelude::*;
 
@@ -34,7 +34,7 @@ struct Stretch {
     doing: String,
 }
 
-/// The host of long work.
+/// The progress of long work.
 #[derive(Default)]
 pub(crate) struct Watch {
     stop: AtomicBool,
@@ -57,7 +57,7 @@ impl Bar for Steps {
     fn at(&self, _: &str) {}
 }
 
-impl Host for Watch {
+impl Progress for Watch {
     fn note(&self, text: &str) {
         self.tell(Told::Note(text.to_owned()));
     }

@@ -11,7 +11,7 @@ use re_sdk_types::blueprint::components::{Corner2D, PanelState, ViewClass, ViewO
 
 use crate::camera;
 use crate::recording::{APPLICATION, Scene, part};
-use crate::shown::Scale;
+use crate::view_model::Scale;
 
 /// The timeline of the clock.
 pub(crate) const TIME: &str = "time";

@@ -5,7 +5,7 @@ use re_sdk_types::blueprint::archetypes::EyeControls3D;
 use re_sdk_types::blueprint::components::Eye3DKind;
 
 use crate::recording::Scene;
-use crate::shown::single;
+use crate::view_model::single;
 
 /// Distance from the middle of the arm, in diagonals of the box around it.
 const DISTANCE: f64 = 1.0;

@@ -10,7 +10,7 @@
 
 #![forbid(unsafe_code)]
 
-pub mod shown;
+pub mod view_model;
 
 #[cfg(feature = "rerun")]
 mod blueprint;

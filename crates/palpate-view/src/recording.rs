@@ -23,9 +23,7 @@ use std::io::Write;
 use std::time::{Duration, Instant};
 
 use nalgebra::{DVector, Isometry3, Point3};
-use palpate::contact::Contacts;
-use palpate::field::Field;
-use palpate::lattice::Lattice;
+use palpate::{Contacts, Field, Lattice};
 use re_sdk::time::TimeCell;
 use re_sdk::{AsComponents, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 use re_sdk_types::archetypes::{
@@ -38,7 +36,7 @@ use re_sdk_types::{AnyValues, Rotation3D};
 
 use crate::blueprint;
 use crate::rrd::Rrd;
-use crate::shown::{self, LinkShape, Scale, single};
+use crate::view_model::{self, LinkShape, Scale, single};
 
 /// The name under which viewers keep what a user changed of the layout.
 pub(crate) const APPLICATION: &str = "palpate";
@@ -267,7 +265,7 @@ impl<'out> Recording<'out> {
             return Ok(()); // Nothing is there already.
         }
         self.touching = !contacts.is_empty();
-        let drawn = shown::thinned(contacts);
+        let drawn = view_model::thinned(contacts);
         let rests: Vec<[f32; 3]> =
             drawn.iter().map(|(cell, _)| single(&self.lattice.point(*cell))).collect();
         let vectors = drawn.iter().map(|(_, displacement)| *displacement);

@@ -5,13 +5,10 @@
 use std::io::{self, Write};
 
 use nalgebra::{DVector, Isometry3, Point3, Vector3, dvector};
-use palpate::contact::{self, Contacts, LinkContacts};
-use palpate::field::Field;
-use palpate::lattice::{CellId, Lattice};
-use palpate::robot::LinkId;
-use palpate::touch;
+use palpate::unstable::{LinkContacts, LinkId};
+use palpate::{CellId, ContactConfig, Contacts, ExternalTorqueConfig, Field, Lattice};
 use palpate_view::contents::{chunks, layout, rows, scalars};
-use palpate_view::shown::{CONTACTS, LinkShape};
+use palpate_view::view_model::{CONTACTS, LinkShape};
 use palpate_view::{Frame, Recording, Scene, Torque, ViewError};
 use re_sdk::log::Chunk;
 use re_sdk_types::archetypes::{Arrows3D, Mesh3D, Points3D, Transform3D};
@@ -181,8 +178,8 @@ fn the_field_has_its_stiffness_and_its_colours_in_words() {
     let stiffness_n_per_m = vec![200.0, 100.0, 0.1];
     let field = Field {
         lattice: lattice(),
-        contact: contact::Config::default(),
-        touch: touch::Config::default(),
+        contact: ContactConfig::default(),
+        touch: ExternalTorqueConfig::default(),
         cells: (0..3).map(CellId).collect(),
         std_n_per_m: vec![1.0; 3],
         counts: vec![3, 5, 7],

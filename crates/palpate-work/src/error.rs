@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use palpate::mapper::MapperError;
+use palpate::MapperError;
 use palpate_io::log::LogError;
 
 use crate::settings::SettingsError;

@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use nalgebra::DVector;
-use palpate::mapper::{Mapper, StepReport};
+use palpate::{Mapper, StepReport};
 use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
 use serde_json::json;
 
 use crate::error::WorkError;
-use crate::host::Host;
-use crate::touches::{Moment, Touches};
+use crate::progress::Progress;
+use crate::touches::{TouchEvent, Touches};
 
 /// What one touch gave.
 #[derive(Debug, Clone, Serialize)]
@@ -128,14 +128,14 @@ pub struct Cells {
 impl Cells {
     /// Counts the cells of a mapper.
     pub fn of(mapper: &Mapper) -> Self {
-        let (counts, expected) = (mapper.field().counts, mapper.expected_n_per_m().len());
+        let (counts, expected) = (mapper.field().counts, mapper.prior_means_n_per_m().len());
         let touched = |counts: &[u32]| counts.iter().filter(|&&count| count > 0).count();
         let expected_and_touched = touched(&counts[..expected]); // the first rows
         Self { touched: touched(&counts), expected, expected_and_touched }
     }
 }
 
-/// Feeds all touches to the mapper, until the host stops it.
+/// Feeds all touches to the mapper, until the progress stops it.
 ///
 /// `after_step` gets the mapper after every sample, with what the step found and when it began.
 ///
@@ -146,12 +146,12 @@ pub fn learn(
     mapper: &mut Mapper,
     touches: &mut Touches,
     after_step: &mut dyn FnMut(&mut Mapper, &StepReport, Instant),
-    host: &dyn Host,
+    progress: &dyn Progress,
 ) -> Result<Tally, WorkError> {
-    let tally = feed(mapper, touches, after_step, host)?;
+    let tally = feed(mapper, touches, after_step, progress)?;
     if tally.interrupted.is_none() {
-        touches.tell_warnings(host);
-        tell_oddities(&tally, host);
+        touches.tell_warnings(progress);
+        tell_oddities(&tally, progress);
     }
     Ok(tally)
 }
@@ -161,23 +161,23 @@ fn feed(
     mapper: &mut Mapper,
     touches: &mut Touches,
     after_step: &mut dyn FnMut(&mut Mapper, &StepReport, Instant),
-    host: &dyn Host,
+    progress: &dyn Progress,
 ) -> Result<Tally, WorkError> {
     let mut tally = Tally::default();
-    let bar = host.begin(touches.samples(), "frames", "learning");
+    let bar = progress.begin(touches.samples(), "frames", "learning");
     while let Some(moment) = touches.advance()? {
-        if host.stopped() {
+        if progress.stopped() {
             tally.interrupted = Some(touches.place());
             return Ok(tally);
         }
         match moment {
-            Moment::Touch(name) => {
+            TouchEvent::Touch(name) => {
                 finish_touch(mapper, &tally)?;
                 mapper.begin_touch();
                 bar.at(&name);
                 tally.touches.push(TouchTally::new(name, touches.log()));
             }
-            Moment::Sample(sample) => {
+            TouchEvent::Sample(sample) => {
                 let started = Instant::now();
                 let report = mapper.step(&sample).map_err(|error| touches.fault(error))?;
                 after_step(mapper, &report, started);
@@ -202,16 +202,16 @@ fn finish_touch(mapper: &mut Mapper, tally: &Tally) -> Result<(), WorkError> {
     }
 }
 
-fn tell_oddities(tally: &Tally, host: &dyn Host) {
+fn tell_oddities(tally: &Tally, progress: &dyn Progress) {
     for touch in &tally.touches {
         let name = &touch.name;
         if touch.frames_in_contact == 0 {
-            host.warn(&format!(
+            progress.warn(&format!(
                 "touch `{name}` touches no point of the lattice and taught nothing; check \
                  --robot, the joints' unit and the workspace box"
             ));
         } else if touch.tare_frames == touch.frames {
-            host.warn(&format!(
+            progress.warn(&format!(
                 "touch `{name}` never leaves its contact-free start and taught nothing; is the \
                  arm moving in it?"
             ));

@@ -16,19 +16,19 @@
 //! | [`mod@extrapolate`] | from what was touched to what was only seen                     |
 //! | [`mod@tune`]      | settings chosen by cross-validation                               |
 //!
-//! Whoever asks for work is its [`Host`]: hears of it, and may stop it. Nothing here knows a
+//! Whoever asks for work is its [`Progress`]: hears of it, and may stop it. Nothing here knows a
 //! terminal, a page or Python.
 #![forbid(unsafe_code)]
 
 pub mod error;
 pub mod evaluate;
 pub mod extrapolate;
-pub mod given;
-mod host;
+pub mod field_arrays;
 pub mod learn;
 pub mod pauses;
 pub mod predict;
 pub mod prior;
+mod progress;
 pub mod resume;
 pub mod robot;
 pub mod scored;
@@ -37,4 +37,4 @@ pub mod touches;
 pub mod tune;
 
 pub use error::WorkError;
-pub use host::{Bar, Host};
+pub use progress::{Bar, Progress};

@@ -1,6 +1,6 @@
 //! `--split-idle`: a log parted into touches where the arm pauses in the air.
 //!
-//! [`IdleSplit`] says when; whether anything is touched, a simulator of our own says, which knows
+//! [`PauseDetector`] says when; whether anything is touched, a simulator of our own says, which knows
 //! the arm and the workspace box but no torque. Still samples are held back until it is known
 //! which touch they belong to, so that each is in one touch only. What a log calls a touch stays
 //! one, and may become several; samples of an arm that moves before it has stood still once have
@@ -9,20 +9,19 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use palpate::arm::Arm;
-use palpate::contact;
-use palpate::idle::{self, IdleSplit};
-use palpate::lattice::Lattice;
-use palpate::mapper::MapperError;
-use palpate::touch::{self, Gravity, MIN_TARE_FRAMES, Sample, Tare, Tracker};
+use palpate::unstable::Tracker;
+use palpate::{
+    Arm, ContactConfig, ExternalTorqueConfig, Gravity, Lattice, MIN_TARE_FRAMES, MapperError,
+    PauseConfig, PauseDetector, Sample, Tare,
+};
 
 use crate::settings::SettingsError;
-use crate::touches::Moment;
+use crate::touches::TouchEvent;
 
 /// Parts touches at pauses.
 pub struct Pauses {
     tracker: Tracker,
-    split: IdleSplit,
+    split: PauseDetector,
     /// The touch as the log calls it, and how many it has become.
     name: String,
     parts: u32,
@@ -40,14 +39,14 @@ impl Pauses {
     /// If a setting is out of its range.
     pub fn new(
         arm: &Arc<Arm>,
-        (lattice, contact): (Lattice, contact::Config),
-        config: idle::Config,
+        (lattice, contact): (Lattice, ContactConfig),
+        config: PauseConfig,
     ) -> Result<Self, SettingsError> {
-        let split = IdleSplit::new(config)
+        let split = PauseDetector::new(config)
             .map_err(|error| SettingsError::Together(format!("bad setting: {error}")))?;
         // Torques do not matter: nothing is taken off them, so that nothing can be missing.
         let (gravity, tare) = (Gravity::Removed, Tare::None);
-        let touch = touch::Config { gravity, tare, ..touch::Config::default() };
+        let touch = ExternalTorqueConfig { gravity, tare, ..ExternalTorqueConfig::default() };
         let tracker = Tracker::new(Arc::clone(arm), lattice, contact, touch)
             .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
         let (name, queue) = (String::new(), VecDeque::new());
@@ -59,25 +58,29 @@ impl Pauses {
     /// # Errors
     ///
     /// If a sample does not fit the arm.
-    pub fn take(&mut self, moment: Moment, then: &mut VecDeque<Moment>) -> Result<(), MapperError> {
+    pub fn take(
+        &mut self,
+        moment: TouchEvent,
+        then: &mut VecDeque<TouchEvent>,
+    ) -> Result<(), MapperError> {
         match moment {
-            Moment::Touch(name) => {
+            TouchEvent::Touch(name) => {
                 self.finish(then);
                 (self.name, self.parts) = (name, 0);
                 self.tracker.begin_touch();
                 self.split.begun();
             }
-            Moment::Sample(sample) => self.take_sample(sample, then)?,
+            TouchEvent::Sample(sample) => self.take_sample(sample, then)?,
         }
         Ok(())
     }
 
     /// Hands on what was held back, at the end of a touch or of the log.
-    pub fn finish(&mut self, then: &mut VecDeque<Moment>) {
+    pub fn finish(&mut self, then: &mut VecDeque<TouchEvent>) {
         if self.parts == 0 && !self.queue.is_empty() {
             self.announce(then);
         }
-        then.extend(self.queue.drain(..).map(Moment::Sample));
+        then.extend(self.queue.drain(..).map(TouchEvent::Sample));
     }
 
     /// Samples that were left out since the arm had not stood still before them.
@@ -88,7 +91,7 @@ impl Pauses {
     fn take_sample(
         &mut self,
         sample: Sample,
-        then: &mut VecDeque<Moment>,
+        then: &mut VecDeque<TouchEvent>,
     ) -> Result<(), MapperError> {
         let contacts = self.tracker.feed(&sample)?.contacts.len();
         let begins = self.split.push(&sample, contacts);
@@ -111,22 +114,22 @@ impl Pauses {
     }
 
     /// Hands on all but the latest so many.
-    fn release(&mut self, kept: usize, then: &mut VecDeque<Moment>) {
+    fn release(&mut self, kept: usize, then: &mut VecDeque<TouchEvent>) {
         let over = self.queue.len().saturating_sub(kept);
         let released = self.queue.drain(..over);
         if self.parts == 0 {
             self.left_out += released.len() as u64;
         } else {
-            then.extend(released.map(Moment::Sample));
+            then.extend(released.map(TouchEvent::Sample));
         }
     }
 
-    fn announce(&mut self, then: &mut VecDeque<Moment>) {
+    fn announce(&mut self, then: &mut VecDeque<TouchEvent>) {
         self.parts += 1;
         let name = match self.parts {
             1 => self.name.clone(),
             parts => format!("{}_{parts}", self.name),
         };
-        then.push_back(Moment::Touch(name));
+        then.push_back(TouchEvent::Touch(name));
     }
 }

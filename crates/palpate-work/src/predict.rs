@@ -4,16 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use nalgebra::DVector;
-use palpate::arm::Arm;
-use palpate::field::{Field, Predictor};
-use palpate::touch::{self, Sample};
+use palpate::{Arm, ExternalTorqueConfig, Field, Predictor, Sample};
 use palpate_io::log::external_truth;
 use palpate_learn::errors::ErrorSum;
 
 use crate::error::WorkError;
-use crate::host::Host;
+use crate::progress::Progress;
 use crate::settings::SettingsError;
-use crate::touches::{Moment, Touches};
+use crate::touches::{TouchEvent, Touches};
 
 /// What predictions are held against.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -126,32 +124,32 @@ impl TouchResult {
 ///
 /// # Errors
 ///
-/// If a log is broken, a sample cannot be used, a truth is asked for that is not there, or the host
+/// If a log is broken, a sample cannot be used, a truth is asked for that is not there, or the progress
 /// stops it.
 pub fn score(
     arm: &Arc<Arm>,
     field: &Field,
-    touch: touch::Config,
+    touch: ExternalTorqueConfig,
     against: Against,
-    (touches, host): (&mut Touches, &dyn Host),
+    (touches, progress): (&mut Touches, &dyn Progress),
 ) -> Result<Vec<TouchResult>, WorkError> {
     let mut predictor = Predictor::new(Arc::clone(arm), field, touch)
         .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
-    let bar = host.begin(touches.samples(), "frames", "predicting");
+    let bar = progress.begin(touches.samples(), "frames", "predicting");
     let mut results: Vec<TouchResult> = Vec::new();
     while let Some(moment) = touches.advance()? {
-        if host.stopped() {
+        if progress.stopped() {
             let kept = format!(" at {}; nothing was written", touches.place());
             return Err(WorkError::Interrupted { kept });
         }
         match moment {
-            Moment::Touch(name) => {
+            TouchEvent::Touch(name) => {
                 end(&mut predictor, results.last())?;
                 predictor.begin_touch();
                 bar.at(&name);
                 results.push(TouchResult::begin(name, touches.log(), against)?);
             }
-            Moment::Sample(sample) => {
+            TouchEvent::Sample(sample) => {
                 let result = results.last_mut().expect("samples come after a touch's start");
                 let frame = result.frames_in_log;
                 let step = predictor.step(&sample).map_err(|error| touches.fault(error))?;
@@ -168,7 +166,7 @@ pub fn score(
         }
     }
     end(&mut predictor, results.last())?;
-    touches.tell_warnings(host);
+    touches.tell_warnings(progress);
     Ok(results)
 }
 
@@ -178,14 +176,14 @@ pub fn score(
 ///
 /// # Errors
 ///
-/// If a point does not fit the robot, or the host stops it.
+/// If a point does not fit the robot, or the progress stops it.
 pub fn planned(
     arm: &Arc<Arm>,
     field: &Field,
     path: &[Vec<f64>],
-    host: &dyn Host,
+    progress: &dyn Progress,
 ) -> Result<Vec<DVector<f64>>, WorkError> {
-    let fault = |point: usize, source: palpate::mapper::MapperError| WorkError::Touch {
+    let fault = |point: usize, source: palpate::MapperError| WorkError::Touch {
         log: PathBuf::from("path"),
         place: format!("point {point} (from 0)"),
         source: Box::new(source),
@@ -193,10 +191,10 @@ pub fn planned(
     let mut predictor = Predictor::planned(Arc::clone(arm), field)
         .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
     predictor.begin_touch();
-    let bar = host.begin(Some(path.len() as u64), "points", "predicting");
+    let bar = progress.begin(Some(path.len() as u64), "points", "predicting");
     let mut torques = Vec::with_capacity(path.len());
     for (point, q) in path.iter().enumerate() {
-        if host.stopped() {
+        if progress.stopped() {
             return Err(WorkError::Interrupted { kept: format!(" at point {point} of the path") });
         }
         let sample = Sample { time_s: None, q: q.clone(), tau: vec![0.0; q.len()] };

@@ -8,13 +8,11 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use palpate::arm::Arm;
-use palpate::lattice::{CellId, Lattice};
-use palpate::mapper::{Config, Mapper, MapperError};
+use palpate::{Arm, CellId, Lattice, Mapper, MapperConfig, MapperError};
 use palpate_io::field::{self, Saved, SavedError};
 
 use crate::error::WorkError;
-use crate::host::Host;
+use crate::progress::Progress;
 use crate::settings::{SettingsError, departures, lattice_in_words, same_lattice};
 
 /// A mapper that knows nothing yet but what the field in a file expects, if one is given.
@@ -25,15 +23,15 @@ use crate::settings::{SettingsError, departures, lattice_in_words, same_lattice}
 pub fn mapper(
     path: Option<&Path>,
     arm: &Arc<Arm>,
-    config: Config,
-    host: &dyn Host,
+    config: MapperConfig,
+    progress: &dyn Progress,
 ) -> Result<Mapper, WorkError> {
     match path {
         Some(path) => {
             let saved = load(path)?;
-            mapper_from(Some((&saved, &path.display().to_string())), arm, config, host)
+            mapper_from(Some((&saved, &path.display().to_string())), arm, config, progress)
         }
-        None => mapper_from(None, arm, config, host),
+        None => mapper_from(None, arm, config, progress),
     }
 }
 
@@ -45,16 +43,16 @@ pub fn mapper(
 pub fn mapper_from(
     prior: Option<(&Saved, &str)>,
     arm: &Arc<Arm>,
-    config: Config,
-    host: &dyn Host,
+    config: MapperConfig,
+    progress: &dyn Progress,
 ) -> Result<Mapper, WorkError> {
     let means = match prior {
-        Some((saved, name)) => expected(saved, name, &config, host)?,
+        Some((saved, name)) => expected(saved, name, &config, progress)?,
         None => Vec::new(),
     };
     let mapper = Mapper::with_prior(Arc::clone(arm), config, &means);
     mapper.map_err(|error| match (prior, error) {
-        (Some((_, name)), error @ MapperError::Expected(_)) => {
+        (Some((_, name)), error @ MapperError::PriorMeans(_)) => {
             WorkError::from(format!("`{name}` cannot be a prior: {error}"))
         }
         (_, error) => SettingsError::Value(Box::new(error)).into(),
@@ -80,8 +78,8 @@ fn load(path: &Path) -> Result<Saved, WorkError> {
 fn expected(
     saved: &Saved,
     name: &str,
-    config: &Config,
-    host: &dyn Host,
+    config: &MapperConfig,
+    progress: &dyn Progress,
 ) -> Result<Vec<(CellId, f64)>, WorkError> {
     let Saved { field, prior_n_per_m, .. } = saved;
     if !same_lattice(&field.lattice, &config.lattice) {
@@ -95,14 +93,14 @@ fn expected(
     }
     let others = departures(&field.contact, &config.contact);
     if !others.is_empty() {
-        host.warn(&format!(
+        progress.warn(&format!(
             "the prior `{name}` was learnt with another contact model, in which {}; under this one \
              the same object has another stiffness",
             others.join(" and ")
         ));
     }
     let array = if prior_n_per_m.is_some() { "K_prior" } else { "K" };
-    host.note(&format!("the prior of {} cells is `{array}` of `{name}`", field.cells.len()));
+    progress.note(&format!("the prior of {} cells is `{array}` of `{name}`", field.cells.len()));
     let means = prior_n_per_m.as_ref().unwrap_or(&field.stiffness_n_per_m);
     Ok(field.cells.iter().copied().zip(means.iter().copied()).collect())
 }

@@ -3,8 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use palpate::arm::Arm;
-use palpate::mapper::{Mapper, Snapshot};
+use palpate::{Arm, Mapper, Snapshot};
 use palpate_io::field::{self, Saved};
 
 use crate::error::WorkError;

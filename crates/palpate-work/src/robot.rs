@@ -3,18 +3,18 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::arm::Arm;
+use palpate::Arm;
 use palpate_io::robot_files::{ArmOptions, CachePlace, LoadedArm, load_arm};
 
 use crate::error::WorkError;
-use crate::host::Host;
+use crate::progress::Progress;
 use crate::settings::SettingsError;
 use crate::settings::sections::RobotSettings;
 
 /// Loads the robot with its payload, and says what was odd about it.
-pub fn load(settings: &RobotSettings, host: &dyn Host) -> Result<Arc<Arm>, WorkError> {
+pub fn load(settings: &RobotSettings, progress: &dyn Progress) -> Result<Arc<Arm>, WorkError> {
     let loaded = load_with_report(settings)?;
-    loaded.warnings.iter().for_each(|warning| host.warn(warning));
+    loaded.warnings.iter().for_each(|warning| progress.warn(warning));
     Ok(Arc::new(loaded.arm))
 }
 

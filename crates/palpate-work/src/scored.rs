@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
 
-use crate::host::Host;
 use crate::predict::{Against, TouchResult};
+use crate::progress::Progress;
 
 /// The figures of touches, one by one and together: what `palpate predict --json` prints.
 #[derive(Debug, Clone, Serialize)]
@@ -104,9 +104,9 @@ impl Report {
 }
 
 /// Notes what a reader of the errors should know.
-pub fn tell_oddities(results: &[TouchResult], host: &dyn Host) {
+pub fn tell_oddities(results: &[TouchResult], progress: &dyn Progress) {
     if results.iter().all(|touch| touch.frames_on_known == 0) {
-        host.warn(
+        progress.warn(
             "no touch meets a point that the field knows: the predictions are what is expected of \
              untouched points; check that field, robot and log belong together",
         );
@@ -115,17 +115,17 @@ pub fn tell_oddities(results: &[TouchResult], host: &dyn Host) {
     for touch in results {
         let name = &touch.name;
         if touch.frames.is_empty() {
-            host.warn(&format!(
+            progress.warn(&format!(
                 "touch `{name}` never leaves its contact-free start: nothing was scored"
             ));
         } else if touch.frames_in_contact == 0 {
-            host.warn(&format!("touch `{name}` touches no point of the field's lattice"));
+            progress.warn(&format!("touch `{name}` touches no point of the field's lattice"));
         } else if touch.frames_on_known == 0 {
-            host.warn(&format!("touch `{name}` meets no point that the field knows"));
+            progress.warn(&format!("touch `{name}` meets no point that the field knows"));
         } else if let (Some(field), Some(zero)) = (touch.field.errors(), touch.zero.errors())
             && field.avg_error > zero.avg_error
         {
-            host.warn(&format!("touch `{name}`: the field is worse than predicting zero"));
+            progress.warn(&format!("touch `{name}`: the field is worse than predicting zero"));
         }
     }
 }

@@ -4,23 +4,19 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate::arm::Arm;
-use palpate::contact;
-use palpate::lattice::Lattice;
-use palpate::mapper::MapperError;
-use palpate::touch::{Gravity, Sample};
+use palpate::{Arm, ContactConfig, Gravity, Lattice, MapperError, Sample};
 use palpate_io::log::{
     self, Format, Log, LogDescription, LogError, LogEvent, LogOptions, LogWarning, LoggedTorques,
     reorder,
 };
 
 use crate::error::WorkError;
-use crate::host::Host;
 use crate::pauses::Pauses;
+use crate::progress::Progress;
 use crate::settings::sections::{LogSettings, TouchSettings};
 
 /// What happens next.
-pub enum Moment {
+pub enum TouchEvent {
     /// A touch of this name starts.
     Touch(String),
     /// The touch goes on.
@@ -28,7 +24,7 @@ pub enum Moment {
 }
 
 /// One touch of a log, whole.
-pub struct Recorded {
+pub struct RecordedTouch {
     /// The log that it is in.
     pub log: PathBuf,
     /// Its name.
@@ -37,7 +33,7 @@ pub struct Recorded {
     pub samples: Vec<Sample>,
 }
 
-impl Recorded {
+impl RecordedTouch {
     /// An error at a place of this touch.
     pub fn fault(&self, place: String, source: MapperError) -> WorkError {
         WorkError::Touch { log: self.log.clone(), place, source: Box::new(source) }
@@ -46,7 +42,7 @@ impl Recorded {
 
 /// A touch that a program holds, with its joints as it calls them.
 #[derive(Debug, Clone)]
-pub struct Held {
+pub struct TouchInMemory {
     /// Its name.
     pub name: String,
     /// Names of the joints in the order of the samples, if they are known.
@@ -55,28 +51,28 @@ pub struct Held {
     pub samples: Vec<Sample>,
 }
 
-/// [`Held`] touches, read as any log is.
-struct HeldLog {
-    touches: VecDeque<Held>,
+/// [`TouchInMemory`] touches, read as any log is.
+struct MemoryLog {
+    touches: VecDeque<TouchInMemory>,
     samples: VecDeque<Sample>,
     /// Touches and samples that there were at the beginning.
     size: (usize, u64),
 }
 
-impl Iterator for HeldLog {
+impl Iterator for MemoryLog {
     type Item = Result<LogEvent, LogError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if let Some(sample) = self.samples.pop_front() {
             return Some(Ok(LogEvent::Sample(sample)));
         }
-        let Held { name, joint_names, samples } = self.touches.pop_front()?;
+        let TouchInMemory { name, joint_names, samples } = self.touches.pop_front()?;
         self.samples = samples.into();
         Some(Ok(LogEvent::TouchStarts { name, joint_names }))
     }
 }
 
-impl Log for HeldLog {
+impl Log for MemoryLog {
     fn describe(&self) -> LogDescription {
         let (touches, samples) = self.size;
         LogDescription {
@@ -104,7 +100,7 @@ pub struct Touches {
     named: Option<Vec<String>>,
     /// Parts touches at pauses, if that was asked for, and what it has made of them.
     pauses: Option<Pauses>,
-    next: VecDeque<Moment>,
+    next: VecDeque<TouchEvent>,
     touch: Option<String>,
     sample: u64,
 }
@@ -118,11 +114,11 @@ impl Touches {
     }
 
     /// Touches that a program holds, after each other, which errors call by this name.
-    pub fn held(name: &str, touches: Vec<Held>) -> Self {
+    pub fn held(name: &str, touches: Vec<TouchInMemory>) -> Self {
         let samples = touches.iter().map(|touch| touch.samples.len() as u64).sum();
         let count = touches.len();
         let log =
-            HeldLog { touches: touches.into(), samples: VecDeque::new(), size: (count, samples) };
+            MemoryLog { touches: touches.into(), samples: VecDeque::new(), size: (count, samples) };
         Self { logs: vec![(PathBuf::from(name), Box::new(log))], ..Self::empty() }
     }
 
@@ -151,7 +147,11 @@ impl Touches {
 
     /// Takes from the logs what the settings leave open: torques that are external ones hold no
     /// gravity.
-    pub fn settle(&self, settings: &mut TouchSettings, host: &dyn Host) -> Result<(), WorkError> {
+    pub fn gravity_of_logs(
+        &self,
+        settings: &mut TouchSettings,
+        progress: &dyn Progress,
+    ) -> Result<(), WorkError> {
         let external = |log: &dyn Log| log.describe().torques == LoggedTorques::External;
         let Some((path, _)) = self.logs.iter().find(|(_, log)| external(log.as_ref())) else {
             return Ok(());
@@ -173,7 +173,7 @@ impl Touches {
                  give --gravity if it holds for all, or read them one after the other"
             )));
         }
-        host.note(&format!("`{path}` holds external torques: gravity is not taken off them"));
+        progress.note(&format!("`{path}` holds external torques: gravity is not taken off them"));
         settings.gravity = Some(Gravity::Removed);
         Ok(())
     }
@@ -184,7 +184,7 @@ impl Touches {
         mut self,
         arm: &Arc<Arm>,
         settings: &LogSettings,
-        place: (Lattice, contact::Config),
+        place: (Lattice, ContactConfig),
     ) -> Result<Self, WorkError> {
         self.joints = arm.robot.joint_names().map(str::to_owned).collect();
         let parted = settings.pauses();
@@ -213,7 +213,7 @@ impl Touches {
     }
 
     /// The next moment, `None` at the end.
-    pub fn advance(&mut self) -> Result<Option<Moment>, WorkError> {
+    pub fn advance(&mut self) -> Result<Option<TouchEvent>, WorkError> {
         while self.next.is_empty() {
             let (moment, pauses) = (self.read_on()?, &mut self.pauses);
             match (moment, pauses) {
@@ -233,15 +233,15 @@ impl Touches {
         }
         let moment = self.next.pop_front();
         match &moment {
-            Some(Moment::Touch(name)) => (self.touch, self.sample) = (Some(name.clone()), 0),
-            Some(Moment::Sample(_)) => self.sample += 1,
+            Some(TouchEvent::Touch(name)) => (self.touch, self.sample) = (Some(name.clone()), 0),
+            Some(TouchEvent::Sample(_)) => self.sample += 1,
             None => {}
         }
         Ok(moment)
     }
 
     /// What the logs say next.
-    fn read_on(&mut self) -> Result<Option<Moment>, WorkError> {
+    fn read_on(&mut self) -> Result<Option<TouchEvent>, WorkError> {
         while let Some((path, log)) = self.logs.get_mut(self.current) {
             match log.next().transpose()? {
                 None => self.current += 1,
@@ -258,14 +258,14 @@ impl Touches {
                         }
                         _ => None,
                     };
-                    return Ok(Some(Moment::Touch(name)));
+                    return Ok(Some(TouchEvent::Touch(name)));
                 }
                 Some(LogEvent::Sample(mut sample)) => {
                     if let Some(order) = &self.permutation {
                         sample.q = order.iter().map(|&place| sample.q[place]).collect();
                         sample.tau = order.iter().map(|&place| sample.tau[place]).collect();
                     }
-                    return Ok(Some(Moment::Sample(sample)));
+                    return Ok(Some(TouchEvent::Sample(sample)));
                 }
             }
         }
@@ -273,17 +273,17 @@ impl Touches {
     }
 
     /// Reads all touches, or the first so many.
-    pub fn read(&mut self, most: Option<u32>) -> Result<Vec<Recorded>, WorkError> {
+    pub fn read(&mut self, most: Option<u32>) -> Result<Vec<RecordedTouch>, WorkError> {
         let most = most.map_or(usize::MAX, |most| most as usize);
-        let mut touches: Vec<Recorded> = Vec::new();
+        let mut touches: Vec<RecordedTouch> = Vec::new();
         while let Some(moment) = self.advance()? {
             match moment {
-                Moment::Touch(_) if touches.len() == most => break,
-                Moment::Touch(name) => {
+                TouchEvent::Touch(_) if touches.len() == most => break,
+                TouchEvent::Touch(name) => {
                     let log = self.log().to_owned();
-                    touches.push(Recorded { log, name, samples: Vec::new() });
+                    touches.push(RecordedTouch { log, name, samples: Vec::new() });
                 }
-                Moment::Sample(sample) => {
+                TouchEvent::Sample(sample) => {
                     let touch = touches.last_mut();
                     touch.expect("samples come after the start of a touch").samples.push(sample);
                 }
@@ -314,15 +314,15 @@ impl Touches {
     }
 
     /// Tells what looked odd in the logs.
-    pub fn tell_warnings(&self, host: &dyn Host) {
+    pub fn tell_warnings(&self, progress: &dyn Progress) {
         for (path, log) in &self.logs {
             for warning in log.warnings() {
-                host.warn(&format!("`{}`: {warning}", path.display()));
+                progress.warn(&format!("`{}`: {warning}", path.display()));
             }
         }
         let left_out = self.pauses.as_ref().map_or(0, Pauses::left_out);
         if left_out > 0 {
-            host.warn(&format!(
+            progress.warn(&format!(
                 "{left_out} samples were left out: the arm moved in them before it had stood still"
             ));
         }

@@ -2,17 +2,16 @@
 
 use std::sync::Arc;
 
-use palpate::arm::Arm;
-use palpate::mapper::Config;
-use palpate_learn::contender::ContenderError;
+use palpate::{Arm, MapperConfig};
+use palpate_learn::method::MethodError;
 use palpate_learn::tracked::{Touch, Tracked};
 use palpate_learn::tune::{Effort, Tuned, Tuner};
 
 use crate::error::WorkError;
 use crate::evaluate::track_fault;
-use crate::host::Host;
+use crate::progress::Progress;
 use crate::settings::Settings;
-use crate::touches::Recorded;
+use crate::touches::RecordedTouch;
 
 /// What settings are chosen for.
 #[derive(Clone, Copy)]
@@ -20,11 +19,11 @@ pub struct Tuning<'a> {
     /// The robot.
     pub arm: &'a Arc<Arm>,
     /// As read, for errors that name the log.
-    pub recorded: &'a [Recorded],
+    pub recorded: &'a [RecordedTouch],
     /// As they are evaluated.
     pub touches: &'a [Touch],
     /// The settings to start from, which are a candidate themselves.
-    pub config: &'a Config,
+    pub config: &'a MapperConfig,
 }
 
 impl Tuning<'_> {
@@ -33,7 +32,11 @@ impl Tuning<'_> {
     /// # Errors
     ///
     /// If there are fewer than three touches, a sample cannot be used, or on being stopped.
-    pub fn run(&self, candidates: Option<u32>, host: &dyn Host) -> Result<Tuned, WorkError> {
+    pub fn run(
+        &self,
+        candidates: Option<u32>,
+        progress: &dyn Progress,
+    ) -> Result<Tuned, WorkError> {
         if self.touches.len() < 3 {
             return Err(WorkError::from(format!(
                 "tuning needs at least three touches to learn from some and predict others, and \
@@ -41,21 +44,21 @@ impl Tuning<'_> {
                 self.touches.len()
             )));
         }
-        let stop = || host.stopped();
+        let stop = || progress.stopped();
         let interrupted = || WorkError::Interrupted { kept: "; nothing was written".to_owned() };
         let fault = |error| track_fault(self.recorded, error, &interrupted);
         let mut effort = Effort::of(self.config.method);
         effort.candidates = candidates.map_or(effort.candidates, |n| n as usize);
         effort.seed = self.config.estimator.seed;
-        let bar = host.begin(Some(effort.candidates as u64), "contact models", "simulating");
+        let bar = progress.begin(Some(effort.candidates as u64), "contact models", "simulating");
         let tracked = Tracked::new(self.arm, self.config, self.touches, &stop).map_err(fault)?;
         let base = (self.arm, self.touches, &tracked);
         let tuner = Tuner::new(base, self.config, effort, &stop, &|| bar.step()).map_err(fault)?;
         drop(bar);
-        host.note("comparing the candidates");
+        progress.note("comparing the candidates");
         let everything: Vec<usize> = (0..self.touches.len()).collect();
         tuner.tune(&everything, &stop).map_err(|error| match error {
-            ContenderError::Stopped => interrupted(),
+            MethodError::Stopped => interrupted(),
             other => WorkError::file(other),
         })
     }

@@ -8,12 +8,12 @@
 mod scene;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use palpate::estimator::Method;
+use palpate::EstimatorKind;
 
 use scene::Learner;
 
 fn correct(c: &mut Criterion) {
-    for (name, method) in [("map", Method::Map), ("ekf", Method::Ekf)] {
+    for (name, method) in [("map", EstimatorKind::Map), ("ekf", EstimatorKind::Ekf)] {
         let mut group = c.benchmark_group(format!("estimator/{name}"));
         for n_contacts in [300, 3_000] {
             let mut learner = Learner::new(method, n_contacts, 400);

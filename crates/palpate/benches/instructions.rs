@@ -14,10 +14,8 @@ use std::hint::black_box;
 use gungraun::prelude::*;
 use gungraun::{Callgrind, EventKind};
 use nalgebra::{DVector, Point3, Vector3};
-use palpate::contact::Contacts;
-use palpate::estimator::Method;
-use palpate::robot::Robot;
-use palpate::sdf::Grid;
+use palpate::unstable::DistanceGrid;
+use palpate::{Contacts, EstimatorKind, Robot};
 
 use scene::{Ball, Learner};
 
@@ -49,26 +47,28 @@ fn contact(mut ball: Ball) -> (Ball, Option<Contacts>) {
 }
 
 #[library_benchmark(config = pinned("map"))]
-#[bench::contacts_3000(Learner::new(Method::Map, 3_000, 50))]
+#[bench::contacts_3000(Learner::new(EstimatorKind::Map, 3_000, 50))]
 fn map(mut learner: Learner) -> Learner {
     learner.learn();
     learner
 }
 
 #[library_benchmark(config = pinned("ekf"))]
-#[bench::contacts_3000(Learner::new(Method::Ekf, 3_000, 50))]
+#[bench::contacts_3000(Learner::new(EstimatorKind::Ekf, 3_000, 50))]
 fn ekf(mut learner: Learner) -> Learner {
     learner.learn();
     learner
 }
 
-fn queries() -> (Grid, Vec<Point3<f64>>) {
+fn queries() -> (DistanceGrid, Vec<Point3<f64>>) {
     (scene::boxed_link(), scene::scattered_points(4_096))
 }
 
 #[library_benchmark(config = pinned("distance"))]
 #[bench::queries_4096(queries())]
-fn distance((grid, points): (Grid, Vec<Point3<f64>>)) -> (f64, Grid, Vec<Point3<f64>>) {
+fn distance(
+    (grid, points): (DistanceGrid, Vec<Point3<f64>>),
+) -> (f64, DistanceGrid, Vec<Point3<f64>>) {
     let sum = points.iter().map(|point| grid.distance(black_box(point))).sum();
     (sum, grid, points)
 }
@@ -76,8 +76,8 @@ fn distance((grid, points): (Grid, Vec<Point3<f64>>)) -> (f64, Grid, Vec<Point3<
 #[library_benchmark(config = pinned("distance_and_normal"))]
 #[bench::queries_4096(queries())]
 fn distance_and_normal(
-    (grid, points): (Grid, Vec<Point3<f64>>),
-) -> (f64, Vector3<f64>, Grid, Vec<Point3<f64>>) {
+    (grid, points): (DistanceGrid, Vec<Point3<f64>>),
+) -> (f64, Vector3<f64>, DistanceGrid, Vec<Point3<f64>>) {
     let mut sums = (0.0, Vector3::zeros());
     for point in &points {
         let (distance, normal) = grid.distance_and_normal(black_box(point));

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use crate::robot::{Collision, Link, LinkId, Robot, Shape};
-use crate::sdf::{self, Grid, SdfError, Solid, TriangleMesh};
+use crate::sdf::{self, BakeConfig, BakeReport, DistanceGrid, SdfError, Solid, TriangleMesh};
 
 /// A robot and the surface of each of its links.
 #[derive(Debug, Clone)]
@@ -16,7 +16,7 @@ pub struct Arm {
     /// One per link, in the order of [`Robot::links`]; `None` for a link without shapes.
     ///
     /// Shared, since they are large and never change.
-    pub surfaces: Arc<Vec<Option<Grid>>>,
+    pub surfaces: Arc<Vec<Option<DistanceGrid>>>,
 }
 
 /// What baking one link found out.
@@ -25,7 +25,7 @@ pub struct LinkReport {
     /// Which link.
     pub link: LinkId,
     /// Volume, and where the sign of its meshes is doubtful.
-    pub report: sdf::Report,
+    pub report: BakeReport,
 }
 
 /// Why a robot cannot be given a skin.
@@ -58,7 +58,7 @@ impl Arm {
     /// Whatever `load` says, a shape that cannot be baked, or a robot without any shape.
     pub fn bake(
         robot: Robot,
-        config: &sdf::Config,
+        config: &BakeConfig,
         mut load: impl FnMut(&str) -> MeshResult,
     ) -> Result<(Arm, Vec<LinkReport>), ArmError> {
         let (mut surfaces, mut reports) = (Vec::new(), Vec::new());
@@ -85,7 +85,7 @@ impl Arm {
     /// # Panics
     ///
     /// If there is not one entry a link.
-    pub fn new(robot: Robot, surfaces: Vec<Option<Grid>>) -> Result<Arm, ArmError> {
+    pub fn new(robot: Robot, surfaces: Vec<Option<DistanceGrid>>) -> Result<Arm, ArmError> {
         assert_eq!(surfaces.len(), robot.links().len(), "one surface, or none, for each link");
         if surfaces.iter().all(Option::is_none) {
             let (robot, links) = (robot.name().to_owned(), surfaces.len());
@@ -106,7 +106,7 @@ impl Arm {
             .chain(self.robot.joint_names())
             .flat_map(|name| name.bytes().chain([0]));
         let surfaces = (self.surfaces.iter())
-            .flat_map(|grid| grid.iter().flat_map(Grid::numbers).chain([f64::NAN]))
+            .flat_map(|grid| grid.iter().flat_map(DistanceGrid::numbers).chain([f64::NAN]))
             .flat_map(rounded);
         sdf::checksum(names.chain(kinematics).chain(surfaces))
     }

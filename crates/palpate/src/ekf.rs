@@ -14,7 +14,7 @@
 //!
 //! sgn 0 is taken as +1; even so a prior mean of exactly zero is refused, because the paper's
 //! filter has no slope there. For the same reason a cell of which less is expected than the prior
-//! mean ([`Estimator::expect`]) starts from the prior mean.
+//! mean ([`Estimator::set_prior_means`]) starts from the prior mean.
 //!
 //! # What the standard deviation means
 //!
@@ -25,17 +25,17 @@
 use nalgebra::DVector;
 
 use crate::estimator::{
-    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Replayed, Source, expected_cells,
-    innovation_inverse, padded, shrunk,
+    Estimator, EstimatorConfig, EstimatorError, EstimatorState, FrameId, Replayed,
+    cells_at_prior_means, innovation_inverse, padded, shrunk,
 };
-use crate::replay::Memory;
+use crate::replay_memory::ReplayMemory;
 use crate::torque::{Cell, Observation, Stiffness};
 
 /// A past measurement.
 #[derive(Debug, Clone)]
 struct Frame {
     observation: Observation,
-    source: Source,
+    frame_id: FrameId,
 }
 
 /// The diagonal Gaussian over κ, with lazy drift.
@@ -111,7 +111,7 @@ pub struct EkfEstimator {
     config: EstimatorConfig,
     belief: Belief,
     counts: Vec<u32>,
-    memory: Memory<Frame>,
+    memory: ReplayMemory<Frame>,
 }
 
 impl EkfEstimator {
@@ -142,7 +142,7 @@ impl EkfEstimator {
             seen: Vec::new(),
             step: 0,
         };
-        let memory = Memory::new(config.memory, config.seed);
+        let memory = ReplayMemory::new(config.memory, config.seed);
         Ok(Self { config: config.clone(), belief, counts: Vec::new(), memory })
     }
 
@@ -174,9 +174,9 @@ impl EkfEstimator {
         self.belief.seen[..state.mean.len()].copy_from_slice(&state.seen);
         self.belief.step = state.step;
         self.counts.clone_from(&state.counts);
-        self.memory = Memory::resume(self.config.memory, state.rng);
-        for ((source, _), observation) in state.remembered.iter().zip(observations) {
-            self.remember(Frame { observation, source: *source });
+        self.memory = ReplayMemory::resume(self.config.memory, state.rng);
+        for ((frame_id, _), observation) in state.remembered.iter().zip(observations) {
+            self.remember(Frame { observation, frame_id: *frame_id });
         }
         Ok(self)
     }
@@ -201,12 +201,14 @@ impl Estimator for EkfEstimator {
         self.counts.get(row).copied().unwrap_or(0)
     }
 
-    fn expect(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]) {
+    fn set_prior_means(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]) {
         let (known, least) = (self.belief.cells.len(), self.belief.prior_mean);
-        self.belief.cells.extend(expected_cells(known, points_m, mean_n_per_m).map(|mut cell| {
-            *cell.unknown_mut() = cell.unknown().max(least);
-            cell
-        }));
+        self.belief.cells.extend(cells_at_prior_means(known, points_m, mean_n_per_m).map(
+            |mut cell| {
+                *cell.unknown_mut() = cell.unknown().max(least);
+                cell
+            },
+        ));
         self.belief.resize();
     }
 
@@ -214,18 +216,18 @@ impl Estimator for EkfEstimator {
         &mut self,
         points_m: &[[f64; 3]],
         observation: Observation,
-        source: Source,
+        frame_id: FrameId,
     ) -> Result<DVector<f64>, EstimatorError> {
         self.belief.grow(points_m);
         let predicted = self.belief.update(&observation)?;
         self.counts.resize(points_m.len(), 0);
         observation.rows().for_each(|row| self.counts[row] += 1);
-        self.remember(Frame { observation, source });
+        self.remember(Frame { observation, frame_id });
         self.belief.step += 1;
         Ok(predicted)
     }
 
-    fn idle(&mut self) {
+    fn advance_time(&mut self) {
         self.belief.step += 1;
     }
 
@@ -234,7 +236,7 @@ impl Estimator for EkfEstimator {
         for _ in 0..visits {
             let Some(index) = self.memory.draw() else { break };
             let observation = &self.memory.frames()[index].observation;
-            observation.ahead().finish();
+            observation.prefetch().finish();
             // A frame that was fused once can be fused again, so this does not fail in practice.
             if self.belief.update(observation).is_err() {
                 break;
@@ -244,12 +246,12 @@ impl Estimator for EkfEstimator {
         replayed
     }
 
-    fn freeze(&mut self, touch: u32) {
-        self.memory.retain(|frame| frame.source.touch != touch);
+    fn condense(&mut self, touch: u32) {
+        self.memory.retain(|frame| frame.frame_id.touch != touch);
     }
 
-    fn sources(&self) -> Vec<Source> {
-        self.memory.frames().iter().map(|frame| frame.source).collect()
+    fn frame_ids(&self) -> Vec<FrameId> {
+        self.memory.frames().iter().map(|frame| frame.frame_id).collect()
     }
 
     fn memory_bytes(&self) -> usize {
@@ -264,8 +266,8 @@ impl Estimator for EkfEstimator {
             counts: padded(&self.counts, n_rows, 0),
             seen: padded(&self.belief.seen, n_rows, 0),
             step: self.belief.step,
-            remembered: self.memory.frames().iter().map(|f| (f.source, Vec::new())).collect(),
-            contradictions: Vec::new(),
+            remembered: self.memory.frames().iter().map(|f| (f.frame_id, Vec::new())).collect(),
+            nis: Vec::new(),
             rng: self.memory.rng_state(),
         }
     }

@@ -7,7 +7,8 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use crate::replay::RngState;
+use crate::replay_memory::RngState;
+use crate::setting::SettingError;
 use crate::torque::{Cell, Observation};
 
 /// The stiffness of a cell before it is touched, stated for a reference cell of 1 cm.
@@ -38,8 +39,8 @@ impl Prior {
 #[allow(missing_docs)] // the messages name the fields
 pub enum EstimatorError {
     /// A setting outside its range.
-    #[error("{setting} is {found}; it must be {wanted}")]
-    Setting { setting: &'static str, found: f64, wanted: &'static str },
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     /// The paper's filter cannot leave κ = 0: there sgn κ, and with it every correction, is zero.
     #[error(
         "the prior mean of `ekf` is 0 N/m, from where it never learns: the slope of |κ| vanishes \
@@ -62,7 +63,7 @@ pub enum EstimatorError {
 /// Which estimator learns.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Method {
+pub enum EstimatorKind {
     /// The exact maximum a posteriori ([`crate::map`]).
     #[default]
     Map,
@@ -100,17 +101,17 @@ pub struct EstimatorConfig {
     /// σ_κ of Eq. 4, N/m a step for a cell of 1 cm; used by `ekf` alone.
     pub drift_std_n_per_m: f64,
     /// Bound on the remembered frames.
-    pub memory: crate::replay::Limits,
+    pub memory: crate::replay_memory::MemoryLimits,
     /// Seed of the draws from memory.
     pub seed: u64,
 }
 
 impl EstimatorConfig {
     /// The shipped settings of an estimator.
-    pub fn of(method: Method) -> Self {
-        let memory = crate::replay::Limits { frames: 20_000, bytes: 256 << 20 };
+    pub fn of(method: EstimatorKind) -> Self {
+        let memory = crate::replay_memory::MemoryLimits { frames: 20_000, bytes: 256 << 20 };
         match method {
-            Method::Map => Self {
+            EstimatorKind::Map => Self {
                 prior: Prior { mean_n_per_m: 0.0, std_n_per_m: 0.76 },
                 torque_std: vec![0.2],
                 replays: 20,
@@ -118,7 +119,7 @@ impl EstimatorConfig {
                 memory,
                 seed: 0,
             },
-            Method::Ekf => Self {
+            EstimatorKind::Ekf => Self {
                 prior: Prior { mean_n_per_m: 0.006, std_n_per_m: 0.76 },
                 // Replays count a measurement again and again; the noise is larger by as much.
                 torque_std: vec![1.5],
@@ -141,13 +142,13 @@ impl EstimatorConfig {
         for (setting, found) in at_least_zero {
             if !(0.0..=LARGEST).contains(&found) {
                 let wanted = "from 0 to 1e9 N/m";
-                return Err(EstimatorError::Setting { setting, found, wanted });
+                return Err(SettingError::new(setting, found, wanted).into());
             }
         }
         let found = self.prior.std_n_per_m;
         if !(SMALLEST..=LARGEST).contains(&found) {
             let wanted = "from 1e-9 to 1e9 N/m";
-            return Err(EstimatorError::Setting { setting: "prior std", found, wanted });
+            return Err(SettingError::new("prior std", found, wanted).into());
         }
         if self.torque_std.len() != 1 && self.torque_std.len() != n_joints {
             let got = self.torque_std.len();
@@ -157,7 +158,7 @@ impl EstimatorConfig {
             self.torque_std.iter().find(|std| !(SMALLEST..=LARGEST).contains(*std))
         {
             let wanted = "from 1e-9 to 1e9 N·m";
-            return Err(EstimatorError::Setting { setting: "torque_std", found, wanted });
+            return Err(SettingError::new("torque_std", found, wanted).into());
         }
         let std = |joint: usize| self.torque_std[joint.min(self.torque_std.len() - 1)];
         Ok(DVector::from_fn(n_joints, |joint, _| std(joint).powi(2)))
@@ -166,7 +167,7 @@ impl EstimatorConfig {
 
 /// Which frame of which touch a remembered measurement came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-pub struct Source {
+pub struct FrameId {
     /// Number of the touch, counted over the mapper's life.
     pub touch: u32,
     /// Number of the sample in its touch.
@@ -187,10 +188,10 @@ pub struct EstimatorState {
     /// Steps taken.
     pub step: u64,
     /// Remembered frames in memory's order, each with its multipliers (`map`; else empty).
-    pub remembered: Vec<(Source, Vec<f64>)>,
+    pub remembered: Vec<(FrameId, Vec<f64>)>,
     /// `map`: by how much each remembered frame contradicted the belief when it was last visited;
     /// else empty.
-    pub contradictions: Vec<f64>,
+    pub nis: Vec<f64>,
     /// Where the draws from memory stand.
     pub rng: RngState,
 }
@@ -214,11 +215,10 @@ impl EstimatorState {
             let what = format!("a frame has {got} multipliers for {n_joints} joints");
             return Err(EstimatorError::State { what });
         }
-        let numbers = self.mean.iter().chain(&self.variance).chain(&self.contradictions);
+        let numbers = self.mean.iter().chain(&self.variance).chain(&self.nis);
         let alphas = self.remembered.iter().flat_map(|(_, alpha)| alpha);
         if numbers.chain(alphas).any(|x| !x.is_finite()) || self.variance.iter().any(|v| *v < 0.0) {
-            let what =
-                "a mean, variance, multiplier or contradiction is not a finite number".to_owned();
+            let what = "a mean, variance, multiplier or nis is not a finite number".to_owned();
             return Err(EstimatorError::State { what });
         }
         Ok(())
@@ -282,7 +282,7 @@ pub trait Estimator: Send + Sync {
     /// # Panics
     ///
     /// If a mean has no point, is negative or not finite, which is a bug in the caller.
-    fn expect(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]);
+    fn set_prior_means(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]);
 
     /// Predicts a new frame, learns from it and remembers it; returns the prediction, `τ̂ = H K`
     /// before the correction (Eq. 5), n_joints, N·m.
@@ -296,20 +296,20 @@ pub trait Estimator: Send + Sync {
         &mut self,
         points_m: &[[f64; 3]],
         observation: Observation,
-        source: Source,
+        frame_id: FrameId,
     ) -> Result<DVector<f64>, EstimatorError>;
 
     /// Lets a step without contact pass.
-    fn idle(&mut self);
+    fn advance_time(&mut self);
 
     /// Visits remembered frames, without a new one.
     fn replay(&mut self, visits: u32) -> Replayed;
 
     /// Takes the frames of a touch out of memory; what they taught stays.
-    fn freeze(&mut self, touch: u32);
+    fn condense(&mut self, touch: u32);
 
-    /// The remembered frames' sources, in memory's order.
-    fn sources(&self) -> Vec<Source>;
+    /// The remembered frames' frame_ids, in memory's order.
+    fn frame_ids(&self) -> Vec<FrameId>;
 
     /// Bytes of the remembered frames.
     fn memory_bytes(&self) -> usize;
@@ -319,7 +319,7 @@ pub trait Estimator: Send + Sync {
 }
 
 /// The cells of rows from `known` on that are expected to have a mean of their own, N/m.
-pub(crate) fn expected_cells<'a>(
+pub(crate) fn cells_at_prior_means<'a>(
     known: usize,
     points_m: &'a [[f64; 3]],
     mean_n_per_m: &'a [f64],

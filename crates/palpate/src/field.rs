@@ -9,12 +9,13 @@ use std::sync::Arc;
 use nalgebra::DVector;
 
 use crate::arm::Arm;
-use crate::contact::{self, Contacts};
-pub use crate::estimator::CellEstimate;
+use crate::contact::{ContactConfig, Contacts};
+use crate::estimator::CellEstimate;
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::robot::{Poses, Robot};
-use crate::torque::{Cell, Folder, Observation, Stiffness};
-use crate::touch::{self, Gravity, Sample, Tare, TouchError, Tracker};
+use crate::setting::SettingError;
+use crate::torque::{Cell, Observation, ObservationBuilder, Stiffness};
+use crate::tracker::{ExternalTorqueConfig, Gravity, Sample, Tare, Tracker, TrackerError};
 
 /// The stiffness of all cells that were touched or that a prior expects something of, by row.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,9 +23,9 @@ pub struct Field {
     /// The box that the cells belong to.
     pub lattice: Lattice,
     /// The contact model under which the stiffness was learnt.
-    pub contact: contact::Config,
+    pub contact: ContactConfig,
     /// Gravity and tare of the logs that it was learnt from.
-    pub touch: touch::Config,
+    pub touch: ExternalTorqueConfig,
     /// The cells: those of a prior by cell in the lattice's order, then the others in the order of
     /// their first touch.
     pub cells: Vec<CellId>,
@@ -85,7 +86,7 @@ pub struct Prediction {
 /// The springs that a [`Predictor`] sums up, by row: first those of a field, then those met since.
 #[derive(Debug)]
 struct Springs {
-    folder: Folder,
+    observations: ObservationBuilder,
     cells: Vec<Cell>,
     /// Frames that touched the cells of the field.
     counts: Vec<u32>,
@@ -102,19 +103,19 @@ impl Springs {
     ) -> Self {
         let points_and_k = rows.points_m().iter().zip(stiffness_n_per_m);
         let cells = points_and_k.map(|(&point, &k)| Cell::new(point, k)).collect();
-        Self { folder: Folder::new(rows), cells, counts, untouched_n_per_m }
+        Self { observations: ObservationBuilder::new(rows), cells, counts, untouched_n_per_m }
     }
 
     /// Folds a frame's contacts beside `tau`, n_joints, N·m.
-    fn fold(
+    fn build(
         &mut self,
         robot: &Robot,
         poses: &Poses,
         contacts: &Contacts,
         tau: &DVector<f64>,
     ) -> Observation {
-        let observation = self.folder.fold(robot, poses, contacts, tau);
-        let met = self.folder.rows().points_m()[self.cells.len()..].iter();
+        let observation = self.observations.build(robot, poses, contacts, tau);
+        let met = self.observations.rows().points_m()[self.cells.len()..].iter();
         self.cells.extend(met.map(|&point| Cell::new(point, self.untouched_n_per_m)));
         observation
     }
@@ -147,8 +148,8 @@ impl Predictor {
     pub fn new(
         arm: Arc<Arm>,
         field: &Field,
-        touch: touch::Config,
-    ) -> Result<Self, contact::ConfigError> {
+        touch: ExternalTorqueConfig,
+    ) -> Result<Self, SettingError> {
         let tracker = Tracker::new(arm, field.lattice.clone(), field.contact.clone(), touch)?;
         let mut rows = CellRows::new(field.lattice.clone());
         for &cell in &field.cells {
@@ -165,9 +166,9 @@ impl Predictor {
     /// # Errors
     ///
     /// As [`Predictor::new`].
-    pub fn planned(arm: Arc<Arm>, field: &Field) -> Result<Self, contact::ConfigError> {
+    pub fn planned(arm: Arc<Arm>, field: &Field) -> Result<Self, SettingError> {
         let (gravity, tare) = (Gravity::Removed, Tare::None);
-        Self::new(arm, field, touch::Config { gravity, tare, ..field.touch.clone() })
+        Self::new(arm, field, ExternalTorqueConfig { gravity, tare, ..field.touch.clone() })
     }
 
     /// Starts a touch.
@@ -180,12 +181,12 @@ impl Predictor {
     /// # Errors
     ///
     /// As [`Tracker::feed`].
-    pub fn step(&mut self, sample: &Sample) -> Result<Option<Prediction>, TouchError> {
+    pub fn step(&mut self, sample: &Sample) -> Result<Option<Prediction>, TrackerError> {
         let frame = self.tracker.feed(sample)?;
         let Some(external) = frame.external else { return Ok(None) };
         let robot = &self.tracker.arm().robot;
         let springs = &mut self.springs;
-        let observation = springs.fold(robot, &frame.poses, &frame.contacts, &external);
+        let observation = springs.build(robot, &frame.poses, &frame.contacts, &external);
         let known = observation.rows().filter(|&row| springs.is_known(row)).count();
         let contacts = observation.n_contacts();
         let predicted = springs.predict(&observation);
@@ -197,7 +198,7 @@ impl Predictor {
     /// # Errors
     ///
     /// If the touch was shorter than the tare frames asked for.
-    pub fn end_touch(&mut self) -> Result<(), TouchError> {
+    pub fn end_touch(&mut self) -> Result<(), TrackerError> {
         self.tracker.end_touch()
     }
 

@@ -2,44 +2,70 @@
 //!
 //! The method is that of Yao and Hauser, "Online Estimation of Point-based Volumetric Stiffness
 //! Model Using Joint Torque Sensors"; section and equation numbers in these docs are the paper's.
-//! [`mapper::Mapper`] learns a field from samples, [`field::Predictor`] asks it about a motion.
-//!
-//! | module                | says                                                                |
-//! |-----------------------|---------------------------------------------------------------------|
-//! | [`lattice`]           | cells and points; storage that follows what is touched              |
-//! | [`robot`]             | URDF to tree; poses, Jacobians, gravity                             |
-//! | [`sdf`]               | distance from a link, and which way is out                          |
-//! | [`arm`]               | a robot with the distance field of each link                        |
-//! | [`contact`]           | what the arm displaces, and how far                                 |
-//! | [`torque`]            | levers (Eq. 2) and predicted torques (Eq. 5)                        |
-//! | [`touch`]             | samples to contacts and external torques: gravity, tare             |
-//! | [`idle`]              | where a stream without marks pauses between two touches             |
-//! | [`estimator`]         | what the two estimators share                                       |
-//! | [`expected`]          | a prior by cell: what is expected where nothing was touched         |
-//! | [`map`], [`ekf`]      | the exact maximum a posteriori; the paper's filter (Eqs. 3, 4, 6)   |
-//! | [`replay`]            | the bounded memory of both                                          |
-//! | [`mapper`], [`field`] | the loop, and what it learnt                                        |
-//! | [`outlook`]           | what torque a motion would meet, asked while mapping goes on        |
-//!
-//! No file, socket or clock is opened here, nothing is printed, and the same samples, settings and
-//! seed give the same field, on one thread or many.
 #![forbid(unsafe_code)]
 
-pub mod arm;
-pub mod contact;
-pub mod ekf;
-pub mod estimator;
-pub mod expected;
-pub mod field;
-mod follow;
-pub mod idle;
-pub mod lattice;
-pub mod map;
-pub mod mapper;
-pub mod outlook;
-pub mod replay;
+mod arm;
+mod contact;
+mod ekf;
+mod estimator;
+mod field;
+mod lattice;
+mod map;
+mod mapper;
+mod motion;
+mod path_predictor;
+mod pause_detector;
+mod prior_means;
+mod replay_memory;
 mod replayer;
-pub mod robot;
-pub mod sdf;
-pub mod torque;
-pub mod touch;
+mod robot;
+mod sdf;
+mod setting;
+mod torque;
+mod tracker;
+
+pub use arm::{Arm, ArmError};
+pub use contact::{ContactConfig, Contacts};
+pub use estimator::{CellEstimate, EstimatorConfig, EstimatorError, EstimatorKind, Prior};
+pub use field::{Field, Prediction, Predictor};
+pub use lattice::{CellId, Lattice, LatticeError};
+pub use mapper::{Mapper, MapperConfig, MapperError, Snapshot, StepReport};
+pub use path_predictor::{
+    CLUSTER_WEIGHT, MAX_MOTIONS, MAX_POINTS, PathConfig, PathError, PathPoint, PathPrediction,
+    PathPredictor,
+};
+pub use pause_detector::{MAX_HELD, PauseConfig, PauseDetector};
+pub use prior_means::PriorMeansError;
+pub use replay_memory::MemoryLimits;
+pub use robot::{Payload, Robot, RobotError};
+pub use sdf::{BakeConfig, SdfError};
+pub use setting::SettingError;
+pub use tracker::{
+    ExternalTorqueConfig, Gravity, MAX_TORQUE, MIN_TARE_FRAMES, Sample, Tare, TorqueSign,
+    TrackerError,
+};
+
+/// What palpate's own crates build on. Nothing here is stable: any of it may change or go in any
+/// release.
+pub mod unstable {
+    pub use crate::arm::{LinkReport, MeshResult, solid};
+    pub use crate::contact::{ContactSimulator, LinkContacts};
+    pub use crate::ekf::EkfEstimator;
+    pub use crate::estimator::{Estimator, EstimatorState, FrameId, Replayed};
+    pub use crate::lattice::{
+        BRICK_CELLS, BRICK_EDGE, BrickBits, Bricks, CellRows, CellSet, RowsOfRuns,
+    };
+    pub use crate::map::MapEstimator;
+    pub use crate::mapper::LoggedTouch;
+    pub use crate::path_predictor::{CheckedPath, PathChecker};
+    pub use crate::replay_memory::{ReplayMemory, RngState};
+    pub use crate::robot::{
+        Collision, Joint, JointKind, Link, LinkId, Poses, Shape, nests_deeper_than,
+    };
+    pub use crate::sdf::{
+        BAKE_VERSION, BakeReport, DistanceGrid, Solid, TriangleMesh, bake, bake_serial,
+        signed_distance,
+    };
+    pub use crate::torque::{Cell, Observation, ObservationBuilder, Prefetch, Stiffness, lever};
+    pub use crate::tracker::{TrackedSample, Tracker};
+}

@@ -17,16 +17,16 @@
 //!
 //! That matrix bounds the true curvature, so a visit never moves away from the optimum, and
 //! repeating one never counts its data twice: α holds what was already said. A frame is
-//! forgotten exactly by taking S₀Hⱼᵀαⱼ back. When memory is full a frame is *frozen*: it leaves
+//! forgotten exactly by taking S₀Hⱼᵀαⱼ back. When memory is full a frame is *condensed*: it leaves
 //! and its share of z stays. z is kept in `f64`, where the rounding of millions of visits stays
 //! far below a millionth of a newton per metre; a test holds it to that.
 //!
-//! m₀ may differ from cell to cell ([`Estimator::expect`]): it is where z starts, and none of the
+//! m₀ may differ from cell to cell ([`Estimator::set_prior_means`]): it is where z starts, and none of the
 //! above looks at it again.
 //!
 //! Frames come back at random and, every other time, as the one of several random ones that
 //! contradicted the belief most when it was last visited: `r·d` is what a visit gains. On the
-//! bundled touches this leaves a quarter of the contradiction that chance alone leaves after the
+//! bundled touches this leaves a quarter of the nis that chance alone leaves after the
 //! same number of visits, and the optimum, to which both lead, is the same.
 //!
 //! # What the standard deviation means
@@ -41,30 +41,30 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::estimator::{
-    Estimator, EstimatorConfig, EstimatorError, EstimatorState, Replayed, Source, expected_cells,
-    innovation_inverse, padded, shrunk,
+    Estimator, EstimatorConfig, EstimatorError, EstimatorState, FrameId, Replayed,
+    cells_at_prior_means, innovation_inverse, padded, shrunk,
 };
-use crate::replay::Memory;
-use crate::torque::{Ahead, Cell, Observation, Stiffness};
+use crate::replay_memory::ReplayMemory;
+use crate::torque::{Cell, Observation, Prefetch, Stiffness};
 
 /// A remembered frame with its multiplier.
 #[derive(Debug, Clone)]
 struct Frame {
     /// With two notes: αₜ (n_joints), then `(HₜS₀Hₜᵀ + R)⁻¹` column by column (n × n).
     observation: Observation,
-    source: Source,
+    frame_id: FrameId,
 }
 
 impl Frame {
     fn new(
         mut observation: Observation,
-        source: Source,
+        frame_id: FrameId,
         alpha: &[f64],
         gain: &DMatrix<f64>,
     ) -> Self {
         observation.note(alpha.iter().copied());
         observation.note(gain.iter().copied());
-        Self { observation, source }
+        Self { observation, frame_id }
     }
 
     /// αₜ, n_joints.
@@ -72,7 +72,7 @@ impl Frame {
         &self.observation.notes()[..self.observation.n_joints()]
     }
 
-    /// Memory that the frame holds.
+    /// ReplayMemory that the frame holds.
     fn bytes(&self) -> usize {
         size_of::<Self>() - size_of::<Observation>() + self.observation.bytes()
     }
@@ -98,9 +98,10 @@ impl Belief {
     }
 
     /// `τ − H K − R α` of a frame.
-    fn residual(&self, frame: &Frame, ahead: &mut Ahead<'_>) -> DVector<f64> {
+    fn residual(&self, frame: &Frame, prefetch: &mut Prefetch<'_>) -> DVector<f64> {
         let observation = &frame.observation;
-        let mut residual = observation.predict_beside(ahead, &self.cells, Stiffness::Positive);
+        let mut residual =
+            observation.predict_prefetching(prefetch, &self.cells, Stiffness::Positive);
         let tau = frame.observation.tau();
         let known = tau.iter().zip(frame.alpha()).zip(&self.torque_variance);
         for (r, ((tau, alpha), variance)) in residual.iter_mut().zip(known) {
@@ -111,8 +112,8 @@ impl Belief {
 
     /// Solves one frame's own condition; returns r·d, by how much it contradicted the belief in
     /// units of what noise does. Brings the next frame closer meanwhile.
-    fn visit(&mut self, frame: &mut Frame, mut ahead: Ahead<'_>) -> f64 {
-        let residual = self.residual(frame, &mut ahead);
+    fn visit(&mut self, frame: &mut Frame, mut prefetch: Prefetch<'_>) -> f64 {
+        let residual = self.residual(frame, &mut prefetch);
         let n_joints = residual.len();
         let (alpha, gain) = frame.observation.notes_mut().split_at_mut(n_joints);
         let mut d = DVector::zeros(n_joints);
@@ -120,15 +121,15 @@ impl Belief {
             d.iter_mut().zip(column).for_each(|(d, gain)| *d += gain * r);
         }
         alpha.iter_mut().zip(&d).for_each(|(alpha, d)| *alpha += d);
-        self.add(&frame.observation, d.as_slice(), &mut ahead);
-        ahead.finish();
+        self.add(&frame.observation, d.as_slice(), &mut prefetch);
+        prefetch.finish();
         residual.dot(&d)
     }
 
     /// `z += S₀Hᵀ d`.
-    fn add(&mut self, observation: &Observation, d: &[f64], ahead: &mut Ahead<'_>) {
+    fn add(&mut self, observation: &Observation, d: &[f64], prefetch: &mut Prefetch<'_>) {
         let scaled: Vec<f64> = d.iter().map(|d| self.prior_variance * d).collect();
-        observation.add(ahead, &mut self.cells, &scaled);
+        observation.add(prefetch, &mut self.cells, &scaled);
     }
 
     /// Gives rows that are new their prior.
@@ -148,7 +149,7 @@ pub struct MapEstimator {
     belief: Belief,
     variance: Vec<f64>,
     counts: Vec<u32>,
-    memory: Memory<Frame>,
+    memory: ReplayMemory<Frame>,
     step: u64,
 }
 
@@ -170,7 +171,7 @@ impl MapEstimator {
             belief: Belief { cells: Vec::new(), prior_mean, prior_variance, torque_variance },
             variance: Vec::new(),
             counts: Vec::new(),
-            memory: Memory::new(config.memory, config.seed),
+            memory: ReplayMemory::new(config.memory, config.seed),
             step: 0,
             config: config.clone(),
         })
@@ -196,13 +197,13 @@ impl MapEstimator {
         self.variance.clone_from(&state.variance);
         self.counts.clone_from(&state.counts);
         self.step = state.step;
-        self.memory = Memory::resume(self.config.memory, state.rng);
-        let mut contradictions = state.contradictions.iter().copied();
-        for ((source, alpha), observation) in state.remembered.iter().zip(observations) {
+        self.memory = ReplayMemory::resume(self.config.memory, state.rng);
+        let mut nis = state.nis.iter().copied();
+        for ((frame_id, alpha), observation) in state.remembered.iter().zip(observations) {
             let [gain, _] = self.gains(&observation)?;
             let alpha = if alpha.is_empty() { &vec![0.0; n_joints] } else { alpha };
-            let score = contradictions.next().unwrap_or_default();
-            self.remember(Frame::new(observation, *source, alpha, &gain), score);
+            let score = nis.next().unwrap_or_default();
+            self.remember(Frame::new(observation, *frame_id, alpha, &gain), score);
         }
         Ok(self)
     }
@@ -213,21 +214,21 @@ impl MapEstimator {
     /// frame's effect on the standard deviation and on the counts stays.
     ///
     /// Returns whether the frame was remembered.
-    pub fn forget(&mut self, source: Source) -> bool {
-        let Some(index) = self.memory.frames().iter().position(|frame| frame.source == source)
+    pub fn forget(&mut self, frame_id: FrameId) -> bool {
+        let Some(index) = self.memory.frames().iter().position(|frame| frame.frame_id == frame_id)
         else {
             return false;
         };
         let frame = self.memory.remove(index);
         let taken_back: Vec<f64> = frame.alpha().iter().map(|alpha| -alpha).collect();
-        self.belief.add(&frame.observation, &taken_back, &mut Ahead::nothing());
+        self.belief.add(&frame.observation, &taken_back, &mut Prefetch::nothing());
         true
     }
 
     /// The largest violation of `R α = τ − H K` over the remembered frames, N·m: zero at the
     /// optimum.
     pub fn kkt_residual(&self) -> f64 {
-        let residual = |frame: &Frame| self.belief.residual(frame, &mut Ahead::nothing()).amax();
+        let residual = |frame: &Frame| self.belief.residual(frame, &mut Prefetch::nothing()).amax();
         self.memory.frames().iter().map(residual).fold(0.0, f64::max)
     }
 
@@ -255,10 +256,10 @@ impl MapEstimator {
     }
 
     /// Remembers a frame and by how much it contradicted the belief; whoever leaves for it is
-    /// frozen: its share of z stays.
-    fn remember(&mut self, frame: Frame, contradiction: f64) {
+    /// condensed: its share of z stays.
+    fn remember(&mut self, frame: Frame, nis: f64) {
         let bytes = frame.bytes();
-        self.memory.push(frame, bytes, contradiction);
+        self.memory.push(frame, bytes, nis);
     }
 }
 
@@ -275,16 +276,16 @@ impl Estimator for MapEstimator {
         self.counts.get(row).copied().unwrap_or(0)
     }
 
-    fn expect(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]) {
+    fn set_prior_means(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]) {
         let known = self.belief.cells.len();
-        self.belief.cells.extend(expected_cells(known, points_m, mean_n_per_m));
+        self.belief.cells.extend(cells_at_prior_means(known, points_m, mean_n_per_m));
     }
 
     fn correct(
         &mut self,
         points_m: &[[f64; 3]],
         observation: Observation,
-        source: Source,
+        frame_id: FrameId,
     ) -> Result<DVector<f64>, EstimatorError> {
         self.belief.grow(points_m);
         let [gain, shrinkage] = self.gains(&observation)?;
@@ -302,13 +303,13 @@ impl Estimator for MapEstimator {
         observation.quadratic(&self.belief.cells, &shrinkage, |row, value| {
             variance[row] = shrunk(variance[row], value);
         });
-        self.belief.add(&observation, alpha.as_slice(), &mut Ahead::nothing());
-        let contradiction = (observation.tau() - &predicted).dot(&alpha);
-        self.remember(Frame::new(observation, source, alpha.as_slice(), &gain), contradiction);
+        self.belief.add(&observation, alpha.as_slice(), &mut Prefetch::nothing());
+        let nis = (observation.tau() - &predicted).dot(&alpha);
+        self.remember(Frame::new(observation, frame_id, alpha.as_slice(), &gain), nis);
         Ok(predicted)
     }
 
-    fn idle(&mut self) {
+    fn advance_time(&mut self) {
         self.step += 1;
     }
 
@@ -320,22 +321,22 @@ impl Estimator for MapEstimator {
             next = if visit + 1 < visits { self.draw(visit + 1) } else { None };
             let frames = self.memory.frames_mut();
             let pair = next.and_then(|next| frames.get_disjoint_mut([index, next]).ok());
-            let contradiction = match pair {
-                Some([frame, next]) => self.belief.visit(frame, next.observation.ahead()),
-                None => self.belief.visit(&mut frames[index], Ahead::nothing()),
+            let nis = match pair {
+                Some([frame, next]) => self.belief.visit(frame, next.observation.prefetch()),
+                None => self.belief.visit(&mut frames[index], Prefetch::nothing()),
             };
             replayed.add(&self.memory.frames()[index].observation);
-            self.memory.set_score(index, contradiction);
+            self.memory.set_score(index, nis);
         }
         replayed
     }
 
-    fn freeze(&mut self, touch: u32) {
-        self.memory.retain(|frame| frame.source.touch != touch);
+    fn condense(&mut self, touch: u32) {
+        self.memory.retain(|frame| frame.frame_id.touch != touch);
     }
 
-    fn sources(&self) -> Vec<Source> {
-        self.memory.frames().iter().map(|frame| frame.source).collect()
+    fn frame_ids(&self) -> Vec<FrameId> {
+        self.memory.frames().iter().map(|frame| frame.frame_id).collect()
     }
 
     fn memory_bytes(&self) -> usize {
@@ -343,7 +344,7 @@ impl Estimator for MapEstimator {
     }
 
     fn state(&self, n_rows: usize) -> EstimatorState {
-        let remembered = |frame: &Frame| (frame.source, frame.alpha().to_vec());
+        let remembered = |frame: &Frame| (frame.frame_id, frame.alpha().to_vec());
         let z: Vec<f64> = self.belief.cells.iter().map(|cell| cell.unknown()).collect();
         EstimatorState {
             mean: padded(&z, n_rows, self.belief.prior_mean),
@@ -352,7 +353,7 @@ impl Estimator for MapEstimator {
             seen: Vec::new(),
             step: self.step,
             remembered: self.memory.frames().iter().map(remembered).collect(),
-            contradictions: self.memory.scores().collect(),
+            nis: self.memory.scores().collect(),
             rng: self.memory.rng_state(),
         }
     }

@@ -2,9 +2,8 @@
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use nalgebra::point;
-use palpate::arm::{Arm, ArmError};
-use palpate::robot::Robot;
-use palpate::sdf::{Config, TriangleMesh};
+use palpate::unstable::TriangleMesh;
+use palpate::{Arm, ArmError, BakeConfig, Robot};
 
 fn xml(shape: &str) -> String {
     format!(
@@ -37,7 +36,7 @@ fn bake(shape: &str) -> Result<Arm, ArmError> {
         "package://rod/tetra.stl" => Ok(tetrahedron()),
         _ => Err("no such file".into()),
     };
-    Arm::bake(robot, &Config::default(), load).map(|(arm, _)| arm)
+    Arm::bake(robot, &BakeConfig::default(), load).map(|(arm, _)| arm)
 }
 
 #[test]
@@ -65,8 +64,7 @@ fn the_fingerprint_follows_shapes_and_kinematics_and_nothing_else() {
     assert_ne!(one, bake(&SPHERE.replace("0.05", "0.051")).unwrap().fingerprint());
 
     let (robot, surfaces) = (bake(SPHERE).unwrap().robot, bake(SPHERE).unwrap().surfaces);
-    let payload =
-        palpate::robot::Payload { link: "rod".into(), mass_kg: 0.1, com_link_m: [0.0; 3] };
+    let payload = palpate::Payload { link: "rod".into(), mass_kg: 0.1, com_link_m: [0.0; 3] };
     let heavier = Arm::new(robot.with_payload(&payload).unwrap(), surfaces.to_vec()).unwrap();
     assert_ne!(one, heavier.fingerprint());
 }
@@ -79,7 +77,7 @@ fn every_link_of_the_built_in_arm_but_a_bare_one_has_a_skin() {
         return; // The fitted shapes are merged apart from this.
     }
     let (arm, reports) =
-        Arm::bake(robot, &Config::default(), |name| Err(format!("asked for {name}").into()))
+        Arm::bake(robot, &BakeConfig::default(), |name| Err(format!("asked for {name}").into()))
             .unwrap();
     assert_eq!(arm.surfaces.iter().map(Option::is_some).collect::<Vec<_>>(), shaped);
     for report in reports {

@@ -7,13 +7,11 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use nalgebra::DVector;
-use palpate::arm::Arm;
-use palpate::contact::{Config, Contacts, Simulator};
-use palpate::lattice::{CellId, CellRows, Lattice};
-use palpate::robot::{LinkId, Robot};
-use palpate::sdf;
-use palpate::torque::{Observation, Stiffness};
-use palpate::touch::{self, Sample, TouchError, Tracker};
+use palpate::unstable::{CellRows, ContactSimulator, LinkId, Observation, Stiffness, Tracker};
+use palpate::{
+    Arm, BakeConfig, CellId, ContactConfig, Contacts, ExternalTorqueConfig, Lattice, Robot, Sample,
+    Tare, TrackerError,
+};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use scene::{cells_with, collision, gantry_urdf, uniform};
@@ -21,7 +19,7 @@ use scene::{cells_with, collision, gantry_urdf, uniform};
 /// A gantry that carries one shape, baked finely.
 fn gantry(geometry: &str) -> Arc<Arm> {
     let robot = Robot::from_urdf(&gantry_urdf(&collision(geometry))).unwrap();
-    let bake = sdf::Config { spacing_m: 0.003, ..sdf::Config::default() };
+    let bake = BakeConfig { spacing_m: 0.003, ..BakeConfig::default() };
     Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
 }
 
@@ -35,12 +33,13 @@ fn column() -> Lattice {
 
 struct World {
     arm: Arc<Arm>,
-    simulator: Simulator,
+    simulator: ContactSimulator,
 }
 
 impl World {
-    fn new(arm: &Arc<Arm>, lattice: Lattice, config: Config, start: [f64; 3]) -> Self {
-        let mut simulator = Simulator::new(lattice, Arc::clone(&arm.surfaces), config).unwrap();
+    fn new(arm: &Arc<Arm>, lattice: Lattice, config: ContactConfig, start: [f64; 3]) -> Self {
+        let mut simulator =
+            ContactSimulator::new(lattice, Arc::clone(&arm.surfaces), config).unwrap();
         simulator.begin_touch(&arm.robot.forward(&start).unwrap().world_from_link);
         Self { arm: Arc::clone(arm), simulator }
     }
@@ -58,8 +57,8 @@ impl World {
     }
 }
 
-fn config() -> Config {
-    Config { contact_distance_m: 0.005, ..Config::default() }
+fn config() -> ContactConfig {
+    ContactConfig { contact_distance_m: 0.005, ..ContactConfig::default() }
 }
 
 #[test]
@@ -100,7 +99,7 @@ fn points_inside_the_links_at_the_start_are_never_contacts_of_that_touch() {
     let back = world.go(away, start);
     assert!(back.len() > 900, "{}", back.len());
 
-    let bold = Config { known_empty: false, ..config() };
+    let bold = ContactConfig { known_empty: false, ..config() };
     let mut world = World::new(&arm, column(), bold, start);
     assert!(world.go(start, start).len() > 900);
 }
@@ -109,7 +108,7 @@ fn points_inside_the_links_at_the_start_are_never_contacts_of_that_touch() {
 fn a_point_slips_until_the_friction_cone_holds_it() {
     let arm = gantry(BLOCK);
     for friction in [0.0, 0.3, 0.8] {
-        let config = Config { friction, slip_iterations: 50, ..config() };
+        let config = ContactConfig { friction, slip_iterations: 50, ..config() };
         let mut world = World::new(&arm, column(), config, [0.0; 3]);
         world.go([0.0; 3], [0.03, 0.0, 0.0]);
         let slid = world.go([0.03, 0.0, 0.0], [0.03, 0.04, 0.0]);
@@ -121,7 +120,7 @@ fn a_point_slips_until_the_friction_cone_holds_it() {
         }
     }
     // Without iterations it sticks for good.
-    let sticky = Config { slip_iterations: 0, ..config() };
+    let sticky = ContactConfig { slip_iterations: 0, ..config() };
     let mut world = World::new(&arm, column(), sticky, [0.0; 3]);
     world.go([0.0; 3], [0.03, 0.0, 0.0]);
     let stuck = world.go([0.03, 0.0, 0.0], [0.03, 0.04, 0.0]);
@@ -151,7 +150,7 @@ fn a_cylinder_swept_through_an_elastic_bed_feels_the_force_of_the_integral() {
     let arm = gantry("<cylinder radius='0.05' length='0.4'/>");
     let lattice = Lattice::new([-0.2, -0.15, -0.05], spacing, [100, 75, 25]).unwrap();
     let delta = 0.002;
-    let config = Config { slip_iterations: 0, contact_distance_m: delta, ..config() };
+    let config = ContactConfig { slip_iterations: 0, contact_distance_m: delta, ..config() };
     let mut world = World::new(&arm, lattice.clone(), config, [0.0; 3]);
     let contacts = world.go([0.0; 3], [travel, 0.0, 0.0]);
 
@@ -191,7 +190,7 @@ fn elbow() -> Arc<Arm> {
         joint(1, "continuous", "slide", "upper", "0 0 1", 0.0),
         joint(2, "revolute", "upper", "fore", "0 1 0", 0.3),
     ));
-    let bake = sdf::Config::default();
+    let bake = BakeConfig::default();
     Arc::new(Arm::bake(robot.unwrap(), &bake, |_| unreachable!("primitives only")).unwrap().0)
 }
 
@@ -200,8 +199,10 @@ fn no_point_that_a_link_covers_is_ever_free() {
     // What is looked at only when a link may have reached it is found as if it always were.
     let arm = elbow();
     let lattice = Lattice::new([-0.4, -0.4, -0.2], 0.02, [40, 40, 20]).unwrap();
-    let config = Config { known_empty: false, contact_distance_m: 0.01, ..Config::default() };
-    let mut simulator = Simulator::new(lattice.clone(), Arc::clone(&arm.surfaces), config).unwrap();
+    let config =
+        ContactConfig { known_empty: false, contact_distance_m: 0.01, ..ContactConfig::default() };
+    let mut simulator =
+        ContactSimulator::new(lattice.clone(), Arc::clone(&arm.surfaces), config).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let (mut q, mut speed) = ([0.0; 3], [0.0; 3]);
     simulator.begin_touch(&arm.robot.forward(&q).unwrap().world_from_link);
@@ -242,12 +243,12 @@ fn a_long_motion_asks_for_substeps_so_that_nothing_tunnels() {
 
 /// Contacts after a tracker was fed these joint positions, one sample each; what is met sticks, so
 /// that every place the arm passed shows.
-fn tracked(urdf: &str, lattice: &Lattice, samples: &[&[f64]]) -> Result<Contacts, TouchError> {
+fn tracked(urdf: &str, lattice: &Lattice, samples: &[&[f64]]) -> Result<Contacts, TrackerError> {
     let robot = Robot::from_urdf(urdf).unwrap();
-    let baked = Arm::bake(robot, &sdf::Config::default(), |_| unreachable!("primitives only"));
-    let touch = touch::Config { tare: touch::Tare::None, ..touch::Config::default() };
+    let baked = Arm::bake(robot, &BakeConfig::default(), |_| unreachable!("primitives only"));
+    let touch = ExternalTorqueConfig { tare: Tare::None, ..ExternalTorqueConfig::default() };
     let arm = Arc::new(baked.unwrap().0);
-    let sticky = Config { slip_iterations: 0, ..config() };
+    let sticky = ContactConfig { slip_iterations: 0, ..config() };
     let mut tracker = Tracker::new(arm, lattice.clone(), sticky, touch).unwrap();
     tracker.begin_touch();
     let mut contacts = Contacts::default();
@@ -323,7 +324,7 @@ fn angles_that_wrap_are_the_same_motion_and_impossible_jumps_are_refused() {
     }
     let slide = gantry_urdf(&collision(BLOCK));
     let error = tracked(&slide, &lattice, &[&[0.0; 3], &[0.0, 1e12, 0.0]]).unwrap_err();
-    assert!(matches!(&error, TouchError::Jump { joint, .. } if joint == "slide1"), "{error}");
+    assert!(matches!(&error, TrackerError::Jump { joint, .. } if joint == "slide1"), "{error}");
 }
 
 #[test]

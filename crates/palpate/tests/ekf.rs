@@ -4,11 +4,8 @@
 mod scene;
 
 use nalgebra::{DMatrix, DVector};
-use palpate::ekf::EkfEstimator;
-use palpate::estimator::{Estimator, EstimatorConfig, EstimatorError, Method, Source};
-use palpate::lattice::CellRows;
-use palpate::robot::Robot;
-use palpate::torque::Observation;
+use palpate::unstable::{CellRows, EkfEstimator, Estimator, FrameId, Observation};
+use palpate::{EstimatorConfig, EstimatorError, EstimatorKind, Robot};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use scene::{cells_with, centimetre_lattice, config, contacts, gantry_urdf, hinge, uniform};
@@ -67,7 +64,7 @@ impl Textbook {
 fn on_its_diagonal_case_it_is_the_textbook_filter_and_lazy_drift_is_eager_drift() {
     let (rows, frames) = diagonal_frames(200);
     let settings =
-        EstimatorConfig { drift_std_n_per_m: 0.7, ..config(Method::Ekf, 2.0, 30.0, 0.2) };
+        EstimatorConfig { drift_std_n_per_m: 0.7, ..config(EstimatorKind::Ekf, 2.0, 30.0, 0.2) };
     let mut ekf = EkfEstimator::new(&settings, 0.01, 3).unwrap();
     let mut textbook = Textbook {
         mean: DVector::from_element(3, 2.0),
@@ -75,9 +72,9 @@ fn on_its_diagonal_case_it_is_the_textbook_filter_and_lazy_drift_is_eager_drift(
     };
     let mut signs_seen = [false; 2];
     for (number, frame) in frames.iter().enumerate() {
-        let source = Source { touch: 0, sample: number as u32 };
+        let source = FrameId { touch: 0, sample: number as u32 };
         if frame.n_contacts() == 0 {
-            ekf.idle();
+            ekf.advance_time();
         } else {
             ekf.correct(rows.points_m(), frame.clone(), source).unwrap();
         }
@@ -95,13 +92,13 @@ fn on_its_diagonal_case_it_is_the_textbook_filter_and_lazy_drift_is_eager_drift(
 #[test]
 fn one_joint_one_contact_recovers_the_spring() {
     let robot = hinge();
-    let mut rows = CellRows::new(palpate::lattice::Lattice::new([0.0; 3], 0.01, [80; 3]).unwrap());
+    let mut rows = CellRows::new(palpate::Lattice::new([0.0; 3], 0.01, [80; 3]).unwrap());
     let poses = robot.forward(&[0.0]).unwrap();
     let touched = contacts(rows.lattice(), 1, &[([50, 0, 0], [0.0, -0.04, 0.0])]);
     let tau = DVector::from_element(1, 3.0);
     let frame = Observation::new(&robot, &poses, &touched, &mut rows, &tau);
-    let mut ekf = EkfEstimator::new(&config(Method::Ekf, 1e-3, 1e4, 1e-3), 0.01, 1).unwrap();
-    ekf.correct(rows.points_m(), frame, Source { touch: 0, sample: 0 }).unwrap();
+    let mut ekf = EkfEstimator::new(&config(EstimatorKind::Ekf, 1e-3, 1e4, 1e-3), 0.01, 1).unwrap();
+    ekf.correct(rows.points_m(), frame, FrameId { touch: 0, sample: 0 }).unwrap();
     assert!((ekf.stiffness(0) - 150.0).abs() < 1e-4, "{}", ekf.stiffness(0));
 }
 
@@ -109,11 +106,11 @@ fn one_joint_one_contact_recovers_the_spring() {
 fn a_replayed_measurement_is_fused_again() {
     let (rows, frames) = diagonal_frames(20);
     let frame = frames.iter().find(|frame| frame.n_contacts() == 3).unwrap();
-    let settings = config(Method::Ekf, 2.0, 30.0, 0.2);
+    let settings = config(EstimatorKind::Ekf, 2.0, 30.0, 0.2);
     let learn = |replays: u32, times: u32| {
         let mut ekf = EkfEstimator::new(&settings, 0.01, 3).unwrap();
         for sample in 0..times {
-            ekf.correct(rows.points_m(), frame.clone(), Source { touch: 0, sample }).unwrap();
+            ekf.correct(rows.points_m(), frame.clone(), FrameId { touch: 0, sample }).unwrap();
         }
         assert_eq!(ekf.replay(replays).frames, replays);
         (ekf.state(rows.len()).mean, ekf.state(rows.len()).variance)
@@ -124,7 +121,7 @@ fn a_replayed_measurement_is_fused_again() {
 
 #[test]
 fn a_prior_mean_of_zero_is_refused_and_says_why() {
-    let error = EkfEstimator::new(&config(Method::Ekf, 0.0, 1.0, 0.1), 0.01, 3).unwrap_err();
+    let error = EkfEstimator::new(&config(EstimatorKind::Ekf, 0.0, 1.0, 0.1), 0.01, 3).unwrap_err();
     assert_eq!(error, EstimatorError::EkfPriorMeanZero);
     assert!(error.to_string().contains("never learns"));
 }

@@ -3,7 +3,8 @@
 
 use k::nalgebra as kna;
 use nalgebra::{Isometry3, Point3, Vector3, Vector6};
-use palpate::robot::{LinkId, Payload, Poses, Robot};
+use palpate::unstable::{LinkId, Poses};
+use palpate::{Payload, Robot};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 

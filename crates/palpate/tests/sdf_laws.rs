@@ -2,13 +2,16 @@
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3, point, vector};
-use palpate::robot::{Collision, Shape};
-use palpate::sdf::{self, Config, Grid, SdfError, Solid, TriangleMesh};
+use palpate::unstable::{
+    BakeReport, Collision, DistanceGrid, Shape, Solid, TriangleMesh, bake, bake_serial,
+    signed_distance,
+};
+use palpate::{BakeConfig, SdfError};
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-const CONFIG: Config = Config { spacing_m: 0.005, margin_m: 0.03 };
+const CONFIG: BakeConfig = BakeConfig { spacing_m: 0.005, margin_m: 0.03 };
 
 fn uniform(rng: &mut ChaCha8Rng, half: f64) -> f64 {
     (f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0) * half
@@ -34,13 +37,13 @@ fn four_shapes() -> [Shape; 4] {
     ]
 }
 
-fn of_primitive(part: &Collision) -> Grid {
+fn of_primitive(part: &Collision) -> DistanceGrid {
     let solid = Solid { primitives: vec![part.clone()], meshes: vec![] };
-    sdf::bake(&solid, &CONFIG).unwrap().0
+    bake(&solid, &CONFIG).unwrap().0
 }
 
 fn exact(part: &Collision, point: &Point3<f64>) -> f64 {
-    sdf::signed_distance(&part.shape, &part.link_from_shape.inverse_transform_point(point)).unwrap()
+    signed_distance(&part.shape, &part.link_from_shape.inverse_transform_point(point)).unwrap()
 }
 
 /// A cuboid of two triangles a face, normals outwards, moved.
@@ -62,8 +65,8 @@ fn turned_round(mut mesh: TriangleMesh) -> TriangleMesh {
     mesh
 }
 
-fn of_meshes(meshes: Vec<TriangleMesh>) -> (Grid, sdf::Report) {
-    sdf::bake(&Solid { primitives: vec![], meshes }, &CONFIG).unwrap()
+fn of_meshes(meshes: Vec<TriangleMesh>) -> (DistanceGrid, BakeReport) {
+    bake(&Solid { primitives: vec![], meshes }, &CONFIG).unwrap()
 }
 
 /// A cube of 8 cm about the origin as a primitive.
@@ -72,7 +75,7 @@ fn cube() -> Collision {
     Collision { link_from_shape: Isometry3::identity(), shape }
 }
 
-fn assert_same(one: &Grid, other: &Grid, tolerance_m: f64) {
+fn assert_same(one: &DistanceGrid, other: &DistanceGrid, tolerance_m: f64) {
     for point in points(9, 4_000, 0.06) {
         let (a, b) = (one.distance(&point), other.distance(&point));
         assert!((a - b).abs() <= tolerance_m, "{point}: {a} and {b}");
@@ -89,7 +92,7 @@ fn primitives_agree_with_parry() {
     for p in points(1, 2_000, 0.15) {
         let (plain, along_y) = (Vector::new(p.x, p.y, p.z), Vector::new(p.x, p.z, p.y));
         let [block, cylinder, ball, capsule] =
-            four_shapes().map(|shape| sdf::signed_distance(&shape, &p).unwrap());
+            four_shapes().map(|shape| signed_distance(&shape, &p).unwrap());
         let far = [
             block - Cuboid::new(half).distance_to_local_point(plain, false),
             ball - Ball::new(0.05).distance_to_local_point(plain, false),
@@ -279,22 +282,22 @@ fn baking_in_parallel_is_baking_serially() {
     let mut open = cuboid(0.04, vector![0.01, 0.0, 0.0]);
     open.triangles.truncate(9);
     let solid = Solid { primitives: vec![part(four_shapes()[3].clone())], meshes: vec![open] };
-    let (parallel, report) = sdf::bake(&solid, &CONFIG).unwrap();
-    let (serial, serial_report) = sdf::bake_serial(&solid, &CONFIG).unwrap();
+    let (parallel, report) = bake(&solid, &CONFIG).unwrap();
+    let (serial, serial_report) = bake_serial(&solid, &CONFIG).unwrap();
     assert_eq!(parallel.to_bytes(), serial.to_bytes());
     assert_eq!(report, serial_report);
 }
 
 #[test]
 fn shapes_that_cannot_be_baked_are_refused() {
-    let bake = |mesh: TriangleMesh, config: &Config| {
-        sdf::bake(&Solid { primitives: vec![], meshes: vec![mesh] }, config).unwrap_err()
+    let refused = |mesh: TriangleMesh, config: &BakeConfig| {
+        bake(&Solid { primitives: vec![], meshes: vec![mesh] }, config).unwrap_err()
     };
     let good = || cuboid(0.04, Vector3::zeros());
     let changed = |change: fn(&mut TriangleMesh)| {
         let mut mesh = good();
         change(&mut mesh);
-        bake(mesh, &CONFIG)
+        refused(mesh, &CONFIG)
     };
     assert_eq!(changed(|mesh| mesh.triangles.clear()), SdfError::Empty { triangles: 0 });
     let flat = changed(|mesh| mesh.triangles = vec![[0, 1, 1], [2, 2, 2]]);
@@ -303,17 +306,17 @@ fn shapes_that_cannot_be_baked_are_refused() {
     assert_eq!(beyond, SdfError::Vertex { triangle: 3, vertex: 8, vertices: 8 });
     assert!(matches!(changed(|mesh| mesh.vertices[2].y = f64::NAN), SdfError::Number { .. }));
 
-    let millimetres = bake(cuboid(40.0, Vector3::zeros()), &CONFIG);
+    let millimetres = refused(cuboid(40.0, Vector3::zeros()), &CONFIG);
     assert!(matches!(millimetres, SdfError::TooLarge { .. }));
     assert!(millimetres.to_string().contains("scale of 0.001"), "{millimetres}");
-    assert!(matches!(bake(cuboid(1e8, Vector3::zeros()), &CONFIG), SdfError::TooLarge { .. }));
-    assert!(matches!(bake(cuboid(1e300, Vector3::zeros()), &CONFIG), SdfError::Number { .. }));
+    assert!(matches!(refused(cuboid(1e8, Vector3::zeros()), &CONFIG), SdfError::TooLarge { .. }));
+    assert!(matches!(refused(cuboid(1e300, Vector3::zeros()), &CONFIG), SdfError::Number { .. }));
 
     for (spacing_m, margin_m) in [(0.0, 0.03), (-0.1, 0.03), (f64::NAN, 0.03), (0.005, 0.0)] {
-        let error = bake(good(), &Config { spacing_m, margin_m });
+        let error = refused(good(), &BakeConfig { spacing_m, margin_m });
         assert!(matches!(error, SdfError::Number { .. }), "{error}");
     }
-    let nothing = sdf::bake(&Solid::default(), &CONFIG).unwrap_err();
+    let nothing = bake(&Solid::default(), &CONFIG).unwrap_err();
     assert_eq!(nothing, SdfError::Empty { triangles: 0 });
 }
 
@@ -326,25 +329,25 @@ fn triangles_without_area_are_left_out_and_counted() {
     assert_same(&grid, &of_primitive(&cube()), 1e-6);
 }
 
-fn small_grid() -> Grid {
-    let config = Config { spacing_m: 0.02, margin_m: 0.02 };
+fn small_grid() -> DistanceGrid {
+    let config = BakeConfig { spacing_m: 0.02, margin_m: 0.02 };
     let solid = Solid { primitives: vec![cube()], meshes: vec![] };
-    sdf::bake(&solid, &config).unwrap().0
+    bake(&solid, &config).unwrap().0
 }
 
 #[test]
 fn bytes_give_back_the_grid() {
     let grid = small_grid();
-    assert_eq!(Grid::from_bytes(&grid.to_bytes()).unwrap(), grid);
+    assert_eq!(DistanceGrid::from_bytes(&grid.to_bytes()).unwrap(), grid);
 }
 
 #[test]
 fn bytes_that_are_cut_or_lengthened_are_refused() {
     let bytes = small_grid().to_bytes();
     for length in 0..bytes.len() {
-        assert!(Grid::from_bytes(&bytes[..length]).is_err(), "{length}");
+        assert!(DistanceGrid::from_bytes(&bytes[..length]).is_err(), "{length}");
     }
-    assert!(Grid::from_bytes(&[bytes, vec![0]].concat()).is_err());
+    assert!(DistanceGrid::from_bytes(&[bytes, vec![0]].concat()).is_err());
 }
 
 proptest! {
@@ -353,7 +356,7 @@ proptest! {
         let mut bytes = small_grid().to_bytes();
         let at = at.index(bytes.len());
         bytes[at] ^= 1_u8 << bit;
-        prop_assert!(Grid::from_bytes(&bytes).is_err());
+        prop_assert!(DistanceGrid::from_bytes(&bytes).is_err());
     }
 
     #[test]
@@ -363,7 +366,7 @@ proptest! {
             let n = bytes.len().min(24);
             bytes[..n].copy_from_slice(&head[..n]);
         }
-        prop_assert!(Grid::from_bytes(&bytes).is_err());
+        prop_assert!(DistanceGrid::from_bytes(&bytes).is_err());
     }
 }
 

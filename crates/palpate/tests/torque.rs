@@ -4,9 +4,8 @@
 mod scene;
 
 use nalgebra::{DMatrix, DVector, Point3, Vector3};
-use palpate::contact::Contacts;
-use palpate::lattice::CellRows;
-use palpate::torque::{Observation, Stiffness, lever};
+use palpate::Contacts;
+use palpate::unstable::{CellRows, Observation, Stiffness, lever};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use scene::{cells_with, centimetre_lattice, contacts, crooked_arm, random_frame, uniform};
@@ -90,7 +89,7 @@ fn a_pushed_point_pushes_back() {
     let robot = scene::hinge();
     let poses = robot.forward(&[0.0]).unwrap();
     let (rest, u) = (Point3::new(0.5, 0.0, 0.0), Vector3::new(0.0, -0.04, 0.0));
-    let w = lever(&robot, &poses, palpate::robot::LinkId(1), &rest, &u);
+    let w = lever(&robot, &poses, palpate::unstable::LinkId(1), &rest, &u);
     assert!((w[0] - 0.02).abs() < 1e-15);
 }
 

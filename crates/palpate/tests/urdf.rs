@@ -1,7 +1,8 @@
 //! What URDF files are read, and what is said about those that are not.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
-use palpate::robot::{JointKind, Payload, Robot, RobotError, Shape};
+use palpate::unstable::{JointKind, Shape};
+use palpate::{Payload, Robot, RobotError};
 
 /// A robot of the given elements.
 fn robot(elements: &str) -> String {

@@ -9,9 +9,7 @@ use std::ops::Range;
 use std::time::Instant;
 
 use nalgebra::DVector;
-use palpate::mapper::Mapper;
-use palpate::outlook::{Answer, Config, ONE_IN, PathError, PathPoint};
-use palpate::robot::Robot;
+use palpate::{CLUSTER_WEIGHT, Mapper, PathConfig, PathError, PathPoint, PathPrediction, Robot};
 use serde::{Deserialize, Serialize};
 
 use super::recording::Recording;
@@ -34,7 +32,7 @@ pub(super) struct Answers {
     pub points: usize,
     pub times: usize,
     /// What keeps the mapper busy with a question, ms; of each whole touch the median counts.
-    pub outlook_ms: Option<Extent>,
+    pub handover_ms: Option<Extent>,
     pub whole: Asked,
     /// From where nothing is touched yet to the largest torque.
     pub push: Asked,
@@ -66,7 +64,7 @@ pub(super) struct Extent {
 /// What was found of single paths, path by path.
 #[derive(Debug, Default)]
 struct Found {
-    outlook_ms: Vec<f64>,
+    handover_ms: Vec<f64>,
     thinned_ms: Vec<f64>,
     exact_ms: Vec<f64>,
     torque_off: Vec<f64>,
@@ -102,9 +100,9 @@ pub(super) fn measure(
         }
     }
     bar.finish_and_clear();
-    let outlook_ms = Extent::of(&whole.outlook_ms);
+    let handover_ms = Extent::of(&whole.handover_ms);
     let (whole, push) = (whole.asked(), push.asked());
-    Ok(Answers { points: POINTS, times: TIMES, outlook_ms, whole, push })
+    Ok(Answers { points: POINTS, times: TIMES, handover_ms, whole, push })
 }
 
 /// A path in [`POINTS`] points, equal times apart; joints go straight in between.
@@ -121,7 +119,7 @@ fn resampled(robot: &Robot, path: &[&[f64]]) -> Vec<Vec<f64>> {
 
 /// The points of a path from the last without contact to the largest torque; what is touched at the
 /// first point of a path is taken for empty space.
-fn push_of(answer: &Answer) -> Range<usize> {
+fn push_of(answer: &PathPrediction) -> Range<usize> {
     let Some(touches) = answer.points.iter().position(|point| point.contacts > 0) else {
         return 0..0;
     };
@@ -132,25 +130,25 @@ fn push_of(answer: &Answer) -> Range<usize> {
 
 impl Found {
     /// Asks about one path, and returns the exact answer.
-    fn ask(&mut self, mapper: &Mapper, path: &[Vec<f64>]) -> Result<Answer, PathError> {
-        let config = Config::default();
+    fn ask(&mut self, mapper: &Mapper, path: &[Vec<f64>]) -> Result<PathPrediction, PathError> {
+        let config = PathConfig::default();
         let start = Instant::now();
-        let every_point = Config { resolution_cells: 0.0, ..config };
-        let exact = mapper.outlook().ask(path, &every_point)?;
+        let every_point = PathConfig { resolution_cells: 0.0, ..config };
+        let exact = mapper.path_predictor().ask(path, &every_point)?;
         let exact_ms = milliseconds(start.elapsed());
         if exact.points.iter().all(|point| point.contacts == 0) {
             return Ok(exact);
         }
         self.exact_ms.push(exact_ms);
-        let (mut outlook_ms, mut thinned_ms, mut answers) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut handover_ms, mut thinned_ms, mut answers) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..TIMES {
             let start = Instant::now();
-            let outlook = mapper.thinned_outlook(ONE_IN);
-            outlook_ms.push(milliseconds(start.elapsed()));
-            answers.push(outlook.ask(path, &config)?); // all alike
+            let predictor = mapper.coarse_path_predictor(CLUSTER_WEIGHT);
+            handover_ms.push(milliseconds(start.elapsed()));
+            answers.push(predictor.ask(path, &config)?); // all alike
             thinned_ms.push(milliseconds(start.elapsed()));
         }
-        self.outlook_ms.extend(median(&outlook_ms));
+        self.handover_ms.extend(median(&handover_ms));
         self.thinned_ms.extend(median(&thinned_ms));
         self.torque_off.extend(off_by(&answers[0], &exact, |point| &point.torque));
         self.std_off.extend(off_by(&answers[0], &exact, |point| &point.torque_std));
@@ -170,7 +168,11 @@ impl Found {
 
 /// What a thinned answer is off by, relative, in the mean over the points where the exact torque is
 /// worth it; `None` where it nowhere is.
-fn off_by(thinned: &Answer, exact: &Answer, of: fn(&PathPoint) -> &DVector<f64>) -> Option<f64> {
+fn off_by(
+    thinned: &PathPrediction,
+    exact: &PathPrediction,
+    of: fn(&PathPoint) -> &DVector<f64>,
+) -> Option<f64> {
     let points = thinned.points.iter().zip(&exact.points);
     let felt = points.filter(|(_, exact)| exact.torque.norm() >= FELT_N_M);
     let off: Vec<f64> =
@@ -199,7 +201,7 @@ impl Answers {
         let mut row = |name: String, extent: Option<Extent>, (factor, digits, unit)| {
             rows.extend(extent.map(|extent| (name, extent.text(factor, digits, unit))));
         };
-        row("handing out the springs".to_owned(), self.outlook_ms, (1.0, 2, "ms"));
+        row("handing out the springs".to_owned(), self.handover_ms, (1.0, 2, "ms"));
         for (kind, asked) in [("a whole touch", &self.whole), ("a push", &self.push)] {
             row(format!("answer about {kind}"), asked.thinned_ms, (1.0, 1, "ms"));
             row(format!("exact answer about {kind}"), asked.exact_ms, (1.0, 0, "ms"));
@@ -213,7 +215,7 @@ impl Answers {
     pub(super) fn heading(&self) -> String {
         format!(
             "Answers about paths of {} points: {} whole touches that touch anything, and their {} \
-             pushes,\n{} times each, with handing out the springs; exact ones once. Told are \
+             pushes,\n{} times each, with handing out the springs; exact ones once. Summary are \
              medians over paths, the\nleast and the most; off by where the exact torque has at \
              least {FELT_N_M} N·m.",
             self.points, self.whole.paths, self.push.paths, self.times

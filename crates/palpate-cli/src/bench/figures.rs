@@ -1,6 +1,6 @@
 //! What one measurement found, as JSON and as text.
 
-use palpate::estimator::Method;
+use palpate::EstimatorKind;
 use serde::{Deserialize, Serialize};
 
 use super::answers::Answers;
@@ -17,7 +17,7 @@ const MIB: f64 = (1 << 20) as f64;
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Figures {
     pub robot: String,
-    pub estimator: Method,
+    pub estimator: EstimatorKind,
     /// Whether the touches are the bundled ones, which no real robot made.
     pub simulated: bool,
     pub touches: usize,
@@ -134,7 +134,7 @@ impl Figures {
     /// What was measured, and how.
     fn heading(&self) -> String {
         let [nx, ny, nz] = self.shape;
-        let estimator = if self.estimator == Method::Map { "map" } else { "ekf" };
+        let estimator = if self.estimator == EstimatorKind::Map { "map" } else { "ekf" };
         let touches = match (self.simulated, self.touches) {
             (true, n) => format!("Touches: {n} of those bundled, simulated"),
             (false, n) => format!("Touches: {n}"),

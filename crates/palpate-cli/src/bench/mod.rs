@@ -39,8 +39,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use palpate::arm::Arm;
-use palpate::mapper::Config;
+use palpate::{Arm, MapperConfig};
 
 use self::figures::Figures;
 use self::floor::Floor;
@@ -158,7 +157,7 @@ struct Bench<'a> {
     args: &'a Args,
     logs: Logs<'a>,
     arm: Arc<Arm>,
-    config: Config,
+    config: MapperConfig,
     recording: Recording,
     /// What is asked about.
     asked: Option<Recording>,
@@ -171,7 +170,7 @@ impl<'a> Bench<'a> {
             given => Logs::Given(given),
         };
         let touches = Touches::open(logs.paths(), &settings.log.options())?;
-        touches.settle(&mut settings.touch, output)?;
+        touches.gravity_of_logs(&mut settings.touch, output)?;
         let config = settings.config()?;
         let arm = robot::load(&settings.robot, output)?;
         settings.log.check_for(&arm.robot)?;

@@ -10,12 +10,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate::arm::Arm;
-use palpate::estimator::{Estimator, Source};
-use palpate::lattice::CellRows;
-use palpate::mapper::{Config, MapperError};
-use palpate::torque::Folder;
-use palpate::touch::{Frame, Sample, Tracker};
+use palpate::unstable::{CellRows, Estimator, FrameId, ObservationBuilder, TrackedSample, Tracker};
+use palpate::{Arm, MapperConfig, MapperError, Sample};
 
 use super::recording::{Learner, Passes, Recording};
 use super::whole::milliseconds;
@@ -26,10 +22,10 @@ use crate::settings::SettingsError;
 /// What a mapper is made of, under the clock.
 pub(super) struct Parts {
     tracker: Tracker,
-    folder: Folder,
+    observations: ObservationBuilder,
     estimator: Box<dyn Estimator>,
     replays: u32,
-    next: Source,
+    next: FrameId,
     /// What was measured.
     times: Times,
 }
@@ -50,7 +46,7 @@ pub(super) struct Times {
 /// Learns all passes on one thread.
 pub(super) fn measure(
     arm: &Arc<Arm>,
-    config: &Config,
+    config: &MapperConfig,
     recording: &Recording,
     passes: Passes,
     output: &Output,
@@ -62,30 +58,30 @@ pub(super) fn measure(
 }
 
 impl Parts {
-    fn new(arm: &Arc<Arm>, config: &Config) -> Result<Self, MapperError> {
+    fn new(arm: &Arc<Arm>, config: &MapperConfig) -> Result<Self, MapperError> {
         let estimator = config.estimator(arm.robot.n_joints())?;
         let (contact, touch) = (config.contact.clone(), config.touch.clone());
         let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
         Ok(Self {
             tracker,
-            folder: Folder::new(CellRows::new(config.lattice.clone())),
+            observations: ObservationBuilder::new(CellRows::new(config.lattice.clone())),
             estimator,
             replays: config.estimator.replays,
-            next: Source { touch: 0, sample: 0 },
+            next: FrameId { touch: 0, sample: 0 },
             times: Times::default(),
         })
     }
 
     /// Folds a frame, predicts and corrects; says whether it learnt from it.
-    fn correct(&mut self, frame: &Frame, source: Source) -> Result<bool, MapperError> {
+    fn correct(&mut self, frame: &TrackedSample, source: FrameId) -> Result<bool, MapperError> {
         let Some(external) = &frame.external else { return Ok(false) };
         if frame.contacts.is_empty() {
-            self.estimator.idle();
+            self.estimator.advance_time();
             return Ok(false);
         }
         let (robot, contacts) = (&self.tracker.arm().robot, &frame.contacts);
-        let observation = self.folder.fold(robot, &frame.poses, contacts, external);
-        self.estimator.correct(self.folder.rows().points_m(), observation, source)?;
+        let observation = self.observations.build(robot, &frame.poses, contacts, external);
+        self.estimator.correct(self.observations.rows().points_m(), observation, source)?;
         Ok(true)
     }
 }
@@ -93,7 +89,7 @@ impl Parts {
 impl Learner for Parts {
     fn begin_touch(&mut self) {
         self.tracker.begin_touch();
-        self.next = Source { touch: self.next.touch + 1, sample: 0 };
+        self.next = FrameId { touch: self.next.touch + 1, sample: 0 };
     }
 
     fn step(&mut self, sample: &Sample, timed: bool) -> Result<(), MapperError> {

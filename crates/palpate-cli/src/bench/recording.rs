@@ -3,17 +3,16 @@
 //! Reading files is no part of what is measured, so the touches are read once before. They are
 //! not simulated, sorted or changed in any way.
 
-use palpate::mapper::MapperError;
-use palpate::touch::Sample;
+use palpate::{MapperError, Sample};
 
 use crate::error::CliError;
 use crate::interrupt;
 use crate::output::Output;
-use crate::touches::{Recorded, Touches};
+use crate::touches::{RecordedTouch, Touches};
 
 /// The touches of a log, in its order.
 pub(super) struct Recording {
-    touches: Vec<Recorded>,
+    touches: Vec<RecordedTouch>,
 }
 
 /// How often a recording is learnt.
@@ -45,7 +44,7 @@ impl Recording {
     }
 
     /// Its touches in order.
-    pub(super) fn each(&self) -> &[Recorded] {
+    pub(super) fn each(&self) -> &[RecordedTouch] {
         &self.touches
     }
 

@@ -12,7 +12,7 @@
 
 use std::process::Command;
 
-use palpate::lattice::Lattice;
+use palpate::Lattice;
 use serde::Serialize;
 
 use super::figures::Figures;

@@ -3,9 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate::arm::Arm;
-use palpate::mapper::{Config, Mapper, MapperError};
-use palpate::touch::Sample;
+use palpate::{Arm, Mapper, MapperConfig, MapperError, Sample};
 
 use super::answers::{self, Answers};
 use super::peak;
@@ -53,7 +51,7 @@ impl Whole {
     /// A mapper that knows nothing yet, in a command that began at `started`.
     pub(super) fn new(
         arm: &Arc<Arm>,
-        config: Config,
+        config: MapperConfig,
         pace: Option<Pace>,
         started: Instant,
     ) -> Result<Self, MapperError> {

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::Path;
 
-use palpate::touch::Sample;
+use palpate::Sample;
 use palpate_io::atomic::{self, IfExists};
 use palpate_io::log::bag_write::{Compression, TouchWriter};
 use palpate_io::log::write::{ArraysWriter, TableWriter};
@@ -12,7 +12,7 @@ use palpate_io::log::write::{ArraysWriter, TableWriter};
 use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::Settings;
-use crate::touches::{Moment, Touches};
+use crate::touches::{TouchEvent, Touches};
 use crate::{interrupt, robot};
 
 /// What a log becomes.
@@ -96,7 +96,7 @@ pub(super) fn convert(
         let config = settings.config()?;
         touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
     }
-    let Some(Moment::Touch(first)) = touches.advance()? else {
+    let Some(TouchEvent::Touch(first)) = touches.advance()? else {
         return Err(CliError::from(format!("`{}` holds no touch", input.display())));
     };
     let joints = touches.keep_joints();
@@ -172,11 +172,11 @@ impl Copying<'_> {
             };
             match moment {
                 None => break,
-                Some(Moment::Touch(name)) => {
+                Some(TouchEvent::Touch(name)) => {
                     sink.touch(&name)?;
                     self.count.0 += 1;
                 }
-                Some(Moment::Sample(sample)) => {
+                Some(TouchEvent::Sample(sample)) => {
                     sink.sample(&sample)?;
                     self.count.1 += 1;
                     bar.inc(1);

@@ -5,14 +5,12 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate::arm::Arm;
-use palpate::field::Field;
-use palpate::mapper::Mapper;
+use palpate::{Arm, Field, Mapper};
 use palpate_io::cloud;
 use palpate_io::field::{self, Saved};
 use palpate_io::log::LogOptions;
-use palpate_learn::contender::Contender;
 use palpate_learn::folds::folds;
+use palpate_learn::method::Method;
 use serde::Serialize;
 
 use crate::error::CliError;
@@ -23,7 +21,7 @@ use crate::place::Folder;
 use crate::predict::{Against, Report, TouchResult, score, tell_oddities};
 use crate::settings::sections::{EstimatorSettings, RobotSettings};
 use crate::settings::{Settings, SettingsError};
-use crate::touches::{Recorded, Touches};
+use crate::touches::{RecordedTouch, Touches};
 use crate::{bundled, evaluate, extrapolate, interrupt, picture, place, robot};
 
 const ORIGIN: &str = "The touches are simulated: a Kinova Gen3 pushes into a potted plant in \
@@ -110,7 +108,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 /// The paper's experiment on all touches; its table as text, and as JSON.
 fn evaluate_all(
     arm: &Arc<Arm>,
-    recorded: &[Recorded],
+    recorded: &[RecordedTouch],
     (folder, settings): (&Path, Settings),
     output: &Output,
 ) -> Result<(String, serde_json::Value), CliError> {
@@ -119,7 +117,7 @@ fn evaluate_all(
         arm,
         recorded,
         touches: &touches,
-        contenders: Contender::ALL.to_vec(),
+        methods: Method::ALL.to_vec(),
         folds: folds(touches.len(), touches.len()),
         todo: (0..touches.len()).collect(),
         estimators: evaluate::configs(&settings)?,
@@ -148,7 +146,12 @@ fn carry_over(
     let cloud = &cloud;
     let work = extrapolate::Work { arm, saved, names, cloud, config, halves, drawn, kept };
     let found = work.run(output)?;
-    let told = extrapolate::Told { work: &work, found: &found, truth: None, simulated: true };
+    let told = extrapolate::ExtrapolationSummary {
+        work: &work,
+        found: &found,
+        truth: None,
+        simulated: true,
+    };
     extrapolate::write(&folder.join("seen.ply"), cloud, &found.extrapolation)?;
     place::write(&folder.join("fig4.svg"), &told.picture(None)?)?;
     place::write(&folder.join("seen.html"), &told.page()?)

@@ -83,7 +83,7 @@ impl Keep for Kept {
     }
 
     fn keep_part(&self, part: &Part) -> Result<(), CliError> {
-        self.keep(&format!("part-{}-{}", part.contender.name(), part.fold), part)
+        self.keep(&format!("part-{}-{}", part.method.name(), part.fold), part)
     }
 
     fn keep_tuned(&self, name: &str, tuned: &Tuned) -> Result<(), CliError> {

@@ -4,13 +4,13 @@
 //! so that an evaluation goes on where it was broken off; [`mod@told`] says what came out.
 
 mod kept;
-mod told;
+mod summary;
 
 use std::path::{Path, PathBuf};
 
-use palpate::mapper::Config;
+use palpate::MapperConfig;
 use palpate_io::log::is_simulated;
-use palpate_learn::contender::Contender;
+use palpate_learn::method::Method;
 
 use crate::error::CliError;
 use crate::output::Output;
@@ -22,8 +22,8 @@ use crate::{interrupt, picture, place, robot};
 
 use kept::Kept;
 pub(crate) use palpate_work::evaluate::{Evaluated, Work, as_touches, configs};
-use palpate_work::evaluate::{contender_of, each_once, folds, number};
-use told::Told;
+use palpate_work::evaluate::{each_once, folds, method_of, number};
+use summary::EvaluationSummary;
 
 const NOTES: &str = "Examples:
   palpate evaluate recordings/
@@ -66,8 +66,8 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "DIR", default_value = "palpate-evaluation")]
     output: PathBuf,
     /// What to compare, in this order [default: all]
-    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = contender_of)]
-    methods: Vec<Contender>,
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = method_of)]
+    methods: Vec<Method>,
     /// Predict the touches in so many groups rather than one by one
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(2..))]
     folds: Option<u32>,
@@ -95,7 +95,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
     let touches = Touches::open(&args.logs, &settings.log.options())?;
-    touches.settle(&mut settings.touch, output)?;
+    touches.gravity_of_logs(&mut settings.touch, output)?;
     let estimators = configs(&settings)?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
@@ -110,7 +110,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         arm: &arm,
         recorded: &recorded,
         touches: &touches,
-        contenders: each_once(&args.methods),
+        methods: each_once(&args.methods),
         todo: (0..folds.len()).collect(),
         folds,
         estimators,
@@ -185,9 +185,9 @@ pub(crate) fn told<'a>(
     evaluated: &'a Evaluated,
     folder: &'a Path,
     origin: &Origin,
-) -> Told<'a> {
+) -> EvaluationSummary<'a> {
     let (evaluation, simulated) = (&evaluated.evaluation, origin.simulated);
-    Told { evaluation, simulated, folds: work.folds.len(), folder }
+    EvaluationSummary { evaluation, simulated, folds: work.folds.len(), folder }
 }
 
 /// The settings as a file, with those of each fold as remarks.
@@ -202,7 +202,7 @@ fn settings_toml(evaluated: &Evaluated, settings: &Settings) -> Result<String, C
 }
 
 /// What tuning chooses, in a line.
-fn tuned_line(config: &Config) -> String {
+fn tuned_line(config: &MapperConfig) -> String {
     let (contact, estimator) = (&config.contact, &config.estimator);
     let stds: Vec<String> = estimator.torque_std.iter().map(|std| format!("{std:.3}")).collect();
     format!(

@@ -4,7 +4,7 @@
 //! [`mod@told`] says what came out.
 
 mod cloud;
-mod told;
+mod summary;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -26,7 +26,7 @@ use crate::{interrupt, place, robot};
 use cloud::CloudArgs;
 pub(crate) use palpate_work::extrapolate::Work;
 use palpate_work::extrapolate::{Chosen, config, filled, method_of, remembers};
-pub(crate) use told::Told;
+pub(crate) use summary::ExtrapolationSummary;
 
 const NOTES: &str = "Examples:
   palpate extrapolate field.npz plant.ply -o seen.ply
@@ -154,7 +154,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 
     // Everything is made before anything is written.
     let (truth, simulated) = (truth.as_ref(), args.simulated);
-    let told = Told { work: &work, found: &found, truth, simulated };
+    let told = ExtrapolationSummary { work: &work, found: &found, truth, simulated };
     let drawing = picture.map(|_| told.picture(args.threshold)).transpose()?;
     let page = args.report.as_ref().map(|_| told.page()).transpose()?;
     write(&args.output, &cloud, &found.extrapolation)?;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use palpate::mapper::Snapshot;
+use palpate::Snapshot;
 use palpate_io::field::npz::{NpzError, read_npz};
 use palpate_io::field::{self, FieldFile, Saved, SavedError};
 use serde::Serialize;
@@ -67,13 +67,13 @@ struct LatticeFacts {
 /// What mapping would go on from.
 #[derive(Debug, Serialize)]
 struct MemoryFacts {
-    method: palpate::estimator::Method,
+    method: palpate::EstimatorKind,
     estimator: Value,
     /// Standard deviation of an untouched cell, N/m.
     prior_std_n_per_m: f64,
     touches: u32,
     frames: usize,
-    tape_samples: usize,
+    logged_samples: usize,
 }
 
 /// Looks at a field.
@@ -295,7 +295,7 @@ impl MemoryFacts {
     fn new(snapshot: &Snapshot) -> Self {
         let config = &snapshot.config;
         let spacing_m = config.lattice.spacing_m();
-        let samples = |touch: &palpate::mapper::TapedTouch| {
+        let samples = |touch: &palpate::unstable::LoggedTouch| {
             touch.q.len().checked_div(snapshot.n_joints).unwrap_or(0)
         };
         Self {
@@ -304,7 +304,7 @@ impl MemoryFacts {
             prior_std_n_per_m: config.estimator.prior.at_spacing(spacing_m).1,
             touches: snapshot.touches,
             frames: snapshot.state.remembered.len(),
-            tape_samples: snapshot.tape.iter().map(samples).sum(),
+            logged_samples: snapshot.sample_log.iter().map(samples).sum(),
         }
     }
 }

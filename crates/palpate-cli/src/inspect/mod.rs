@@ -24,7 +24,7 @@ use std::cmp::Reverse;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate::arm::Arm;
+use palpate::Arm;
 use serde::Serialize;
 use serde_json::json;
 

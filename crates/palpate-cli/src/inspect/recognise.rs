@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use palpate::robot::Robot;
+use palpate::Robot;
 use serde::Serialize;
 
 use super::finding::Finding;

@@ -5,8 +5,8 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Point3, Vector3};
-use palpate::robot::{JointKind, Link, Robot};
-use palpate::sdf::Report;
+use palpate::Robot;
+use palpate::unstable::{BakeReport, JointKind, Link};
 use palpate_io::robot_files::LoadedArm;
 use serde::Serialize;
 
@@ -60,7 +60,7 @@ struct SkinFacts {
     size_m: [f64; 3],
     cached: bool,
     meshes: Vec<PathBuf>,
-    report: Report,
+    report: BakeReport,
 }
 
 /// Looks at a robot, loaded with the payload of the settings.
@@ -166,7 +166,7 @@ impl RobotFacts {
 
     /// Meshes of which winding number and flood fill do not agree what is inside.
     fn doubtful_meshes(&self) -> Vec<Finding> {
-        let shown = |part: fn(&Report) -> f64| {
+        let shown = |part: fn(&BakeReport) -> f64| {
             let skins =
                 self.links.iter().filter_map(|link| Some((&link.name, link.skin.as_ref()?)));
             let shown = skins.map(|(name, skin)| (name.as_str(), part(&skin.report)));
@@ -329,7 +329,7 @@ fn reach_m(loaded: &LoadedArm) -> Option<f64> {
 
 /// How far a prismatic joint moves the link that it carries.
 fn travel_m(robot: &Robot, link: usize) -> f64 {
-    let carries = |joint: &&palpate::robot::Joint| {
+    let carries = |joint: &&palpate::unstable::Joint| {
         joint.child.index() == link && joint.kind == JointKind::Prismatic
     };
     let joint = robot.joints().iter().find(carries);

@@ -1,6 +1,6 @@
 //! `palpate live`: maps beside a running robot.
 
-mod shown;
+mod status;
 #[cfg(feature = "viewer")]
 mod viewer;
 
@@ -8,9 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate::arm::Arm;
-use palpate::idle;
-use palpate::mapper::Mapper;
+use palpate::{Arm, Mapper, PauseConfig};
 use palpate_io::field;
 use palpate_live::checkpoint::{self, CheckpointConfig};
 use palpate_live::guard::Guard;
@@ -23,7 +21,7 @@ use crate::output::Output;
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
 use crate::{interrupt, prior, resume, robot};
-use shown::Shown;
+use status::Shown;
 #[cfg(feature = "viewer")]
 use viewer::Viewer;
 #[cfg(not(feature = "viewer"))]
@@ -207,7 +205,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         .as_ref()
         .map(|url| Viewer::start(url.as_deref(), &arm, &mapper.config().lattice));
     let drawn = drawn.transpose()?;
-    let idle = idle::Config { idle_s: args.idle, ..idle::Config::default() };
+    let idle = PauseConfig { idle_s: args.idle, ..PauseConfig::default() };
     let session = Session::new(mapper, idle, replays, args.guard.map(Guard::new))
         .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
     let network = Network::join(&args.network()).map_err(CliError::file)?;
@@ -234,10 +232,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 mod without_viewer {
     use std::sync::Arc;
 
-    use palpate::arm::Arm;
-    use palpate::lattice::Lattice;
+    use palpate::{Arm, Lattice};
     use palpate_live::inbox::Inbox;
-    use palpate_live::seen::Seen;
+    use palpate_live::view_feed::ViewFrame;
 
     use crate::error::CliError;
     use crate::output::Output;
@@ -251,7 +248,7 @@ mod without_viewer {
             Err(view::without_viewer())
         }
 
-        pub(super) fn inbox(&self) -> Arc<Inbox<Seen>> {
+        pub(super) fn inbox(&self) -> Arc<Inbox<ViewFrame>> {
             match *self {}
         }
 

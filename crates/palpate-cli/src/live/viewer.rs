@@ -6,10 +6,9 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use palpate::arm::Arm;
-use palpate::lattice::Lattice;
+use palpate::{Arm, Lattice};
 use palpate_live::inbox::Inbox;
-use palpate_live::seen::{Seen, WAITING, What};
+use palpate_live::view_feed::{ViewFrame, WAITING, What};
 use palpate_view::{Frame, Recording, Scene, Torque, ViewError};
 
 use crate::error::CliError;
@@ -25,7 +24,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 /// A viewer and the thread that tells it.
 pub(super) struct Viewer {
-    inbox: Arc<Inbox<Seen>>,
+    inbox: Arc<Inbox<ViewFrame>>,
     ending: Arc<AtomicBool>,
     thread: JoinHandle<Result<(), ViewError>>,
 }
@@ -66,7 +65,7 @@ impl Viewer {
     }
 
     /// Where what is to be drawn goes.
-    pub(super) fn inbox(&self) -> Arc<Inbox<Seen>> {
+    pub(super) fn inbox(&self) -> Arc<Inbox<ViewFrame>> {
         Arc::clone(&self.inbox)
     }
 
@@ -102,7 +101,7 @@ fn connect(url: &str, mut scene: Scene, drawer: &Drawer) -> Result<Recording<'st
 struct Drawer {
     arm: Arc<Arm>,
     hulls: Hulls,
-    inbox: Arc<Inbox<Seen>>,
+    inbox: Arc<Inbox<ViewFrame>>,
 }
 
 impl Drawer {
@@ -121,7 +120,7 @@ impl Drawer {
     fn say(
         &self,
         recording: &mut Recording<'_>,
-        seen: &Seen,
+        seen: &ViewFrame,
         touches: &mut u32,
     ) -> Result<(), ViewError> {
         let (sample, time_s) = (seen.sample, Some(seen.since.as_secs_f64()));
@@ -130,7 +129,7 @@ impl Drawer {
                 *touches += 1;
                 recording.touch(&touches.to_string(), sample, time_s)
             }
-            What::Moment { q, contacts, torques } => {
+            What::TouchEvent { q, contacts, torques } => {
                 // Positions that are not the arm's have been told of by the mapper.
                 let Ok(poses) = self.hulls.poses(&self.arm, q) else { return Ok(()) };
                 let torque = torques.as_ref();

@@ -4,8 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use palpate::field::Field;
-use palpate::lattice::{CellId, Lattice};
+use palpate::{CellId, Field, Lattice};
 use plotters::chart::ChartBuilder;
 use plotters::element::{Circle, Text};
 use plotters::style::Color;

@@ -12,8 +12,8 @@ use super::raster::Raster;
 use super::scale::Scale;
 use super::view::{Frame, View};
 use super::{Area, Drawn, INK, svg, text};
+use crate::extrapolation_view::ExtrapolationView;
 use crate::hull::Hulls;
-use crate::seen::Seen;
 
 /// Height of what is seen, px, before labels.
 const HEIGHT: f64 = 560.0;
@@ -32,12 +32,15 @@ const ARM_ALPHA: f32 = 0.24;
 
 /// Draws a field and what it says of a cloud.
 ///
-/// Left are the touched cells of at least a stiffness, N/m; without one, [`Seen::threshold_n_per_m`].
+/// Left are the touched cells of at least a stiffness, N/m; without one, [`ExtrapolationView::threshold_n_per_m`].
 ///
 /// # Errors
 ///
 /// If the joint positions are not the arm's.
-pub(crate) fn fig4(seen: &Seen<'_>, threshold_n_per_m: Option<f64>) -> Result<String, String> {
+pub(crate) fn fig4(
+    seen: &ExtrapolationView<'_>,
+    threshold_n_per_m: Option<f64>,
+) -> Result<String, String> {
     let figure = Figure::of(seen, threshold_n_per_m)?;
     let [left, right] = figure.panels();
     let size = |panel: &Frame| panel.size().map(|side| (side * figure.px_per_m).round() as i32);
@@ -73,7 +76,7 @@ fn area_height(area: &Area<'_>) -> i32 {
 
 /// What is shown, from where, and in which colours.
 struct Figure<'a> {
-    seen: &'a Seen<'a>,
+    seen: &'a ExtrapolationView<'a>,
     threshold_n_per_m: f64,
     hulls: Hulls,
     /// `world_from_link` of each hull, for each arm that is drawn.
@@ -84,7 +87,7 @@ struct Figure<'a> {
 }
 
 impl<'a> Figure<'a> {
-    fn of(seen: &'a Seen<'a>, threshold_n_per_m: Option<f64>) -> Result<Self, String> {
+    fn of(seen: &'a ExtrapolationView<'a>, threshold_n_per_m: Option<f64>) -> Result<Self, String> {
         let hulls = Hulls::of(seen.arm);
         let touches = seen.touching.len();
         let chosen =
@@ -247,7 +250,7 @@ fn counted(number: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seen::tests::Example;
+    use crate::extrapolation_view::tests::Example;
 
     /// The pictures within, and the words.
     fn parts(svg: &str) -> (Vec<&str>, String) {

@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn the_pixels_of_fig_4_come_through_and_its_letters_stand_on_them() {
-        let example = crate::seen::tests::Example::new(2, 3_000);
+        let example = crate::extrapolation_view::tests::Example::new(2, 3_000);
         let svg = crate::picture::fig4(&example.seen(), None).unwrap();
         let without = svg.replace("<text", "<desc").replace("</text", "</desc");
         let empty: String = without.lines().filter(|line| !line.starts_with("<image")).collect();

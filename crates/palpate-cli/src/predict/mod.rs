@@ -9,7 +9,7 @@ mod report;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate::arm::Arm;
+use palpate::Arm;
 use palpate_io::field::{self, Saved};
 
 use crate::error::CliError;
@@ -89,7 +89,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
     let touches = Touches::open(&args.logs, &settings.log.options())?;
-    touches.settle(&mut settings.touch, output)?;
+    touches.gravity_of_logs(&mut settings.touch, output)?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
     tell_other_robot(&saved, &arm, output);

@@ -1,10 +1,6 @@
 //! An evaluation and a scene made up for tests: three touches, four methods, an arm of two links.
 
-use palpate::arm::Arm;
-use palpate::field::Field;
-use palpate::lattice::Lattice;
-use palpate::robot::Robot;
-use palpate::{contact, sdf, touch};
+use palpate::{Arm, BakeConfig, ContactConfig, ExternalTorqueConfig, Field, Lattice, Robot};
 use palpate_learn::evaluation::{Evaluation, LeftOut, Prediction, Summary};
 
 /// How well each method does: the part of the torque that it gets right.
@@ -64,7 +60,7 @@ pub(crate) fn arm() -> Arm {
         );
     }
     let robot = Robot::from_urdf(&(urdf + "</robot>")).unwrap();
-    let config = sdf::Config { spacing_m: 0.01, margin_m: 0.02 };
+    let config = BakeConfig { spacing_m: 0.01, margin_m: 0.02 };
     Arm::bake(robot, &config, |_| Err("no meshes".into())).unwrap().0
 }
 
@@ -83,8 +79,8 @@ pub(crate) fn field() -> Field {
     let n = cells.len();
     Field {
         lattice,
-        contact: contact::Config::default(),
-        touch: touch::Config::default(),
+        contact: ContactConfig::default(),
+        touch: ExternalTorqueConfig::default(),
         cells,
         stiffness_n_per_m,
         std_n_per_m: vec![1.0; n],

@@ -8,8 +8,8 @@ use super::packed::{self, PER_METRE, PER_ONE, View, four_digits};
 use super::page::{self, escaped};
 use super::scene::Scene;
 use crate::error::CliError;
+use crate::extrapolation_view::{ExtrapolationView, Table, reached_by};
 use crate::picture;
-use crate::seen::{Seen, Table, reached_by};
 
 /// Points of the cloud that are drawn, at most: with more, a browser turns them slowly.
 const POINTS: usize = 30_000;
@@ -23,7 +23,7 @@ pub(crate) struct ExtrapolationPage<'a> {
     pub(crate) verdict: &'a str,
     /// Whether the touches come from a simulator, which the page then says.
     pub(crate) simulated: bool,
-    pub(crate) seen: &'a Seen<'a>,
+    pub(crate) seen: &'a ExtrapolationView<'a>,
     pub(crate) tables: &'a [Table],
     /// Where the data come from; a name and a text each.
     pub(crate) data: &'a [(String, String)],
@@ -105,7 +105,7 @@ impl ExtrapolationPage<'_> {
 }
 
 impl Cloud {
-    fn of(seen: &Seen<'_>) -> Self {
+    fn of(seen: &ExtrapolationView<'_>) -> Self {
         let all = seen.points.len();
         let drawn = || (0..all.min(POINTS)).map(|n| n * all / all.min(POINTS));
         let colour = |at: usize| {
@@ -159,7 +159,7 @@ fn table((at, table): (usize, &Table)) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seen::tests::Example;
+    use crate::extrapolation_view::tests::Example;
 
     #[test]
     fn a_large_cloud_is_thinned_evenly() {

@@ -1,13 +1,12 @@
 //! The field and the arm that moves before it, small enough to travel in a page.
 
 use nalgebra::{Isometry3, Point3};
-use palpate::arm::Arm;
-use palpate::field::Field;
+use palpate::{Arm, Field};
 use palpate_learn::evaluation::Evaluation;
 
 use crate::error::CliError;
+use crate::extrapolation_view::ExtrapolationView;
 use crate::hull::{Hull, Hulls};
-use crate::seen::Seen;
 
 use super::data;
 
@@ -52,7 +51,7 @@ impl Scene {
     /// # Errors
     ///
     /// If the joint positions are not those of the arm.
-    pub(super) fn seen(seen: &Seen<'_>) -> Result<Self, CliError> {
+    pub(super) fn seen(seen: &ExtrapolationView<'_>) -> Result<Self, CliError> {
         let hulls = Hulls::of(seen.arm);
         let pose = |q: &Vec<f64>| Ok(vec![hulls.poses(seen.arm, q).map_err(CliError::file)?]);
         let poses = seen.touching.iter().map(pose).collect::<Result<_, CliError>>()?;

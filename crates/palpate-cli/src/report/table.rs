@@ -2,10 +2,10 @@
 
 use std::fmt::Write;
 
-use palpate_learn::contender::Contender;
 use palpate_learn::evaluation::{
     Evaluation, LeftOut, MeanStd, PAPER_BASELINES, PAPER_FIELD, Summary,
 };
+use palpate_learn::method::Method;
 
 use super::page::escaped;
 
@@ -33,8 +33,8 @@ pub(super) fn subject(evaluation: &Evaluation) -> Option<usize> {
 }
 
 fn is_learnt(method: &Summary) -> bool {
-    let named = |contender: &&Contender| contender.name() == method.name;
-    Contender::ALL.iter().find(named).is_some_and(|contender| contender.is_learnt_baseline())
+    let named = |other: &&Method| other.name() == method.name;
+    Method::ALL.iter().find(named).is_some_and(|method| method.is_learnt_baseline())
 }
 
 fn relative(method: &Summary) -> Option<f64> {

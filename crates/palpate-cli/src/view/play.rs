@@ -4,12 +4,7 @@ use std::collections::VecDeque;
 use std::fmt::Write;
 
 use nalgebra::DVector;
-use palpate::arm::Arm;
-use palpate::contact::Contacts;
-use palpate::field::Predictor;
-use palpate::lattice::Lattice;
-use palpate::mapper::{Mapper, MapperError};
-use palpate::touch::Sample;
+use palpate::{Arm, Contacts, Lattice, Mapper, MapperError, Predictor, Sample};
 use palpate_learn::errors::{ErrorSum, Errors};
 use palpate_view::{Frame, Recording, Torque};
 use serde::Serialize;
@@ -18,7 +13,7 @@ use crate::error::CliError;
 use crate::hull::Hulls;
 use crate::interrupt;
 use crate::output::Output;
-use crate::touches::{Moment, Touches};
+use crate::touches::{TouchEvent, Touches};
 
 use super::to::failed;
 
@@ -151,7 +146,7 @@ pub(super) struct Player {
     pub(super) follower: Follower,
     pub(super) touches: Touches,
     /// What was read before the playing began.
-    ahead: VecDeque<Moment>,
+    ahead: VecDeque<TouchEvent>,
     /// Whether the logs say when a sample was taken.
     pub(super) timed: bool,
     clock: Clock,
@@ -164,11 +159,12 @@ impl Player {
     /// Reads as far as the first sample.
     pub(super) fn new(follower: Follower, mut touches: Touches) -> Result<Self, CliError> {
         let mut ahead = VecDeque::new();
-        while !matches!(ahead.back(), Some(Moment::Sample(_))) {
+        while !matches!(ahead.back(), Some(TouchEvent::Sample(_))) {
             let Some(moment) = touches.advance()? else { break };
             ahead.push_back(moment);
         }
-        let timed = matches!(ahead.back(), Some(Moment::Sample(first)) if first.time_s.is_some());
+        let timed =
+            matches!(ahead.back(), Some(TouchEvent::Sample(first)) if first.time_s.is_some());
         let (clock, played) = (Clock::default(), Played::default());
         let (errors, zero) = (ErrorSum::default(), ErrorSum::default());
         Ok(Self { follower, touches, ahead, timed, clock, played, errors, zero })
@@ -177,12 +173,12 @@ impl Player {
     /// Joint positions of the first sample, if nothing was played yet.
     pub(super) fn first_q(&self) -> Option<&[f64]> {
         match self.ahead.back() {
-            Some(Moment::Sample(sample)) => Some(&sample.q),
+            Some(TouchEvent::Sample(sample)) => Some(&sample.q),
             _ => None,
         }
     }
 
-    fn advance(&mut self) -> Result<Option<Moment>, CliError> {
+    fn advance(&mut self) -> Result<Option<TouchEvent>, CliError> {
         match self.ahead.pop_front() {
             Some(moment) => Ok(Some(moment)),
             None => self.touches.advance(),
@@ -205,7 +201,7 @@ impl Player {
                 return Err(CliError::Interrupted { kept });
             }
             match moment {
-                Moment::Touch(name) => {
+                TouchEvent::Touch(name) => {
                     self.end_touch(recording)?;
                     self.follower.begin_touch();
                     self.clock.begin_touch();
@@ -214,7 +210,7 @@ impl Player {
                     let at_s = self.timed.then_some(self.clock.now_s);
                     recording.touch(&name, self.played.samples, at_s).map_err(failed)?;
                 }
-                Moment::Sample(sample) => {
+                TouchEvent::Sample(sample) => {
                     self.sample(&sample, recording, arm, rhythm)?;
                     bar.inc(1);
                 }

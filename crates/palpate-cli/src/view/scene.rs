@@ -1,9 +1,8 @@
 //! What stays as it is throughout a recording: the arm's links, and the words beside them.
 
-use palpate::arm::Arm;
-use palpate::lattice::Lattice;
+use palpate::{Arm, Lattice};
 use palpate_view::Scene;
-use palpate_view::shown::LinkShape;
+use palpate_view::view_model::LinkShape;
 
 use crate::hull::{Hull, Hulls};
 

@@ -4,10 +4,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate::arm::Arm;
-use palpate::field::Predictor;
-use palpate::lattice::Lattice;
-use palpate::mapper::Mapper;
+use palpate::{Arm, Lattice, Mapper, Predictor};
 use palpate_io::field::{self, Saved};
 use palpate_view::{Frame, Recording, Scene};
 use serde_json::json;
@@ -91,7 +88,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let saved = named.field.map(field::load).transpose().map_err(CliError::file)?;
     let touches = Touches::open(&named.logs, &settings.log.options())?;
-    touches.settle(&mut settings.touch, output)?;
+    touches.gravity_of_logs(&mut settings.touch, output)?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
     if let Some(saved) = &saved {
@@ -173,7 +170,7 @@ impl Stage<'_> {
         let hulls = Hulls::of(self.arm);
         let mut scene = self.scene(&hulls, &saved.field.lattice);
         let n_joints = self.arm.robot.n_joints();
-        let last = saved.snapshot.as_ref().and_then(|snapshot| snapshot.tape.last());
+        let last = saved.snapshot.as_ref().and_then(|snapshot| snapshot.sample_log.last());
         let last = last.and_then(|touch| touch.q.rchunks_exact(n_joints).next());
         if last.is_none() {
             self.output.note("the field remembers no touch: the arm is shown with all joints at 0");
@@ -182,7 +179,7 @@ impl Stage<'_> {
         let poses = hulls.poses(self.arm, &q).map_err(CliError::file)?;
         scene.world_from_link.clone_from(&poses);
         let show = |recording: &mut Recording<'_>| {
-            let contacts = palpate::contact::Contacts::default();
+            let contacts = palpate::Contacts::default();
             let (sample, time_s, torque) = (0, None, None);
             let world_from_link = &poses;
             let frame = Frame { sample, time_s, world_from_link, contacts: &contacts, torque };

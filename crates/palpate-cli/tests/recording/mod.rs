@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use palpate::robot::Robot;
+use palpate::Robot;
 use serde_json::Value;
 
 use super::common::{npy, palpate};

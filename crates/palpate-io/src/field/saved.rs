@@ -8,25 +8,23 @@
 //! | `state_mean`    | N        | f64  | z of `map` or mean of κ of `ekf`, N/m                 |
 //! | `state_variance`| N        | f64  | (N/m)²                                                |
 //! | `state_seen`    | N or 0   | u64  | `ekf`: step of each cell's last drift                 |
-//! | `memory_source` | F x 2    | u32  | touch and sample of each remembered frame             |
+//! | `memory_frame`  | F x 2    | u32  | touch and sample of each remembered frame             |
 //! | `memory_alpha`  | F x n    | f64  | its multipliers (`map`; F x 0 for `ekf`)              |
-//! | `memory_contradiction` | F or 0 | f64 | `map`: r·d of its last visit                     |
-//! | `tape_touch`    | T x 3    | u32  | touch, its samples, whether it is still under way     |
-//! | `tape_q`, `tape_tau` | S x n | f64 | samples of those touches in a row, as logged          |
+//! | `memory_nis`    | F or 0   | f64  | `map`: normalised innovation squared at its last visit |
+//! | `log_touch`     | T x 3    | u32  | touch, its samples, whether it is still under way     |
+//! | `log_q`, `log_tau` | S x n | f64  | samples of those touches in a row, as logged          |
 //!
 //! Everything from `state_mean` on is there only if mapping is to go on from the file. The
-//! remembered contacts are not stored: they are simulated again from the tape, which is a
+//! remembered contacts are not stored: they are simulated again from the sample log, a
 //! hundredth of their size.
 
 use std::path::Path;
 
-use palpate::contact;
-use palpate::estimator::{EstimatorState, Method, Source};
-use palpate::field::Field;
-use palpate::lattice::{CellId, Lattice};
-use palpate::mapper::{Config, Snapshot, TapedTouch};
-use palpate::replay::RngState;
-use palpate::touch;
+use palpate::unstable::{EstimatorState, FrameId, LoggedTouch, RngState};
+use palpate::{
+    CellId, ContactConfig, EstimatorKind, ExternalTorqueConfig, Field, Lattice, MapperConfig,
+    Snapshot,
+};
 use serde::{Deserialize, Serialize};
 
 use super::npz::{Array, Arrays, Data, NpzError, npz_bytes, read_npz, read_npz_bytes, write_npz};
@@ -34,7 +32,22 @@ use super::{FieldFile, FieldLattice};
 use crate::atomic::IfExists;
 
 /// The version of the layout above; arrays that may be missing change nothing of it.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
+
+/// Arrays of format 1 that had other names: the name now, and then.
+const RENAMED: [(&str, &str); 5] = [
+    ("memory_frame", "memory_source"),
+    ("memory_nis", "memory_contradiction"),
+    ("log_touch", "tape_touch"),
+    ("log_q", "tape_q"),
+    ("log_tau", "tape_tau"),
+];
+
+/// The name that an array has in this file.
+fn name_in(arrays: &Arrays, name: &'static str) -> &'static str {
+    let renamed = RENAMED.iter().find(|(now, then)| *now == name && arrays.get(then).is_some());
+    renamed.map_or(name, |(_, then)| then)
+}
 
 /// A field, and the mapper that learnt it if mapping is to go on.
 #[derive(Debug, Clone)]
@@ -82,8 +95,8 @@ struct Meta {
     version: String,
     robot: String,
     lattice: Lattice,
-    contact: contact::Config,
-    touch: touch::Config,
+    contact: ContactConfig,
+    touch: ExternalTorqueConfig,
     untouched_n_per_m: f64,
     mapper: Option<MapperMeta>,
 }
@@ -91,7 +104,7 @@ struct Meta {
 /// The scalars of a [`Snapshot`].
 #[derive(Serialize, Deserialize)]
 struct MapperMeta {
-    config: Config,
+    config: MapperConfig,
     fingerprint: u64,
     touches: u32,
     step: u64,
@@ -172,14 +185,14 @@ fn to_arrays(saved: &Saved) -> Arrays {
             step: snapshot.state.step,
             rng: snapshot.state.rng,
             replays_due: snapshot.replays_due,
-            expected: snapshot.expected_n_per_m.len(),
+            expected: snapshot.prior_means_n_per_m.len(),
         }),
     };
     let json = serde_json::to_string(&meta).expect("settings are plain data");
     arrays.insert("palpate", Array::text(&json));
     if let Some(snapshot) = &saved.snapshot {
         insert_state(&mut arrays, &snapshot.state);
-        insert_tape(&mut arrays, snapshot);
+        insert_sample_log(&mut arrays, snapshot);
     }
     arrays
 }
@@ -191,28 +204,27 @@ fn insert_state(arrays: &mut Arrays, state: &EstimatorState) {
     arrays.insert("state_seen", Array::flat(Data::U64(state.seen.clone())));
     let frames = state.remembered.len();
     let sources = state.remembered.iter().flat_map(|(from, _)| [from.touch, from.sample]);
-    arrays.insert("memory_source", Array::new(vec![frames, 2], Data::U32(sources.collect())));
+    arrays.insert("memory_frame", Array::new(vec![frames, 2], Data::U32(sources.collect())));
     let alphas: Vec<f64> =
         state.remembered.iter().flat_map(|(_, alpha)| alpha.iter().copied()).collect();
     let width = alphas.len().checked_div(frames).unwrap_or(0);
     arrays.insert("memory_alpha", Array::new(vec![frames, width], Data::F64(alphas)));
-    let contradictions = Data::F64(state.contradictions.clone());
-    arrays.insert("memory_contradiction", Array::flat(contradictions));
+    arrays.insert("memory_nis", Array::flat(Data::F64(state.nis.clone())));
 }
 
-/// Adds the arrays of the tape.
-fn insert_tape(arrays: &mut Arrays, snapshot: &Snapshot) {
+/// Adds the arrays of the sample log.
+fn insert_sample_log(arrays: &mut Arrays, snapshot: &Snapshot) {
     let n_joints = snapshot.n_joints.max(1);
-    let samples = |touch: &TapedTouch| touch.q.len() / n_joints;
-    let touches = (snapshot.tape.iter())
+    let samples = |touch: &LoggedTouch| touch.q.len() / n_joints;
+    let touches = (snapshot.sample_log.iter())
         .flat_map(|touch| [touch.touch, samples(touch) as u32, u32::from(touch.open)]);
-    let rows = snapshot.tape.len();
-    arrays.insert("tape_touch", Array::new(vec![rows, 3], Data::U32(touches.collect())));
-    let rows: usize = snapshot.tape.iter().map(samples).sum();
-    let q = snapshot.tape.iter().flat_map(|touch| touch.q.iter().copied()).collect();
-    arrays.insert("tape_q", Array::new(vec![rows, n_joints], Data::F64(q)));
-    let tau = snapshot.tape.iter().flat_map(|touch| touch.tau.iter().copied()).collect();
-    arrays.insert("tape_tau", Array::new(vec![rows, n_joints], Data::F64(tau)));
+    let rows = snapshot.sample_log.len();
+    arrays.insert("log_touch", Array::new(vec![rows, 3], Data::U32(touches.collect())));
+    let rows: usize = snapshot.sample_log.iter().map(samples).sum();
+    let q = snapshot.sample_log.iter().flat_map(|touch| touch.q.iter().copied()).collect();
+    arrays.insert("log_q", Array::new(vec![rows, n_joints], Data::F64(q)));
+    let tau = snapshot.sample_log.iter().flat_map(|touch| touch.tau.iter().copied()).collect();
+    arrays.insert("log_tau", Array::new(vec![rows, n_joints], Data::F64(tau)));
 }
 
 /// The field that named arrays hold.
@@ -265,11 +277,11 @@ fn snapshot(
     mapper: MapperMeta,
     saved: &Saved,
 ) -> Result<Snapshot, SavedError> {
-    let numbers = arrays.counts("memory_source", &[None, Some(2)])?;
+    let numbers = arrays.counts(name_in(arrays, "memory_frame"), &[None, Some(2)])?;
     let alphas = arrays.floats("memory_alpha", &[Some(numbers.len() / 2), None])?;
     let width = alphas.len().checked_div(numbers.len() / 2).unwrap_or(0);
     let remembered = numbers.chunks(2).enumerate().map(|(frame, source)| {
-        let source = Source { touch: source[0] as u32, sample: source[1] as u32 };
+        let source = FrameId { touch: source[0] as u32, sample: source[1] as u32 };
         (source, alphas[frame * width..(frame + 1) * width].to_vec())
     });
     let state = EstimatorState {
@@ -279,8 +291,8 @@ fn snapshot(
         seen: arrays.counts("state_seen", &[None])?,
         step: mapper.step,
         remembered: remembered.collect(),
-        contradictions: match arrays.get("memory_contradiction") {
-            Some(_) => arrays.floats("memory_contradiction", &[None])?,
+        nis: match arrays.get(name_in(arrays, "memory_nis")) {
+            Some(_) => arrays.floats(name_in(arrays, "memory_nis"), &[None])?,
             None => Vec::new(), // of a palpate that drew by chance alone
         },
         rng: mapper.rng,
@@ -291,8 +303,8 @@ fn snapshot(
         let what = format!("{cells} cells have {means} means and {variances} variances");
         return Err(SavedError::Contradiction { path: path.to_owned(), what });
     }
-    let (n_joints, tape) = tape(arrays, path)?;
-    let wanted = if mapper.config.method == Method::Map { n_joints } else { 0 };
+    let (n_joints, sample_log) = sample_log(arrays, path)?;
+    let wanted = if mapper.config.method == EstimatorKind::Map { n_joints } else { 0 };
     if width != wanted && !state.remembered.is_empty() {
         let what = format!("remembered frames have {width} multipliers, wanted {wanted}");
         return Err(SavedError::Contradiction { path: path.to_owned(), what });
@@ -311,24 +323,24 @@ fn snapshot(
         robot: (saved.robot.clone(), mapper.fingerprint),
         n_joints,
         cells: saved.field.cells.clone(),
-        expected_n_per_m: expected.to_vec(),
+        prior_means_n_per_m: expected.to_vec(),
         state,
         touches: mapper.touches,
         replays_due: mapper.replays_due,
-        tape,
+        sample_log,
     })
 }
 
-/// The taped touches, and the number of joints of their samples.
-fn tape(arrays: &Arrays, path: &str) -> Result<(usize, Vec<TapedTouch>), SavedError> {
-    let touches = arrays.counts("tape_touch", &[None, Some(3)])?;
-    let q = arrays.floats("tape_q", &[None, None])?;
-    let tau = arrays.floats("tape_tau", &[None, None])?;
-    let n_joints = arrays.require("tape_q")?.shape()[1];
+/// The logged touches, and the number of joints of their samples.
+fn sample_log(arrays: &Arrays, path: &str) -> Result<(usize, Vec<LoggedTouch>), SavedError> {
+    let touches = arrays.counts(name_in(arrays, "log_touch"), &[None, Some(3)])?;
+    let q = arrays.floats(name_in(arrays, "log_q"), &[None, None])?;
+    let tau = arrays.floats(name_in(arrays, "log_tau"), &[None, None])?;
+    let n_joints = arrays.require(name_in(arrays, "log_q"))?.shape()[1];
     let samples = touches.chunks(3).fold(0_u64, |sum, touch| sum.saturating_add(touch[1]));
     if q.len() != tau.len() || samples.saturating_mul(n_joints as u64) != q.len() as u64 {
         let what = format!(
-            "the tape promises {samples} samples of {n_joints} joints and holds {} positions and \
+            "the sample log promises {samples} samples of {n_joints} joints and holds {} positions and \
              {} torques",
             q.len(),
             tau.len()
@@ -336,10 +348,10 @@ fn tape(arrays: &Arrays, path: &str) -> Result<(usize, Vec<TapedTouch>), SavedEr
         return Err(SavedError::Contradiction { path: path.to_owned(), what });
     }
     let mut start = 0;
-    let mut tape = Vec::new();
+    let mut logged = Vec::new();
     for touch in touches.chunks(3) {
         let end = start + touch[1] as usize * n_joints; // the sum of all was checked above
-        tape.push(TapedTouch {
+        logged.push(LoggedTouch {
             touch: touch[0] as u32,
             open: touch[2] != 0,
             lost: false,
@@ -348,5 +360,5 @@ fn tape(arrays: &Arrays, path: &str) -> Result<(usize, Vec<TapedTouch>), SavedEr
         });
         start = end;
     }
-    Ok((n_joints, tape))
+    Ok((n_joints, logged))
 }

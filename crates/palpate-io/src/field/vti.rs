@@ -8,7 +8,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use palpate::lattice::{CellId, Lattice};
+use palpate::{CellId, Lattice};
 
 use super::FieldFile;
 use crate::atomic::{self, IfExists, WriteError};

@@ -35,7 +35,7 @@ use std::path::{Path, PathBuf};
 pub use bag::BagError;
 pub use bag::write as bag_write;
 pub use csv::{CsvColumns, CsvError};
-pub use palpate::touch::Sample;
+pub use palpate::Sample;
 
 pub use joints::{JointNameError, reorder};
 pub use parquet::ParquetError;

@@ -8,8 +8,8 @@
 
 use crate::atomic::{self, IfExists, WriteError};
 use blake3::{Hash, Hasher};
-use palpate::robot::{Collision, Shape};
-use palpate::sdf::{self, BAKE_VERSION, Grid, Report};
+use palpate::BakeConfig;
+use palpate::unstable::{BAKE_VERSION, BakeReport, Collision, DistanceGrid, Shape};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -35,7 +35,7 @@ impl Cache {
     }
 
     /// The link of that key, if it is there and whole.
-    pub(super) fn get(&self, key: &Hash) -> Option<(Grid, Report)> {
+    pub(super) fn get(&self, key: &Hash) -> Option<(DistanceGrid, BakeReport)> {
         let path = self.path(key)?;
         if path.metadata().ok()?.len() > MAX_BYTES {
             return None;
@@ -46,11 +46,16 @@ impl Cache {
             return None;
         }
         let (report, grid) = content.split_at_checked(REPORT_BYTES)?;
-        Some((Grid::from_bytes(grid).ok()?, report_from(report)?))
+        Some((DistanceGrid::from_bytes(grid).ok()?, report_from(report)?))
     }
 
     /// Keeps a link. It is not an error if that fails: the reason is for a warning.
-    pub(super) fn put(&self, key: &Hash, grid: &Grid, report: &Report) -> Result<(), String> {
+    pub(super) fn put(
+        &self,
+        key: &Hash,
+        grid: &DistanceGrid,
+        report: &BakeReport,
+    ) -> Result<(), String> {
         let Some(path) = self.path(key) else { return Ok(()) };
         let mut content = report_bytes(report);
         content.extend(grid.to_bytes());
@@ -78,17 +83,17 @@ fn sealed(key: &Hash, content: &[u8]) -> Hash {
     Hasher::new().update(key.as_bytes()).update(content).finalize()
 }
 
-fn report_bytes(report: &Report) -> Vec<u8> {
+fn report_bytes(report: &BakeReport) -> Vec<u8> {
     let counts = [report.triangles, report.degenerate, report.flipped];
     let shares = [report.inside_m3, report.leaked_fraction, report.sealed_fraction];
     let counts = counts.into_iter().flat_map(|count| (count as u64).to_le_bytes());
     counts.chain(shares.into_iter().flat_map(f64::to_le_bytes)).collect()
 }
 
-fn report_from(bytes: &[u8]) -> Option<Report> {
+fn report_from(bytes: &[u8]) -> Option<BakeReport> {
     let [a, b, c, d, e, f] = *bytes.as_chunks::<8>().0.first_chunk::<6>()?;
     let count = |raw| usize::try_from(u64::from_le_bytes(raw)).ok();
-    Some(Report {
+    Some(BakeReport {
         triangles: count(a)?,
         degenerate: count(b)?,
         flipped: count(c)?,
@@ -101,7 +106,7 @@ fn report_from(bytes: &[u8]) -> Option<Report> {
 /// The key of a link: `mesh_bytes` gives the content of a mesh file as the URDF spells it.
 pub(super) fn key(
     shapes: &[Collision],
-    config: &sdf::Config,
+    config: &BakeConfig,
     mesh_version: u32,
     mut mesh_bytes: impl FnMut(&str) -> Hash,
 ) -> Hash {

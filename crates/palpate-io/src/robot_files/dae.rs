@@ -10,7 +10,7 @@
 
 use super::xml;
 use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
-use palpate::sdf::TriangleMesh;
+use palpate::unstable::TriangleMesh;
 use roxmltree::Node;
 use std::collections::HashMap;
 

@@ -5,7 +5,7 @@
 
 use super::dae;
 use nalgebra::Point3;
-use palpate::sdf::TriangleMesh;
+use palpate::unstable::TriangleMesh;
 use std::path::Path;
 
 /// Changes whenever the same bytes give other triangles: part of every cache key.

@@ -18,9 +18,8 @@ mod xml;
 use blake3::Hash;
 use cache::Cache;
 use find::Search;
-use palpate::arm::{self, Arm, ArmError};
-use palpate::robot::{Link, Robot, RobotError, Shape};
-use palpate::sdf;
+use palpate::unstable::{BakeReport, DistanceGrid, Link, Shape, bake, solid};
+use palpate::{Arm, ArmError, BakeConfig, Robot, RobotError};
 use std::collections::HashMap;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -65,7 +64,7 @@ pub struct ArmOptions {
     /// Where baked links are kept.
     pub cache: CachePlace,
     /// How to bake.
-    pub bake: sdf::Config,
+    pub bake: BakeConfig,
 }
 
 /// A robot ready to touch, and how it came about.
@@ -91,7 +90,7 @@ pub struct LoadedLink {
     /// Its mesh files.
     pub meshes: Vec<PathBuf>,
     /// What baking found out, then or now.
-    pub report: sdf::Report,
+    pub report: BakeReport,
 }
 
 /// What can be wrong with the files of a robot.
@@ -181,7 +180,7 @@ fn read_file(path: &Path) -> Result<Vec<u8>, RobotFileError> {
 struct Baker {
     search: Search,
     cache: Cache,
-    config: sdf::Config,
+    config: BakeConfig,
     warnings: Vec<String>,
 }
 
@@ -198,7 +197,7 @@ impl Baker {
         &mut self,
         link: &Link,
         robot: &str,
-    ) -> Result<Option<(sdf::Grid, LoadedLink)>, RobotFileError> {
+    ) -> Result<Option<(DistanceGrid, LoadedLink)>, RobotFileError> {
         if link.collision.is_empty() {
             return Ok(None);
         }
@@ -223,8 +222,8 @@ impl Baker {
             }
             other => failed(other),
         };
-        let Some(solid) = arm::solid(link, load).map_err(broken_mesh)? else { return Ok(None) };
-        let (grid, report) = sdf::bake(&solid, &self.config)
+        let Some(solid) = solid(link, load).map_err(broken_mesh)? else { return Ok(None) };
+        let (grid, report) = bake(&solid, &self.config)
             .map_err(|reason| failed(ArmError::Shape { link: link.name.clone(), reason }))?;
         if let Err(warning) = self.cache.put(&key, &grid, &report)
             && self.warnings.is_empty()

@@ -1,6 +1,6 @@
 //! XML from anywhere: `roxmltree` recurses once a level, so depth is bounded before it is asked.
 
-use palpate::robot::nests_deeper_than;
+use palpate::unstable::nests_deeper_than;
 use roxmltree::Document;
 
 /// No file of a robot nests deeper.

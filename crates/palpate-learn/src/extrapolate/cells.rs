@@ -5,11 +5,10 @@
 
 use std::collections::{HashMap, HashSet};
 
-use palpate::field::Field;
-use palpate::lattice::CellId;
+use palpate::{CellId, Field};
 
+use super::cloud::SeenCloud;
 use super::process::{Evidence, Process};
-use super::seen::Seen;
 
 /// Frames that make a cell half known.
 const HALF_KNOWN: f64 = 20.0;
@@ -45,7 +44,7 @@ pub(super) fn evidence(
 /// their weight; else that of the touched cell in which it lies; `None` without such a cell.
 pub(super) fn of_points(
     field: &Field,
-    seen: &Seen,
+    seen: &SeenCloud,
     (rows, at): (&[usize], &[Option<u32>]),
 ) -> Vec<Option<(f64, f64)>> {
     let mut sums = vec![(0.0, 0.0); seen.len()];
@@ -69,7 +68,7 @@ pub(super) fn of_points(
 }
 
 /// Whether each seen point lies in a touched cell.
-pub(super) fn touched(field: &Field, seen: &Seen) -> Vec<bool> {
+pub(super) fn touched(field: &Field, seen: &SeenCloud) -> Vec<bool> {
     let touched: HashSet<CellId> =
         field.cells.iter().zip(&field.counts).filter(|(_, n)| **n > 0).map(|(c, _)| *c).collect();
     let cell = |point: &[f64; 3]| field.lattice.nearest(&(*point).into());

@@ -5,17 +5,17 @@
 //! the cells that the field has not met, and by a field that is learnt again from it as its prior.
 
 use nalgebra::DVector;
-use palpate::mapper::Config as MapperConfig;
-use palpate::torque::{Cell, Stiffness};
+use palpate::MapperConfig;
+use palpate::unstable::{Cell, Stiffness};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 
 use super::process::{Evidence, Process};
-use super::{Config, ExtrapolateError, Features, Method, Seen, extrapolate, felt};
-use crate::contender::{self, ContenderError};
+use super::{Config, ExtrapolateError, Features, Method, SeenCloud, extrapolate, torque_evidence};
 use crate::errors::ErrorSum;
 use crate::folds::Fold;
+use crate::method::{self, MethodError};
 use crate::regression::shuffle;
 use crate::tracked::Tracked;
 
@@ -51,7 +51,7 @@ pub enum CompareError {
     #[error(transparent)]
     Extrapolate(#[from] ExtrapolateError),
     #[error(transparent)]
-    Contender(#[from] ContenderError),
+    Method(#[from] MethodError),
     /// Nothing to halve.
     #[error("a comparison needs at least two touches to learn from one half; found {touches}")]
     TooFew { touches: usize },
@@ -104,7 +104,7 @@ impl Plan {
     pub fn run(
         &self,
         tracked: &Tracked,
-        seen: &Seen,
+        seen: &SeenCloud,
         mapper: &MapperConfig,
         stop: &(dyn Fn() -> bool + Sync),
         done: &(dyn Fn() + Sync),
@@ -168,10 +168,10 @@ struct Variant {
 }
 
 impl Variant {
-    fn new(config: Config, tracked: &Tracked, seen: &Seen, at: &[Option<u32>]) -> Self {
+    fn new(config: Config, tracked: &Tracked, seen: &SeenCloud, at: &[Option<u32>]) -> Self {
         let felt = (config.method == Method::Torque).then(|| {
             let process = Process::new(config.features.of(seen), config.length_scale);
-            let evidence = felt::evidence(tracked, &process, at);
+            let evidence = torque_evidence::evidence(tracked, &process, at);
             (process, evidence)
         });
         Self { config, felt }
@@ -185,7 +185,7 @@ impl Variant {
 /// One division of the touches at work.
 struct Half<'a> {
     tracked: &'a Tracked,
-    seen: &'a Seen,
+    seen: &'a SeenCloud,
     /// By row the seen point at the cell.
     at: &'a [Option<u32>],
     mapper: &'a MapperConfig,
@@ -201,9 +201,9 @@ impl Half<'_> {
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Vec<ErrorOfTouches>, CompareError> {
         let (tracked, train) = (self.tracked, &self.fold.train);
-        let estimator = contender::learn(tracked, train, self.mapper, stop)?;
+        let estimator = method::learn(tracked, train, self.mapper, stop)?;
         let untouched = estimator.stiffness(usize::MAX);
-        let field = contender::field(tracked, estimator.as_ref(), self.mapper);
+        let field = method::field(tracked, estimator.as_ref(), self.mapper);
         let met = tracked.rows_met(train);
         let mut errors = vec![
             self.score(&|_| 0.0),
@@ -219,7 +219,8 @@ impl Half<'_> {
                     let some: Vec<&Evidence> =
                         train.iter().map(|&touch| &evidence[touch]).collect();
                     let prior_std = variant.config.prior_std(&tracked.lattice);
-                    let posterior = felt::posterior(&some, prior_std, variant.config.torque_std);
+                    let posterior =
+                        torque_evidence::posterior(&some, prior_std, variant.config.torque_std);
                     process.at_all_points(&posterior).0
                 }
                 None => match extrapolate(self.seen, &field, None, &variant.config) {
@@ -241,7 +242,7 @@ impl Half<'_> {
             let fill = |row: usize| if met[row] { estimator.stiffness(row) } else { expected[row] };
             filled.push(self.score(&fill));
             if number == 0 {
-                let again = contender::learn_from(tracked, train, self.mapper, &expected, stop)?;
+                let again = method::learn_from(tracked, train, self.mapper, &expected, stop)?;
                 errors.push(self.score(&|row| again.stiffness(row)));
             }
         }

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::seen::Seen;
+use super::cloud::SeenCloud;
 
 /// Points about a point that tell its shape.
 const ABOUT: usize = 30;
@@ -100,7 +100,7 @@ impl std::str::FromStr for Features {
 impl Features {
     /// The features of every seen point, n_features × points, each of mean 0 and deviation 1 over
     /// the cloud; one that is the same everywhere is 0.
-    pub(super) fn of(self, seen: &Seen) -> DMatrix<f64> {
+    pub(super) fn of(self, seen: &SeenCloud) -> DMatrix<f64> {
         let shapes: Vec<[f64; 3]> = if self.shape {
             seen.points_m().par_iter().map(|point| shape(seen, point)).collect()
         } else {
@@ -172,7 +172,7 @@ fn oklab(colour: [u8; 3]) -> [f64; 3] {
 
 /// Linearity `(σ₁ − σ₂)/σ₁` and planarity `(σ₂ − σ₃)/σ₁` of the points about a place, σ being
 /// their deviations along their main axes, and the upward part of the third axis.
-fn shape(seen: &Seen, place_m: &[f64; 3]) -> [f64; 3] {
+fn shape(seen: &SeenCloud, place_m: &[f64; 3]) -> [f64; 3] {
     let about = seen.neighbours(place_m, ABOUT);
     let points: Vec<Point3<f64>> = about.iter().map(|&at| seen.points_m()[at].into()).collect();
     let n = points.len() as f64;
@@ -219,7 +219,7 @@ mod tests {
         let plane: Vec<_> =
             (0..400).map(|n| Point3::new(f64::from(n % 20), f64::from(n / 20), 0.0)).collect();
         let at = |points: &[Point3<f64>], place: [f64; 3]| {
-            shape(&Seen::new(points, &vec![[0; 3]; points.len()]).unwrap(), &place)
+            shape(&SeenCloud::new(points, &vec![[0; 3]; points.len()]).unwrap(), &place)
         };
         let [linear, _, _] = at(&line, [20.0, 0.0, 0.0]);
         assert!(linear > 0.99, "{linear}");
@@ -240,7 +240,7 @@ mod tests {
     fn features_are_standardised_and_what_is_the_same_everywhere_says_nothing() {
         let points: Vec<_> = (0..50).map(|n| Point3::new(f64::from(n), 0.0, 1.0)).collect();
         let colours: Vec<_> = (0..50_u8).map(|n| [4 * n, 100, 50]).collect();
-        let seen = Seen::new(&points, &colours).unwrap();
+        let seen = SeenCloud::new(&points, &colours).unwrap();
         let features = "rgb+height".parse::<Features>().unwrap().of(&seen);
         assert_eq!(features.shape(), (4, 50));
         assert!(features.row(0).mean().abs() < 1e-12);

@@ -9,27 +9,26 @@
 //! | `cells`    | the same                                     | stiffness of touched cells      |
 //! | `knn`      | the paper's: k nearest, RBF weights          | stiffness of touched points     |
 //!
-//! All three give back a spring as [`palpate::field::Field`] has it: of a cell of its lattice. So
+//! All three give back a spring as [`palpate::Field`] has it: of a cell of its lattice. So
 //! [`Extrapolation::cells`] is a prior for cells that no touch has reached. [`mod@compare`] says what
 //! such a prior is worth on touches that nothing has learnt from.
 
 mod basis;
 mod cells;
+mod cloud;
 pub mod compare;
 mod features;
-mod felt;
 mod knn;
 mod process;
 mod rank;
-mod seen;
+mod torque_evidence;
 
-use palpate::field::Field;
-use palpate::lattice::{CellId, Lattice};
+use palpate::{CellId, Field, Lattice};
 use serde::{Deserialize, Serialize};
 
+pub use cloud::SeenCloud;
 pub use features::{Colour, Features};
 pub use rank::{area_under_roc, spearman};
-pub use seen::Seen;
 
 use crate::tracked::Tracked;
 use process::{Evidence, Posterior, Process};
@@ -193,7 +192,7 @@ impl Config {
 /// If a setting is out of its range, the cloud is not where the field was touched, or there are no
 /// touches to learn torques from.
 pub fn extrapolate(
-    seen: &Seen,
+    seen: &SeenCloud,
     field: &Field,
     felt: Option<&Tracked>,
     config: &Config,
@@ -211,9 +210,10 @@ pub fn extrapolate(
             // A field may know more than the touches that it still remembers.
             seen.must_meet(&felt.points_m, reach_m)?;
             let process = Process::new(features, config.length_scale);
-            let evidence = felt::evidence(felt, &process, &seen.at(&felt.points_m, reach_m));
+            let evidence =
+                torque_evidence::evidence(felt, &process, &seen.at(&felt.points_m, reach_m));
             let all: Vec<&Evidence> = evidence.iter().collect();
-            let posterior = felt::posterior(&all, prior_std, config.torque_std);
+            let posterior = torque_evidence::posterior(&all, prior_std, config.torque_std);
             process.at_all_points(&posterior)
         }
         Method::Cells => {
@@ -244,7 +244,12 @@ fn touched_cells(field: &Field) -> (Vec<usize>, Vec<[f64; 3]>) {
 impl Extrapolation {
     /// What cells of a lattice are expected to be: those at seen points, in the lattice's order, each
     /// with the stiffness of the point nearest to it, N/m.
-    pub fn cells(&self, seen: &Seen, lattice: &Lattice, config: &Config) -> Vec<(CellId, f64)> {
+    pub fn cells(
+        &self,
+        seen: &SeenCloud,
+        lattice: &Lattice,
+        config: &Config,
+    ) -> Vec<(CellId, f64)> {
         let cells = seen.cells(lattice, config.reach_m(lattice));
         let stiffness = |point: u32| self.stiffness_n_per_m[point as usize];
         cells.into_iter().map(|(cell, point)| (cell, stiffness(point))).collect()

@@ -1,7 +1,7 @@
 //! Stiffness as a Gaussian process over features, learnt from whatever is linear in it.
 //!
 //! `K(x) = φ(x)·w + 3c`, w and c of variance a² each, and readings `y = A·(w, c, …) + noise`. The
-//! posterior is that of linear regression; [`super::felt`] and [`super::cells`] say what is read.
+//! posterior is that of linear regression; [`super::torque_evidence`] and [`super::cells`] say what is read.
 //! Its spread is scaled by how well the readings were met, so that twice the torques give twice the
 //! stiffness and twice the standard deviation.
 

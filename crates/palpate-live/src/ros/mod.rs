@@ -4,9 +4,9 @@
 //! subscribed to: which there are, of which type, and whether they are sent reliably, since a
 //! subscriber that asks for more than is offered hears nothing at all.
 
-mod ears;
+mod publisher;
+mod subscriber;
 mod topic;
-mod voice;
 
 use std::net::{IpAddr, Ipv4Addr};
 
@@ -14,9 +14,9 @@ use ros2_client::{Context, Name, Node, NodeName, NodeOptions, ServiceMapping};
 use rustdds::DomainParticipantBuilder;
 use rustdds::policy::Reliability;
 
-pub use ears::{Ears, Heard};
+pub use publisher::{Outbox, Publishers, Torques};
+pub use subscriber::{Received, Subscriber};
 pub use topic::{Choice, TopicSeen, choose};
-pub use voice::{Outbox, Torques, Voice};
 
 /// How to join the network.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -2,24 +2,21 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use palpate::arm::Arm;
-use palpate::contact;
-use palpate::field::Field;
-use palpate::mapper::Config;
-use palpate_learn::contender::{self, Contender, ContenderError};
+use palpate::{Arm, ContactConfig, Field, MapperConfig};
 use palpate_learn::evaluate::{Part, Plan};
 use palpate_learn::evaluation::Evaluation;
 use palpate_learn::folds::Fold;
+use palpate_learn::method::{self, Method, MethodError};
 use palpate_learn::tracked::{Touch, TrackError, Tracked};
 use palpate_learn::tune::{Effort, Tuned, Tuner};
 
 use crate::error::WorkError;
-use crate::host::Host;
-use crate::touches::Recorded;
+use crate::progress::Progress;
+use crate::touches::RecordedTouch;
 
 mod plan;
 
-pub use plan::{as_touches, configs, contender_of, each_once, folds, number, share};
+pub use plan::{as_touches, configs, each_once, folds, method_of, number, share};
 
 /// Where what is done is kept, so that an evaluation that was broken off goes on.
 pub trait Keep: Sync {
@@ -78,17 +75,17 @@ pub struct Work<'a> {
     /// The robot.
     pub arm: &'a Arc<Arm>,
     /// As read, for errors that name the log.
-    pub recorded: &'a [Recorded],
+    pub recorded: &'a [RecordedTouch],
     /// As they are evaluated.
     pub touches: &'a [Touch],
     /// The methods, in the order of the table.
-    pub contenders: Vec<Contender>,
+    pub methods: Vec<Method>,
     /// Which touches are predicted from which.
     pub folds: Vec<Fold>,
     /// Numbers of the folds that are done here; all, unless work is shared out.
     pub todo: Vec<usize>,
     /// Settings of `map` and of `ekf`.
-    pub estimators: [Config; 2],
+    pub estimators: [MapperConfig; 2],
     /// Whether these are tuned in every fold.
     pub tune: bool,
     /// Whether true torques are to be predicted.
@@ -100,7 +97,7 @@ pub struct Evaluated {
     /// All figures and torques.
     pub evaluation: Evaluation,
     /// The estimators' settings in every fold that was done, if they were tuned.
-    pub tuned: Option<Vec<[Config; 2]>>,
+    pub tuned: Option<Vec<[MapperConfig; 2]>>,
     /// The touches, followed under the given settings.
     tracked: Tracked,
 }
@@ -112,27 +109,31 @@ impl Work<'_> {
     ///
     /// If a sample cannot be used, a method cannot learn, what is done cannot be kept, or on being
     /// stopped.
-    pub fn evaluate(&self, keep: &dyn Keep, host: &dyn Host) -> Result<Evaluated, WorkError> {
+    pub fn evaluate(
+        &self,
+        keep: &dyn Keep,
+        progress: &dyn Progress,
+    ) -> Result<Evaluated, WorkError> {
         let mut parts: Vec<Part> = keep.parts();
-        parts.retain(|part| self.contenders.contains(&part.contender));
+        parts.retain(|part| self.methods.contains(&part.method));
         if !parts.is_empty() {
             let done = parts.len();
-            host.note(&format!("{done} parts were done before, and are taken as found"));
+            progress.note(&format!("{done} parts were done before, and are taken as found"));
         }
-        host.note("following the touches");
-        let stop = || host.stopped();
+        progress.note("following the touches");
+        let stop = || progress.stopped();
         let interrupted = || WorkError::Interrupted { kept: keep.told() };
         let config = &self.estimators[0];
         let tracked = Tracked::new(self.arm, config, self.touches, &stop)
             .map_err(|error| track_fault(self.recorded, error, &interrupted))?;
         let plan = Plan {
-            contenders: self.contenders.clone(),
+            methods: self.methods.clone(),
             folds: self.folds.clone(),
             todo: self.todo.clone(),
             config: config.clone(),
-            estimators: self.in_folds(&tracked, (keep, host))?,
+            estimators: self.in_folds(&tracked, (keep, progress))?,
         };
-        self.do_parts(&plan, &tracked, (keep, host), &mut parts)?;
+        self.do_parts(&plan, &tracked, (keep, progress), &mut parts)?;
 
         let joints = self.arm.robot.joint_names().map(str::to_owned).collect();
         let against = if self.truth { "truth" } else { "measured" };
@@ -150,16 +151,16 @@ impl Work<'_> {
     pub fn field(
         &self,
         evaluated: &Evaluated,
-        (keep, host): (&dyn Keep, &dyn Host),
+        (keep, progress): (&dyn Keep, &dyn Progress),
     ) -> Result<Field, WorkError> {
         let (tracked, config) = (&evaluated.tracked, &self.estimators[0]);
         let everything: Vec<usize> = (0..self.touches.len()).collect();
-        let learnt = contender::learn(tracked, &everything, config, &|| host.stopped());
+        let learnt = method::learn(tracked, &everything, config, &|| progress.stopped());
         let estimator = learnt.map_err(|error| match error {
-            ContenderError::Stopped => WorkError::Interrupted { kept: keep.told() },
+            MethodError::Stopped => WorkError::Interrupted { kept: keep.told() },
             other => WorkError::file(other),
         })?;
-        Ok(contender::field(tracked, estimator.as_ref(), config))
+        Ok(method::field(tracked, estimator.as_ref(), config))
     }
 
     /// The estimators' settings in every fold: the given ones, or those that its training touches
@@ -167,20 +168,20 @@ impl Work<'_> {
     fn in_folds(
         &self,
         tracked: &Tracked,
-        (keep, host): (&dyn Keep, &dyn Host),
-    ) -> Result<Vec<[Config; 2]>, WorkError> {
-        let stop = || host.stopped();
+        (keep, progress): (&dyn Keep, &dyn Progress),
+    ) -> Result<Vec<[MapperConfig; 2]>, WorkError> {
+        let stop = || progress.stopped();
         let interrupted = || WorkError::Interrupted { kept: keep.told() };
         let mut in_folds = vec![self.estimators.clone(); self.folds.len()];
-        for (index, contender) in [Contender::Map, Contender::Ekf].into_iter().enumerate() {
-            if !self.tune || !self.contenders.contains(&contender) {
+        for (index, method) in [Method::Map, Method::Ekf].into_iter().enumerate() {
+            if !self.tune || !self.methods.contains(&method) {
                 continue;
             }
-            let name = |fold: usize| format!("tuned-{}-{fold}", contender.name());
+            let name = |fold: usize| format!("tuned-{}-{fold}", method.name());
             let mut tuner = None;
             let effort = Effort::of(self.estimators[index].method);
             let steps = Some((effort.candidates + self.todo.len()) as u64);
-            let bar = host.begin(steps, "steps", &format!("tuning {}", contender.name()));
+            let bar = progress.begin(steps, "steps", &format!("tuning {}", method.name()));
             for &fold in &self.todo {
                 let tuned = match keep.tuned(&name(fold)) {
                     Some(tuned) => tuned,
@@ -196,7 +197,7 @@ impl Work<'_> {
                         let tuner = tuner.as_ref().expect("made above");
                         let tuned = tuner.tune(&self.folds[fold].train, &stop);
                         let tuned = tuned.map_err(|error| match error {
-                            ContenderError::Stopped => interrupted(),
+                            MethodError::Stopped => interrupted(),
                             other => WorkError::file(other),
                         })?;
                         keep.keep_tuned(&name(fold), &tuned)?;
@@ -215,22 +216,22 @@ impl Work<'_> {
         &self,
         plan: &Plan,
         tracked: &Tracked,
-        (keep, host): (&dyn Keep, &dyn Host),
+        (keep, progress): (&dyn Keep, &dyn Progress),
         parts: &mut Vec<Part>,
     ) -> Result<(), WorkError> {
-        let stop = || host.stopped();
+        let stop = || progress.stopped();
         let interrupted = || WorkError::Interrupted { kept: keep.told() };
         let all = plan.parts();
-        let is_done = |&(contender, fold): &(Contender, usize)| {
-            parts.iter().any(|part| part.contender == contender && part.fold == fold)
+        let is_done = |&(method, fold): &(Method, usize)| {
+            parts.iter().any(|part| part.method == method && part.fold == fold)
         };
         let mut left: Vec<_> = all.iter().copied().filter(|part| !is_done(part)).collect();
-        let bar = host.begin(Some(all.len() as u64), "parts", "evaluating");
+        let bar = progress.begin(Some(all.len() as u64), "parts", "evaluating");
         parts.iter().for_each(|_| bar.step());
         let done = Mutex::new((parts, None));
         while let Some(&first) = left.first() {
-            let contact: &contact::Config = &plan.config_of(first).contact;
-            let alike = |part: &(Contender, usize)| plan.config_of(*part).contact == *contact;
+            let contact: &ContactConfig = &plan.config_of(first).contact;
+            let alike = |part: &(Method, usize)| plan.config_of(*part).contact == *contact;
             let group: Vec<_> = left.iter().copied().filter(alike).collect();
             left.retain(|part| !alike(part));
             let other;
@@ -247,12 +248,12 @@ impl Work<'_> {
                 if let Err(error) = keep.keep_part(&part) {
                     done.1.get_or_insert(error);
                 }
-                bar.at(&format!("{} fold {}", part.contender.name(), part.fold));
+                bar.at(&format!("{} fold {}", part.method.name(), part.fold));
                 bar.step();
                 done.0.push(part);
             });
             worked.map_err(|error| match error.source {
-                ContenderError::Stopped => interrupted(),
+                MethodError::Stopped => interrupted(),
                 _ => WorkError::file(error),
             })?;
         }
@@ -263,7 +264,7 @@ impl Work<'_> {
 
 /// What went wrong in tracking, with the log that it is in.
 pub fn track_fault(
-    recorded: &[Recorded],
+    recorded: &[RecordedTouch],
     error: TrackError,
     interrupted: &dyn Fn() -> WorkError,
 ) -> WorkError {

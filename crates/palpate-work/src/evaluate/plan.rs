@@ -1,40 +1,39 @@
 //! What is to be evaluated: methods, settings, touches, and which are predicted from which.
 
-use palpate::estimator::Method;
-use palpate::mapper::Config;
+use palpate::{EstimatorKind, MapperConfig};
 use palpate_io::log::external_truth;
-use palpate_learn::contender::Contender;
 use palpate_learn::folds::{self, Fold};
+use palpate_learn::method::Method;
 use palpate_learn::tracked::Touch;
 
 use crate::error::WorkError;
 use crate::settings::sections::EstimatorSettings;
 use crate::settings::{Settings, SettingsError};
-use crate::touches::Recorded;
+use crate::touches::RecordedTouch;
 
 /// A method by its name.
 ///
 /// # Errors
 ///
 /// If there is none of that name; says which there are.
-pub fn contender_of(name: &str) -> Result<Contender, String> {
-    let of = |contender: &&Contender| contender.name() == name;
-    Contender::ALL.iter().find(of).copied().ok_or_else(|| {
-        let names: Vec<&str> = Contender::ALL.iter().map(|contender| contender.name()).collect();
+pub fn method_of(name: &str) -> Result<Method, String> {
+    let of = |method: &&Method| method.name() == name;
+    Method::ALL.iter().find(of).copied().ok_or_else(|| {
+        let names: Vec<&str> = Method::ALL.iter().map(|method| method.name()).collect();
         format!("there are {}", names.join(", "))
     })
 }
 
 /// The methods, each once; all of them if none is given.
-pub fn each_once(given: &[Contender]) -> Vec<Contender> {
-    let mut contenders: Vec<Contender> = Vec::new();
-    let all: &[Contender] = if given.is_empty() { &Contender::ALL } else { given };
-    for contender in all {
-        if !contenders.contains(contender) {
-            contenders.push(*contender);
+pub fn each_once(given: &[Method]) -> Vec<Method> {
+    let mut methods: Vec<Method> = Vec::new();
+    let all: &[Method] = if given.is_empty() { &Method::ALL } else { given };
+    for method in all {
+        if !methods.contains(method) {
+            methods.push(*method);
         }
     }
-    contenders
+    methods
 }
 
 /// Which touches are predicted from which: one by one, in so many groups, or those of some names
@@ -104,9 +103,9 @@ fn testing(touches: &[Touch], test: &[String]) -> Result<Fold, WorkError> {
 }
 
 /// The configurations of `map` and `ekf`.
-pub fn configs(settings: &Settings) -> Result<[Config; 2], SettingsError> {
+pub fn configs(settings: &Settings) -> Result<[MapperConfig; 2], SettingsError> {
     let named = settings.estimator.estimator.unwrap_or_default();
-    let of = |method: Method| {
+    let of = |method: EstimatorKind| {
         let estimator = if method == named {
             settings.estimator.clone()
         } else {
@@ -114,13 +113,13 @@ pub fn configs(settings: &Settings) -> Result<[Config; 2], SettingsError> {
         };
         Settings { estimator, ..settings.clone() }.config()
     };
-    Ok([of(Method::Map)?, of(Method::Ekf)?])
+    Ok([of(EstimatorKind::Map)?, of(EstimatorKind::Ekf)?])
 }
 
 /// The touches as they are evaluated, with names that tell them apart.
-pub fn as_touches(recorded: &[Recorded], truth: bool) -> Result<Vec<Touch>, WorkError> {
+pub fn as_touches(recorded: &[RecordedTouch], truth: bool) -> Result<Vec<Touch>, WorkError> {
     let mut names = Vec::new();
-    let touch = |one: &Recorded| {
+    let touch = |one: &RecordedTouch| {
         let ambiguous = recorded.iter().filter(|other| other.name == one.name).count() > 1;
         let log = one.log.file_name().map(|name| name.to_string_lossy().into_owned());
         let mut name = match log {

@@ -2,9 +2,7 @@
 
 use std::collections::HashMap;
 
-use palpate::estimator::Method;
-use palpate::lattice::CellId;
-use palpate::mapper::Config;
+use palpate::{CellId, EstimatorKind, MapperConfig};
 use palpate_io::field::Saved;
 
 /// Adds cells that were not touched, each with its expected stiffness, N/m.
@@ -56,26 +54,26 @@ pub fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
             state.mean.push(k);
             state.variance.push(prior_std * prior_std);
             state.counts.push(0);
-            if config.method == Method::Ekf {
+            if config.method == EstimatorKind::Ekf {
                 state.seen.push(0);
             }
         }
-        snapshot.expected_n_per_m.clone_from(&prior);
+        snapshot.prior_means_n_per_m.clone_from(&prior);
     }
     saved.prior_n_per_m = Some(prior);
     saved
 }
 
 /// Standard deviation of a cell that was never touched, N/m.
-fn std(config: &Config) -> f64 {
+fn std(config: &MapperConfig) -> f64 {
     config.estimator.prior.at_spacing(config.lattice.spacing_m()).1
 }
 
 /// The least stiffness that an estimator can begin with, N/m: at κ = 0 the paper's filter would never
 /// learn.
-fn least(config: &Config) -> f64 {
+fn least(config: &MapperConfig) -> f64 {
     match config.method {
-        Method::Ekf => config.estimator.prior.at_spacing(config.lattice.spacing_m()).0,
-        Method::Map => 0.0,
+        EstimatorKind::Ekf => config.estimator.prior.at_spacing(config.lattice.spacing_m()).0,
+        EstimatorKind::Map => 0.0,
     }
 }

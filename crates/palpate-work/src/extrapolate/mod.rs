@@ -4,23 +4,21 @@ use std::path::Path;
 use std::sync::Arc;
 
 use nalgebra::DVector;
-use palpate::arm::Arm;
-use palpate::lattice::CellId;
-use palpate::mapper::Config as MapperConfig;
+use palpate::{Arm, CellId, MapperConfig};
 use palpate_io::cloud::Cloud;
 use palpate_io::field::Saved;
 use palpate_learn::extrapolate::compare::{CompareError, Plan, Row};
-use palpate_learn::extrapolate::{Config, Extrapolation, Features, Method, Seen, extrapolate};
+use palpate_learn::extrapolate::{Config, Extrapolation, Features, Method, SeenCloud, extrapolate};
 use palpate_learn::tracked::{Tracked, TrackedTouch};
 
 mod back;
-mod felt;
+mod torque_evidence;
 
 pub use back::filled;
-pub use felt::remembers;
+pub use torque_evidence::remembers;
 
 use crate::error::WorkError;
-use crate::host::Host;
+use crate::progress::Progress;
 
 /// What is said of an extrapolation; the rest follows.
 #[derive(Debug, Clone, Copy, Default)]
@@ -58,7 +56,7 @@ pub struct Work<'a> {
 /// What was found.
 pub struct Found {
     /// What was seen.
-    pub seen: Seen,
+    pub seen: SeenCloud,
     /// The stiffness of every point.
     pub extrapolation: Extrapolation,
     /// Cells of the field's lattice at seen points, each with its expected stiffness, N/m.
@@ -77,13 +75,13 @@ impl Work<'_> {
     /// # Errors
     ///
     /// If the field was learnt with another robot, or the cloud is not where it was learnt.
-    pub fn run(&self, host: &dyn Host) -> Result<Found, WorkError> {
+    pub fn run(&self, progress: &dyn Progress) -> Result<Found, WorkError> {
         let colours = self.cloud.colours().expect("a cloud without colours was refused");
-        let seen = Seen::new(self.cloud.points(), colours).map_err(WorkError::file)?;
+        let seen = SeenCloud::new(self.cloud.points(), colours).map_err(WorkError::file)?;
         let wanted = self.config.method == Method::Torque || self.halves.is_some() || self.drawn;
-        let felt = if wanted && felt::remembers(self.saved) {
-            let recalled = felt::recalled(self.saved, self.names[0], self.arm, host);
-            unless_stopped(self.kept, host)?;
+        let felt = if wanted && torque_evidence::remembers(self.saved) {
+            let recalled = torque_evidence::recalled(self.saved, self.names[0], self.arm, progress);
+            unless_stopped(self.kept, progress)?;
             Some(recalled?)
         } else {
             None
@@ -95,11 +93,11 @@ impl Work<'_> {
         };
         let extrapolation = extrapolate(&seen, &self.saved.field, tracked, &self.config);
         let extrapolation = extrapolation.map_err(|error| fault(&error))?;
-        unless_stopped(self.kept, host)?;
+        unless_stopped(self.kept, progress)?;
         let rows = match (self.halves, &felt) {
             (Some(halves), Some((tracked, mapper))) => {
-                let compared = self.compared(halves, (tracked, mapper), &seen, host);
-                unless_stopped(self.kept, host)?;
+                let compared = self.compared(halves, (tracked, mapper), &seen, progress);
+                unless_stopped(self.kept, progress)?;
                 Some(compared.map_err(|error| fault(&error))?)
             }
             _ => None,
@@ -123,18 +121,18 @@ impl Work<'_> {
         &self,
         halves: u32,
         (tracked, mapper): (&Tracked, &MapperConfig),
-        seen: &Seen,
-        host: &dyn Host,
+        seen: &SeenCloud,
+        progress: &dyn Progress,
     ) -> Result<Vec<Row>, CompareError> {
         let plan = Plan { halves, ..Plan::of(self.config.clone()) };
-        let bar = host.begin(Some(u64::from(halves)), "halves", "comparing");
-        plan.run(tracked, seen, mapper, &|| host.stopped(), &|| bar.step())
+        let bar = progress.begin(Some(u64::from(halves)), "halves", "comparing");
+        plan.run(tracked, seen, mapper, &|| progress.stopped(), &|| bar.step())
     }
 }
 
 /// An error after being stopped.
-fn unless_stopped(kept: &str, host: &dyn Host) -> Result<(), WorkError> {
-    if host.stopped() {
+fn unless_stopped(kept: &str, progress: &dyn Progress) -> Result<(), WorkError> {
+    if progress.stopped() {
         return Err(WorkError::Interrupted { kept: format!("; {kept}") });
     }
     Ok(())
@@ -142,12 +140,13 @@ fn unless_stopped(kept: &str, host: &dyn Host) -> Result<(), WorkError> {
 
 /// The settings that hold where some are not given: what the field remembers decides the method,
 /// and the method the features.
-pub fn config(given: &Chosen, saved: &Saved, host: &dyn Host) -> Config {
+pub fn config(given: &Chosen, saved: &Saved, progress: &dyn Progress) -> Config {
     let method = given.method.unwrap_or_else(|| {
         if remembers(saved) {
             return Method::Torque;
         }
-        host.note("the field remembers no touch: `knn` on its cells takes the place of `torque`");
+        progress
+            .note("the field remembers no touch: `knn` on its cells takes the place of `torque`");
         Method::Knn
     });
     let rgb = || "rgb".parse().expect("our own name");

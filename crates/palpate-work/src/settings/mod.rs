@@ -14,8 +14,7 @@ mod template;
 use std::path::PathBuf;
 
 use clap::Args;
-use palpate::mapper::MapperError;
-use palpate::robot::RobotError;
+use palpate::{MapperError, RobotError};
 use serde::{Deserialize, Serialize};
 
 pub use file::{Keys, of_table, read};
@@ -71,7 +70,7 @@ pub enum SettingsError {
     TooLarge { key: &'static str, found: f64, limit: f64, reason: &'static str },
     /// A box that is none.
     #[error("bad lattice: {0}")]
-    Lattice(#[from] palpate::lattice::LatticeError),
+    Lattice(#[from] palpate::LatticeError),
     /// A payload that is none.
     #[error("bad payload: {0}")]
     Payload(#[from] RobotError),

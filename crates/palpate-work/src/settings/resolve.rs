@@ -2,13 +2,11 @@
 //!
 //! The base is the shipped one of the chosen estimator, or that of a saved field.
 
-use palpate::contact;
-use palpate::estimator::{EstimatorConfig, Method};
-use palpate::idle;
-use palpate::lattice::{Lattice, LatticeError};
-use palpate::mapper::Config;
-use palpate::robot::{JointKind, Payload, Robot};
-use palpate::touch::{self, Tare};
+use palpate::unstable::JointKind;
+use palpate::{
+    ContactConfig, EstimatorConfig, EstimatorKind, ExternalTorqueConfig, Lattice, LatticeError,
+    MapperConfig, PauseConfig, Payload, Robot, Tare,
+};
 use palpate_io::log::{AngleUnit, LogOptions};
 use serde::Serialize;
 
@@ -53,8 +51,8 @@ impl Settings {
     }
 
     /// The configuration of a new field.
-    pub fn config(&self) -> Result<Config, SettingsError> {
-        let base = Config::of(self.estimator.estimator.unwrap_or_default());
+    pub fn config(&self) -> Result<MapperConfig, SettingsError> {
+        let base = MapperConfig::of(self.estimator.estimator.unwrap_or_default());
         let lattice = self.lattice.over_lattice(&base.lattice)?;
         Ok(self.with_lattice(lattice, &base))
     }
@@ -63,7 +61,7 @@ impl Settings {
     ///
     /// Settings that the field's lattice may have come from give that very lattice: a box that is
     /// no multiple of the spacing is larger than what fills it, and cannot be told from it.
-    pub fn config_over_saved(&self, saved: &Config) -> Result<Config, SettingsError> {
+    pub fn config_over_saved(&self, saved: &MapperConfig) -> Result<MapperConfig, SettingsError> {
         let lattice = if self.lattice.may_give(&saved.lattice) {
             saved.lattice.clone()
         } else {
@@ -72,11 +70,11 @@ impl Settings {
         Ok(self.with_lattice(lattice, saved))
     }
 
-    fn with_lattice(&self, lattice: Lattice, base: &Config) -> Config {
+    fn with_lattice(&self, lattice: Lattice, base: &MapperConfig) -> MapperConfig {
         let method = self.estimator.estimator.unwrap_or(base.method);
         let shipped = EstimatorConfig::of(method);
         let estimator = if method == base.method { &base.estimator } else { &shipped };
-        Config {
+        MapperConfig {
             lattice,
             contact: self.contact.over_config(&base.contact),
             touch: self.touch.over_config(&base.touch),
@@ -135,8 +133,8 @@ impl LogSettings {
     }
 
     /// What counts as a pause, if logs are to be parted at pauses.
-    pub fn pauses(&self) -> Option<idle::Config> {
-        let mut config = idle::Config::default();
+    pub fn pauses(&self) -> Option<PauseConfig> {
+        let mut config = PauseConfig::default();
         config.idle_s = self.idle_s.unwrap_or(config.idle_s);
         config.renew_s = config.renew_s.max(config.idle_s);
         self.split_idle.unwrap_or_default().then_some(config)
@@ -163,7 +161,7 @@ impl LogSettings {
 
 impl TouchSettings {
     /// These over another configuration.
-    pub fn over_config(&self, base: &touch::Config) -> touch::Config {
+    pub fn over_config(&self, base: &ExternalTorqueConfig) -> ExternalTorqueConfig {
         let tare = match (self.no_tare, self.tare_frames) {
             (Some(true), _) => Tare::None,
             (_, Some(TareFrames::First(frames))) => Tare::Frames(frames),
@@ -171,7 +169,7 @@ impl TouchSettings {
             (Some(false), None) if base.tare == Tare::None => Tare::Auto,
             _ => base.tare,
         };
-        touch::Config {
+        ExternalTorqueConfig {
             torque_sign: self.torque_sign.unwrap_or(base.torque_sign),
             gravity: self.gravity.unwrap_or(base.gravity),
             tare,
@@ -248,8 +246,8 @@ pub fn corners(lattice: &Lattice) -> ([f64; 3], [f64; 3]) {
 }
 
 impl ContactSettings {
-    fn over_config(&self, base: &contact::Config) -> contact::Config {
-        contact::Config {
+    fn over_config(&self, base: &ContactConfig) -> ContactConfig {
+        ContactConfig {
             contact_distance_m: self.contact_distance_m.unwrap_or(base.contact_distance_m),
             friction: self.friction.unwrap_or(base.friction),
             slip_step_m: self.slip_step_m.unwrap_or(base.slip_step_m),
@@ -284,14 +282,14 @@ pub fn same_lattice(a: &Lattice, b: &Lattice) -> bool {
 }
 
 /// The first setting in which a configuration departs from that of a saved field.
-pub fn first_difference(saved: &Config, given: &Config) -> Option<String> {
+pub fn first_difference(saved: &MapperConfig, given: &MapperConfig) -> Option<String> {
     let (a, b) = (&saved.lattice, &given.lattice);
     if !same_lattice(a, b) {
         let [a, b] = [a, b].map(lattice_in_words);
         return Some(format!("the lattice is {a}, not {b}"));
     }
     if saved.method != given.method {
-        let name = |method| if method == Method::Map { "map" } else { "ekf" };
+        let name = |method| if method == EstimatorKind::Map { "map" } else { "ekf" };
         return Some(format!("estimator is {}, not {}", name(saved.method), name(given.method)));
     }
     let mut differences = departures(&saved.contact, &given.contact);

@@ -7,8 +7,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use palpate::estimator::Method;
-use palpate::touch::{Gravity, TorqueSign};
+use palpate::{EstimatorKind, Gravity, TorqueSign};
 use palpate_io::log::{AngleUnit, CsvColumns};
 use serde::{Deserialize, Serialize};
 
@@ -180,8 +179,8 @@ pub struct ContactSettings {
 pub struct EstimatorSettings {
     /// `map`, the exact maximum a posteriori, or `ekf`, the paper's filter; each has its own
     /// defaults for the keys below [default: map]
-    #[arg(long, value_name = "NAME", value_parser = named::<Method>(&["map", "ekf"]))]
-    pub estimator: Option<Method>,
+    #[arg(long, value_name = "NAME", value_parser = named::<EstimatorKind>(&["map", "ekf"]))]
+    pub estimator: Option<EstimatorKind>,
     /// Stiffness of an untouched cell of 1 cm, N/m; scales with the spacing cubed
     /// [default: 0.0 for map, 0.006 for ekf]
     #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]

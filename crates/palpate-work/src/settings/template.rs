@@ -1,8 +1,6 @@
 //! `palpate settings`: what holds, as a commented file to start from.
 
-use palpate::idle;
-use palpate::lattice::Lattice;
-use palpate::touch::Tare;
+use palpate::{Lattice, PauseConfig, Tare};
 
 use super::parse::TareFrames;
 use super::resolve::corners;
@@ -17,7 +15,7 @@ impl Settings {
         all.log.angle_unit = Some(self.log.options().angle_unit);
         all.log.until_break = Some(self.log.until_break.unwrap_or_default());
         all.log.split_idle = Some(self.log.split_idle.unwrap_or_default());
-        all.log.idle_s = Some(self.log.idle_s.unwrap_or(idle::Config::default().idle_s));
+        all.log.idle_s = Some(self.log.idle_s.unwrap_or(PauseConfig::default().idle_s));
 
         let touch = config.touch;
         all.touch.torque_sign = Some(touch.torque_sign);
@@ -97,7 +95,7 @@ fn rounded(length_m: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use palpate::estimator::Method;
+    use palpate::EstimatorKind;
 
     use super::super::sections::EstimatorSettings;
     use super::*;
@@ -118,7 +116,7 @@ mod tests {
             let settings = Settings { estimator, ..Settings::default() };
             toml::Table::try_from(settings.effective().unwrap()).unwrap()
         };
-        let (map, ekf) = (of(Method::Map), of(Method::Ekf));
+        let (map, ekf) = (of(EstimatorKind::Map), of(EstimatorKind::Ekf));
         let keys = Keys::all().sections.into_iter();
         for (section, args) in keys.filter(|(name, _)| ["contact", "estimator"].contains(name)) {
             for arg in args.iter().filter(|arg| arg.get_id() != "estimator") {

@@ -7,25 +7,24 @@
 use std::sync::Arc;
 
 use nalgebra::{DVector, Isometry3, Point3, vector};
-use palpate::contact::{self, Contacts, LinkContacts, Simulator};
-use palpate::ekf::EkfEstimator;
-use palpate::estimator::{Estimator, EstimatorConfig, Method, Source};
-use palpate::lattice::{CellId, CellRows, Lattice};
-use palpate::map::MapEstimator;
-use palpate::robot::{Collision, LinkId, Robot, Shape};
-use palpate::sdf::{self, Grid, Solid};
-use palpate::torque::Observation;
+use palpate::unstable::{
+    CellRows, Collision, ContactSimulator, DistanceGrid, EkfEstimator, Estimator, FrameId,
+    LinkContacts, LinkId, MapEstimator, Observation, Shape, Solid, bake,
+};
+use palpate::{
+    BakeConfig, CellId, ContactConfig, Contacts, EstimatorConfig, EstimatorKind, Lattice, Robot,
+};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-fn baked(shape: Shape) -> Grid {
+fn baked(shape: Shape) -> DistanceGrid {
     let part = Collision { link_from_shape: Isometry3::identity(), shape };
     let solid = Solid { primitives: vec![part], meshes: vec![] };
-    sdf::bake(&solid, &sdf::Config::default()).unwrap().0
+    bake(&solid, &BakeConfig::default()).unwrap().0
 }
 
 /// The skin of a forearm.
-pub(crate) fn boxed_link() -> Grid {
+pub(crate) fn boxed_link() -> DistanceGrid {
     baked(Shape::Box { size_m: vector![0.09, 0.09, 0.3] })
 }
 
@@ -39,7 +38,7 @@ pub(crate) fn scattered_points(n: usize) -> Vec<Point3<f64>> {
 
 /// A ball of 12 cm that goes to and fro through a full lattice, 2 mm a motion.
 pub(crate) struct Ball {
-    simulator: Simulator,
+    simulator: ContactSimulator,
     step: usize,
 }
 
@@ -52,8 +51,8 @@ impl Ball {
         let half_m = 0.012 * f64::from(side - 1) / 2.0;
         let lattice = Lattice::new([-half_m; 3], 0.012, [side; 3]).unwrap();
         let surfaces = Arc::new(vec![Some(baked(Shape::Sphere { radius_m: 0.12 }))]);
-        let config = contact::Config::default();
-        let mut simulator = Simulator::new(lattice, surfaces, config).unwrap();
+        let config = ContactConfig::default();
+        let mut simulator = ContactSimulator::new(lattice, surfaces, config).unwrap();
         simulator.begin_touch(&Self::pose(0));
         Self { simulator, step: 0 }
     }
@@ -84,14 +83,14 @@ pub(crate) struct Learner {
 
 impl Learner {
     /// An estimator that has learnt each of `n_frames` frames of `n_contacts` once.
-    pub(crate) fn new(method: Method, n_contacts: usize, n_frames: usize) -> Self {
+    pub(crate) fn new(method: EstimatorKind, n_contacts: usize, n_frames: usize) -> Self {
         let robot = gen3();
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut rows = CellRows::new(Lattice::new([-0.3; 3], 0.012, [50; 3]).unwrap());
         let config = EstimatorConfig::of(method);
         let estimator: Box<dyn Estimator> = match method {
-            Method::Map => Box::new(MapEstimator::new(&config, 0.012, 7).unwrap()),
-            Method::Ekf => Box::new(EkfEstimator::new(&config, 0.012, 7).unwrap()),
+            EstimatorKind::Map => Box::new(MapEstimator::new(&config, 0.012, 7).unwrap()),
+            EstimatorKind::Ekf => Box::new(EkfEstimator::new(&config, 0.012, 7).unwrap()),
         };
         let mut random_frame = |_| frame(&robot, &mut rows, &mut rng, n_contacts);
         let frames = (0..n_frames).map(&mut random_frame).collect();
@@ -103,7 +102,7 @@ impl Learner {
     /// Learns the next frame.
     pub(crate) fn learn(&mut self) {
         let frame = self.frames[self.sample as usize % self.frames.len()].clone();
-        let source = Source { touch: 0, sample: self.sample };
+        let source = FrameId { touch: 0, sample: self.sample };
         self.estimator.correct(self.rows.points_m(), frame, source).unwrap();
         self.estimator.replay(20);
         self.sample += 1;

@@ -2,10 +2,10 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::agenda;
+use super::broad_phase;
 use super::placed::Placed;
 use crate::lattice::{BRICK_EDGE, CellSet, Lattice};
-use crate::sdf::Grid;
+use crate::sdf::DistanceGrid;
 
 /// A free point inside an inflated link.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,23 +19,23 @@ pub(super) struct Entered {
 /// trilinear interpolation of a distance is not quite 1-Lipschitz.
 pub(super) const LIPSCHITZ: f64 = 1.1;
 
-/// What a look needs to know besides the agenda.
-pub(super) struct Look<'a> {
+/// What a look needs to know besides the broad_phase.
+pub(super) struct Query<'a> {
     pub(super) lattice: &'a Lattice,
     /// Places that cannot be entered.
     pub(super) taken: &'a CellSet,
     /// δ.
     pub(super) reach_m: f64,
     pub(super) link: usize,
-    pub(super) surface: &'a Grid,
+    pub(super) surface: &'a DistanceGrid,
     pub(super) placed: Placed,
 }
 
-impl Look<'_> {
+impl Query<'_> {
     /// The bricks, by their first places, that the link can reach within a horizon.
     pub(super) fn bricks_near(&self) -> impl Iterator<Item = [u32; 3]> + use<> {
         let (low, high) = self.placed.bounds(self.surface);
-        let reach = Vector3::repeat(agenda::within_m(self.reach_m));
+        let reach = Vector3::repeat(broad_phase::within_m(self.reach_m));
         bricks_within(self.lattice, &(low - reach), &(high + reach))
     }
 }

@@ -4,44 +4,45 @@
 //! |-------|-----------------------------|----------------------------------|------|
 //! | W_c   | [`Contacts`]                | cells that the arm displaces now |      |
 //! | uᵢ    | [`LinkContacts::displacements_m`] | anchor − rest point, world | m    |
-//! | δ     | [`Config::contact_distance_m`] | inflation of the links    | m |
-//! | μ     | [`Config::friction`]        | cone of sticking                 | –    |
-//! | λ     | [`Config::slip_step_m`] | longest slip of one iteration    | m |
+//! | δ     | [`ContactConfig::contact_distance_m`] | inflation of the links    | m |
+//! | μ     | [`ContactConfig::friction`]        | cone of sticking                 | –    |
+//! | λ     | [`ContactConfig::slip_step_m`] | longest slip of one iteration    | m |
 //!
 //! Contacts follow from the arm's motion alone: no torque and no stiffness comes in here, so a
 //! motion has the same contacts whether it is being learnt from or asked about. Every link is
 //! its signed distance φ, inflated by δ. One motion of the arm goes through three verbs:
 //!
 //! - *carry*: the anchor of a touched point moves with its link (stick);
-//! - *settle*: it slips along the surface while the friction cone is violated, and lets go when
-//!   the spring would have to pull (`settle.rs`);
+//! - *stick_and_slip*: it slips along the surface while the friction cone is violated, and lets go when
+//!   the spring would have to pull (`stick_and_slip.rs`);
 //! - *enter*: free points that the inflated link now covers get an anchor (`enter.rs`).
 //!
-//! The cost follows the contacts and the links' surfaces, not the lattice's size. A [`Simulator`]
+//! The cost follows the contacts and the links' surfaces, not the lattice's size. A [`ContactSimulator`]
 //! takes all points through one motion after the other, since it does not know the next. Where a
-//! whole way is known beforehand (`passage.rs`), a crowd of points is followed alone (`crowd.rs`).
+//! whole way is known beforehand (`trajectory.rs`), a path_simulator of points is followed alone (`path_simulator.rs`).
 
-mod agenda;
-mod crowd;
+mod broad_phase;
 mod enter;
-mod passage;
+mod path_simulator;
 mod placed;
-mod settle;
+mod posed_trajectory;
+mod stick_slip;
 
 use std::sync::Arc;
 
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use crowd::{Crowd, Displaced};
-pub(crate) use passage::Passage;
+pub(crate) use path_simulator::{Displaced, PathContactSimulator};
 pub(crate) use placed::travel_m;
+pub(crate) use posed_trajectory::PosedTrajectory;
 
 use placed::Placed;
 
 use crate::lattice::{CellId, CellSet, Lattice};
 use crate::robot::LinkId;
-use crate::sdf::Grid;
+use crate::sdf::DistanceGrid;
+use crate::setting::SettingError;
 
 /// How the arm's links meet the points of the field.
 ///
@@ -49,7 +50,7 @@ use crate::sdf::Grid;
 /// resolution tried, from 0.9 to 2 cm, on simulated plants.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Config {
+pub struct ContactConfig {
     /// δ: how far from its surface a link takes hold of a point.
     pub contact_distance_m: f64,
     /// μ: tangential over normal displacement at which a point begins to slip.
@@ -64,7 +65,7 @@ pub struct Config {
     pub known_empty: bool,
 }
 
-impl Default for Config {
+impl Default for ContactConfig {
     fn default() -> Self {
         Self {
             contact_distance_m: 0.024,
@@ -77,28 +78,16 @@ impl Default for Config {
     }
 }
 
-/// A setting of the contact model that makes no sense.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{setting} is {found}; it must be {wanted}")]
-pub struct ConfigError {
-    /// The setting's name.
-    pub setting: &'static str,
-    /// Its value.
-    pub found: f64,
-    /// What would do.
-    pub wanted: &'static str,
-}
-
 /// Distances are baked as far as this from the links.
 const BAKED: &str = "from 1e-6 to 0.04 m, as far as distances are baked";
 
-impl Config {
+impl ContactConfig {
     /// Checks every setting.
     ///
     /// # Errors
     ///
     /// Names the first setting that is not a finite number in its range.
-    pub fn check(&self) -> Result<(), ConfigError> {
+    pub fn check(&self) -> Result<(), SettingError> {
         let positive = [
             ("contact_distance_m", self.contact_distance_m, [1e-6, 0.04], BAKED),
             ("slip_step_m", self.slip_step_m, [1e-6, 1.0], "from 1e-6 to 1 m"),
@@ -106,12 +95,12 @@ impl Config {
         ];
         for (setting, found, [low, high], wanted) in positive {
             if !(low..=high).contains(&found) {
-                return Err(ConfigError { setting, found, wanted });
+                return Err(SettingError::new(setting, found, wanted));
             }
         }
         if !(self.friction >= 0.0 && self.friction.is_finite()) {
             let wanted = "zero or more, and finite";
-            return Err(ConfigError { setting: "friction", found: self.friction, wanted });
+            return Err(SettingError::new("friction", self.friction, wanted));
         }
         Ok(())
     }
@@ -151,17 +140,17 @@ impl Contacts {
 ///
 /// Deterministic: the same poses give the same contacts.
 #[derive(Debug, Clone)]
-pub struct Simulator {
+pub struct ContactSimulator {
     lattice: Lattice,
-    surfaces: Arc<Vec<Option<Grid>>>,
-    config: Config,
+    surfaces: Arc<Vec<Option<DistanceGrid>>>,
+    config: ContactConfig,
     poses: Vec<Isometry3<f64>>,
     /// By link.
-    touched: Vec<Vec<settle::Touched>>,
-    /// Room for [`settle::settle`].
+    touched: Vec<Vec<stick_slip::Touched>>,
+    /// Room for [`stick_slip::stick_and_slip`].
     slipping: Vec<u32>,
     /// By link.
-    agendas: Vec<agenda::Agenda>,
+    broad_phases: Vec<broad_phase::BroadPhase>,
     /// Places that are touched or known empty, and cannot be entered.
     taken: CellSet,
 }
@@ -173,16 +162,16 @@ pub(crate) fn substeps(travel_m: f64, substep_m: f64) -> u32 {
 
 /// What the arm holds at one moment, for whoever goes on from there.
 #[derive(Debug, Clone)]
-pub(crate) struct Grip {
+pub(crate) struct ContactState {
     /// Where the links are, by link.
     pub(crate) poses: Vec<Isometry3<f64>>,
     /// By link.
-    touched: Vec<Vec<settle::Touched>>,
+    touched: Vec<Vec<stick_slip::Touched>>,
     /// Places that are touched or known empty, and cannot be entered.
     taken: CellSet,
 }
 
-impl Simulator {
+impl ContactSimulator {
     /// A simulator for links with the given surfaces (index = [`LinkId`]; `None` = no shape).
     ///
     /// # Errors
@@ -190,19 +179,19 @@ impl Simulator {
     /// If a setting is out of its range.
     pub fn new(
         lattice: Lattice,
-        surfaces: Arc<Vec<Option<Grid>>>,
-        config: Config,
-    ) -> Result<Self, ConfigError> {
+        surfaces: Arc<Vec<Option<DistanceGrid>>>,
+        config: ContactConfig,
+    ) -> Result<Self, SettingError> {
         config.check()?;
         let touched = vec![Vec::new(); surfaces.len()];
-        let agendas = vec![agenda::Agenda::default(); surfaces.len()];
+        let broad_phases = vec![broad_phase::BroadPhase::default(); surfaces.len()];
         let (poses, slipping, taken) = (Vec::new(), Vec::new(), CellSet::default());
-        Ok(Self { lattice, surfaces, config, poses, touched, slipping, agendas, taken })
+        Ok(Self { lattice, surfaces, config, poses, touched, slipping, broad_phases, taken })
     }
 
     /// Forgets all contacts and starts a touch with the arm at these poses.
     ///
-    /// With [`Config::known_empty`], the points that the links cover here are empty space for the
+    /// With [`ContactConfig::known_empty`], the points that the links cover here are empty space for the
     /// whole touch: the object, at rest, cannot be where the arm stands without touching it.
     /// Without, they are touched at once.
     ///
@@ -213,7 +202,7 @@ impl Simulator {
         assert_eq!(world_from_link.len(), self.touched.len(), "one pose per link");
         self.taken.clear();
         self.touched.iter_mut().for_each(Vec::clear);
-        self.agendas.iter_mut().for_each(agenda::Agenda::clear);
+        self.broad_phases.iter_mut().for_each(broad_phase::BroadPhase::clear);
         self.poses = world_from_link.to_vec();
         let entered = self.find_entered(&[]);
         if self.config.known_empty {
@@ -224,9 +213,9 @@ impl Simulator {
     }
 
     /// What the arm holds where it is.
-    pub(crate) fn grip(&self) -> Grip {
+    pub(crate) fn contact_state(&self) -> ContactState {
         let (poses, touched) = (self.poses.clone(), self.touched.clone());
-        Grip { poses, touched, taken: self.taken.clone() }
+        ContactState { poses, touched, taken: self.taken.clone() }
     }
 
     /// Where the links are, by link; nowhere before the first touch.
@@ -235,7 +224,7 @@ impl Simulator {
     }
 
     /// How many sub-steps a short motion needs so that no point of a link goes further than
-    /// [`Config::substep_cells`] in one; at least 1.
+    /// [`ContactConfig::substep_cells`] in one; at least 1.
     ///
     /// The motion must be short enough for chord and arc to be alike.
     pub fn substeps(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> u32 {
@@ -249,7 +238,7 @@ impl Simulator {
 
     /// Moves the arm to these poses and returns what it displaces there.
     ///
-    /// The motion is one sub-step: see [`Simulator::substeps`] for how far it may reach.
+    /// The motion is one sub-step: see [`ContactSimulator::substeps`] for how far it may reach.
     ///
     /// # Panics
     ///
@@ -259,7 +248,7 @@ impl Simulator {
         if world_from_link != self.poses {
             let mut released = Vec::new();
             for (link, pose) in world_from_link.iter().enumerate() {
-                self.settle_link(link, pose, &mut released);
+                self.stick_and_slip_link(link, pose, &mut released);
             }
             self.move_links(world_from_link);
             let entered = self.find_entered(&released);
@@ -270,17 +259,17 @@ impl Simulator {
 
     /// Carries, slips and releases the points that one link holds; `released` gets the places of
     /// those it let go.
-    fn settle_link(
+    fn stick_and_slip_link(
         &mut self,
         link: usize,
         world_from_link: &Isometry3<f64>,
         released: &mut Vec<[u32; 3]>,
     ) {
         let Some(surface) = &self.surfaces[link] else { return };
-        let slip = settle::Slip::new(&self.config);
+        let slip = stick_slip::Slip::new(&self.config);
         let touched = &mut self.touched[link];
         let placed = Placed::new(world_from_link);
-        settle::settle(surface, &placed, &slip, (&mut *touched, &mut self.slipping));
+        stick_slip::stick_and_slip(surface, &placed, &slip, (&mut *touched, &mut self.slipping));
         let first = released.len();
         let let_go = touched.iter().filter(|touched| !touched.held);
         released.extend(let_go.map(|touched| self.lattice.place(touched.cell)));
@@ -292,22 +281,22 @@ impl Simulator {
 
     /// Takes the links to their new poses.
     fn move_links(&mut self, world_from_link: &[Isometry3<f64>]) {
-        for (link, agenda) in self.agendas.iter_mut().enumerate() {
+        for (link, broad_phase) in self.broad_phases.iter_mut().enumerate() {
             if let Some(surface) = &self.surfaces[link] {
                 let (from, to) = (&self.poses[link], &world_from_link[link]);
-                agenda.travel(surface, self.config.contact_distance_m, from, to);
+                broad_phase.travel(surface, self.config.contact_distance_m, from, to);
             }
         }
         self.poses.clone_from_slice(world_from_link);
     }
 
     /// Free points that the links cover where they are, each once, with its deepest link;
-    /// `released` are places that have become free since the last look.
+    /// `released` are places that have become free since the last query.
     fn find_entered(&mut self, released: &[[u32; 3]]) -> Vec<enter::Entered> {
         let mut found = Vec::new();
-        for (link, agenda) in self.agendas.iter_mut().enumerate() {
+        for (link, broad_phase) in self.broad_phases.iter_mut().enumerate() {
             let Some(surface) = &self.surfaces[link] else { continue };
-            let look = enter::Look {
+            let query = enter::Query {
                 lattice: &self.lattice,
                 taken: &self.taken,
                 reach_m: self.config.contact_distance_m,
@@ -315,9 +304,9 @@ impl Simulator {
                 surface,
                 placed: Placed::new(&self.poses[link]),
             };
-            agenda.look(&look, &mut found);
+            broad_phase.look(&query, &mut found);
             for place in released {
-                agenda.look_at(&look, *place, &mut found);
+                broad_phase.look_at(&query, *place, &mut found);
             }
         }
         enter::keep_deepest(&mut found);
@@ -326,18 +315,18 @@ impl Simulator {
 
     /// Anchors newly entered points on the inflated surface of their links.
     fn hold(&mut self, entered: &[enter::Entered]) {
-        let slip = settle::Slip::new(&self.config);
+        let slip = stick_slip::Slip::new(&self.config);
         for found in entered {
             let Some(surface) = &self.surfaces[found.link] else { continue };
             let (cell, rest) = (self.lattice.cell(found.place), self.lattice.point_at(found.place));
             let pose = &self.poses[found.link];
-            let touched = settle::Touched::new(cell, rest, surface, pose, &slip);
+            let touched = stick_slip::Touched::new(cell, rest, surface, pose, &slip);
             self.touched[found.link].push(touched);
             self.taken.insert(found.place);
         }
     }
 
-    /// The contacts as they stand; those of [`Simulator::advance`], without a motion.
+    /// The contacts as they stand; those of [`ContactSimulator::advance`], without a motion.
     pub fn contacts(&self) -> Contacts {
         let mut contacts = Contacts::default();
         for (link, touched) in self.touched.iter().enumerate() {

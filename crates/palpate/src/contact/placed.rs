@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Vector3};
 
-use crate::sdf::Grid;
+use crate::sdf::DistanceGrid;
 
 /// Where a link is, ready to turn points.
 #[derive(Debug, Clone)]
@@ -26,7 +26,7 @@ impl Placed {
     }
 
     /// The box of a link's surface, in the world: lowest and highest corner.
-    pub(super) fn bounds(&self, surface: &Grid) -> (Point3<f64>, Point3<f64>) {
+    pub(super) fn bounds(&self, surface: &DistanceGrid) -> (Point3<f64>, Point3<f64>) {
         let mut low = Point3::from(Vector3::repeat(f64::INFINITY));
         let mut high = Point3::from(Vector3::repeat(f64::NEG_INFINITY));
         for corner in corners(surface) {
@@ -40,14 +40,14 @@ impl Placed {
 
 /// How far a point is from the box of a link's surface, in the link's frame, m.
 #[inline]
-pub(super) fn box_distance_m(surface: &Grid, point_link: &Point3<f64>) -> f64 {
+pub(super) fn box_distance_m(surface: &DistanceGrid, point_link: &Point3<f64>) -> f64 {
     let (low, high) = surface.bounds();
     let outside = (low - point_link).sup(&(point_link - high)).sup(&Vector3::zeros());
     outside.norm()
 }
 
 /// The box of a link's surface, as eight points of its frame.
-fn corners(surface: &Grid) -> [Point3<f64>; 8] {
+fn corners(surface: &DistanceGrid) -> [Point3<f64>; 8] {
     let (low, high) = surface.bounds();
     std::array::from_fn(|corner| {
         let pick = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
@@ -58,7 +58,7 @@ fn corners(surface: &Grid) -> [Point3<f64>; 8] {
 /// How far the arm goes from one place to another, m: the farthest that a corner of any link's
 /// bounding box does, along the chord.
 pub(crate) fn travel_m(
-    surfaces: &[Option<Grid>],
+    surfaces: &[Option<DistanceGrid>],
     from: &[Isometry3<f64>],
     to: &[Isometry3<f64>],
 ) -> f64 {
@@ -73,7 +73,7 @@ pub(crate) fn travel_m(
 
 /// The square of how far the fastest corner of a link's box goes, m²: a corner c goes from
 /// `R c + t` to `R' c + t'`, and so by `(R' − R) c + t' − t`.
-fn corner_travel_m2(surface: &Grid, from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
+fn corner_travel_m2(surface: &DistanceGrid, from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
     let matrix = |pose: &Isometry3<f64>| *pose.rotation.to_rotation_matrix().matrix();
     let turn: Matrix3<f64> = matrix(to) - matrix(from);
     let shift = to.translation.vector - from.translation.vector;
@@ -88,7 +88,7 @@ fn corner_travel_m2(surface: &Grid, from: &Isometry3<f64>, to: &Isometry3<f64>) 
 /// box no point moves further than `|M c − c| + 2 sin(θ/2) ρ`. Points within so much of the box are
 /// in such a ball: one from outside comes nearer by at most `|M c − c|` a motion.
 pub(super) fn travel_in_link_m(
-    surface: &Grid,
+    surface: &DistanceGrid,
     within_m: f64,
     from: &Isometry3<f64>,
     to: &Isometry3<f64>,

@@ -9,7 +9,7 @@
 //! 3. **inside is `w ≥ ½`, or sealed**: the winding number decides, the flood only fills voids that
 //!    are closed all round. It cannot overrule the other way, since it leaks through any crack.
 //!    A second flood, too thick for cracks narrower than a cell, tells where the shell has real
-//!    openings: the [`Report`] says how much of the volume rests on the winding number alone;
+//!    openings: the [`BakeReport`] says how much of the volume rests on the winding number alone;
 //! 4. inside, the distance counts from the *skin* only, the triangles that have the outside on one
 //!    of their sides: inner walls must not make a point deep inside look like one at the surface;
 //! 5. where the sign changes without a triangle (across an opening) the surface is where `w = ½`.
@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 
 use super::mesh::{Soup, Surface, TriangleMesh};
 use super::winding::{WindingTree, area_vector_of};
-use super::{Grid, SdfError, flood, primitive};
+use super::{DistanceGrid, SdfError, flood, primitive};
 use crate::robot::Collision;
 
 /// A quarter of a gigabyte of nodes: at 5 mm, a cube of two metres.
@@ -32,16 +32,16 @@ const MAX_NODES: f64 = 64e6;
 /// How finely to bake, and how far out.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Config {
+pub struct BakeConfig {
     /// Distance between nodes. Details below it are lost.
     pub spacing_m: f64,
     /// The grid reaches this far beyond the surface; farther out, distances are lower bounds.
     pub margin_m: f64,
 }
 
-impl Default for Config {
+impl Default for BakeConfig {
     fn default() -> Self {
-        Config { spacing_m: 0.005, margin_m: 0.04 }
+        BakeConfig { spacing_m: 0.005, margin_m: 0.04 }
     }
 }
 
@@ -56,7 +56,7 @@ pub struct Solid {
 
 /// What baking found out about the meshes of a link; all zero for primitives, except the volume.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Report {
+pub struct BakeReport {
     /// Triangles baked.
     pub triangles: usize,
     /// Triangles without area, left out.
@@ -82,7 +82,7 @@ pub struct Report {
 ///
 /// A config out of range, a solid without shapes, a broken mesh ([`SdfError`]), or a size that no
 /// link has.
-pub fn bake(solid: &Solid, config: &Config) -> Result<(Grid, Report), SdfError> {
+pub fn bake(solid: &Solid, config: &BakeConfig) -> Result<(DistanceGrid, BakeReport), SdfError> {
     bake_on(Threads::All, solid, config)
 }
 
@@ -91,7 +91,10 @@ pub fn bake(solid: &Solid, config: &Config) -> Result<(Grid, Report), SdfError> 
 /// # Errors
 ///
 /// As [`bake`].
-pub fn bake_serial(solid: &Solid, config: &Config) -> Result<(Grid, Report), SdfError> {
+pub fn bake_serial(
+    solid: &Solid,
+    config: &BakeConfig,
+) -> Result<(DistanceGrid, BakeReport), SdfError> {
     bake_on(Threads::One, solid, config)
 }
 
@@ -112,7 +115,11 @@ impl Threads {
     }
 }
 
-fn bake_on(threads: Threads, solid: &Solid, config: &Config) -> Result<(Grid, Report), SdfError> {
+fn bake_on(
+    threads: Threads,
+    solid: &Solid,
+    config: &BakeConfig,
+) -> Result<(DistanceGrid, BakeReport), SdfError> {
     config.check()?;
     let soup = match &solid.meshes[..] {
         [] if solid.primitives.is_empty() => return Err(SdfError::Empty { triangles: 0 }),
@@ -122,7 +129,7 @@ fn bake_on(threads: Threads, solid: &Solid, config: &Config) -> Result<(Grid, Re
     let surface = surface_box(&solid.primitives, soup.as_ref());
     let lattice = Lattice::around(surface, config)?;
 
-    let mut report = Report::default();
+    let mut report = BakeReport::default();
     let mut nodes = vec![f64::INFINITY; lattice.len()];
     if let Some(soup) = soup {
         nodes = bake_soup(threads, &lattice, &soup.triangles, &mut report);
@@ -141,11 +148,12 @@ fn bake_on(threads: Threads, solid: &Solid, config: &Config) -> Result<(Grid, Re
     });
     let n_inside = nodes_m.iter().filter(|&&distance| distance < 0.0).count();
     report.inside_m3 = n_inside as f64 * lattice.spacing_m.powi(3);
-    let grid = Grid::new(lattice.origin_m, lattice.spacing_m, lattice.shape, surface, nodes_m);
+    let grid =
+        DistanceGrid::new(lattice.origin_m, lattice.spacing_m, lattice.shape, surface, nodes_m);
     Ok((grid, report))
 }
 
-impl Config {
+impl BakeConfig {
     fn check(&self) -> Result<(), SdfError> {
         let positive = |thing, found: f64| {
             let wanted = "a finite length above zero";
@@ -181,7 +189,7 @@ fn bake_soup(
     threads: Threads,
     lattice: &Lattice,
     triangles: &[[Point3<f64>; 3]],
-    report: &mut Report,
+    report: &mut BakeReport,
 ) -> Vec<f64> {
     let (surface, tree) = (Surface::new(triangles), WindingTree::new(triangles.to_vec()));
     let n = lattice.len();
@@ -280,7 +288,7 @@ pub(super) struct Lattice {
 
 impl Lattice {
     /// Nodes that reach at least the margin beyond a box on every side.
-    fn around([low, high]: [Point3<f64>; 2], config: &Config) -> Result<Lattice, SdfError> {
+    fn around([low, high]: [Point3<f64>; 2], config: &BakeConfig) -> Result<Lattice, SdfError> {
         let spacing_m = config.spacing_m;
         // A third of a cell keeps nodes off the planes on which designers put faces.
         let origin_m = low - Vector3::repeat(config.margin_m + spacing_m / 3.0);
@@ -319,8 +327,8 @@ impl Lattice {
     /// The nodes before and after a node along an axis.
     pub(super) fn neighbours(&self, node: usize, axis: usize) -> (Option<usize>, Option<usize>) {
         let at = self.coordinates(node)[axis];
-        let stride: usize = self.shape[..axis].iter().product();
-        ((at > 0).then(|| node - stride), (at + 1 < self.shape[axis]).then(|| node + stride))
+        let substeps: usize = self.shape[..axis].iter().product();
+        ((at > 0).then(|| node - substeps), (at + 1 < self.shape[axis]).then(|| node + substeps))
     }
 
     /// Whether the distances of two neighbours prove that no surface crosses their edge: the two

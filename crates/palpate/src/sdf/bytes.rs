@@ -8,13 +8,13 @@
 
 use nalgebra::Point3;
 
-use super::{Grid, SdfError};
+use super::{DistanceGrid, SdfError};
 
 const MAGIC: [u8; 8] = *b"palpsdf\x01";
 const HEADER_BYTES: usize = 8 + 3 * 4 + 10 * 8;
 const CHECKSUM_BYTES: usize = 8;
 
-impl Grid {
+impl DistanceGrid {
     /// The grid as bytes, the same on every machine.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(HEADER_BYTES + self.size_bytes() + CHECKSUM_BYTES);
@@ -36,12 +36,12 @@ impl Grid {
         bytes
     }
 
-    /// Reads what [`Grid::to_bytes`] wrote.
+    /// Reads what [`DistanceGrid::to_bytes`] wrote.
     ///
     /// # Errors
     ///
     /// [`SdfError::Bytes`] for anything else: the caller should bake again.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Grid, SdfError> {
+    pub fn from_bytes(bytes: &[u8]) -> Result<DistanceGrid, SdfError> {
         let refuse = |reason| SdfError::Bytes { reason };
         let (content, sum) =
             bytes.split_last_chunk::<CHECKSUM_BYTES>().ok_or(refuse("too short"))?;
@@ -66,7 +66,7 @@ impl Grid {
             numbers.as_chunks().0.iter().map(|number| f64::from_le_bytes(*number)).collect();
         let point = |at: usize| Point3::new(numbers[at], numbers[at + 1], numbers[at + 2]);
         let nodes_m = nodes.as_chunks().0.iter().map(|node| f32::from_le_bytes(*node)).collect();
-        let grid = Grid::new(point(1), numbers[0], shape, [point(4), point(7)], nodes_m);
+        let grid = DistanceGrid::new(point(1), numbers[0], shape, [point(4), point(7)], nodes_m);
         if grid.makes_sense() { Ok(grid) } else { Err(refuse("numbers out of range")) }
     }
 

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3, vector};
 /// cell, and a detail smaller than the spacing is lost: a plate thinner than a cell may have no
 /// inside at all, although the distance outside it is still right.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Grid {
+pub struct DistanceGrid {
     /// Node (0, 0, 0).
     pub(super) origin_m: Point3<f64>,
     pub(super) spacing_m: f64,
@@ -55,7 +55,7 @@ impl Cell {
     }
 }
 
-impl Grid {
+impl DistanceGrid {
     /// Puts a grid together; `nodes_m` holds `shape` nodes, x fastest.
     pub(super) fn new(
         origin_m: Point3<f64>,
@@ -63,13 +63,22 @@ impl Grid {
         shape: [usize; 3],
         surface: [Point3<f64>; 2],
         nodes_m: Vec<f32>,
-    ) -> Grid {
+    ) -> DistanceGrid {
         assert!(shape.iter().all(|&n| n >= 2), "a cell has two nodes along each axis");
         assert_eq!(nodes_m.len(), shape.iter().product::<usize>(), "one distance a node");
         let last_cell = shape.map(|n| (n - 1) as f64);
         let cells_per_m = spacing_m.recip();
         let strides = [shape[0], shape[0] * shape[1]];
-        Grid { origin_m, spacing_m, shape, surface, nodes_m, cells_per_m, last_cell, strides }
+        DistanceGrid {
+            origin_m,
+            spacing_m,
+            shape,
+            surface,
+            nodes_m,
+            cells_per_m,
+            last_cell,
+            strides,
+        }
     }
 
     /// Signed distance of a point from the surface, m; negative inside.
@@ -90,7 +99,7 @@ impl Grid {
         (f64::from(cell.value()).powi(2) + excess.norm_squared()).sqrt()
     }
 
-    /// [`Grid::distance`], and the unit vector that points away from the surface.
+    /// [`DistanceGrid::distance`], and the unit vector that points away from the surface.
     ///
     /// The normal is the normalised gradient of the interpolated distance, exact within a cell.
     /// Where the gradient vanishes (the middle of a ball) no direction is better than another and

@@ -1,6 +1,6 @@
 //! How far a point is from a link, and which way is out.
 //!
-//! The shapes of a link are *baked* once into a [`Grid`]: signed distances at the nodes of a
+//! The shapes of a link are *baked* once into a [`DistanceGrid`]: signed distances at the nodes of a
 //! regular lattice in the link frame, negative inside, read back by trilinear interpolation in
 //! some ten nanoseconds. Everything downstream asks a grid; nobody asks a mesh.
 //!
@@ -25,9 +25,9 @@ mod mesh;
 mod primitive;
 mod winding;
 
-pub use bake::{Config, Report, Solid, bake, bake_serial};
+pub use bake::{BakeConfig, BakeReport, Solid, bake, bake_serial};
 pub(crate) use bytes::checksum;
-pub use grid::Grid;
+pub use grid::DistanceGrid;
 pub use mesh::TriangleMesh;
 pub use primitive::signed_distance;
 

@@ -1,6 +1,6 @@
 //! What the joints feel: torques predicted from a stiffness field.
 //!
-//! This is where stiffness meets torque; [`crate::outlook`] sums the same up for whole paths. A
+//! This is where stiffness meets torque; [`crate::path_predictor`] sums the same up for whole paths. A
 //! spring at rest point p, displaced by u, pushes its link with the force −K u at p + u; as moment
 //! about the world's origin that is −K p × u, since u × u = 0. Summed over the contacts of a link
 //! this is one wrench, and the link's spatial Jacobian S turns it into joint torques. The other way
@@ -20,13 +20,13 @@
 //! neither time, nor priors, nor how contacts are found. Gravity is not modelled here: the
 //! torques it explains are external ones.
 
-mod lanes;
+mod simd;
 
 use nalgebra::{DMatrix, DVector, DVectorView, Matrix6, Matrix6xX, Point3, Vector3, Vector6};
 use prefetch_index::prefetch_index;
 use pulp::bytemuck::{cast, cast_slice};
 
-use lanes::Registers;
+use simd::SimdLevel;
 
 use crate::contact::Contacts;
 use crate::lattice::{CellRows, RowsOfRuns};
@@ -139,12 +139,12 @@ pub struct Observation {
 /// A remembered frame on its way from main memory.
 ///
 /// The walk over a frame does so much for every contact that the processor looks only a few
-/// contacts ahead, and would wait for memory. So whoever walks over a frame asks for a little of
+/// contacts prefetch, and would wait for memory. So whoever walks over a frame asks for a little of
 /// the next one at every block, and finds it close by when its turn comes.
 #[derive(Debug)]
-pub struct Ahead<'a>(&'a [f64]);
+pub struct Prefetch<'a>(&'a [f64]);
 
-impl Ahead<'_> {
+impl Prefetch<'_> {
     /// Numbers by which it goes on at a block: half of one, since a visit walks over a frame twice.
     const STRIDE: usize = BLOCK / 2;
 
@@ -202,13 +202,13 @@ impl<'a> Run<'a> {
 
 /// Folds frame after frame, and numbers their cells.
 #[derive(Debug, Clone)]
-pub struct Folder {
+pub struct ObservationBuilder {
     rows: CellRows,
     runs: RowsOfRuns,
 }
 
-impl Folder {
-    /// A folder whose cells are numbered so far as `rows` says.
+impl ObservationBuilder {
+    /// A observations whose cells are numbered so far as `rows` says.
     pub fn new(rows: CellRows) -> Self {
         Self { rows, runs: RowsOfRuns::default() }
     }
@@ -221,8 +221,8 @@ impl Folder {
     /// Folds the contacts of a step; cells seen for the first time get their rows here.
     ///
     /// `tau` is the external torque of the step, n_joints, N·m. The contacts of successive steps
-    /// are best handed to one folder: it finds the rows of cells that stayed without a look-up.
-    pub fn fold(
+    /// are best handed to one observations: it finds the rows of cells that stayed without a look-up.
+    pub fn build(
         &mut self,
         robot: &Robot,
         poses: &Poses,
@@ -251,7 +251,7 @@ impl Folder {
 }
 
 impl Observation {
-    /// Folds the contacts of a single step, as [`Folder::fold`] does.
+    /// Folds the contacts of a single step, as [`ObservationBuilder::build`] does.
     pub fn new(
         robot: &Robot,
         poses: &Poses,
@@ -260,9 +260,9 @@ impl Observation {
         tau: &DVector<f64>,
     ) -> Self {
         let fresh = CellRows::new(rows.lattice().clone());
-        let mut folder = Folder::new(std::mem::replace(rows, fresh));
-        let observation = folder.fold(robot, poses, contacts, tau);
-        *rows = folder.rows;
+        let mut observations = ObservationBuilder::new(std::mem::replace(rows, fresh));
+        let observation = observations.build(robot, poses, contacts, tau);
+        *rows = observations.rows;
         observation
     }
 
@@ -314,8 +314,8 @@ impl Observation {
     }
 
     /// Brings the frame closer, bit by bit, while another is walked over.
-    pub fn ahead(&self) -> Ahead<'_> {
-        Ahead(&self.stream)
+    pub fn prefetch(&self) -> Prefetch<'_> {
+        Prefetch(&self.stream)
     }
 
     /// Memory that the frame holds.
@@ -340,21 +340,21 @@ impl Observation {
     ///
     /// `cells` are the touched cells by row.
     pub fn predict(&self, cells: &[Cell], stiffness: Stiffness) -> DVector<f64> {
-        self.predict_beside(&mut Ahead::nothing(), cells, stiffness)
+        self.predict_prefetching(&mut Prefetch::nothing(), cells, stiffness)
     }
 
     /// The same, and brings the next frame closer meanwhile.
-    pub fn predict_beside(
+    pub fn predict_prefetching(
         &self,
-        ahead: &mut Ahead<'_>,
+        prefetch: &mut Prefetch<'_>,
         cells: &[Cell],
         stiffness: Stiffness,
     ) -> DVector<f64> {
-        let registers = Registers::best();
+        let level = SimdLevel::best();
         let mut tau = DVector::zeros(self.n_joints);
         for Run { spatial, n_contacts, blocks } in self.runs() {
-            let sum = lanes::Wrench { cells, stiffness, sums: [lanes::ZERO; 6] };
-            let [fx, fy, fz, mx, my, mz] = registers.run(blocks, n_contacts, ahead, sum);
+            let sum = simd::Wrench { cells, stiffness, sums: [simd::ZERO; 6] };
+            let [fx, fy, fz, mx, my, mz] = level.run(blocks, n_contacts, prefetch, sum);
             for (torque, [lx, ly, lz, ax, ay, az]) in tau.iter_mut().zip(spatial) {
                 *torque += (lx * fx + ly * fy + lz * fz) + (ax * mx + ay * my + az * mz);
             }
@@ -364,14 +364,14 @@ impl Observation {
 
     /// `H S Hᵀ` for a diagonal S, n × n, (N·m)²; `variance` gives S of a row, (N/m)².
     pub fn gram(&self, cells: &[Cell], variance: impl Fn(usize) -> f64) -> DMatrix<f64> {
-        let registers = Registers::best();
+        let level = SimdLevel::best();
         let mut gram = DMatrix::zeros(self.n_joints, self.n_joints);
         for run in self.runs() {
-            let sums = [lanes::ZERO; lanes::TRIANGLE];
-            let sum = lanes::Gram { cells, weight: &variance, sums };
-            let sum = registers.run(run.blocks, run.n_contacts, &mut Ahead::nothing(), sum);
+            let sums = [simd::ZERO; simd::TRIANGLE];
+            let sum = simd::Gram { cells, weight: &variance, sums };
+            let sum = level.run(run.blocks, run.n_contacts, &mut Prefetch::nothing(), sum);
             // Sᵀ W S, column by column: too small for the machinery of large products.
-            let wrenches = Matrix6::from_fn(|i, j| sum[lanes::entry(i.max(j), i.min(j))]);
+            let wrenches = Matrix6::from_fn(|i, j| sum[simd::entry(i.max(j), i.min(j))]);
             for (j, column) in run.spatial.iter().enumerate() {
                 let pushed = wrenches * Vector6::from(*column);
                 for (i, other) in run.spatial.iter().enumerate() {
@@ -391,28 +391,28 @@ impl Observation {
         d: &[f64],
         mut take: impl FnMut(&mut Cell, usize, f64),
     ) {
-        let registers = Registers::best();
+        let level = SimdLevel::best();
         for run in self.runs() {
-            let (cells, twist) = (&mut *cells, lanes::Twist(run.twist(d)));
-            let sum = lanes::Spread { cells, twist, take: &mut take };
-            registers.run(run.blocks, run.n_contacts, &mut Ahead::nothing(), sum);
+            let (cells, twist) = (&mut *cells, simd::Twist(run.twist(d)));
+            let sum = simd::Spread { cells, twist, take: &mut take };
+            level.run(run.blocks, run.n_contacts, &mut Prefetch::nothing(), sum);
         }
     }
 
     /// `unknown += Hᵀ d`, cell by cell; brings the next frame closer meanwhile.
     ///
     /// As a cell has one contact in a frame, four can be added at once.
-    pub fn add(&self, ahead: &mut Ahead<'_>, cells: &mut [Cell], d: &[f64]) {
-        let registers = Registers::best();
+    pub fn add(&self, prefetch: &mut Prefetch<'_>, cells: &mut [Cell], d: &[f64]) {
+        let level = SimdLevel::best();
         for run in self.runs() {
-            let (cells, twist) = (&mut *cells, lanes::Twist(run.twist(d)));
-            registers.run(run.blocks, run.n_contacts, ahead, lanes::Add { cells, twist });
+            let (cells, twist) = (&mut *cells, simd::Twist(run.twist(d)));
+            level.run(run.blocks, run.n_contacts, prefetch, simd::Add { cells, twist });
         }
     }
 
     /// `wᵢᵀ M wᵢ` of every contact for a symmetric M (n × n): `take` gets its row and the value.
     pub fn quadratic(&self, cells: &[Cell], m: &DMatrix<f64>, mut take: impl FnMut(usize, f64)) {
-        let registers = Registers::best();
+        let level = SimdLevel::best();
         for run in self.runs() {
             // S M Sᵀ, as a sum over joints.
             let mut on_wrenches = Matrix6::zeros();
@@ -421,15 +421,15 @@ impl Observation {
                 let turned = Vector6::from(run.twist(row.as_slice()));
                 on_wrenches += turned * Vector6::from(*column).transpose();
             }
-            let mut form = [0.0; lanes::TRIANGLE];
+            let mut form = [0.0; simd::TRIANGLE];
             for i in 0..6 {
                 for j in 0..=i {
                     let twice = if i == j { 1.0 } else { 2.0 };
-                    form[lanes::entry(i, j)] = twice * on_wrenches[(i, j)];
+                    form[simd::entry(i, j)] = twice * on_wrenches[(i, j)];
                 }
             }
-            let sum = lanes::Quadratic { cells, form, take: &mut take };
-            registers.run(run.blocks, run.n_contacts, &mut Ahead::nothing(), sum);
+            let sum = simd::Quadratic { cells, form, take: &mut take };
+            level.run(run.blocks, run.n_contacts, &mut Prefetch::nothing(), sum);
         }
     }
 

@@ -3,12 +3,8 @@
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it
 
 use nalgebra::DVector;
-use palpate::contact::{Contacts, LinkContacts};
-use palpate::estimator::{EstimatorConfig, Method, Prior};
-use palpate::lattice::{CellRows, Lattice};
-use palpate::replay::Limits;
-use palpate::robot::{LinkId, Robot};
-use palpate::torque::{Cell, Observation, Stiffness};
+use palpate::unstable::{Cell, CellRows, LinkContacts, LinkId, Observation, Stiffness};
+use palpate::{Contacts, EstimatorConfig, EstimatorKind, Lattice, MemoryLimits, Prior, Robot};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::Rng;
 
@@ -78,13 +74,13 @@ pub fn uniform(rng: &mut ChaCha8Rng, low: f64, high: f64) -> f64 {
 }
 
 /// Settings with exactly known numbers: no replays unless asked for.
-pub fn config(method: Method, mean: f64, std: f64, torque_std: f64) -> EstimatorConfig {
+pub fn config(method: EstimatorKind, mean: f64, std: f64, torque_std: f64) -> EstimatorConfig {
     EstimatorConfig {
         prior: Prior { mean_n_per_m: mean, std_n_per_m: std },
         torque_std: vec![torque_std],
         replays: 0,
         drift_std_n_per_m: 0.0,
-        memory: Limits { frames: 1000, bytes: 1 << 30 },
+        memory: MemoryLimits { frames: 1000, bytes: 1 << 30 },
         ..EstimatorConfig::of(method)
     }
 }

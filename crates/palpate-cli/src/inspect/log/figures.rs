@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use nalgebra::DVector;
-use palpate::arm::Arm;
-use palpate::contact;
-use palpate::lattice::Lattice;
-use palpate::robot::Robot;
-use palpate::touch::{self, Gravity, MIN_TARE_FRAMES, Sample, Tare, TouchError, Tracker};
+use palpate::unstable::Tracker;
+use palpate::{
+    Arm, ContactConfig, ExternalTorqueConfig, Gravity, Lattice, MIN_TARE_FRAMES, Robot, Sample,
+    SettingError, Tare, TrackerError,
+};
 use serde::Serialize;
 
 use super::reading::Fit;
@@ -65,12 +65,13 @@ impl Figures {
     /// For logs of an arm, read under a convention.
     pub(super) fn new(
         arm: &Arc<Arm>,
-        set: &touch::Config,
+        set: &ExternalTorqueConfig,
         fit: Fit,
-    ) -> Result<Self, contact::ConfigError> {
+    ) -> Result<Self, SettingError> {
         // The start does not depend on torques.
-        let config = touch::Config { gravity: Gravity::Removed, tare: Tare::Auto, ..set.clone() };
-        let (lattice, contact) = (Lattice::default(), contact::Config::default());
+        let config =
+            ExternalTorqueConfig { gravity: Gravity::Removed, tare: Tare::Auto, ..set.clone() };
+        let (lattice, contact) = (Lattice::default(), ContactConfig::default());
         let tracker = Tracker::new(Arc::clone(arm), lattice, contact, config)?;
         let (tare, still_rad) = (set.tare, set.still_rad);
         Ok(Self { tracker, arm: Arc::clone(arm), fit, tare, still_rad })
@@ -122,7 +123,7 @@ impl Figures {
             let sample = Sample { time_s: None, q: q.clone(), tau: tau.clone() };
             match self.tracker.feed(&sample) {
                 Ok(step) if step.external.is_none() => {}
-                Err(TouchError::NoContactFreeStart { found, .. }) => return found as usize,
+                Err(TrackerError::NoContactFreeStart { found, .. }) => return found as usize,
                 _ => return frame,
             }
         }

@@ -1,7 +1,6 @@
 //! What gravity says of a log, in words: sign, convention, order of joints, payload.
 
-use palpate::robot::{Payload, Robot};
-use palpate::touch::{self, Gravity, TorqueSign};
+use palpate::{ExternalTorqueConfig, Gravity, Payload, Robot, TorqueSign};
 
 use super::super::finding::Finding;
 use super::super::page::{listed, number};
@@ -14,7 +13,7 @@ use palpate_io::log::AngleUnit;
 pub(super) fn judge(
     touches: &mut [Touch],
     robot: &Robot,
-    set: &touch::Config,
+    set: &ExternalTorqueConfig,
     (angle_unit, matching): (AngleUnit, Matching),
 ) -> (Reading, Vec<Finding>) {
     let mut rests = reading::rests(touches, set.still_rad);

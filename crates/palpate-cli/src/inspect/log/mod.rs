@@ -30,8 +30,7 @@ mod unit;
 use std::path::Path;
 use std::sync::Arc;
 
-use palpate::arm::Arm;
-use palpate::touch::{Gravity, TorqueSign};
+use palpate::{Arm, Gravity, TorqueSign};
 use palpate_io::log::{Format, LoggedTorques};
 use serde::Serialize;
 
@@ -114,9 +113,8 @@ pub(super) fn inspect(
     findings.extend(motion::findings(touches, robot, facts.clock.map(|clock| clock.period_s)));
 
     let (fit, gravity_fits) = (reading.fits.accepted(), !reading.fits.misfit());
-    let out_of_range = |error: palpate::contact::ConfigError| {
-        CliError::from(SettingsError::Value(Box::new(error.into())))
-    };
+    let out_of_range =
+        |error: palpate::SettingError| CliError::from(SettingsError::Value(Box::new(error.into())));
     let mut figures = Figures::new(arm, &set, fit).map_err(out_of_range)?;
     facts.touches = touches.iter().map(|touch| figures.of(touch)).collect();
     let sign_is_told = reading.fits.tell() && fit.gravity == Gravity::Included;

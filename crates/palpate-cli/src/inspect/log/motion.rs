@@ -1,6 +1,7 @@
 //! What the robot's limits say of a motion: positions, speeds, torques beyond them.
 
-use palpate::robot::{JointKind, Robot};
+use palpate::Robot;
+use palpate::unstable::JointKind;
 
 use super::super::finding::Finding;
 use super::super::page::{counted, listed, number};
@@ -119,7 +120,7 @@ fn jumps(touches: &[Touch], robot: &Robot, period_s: Option<f64>) -> Option<Find
 
 /// How far each joint moves, the shorter way round where it may turn for ever.
 fn ways(robot: &Robot, from: &[f64], to: &[f64]) -> Vec<f64> {
-    let way = |((joint, a), b): ((&palpate::robot::Joint, &f64), &f64)| {
+    let way = |((joint, a), b): ((&palpate::unstable::Joint, &f64), &f64)| {
         let mut way = b - a;
         if joint.kind == JointKind::Continuous {
             way -= std::f64::consts::TAU * (way / std::f64::consts::TAU).round();

@@ -5,7 +5,7 @@
 //! link's origin and one metre beside it.
 
 use nalgebra::{DMatrix, DVector};
-use palpate::robot::{Payload, Robot};
+use palpate::{Payload, Robot};
 
 use super::reading::{Fit, Rest};
 use crate::quantile::median;

@@ -10,8 +10,7 @@
 //! If no touch begins still, single frames have to do, with contacts in them. What is left over
 //! then says little, but contacts do not follow gravity, so the slope of the torques on it tells.
 
-use palpate::robot::Robot;
-use palpate::touch::{self, Gravity, MIN_TARE_FRAMES, TorqueSign};
+use palpate::{ExternalTorqueConfig, Gravity, MIN_TARE_FRAMES, Robot, TorqueSign};
 use palpate_io::log::AngleUnit;
 use serde::Serialize;
 
@@ -159,7 +158,12 @@ impl Felt {
 }
 
 /// How well the conventions explain what was measured at rest.
-pub(super) fn fits(robot: &Robot, rests: &Rests, order: &[usize], set: &touch::Config) -> Fits {
+pub(super) fn fits(
+    robot: &Robot,
+    rests: &Rests,
+    order: &[usize],
+    set: &ExternalTorqueConfig,
+) -> Fits {
     let pick = |row: &[f64]| order.iter().map(|&place| row[place]).collect::<Vec<f64>>();
     let felt = |rest: &Rest| {
         let poses = robot.forward(&pick(&rest.q)).ok()?;
@@ -199,7 +203,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 pub(super) fn other_order(
     robot: &Robot,
     rests: &Rests,
-    set: &touch::Config,
+    set: &ExternalTorqueConfig,
     straight: &Fits,
 ) -> Option<(Vec<usize>, Fits)> {
     if !straight.misfit() {

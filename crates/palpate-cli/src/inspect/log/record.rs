@@ -6,9 +6,7 @@
 use std::collections::VecDeque;
 use std::path::Path;
 
-use palpate::mapper::MapperError;
-use palpate::robot::Robot;
-use palpate::touch::Sample;
+use palpate::{MapperError, Robot, Sample};
 use palpate_io::log::{
     self, Format, LogError, LogEvent, LogOptions, LogWarning, LoggedTorques, reorder,
 };
@@ -17,7 +15,7 @@ use serde::Serialize;
 use super::super::finding::Finding;
 use super::super::page::listed;
 use crate::pauses::Pauses;
-use crate::touches::Moment;
+use crate::touches::TouchEvent;
 
 /// The frames of one touch.
 #[derive(Debug, Clone, Default)]
@@ -128,20 +126,20 @@ impl Record {
         let mut moments = VecDeque::new();
         for touch in std::mem::take(&mut self.touches) {
             let (name, joint_names) = (touch.name.clone(), touch.joint_names.clone());
-            pauses.take(Moment::Touch(name), &mut moments)?;
+            pauses.take(TouchEvent::Touch(name), &mut moments)?;
             for sample in touch.samples() {
-                pauses.take(Moment::Sample(sample), &mut moments)?;
+                pauses.take(TouchEvent::Sample(sample), &mut moments)?;
             }
             pauses.finish(&mut moments);
             for moment in moments.drain(..) {
                 match (moment, self.touches.last_mut()) {
-                    (Moment::Sample(sample), Some(touch)) => {
+                    (TouchEvent::Sample(sample), Some(touch)) => {
                         touch.times_s.extend(sample.time_s);
                         touch.q.push(sample.q);
                         touch.tau.push(sample.tau);
                     }
-                    (Moment::Sample(_), None) => {}
-                    (Moment::Touch(name), _) => {
+                    (TouchEvent::Sample(_), None) => {}
+                    (TouchEvent::Touch(name), _) => {
                         let joint_names = joint_names.clone();
                         self.touches.push(Touch { name, joint_names, ..Touch::default() });
                     }

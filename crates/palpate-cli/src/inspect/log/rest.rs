@@ -1,7 +1,7 @@
 //! What the figures of the touches show that looks wrong: starts, tares, noise, pushes, ends.
 
-use palpate::robot::{Joint, JointKind, Robot};
-use palpate::touch::{MIN_TARE_FRAMES, Tare, TorqueSign};
+use palpate::unstable::{Joint, JointKind};
+use palpate::{MIN_TARE_FRAMES, Robot, Tare, TorqueSign};
 
 use super::super::finding::Finding;
 use super::super::page::{counted, listed, number};

@@ -1,6 +1,6 @@
 //! A log's facts for people.
 
-use palpate::touch::{Gravity, TorqueSign};
+use palpate::{Gravity, TorqueSign};
 use palpate_io::log::{AngleUnit, Format};
 
 use super::super::page::{counted, fact, number, table};

@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use palpate::robot::{JointKind, Robot};
-use palpate::touch;
+use palpate::unstable::JointKind;
+use palpate::{ExternalTorqueConfig, Robot};
 use palpate_io::log::AngleUnit;
 
 use super::super::finding::Finding;
@@ -21,7 +21,7 @@ pub(super) fn correct(
     touches: &mut [Touch],
     robot: &Robot,
     read_as: AngleUnit,
-    set: &touch::Config,
+    set: &ExternalTorqueConfig,
 ) -> (AngleUnit, Option<Finding>) {
     let turns: Vec<bool> =
         robot.joints().iter().map(|joint| joint.kind != JointKind::Prismatic).collect();

@@ -2,8 +2,8 @@
 
 use super::super::ExtrapolationPage;
 use super::{Page, eye};
-use crate::seen::Table;
-use crate::seen::tests::Example;
+use crate::extrapolation_view::Table;
+use crate::extrapolation_view::tests::Example;
 
 fn page(example: &Example) -> Page {
     let table = Table {

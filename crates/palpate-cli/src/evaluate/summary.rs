@@ -1,0 +1,160 @@
+//! What an evaluation says, for people, tables and programs.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use palpate_learn::errors::Errors;
+use palpate_learn::evaluation::{
+    Evaluation, LeftOut, MeanStd, PAPER_BASELINES, PAPER_FIELD, Summary,
+};
+use serde_json::json;
+
+use crate::output::{Output, table};
+
+/// What there is to tell.
+pub(crate) struct EvaluationSummary<'a> {
+    pub(crate) evaluation: &'a Evaluation,
+    pub(crate) simulated: bool,
+    pub(crate) folds: usize,
+    pub(crate) folder: &'a Path,
+}
+
+impl EvaluationSummary<'_> {
+    /// What `--json` prints: the table, and the figures of every touch.
+    pub(crate) fn json(&self) -> serde_json::Value {
+        let touch = |touch: &LeftOut| {
+            let methods = touch.predictions.iter().map(|prediction| {
+                let mut method = figures(prediction.errors);
+                method["name"] = json!(prediction.method);
+                method
+            });
+            json!({
+                "name": touch.name,
+                "fold": touch.fold,
+                "frames": touch.external.len(),
+                "frames_in_contact": touch.contacts.iter().filter(|n| **n > 0).count(),
+                "methods": methods.collect::<Vec<_>>(),
+            })
+        };
+        json!({
+            "methods": self.evaluation.methods,
+            "touches": self.evaluation.touches.iter().map(touch).collect::<Vec<_>>(),
+            "against": self.evaluation.against,
+            "simulated": self.simulated,
+            "folds": self.folds,
+            "folder": self.folder,
+        })
+    }
+
+    /// How the touches were divided.
+    fn protocol(&self) -> String {
+        match self.folds {
+            1 => "Given touches predicted from all others".to_owned(),
+            n if n == self.evaluation.touches.len() => "Leave-one-touch-out".to_owned(),
+            n => format!("{n} folds"),
+        }
+    }
+
+    /// The report's heading.
+    pub(crate) fn title(&self) -> String {
+        format!("{}: {} touches", self.protocol(), self.evaluation.touches.len())
+    }
+
+    /// Table I as text, and what it means.
+    pub(crate) fn text(&self) -> String {
+        let touches = &self.evaluation.touches;
+        let frames: usize = touches.iter().map(|touch| touch.external.len()).sum();
+        let protocol = self.protocol();
+        let torques = if self.evaluation.against == "truth" { "true" } else { "measured" };
+        let simulated = if self.simulated { "\nThe touches are simulated." } else { "" };
+        let mut text = format!(
+            "{protocol}: {} touches, {frames} frames, against {torques} external torques.{simulated}\n\
+             Error of the predicted torque, N·m over all joints, and relative on frames of at least\n\
+             1 N·m: mean ± standard deviation over touches.\n\n",
+            touches.len()
+        );
+        let heads = ["method", "average", "largest", "av. rel.", "max. rel."];
+        let mut rows = vec![heads.map(str::to_owned).to_vec()];
+        rows.extend(self.evaluation.methods.iter().map(row));
+        text += &table(&rows);
+        text.push('\n');
+        if let Some(ratio) = self.ratio_to_baselines() {
+            let _ = writeln!(text, "{ratio}");
+        }
+        let _ = writeln!(text, "The report is in `{}`.", self.folder.join("report.html").display());
+        text
+    }
+
+    /// `map` beside the best of what learns from joint angles, and the same in the paper.
+    fn ratio_to_baselines(&self) -> Option<String> {
+        let (name, best) = self.evaluation.best_learnt()?;
+        let map = self.evaluation.relative("map")?;
+        Some(format!(
+            "map's average relative error is {:.2} times that of {name}, the best that learns from \
+             joint\nangles alone. The paper, on a real arm: {PAPER_FIELD:.2} for its field, {:.2}, \
+             {:.2} and {:.2} for its three,\n{:.2} times the best.",
+            map / best,
+            PAPER_BASELINES[0],
+            PAPER_BASELINES[1],
+            PAPER_BASELINES[2],
+            PAPER_FIELD / PAPER_BASELINES[0],
+        ))
+    }
+
+    /// Notes what a reader of the table should know.
+    pub(crate) fn tell_oddities(&self, output: &Output) {
+        for touch in &self.evaluation.touches {
+            let name = &touch.name;
+            if touch.external.is_empty() {
+                output.note(&format!(
+                    "touch `{name}` never leaves its contact-free start: nothing was scored"
+                ));
+                continue;
+            }
+            let any = touch.predictions.first().and_then(|prediction| prediction.errors);
+            if any.is_some_and(|errors| errors.avg_relative.is_none()) {
+                output.note(&format!(
+                    "touch `{name}` never reaches 1 N·m: it has no relative error, and is left \
+                     out of those two columns"
+                ));
+            }
+            if touch.contacts.iter().all(|n| *n == 0) {
+                output.note(&format!("touch `{name}` touches no point of the lattice"));
+            }
+            if let (Some(map), Some(zero)) = (touch.errors("map"), touch.zero())
+                && map.avg_error > zero.avg_error
+            {
+                output.note(&format!(
+                    "touch `{name}`: map is worse than predicting zero, {:.3} against {:.3} N·m on \
+                     average: {}",
+                    map.avg_error,
+                    zero.avg_error,
+                    touch.what_went_wrong("map").unwrap_or_default()
+                ));
+            }
+        }
+    }
+}
+
+fn figures(errors: Option<Errors>) -> serde_json::Value {
+    json!({
+        "avg_error": errors.map(|e| e.avg_error),
+        "max_error": errors.map(|e| e.max_error),
+        "avg_relative": errors.and_then(|e| e.avg_relative),
+        "max_relative": errors.and_then(|e| e.max_relative),
+    })
+}
+
+fn row(method: &Summary) -> Vec<String> {
+    let shown = |figure: Option<MeanStd>, digits: usize| match figure {
+        Some(MeanStd { mean, std }) => format!("{mean:.digits$} ± {std:.digits$}"),
+        None => "-".to_owned(),
+    };
+    vec![
+        method.name.clone(),
+        shown(method.avg_error, 3),
+        shown(method.max_error, 3),
+        shown(method.avg_relative, 2),
+        shown(method.max_relative, 2),
+    ]
+}

@@ -1,0 +1,280 @@
+//! What an extrapolation found, for people and for programs.
+
+use std::collections::HashSet;
+use std::fmt::Write;
+use std::path::Path;
+use std::time::Duration;
+
+use palpate_io::cloud::PointTruth;
+use palpate_learn::extrapolate::compare::Row;
+use palpate_learn::extrapolate::{area_under_roc, spearman};
+use serde_json::{Value, json};
+
+use super::Args;
+use crate::error::CliError;
+use crate::extrapolation_view::{ExtrapolationView, Table};
+use crate::output::{seconds, table};
+use crate::picture;
+use crate::quantile::quantile;
+use crate::report::ExtrapolationPage;
+use palpate_work::extrapolate::{Found, Work};
+
+/// Columns for the names of what is told.
+const WIDTH: usize = 29;
+
+/// What is told of an extrapolation.
+pub(crate) struct ExtrapolationSummary<'a> {
+    pub(crate) work: &'a Work<'a>,
+    pub(crate) found: &'a Found,
+    pub(crate) truth: Option<&'a PointTruth>,
+    /// Whether the touches come from a simulator, which the page then says.
+    pub(crate) simulated: bool,
+}
+
+/// How well the order of the points agrees with the truth.
+struct Order {
+    /// Points scored.
+    points: usize,
+    /// Area under the ROC curve: the first class of the simulation against all others.
+    auc: Option<f64>,
+    spearman: Option<f64>,
+}
+
+impl ExtrapolationSummary<'_> {
+    /// Cells at seen points that no touch has reached.
+    fn expected(&self) -> usize {
+        let field = &self.work.saved.field;
+        let touched: HashSet<_> = field
+            .cells
+            .iter()
+            .zip(&field.counts)
+            .filter(|(_, n)| **n > 0)
+            .map(|(c, _)| c)
+            .collect();
+        self.found.cells.iter().filter(|(cell, _)| !touched.contains(cell)).count()
+    }
+
+    /// K below which 10, 50 and 90 of 100 points lie, N/m.
+    fn quantiles(&self) -> [f64; 3] {
+        let stiffness = &self.found.extrapolation.stiffness_n_per_m;
+        [0.1, 0.5, 0.9].map(|share| quantile(stiffness, share).unwrap_or_default())
+    }
+
+    /// Scores of the untouched points, and of all.
+    fn orders(&self) -> Option<[Order; 2]> {
+        let truth = self.truth?;
+        let touched = &self.found.extrapolation.touched;
+        Some([true, false].map(|untouched_only| {
+            let points: Vec<usize> = (0..self.found.seen.len())
+                .filter(|&point| !(untouched_only && touched[point]))
+                .collect();
+            let pick = |values: &[f64]| points.iter().map(|&at| values[at]).collect::<Vec<f64>>();
+            let k = pick(&self.found.extrapolation.stiffness_n_per_m);
+            let other: Vec<bool> = points.iter().map(|&at| truth.class[at] > 0).collect();
+            Order {
+                points: points.len(),
+                auc: area_under_roc(&k, &other),
+                spearman: spearman(&k, &pick(&truth.stiffness_n_per_m)),
+            }
+        }))
+    }
+
+    pub(super) fn json(&self, args: &Args, elapsed: Duration) -> Value {
+        let [soft, median, stiff] = self.quantiles();
+        let touched = self.found.extrapolation.touched.iter().filter(|touched| **touched).count();
+        let order = |order: &Order| json!({"points": order.points, "auc": order.auc, "spearman": order.spearman});
+        let row = |row: &Row| {
+            let (relative, error) = row.means();
+            json!({
+                "name": row.name,
+                "avg_relative": {"mean": relative, "halves": row.avg_relative},
+                "avg_error": {"mean": error, "halves": row.avg_error},
+            })
+        };
+        json!({
+            "cloud": args.output,
+            "field": args.field,
+            "method": self.work.config.method.name(),
+            "features": self.work.config.features,
+            "points": self.found.seen.len(),
+            "touched": touched,
+            "cells_touched": self.work.saved.field.counts.iter().filter(|n| **n > 0).count(),
+            "cells_expected": self.expected(),
+            "touches": self.found.felt.map(|(touches, _)| touches),
+            "frames": self.found.felt.map(|(_, frames)| frames),
+            "stiffness": {"q10": soft, "median": median, "q90": stiff},
+            "truth": self.orders().map(|[untouched, all]| {
+                json!({"untouched": order(&untouched), "all": order(&all)})
+            }),
+            "compare": self.found.rows.as_ref().map(|rows| rows.iter().map(row).collect::<Vec<_>>()),
+            "seconds": elapsed.as_secs_f64(),
+        })
+    }
+
+    pub(super) fn text(&self, args: &Args, elapsed: Duration) -> String {
+        let row = |name: &str, value: String| format!("  {name:<WIDTH$}  {value}\n");
+        let mut text = format!("The cloud is in `{}`.\n", args.output.display());
+        let features = self.work.config.features;
+        text += &row("method", format!("{} on {features}", self.work.config.method.name()));
+        if let Some((touches, frames)) = self.found.felt {
+            text += &row("remembered", format!("{touches} touches, {frames} frames in contact"));
+        }
+        let (points, touched) = (self.found.seen.len(), &self.found.extrapolation.touched);
+        let touched = touched.iter().filter(|touched| **touched).count();
+        text += &row("points", points.to_string());
+        let part = 100.0 * touched as f64 / points as f64;
+        text += &row("of them in touched cells", format!("{touched} ({part:.0} %)"));
+        let [soft, median, stiff] = self.quantiles();
+        let spread = format!("{soft:.3}, {median:.3}, {stiff:.3} N/m");
+        text += &row("K at 10, 50, 90 % of them", spread);
+        text += &row("untouched cells expected", self.expected().to_string());
+        for (name, order) in
+            ["untouched points", "all points"].iter().zip(self.orders().iter().flatten())
+        {
+            let (auc, rho) = (figure(order.auc), figure(order.spearman));
+            text += &row(name, format!("area under ROC {auc}, Spearman {rho} (against truth)"));
+        }
+        text += &row("time", seconds(elapsed));
+        if let Some(rows) = &self.found.rows {
+            let _ = write!(text, "\n{COMPARED}\n\n{}\n", table(&compared(rows)));
+        }
+        if let Some(path) = &args.field {
+            let path = path.display();
+            let _ = writeln!(text, "The field is in `{path}`.");
+            let _ = writeln!(text, "Next: palpate map LOG --from {path} -o FIELD.npz");
+        }
+        text
+    }
+
+    /// Fig. 4.
+    pub(crate) fn picture(&self, threshold_n_per_m: Option<f64>) -> Result<String, CliError> {
+        Ok(picture::fig4(&self.seen(), threshold_n_per_m)?)
+    }
+
+    /// The page, with Fig. 4 to be turned.
+    pub(crate) fn page(&self) -> Result<String, CliError> {
+        let last = |path: &Path| {
+            path.file_name().map_or_else(|| "..".to_owned(), |name| name.to_string_lossy().into())
+        };
+        let [field, cloud]: [String; 2] = self.work.names.map(last);
+        let page = ExtrapolationPage {
+            title: &format!("What {field} says of {cloud}"),
+            verdict: &self.verdict(),
+            simulated: self.simulated,
+            seen: &self.seen(),
+            tables: &self.tables(),
+            data: &self.card(),
+            settings_toml: &toml::to_string(&self.work.config).map_err(CliError::file)?,
+        };
+        page.html()
+    }
+
+    fn seen(&self) -> ExtrapolationView<'_> {
+        let extrapolation = &self.found.extrapolation;
+        ExtrapolationView {
+            field: &self.work.saved.field,
+            arm: self.work.arm,
+            touching: &self.found.touching,
+            points: self.work.cloud.points(),
+            colours: self.found.seen.colours(),
+            stiffness_n_per_m: &extrapolation.stiffness_n_per_m,
+            std_n_per_m: &extrapolation.std_n_per_m,
+            touched: &extrapolation.touched,
+        }
+    }
+
+    /// What was found, as one sentence without its full stop.
+    fn verdict(&self) -> String {
+        let points = self.found.seen.len();
+        let touched = self.found.extrapolation.touched.iter().filter(|touched| **touched).count();
+        let mut verdict = format!(
+            "{touched} of {points} seen points lie in touched cells; the others are as stiff as \
+             what looks like them"
+        );
+        let rows = self.found.rows.as_deref().unwrap_or_default();
+        let means: Vec<f64> = rows.iter().filter_map(|row| row.means().0).collect();
+        if let [_, without, _, with, ..] = means[..] {
+            let halves = rows[0].avg_error.len();
+            let _ = write!(
+                verdict,
+                "; touches of one half, predicted from the other, have an average relative error of \
+                 {with:.3} with that as the prior of cells that were not met, and of {without:.3} \
+                 without (means of {halves} random halves)"
+            );
+        }
+        verdict
+    }
+
+    fn tables(&self) -> Vec<Table> {
+        let mut tables = Vec::new();
+        if let Some(rows) = &self.found.rows {
+            let mut cells = compared(rows);
+            tables.push(Table {
+                title: "Methods and features".to_owned(),
+                caption: COMPARED.to_owned(),
+                head: cells.remove(0),
+                rows: cells,
+            });
+        }
+        let orders =
+            ["untouched points", "all points"].iter().zip(self.orders().into_iter().flatten());
+        let rows: Vec<Vec<String>> = orders
+            .map(|(name, order)| {
+                let points = order.points.to_string();
+                vec![(*name).to_owned(), points, figure(order.auc), figure(order.spearman)]
+            })
+            .collect();
+        if !rows.is_empty() {
+            tables.push(Table {
+                title: "Order of the points, against the simulation's truth".to_owned(),
+                caption: "Area under the ROC curve of telling the simulation's first class (leaf) \
+                          from all others by stiffness, and Spearman's correlation with the true one."
+                    .to_owned(),
+                head: ["", "points", "area", "Spearman"].map(str::to_owned).to_vec(),
+                rows,
+            });
+        }
+        tables
+    }
+
+    fn card(&self) -> Vec<(String, String)> {
+        let [field, cloud] = self.work.names.map(|name| name.display().to_string());
+        let config = &self.work.config;
+        let mut card = vec![
+            ("field".to_owned(), field),
+            ("cloud".to_owned(), cloud),
+            ("robot".to_owned(), self.work.saved.robot.clone()),
+            ("method".to_owned(), format!("{} on {}", config.method.name(), config.features)),
+        ];
+        if let Some((touches, frames)) = self.found.felt {
+            card.push((
+                "remembered".to_owned(),
+                format!("{touches} touches, {frames} frames in contact"),
+            ));
+        }
+        card
+    }
+}
+
+const COMPARED: &str = "Error of the predicted torque on one half of the touches, learnt from the \
+                        other; means over random halves, against measured torques.";
+
+fn figure(value: Option<f64>) -> String {
+    value.map_or("-".to_owned(), |value| format!("{value:.3}"))
+}
+
+/// The table of a comparison, its head first.
+fn compared(rows: &[Row]) -> Vec<Vec<String>> {
+    let mut cells = vec![["", "relative", "N·m", "relative, by half"].map(str::to_owned).to_vec()];
+    for row in rows {
+        let (relative, error) = row.means();
+        let by_half: Vec<String> = row.avg_relative.iter().map(|r| format!("{r:.2}")).collect();
+        cells.push(vec![
+            row.name.clone(),
+            figure(relative),
+            format!("{error:.3}"),
+            by_half.join(" "),
+        ]);
+    }
+    cells
+}

@@ -1,0 +1,191 @@
+//! What a learnt field says of what a camera sees (Fig. 4), for the picture and the page.
+
+use nalgebra::{Point3, Vector3};
+use palpate::{Arm, Field};
+
+/// The part of the touched cells that a picture shows unless it is told otherwise: the stiffest.
+const STIFFEST: f64 = 0.05;
+/// Part of the cloud's points, and of the cells at their first threshold, above the colours' range.
+const ABOVE: [f64; 2] = [0.02, 0.1];
+/// Part of the cloud's points that colours tell apart: the rest is softer than their range.
+const TOLD_APART: f64 = 0.98;
+/// Powers of ten that colours span, at least and at most.
+const DECADES: [f64; 2] = [0.5, 2.5];
+
+/// A field, the arm that felt it, and a camera's cloud to which it was extrapolated.
+pub(crate) struct ExtrapolationView<'a> {
+    /// Cells with a count of zero were expected, never touched: they are not shown.
+    pub(crate) field: &'a Field,
+    pub(crate) arm: &'a Arm,
+    /// Joint positions in the deepest frame of each touch, rad.
+    pub(crate) touching: &'a [Vec<f64>],
+    /// The cloud, world frame, m.
+    pub(crate) points: &'a [Point3<f64>],
+    /// What follows has an entry for each point of the cloud.
+    pub(crate) colours: &'a [[u8; 3]],
+    /// At least 0.
+    pub(crate) stiffness_n_per_m: &'a [f64],
+    pub(crate) std_n_per_m: &'a [f64],
+    /// Whether the arm came by.
+    pub(crate) touched: &'a [bool],
+}
+
+/// A table of the page, in words; its first column names the rows.
+pub(crate) struct Table {
+    pub(crate) title: String,
+    pub(crate) caption: String,
+    pub(crate) head: Vec<String>,
+    pub(crate) rows: Vec<Vec<String>>,
+}
+
+impl ExtrapolationView<'_> {
+    /// The cells that were touched, and K of each, N/m.
+    pub(crate) fn cells(&self) -> impl Iterator<Item = (Point3<f64>, f64)> {
+        let field = self.field;
+        (0..field.cells.len())
+            .filter(|&row| field.counts[row] > 0)
+            .map(|row| (field.lattice.point(field.cells[row]), field.stiffness_n_per_m[row]))
+    }
+
+    /// The middle of what is seen, or of what was touched if nothing is, m.
+    pub(crate) fn middle(&self) -> Point3<f64> {
+        let mean = |places: Vec<Point3<f64>>| {
+            let sum: Vector3<f64> = places.iter().map(|place| place.coords).sum();
+            Point3::from(sum / places.len().max(1) as f64)
+        };
+        if self.points.is_empty() {
+            mean(self.cells().map(|(place, _)| place).collect())
+        } else {
+            mean(self.points.to_vec())
+        }
+    }
+
+    /// The stiffness that one touched cell in twenty reaches, N/m, down to two digits; 0 if none
+    /// was touched.
+    pub(crate) fn threshold_n_per_m(&self) -> f64 {
+        let stiffness = self.cells().map(|(_, stiffness)| stiffness);
+        two_digits(reached_by(stiffness, STIFFEST))
+    }
+
+    /// The stiffness at the ends of the colours, N/m: the same for field and cloud.
+    pub(crate) fn colour_range_n_per_m(&self) -> [f64; 2] {
+        let cloud = |part| reached_by(self.stiffness_n_per_m.iter().copied(), part);
+        let cells = self.cells().map(|(_, stiffness)| stiffness);
+        let high = cloud(ABOVE[0]).max(reached_by(cells, STIFFEST * ABOVE[1]));
+        let high = if high > 0.0 { high } else { 1.0 };
+        let [least, most] = DECADES.map(|decades| high / 10_f64.powf(decades));
+        let low = if self.points.is_empty() { most } else { cloud(TOLD_APART) };
+        [low.clamp(most, least), high]
+    }
+}
+
+/// The largest number that at least this part of all reaches; 0 if there is none.
+pub(crate) fn reached_by(numbers: impl Iterator<Item = f64>, part: f64) -> f64 {
+    let mut sorted: Vec<f64> = numbers.collect();
+    sorted.sort_by(|a, b| b.total_cmp(a));
+    let many = (part * sorted.len() as f64).ceil().max(1.0) as usize;
+    sorted.get(many - 1).copied().unwrap_or(0.0)
+}
+
+/// A positive number cut to two digits, so that its text is the number itself.
+fn two_digits(number: f64) -> f64 {
+    if number <= 0.0 {
+        return 0.0;
+    }
+    let digits = 1 - number.log10().floor() as i32;
+    let cut = (number * 10_f64.powi(digits) + 1e-9).floor() / 10_f64.powi(digits);
+    format!("{cut:.*}", digits.max(0) as usize).parse().unwrap_or(cut)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::report::example;
+
+    /// A ball of cells and the dots of a shell around it, owned so that it can be lent.
+    pub(crate) struct Example {
+        pub(crate) field: Field,
+        pub(crate) arm: Arm,
+        pub(crate) touching: Vec<Vec<f64>>,
+        pub(crate) points: Vec<Point3<f64>>,
+        colours: Vec<[u8; 3]>,
+        stiffness_n_per_m: Vec<f64>,
+        std_n_per_m: Vec<f64>,
+        touched: Vec<bool>,
+    }
+
+    impl Example {
+        /// With so many touches and points.
+        pub(crate) fn new(touches: usize, points: usize) -> Self {
+            let turn = |n: usize| 2.4 * n as f64;
+            let place = |n: usize| {
+                let z = 1.0 - 2.0 * (n as f64 + 0.5) / points as f64;
+                let radius = (1.0 - z * z).sqrt();
+                let on_ball = [radius * turn(n).cos(), radius * turn(n).sin(), z];
+                Point3::from([0.4, 0.0, 0.5]) + Vector3::from(on_ball) * 0.26
+            };
+            let stiff = |n: usize| n.is_multiple_of(7);
+            let every = 0..points;
+            Self {
+                field: example::field(),
+                arm: example::arm(),
+                touching: (0..touches).map(|touch| vec![0.1 * touch as f64; 7]).collect(),
+                points: every.clone().map(place).collect(),
+                colours: every.clone().map(|n| [40, if stiff(n) { 30 } else { 160 }, 20]).collect(),
+                stiffness_n_per_m: (every.clone())
+                    .map(|n| if stiff(n) { 300.0 } else { 4.0 + (n % 5) as f64 })
+                    .collect(),
+                std_n_per_m: every.clone().map(|n| 1.0 + (n % 3) as f64).collect(),
+                touched: every.map(|n| n.is_multiple_of(2)).collect(),
+            }
+        }
+
+        pub(crate) fn seen(&self) -> ExtrapolationView<'_> {
+            ExtrapolationView {
+                field: &self.field,
+                arm: &self.arm,
+                touching: &self.touching,
+                points: &self.points,
+                colours: &self.colours,
+                stiffness_n_per_m: &self.stiffness_n_per_m,
+                std_n_per_m: &self.std_n_per_m,
+                touched: &self.touched,
+            }
+        }
+    }
+
+    #[test]
+    fn one_touched_cell_in_twenty_reaches_the_threshold() {
+        let mut example = Example::new(1, 10);
+        let seen = example.seen();
+        let all = seen.cells().count();
+        let threshold = seen.threshold_n_per_m();
+        let reach = seen.cells().filter(|&(_, stiffness)| stiffness >= threshold).count();
+        assert!((0.05..0.06).contains(&(reach as f64 / all as f64)), "{reach} of {all}");
+
+        example.field.counts.fill(0);
+        let seen = example.seen();
+        assert_eq!((seen.cells().count(), seen.threshold_n_per_m()), (0, 0.0));
+    }
+
+    #[test]
+    fn colours_span_what_the_cloud_does_within_reason() {
+        let mut example = Example::new(0, 700);
+        let decades = |example: &Example| {
+            let [low, high] = example.seen().colour_range_n_per_m();
+            (high / low).log10()
+        };
+        assert!((decades(&example) - 75_f64.log10()).abs() < 1e-9, "{}", decades(&example));
+        example.stiffness_n_per_m.fill(100.0);
+        assert!((decades(&example) - DECADES[0]).abs() < 1e-9, "one stiffness");
+        example.stiffness_n_per_m[..600].fill(0.0);
+        assert!((decades(&example) - DECADES[1]).abs() < 1e-9, "nearly all without any");
+    }
+
+    #[test]
+    fn two_digits_never_exceed_the_number() {
+        let cut = [0.0, 0.1299, 1.0, 12.99, 123.4, 999.9].map(two_digits);
+        assert_eq!(cut, [0.0, 0.12, 1.0, 12.0, 120.0, 990.0]);
+        assert_eq!(reached_by([3.0, 1.0, 2.0].into_iter(), 0.5), 2.0);
+    }
+}

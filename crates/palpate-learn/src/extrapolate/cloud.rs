@@ -1,0 +1,150 @@
+//! A coloured cloud, and which cells of a field lie at it.
+
+use std::collections::BTreeSet;
+use std::num::NonZero;
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use nalgebra::Point3;
+use palpate::{CellId, Lattice};
+
+use super::ExtrapolateError;
+
+/// What a camera saw of the object: points of the world with their colours.
+pub struct SeenCloud {
+    points_m: Vec<[f64; 3]>,
+    colours: Vec<[u8; 3]>,
+    tree: ImmutableKdTree<f64, 3>,
+}
+
+impl SeenCloud {
+    /// Points in the world frame, m, and the colour (sRGB) of each.
+    ///
+    /// # Errors
+    ///
+    /// Without a point.
+    ///
+    /// # Panics
+    ///
+    /// If there is not one colour for each point, which is a bug in the caller.
+    pub fn new(points: &[Point3<f64>], colours: &[[u8; 3]]) -> Result<Self, ExtrapolateError> {
+        assert_eq!(points.len(), colours.len(), "a colour for each point");
+        if points.is_empty() {
+            return Err(ExtrapolateError::NothingSeen);
+        }
+        let points_m: Vec<[f64; 3]> = points.iter().map(|point| (*point).into()).collect();
+        let tree = ImmutableKdTree::new_from_slice(&points_m);
+        Ok(Self { points_m, colours: colours.to_vec(), tree })
+    }
+
+    /// Points.
+    pub fn len(&self) -> usize {
+        self.points_m.len()
+    }
+
+    /// Never: there is at least one point.
+    pub fn is_empty(&self) -> bool {
+        self.points_m.is_empty()
+    }
+
+    /// The points, world frame, m.
+    pub fn points_m(&self) -> &[[f64; 3]] {
+        &self.points_m
+    }
+
+    /// Their colours, sRGB.
+    pub fn colours(&self) -> &[[u8; 3]] {
+        &self.colours
+    }
+
+    /// The seen point nearest to a place, and its distance, m.
+    pub fn nearest(&self, place_m: &[f64; 3]) -> (usize, f64) {
+        let nearest = self.tree.nearest_one::<SquaredEuclidean>(place_m);
+        (nearest.item as usize, nearest.distance.sqrt())
+    }
+
+    /// The `count` seen points nearest to a place, or all of them.
+    pub(super) fn neighbours(&self, place_m: &[f64; 3], count: usize) -> Vec<usize> {
+        let count = NonZero::new(count).unwrap_or(NonZero::<usize>::MIN);
+        let found = self.tree.nearest_n::<SquaredEuclidean>(place_m, count);
+        found.iter().map(|neighbour| neighbour.item as usize).collect()
+    }
+
+    /// For each place the seen point at it, if one is within reach.
+    pub fn at(&self, places_m: &[[f64; 3]], reach_m: f64) -> Vec<Option<u32>> {
+        let at = |place: &[f64; 3]| {
+            let (point, distance_m) = self.nearest(place);
+            (distance_m <= reach_m).then_some(point as u32)
+        };
+        places_m.iter().map(at).collect()
+    }
+
+    /// The cells of a lattice within reach of a seen point, each with the point nearest to it, in
+    /// the lattice's order.
+    pub fn cells(&self, lattice: &Lattice, reach_m: f64) -> Vec<(CellId, u32)> {
+        let mut cells = BTreeSet::new();
+        let reach = nalgebra::Vector3::repeat(reach_m);
+        for point in &self.points_m {
+            let point = Point3::from(*point);
+            let (first, end) = lattice.places_within(&(point - reach), &(point + reach));
+            for k in first[2]..end[2] {
+                for j in first[1]..end[1] {
+                    for i in first[0]..end[0] {
+                        cells.insert(lattice.cell([i, j, k]));
+                    }
+                }
+            }
+        }
+        let at = |cell: CellId| {
+            let (point, distance_m) = self.nearest(&lattice.point(cell).into());
+            (distance_m <= reach_m).then_some((cell, point as u32))
+        };
+        cells.into_iter().filter_map(at).collect()
+    }
+
+    /// Refuses a cloud that lies nowhere near what was touched.
+    ///
+    /// # Errors
+    ///
+    /// Says by how much they miss each other.
+    pub(super) fn must_meet(
+        &self,
+        touched_m: &[[f64; 3]],
+        reach_m: f64,
+    ) -> Result<(), ExtrapolateError> {
+        if touched_m.is_empty() {
+            return Err(ExtrapolateError::NothingTouched);
+        }
+        let distance = |place: &[f64; 3]| self.nearest(place).1;
+        let gap_m = touched_m.iter().map(distance).fold(f64::INFINITY, f64::min);
+        if gap_m <= reach_m {
+            return Ok(());
+        }
+        let [cloud, field] = [bounds(&self.points_m), bounds(touched_m)];
+        let apart = |axis: usize| {
+            (cloud[0][axis] - field[1][axis]).max(field[0][axis] - cloud[1][axis]).max(0.0)
+        };
+        let apart_m = [apart(0), apart(1), apart(2)];
+        if apart_m.iter().any(|&m| m > 0.0) {
+            let (cloud, field) = (in_words(&cloud), in_words(&field));
+            return Err(ExtrapolateError::Apart { gap_m, apart_m, cloud, field });
+        }
+        Err(ExtrapolateError::NoneTouched { gap_m, reach_m })
+    }
+}
+
+/// The box around some points: its lowest and its highest corner, m.
+fn bounds(points_m: &[[f64; 3]]) -> [[f64; 3]; 2] {
+    let mut corners = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    for point in points_m {
+        for axis in 0..3 {
+            corners[0][axis] = corners[0][axis].min(point[axis]);
+            corners[1][axis] = corners[1][axis].max(point[axis]);
+        }
+    }
+    corners
+}
+
+fn in_words([low, high]: &[[f64; 3]; 2]) -> String {
+    let side = |axis: usize| format!("{:.2} to {:.2}", low[axis], high[axis]);
+    format!("x {}, y {}, z {}", side(0), side(1), side(2))
+}

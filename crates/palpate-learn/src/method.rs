@@ -1,0 +1,212 @@
+//! What is compared: the estimators, the paper's baselines, and the two that keep everyone honest.
+
+use nalgebra::DVector;
+use palpate::unstable::{Cell, Estimator, FrameId, Stiffness};
+use palpate::{EstimatorError, Field, MapperConfig};
+use serde::{Deserialize, Serialize};
+
+use crate::folds::Fold;
+use crate::regression::{Gp, GpConfig, Knn, KnnConfig, Mlp, MlpConfig, RegressionError, Regressor};
+use crate::tracked::{Tracked, TrackedFrame};
+
+/// A method of the table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// The exact maximum a posteriori ([`palpate::EstimatorKind::Map`]).
+    Map,
+    /// The paper's filter ([`palpate::EstimatorKind::Ekf`]).
+    Ekf,
+    /// A network of two layers, from joint angles alone.
+    Mlp,
+    /// A Gaussian process, from joint angles alone.
+    Gp,
+    /// The nearest neighbours, from joint angles alone.
+    Knn,
+    /// One stiffness for all cells, the best in the sense of least squares.
+    Uniform,
+    /// No torque at all.
+    Zero,
+}
+
+/// What can go wrong with a method.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum MethodError {
+    #[error(transparent)]
+    Estimator(#[from] EstimatorError),
+    #[error(transparent)]
+    Regression(#[from] RegressionError),
+    /// Asked to stop.
+    #[error("stopped")]
+    Stopped,
+}
+
+/// Predicted torques: touches × frames × n_joints, N·m.
+pub type Torques = Vec<Vec<Vec<f64>>>;
+
+impl Method {
+    /// All of them, in the order of the table.
+    pub const ALL: [Self; 7] =
+        [Self::Map, Self::Ekf, Self::Mlp, Self::Gp, Self::Knn, Self::Uniform, Self::Zero];
+
+    /// As it is called in tables and files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Map => "map",
+            Self::Ekf => "ekf",
+            Self::Mlp => "mlp",
+            Self::Gp => "gp",
+            Self::Knn => "knn",
+            Self::Uniform => "uniform",
+            Self::Zero => "zero",
+        }
+    }
+
+    /// Whether it learns from joint angles alone, as the paper's baselines do.
+    pub fn is_learnt_baseline(self) -> bool {
+        matches!(self, Self::Mlp | Self::Gp | Self::Knn)
+    }
+
+    /// Learns a fold's training touches and predicts its test touches.
+    ///
+    /// `config` is that of the estimator, if this is one. `stop` is asked every now and then.
+    ///
+    /// # Errors
+    ///
+    /// If a setting is out of its range, or numbers do not let the method learn.
+    pub fn predict(
+        self,
+        tracked: &Tracked,
+        fold: &Fold,
+        config: &MapperConfig,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Torques, MethodError> {
+        let of_field = |cells: &[Cell]| torques(tracked, fold, |frame| predicted(frame, cells));
+        match self {
+            Self::Map | Self::Ekf => {
+                let estimator = learn(tracked, &fold.train, config, stop)?;
+                Ok(of_field(&cells(tracked, |row| estimator.stiffness(row))))
+            }
+            Self::Uniform => Ok(of_field(&uniform(tracked, &fold.train))),
+            Self::Zero => Ok(torques(tracked, fold, |frame| vec![0.0; frame.target.len()])),
+            Self::Mlp | Self::Gp | Self::Knn => {
+                if stop() {
+                    return Err(MethodError::Stopped);
+                }
+                let frames = tracked.frames(&fold.train);
+                let regressor: Box<dyn Regressor> = match self {
+                    Self::Mlp => Box::new(Mlp::fit(&frames, &MlpConfig::default())?),
+                    Self::Gp => Box::new(Gp::fit(&frames, &GpConfig::default())?),
+                    _ => Box::new(Knn::fit(&frames, &KnnConfig::default())?),
+                };
+                let of = |&touch: &usize| {
+                    let q = tracked.touches[touch].positions(tracked.n_joints);
+                    let tau = regressor.predict(&q);
+                    tau.column_iter().map(|tau| tau.iter().copied().collect()).collect()
+                };
+                Ok(fold.test.iter().map(of).collect())
+            }
+        }
+    }
+}
+
+/// Learns some touches: predict, correct, replay, frame by frame, as [`palpate::Mapper`]
+/// does, with the contacts there already.
+///
+/// # Errors
+///
+/// If a setting is out of its range, or a frame cannot be used.
+pub fn learn(
+    tracked: &Tracked,
+    touches: &[usize],
+    config: &MapperConfig,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Box<dyn Estimator>, MethodError> {
+    learn_from(tracked, touches, config, &[], stop)
+}
+
+/// Learns some touches as [`learn`] does, from prior means by row.
+///
+/// `prior_means_n_per_m` are those of the first rows of [`Tracked::cells`], N/m: of all rows, or of
+/// as many as there are. Rows after them have the prior's. See [`Estimator::expect`].
+///
+/// # Errors
+///
+/// As [`learn`].
+///
+/// # Panics
+///
+/// If there are more means than rows, or one is negative or not finite.
+pub fn learn_from(
+    tracked: &Tracked,
+    touches: &[usize],
+    config: &MapperConfig,
+    prior_means_n_per_m: &[f64],
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Box<dyn Estimator>, MethodError> {
+    let mut estimator = config.estimator(tracked.n_joints)?;
+    estimator.set_prior_means(&tracked.points_m, prior_means_n_per_m);
+    for (number, &touch) in touches.iter().enumerate() {
+        for frame in &tracked.touches[touch].frames {
+            if stop() {
+                return Err(MethodError::Stopped);
+            }
+            if frame.observation.n_contacts() == 0 {
+                estimator.advance_time();
+                continue;
+            }
+            let source = FrameId { touch: number as u32, sample: frame.sample };
+            estimator.correct(&tracked.points_m, frame.observation.clone(), source)?;
+            estimator.replay(config.estimator.replays);
+        }
+    }
+    Ok(estimator)
+}
+
+/// The field that `estimator` has learnt from some of the touches.
+pub fn field(tracked: &Tracked, estimator: &dyn Estimator, config: &MapperConfig) -> Field {
+    let rows = 0..tracked.cells.len();
+    let seen: Vec<usize> = rows.filter(|&row| estimator.count(row) > 0).collect();
+    Field {
+        lattice: tracked.lattice.clone(),
+        contact: config.contact.clone(),
+        touch: config.touch.clone(),
+        cells: seen.iter().map(|&row| tracked.cells[row]).collect(),
+        stiffness_n_per_m: seen.iter().map(|&row| estimator.stiffness(row)).collect(),
+        std_n_per_m: seen.iter().map(|&row| estimator.std(row)).collect(),
+        counts: seen.iter().map(|&row| estimator.count(row)).collect(),
+        untouched_n_per_m: estimator.stiffness(usize::MAX),
+    }
+}
+
+/// All cells with a stiffness by row, N/m.
+fn cells(tracked: &Tracked, stiffness: impl Fn(usize) -> f64) -> Vec<Cell> {
+    let cell = |(row, &point): (usize, &[f64; 3])| Cell::new(point, stiffness(row));
+    tracked.points_m.iter().enumerate().map(cell).collect()
+}
+
+/// `τ̂ = Σ wᵢ Kᵢ` of a frame (Eq. 5).
+fn predicted(frame: &TrackedFrame, cells: &[Cell]) -> Vec<f64> {
+    frame.observation.predict(cells, Stiffness::Positive).as_slice().to_vec()
+}
+
+fn torques(tracked: &Tracked, fold: &Fold, predict: impl Fn(&TrackedFrame) -> Vec<f64>) -> Torques {
+    let of = |&touch: &usize| tracked.touches[touch].frames.iter().map(&predict).collect();
+    fold.test.iter().map(of).collect()
+}
+
+/// The field of one stiffness that explains the touches best: `K = Σ h·τ / Σ h·h ≥ 0`, where h is
+/// the torque of a field of 1 N/m.
+fn uniform(tracked: &Tracked, touches: &[usize]) -> Vec<Cell> {
+    let unit = cells(tracked, |_| 1.0);
+    let (mut explained, mut power) = (0.0, 0.0);
+    for frame in touches.iter().flat_map(|&touch| &tracked.touches[touch].frames) {
+        let h: DVector<f64> = frame.observation.predict(&unit, Stiffness::Positive);
+        explained += h.dot(&frame.observation.tau());
+        power += h.norm_squared();
+    }
+    let stiffness = if power > 0.0 { f64::max(explained / power, 0.0) } else { 0.0 };
+    cells(tracked, |_| stiffness)
+}

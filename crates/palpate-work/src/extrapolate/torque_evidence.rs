@@ -1,0 +1,74 @@
+//! The touches that a field remembers, tracked again.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use palpate::unstable::LoggedTouch;
+use palpate::{Arm, MapperConfig, Sample};
+use palpate_io::field::Saved;
+use palpate_learn::tracked::{Touch, Tracked};
+
+use crate::error::WorkError;
+use crate::progress::Progress;
+
+/// Whether a field remembers touches.
+pub fn remembers(saved: &Saved) -> bool {
+    saved
+        .snapshot
+        .as_ref()
+        .is_some_and(|snapshot| snapshot.sample_log.iter().any(|touch| !touch.open))
+}
+
+/// The touches on a field's sample log, tracked, and the settings under which they were learnt.
+///
+/// # Errors
+///
+/// If the field remembers no touch, or was learnt with another robot.
+pub(super) fn recalled(
+    saved: &Saved,
+    path: &Path,
+    arm: &Arc<Arm>,
+    progress: &dyn Progress,
+) -> Result<(Tracked, MapperConfig), WorkError> {
+    let name = path.display();
+    let Some(snapshot) = &saved.snapshot else {
+        return Err(WorkError::from(format!("`{name}` remembers no touch to learn from")));
+    };
+    let (learnt, fingerprint) = &snapshot.robot;
+    if *fingerprint != arm.fingerprint() {
+        return Err(WorkError::from(format!(
+            "`{name}` was learnt with robot `{learnt}`, of which `{}` differs in joints, masses or \
+             shapes; give that robot (--robot, --payload-link, --payload-mass-kg)",
+            arm.robot.name()
+        )));
+    }
+    let touches: Vec<Touch> = snapshot
+        .sample_log
+        .iter()
+        .filter(|touch| !touch.open)
+        .map(|touch| of(touch, snapshot.n_joints))
+        .collect();
+    let left_out = (snapshot.touches as usize).saturating_sub(touches.len());
+    if left_out > 0 {
+        let learnt = snapshot.touches;
+        progress.warn(&format!(
+            "{left_out} of the {learnt} touches that `{name}` learnt from are no longer remembered, \
+             or were not ended"
+        ));
+    }
+    progress.note(&format!("following {} remembered touches again", touches.len()));
+    let tracked = Tracked::new(arm, &snapshot.config, &touches, &|| progress.stopped());
+    let tracked = tracked.map_err(|error| WorkError::from(format!("`{name}`: {error}")))?;
+    Ok((tracked, snapshot.config.clone()))
+}
+
+fn of(logged: &LoggedTouch, n_joints: usize) -> Touch {
+    let samples = logged.q.chunks(n_joints).zip(logged.tau.chunks(n_joints));
+    Touch {
+        name: format!("touch {}", logged.touch),
+        samples: samples
+            .map(|(q, tau)| Sample { time_s: None, q: q.to_vec(), tau: tau.to_vec() })
+            .collect(),
+        truth: None,
+    }
+}

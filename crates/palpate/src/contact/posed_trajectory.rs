@@ -1,0 +1,340 @@
+//! A way of the arm that is known beforehand, and which points a link is near, where.
+//!
+//! No point's way depends on another's. So where all motions of the arm are known, the points that
+//! are asked about can be followed alone ([`super::path_simulator`]): it is known beforehand when a link
+//! will be near each of them, the others cost nothing, and any number of threads can share them.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use rustc_hash::FxHashMap;
+
+use super::enter::{LIPSCHITZ, bricks_within};
+use super::placed::{Placed, box_distance_m, travel_in_link_m};
+use super::stick_slip::{Slip, Touched};
+use super::{ContactConfig, ContactState};
+use crate::lattice::{BRICK_EDGE, Bricks, CellId, Lattice};
+use crate::sdf::DistanceGrid;
+
+/// Points as near to a link's box as this, and within reach besides, are bounded by its box; others
+/// by the ball around it.
+const WITHIN_M: f64 = 0.05;
+
+/// More than rounding to `f32` and the interpolation of φ may take from a distance, m.
+const SHORT_M: f64 = 1e-4;
+
+/// A way of the arm, waypoint by waypoint: the links' poses, so close that nothing tunnels between.
+#[derive(Debug)]
+pub(crate) struct PosedTrajectory {
+    pub(super) lattice: Lattice,
+    pub(super) config: ContactConfig,
+    pub(super) slip: Slip,
+    surfaces: Arc<Vec<Option<DistanceGrid>>>,
+    /// Those that have a surface.
+    pub(super) links: Vec<Link>,
+    pub(super) n_waypoints: usize,
+    /// What the arm holds at the first waypoint, if it comes from somewhere.
+    pub(super) start: Option<Start>,
+}
+
+/// What the arm holds where the way begins.
+#[derive(Debug)]
+pub(super) struct Start {
+    pub(super) contact_state: Arc<ContactState>,
+    /// Link and number, among what that link holds, of a cell.
+    held: FxHashMap<CellId, (usize, usize)>,
+}
+
+/// A link along the way.
+#[derive(Debug)]
+pub(super) struct Link {
+    /// Its number in the robot.
+    pub(super) index: usize,
+    /// By waypoint.
+    pub(super) placed: Vec<Placed>,
+    /// How far, at most, a point near the link has moved in its frame since the first waypoint, by
+    /// waypoint, m.
+    travel_m: Vec<f64>,
+    /// Where to look that up: see [`marks`].
+    marks: Vec<u32>,
+    mark_m: f64,
+    /// Blocks of waypoints; the last is filled up with some that are far away from everything.
+    blocks: Vec<Block>,
+    /// Where points are counted from in them, so that rounding is that of the lattice's size.
+    origin: Point3<f64>,
+    /// δ, and what a look at the box alone must allow for besides, m.
+    reach_m: f64,
+    /// The box, in the link's frame.
+    middle: Point3<f64>,
+    half_m: Vector3<f64>,
+}
+
+/// Waypoints of a link that are looked at together.
+const LANES: usize = 4;
+
+/// Where a link's box is at some waypoints: of each of its axes x, y, z in the world, and minus the
+/// middle of the box along it, counted from [`Link::origin`], m.
+type Block = [[[f32; LANES]; 4]; 3];
+
+/// A brick, and the links that may come to cover points of it.
+#[derive(Debug)]
+pub(crate) struct Near {
+    /// Its first place.
+    pub(crate) low: [u32; 3],
+    /// Numbers among the links of the trajectory, each with the first waypoint where it may.
+    pub(super) links: Vec<(usize, usize)>,
+}
+
+impl PosedTrajectory {
+    /// A way through waypoints where the links have these poses: by waypoint, and by link.
+    ///
+    /// With a contact_state the way goes on from it, and the first waypoint must be where it was taken;
+    /// without one it starts a touch there. Both mean what they mean to [`super::ContactSimulator`]. Where
+    /// `roughly` is true, points come no closer to cone and surface than is worth where each stands
+    /// for many.
+    ///
+    /// # Panics
+    ///
+    /// If there are fewer poses than surfaces somewhere, which is a bug in the caller.
+    pub(crate) fn new(
+        lattice: Lattice,
+        surfaces: Arc<Vec<Option<DistanceGrid>>>,
+        config: ContactConfig,
+        roughly: bool,
+        contact_state: Option<Arc<ContactState>>,
+        waypoints: &[Vec<Isometry3<f64>>],
+    ) -> Self {
+        let (reach_m, shape) = (config.contact_distance_m + SHORT_M, lattice.shape());
+        let origin = nalgebra::center(&lattice.point_at([0; 3]), &lattice.point_at(shape));
+        let of_link = |(index, surface): (usize, &Option<DistanceGrid>)| {
+            let poses: Vec<_> = waypoints.iter().map(|poses| poses[index]).collect();
+            Some(Link::new(index, surface.as_ref()?, reach_m, origin, &poses))
+        };
+        let links = surfaces.iter().enumerate().filter_map(of_link).collect();
+        let slip = if roughly { Slip::roughly(&config) } else { Slip::new(&config) };
+        let (n_waypoints, start) = (waypoints.len(), contact_state.map(Start::new));
+        Self { lattice, config, slip, surfaces, links, n_waypoints, start }
+    }
+
+    /// The bricks where anything can be displaced, in the lattice's order.
+    pub(crate) fn bricks(&self) -> Vec<Near> {
+        let mut bricks: FxHashMap<[u32; 3], Vec<(usize, usize)>> = FxHashMap::default();
+        let half_m = f64::from(BRICK_EDGE - 1) / 2.0 * self.lattice.spacing_m();
+        for (number, link) in self.links.iter().enumerate() {
+            let (low, high) = self.swept(link);
+            for low in bricks_within(&self.lattice, &low, &high) {
+                let middle = self.lattice.point_at(low) + Vector3::repeat(half_m);
+                if let Some(from) = self.first_near(link, &middle, half_m * 3f64.sqrt()) {
+                    bricks.entry(low).or_default().push((number, from));
+                }
+            }
+        }
+        for cell in self.start.iter().flat_map(|start| start.held.keys()) {
+            let (brick, _) = Bricks::<()>::locate(self.lattice.place(*cell));
+            bricks.entry(brick.map(|n| n * BRICK_EDGE)).or_default();
+        }
+        let mut bricks: Vec<Near> =
+            bricks.into_iter().map(|(low, links)| Near { low, links }).collect();
+        bricks.sort_unstable_by_key(|near| [near.low[2], near.low[1], near.low[0]]);
+        bricks
+    }
+
+    pub(super) fn surface(&self, link: &Link) -> &DistanceGrid {
+        self.surfaces[link.index].as_ref().expect("a link of a trajectory has a surface")
+    }
+
+    /// The first waypoint where a link may cover anything of a ball, if there is one.
+    ///
+    /// A link must travel as far as its box is away, or if all of the ball is further away than
+    /// points whose travel is known, as far as the ball around its box.
+    fn first_near(&self, link: &Link, middle: &Point3<f64>, radius_m: f64) -> Option<usize> {
+        let (mut at, reach_m) = (0, link.reach_m);
+        loop {
+            let middle_link = link.placed[at].in_link(middle);
+            let from_center_m = (middle_link - link.middle).norm();
+            let from_ball_m = from_center_m - link.half_m.norm() - radius_m;
+            let from_box_m = box_distance_m(self.surface(link), &middle_link);
+            let free_m = match from_ball_m > reach_m + WITHIN_M {
+                true => from_ball_m - reach_m,
+                false => (from_box_m - radius_m - reach_m).min(WITHIN_M),
+            };
+            if free_m <= 0.0 {
+                return Some(at);
+            }
+            at = link.after(at, free_m)?;
+        }
+    }
+
+    /// The box that holds a link, with all that it can reach, along the whole way.
+    fn swept(&self, link: &Link) -> (Point3<f64>, Point3<f64>) {
+        let surface = self.surface(link);
+        let reach = Vector3::repeat(self.config.contact_distance_m);
+        let (low, high) = link
+            .placed
+            .iter()
+            .map(|placed| placed.bounds(surface))
+            .fold(link.placed[0].bounds(surface), |(low, high), (a, b)| {
+                (low.inf(&a), high.sup(&b))
+            });
+        (low - reach, high + reach)
+    }
+}
+
+impl Link {
+    fn new(
+        index: usize,
+        surface: &DistanceGrid,
+        reach_m: f64,
+        origin: Point3<f64>,
+        poses: &[Isometry3<f64>],
+    ) -> Self {
+        let within_m = reach_m + WITHIN_M;
+        let travel_m = poses.windows(2).scan(0.0, |sum_m, ends| {
+            *sum_m += travel_in_link_m(surface, within_m, &ends[0], &ends[1]);
+            Some(*sum_m)
+        });
+        let travel_m: Vec<f64> = std::iter::once(0.0).chain(travel_m).collect();
+        let (marks, mark_m) = marks(&travel_m);
+        let placed: Vec<Placed> = poses.iter().map(Placed::new).collect();
+        let (low, high) = surface.bounds();
+        let (middle, half_m) = (nalgebra::center(&low, &high), (high - low) / 2.0);
+        let mut blocks = vec![[[[0.0; LANES]; 4]; 3]; placed.len().div_ceil(LANES)];
+        for (axis, [_, _, _, offset_m]) in blocks.iter_mut().flatten().enumerate() {
+            *offset_m = [if axis % 3 == 0 { FAR_M } else { 0.0 }; LANES];
+        }
+        for (at, placed) in placed.iter().enumerate() {
+            for (axis, along) in placed.rotation.matrix().column_iter().enumerate() {
+                let offset_m = -along.dot(&(placed.world_from_link * middle - origin));
+                for (numbers, n) in blocks[at / LANES][axis].iter_mut().zip(0..) {
+                    let number = if n < 3 { along[n] } else { offset_m };
+                    numbers[at % LANES] = number as f32;
+                }
+            }
+        }
+        Self { index, placed, travel_m, marks, mark_m, blocks, origin, reach_m, middle, half_m }
+    }
+
+    /// The first waypoint after another where the link has travelled so far, φ being nearly a
+    /// distance.
+    pub(super) fn after(&self, at: usize, free_m: f64) -> Option<usize> {
+        let due_m = self.travel_m[at] + free_m / LIPSCHITZ;
+        first_due(&self.travel_m, (&self.marks, self.mark_m), at + 1, due_m)
+    }
+
+    /// The first waypoint from another on where a point may be within reach, by the link's box, if
+    /// there is one.
+    pub(super) fn near(&self, point: &Point3<f64>, from: usize) -> Option<usize> {
+        let (half, point) = (self.half_m.cast::<f32>(), (point - self.origin).cast::<f32>());
+        let limit_m2 = self.reach_m.powi(2) as f32;
+        let mut at = from;
+        loop {
+            let block = self.blocks.get(at / LANES)?;
+            let from_box_m2: [f32; LANES] = std::array::from_fn(|n| {
+                let outside = |axis: usize| {
+                    let [x, y, z, offset] = &block[axis];
+                    let along = x[n] * point.x + y[n] * point.y + z[n] * point.z + offset[n];
+                    let outside = along.abs() - half[axis];
+                    if outside > 0.0 { outside } else { 0.0 }
+                };
+                let [x, y, z] = [outside(0), outside(1), outside(2)];
+                x * x + y * y + z * z
+            });
+            let first = at - at % LANES;
+            let is_near = |lane: &usize| from_box_m2[*lane] <= limit_m2;
+            if let Some(lane) = (at - first..LANES).find(is_near) {
+                return Some(first + lane);
+            }
+            let last = (first + LANES).min(self.placed.len()) - 1;
+            let free_m = f64::from(from_box_m2[last - first]).sqrt() - self.reach_m;
+            at = self.after(last, free_m.min(WITHIN_M))?;
+        }
+    }
+}
+
+/// By how many marks a link's way is divided for each waypoint.
+const MARKS: usize = 4;
+
+/// The first waypoint from one on where a link has moved so far, by its marks.
+fn first_due(
+    travel_m: &[f64],
+    (marks, mark_m): (&[u32], f64),
+    from: usize,
+    due_m: f64,
+) -> Option<usize> {
+    let mark = (due_m / mark_m) as usize;
+    if mark >= marks.len() {
+        return None;
+    }
+    // The quotient may be rounded up to a mark that lies beyond; the one before does not.
+    let from = from.max(marks[mark.saturating_sub(1)] as usize);
+    let later = travel_m.get(from..)?;
+    later.iter().position(|travel_m| *travel_m >= due_m).map(|n| from + n)
+}
+
+/// The first waypoint, by mark, where a link has moved so many steps of a length, and the length:
+/// from one mark to the next, waypoints are few.
+fn marks(travel_m: &[f64]) -> (Vec<u32>, f64) {
+    let n = MARKS * travel_m.len();
+    let mark_m = (travel_m[travel_m.len() - 1] / n as f64).max(f64::MIN_POSITIVE);
+    let mut at = 0;
+    let mark = |mark: usize| {
+        let due_m = mark as f64 * mark_m;
+        while at < travel_m.len() && travel_m[at] < due_m {
+            at += 1;
+        }
+        at as u32
+    };
+    ((0..=n).map(mark).collect(), mark_m)
+}
+
+/// Farther than any point of any lattice from any link, m; its square is a number.
+const FAR_M: f32 = 1e15;
+
+impl Start {
+    fn new(contact_state: Arc<ContactState>) -> Self {
+        let numbered = |(link, touched): (usize, &Vec<Touched>)| {
+            let numbers = touched.iter().enumerate();
+            numbers.map(|(number, touched)| (touched.cell, (link, number))).collect::<Vec<_>>()
+        };
+        let held = contact_state.touched.iter().enumerate().flat_map(numbered).collect();
+        Self { contact_state, held }
+    }
+
+    /// A cell's link, by its number in the robot, and what it holds of it, if one does.
+    pub(super) fn held(&self, cell: CellId) -> Option<(usize, Touched)> {
+        let &(link, number) = self.held.get(&cell)?;
+        Some((link, self.contact_state.touched[link][number].clone()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn by_marks_the_same_waypoint_is_due_as_by_searching_all() {
+        let sums = |steps: Vec<f64>| {
+            let sums = steps.iter().scan(0.0, |sum, step| {
+                *sum += step;
+                Some(*sum)
+            });
+            std::iter::once(0.0).chain(sums).collect::<Vec<f64>>()
+        };
+        let uneven = (0..150).map(|n| f64::from(n * n % 23) * 3e-4).collect();
+        let stands = (0..90).map(|n| if n / 10 % 2 == 0 { 0.0 } else { 0.007 }).collect();
+        let ways = [vec![], vec![0.0; 5], vec![0.0125; 80], vec![0.003; 77], uneven, stands];
+        for travel_m in ways.map(sums) {
+            let (marks, mark_m) = marks(&travel_m);
+            let total_m = travel_m[travel_m.len() - 1];
+            let exact = travel_m.iter().flat_map(|m| [*m, m.next_up(), m.next_down()]);
+            let steady = (0..400).map(|n| f64::from(n) * total_m / 300.0 - 0.01);
+            for due_m in exact.chain(steady).chain([f64::INFINITY]) {
+                for from in 0..=travel_m.len() {
+                    let due = from + travel_m[from..].partition_point(|m| *m < due_m);
+                    let due = (due < travel_m.len()).then_some(due);
+                    assert_eq!(first_due(&travel_m, (&marks, mark_m), from, due_m), due, "{due_m}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! What is felt at a stop of a path, and what is said of the points between two stops.
+//!
+//! A spring at rest point p, displaced by u, pushes its link with the wrench `−K w`,
+//! `w = (u, p × u)` about the world's origin ([`crate::torque`]). Sums over the springs of a link, of `K w` and
+//! of `σ² w wᵀ`, are all that is needed: its spatial Jacobian S makes torques and variances of
+//! them.
+
+use nalgebra::{DVector, Matrix6, Point3, Vector6};
+
+use super::PathPoint;
+use super::springs::Spring;
+use crate::contact::Displaced;
+use crate::robot::{LinkId, Poses, Robot};
+
+/// What one link feels at one stop.
+#[derive(Debug, Clone)]
+struct Push {
+    /// `Σ K w`: force, N, and moment about the world's origin, N·m, on the springs.
+    wrench: Vector6<f64>,
+    /// `Σ σ² w wᵀ`, of which the lower triangle.
+    covariance: Matrix6<f64>,
+}
+
+/// What the arm feels at the stops of a path, of some of the springs.
+#[derive(Debug, Clone, Default)]
+pub(super) struct LinkWrenches {
+    /// By link, and by stop; empty for a link that touches nothing.
+    pushes: Vec<Vec<Push>>,
+    /// Cells touched, and those of them that are known, by stop; where some stand for others, an
+    /// estimate.
+    counts: Vec<[f64; 2]>,
+}
+
+impl Push {
+    fn nothing() -> Self {
+        Self { wrench: Vector6::zeros(), covariance: Matrix6::zeros() }
+    }
+}
+
+impl LinkWrenches {
+    /// Nothing, at so many stops, by so many links.
+    pub(super) fn nothing(stops: usize, links: usize) -> Self {
+        Self { pushes: vec![Vec::new(); links], counts: vec![[0.0; 2]; stops] }
+    }
+
+    /// Adds a spring that is displaced at a stop, from its rest point.
+    pub(super) fn add(
+        &mut self,
+        stop: usize,
+        spring: &Spring,
+        rest: &Point3<f64>,
+        displaced: &Displaced,
+    ) {
+        let (u, moment) = (displaced.displacement_m, rest.coords.cross(&displaced.displacement_m));
+        let w = Vector6::new(u.x, u.y, u.z, moment.x, moment.y, moment.z);
+        let pushes = &mut self.pushes[displaced.link.index()];
+        if pushes.is_empty() {
+            pushes.resize(self.counts.len(), Push::nothing());
+        }
+        let Push { wrench, covariance } = &mut pushes[stop];
+        *wrench += spring.stiffness_n_per_m * w;
+        for column in 0..6 {
+            let factor = spring.variance * w[column];
+            for row in column..6 {
+                covariance[(row, column)] += factor * w[row];
+            }
+        }
+        self.counts[stop][0] += spring.stands_for;
+        self.counts[stop][1] += if spring.is_known { spring.stands_for } else { 0.0 };
+    }
+
+    /// Adds what is felt of other springs at the same stops.
+    pub(super) fn merge(&mut self, other: Self) {
+        for (ours, theirs) in self.pushes.iter_mut().zip(other.pushes) {
+            if ours.is_empty() {
+                *ours = theirs;
+                continue;
+            }
+            for (ours, theirs) in ours.iter_mut().zip(theirs) {
+                ours.wrench += theirs.wrench;
+                ours.covariance += theirs.covariance;
+            }
+        }
+        for (ours, theirs) in self.counts.iter_mut().zip(other.counts) {
+            *ours = [ours[0] + theirs[0], ours[1] + theirs[1]];
+        }
+    }
+
+    /// What is said of a stop, where the links have these poses.
+    pub(super) fn point(&self, stop: usize, robot: &Robot, poses: &Poses) -> PathPoint {
+        let mut torque = DVector::zeros(robot.n_joints());
+        let mut variance = DVector::zeros(robot.n_joints());
+        for (link, pushes) in self.pushes.iter().enumerate() {
+            let Some(Push { wrench, covariance }) = pushes.get(stop) else { continue };
+            let spatial = robot.spatial_jacobian(poses, LinkId(link as u16));
+            let mut covariance = *covariance;
+            covariance.fill_upper_triangle_with_lower_triangle();
+            for (joint, column) in spatial.column_iter().enumerate() {
+                torque[joint] -= column.dot(wrench);
+                variance[joint] += column.dot(&(covariance * column));
+            }
+        }
+        let [contacts, known] = self.counts[stop].map(|cells| cells.round() as usize);
+        let torque_std = variance.map(|variance: f64| variance.max(0.0).sqrt());
+        PathPoint { torque, torque_std, contacts, known }
+    }
+}
+
+impl PathPoint {
+    /// A part (0 to 1) of the way from one to another.
+    pub(super) fn between(from: &Self, to: &Self, part: f64) -> Self {
+        let count = |from: usize, to: usize| {
+            (from as f64 + part * (to as f64 - from as f64)).round() as usize
+        };
+        Self {
+            torque: from.torque.lerp(&to.torque, part),
+            torque_std: from.torque_std.lerp(&to.torque_std, part),
+            contacts: count(from.contacts, to.contacts),
+            known: count(from.known, to.known),
+        }
+    }
+}

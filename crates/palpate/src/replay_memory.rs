@@ -1,0 +1,241 @@
+//! The bounded memory of past frames, and the order in which they come back.
+//!
+//! Both estimators learn from a frame more than once. What may be remembered is bounded in
+//! frames and in bytes; when either is full, frames chosen at random leave, so that old touches
+//! thin out little by little rather than go all at once. Draws come from a seeded generator that
+//! is the same on every platform and can be saved and continued.
+//!
+//! The module does not know what a frame is.
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use serde::{Deserialize, Serialize};
+
+/// How much may be remembered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MemoryLimits {
+    /// Frames.
+    pub frames: usize,
+    /// Bytes of all frames together.
+    pub bytes: usize,
+}
+
+/// Where a random generator stands: enough to continue it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RngState {
+    /// The seed it was made from.
+    pub seed: u64,
+    /// Words drawn since.
+    pub drawn: u64,
+}
+
+/// What is known of a frame without looking at it.
+#[derive(Debug, Clone, Copy)]
+struct Note {
+    bytes: usize,
+    score: f64,
+}
+
+/// Frames that may come back, each with the bytes it holds and a score.
+#[derive(Debug, Clone)]
+pub struct ReplayMemory<T> {
+    frames: Vec<T>,
+    /// One a frame.
+    notes: Vec<Note>,
+    bytes: usize,
+    limits: MemoryLimits,
+    rng: ChaCha8Rng,
+    seed: u64,
+}
+
+impl<T> ReplayMemory<T> {
+    /// An empty memory.
+    pub fn new(limits: MemoryLimits, seed: u64) -> Self {
+        Self::resume(limits, RngState { seed, drawn: 0 })
+    }
+
+    /// An empty memory whose generator goes on where another stood.
+    pub fn resume(limits: MemoryLimits, state: RngState) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(state.seed);
+        rng.set_word_pos(u128::from(state.drawn));
+        Self { frames: Vec::new(), notes: Vec::new(), bytes: 0, limits, rng, seed: state.seed }
+    }
+
+    /// Where the generator stands.
+    pub fn rng_state(&self) -> RngState {
+        RngState { seed: self.seed, drawn: self.rng.get_word_pos() as u64 }
+    }
+
+    /// Remembers a frame of a given size and score; whatever no longer fits leaves and is returned.
+    ///
+    /// A frame larger than the whole memory is returned at once.
+    pub fn push(&mut self, frame: T, bytes: usize, score: f64) -> Vec<T> {
+        if self.limits.frames == 0 || bytes > self.limits.bytes {
+            return vec![frame];
+        }
+        let mut left = Vec::new();
+        while self.frames.len() >= self.limits.frames || self.bytes + bytes > self.limits.bytes {
+            let victim = self.draw().expect("a memory that is too full holds a frame");
+            left.push(self.remove(victim));
+        }
+        self.frames.push(frame);
+        self.notes.push(Note { bytes, score });
+        self.bytes += bytes;
+        left
+    }
+
+    /// Draws a frame's number, each with the same chance; `None` if there is no frame.
+    pub fn draw(&mut self) -> Option<usize> {
+        let n = self.frames.len() as u64;
+        // Multiply and shift maps 32 random bits onto 0..n; its bias is below n / 2³².
+        (n > 0).then(|| ((u64::from(self.rng.next_u32()) * n) >> 32) as usize)
+    }
+
+    /// Draws as often as `tries` says and keeps the frame of the highest score; `None` if there is
+    /// no frame.
+    pub fn draw_best(&mut self, tries: u32) -> Option<usize> {
+        let mut best = self.draw()?;
+        for _ in 1..tries {
+            let other = self.draw()?;
+            if self.notes[other].score > self.notes[best].score {
+                best = other;
+            }
+        }
+        Some(best)
+    }
+
+    /// Takes a frame out; the last one gets its number.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such frame, which is a bug in the caller.
+    pub fn remove(&mut self, frame: usize) -> T {
+        self.bytes -= self.notes.swap_remove(frame).bytes;
+        self.frames.swap_remove(frame)
+    }
+
+    /// Takes out all frames that are not to be kept.
+    pub fn retain(&mut self, keep: impl Fn(&T) -> bool) {
+        let mut notes = std::mem::take(&mut self.notes).into_iter();
+        self.frames.retain(|frame| {
+            let note = notes.next().expect("one note a frame");
+            let kept = keep(frame);
+            if kept {
+                self.notes.push(note);
+            }
+            kept
+        });
+        self.bytes = self.notes.iter().map(|note| note.bytes).sum();
+    }
+
+    /// The frames in their present order.
+    pub fn frames(&self) -> &[T] {
+        &self.frames
+    }
+
+    /// The frames, to be changed in place; their sizes must stay.
+    pub fn frames_mut(&mut self) -> &mut [T] {
+        &mut self.frames
+    }
+
+    /// The frames' scores in the same order.
+    pub fn scores(&self) -> impl Iterator<Item = f64> {
+        self.notes.iter().map(|note| note.score)
+    }
+
+    /// Gives a frame another score.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such frame, which is a bug in the caller.
+    pub fn set_score(&mut self, frame: usize, score: f64) {
+        self.notes[frame].score = score;
+    }
+
+    /// Frames remembered.
+    pub fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Whether nothing is remembered.
+    pub fn is_empty(&self) -> bool {
+        self.frames.is_empty()
+    }
+
+    /// Bytes that the frames hold.
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neither_bound_is_ever_passed_and_nothing_is_lost_on_the_way() {
+        let mut memory = ReplayMemory::new(MemoryLimits { frames: 10, bytes: 100 }, 7);
+        let mut left = Vec::new();
+        for frame in 0..1000_usize {
+            left.extend(memory.push(frame, 1 + frame % 30, 0.0));
+            assert!(memory.len() <= 10 && memory.bytes() <= 100);
+        }
+        left.extend(memory.frames());
+        left.sort_unstable();
+        assert_eq!(left, (0..1000).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_frame_larger_than_the_memory_leaves_the_others_alone() {
+        let mut memory = ReplayMemory::new(MemoryLimits { frames: 10, bytes: 100 }, 7);
+        memory.push('a', 60, 0.0);
+        assert_eq!(memory.push('b', 101, 0.0), ['b']);
+        assert_eq!(memory.frames(), ['a']);
+    }
+
+    #[test]
+    fn what_is_not_retained_gives_its_bytes_back() {
+        let mut memory = ReplayMemory::new(MemoryLimits { frames: 10, bytes: 100 }, 7);
+        for frame in 0..6 {
+            memory.push(frame, 1 + frame, 0.0);
+        }
+        memory.retain(|frame| frame % 2 == 1);
+        assert_eq!((memory.frames(), memory.bytes()), (&[1, 3, 5][..], 2 + 4 + 6));
+    }
+
+    #[test]
+    fn the_best_of_many_draws_is_the_best_there_is() {
+        let mut memory = ReplayMemory::new(MemoryLimits { frames: 10, bytes: 100 }, 7);
+        assert_eq!(memory.draw_best(3), None);
+        for frame in [3, 9, 1] {
+            memory.push(frame, 1, f64::from(frame));
+        }
+        assert_eq!(memory.draw_best(100), Some(1));
+        memory.set_score(2, 10.0);
+        assert_eq!(memory.draw_best(100), Some(2));
+        let single: Vec<_> = (0..100).map(|_| memory.draw_best(1).unwrap()).collect();
+        assert!((0..3).all(|frame| single.contains(&frame)));
+    }
+
+    #[test]
+    fn draws_are_even_and_continue_where_they_stood() {
+        let mut memory = ReplayMemory::new(MemoryLimits { frames: 8, bytes: 8 }, 7);
+        for frame in 0..8 {
+            memory.push(frame, 1, f64::from(frame));
+        }
+        let mut counts = [0_u32; 8];
+        for _ in 0..8000 {
+            counts[memory.draw().unwrap()] += 1;
+        }
+        assert!(counts.iter().all(|&n| (800..1200).contains(&n)), "{counts:?}");
+
+        let mut resumed =
+            ReplayMemory::resume(MemoryLimits { frames: 8, bytes: 8 }, memory.rng_state());
+        for frame in 0..8 {
+            resumed.push(frame, 1, 0.0);
+        }
+        let draws =
+            |memory: &mut ReplayMemory<i32>| (0..50).map(|_| memory.draw()).collect::<Vec<_>>();
+        assert_eq!(draws(&mut memory), draws(&mut resumed));
+    }
+}
