@@ -119,16 +119,15 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         }
     };
     let tally = learn(&mut mapper, &mut touches, &mut fill, output)?;
-    let pace = pace.as_ref();
     if let Some(place) = &tally.interrupted {
-        return Err(stop(args, (&mapper, pace), place)?);
+        return Err(stop(args, &mapper, place)?);
     }
 
-    save(args, &mapper, pace)?;
+    save(args, &mapper)?;
     if let (Some(path), Some(format)) = (&args.picture, format) {
         format.write(path, &picture::field(&mapper.field())?)?;
     }
-    let pace = pace.map(Pace::figures);
+    let pace = pace.as_ref().map(Pace::figures);
     let cells = Cells::of(&mapper);
     let summary = Summary { args, mapper: &mapper, tally: &tally, cells, pace };
     if args.json {
@@ -146,22 +145,24 @@ fn begin(
     output: &Output,
 ) -> Result<(Mapper, Option<Pace>), CliError> {
     let Some(path) = &args.from else {
-        let mut config = settings.config()?;
-        let pace = args.pace.take_over(&mut config);
-        let mapper = prior::mapper(args.prior.as_deref(), arm, config, output)?;
-        return Ok((mapper, pace));
+        let config = settings.config()?;
+        return Ok(with_pace(args, prior::mapper(args.prior.as_deref(), arm, config, output)?));
     };
-    let mut snapshot = resume::snapshot(path, settings)?;
-    let pace = args.pace.take_over(&mut snapshot.config);
-    Ok((resume::mapper(path, arm, snapshot)?, pace))
+    let snapshot = resume::snapshot(path, settings)?;
+    Ok(with_pace(args, resume::mapper(path, arm, snapshot)?))
 }
 
-/// Saves the field, under the settings as they were given: a pace takes nothing with it.
-fn save(args: &Args, mapper: &Mapper, pace: Option<&Pace>) -> Result<(), CliError> {
-    let mut snapshot = mapper.snapshot();
-    if let Some(pace) = pace {
-        pace.give_back(&mut snapshot);
+/// The mapper with the pace that was asked for, if one was.
+fn with_pace(args: &Args, mapper: Mapper) -> (Mapper, Option<Pace>) {
+    match args.pace.pace(mapper.config()) {
+        Some(pace) => (pace.keep(mapper), Some(pace)),
+        None => (mapper, None),
     }
+}
+
+/// Saves the field.
+fn save(args: &Args, mapper: &Mapper) -> Result<(), CliError> {
+    let snapshot = mapper.snapshot();
     let robot = snapshot.robot.0.clone();
     let snapshot = (!args.no_memory).then_some(snapshot);
     let (field, prior_n_per_m) = (mapper.field(), mapper.prior_n_per_m());
@@ -170,13 +171,9 @@ fn save(args: &Args, mapper: &Mapper, pace: Option<&Pace>) -> Result<(), CliErro
 }
 
 /// Ends after Ctrl-C: saves if that was asked for, and says what was done.
-fn stop(
-    args: &Args,
-    (mapper, pace): (&Mapper, Option<&Pace>),
-    place: &str,
-) -> Result<CliError, CliError> {
+fn stop(args: &Args, mapper: &Mapper, place: &str) -> Result<CliError, CliError> {
     let kept = if args.save_on_interrupt {
-        save(args, mapper, pace)?;
+        save(args, mapper)?;
         format!(" at {place}; the field so far is in `{}`", args.output.display())
     } else {
         format!(" at {place}; nothing was written (--save-on-interrupt saves the field so far)")

@@ -1,18 +1,18 @@
 //! `--rate`: what is left of a step's time goes to replays.
 //!
-//! A robot reports so many times a second, and a mapper that is done with a sample early can use
-//! the rest of the time to visit remembered frames again. Under a pace the mapper makes no fixed
-//! number of replays: after each step, [`Pace::fill`] visits frames for as long as the next visit
-//! can be expected to end before the deadline. So the field depends on how fast the machine is,
-//! and no two runs give the same bits; whoever shows results says so ([`ORIGIN`]).
+//! A robot reports so many times a second, and a mapper that is done with a sample early can spend the
+//! rest of the time on replays. Under a pace their number is not fixed: after each step,
+//! [`Pace::fill`] grants replays for as long as the next one is expected to end before the deadline. So
+//! the field depends on the speed of the machine, and two runs differ; every result says so
+//! ([`ORIGIN`]).
 //!
-//! `map` takes any number of visits, since none counts data twice. `ekf` counts them again with
-//! every visit, so it makes as many as its setting `replays` allows, and only after steps that it
-//! learnt from. Nothing waits here: a step that has nothing left to visit ends early.
+//! `map` makes any number of replays, since none counts data twice. `ekf` counts data again with every
+//! replay, so it makes at most those of the setting `replays` for each frame. A step with nothing to
+//! replay ends early.
 
 use std::time::{Duration, Instant};
 
-use palpate::{EstimatorKind, Mapper, MapperConfig, Snapshot, StepReport};
+use palpate::{EstimatorKind, Mapper, MapperConfig, ReplayPolicy, StepReport};
 use serde::{Deserialize, Serialize};
 
 use crate::interrupt;
@@ -49,14 +49,15 @@ impl PaceArgs {
         self.rate
     }
 
-    /// The pace asked for, if any; from the settings of the mapper to come, it takes over the
-    /// replays.
-    pub(crate) fn take_over(&self, config: &mut MapperConfig) -> Option<Pace> {
+    /// The pace asked for, if any, for a mapper with these settings.
+    pub(crate) fn pace(&self, config: &MapperConfig) -> Option<Pace> {
+        let policy = match config.method {
+            EstimatorKind::Map => ReplayPolicy::SpareTimeUnbounded,
+            EstimatorKind::Ekf => ReplayPolicy::SpareTime,
+        };
         let rate_hz = self.rate?;
-        let replays = std::mem::take(&mut config.estimator.replays);
-        let bounded = config.method == EstimatorKind::Ekf;
-        let tally = Tally::default();
-        Some(Pace { rate_hz, replays, bounded, visit_s: 0.0, tally })
+        let replays = config.estimator.replays;
+        Some(Pace { rate_hz, replays, policy, visit_s: 0.0, tally: Tally::default() })
     }
 }
 
@@ -71,10 +72,9 @@ fn hertz(text: &str) -> Result<f64, String> {
 #[derive(Debug, Clone)]
 pub(crate) struct Pace {
     rate_hz: f64,
-    /// The setting that was taken over.
+    /// Replays of a frame, by the settings.
     replays: u32,
-    /// Whether it still bounds the visits of a step.
-    bounded: bool,
+    policy: ReplayPolicy,
     /// Running mean of the time of a visit, s; 0 before the first.
     visit_s: f64,
     tally: Tally,
@@ -103,33 +103,30 @@ pub(crate) struct PaceFigures {
 }
 
 impl Pace {
-    /// Visits remembered frames until the step that began at `started` has used up its time.
+    /// The mapper with its replays left to the pace.
+    pub(crate) fn keep(&self, mapper: Mapper) -> Mapper {
+        mapper.with_replays(self.policy)
+    }
+
+    /// Makes replays until the step that began at `started` has used up its time.
     ///
     /// `report` is what the step found. Ctrl-C ends it early.
     pub(crate) fn fill(&mut self, mapper: &mut Mapper, report: &StepReport, started: Instant) {
         let period = Duration::from_secs_f64(1.0 / self.rate_hz);
-        let learnt = report.external.is_some() && report.contacts > 0;
-        let most = match (self.bounded, learnt) {
-            (false, _) => u32::MAX,
-            (true, true) => self.replays,
-            (true, false) => 0,
-        };
-        let mut made = 0;
-        while made < most && !interrupt::pressed() {
+        let mut granted: Option<(Instant, u32)> = None;
+        let made = mapper.spare_time(|left| {
+            if let Some((since, visits)) = granted {
+                self.learn_time(since.elapsed().as_secs_f64() / f64::from(visits));
+            }
+            if interrupt::pressed() {
+                return 0;
+            }
             let left_s = period.saturating_sub(started.elapsed()).as_secs_f64();
-            let visits = self.affordable(left_s).min(most - made);
-            if visits == 0 {
-                break;
-            }
-            let before = Instant::now();
-            let visited = mapper.replay(visits);
-            if visited == 0 {
-                break; // nothing is remembered yet
-            }
-            self.learn_time(before.elapsed().as_secs_f64() / f64::from(visited));
-            made = made.saturating_add(visited);
-        }
-        if learnt {
+            let visits = self.affordable(left_s).min(left);
+            granted = Some((Instant::now(), visits.max(1)));
+            visits
+        });
+        if report.external.is_some() && report.contacts > 0 {
             self.tally.replays.push(f64::from(made));
         }
         let overrun = started.elapsed().saturating_sub(period);
@@ -137,15 +134,10 @@ impl Pace {
         self.tally.worst_overrun = self.tally.worst_overrun.max(overrun);
     }
 
-    /// Makes as many visits as the setting says, whatever the time.
+    /// Makes as many replays as the settings say, whatever the time.
     pub(crate) fn fill_as_set(&self, mapper: &mut Mapper) {
-        mapper.replay(self.replays);
-    }
-
-    /// Gives the replays back to what is to be saved.
-    pub(crate) fn give_back(&self, snapshot: &mut Snapshot) {
-        snapshot.config.estimator.replays = self.replays;
-        snapshot.replays_due = false; // they were made while there was time
+        let mut left = self.replays;
+        mapper.spare_time(|_| std::mem::take(&mut left));
     }
 
     /// How well the pace was kept so far.
@@ -192,7 +184,8 @@ mod tests {
     use super::*;
 
     fn pace(visit_s: f64) -> Pace {
-        Pace { rate_hz: 20.0, replays: 5, bounded: false, visit_s, tally: Tally::default() }
+        let policy = ReplayPolicy::SpareTimeUnbounded;
+        Pace { rate_hz: 20.0, replays: 5, policy, visit_s, tally: Tally::default() }
     }
 
     #[test]
@@ -216,13 +209,12 @@ mod tests {
     }
 
     #[test]
-    fn only_a_pace_takes_the_replays_over() {
-        let mut config = MapperConfig::of(EstimatorKind::Map);
-        let configured = config.estimator.replays;
-        assert!(PaceArgs { rate: None }.take_over(&mut config).is_none());
-        assert_eq!(config.estimator.replays, configured);
-        let pace = PaceArgs { rate: Some(17.0) }.take_over(&mut config).unwrap();
-        assert_eq!((config.estimator.replays, pace.replays), (0, configured));
+    fn only_map_makes_any_number_of_replays() {
+        let pace = |method, rate| PaceArgs { rate }.pace(&MapperConfig::of(method));
+        assert!(pace(EstimatorKind::Map, None).is_none());
+        let policy = |method| pace(method, Some(17.0)).unwrap().policy;
+        assert_eq!(policy(EstimatorKind::Map), ReplayPolicy::SpareTimeUnbounded);
+        assert_eq!(policy(EstimatorKind::Ekf), ReplayPolicy::SpareTime);
     }
 
     #[test]

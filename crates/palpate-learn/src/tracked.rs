@@ -144,7 +144,7 @@ impl Tracked {
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self, TrackError> {
         let (contact, touch) = (config.contact.clone(), config.touch.clone());
-        let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
+        let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), &contact, touch)?;
         let first = touches.iter().flat_map(|touch| &touch.samples).map(|sample| &sample.q).next();
         let track = |(number, touch): (usize, &Touch)| {
             let like = like.map(|like| like.touches[number].frames.as_slice());

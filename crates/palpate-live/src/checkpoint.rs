@@ -22,11 +22,9 @@ pub struct CheckpointConfig {
     pub every: Duration,
 }
 
-/// All that a mapper has learnt, to be saved; `replays` a step are what its settings would say.
-pub fn saved(mapper: &Mapper, replays: u32) -> Saved {
-    let mut snapshot = mapper.snapshot();
-    snapshot.config.estimator.replays = replays;
-    snapshot.replays_due = false; // they were made while there was time
+/// All that a mapper has learnt, to be saved.
+pub(crate) fn saved(mapper: &Mapper) -> Saved {
+    let snapshot = mapper.snapshot();
     let (field, prior_n_per_m) = (mapper.field(), mapper.prior_n_per_m());
     Saved { field, prior_n_per_m, robot: snapshot.robot.0.clone(), snapshot: Some(snapshot) }
 }

@@ -422,7 +422,7 @@ impl Mapping<'_> {
             self.tally.published(latency);
         }
         if let Some(checkpoints) = &mut self.checkpoints {
-            checkpoints.tick(|| checkpoint::saved(session.mapper(), session.replays()));
+            checkpoints.tick(|| checkpoint::saved(session.mapper()));
         }
         // Whatever is late is later still if clouds are made meanwhile.
         if shared.samples.len() <= BACKLOG && session.state() == State::Mapping {

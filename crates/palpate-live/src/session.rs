@@ -7,12 +7,13 @@
 //! faster than its joints can turn or after a silence, has begun another recording: a touch begins
 //! there.
 //!
-//! Replays do not belong to a step here: [`Session::spare`] makes one at a time, for as long as
-//! there is nothing better to do, and at most as many as the settings say.
+//! Replays are made in spare time: [`Session::spare`] makes one at a time, while no sample waits, and at
+//! most those of the settings for each frame.
 
 use nalgebra::DVector;
 use palpate::{
-    Mapper, MapperError, PauseConfig, PauseDetector, Sample, SettingError, StepReport, TrackerError,
+    Mapper, MapperError, PauseConfig, PauseDetector, ReplayPolicy, Sample, SettingError,
+    StepReport, TrackerError,
 };
 use serde::{Deserialize, Serialize};
 
@@ -68,14 +69,10 @@ pub struct Session {
     /// The sample before.
     last: Option<Sample>,
     guard: Option<Guard>,
-    /// Replays a step, and those that may still be made for the last.
-    replays: u32,
-    due: u32,
 }
 
 impl Session {
-    /// A session of a mapper, whose own replays must be off: `replays` a step are made in spare
-    /// time.
+    /// A session of a mapper, whose replays are made in spare time.
     ///
     /// A touch that the mapper was in the middle of has ended: nobody knows what happened since.
     ///
@@ -83,16 +80,16 @@ impl Session {
     ///
     /// If a setting of the pauses is out of its range.
     pub fn new(
-        mut mapper: Mapper,
+        mapper: Mapper,
         pause_config: PauseConfig,
-        replays: u32,
         guard: Option<Guard>,
     ) -> Result<Self, SettingError> {
-        // Too short for its tare, if that: it then taught nothing.
+        let mut mapper = mapper.with_replays(ReplayPolicy::SpareTime);
+        // Too short for its tare, if that: then nothing was learnt from it.
         let _ = mapper.end_touch();
         let pauses = PauseDetector::new(pause_config.clone())?;
         let state = State::Waiting;
-        Ok(Self { mapper, pauses, pause_config, state, last: None, guard, replays, due: 0 })
+        Ok(Self { mapper, pauses, pause_config, state, last: None, guard })
     }
 
     /// Takes the next sample of the robot.
@@ -139,9 +136,6 @@ impl Session {
             return;
         };
         self.state = State::Mapping;
-        if report.contacts > 0 {
-            self.due = self.replays;
-        }
         if let Some(guard) = &self.guard {
             self.mapper.tare().inspect(|tare| guard.tared(tare));
             told.trip = guard.watch(&external, &predicted);
@@ -201,16 +195,13 @@ impl Session {
 
     /// Makes one of the replays that the last step may have; whether it did.
     pub fn spare(&mut self) -> bool {
-        if self.due == 0 {
-            return false;
-        }
-        self.due -= 1;
-        self.mapper.replay(1) > 0
+        let mut one = 1;
+        self.mapper.spare_time(|_| std::mem::take(&mut one)) > 0
     }
 
     /// Whether the last step may have more replays.
     pub fn has_spare(&self) -> bool {
-        self.due > 0
+        self.mapper.spare_replays() > 0
     }
 
     /// What the session does.
@@ -226,11 +217,6 @@ impl Session {
     /// The mapper.
     pub fn mapper(&self) -> &Mapper {
         &self.mapper
-    }
-
-    /// Replays a step, to be given back to what is saved.
-    pub fn replays(&self) -> u32 {
-        self.replays
     }
 
     /// Ends the touch under way.

@@ -41,15 +41,15 @@ fn without_last_pause(touch: &[Sample]) -> &[Sample] {
     &touch[..=touch.iter().rposition(|sample| far(&sample.q)).unwrap()]
 }
 
-/// A mapper that makes no replays of its own.
-fn mapper(arm: &Arc<Arm>) -> Mapper {
+/// A mapper with so many replays for each frame.
+fn mapper(arm: &Arc<Arm>, replays: u32) -> Mapper {
     let mut config = MapperConfig::of(EstimatorKind::Map);
-    config.estimator.replays = 0;
+    config.estimator.replays = replays;
     Mapper::new(Arc::clone(arm), config).unwrap()
 }
 
 fn session(arm: &Arc<Arm>, replays: u32, guard: Option<Guard>) -> Session {
-    Session::new(mapper(arm), PauseConfig::default(), replays, guard).unwrap()
+    Session::new(mapper(arm, replays), PauseConfig::default(), guard).unwrap()
 }
 
 fn play(session: &mut Session, samples: &[Sample]) -> Vec<StepOutcome> {
@@ -63,7 +63,7 @@ fn what_is_learnt_live_is_what_a_log_of_the_same_touches_teaches() {
     let mut live = session(&arm, 0, None);
     let told: Vec<StepOutcome> = touches.iter().flat_map(|touch| play(&mut live, touch)).collect();
     live.finish();
-    let mut from_log = mapper(&arm);
+    let mut from_log = mapper(&arm, 0);
     for touch in &touches {
         from_log.begin_touch();
         touch.iter().for_each(|sample| drop(from_log.step(sample).unwrap()));
@@ -169,7 +169,7 @@ fn a_session_goes_on_from_what_another_has_saved() {
     play(&mut first, &touches[0][..200]);
     let snapshot = first.mapper().snapshot();
     let resumed = Mapper::resume(Arc::clone(&arm), snapshot).unwrap();
-    let mut second = Session::new(resumed, PauseConfig::default(), 0, None).unwrap();
+    let mut second = Session::new(resumed, PauseConfig::default(), None).unwrap();
     assert_eq!(second.state(), State::Waiting);
     assert!(second.mapper().field() == first.mapper().field());
     let told = play(&mut second, &touches[1]);

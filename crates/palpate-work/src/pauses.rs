@@ -47,7 +47,7 @@ impl Pauses {
         // Torques do not matter: nothing is taken off them, so that nothing can be missing.
         let (gravity, tare) = (Gravity::Removed, Tare::None);
         let touch = ExternalTorqueConfig { gravity, tare, ..ExternalTorqueConfig::default() };
-        let tracker = Tracker::new(Arc::clone(arm), lattice, contact, touch)
+        let tracker = Tracker::new(Arc::clone(arm), lattice, &contact, touch)
             .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
         let (name, queue) = (String::new(), VecDeque::new());
         Ok(Self { tracker, split, name, parts: 0, queue, left_out: 0 })

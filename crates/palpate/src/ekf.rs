@@ -13,8 +13,8 @@
 //! it was last seen and adds what it missed, so that a step costs what it touches.
 //!
 //! sgn 0 is taken as +1; even so a prior mean of exactly zero is refused, because the paper's
-//! filter has no slope there. For the same reason a cell of which less is expected than the prior
-//! mean ([`Estimator::set_prior_means`]) starts from the prior mean.
+//! filter has no slope there. For the same reason a cell whose own prior mean
+//! ([`Estimator::set_prior_means`]) is below that of the settings starts from the latter.
 //!
 //! # What the standard deviation means
 //!
@@ -25,93 +25,67 @@
 use nalgebra::DVector;
 
 use crate::estimator::{
-    Estimator, EstimatorConfig, EstimatorError, EstimatorState, FrameId, Replayed,
-    cells_at_prior_means, innovation_inverse, padded, shrunk,
+    Belief, Estimator, EstimatorConfig, EstimatorError, EstimatorState, FrameId, RememberedFrame,
+    Replayed, padded,
 };
-use crate::replay_memory::ReplayMemory;
-use crate::torque::{Cell, Observation, Stiffness};
+use crate::replay::ReplayMemory;
+use crate::torque::{Observation, Stiffness};
 
-/// A past measurement.
+/// The paper's estimator, `ekf`.
 #[derive(Debug, Clone)]
-struct Frame {
-    observation: Observation,
-    frame_id: FrameId,
+pub struct EkfEstimator {
+    config: EstimatorConfig,
+    filter: Filter,
+    /// Past measurements.
+    memory: ReplayMemory<Observation>,
 }
 
 /// The diagonal Gaussian over κ, with lazy drift.
 #[derive(Debug, Clone)]
-struct Belief {
-    prior_mean: f64,
-    prior_variance: f64,
+struct Filter {
+    /// The unknown of a cell is the mean of its κ.
+    belief: Belief,
     /// σ_κ² of Eq. 4 a step.
     drift_variance: f64,
-    /// The diagonal of R, n_joints, (N·m)².
-    torque_variance: DVector<f64>,
-    /// Rest points and means of κ, by row.
-    cells: Vec<Cell>,
-    variance: Vec<f64>,
     /// The step up to which each row's variance holds its drift.
     seen: Vec<u64>,
-    step: u64,
 }
 
-impl Belief {
-    /// A row's variance with all its drift up to the present step, (N/m)².
+impl Filter {
+    /// A row's variance with all its drift up to the present step (Eq. 4), (N/m)².
     fn variance_now(&self, row: usize) -> f64 {
-        let (variance, seen) = match self.variance.get(row) {
-            Some(&variance) => (variance, self.seen[row]),
-            None => (self.prior_variance, 0),
-        };
-        variance + self.drift_variance * (self.step - seen) as f64
+        let seen = self.seen.get(row).copied().unwrap_or(0);
+        self.belief.variance(row) + self.drift_variance * (self.belief.step - seen) as f64
     }
 
-    /// Gives rows that are new their prior.
+    /// Gives new rows the prior; `points_m` are the rest points of all rows, world frame.
     fn grow(&mut self, points_m: &[[f64; 3]]) {
-        let known = self.cells.len().min(points_m.len());
-        self.cells.extend(points_m[known..].iter().map(|&point| Cell::new(point, self.prior_mean)));
-        self.resize();
-    }
-
-    /// Gives rows that are new the prior's variance.
-    fn resize(&mut self) {
-        self.variance.resize(self.cells.len(), self.prior_variance);
-        self.seen.resize(self.cells.len(), 0);
+        self.belief.grow(points_m);
+        self.seen.resize(self.belief.cells.len(), 0);
     }
 
     /// The Kalman update of Eqs. 5 and 6; returns what was predicted before it.
     ///
     /// Nothing changes unless the innovation covariance can be inverted.
     fn update(&mut self, observation: &Observation) -> Result<DVector<f64>, EstimatorError> {
-        let covariance = observation.gram(&self.cells, |row| self.variance_now(row));
-        let gain = innovation_inverse(covariance, &self.torque_variance)?;
-        let predicted = observation.predict(&self.cells, Stiffness::Magnitude);
+        let gain = self.belief.innovation_inverse(observation, |row| self.variance_now(row))?;
+        let predicted = observation.predict(&self.belief.cells, Stiffness::Magnitude);
         let d = &gain * (observation.tau() - &predicted);
         if d.iter().any(|x| !x.is_finite()) {
             return Err(EstimatorError::Degenerate);
         }
         for row in observation.rows() {
-            self.variance[row] = self.variance_now(row);
-            self.seen[row] = self.step;
+            self.belief.variance[row] = self.variance_now(row);
+            self.seen[row] = self.belief.step;
         }
-        let variance = &mut self.variance;
-        observation.spread(&mut self.cells, d.as_slice(), |cell, row, value| {
+        let (cells, variance) = (&mut self.belief.cells, &self.belief.variance);
+        observation.spread(cells, d.as_slice(), |cell, row, value| {
             // Column i of H is the lever times sgn κᵢ; `0.0.signum()` is `1.0` in Rust.
             *cell.unknown_mut() += variance[row] * value * cell.unknown().signum();
         });
-        observation.quadratic(&self.cells, &gain, |row, value| {
-            variance[row] = shrunk(variance[row], value);
-        });
+        self.belief.shrink(observation, &gain);
         Ok(predicted)
     }
-}
-
-/// The paper's estimator, `ekf`.
-#[derive(Debug, Clone)]
-pub struct EkfEstimator {
-    config: EstimatorConfig,
-    belief: Belief,
-    counts: Vec<u32>,
-    memory: ReplayMemory<Frame>,
 }
 
 impl EkfEstimator {
@@ -125,120 +99,70 @@ impl EkfEstimator {
         spacing_m: f64,
         n_joints: usize,
     ) -> Result<Self, EstimatorError> {
-        let torque_variance = config.torque_variance(n_joints)?;
+        let belief = Belief::new(config, spacing_m, n_joints)?;
         if config.prior.mean_n_per_m == 0.0 {
             return Err(EstimatorError::EkfPriorMeanZero);
         }
-        let (prior_mean, prior_std) = config.prior.at_spacing(spacing_m);
         // Drift, like the prior, is white noise in space: its variance goes with h³.
+        let (_, prior_std) = config.prior.at_spacing(spacing_m);
         let drift_std = config.drift_std_n_per_m * prior_std / config.prior.std_n_per_m;
-        let belief = Belief {
-            prior_mean,
-            prior_variance: prior_std * prior_std,
-            drift_variance: drift_std * drift_std,
-            torque_variance,
-            cells: Vec::new(),
-            variance: Vec::new(),
-            seen: Vec::new(),
-            step: 0,
-        };
+        let filter = Filter { belief, drift_variance: drift_std * drift_std, seen: Vec::new() };
         let memory = ReplayMemory::new(config.memory, config.seed);
-        Ok(Self { config: config.clone(), belief, counts: Vec::new(), memory })
-    }
-
-    /// Goes on from a saved state, given the remembered frames' observations in its order.
-    ///
-    /// # Errors
-    ///
-    /// If the state contradicts itself.
-    pub fn restore(
-        mut self,
-        state: &EstimatorState,
-        points_m: &[[f64; 3]],
-        observations: Vec<Observation>,
-    ) -> Result<Self, EstimatorError> {
-        state.check(points_m.len(), self.belief.torque_variance.len())?;
-        if state.seen.len() != state.mean.len() {
-            let what = "the last steps of the cells are missing".to_owned();
-            return Err(EstimatorError::State { what });
-        }
-        if let Some(seen) = state.seen.iter().find(|&&seen| seen > state.step) {
-            let what = format!("a cell was last seen in step {seen}, after {} steps", state.step);
-            return Err(EstimatorError::State { what });
-        }
-        self.belief.grow(points_m);
-        for (cell, mean) in self.belief.cells.iter_mut().zip(&state.mean) {
-            *cell.unknown_mut() = *mean;
-        }
-        self.belief.variance[..state.mean.len()].copy_from_slice(&state.variance);
-        self.belief.seen[..state.mean.len()].copy_from_slice(&state.seen);
-        self.belief.step = state.step;
-        self.counts.clone_from(&state.counts);
-        self.memory = ReplayMemory::resume(self.config.memory, state.rng);
-        for ((frame_id, _), observation) in state.remembered.iter().zip(observations) {
-            self.remember(Frame { observation, frame_id: *frame_id });
-        }
-        Ok(self)
+        Ok(Self { config: config.clone(), filter, memory })
     }
 
     /// Remembers a frame; what no longer fits leaves.
-    fn remember(&mut self, frame: Frame) {
-        let bytes = frame.observation.bytes() + size_of::<Frame>();
-        self.memory.push(frame, bytes, 0.0);
+    fn remember(&mut self, frame: Observation, id: FrameId) {
+        let bytes = frame.bytes() + size_of::<(Observation, FrameId)>();
+        self.memory.push(frame, id, bytes, 0.0);
     }
 }
 
 impl Estimator for EkfEstimator {
     fn stiffness(&self, row: usize) -> f64 {
-        self.belief.cells.get(row).map_or(self.belief.prior_mean, |cell| cell.unknown().abs())
+        self.filter.belief.unknown(row).abs()
     }
 
     fn std(&self, row: usize) -> f64 {
-        self.belief.variance_now(row).sqrt()
+        self.filter.variance_now(row).sqrt()
     }
 
     fn count(&self, row: usize) -> u32 {
-        self.counts.get(row).copied().unwrap_or(0)
+        self.filter.belief.count(row)
     }
 
     fn set_prior_means(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]) {
-        let (known, least) = (self.belief.cells.len(), self.belief.prior_mean);
-        self.belief.cells.extend(cells_at_prior_means(known, points_m, mean_n_per_m).map(
-            |mut cell| {
-                *cell.unknown_mut() = cell.unknown().max(least);
-                cell
-            },
-        ));
-        self.belief.resize();
+        let least = self.filter.belief.prior_mean;
+        self.filter.belief.set_prior_means(points_m, mean_n_per_m, least);
+        self.filter.seen.resize(self.filter.belief.cells.len(), 0);
     }
 
     fn correct(
         &mut self,
         points_m: &[[f64; 3]],
         observation: Observation,
-        frame_id: FrameId,
+        id: FrameId,
     ) -> Result<DVector<f64>, EstimatorError> {
-        self.belief.grow(points_m);
-        let predicted = self.belief.update(&observation)?;
-        self.counts.resize(points_m.len(), 0);
-        observation.rows().for_each(|row| self.counts[row] += 1);
-        self.remember(Frame { observation, frame_id });
-        self.belief.step += 1;
+        self.filter.grow(points_m);
+        let predicted = self.filter.update(&observation)?;
+        self.filter.belief.count_contacts(&observation);
+        self.remember(observation, id);
+        self.filter.belief.step += 1;
         Ok(predicted)
     }
 
     fn advance_time(&mut self) {
-        self.belief.step += 1;
+        self.filter.belief.step += 1;
     }
 
     fn replay(&mut self, visits: u32) -> Replayed {
         let mut replayed = Replayed::default();
         for _ in 0..visits {
             let Some(index) = self.memory.draw() else { break };
-            let observation = &self.memory.frames()[index].observation;
+            let observation = &self.memory.frames()[index];
             observation.prefetch().finish();
             // A frame that was fused once can be fused again, so this does not fail in practice.
-            if self.belief.update(observation).is_err() {
+            if self.filter.update(observation).is_err() {
                 break;
             }
             replayed.add(observation);
@@ -247,11 +171,11 @@ impl Estimator for EkfEstimator {
     }
 
     fn condense(&mut self, touch: u32) {
-        self.memory.retain(|frame| frame.frame_id.touch != touch);
+        self.memory.remove_touch(touch);
     }
 
     fn frame_ids(&self) -> Vec<FrameId> {
-        self.memory.frames().iter().map(|frame| frame.frame_id).collect()
+        self.memory.ids().collect()
     }
 
     fn memory_bytes(&self) -> usize {
@@ -259,16 +183,35 @@ impl Estimator for EkfEstimator {
     }
 
     fn state(&self, n_rows: usize) -> EstimatorState {
-        let means: Vec<f64> = self.belief.cells.iter().map(Cell::unknown).collect();
+        let remembered = |id| RememberedFrame { id, alpha: Vec::new(), nis: 0.0 };
+        let remembered = self.memory.ids().map(remembered).collect();
         EstimatorState {
-            mean: padded(&means, n_rows, self.belief.prior_mean),
-            variance: padded(&self.belief.variance, n_rows, self.belief.prior_variance),
-            counts: padded(&self.counts, n_rows, 0),
-            seen: padded(&self.belief.seen, n_rows, 0),
-            step: self.belief.step,
-            remembered: self.memory.frames().iter().map(|f| (f.frame_id, Vec::new())).collect(),
-            nis: Vec::new(),
-            rng: self.memory.rng_state(),
+            seen: padded(&self.filter.seen, n_rows, 0),
+            ..self.filter.belief.state(n_rows, remembered, self.memory.rng_state())
         }
+    }
+
+    fn restore(
+        &mut self,
+        state: &EstimatorState,
+        points_m: &[[f64; 3]],
+        observations: Vec<Observation>,
+    ) -> Result<(), EstimatorError> {
+        if state.seen.len() != state.mean.len() {
+            let what = "the last steps of the cells are missing".to_owned();
+            return Err(EstimatorError::State { what });
+        }
+        if let Some(seen) = state.seen.iter().find(|&&seen| seen > state.step) {
+            let what = format!("a cell was last seen in step {seen}, after {} steps", state.step);
+            return Err(EstimatorError::State { what });
+        }
+        self.filter.belief.restore(state, points_m)?;
+        self.filter.seen.resize(self.filter.belief.cells.len(), 0);
+        self.filter.seen[..state.seen.len()].copy_from_slice(&state.seen);
+        self.memory = ReplayMemory::resume(self.config.memory, state.rng);
+        for (remembered, observation) in state.remembered.iter().zip(observations) {
+            self.remember(observation, remembered.id);
+        }
+        Ok(())
     }
 }

@@ -11,11 +11,13 @@ use nalgebra::DVector;
 use crate::arm::Arm;
 use crate::contact::{ContactConfig, Contacts};
 use crate::estimator::CellEstimate;
+use crate::external_torque::{ExternalTorqueConfig, Gravity};
 use crate::lattice::{CellId, CellRows, Lattice};
 use crate::robot::{Poses, Robot};
 use crate::setting::SettingError;
+use crate::tare::Tare;
 use crate::torque::{Cell, Observation, ObservationBuilder, Stiffness};
-use crate::tracker::{ExternalTorqueConfig, Gravity, Sample, Tare, Tracker, TrackerError};
+use crate::tracker::{Sample, Tracker, TrackerError};
 
 /// The stiffness of all cells that were touched or that a prior expects something of, by row.
 #[derive(Debug, Clone, PartialEq)]
@@ -150,7 +152,7 @@ impl Predictor {
         field: &Field,
         touch: ExternalTorqueConfig,
     ) -> Result<Self, SettingError> {
-        let tracker = Tracker::new(arm, field.lattice.clone(), field.contact.clone(), touch)?;
+        let tracker = Tracker::new(arm, field.lattice.clone(), &field.contact, touch)?;
         let mut rows = CellRows::new(field.lattice.clone());
         for &cell in &field.cells {
             rows.row_of(cell);

@@ -60,7 +60,7 @@ impl MotionSimulator {
     pub(crate) fn new(
         arm: Arc<Arm>,
         lattice: Lattice,
-        contact: ContactConfig,
+        contact: &ContactConfig,
     ) -> Result<Self, SettingError> {
         let simulator = ContactSimulator::new(lattice, Arc::clone(&arm.surfaces), contact)?;
         let substeps = Substeps { arm, substep_m: simulator.substep_m() };
@@ -83,7 +83,7 @@ impl MotionSimulator {
     /// Joint positions where the arm is, n_joints, and what it holds there; `None` before the first
     /// position of a touch.
     pub(crate) fn current_state(&self) -> Option<(Vec<f64>, ContactState)> {
-        Some((self.q.clone()?, self.simulator.contact_state()))
+        Some((self.q.clone()?, self.simulator.state().clone()))
     }
 
     /// Forgets where the arm is and what it touches: the next position starts a touch.

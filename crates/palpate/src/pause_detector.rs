@@ -20,7 +20,8 @@ use std::f64::consts::TAU;
 use serde::{Deserialize, Serialize};
 
 use crate::setting::SettingError;
-use crate::tracker::{MIN_TARE_FRAMES, Sample};
+use crate::tare::MIN_TARE_FRAMES;
+use crate::tracker::Sample;
 
 /// What counts as a pause.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -39,7 +39,7 @@ struct World {
 impl World {
     fn new(arm: &Arc<Arm>, lattice: Lattice, config: ContactConfig, start: [f64; 3]) -> Self {
         let mut simulator =
-            ContactSimulator::new(lattice, Arc::clone(&arm.surfaces), config).unwrap();
+            ContactSimulator::new(lattice, Arc::clone(&arm.surfaces), &config).unwrap();
         simulator.begin_touch(&arm.robot.forward(&start).unwrap().world_from_link);
         Self { arm: Arc::clone(arm), simulator }
     }
@@ -202,7 +202,7 @@ fn no_point_that_a_link_covers_is_ever_free() {
     let config =
         ContactConfig { known_empty: false, contact_distance_m: 0.01, ..ContactConfig::default() };
     let mut simulator =
-        ContactSimulator::new(lattice.clone(), Arc::clone(&arm.surfaces), config).unwrap();
+        ContactSimulator::new(lattice.clone(), Arc::clone(&arm.surfaces), &config).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let (mut q, mut speed) = ([0.0; 3], [0.0; 3]);
     simulator.begin_touch(&arm.robot.forward(&q).unwrap().world_from_link);
@@ -249,7 +249,7 @@ fn tracked(urdf: &str, lattice: &Lattice, samples: &[&[f64]]) -> Result<Contacts
     let touch = ExternalTorqueConfig { tare: Tare::None, ..ExternalTorqueConfig::default() };
     let arm = Arc::new(baked.unwrap().0);
     let sticky = ContactConfig { slip_iterations: 0, ..config() };
-    let mut tracker = Tracker::new(arm, lattice.clone(), sticky, touch).unwrap();
+    let mut tracker = Tracker::new(arm, lattice.clone(), &sticky, touch).unwrap();
     tracker.begin_touch();
     let mut contacts = Contacts::default();
     for q in samples {

@@ -4,7 +4,9 @@
 mod scene;
 
 use nalgebra::{DMatrix, DVector};
-use palpate::unstable::{Cell, CellRows, Estimator, FrameId, MapEstimator, Observation};
+use palpate::unstable::{
+    Cell, CellRows, Estimator, FrameId, MapEstimator, Observation, RememberedFrame,
+};
 use palpate::{EstimatorConfig, EstimatorError, EstimatorKind};
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
@@ -168,8 +170,8 @@ fn millions_of_visits_do_not_wear_z_out() {
     // z as it stands against z computed afresh from the multipliers.
     let state = map.state(rows.len());
     let mut afresh = cells_with(&rows, |_| 0.0);
-    for (from, alpha) in &state.remembered {
-        frames[from.sample as usize].spread(&mut afresh, alpha, |cell, _, value| {
+    for RememberedFrame { id, alpha, .. } in &state.remembered {
+        frames[id.sample as usize].spread(&mut afresh, alpha, |cell, _, value| {
             *cell.unknown_mut() += 40.0 * 40.0 * value;
         });
     }

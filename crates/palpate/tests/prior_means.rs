@@ -96,7 +96,8 @@ fn a_saved_belief_keeps_what_was_expected() {
     map.set_prior_means(rows.points_m(), &[1.0, 0.0, 3.0]);
     let state = map.state(3);
     assert_eq!((&state.mean[..], &state.counts[..]), (&[1.0, 0.0, 3.0][..], &[0, 0, 0][..]));
-    let restored = new().restore(&state, &rows.points_m()[..3], Vec::new()).unwrap();
+    let mut restored = new();
+    restored.restore(&state, &rows.points_m()[..3], Vec::new()).unwrap();
     assert_eq!(restored.state(3), state);
 }
 

@@ -197,9 +197,9 @@ impl<'a> Bench<'a> {
         output: &Output,
     ) -> Result<(Figures, whole::Touched), CliError> {
         let out_of_range = |error| SettingsError::Value(Box::new(error));
-        let mut config = self.config.clone();
-        let pace = self.args.pace.take_over(&mut config);
-        let mapper = whole::Whole::new(&self.arm, config, pace, started).map_err(out_of_range)?;
+        let pace = self.args.pace.pace(&self.config);
+        let mapper = whole::Whole::new(&self.arm, self.config.clone(), pace, started)
+            .map_err(out_of_range)?;
         let passes = Passes { warm: self.args.warm_passes, timed: self.args.passes };
         let whole = mapper.measure(&self.recording, passes, self.asked.as_ref(), output)?;
         if whole.step_ms.is_empty() {

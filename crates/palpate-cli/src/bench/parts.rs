@@ -61,7 +61,7 @@ impl Parts {
     fn new(arm: &Arc<Arm>, config: &MapperConfig) -> Result<Self, MapperError> {
         let estimator = config.estimator(arm.robot.n_joints())?;
         let (contact, touch) = (config.contact.clone(), config.touch.clone());
-        let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
+        let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), &contact, touch)?;
         Ok(Self {
             tracker,
             observations: ObservationBuilder::new(CellRows::new(config.lattice.clone())),

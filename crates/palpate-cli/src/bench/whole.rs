@@ -56,6 +56,10 @@ impl Whole {
         started: Instant,
     ) -> Result<Self, MapperError> {
         let mapper = Mapper::new(Arc::clone(arm), config)?;
+        let mapper = match &pace {
+            Some(pace) => pace.keep(mapper),
+            None => mapper,
+        };
         let (step_ms, contacts) = (Vec::new(), Vec::new());
         Ok(Self { mapper, pace, started, first_step: None, step_ms, contacts })
     }

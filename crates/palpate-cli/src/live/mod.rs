@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use palpate::{Arm, Mapper, PauseConfig};
 use palpate_io::field;
-use palpate_live::checkpoint::{self, CheckpointConfig};
+use palpate_live::checkpoint::CheckpointConfig;
 use palpate_live::guard::Guard;
 use palpate_live::ros::{Network, NetworkConfig, Services};
 use palpate_live::session::Session;
@@ -152,25 +152,22 @@ impl Args {
         }
     }
 
-    /// A new mapper, or one that goes on, and the replays a step that its settings ask for: they
-    /// are made when there is time.
+    /// A new mapper, or one that continues from the output file.
     fn mapper(
         &self,
         arm: &Arc<Arm>,
         settings: &Settings,
         output: &Output,
-    ) -> Result<(Mapper, u32), CliError> {
+    ) -> Result<Mapper, CliError> {
         match self.output.as_deref().filter(|path| self.resume && path.exists()) {
             Some(path) => {
-                let mut snapshot = resume::snapshot(path, settings)?;
-                let replays = std::mem::take(&mut snapshot.config.estimator.replays);
+                let snapshot = resume::snapshot(path, settings)?;
                 output.note(&format!("going on from `{}`", path.display()));
-                Ok((resume::mapper(path, arm, snapshot)?, replays))
+                Ok(resume::mapper(path, arm, snapshot)?)
             }
             None => {
-                let mut config = settings.config()?;
-                let replays = std::mem::take(&mut config.estimator.replays);
-                Ok((prior::mapper(self.prior.as_deref(), arm, config, output)?, replays))
+                let config = settings.config()?;
+                Ok(prior::mapper(self.prior.as_deref(), arm, config, output)?)
             }
         }
     }
@@ -194,7 +191,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     args.check_places(&settings)?;
     interrupt::listen();
     let arm = robot::load(&settings.robot, output)?;
-    let (mapper, replays) = args.mapper(&arm, &settings, output)?;
+    let mapper = args.mapper(&arm, &settings, output)?;
     output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
     if args.output.is_none() {
         output.note("nothing is kept: --output FIELD.npz saves what is learnt");
@@ -206,7 +203,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         .map(|url| Viewer::start(url.as_deref(), &arm, &mapper.config().lattice));
     let drawn = drawn.transpose()?;
     let idle = PauseConfig { idle_s: args.idle, ..PauseConfig::default() };
-    let session = Session::new(mapper, idle, replays, args.guard.map(Guard::new))
+    let session = Session::new(mapper, idle, args.guard.map(Guard::new))
         .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
     let network = Network::join(&args.network()).map_err(CliError::file)?;
     let ask = args.ask.as_deref().map(open_socket).transpose()?;
@@ -221,7 +218,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         drawn.end(output);
     }
     if let Some(path) = &args.output {
-        let saved = checkpoint::saved(session.mapper(), session.replays());
+        let saved = resume::saved(session.mapper());
         field::save(path, &saved).map_err(CliError::file)?;
     }
     shown.end(&session, args.output.as_deref())

@@ -20,7 +20,7 @@
 
 use std::path::Path;
 
-use palpate::unstable::{EstimatorState, FrameId, LoggedTouch, RngState};
+use palpate::unstable::{EstimatorState, FrameId, LoggedTouch, RememberedFrame, RngState};
 use palpate::{
     CellId, ContactConfig, EstimatorKind, ExternalTorqueConfig, Field, Lattice, MapperConfig,
     Snapshot,
@@ -109,8 +109,6 @@ struct MapperMeta {
     touches: u32,
     step: u64,
     rng: RngState,
-    #[serde(default)]
-    replays_due: bool,
     /// First rows that a prior by cell declared: the prior of the others is the settings'.
     #[serde(default)]
     expected: usize,
@@ -184,7 +182,6 @@ fn to_arrays(saved: &Saved) -> Arrays {
             touches: snapshot.touches,
             step: snapshot.state.step,
             rng: snapshot.state.rng,
-            replays_due: snapshot.replays_due,
             expected: snapshot.prior_means_n_per_m.len(),
         }),
     };
@@ -203,13 +200,14 @@ fn insert_state(arrays: &mut Arrays, state: &EstimatorState) {
     arrays.insert("state_variance", Array::flat(Data::F64(state.variance.clone())));
     arrays.insert("state_seen", Array::flat(Data::U64(state.seen.clone())));
     let frames = state.remembered.len();
-    let sources = state.remembered.iter().flat_map(|(from, _)| [from.touch, from.sample]);
-    arrays.insert("memory_frame", Array::new(vec![frames, 2], Data::U32(sources.collect())));
+    let ids = state.remembered.iter().flat_map(|frame| [frame.id.touch, frame.id.sample]);
+    arrays.insert("memory_frame", Array::new(vec![frames, 2], Data::U32(ids.collect())));
     let alphas: Vec<f64> =
-        state.remembered.iter().flat_map(|(_, alpha)| alpha.iter().copied()).collect();
+        state.remembered.iter().flat_map(|frame| frame.alpha.iter().copied()).collect();
     let width = alphas.len().checked_div(frames).unwrap_or(0);
     arrays.insert("memory_alpha", Array::new(vec![frames, width], Data::F64(alphas)));
-    arrays.insert("memory_nis", Array::flat(Data::F64(state.nis.clone())));
+    let nis = state.remembered.iter().map(|frame| frame.nis).collect();
+    arrays.insert("memory_nis", Array::flat(Data::F64(nis)));
 }
 
 /// Adds the arrays of the sample log.
@@ -280,9 +278,14 @@ fn snapshot(
     let numbers = arrays.counts(name_in(arrays, "memory_frame"), &[None, Some(2)])?;
     let alphas = arrays.floats("memory_alpha", &[Some(numbers.len() / 2), None])?;
     let width = alphas.len().checked_div(numbers.len() / 2).unwrap_or(0);
-    let remembered = numbers.chunks(2).enumerate().map(|(frame, source)| {
-        let source = FrameId { touch: source[0] as u32, sample: source[1] as u32 };
-        (source, alphas[frame * width..(frame + 1) * width].to_vec())
+    let nis = match arrays.get(name_in(arrays, "memory_nis")) {
+        Some(_) => arrays.floats(name_in(arrays, "memory_nis"), &[None])?,
+        None => Vec::new(), // of a palpate that drew frames at random only
+    };
+    let remembered = numbers.chunks(2).enumerate().map(|(frame, id)| RememberedFrame {
+        id: FrameId { touch: id[0] as u32, sample: id[1] as u32 },
+        alpha: alphas[frame * width..(frame + 1) * width].to_vec(),
+        nis: nis.get(frame).copied().unwrap_or_default(),
     });
     let state = EstimatorState {
         mean: arrays.floats("state_mean", &[None])?,
@@ -291,10 +294,6 @@ fn snapshot(
         seen: arrays.counts("state_seen", &[None])?,
         step: mapper.step,
         remembered: remembered.collect(),
-        nis: match arrays.get(name_in(arrays, "memory_nis")) {
-            Some(_) => arrays.floats(name_in(arrays, "memory_nis"), &[None])?,
-            None => Vec::new(), // of a palpate that drew by chance alone
-        },
         rng: mapper.rng,
     };
     let (means, variances, cells) =
@@ -318,17 +317,14 @@ fn snapshot(
         );
         return Err(SavedError::Contradiction { path: path.to_owned(), what });
     };
-    Ok(Snapshot {
-        config: mapper.config,
-        robot: (saved.robot.clone(), mapper.fingerprint),
+    Ok(Snapshot::new(
+        mapper.config,
+        (saved.robot.clone(), mapper.fingerprint),
         n_joints,
-        cells: saved.field.cells.clone(),
-        prior_means_n_per_m: expected.to_vec(),
+        (saved.field.cells.clone(), expected.to_vec()),
         state,
-        touches: mapper.touches,
-        replays_due: mapper.replays_due,
-        sample_log,
-    })
+        (mapper.touches, sample_log),
+    ))
 }
 
 /// The logged touches, and the number of joints of their samples.

@@ -52,7 +52,7 @@ impl Ball {
         let lattice = Lattice::new([-half_m; 3], 0.012, [side; 3]).unwrap();
         let surfaces = Arc::new(vec![Some(baked(Shape::Sphere { radius_m: 0.12 }))]);
         let config = ContactConfig::default();
-        let mut simulator = ContactSimulator::new(lattice, surfaces, config).unwrap();
+        let mut simulator = ContactSimulator::new(lattice, surfaces, &config).unwrap();
         simulator.begin_touch(&Self::pose(0));
         Self { simulator, step: 0 }
     }

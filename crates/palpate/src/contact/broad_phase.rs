@@ -1,28 +1,51 @@
-//! The blocks of points that a link will look at again, and when.
+//! Which free points a link may have reached: the broad phase of the step-by-step scheduler.
 //!
-//! φ is a distance: at the centre of a block of cells it bounds φ everywhere in the block, and a
-//! block that is far from the link stays free until the link has travelled as far. So an [`BroadPhase`]
-//! has blocks, each due when the link may have reached it. A motion looks at what has become due; a
-//! block that may hold covered points is split, and whatever is still free goes back on the broad_phase.
+//! φ is a distance: at the middle of a block of cells it bounds φ everywhere in the block, and a
+//! block that is far from the link stays free until the link has travelled as far. So every block
+//! waits for the travel at which the link may reach it. A motion looks at the blocks whose travel has
+//! come; a block that may hold covered points is split, and whatever is still free waits again.
 //! What a motion costs follows the link's surface and how far it went.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::enter::{Entered, LIPSCHITZ, Query};
-use super::placed::{box_distance_m, travel_in_link_m};
-use crate::lattice::BRICK_EDGE;
+use super::placed::{Placed, box_distance_m, travel_in_link_m};
+use super::rules::ContactRules;
+use crate::lattice::{BRICK_EDGE, CellSet, Lattice};
 use crate::sdf::DistanceGrid;
 
-/// How far the link may travel before its broad_phase is written anew; what it reaches later is left
-/// out.
-const HORIZON_M: f64 = 0.02;
-
-/// The farthest from a link's box that a point may be to be on the broad_phase.
-pub(super) fn within_m(reach_m: f64) -> f64 {
-    reach_m + LIPSCHITZ * HORIZON_M
+/// A free point inside an inflated link.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Entered {
+    pub(super) place: [u32; 3],
+    pub(super) link: usize,
+    pub(super) distance_m: f64,
 }
 
-/// Travel that shares a page of the broad_phase.
+/// How much more than a distance the baked φ may change between two points, as a factor:
+/// trilinear interpolation of a distance is not quite 1-Lipschitz.
+pub(super) const LIPSCHITZ: f64 = 1.1;
+
+/// One link among the points of the lattice.
+pub(super) struct Query<'a> {
+    pub(super) lattice: &'a Lattice,
+    /// Places that cannot be entered.
+    pub(super) taken: &'a CellSet,
+    pub(super) rules: &'a ContactRules,
+    pub(super) link: usize,
+    pub(super) surface: &'a DistanceGrid,
+    pub(super) placed: Placed,
+}
+
+/// How far a link may travel before all blocks near it are collected anew.
+const HORIZON_M: f64 = 0.02;
+
+/// The farthest from a link's box that a point may be to be in its broad phase, for contact distance
+/// δ.
+fn within_m(contact_distance_m: f64) -> f64 {
+    contact_distance_m + LIPSCHITZ * HORIZON_M
+}
+
+/// The range of travel that one page of waiting blocks covers.
 const PAGE_M: f64 = 0.001;
 
 /// A cube of cells, at its first place, of 8, 4, 2 or 1 cells a side.
@@ -32,52 +55,53 @@ struct Block {
     edge: u32,
 }
 
-/// When a block must be looked at again.
+/// The travel at which a block must be looked at again.
 #[derive(Debug, Clone, Copy)]
 struct Due {
     travel_m: f64,
     block: Block,
 }
 
-/// Blocks looked at together.
-const HANDFUL: usize = 8;
+/// Blocks whose distances are looked up together.
+const BATCH: usize = 8;
 
-/// One link's broad_phase.
+/// The blocks of free points about one link, each with the travel at which the link may reach it.
 #[derive(Debug, Clone, Default)]
 pub(super) struct BroadPhase {
-    /// How far, at most, any point within reach has moved in the link's frame since the broad_phase was
-    /// written.
+    /// How far, at most, any point within reach has moved in the link's frame since the blocks were
+    /// collected.
     travel_m: f64,
-    /// Blocks by the travel at which they are due, a page each [`PAGE_M`]; none: not written yet.
+    /// Waiting blocks by the travel at which they are due, a page each [`PAGE_M`]; none before they
+    /// are collected.
     pages: Vec<Vec<Due>>,
     /// The first page that may hold anything.
     current: usize,
-    /// Room for the blocks of a look and their parts, kept from look to query.
+    /// Reused memory for the blocks of a query and their parts.
     room: [Vec<Block>; 2],
 }
 
 impl BroadPhase {
-    /// Forgets everything: the next look is at all that is near.
+    /// Forgets all blocks: the next query collects them anew.
     pub(super) fn clear(&mut self) {
         self.pages.clear();
     }
 
-    /// Adds a motion of the link to its travel; only points within [`within_m`] of its box are
-    /// asked for.
+    /// Adds a motion of the link to its travel, which counts for points within [`within_m`] of its
+    /// box.
     pub(super) fn travel(
         &mut self,
         surface: &DistanceGrid,
-        reach_m: f64,
+        contact_distance_m: f64,
         from: &Isometry3<f64>,
         to: &Isometry3<f64>,
     ) {
-        self.travel_m += travel_in_link_m(surface, within_m(reach_m), from, to);
+        self.travel_m += travel_in_link_m(surface, within_m(contact_distance_m), from, to);
     }
 
-    /// Adds the free points with φ < δ that the link has come to cover to `found`.
-    pub(super) fn look(&mut self, query: &Query<'_>, found: &mut Vec<Entered>) {
+    /// Adds the free points that the link has come to cover to `found`.
+    pub(super) fn find(&mut self, query: &Query<'_>, found: &mut Vec<Entered>) {
         if self.pages.is_empty() || self.travel_m >= HORIZON_M {
-            return self.write(query, found);
+            return self.collect(query, found);
         }
         let (page, travel_m) = ((self.travel_m / PAGE_M) as usize, self.travel_m);
         let mut due = std::mem::take(&mut self.room[0]);
@@ -91,16 +115,16 @@ impl BroadPhase {
         self.visit(query, due, found);
     }
 
-    /// Puts a place that has become free on the broad_phase, or adds it to `found`.
-    pub(super) fn look_at(&mut self, query: &Query<'_>, place: [u32; 3], found: &mut Vec<Entered>) {
+    /// Lets a place that has become free wait, or adds it to `found`.
+    pub(super) fn find_at(&mut self, query: &Query<'_>, place: [u32; 3], found: &mut Vec<Entered>) {
         let mut due = std::mem::take(&mut self.room[0]);
         due.push(Block { low: place, edge: 1 });
         self.visit(query, due, found);
     }
 
-    /// Writes the broad_phase anew, from every brick that the link can reach before the next time, and
-    /// adds the free points with φ < δ to `found`.
-    fn write(&mut self, query: &Query<'_>, found: &mut Vec<Entered>) {
+    /// Collects the blocks anew, from every brick that the link can reach within the horizon, and
+    /// adds the free points that it covers to `found`.
+    fn collect(&mut self, query: &Query<'_>, found: &mut Vec<Entered>) {
         self.pages.resize((HORIZON_M / PAGE_M) as usize + 1, Vec::new());
         self.pages.iter_mut().for_each(Vec::clear);
         (self.travel_m, self.current) = (0.0, 0);
@@ -109,18 +133,18 @@ impl BroadPhase {
         self.visit(query, due, found);
     }
 
-    /// Looks at blocks: nothing in one is free, or it is put off, or split, or a covered point.
+    /// Looks at blocks: one has no free point, waits on, is split, or is a covered point.
     ///
-    /// Distances come first, a handful at a time, so that the processor waits for them together.
+    /// Distances are looked up a batch at a time, so that the processor waits for them together.
     fn visit(&mut self, query: &Query<'_>, mut blocks: Vec<Block>, found: &mut Vec<Entered>) {
         let mut parts = std::mem::take(&mut self.room[1]);
         while !blocks.is_empty() {
-            for handful in blocks.chunks(HANDFUL) {
-                let mut distances_m = [0.0; HANDFUL];
-                for (distance_m, block) in distances_m.iter_mut().zip(handful) {
+            for batch in blocks.chunks(BATCH) {
+                let mut distances_m = [0.0; BATCH];
+                for (distance_m, block) in distances_m.iter_mut().zip(batch) {
                     *distance_m = block.distance_m(query);
                 }
-                for (&block, &distance_m) in handful.iter().zip(&distances_m) {
+                for (&block, &distance_m) in batch.iter().zip(&distances_m) {
                     self.sort(query, block, distance_m, &mut parts, found);
                 }
             }
@@ -130,7 +154,7 @@ impl BroadPhase {
         self.room = [blocks, parts];
     }
 
-    /// Decides on a block from φ at its middle; `parts` gets those of one to look at more closely.
+    /// Decides on a block from φ at its middle; adds the parts of one that must be split to `parts`.
     fn sort(
         &mut self,
         query: &Query<'_>,
@@ -140,9 +164,10 @@ impl BroadPhase {
         found: &mut Vec<Entered>,
     ) {
         let Block { low, edge } = block;
-        let free_m = (distance_m - query.reach_m) / LIPSCHITZ - block.radius_m(query);
-        if free_m > 0.0 || (edge == 1 && distance_m >= query.reach_m) {
-            return self.put_off(block, free_m);
+        let beyond_m = distance_m - query.rules.contact_distance_m;
+        let free_m = beyond_m / LIPSCHITZ - block.radius_m(query);
+        if free_m > 0.0 || (edge == 1 && !query.rules.enters(distance_m)) {
+            return self.wait(block, free_m);
         }
         if query.taken.holds_cube(low, edge) {
             return;
@@ -160,8 +185,8 @@ impl BroadPhase {
         }
     }
 
-    /// Puts a block that the link cannot reach in less than `free_m` on the broad_phase.
-    fn put_off(&mut self, block: Block, free_m: f64) {
+    /// Lets a block wait that the link cannot reach before it has travelled `free_m`.
+    fn wait(&mut self, block: Block, free_m: f64) {
         let travel_m = self.travel_m + free_m;
         if let Some(page) = self.pages.get_mut((travel_m / PAGE_M) as usize) {
             page.push(Due { travel_m, block });
@@ -170,15 +195,15 @@ impl BroadPhase {
 }
 
 impl Block {
-    /// φ at the middle of a block; of one that is beyond the horizon, no more than φ.
+    /// φ at the middle of a block, or a lower bound of it for a block beyond the horizon.
     ///
-    /// Most blocks of a new broad_phase are, and the box of the surface says so of most of these: it is
-    /// at hand, where the baked distances of a place that nobody asked about are not.
+    /// Most newly collected blocks are, and the box of the surface shows it for most of them without
+    /// a look-up of φ, which would miss the cache.
     fn distance_m(self, query: &Query<'_>) -> f64 {
         let half_m = f64::from(self.edge - 1) / 2.0 * query.lattice.spacing_m();
         let middle = query.lattice.point_at(self.low) + Vector3::repeat(half_m);
         let middle_link = query.placed.in_link(&middle);
-        let beyond_m = within_m(query.reach_m) + LIPSCHITZ * self.radius_m(query);
+        let beyond_m = within_m(query.rules.contact_distance_m) + LIPSCHITZ * self.radius_m(query);
         let box_m = box_distance_m(query.surface, &middle_link);
         if box_m > beyond_m { box_m } else { query.surface.distance(&middle_link) }
     }
@@ -187,4 +212,30 @@ impl Block {
     fn radius_m(self, query: &Query<'_>) -> f64 {
         f64::from(self.edge - 1) / 2.0 * query.lattice.spacing_m() * 3f64.sqrt()
     }
+}
+
+impl Query<'_> {
+    /// The bricks, by their first places, that the link can reach within the horizon.
+    fn bricks_near(&self) -> impl Iterator<Item = [u32; 3]> + use<> {
+        let (low, high) = self.placed.bounds(self.surface);
+        let reach = Vector3::repeat(within_m(self.rules.contact_distance_m));
+        bricks_within(self.lattice, &(low - reach), &(high + reach))
+    }
+}
+
+/// The bricks of a box, by their first places.
+pub(super) fn bricks_within(
+    lattice: &Lattice,
+    low: &Point3<f64>,
+    high: &Point3<f64>,
+) -> impl Iterator<Item = [u32; 3]> + use<> {
+    let (first, end) = lattice.places_within(low, high);
+    let bricks = |axis: usize| match first[axis] < end[axis] {
+        true => first[axis] / BRICK_EDGE..end[axis].div_ceil(BRICK_EDGE),
+        false => 0..0,
+    };
+    let [x, y, z] = [0, 1, 2].map(bricks);
+    let columns = z.flat_map(move |k| y.clone().map(move |j| [j, k]));
+    let bricks = columns.flat_map(move |[j, k]| x.clone().map(move |i| [i, j, k]));
+    bricks.map(|brick| brick.map(|n| n * BRICK_EDGE))
 }

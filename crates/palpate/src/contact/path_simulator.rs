@@ -1,72 +1,72 @@
-//! Points that are followed along a way known beforehand.
+//! The scheduler for a known trajectory: chosen points, followed alone from waypoint to waypoint.
 //!
-//! For every point and every link that comes near it, it is known where the link will be near next.
-//! So a [`PathContactSimulator`] goes from waypoint to waypoint, looks φ up only for points that a link is near
-//! to, takes hold of those that it covers, and settles all that are held together. What a point
-//! meets is what [`super::ContactSimulator`] finds for it, to the bit.
+//! For every point and every link that comes near it, the next waypoint where it will be near is
+//! known. So φ is looked up only for points that are near a link; the rules then apply as in
+//! [`super::simulator`], in the same order. Each point meets what the step-by-step scheduler finds for
+//! it, to the bit, which a test holds.
 
 use nalgebra::{Point3, Vector3};
 
-use super::posed_trajectory::{Near, PosedTrajectory};
-use super::stick_slip::{Touched, stick_and_slip};
+use super::posed_trajectory::{NearBrick, PosedTrajectory};
+use super::rules::{HeldPoint, deepest_first};
 use crate::lattice::CellId;
 use crate::robot::LinkId;
 
-/// A point that is displaced where the arm stops.
+/// A point that is displaced at a stop.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Displaced {
-    /// Its number in the path_simulator.
-    pub(crate) number: usize,
+    /// Its index among the points of the simulator.
+    pub(crate) index: usize,
     /// The link that holds it.
     pub(crate) link: LinkId,
     /// u: anchor − rest point, world frame, m.
     pub(crate) displacement_m: Vector3<f64>,
 }
 
-/// Points that are followed together.
+/// Points that are followed together along a trajectory.
 #[derive(Debug)]
 pub(crate) struct PathContactSimulator<'a> {
     trajectory: &'a PosedTrajectory,
     points: Vec<Point>,
-    /// A point's are in a row.
-    meetings: Vec<Meeting>,
-    /// The waypoint where a meeting comes next, by meeting; [`NEVER`] if it does not, or if the
-    /// point is held.
+    /// Those of one point follow each other.
+    pairs: Vec<Pair>,
+    /// The waypoint where the link of a pair may next cover its point, by pair; [`NEVER`] if it does
+    /// not, or if the point is held.
     next: Vec<u32>,
     /// By link of the trajectory.
-    held: Vec<Held>,
-    /// By waypoint, the meetings that come there; some of them have been put off since.
+    held: Vec<HeldByLink>,
+    /// Pairs by the waypoint where they are due; some may have been deferred since.
     due: Vec<Vec<usize>>,
 }
 
 /// No waypoint.
 const NEVER: u32 = u32::MAX;
 
-/// A point of a path_simulator.
+/// A point that is followed.
 #[derive(Debug)]
 struct Point {
     cell: CellId,
     rest: Point3<f64>,
-    /// Its first meeting.
-    meetings: usize,
+    /// Its first pair.
+    pairs: usize,
 }
 
 /// A point and a link that comes near it.
 #[derive(Debug)]
-struct Meeting {
+struct Pair {
     point: usize,
     /// Among the links of the trajectory.
     link: usize,
-    /// The first waypoint where it may be near.
+    /// The first waypoint where the link may be near.
     from: usize,
 }
 
 /// What a link holds.
 #[derive(Debug, Default)]
-struct Held {
-    touched: Vec<Touched>,
-    /// Their numbers in the path_simulator.
-    points: Vec<usize>,
+struct HeldByLink {
+    points: Vec<HeldPoint>,
+    /// Their indices among the points of the simulator.
+    indices: Vec<usize>,
 }
 
 /// A free point that a link covers.
@@ -77,95 +77,95 @@ struct Covered {
 }
 
 impl<'a> PathContactSimulator<'a> {
-    /// A path_simulator of nobody.
+    /// A simulator without points.
     pub(crate) fn new(trajectory: &'a PosedTrajectory) -> Self {
-        let held = trajectory.links.iter().map(|_| Held::default()).collect();
-        let (points, meetings, next) = (Vec::new(), Vec::new(), Vec::new());
+        let held = trajectory.links.iter().map(|_| HeldByLink::default()).collect();
+        let (points, pairs, next) = (Vec::new(), Vec::new(), Vec::new());
         let due = vec![Vec::new(); trajectory.n_waypoints];
-        Self { trajectory, points, meetings, next, held, due }
+        Self { trajectory, points, pairs, next, held, due }
     }
 
-    /// Adds a point of a brick, at a place in the lattice or somewhat aside of it, m. What is held at
-    /// the first waypoint is held where its cell is.
-    pub(crate) fn add(&mut self, near: &Near, place: [u32; 3], aside_m: &Vector3<f64>) {
+    /// Adds a point that rests at a place of a brick, shifted by `offset_m`. A cell that is held at the
+    /// first waypoint is followed from its own rest point.
+    pub(crate) fn add(&mut self, brick: &NearBrick, place: [u32; 3], offset_m: &Vector3<f64>) {
         let lattice = &self.trajectory.lattice;
-        let (cell, mut rest) = (lattice.cell(place), lattice.point_at(place) + aside_m);
-        let (point, meetings) = (self.points.len(), self.meetings.len());
+        let (cell, mut rest) = (lattice.cell(place), lattice.point_at(place) + offset_m);
+        let (index, pairs) = (self.points.len(), self.pairs.len());
         let mut is_free = true;
         if let Some(start) = &self.trajectory.start {
-            if let Some((index, touched)) = start.held(cell) {
-                let link = self.trajectory.links.iter().position(|link| link.index == index);
+            if let Some((link, point)) = start.held(cell) {
+                let link = self.trajectory.links.iter().position(|other| other.index == link);
                 let held = &mut self.held[link.expect("a link that holds a point has a surface")];
-                held.touched.push(touched);
                 held.points.push(point);
+                held.indices.push(index);
                 (rest, is_free) = (lattice.point_at(place), false);
-            } else if start.contact_state.taken.contains(place) {
+            } else if start.state.taken.contains(place) {
                 is_free = false; // known to be empty space
             }
         }
-        for &(link, from) in &near.links {
-            self.meetings.push(Meeting { point, link, from });
+        for &(link, from) in &brick.links {
+            self.pairs.push(Pair { point: index, link, from });
             self.next.push(NEVER);
         }
-        self.points.push(Point { cell, rest, meetings });
+        self.points.push(Point { cell, rest, pairs });
         if is_free {
-            self.wait(point, 0);
+            self.wait(index, 0);
         }
     }
 
     /// Where a point rests, world frame, m.
-    pub(crate) fn rest(&self, number: usize) -> &Point3<f64> {
-        &self.points[number].rest
+    pub(crate) fn rest(&self, index: usize) -> &Point3<f64> {
+        &self.points[index].rest
     }
 
-    /// Takes all points along the whole way.
+    /// Follows all points along the whole trajectory.
     ///
-    /// `stop_at` has the number of a stop for every waypoint that is one: `feel` is told of every
-    /// point that is displaced there.
+    /// `stop_at` has the number of a stop for every waypoint that is one: `at_stop` is called there for
+    /// every point that is displaced.
     pub(crate) fn follow(
         mut self,
         stop_at: &[Option<usize>],
-        mut feel: impl FnMut(usize, &Self, Displaced),
+        mut at_stop: impl FnMut(usize, &Self, Displaced),
     ) {
         let (mut slipping, mut released, mut covered) = (Vec::new(), Vec::new(), Vec::new());
+        let begins_touch = self.trajectory.start.is_none();
         for (at, stop) in stop_at.iter().enumerate() {
             if at > 0 {
                 self.stick_and_slip(at, &mut slipping, &mut released);
             }
-            self.look(at, &mut covered);
-            let is_empty =
-                at == 0 && self.trajectory.config.known_empty && self.trajectory.start.is_none();
+            self.find_entered(at, &mut covered);
+            let is_empty = at == 0 && begins_touch && self.trajectory.rules.known_empty;
             for Covered { point, link, .. } in covered.drain(..) {
-                let meetings = self.meetings_of(point);
-                self.next[meetings].fill(NEVER);
+                let pairs = self.pairs_of(point);
+                self.next[pairs].fill(NEVER);
                 if !is_empty {
                     self.hold(point, link, at);
                 }
             }
             let Some(stop) = *stop else { continue };
             for (link, held) in self.trajectory.links.iter().zip(&self.held) {
-                for (touched, &number) in held.touched.iter().zip(&held.points) {
-                    let displacement_m = Vector3::from(touched.displacement_m.map(f64::from));
+                for (point, &index) in held.points.iter().zip(&held.indices) {
+                    let displacement_m = Vector3::from(point.displacement_m.map(f64::from));
                     let link = LinkId(link.index as u16);
-                    feel(stop, &self, Displaced { number, link, displacement_m });
+                    at_stop(stop, &self, Displaced { index, link, displacement_m });
                 }
             }
         }
     }
 
-    /// Lets all that is held slip to where its link is at a waypoint, and releases what must be.
+    /// Applies stick, slip and release to all points that are held, with the links at a waypoint.
     fn stick_and_slip(&mut self, at: usize, slipping: &mut Vec<u32>, released: &mut Vec<usize>) {
         for (link, held) in self.trajectory.links.iter().zip(&mut self.held) {
             let surface = self.trajectory.surface(link);
-            let touched = &mut held.touched[..];
-            stick_and_slip(surface, &link.placed[at], &self.trajectory.slip, (touched, slipping));
-            let mut number = 0;
-            while number < held.touched.len() {
-                if held.touched[number].held {
-                    number += 1;
+            let points = &mut held.points[..];
+            self.trajectory.rules.stick_and_slip(surface, &link.placed[at], (points, slipping));
+            let mut index = 0;
+            while index < held.points.len() {
+                if held.points[index].held {
+                    index += 1;
                 } else {
-                    held.touched.swap_remove(number);
-                    released.push(held.points.swap_remove(number));
+                    held.points.swap_remove(index);
+                    released.push(held.indices.swap_remove(index));
                 }
             }
         }
@@ -175,70 +175,65 @@ impl<'a> PathContactSimulator<'a> {
         }
     }
 
-    /// Finds the free points that links cover at a waypoint, each once, with its deepest link.
-    fn look(&mut self, at: usize, covered: &mut Vec<Covered>) {
+    /// Finds the free points that enter at a waypoint, each once, at its deepest link.
+    fn find_entered(&mut self, at: usize, covered: &mut Vec<Covered>) {
         let mut due = std::mem::take(&mut self.due[at]);
-        due.retain(|&meeting| self.next[meeting] == at as u32);
+        due.retain(|&pair| self.next[pair] == at as u32);
         due.sort_unstable();
-        due.dedup(); // those that were put off, and then again to where they were
-        for meeting in due {
-            let Meeting { point, link: number, .. } = self.meetings[meeting];
+        due.dedup(); // a pair may be deferred, and then again to where it was
+        for pair in due {
+            let Pair { point, link: number, .. } = self.pairs[pair];
             let (rest, link) = (self.points[point].rest, &self.trajectory.links[number]);
-            let distance_m =
-                self.trajectory.surface(link).distance(&link.placed[at].in_link(&rest));
-            let free_m = distance_m - self.trajectory.config.contact_distance_m;
-            if free_m < 0.0 {
+            let surface = self.trajectory.surface(link);
+            let distance_m = surface.distance(&link.placed[at].in_link(&rest));
+            if self.trajectory.rules.enters(distance_m) {
                 covered.push(Covered { point, distance_m, link: number });
             } else {
+                let free_m = distance_m - self.trajectory.rules.contact_distance_m;
                 let after = link.after(at, free_m);
-                self.put_off(meeting, after.and_then(|at| link.near(&rest, at)));
+                self.defer(pair, after.and_then(|at| link.near(&rest, at)));
             }
         }
-        // Meetings of a point are in a row, and so are their finds: links in their order.
+        // Pairs of a point follow each other, links in their order.
         covered.dedup_by(|later, kept| {
-            if later.point == kept.point && later.distance_m < kept.distance_m {
+            let depth = |covered: &Covered| (covered.distance_m, covered.link);
+            if later.point == kept.point && deepest_first(depth(later), depth(kept)).is_lt() {
                 (kept.distance_m, kept.link) = (later.distance_m, later.link);
             }
             later.point == kept.point
         });
     }
 
-    /// Lets a point that is free wait for its links, from a waypoint on.
+    /// Lets a free point wait for its links, from a waypoint on.
     fn wait(&mut self, point: usize, at: usize) {
-        for meeting in self.meetings_of(point) {
-            let Meeting { link, from, .. } = self.meetings[meeting];
+        for pair in self.pairs_of(point) {
+            let Pair { link, from, .. } = self.pairs[pair];
             let link = &self.trajectory.links[link];
-            self.put_off(meeting, link.near(&self.points[point].rest, from.max(at)));
+            self.defer(pair, link.near(&self.points[point].rest, from.max(at)));
         }
     }
 
-    /// Puts a meeting off to a waypoint, or for good.
-    fn put_off(&mut self, meeting: usize, to: Option<usize>) {
-        self.next[meeting] = to.map_or(NEVER, |at| at as u32);
+    /// Defers a pair to a waypoint, or for good.
+    fn defer(&mut self, pair: usize, to: Option<usize>) {
+        self.next[pair] = to.map_or(NEVER, |at| at as u32);
         if let Some(at) = to {
-            self.due[at].push(meeting);
+            self.due[at].push(pair);
         }
     }
 
     /// Anchors a point on the inflated surface of a link.
-    fn hold(&mut self, number: usize, link: usize, at: usize) {
-        let (point, of_link) = (&self.points[number], &self.trajectory.links[link]);
-        let (surface, pose) =
-            (self.trajectory.surface(of_link), &of_link.placed[at].world_from_link);
+    fn hold(&mut self, index: usize, link: usize, at: usize) {
+        let (point, of_link) = (&self.points[index], &self.trajectory.links[link]);
+        let surface = self.trajectory.surface(of_link);
+        let (pose, rules) = (&of_link.placed[at].world_from_link, &self.trajectory.rules);
         let held = &mut self.held[link];
-        held.touched.push(Touched::new(
-            point.cell,
-            point.rest,
-            surface,
-            pose,
-            &self.trajectory.slip,
-        ));
-        held.points.push(number);
+        held.points.push(HeldPoint::new(point.cell, point.rest, surface, pose, rules));
+        held.indices.push(index);
     }
 
-    fn meetings_of(&self, number: usize) -> std::ops::Range<usize> {
-        let end = self.points.get(number + 1).map_or(self.meetings.len(), |next| next.meetings);
-        self.points[number].meetings..end
+    fn pairs_of(&self, index: usize) -> std::ops::Range<usize> {
+        let end = self.points.get(index + 1).map_or(self.pairs.len(), |next| next.pairs);
+        self.points[index].pairs..end
     }
 }
 
@@ -304,17 +299,17 @@ mod tests {
         all
     }
 
-    /// What a path_simulator of every third cell meets, at every waypoint.
-    fn met_by_a_crowd(trajectory: &PosedTrajectory, waypoints: usize) -> Vec<Met> {
+    /// What every third cell meets, followed alone, at every waypoint.
+    fn followed(trajectory: &PosedTrajectory, waypoints: usize) -> Vec<Met> {
         let (lattice, mut path_simulator, mut cells) =
             (lattice(), PathContactSimulator::new(trajectory), Vec::new());
-        for near in trajectory.bricks() {
+        for brick in trajectory.bricks() {
             let n = BRICK_EDGE;
             for at in 0..n.pow(3) {
                 let inside = [at % n, at / n % n, at / (n * n)];
-                let place = [0, 1, 2].map(|axis| near.low[axis] + inside[axis]);
+                let place = [0, 1, 2].map(|axis| brick.low[axis] + inside[axis]);
                 if lattice.holds(place) && lattice.cell(place).0 % 3 == 0 {
-                    path_simulator.add(&near, place, &Vector3::zeros());
+                    path_simulator.add(&brick, place, &Vector3::zeros());
                     cells.push(lattice.cell(place));
                 }
             }
@@ -323,10 +318,10 @@ mod tests {
         let mut met = vec![Met::new(); waypoints];
         path_simulator.follow(
             &stops,
-            |stop, path_simulator, Displaced { number, link, displacement_m }| {
-                assert_eq!(*path_simulator.rest(number), lattice.point(cells[number]));
+            |stop, path_simulator, Displaced { index, link, displacement_m }| {
+                assert_eq!(*path_simulator.rest(index), lattice.point(cells[index]));
                 let displacement_m = displacement_m.map(|u| u as f32).into();
-                let before = met[stop].insert(cells[number], (link, displacement_m));
+                let before = met[stop].insert(cells[index], (link, displacement_m));
                 assert!(before.is_none(), "met once");
             },
         );
@@ -344,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crowd_meets_what_the_simulator_finds_for_its_points_to_the_bit() {
+    fn both_schedulers_find_the_same_contacts_to_the_bit() {
         let waypoints = wander(800);
         for known_empty in [false, true] {
             let config = ContactConfig { known_empty, ..ContactConfig::default() };
@@ -352,28 +347,25 @@ mod tests {
                 PosedTrajectory::new(
                     lattice(),
                     surfaces(),
-                    config.clone(),
+                    &config,
                     false,
                     contact_state,
                     waypoints,
                 )
             };
-            let mut simulator =
-                ContactSimulator::new(lattice(), surfaces(), config.clone()).unwrap();
+            let mut simulator = ContactSimulator::new(lattice(), surfaces(), &config).unwrap();
             simulator.begin_touch(&waypoints[0]);
             let (mut met, mut contact_state) = (vec![met_in(&simulator)], None);
             for (at, poses) in waypoints.iter().enumerate().skip(1) {
                 simulator.advance(poses);
                 met.push(met_in(&simulator));
                 if at == 300 {
-                    contact_state = Some(Arc::new(simulator.contact_state()));
+                    contact_state = Some(Arc::new(simulator.state().clone()));
                 }
             }
-            assert!(met_by_a_crowd(&trajectory(None, &waypoints), 800) == met);
-            // From the middle of the way, of which half is known by what is held there.
-            assert!(
-                met_by_a_crowd(&trajectory(contact_state, &waypoints[300..]), 500) == met[300..]
-            );
+            assert!(followed(&trajectory(None, &waypoints), 800) == met);
+            // From the middle of the trajectory, with the contacts held there.
+            assert!(followed(&trajectory(contact_state, &waypoints[300..]), 500) == met[300..]);
             let moved = met.windows(2).map(|ends| {
                 let left = ends[0].keys().filter(|cell| !ends[1].contains_key(cell)).count();
                 [ends[1].len() + left - ends[0].len(), left]
@@ -397,14 +389,19 @@ mod tests {
         };
         let solid = Solid { primitives: vec![collision], meshes: vec![] };
         let surfaces = Arc::new(vec![Some(sdf::bake(&solid, &BakeConfig::default()).unwrap().0)]);
-        let simulator =
-            ContactSimulator::new(lattice.clone(), Arc::clone(&surfaces), config.clone());
+        let simulator = ContactSimulator::new(lattice.clone(), Arc::clone(&surfaces), &config);
         let mut simulator = simulator.unwrap();
         simulator.begin_touch(&waypoints[0]);
         waypoints[..50].iter().for_each(|poses| drop(simulator.advance(poses)));
-        let contact_state = Some(Arc::new(simulator.contact_state()));
-        let trajectory =
-            PosedTrajectory::new(lattice, surfaces, config, false, contact_state, &waypoints[49..]);
+        let contact_state = Some(Arc::new(simulator.state().clone()));
+        let trajectory = PosedTrajectory::new(
+            lattice,
+            surfaces,
+            &config,
+            false,
+            contact_state,
+            &waypoints[49..],
+        );
         let (mut path_simulator, bricks) =
             (PathContactSimulator::new(&trajectory), trajectory.bricks());
         (0..4).for_each(|i| path_simulator.add(&bricks[0], [i, 0, 0], &Vector3::zeros()));
@@ -417,17 +414,17 @@ mod tests {
     }
 
     #[test]
-    fn a_link_is_near_where_its_box_is_and_nowhere_before() {
+    fn a_link_is_near_where_its_box_is_near_and_nowhere_before() {
         let waypoints = wander(400);
         let trajectory = PosedTrajectory::new(
             lattice(),
             surfaces(),
-            ContactConfig::default(),
+            &ContactConfig::default(),
             true,
             None,
             &waypoints,
         );
-        let reach_m = trajectory.config.contact_distance_m;
+        let reach_m = trajectory.rules.contact_distance_m;
         for link in &trajectory.links {
             for cell in (0..lattice().n_cells() as u32).step_by(37) {
                 let point = lattice().point(CellId(cell));

@@ -1,97 +1,96 @@
-//! A way of the arm that is known beforehand, and which points a link is near, where.
+//! A known trajectory of the arm, pose by pose, and when a link will be near a point along it.
 //!
-//! No point's way depends on another's. So where all motions of the arm are known, the points that
-//! are asked about can be followed alone ([`super::path_simulator`]): it is known beforehand when a link
-//! will be near each of them, the others cost nothing, and any number of threads can share them.
+//! No rule of contact looks at two points at once. So where all motions of the arm are known, chosen
+//! points can be followed alone ([`super::path_simulator`]): a point costs nothing until the waypoint
+//! where a link comes near it, and any number of threads can share the points.
 
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use rustc_hash::FxHashMap;
 
-use super::enter::{LIPSCHITZ, bricks_within};
+use super::broad_phase::{LIPSCHITZ, bricks_within};
 use super::placed::{Placed, box_distance_m, travel_in_link_m};
-use super::stick_slip::{Slip, Touched};
+use super::rules::{ContactRules, HeldPoint};
 use super::{ContactConfig, ContactState};
 use crate::lattice::{BRICK_EDGE, Bricks, CellId, Lattice};
 use crate::sdf::DistanceGrid;
 
-/// Points as near to a link's box as this, and within reach besides, are bounded by its box; others
+/// Points that are no further than this beyond the reach of a link's box are bounded by its box, others
 /// by the ball around it.
 const WITHIN_M: f64 = 0.05;
 
 /// More than rounding to `f32` and the interpolation of φ may take from a distance, m.
-const SHORT_M: f64 = 1e-4;
+const MARGIN_M: f64 = 1e-4;
 
-/// A way of the arm, waypoint by waypoint: the links' poses, so close that nothing tunnels between.
+/// The links' poses at every waypoint of a trajectory; waypoints are so close that no point passes
+/// through a link between two of them.
 #[derive(Debug)]
 pub(crate) struct PosedTrajectory {
     pub(super) lattice: Lattice,
-    pub(super) config: ContactConfig,
-    pub(super) slip: Slip,
+    pub(super) rules: ContactRules,
     surfaces: Arc<Vec<Option<DistanceGrid>>>,
     /// Those that have a surface.
     pub(super) links: Vec<Link>,
     pub(super) n_waypoints: usize,
-    /// What the arm holds at the first waypoint, if it comes from somewhere.
+    /// What the arm holds at the first waypoint; `None` if a touch begins there.
     pub(super) start: Option<Start>,
 }
 
-/// What the arm holds where the way begins.
+/// What the arm holds where the trajectory begins.
 #[derive(Debug)]
 pub(super) struct Start {
-    pub(super) contact_state: Arc<ContactState>,
-    /// Link and number, among what that link holds, of a cell.
+    pub(super) state: Arc<ContactState>,
+    /// The link that holds a cell, and the point's index among those it holds.
     held: FxHashMap<CellId, (usize, usize)>,
 }
 
-/// A link along the way.
+/// A link along the trajectory.
 #[derive(Debug)]
 pub(super) struct Link {
     /// Its number in the robot.
     pub(super) index: usize,
     /// By waypoint.
     pub(super) placed: Vec<Placed>,
-    /// How far, at most, a point near the link has moved in its frame since the first waypoint, by
-    /// waypoint, m.
+    /// The farthest that a point near the link has moved in the link's frame since the first waypoint,
+    /// by waypoint, m.
     travel_m: Vec<f64>,
-    /// Where to look that up: see [`marks`].
+    /// An index into `travel_m`: see [`marks`].
     marks: Vec<u32>,
     mark_m: f64,
-    /// Blocks of waypoints; the last is filled up with some that are far away from everything.
+    /// The link's box at all waypoints; the last block is filled up with boxes far from everything.
     blocks: Vec<Block>,
-    /// Where points are counted from in them, so that rounding is that of the lattice's size.
+    /// Origin of the coordinates in `blocks`: the middle of the lattice, which keeps rounding small.
     origin: Point3<f64>,
-    /// δ, and what a look at the box alone must allow for besides, m.
+    /// δ plus the margin of a test by the box alone, m.
     reach_m: f64,
     /// The box, in the link's frame.
     middle: Point3<f64>,
     half_m: Vector3<f64>,
 }
 
-/// Waypoints of a link that are looked at together.
+/// Waypoints that are tested together.
 const LANES: usize = 4;
 
-/// Where a link's box is at some waypoints: of each of its axes x, y, z in the world, and minus the
-/// middle of the box along it, counted from [`Link::origin`], m.
+/// A link's box at some waypoints: for each of its axes the direction x, y, z in the world and minus
+/// the middle of the box along it, counted from [`Link::origin`], m.
 type Block = [[[f32; LANES]; 4]; 3];
 
 /// A brick, and the links that may come to cover points of it.
 #[derive(Debug)]
-pub(crate) struct Near {
-    /// Its first place.
+pub(crate) struct NearBrick {
+    /// The brick's first place.
     pub(crate) low: [u32; 3],
-    /// Numbers among the links of the trajectory, each with the first waypoint where it may.
+    /// Indices of these links in the trajectory, each with the first waypoint where it may.
     pub(super) links: Vec<(usize, usize)>,
 }
 
 impl PosedTrajectory {
-    /// A way through waypoints where the links have these poses: by waypoint, and by link.
+    /// A trajectory through waypoints with these poses, by waypoint and by link.
     ///
-    /// With a contact_state the way goes on from it, and the first waypoint must be where it was taken;
-    /// without one it starts a touch there. Both mean what they mean to [`super::ContactSimulator`]. Where
-    /// `roughly` is true, points come no closer to cone and surface than is worth where each stands
-    /// for many.
+    /// With a contact state the trajectory continues from it, and its first waypoint must be where the
+    /// state was taken; without one a touch begins there, as in [`super::ContactSimulator`]. With
+    /// `coarse`, points slip with looser tolerances, for points that each stand for a cluster.
     ///
     /// # Panics
     ///
@@ -99,25 +98,25 @@ impl PosedTrajectory {
     pub(crate) fn new(
         lattice: Lattice,
         surfaces: Arc<Vec<Option<DistanceGrid>>>,
-        config: ContactConfig,
-        roughly: bool,
-        contact_state: Option<Arc<ContactState>>,
+        config: &ContactConfig,
+        coarse: bool,
+        state: Option<Arc<ContactState>>,
         waypoints: &[Vec<Isometry3<f64>>],
     ) -> Self {
-        let (reach_m, shape) = (config.contact_distance_m + SHORT_M, lattice.shape());
+        let (reach_m, shape) = (config.contact_distance_m + MARGIN_M, lattice.shape());
         let origin = nalgebra::center(&lattice.point_at([0; 3]), &lattice.point_at(shape));
         let of_link = |(index, surface): (usize, &Option<DistanceGrid>)| {
             let poses: Vec<_> = waypoints.iter().map(|poses| poses[index]).collect();
             Some(Link::new(index, surface.as_ref()?, reach_m, origin, &poses))
         };
         let links = surfaces.iter().enumerate().filter_map(of_link).collect();
-        let slip = if roughly { Slip::roughly(&config) } else { Slip::new(&config) };
-        let (n_waypoints, start) = (waypoints.len(), contact_state.map(Start::new));
-        Self { lattice, config, slip, surfaces, links, n_waypoints, start }
+        let rules = if coarse { ContactRules::coarse(config) } else { ContactRules::new(config) };
+        let (n_waypoints, start) = (waypoints.len(), state.map(Start::new));
+        Self { lattice, rules, surfaces, links, n_waypoints, start }
     }
 
-    /// The bricks where anything can be displaced, in the lattice's order.
-    pub(crate) fn bricks(&self) -> Vec<Near> {
+    /// The bricks where a point can be displaced, in the lattice's order.
+    pub(crate) fn bricks(&self) -> Vec<NearBrick> {
         let mut bricks: FxHashMap<[u32; 3], Vec<(usize, usize)>> = FxHashMap::default();
         let half_m = f64::from(BRICK_EDGE - 1) / 2.0 * self.lattice.spacing_m();
         for (number, link) in self.links.iter().enumerate() {
@@ -133,8 +132,8 @@ impl PosedTrajectory {
             let (brick, _) = Bricks::<()>::locate(self.lattice.place(*cell));
             bricks.entry(brick.map(|n| n * BRICK_EDGE)).or_default();
         }
-        let mut bricks: Vec<Near> =
-            bricks.into_iter().map(|(low, links)| Near { low, links }).collect();
+        let mut bricks: Vec<NearBrick> =
+            bricks.into_iter().map(|(low, links)| NearBrick { low, links }).collect();
         bricks.sort_unstable_by_key(|near| [near.low[2], near.low[1], near.low[0]]);
         bricks
     }
@@ -143,10 +142,10 @@ impl PosedTrajectory {
         self.surfaces[link.index].as_ref().expect("a link of a trajectory has a surface")
     }
 
-    /// The first waypoint where a link may cover anything of a ball, if there is one.
+    /// The first waypoint where a link may cover any point of a ball, if there is one.
     ///
-    /// A link must travel as far as its box is away, or if all of the ball is further away than
-    /// points whose travel is known, as far as the ball around its box.
+    /// Until then the link must travel the distance between the ball and its box. The travel is known
+    /// for points near the box only; for a ball further away, the ball around the box is used.
     fn first_near(&self, link: &Link, middle: &Point3<f64>, radius_m: f64) -> Option<usize> {
         let (mut at, reach_m) = (0, link.reach_m);
         loop {
@@ -165,10 +164,10 @@ impl PosedTrajectory {
         }
     }
 
-    /// The box that holds a link, with all that it can reach, along the whole way.
+    /// The box that holds a link and its reach at all waypoints.
     fn swept(&self, link: &Link) -> (Point3<f64>, Point3<f64>) {
         let surface = self.surface(link);
-        let reach = Vector3::repeat(self.config.contact_distance_m);
+        let reach = Vector3::repeat(self.rules.contact_distance_m);
         let (low, high) = link
             .placed
             .iter()
@@ -214,15 +213,13 @@ impl Link {
         Self { index, placed, travel_m, marks, mark_m, blocks, origin, reach_m, middle, half_m }
     }
 
-    /// The first waypoint after another where the link has travelled so far, φ being nearly a
-    /// distance.
+    /// The first waypoint after `at` where the link may have come `free_m` closer to a point.
     pub(super) fn after(&self, at: usize, free_m: f64) -> Option<usize> {
         let due_m = self.travel_m[at] + free_m / LIPSCHITZ;
         first_due(&self.travel_m, (&self.marks, self.mark_m), at + 1, due_m)
     }
 
-    /// The first waypoint from another on where a point may be within reach, by the link's box, if
-    /// there is one.
+    /// The first waypoint, from `from` on, where a point is within reach of the link's box.
     pub(super) fn near(&self, point: &Point3<f64>, from: usize) -> Option<usize> {
         let (half, point) = (self.half_m.cast::<f32>(), (point - self.origin).cast::<f32>());
         let limit_m2 = self.reach_m.powi(2) as f32;
@@ -251,10 +248,10 @@ impl Link {
     }
 }
 
-/// By how many marks a link's way is divided for each waypoint.
+/// Marks for each waypoint.
 const MARKS: usize = 4;
 
-/// The first waypoint from one on where a link has moved so far, by its marks.
+/// The first waypoint, from `from` on, where the link has travelled `due_m`, found by its marks.
 fn first_due(
     travel_m: &[f64],
     (marks, mark_m): (&[u32], f64),
@@ -271,8 +268,8 @@ fn first_due(
     later.iter().position(|travel_m| *travel_m >= due_m).map(|n| from + n)
 }
 
-/// The first waypoint, by mark, where a link has moved so many steps of a length, and the length:
-/// from one mark to the next, waypoints are few.
+/// An index into the travel: the first waypoint where the link has travelled n steps of a fixed length,
+/// for every n, and that length. There are few waypoints between two marks.
 fn marks(travel_m: &[f64]) -> (Vec<u32>, f64) {
     let n = MARKS * travel_m.len();
     let mark_m = (travel_m[travel_m.len() - 1] / n as f64).max(f64::MIN_POSITIVE);
@@ -291,19 +288,19 @@ fn marks(travel_m: &[f64]) -> (Vec<u32>, f64) {
 const FAR_M: f32 = 1e15;
 
 impl Start {
-    fn new(contact_state: Arc<ContactState>) -> Self {
-        let numbered = |(link, touched): (usize, &Vec<Touched>)| {
-            let numbers = touched.iter().enumerate();
-            numbers.map(|(number, touched)| (touched.cell, (link, number))).collect::<Vec<_>>()
+    fn new(state: Arc<ContactState>) -> Self {
+        let numbered = |(link, points): (usize, &Vec<HeldPoint>)| {
+            let numbers = points.iter().enumerate();
+            numbers.map(|(number, point)| (point.cell, (link, number))).collect::<Vec<_>>()
         };
-        let held = contact_state.touched.iter().enumerate().flat_map(numbered).collect();
-        Self { contact_state, held }
+        let held = state.held.iter().enumerate().flat_map(numbered).collect();
+        Self { state, held }
     }
 
-    /// A cell's link, by its number in the robot, and what it holds of it, if one does.
-    pub(super) fn held(&self, cell: CellId) -> Option<(usize, Touched)> {
+    /// The link that holds a cell, by its number in the robot, and the point as it is held.
+    pub(super) fn held(&self, cell: CellId) -> Option<(usize, HeldPoint)> {
         let &(link, number) = self.held.get(&cell)?;
-        Some((link, self.contact_state.touched[link][number].clone()))
+        Some((link, self.state.held[link][number].clone()))
     }
 }
 

@@ -295,7 +295,7 @@ impl PathPredictor {
         let trajectory = PosedTrajectory::new(
             lattice,
             surfaces,
-            contact,
+            &contact,
             roughly,
             contact_state,
             &way.waypoints,
@@ -317,7 +317,7 @@ impl PathPredictor {
             }
             let mut felt = LinkWrenches::nothing(stops, links);
             path_simulator.follow(&stop_at, |stop, path_simulator, displaced| {
-                let number = displaced.number;
+                let number = displaced.index;
                 felt.add(stop, &of_crowd[number], path_simulator.rest(number), &displaced);
             });
             felt

@@ -72,7 +72,7 @@ impl Figures {
         let config =
             ExternalTorqueConfig { gravity: Gravity::Removed, tare: Tare::Auto, ..set.clone() };
         let (lattice, contact) = (Lattice::default(), ContactConfig::default());
-        let tracker = Tracker::new(Arc::clone(arm), lattice, contact, config)?;
+        let tracker = Tracker::new(Arc::clone(arm), lattice, &contact, config)?;
         let (tare, still_rad) = (set.tare, set.still_rad);
         Ok(Self { tracker, arm: Arc::clone(arm), fit, tare, still_rad })
     }

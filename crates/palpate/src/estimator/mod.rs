@@ -4,12 +4,17 @@
 //! is the exact maximum a posteriori, [`crate::ekf`] the paper's filter. Neither knows the robot
 //! or the lattice beyond its rest points; contacts come folded as [`Observation`]s.
 
-use nalgebra::{DMatrix, DVector};
+mod belief;
+mod state;
+
+use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
-use crate::replay_memory::RngState;
+pub(crate) use self::belief::{Belief, padded};
+pub use self::state::{EstimatorState, FrameId, RememberedFrame};
+use crate::replay::MemoryLimits;
 use crate::setting::SettingError;
-use crate::torque::{Cell, Observation};
+use crate::torque::Observation;
 
 /// The stiffness of a cell before it is touched, stated for a reference cell of 1 cm.
 ///
@@ -101,7 +106,7 @@ pub struct EstimatorConfig {
     /// σ_κ of Eq. 4, N/m a step for a cell of 1 cm; used by `ekf` alone.
     pub drift_std_n_per_m: f64,
     /// Bound on the remembered frames.
-    pub memory: crate::replay_memory::MemoryLimits,
+    pub memory: MemoryLimits,
     /// Seed of the draws from memory.
     pub seed: u64,
 }
@@ -109,7 +114,7 @@ pub struct EstimatorConfig {
 impl EstimatorConfig {
     /// The shipped settings of an estimator.
     pub fn of(method: EstimatorKind) -> Self {
-        let memory = crate::replay_memory::MemoryLimits { frames: 20_000, bytes: 256 << 20 };
+        let memory = MemoryLimits { frames: 20_000, bytes: 256 << 20 };
         match method {
             EstimatorKind::Map => Self {
                 prior: Prior { mean_n_per_m: 0.0, std_n_per_m: 0.76 },
@@ -165,66 +170,6 @@ impl EstimatorConfig {
     }
 }
 
-/// Which frame of which touch a remembered measurement came from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-pub struct FrameId {
-    /// Number of the touch, counted over the mapper's life.
-    pub touch: u32,
-    /// Number of the sample in its touch.
-    pub sample: u32,
-}
-
-/// A belief in numbers, enough to continue it given its remembered observations.
-#[derive(Debug, Clone, PartialEq)]
-pub struct EstimatorState {
-    /// z of `map` or the mean of κ of `ekf`, by row, N/m.
-    pub mean: Vec<f64>,
-    /// Variance by row, (N/m)².
-    pub variance: Vec<f64>,
-    /// Frames that touched the cell, by row.
-    pub counts: Vec<u32>,
-    /// `ekf`: the step each row was last seen; empty for `map`.
-    pub seen: Vec<u64>,
-    /// Steps taken.
-    pub step: u64,
-    /// Remembered frames in memory's order, each with its multipliers (`map`; else empty).
-    pub remembered: Vec<(FrameId, Vec<f64>)>,
-    /// `map`: by how much each remembered frame contradicted the belief when it was last visited;
-    /// else empty.
-    pub nis: Vec<f64>,
-    /// Where the draws from memory stand.
-    pub rng: RngState,
-}
-
-impl EstimatorState {
-    /// Checks that all arrays speak of the same rows, and of no more than there are.
-    pub(crate) fn check(&self, n_rows: usize, n_joints: usize) -> Result<(), EstimatorError> {
-        let rows = self.mean.len();
-        let agree = self.variance.len() == rows && self.counts.len() == rows && rows <= n_rows;
-        if !agree || !(self.seen.is_empty() || self.seen.len() == rows) {
-            let what = format!(
-                "{n_rows} cells, but {rows} means, {} variances, {} counts and {} last steps",
-                self.variance.len(),
-                self.counts.len(),
-                self.seen.len()
-            );
-            return Err(EstimatorError::State { what });
-        }
-        let alphas = self.remembered.iter().map(|(_, alpha)| alpha.len());
-        if let Some(got) = alphas.clone().find(|&n| n != n_joints && n != 0) {
-            let what = format!("a frame has {got} multipliers for {n_joints} joints");
-            return Err(EstimatorError::State { what });
-        }
-        let numbers = self.mean.iter().chain(&self.variance).chain(&self.nis);
-        let alphas = self.remembered.iter().flat_map(|(_, alpha)| alpha);
-        if numbers.chain(alphas).any(|x| !x.is_finite()) || self.variance.iter().any(|v| *v < 0.0) {
-            let what = "a mean, variance, multiplier or nis is not a finite number".to_owned();
-            return Err(EstimatorError::State { what });
-        }
-        Ok(())
-    }
-}
-
 /// What was visited in a replay.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Replayed {
@@ -244,9 +189,9 @@ impl Replayed {
 
 /// A belief about the stiffness of touched cells that learns from frames.
 ///
-/// Rows beyond those that the estimator has seen, or was told what to expect of, have the prior.
+/// Rows that no frame has touched and that have no prior mean of their own have the prior.
 pub trait Estimator: Send + Sync {
-    /// K of a row, N/m, at least zero. A row never seen has the prior's.
+    /// K of a row, N/m, at least zero.
     fn stiffness(&self, row: usize) -> f64;
 
     /// Standard deviation of a row, N/m; see the estimators for what it means.
@@ -255,7 +200,7 @@ pub trait Estimator: Send + Sync {
     /// Frames that touched a row.
     fn count(&self, row: usize) -> u32;
 
-    /// What is known of the cell of a row; of any other number, of cells never touched.
+    /// The estimate of the cell of a row; of any other number, the prior.
     fn estimate(&self, row: usize) -> CellEstimate {
         CellEstimate {
             stiffness_n_per_m: self.stiffness(row),
@@ -264,17 +209,16 @@ pub trait Estimator: Send + Sync {
         }
     }
 
-    /// What is known of the cells of the first rows: in one call, since all of it is wanted at once
-    /// while a question waits.
+    /// The estimates of the cells of the first rows, in one call: a query waits for them.
     fn estimates(&self, rows: usize) -> Vec<CellEstimate> {
         (0..rows).map(|row| self.estimate(row)).collect()
     }
 
-    /// Gives rows of which nothing is known yet their own prior mean, m₀ by row.
+    /// Gives untouched rows their own prior mean, m₀ by row.
     ///
-    /// Rows that the estimator has seen keep what is believed of them; rows after the given ones
-    /// have the prior's mean as ever. The prior's standard deviation is that of every row. `ekf`
-    /// cannot leave κ = 0, so there a mean below the prior's gives way to the prior's.
+    /// Rows that a frame has touched keep their estimate; rows after the given ones have the prior mean
+    /// of the settings. The prior's standard deviation is the same for every row. `ekf` cannot leave
+    /// κ = 0, so there a mean below the settings' prior mean is raised to it.
     ///
     /// `points_m` are the rest points of at least as many rows, world frame; `mean_n_per_m` are
     /// their means, N/m.
@@ -299,63 +243,35 @@ pub trait Estimator: Send + Sync {
         frame_id: FrameId,
     ) -> Result<DVector<f64>, EstimatorError>;
 
-    /// Lets a step without contact pass.
+    /// Lets a step without contact pass: with drift (Eq. 4), variances grow.
     fn advance_time(&mut self);
 
-    /// Visits remembered frames, without a new one.
+    /// Replays: fuses remembered frames again, drawn from memory.
     fn replay(&mut self, visits: u32) -> Replayed;
 
-    /// Takes the frames of a touch out of memory; what they taught stays.
+    /// Condenses the frames of a touch into the belief: they leave memory, what was learnt from them
+    /// stays.
     fn condense(&mut self, touch: u32);
 
-    /// The remembered frames' frame_ids, in memory's order.
+    /// The remembered frames, in memory's order.
     fn frame_ids(&self) -> Vec<FrameId>;
 
     /// Bytes of the remembered frames.
     fn memory_bytes(&self) -> usize;
 
-    /// Everything that [`crate::mapper::Mapper`] saves, for so many rows.
+    /// The belief in numbers, for so many rows.
     fn state(&self, n_rows: usize) -> EstimatorState;
-}
 
-/// The cells of rows from `known` on that are expected to have a mean of their own, N/m.
-pub(crate) fn cells_at_prior_means<'a>(
-    known: usize,
-    points_m: &'a [[f64; 3]],
-    mean_n_per_m: &'a [f64],
-) -> impl Iterator<Item = Cell> + 'a {
-    assert!(mean_n_per_m.len() <= points_m.len(), "an expected row has a rest point");
-    assert!(mean_n_per_m.iter().all(|mean| (0.0..=LARGEST).contains(mean)), "a stiffness each");
-    let rows = points_m.iter().zip(mean_n_per_m).skip(known);
-    rows.map(|(&point, &mean)| Cell::new(point, mean))
-}
-
-/// A copy of values by row in which rows without a value get one.
-pub(crate) fn padded<T: Copy>(values: &[T], n_rows: usize, fill: T) -> Vec<T> {
-    let mut padded = values.to_vec();
-    padded.resize(n_rows.max(values.len()), fill);
-    padded
-}
-
-/// A variance after one Kalman update with a diagonal covariance: `Pᵢ − Pᵢ² wᵢᵀ C⁻¹ wᵢ`.
-///
-/// `quadratic` is `wᵢᵀ C⁻¹ wᵢ` with `C = H P Hᵀ + R`. Rounding cannot take more than there is.
-pub(crate) fn shrunk(variance: f64, quadratic: f64) -> f64 {
-    variance * (1.0 - variance * quadratic).max(f64::EPSILON)
-}
-
-/// `(C + diag R)⁻¹`, or an error if that is no finite, positive matrix.
-pub(crate) fn innovation_inverse(
-    mut covariance: DMatrix<f64>,
-    torque_variance: &DVector<f64>,
-) -> Result<DMatrix<f64>, EstimatorError> {
-    for (joint, variance) in torque_variance.iter().enumerate() {
-        covariance[(joint, joint)] += variance;
-    }
-    let inverse = covariance.cholesky().ok_or(EstimatorError::Degenerate)?.inverse();
-    if inverse.iter().all(|x| x.is_finite()) {
-        Ok(inverse)
-    } else {
-        Err(EstimatorError::Degenerate)
-    }
+    /// Goes on from a saved state, given the rest points of all rows (world frame, m) and the remembered
+    /// frames' observations in the state's order. Called on an estimator that has learnt nothing yet.
+    ///
+    /// # Errors
+    ///
+    /// If the state contradicts itself or the observations.
+    fn restore(
+        &mut self,
+        state: &EstimatorState,
+        points_m: &[[f64; 3]],
+        observations: Vec<Observation>,
+    ) -> Result<(), EstimatorError>;
 }

@@ -1,15 +1,14 @@
-//! The bounded memory of past frames, and the order in which they come back.
+//! The bounded memory of past frames, and the order in which they are replayed.
 //!
-//! Both estimators learn from a frame more than once. What may be remembered is bounded in
-//! frames and in bytes; when either is full, frames chosen at random leave, so that old touches
-//! thin out little by little rather than go all at once. Draws come from a seeded generator that
-//! is the same on every platform and can be saved and continued.
-//!
-//! The module does not know what a frame is.
+//! Memory is bounded in frames and in bytes; when either is full, frames chosen at random leave, so that
+//! old touches thin out little by little. Draws come from a seeded generator that is the same on every
+//! platform and can be saved and continued. The module does not know what a frame holds.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
+
+use crate::estimator::FrameId;
 
 /// How much may be remembered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -29,14 +28,15 @@ pub struct RngState {
     pub drawn: u64,
 }
 
-/// What is known of a frame without looking at it.
+/// What memory knows of a frame.
 #[derive(Debug, Clone, Copy)]
 struct Note {
+    id: FrameId,
     bytes: usize,
     score: f64,
 }
 
-/// Frames that may come back, each with the bytes it holds and a score.
+/// Frames that may be replayed, each with its identity, its bytes and a score.
 #[derive(Debug, Clone)]
 pub struct ReplayMemory<T> {
     frames: Vec<T>,
@@ -66,10 +66,10 @@ impl<T> ReplayMemory<T> {
         RngState { seed: self.seed, drawn: self.rng.get_word_pos() as u64 }
     }
 
-    /// Remembers a frame of a given size and score; whatever no longer fits leaves and is returned.
+    /// Remembers a frame of a given size and score; frames that no longer fit leave and are returned.
     ///
     /// A frame larger than the whole memory is returned at once.
-    pub fn push(&mut self, frame: T, bytes: usize, score: f64) -> Vec<T> {
+    pub fn push(&mut self, frame: T, id: FrameId, bytes: usize, score: f64) -> Vec<T> {
         if self.limits.frames == 0 || bytes > self.limits.bytes {
             return vec![frame];
         }
@@ -79,7 +79,7 @@ impl<T> ReplayMemory<T> {
             left.push(self.remove(victim));
         }
         self.frames.push(frame);
-        self.notes.push(Note { bytes, score });
+        self.notes.push(Note { id, bytes, score });
         self.bytes += bytes;
         left
     }
@@ -114,17 +114,12 @@ impl<T> ReplayMemory<T> {
         self.frames.swap_remove(frame)
     }
 
-    /// Takes out all frames that are not to be kept.
-    pub fn retain(&mut self, keep: impl Fn(&T) -> bool) {
-        let mut notes = std::mem::take(&mut self.notes).into_iter();
-        self.frames.retain(|frame| {
-            let note = notes.next().expect("one note a frame");
-            let kept = keep(frame);
-            if kept {
-                self.notes.push(note);
-            }
-            kept
-        });
+    /// Takes out all frames of a touch.
+    pub fn remove_touch(&mut self, touch: u32) {
+        let kept: Vec<bool> = self.notes.iter().map(|note| note.id.touch != touch).collect();
+        let mut keep = kept.iter();
+        self.frames.retain(|_| keep.next().is_some_and(|keep| *keep));
+        self.notes.retain(|note| note.id.touch != touch);
         self.bytes = self.notes.iter().map(|note| note.bytes).sum();
     }
 
@@ -136,6 +131,11 @@ impl<T> ReplayMemory<T> {
     /// The frames, to be changed in place; their sizes must stay.
     pub fn frames_mut(&mut self) -> &mut [T] {
         &mut self.frames
+    }
+
+    /// The frames' identities in the same order.
+    pub fn ids(&self) -> impl Iterator<Item = FrameId> {
+        self.notes.iter().map(|note| note.id)
     }
 
     /// The frames' scores in the same order.
@@ -172,12 +172,14 @@ impl<T> ReplayMemory<T> {
 mod tests {
     use super::*;
 
+    const ID: FrameId = FrameId { touch: 0, sample: 0 };
+
     #[test]
     fn neither_bound_is_ever_passed_and_nothing_is_lost_on_the_way() {
         let mut memory = ReplayMemory::new(MemoryLimits { frames: 10, bytes: 100 }, 7);
         let mut left = Vec::new();
         for frame in 0..1000_usize {
-            left.extend(memory.push(frame, 1 + frame % 30, 0.0));
+            left.extend(memory.push(frame, ID, 1 + frame % 30, 0.0));
             assert!(memory.len() <= 10 && memory.bytes() <= 100);
         }
         left.extend(memory.frames());
@@ -188,18 +190,18 @@ mod tests {
     #[test]
     fn a_frame_larger_than_the_memory_leaves_the_others_alone() {
         let mut memory = ReplayMemory::new(MemoryLimits { frames: 10, bytes: 100 }, 7);
-        memory.push('a', 60, 0.0);
-        assert_eq!(memory.push('b', 101, 0.0), ['b']);
+        memory.push('a', ID, 60, 0.0);
+        assert_eq!(memory.push('b', ID, 101, 0.0), ['b']);
         assert_eq!(memory.frames(), ['a']);
     }
 
     #[test]
-    fn what_is_not_retained_gives_its_bytes_back() {
+    fn a_touch_that_is_removed_gives_its_bytes_back() {
         let mut memory = ReplayMemory::new(MemoryLimits { frames: 10, bytes: 100 }, 7);
         for frame in 0..6 {
-            memory.push(frame, 1 + frame, 0.0);
+            memory.push(frame, FrameId { touch: frame as u32 % 2, sample: 0 }, 1 + frame, 0.0);
         }
-        memory.retain(|frame| frame % 2 == 1);
+        memory.remove_touch(0);
         assert_eq!((memory.frames(), memory.bytes()), (&[1, 3, 5][..], 2 + 4 + 6));
     }
 
@@ -208,7 +210,7 @@ mod tests {
         let mut memory = ReplayMemory::new(MemoryLimits { frames: 10, bytes: 100 }, 7);
         assert_eq!(memory.draw_best(3), None);
         for frame in [3, 9, 1] {
-            memory.push(frame, 1, f64::from(frame));
+            memory.push(frame, ID, 1, f64::from(frame));
         }
         assert_eq!(memory.draw_best(100), Some(1));
         memory.set_score(2, 10.0);
@@ -221,7 +223,7 @@ mod tests {
     fn draws_are_even_and_continue_where_they_stood() {
         let mut memory = ReplayMemory::new(MemoryLimits { frames: 8, bytes: 8 }, 7);
         for frame in 0..8 {
-            memory.push(frame, 1, f64::from(frame));
+            memory.push(frame, ID, 1, f64::from(frame));
         }
         let mut counts = [0_u32; 8];
         for _ in 0..8000 {
@@ -232,7 +234,7 @@ mod tests {
         let mut resumed =
             ReplayMemory::resume(MemoryLimits { frames: 8, bytes: 8 }, memory.rng_state());
         for frame in 0..8 {
-            resumed.push(frame, 1, 0.0);
+            resumed.push(frame, ID, 1, 0.0);
         }
         let draws =
             |memory: &mut ReplayMemory<i32>| (0..50).map(|_| memory.draw()).collect::<Vec<_>>();

@@ -1,0 +1,216 @@
+//! The contact model's rules, each over one point and one link's placed surface (Sec. II).
+//!
+//! | rule        | here                          | when                                              |
+//! |-------------|-------------------------------|---------------------------------------------------|
+//! | enter       | [`ContactRules::enters`]      | a free point has φ < δ                             |
+//! | deepest     | [`deepest_first`]             | several links could hold it: the smallest φ does  |
+//! | known empty | [`ContactRules::known_empty`] | a link covers it where a touch begins             |
+//! | anchor      | [`HeldPoint::new`]            | it enters: the nearest place with φ = δ           |
+//! | stick       | [`HeldPoint::stick`]          | the link moves: the anchor moves with it          |
+//! | slip        | [`HeldPoint::slip`]           | u leaves the friction cone about the normal       |
+//! | release     | [`HeldPoint::pushes`]         | not u·n > 0: its spring would have to pull        |
+//!
+//! φ is the signed distance from the link's surface, n = ∇φ its outward normal, and u the
+//! displacement, anchor − rest point. No rule looks at another point, at a torque or at a stiffness.
+//! Two schedulers apply them: [`super::simulator`] to motions that come one by one,
+//! [`super::path_simulator`] along a trajectory that is known from its start to its end.
+
+use std::cmp::Ordering;
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::ContactConfig;
+use super::placed::Placed;
+use crate::lattice::CellId;
+use crate::sdf::DistanceGrid;
+
+/// The contact model's settings, and how closely its conditions are met.
+#[derive(Debug, Clone)]
+pub(super) struct ContactRules {
+    /// δ: anchors lie on the surface φ = δ.
+    pub(super) contact_distance_m: f64,
+    /// Whether points that the links cover where a touch begins are empty space throughout it: the
+    /// object, at rest, cannot be where the arm stands without touching it.
+    pub(super) known_empty: bool,
+    /// λ.
+    slip_step_m: f64,
+    /// μ.
+    friction: f64,
+    slip_iterations: u32,
+    /// Excess over the friction cone at which a point no longer slips.
+    cone_tolerance_m: f64,
+    /// Distance from the surface φ = δ at which an anchor lies on it.
+    surface_tolerance_m: f64,
+}
+
+/// Excess over the friction cone that is not worth another iteration, as a share of δ.
+const CONE_TOLERANCE: f64 = 1e-4;
+
+/// Distance from the surface that is not worth another Newton step, m.
+const SURFACE_TOLERANCE_M: f64 = 1e-5;
+
+/// Factor on both tolerances where one point stands for a cluster of neighbours.
+const COARSE: f64 = 100.0;
+
+/// Newton steps after the first, at most, until an anchor lies on the surface.
+const PROJECTIONS: u32 = 3;
+
+/// The order in which links that cover the same point, each as its φ and number, may hold it.
+pub(super) fn deepest_first(a: (f64, usize), b: (f64, usize)) -> Ordering {
+    a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
+}
+
+impl ContactRules {
+    /// The rules of a contact model.
+    pub(super) fn new(config: &ContactConfig) -> Self {
+        Self {
+            contact_distance_m: config.contact_distance_m,
+            known_empty: config.known_empty,
+            slip_step_m: config.slip_step_m,
+            friction: config.friction,
+            slip_iterations: config.slip_iterations,
+            cone_tolerance_m: CONE_TOLERANCE * config.contact_distance_m,
+            surface_tolerance_m: SURFACE_TOLERANCE_M,
+        }
+    }
+
+    /// The same rules with looser tolerances, for points that each stand for a cluster.
+    pub(super) fn coarse(config: &ContactConfig) -> Self {
+        let exact = Self::new(config);
+        Self {
+            cone_tolerance_m: COARSE * exact.cone_tolerance_m,
+            surface_tolerance_m: COARSE * exact.surface_tolerance_m,
+            ..exact
+        }
+    }
+
+    /// *Enter*: whether a link takes hold of a free point at distance φ from its surface.
+    #[inline]
+    pub(super) fn enters(&self, distance_m: f64) -> bool {
+        distance_m < self.contact_distance_m
+    }
+
+    /// *Stick*, *slip* and *release* for all points that one link holds, after it has moved.
+    ///
+    /// Points slip in rounds, all together, so that the processor looks up many distances at once
+    /// instead of waiting for each. `slipping` is reused memory for the indices of points that still
+    /// slip. Points that the link lets go of have [`HeldPoint::held`] false afterwards.
+    pub(super) fn stick_and_slip(
+        &self,
+        surface: &DistanceGrid,
+        placed: &Placed,
+        (points, slipping): (&mut [HeldPoint], &mut Vec<u32>),
+    ) {
+        slipping.clear();
+        for (index, point) in points.iter_mut().enumerate() {
+            point.stick(placed);
+            if self.slip_iterations > 0 && point.slip(self) {
+                slipping.push(index as u32);
+            }
+        }
+        for round in 1..=self.slip_iterations {
+            for &index in slipping.iter() {
+                points[index as usize].project(surface, self);
+            }
+            if round < self.slip_iterations {
+                slipping.retain(|&index| points[index as usize].slip(self));
+            }
+        }
+        points.iter_mut().for_each(|point| point.finish(placed));
+    }
+}
+
+/// A point that a link holds: where it rests, and the anchor on the link.
+///
+/// Everything happens in the link's frame, where the surface stands still and the rest point moves.
+/// A point that sticks costs no look-up of φ: the normal at its anchor is kept.
+#[derive(Debug, Clone)]
+pub(super) struct HeldPoint {
+    pub(super) cell: CellId,
+    /// Whether the link still holds it.
+    pub(super) held: bool,
+    /// u, world frame, m.
+    pub(super) displacement_m: [f32; 3],
+    rest: Point3<f64>,
+    rest_link: Point3<f64>,
+    /// On the surface φ = δ.
+    anchor_link: Point3<f64>,
+    /// ∇φ there, a unit vector.
+    normal_link: Vector3<f64>,
+}
+
+impl HeldPoint {
+    /// A point that a link takes hold of: its anchor is the nearest place with φ = δ.
+    pub(super) fn new(
+        cell: CellId,
+        rest: Point3<f64>,
+        surface: &DistanceGrid,
+        world_from_link: &Isometry3<f64>,
+        rules: &ContactRules,
+    ) -> Self {
+        let rest_link = world_from_link.inverse_transform_point(&rest);
+        let mut point = Self {
+            cell,
+            held: true,
+            displacement_m: [0.0; 3],
+            rest,
+            rest_link,
+            anchor_link: rest_link,
+            normal_link: Vector3::zeros(),
+        };
+        point.project(surface, rules);
+        let displacement = world_from_link.rotation * (point.anchor_link - rest_link);
+        point.displacement_m = displacement.cast::<f32>().into();
+        point
+    }
+
+    /// *Stick*: the anchor stays where it is on the link, so the rest point moves in its frame.
+    fn stick(&mut self, placed: &Placed) {
+        self.rest_link = placed.in_link(&self.rest);
+    }
+
+    /// *Release*: a link holds a point only as long as this is true of u·n, the part of u along
+    /// the normal; otherwise the spring would have to pull.
+    fn pushes(along_m: f64) -> bool {
+        along_m > 0.0
+    }
+
+    /// *Slip*: moves the anchor one step towards the rest point, across the normal, if u violates
+    /// the friction cone; returns whether it did.
+    ///
+    /// The step is the excess of the tangential part of u over μ times its normal part, at most λ.
+    fn slip(&mut self, rules: &ContactRules) -> bool {
+        let displacement = self.anchor_link - self.rest_link;
+        let along_m = displacement.dot(&self.normal_link);
+        let across = displacement - self.normal_link * along_m;
+        let across_m = across.norm();
+        let excess_m = across_m - rules.friction * along_m;
+        self.held = Self::pushes(along_m);
+        let slips = self.held & (excess_m > rules.cone_tolerance_m);
+        // Computed in any case: a mispredicted branch costs more than a division.
+        let step = if slips { excess_m.min(rules.slip_step_m) / across_m } else { 0.0 };
+        self.anchor_link -= across * step;
+        slips
+    }
+
+    /// Takes the anchor back to the surface φ = δ by a few Newton steps along ∇φ; where φ is a true
+    /// distance the first one arrives.
+    fn project(&mut self, surface: &DistanceGrid, rules: &ContactRules) {
+        for _ in 0..=PROJECTIONS {
+            let (distance_m, normal) = surface.distance_and_normal(&self.anchor_link);
+            let miss_m = distance_m - rules.contact_distance_m;
+            self.normal_link = normal;
+            self.anchor_link -= normal * miss_m;
+            if miss_m.abs() < rules.surface_tolerance_m {
+                break;
+            }
+        }
+    }
+
+    /// Releases the point if its spring would have to pull, and turns u into the world frame.
+    fn finish(&mut self, placed: &Placed) {
+        let displacement = self.anchor_link - self.rest_link;
+        self.held &= Self::pushes(displacement.dot(&self.normal_link));
+        self.displacement_m = (placed.rotation * displacement).cast::<f32>().into();
+    }
+}

@@ -1,0 +1,175 @@
+//! What both estimators hold of every cell: its unknown, variance and count, by row.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{EstimatorConfig, EstimatorError, EstimatorState, LARGEST, RememberedFrame};
+use crate::replay::RngState;
+use crate::torque::{Cell, Observation};
+
+/// A diagonal Gaussian over the cells' unknowns: z of `map`, κ of `ekf`.
+///
+/// Rows beyond those that were given a value have the prior.
+#[derive(Debug, Clone)]
+pub(crate) struct Belief {
+    /// Prior mean (N/m) and variance ((N/m)²) of a cell at this lattice's spacing.
+    pub(crate) prior_mean: f64,
+    pub(crate) prior_variance: f64,
+    /// The diagonal of R, n_joints, (N·m)².
+    pub(crate) torque_variance: DVector<f64>,
+    /// Rest points and unknowns, by row.
+    pub(crate) cells: Vec<Cell>,
+    /// (N/m)², by row.
+    pub(crate) variance: Vec<f64>,
+    /// Frames that touched the cell, by row.
+    counts: Vec<u32>,
+    /// Steps taken.
+    pub(crate) step: u64,
+}
+
+impl Belief {
+    /// The prior, for cells of the given spacing and a robot of `n_joints`.
+    ///
+    /// # Errors
+    ///
+    /// If a setting is out of its range.
+    pub(crate) fn new(
+        config: &EstimatorConfig,
+        spacing_m: f64,
+        n_joints: usize,
+    ) -> Result<Self, EstimatorError> {
+        let torque_variance = config.torque_variance(n_joints)?;
+        let (prior_mean, prior_std) = config.prior.at_spacing(spacing_m);
+        Ok(Self {
+            prior_mean,
+            prior_variance: prior_std * prior_std,
+            torque_variance,
+            cells: Vec::new(),
+            variance: Vec::new(),
+            counts: Vec::new(),
+            step: 0,
+        })
+    }
+
+    /// Gives new rows the prior; `points_m` are the rest points of all rows, world frame.
+    pub(crate) fn grow(&mut self, points_m: &[[f64; 3]]) {
+        let known = self.cells.len().min(points_m.len());
+        self.cells.extend(points_m[known..].iter().map(|&point| Cell::new(point, self.prior_mean)));
+        self.fill();
+    }
+
+    /// Gives new rows prior means of their own, N/m, raised to `least`.
+    pub(crate) fn set_prior_means(
+        &mut self,
+        points_m: &[[f64; 3]],
+        mean_n_per_m: &[f64],
+        least: f64,
+    ) {
+        assert!(mean_n_per_m.len() <= points_m.len(), "a row with a prior mean has a rest point");
+        let valid = |mean: &f64| (0.0..=LARGEST).contains(mean);
+        assert!(mean_n_per_m.iter().all(valid), "a prior mean is a stiffness");
+        let rows = points_m.iter().zip(mean_n_per_m).skip(self.cells.len());
+        self.cells.extend(rows.map(|(&point, &mean)| Cell::new(point, mean.max(least))));
+        self.fill();
+    }
+
+    /// Fills the arrays up to the rows of `cells`.
+    fn fill(&mut self) {
+        self.variance.resize(self.cells.len(), self.prior_variance);
+        self.counts.resize(self.cells.len(), 0);
+    }
+
+    /// The unknown of a row, N/m.
+    pub(crate) fn unknown(&self, row: usize) -> f64 {
+        self.cells.get(row).map_or(self.prior_mean, Cell::unknown)
+    }
+
+    /// The variance of a row, (N/m)².
+    pub(crate) fn variance(&self, row: usize) -> f64 {
+        self.variance.get(row).copied().unwrap_or(self.prior_variance)
+    }
+
+    /// Frames that touched a row.
+    pub(crate) fn count(&self, row: usize) -> u32 {
+        self.counts.get(row).copied().unwrap_or(0)
+    }
+
+    /// Counts a frame for the cells that it touches.
+    pub(crate) fn count_contacts(&mut self, observation: &Observation) {
+        observation.rows().for_each(|row| self.counts[row] += 1);
+    }
+
+    /// The Kalman update of the variances of a frame's cells, `Pᵢ − Pᵢ² wᵢᵀ C⁻¹ wᵢ`; rounding cannot
+    /// take more than there is.
+    pub(crate) fn shrink(&mut self, observation: &Observation, gain: &DMatrix<f64>) {
+        let variance = &mut self.variance;
+        observation.quadratic(&self.cells, gain, |row, value| {
+            variance[row] *= (1.0 - variance[row] * value).max(f64::EPSILON);
+        });
+    }
+
+    /// `(H S Hᵀ + R)⁻¹` for a diagonal S, given by row.
+    ///
+    /// # Errors
+    ///
+    /// If that is no finite, positive matrix.
+    pub(crate) fn innovation_inverse(
+        &self,
+        observation: &Observation,
+        variance: impl Fn(usize) -> f64,
+    ) -> Result<DMatrix<f64>, EstimatorError> {
+        let mut covariance = observation.gram(&self.cells, variance);
+        for (joint, variance) in self.torque_variance.iter().enumerate() {
+            covariance[(joint, joint)] += variance;
+        }
+        let inverse = covariance.cholesky().ok_or(EstimatorError::Degenerate)?.inverse();
+        let is_finite = inverse.iter().all(|x| x.is_finite());
+        is_finite.then_some(inverse).ok_or(EstimatorError::Degenerate)
+    }
+
+    /// The belief in numbers, for so many rows; rows without a value have the prior.
+    pub(crate) fn state(
+        &self,
+        n_rows: usize,
+        remembered: Vec<RememberedFrame>,
+        rng: RngState,
+    ) -> EstimatorState {
+        let means: Vec<f64> = self.cells.iter().map(Cell::unknown).collect();
+        EstimatorState {
+            mean: padded(&means, n_rows, self.prior_mean),
+            variance: padded(&self.variance, n_rows, self.prior_variance),
+            counts: padded(&self.counts, n_rows, 0),
+            seen: Vec::new(),
+            step: self.step,
+            remembered,
+            rng,
+        }
+    }
+
+    /// Goes on from a saved state; `points_m` are the rest points of all rows, world frame.
+    ///
+    /// # Errors
+    ///
+    /// If the state contradicts itself.
+    pub(crate) fn restore(
+        &mut self,
+        state: &EstimatorState,
+        points_m: &[[f64; 3]],
+    ) -> Result<(), EstimatorError> {
+        state.check(points_m.len(), self.torque_variance.len())?;
+        self.grow(points_m);
+        for (cell, mean) in self.cells.iter_mut().zip(&state.mean) {
+            *cell.unknown_mut() = *mean;
+        }
+        self.variance[..state.variance.len()].copy_from_slice(&state.variance);
+        self.counts[..state.counts.len()].copy_from_slice(&state.counts);
+        self.step = state.step;
+        Ok(())
+    }
+}
+
+/// A copy of values by row in which rows without a value get one.
+pub(crate) fn padded<T: Copy>(values: &[T], n_rows: usize, fill: T) -> Vec<T> {
+    let mut padded = values.to_vec();
+    padded.resize(n_rows.max(values.len()), fill);
+    padded
+}

@@ -1,0 +1,371 @@
+//! The loop: one sample in, one report out (Sec. II).
+//!
+//! [`Mapper`] learns a [`Field`] from touches: it simulates what the arm displaces, predicts the torque,
+//! corrects the field by the measured one, and replays remembered frames. It can be saved at any sample
+//! and continued as if it had never stopped ([`Snapshot`]). The module opens no file; palpate-io writes
+//! snapshots and fields.
+
+mod sample_log;
+mod snapshot;
+
+use std::sync::Arc;
+
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
+
+pub use self::sample_log::LoggedTouch;
+pub use self::snapshot::Snapshot;
+
+use self::sample_log::SampleLog;
+use crate::arm::Arm;
+use crate::contact::{ContactConfig, Contacts};
+use crate::ekf::EkfEstimator;
+use crate::estimator::{
+    CellEstimate, Estimator, EstimatorConfig, EstimatorError, EstimatorKind, FrameId, padded,
+};
+use crate::external_torque::ExternalTorqueConfig;
+use crate::field::Field;
+use crate::lattice::{CellId, Lattice};
+use crate::map::MapEstimator;
+use crate::path_predictor::{PathChecker, PathPredictor, Springs};
+use crate::prior_means::{self, PriorMeansError};
+use crate::replay::{ReplayPolicy, Replays};
+use crate::robot::RobotError;
+use crate::setting::SettingError;
+use crate::torque::ObservationBuilder;
+use crate::tracker::{Sample, TrackedSample, Tracker, TrackerError};
+
+/// Everything that decides what is learnt from a log.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MapperConfig {
+    /// The workspace box.
+    pub lattice: Lattice,
+    /// The contact model.
+    pub contact: ContactConfig,
+    /// Gravity and tare.
+    pub touch: ExternalTorqueConfig,
+    /// The estimator.
+    pub method: EstimatorKind,
+    /// Its settings.
+    pub estimator: EstimatorConfig,
+}
+
+impl MapperConfig {
+    /// The shipped settings of an estimator, in the paper's box.
+    pub fn of(method: EstimatorKind) -> Self {
+        Self {
+            lattice: Lattice::default(),
+            contact: ContactConfig::default(),
+            touch: ExternalTorqueConfig::default(),
+            method,
+            estimator: EstimatorConfig::of(method),
+        }
+    }
+
+    /// An estimator that knows nothing yet, for torques of so many joints.
+    ///
+    /// # Errors
+    ///
+    /// If a setting of the estimator is out of its range.
+    pub fn estimator(&self, n_joints: usize) -> Result<Box<dyn Estimator>, EstimatorError> {
+        let (config, spacing_m) = (&self.estimator, self.lattice.spacing_m());
+        Ok(match self.method {
+            EstimatorKind::Map => Box::new(MapEstimator::new(config, spacing_m, n_joints)?),
+            EstimatorKind::Ekf => Box::new(EkfEstimator::new(config, spacing_m, n_joints)?),
+        })
+    }
+}
+
+/// What can go wrong in mapping.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum MapperError {
+    #[error(transparent)]
+    Tracker(#[from] TrackerError),
+    #[error(transparent)]
+    Setting(#[from] SettingError),
+    #[error(transparent)]
+    Estimator(#[from] EstimatorError),
+    #[error(transparent)]
+    PriorMeans(#[from] PriorMeansError),
+    /// A snapshot of another robot.
+    #[error(
+        "the field was learnt with robot `{learnt}`, of which `{given}` differs in joints, masses \
+         or shapes; continue with the same robot, or start a new field"
+    )]
+    OtherRobot { learnt: String, given: String },
+    /// A snapshot that contradicts itself.
+    #[error("the saved mapper is inconsistent: {what}")]
+    Snapshot { what: String },
+}
+
+impl From<RobotError> for MapperError {
+    fn from(error: RobotError) -> Self {
+        Self::Tracker(error.into())
+    }
+}
+
+/// What one step found.
+#[derive(Debug, Clone)]
+pub struct StepReport {
+    /// Points touched.
+    pub contacts: usize,
+    /// τ_ext, n_joints, N·m; `None` while the tare is being taken.
+    pub external: Option<DVector<f64>>,
+    /// τ̂ before the sample was learnt from, n_joints, N·m; `None` with `external`.
+    pub predicted: Option<DVector<f64>>,
+}
+
+/// Learns a stiffness field from samples.
+pub struct Mapper {
+    config: MapperConfig,
+    tracker: Tracker,
+    observations: ObservationBuilder,
+    replays: Replays,
+    /// Prior means of the rows that have one of their own, N/m.
+    prior_means_n_per_m: Vec<f64>,
+    log: SampleLog,
+}
+
+impl Mapper {
+    /// A mapper that knows nothing yet.
+    ///
+    /// # Errors
+    ///
+    /// If a setting is out of its range.
+    pub fn new(arm: Arc<Arm>, config: MapperConfig) -> Result<Self, MapperError> {
+        Self::with_prior(arm, config, &[])
+    }
+
+    /// A mapper that has learnt nothing yet, with prior means of their own, N/m, for some cells; all
+    /// others have the prior mean of the settings.
+    ///
+    /// These cells get the first rows, in the lattice's order; [`Mapper::field`] lists them with a
+    /// count of 0. With `ekf` a mean below the settings' prior mean is raised to it
+    /// ([`Estimator::set_prior_means`]).
+    ///
+    /// # Errors
+    ///
+    /// If a setting is out of its range, a cell outside the lattice or given twice, or a mean
+    /// negative or not finite.
+    pub fn with_prior(
+        arm: Arc<Arm>,
+        config: MapperConfig,
+        prior: &[(CellId, f64)],
+    ) -> Result<Self, MapperError> {
+        let (rows, means) = prior_means::rows(&config.lattice, prior)?;
+        let mut estimator = config.estimator(arm.robot.n_joints())?;
+        estimator.set_prior_means(rows.points_m(), &means);
+        // As the estimator took them.
+        let prior_means_n_per_m = (0..rows.len()).map(|row| estimator.stiffness(row)).collect();
+        let (contact, touch) = (&config.contact, config.touch.clone());
+        let per_frame = config.estimator.replays;
+        Ok(Self {
+            tracker: Tracker::new(arm, config.lattice.clone(), contact, touch)?,
+            observations: ObservationBuilder::new(rows),
+            replays: Replays::new(estimator, per_frame, ReplayPolicy::default()),
+            prior_means_n_per_m,
+            log: SampleLog::default(),
+            config,
+        })
+    }
+
+    /// The same mapper, with its replays made as a policy says; by default, in the background.
+    #[must_use]
+    pub fn with_replays(mut self, policy: ReplayPolicy) -> Self {
+        self.replays.set_policy(policy);
+        self
+    }
+
+    /// Starts a touch.
+    pub fn begin_touch(&mut self) {
+        self.log.begin_touch(&self.replays.estimator().frame_ids());
+        self.tracker.begin_touch();
+    }
+
+    /// Learns from one sample: simulate, predict, correct, replay (Sec. II).
+    ///
+    /// The replays are made as the [`ReplayPolicy`] says; by default they go on in the background while
+    /// the next sample is simulated, which needs nothing of them.
+    ///
+    /// # Errors
+    ///
+    /// If the sample cannot be used: it does not fit the robot, is not finite, or shows that the
+    /// touch has no contact-free start. Nothing is learnt from it.
+    pub fn step(&mut self, sample: &Sample) -> Result<StepReport, MapperError> {
+        self.replays.begin_step();
+        // Where the arm pushes the points of the field, and by how much (assumption ii).
+        let tracked = self.tracker.feed(sample)?;
+        let frame = self.record(sample);
+        let contacts = tracked.contacts.len();
+        let Some(external) = &tracked.external else {
+            return Ok(StepReport { contacts, external: None, predicted: None });
+        };
+
+        // What torque the field predicts there (Eqs. 2 and 5), and the correction of the touched cells
+        // by the measured one (Eqs. 5 and 6).
+        let predicted = match contacts {
+            0 => self.pass_without_contact(external.len()),
+            _ => self.predict_and_correct(frame, &tracked, external)?,
+        };
+
+        // Remembered frames are fused again, so that they are not forgotten.
+        if contacts > 0 {
+            self.replays.replay();
+        }
+        Ok(StepReport { contacts, external: tracked.external, predicted: Some(predicted) })
+    }
+
+    /// Predicts the torque of a frame and corrects the belief by the measured one; returns the
+    /// prediction, n_joints, N·m.
+    fn predict_and_correct(
+        &mut self,
+        frame: FrameId,
+        tracked: &TrackedSample,
+        external: &DVector<f64>,
+    ) -> Result<DVector<f64>, EstimatorError> {
+        let robot = &self.tracker.arm().robot;
+        let (poses, contacts) = (&tracked.poses, &tracked.contacts);
+        let observation = self.observations.build(robot, poses, contacts, external);
+        let points_m = self.observations.rows().points_m();
+        self.replays.estimator().correct(points_m, observation, frame)
+    }
+
+    /// Lets the belief age by a step in which nothing is touched; the prediction is zero.
+    fn pass_without_contact(&mut self, n_joints: usize) -> DVector<f64> {
+        self.replays.estimator().advance_time();
+        DVector::zeros(n_joints)
+    }
+
+    /// Logs a sample; frames whose samples no longer fit into the log are condensed.
+    fn record(&mut self, sample: &Sample) -> FrameId {
+        let frame = self.log.record(sample);
+        for touch in self.log.bound(self.config.estimator.memory.bytes) {
+            self.replays.estimator().condense(touch);
+        }
+        frame
+    }
+
+    /// Ends a touch.
+    ///
+    /// # Errors
+    ///
+    /// If the touch was shorter than the tare frames asked for.
+    pub fn end_touch(&mut self) -> Result<(), MapperError> {
+        self.replays.end_touch();
+        self.log.end_touch(&self.replays.estimator().frame_ids());
+        Ok(self.tracker.end_touch()?)
+    }
+
+    /// Makes replays in time that the caller can spare; returns how many.
+    ///
+    /// `grant` is given how many may be made and returns how many to make before it is called again. It
+    /// ends with 0, when none may be made any more, or when nothing is remembered. Needs [`ReplayPolicy::SpareTime`] or [`ReplayPolicy::SpareTimeUnbounded`]; under another policy
+    /// none is left to be made.
+    pub fn spare_time(&mut self, grant: impl FnMut(u32) -> u32) -> u32 {
+        self.replays.spare_time(grant)
+    }
+
+    /// Replays that may still be made in spare time.
+    pub fn spare_replays(&self) -> u32 {
+        self.replays.spare()
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &MapperConfig {
+        &self.config
+    }
+
+    /// The arm.
+    pub fn arm(&self) -> &Arc<Arm> {
+        self.tracker.arm()
+    }
+
+    /// The tare of the touch under way, n_joints, N·m, once it is known.
+    pub fn tare(&self) -> Option<&DVector<f64>> {
+        self.tracker.tare()
+    }
+
+    /// The estimate of a cell, touched or not.
+    pub fn cell(&self, cell: CellId) -> CellEstimate {
+        let row = self.observations.rows().find(cell);
+        self.replays.estimator().estimate(row.map_or(usize::MAX, |row| row as usize))
+    }
+
+    /// Cells that were touched or have a prior mean of their own.
+    pub fn n_cells(&self) -> usize {
+        self.observations.rows().len()
+    }
+
+    /// What the arm displaced in the last sample.
+    pub fn contacts(&self) -> Contacts {
+        self.tracker.contacts()
+    }
+
+    /// Frames remembered, and the bytes that they and the sample log hold; each of the two is bounded
+    /// by [`crate::MemoryLimits::bytes`].
+    pub fn memory(&self) -> (usize, usize) {
+        let estimator = self.replays.estimator();
+        (estimator.frame_ids().len(), estimator.memory_bytes() + self.log.bytes())
+    }
+
+    /// The field as it is now.
+    pub fn field(&self) -> Field {
+        let (rows, estimator) = (self.observations.rows(), self.replays.estimator());
+        let of_rows = 0..rows.len();
+        Field {
+            lattice: self.config.lattice.clone(),
+            contact: self.config.contact.clone(),
+            touch: self.config.touch.clone(),
+            cells: rows.cells().to_vec(),
+            stiffness_n_per_m: of_rows.clone().map(|row| estimator.stiffness(row)).collect(),
+            std_n_per_m: of_rows.clone().map(|row| estimator.std(row)).collect(),
+            counts: of_rows.map(|row| estimator.count(row)).collect(),
+            untouched_n_per_m: estimator.stiffness(usize::MAX),
+        }
+    }
+
+    /// A copy of the field and of the arm with its contacts, which predicts the torque of motions on any
+    /// thread while mapping goes on.
+    ///
+    /// Cost: 3 to 5 ns for each touched cell, and a copy of the contacts.
+    pub fn path_predictor(&self) -> PathPredictor {
+        self.coarse_path_predictor(1.0)
+    }
+
+    /// [`Mapper::path_predictor`] with springs that each stand for a cluster of neighbours, for fast
+    /// predictions; with 1 or less, or NaN, every spring stands for itself.
+    ///
+    /// No cluster weighs more than `cluster_weight` average springs, by stiffness and by variance. Most
+    /// weigh less: at 24, one spring in 11 to 15 is left. Of the cells that the field does not know, one
+    /// in every block of 4³ is kept. Torques are then off by some percent, see
+    /// [`crate::CLUSTER_WEIGHT`], and counts of contacts are estimates. The choice depends on the field
+    /// alone: the same field gives the same prediction.
+    ///
+    /// Cost: as [`Mapper::path_predictor`]; the predictor forms clusters where a path leads.
+    pub fn coarse_path_predictor(&self, cluster_weight: f64) -> PathPredictor {
+        let (contact, rows) = (self.config.contact.clone(), self.observations.rows());
+        let springs = Springs::new(rows, &*self.replays.estimator(), cluster_weight);
+        PathPredictor::new(&self.tracker, contact, springs)
+    }
+
+    /// Checks of paths for this mapper's path predictors, without a copy of the field.
+    pub fn path_checker(&self) -> PathChecker {
+        PathChecker::new(self.tracker.substeps().clone(), self.config.lattice.spacing_m())
+    }
+
+    /// Prior means of the cells that have one of their own, N/m: those of the first rows, as many as
+    /// there are; empty without such a prior.
+    pub fn prior_means_n_per_m(&self) -> &[f64] {
+        &self.prior_means_n_per_m
+    }
+
+    /// Prior means of all rows of [`Mapper::field`], N/m; `None` without prior means by cell.
+    pub fn prior_n_per_m(&self) -> Option<Vec<f64>> {
+        let of_others = self.replays.estimator().stiffness(usize::MAX);
+        (!self.prior_means_n_per_m.is_empty())
+            .then(|| padded(&self.prior_means_n_per_m, self.observations.rows().len(), of_others))
+    }
+}

@@ -1,0 +1,122 @@
+//! The logged samples of touches that are still remembered.
+//!
+//! A remembered frame takes megabytes, most of them contacts. The joint positions and torques that it
+//! came from take a hundredth of that, and the same samples always have the same contacts. So a mapper
+//! is saved with its sample log in place of its frames, and the frames are simulated again from it.
+//! The log holds only touches of which a frame is remembered, and the one under way; it is bounded
+//! by the same number of bytes as the memory.
+
+use std::collections::HashSet;
+
+use crate::estimator::FrameId;
+use crate::tracker::Sample;
+
+/// The samples of one touch, as logged.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct LoggedTouch {
+    /// The touch's number over the mapper's life.
+    pub touch: u32,
+    /// Whether more samples may follow.
+    pub open: bool,
+    /// Whether its samples outgrew the log's bound and are gone.
+    pub lost: bool,
+    /// Joint positions of all samples in a row, samples × n_joints.
+    pub q: Vec<f64>,
+    /// Logged torques, samples × n_joints.
+    pub tau: Vec<f64>,
+}
+
+/// The logged touches, the one under way last.
+#[derive(Debug, Default)]
+pub(super) struct SampleLog {
+    touches: Vec<LoggedTouch>,
+    /// Touches begun so far.
+    begun: u32,
+    /// Samples of the touch under way.
+    samples: u32,
+}
+
+impl SampleLog {
+    /// The log of a mapper that goes on from these touches, for samples of so many joints.
+    pub(super) fn resume(touches: Vec<LoggedTouch>, begun: u32, n_joints: usize) -> Self {
+        let under_way = touches.last().filter(|touch| touch.open);
+        let samples = under_way.map_or(0, |touch| (touch.q.len() / n_joints) as u32);
+        Self { touches, begun, samples }
+    }
+
+    /// Touches begun so far.
+    pub(super) fn begun(&self) -> u32 {
+        self.begun
+    }
+
+    /// Starts a touch; those of which no frame is remembered are dropped.
+    pub(super) fn begin_touch(&mut self, remembered: &[FrameId]) {
+        self.end_touch(remembered);
+        let touch = LoggedTouch { touch: self.begun, open: true, ..LoggedTouch::default() };
+        self.touches.push(touch);
+        self.begun += 1;
+        self.samples = 0;
+    }
+
+    /// Ends the touch under way; touches of which no frame is remembered are dropped.
+    pub(super) fn end_touch(&mut self, remembered: &[FrameId]) {
+        if let Some(touch) = self.touches.last_mut() {
+            touch.open = false;
+        }
+        let needed = touches_of(remembered);
+        self.touches.retain(|touch| needed.contains(&touch.touch));
+    }
+
+    /// Logs a sample of the touch under way and returns its identity.
+    pub(super) fn record(&mut self, sample: &Sample) -> FrameId {
+        let touch = self.touches.last_mut().expect("the tracker refuses samples before a touch");
+        if !touch.lost {
+            touch.q.extend_from_slice(&sample.q);
+            touch.tau.extend_from_slice(&sample.tau);
+        }
+        self.samples += 1;
+        FrameId { touch: touch.touch, sample: self.samples - 1 }
+    }
+
+    /// Drops the oldest touches until the log fits into `limit` bytes; returns those that were dropped.
+    ///
+    /// A touch under way that alone outgrows the bound goes on without its samples: it cannot be
+    /// simulated again once the mapper is saved.
+    pub(super) fn bound(&mut self, limit: usize) -> Vec<u32> {
+        let mut dropped = Vec::new();
+        while self.bytes() > limit {
+            let oldest = &mut self.touches[0];
+            if oldest.open {
+                oldest.lost = true;
+                (oldest.q, oldest.tau) = (Vec::new(), Vec::new());
+            } else {
+                dropped.push(self.touches.remove(0).touch);
+            }
+        }
+        dropped
+    }
+
+    /// Bytes of the logged samples.
+    pub(super) fn bytes(&self) -> usize {
+        let numbers: usize = self.touches.iter().map(|touch| touch.q.len() + touch.tau.len()).sum();
+        numbers * size_of::<f64>()
+    }
+
+    /// Whether a touch outgrew the log's bound, so that its frames cannot be simulated again.
+    pub(super) fn is_lost(&self, touch: u32) -> bool {
+        self.touches.iter().any(|logged| logged.touch == touch && logged.lost)
+    }
+
+    /// The touches that these remembered frames need, and the one under way.
+    pub(super) fn needed_by(&self, remembered: &[FrameId]) -> Vec<LoggedTouch> {
+        let needed = touches_of(remembered);
+        let keep =
+            |touch: &&LoggedTouch| !touch.lost && (touch.open || needed.contains(&touch.touch));
+        self.touches.iter().filter(keep).cloned().collect()
+    }
+}
+
+/// The touches that frames are of.
+fn touches_of(frames: &[FrameId]) -> HashSet<u32> {
+    frames.iter().map(|frame| frame.touch).collect()
+}

@@ -1,0 +1,147 @@
+//! Saving a mapper between two samples, and going on from there.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::sample_log::{LoggedTouch, SampleLog};
+use super::{Mapper, MapperConfig, MapperError};
+use crate::arm::Arm;
+use crate::estimator::{EstimatorState, FrameId};
+use crate::lattice::{CellId, CellRows};
+use crate::torque::{Observation, ObservationBuilder};
+use crate::tracker::Sample;
+
+/// A mapper in numbers: enough to continue it, given the robot.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Snapshot {
+    /// Its settings.
+    pub config: MapperConfig,
+    /// The robot's name and [`Arm::fingerprint`].
+    pub robot: (String, u64),
+    /// Joints of its samples.
+    pub n_joints: usize,
+    /// Cells by row: those with a prior mean of their own, then the others in the order of first
+    /// contact.
+    pub cells: Vec<CellId>,
+    /// Prior means of the first rows, N/m, if there are any by cell; else empty.
+    pub prior_means_n_per_m: Vec<f64>,
+    /// The belief.
+    pub state: EstimatorState,
+    /// Touches begun so far.
+    pub touches: u32,
+    /// Touches with remembered frames, and the one under way.
+    pub sample_log: Vec<LoggedTouch>,
+}
+
+impl Snapshot {
+    /// A snapshot of these parts; [`Mapper::resume`] checks that they fit together.
+    #[allow(clippy::too_many_arguments)] // one for each field, for readers of files
+    pub fn new(
+        config: MapperConfig,
+        robot: (String, u64),
+        n_joints: usize,
+        (cells, prior_means_n_per_m): (Vec<CellId>, Vec<f64>),
+        state: EstimatorState,
+        (touches, sample_log): (u32, Vec<LoggedTouch>),
+    ) -> Self {
+        Self { config, robot, n_joints, cells, prior_means_n_per_m, state, touches, sample_log }
+    }
+}
+
+impl Mapper {
+    /// Everything needed to go on later as if mapping had never stopped, to the bit.
+    pub fn snapshot(&self) -> Snapshot {
+        let mut state = self.replays.estimator().state(self.observations.rows().len());
+        state.remembered.retain(|frame| !self.log.is_lost(frame.id.touch));
+        let remembered: Vec<FrameId> = state.remembered.iter().map(|frame| frame.id).collect();
+        let arm = self.tracker.arm();
+        Snapshot {
+            config: self.config.clone(),
+            robot: (arm.robot.name().to_owned(), arm.fingerprint()),
+            n_joints: arm.robot.n_joints(),
+            cells: self.observations.rows().cells().to_vec(),
+            prior_means_n_per_m: self.prior_means_n_per_m.clone(),
+            sample_log: self.log.needed_by(&remembered),
+            touches: self.log.begun(),
+            state,
+        }
+    }
+
+    /// Goes on from a snapshot as if mapping had never stopped.
+    ///
+    /// The remembered frames' contacts are simulated again from the sample log, which costs about as
+    /// much as predicting those touches.
+    ///
+    /// # Errors
+    ///
+    /// If the arm is not the one of the snapshot, or the snapshot contradicts itself.
+    pub fn resume(arm: Arc<Arm>, snapshot: Snapshot) -> Result<Self, MapperError> {
+        let (learnt, fingerprint) = &snapshot.robot;
+        if *fingerprint != arm.fingerprint() {
+            let (learnt, given) = (learnt.clone(), arm.robot.name().to_owned());
+            return Err(MapperError::OtherRobot { learnt, given });
+        }
+        let n_joints = arm.robot.n_joints();
+        let mut mapper = Self::new(arm, snapshot.config)?;
+        let mut rows = CellRows::new(mapper.config.lattice.clone());
+        for cell in &snapshot.cells {
+            if !mapper.config.lattice.contains(*cell) {
+                return Err(inconsistent(format!("cell {} is not in the lattice", cell.0)));
+            }
+            rows.row_of(*cell);
+        }
+        if snapshot.prior_means_n_per_m.len() > rows.len() {
+            let what = "it has prior means for more cells than there are";
+            return Err(inconsistent(what.to_owned()));
+        }
+        mapper.observations = ObservationBuilder::new(rows);
+        mapper.prior_means_n_per_m = snapshot.prior_means_n_per_m;
+        let observations = mapper.simulate_again(&snapshot.sample_log, &snapshot.state)?;
+        let points_m = mapper.observations.rows().points_m();
+        mapper.replays.estimator().restore(&snapshot.state, points_m, observations)?;
+        if !snapshot.sample_log.last().is_some_and(|touch| touch.open) {
+            mapper.tracker.end_touch()?; // the last logged touch is over
+        }
+        mapper.log = SampleLog::resume(snapshot.sample_log, snapshot.touches, n_joints);
+        Ok(mapper)
+    }
+
+    /// The observations of the remembered frames, in their order, from the logged touches.
+    fn simulate_again(
+        &mut self,
+        sample_log: &[LoggedTouch],
+        state: &EstimatorState,
+    ) -> Result<Vec<Observation>, MapperError> {
+        let n_joints = self.tracker.arm().robot.n_joints();
+        let mut found: Vec<Option<Observation>> = vec![None; state.remembered.len()];
+        let ids = state.remembered.iter().enumerate().map(|(index, frame)| (frame.id, index));
+        let index_of: HashMap<FrameId, usize> = ids.collect();
+        for logged in sample_log {
+            let LoggedTouch { touch, q, tau, .. } = logged;
+            if q.len() != tau.len() || q.len() % n_joints != 0 {
+                return Err(inconsistent(format!(
+                    "the log of touch {touch} is not n × {n_joints}"
+                )));
+            }
+            self.tracker.begin_touch();
+            for (number, (q, tau)) in q.chunks(n_joints).zip(tau.chunks(n_joints)).enumerate() {
+                let sample = Sample { time_s: None, q: q.to_vec(), tau: tau.to_vec() };
+                let tracked = self.tracker.feed(&sample)?;
+                let frame = FrameId { touch: *touch, sample: number as u32 };
+                if let (Some(&index), Some(external)) = (index_of.get(&frame), &tracked.external) {
+                    let robot = &self.tracker.arm().robot;
+                    let (poses, contacts) = (&tracked.poses, &tracked.contacts);
+                    let observation = self.observations.build(robot, poses, contacts, external);
+                    found[index] = Some(observation);
+                }
+            }
+        }
+        let missing = || inconsistent("the sample log lacks a remembered frame".to_owned());
+        found.into_iter().map(|frame| frame.ok_or_else(missing)).collect()
+    }
+}
+
+fn inconsistent(what: String) -> MapperError {
+    MapperError::Snapshot { what }
+}

@@ -1,0 +1,158 @@
+//! Replays: remembered frames are fused again, so that the estimator does not forget them (Sec. II).
+//!
+//! [`ReplayPolicy`] says when the replays of a frame are made and on which thread; how many is a
+//! setting of the estimator. [`Replays`] owns the estimator and keeps to the policy. Whichever thread
+//! makes them, the replays of a frame come after its correction and before anything else looks at the
+//! belief, so the result is the same to the bit.
+
+mod memory;
+
+use std::ops::{Deref, DerefMut};
+use std::sync::{Arc, Mutex, MutexGuard};
+
+pub use memory::{MemoryLimits, ReplayMemory, RngState};
+
+use crate::estimator::Estimator;
+
+/// When the replays of a frame are made, and on which thread.
+///
+/// How many belong to a frame is [`crate::EstimatorConfig::replays`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub enum ReplayPolicy {
+    /// On a thread of rayon's pool as soon as the frame is learnt, while the caller goes on; with a
+    /// pool of one thread, or none free, as [`ReplayPolicy::SameThread`].
+    #[default]
+    Background,
+    /// On the thread that next looks at the belief.
+    SameThread,
+    /// When the caller has time to spare, through [`crate::Mapper::spare_time`]: at most those of the
+    /// latest frame. What is not made before the next frame is learnt is left out.
+    SpareTime,
+    /// As [`ReplayPolicy::SpareTime`], but without a bound on the number of replays.
+    SpareTimeUnbounded,
+}
+
+/// An estimator whose replays are made as a policy says.
+pub(crate) struct Replays {
+    pending: Arc<Mutex<Pending>>,
+    policy: ReplayPolicy,
+    /// Replays of a frame.
+    per_frame: u32,
+    /// Replays that may still be made for the latest frame in spare time.
+    spare: u32,
+    /// Whether the latest sample was learnt from.
+    learnt: bool,
+}
+
+/// An estimator, and the replays that come before anything else.
+struct Pending {
+    estimator: Box<dyn Estimator>,
+    due: u32,
+}
+
+/// The estimator with all its due replays made.
+pub(crate) struct UpToDate<'a>(MutexGuard<'a, Pending>);
+
+/// Waits for the estimator and makes the replays that are due.
+fn up_to_date(pending: &Mutex<Pending>) -> UpToDate<'_> {
+    let mut pending = pending.lock().expect("a replay panics only by a bug, which ends the mapper");
+    let due = std::mem::take(&mut pending.due);
+    if due > 0 {
+        pending.estimator.replay(due);
+    }
+    UpToDate(pending)
+}
+
+impl Replays {
+    /// Takes over an estimator, with `per_frame` replays for each frame that it learns.
+    pub(crate) fn new(estimator: Box<dyn Estimator>, per_frame: u32, policy: ReplayPolicy) -> Self {
+        let pending = Arc::new(Mutex::new(Pending { estimator, due: 0 }));
+        Self { pending, policy, per_frame, spare: 0, learnt: false }
+    }
+
+    /// Keeps to another policy from now on.
+    pub(crate) fn set_policy(&mut self, policy: ReplayPolicy) {
+        drop(self.estimator());
+        (self.policy, self.spare) = (policy, 0);
+    }
+
+    /// The estimator, with its due replays made.
+    pub(crate) fn estimator(&self) -> UpToDate<'_> {
+        up_to_date(&self.pending)
+    }
+
+    /// Notes that a sample comes from which nothing may be learnt.
+    pub(crate) fn begin_step(&mut self) {
+        self.learnt = false;
+    }
+
+    /// Ends a touch. A last sample from which nothing was learnt costs the generator one draw: that
+    /// is how the fields of all versions so far were made, and keeps them equal to the bit.
+    pub(crate) fn end_touch(&mut self) {
+        let learnt = std::mem::take(&mut self.learnt);
+        let mut estimator = self.estimator();
+        if !learnt || self.per_frame == 0 {
+            estimator.replay(0);
+        }
+    }
+
+    /// Lets the replays of the frame that was just learnt begin, or be made later, as the policy says.
+    pub(crate) fn replay(&mut self) {
+        self.learnt = true;
+        match self.policy {
+            ReplayPolicy::Background | ReplayPolicy::SameThread => {
+                self.estimator().0.due = self.per_frame;
+            }
+            ReplayPolicy::SpareTime | ReplayPolicy::SpareTimeUnbounded => {
+                self.spare = self.per_frame
+            }
+        }
+        if self.policy == ReplayPolicy::Background && rayon::current_num_threads() > 1 {
+            let pending = Arc::clone(&self.pending);
+            rayon::spawn(move || drop(up_to_date(&pending)));
+        }
+    }
+
+    /// Replays that may be made in spare time.
+    pub(crate) fn spare(&self) -> u32 {
+        match self.policy {
+            ReplayPolicy::SpareTimeUnbounded => u32::MAX,
+            _ => self.spare,
+        }
+    }
+
+    /// Makes replays in spare time until `grant` returns 0, none may be made any more, or nothing is
+    /// remembered; returns how many were made. `grant` is given how many may be made and returns how
+    /// many to make before it is called again.
+    pub(crate) fn spare_time(&mut self, mut grant: impl FnMut(u32) -> u32) -> u32 {
+        let mut made = 0_u32;
+        loop {
+            let granted = match self.spare() {
+                0 => break,
+                spare => grant(spare).min(spare),
+            };
+            let visited = if granted > 0 { self.estimator().replay(granted).frames } else { 0 };
+            if visited == 0 {
+                break;
+            }
+            self.spare = self.spare.saturating_sub(visited);
+            made = made.saturating_add(visited);
+        }
+        made
+    }
+}
+
+impl Deref for UpToDate<'_> {
+    type Target = dyn Estimator;
+
+    fn deref(&self) -> &Self::Target {
+        &*self.0.estimator
+    }
+}
+
+impl DerefMut for UpToDate<'_> {
+    fn deref_mut(&mut self) -> &mut Self::Target {
+        &mut *self.0.estimator
+    }
+}

@@ -1,0 +1,127 @@
+//! Laws of the replay policies: the same field whichever thread makes the replays, and whenever a
+//! mapper is saved and continued; no more replays in spare time than may be made.
+#![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
+
+mod scene;
+
+use std::sync::Arc;
+
+use palpate::{
+    Arm, BakeConfig, EstimatorKind, ExternalTorqueConfig, Gravity, Lattice, Mapper, MapperConfig,
+    ReplayPolicy, Robot, Sample, Tare,
+};
+use scene::{collision, gantry_urdf};
+
+/// Replays of a frame.
+const REPLAYS: u32 = 5;
+
+/// A mapper of a ball on a gantry beside a box of springs.
+fn mapper(method: EstimatorKind, policy: ReplayPolicy) -> Mapper {
+    let robot = Robot::from_urdf(&gantry_urdf(&collision("<sphere radius='0.06'/>"))).unwrap();
+    let bake = BakeConfig { spacing_m: 0.01, ..BakeConfig::default() };
+    let arm = Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0;
+    let lattice = Lattice::new([0.1, -0.1, -0.1], 0.02, [12; 3]).unwrap();
+    let (gravity, tare) = (Gravity::Removed, Tare::None);
+    let touch = ExternalTorqueConfig { gravity, tare, ..ExternalTorqueConfig::default() };
+    let mut config = MapperConfig { lattice, touch, ..MapperConfig::of(method) };
+    config.estimator.replays = REPLAYS;
+    Mapper::new(Arc::new(arm), config).unwrap().with_replays(policy)
+}
+
+/// The ball moves into the box, along it, and out again.
+fn touch() -> Vec<Sample> {
+    let sample = |frame: u32| {
+        let t = f64::from(frame) / 40.0;
+        let q = vec![0.4 * t * (1.0 - t), 0.05 * t, 0.02 * (9.0 * t).sin()];
+        let tau = vec![-3.0 * t * (1.0 - t), -0.4 * t, 0.1 * (9.0 * t).sin()];
+        Sample { time_s: None, q, tau }
+    };
+    (0..40).map(sample).collect()
+}
+
+fn learn_touch(mapper: &mut Mapper) {
+    mapper.begin_touch();
+    touch().iter().for_each(|sample| drop(mapper.step(sample).unwrap()));
+    mapper.end_touch().unwrap();
+}
+
+#[test]
+fn replays_in_the_background_and_on_the_same_thread_give_the_same_field_to_the_bit() {
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
+        let fields = [ReplayPolicy::Background, ReplayPolicy::SameThread].map(|policy| {
+            let mut mapper = mapper(method, policy);
+            (0..3).for_each(|_| learn_touch(&mut mapper));
+            (mapper.field(), mapper.snapshot().state)
+        });
+        assert!(fields[0] == fields[1], "{method:?}");
+        assert!(fields[0].0.stiffness_n_per_m.iter().any(|k| *k > 0.1), "something was learnt");
+    }
+}
+
+#[test]
+fn a_mapper_saved_between_any_two_steps_continues_to_the_bit() {
+    for policy in [ReplayPolicy::Background, ReplayPolicy::SameThread] {
+        let mut whole = mapper(EstimatorKind::Map, policy);
+        (0..2).for_each(|_| learn_touch(&mut whole));
+        for saved_at in [1, 12, 13, 20, 39] {
+            let mut first = mapper(EstimatorKind::Map, policy);
+            learn_touch(&mut first);
+            first.begin_touch();
+            let samples = touch();
+            let (before, after) = samples.split_at(saved_at);
+            before.iter().for_each(|sample| drop(first.step(sample).unwrap()));
+            let snapshot = first.snapshot();
+            let mut second =
+                Mapper::resume(Arc::clone(first.arm()), snapshot).unwrap().with_replays(policy);
+            assert!(second.field() == first.field(), "saved after {saved_at} samples");
+            for continued in [&mut first, &mut second] {
+                after.iter().for_each(|sample| drop(continued.step(sample).unwrap()));
+                continued.end_touch().unwrap();
+                assert!(continued.field() == whole.field(), "saved after {saved_at} samples");
+            }
+        }
+    }
+}
+
+#[test]
+fn in_spare_time_no_more_replays_are_made_than_may_be() {
+    let mut bounded = mapper(EstimatorKind::Map, ReplayPolicy::SpareTime);
+    let mut unbounded = mapper(EstimatorKind::Map, ReplayPolicy::SpareTimeUnbounded);
+    for mapper in [&mut bounded, &mut unbounded] {
+        assert_eq!(mapper.spare_time(|_| 100), 0, "nothing is remembered yet");
+        mapper.begin_touch();
+    }
+    let mut learnt = 0;
+    for sample in &touch() {
+        let touched = bounded.step(sample).unwrap().contacts > 0;
+        assert_eq!(bounded.spare_replays(), bounded_by(touched));
+        let mut granted = [2, 100, 100].into_iter();
+        assert_eq!(bounded.spare_time(|_| granted.next().unwrap_or(0)), bounded_by(touched));
+        learnt += u32::from(touched);
+
+        unbounded.step(sample).unwrap();
+        let mut granted = [2, 100, 0].into_iter();
+        let made = unbounded.spare_time(|_| granted.next().unwrap());
+        assert_eq!(made, if learnt > 0 { 102 } else { 0 });
+    }
+    assert!(learnt > 5, "{learnt} frames in contact");
+}
+
+/// Replays that a step may make in spare time.
+fn bounded_by(touched: bool) -> u32 {
+    if touched { REPLAYS } else { 0 }
+}
+
+#[test]
+fn replays_in_spare_time_and_as_set_give_the_same_field_if_all_are_made() {
+    let mut as_set = mapper(EstimatorKind::Ekf, ReplayPolicy::SameThread);
+    learn_touch(&mut as_set);
+    let mut spare = mapper(EstimatorKind::Ekf, ReplayPolicy::SpareTime);
+    spare.begin_touch();
+    for sample in &touch() {
+        spare.step(sample).unwrap();
+        spare.spare_time(|left| left);
+    }
+    spare.end_touch().unwrap();
+    assert!(spare.field() == as_set.field());
+}
