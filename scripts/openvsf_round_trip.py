@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FIXTURES = ROOT / "crates" / "palpate-py" / "tests" / "data" / "openvsf"
 PLANT = ROOT / "data" / "plant_a"
 URDF = ROOT / "crates" / "palpate" / "src" / "robot" / "kinova_gen3.urdf"
-PAGE = ROOT / "docs" / "openvsf.md"
+PAGE = ROOT / "docs" / "guide" / "src" / "openvsf.md"
 LINKS = [f"{part}_Link" for part in ("Shoulder", "HalfArm1", "HalfArm2", "ForeArm")]
 LINKS += [f"{part}_Link" for part in ("SphericalWrist1", "SphericalWrist2", "Bracelet")]
 REQUIRED = ["openvsf==0.0.1", "matplotlib", "pyyaml", "tqdm"]

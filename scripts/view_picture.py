@@ -2,7 +2,7 @@
 """Opens a recording of `palpate view` in Rerun's web viewer and takes a picture of it.
 
     palpate view data/plant_a/seq_000 data/plant_a/seq_001 --save touches.rrd
-    scripts/view_picture.py touches.rrd docs/view.jpg [--across PART]
+    scripts/view_picture.py touches.rrd docs/guide/src/images/view.jpg [--across PART]
 
 Serves the file on loopback by the command `rerun`, with its usage statistics off, and opens it in
 a headless Chromium, which renders without a graphics card. `--across` is the moment that is shown, as

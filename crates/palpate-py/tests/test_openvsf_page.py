@@ -13,7 +13,7 @@ from stand_in import PointVSF, Tensor
 import palpate
 from palpate import openvsf
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "openvsf.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "guide" / "src" / "openvsf.md"
 
 STUDY = """
 dataset: {keys: {angles: 7, torques: 7}}
