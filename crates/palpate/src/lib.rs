@@ -1,7 +1,70 @@
-//! palpate: where an object is stiff, from what a robot arm's joints feel while it touches it.
+//! palpate maps where an object is stiff, from the joint torques of a robot arm that touches it.
 //!
 //! The method is that of Yao and Hauser, "Online Estimation of Point-based Volumetric Stiffness
 //! Model Using Joint Torque Sensors"; section and equation numbers in these docs are the paper's.
+//!
+//! # Quick start
+//!
+//! A hinge carries a rod of 40 cm, which turns into an object. The mapper learns a field of springs from
+//! the joint's positions and torques; the field then predicts the torque of another motion.
+//!
+//! ```
+//! use std::sync::Arc;
+//! use palpate::{
+//!     Arm, BakeConfig, EstimatorKind, Lattice, Mapper, MapperConfig, PathConfig, Robot, Sample,
+//! };
+//!
+//! let robot = Robot::from_urdf(
+//!     r#"<robot name="hinge"><link name="base"/><link name="rod"><collision>
+//!          <origin xyz="0.2 0 0"/><geometry><box size="0.4 0.04 0.04"/></geometry>
+//!        </collision></link>
+//!        <joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/>
+//!        <axis xyz="0 0 1"/></joint></robot>"#,
+//! )?;
+//! // Signed distances of the links' shapes; palpate-io loads robots with meshes, and caches this.
+//! let no_mesh = |mesh: &str| Err(format!("found no mesh {mesh}").into());
+//! let (arm, _) = Arm::bake(robot, &BakeConfig::default(), no_mesh)?;
+//!
+//! let mut config = MapperConfig::of(EstimatorKind::Map);
+//! config.lattice = Lattice::filling([-0.5, -0.5, -0.1], [0.5, 0.5, 0.1], 0.02)?;
+//! let mut mapper = Mapper::new(Arc::new(arm), config)?;
+//!
+//! // One touch: the arm stands still, which gives the tare, then pushes; the object resists with 10 N·m/rad.
+//! mapper.begin_touch();
+//! for step in 0..60 {
+//!     let angle_rad = 0.005 * f64::from(u32::saturating_sub(step, 10));
+//!     let torque_n_m = -10.0 * f64::max(0.0, angle_rad - 0.05);
+//!     mapper.step(&Sample { time_s: None, q: vec![angle_rad], tau: vec![torque_n_m] })?;
+//! }
+//! mapper.end_touch()?;
+//!
+//! // What torque will the same push meet?
+//! let path: Vec<[f64; 1]> = (0..=25).map(|step| [0.01 * f64::from(step)]).collect();
+//! let prediction = mapper.path_predictor().ask(&path, &PathConfig::default())?;
+//! let end = &prediction.points[25];
+//! assert!((end.torque[0] + 2.0).abs() < 0.5, "2 N·m at 0.25 rad");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # What there is
+//!
+//! | to                        | use                                                                |
+//! |---------------------------|--------------------------------------------------------------------|
+//! | describe the robot        | [`Robot`], with a [`Payload`]; [`Arm`] adds its links' distances, baked by a [`BakeConfig`]; [`RobotError`], [`ArmError`] |
+//! | place the field           | [`Lattice`] of cells ([`CellId`]); [`LatticeError`]                |
+//! | set the contact model     | [`ContactConfig`]                                                  |
+//! | say what logged torques are | [`ExternalTorqueConfig`]: [`TorqueSign`], [`Gravity`], [`Tare`]  |
+//! | choose the estimator      | [`EstimatorKind`] with an [`EstimatorConfig`]: [`Prior`], [`MemoryLimits`] |
+//! | learn from samples        | [`Mapper`] with a [`MapperConfig`] and a [`ReplayPolicy`]; [`Sample`] in, [`StepReport`] out, [`Snapshot`] to go on later; [`MapperError`], [`TrackerError`], [`EstimatorError`], [`PriorMeansError`], [`SettingError`] |
+//! | look at the result        | [`Field`], a [`CellEstimate`] for each cell; [`Contacts`] now      |
+//! | predict logged motions    | [`Predictor`], a [`Prediction`] for each sample                    |
+//! | predict planned motions   | [`PathPredictor`] with a [`PathConfig`]: a [`PathPrediction`] of [`PathPoint`]s; [`PathError`] |
+//!
+//! [`unstable`] has what palpate's own crates build on: contact simulators, observations, estimators
+//! by themselves. It may change in any release.
+//!
+//! No file, socket or clock is opened here, nothing is printed, and the same samples, settings and seed
+//! give the same field, on one thread or many.
 #![forbid(unsafe_code)]
 
 mod arm;
@@ -40,13 +103,12 @@ pub use pause_detector::{MAX_HELD, PauseConfig, PauseDetector};
 pub use prior_means::PriorMeansError;
 pub use replay::{MemoryLimits, ReplayPolicy};
 pub use robot::{Payload, Robot, RobotError};
-pub use sdf::{BakeConfig, SdfError};
+pub use sdf::BakeConfig;
 pub use setting::SettingError;
 pub use tare::{MIN_TARE_FRAMES, Tare};
 pub use tracker::{Sample, TrackerError};
 
-/// What palpate's own crates build on. Nothing here is stable: any of it may change or go in any
-/// release.
+/// What palpate's own crates build on: not stable, any of it may change or go in any release.
 pub mod unstable {
     pub use crate::arm::{LinkReport, MeshResult, solid};
     pub use crate::contact::{ContactSimulator, LinkContacts};
@@ -63,7 +125,7 @@ pub mod unstable {
         Collision, Joint, JointKind, Link, LinkId, Poses, Shape, nests_deeper_than,
     };
     pub use crate::sdf::{
-        BAKE_VERSION, BakeReport, DistanceGrid, Solid, TriangleMesh, bake, bake_serial,
+        BAKE_VERSION, BakeReport, DistanceGrid, SdfError, Solid, TriangleMesh, bake, bake_serial,
         signed_distance,
     };
     pub use crate::torque::{Cell, Observation, ObservationBuilder, Prefetch, Stiffness, lever};

@@ -37,9 +37,9 @@ struct World {
 }
 
 impl World {
-    fn new(arm: &Arc<Arm>, lattice: Lattice, config: ContactConfig, start: [f64; 3]) -> Self {
+    fn new(arm: &Arc<Arm>, lattice: Lattice, config: &ContactConfig, start: [f64; 3]) -> Self {
         let mut simulator =
-            ContactSimulator::new(lattice, Arc::clone(&arm.surfaces), &config).unwrap();
+            ContactSimulator::new(lattice, Arc::clone(&arm.surfaces), config).unwrap();
         simulator.begin_touch(&arm.robot.forward(&start).unwrap().world_from_link);
         Self { arm: Arc::clone(arm), simulator }
     }
@@ -202,7 +202,7 @@ fn no_point_that_a_link_covers_is_ever_free() {
     let config =
         ContactConfig { known_empty: false, contact_distance_m: 0.01, ..ContactConfig::default() };
     let mut simulator =
-        ContactSimulator::new(lattice.clone(), Arc::clone(&arm.surfaces), &config).unwrap();
+        ContactSimulator::new(lattice.clone(), Arc::clone(&arm.surfaces), config).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let (mut q, mut speed) = ([0.0; 3], [0.0; 3]);
     simulator.begin_touch(&arm.robot.forward(&q).unwrap().world_from_link);

@@ -2,11 +2,11 @@
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3, point, vector};
+use palpate::BakeConfig;
 use palpate::unstable::{
-    BakeReport, Collision, DistanceGrid, Shape, Solid, TriangleMesh, bake, bake_serial,
+    BakeReport, Collision, DistanceGrid, SdfError, Shape, Solid, TriangleMesh, bake, bake_serial,
     signed_distance,
 };
-use palpate::{BakeConfig, SdfError};
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};

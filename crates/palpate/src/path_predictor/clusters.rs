@@ -1,10 +1,10 @@
-//! Which springs of a field stand for which others where an answer must come fast.
+//! Clusters of neighbouring springs, each replaced by one spring in a coarse predictor.
 //!
-//! How far neighbours are displaced changes evenly from one to the next. So a single spring with the
-//! stiffness of all, which rests in the middle of it, pushes nearly as they do together. Clusters are
-//! blocks of 4³ cells, or half of one, or half of that, down to single cells: a block is halved as
-//! long as it *weighs* more than a bound, so that no spring adds much more to an answer than any
-//! other. A cell weighs what it may add to the torque and to its variance, each against the mean.
+//! Displacements of neighbours differ little. So a single spring with the stiffness of all, which rests
+//! in the middle of their stiffness, pushes nearly as they do together. Clusters are blocks of 4³ cells,
+//! or half of one, or half of that, down to single cells: a block is halved as long as it *weighs* more
+//! than a bound, so that no spring adds much more to a prediction than any other. The weight of a cell
+//! is its stiffness and its variance, each relative to the mean over all cells.
 
 use std::sync::LazyLock;
 
@@ -140,8 +140,8 @@ fn leader(group: &[Known]) -> (usize, Spring) {
     let away = |cell: &Known| (PLACES[cell.number] - middle).norm_squared();
     let nearest = group.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
     let &Known { number, spring, .. } = nearest.expect("a group is never empty");
-    let (stands_for, aside) = (group.len() as f64, middle - PLACES[number]);
-    (number, Spring { stiffness_n_per_m, variance, stands_for, aside, ..spring })
+    let (stands_for, offset) = (group.len() as f64, middle - PLACES[number]);
+    (number, Spring { stiffness_n_per_m, variance, stands_for, offset, ..spring })
 }
 
 #[cfg(test)]
@@ -216,7 +216,7 @@ mod tests {
         let springs = few(stiffness, |_| 0.0, 1e9);
         let (_, spring) = springs.iter().find(|(place, _)| *place == [3, 2, 1]).unwrap();
         assert_eq!((spring.stiffness_n_per_m, spring.stands_for), (9.0, 64.0));
-        assert_eq!(spring.aside, Vector3::zeros());
+        assert_eq!(spring.offset, Vector3::zeros());
     }
 
     #[test]
@@ -231,8 +231,8 @@ mod tests {
         for most in [2.0, 5.0, 30.0, 1e9] {
             let springs = few(stiffness, |_| 1.0, most);
             let pushes = springs.iter().map(|(place, spring)| {
-                assert!(spring.aside.amax() <= 0.5 + 1e-9, "the leader is the nearest");
-                spring.stiffness_n_per_m * displacement(at(*place) + spring.aside)
+                assert!(spring.offset.amax() <= 0.5 + 1e-9, "the leader is the nearest");
+                spring.stiffness_n_per_m * displacement(at(*place) + spring.offset)
             });
             assert!((pushes.sum::<f64>() - all).abs() < 1e-9 * all);
         }

@@ -1,4 +1,4 @@
-//! What is felt at a stop of a path, and what is said of the points between two stops.
+//! Wrenches of the springs on the links at the stops of a path, and torques between two stops.
 //!
 //! A spring at rest point p, displaced by u, pushes its link with the wrench `−K w`,
 //! `w = (u, p × u)` about the world's origin ([`crate::torque`]). Sums over the springs of a link, of `K w` and
@@ -12,7 +12,7 @@ use super::springs::Spring;
 use crate::contact::Displaced;
 use crate::robot::{LinkId, Poses, Robot};
 
-/// What one link feels at one stop.
+/// The push of all springs on one link at one stop.
 #[derive(Debug, Clone)]
 struct Push {
     /// `Σ K w`: force, N, and moment about the world's origin, N·m, on the springs.
@@ -21,13 +21,12 @@ struct Push {
     covariance: Matrix6<f64>,
 }
 
-/// What the arm feels at the stops of a path, of some of the springs.
+/// The pushes of some of the springs on all links, at the stops of a path.
 #[derive(Debug, Clone, Default)]
 pub(super) struct LinkWrenches {
     /// By link, and by stop; empty for a link that touches nothing.
     pushes: Vec<Vec<Push>>,
-    /// Cells touched, and those of them that are known, by stop; where some stand for others, an
-    /// estimate.
+    /// Cells touched, and those of them that are known, by stop; an estimate in a coarse predictor.
     counts: Vec<[f64; 2]>,
 }
 
@@ -69,7 +68,7 @@ impl LinkWrenches {
         self.counts[stop][1] += if spring.is_known { spring.stands_for } else { 0.0 };
     }
 
-    /// Adds what is felt of other springs at the same stops.
+    /// Adds the pushes of other springs at the same stops.
     pub(super) fn merge(&mut self, other: Self) {
         for (ours, theirs) in self.pushes.iter_mut().zip(other.pushes) {
             if ours.is_empty() {
@@ -86,7 +85,7 @@ impl LinkWrenches {
         }
     }
 
-    /// What is said of a stop, where the links have these poses.
+    /// The prediction at a stop, where the links have these poses.
     pub(super) fn point(&self, stop: usize, robot: &Robot, poses: &Poses) -> PathPoint {
         let mut torque = DVector::zeros(robot.n_joints());
         let mut variance = DVector::zeros(robot.n_joints());
@@ -107,7 +106,7 @@ impl LinkWrenches {
 }
 
 impl PathPoint {
-    /// A part (0 to 1) of the way from one to another.
+    /// Interpolates between two stops; `part` is the share of the path length, 0 to 1.
     pub(super) fn between(from: &Self, to: &Self, part: f64) -> Self {
         let count = |from: usize, to: usize| {
             (from as f64 + part * (to as f64 - from as f64)).round() as usize

@@ -1,9 +1,8 @@
-//! What torque a motion would meet that has not been made yet.
+//! What torque a planned motion would meet.
 //!
-//! [`crate::mapper::Mapper::path_predictor`] hands out an [`PathPredictor`]: the field as it is at that moment,
-//! and the arm with what it touches. It belongs to whoever asked, so that another thread can put
-//! paths to it while the mapper goes on; asking changes nothing of the mapper, and what the mapper
-//! learns meanwhile changes nothing of the answer.
+//! [`crate::Mapper::path_predictor`] copies the field as it is at that moment, and the arm with its
+//! contacts, into a [`PathPredictor`]. The copy can be used on another thread while the mapper goes on:
+//! predicting changes nothing of the mapper, and what the mapper learns meanwhile changes no prediction.
 //!
 //! | here                      | value                                    | shape    | unit |
 //! |---------------------------|------------------------------------------|----------|------|
@@ -12,41 +11,38 @@
 //!
 //! # Where a path starts
 //!
-//! Contacts have a history: what a link has pushed aside, it still holds. A path that starts where
-//! the arm is in a touch under way ([`PathConfig::start_cells`]) goes on from the contacts there. Any
-//! other starts free of contact, as a touch does: what the links cover at its first point is taken
-//! for empty space ([`crate::ContactConfig::known_empty`]), so let it begin outside the object.
+//! Contacts have a history: a link still holds what it has pushed aside. A path that starts where the
+//! arm is in a touch under way ([`PathConfig::start_cells`]) continues from the contacts there. Any
+//! other path starts free of contact, as a touch does: what the links cover at its first point counts as
+//! empty space ([`ContactConfig::known_empty`]), so it should begin outside the object.
 //!
-//! # Where it is looked at closely
+//! # Stops
 //!
-//! Every motion costs a look at all that is touched, so points are not asked about one by one. The
-//! arm is taken from one *stop* to the next, as far as [`PathConfig::resolution_cells`]
-//! allows; between stops, torques go along the way in proportion. The first and the last point are
-//! stops, and so is every one where the arm turns round: there friction changes its direction.
-//! At a resolution of 0 all points are stops, and the answer is that of
-//! [`crate::field::Predictor`] but for rounding.
+//! The contacts are evaluated at *stops*, at most [`PathConfig::resolution_cells`] apart; between two
+//! stops torques are interpolated by the path length. The first and the last point are stops, and so is
+//! every point where the arm turns round, because friction changes its direction there. With a
+//! resolution of 0 all points are stops, and the prediction is that of [`crate::Predictor`] up to
+//! rounding.
 //!
-//! # Where an answer must come fast
+//! # Coarse predictors
 //!
-//! A path is known beforehand, and no point's way along it depends on another's: so points are
-//! followed alone, in pieces for as many threads as have time, and cost little until a link is near
-//! ([`crate::contact`]). One can stand for others: [`Mapper::coarse_path_predictor`] has one for a block of
-//! neighbours, with the stiffness of all, in blocks as small as the stiff and the hardly known ones
-//! need. With one in [`CLUSTER_WEIGHT`] and a stop every cell (the default), that moved torques of touches
-//! of three simulated plants by 1 to 6 % from path to path, and their standard deviations by 5 to
-//! 18 %, where the field had not learnt those; where it had, by 1 to 8 %, once by 15 %, and by 3 to
-//! 23 %. What the field itself gets wrong is 33 %.
+//! The trajectory is known, and no point's contact depends on another point. So points are followed
+//! alone, in chunks for all threads that have time, and cost little until a link is near
+//! ([`crate::contact`]). One point can also stand for others:
+//! [`crate::Mapper::coarse_path_predictor`] has one spring for a cluster of neighbours, with the
+//! stiffness of all; clusters are smallest where cells are stiff or uncertain. With [`CLUSTER_WEIGHT`]
+//! and a stop every cell (the default), that changed torques of touches of three simulated plants by 1
+//! to 6 % from path to path, and their standard deviations by 5 to 18 %, for fields that had not learnt
+//! those touches; for fields that had, by 1 to 8 %, once by 15 %, and by 3 to 23 %. The field itself is
+//! off by 33 %.
 //!
 //! # What the standard deviation means
 //!
-//! It is what the uncertainty of the springs alone ([`crate::map`] says what that is) makes of the
-//! torque, spring by spring: cells never touched have the prior's, so it is large where the field
-//! knows nothing and small where much was learnt. Neither the noise of the sensors nor what the
-//! contact model gets wrong is in it, and the springs count as independent, though those that are
-//! always pressed together are known by their sum only. Take it as a ranking of paths by how well
-//! their resistance is known, not as a bound on the error.
-//!
-//! [`Mapper::coarse_path_predictor`]: crate::mapper::Mapper::coarse_path_predictor
+//! It is the torque's standard deviation due to the springs' own, spring by spring ([`crate::map`] says
+//! what those mean). Untouched cells have the prior's, so it is large where the field knows nothing and
+//! small where much was learnt. Sensor noise and errors of the contact model are not in it, and the
+//! springs count as independent, though only the sum of springs that are always pressed together is
+//! known. Use it to rank paths by how well their resistance is known, not as a bound on the error.
 
 mod clusters;
 mod link_wrenches;
@@ -60,7 +56,7 @@ use nalgebra::{DVector, Isometry3};
 use serde::{Deserialize, Serialize};
 
 use self::link_wrenches::LinkWrenches;
-use self::parallel::in_pieces;
+use self::parallel::in_chunks;
 pub use self::path::{CheckedPath, PathChecker};
 pub(crate) use self::springs::Springs;
 use crate::arm::Arm;
@@ -71,7 +67,7 @@ use crate::robot::RobotError;
 use crate::setting::SettingError;
 use crate::tracker::Tracker;
 
-/// How closely a path is looked at.
+/// How closely a path is evaluated, and where it starts.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PathConfig {
@@ -95,11 +91,11 @@ pub const MAX_POINTS: usize = 100_000;
 /// Stops and sub-steps of a path at most, each: a few seconds.
 pub const MAX_MOTIONS: usize = 10_000;
 
-/// Springs of the mean for which one stands at most where an answer must come fast; see
-/// [`Mapper::coarse_path_predictor`](crate::mapper::Mapper::coarse_path_predictor).
+/// The weight of a cluster, in average springs, for fast predictions; see
+/// [`crate::Mapper::coarse_path_predictor`].
 pub const CLUSTER_WEIGHT: f64 = 24.0;
 
-/// Why a path cannot be looked at. Points are counted from 0.
+/// Why a path cannot be predicted. Points are counted from 0.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
@@ -107,10 +103,10 @@ pub enum PathError {
     /// A setting outside its range.
     #[error(transparent)]
     Setting(#[from] SettingError),
-    /// Nothing to answer.
+    /// Nothing to predict.
     #[error("the path has no points; give at least one, of a position for each joint")]
     Empty,
-    /// More points than one question may have.
+    /// More points than one path may have.
     #[error("the path has {found} points, more than {MAX_POINTS}; ask about it in pieces")]
     TooManyPoints { found: usize },
     /// Joint positions that the robot cannot take.
@@ -122,7 +118,7 @@ pub enum PathError {
          long a motion cannot be followed: are there points missing, or is it in another unit?"
     )]
     Jump { point: usize, joint: String, from: f64, to: f64 },
-    /// More motion than one question may have.
+    /// More motion than one path may have.
     #[error(
         "up to point {point} the path takes more than {MAX_MOTIONS} motions to follow; ask about \
          it in pieces, or at a coarser resolution"
@@ -139,7 +135,7 @@ impl PathError {
     }
 }
 
-/// What the field says of one point of a path.
+/// The prediction at one point of a path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathPoint {
     /// τ̂: external torque, n_joints, N·m.
@@ -152,40 +148,40 @@ pub struct PathPoint {
     pub known: usize,
 }
 
-/// What the field says of a path.
+/// The prediction along a path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathPrediction {
     /// One for each point of the path.
     pub points: Vec<PathPoint>,
-    /// Whether the path went on from what the arm touched, rather than free of contact.
+    /// Whether the path continued from the arm's contacts, rather than free of contact.
     pub goes_on: bool,
-    /// Points of the path where the arm stopped; torques of the others lie between theirs.
+    /// Number of stops; torques of the other points are interpolated between theirs.
     pub stops: usize,
 }
 
-/// A field at one moment, and the arm where it was.
+/// A field at one moment and the arm with its contacts, to predict the torque of motions.
 #[derive(Debug, Clone)]
 pub struct PathPredictor {
     arm: Arc<Arm>,
     checker: PathChecker,
     lattice: Lattice,
     contact: ContactConfig,
-    /// Joint positions where the arm is in a touch, n_joints, and what it holds there.
+    /// Joint positions of the arm in a touch, n_joints, and its contacts there.
     current_state: Option<(Vec<f64>, Arc<ContactState>)>,
     springs: Arc<Springs>,
 }
 
-/// Pieces that a short path is answered in; always as many, so that sums have the same order.
-const PIECES: usize = 16;
+/// Chunks of the points of a short path; always as many, so that sums have the same order.
+const CHUNKS: usize = 16;
 
-/// Pieces of a long one at least.
-const FEW_PIECES: usize = 4;
+/// Chunks of a long path at least.
+const FEW_CHUNKS: usize = 4;
 
-/// Stops above which there are fewer pieces, since each keeps sums for every stop.
+/// Stops above which there are fewer chunks, since each keeps sums for every stop.
 const FEW_STOPS: usize = 256;
 
 impl PathPredictor {
-    /// A path predictor of the arm that is tracked.
+    /// A predictor for the arm of a tracker, where it is.
     pub(crate) fn new(tracker: &Tracker, contact: ContactConfig, springs: Springs) -> Self {
         let lattice = springs.lattice().clone();
         Self {
@@ -200,7 +196,7 @@ impl PathPredictor {
         }
     }
 
-    /// What torque a path would meet, from where the arm is; the next question starts there too.
+    /// Predicts the torque along a path; the predictor stays as it is.
     ///
     /// `path` has a row of n_joints positions (rad, m where prismatic) a point. Joints go straight
     /// from one to the next, angles the shorter way round. As many threads take part as rayon has
@@ -217,7 +213,7 @@ impl PathPredictor {
         self.answer(&self.checker.check(path, config)?)
     }
 
-    /// [`PathPredictor::ask`] about a path that was checked beforehand, by the checker of the same mapper.
+    /// [`PathPredictor::ask`] for a path that a checker of the same mapper has checked.
     ///
     /// # Errors
     ///
@@ -228,12 +224,12 @@ impl PathPredictor {
     /// If the path was checked for another robot, which is a bug in the caller.
     pub fn answer(&self, path: &CheckedPath<'_>) -> Result<PathPrediction, PathError> {
         let from = self.current_state.as_ref().filter(|from| self.starts_at(from, path));
-        let way = self.way(path, from)?;
-        let felt = self.felt(&way, from.map(|(_, contact_state)| Arc::clone(contact_state)));
+        let waypoints = self.waypoints(path, from)?;
+        let wrenches = self.wrenches(&waypoints, from.map(|(_, state)| Arc::clone(state)));
         let mut points: Vec<PathPoint> = Vec::new();
         for (number, &stop) in path.stops.iter().enumerate() {
-            let first = way.at.partition_point(|at| *at < way.at[number]);
-            let reached = felt.point(first, &self.arm.robot, path.poses(stop));
+            let first = waypoints.stops.partition_point(|at| *at < waypoints.stops[number]);
+            let reached = wrenches.point(first, &self.arm.robot, path.poses(stop));
             if let Some(left) = points.last().cloned() {
                 let from = points.len() - 1;
                 points.extend((from + 1..stop).map(|point| {
@@ -258,75 +254,67 @@ impl PathPredictor {
     }
 
     /// The waypoints of a path, from where the arm is or from the first stop.
-    fn way(
+    fn waypoints(
         &self,
         path: &CheckedPath<'_>,
         from: Option<&(Vec<f64>, Arc<ContactState>)>,
-    ) -> Result<Way, PathError> {
+    ) -> Result<Waypoints, PathError> {
         let mut before = match from {
             Some((q, contact_state)) => (&q[..], &contact_state.poses[..]),
             None => path.at(path.stops[0]),
         };
-        let mut way =
-            Way { waypoints: vec![before.1.to_vec()], at: Vec::with_capacity(path.stops.len()) };
+        let stops = Vec::with_capacity(path.stops.len());
+        let mut waypoints = Waypoints { poses: vec![before.1.to_vec()], stops };
         for &stop in &path.stops {
             let here = path.at(stop);
             let between = self.checker.substeps().between(before, here);
-            for poses in between.map_err(|lost| PathError::at(stop, lost))? {
-                way.go(&poses);
+            for poses in between.map_err(|error| PathError::at(stop, error))? {
+                waypoints.go(&poses);
             }
-            way.go(here.1);
-            way.at.push(way.waypoints.len() - 1);
-            if way.at.last() > Some(&(2 * MAX_MOTIONS)) {
+            waypoints.go(here.1);
+            waypoints.stops.push(waypoints.poses.len() - 1);
+            if waypoints.stops.last() > Some(&(2 * MAX_MOTIONS)) {
                 return Err(PathError::TooLong { point: stop });
             }
             before = here;
         }
-        Ok(way)
+        Ok(waypoints)
     }
 
-    /// What the arm feels at the stops of a way; at the first, where several are at the same
-    /// waypoint.
-    fn felt(&self, way: &Way, contact_state: Option<Arc<ContactState>>) -> LinkWrenches {
+    /// The wrenches of all springs on the links, at every stop; where several stops share a waypoint, at
+    /// the first of them.
+    fn wrenches(&self, waypoints: &Waypoints, state: Option<Arc<ContactState>>) -> LinkWrenches {
         let surfaces = Arc::clone(&self.arm.surfaces);
-        let (links, stops) = (surfaces.len(), way.at.len());
-        let (lattice, contact) = (self.lattice.clone(), self.contact.clone());
-        let roughly = self.springs.are_few();
-        let trajectory = PosedTrajectory::new(
-            lattice,
-            surfaces,
-            &contact,
-            roughly,
-            contact_state,
-            &way.waypoints,
-        );
-        let mut stop_at = vec![None; way.waypoints.len()];
-        way.at.iter().enumerate().rev().for_each(|(stop, &at)| stop_at[at] = Some(stop));
+        let (links, stops) = (surfaces.len(), waypoints.stops.len());
+        let (lattice, coarse) = (self.lattice.clone(), self.springs.are_clusters());
+        let (contact, poses) = (&self.contact, &waypoints.poses);
+        let trajectory = PosedTrajectory::new(lattice, surfaces, contact, coarse, state, poses);
+        let mut stop_at = vec![None; poses.len()];
+        waypoints.stops.iter().enumerate().rev().for_each(|(stop, &at)| stop_at[at] = Some(stop));
         let (bricks, springs) = (trajectory.bricks(), Arc::clone(&self.springs));
-        let pieces = (PIECES * FEW_STOPS / stops).clamp(FEW_PIECES, PIECES);
-        let of_piece = move |piece: usize| {
-            let (mut path_simulator, mut of_crowd) =
-                (PathContactSimulator::new(&trajectory), Vec::new());
-            let [first, end] = [piece, piece + 1].map(|piece| piece * bricks.len() / pieces);
-            for near in &bricks[first..end] {
-                for (place, spring) in springs.of_brick(near.low) {
-                    let aside_m = spring.aside * springs.lattice().spacing_m();
-                    path_simulator.add(near, place, &aside_m);
-                    of_crowd.push(spring);
+        let chunks = (CHUNKS * FEW_STOPS / stops).clamp(FEW_CHUNKS, CHUNKS);
+        let of_chunk = move |chunk: usize| {
+            let mut simulator = PathContactSimulator::new(&trajectory);
+            let mut followed = Vec::new();
+            let [first, end] = [chunk, chunk + 1].map(|chunk| chunk * bricks.len() / chunks);
+            for brick in &bricks[first..end] {
+                for (place, spring) in springs.of_brick(brick.low) {
+                    simulator.add(brick, place, &(spring.offset * springs.lattice().spacing_m()));
+                    followed.push(spring);
                 }
             }
-            let mut felt = LinkWrenches::nothing(stops, links);
-            path_simulator.follow(&stop_at, |stop, path_simulator, displaced| {
-                let number = displaced.index;
-                felt.add(stop, &of_crowd[number], path_simulator.rest(number), &displaced);
+            let mut wrenches = LinkWrenches::nothing(stops, links);
+            simulator.follow(&stop_at, |stop, simulator, displaced| {
+                let index = displaced.index;
+                wrenches.add(stop, &followed[index], simulator.rest(index), &displaced);
             });
-            felt
+            wrenches
         };
-        let felt = in_pieces(pieces, of_piece).into_iter().reduce(|mut sum, piece| {
-            sum.merge(piece);
+        let sum = in_chunks(chunks, of_chunk).into_iter().reduce(|mut sum, chunk| {
+            sum.merge(chunk);
             sum
         });
-        felt.unwrap_or_default()
+        sum.unwrap_or_default()
     }
 }
 
@@ -345,18 +333,18 @@ impl PathConfig {
 }
 
 /// The waypoints that the arm goes through.
-struct Way {
-    /// The links' poses, by link.
-    waypoints: Vec<Vec<Isometry3<f64>>>,
-    /// The numbers of the waypoints where it stops, by stop.
-    at: Vec<usize>,
+struct Waypoints {
+    /// The links' poses, by waypoint and by link.
+    poses: Vec<Vec<Isometry3<f64>>>,
+    /// The numbers of the waypoints where the arm stops, by stop.
+    stops: Vec<usize>,
 }
 
-impl Way {
-    /// Goes to a waypoint, unless the arm is there.
+impl Waypoints {
+    /// Adds a waypoint, unless the arm is there.
     fn go(&mut self, poses: &[Isometry3<f64>]) {
-        if self.waypoints.last().is_none_or(|last| last != poses) {
-            self.waypoints.push(poses.to_vec());
+        if self.poses.last().is_none_or(|last| last != poses) {
+            self.poses.push(poses.to_vec());
         }
     }
 }

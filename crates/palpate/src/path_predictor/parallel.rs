@@ -1,4 +1,4 @@
-//! Work in pieces, for as many threads as have time for it.
+//! Work in chunks, shared by all threads that have time.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
@@ -6,45 +6,45 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::thread;
 
-/// Pieces that wait for whoever is free.
+/// Chunks that wait for whoever is free.
 struct Job<W> {
-    pieces: usize,
+    chunks: usize,
     /// The next that nobody has begun.
     next: AtomicUsize,
     work: W,
 }
 
 impl<T, W: Fn(usize) -> T> Job<W> {
-    /// Works out pieces until all have been begun.
+    /// Works out chunks until all have been begun.
     fn help(&self, done: &Sender<(usize, thread::Result<T>)>) {
         loop {
-            let piece = self.next.fetch_add(1, Ordering::Relaxed);
-            if piece >= self.pieces {
+            let chunk = self.next.fetch_add(1, Ordering::Relaxed);
+            if chunk >= self.chunks {
                 return;
             }
-            let result = catch_unwind(AssertUnwindSafe(|| (self.work)(piece)));
-            if done.send((piece, result)).is_err() {
-                return; // whoever asked has heard of a panic, and listens no more
+            let result = catch_unwind(AssertUnwindSafe(|| (self.work)(chunk)));
+            if done.send((chunk, result)).is_err() {
+                return; // the caller has received a panic and is gone
             }
         }
     }
 }
 
-/// The results of all pieces in their order, from this thread and rayon's.
+/// The results of all chunks in their order, from this thread and rayon's.
 ///
-/// A thread of rayon's that gets no core in time is not waited for: whoever asks begins at once,
-/// and the other finds nothing left to do.
+/// The caller begins at once and does not wait for a thread of the pool that gets no core in time: that
+/// thread finds nothing left to do.
 ///
 /// # Panics
 ///
-/// With whatever a piece panics with.
-pub(super) fn in_pieces<T: Send + 'static>(
-    pieces: usize,
+/// With whatever a chunk panics with.
+pub(super) fn in_chunks<T: Send + 'static>(
+    chunks: usize,
     work: impl Fn(usize) -> T + Send + Sync + 'static,
 ) -> Vec<T> {
-    let job = Arc::new(Job { pieces, next: AtomicUsize::new(0), work });
+    let job = Arc::new(Job { chunks, next: AtomicUsize::new(0), work });
     let (done, results) = channel();
-    for _ in 1..rayon::current_num_threads().min(pieces) {
+    for _ in 1..rayon::current_num_threads().min(chunks) {
         let (job, done) = (Arc::downgrade(&job), done.clone());
         rayon::spawn(move || {
             if let Some(job) = job.upgrade() {
@@ -54,8 +54,8 @@ pub(super) fn in_pieces<T: Send + 'static>(
     }
     job.help(&done);
     drop(done);
-    let mut results: Vec<(usize, thread::Result<T>)> = results.iter().take(pieces).collect();
-    results.sort_unstable_by_key(|(piece, _)| *piece);
+    let mut results: Vec<(usize, thread::Result<T>)> = results.iter().take(chunks).collect();
+    results.sort_unstable_by_key(|(chunk, _)| *chunk);
     let result =
         |(_, result): (usize, thread::Result<T>)| result.unwrap_or_else(|e| resume_unwind(e));
     results.into_iter().map(result).collect()
@@ -66,25 +66,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_piece_is_worked_out_once_and_comes_in_its_place() {
-        for pieces in [0, 1, 2, 7, 100] {
+    fn every_chunk_is_worked_out_once_and_comes_in_its_place() {
+        for chunks in [0, 1, 2, 7, 100] {
             let calls = Arc::new(AtomicUsize::new(0));
             let counted = Arc::clone(&calls);
-            let results = in_pieces(pieces, move |piece| {
+            let results = in_chunks(chunks, move |chunk| {
                 counted.fetch_add(1, Ordering::Relaxed);
-                piece * piece
+                chunk * chunk
             });
-            assert_eq!(results, (0..pieces).map(|piece| piece * piece).collect::<Vec<_>>());
-            assert_eq!(calls.load(Ordering::Relaxed), pieces);
+            assert_eq!(results, (0..chunks).map(|chunk| chunk * chunk).collect::<Vec<_>>());
+            assert_eq!(calls.load(Ordering::Relaxed), chunks);
         }
     }
 
     #[test]
-    fn a_panic_reaches_whoever_asks_whichever_thread_it_is_on() {
+    fn a_panic_reaches_the_caller_whichever_thread_it_is_on() {
         for bad in [0, 3, 15] {
-            let work = move |piece| assert!(piece != bad, "piece {piece}");
-            let panic = catch_unwind(|| in_pieces(16, work)).unwrap_err();
-            assert_eq!(*panic.downcast::<String>().unwrap(), format!("piece {bad}"));
+            let work = move |chunk| assert!(chunk != bad, "chunk {chunk}");
+            let panic = catch_unwind(|| in_chunks(16, work)).unwrap_err();
+            assert_eq!(*panic.downcast::<String>().unwrap(), format!("chunk {bad}"));
         }
     }
 
@@ -97,7 +97,7 @@ mod tests {
             let held = Arc::clone(&held);
             rayon::spawn(move || drop(held.lock().map(|held| held.recv())));
         }
-        assert_eq!(in_pieces(5, |piece| piece), [0, 1, 2, 3, 4]);
+        assert_eq!(in_chunks(5, |chunk| chunk), [0, 1, 2, 3, 4]);
         drop(let_go);
     }
 }

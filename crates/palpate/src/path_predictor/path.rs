@@ -1,4 +1,4 @@
-//! The points of a path, how far apart they are, and at which of them the arm stops.
+//! Paths: their points, the path length between them, and their stops.
 
 use super::{MAX_MOTIONS, MAX_POINTS, PathConfig, PathError};
 use crate::motion::{Substeps, Waypoint};
@@ -8,7 +8,7 @@ use crate::robot::Poses;
 /// may be a sensor's noise.
 const TURNS_ROUND: f64 = 0.03;
 
-/// Says whether paths are fit to be followed, and where the arm stops on them; knows no field.
+/// Checks paths and finds their stops; knows no field.
 #[derive(Debug, Clone)]
 pub struct PathChecker {
     substeps: Substeps,
@@ -16,16 +16,17 @@ pub struct PathChecker {
     spacing_m: f64,
 }
 
-/// A path that was found fit to be followed.
+/// A path that can be followed.
 #[derive(Debug)]
 pub struct CheckedPath<'a> {
     q: Vec<&'a [f64]>,
     poses: Vec<Poses>,
-    /// How far the fastest point of the arm has gone at each point of the path, m.
+    /// Path length of the fastest point of the arm up to each point of the path, m.
     along_m: Vec<f64>,
     /// The points where the arm stops.
     pub(super) stops: Vec<usize>,
-    /// The farthest that its first point may be from where the arm is to go on from there, m.
+    /// The largest distance of its first point from where the arm is for the path to continue from the
+    /// arm's contacts, m.
     pub(super) start_m: f64,
 }
 
@@ -91,7 +92,7 @@ impl<'a> CheckedPath<'a> {
         for point in 1..q.len() {
             let [from, to] = [point - 1, point].map(|n| (q[n], &poses[n].world_from_link[..]));
             let path_length_m =
-                substeps.path_length_m(from, to).map_err(|lost| PathError::at(point, lost))?;
+                substeps.path_length_m(from, to).map_err(|error| PathError::at(point, error))?;
             along_m.push(along_m[point - 1] + path_length_m);
             if along_m[point].is_nan() || along_m[point] > longest_m {
                 return Err(PathError::TooLong { point });
@@ -109,7 +110,7 @@ impl<'a> CheckedPath<'a> {
         &self.poses[point]
     }
 
-    /// The part (0 to 1) of the way between two points that a third has made.
+    /// The share (0 to 1) of the path length between two points up to a third.
     pub(super) fn part(&self, point: usize, [from, to]: [usize; 2]) -> f64 {
         let path_length_m = self.along_m[to] - self.along_m[from];
         if path_length_m > 0.0 {

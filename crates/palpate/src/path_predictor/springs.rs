@@ -1,9 +1,8 @@
-//! The springs that an answer adds up, brick by brick.
+//! The springs of a prediction, brick by brick.
 //!
-//! A spring is a cell, or stands for several: for neighbours that the field knows
-//! ([`super::clusters`]), or for those of a block of which it knows nothing, of which one is
-//! followed. The mapper only copies what it knows; what is near a path is sorted out by whoever
-//! asks.
+//! A spring is one cell, or stands for several: for a cluster of known neighbours
+//! ([`super::clusters`]), or for a block of untouched cells. The mapper only copies the estimates of its
+//! cells; the predictor forms clusters near the path.
 
 use std::sync::OnceLock;
 
@@ -20,16 +19,15 @@ pub(super) struct Spring {
     pub(super) stiffness_n_per_m: f64,
     /// Its variance, (N/m)²; the sum likewise.
     pub(super) variance: f64,
-    /// Cells that it stands for.
+    /// Number of cells that it stands for.
     pub(super) stands_for: f64,
     /// Whether its cell was touched when the field was learnt.
     pub(super) is_known: bool,
-    /// Where it rests, from the point of its cell, in cells.
-    pub(super) aside: Vector3<f64>,
+    /// From the point of its cell to where it rests, in cells.
+    pub(super) offset: Vector3<f64>,
 }
 
-/// Edge of a block in which one cell stands for all of which the field knows nothing, where few
-/// springs are followed.
+/// Edge of a block of untouched cells, for all of which one spring stands in a coarse predictor.
 const EDGE: u32 = 4;
 
 /// The springs of a field at one moment.
@@ -37,13 +35,13 @@ const EDGE: u32 = 4;
 pub(crate) struct Springs {
     lattice: Lattice,
     rows: RowsOfBricks,
-    /// What is known of cells, by row.
+    /// Estimates of the cells, by row.
     known: Vec<CellEstimate>,
-    /// Above 1, springs stand for neighbours of which none weighs more than so many of the mean.
+    /// The largest weight of a cluster, in average springs; up to 1, there are no clusters.
     cluster_weight: f64,
-    /// How they then are grouped, once somebody asks.
+    /// The clusters, formed at the first query.
     groups: OnceLock<Clusters>,
-    /// What stands for cells without a row, and edge of the blocks for each of which it does.
+    /// The spring of a block of untouched cells, and the edge of such a block.
     other: Spring,
     edge: u32,
 }
@@ -55,7 +53,7 @@ impl From<CellEstimate> for Spring {
             variance: cell.std_n_per_m.powi(2),
             stands_for: 1.0,
             is_known: cell.count > 0,
-            aside: Vector3::zeros(),
+            offset: Vector3::zeros(),
         }
     }
 }
@@ -73,16 +71,15 @@ impl Spring {
 }
 
 impl Springs {
-    /// The springs of an estimator's cells as it knows them now; above 1, each stands for
-    /// neighbours, of which none weighs more than `cluster_weight` of the mean.
+    /// The springs of an estimator's cells as they are now, in clusters of at most `cluster_weight`.
     ///
-    /// Cost: a copy, 3 to 5 ns a cell. Clusters are formed when a brick is asked for.
+    /// Cost: a copy, 3 to 5 ns a cell.
     pub(crate) fn new(rows: &CellRows, estimator: &dyn Estimator, cluster_weight: f64) -> Self {
         let (known, other) = (estimator.estimates(rows.len()), estimator.estimate(usize::MAX));
         Self::of(rows, known, other, cluster_weight)
     }
 
-    /// The springs of cells of which this is known, by row, and this of all others.
+    /// The springs of cells with these estimates, by row, and with one for all other cells.
     pub(super) fn of(
         rows: &CellRows,
         known: Vec<CellEstimate>,
@@ -99,15 +96,15 @@ impl Springs {
         &self.lattice
     }
 
-    /// Whether few springs stand for many.
-    pub(super) fn are_few(&self) -> bool {
+    /// Whether springs stand for clusters.
+    pub(super) fn are_clusters(&self) -> bool {
         self.edge > 1
     }
 
-    /// How those that are known are grouped, if few stand for many.
+    /// The clusters of the known cells, if there are any.
     fn groups(&self) -> Option<&Clusters> {
         let groups = || Clusters::new(&self.known, self.cluster_weight);
-        self.are_few().then(|| self.groups.get_or_init(groups))
+        self.are_clusters().then(|| self.groups.get_or_init(groups))
     }
 
     /// The springs of a brick, by its first place, each with its place in the lattice.

@@ -148,7 +148,7 @@ impl Robot {
     ///
     /// ```
     /// use nalgebra::{vector, Vector6};
-    /// use palpate::robot::Robot;
+    /// use palpate::Robot;
     ///
     /// let robot = Robot::from_urdf(
     ///     r#"<robot name="door"><link name="frame"/><link name="leaf"/>
@@ -163,7 +163,7 @@ impl Robot {
     /// let moment = point.cross(&force);
     /// let wrench = Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
     /// assert_eq!((spatial.transpose() * wrench)[0], 4.0); // N·m
-    /// # Ok::<(), palpate::robot::RobotError>(())
+    /// # Ok::<(), palpate::RobotError>(())
     /// ```
     pub fn spatial_jacobian(&self, poses: &Poses, link: LinkId) -> Matrix6xX<f64> {
         let mut spatial = Matrix6xX::zeros(self.n_joints());
