@@ -1,7 +1,7 @@
 //! From a log to a field: maps touches of a Kinova Gen3 and saves what was felt.
 //!
-//! Usage: `02_map_a_log [LOG [FIELD.npz]]`; the log defaults to the bundled touches, of which it
-//! takes the first three to be quick. The data is simulated.
+//! Usage: `02_map_a_log [LOG [FIELD.npz]]`; without a log, run it from the root of the project, whose
+//! bundled touches are simulated. Of any log it takes the first three touches to be quick.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -12,9 +12,8 @@ use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, load_arm};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let bundled = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
     let mut arguments = std::env::args_os().skip(1).map(PathBuf::from);
-    let log = arguments.next().unwrap_or(bundled);
+    let log = arguments.next().unwrap_or("data/plant_a".into());
     let output = arguments.next().unwrap_or(std::env::temp_dir().join("palpate_example_field.npz"));
 
     // An arm is a robot with the distance field of each link; the settings are the shipped ones.

@@ -2,8 +2,10 @@
 //!
 //! Learns two bundled touches, then predicts a third that it has not seen, frame by frame, and
 //! compares with what was felt and with predicting nothing. The data is simulated.
+//!
+//! Run it from the root of the project, where `data/plant_a` is.
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::Arc;
 
 use palpate::{EstimatorKind, Mapper, MapperConfig, Predictor, Sample};
@@ -12,7 +14,7 @@ use palpate_io::robot_files::{ArmOptions, load_arm};
 use palpate_learn::errors::ErrorSum;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let data = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
+    let data = Path::new("data/plant_a");
     let arm = Arc::new(load_arm("kinova_gen3", &ArmOptions::default())?.arm);
     let config = MapperConfig::of(EstimatorKind::Map);
 
@@ -49,7 +51,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-fn samples(touch: &std::path::Path) -> Result<Vec<Sample>, Box<dyn std::error::Error>> {
+fn samples(touch: &Path) -> Result<Vec<Sample>, Box<dyn std::error::Error>> {
     let mut samples = Vec::new();
     for event in log::open(touch, &LogOptions::default())? {
         if let LogEvent::Sample(sample) = event? {

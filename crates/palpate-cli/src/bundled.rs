@@ -22,63 +22,63 @@ struct Bundled {
 const TOUCHES: [Bundled; 11] = [
     Bundled {
         name: "seq_000",
-        angles: include_bytes!("../../../data/plant_a/seq_000/angles.npy"),
-        torques: include_bytes!("../../../data/plant_a/seq_000/torques.npy"),
+        angles: include_bytes!("../data/plant_a/seq_000/angles.npy"),
+        torques: include_bytes!("../data/plant_a/seq_000/torques.npy"),
     },
     Bundled {
         name: "seq_001",
-        angles: include_bytes!("../../../data/plant_a/seq_001/angles.npy"),
-        torques: include_bytes!("../../../data/plant_a/seq_001/torques.npy"),
+        angles: include_bytes!("../data/plant_a/seq_001/angles.npy"),
+        torques: include_bytes!("../data/plant_a/seq_001/torques.npy"),
     },
     Bundled {
         name: "seq_002",
-        angles: include_bytes!("../../../data/plant_a/seq_002/angles.npy"),
-        torques: include_bytes!("../../../data/plant_a/seq_002/torques.npy"),
+        angles: include_bytes!("../data/plant_a/seq_002/angles.npy"),
+        torques: include_bytes!("../data/plant_a/seq_002/torques.npy"),
     },
     Bundled {
         name: "seq_003",
-        angles: include_bytes!("../../../data/plant_a/seq_003/angles.npy"),
-        torques: include_bytes!("../../../data/plant_a/seq_003/torques.npy"),
+        angles: include_bytes!("../data/plant_a/seq_003/angles.npy"),
+        torques: include_bytes!("../data/plant_a/seq_003/torques.npy"),
     },
     Bundled {
         name: "seq_004",
-        angles: include_bytes!("../../../data/plant_a/seq_004/angles.npy"),
-        torques: include_bytes!("../../../data/plant_a/seq_004/torques.npy"),
+        angles: include_bytes!("../data/plant_a/seq_004/angles.npy"),
+        torques: include_bytes!("../data/plant_a/seq_004/torques.npy"),
     },
     Bundled {
         name: "seq_005",
-        angles: include_bytes!("../../../data/plant_a/seq_005/angles.npy"),
-        torques: include_bytes!("../../../data/plant_a/seq_005/torques.npy"),
+        angles: include_bytes!("../data/plant_a/seq_005/angles.npy"),
+        torques: include_bytes!("../data/plant_a/seq_005/torques.npy"),
     },
     Bundled {
         name: "seq_006",
-        angles: include_bytes!("../../../data/plant_a/seq_006/angles.npy"),
-        torques: include_bytes!("../../../data/plant_a/seq_006/torques.npy"),
+        angles: include_bytes!("../data/plant_a/seq_006/angles.npy"),
+        torques: include_bytes!("../data/plant_a/seq_006/torques.npy"),
     },
     Bundled {
         name: "seq_007",
-        angles: include_bytes!("../../../data/plant_a/seq_007/angles.npy"),
-        torques: include_bytes!("../../../data/plant_a/seq_007/torques.npy"),
+        angles: include_bytes!("../data/plant_a/seq_007/angles.npy"),
+        torques: include_bytes!("../data/plant_a/seq_007/torques.npy"),
     },
     Bundled {
         name: "seq_008",
-        angles: include_bytes!("../../../data/plant_a/seq_008/angles.npy"),
-        torques: include_bytes!("../../../data/plant_a/seq_008/torques.npy"),
+        angles: include_bytes!("../data/plant_a/seq_008/angles.npy"),
+        torques: include_bytes!("../data/plant_a/seq_008/torques.npy"),
     },
     Bundled {
         name: "seq_009",
-        angles: include_bytes!("../../../data/plant_a/seq_009/angles.npy"),
-        torques: include_bytes!("../../../data/plant_a/seq_009/torques.npy"),
+        angles: include_bytes!("../data/plant_a/seq_009/angles.npy"),
+        torques: include_bytes!("../data/plant_a/seq_009/torques.npy"),
     },
     Bundled {
         name: "seq_010",
-        angles: include_bytes!("../../../data/plant_a/seq_010/angles.npy"),
-        torques: include_bytes!("../../../data/plant_a/seq_010/torques.npy"),
+        angles: include_bytes!("../data/plant_a/seq_010/angles.npy"),
+        torques: include_bytes!("../data/plant_a/seq_010/torques.npy"),
     },
 ];
 
 /// What a camera saw of the plant before the touches, as PLY.
-const OBJECT: &[u8] = include_bytes!("../../../data/plant_a/object.ply");
+const OBJECT: &[u8] = include_bytes!("../data/plant_a/object.ply");
 
 /// How many touches there are.
 pub(crate) const COUNT: usize = TOUCHES.len();

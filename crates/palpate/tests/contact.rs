@@ -64,7 +64,7 @@ fn config() -> ContactConfig {
 #[test]
 fn a_pressed_face_displaces_each_point_by_how_far_it_was_overrun() {
     let arm = gantry(BLOCK);
-    let mut world = World::new(&arm, column(), config(), [0.0; 3]);
+    let mut world = World::new(&arm, column(), &config(), [0.0; 3]);
     // δ = 5 mm: the inflated face goes from 0.105 to 0.145 m, over the points at 0.107, 0.117,
     // 0.127 and 0.137 m, with 10 x 10 points in a layer.
     let contacts = world.go([0.0; 3], [0.0401, 0.0, 0.0]);
@@ -85,7 +85,7 @@ fn points_inside_the_links_at_the_start_are_never_contacts_of_that_touch() {
     let arm = gantry(BLOCK);
     // The block starts half in the column: 10 layers lie inside it.
     let start = [0.1, 0.0, 0.0];
-    let mut world = World::new(&arm, column(), config(), start);
+    let mut world = World::new(&arm, column(), &config(), start);
     assert!(world.go(start, start).is_empty());
     let pressed = world.go(start, [0.12, 0.0, 0.0]);
     let first = pressed.links[0].cells.iter().map(|cell| column().point(*cell).x);
@@ -100,7 +100,7 @@ fn points_inside_the_links_at_the_start_are_never_contacts_of_that_touch() {
     assert!(back.len() > 900, "{}", back.len());
 
     let bold = ContactConfig { known_empty: false, ..config() };
-    let mut world = World::new(&arm, column(), bold, start);
+    let mut world = World::new(&arm, column(), &bold, start);
     assert!(world.go(start, start).len() > 900);
 }
 
@@ -109,7 +109,7 @@ fn a_point_slips_until_the_friction_cone_holds_it() {
     let arm = gantry(BLOCK);
     for friction in [0.0, 0.3, 0.8] {
         let config = ContactConfig { friction, slip_iterations: 50, ..config() };
-        let mut world = World::new(&arm, column(), config, [0.0; 3]);
+        let mut world = World::new(&arm, column(), &config, [0.0; 3]);
         world.go([0.0; 3], [0.03, 0.0, 0.0]);
         let slid = world.go([0.03, 0.0, 0.0], [0.03, 0.04, 0.0]);
         for u in &slid.links[0].displacements_m {
@@ -121,7 +121,7 @@ fn a_point_slips_until_the_friction_cone_holds_it() {
     }
     // Without iterations it sticks for good.
     let sticky = ContactConfig { slip_iterations: 0, ..config() };
-    let mut world = World::new(&arm, column(), sticky, [0.0; 3]);
+    let mut world = World::new(&arm, column(), &sticky, [0.0; 3]);
     world.go([0.0; 3], [0.03, 0.0, 0.0]);
     let stuck = world.go([0.03, 0.0, 0.0], [0.03, 0.04, 0.0]);
     assert!(stuck.links[0].displacements_m.iter().all(|u| (u[1] - 0.04).abs() < 1e-5));
@@ -130,7 +130,7 @@ fn a_point_slips_until_the_friction_cone_holds_it() {
 #[test]
 fn a_point_is_let_go_where_its_spring_would_pull() {
     let arm = gantry(BLOCK);
-    let mut world = World::new(&arm, column(), config(), [0.0; 3]);
+    let mut world = World::new(&arm, column(), &config(), [0.0; 3]);
     let pressed = world.go([0.0; 3], [0.0401, 0.0, 0.0]);
     // Back by 2 cm: the layers at 0.137 and 0.127 have been overtaken by the face's retreat.
     let half = world.go([0.0401, 0.0, 0.0], [0.0201, 0.0, 0.0]);
@@ -151,7 +151,7 @@ fn a_cylinder_swept_through_an_elastic_bed_feels_the_force_of_the_integral() {
     let lattice = Lattice::new([-0.2, -0.15, -0.05], spacing, [100, 75, 25]).unwrap();
     let delta = 0.002;
     let config = ContactConfig { slip_iterations: 0, contact_distance_m: delta, ..config() };
-    let mut world = World::new(&arm, lattice.clone(), config, [0.0; 3]);
+    let mut world = World::new(&arm, lattice.clone(), &config, [0.0; 3]);
     let contacts = world.go([0.0; 3], [travel, 0.0, 0.0]);
 
     let poses = arm.robot.forward(&[travel, 0.0, 0.0]).unwrap();
@@ -202,7 +202,7 @@ fn no_point_that_a_link_covers_is_ever_free() {
     let config =
         ContactConfig { known_empty: false, contact_distance_m: 0.01, ..ContactConfig::default() };
     let mut simulator =
-        ContactSimulator::new(lattice.clone(), Arc::clone(&arm.surfaces), config).unwrap();
+        ContactSimulator::new(lattice.clone(), Arc::clone(&arm.surfaces), &config).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let (mut q, mut speed) = ([0.0; 3], [0.0; 3]);
     simulator.begin_touch(&arm.robot.forward(&q).unwrap().world_from_link);
@@ -235,7 +235,7 @@ fn no_point_that_a_link_covers_is_ever_free() {
 #[test]
 fn a_long_motion_asks_for_substeps_so_that_nothing_tunnels() {
     let arm = gantry(BLOCK);
-    let world = World::new(&arm, column(), config(), [0.0; 3]);
+    let world = World::new(&arm, column(), &config(), [0.0; 3]);
     let poses = |x: f64| arm.robot.forward(&[x, 0.0, 0.0]).unwrap().world_from_link;
     let substeps = |x: f64| world.simulator.substeps(&poses(0.0), &poses(x));
     assert_eq!((substeps(0.0), substeps(0.004), substeps(0.021)), (1, 1, 5)); // half a cell each

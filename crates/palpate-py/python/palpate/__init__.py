@@ -5,6 +5,8 @@ points are in the frame of the robot's base. Arrays that come out are NumPy's, r
 their memory with what they came out of.
 """
 
+from importlib.metadata import version
+
 from ._palpate import (
     Answer,
     Extrapolation,
@@ -27,6 +29,8 @@ from ._palpate import (
     open_log,
     tune,
 )
+
+__version__ = version("palpate")
 
 __all__ = [
     "Answer",

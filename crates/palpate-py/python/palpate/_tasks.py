@@ -10,13 +10,10 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
-from . import Log, PalpateError, PalpateWarning, Robot, evaluate, tune
-
-VERSION = version("palpate")
+from . import Log, PalpateError, PalpateWarning, Robot, __version__, evaluate, tune
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class Task:
     threads: int
     folder: str = field(default_factory=os.getcwd)
     """What relative paths start from."""
-    version: str = VERSION
+    version: str = __version__
     """Workers of another version would find other numbers."""
 
     def key(self) -> str:
@@ -74,9 +71,9 @@ def do(task: Task) -> Outcome:
 
 
 def _call(task: Task) -> dict[str, Any]:
-    if task.version != VERSION:
+    if task.version != __version__:
         raise PalpateError(
-            f"a worker has palpate {VERSION}, and was asked by palpate {task.version}; install the "
+            f"a worker has palpate {__version__}, and was asked by palpate {task.version}; install the "
             "same version everywhere"
         )
     call: Any = evaluate if task.what == "evaluate" else tune
