@@ -130,7 +130,7 @@ pub fn learn(
 /// Learns some touches as [`learn`] does, from prior means by row.
 ///
 /// `prior_means_n_per_m` are those of the first rows of [`Tracked::cells`], N/m: of all rows, or of
-/// as many as there are. Rows after them have the prior's. See [`Estimator::expect`].
+/// as many as there are. Rows after them have the prior's. See [`Estimator::set_prior_means`].
 ///
 /// # Errors
 ///

@@ -12,7 +12,7 @@
 //! | [`AskSocket`]   | questions about motions that are not made yet                   |
 //! | [`checkpoint`]  | what is on disk if the power goes                               |
 //! | [`figures`]     | how it goes                                                     |
-//! | [`seen`]        | what whoever draws it gets to see                               |
+//! | [`view_feed`]   | frames for a viewer                                             |
 //!
 //! The crate knows no terminal and no settings file; `palpate live` is made of it.
 #![forbid(unsafe_code)]

@@ -1,6 +1,6 @@
 //! The arm, what it touches and the field that it learns, for the [Rerun](https://rerun.io) viewer.
 //!
-//! [`shown`] decides which cells and contacts are drawn, how large and in which colours; it needs
+//! [`view_model`] decides which cells and contacts are drawn, how large and in which colours; it needs
 //! no Rerun. With the feature `rerun`, `Recording` says it to a viewer or writes it to an `.rrd`
 //! file, and `viewer` starts one with its usage statistics off. This is the only crate that knows
 //! Rerun, and nobody has to build that who does not ask for it.

@@ -3,7 +3,7 @@
 //! | module            | says                                                              |
 //! |-------------------|-------------------------------------------------------------------|
 //! | [`mod@settings`]  | what can be set, in a TOML file or by flags, over the defaults    |
-//! | [`mod@given`]     | a field from arrays that another program made                     |
+//! | [`mod@field_arrays`] | a field from arrays that another program made                     |
 //! | [`mod@robot`]     | the robot that the settings name, loaded and loaded upon          |
 //! | [`mod@touches`]   | logs one after another, with their joints in the robot's order    |
 //! | [`mod@pauses`]    | a log parted into touches where the arm pauses in the air         |

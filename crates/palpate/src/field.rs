@@ -33,7 +33,7 @@ pub struct Field {
     pub cells: Vec<CellId>,
     /// K, N/m.
     pub stiffness_n_per_m: Vec<f64>,
-    /// Standard deviation of K, N/m; [`crate::map`] and [`crate::ekf`] say what it means.
+    /// Standard deviation of K, N/m; see the header of the estimator (`map.rs`, `ekf.rs`) for what it means.
     pub std_n_per_m: Vec<f64>,
     /// Frames that touched the cell; 0 if its stiffness is only expected.
     pub counts: Vec<u32>,

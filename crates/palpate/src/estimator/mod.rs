@@ -69,10 +69,10 @@ pub enum EstimatorError {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum EstimatorKind {
-    /// The exact maximum a posteriori ([`crate::map`]).
+    /// The exact maximum a posteriori ([`crate::unstable::MapEstimator`]).
     #[default]
     Map,
-    /// The paper's filter ([`crate::ekf`]).
+    /// The paper's filter ([`crate::unstable::EkfEstimator`]).
     Ekf,
 }
 

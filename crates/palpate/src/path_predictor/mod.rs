@@ -140,7 +140,7 @@ impl PathError {
 pub struct PathPoint {
     /// τ̂: external torque, n_joints, N·m.
     pub torque: DVector<f64>,
-    /// Standard deviation of that, n_joints, N·m; see [the module](self) for what it means.
+    /// Standard deviation of that, n_joints, N·m; a ranking of paths, not a bound on the error.
     pub torque_std: DVector<f64>,
     /// Points of the lattice touched.
     pub contacts: usize,

@@ -24,7 +24,7 @@ impl Robot {
     /// Reads the text of a URDF.
     ///
     /// Meshes are not opened, only named. Collision geometry counts, visual geometry does not.
-    /// The order of joints and links is that of the [module's header](crate::robot).
+    /// The order of joints and links is parents before children.
     ///
     /// # Errors
     ///
