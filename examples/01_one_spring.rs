@@ -35,14 +35,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }],
     };
 
-    // What was felt, and the estimator that explains it: a vague prior, a precise sensor.
-    let felt = DVector::from_element(1, 3.0);
-    let frame = Observation::new(&robot, &poses, &contacts, &mut rows, &felt);
-    let settings = EstimatorConfig {
-        prior: Prior { mean_n_per_m: 0.0, std_n_per_m: 1000.0 },
-        torque_std: vec![0.01],
-        ..EstimatorConfig::of(EstimatorKind::Map)
-    };
+    // The torque that was measured, and the estimator that explains it: a vague prior, a precise sensor.
+    let tau = DVector::from_element(1, 3.0);
+    let frame = Observation::new(&robot, &poses, &contacts, &mut rows, &tau);
+    let mut settings = EstimatorConfig::of(EstimatorKind::Map);
+    settings.prior = Prior { mean_n_per_m: 0.0, std_n_per_m: 1000.0 };
+    settings.torque_std = vec![0.01];
     let mut map = MapEstimator::new(&settings, rows.lattice().spacing_m(), robot.n_joints())?;
     map.correct(rows.points_m(), frame, FrameId { touch: 0, sample: 0 })?;
 

@@ -133,7 +133,7 @@ fn torques_that_gravity_does_not_explain_are_told() {
 fn a_forgotten_payload_is_weighed() {
     let mut maker = Maker::new();
     let com_link_m = [0.02, 0.0, -0.08];
-    let payload = Payload { link: "Bracelet_Link".to_owned(), mass_kg: 1.5, com_link_m };
+    let payload = Payload::new("Bracelet_Link", 1.5, com_link_m);
     maker.robot = maker.robot.with_payload(&payload).unwrap();
     let touches = maker.touches();
     let found = only(&touches, &[], "payload");

@@ -23,7 +23,7 @@ fn names(names: &[&str]) -> Vec<String> {
 
 fn sample(i: usize) -> Sample {
     let x = i as f64;
-    Sample { time_s: Some(x / 64.0), q: vec![x.sin(), -x], tau: vec![1.0 / (x + 1.0), 1e-300 * x] }
+    Sample::new(Some(x / 64.0), vec![x.sin(), -x], vec![1.0 / (x + 1.0), 1e-300 * x])
 }
 
 /// Two touches of so many samples.

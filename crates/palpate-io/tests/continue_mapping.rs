@@ -30,13 +30,14 @@ fn touches(count: usize) -> Vec<Vec<Sample>> {
 
 fn arm() -> Arc<Arm> {
     let robot = Robot::built_in("kinova_gen3").unwrap();
-    let bake = BakeConfig { spacing_m: 0.01, ..BakeConfig::default() };
+    let bake = BakeConfig::new(0.01, 0.04);
     Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
 }
 
 fn config(method: EstimatorKind) -> MapperConfig {
     let lattice = Lattice::filling([-1.2; 3], [1.2; 3], 0.02).unwrap();
-    let mut config = MapperConfig { lattice, ..MapperConfig::of(method) };
+    let mut config = MapperConfig::of(method);
+    config.lattice = lattice;
     config.estimator.drift_std_n_per_m = 0.1; // so that lazy drift has something to carry over
     config.estimator.memory.frames = 30; // so that frames leave memory before and after
     config
@@ -131,8 +132,7 @@ fn another_robot_or_a_broken_file_is_told_apart() {
     mapper.begin_touch();
     go_on(&mut mapper, &touches[0]);
     let snapshot = mapper.snapshot();
-    let heavier =
-        palpate::Payload { link: "Bracelet_Link".to_owned(), mass_kg: 0.5, com_link_m: [0.0; 3] };
+    let heavier = palpate::Payload::new("Bracelet_Link", 0.5, [0.0; 3]);
     let robot = Robot::built_in("kinova_gen3").unwrap().with_payload(&heavier).unwrap();
     let other = Arm { robot, surfaces: Arc::clone(&arm.surfaces) };
     let error = Mapper::resume(Arc::new(other), snapshot.clone()).err().unwrap().to_string();

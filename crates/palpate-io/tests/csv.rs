@@ -33,7 +33,7 @@ fn start(name: &str, joints: Option<&[&str]>) -> LogEvent {
 }
 
 fn sample(time_s: Option<f64>, q: &[f64], tau: &[f64]) -> LogEvent {
-    LogEvent::Sample(Sample { time_s, q: q.to_vec(), tau: tau.to_vec() })
+    LogEvent::Sample(Sample::new(time_s, q.to_vec(), tau.to_vec()))
 }
 
 #[test]

@@ -102,7 +102,7 @@ fn a_data_set_of_lerobot_is_a_touch_an_episode() {
         expected.extend(frames.map(|i| {
             let x = f64::from(i);
             let (q, tau) = (vec![x, -1.0], vec![10.0 * x, -10.0]);
-            LogEvent::Sample(Sample { time_s: Some(x / 4.0), q, tau })
+            LogEvent::Sample(Sample::new(Some(x / 4.0), q, tau))
         }));
     }
     assert_eq!(events, expected);
@@ -124,7 +124,7 @@ fn columns_are_recognised_as_in_a_table_and_a_file_is_a_touch() {
     let joint_names = Some(vec!["elbow".to_owned()]);
     let name = "push".to_owned();
     assert_eq!(events[0], LogEvent::TouchStarts { name, joint_names });
-    let last = Sample { time_s: Some(0.5), q: vec![2.0], tau: vec![4.0] };
+    let last = Sample::new(Some(0.5), vec![2.0], vec![4.0]);
     assert_eq!((&events[2], events.len()), (&LogEvent::Sample(last), 3));
 }
 

@@ -169,16 +169,14 @@ pub fn learn_from(
 pub fn field(tracked: &Tracked, estimator: &dyn Estimator, config: &MapperConfig) -> Field {
     let rows = 0..tracked.cells.len();
     let seen: Vec<usize> = rows.filter(|&row| estimator.count(row) > 0).collect();
-    Field {
-        lattice: tracked.lattice.clone(),
-        contact: config.contact.clone(),
-        touch: config.touch.clone(),
-        cells: seen.iter().map(|&row| tracked.cells[row]).collect(),
-        stiffness_n_per_m: seen.iter().map(|&row| estimator.stiffness(row)).collect(),
-        std_n_per_m: seen.iter().map(|&row| estimator.std(row)).collect(),
-        counts: seen.iter().map(|&row| estimator.count(row)).collect(),
-        untouched_n_per_m: estimator.stiffness(usize::MAX),
-    }
+    let (contact, touch) = (config.contact.clone(), config.touch.clone());
+    let untouched_n_per_m = estimator.stiffness(usize::MAX);
+    let mut field = Field::new(tracked.lattice.clone(), contact, touch, untouched_n_per_m);
+    field.cells = seen.iter().map(|&row| tracked.cells[row]).collect();
+    field.stiffness_n_per_m = seen.iter().map(|&row| estimator.stiffness(row)).collect();
+    field.std_n_per_m = seen.iter().map(|&row| estimator.std(row)).collect();
+    field.counts = seen.iter().map(|&row| estimator.count(row)).collect();
+    field
 }
 
 /// All cells with a stiffness by row, N/m.

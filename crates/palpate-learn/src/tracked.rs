@@ -119,7 +119,8 @@ impl Tracked {
         touches: &[Touch],
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self, TrackError> {
-        let mut config = MapperConfig { contact: contact.clone(), ..config.clone() };
+        let mut config = config.clone();
+        config.contact = contact.clone();
         config.touch.tare = Tare::None; // The torques are known, with their tare taken off.
         Self::track(arm, &config, touches, Some(self), stop)
     }

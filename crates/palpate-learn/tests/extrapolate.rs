@@ -45,16 +45,11 @@ fn object() -> SeenCloud {
 fn field(tracked: &Tracked, k: impl Fn(usize) -> f64) -> Field {
     let n = tracked.cells.len();
     let config = MapperConfig::of(Estimator::Map);
-    Field {
-        lattice: tracked.lattice.clone(),
-        contact: config.contact,
-        touch: config.touch,
-        cells: tracked.cells.clone(),
-        stiffness_n_per_m: (0..n).map(k).collect(),
-        std_n_per_m: vec![1.0; n],
-        counts: vec![30; n],
-        untouched_n_per_m: 0.0,
-    }
+    let mut field = Field::new(tracked.lattice.clone(), config.contact, config.touch, 0.0);
+    field.cells = tracked.cells.clone();
+    field.stiffness_n_per_m = (0..n).map(k).collect();
+    (field.std_n_per_m, field.counts) = (vec![1.0; n], vec![30; n]);
+    field
 }
 
 /// Gives every frame the torque of a stiffness by row.

@@ -6,8 +6,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
 use palpate::{
-    Arm, BakeConfig, ContactConfig, EstimatorKind, Field, Lattice, Mapper, MapperConfig, Predictor,
-    Robot, Sample,
+    Arm, BakeConfig, EstimatorKind, Field, Lattice, Mapper, MapperConfig, Predictor, Robot, Sample,
 };
 use palpate_learn::evaluate::{Part, Plan};
 use palpate_learn::evaluation::Prediction;
@@ -38,14 +37,15 @@ const FRAMES: usize = 28;
 const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
 
 fn arm() -> Arc<Arm> {
-    let bake = BakeConfig { spacing_m: 0.01, ..BakeConfig::default() };
+    let bake = BakeConfig::new(0.01, 0.04);
     let robot = Robot::from_urdf(URDF).unwrap();
     Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
 }
 
 fn config(method: EstimatorKind) -> MapperConfig {
     let lattice = Lattice::filling([-0.8, -0.8, -0.1], [0.8, 0.8, 0.1], 0.03).unwrap();
-    let mut config = MapperConfig { lattice, ..MapperConfig::of(method) };
+    let mut config = MapperConfig::of(method);
+    config.lattice = lattice;
     config.estimator.drift_std_n_per_m = 0.1; // so that frames without contact count
     config.estimator.replays = 5;
     config
@@ -60,7 +60,7 @@ fn touch(number: usize) -> Touch {
         let push = (way * part - 0.05).max(0.0);
         let q = vec![way * part, bend + 0.2 * part];
         let tau = vec![0.3 - 9.0 * push + noise, 0.1 - 3.0 * push - 0.5 * noise];
-        Sample { time_s: None, q, tau }
+        Sample::new(None, q, tau)
     };
     Touch {
         name: format!("touch_{number}"),
@@ -251,7 +251,8 @@ fn under_another_contact_model_contacts_change_and_torques_do_not() {
     let tracked = tracked(&arm, &config, &touches);
     let given = config.contact.contact_distance_m;
     for contact_distance_m in [0.6 * given, 1.5 * given] {
-        let contact = ContactConfig { contact_distance_m, ..config.contact.clone() };
+        let mut contact = config.contact.clone();
+        contact.contact_distance_m = contact_distance_m;
         let other = tracked.under(&contact, &arm, &config, &touches, NEVER).unwrap();
         assert_eq!(all_measured(&tracked), all_measured(&other));
         assert_eq!(tracked.noise_std(&[0, 2]), other.noise_std(&[0, 2]));

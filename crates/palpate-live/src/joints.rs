@@ -93,7 +93,7 @@ impl JointReader {
         let tau = self.pick("effort", &state.effort)?;
         let now_s = state.header.stamp.seconds().unwrap_or(received_s);
         let set_back = self.tick(now_s)?;
-        Ok(Read { sample: Sample { time_s: Some(now_s), q, tau }, set_back })
+        Ok(Read { sample: Sample::new(Some(now_s), q, tau), set_back })
     }
 
     fn pick(&self, what: &'static str, numbers: &[f64]) -> Result<Vec<f64>, Refusal> {
@@ -143,7 +143,7 @@ mod tests {
     #[test]
     fn joints_come_in_the_robots_order_whatever_the_messages() {
         let read = reader().read(&state(5.25), 0.0).unwrap();
-        let sample = Sample { time_s: Some(5.25), q: vec![1.0, 2.0], tau: vec![10.0, 20.0] };
+        let sample = Sample::new(Some(5.25), vec![1.0, 2.0], vec![10.0, 20.0]);
         assert_eq!(read, Read { sample, set_back: false });
     }
 

@@ -320,7 +320,7 @@ fn torque_of(
         true => (1.0, 0.0),
         false => (CLUSTER_WEIGHT, PathConfig::default().resolution_cells),
     };
-    let config = PathConfig { resolution_cells, ..PathConfig::default() };
+    let config = PathConfig::new(resolution_cells, PathConfig::default().start_cells);
     // The mapper gets on with it while the path is checked.
     let request = Request::PathPredictor { cluster_weight, to_asker: to_me };
     server.mapper.send(request).map_err(|_| GONE.to_owned())?;
@@ -427,11 +427,11 @@ mod tests {
         assert_eq!(path_from(&BASE64_STANDARD.encode(bytes), 3).unwrap(), path);
         assert!(path_from("", 0).unwrap().is_empty());
         let points: Vec<PathPoint> = (0..5)
-            .map(|n| PathPoint {
-                torque: DVector::from_vec(vec![f64::from(n) / 3.0, -40.0]),
-                torque_std: DVector::from_vec(vec![0.0, 1e-7 + f64::from(n)]),
-                contacts: 1,
-                known: 1,
+            .map(|n| {
+                let mut point = PathPoint::default();
+                point.torque = DVector::from_vec(vec![f64::from(n) / 3.0, -40.0]);
+                point.torque_std = DVector::from_vec(vec![0.0, 1e-7 + f64::from(n)]);
+                point
             })
             .collect();
         let [lists, bytes] = [Form::Lists, Form::F64]

@@ -1,6 +1,6 @@
 //! The mapper beside a running robot, sample by sample, without threads or sockets.
 //!
-//! A touch begins where the arm pauses and touches nothing ([`palpate::PauseDetector`]), or when somebody
+//! A touch begins where the arm pauses and touches nothing ([`PauseDetector`]), or when somebody
 //! says so; until then, nothing is learnt. A sample that cannot be used is told once a reason and
 //! left out. If a touch can no longer be followed (it began without a pause, say), it ends, and the
 //! next pause begins another: nothing that was learnt is lost. An arm that is suddenly elsewhere,
@@ -11,10 +11,8 @@
 //! most those of the settings for each frame.
 
 use nalgebra::DVector;
-use palpate::{
-    Mapper, MapperError, PauseConfig, PauseDetector, ReplayPolicy, Sample, SettingError,
-    StepReport, TrackerError,
-};
+use palpate::unstable::{PauseConfig, PauseDetector};
+use palpate::{Mapper, MapperError, ReplayPolicy, Sample, SettingError, StepReport, TrackerError};
 use serde::{Deserialize, Serialize};
 
 use crate::guard::{Guard, Trip};

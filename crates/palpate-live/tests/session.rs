@@ -4,7 +4,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use palpate::{Arm, EstimatorKind, Mapper, MapperConfig, PauseConfig, Sample};
+use palpate::unstable::PauseConfig;
+use palpate::{Arm, EstimatorKind, Mapper, MapperConfig, Sample};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, CachePlace, load_arm};
 use palpate_live::guard::{Guard, Sentry};

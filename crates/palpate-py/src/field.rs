@@ -70,16 +70,14 @@ impl Field {
 
     /// The field as the core has it.
     pub(crate) fn core(&self, py: Python<'_>) -> palpate::Field {
-        palpate::Field {
-            lattice: self.lattice.get().inner.clone(),
-            contact: self.contact.clone(),
-            touch: self.touch.clone(),
-            cells: copied(py, &self.cells).into_iter().map(CellId).collect(),
-            stiffness_n_per_m: copied(py, &self.stiffness),
-            std_n_per_m: copied(py, &self.std),
-            counts: copied(py, &self.counts),
-            untouched_n_per_m: self.untouched_n_per_m,
-        }
+        let (contact, touch) = (self.contact.clone(), self.touch.clone());
+        let lattice = self.lattice.get().inner.clone();
+        let mut field = palpate::Field::new(lattice, contact, touch, self.untouched_n_per_m);
+        field.cells = copied(py, &self.cells).into_iter().map(CellId).collect();
+        field.stiffness_n_per_m = copied(py, &self.stiffness);
+        field.std_n_per_m = copied(py, &self.std);
+        field.counts = copied(py, &self.counts);
+        field
     }
 
     /// The field with everything that gives it meaning.

@@ -220,8 +220,7 @@ impl Reading {
 /// Rows of positions and torques, with their times if there are any.
 fn samples(q: Vec<Vec<f64>>, tau: Vec<Vec<f64>>, time: Option<&[f64]>) -> Vec<Sample> {
     let moments = q.into_iter().zip(tau).enumerate();
-    let sample =
-        |(place, (q, tau))| Sample { time_s: time.map(|time: &[f64]| time[place]), q, tau };
+    let sample = |(place, (q, tau))| Sample::new(time.map(|time: &[f64]| time[place]), q, tau);
     moments.map(sample).collect()
 }
 
@@ -248,8 +247,7 @@ impl Touch {
         };
         let time = self.time.as_ref().map(|time| copied(py, time));
         let moments = table(&self.q).into_iter().zip(table(&self.tau)).enumerate();
-        let sample =
-            |(place, (q, tau))| Sample { time_s: time.as_ref().map(|time| time[place]), q, tau };
+        let sample = |(place, (q, tau))| Sample::new(time.as_ref().map(|time| time[place]), q, tau);
         let (name, joint_names) = (self.name.clone(), self.joint_names.clone());
         TouchInMemory { name, joint_names, samples: moments.map(sample).collect() }
     }

@@ -196,8 +196,7 @@ impl Mapper {
         time: Option<f64>,
     ) -> PyResult<StepReport> {
         let joints = Some(self.robot.arm.robot.n_joints());
-        let sample =
-            Sample { time_s: time, q: row(q, "q", joints)?, tau: row(tau, "tau", joints)? };
+        let sample = Sample::new(time, row(q, "q", joints)?, row(tau, "tau", joints)?);
         let mut state = self.state.take(py)?;
         if !state.inner.in_touch {
             let message = "there is no touch that this sample belongs to; call begin_touch() first";
@@ -286,7 +285,8 @@ impl Mapper {
         let predictor = self.state.take(py)?.inner.mapper.path_predictor();
         let no_bar = no_bar(py);
         let answer = long(py, Some(no_bar.as_any()), |_| predictor.ask(&path, &config))?;
-        let PathPrediction { points, goes_on, stops } = answer.map_err(|error| of_touch(&error))?;
+        let PathPrediction { points, goes_on, stops, .. } =
+            answer.map_err(|error| of_touch(&error))?;
         Ok(Answer {
             torque: table_of(py, points.iter().map(|point| point.torque.as_slice()), joints),
             torque_std: table_of(

@@ -164,16 +164,14 @@ mod tests {
     /// A field whose cell n has the n-th of these stiffnesses and was touched n + 1 times.
     fn field(stiffness_n_per_m: Vec<f64>) -> Field {
         let n = stiffness_n_per_m.len() as u32;
-        Field {
-            lattice: Lattice::new([0.0; 3], 0.01, [100; 3]).unwrap(),
-            contact: ContactConfig::default(),
-            touch: ExternalTorqueConfig::default(),
-            cells: (0..n).map(CellId).collect(),
-            std_n_per_m: stiffness_n_per_m.iter().map(|k| 0.5 * k).collect(),
-            stiffness_n_per_m,
-            counts: (1..=n).collect(),
-            untouched_n_per_m: 0.01,
-        }
+        let lattice = Lattice::new([0.0; 3], 0.01, [100; 3]).unwrap();
+        let (contact, touch) = (ContactConfig::default(), ExternalTorqueConfig::default());
+        let mut field = Field::new(lattice, contact, touch, 0.01);
+        field.cells = (0..n).map(CellId).collect();
+        field.std_n_per_m = stiffness_n_per_m.iter().map(|k| 0.5 * k).collect();
+        field.stiffness_n_per_m = stiffness_n_per_m;
+        field.counts = (1..=n).collect();
+        field
     }
 
     fn scale(field: &Field) -> Scale {

@@ -176,16 +176,11 @@ fn of_many_contacts_some_are_drawn_and_all_are_counted() {
 #[test]
 fn the_field_has_its_stiffness_and_its_colours_in_words() {
     let stiffness_n_per_m = vec![200.0, 100.0, 0.1];
-    let field = Field {
-        lattice: lattice(),
-        contact: ContactConfig::default(),
-        touch: ExternalTorqueConfig::default(),
-        cells: (0..3).map(CellId).collect(),
-        std_n_per_m: vec![1.0; 3],
-        counts: vec![3, 5, 7],
-        untouched_n_per_m: 0.01,
-        stiffness_n_per_m,
-    };
+    let (contact, touch) = (ContactConfig::default(), ExternalTorqueConfig::default());
+    let mut field = Field::new(lattice(), contact, touch, 0.01);
+    field.cells = (0..3).map(CellId).collect();
+    (field.stiffness_n_per_m, field.std_n_per_m) = (stiffness_n_per_m, vec![1.0; 3]);
+    field.counts = vec![3, 5, 7];
     let bytes = recorded(&scene(), |recording| {
         recording.field(&field, 0, None)?;
         recording.field(&field, 9, None)

@@ -67,16 +67,11 @@ impl FieldArrays {
             }
             cells.push(cell);
         }
-        let field = Field {
-            lattice: lattice.clone(),
-            contact: config.contact.clone(),
-            touch: config.touch.clone(),
-            cells,
-            stiffness_n_per_m: self.stiffness_n_per_m,
-            std_n_per_m: self.std_n_per_m,
-            counts: self.counts,
-            untouched_n_per_m: self.untouched_n_per_m,
-        };
+        let (contact, touch) = (config.contact.clone(), config.touch.clone());
+        let mut field = Field::new(lattice.clone(), contact, touch, self.untouched_n_per_m);
+        (field.cells, field.counts) = (cells, self.counts);
+        field.stiffness_n_per_m = self.stiffness_n_per_m;
+        field.std_n_per_m = self.std_n_per_m;
         Ok(Saved { field, prior_n_per_m: None, robot: robot.to_owned(), snapshot: None })
     }
 

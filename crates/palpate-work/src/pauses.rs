@@ -9,10 +9,10 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use palpate::unstable::Tracker;
+use palpate::unstable::{PauseConfig, PauseDetector, Tracker};
 use palpate::{
     Arm, ContactConfig, ExternalTorqueConfig, Gravity, Lattice, MIN_TARE_FRAMES, MapperError,
-    PauseConfig, PauseDetector, Sample, Tare,
+    Sample, Tare,
 };
 
 use crate::settings::SettingsError;
@@ -45,8 +45,8 @@ impl Pauses {
         let split = PauseDetector::new(config)
             .map_err(|error| SettingsError::Together(format!("bad setting: {error}")))?;
         // Torques do not matter: nothing is taken off them, so that nothing can be missing.
-        let (gravity, tare) = (Gravity::Removed, Tare::None);
-        let touch = ExternalTorqueConfig { gravity, tare, ..ExternalTorqueConfig::default() };
+        let mut touch = ExternalTorqueConfig::default();
+        (touch.gravity, touch.tare) = (Gravity::Removed, Tare::None);
         let tracker = Tracker::new(Arc::clone(arm), lattice, &contact, touch)
             .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
         let (name, queue) = (String::new(), VecDeque::new());

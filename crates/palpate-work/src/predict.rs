@@ -197,7 +197,7 @@ pub fn planned(
         if progress.stopped() {
             return Err(WorkError::Interrupted { kept: format!(" at point {point} of the path") });
         }
-        let sample = Sample { time_s: None, q: q.clone(), tau: vec![0.0; q.len()] };
+        let sample = Sample::new(None, q.clone(), vec![0.0; q.len()]);
         let step = predictor.step(&sample).map_err(|error| fault(point, error.into()))?;
         torques.push(step.expect("there is no tare to wait for").predicted);
         bar.step();

@@ -35,6 +35,7 @@ pub enum Gravity {
 /// How raw torques become external ones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct ExternalTorqueConfig {
     /// Sign of the logged torques.
     pub torque_sign: TorqueSign,

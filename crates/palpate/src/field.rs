@@ -21,6 +21,7 @@ use crate::tracker::{Sample, Tracker, TrackerError};
 
 /// The stiffness of all cells that were touched or that a prior expects something of, by row.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Field {
     /// The box that the cells belong to.
     pub lattice: Lattice,
@@ -42,6 +43,25 @@ pub struct Field {
 }
 
 impl Field {
+    /// A field of which no cell is known: all have a stiffness of `untouched_n_per_m`, N/m.
+    pub fn new(
+        lattice: Lattice,
+        contact: ContactConfig,
+        touch: ExternalTorqueConfig,
+        untouched_n_per_m: f64,
+    ) -> Self {
+        Self {
+            lattice,
+            contact,
+            touch,
+            cells: Vec::new(),
+            stiffness_n_per_m: Vec::new(),
+            std_n_per_m: Vec::new(),
+            counts: Vec::new(),
+            untouched_n_per_m,
+        }
+    }
+
     /// What is known of the cell at each place, m, world frame: `None` outside the lattice.
     ///
     /// `untouched_std_n_per_m` is the standard deviation of cells that the field does not know.
@@ -74,6 +94,7 @@ impl Field {
 
 /// What the field says of one sample.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Prediction {
     /// Points touched.
     pub contacts: usize,

@@ -34,7 +34,7 @@
 //! for step in 0..60 {
 //!     let angle_rad = 0.005 * f64::from(u32::saturating_sub(step, 10));
 //!     let torque_n_m = -10.0 * f64::max(0.0, angle_rad - 0.05);
-//!     mapper.step(&Sample { time_s: None, q: vec![angle_rad], tau: vec![torque_n_m] })?;
+//!     mapper.step(&Sample::new(None, vec![angle_rad], vec![torque_n_m]))?;
 //! }
 //! mapper.end_touch()?;
 //!
@@ -55,7 +55,7 @@
 //! | set the contact model     | [`ContactConfig`]                                                  |
 //! | say what logged torques are | [`ExternalTorqueConfig`]: [`TorqueSign`], [`Gravity`], [`Tare`]  |
 //! | choose the estimator      | [`EstimatorKind`] with an [`EstimatorConfig`]: [`Prior`], [`MemoryLimits`] |
-//! | learn from samples        | [`Mapper`] with a [`MapperConfig`] and a [`ReplayPolicy`]; [`Sample`] in, [`StepReport`] out, [`Snapshot`] to go on later; [`MapperError`], [`TrackerError`], [`EstimatorError`], [`PriorMeansError`], [`SettingError`] |
+//! | learn from samples        | [`Mapper`] with a [`MapperConfig`] and a [`ReplayPolicy`]; [`Sample`] in, [`StepReport`] out, [`Snapshot`] to go on later; [`MapperError`], [`TrackerError`], [`EstimatorError`], [`SettingError`] |
 //! | look at the result        | [`Field`], a [`CellEstimate`] for each cell; [`Contacts`] now      |
 //! | predict logged motions    | [`Predictor`], a [`Prediction`] for each sample                    |
 //! | predict planned motions   | [`PathPredictor`] with a [`PathConfig`]: a [`PathPrediction`] of [`PathPoint`]s; [`PathError`] |
@@ -99,8 +99,6 @@ pub use path_predictor::{
     CLUSTER_WEIGHT, MAX_MOTIONS, MAX_POINTS, PathConfig, PathError, PathPoint, PathPrediction,
     PathPredictor,
 };
-pub use pause_detector::{MAX_HELD, PauseConfig, PauseDetector};
-pub use prior_means::PriorMeansError;
 pub use replay::{MemoryLimits, ReplayPolicy};
 pub use robot::{Payload, Robot, RobotError};
 pub use sdf::BakeConfig;
@@ -120,6 +118,8 @@ pub mod unstable {
     pub use crate::map::MapEstimator;
     pub use crate::mapper::LoggedTouch;
     pub use crate::path_predictor::{CheckedPath, PathChecker};
+    pub use crate::pause_detector::{MAX_HELD, PauseConfig, PauseDetector};
+    pub use crate::prior_means::PriorMeansError;
     pub use crate::replay::{ReplayMemory, RngState};
     pub use crate::robot::{
         Collision, Joint, JointKind, Link, LinkId, Poses, Shape, nests_deeper_than,

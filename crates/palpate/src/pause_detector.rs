@@ -26,6 +26,7 @@ use crate::tracker::Sample;
 /// What counts as a pause.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct PauseConfig {
     /// The farthest a joint may be from where the pause began and still stand still, rad (m for a
     /// prismatic joint).
@@ -81,10 +82,11 @@ impl PauseConfig {
 /// # Example
 ///
 /// ```
-/// use palpate::{PauseConfig, PauseDetector, Sample};
+/// use palpate::Sample;
+/// use palpate::unstable::{PauseConfig, PauseDetector};
 ///
 /// let mut split = PauseDetector::new(PauseConfig::default()).unwrap();
-/// let at = |time_s, q| Sample { time_s: Some(time_s), q: vec![q], tau: vec![0.0] };
+/// let at = |time_s, q| Sample::new(Some(time_s), vec![q], vec![0.0]);
 /// // It moves, and stands still from 0.1 s on, in the air.
 /// assert_eq!(split.push(&at(0.0, 0.3), 0), None);
 /// let begins = (1..8).find_map(|i| split.push(&at(0.1 * f64::from(i), 0.0), 0));

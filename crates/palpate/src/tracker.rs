@@ -20,6 +20,7 @@ use crate::tare::TouchTare;
 
 /// What the robot reports at one moment.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Sample {
     /// Time, s, if the log has it.
     pub time_s: Option<f64>,
@@ -27,6 +28,13 @@ pub struct Sample {
     pub q: Vec<f64>,
     /// Joint torques as logged, n_joints, N·m or N.
     pub tau: Vec<f64>,
+}
+
+impl Sample {
+    /// A sample: time, s, if there is one; positions, rad or m, and torques, N·m or N, a joint.
+    pub fn new(time_s: Option<f64>, q: Vec<f64>, tau: Vec<f64>) -> Self {
+        Self { time_s, q, tau }
+    }
 }
 
 /// What can be wrong with a sample or a touch.

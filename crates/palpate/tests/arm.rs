@@ -64,7 +64,7 @@ fn the_fingerprint_follows_shapes_and_kinematics_and_nothing_else() {
     assert_ne!(one, bake(&SPHERE.replace("0.05", "0.051")).unwrap().fingerprint());
 
     let (robot, surfaces) = (bake(SPHERE).unwrap().robot, bake(SPHERE).unwrap().surfaces);
-    let payload = palpate::Payload { link: "rod".into(), mass_kg: 0.1, com_link_m: [0.0; 3] };
+    let payload = palpate::Payload::new("rod", 0.1, [0.0; 3]);
     let heavier = Arm::new(robot.with_payload(&payload).unwrap(), surfaces.to_vec()).unwrap();
     assert_ne!(one, heavier.fingerprint());
 }

@@ -19,7 +19,7 @@ use scene::{cells_with, collision, gantry_urdf, uniform};
 /// A gantry that carries one shape, baked finely.
 fn gantry(geometry: &str) -> Arc<Arm> {
     let robot = Robot::from_urdf(&gantry_urdf(&collision(geometry))).unwrap();
-    let bake = BakeConfig { spacing_m: 0.003, ..BakeConfig::default() };
+    let bake = BakeConfig::new(0.003, 0.04);
     Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
 }
 
@@ -57,8 +57,20 @@ impl World {
     }
 }
 
+/// The contact model of these tests with settings of a test's own.
+fn with(change: impl FnOnce(&mut ContactConfig)) -> ContactConfig {
+    let mut config = ContactConfig::default();
+    config.contact_distance_m = 0.005;
+    change(&mut config);
+    config
+}
+
 fn config() -> ContactConfig {
-    ContactConfig { contact_distance_m: 0.005, ..ContactConfig::default() }
+    with(|_| ())
+}
+
+fn sticky() -> ContactConfig {
+    with(|config| config.slip_iterations = 0)
 }
 
 #[test]
@@ -99,7 +111,7 @@ fn points_inside_the_links_at_the_start_are_never_contacts_of_that_touch() {
     let back = world.go(away, start);
     assert!(back.len() > 900, "{}", back.len());
 
-    let bold = ContactConfig { known_empty: false, ..config() };
+    let bold = with(|config| config.known_empty = false);
     let mut world = World::new(&arm, column(), &bold, start);
     assert!(world.go(start, start).len() > 900);
 }
@@ -108,7 +120,7 @@ fn points_inside_the_links_at_the_start_are_never_contacts_of_that_touch() {
 fn a_point_slips_until_the_friction_cone_holds_it() {
     let arm = gantry(BLOCK);
     for friction in [0.0, 0.3, 0.8] {
-        let config = ContactConfig { friction, slip_iterations: 50, ..config() };
+        let config = with(|config| (config.friction, config.slip_iterations) = (friction, 50));
         let mut world = World::new(&arm, column(), &config, [0.0; 3]);
         world.go([0.0; 3], [0.03, 0.0, 0.0]);
         let slid = world.go([0.03, 0.0, 0.0], [0.03, 0.04, 0.0]);
@@ -120,8 +132,7 @@ fn a_point_slips_until_the_friction_cone_holds_it() {
         }
     }
     // Without iterations it sticks for good.
-    let sticky = ContactConfig { slip_iterations: 0, ..config() };
-    let mut world = World::new(&arm, column(), &sticky, [0.0; 3]);
+    let mut world = World::new(&arm, column(), &sticky(), [0.0; 3]);
     world.go([0.0; 3], [0.03, 0.0, 0.0]);
     let stuck = world.go([0.03, 0.0, 0.0], [0.03, 0.04, 0.0]);
     assert!(stuck.links[0].displacements_m.iter().all(|u| (u[1] - 0.04).abs() < 1e-5));
@@ -150,7 +161,7 @@ fn a_cylinder_swept_through_an_elastic_bed_feels_the_force_of_the_integral() {
     let arm = gantry("<cylinder radius='0.05' length='0.4'/>");
     let lattice = Lattice::new([-0.2, -0.15, -0.05], spacing, [100, 75, 25]).unwrap();
     let delta = 0.002;
-    let config = ContactConfig { slip_iterations: 0, contact_distance_m: delta, ..config() };
+    let config = with(|config| (config.slip_iterations, config.contact_distance_m) = (0, delta));
     let mut world = World::new(&arm, lattice.clone(), &config, [0.0; 3]);
     let contacts = world.go([0.0; 3], [travel, 0.0, 0.0]);
 
@@ -199,8 +210,7 @@ fn no_point_that_a_link_covers_is_ever_free() {
     // What is looked at only when a link may have reached it is found as if it always were.
     let arm = elbow();
     let lattice = Lattice::new([-0.4, -0.4, -0.2], 0.02, [40, 40, 20]).unwrap();
-    let config =
-        ContactConfig { known_empty: false, contact_distance_m: 0.01, ..ContactConfig::default() };
+    let config = with(|config| (config.known_empty, config.contact_distance_m) = (false, 0.01));
     let mut simulator =
         ContactSimulator::new(lattice.clone(), Arc::clone(&arm.surfaces), &config).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(11);
@@ -246,14 +256,14 @@ fn a_long_motion_asks_for_substeps_so_that_nothing_tunnels() {
 fn tracked(urdf: &str, lattice: &Lattice, samples: &[&[f64]]) -> Result<Contacts, TrackerError> {
     let robot = Robot::from_urdf(urdf).unwrap();
     let baked = Arm::bake(robot, &BakeConfig::default(), |_| unreachable!("primitives only"));
-    let touch = ExternalTorqueConfig { tare: Tare::None, ..ExternalTorqueConfig::default() };
+    let mut touch = ExternalTorqueConfig::default();
+    touch.tare = Tare::None;
     let arm = Arc::new(baked.unwrap().0);
-    let sticky = ContactConfig { slip_iterations: 0, ..config() };
-    let mut tracker = Tracker::new(arm, lattice.clone(), &sticky, touch).unwrap();
+    let mut tracker = Tracker::new(arm, lattice.clone(), &sticky(), touch).unwrap();
     tracker.begin_touch();
     let mut contacts = Contacts::default();
     for q in samples {
-        let sample = Sample { time_s: None, q: q.to_vec(), tau: vec![0.0; q.len()] };
+        let sample = Sample::new(None, q.to_vec(), vec![0.0; q.len()]);
         contacts = tracker.feed(&sample)?.contacts;
     }
     Ok(contacts)

@@ -5,7 +5,7 @@ mod scene;
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{CellRows, EkfEstimator, Estimator, FrameId, Observation};
-use palpate::{EstimatorConfig, EstimatorError, EstimatorKind, Robot};
+use palpate::{EstimatorError, EstimatorKind, Robot};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use scene::{cells_with, centimetre_lattice, config, contacts, gantry_urdf, hinge, uniform};
@@ -63,8 +63,8 @@ impl Textbook {
 #[test]
 fn on_its_diagonal_case_it_is_the_textbook_filter_and_lazy_drift_is_eager_drift() {
     let (rows, frames) = diagonal_frames(200);
-    let settings =
-        EstimatorConfig { drift_std_n_per_m: 0.7, ..config(EstimatorKind::Ekf, 2.0, 30.0, 0.2) };
+    let mut settings = config(EstimatorKind::Ekf, 2.0, 30.0, 0.2);
+    settings.drift_std_n_per_m = 0.7;
     let mut ekf = EkfEstimator::new(&settings, 0.01, 3).unwrap();
     let mut textbook = Textbook {
         mean: DVector::from_element(3, 2.0),

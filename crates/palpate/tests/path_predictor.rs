@@ -13,12 +13,12 @@ use palpate::{
 };
 use scene::{collision, config, gantry_urdf};
 
-const EVERY_POINT: PathConfig = PathConfig { resolution_cells: 0.0, start_cells: 1.0 };
+const EVERY_POINT: PathConfig = PathConfig::new(0.0, 1.0);
 
 /// A ball of 12 cm on a gantry.
 fn arm() -> Arc<Arm> {
     let robot = Robot::from_urdf(&gantry_urdf(&collision("<sphere radius='0.06'/>"))).unwrap();
-    let bake = BakeConfig { spacing_m: 0.005, ..BakeConfig::default() };
+    let bake = BakeConfig::new(0.005, 0.04);
     Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
 }
 
@@ -52,7 +52,7 @@ fn push(y: f64, points: usize) -> Vec<Vec<f64>> {
 /// What the arm reports at some positions, with a force that grows as it goes in.
 fn sample(q: &[f64]) -> Sample {
     let force = (q[0] + 0.08).max(0.0);
-    Sample { time_s: None, q: q.to_vec(), tau: vec![-200.0 * force, -20.0 * force, 5.0 * force] }
+    Sample::new(None, q.to_vec(), vec![-200.0 * force, -20.0 * force, 5.0 * force])
 }
 
 fn learn(mapper: &mut Mapper, path: &[Vec<f64>]) {
@@ -176,7 +176,7 @@ fn the_deviation_of_one_spring_is_its_displacement_times_that_of_its_stiffness()
     mapper.begin_touch();
     for x in [-0.2, 0.01 - 0.084] {
         let tau = if x > -0.1 { vec![-1.0, 0.0, 0.0] } else { vec![0.0; 3] };
-        mapper.step(&Sample { time_s: None, q: vec![x, 0.0, 0.0], tau }).unwrap();
+        mapper.step(&Sample::new(None, vec![x, 0.0, 0.0], tau)).unwrap();
     }
     mapper.end_touch().unwrap();
     let [torque, std] = one_spring(&mapper, 0.02);
@@ -187,7 +187,7 @@ fn the_deviation_of_one_spring_is_its_displacement_times_that_of_its_stiffness()
 fn a_coarse_look_stops_at_both_ends_and_where_the_arm_turns_round() {
     let predictor = learnt().path_predictor();
     let path = push(0.01, 91);
-    let config = PathConfig { resolution_cells: 100.0, start_cells: 1.0 };
+    let config = PathConfig::new(100.0, 1.0);
     let answer = predictor.ask(&path, &config).unwrap();
     assert_eq!((answer.stops, answer.points.len()), (3, 91));
     let [first, tip, last] = [0, 45, 90].map(|point| answer.points[point].torque.norm());
@@ -276,7 +276,7 @@ fn a_path_that_cannot_be_followed_is_refused_with_the_place() {
     assert!(matches!(error, PathError::TooManyPoints { found: 100_001 }));
     assert!(matches!(refused(&vec![vec![0.0; 3]; 10_001]), PathError::TooLong { point: 10_000 }));
     for found in [f64::NAN, -1.0, 1e9] {
-        let config = PathConfig { resolution_cells: found, start_cells: 1.0 };
+        let config = PathConfig::new(found, 1.0);
         let error = predictor.ask(&path(-0.08), &config).unwrap_err();
         assert!(
             matches!(error, PathError::Setting(ref setting) if setting.setting == "resolution_cells")

@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 use palpate::unstable::{CellRows, Estimator, FrameId, MapEstimator, Observation};
 use palpate::{
-    Arm, BakeConfig, CellId, EstimatorConfig, EstimatorKind, ExternalTorqueConfig, Field, Gravity,
-    Lattice, Mapper, MapperConfig, Predictor, Robot, Sample, Tare,
+    Arm, BakeConfig, CellId, EstimatorConfig, EstimatorKind, Field, Gravity, Lattice, Mapper,
+    MapperConfig, Predictor, Robot, Sample, Tare,
 };
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -21,11 +21,8 @@ fn source(sample: u32) -> FrameId {
 
 /// An estimator of either kind, at its prior.
 fn estimator(method: EstimatorKind, settings: EstimatorConfig) -> Box<dyn Estimator> {
-    let config = MapperConfig {
-        lattice: centimetre_lattice(),
-        estimator: settings,
-        ..MapperConfig::of(method)
-    };
+    let mut config = MapperConfig::of(method);
+    (config.lattice, config.estimator) = (centimetre_lattice(), settings);
     config.estimator(4).unwrap()
 }
 
@@ -104,7 +101,7 @@ fn a_saved_belief_keeps_what_was_expected() {
 /// A ball on a gantry.
 fn arm() -> Arc<Arm> {
     let robot = Robot::from_urdf(&gantry_urdf(&collision("<sphere radius='0.06'/>"))).unwrap();
-    let bake = BakeConfig { spacing_m: 0.01, ..BakeConfig::default() };
+    let bake = BakeConfig::new(0.01, 0.04);
     Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
 }
 
@@ -114,12 +111,9 @@ fn lattice() -> Lattice {
 }
 
 fn mapping(method: EstimatorKind) -> MapperConfig {
-    let touch = ExternalTorqueConfig {
-        gravity: Gravity::Removed,
-        tare: Tare::None,
-        ..ExternalTorqueConfig::default()
-    };
-    let mut config = MapperConfig { lattice: lattice(), touch, ..MapperConfig::of(method) };
+    let mut config = MapperConfig::of(method);
+    config.lattice = lattice();
+    (config.touch.gravity, config.touch.tare) = (Gravity::Removed, Tare::None);
     config.estimator.replays = 3;
     config.estimator.prior.mean_n_per_m = 0.5;
     config
@@ -134,7 +128,7 @@ fn everywhere(stiffness: f64) -> Vec<(CellId, f64)> {
 fn motion() -> Vec<Sample> {
     let q = |t: f64| vec![0.25 * t, 0.05 * t, 0.02 * (9.0 * t).sin()];
     let tau = |t: f64| vec![-3.0 * t, -0.4 * t, 0.1 * (9.0 * t).sin()];
-    let sample = |t: f64| Sample { time_s: None, q: q(t), tau: tau(t) };
+    let sample = |t: f64| Sample::new(None, q(t), tau(t));
     (0..40).map(|frame| sample(f64::from(frame) / 40.0)).collect()
 }
 
@@ -162,14 +156,7 @@ fn what_is_expected_rightly_is_predicted_rightly_without_a_touch() {
     assert_eq!(field.cells.len() as u64, lattice().n_cells());
     assert!(field.cells.is_sorted() && field.counts.iter().all(|&count| count == 0));
     // The truth: a bed of 2 N/m wherever one asks.
-    let truth = Field {
-        cells: Vec::new(),
-        stiffness_n_per_m: Vec::new(),
-        std_n_per_m: Vec::new(),
-        counts: Vec::new(),
-        untouched_n_per_m: 2.0,
-        ..field.clone()
-    };
+    let truth = Field::new(lattice(), field.contact.clone(), field.touch.clone(), 2.0);
     let (torques, known) = foretold(&field);
     assert_eq!((&torques, known), (&foretold(&truth).0, 0));
     assert!(torques.iter().flatten().any(|tau| tau.abs() > 0.1), "the ball must feel something");
@@ -177,7 +164,8 @@ fn what_is_expected_rightly_is_predicted_rightly_without_a_touch() {
     // Nor does feeling just that change anything.
     let mut mapper =
         Mapper::with_prior(arm(), mapping(EstimatorKind::Map), &everywhere(2.0)).unwrap();
-    let felt = motion().into_iter().zip(torques).map(|(sample, tau)| Sample { tau, ..sample });
+    let felt =
+        motion().into_iter().zip(torques).map(|(sample, tau)| Sample::new(None, sample.q, tau));
     learn(&mut mapper, &felt.collect::<Vec<_>>());
     let learnt = mapper.field();
     assert!(learnt.stiffness_n_per_m.iter().all(|k| (k - 2.0).abs() < 1e-12));

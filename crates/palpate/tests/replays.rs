@@ -7,8 +7,8 @@ mod scene;
 use std::sync::Arc;
 
 use palpate::{
-    Arm, BakeConfig, EstimatorKind, ExternalTorqueConfig, Gravity, Lattice, Mapper, MapperConfig,
-    ReplayPolicy, Robot, Sample, Tare,
+    Arm, BakeConfig, EstimatorKind, Gravity, Lattice, Mapper, MapperConfig, ReplayPolicy, Robot,
+    Sample, Tare,
 };
 use scene::{collision, gantry_urdf};
 
@@ -18,12 +18,12 @@ const REPLAYS: u32 = 5;
 /// A mapper of a ball on a gantry beside a box of springs.
 fn mapper(method: EstimatorKind, policy: ReplayPolicy) -> Mapper {
     let robot = Robot::from_urdf(&gantry_urdf(&collision("<sphere radius='0.06'/>"))).unwrap();
-    let bake = BakeConfig { spacing_m: 0.01, ..BakeConfig::default() };
+    let bake = BakeConfig::new(0.01, 0.04);
     let arm = Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0;
     let lattice = Lattice::new([0.1, -0.1, -0.1], 0.02, [12; 3]).unwrap();
-    let (gravity, tare) = (Gravity::Removed, Tare::None);
-    let touch = ExternalTorqueConfig { gravity, tare, ..ExternalTorqueConfig::default() };
-    let mut config = MapperConfig { lattice, touch, ..MapperConfig::of(method) };
+    let mut config = MapperConfig::of(method);
+    config.lattice = lattice;
+    (config.touch.gravity, config.touch.tare) = (Gravity::Removed, Tare::None);
     config.estimator.replays = REPLAYS;
     Mapper::new(Arc::new(arm), config).unwrap().with_replays(policy)
 }
@@ -34,7 +34,7 @@ fn touch() -> Vec<Sample> {
         let t = f64::from(frame) / 40.0;
         let q = vec![0.4 * t * (1.0 - t), 0.05 * t, 0.02 * (9.0 * t).sin()];
         let tau = vec![-3.0 * t * (1.0 - t), -0.4 * t, 0.1 * (9.0 * t).sin()];
-        Sample { time_s: None, q, tau }
+        Sample::new(None, q, tau)
     };
     (0..40).map(sample).collect()
 }

@@ -93,7 +93,7 @@ fn gravity_exerts_minus_the_slope_of_potential_energy() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for (name, robot) in robots() {
         let tool = robot.links().last().unwrap().name.clone();
-        let payload = Payload { link: tool, mass_kg: 1.5, com_link_m: [0.02, -0.03, 0.1] };
+        let payload = Payload::new(tool, 1.5, [0.02, -0.03, 0.1]);
         for robot in [robot.clone(), robot.with_payload(&payload).unwrap()] {
             let q = random_q(&mut rng, &robot);
             let torque = robot.gravity_torque(&robot.forward(&q).unwrap());
@@ -192,7 +192,7 @@ fn a_payload_equals_a_link_of_that_mass() {
            <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
            <joint name="grip" type="fixed"><parent link="left_hand"/><child link="load"/></joint>"#,
     );
-    let payload = Payload { link: "left_hand".into(), mass_kg: 0.8, com_link_m: [0.1, 0.0, 0.02] };
+    let payload = Payload::new("left_hand", 0.8, [0.1, 0.0, 0.02]);
     let one = Robot::from_urdf(&without).unwrap().with_payload(&payload).unwrap();
     let other = Robot::from_urdf(&with).unwrap();
 

@@ -11,7 +11,7 @@ use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-const CONFIG: BakeConfig = BakeConfig { spacing_m: 0.005, margin_m: 0.03 };
+const CONFIG: BakeConfig = BakeConfig::new(0.005, 0.03);
 
 fn uniform(rng: &mut ChaCha8Rng, half: f64) -> f64 {
     (f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0) * half
@@ -313,7 +313,7 @@ fn shapes_that_cannot_be_baked_are_refused() {
     assert!(matches!(refused(cuboid(1e300, Vector3::zeros()), &CONFIG), SdfError::Number { .. }));
 
     for (spacing_m, margin_m) in [(0.0, 0.03), (-0.1, 0.03), (f64::NAN, 0.03), (0.005, 0.0)] {
-        let error = refused(good(), &BakeConfig { spacing_m, margin_m });
+        let error = refused(good(), &BakeConfig::new(spacing_m, margin_m));
         assert!(matches!(error, SdfError::Number { .. }), "{error}");
     }
     let nothing = bake(&Solid::default(), &CONFIG).unwrap_err();
@@ -330,7 +330,7 @@ fn triangles_without_area_are_left_out_and_counted() {
 }
 
 fn small_grid() -> DistanceGrid {
-    let config = BakeConfig { spacing_m: 0.02, margin_m: 0.02 };
+    let config = BakeConfig::new(0.02, 0.02);
     let solid = Solid { primitives: vec![cube()], meshes: vec![] };
     bake(&solid, &config).unwrap().0
 }

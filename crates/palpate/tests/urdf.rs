@@ -281,7 +281,7 @@ fn joint_vectors_of_the_wrong_kind_are_refused() {
 fn payloads_that_cannot_be_are_refused() {
     let robot = Robot::from_urdf(&arm("", "")).unwrap();
     let payload = |link: &str, mass_kg, x| {
-        let payload = Payload { link: link.into(), mass_kg, com_link_m: [x, 0.0, 0.0] };
+        let payload = Payload::new(link, mass_kg, [x, 0.0, 0.0]);
         robot.clone().with_payload(&payload)
     };
     assert!(matches!(payload("hand", 1.0, 0.0), Err(RobotError::Undeclared { .. })));

@@ -133,7 +133,7 @@ impl Found {
     fn ask(&mut self, mapper: &Mapper, path: &[Vec<f64>]) -> Result<PathPrediction, PathError> {
         let config = PathConfig::default();
         let start = Instant::now();
-        let every_point = PathConfig { resolution_cells: 0.0, ..config };
+        let every_point = PathConfig::new(0.0, config.start_cells);
         let exact = mapper.path_predictor().ask(path, &every_point)?;
         let exact_ms = milliseconds(start.elapsed());
         if exact.points.iter().all(|point| point.contacts == 0) {

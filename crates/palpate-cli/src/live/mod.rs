@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate::{Arm, Mapper, PauseConfig};
+use palpate::unstable::PauseConfig;
+use palpate::{Arm, Mapper};
 use palpate_io::field;
 use palpate_live::checkpoint::CheckpointConfig;
 use palpate_live::guard::Guard;
@@ -202,7 +203,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         .as_ref()
         .map(|url| Viewer::start(url.as_deref(), &arm, &mapper.config().lattice));
     let drawn = drawn.transpose()?;
-    let idle = PauseConfig { idle_s: args.idle, ..PauseConfig::default() };
+    let mut idle = PauseConfig::default();
+    idle.idle_s = args.idle;
     let session = Session::new(mapper, idle, args.guard.map(Guard::new))
         .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
     let network = Network::join(&args.network()).map_err(CliError::file)?;

@@ -60,7 +60,7 @@ pub(crate) fn arm() -> Arm {
         );
     }
     let robot = Robot::from_urdf(&(urdf + "</robot>")).unwrap();
-    let config = BakeConfig { spacing_m: 0.01, margin_m: 0.02 };
+    let config = BakeConfig::new(0.01, 0.02);
     Arm::bake(robot, &config, |_| Err("no meshes".into())).unwrap().0
 }
 
@@ -77,14 +77,9 @@ pub(crate) fn field() -> Field {
         }
     }
     let n = cells.len();
-    Field {
-        lattice,
-        contact: ContactConfig::default(),
-        touch: ExternalTorqueConfig::default(),
-        cells,
-        stiffness_n_per_m,
-        std_n_per_m: vec![1.0; n],
-        counts: vec![1; n],
-        untouched_n_per_m: 0.0,
-    }
+    let (contact, touch) = (ContactConfig::default(), ExternalTorqueConfig::default());
+    let mut field = Field::new(lattice, contact, touch, 0.0);
+    (field.cells, field.stiffness_n_per_m) = (cells, stiffness_n_per_m);
+    (field.std_n_per_m, field.counts) = (vec![1.0; n], vec![1; n]);
+    field
 }

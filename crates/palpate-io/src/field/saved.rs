@@ -238,16 +238,11 @@ fn from_arrays(arrays: &Arrays, path: &str) -> Result<Saved, SavedError> {
         return Err(SavedError::Format { path: path.to_owned(), found: meta.format });
     }
     let cells = file.cells.ok_or_else(|| foreign("cells"))?;
-    let field = Field {
-        cells: cells.iter().map(|&cell| CellId(cell)).collect(),
-        std_n_per_m: file.std.ok_or_else(|| foreign("K_std"))?,
-        counts: file.counts.ok_or_else(|| foreign("N_obs"))?,
-        stiffness_n_per_m: file.stiffness,
-        lattice: meta.lattice,
-        contact: meta.contact,
-        touch: meta.touch,
-        untouched_n_per_m: meta.untouched_n_per_m,
-    };
+    let mut field = Field::new(meta.lattice, meta.contact, meta.touch, meta.untouched_n_per_m);
+    field.cells = cells.iter().map(|&cell| CellId(cell)).collect();
+    field.std_n_per_m = file.std.ok_or_else(|| foreign("K_std"))?;
+    field.counts = file.counts.ok_or_else(|| foreign("N_obs"))?;
+    field.stiffness_n_per_m = file.stiffness;
     let contradiction = |what| SavedError::Contradiction { path: path.to_owned(), what };
     if file.lattice != Some(lattice_of(&field)) {
         let what = "the array `lattice` is not the lattice of the settings".to_owned();

@@ -173,7 +173,7 @@ impl Touch {
         };
         self.clock.tick(time_s, &self.name, row, warnings);
         self.row += 1;
-        Ok(Some(Sample { time_s, q, tau }))
+        Ok(Some(Sample::new(time_s, q, tau)))
     }
 }
 
@@ -291,7 +291,7 @@ mod tests {
             })
             .collect();
         assert_eq!(starts, ["seq_2", "seq_10"]);
-        let second = Sample { time_s: None, q: vec![3.0, 4.0], tau: vec![3.0, 4.0] };
+        let second = Sample::new(None, vec![3.0, 4.0], vec![3.0, 4.0]);
         assert_eq!(events[2], LogEvent::Sample(second));
         let description = open(set.path(), &LogOptions::default()).unwrap().describe();
         assert_eq!((description.touches, description.samples), (Some(2), Some(4)));

@@ -291,7 +291,7 @@ impl Table {
         };
         self.row += 1;
         let time_s = time.and_then(|time| time.first().copied());
-        Ok(Some((touch, Sample { time_s, q, tau })))
+        Ok(Some((touch, Sample::new(time_s, q, tau))))
     }
 
     fn field<'a>(&self, row: &'a Row, place: usize) -> Option<&'a Field> {

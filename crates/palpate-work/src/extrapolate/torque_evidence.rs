@@ -66,9 +66,7 @@ fn of(logged: &LoggedTouch, n_joints: usize) -> Touch {
     let samples = logged.q.chunks(n_joints).zip(logged.tau.chunks(n_joints));
     Touch {
         name: format!("touch {}", logged.touch),
-        samples: samples
-            .map(|(q, tau)| Sample { time_s: None, q: q.to_vec(), tau: tau.to_vec() })
-            .collect(),
+        samples: samples.map(|(q, tau)| Sample::new(None, q.to_vec(), tau.to_vec())).collect(),
         truth: None,
     }
 }

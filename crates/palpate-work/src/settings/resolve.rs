@@ -2,10 +2,10 @@
 //!
 //! The base is the shipped one of the chosen estimator, or that of a saved field.
 
-use palpate::unstable::JointKind;
+use palpate::unstable::{JointKind, PauseConfig};
 use palpate::{
     ContactConfig, EstimatorConfig, EstimatorKind, ExternalTorqueConfig, Lattice, LatticeError,
-    MapperConfig, PauseConfig, Payload, Robot, Tare,
+    MapperConfig, Payload, Robot, Tare,
 };
 use palpate_io::log::{AngleUnit, LogOptions};
 use serde::Serialize;
@@ -74,13 +74,12 @@ impl Settings {
         let method = self.estimator.estimator.unwrap_or(base.method);
         let shipped = EstimatorConfig::of(method);
         let estimator = if method == base.method { &base.estimator } else { &shipped };
-        MapperConfig {
-            lattice,
-            contact: self.contact.over_config(&base.contact),
-            touch: self.touch.over_config(&base.touch),
-            method,
-            estimator: self.estimator.over_config(estimator),
-        }
+        let mut config = MapperConfig::of(method);
+        config.lattice = lattice;
+        config.contact = self.contact.over_config(&base.contact);
+        config.touch = self.touch.over_config(&base.touch);
+        config.estimator = self.estimator.over_config(estimator);
+        config
     }
 }
 
@@ -94,9 +93,7 @@ impl RobotSettings {
     pub fn payload(&self) -> Result<Option<Payload>, SettingsError> {
         let com_link_m = self.payload_com_m.unwrap_or_default();
         match (&self.payload_link, self.payload_mass_kg) {
-            (Some(link), Some(mass_kg)) => {
-                Ok(Some(Payload { link: link.clone(), mass_kg, com_link_m }))
-            }
+            (Some(link), Some(mass_kg)) => Ok(Some(Payload::new(link, mass_kg, com_link_m))),
             (None, None) if self.payload_com_m.is_none() => Ok(None),
             _ => Err(SettingsError::Together(
                 "a payload needs both payload_link (--payload-link) and payload_mass_kg \
@@ -169,12 +166,12 @@ impl TouchSettings {
             (Some(false), None) if base.tare == Tare::None => Tare::Auto,
             _ => base.tare,
         };
-        ExternalTorqueConfig {
-            torque_sign: self.torque_sign.unwrap_or(base.torque_sign),
-            gravity: self.gravity.unwrap_or(base.gravity),
-            tare,
-            still_rad: self.still_rad.unwrap_or(base.still_rad),
-        }
+        let mut config = base.clone();
+        config.torque_sign = self.torque_sign.unwrap_or(base.torque_sign);
+        config.gravity = self.gravity.unwrap_or(base.gravity);
+        config.tare = tare;
+        config.still_rad = self.still_rad.unwrap_or(base.still_rad);
+        config
     }
 }
 
@@ -247,14 +244,14 @@ pub fn corners(lattice: &Lattice) -> ([f64; 3], [f64; 3]) {
 
 impl ContactSettings {
     fn over_config(&self, base: &ContactConfig) -> ContactConfig {
-        ContactConfig {
-            contact_distance_m: self.contact_distance_m.unwrap_or(base.contact_distance_m),
-            friction: self.friction.unwrap_or(base.friction),
-            slip_step_m: self.slip_step_m.unwrap_or(base.slip_step_m),
-            slip_iterations: self.slip_iterations.unwrap_or(base.slip_iterations),
-            substep_cells: self.substep_cells.unwrap_or(base.substep_cells),
-            known_empty: self.known_empty.unwrap_or(base.known_empty),
-        }
+        let mut config = base.clone();
+        config.contact_distance_m = self.contact_distance_m.unwrap_or(base.contact_distance_m);
+        config.friction = self.friction.unwrap_or(base.friction);
+        config.slip_step_m = self.slip_step_m.unwrap_or(base.slip_step_m);
+        config.slip_iterations = self.slip_iterations.unwrap_or(base.slip_iterations);
+        config.substep_cells = self.substep_cells.unwrap_or(base.substep_cells);
+        config.known_empty = self.known_empty.unwrap_or(base.known_empty);
+        config
     }
 }
 

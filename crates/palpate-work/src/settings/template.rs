@@ -1,6 +1,7 @@
 //! `palpate settings`: what holds, as a commented file to start from.
 
-use palpate::{Lattice, PauseConfig, Tare};
+use palpate::unstable::PauseConfig;
+use palpate::{Lattice, Tare};
 
 use super::parse::TareFrames;
 use super::resolve::corners;

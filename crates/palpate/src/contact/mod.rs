@@ -46,6 +46,7 @@ use crate::setting::SettingError;
 /// resolution tried, from 0.9 to 2 cm, on simulated plants.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct ContactConfig {
     /// δ: how far from its surface a link takes hold of a point.
     pub contact_distance_m: f64,

@@ -78,6 +78,7 @@ pub enum EstimatorKind {
 
 /// What is known of one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct CellEstimate {
     /// K, N/m.
     pub stiffness_n_per_m: f64,
@@ -95,6 +96,7 @@ pub(crate) const LARGEST: f64 = 1e9;
 /// Settings of either estimator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct EstimatorConfig {
     /// Stiffness of untouched cells.
     pub prior: Prior,

@@ -38,6 +38,7 @@ use crate::tracker::{Sample, TrackedSample, Tracker, TrackerError};
 /// Everything that decides what is learnt from a log.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct MapperConfig {
     /// The workspace box.
     pub lattice: Lattice,
@@ -109,6 +110,7 @@ impl From<RobotError> for MapperError {
 
 /// What one step found.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct StepReport {
     /// Points touched.
     pub contacts: usize,

@@ -70,6 +70,7 @@ use crate::tracker::Tracker;
 /// How closely a path is evaluated, and where it starts.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct PathConfig {
     /// The farthest that a point of the arm goes from one stop to the next, in cells; 0 stops at
     /// every point.
@@ -79,9 +80,16 @@ pub struct PathConfig {
     pub start_cells: f64,
 }
 
+impl PathConfig {
+    /// Stops every `resolution_cells`; goes on from where the arm is if no farther than `start_cells`.
+    pub const fn new(resolution_cells: f64, start_cells: f64) -> Self {
+        Self { resolution_cells, start_cells }
+    }
+}
+
 impl Default for PathConfig {
     fn default() -> Self {
-        Self { resolution_cells: 1.0, start_cells: 1.0 }
+        Self::new(1.0, 1.0)
     }
 }
 
@@ -136,7 +144,8 @@ impl PathError {
 }
 
 /// The prediction at one point of a path.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
+#[non_exhaustive]
 pub struct PathPoint {
     /// τ̂: external torque, n_joints, N·m.
     pub torque: DVector<f64>,
@@ -150,6 +159,7 @@ pub struct PathPoint {
 
 /// The prediction along a path.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct PathPrediction {
     /// One for each point of the path.
     pub points: Vec<PathPoint>,

@@ -164,6 +164,7 @@ pub enum JointKind {
 
 /// Something carried that the URDF does not know of: a gripper, a tool, a camera.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Payload {
     /// The link that carries it.
     pub link: String,
@@ -171,6 +172,13 @@ pub struct Payload {
     pub mass_kg: f64,
     /// Its centre of mass in that link's frame.
     pub com_link_m: [f64; 3],
+}
+
+impl Payload {
+    /// A mass, kg, on a link, with its centre in the link's frame, m.
+    pub fn new(link: impl Into<String>, mass_kg: f64, com_link_m: [f64; 3]) -> Self {
+        Self { link: link.into(), mass_kg, com_link_m }
+    }
 }
 
 impl Robot {

@@ -32,6 +32,7 @@ const MAX_NODES: f64 = 64e6;
 /// How finely to bake, and how far out.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct BakeConfig {
     /// Distance between nodes. Details below it are lost.
     pub spacing_m: f64,
@@ -39,9 +40,16 @@ pub struct BakeConfig {
     pub margin_m: f64,
 }
 
+impl BakeConfig {
+    /// Nodes every `spacing_m`, as far as `margin_m` from the surface.
+    pub const fn new(spacing_m: f64, margin_m: f64) -> Self {
+        Self { spacing_m, margin_m }
+    }
+}
+
 impl Default for BakeConfig {
     fn default() -> Self {
-        BakeConfig { spacing_m: 0.005, margin_m: 0.04 }
+        Self::new(0.005, 0.04)
     }
 }
 

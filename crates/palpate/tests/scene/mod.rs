@@ -75,14 +75,12 @@ pub fn uniform(rng: &mut ChaCha8Rng, low: f64, high: f64) -> f64 {
 
 /// Settings with exactly known numbers: no replays unless asked for.
 pub fn config(method: EstimatorKind, mean: f64, std: f64, torque_std: f64) -> EstimatorConfig {
-    EstimatorConfig {
-        prior: Prior { mean_n_per_m: mean, std_n_per_m: std },
-        torque_std: vec![torque_std],
-        replays: 0,
-        drift_std_n_per_m: 0.0,
-        memory: MemoryLimits { frames: 1000, bytes: 1 << 30 },
-        ..EstimatorConfig::of(method)
-    }
+    let mut config = EstimatorConfig::of(method);
+    config.prior = Prior { mean_n_per_m: mean, std_n_per_m: std };
+    config.torque_std = vec![torque_std];
+    (config.replays, config.drift_std_n_per_m) = (0, 0.0);
+    config.memory = MemoryLimits { frames: 1000, bytes: 1 << 30 };
+    config
 }
 
 /// Cells by row with the given unknowns.

@@ -69,8 +69,8 @@ impl Figures {
         fit: Fit,
     ) -> Result<Self, SettingError> {
         // The start does not depend on torques.
-        let config =
-            ExternalTorqueConfig { gravity: Gravity::Removed, tare: Tare::Auto, ..set.clone() };
+        let mut config = set.clone();
+        (config.gravity, config.tare) = (Gravity::Removed, Tare::Auto);
         let (lattice, contact) = (Lattice::default(), ContactConfig::default());
         let tracker = Tracker::new(Arc::clone(arm), lattice, &contact, config)?;
         let (tare, still_rad) = (set.tare, set.still_rad);
@@ -120,7 +120,7 @@ impl Figures {
     fn start(&mut self, touch: &Touch) -> usize {
         self.tracker.begin_touch();
         for (frame, (q, tau)) in touch.q.iter().zip(&touch.tau).enumerate() {
-            let sample = Sample { time_s: None, q: q.clone(), tau: tau.clone() };
+            let sample = Sample::new(None, q.clone(), tau.clone());
             match self.tracker.feed(&sample) {
                 Ok(step) if step.external.is_none() => {}
                 Err(TrackerError::NoContactFreeStart { found, .. }) => return found as usize,

@@ -24,7 +24,7 @@ pub(super) fn explain(robot: &Robot, rests: &[Rest], fit: &Fit) -> Option<Payloa
     let link = robot.joints().last()?.child;
     let link = &robot.links()[link.index()].name;
     let carrying = |mass_kg: f64, com_link_m: [f64; 3]| {
-        robot.clone().with_payload(&Payload { link: link.clone(), mass_kg, com_link_m }).ok()
+        robot.clone().with_payload(&Payload::new(link, mass_kg, com_link_m)).ok()
     };
     let mut units = vec![carrying(1.0, [0.0; 3])?];
     for axis in 0..3 {
@@ -59,5 +59,5 @@ pub(super) fn explain(robot: &Robot, rests: &[Rest], fit: &Fit) -> Option<Payloa
     let [least, most] = BELIEVABLE_KG;
     let believable =
         (least..=most).contains(&mass_kg) && com_link_m.iter().all(|side| side.abs() < FARTHEST_M);
-    (explained && believable).then(|| Payload { link: link.clone(), mass_kg, com_link_m })
+    (explained && believable).then(|| Payload::new(link, mass_kg, com_link_m))
 }

@@ -116,7 +116,7 @@ impl Touch {
     fn samples(self) -> impl Iterator<Item = Sample> {
         let times_s = self.times_s.into_iter().map(Some).chain(std::iter::repeat(None));
         let frames = self.q.into_iter().zip(self.tau);
-        frames.zip(times_s).map(|((q, tau), time_s)| Sample { time_s, q, tau })
+        frames.zip(times_s).map(|((q, tau), time_s)| Sample::new(time_s, q, tau))
     }
 }
 

@@ -157,7 +157,7 @@ impl Reading {
         let mut q: Vec<f64> = places.iter().map(|&place| taken.positions[place]).collect();
         unit.into_rad(&mut q);
         let tau = places.iter().map(|&place| taken.torques[place]).collect();
-        Ok(Some(Sample { time_s: Some(time_s), q, tau }))
+        Ok(Some(Sample::new(Some(time_s), q, tau)))
     }
 }
 

@@ -314,11 +314,10 @@ impl Table {
                 CsvError::Cell { path: self.path.clone(), line, column, found }
             })
         };
-        Ok(Sample {
-            time_s: self.columns.time.as_ref().map(number).transpose()?,
-            q: self.columns.q.iter().map(number).collect::<Result<_, _>>()?,
-            tau: self.columns.tau.iter().map(number).collect::<Result<_, _>>()?,
-        })
+        let time_s = self.columns.time.as_ref().map(number).transpose()?;
+        let q = self.columns.q.iter().map(number).collect::<Result<_, _>>()?;
+        let tau = self.columns.tau.iter().map(number).collect::<Result<_, _>>()?;
+        Ok(Sample::new(time_s, q, tau))
     }
 
     fn unclear(&self, reason: String) -> CsvError {
