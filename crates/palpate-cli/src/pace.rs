@@ -13,7 +13,7 @@
 use std::time::{Duration, Instant};
 
 use palpate::{EstimatorKind, Mapper, MapperConfig, ReplayPolicy, StepReport};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::interrupt;
 use crate::quantile::median;
@@ -44,11 +44,6 @@ pub(crate) struct PaceArgs {
 }
 
 impl PaceArgs {
-    /// The rate, Hz, if one was given.
-    pub(crate) fn rate_hz(&self) -> Option<f64> {
-        self.rate
-    }
-
     /// The pace asked for, if any, for a mapper with these settings.
     pub(crate) fn pace(&self, config: &MapperConfig) -> Option<Pace> {
         let policy = match config.method {
@@ -90,7 +85,7 @@ struct Tally {
 }
 
 /// How well a pace was kept.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(crate) struct PaceFigures {
     /// Steps a second that were asked for.
     pub rate_hz: f64,

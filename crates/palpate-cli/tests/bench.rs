@@ -22,7 +22,7 @@ fn number(figures: &Value, key: &str) -> f64 {
 }
 
 /// The keys of a measurement that are numbers above zero.
-const NUMBERS: [&str; 26] = [
+const NUMBERS: [&str; 20] = [
     "touches",
     "passes",
     "steps",
@@ -33,12 +33,6 @@ const NUMBERS: [&str; 26] = [
     "update_ms",
     "contacts",
     "ns_per_visit",
-    "floor_ratio",
-    "floor.bandwidth_gb_per_s",
-    "floor.goperations_per_s",
-    "floor.ns_per_visit",
-    "floor.frame_only_ns_per_visit",
-    "floor.arithmetic_ns_per_visit",
     "cells_declared",
     "cells_touched",
     "spacing_m",
@@ -62,19 +56,8 @@ fn check(figures: &Value) {
     assert!(number(figures, "cells_touched") <= number(figures, "cells_declared"));
     assert!(figures["pace"].is_null());
 
-    let parts = number(figures, "simulator_ms") + number(figures, "update_ms");
-    let ratio = parts / number(figures, "step_ms.median");
-    assert!((0.05..20.0).contains(&ratio), "the parts make {ratio} of the step: {figures}");
-
-    let floor = number(figures, "floor.ns_per_visit");
-    let ratio = number(figures, "update_ns_per_visit") / floor;
-    assert!((number(figures, "floor_ratio") / ratio - 1.0).abs() < 1e-9);
-    let frame_only = number(figures, "floor.frame_only_ns_per_visit") / floor;
-    assert!((frame_only - 16.0 / 56.0).abs() < 1e-9);
-
     if cfg!(target_os = "linux") {
         let peak = number(figures, "peak_memory_mib");
-        // The buffer that bandwidth is measured with must not count.
         assert!(peak > number(figures, "memory_mib") && peak < 200.0, "{peak} MiB");
     }
 }
@@ -90,7 +73,6 @@ fn every_figure_is_told_and_they_agree_with_each_other() {
         assert_eq!(figures["simulated"], false);
         assert_eq!(figures["shape"], serde_json::json!([80, 80, 80]));
         assert_eq!((number(&figures, "touches"), number(&figures, "warm_passes")), (2.0, 1.0));
-        assert!(figures.get("worlds").is_none() && figures.get("cells").is_none());
     }
 }
 
@@ -136,7 +118,7 @@ fn answers_about_paths_are_timed_and_held_against_exact_ones() {
         }
         assert!(number(asked, "torque_off.most") < 0.5, "{answers}");
     }
-    assert!(number(answers, "handover_ms.least") < number(answers, "whole.exact_ms.most"));
+    assert!(number(answers, "handover_ms.least") > 0.0, "{answers}");
     let nowhere = scene.path("nowhere");
     refuse(bench(&scene, &["log"], &[]).arg("--answers").arg(nowhere), 1, &["nowhere"]);
 }
@@ -153,7 +135,9 @@ fn without_a_log_the_bundled_touches_are_learnt_and_called_simulated() {
     check(&figures);
     assert_eq!((&figures["simulated"], number(&figures, "touches")), (&Value::Bool(true), 1.0));
     let text = succeed(&mut bundled(&[]));
-    for word in ["simulated", "steps a second", "56 bytes", "peak memory", "tare is known"] {
+    for word in
+        ["simulated", "steps a second", "a visit of one contact", "peak memory", "tare is known"]
+    {
         assert!(text.contains(word), "{word}: {text}");
     }
 }
@@ -168,71 +152,6 @@ fn what_cannot_be_measured_is_refused_with_a_remedy() {
     refuse(&mut bench(&scene, &["nowhere"], &[]), 1, &["nowhere"]);
     refuse(&mut bench(&scene, &["log"], &["--passes", "0"]), 2, &["--passes", "'0'"]);
     refuse(&mut bench(&scene, &["log"], &["--touches", "0"]), 2, &["--touches", "'0'"]);
-    let no_rounds = ["--sweep", "cells", "--rounds", "0"];
-    refuse(&mut bench(&scene, &["log"], &no_rounds), 2, &["--rounds", "'0'"]);
-    refuse(&mut bench(&scene, &["log"], &["--rounds", "2"]), 2, &["--sweep"]);
-    refuse(&mut bench(&scene, &["log"], &["--sweep", "time"]), 2, &["--sweep", "worlds", "cells"]);
     scene.arrays("bad", &[[0.0, f64::NAN]; 9], &[[0.0; 2]; 9]);
     refuse(&mut bench(&scene, &["bad"], &[]), 1, &["bad"]);
-}
-
-#[test]
-fn sweeps_measure_every_lattice_in_its_own_process() {
-    let scene = Scene::new();
-    let more = ["--sweep", "worlds,cells", "--touches", "1", "--replays", "2", "--rounds", "1"];
-    let figures = json(bench(&scene, &["log"], &more).arg("--json"));
-    check(&figures);
-    assert!(figures.get("rounds").is_none(), "only rows are measured in rounds");
-
-    let worlds = figures["worlds"].as_array().unwrap();
-    worlds.iter().for_each(check);
-    let sides: Vec<f64> = worlds.iter().map(|row| row["shape"][0].as_f64().unwrap()).collect();
-    assert_eq!(sides, [50.0, 100.0, 200.0, 400.0, 1000.0]);
-    // All of them hold what is touched, and have their points where the base has them.
-    for world in worlds {
-        assert_eq!(world["cells_touched"], figures["cells_touched"]);
-        assert_eq!(world["contacts"], figures["contacts"]);
-        assert_eq!(world["spacing_m"], figures["spacing_m"]);
-        let apart = (number(world, "origin_m.0") - number(&figures, "origin_m.0")) / 0.03;
-        assert!((apart - apart.round()).abs() < 1e-6, "{apart}");
-    }
-
-    let cells = figures["cells"].as_array().unwrap();
-    cells.iter().for_each(check);
-    let sides: Vec<f64> = cells.iter().map(|row| row["shape"][0].as_f64().unwrap()).collect();
-    assert_eq!(sides, [100.0, 200.0, 300.0, 480.0]);
-    let touched: Vec<f64> = cells.iter().map(|row| number(row, "cells_touched")).collect();
-    assert!(touched.is_sorted(), "{touched:?}");
-}
-
-#[test]
-fn a_sweep_is_told_as_a_table_whose_ratios_have_the_mean_one() {
-    let scene = Scene::new();
-    let more = ["--sweep", "worlds", "--touches", "1", "--replays", "2", "--rounds", "2"];
-    let text = succeed(&mut bench(&scene, &["log"], &more));
-    assert!(text.contains("Every row was measured 2 times"), "{text}");
-    let table: Vec<&str> = text.lines().skip_while(|line| !line.contains("µs/contact")).collect();
-    assert_eq!(table.len(), 6, "{text}");
-    assert!(table[1].starts_with("50 ") && table[5].starts_with("1000 "), "{text}");
-    let ratio = |row: &&str| row.rsplit(' ').next().unwrap().parse::<f64>().unwrap();
-    let sum: f64 = table[1..].iter().map(ratio).sum();
-    assert!((4.0..6.0).contains(&sum), "{text}"); // 5.00 in a single round
-}
-
-#[test]
-fn a_row_is_the_round_with_the_middle_median_and_names_all_of_them() {
-    let scene = Scene::new();
-    let more = ["--sweep", "worlds", "--touches", "1", "--warm-passes", "0", "--replays", "1"];
-    let mut command = bench(&scene, &["log"], &more);
-    let figures = json(command.args(["--rounds", "3", "--json"]));
-    let rows = figures["worlds"].as_array().unwrap();
-    for row in rows {
-        check(row);
-        let rounds = row["rounds"].as_array().unwrap().iter().map(|round| round.as_f64().unwrap());
-        let mut rounds: Vec<f64> = rounds.collect();
-        rounds.sort_by(f64::total_cmp);
-        assert_eq!(rounds.len(), 3);
-        assert_eq!(rounds[1], number(row, "step_ms.median"), "{rounds:?}");
-        assert!(number(row, "ratio") > 0.0);
-    }
 }

@@ -59,29 +59,14 @@ fn the_field_so_far_is_saved_whole_if_asked_for() {
     refuse(&mut scene.map(&["log/seq_0"], &["--from", &field, "--seed", "9"]), 2, &["seed"]);
 }
 
-/// Begins a measurement, presses Ctrl-C when stderr holds `words`, and returns exit code, stdout
-/// and stderr.
-fn interrupted_bench(scene: &Scene, more: &[&str], words: &str) -> (Option<i32>, String, String) {
-    scene.touch("long", 600, 0.0);
-    let mut command = palpate();
-    command.arg("bench").arg(scene.path("long")).args(scene.settings()).args(more);
-    command.args(["--spacing-m", "0.02"]);
-    press(&mut command, words)
-}
-
 #[test]
 fn a_measurement_cut_short_prints_nothing() {
     let scene = Scene::new();
-    let (code, told, said) = interrupted_bench(&scene, &["--replays", "20000"], "note: robot");
-    assert_eq!((code, told.as_str()), (Some(130), ""), "{said}");
+    scene.touch("long", 600, 0.0);
+    let mut command = palpate();
+    command.arg("bench").arg(scene.path("long")).args(scene.settings());
+    command.args(["--spacing-m", "0.02", "--replays", "20000"]);
+    let (code, printed, said) = press(&mut command, "note: robot");
+    assert_eq!((code, printed.as_str()), (Some(130), ""), "{said}");
     assert!(said.contains("error: interrupted"), "{said}");
-}
-
-#[test]
-fn a_sweep_ends_with_the_process_of_its_row() {
-    let scene = Scene::new();
-    let (code, told, said) =
-        interrupted_bench(&scene, &["--sweep", "worlds,cells"], "measuring the row of 50 points");
-    assert_eq!((code, told.as_str()), (Some(130), ""), "{said}");
-    assert!(said.contains("error: interrupted in the row"), "{said}");
 }

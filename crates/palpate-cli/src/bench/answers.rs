@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use nalgebra::DVector;
 use palpate::{CLUSTER_WEIGHT, Mapper, PathConfig, PathError, PathPoint, PathPrediction, Robot};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::recording::Recording;
 use super::whole::milliseconds;
@@ -27,7 +27,7 @@ const TIMES: usize = 9;
 const FELT_N_M: f64 = 1.0;
 
 /// What was found of the paths of some touches.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(super) struct Answers {
     pub points: usize,
     pub times: usize,
@@ -39,7 +39,7 @@ pub(super) struct Answers {
 }
 
 /// What was found of paths of one kind; `null` where there is nothing to tell.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(super) struct Asked {
     /// Those that touch anything.
     pub paths: usize,
@@ -54,7 +54,7 @@ pub(super) struct Asked {
 }
 
 /// The median over paths, the least and the most.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Serialize)]
 pub(super) struct Extent {
     pub median: f64,
     pub least: f64,

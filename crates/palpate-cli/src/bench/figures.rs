@@ -1,12 +1,11 @@
 //! What one measurement found, as JSON and as text.
 
 use palpate::EstimatorKind;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::answers::Answers;
-use super::floor::{Floor, VISIT_BYTES, VISIT_OPERATIONS};
 use super::parts::Times;
-use super::whole::Measured;
+use super::whole::{Measured, Touched};
 use super::{Bench, Logs};
 use crate::pace::PaceFigures;
 use crate::quantile::{median, quantile};
@@ -14,7 +13,7 @@ use crate::quantile::{median, quantile};
 const MIB: f64 = (1 << 20) as f64;
 
 /// The figures of one configuration on one log; the names of the fields are the keys of `--json`.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(super) struct Figures {
     pub robot: String,
     pub estimator: EstimatorKind,
@@ -29,6 +28,7 @@ pub(super) struct Figures {
     pub shape: [u32; 3],
     pub cells_declared: u64,
     pub cells_touched: usize,
+    pub cells_touched_box: Touched,
     /// Threads of the whole step.
     pub threads: usize,
     /// From the start of the command until the first step was made, the log being read.
@@ -48,9 +48,6 @@ pub(super) struct Figures {
     /// The whole update by contact visited: with folding, prediction, correction and the standard
     /// deviation of a new frame, ns.
     pub update_ns_per_visit: f64,
-    /// How many times `floor.ns_per_visit` the whole update is.
-    pub floor_ratio: f64,
-    pub floor: Floor,
     /// `null` where the system does not say.
     pub peak_memory_mib: Option<f64>,
     pub frames_remembered: usize,
@@ -62,7 +59,7 @@ pub(super) struct Figures {
 }
 
 /// The middle and the upper end of many times.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(super) struct Spread {
     pub median: f64,
     pub p99: f64,
@@ -70,7 +67,7 @@ pub(super) struct Spread {
 
 impl Figures {
     /// Puts together what was measured; there must be timed steps.
-    pub(super) fn new(bench: &Bench<'_>, whole: &Measured, parts: &Times, floor: Floor) -> Self {
+    pub(super) fn new(bench: &Bench<'_>, whole: &Measured, parts: &Times) -> Self {
         let middle = |numbers: &[f64]| median(numbers).unwrap_or(0.0);
         let steps = whole.step_ms.len();
         let (lattice, args) = (&bench.config.lattice, bench.args);
@@ -88,6 +85,7 @@ impl Figures {
             shape: lattice.shape(),
             cells_declared: lattice.n_cells(),
             cells_touched: whole.cells_touched,
+            cells_touched_box: whole.touched,
             threads: rayon::current_num_threads(),
             start_ms: whole.start_ms,
             steps,
@@ -101,8 +99,6 @@ impl Figures {
             update_ms: middle(&parts.update_ms),
             ns_per_visit: median(&parts.visit_ns).unwrap_or(update_ns_per_visit),
             update_ns_per_visit,
-            floor_ratio: update_ns_per_visit / floor.ns_per_visit,
-            floor,
             peak_memory_mib: whole.peak_bytes.map(|bytes| bytes as f64 / MIB),
             frames_remembered,
             memory_mib: memory_bytes as f64 / MIB,
@@ -111,19 +107,9 @@ impl Figures {
         }
     }
 
-    /// Time of a step by the points it touches, µs.
-    pub(super) fn us_per_contact(&self) -> f64 {
-        1e3 * self.step_ms.median / self.contacts
-    }
-
-    /// The peak of memory in MiB, or that the system does not say.
-    pub(super) fn peak(&self) -> String {
-        self.peak_memory_mib.map_or("unknown".to_owned(), |mib| format!("{mib:.1}"))
-    }
-
     /// All of it for people.
     pub(super) fn text(&self) -> String {
-        let rows = self.speed().into_iter().chain(self.against_floor()).chain(self.size());
+        let rows = self.speed().into_iter().chain(self.size());
         let answers = self
             .answers
             .as_ref()
@@ -168,38 +154,14 @@ impl Figures {
             ("update with replays, one thread", format!("{:.3} ms", self.update_ms)),
         ];
         rows.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
+        rows.push(("a visit of one contact", format!("{:.2} ns", self.ns_per_visit)));
+        rows.push(("the update by contact visited", format!("{:.2} ns", self.update_ns_per_visit)));
         rows
-    }
-
-    fn against_floor(&self) -> Vec<(&'static str, String)> {
-        let floor = &self.floor;
-        vec![
-            ("a visit of one contact", format!("{:.2} ns", self.ns_per_visit)),
-            ("the update by contact visited", format!("{:.2} ns", self.update_ns_per_visit)),
-            (
-                "the least that memory allows",
-                format!(
-                    "{:.2} ns: {VISIT_BYTES} bytes at {:.1} GB/s ({:.2} ns if only the frame moves)",
-                    floor.ns_per_visit, floor.bandwidth_gb_per_s, floor.frame_only_ns_per_visit
-                ),
-            ),
-            ("times that least", format!("{:.2}", self.floor_ratio)),
-            (
-                "the least that arithmetic allows",
-                format!(
-                    "{:.2} ns: {VISIT_OPERATIONS} operations at {:.1} billion a second",
-                    floor.arithmetic_ns_per_visit, floor.goperations_per_s
-                ),
-            ),
-        ]
     }
 
     fn size(&self) -> Vec<(&'static str, String)> {
         let (declared, touched) = (self.cells_declared, self.cells_touched);
-        let peak = match self.peak_memory_mib {
-            Some(_) => format!("{} MiB", self.peak()),
-            None => self.peak(),
-        };
+        let peak = self.peak_memory_mib.map_or("unknown".to_owned(), |mib| format!("{mib:.1} MiB"));
         vec![
             ("peak memory", peak),
             (

@@ -1,38 +1,32 @@
 //! `palpate bench`: how fast the mapper is on this machine.
 //!
-//! | file        | says                                                                     |
+//! | file        | content                                                                  |
 //! |-------------|--------------------------------------------------------------------------|
 //! | `recording` | a log held in memory, and the passes through it                          |
 //! | `whole`     | the step as a user runs it                                               |
 //! | `parts`     | the same step in two parts, on one thread                                |
-//! | `answers`   | what torque a path would meet: how long an answer takes                  |
-//! | `floor`     | what the machine's memory and arithmetic would allow                     |
-//! | `peak`      | the most memory the process has held                                     |
+//! | `answers`   | how long it takes to predict the torque of a path                        |
+//! | `peak`      | the most memory that the process has held                                |
 //! | `figures`   | all of it, as JSON and as text                                           |
-//! | `sweep`     | the same for worlds and cells of other sizes, each in its own process    |
-//! | `rounds`    | rows of a sweep measured several times, and the middle of each           |
-//! | `child`     | such a process, and how it ends                                          |
+//!
+//! The crate `palpate-bench` runs this command for lattices of several sizes, and compares it with
+//! what the machine's memory and arithmetic allow.
 //!
 //! # Protocol
 //!
 //! The log is learnt `--warm-passes` times before the clock starts, so that memory is as full as
 //! in use, then `--passes` times with the clock running. Timed are the steps whose tare is known
 //! and which touch something: those that learn. This is done twice, with a mapper and with its
-//! parts. The peak of memory is read after the mapper and before anything else is made; the
-//! buffer from which bandwidth is read comes last.
+//! parts. The peak of memory is read after the mapper and before anything else is made.
 //!
 //! Nothing here judges: budgets are the reader's. Nothing waits for the machine to be idle either,
 //! so figures are to be read as ratios, and compared only within a run.
 
 mod answers;
-mod child;
 mod figures;
-mod floor;
 mod parts;
 mod peak;
 mod recording;
-mod rounds;
-mod sweep;
 mod whole;
 
 use std::path::{Path, PathBuf};
@@ -42,9 +36,7 @@ use std::time::Instant;
 use palpate::{Arm, MapperConfig};
 
 use self::figures::Figures;
-use self::floor::Floor;
 use self::recording::{Passes, Recording};
-use self::sweep::{Plan, Sweep};
 use crate::bundled::{self, Unpacked};
 use crate::error::CliError;
 use crate::output::Output;
@@ -57,20 +49,13 @@ const EXAMPLES: &str = "Examples:
   palpate bench                              the bundled, simulated touches
   palpate bench recordings/ --robot panda.urdf --gravity removed
   palpate bench --estimator ekf --json
-  palpate bench --sweep worlds,cells         does the size of the world matter? that of the cells?
   palpate bench --rate 17 --touches 2        how many replays fit into a step at 17 Hz?
   palpate bench data/plant_a/seq_00* --answers data/plant_a/seq_010
 
 The log is learnt once before the clock starts (--warm-passes), so that memory is as full as in
 use, and once with the clock running (--passes). Timed are the steps whose tare is known and which
 touch something. The whole step is timed as a user runs it; its two parts, the simulator and the
-update with its replays, are timed on one thread. A visit of one contact is compared with what
-moving its 56 bytes takes at the memory bandwidth of one thread, measured in the same run.
-
-With --sweep every row is a process of its own on the first 3 touches of the log (--touches), so
-that its peak of memory is its own. All rows are measured 3 times (--rounds), one after the other
-and then again, so that noise spreads evenly; told of each is the round whose step had the middle
-median.
+update with its replays, are timed on one thread.
 
 With --rate the passes take real time. Timed is then the step without replays, and reported is how
 many replays fitted into what it left; that depends on the machine. The parts are measured with
@@ -93,17 +78,9 @@ pub(crate) struct Args {
     /// Passes through the log with the clock running
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = at_least_one())]
     passes: u32,
-    /// Only the first N touches of the log [default: all; 3 in sweeps]
+    /// Only the first N touches of the log [default: all]
     #[arg(long, value_name = "N", value_parser = at_least_one())]
     touches: Option<u32>,
-    /// Measure other lattices too: worlds of 50 to 1000 points a side about what is touched, and
-    /// cells of 2.4 to 0.5 cm in the same box
-    #[arg(long, value_name = "WHAT", value_delimiter = ',')]
-    sweep: Vec<Sweep>,
-    /// How often every row of a sweep is measured; the round with the middle median is told
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = at_least_one(),
-          requires = "sweep")]
-    rounds: u32,
     /// Also time answers about the paths of these touches, in 200 points each
     #[arg(long, value_name = "LOG")]
     answers: Vec<PathBuf>,
@@ -124,17 +101,10 @@ fn at_least_one() -> clap::builder::RangedI64ValueParser<u32> {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let started = Instant::now();
     let mut settings = args.settings.load()?;
-    let config = settings.config()?;
-    let plan = Plan::new(&args.sweep, &config.lattice)?;
+    settings.config()?;
     interrupt::listen();
-    let bench = Bench::prepare(args, &mut settings, output)?;
-    let (figures, touched) = bench.measure(started, output)?;
-    let sweeps = plan.run(&bench, &settings, &touched, output)?;
-    if args.json {
-        output.json(&sweeps.beside(&figures))
-    } else {
-        output.result(&(figures.text() + &sweeps.text()))
-    }
+    let figures = Bench::prepare(args, &mut settings, output)?.measure(started, output)?;
+    if args.json { output.json(&figures) } else { output.result(&figures.text()) }
 }
 
 /// Where the touches come from.
@@ -190,12 +160,8 @@ impl<'a> Bench<'a> {
         Ok(Self { args, logs, arm, config, recording, asked })
     }
 
-    /// The figures of this configuration, and which part of the lattice was touched.
-    fn measure(
-        &self,
-        started: Instant,
-        output: &Output,
-    ) -> Result<(Figures, whole::Touched), CliError> {
+    /// The figures of this configuration.
+    fn measure(&self, started: Instant, output: &Output) -> Result<Figures, CliError> {
         let out_of_range = |error| SettingsError::Value(Box::new(error));
         let pace = self.args.pace.pace(&self.config);
         let mapper = whole::Whole::new(&self.arm, self.config.clone(), pace, started)
@@ -206,8 +172,7 @@ impl<'a> Bench<'a> {
             return Err(self.touches_nothing());
         }
         let parts = parts::measure(&self.arm, &self.config, &self.recording, passes, output)?;
-        let floor = Floor::measure();
-        Ok((Figures::new(self, &whole, &parts, floor), whole.touched))
+        Ok(Figures::new(self, &whole, &parts))
     }
 
     /// The log was of no use.

@@ -1,4 +1,4 @@
-//! What the machine would allow: the least time that a visit of one contact can take.
+//! The lower bound: the least time that this machine needs to visit one contact.
 //!
 //! A *visit* of `map` reads what a remembered frame holds of each contact, predicts from it and
 //! corrects by it. In the layout of the core, these bytes must come from memory, or go there:
@@ -10,9 +10,9 @@
 //! | a cell   | z, written back                    | 8     |
 //!
 //! Divided by the bandwidth at which one thread reads a buffer that no cache holds, they give the
-//! floor. The 16 bytes of the frame alone are the floor of a belief that stays in cache, so a
-//! visit may well be faster than the first and never than the second. `ekf` moves more (a variance
-//! and its step too) and is held against the same floor.
+//! lower bound. Where the cells stay in the cache, only the 16 bytes of the frame come from memory:
+//! a visit may be faster than the first bound, but never than this second one. `ekf` moves more (a
+//! variance and its step too) and is compared with the same bounds.
 //!
 //! Arithmetic is measured in the registers that the sums over contacts use, a multiplication and an
 //! addition in one instruction.
@@ -22,9 +22,9 @@ use std::time::Instant;
 
 use pulp::bytemuck::cast_slice;
 use pulp::{Arch, Simd, WithSimd};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-use crate::quantile::median;
+use crate::rounds::middle;
 
 /// Bytes of one contact in a remembered frame: displacement (12) and row (4).
 const FRAME_BYTES: f64 = 16.0;
@@ -33,11 +33,11 @@ const CELL_BYTES: f64 = 32.0;
 /// Bytes of the unknown, which is written back.
 const WRITTEN_BYTES: f64 = 8.0;
 /// Bytes that a visit of one contact moves.
-pub(super) const VISIT_BYTES: f64 = FRAME_BYTES + CELL_BYTES + WRITTEN_BYTES;
+const VISIT_BYTES: f64 = FRAME_BYTES + CELL_BYTES + WRITTEN_BYTES;
 /// Operations of such a visit, a multiplication and an addition in one: to predict, K (1), the force
 /// (3), its sum (3) and that of its moment (6); to correct, the velocity (6), its product with the
 /// displacement (3) and z (1).
-pub(super) const VISIT_OPERATIONS: f64 = 23.0;
+const VISIT_OPERATIONS: f64 = 23.0;
 
 /// The buffer that is read, bytes: far larger than the caches of most machines.
 const BUFFER_BYTES: usize = 256 << 20;
@@ -54,28 +54,28 @@ const CHAINS: usize = 12;
 const ROUNDS: u32 = 1_000_000;
 
 /// The machine, and what it allows.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub(super) struct Floor {
+#[derive(Debug, Serialize)]
+pub(crate) struct LowerBound {
     /// Sequential reads of one thread, 10⁹ bytes a second.
-    pub bandwidth_gb_per_s: f64,
+    pub(crate) bandwidth_gb_per_s: f64,
     /// Operations of one thread in registers, f64, a multiplication and an addition in one, 10⁹ a
     /// second.
-    pub goperations_per_s: f64,
+    pub(crate) goperations_per_s: f64,
     /// A visit of one contact at that bandwidth, ns.
-    pub ns_per_visit: f64,
+    pub(crate) ns_per_visit: f64,
     /// The same if only the frame comes from memory, ns.
-    pub frame_only_ns_per_visit: f64,
+    pub(crate) frame_only_ns_per_visit: f64,
     /// A visit of one contact at that rate of arithmetic, ns.
-    pub arithmetic_ns_per_visit: f64,
+    pub(crate) arithmetic_ns_per_visit: f64,
 }
 
-impl Floor {
+impl LowerBound {
     /// Measures the machine, which takes less than a second, and 256 MiB.
-    pub(super) fn measure() -> Self {
+    pub(crate) fn measure() -> Self {
         Self::of(bandwidth_gb_per_s(), goperations_per_s())
     }
 
-    /// The floor of a machine.
+    /// The bounds of a machine.
     fn of(bandwidth_gb_per_s: f64, goperations_per_s: f64) -> Self {
         // A billion a second is one a nanosecond.
         Self {
@@ -85,6 +85,21 @@ impl Floor {
             frame_only_ns_per_visit: FRAME_BYTES / bandwidth_gb_per_s,
             arithmetic_ns_per_visit: VISIT_OPERATIONS / goperations_per_s,
         }
+    }
+
+    /// Two lines for people.
+    pub(crate) fn text(&self) -> String {
+        format!(
+            "the least that memory allows      {:.2} ns: {VISIT_BYTES} bytes at {:.1} GB/s ({:.2} \
+             ns if only the frame moves)\n\
+             the least that arithmetic allows  {:.2} ns: {VISIT_OPERATIONS} operations at {:.1} \
+             billion per second\n",
+            self.ns_per_visit,
+            self.bandwidth_gb_per_s,
+            self.frame_only_ns_per_visit,
+            self.arithmetic_ns_per_visit,
+            self.goperations_per_s
+        )
     }
 }
 
@@ -162,7 +177,7 @@ fn median_rate(units: f64, work: impl Fn()) -> f64 {
         units / start.elapsed().as_nanos().max(1) as f64
     };
     let rates: Vec<f64> = (0..SWEEPS).map(run).collect();
-    median(&rates).expect("there are several runs")
+    rates[middle(&rates)]
 }
 
 #[cfg(test)]
@@ -177,10 +192,10 @@ mod tests {
 
     #[test]
     fn a_visit_moves_56_bytes_16_of_them_the_frames() {
-        let floor = Floor::of(8.0, 11.5);
-        assert_eq!(floor.ns_per_visit, 7.0);
-        assert_eq!(floor.frame_only_ns_per_visit, 2.0);
-        assert_eq!(floor.arithmetic_ns_per_visit, 2.0);
+        let bound = LowerBound::of(8.0, 11.5);
+        assert_eq!(bound.ns_per_visit, 7.0);
+        assert_eq!(bound.frame_only_ns_per_visit, 2.0);
+        assert_eq!(bound.arithmetic_ns_per_visit, 2.0);
     }
 
     #[test]

@@ -4,50 +4,10 @@
 //! times in a row would leave all of its runs in one such spell; in rounds every row gets its share
 //! of them, and its middle run is the one that they changed least.
 
-use serde::Serialize;
-
-use super::figures::Figures;
-
-/// What was found of one row.
-#[derive(Debug, Clone, Serialize)]
-pub(super) struct Row {
-    /// The run whose step median is the middle one.
-    #[serde(flatten)]
-    pub figures: Figures,
-    /// Step medians of all its runs, in the order of the rounds, ms.
-    pub rounds: Vec<f64>,
-    /// Time of a step by the points it touches, as a multiple of the mean of all rows: the middle
-    /// one of the ratios within each round, in which all met the same machine.
-    pub ratio: f64,
-}
-
-/// The rows of a table from their runs, of which all have had equally many and at least one.
-pub(super) fn compare(rows: Vec<Vec<Figures>>) -> Vec<Row> {
-    let per_contact: Vec<Vec<f64>> =
-        rows.iter().map(|runs| runs.iter().map(Figures::us_per_contact).collect()).collect();
-    let ratios = ratios_to_mean(&per_contact);
-    let row = |(mut runs, ratio): (Vec<Figures>, f64)| {
-        let rounds: Vec<f64> = runs.iter().map(|run| run.step_ms.median).collect();
-        Row { figures: runs.swap_remove(middle(&rounds)), rounds, ratio }
-    };
-    rows.into_iter().zip(ratios).map(row).collect()
-}
-
-/// For each row the middle one, over the rounds, of its value by the mean of all rows.
-fn ratios_to_mean(rows: &[Vec<f64>]) -> Vec<f64> {
-    let mean = |round: usize| rows.iter().map(|row| row[round]).sum::<f64>() / rows.len() as f64;
-    let of = |row: &Vec<f64>| {
-        let ratios: Vec<f64> =
-            row.iter().enumerate().map(|(round, value)| value / mean(round)).collect();
-        ratios[middle(&ratios)]
-    };
-    rows.iter().map(of).collect()
-}
-
 /// Runs `once` for every row, then for every row again, and so on; returns the runs of each row.
 ///
-/// `once` is told the number of the round, from 1.
-pub(super) fn measure<L, F, E>(
+/// `once` gets the number of the round, from 1.
+pub(crate) fn measure<L, F, E>(
     rounds: u32,
     rows: &[L],
     mut once: impl FnMut(u32, &L) -> Result<F, E>,
@@ -61,8 +21,20 @@ pub(super) fn measure<L, F, E>(
     Ok(runs)
 }
 
+/// For each row the middle one, over the rounds, of its value by the mean of all rows: within a
+/// round, all rows met the same machine.
+pub(crate) fn ratios_to_mean(rows: &[Vec<f64>]) -> Vec<f64> {
+    let mean = |round: usize| rows.iter().map(|row| row[round]).sum::<f64>() / rows.len() as f64;
+    let of = |row: &Vec<f64>| {
+        let ratios: Vec<f64> =
+            row.iter().enumerate().map(|(round, value)| value / mean(round)).collect();
+        ratios[middle(&ratios)]
+    };
+    rows.iter().map(of).collect()
+}
+
 /// Where the middle of some numbers stands; the lower one if two are in the middle.
-fn middle(numbers: &[f64]) -> usize {
+pub(crate) fn middle(numbers: &[f64]) -> usize {
     let mut places: Vec<usize> = (0..numbers.len()).collect();
     places.sort_by(|&a, &b| numbers[a].total_cmp(&numbers[b]));
     places[(numbers.len() - 1) / 2]
