@@ -162,11 +162,10 @@ fn with_pace(args: &Args, mapper: Mapper) -> (Mapper, Option<Pace>) {
 
 /// Saves the field.
 fn save(args: &Args, mapper: &Mapper) -> Result<(), CliError> {
-    let snapshot = mapper.snapshot();
-    let robot = snapshot.robot.0.clone();
-    let snapshot = (!args.no_memory).then_some(snapshot);
-    let (field, prior_n_per_m) = (mapper.field(), mapper.prior_n_per_m());
-    let saved = Saved { field, prior_n_per_m, robot, snapshot };
+    let mut saved = Saved::of_mapper(mapper);
+    if args.no_memory {
+        saved.snapshot = None;
+    }
     field::save(&args.output, &saved).map_err(CliError::file)
 }
 

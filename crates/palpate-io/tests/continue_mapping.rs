@@ -7,7 +7,8 @@ use std::sync::Arc;
 use palpate::{
     Arm, BakeConfig, CellId, EstimatorKind, Lattice, Mapper, MapperConfig, Robot, Sample,
 };
-use palpate_io::field::{Saved, load, save};
+use palpate_io::atomic::IfExists;
+use palpate_io::field::{Saved, load, npz, save};
 use palpate_io::log::{self, LogEvent};
 
 /// The first touches of the bundled set, thinned after the still start.
@@ -52,9 +53,7 @@ fn go_on(mapper: &mut Mapper, samples: &[Sample]) {
 fn through_a_file(mapper: Mapper, arm: &Arc<Arm>) -> Mapper {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.npz");
-    let robot = arm.robot.name().to_owned();
-    let (prior_n_per_m, snapshot) = (mapper.prior_n_per_m(), Some(mapper.snapshot()));
-    let saved = Saved { field: mapper.field(), prior_n_per_m, robot, snapshot };
+    let saved = Saved::of_mapper(&mapper);
     save(&path, &saved).unwrap();
     drop(mapper);
     let loaded = load(&path).unwrap();
@@ -118,11 +117,71 @@ fn a_file_that_promises_a_prior_and_lacks_it_is_refused() {
     let path = folder.path().join("field.npz");
     let mapper =
         Mapper::with_prior(arm(), config(EstimatorKind::Map), &[(CellId(5), 1.0)]).unwrap();
-    let (field, robot) = (mapper.field(), "kinova_gen3".to_owned());
-    let saved = Saved { field, prior_n_per_m: None, robot, snapshot: Some(mapper.snapshot()) };
+    let saved = Saved { prior_n_per_m: None, ..Saved::of_mapper(&mapper) };
     save(&path, &saved).unwrap();
     let error = load(&path).unwrap_err().to_string();
     assert!(error.contains("1 cells are said to have a prior of their own"), "{error}");
+}
+
+#[test]
+fn a_field_file_of_format_1_loads_and_continues_as_one_of_format_2() {
+    let (arm, touches) = (arm(), touches(2));
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
+        let mut mapper = Mapper::new(Arc::clone(&arm), config(method)).unwrap();
+        mapper.begin_touch();
+        go_on(&mut mapper, &touches[0]);
+        mapper.end_touch().unwrap();
+        mapper.begin_touch();
+        let (before, after) = touches[1].split_at(touches[1].len() / 2);
+        go_on(&mut mapper, before);
+        let folder = tempfile::tempdir().unwrap();
+        let [new, old] = ["new.npz", "old.npz"].map(|name| folder.path().join(name));
+        save(&new, &Saved::of_mapper(&mapper)).unwrap();
+        let frames = mapper.snapshot().state.remembered.len();
+        assert!(frames > 0, "the test needs remembered frames");
+        write_format_1(&new, &old, frames);
+
+        let loaded = [new, old].map(|path| load(&path).unwrap());
+        assert_eq!(loaded[0].field, loaded[1].field);
+        let states = loaded.each_ref().map(|saved| &saved.snapshot.as_ref().unwrap().state);
+        assert_eq!(states[0], states[1]);
+        assert_eq!(states[0].remembered.len(), frames);
+        let continued = loaded.map(|saved| {
+            let mut mapper = Mapper::resume(Arc::clone(&arm), saved.snapshot.unwrap()).unwrap();
+            go_on(&mut mapper, after);
+            mapper.field()
+        });
+        assert_eq!(continued[0], continued[1], "{method:?}: the two must agree to the bit");
+    }
+}
+
+/// Rewrites a field file as format 1 had it: five arrays under their old names, and for `ekf` a
+/// zero for each remembered frame where format 2 has an empty array.
+fn write_format_1(new: &Path, old: &Path, frames: usize) {
+    let read = npz::read_npz(new).unwrap();
+    let mut arrays = npz::Arrays::new();
+    for (name, array) in read.iter() {
+        let (name, array) = match name {
+            "memory_frame" => ("memory_source", array.clone()),
+            "memory_nis" if array.shape() == [0] => {
+                let zeros = npz::Data::F64(vec![0.0; frames]);
+                ("memory_contradiction", npz::Array::flat(zeros))
+            }
+            "memory_nis" => ("memory_contradiction", array.clone()),
+            "log_touch" => ("tape_touch", array.clone()),
+            "log_q" => ("tape_q", array.clone()),
+            "log_tau" => ("tape_tau", array.clone()),
+            "palpate" => {
+                let settings = read.text(name).unwrap();
+                let changed = settings.replace("\"format\":2", "\"format\":1");
+                assert_ne!(settings, changed, "the settings must say their format");
+                (name, npz::Array::text(&changed))
+            }
+            other => (other, array.clone()),
+        };
+        arrays.insert(name, array);
+    }
+    npz::write_npz(old, &arrays, IfExists::Refuse).unwrap();
 }
 
 #[test]

@@ -10,7 +10,6 @@ use std::sync::PoisonError;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
-use palpate::Mapper;
 use palpate_io::field::{self, Saved};
 
 /// Where checkpoints go, and how often.
@@ -20,13 +19,6 @@ pub struct CheckpointConfig {
     pub path: PathBuf,
     /// Time between two.
     pub every: Duration,
-}
-
-/// All that a mapper has learnt, to be saved.
-pub(crate) fn saved(mapper: &Mapper) -> Saved {
-    let snapshot = mapper.snapshot();
-    let (field, prior_n_per_m) = (mapper.field(), mapper.prior_n_per_m());
-    Saved { field, prior_n_per_m, robot: snapshot.robot.0.clone(), snapshot: Some(snapshot) }
 }
 
 /// The mapper's side.

@@ -18,8 +18,9 @@ use std::thread::{self, Scope, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, bounded};
+use palpate_io::field::Saved;
 
-use crate::checkpoint::{self, CheckpointConfig, Checkpoints, Written};
+use crate::checkpoint::{CheckpointConfig, Checkpoints, Written};
 use crate::cloud;
 use crate::diagnostics;
 use crate::figures::{Figures, Tally};
@@ -422,7 +423,7 @@ impl Mapping<'_> {
             self.tally.published(latency);
         }
         if let Some(checkpoints) = &mut self.checkpoints {
-            checkpoints.tick(|| checkpoint::saved(session.mapper()));
+            checkpoints.tick(|| Saved::of_mapper(session.mapper()));
         }
         // Whatever is late is later still if clouds are made meanwhile.
         if shared.samples.len() <= BACKLOG && session.state() == State::Mapping {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use numpy::{PyArray1, PyArray2};
 use palpate::{MapperError, PathConfig, PathPrediction, Sample};
+use palpate_io::field::{self, Saved};
 use palpate_work::error::WorkError;
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::TouchSettings;
@@ -82,7 +83,7 @@ impl Mapper {
     /// A mapper that goes on from a field.
     fn going_on(
         py: Python<'_>,
-        (saved, name): (palpate_io::field::Saved, &str),
+        (saved, name): (Saved, &str),
         robot: Robot,
         settings: Settings,
     ) -> PyResult<Self> {
@@ -134,7 +135,7 @@ impl Mapper {
     ) -> PyResult<Self> {
         let settings = SettingsGiven { settings, sections, method: None }.read()?;
         let robot = robot::given(py, robot, &settings.robot)?;
-        let saved = py.detach(|| palpate_io::field::load(&path));
+        let saved = py.detach(|| field::load(&path));
         let saved = saved.map_err(|error| of_file(&error))?;
         Self::going_on(py, (saved, &path.display().to_string()), robot, settings)
     }
@@ -258,7 +259,7 @@ impl Mapper {
     fn field(&self, py: Python<'_>) -> PyResult<Field> {
         let state = self.state.take(py)?;
         let mapper = &state.inner.mapper;
-        Field::of(py, resume::saved(mapper))
+        Field::of(py, Saved::of_mapper(mapper))
     }
 
     /// What torque a motion would meet: `path` is (P, n_joints) rad.
@@ -304,11 +305,11 @@ impl Mapper {
     /// Writes the field as .npz, whole or not at all; without `memory` it cannot be gone on from.
     #[pyo3(signature = (path, memory = true))]
     fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> PyResult<()> {
-        let mut saved = resume::saved(&self.state.take(py)?.inner.mapper);
+        let mut saved = Saved::of_mapper(&self.state.take(py)?.inner.mapper);
         if !memory {
             saved.snapshot = None;
         }
-        py.detach(|| palpate_io::field::save(&path, &saved)).map_err(|error| of_file(&error))
+        py.detach(|| field::save(&path, &saved)).map_err(|error| of_file(&error))
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {

@@ -72,7 +72,7 @@ impl FieldArrays {
         (field.cells, field.counts) = (cells, self.counts);
         field.stiffness_n_per_m = self.stiffness_n_per_m;
         field.std_n_per_m = self.std_n_per_m;
-        Ok(Saved { field, prior_n_per_m: None, robot: robot.to_owned(), snapshot: None })
+        Ok(Saved::of_field(field, robot))
     }
 
     fn check(&self) -> Result<(), FieldArraysError> {

@@ -9,17 +9,6 @@ use palpate_io::field::{self, Saved};
 use crate::error::WorkError;
 use crate::settings::{Settings, first_difference};
 
-/// The field of a mapper with everything needed to go on from it.
-pub fn saved(mapper: &Mapper) -> Saved {
-    let snapshot = mapper.snapshot();
-    Saved {
-        field: mapper.field(),
-        prior_n_per_m: mapper.prior_n_per_m(),
-        robot: snapshot.robot.0.clone(),
-        snapshot: Some(snapshot),
-    }
-}
-
 /// What a field says of the mapper that learnt it; settings that were given must agree with it.
 ///
 /// # Errors

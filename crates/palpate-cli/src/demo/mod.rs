@@ -74,12 +74,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if tally.interrupted.is_some() {
         return Err(CliError::Interrupted { kept: "; nothing was written".to_owned() });
     }
-    let field = mapper.field();
-    let results = predict(&arm, &field, &mut open(&[held_out])?, output)?;
-
-    let robot = arm.robot.name().to_owned();
-    let (prior_n_per_m, snapshot) = (mapper.prior_n_per_m(), Some(mapper.snapshot()));
-    let saved = Saved { field, prior_n_per_m, robot, snapshot };
+    let saved = Saved::of_mapper(&mapper);
+    let results = predict(&arm, &saved.field, &mut open(&[held_out])?, output)?;
     fill(&folder.path, &saved, &results)?;
     tell_oddities(&results, output);
     let evaluation = if args.no_report {

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use palpate::unstable::PauseConfig;
 use palpate::{Arm, Mapper};
-use palpate_io::field;
+use palpate_io::field::{self, Saved};
 use palpate_live::checkpoint::CheckpointConfig;
 use palpate_live::guard::Guard;
 use palpate_live::ros::{Network, NetworkConfig, Services};
@@ -220,7 +220,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         drawn.end(output);
     }
     if let Some(path) = &args.output {
-        let saved = resume::saved(session.mapper());
+        let saved = Saved::of_mapper(session.mapper());
         field::save(path, &saved).map_err(CliError::file)?;
     }
     shown.end(&session, args.output.as_deref())

@@ -10,7 +10,7 @@
 //! | `state_seen`    | N or 0   | u64  | `ekf`: step of each cell's last drift                 |
 //! | `memory_frame`  | F x 2    | u32  | touch and sample of each remembered frame             |
 //! | `memory_alpha`  | F x n    | f64  | its multipliers (`map`; F x 0 for `ekf`)              |
-//! | `memory_nis`    | F or 0   | f64  | `map`: normalised innovation squared at its last visit |
+//! | `memory_nis`    | F or 0   | f64  | `map`: normalised innovation squared at its last visit (0 for `ekf`) |
 //! | `log_touch`     | T x 3    | u32  | touch, its samples, whether it is still under way     |
 //! | `log_q`, `log_tau` | S x n | f64  | samples of those touches in a row, as logged          |
 //!
@@ -22,8 +22,8 @@ use std::path::Path;
 
 use palpate::unstable::{EstimatorState, FrameId, LoggedTouch, RememberedFrame, RngState};
 use palpate::{
-    CellId, ContactConfig, EstimatorKind, ExternalTorqueConfig, Field, Lattice, MapperConfig,
-    Snapshot,
+    CellId, ContactConfig, EstimatorKind, ExternalTorqueConfig, Field, Lattice, Mapper,
+    MapperConfig, Snapshot,
 };
 use serde::{Deserialize, Serialize};
 
@@ -61,6 +61,25 @@ pub struct Saved {
     pub robot: String,
     /// The mapper, if the file holds it.
     pub snapshot: Option<Snapshot>,
+}
+
+impl Saved {
+    /// All that a mapper has learnt, with what it needs to go on.
+    pub fn of_mapper(mapper: &Mapper) -> Self {
+        let snapshot = mapper.snapshot();
+        Self {
+            field: mapper.field(),
+            prior_n_per_m: mapper.prior_n_per_m(),
+            robot: snapshot.robot.0.clone(),
+            snapshot: Some(snapshot),
+        }
+    }
+
+    /// A field that came from elsewhere: no mapper goes on from it, and the prior is the same of
+    /// all cells.
+    pub fn of_field(field: Field, robot: &str) -> Self {
+        Self { field, prior_n_per_m: None, robot: robot.to_owned(), snapshot: None }
+    }
 }
 
 /// Why a field could not be read.
@@ -188,14 +207,14 @@ fn to_arrays(saved: &Saved) -> Arrays {
     let json = serde_json::to_string(&meta).expect("settings are plain data");
     arrays.insert("palpate", Array::text(&json));
     if let Some(snapshot) = &saved.snapshot {
-        insert_state(&mut arrays, &snapshot.state);
+        insert_state(&mut arrays, &snapshot.state, snapshot.config.method);
         insert_sample_log(&mut arrays, snapshot);
     }
     arrays
 }
 
 /// Adds the arrays of a belief.
-fn insert_state(arrays: &mut Arrays, state: &EstimatorState) {
+fn insert_state(arrays: &mut Arrays, state: &EstimatorState, method: EstimatorKind) {
     arrays.insert("state_mean", Array::flat(Data::F64(state.mean.clone())));
     arrays.insert("state_variance", Array::flat(Data::F64(state.variance.clone())));
     arrays.insert("state_seen", Array::flat(Data::U64(state.seen.clone())));
@@ -206,7 +225,11 @@ fn insert_state(arrays: &mut Arrays, state: &EstimatorState) {
         state.remembered.iter().flat_map(|frame| frame.alpha.iter().copied()).collect();
     let width = alphas.len().checked_div(frames).unwrap_or(0);
     arrays.insert("memory_alpha", Array::new(vec![frames, width], Data::F64(alphas)));
-    let nis = state.remembered.iter().map(|frame| frame.nis).collect();
+    let scored = match method {
+        EstimatorKind::Map => state.remembered.as_slice(),
+        EstimatorKind::Ekf => &[], // draws its frames at random only
+    };
+    let nis = scored.iter().map(|frame| frame.nis).collect();
     arrays.insert("memory_nis", Array::flat(Data::F64(nis)));
 }
 
