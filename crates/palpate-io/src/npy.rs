@@ -11,6 +11,9 @@
 
 use std::io::{self, Read, Seek, SeekFrom, Write};
 
+use serde::Deserialize;
+use serde_json::Value;
+
 /// Six bytes that every npy file begins with.
 const MAGIC: &[u8; 6] = b"\x93NUMPY";
 /// Longest header believed. numpy's own reader stops at 10,000 bytes.
@@ -72,7 +75,33 @@ pub(crate) struct Header {
     pub(crate) shape: Vec<u64>,
 }
 
+/// A header as it is written.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Dictionary {
+    descr: Value,
+    fortran_order: bool,
+    shape: Vec<u64>,
+}
+
 impl Number {
+    /// The kind of a letter (`f`, `i` or `u`) and a number of bytes.
+    pub(crate) fn of(letter: &str, bytes: &str) -> Option<Self> {
+        Some(match (letter, bytes) {
+            ("f", "8") => Self::F64,
+            ("f", "4") => Self::F32,
+            ("i", "8") => Self::I64,
+            ("i", "4") => Self::I32,
+            ("i", "2") => Self::I16,
+            ("i", "1") => Self::I8,
+            ("u", "8") => Self::U64,
+            ("u", "4") => Self::U32,
+            ("u", "2") => Self::U16,
+            ("u", "1") => Self::U8,
+            _ => return None,
+        })
+    }
+
     /// Bytes of one number.
     pub(crate) fn bytes(self) -> usize {
         match self {
@@ -108,17 +137,10 @@ impl Number {
             [order @ (b'<' | b'>' | b'|' | b'='), ..] => (*order, &descr[1..]),
             _ => (b'=', descr),
         };
-        let number = match kind {
-            "f8" => Self::F64,
-            "f4" => Self::F32,
-            "i8" => Self::I64,
-            "i4" => Self::I32,
-            "i2" => Self::I16,
-            "i1" => Self::I8,
-            "u8" => Self::U64,
-            "u4" => Self::U32,
-            "u2" => Self::U16,
-            "u1" | "b1" => Self::U8,
+        let number = kind.split_at_checked(1).and_then(|(letter, bytes)| Self::of(letter, bytes));
+        let number = match (number, kind) {
+            (Some(number), _) => number,
+            (None, "b1") => Self::U8,
             _ if kind.starts_with('O') => return refuse("Python objects that only pickle reads"),
             _ if kind.starts_with('c') => return refuse("complex numbers"),
             _ if kind.starts_with(['U', 'S']) => return refuse("text"),
@@ -156,7 +178,23 @@ impl Header {
         let mut text = vec![0; length];
         read_whole(input, &mut text)?;
         let text = String::from_utf8(text).map_err(|_| header("it is not text"))?;
-        Literal(&text).dictionary()
+        Self::parse(&text)
+    }
+
+    /// `{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }`, keys in any order.
+    fn parse(text: &str) -> Result<Self, NpyError> {
+        // A dictionary of Python is YAML but for the brackets of a tuple. Python 2 wrote `400L`.
+        let yaml = text.replace('(', "[").replace(')', "]").replace("L,", ",").replace("L]", "]");
+        let Dictionary { descr, fortran_order, shape } =
+            serde_saphyr::from_str(&yaml).map_err(|error| {
+                header(error.to_string().lines().next().unwrap_or("it is no dictionary"))
+            })?;
+        let Value::String(descr) = descr else {
+            let (descr, what) = ("structured dtype".to_owned(), "an array of records");
+            return Err(NpyError::Dtype { descr, what });
+        };
+        let (number, big_endian) = Number::parse(&descr)?;
+        Ok(Self { number, big_endian, fortran_order, shape })
     }
 
     /// Bytes of all numbers.
@@ -292,103 +330,6 @@ impl<R: Read + Seek> Rows<R> {
         let mut raw = vec![0; (count * size) as usize];
         self.input.read_exact(&mut raw)?;
         Ok(raw)
-    }
-}
-
-/// The Python literal of a header, read from the left.
-struct Literal<'a>(&'a str);
-
-impl<'a> Literal<'a> {
-    /// `{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }`, keys in any order.
-    fn dictionary(mut self) -> Result<Header, NpyError> {
-        let (mut number, mut fortran_order, mut shape) = (None, None, None);
-        self.expect('{')?;
-        while !self.take('}') {
-            let key = self.string()?;
-            self.expect(':')?;
-            match key {
-                "descr" => number = Some(Number::parse(self.descr()?)?),
-                "fortran_order" => fortran_order = Some(self.boolean()?),
-                "shape" => shape = Some(self.shape()?),
-                _ => return Err(header(format!("unknown key `{key}`"))),
-            }
-            if !self.take(',') {
-                self.expect('}')?;
-                break;
-            }
-        }
-        match (number, fortran_order, shape) {
-            (Some((number, big_endian)), Some(fortran_order), Some(shape)) => {
-                Ok(Header { number, big_endian, fortran_order, shape })
-            }
-            _ => Err(header("one of `descr`, `fortran_order` and `shape` is missing")),
-        }
-    }
-
-    /// Takes `wanted` off the front if it is there.
-    fn take(&mut self, wanted: char) -> bool {
-        let rest = self.0.trim_start().strip_prefix(wanted);
-        self.0 = rest.unwrap_or(self.0);
-        rest.is_some()
-    }
-
-    fn expect(&mut self, wanted: char) -> Result<(), NpyError> {
-        if self.take(wanted) {
-            return Ok(());
-        }
-        let rest: String = self.0.chars().take(20).collect();
-        Err(header(format!("`{wanted}` expected before {rest:?}")))
-    }
-
-    fn string(&mut self) -> Result<&'a str, NpyError> {
-        let quote = if self.take('"') {
-            '"'
-        } else {
-            self.expect('\'')?;
-            '\''
-        };
-        let (inside, rest) =
-            self.0.split_once(quote).ok_or_else(|| header("a string does not end"))?;
-        self.0 = rest;
-        Ok(inside)
-    }
-
-    fn descr(&mut self) -> Result<&'a str, NpyError> {
-        if self.0.trim_start().starts_with('[') {
-            let what = "an array of records";
-            return Err(NpyError::Dtype { descr: "structured dtype".to_owned(), what });
-        }
-        self.string()
-    }
-
-    fn boolean(&mut self) -> Result<bool, NpyError> {
-        self.0 = self.0.trim_start();
-        for (word, value) in [("True", true), ("False", false)] {
-            if let Some(rest) = self.0.strip_prefix(word) {
-                self.0 = rest;
-                return Ok(value);
-            }
-        }
-        Err(header("`fortran_order` is neither True nor False"))
-    }
-
-    fn shape(&mut self) -> Result<Vec<u64>, NpyError> {
-        let mut sides = Vec::new();
-        self.expect('(')?;
-        while !self.take(')') {
-            self.0 = self.0.trim_start();
-            let end = self.0.find(|c: char| !c.is_ascii_digit()).unwrap_or(self.0.len());
-            let (digits, rest) = self.0.split_at(end);
-            let side =
-                digits.parse().map_err(|_| header(format!("a side `{digits}` of the shape")))?;
-            sides.push(side);
-            self.0 = rest.strip_prefix('L').unwrap_or(rest); // Python 2 wrote `400L`.
-            if !self.take(',') {
-                self.expect(')')?;
-                break;
-            }
-        }
-        Ok(sides)
     }
 }
 

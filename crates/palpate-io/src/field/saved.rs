@@ -27,8 +27,8 @@ use palpate::{
 };
 use serde::{Deserialize, Serialize};
 
+use super::file::{FieldFile, FieldLattice};
 use super::npz::{Array, Arrays, Data, NpzError, npz_bytes, read_npz, read_npz_bytes, write_npz};
-use super::{FieldFile, FieldLattice};
 use crate::atomic::IfExists;
 
 /// The version of the layout above; arrays that may be missing change nothing of it.

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use palpate::{CellId, Lattice};
 
-use super::FieldFile;
+use super::file::FieldFile;
 use crate::atomic::{self, IfExists, WriteError};
 
 /// More points than this, no viewer takes.

@@ -10,143 +10,55 @@
 //! read in lock-step, a block of rows at a time. Shapes and lengths of *all* touches are checked
 //! when the log is opened, NaN and infinity as the rows come by.
 
-use super::{
-    Clock, Format, Log, LogDescription, LogError, LogEvent, LogOptions, LogWarning, LoggedTorques,
-    MAX_JOINTS, Sample, natural,
-};
-use crate::npy::{NpyError, Rows};
 use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
 
-/// The folders of `path` that hold a touch, in natural order: itself, or those right below it.
+use palpate::Sample;
+
+use super::MAX_JOINTS;
+use super::error::LogError;
+use super::event::Format;
+use super::files::TouchFile;
+use super::options::LogOptions;
+use crate::npy::{NpyError, Rows};
+
+/// Whether a folder holds a touch.
 ///
-/// A folder with only one of the two files counts, so that the missing one is missed aloud.
-pub(crate) fn touches_in(path: &Path) -> Result<Vec<PathBuf>, LogError> {
-    let is_touch =
-        |folder: &Path| folder.join("angles.npy").is_file() || folder.join("torques.npy").is_file();
-    if is_touch(path) {
-        return Ok(vec![path.to_owned()]);
-    }
-    let entries = path.read_dir().map_err(|source| LogError::reading(path, source))?;
-    let mut touches = Vec::new();
-    for entry in entries {
-        let folder = entry.map_err(|source| LogError::reading(path, source))?.path();
-        if is_touch(&folder) {
-            touches.push(folder);
-        }
-    }
-    touches.sort_by(|a, b| natural::compare(&name_of(a), &name_of(b)));
-    Ok(touches)
+/// A folder with only one of the two files counts, so that an error names the missing one.
+pub(super) fn is_touch(folder: &Path) -> bool {
+    folder.join("angles.npy").is_file() || folder.join("torques.npy").is_file()
 }
 
 /// Name of a touch: that of its folder, even if the path is `.`.
-pub(crate) fn name_of(folder: &Path) -> String {
+pub(super) fn name_of(folder: &Path) -> String {
     let named = folder.file_name().map(ToOwned::to_owned);
     let named = named.or_else(|| Some(folder.canonicalize().ok()?.file_name()?.to_owned()));
     named.map_or_else(|| "touch".to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
-/// A log of npy folders.
-#[derive(Debug)]
-pub(super) struct NpyFolders {
-    description: LogDescription,
-    options: LogOptions,
-    /// Touches to come, the last one first.
-    ahead: Vec<PathBuf>,
-    current: Option<Touch>,
-    warnings: Vec<LogWarning>,
-}
-
-impl NpyFolders {
-    /// Checks the headers of all `touches`, then stands before the first.
-    pub(crate) fn open(
-        path: &Path,
-        mut touches: Vec<PathBuf>,
-        options: &LogOptions,
-    ) -> Result<Self, LogError> {
-        let (mut samples, mut joints) = (0, None);
-        for folder in &touches {
-            let touch = Touch::open(folder)?;
-            let wanted = *joints.get_or_insert(touch.angles.rows.columns);
-            if touch.angles.rows.columns != wanted {
-                let first = name_of(&touches[0]);
-                return Err(touch.angles.misfit(format!("T x {wanted} as in touch `{first}`")));
-            }
-            samples += touch.angles.rows.rows;
-        }
-        let description = LogDescription {
-            path: path.to_owned(),
-            format: Format::NpyFolder,
-            touches: Some(touches.len()),
-            samples: Some(samples),
-            joints,
-            torques: LoggedTorques::Unsaid,
-        };
-        touches.reverse();
-        let options = options.clone();
-        Ok(Self { description, options, ahead: touches, current: None, warnings: Vec::new() })
-    }
-
-    /// The next event, or `None` at the end.
-    fn advance(&mut self) -> Result<Option<LogEvent>, LogError> {
-        if let Some(touch) = &mut self.current
-            && let Some(mut sample) = touch.next_sample(&mut self.warnings)?
-        {
-            self.options.angle_unit.into_rad(&mut sample.q);
-            return Ok(Some(LogEvent::Sample(sample)));
-        }
-        let Some(folder) = self.ahead.pop() else { return Ok(None) };
-        let touch = Touch::open(&folder)?;
-        let name = touch.name.clone();
-        self.current = Some(touch);
-        Ok(Some(LogEvent::TouchStarts { name, joint_names: None }))
-    }
-}
-
-impl Iterator for NpyFolders {
-    type Item = Result<LogEvent, LogError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let event = self.advance();
-        if !matches!(event, Ok(Some(_))) {
-            self.current = None;
-            self.ahead.clear();
-        }
-        event.transpose()
-    }
-}
-
-impl Log for NpyFolders {
-    fn describe(&self) -> LogDescription {
-        self.description.clone()
-    }
-
-    fn warnings(&self) -> &[LogWarning] {
-        &self.warnings
-    }
-}
-
 /// One touch, its files open at the same row.
 #[derive(Debug)]
-struct Touch {
+pub(super) struct TouchFolder {
     name: String,
     angles: Table,
     torques: Table,
     time: Option<Table>,
-    clock: Clock,
     row: u64,
 }
 
-impl Touch {
+impl TouchFile for TouchFolder {
+    const FORMAT: Format = Format::NpyFolder;
+
     /// Opens the files of a touch and checks them against each other.
-    fn open(folder: &Path) -> Result<Self, LogError> {
+    fn open(folder: &Path, _: &LogOptions) -> Result<Self, LogError> {
         let angles = Table::open(folder.join("angles.npy"))?;
         let torques = Table::open(folder.join("torques.npy"))?;
         let time_path = folder.join("time.npy");
         let time = if time_path.exists() { Some(Table::open(time_path)?) } else { None };
 
-        angles.check_joints()?;
-        torques.check_joints()?;
+        angles.check_shape()?;
+        torques.check_shape()?;
         if torques.rows.shape() != angles.rows.shape() {
             let (t, n) = (angles.rows.rows, angles.rows.columns);
             let turned = torques.rows.shape() == [n as u64, t];
@@ -159,11 +71,29 @@ impl Touch {
             let frames = angles.rows.rows;
             return Err(time.misfit(format!("({frames},), one time for each row of `angles.npy`")));
         }
-        let name = name_of(folder);
-        Ok(Self { name, angles, torques, time, clock: Clock::default(), row: 0 })
+        Ok(Self { name: name_of(folder), angles, torques, time, row: 0 })
     }
 
-    fn next_sample(&mut self, warnings: &mut Vec<LogWarning>) -> Result<Option<Sample>, LogError> {
+    fn joints(&self) -> Option<usize> {
+        Some(self.angles.rows.columns)
+    }
+
+    fn samples(&self) -> Option<u64> {
+        Some(self.angles.rows.rows)
+    }
+
+    fn check_joints(&self, first: &Path, joints: usize) -> Result<(), LogError> {
+        if self.angles.rows.columns == joints {
+            return Ok(());
+        }
+        Err(self.angles.misfit(format!("T x {joints} as in touch `{}`", name_of(first))))
+    }
+
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+
+    fn next_row(&mut self) -> Result<Option<(Option<String>, Sample)>, LogError> {
         let row = self.row;
         let Some(q) = self.angles.next_row(row)? else { return Ok(None) };
         let Some(tau) = self.torques.next_row(row)? else { return Ok(None) };
@@ -171,23 +101,26 @@ impl Touch {
             Some(time) => time.next_row(row)?.and_then(|time| time.first().copied()),
             None => None,
         };
-        self.clock.tick(time_s, &self.name, row, warnings);
         self.row += 1;
-        Ok(Some(Sample::new(time_s, q, tau)))
+        Ok(Some((None, Sample::new(time_s, q, tau))))
+    }
+
+    fn place(&self) -> String {
+        format!("row {} (from 0)", self.row.saturating_sub(1))
     }
 }
 
 /// An npy file of a touch and the name to blame.
 #[derive(Debug)]
-pub(crate) struct Table {
+pub(super) struct Table {
     path: PathBuf,
     rows: Rows<File>,
 }
 
 impl Table {
-    pub(crate) fn open(path: PathBuf) -> Result<Self, LogError> {
+    pub(super) fn open(path: PathBuf) -> Result<Self, LogError> {
         let file = File::open(&path).map_err(|source| match source.kind() {
-            std::io::ErrorKind::NotFound => {
+            io::ErrorKind::NotFound => {
                 let remedy = "a touch needs `angles.npy` and `torques.npy`".to_owned();
                 LogError::Missing { path: path.clone(), remedy }
             }
@@ -201,7 +134,7 @@ impl Table {
     }
 
     /// A table of joints is T x n with T > 0 and a believable n.
-    pub(crate) fn check_joints(&self) -> Result<(), LogError> {
+    pub(super) fn check_shape(&self) -> Result<(), LogError> {
         let shape = self.rows.shape();
         let remedy = match shape {
             [0, _] => return Err(LogError::Empty { path: self.path.clone() }),
@@ -220,7 +153,7 @@ impl Table {
     }
 
     /// The next row, every number of it finite; `row` is its index, for the error.
-    pub(crate) fn next_row(&mut self, row: u64) -> Result<Option<Vec<f64>>, LogError> {
+    pub(super) fn next_row(&mut self, row: u64) -> Result<Option<Vec<f64>>, LogError> {
         let numbers = match self.rows.next_row() {
             None => return Ok(None),
             Some(Err(source)) => return Err(LogError::Npy { path: self.path.clone(), source }),
@@ -238,7 +171,7 @@ impl Table {
 
 #[cfg(test)]
 mod tests {
-    use super::super::open;
+    use super::super::{AngleUnit, LogEvent, LogWarning, open};
     use super::*;
     use crate::npy::write_header;
     use std::fs;
@@ -302,7 +235,7 @@ mod tests {
     fn degrees_become_radians() {
         let folder = tempfile::tempdir().unwrap();
         touch(folder.path(), &[[180.0]], &[[5.0]]);
-        let options = LogOptions { angle_unit: super::super::AngleUnit::Deg, ..Default::default() };
+        let options = LogOptions { angle_unit: AngleUnit::Deg, ..Default::default() };
         let Some(Ok(LogEvent::Sample(sample))) = open(folder.path(), &options).unwrap().nth(1)
         else {
             panic!("one sample was written")

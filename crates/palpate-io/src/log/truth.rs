@@ -1,6 +1,6 @@
 //! The true contact torque beside simulated touches: for checking, never an input.
 
-use super::LogError;
+use super::error::LogError;
 use super::npy_folder::{Table, name_of};
 use std::path::Path;
 
@@ -25,7 +25,7 @@ pub fn external_truth(log: &Path, touch: &str) -> Result<Option<Vec<Vec<f64>>>, 
         return Ok(None);
     };
     let mut table = Table::open(path)?;
-    table.check_joints()?;
+    table.check_shape()?;
     let mut rows = Vec::new();
     while let Some(row) = table.next_row(rows.len() as u64)? {
         rows.push(row);

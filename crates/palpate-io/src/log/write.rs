@@ -9,9 +9,10 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use palpate::Sample;
 use tempfile::TempDir;
 
-use super::{Sample, natural};
+use super::folder;
 use crate::npy::write_header;
 
 /// Writes touches as a table, with a column for the touch, the time if there is one, positions and
@@ -149,7 +150,7 @@ impl ArraysWriter {
     pub fn finish(mut self) -> io::Result<()> {
         self.end_touch()?;
         let names = &self.names.given;
-        if !names.is_sorted_by(|a, b| natural::compare(a, b).is_lt()) {
+        if !names.is_sorted_by(|a, b| folder::compare(a, b).is_lt()) {
             let written = names.iter().filter(|name| self.hidden.path().join(name).exists());
             for (place, name) in written.enumerate() {
                 let numbered = self.hidden.path().join(format!("{place:03}_{name}"));

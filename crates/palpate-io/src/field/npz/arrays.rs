@@ -1,6 +1,6 @@
 //! Arrays with names, as an npz file holds them, and what may be asked of them.
 
-use super::NpzError;
+use super::error::NpzError;
 use crate::npy::Number;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};

@@ -1,14 +1,16 @@
 //! Which files make up a bag, and one of them at a time, whichever way it is stored.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::topic::Topic;
-use super::{BagError, Message, mcap, sqlite};
-use crate::log::{Format, LogError, natural};
+use super::topic::{Messages, Topic};
+use super::{mcap, sqlite};
+use crate::log::error::{BagError, LogError};
+use crate::log::event::Format;
+use crate::log::folder;
 
 /// What rosbag2 says of a folder, as far as it matters.
 #[derive(Debug, Deserialize)]
@@ -23,21 +25,9 @@ struct Information {
     compression_mode: String,
 }
 
-/// How a file is stored, by its first bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Storage {
-    Mcap,
-    Sqlite,
-}
-
-impl Storage {
-    pub(super) fn format(self) -> Format {
-        match self {
-            Self::Mcap => Format::Mcap,
-            Self::Sqlite => Format::Rosbag2Sqlite,
-        }
-    }
-}
+const MCAP: &[u8] = b"\x89MCAP0";
+const SQLITE: &[u8] = b"SQLite format 3\0";
+const ROS_1: &[u8] = b"#ROSBAG";
 
 /// Whether a path may be a bag: a file of a known beginning, or a folder with such files in it.
 pub(in crate::log) fn is_bag(path: &Path) -> bool {
@@ -45,10 +35,7 @@ pub(in crate::log) fn is_bag(path: &Path) -> bool {
         return path.join("metadata.yaml").is_file() || !by_ending(path).is_empty();
     }
     let beginning = beginning(path).unwrap_or_default();
-    has_ending(path)
-        || [&b"\x89MCAP0"[..], b"SQLite format 3\0", b"#ROSBAG"]
-            .iter()
-            .any(|magic| beginning.starts_with(magic))
+    has_ending(path) || [MCAP, SQLITE, ROS_1].iter().any(|magic| beginning.starts_with(magic))
 }
 
 /// The files of a bag in the order of recording.
@@ -80,12 +67,12 @@ pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, LogError> {
 }
 
 /// How a file is stored, or why it cannot be read.
-pub(super) fn storage(path: &Path) -> Result<Storage, LogError> {
+pub(super) fn format(path: &Path) -> Result<Format, LogError> {
     let beginning = beginning(path).map_err(|source| LogError::reading(path, source))?;
     let reason = match beginning {
-        bytes if bytes.starts_with(b"\x89MCAP0") => return Ok(Storage::Mcap),
-        bytes if bytes.starts_with(b"SQLite format 3\0") => return Ok(Storage::Sqlite),
-        bytes if bytes.starts_with(b"#ROSBAG") => {
+        bytes if bytes.starts_with(MCAP) => return Ok(Format::Mcap),
+        bytes if bytes.starts_with(SQLITE) => return Ok(Format::Rosbag2Sqlite),
+        bytes if bytes.starts_with(ROS_1) => {
             "is a bag of ROS 1; turn it into one of ROS 2: pip install rosbags, then \
              rosbags-convert --src IN.bag --dst OUT"
         }
@@ -95,11 +82,11 @@ pub(super) fn storage(path: &Path) -> Result<Storage, LogError> {
     Err(BagError::Storage { path: path.to_owned(), reason: reason.to_owned() }.into())
 }
 
-/// The topics of a file.
-pub(super) fn topics(path: &Path, storage: Storage) -> Result<Vec<Topic>, BagError> {
-    let topics = match storage {
-        Storage::Mcap => mcap::topics(path).map_err(|error| mcap::in_words(&error)),
-        Storage::Sqlite => sqlite::topics(path).map_err(|error| error.to_string()),
+/// The topics of a file that is stored in this format.
+pub(super) fn topics(path: &Path, format: Format) -> Result<Vec<Topic>, BagError> {
+    let topics = match format {
+        Format::Mcap => mcap::topics(path),
+        _ => sqlite::topics(path).map_err(|error| error.to_string()),
     };
     topics.map_err(|reason| {
         let reason = format!("cannot be read: {reason}");
@@ -107,58 +94,28 @@ pub(super) fn topics(path: &Path, storage: Storage) -> Result<Vec<Topic>, BagErr
     })
 }
 
-/// The messages of the wanted topics in a file.
-pub(super) enum Messages {
-    Mcap(Box<mcap::Messages>),
-    Sqlite(sqlite::Messages),
+/// The messages of the wanted topics, those of samples and of markers, in a file.
+pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messages, LogError> {
+    let messages = match format(path)? {
+        Format::Mcap => mcap::messages(path, wanted),
+        _ => sqlite::messages(path, &wanted).map_err(|error| error.to_string()),
+    };
+    messages.map_err(|reason| BagError::Storage { path: path.to_owned(), reason }.into())
 }
 
-impl Messages {
-    /// Stands before the first message. An error is half a sentence.
-    pub(super) fn open(path: &Path, wanted: &[Option<String>; 2]) -> Result<Self, LogError> {
-        let failed = |reason: String| BagError::Storage { path: path.to_owned(), reason };
-        Ok(match storage(path)? {
-            Storage::Mcap => {
-                let messages = mcap::Messages::open(path, wanted.clone());
-                Self::Mcap(Box::new(messages.map_err(|error| failed(mcap::in_words(&error)))?))
-            }
-            Storage::Sqlite => {
-                let messages = sqlite::Messages::open(path, wanted);
-                Self::Sqlite(messages.map_err(|error| failed(error.to_string()))?)
-            }
-        })
-    }
-}
-
-impl Iterator for Messages {
-    type Item = Result<Message, String>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        match self {
-            Self::Mcap(messages) => messages.next(),
-            Self::Sqlite(messages) => {
-                messages.next().map(|message| message.map_err(|error| error.to_string()))
-            }
-        }
-    }
-}
-
-fn beginning(path: &Path) -> std::io::Result<Vec<u8>> {
+fn beginning(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     File::open(path)?.take(16).read_to_end(&mut bytes)?;
     Ok(bytes)
 }
 
 fn has_ending(path: &Path) -> bool {
-    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-    matches!(ending.as_deref(), Some("mcap" | "db3" | "bag"))
+    folder::is_file_with(path, &["mcap", "db3", "bag"])
 }
 
 /// The files in a folder that are called like parts of a bag.
 fn by_ending(folder: &Path) -> Vec<PathBuf> {
-    let entries = folder.read_dir().into_iter().flatten().filter_map(Result::ok);
-    let mut files: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
-    files.retain(|file| file.is_file() && has_ending(file));
-    files.sort_by(|a, b| natural::compare(&a.to_string_lossy(), &b.to_string_lossy()));
+    let mut files = folder::listed(folder).unwrap_or_default();
+    files.retain(|file| has_ending(file));
     files
 }

@@ -42,18 +42,9 @@ pub(super) struct Taken {
     pub(super) text: Option<String>,
 }
 
-/// A value without parts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Scalar {
-    Unsigned(usize),
-    Signed(usize),
-    Float(usize),
-    String,
-}
-
 #[derive(Debug, Clone)]
 enum Node {
-    Value(Scalar, Option<Slot>),
+    Value(BuiltInType, Option<Slot>),
     /// `None`: the number stands before the elements.
     Many(Option<usize>, Box<Node>),
     Message(Vec<Node>),
@@ -126,7 +117,7 @@ impl<'a> Compiler<'a> {
             return Err("its definition nests without end".to_owned());
         }
         if spec.fields.is_empty() {
-            return Ok(Node::Value(Scalar::Unsigned(1), None)); // a message is never without a byte
+            return Ok(Node::Value(BuiltInType::Byte, None)); // a message is never without a byte
         }
         let mut parts = Vec::new();
         for field in &spec.fields {
@@ -145,10 +136,13 @@ impl<'a> Compiler<'a> {
         depth: usize,
     ) -> Result<Node, String> {
         match kind {
+            Type::BuiltIn(BuiltInType::WString(_)) => {
+                Err(format!("its field `{path}` is a wide string, which is not read"))
+            }
             Type::BuiltIn(kind) => {
                 let slot = self.wanted.iter().find(|(wanted, _)| *wanted == path);
                 self.found += usize::from(slot.is_some());
-                Ok(Node::Value(scalar(kind, path)?, slot.map(|(_, slot)| *slot)))
+                Ok(Node::Value(kind.clone(), slot.map(|(_, slot)| *slot)))
             }
             Type::Complex(kind) => {
                 let spec = self.resolve(scope, kind)?;
@@ -189,25 +183,23 @@ pub(super) fn plain(kind: &str) -> String {
     kind.replacen("/msg/", "/", 1)
 }
 
-fn scalar(kind: &BuiltInType, path: &str) -> Result<Scalar, String> {
-    Ok(match kind {
-        BuiltInType::Bool | BuiltInType::Byte | BuiltInType::Char | BuiltInType::UInt8 => {
-            Scalar::Unsigned(1)
-        }
-        BuiltInType::UInt16 => Scalar::Unsigned(2),
-        BuiltInType::UInt32 => Scalar::Unsigned(4),
-        BuiltInType::UInt64 => Scalar::Unsigned(8),
-        BuiltInType::Int8 => Scalar::Signed(1),
-        BuiltInType::Int16 => Scalar::Signed(2),
-        BuiltInType::Int32 => Scalar::Signed(4),
-        BuiltInType::Int64 => Scalar::Signed(8),
-        BuiltInType::Float32 => Scalar::Float(4),
-        BuiltInType::Float64 => Scalar::Float(8),
-        BuiltInType::String(_) => Scalar::String,
-        BuiltInType::WString(_) => {
-            return Err(format!("its field `{path}` is a wide string, which is not read"));
-        }
-    })
+/// A value that was read.
+enum Value {
+    Whole(i64),
+    Float(f64),
+    Text(String),
+}
+
+/// Bytes of a number; text has no fixed size.
+fn size(kind: &BuiltInType) -> Option<usize> {
+    match kind {
+        BuiltInType::Bool | BuiltInType::Byte | BuiltInType::Char => Some(1),
+        BuiltInType::Int8 | BuiltInType::UInt8 => Some(1),
+        BuiltInType::Int16 | BuiltInType::UInt16 => Some(2),
+        BuiltInType::Int32 | BuiltInType::UInt32 | BuiltInType::Float32 => Some(4),
+        BuiltInType::Int64 | BuiltInType::UInt64 | BuiltInType::Float64 => Some(8),
+        BuiltInType::String(_) | BuiltInType::WString(_) => None,
+    }
 }
 
 /// Goes over the values in order and takes those that are wanted.
@@ -217,85 +209,88 @@ fn walk<B: ByteOrder>(
     taken: &mut Taken,
 ) -> Result<(), Error> {
     match node {
-        Node::Value(scalar, slot) => value(reader, *scalar, *slot, taken),
+        Node::Value(kind, Some(slot)) => taken.put(*slot, value(reader, kind)?),
+        Node::Value(kind, None) => match size(kind) {
+            Some(size) => skip(reader, 1, size),
+            None => {
+                let bytes = reader.read_u32()? as usize;
+                reader.read_bytes(bytes).map(|_| ())
+            }
+        },
         Node::Message(parts) => parts.iter().try_for_each(|part| walk(reader, part, taken)),
         Node::Many(count, of) => {
             let count = match count {
                 Some(count) => *count,
                 None => reader.read_u32()? as usize,
             };
-            if let Node::Value(Scalar::Unsigned(size) | Scalar::Signed(size), None)
-            | Node::Value(Scalar::Float(size), None) = **of
-                && count > 0
-            {
-                reader.align(size)?;
-                let bytes = count.checked_mul(size).ok_or(Error::UnexpectedEof)?;
-                return reader.read_bytes(bytes).map(|_| ());
+            match &**of {
+                Node::Value(kind, None) if let Some(size) = size(kind) => skip(reader, count, size),
+                // Every element has a byte or more, so that a false count ends with the message.
+                of => (0..count).try_for_each(|_| walk(reader, of, taken)),
             }
-            // Every element has a byte or more, so that a false count ends with the message.
-            (0..count).try_for_each(|_| walk(reader, of, taken))
         }
     }
 }
 
-fn value<B: ByteOrder>(
+/// Steps over numbers of one size.
+fn skip<B: ByteOrder>(
     reader: &mut CdrReader<'_, B>,
-    scalar: Scalar,
-    slot: Option<Slot>,
-    taken: &mut Taken,
+    count: usize,
+    size: usize,
 ) -> Result<(), Error> {
-    let number = match scalar {
-        Scalar::String => {
-            let Some(slot) = slot else {
-                let bytes = reader.read_u32()? as usize;
-                return reader.read_bytes(bytes).map(|_| ());
-            };
-            return put_text(slot, reader.read_str()?.to_owned(), taken);
+    if count == 0 {
+        return Ok(()); // nothing is aligned for nothing
+    }
+    reader.align(size)?;
+    let bytes = count.checked_mul(size).ok_or(Error::UnexpectedEof)?;
+    reader.read_bytes(bytes).map(|_| ())
+}
+
+fn value<B: ByteOrder>(reader: &mut CdrReader<'_, B>, kind: &BuiltInType) -> Result<Value, Error> {
+    Ok(match kind {
+        BuiltInType::Bool | BuiltInType::Byte | BuiltInType::Char | BuiltInType::UInt8 => {
+            Value::Whole(reader.read_u8()?.into())
         }
-        Scalar::Unsigned(1) => reader.read_u8()?.into(),
-        Scalar::Unsigned(2) => reader.read_u16()?.into(),
-        Scalar::Unsigned(4) => reader.read_u32()?.into(),
-        Scalar::Unsigned(_) => reader.read_u64()?.cast_signed(),
-        Scalar::Signed(1) => reader.read_i8()?.into(),
-        Scalar::Signed(2) => reader.read_i16()?.into(),
-        Scalar::Signed(4) => reader.read_i32()?.into(),
-        Scalar::Signed(_) => reader.read_i64()?,
-        Scalar::Float(4) => return put_float(slot, reader.read_f32()?.into(), taken),
-        Scalar::Float(_) => return put_float(slot, reader.read_f64()?, taken),
-    };
-    match slot {
-        Some(Slot::Seconds) => taken.seconds = number,
-        Some(Slot::Nanoseconds) => taken.nanoseconds = number,
-        Some(slot) => put_text(slot, number.to_string(), taken)?,
-        None => {}
-    }
-    Ok(())
+        BuiltInType::UInt16 => Value::Whole(reader.read_u16()?.into()),
+        BuiltInType::UInt32 => Value::Whole(reader.read_u32()?.into()),
+        BuiltInType::UInt64 => Value::Whole(reader.read_u64()?.cast_signed()),
+        BuiltInType::Int8 => Value::Whole(reader.read_i8()?.into()),
+        BuiltInType::Int16 => Value::Whole(reader.read_i16()?.into()),
+        BuiltInType::Int32 => Value::Whole(reader.read_i32()?.into()),
+        BuiltInType::Int64 => Value::Whole(reader.read_i64()?),
+        BuiltInType::Float32 => Value::Float(reader.read_f32()?.into()),
+        BuiltInType::Float64 => Value::Float(reader.read_f64()?),
+        BuiltInType::String(_) => Value::Text(reader.read_str()?.to_owned()),
+        BuiltInType::WString(_) => return Err(Error::Custom("a wide string".to_owned())),
+    })
 }
 
-fn put_text(slot: Slot, text: String, taken: &mut Taken) -> Result<(), Error> {
-    match slot {
-        Slot::Names if taken.names.len() < MOST_VALUES => taken.names.push(text),
-        Slot::Text => taken.text = Some(text),
-        _ => return Err(misplaced(slot)),
-    }
-    Ok(())
-}
-
-fn put_float(slot: Option<Slot>, number: f64, taken: &mut Taken) -> Result<(), Error> {
-    match slot {
-        None => {}
-        Some(Slot::Positions) if taken.positions.len() < MOST_VALUES => {
-            taken.positions.push(number)
+impl Taken {
+    /// Puts a value where it is wanted.
+    fn put(&mut self, slot: Slot, value: Value) -> Result<(), Error> {
+        match (slot, value) {
+            (Slot::Seconds, Value::Whole(seconds)) => self.seconds = seconds,
+            (Slot::Nanoseconds, Value::Whole(nanoseconds)) => self.nanoseconds = nanoseconds,
+            (Slot::Names, Value::Text(name)) if self.names.len() < MOST_VALUES => {
+                self.names.push(name)
+            }
+            (Slot::Positions, Value::Float(position)) if self.positions.len() < MOST_VALUES => {
+                self.positions.push(position)
+            }
+            (Slot::Torques, Value::Float(torque)) if self.torques.len() < MOST_VALUES => {
+                self.torques.push(torque)
+            }
+            (Slot::Text, Value::Text(text)) => self.text = Some(text),
+            (Slot::Text, Value::Whole(number)) => self.text = Some(number.to_string()),
+            (Slot::Text, Value::Float(number)) => self.text = Some(number.to_string()),
+            _ => {
+                return Err(Error::Custom(format!(
+                    "the field of the {slot:?} holds values of another kind, or too many"
+                )));
+            }
         }
-        Some(Slot::Torques) if taken.torques.len() < MOST_VALUES => taken.torques.push(number),
-        Some(Slot::Text) => taken.text = Some(number.to_string()),
-        Some(slot) => return Err(misplaced(slot)),
+        Ok(())
     }
-    Ok(())
-}
-
-fn misplaced(slot: Slot) -> Error {
-    Error::Custom(format!("the field of the {slot:?} holds values of another kind, or too many"))
 }
 
 #[cfg(test)]

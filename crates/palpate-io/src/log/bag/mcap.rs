@@ -1,7 +1,7 @@
 //! One file of MCAP: its topics, and the messages of some of them, chunk by chunk.
 
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -9,69 +9,56 @@ use ::mcap::io::MessageReader;
 use ::mcap::sans_io::{LinearReaderOptions, SummaryReadEvent, SummaryReader, SummaryReaderOptions};
 use ::mcap::{Channel, McapError, McapResult, Summary};
 
-use super::topic::{Topic, merge};
-use super::{Message, Which};
+use super::topic::{Message, Messages, Topic, Which, merge};
 
 /// The largest record that is believed, bytes: a picture of hundreds of megapixels.
 const LARGEST_RECORD: usize = 256 << 20;
 
 /// The topics of a file: from its summary, or, if that is missing or broken off, from all of it.
-pub(super) fn topics(path: &Path) -> McapResult<Vec<Topic>> {
-    let mut file = File::open(path)?;
+/// An error is half a sentence.
+pub(super) fn topics(path: &Path) -> Result<Vec<Topic>, String> {
+    let mut file = open(path)?;
     let summary = summary(&mut file).ok().flatten();
     if let Some(summary) = summary.filter(|summary| !summary.channels.is_empty()) {
         return Ok(of_summary(&summary));
     }
-    file.seek(SeekFrom::Start(0))?;
     let mut topics = Vec::new();
-    for (messages, message) in reader(file).enumerate() {
+    for (messages, message) in reader(open(path)?).enumerate() {
         match message {
             Ok(message) => merge(&mut topics, vec![topic(&message.channel, Some(1))]),
             // What lies before a break can be read; the break shows again when it is.
             Err(_) if messages > 0 => break,
-            Err(error) => return Err(error),
+            Err(error) => return Err(in_words(&error)),
         }
     }
     Ok(topics)
 }
 
-/// The messages of the wanted topics in a file.
-pub(super) struct Messages {
-    reader: MessageReader<BufReader<File>>,
-    wanted: [Option<String>; 2],
+/// The messages of the wanted topics in a file. An error is half a sentence.
+pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messages, String> {
+    let wanted_one = move |message: McapResult<::mcap::Message<'static>>| {
+        let message = match message {
+            Ok(message) => message,
+            Err(error) => return Some(Err(in_words(&error))),
+        };
+        let topic = Some(&message.channel.topic);
+        let which = match &wanted {
+            [samples, _] if samples.as_ref() == topic => Which::Sample,
+            [_, markers] if markers.as_ref() == topic => Which::Marker,
+            _ => return None,
+        };
+        let time_ns = i64::try_from(message.log_time).unwrap_or(i64::MAX);
+        Some(Ok(Message { which, time_ns, data: message.data.into_owned() }))
+    };
+    Ok(Box::new(reader(open(path)?).filter_map(wanted_one)))
 }
 
-impl Messages {
-    /// Stands before the first message. `wanted` are the topics of samples and of markers.
-    pub(super) fn open(path: &Path, wanted: [Option<String>; 2]) -> McapResult<Self> {
-        Ok(Self { reader: reader(File::open(path)?), wanted })
-    }
-}
-
-impl Iterator for Messages {
-    type Item = Result<Message, String>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        for message in self.reader.by_ref() {
-            let message = match message {
-                Ok(message) => message,
-                Err(error) => return Some(Err(in_words(&error))),
-            };
-            let topic = Some(&message.channel.topic);
-            let which = match (&self.wanted[0], &self.wanted[1]) {
-                (samples, _) if samples.as_ref() == topic => Which::Sample,
-                (_, markers) if markers.as_ref() == topic => Which::Marker,
-                _ => continue,
-            };
-            let time_ns = i64::try_from(message.log_time).unwrap_or(i64::MAX);
-            return Some(Ok(Message { which, time_ns, data: message.data.into_owned() }));
-        }
-        None
-    }
+fn open(path: &Path) -> Result<File, String> {
+    File::open(path).map_err(|error| in_words(&error.into()))
 }
 
 /// What went wrong, as half a sentence.
-pub(super) fn in_words(error: &McapError) -> String {
+fn in_words(error: &McapError) -> String {
     match error {
         McapError::UnexpectedEof | McapError::UnexpectedEoc => {
             "the file ends in the middle of it; was the recording, or a copy of it, cut short?"

@@ -9,9 +9,11 @@
 //! torques are external ones, without gravity. Markers are messages with a field `data`, which
 //! names the touch, or with none.
 
-use super::super::{AngleUnit, LoggedTorques, Sample};
+use palpate::Sample;
+
 use super::layout::{Layout, Slot, Taken, plain};
 use super::topic::Topic;
+use crate::log::event::LoggedTorques;
 
 /// What a joint state is where the bag does not say; also what is written.
 pub(super) const JOINT_STATE: &str = "std_msgs/Header header
@@ -119,7 +121,6 @@ impl Reading {
         data: &[u8],
         time_ns: i64,
         joints: &Joints,
-        unit: AngleUnit,
     ) -> Result<Option<Sample>, String> {
         let taken = self.layout.take(data)?;
         let places = match &joints.names {
@@ -154,8 +155,7 @@ impl Reading {
         };
         finite("position", &taken.positions)?;
         finite("torque", &taken.torques)?;
-        let mut q: Vec<f64> = places.iter().map(|&place| taken.positions[place]).collect();
-        unit.into_rad(&mut q);
+        let q = places.iter().map(|&place| taken.positions[place]).collect();
         let tau = places.iter().map(|&place| taken.torques[place]).collect();
         Ok(Some(Sample::new(Some(time_s), q, tau)))
     }
@@ -182,8 +182,8 @@ pub(super) struct Marker {
 }
 
 impl Marker {
-    /// The reading of a topic of markers. An error is half a sentence.
-    pub(super) fn of(topic: &Topic) -> Result<Self, String> {
+    /// The reading of a topic of markers.
+    pub(super) fn of(topic: &Topic) -> Self {
         let kind = plain(&topic.kind);
         let data = [("data", Slot::Text)];
         let known = match kind.as_str() {
@@ -193,14 +193,12 @@ impl Marker {
             _ => "",
         };
         let definition = topic.definition.as_deref().unwrap_or(known);
-        Ok(Self { layout: Layout::of(&kind, definition, &data).ok() })
+        Self { layout: Layout::of(&kind, definition, &data).ok() }
     }
 
     /// The text of a marker, if it has any. An error is half a sentence.
     pub(super) fn text(&self, data: &[u8]) -> Result<Option<String>, String> {
-        match &self.layout {
-            Some(layout) => Ok(layout.take(data)?.text.filter(|text| !text.trim().is_empty())),
-            None => Ok(None),
-        }
+        let Some(layout) = &self.layout else { return Ok(None) };
+        Ok(layout.take(data)?.text.filter(|text| !text.trim().is_empty()))
     }
 }

@@ -5,8 +5,7 @@ use std::path::Path;
 
 use rusqlite::{Connection, OpenFlags, Result, params_from_iter};
 
-use super::topic::Topic;
-use super::{Message, Which};
+use super::topic::{Message, Messages, Topic, Which};
 
 /// Messages read at once: few enough for memory, many enough for the time that a query takes.
 const PAGE: u32 = 256;
@@ -44,8 +43,21 @@ pub(super) fn topics(path: &Path) -> Result<Vec<Topic>> {
     rows.collect()
 }
 
-/// The messages of the wanted topics in a file, in the order of their time.
-pub(super) struct Messages {
+/// The messages of the wanted topics, those of samples and of markers, in the order of their time.
+pub(super) fn messages(path: &Path, wanted: &[Option<String>; 2]) -> Result<Messages> {
+    let database = open(path)?;
+    let numbers = |name: &Option<String>| -> Result<Vec<i64>> {
+        let mut query = database.prepare("SELECT id FROM topics WHERE name = ?1")?;
+        query.query_map([name], |row| row.get(0))?.collect()
+    };
+    let wanted = [numbers(&wanted[0])?, numbers(&wanted[1])?];
+    let (page, after) = (VecDeque::new(), (i64::MIN, i64::MIN));
+    let pages = Pages { database, wanted, page, after, over: false };
+    Ok(Box::new(pages.map(|message| message.map_err(|error| error.to_string()))))
+}
+
+/// Messages of a file, some at a time.
+struct Pages {
     database: Connection,
     /// Numbers of the topics of samples and of markers.
     wanted: [Vec<i64>; 2],
@@ -55,19 +67,7 @@ pub(super) struct Messages {
     over: bool,
 }
 
-impl Messages {
-    /// Stands before the first message. `wanted` are the topics of samples and of markers.
-    pub(super) fn open(path: &Path, wanted: &[Option<String>; 2]) -> Result<Self> {
-        let database = open(path)?;
-        let numbers = |name: &Option<String>| -> Result<Vec<i64>> {
-            let mut query = database.prepare("SELECT id FROM topics WHERE name = ?1")?;
-            query.query_map([name], |row| row.get(0))?.collect()
-        };
-        let wanted = [numbers(&wanted[0])?, numbers(&wanted[1])?];
-        let after = (i64::MIN, i64::MIN);
-        Ok(Self { database, wanted, page: VecDeque::new(), after, over: false })
-    }
-
+impl Pages {
     fn turn_page(&mut self) -> Result<()> {
         let ids: Vec<i64> = self.wanted.iter().flatten().copied().collect();
         let marks = vec!["?"; ids.len()].join(", ");
@@ -89,7 +89,7 @@ impl Messages {
     }
 }
 
-impl Iterator for Messages {
+impl Iterator for Pages {
     type Item = Result<Message>;
 
     fn next(&mut self) -> Option<Self::Item> {

@@ -1,10 +1,4 @@
-//! The topics of a bag, and which of them a log is read from.
-
-use std::path::{Path, PathBuf};
-
-use super::super::LogOptions;
-use super::BagError;
-use super::reading::has_joints;
+//! What the files of a bag hold, whichever way they are stored: topics and their messages.
 
 /// Where `palpate convert` marks the touches that it writes; read without being asked to.
 pub(super) const TOUCH_TOPIC: &str = "/palpate/touch";
@@ -21,12 +15,24 @@ pub(super) struct Topic {
     pub(super) definition: Option<String>,
 }
 
-/// The topics that are read.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Chosen {
-    pub(super) samples: Topic,
-    pub(super) markers: Option<Topic>,
+/// Of which topic a message is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Which {
+    Sample,
+    Marker,
 }
+
+/// A message of one of the topics that are read.
+#[derive(Debug, Clone)]
+pub(super) struct Message {
+    pub(super) which: Which,
+    /// When it was recorded.
+    pub(super) time_ns: i64,
+    pub(super) data: Vec<u8>,
+}
+
+/// Messages in the order of the file. An error is half a sentence for the user.
+pub(super) type Messages = Box<dyn Iterator<Item = Result<Message, String>> + Send>;
 
 /// Adds the topics of another file of the bag.
 pub(super) fn merge(all: &mut Vec<Topic>, others: Vec<Topic>) {
@@ -39,65 +45,4 @@ pub(super) fn merge(all: &mut Vec<Topic>, others: Vec<Topic>) {
             None => all.push(topic),
         }
     }
-}
-
-/// Chooses the topics to read.
-pub(super) fn choose(
-    path: &Path,
-    topics: &[Topic],
-    options: &LogOptions,
-) -> Result<Chosen, BagError> {
-    let samples = match &options.topic {
-        Some(name) => {
-            let topic = named(path, topics, name)?;
-            if !has_joints(&topic.kind) {
-                let reason = format!("`{name}` holds messages of `{}`", topic.kind);
-                return Err(unclear(path, reason, topics));
-            }
-            topic
-        }
-        None => only(path, topics)?,
-    };
-    let markers = match &options.touch_topic {
-        Some(name) => Some(named(path, topics, name)?),
-        None => topics.iter().find(|topic| topic.name == TOUCH_TOPIC),
-    };
-    Ok(Chosen { samples: samples.clone(), markers: markers.cloned() })
-}
-
-/// The topic of a name, with or without the slash before it.
-fn named<'a>(path: &Path, topics: &'a [Topic], name: &str) -> Result<&'a Topic, BagError> {
-    let bare = |name: &str| name.trim_start_matches('/').to_owned();
-    let found = topics.iter().find(|topic| bare(&topic.name) == bare(name));
-    found.ok_or_else(|| unclear(path, format!("there is no topic `{name}`"), topics))
-}
-
-/// The one topic that holds joints.
-fn only<'a>(path: &Path, topics: &'a [Topic]) -> Result<&'a Topic, BagError> {
-    let fit = |topic: &&Topic| has_joints(&topic.kind) && topic.messages != Some(0);
-    let fitting: Vec<&Topic> = topics.iter().filter(fit).collect();
-    match fitting[..] {
-        [topic] => Ok(topic),
-        [] => Err(unclear(path, "no topic holds joint states".to_owned(), topics)),
-        _ => {
-            let names: Vec<&str> = fitting.iter().map(|topic| topic.name.as_str()).collect();
-            let reason = format!(
-                "more than one topic holds joints; choose with --topic: {}",
-                names.join(", ")
-            );
-            Err(unclear(path, reason, topics))
-        }
-    }
-}
-
-fn unclear(path: &Path, reason: String, topics: &[Topic]) -> BagError {
-    let told = |topic: &Topic| match topic.messages {
-        Some(count) => format!("`{}` ({}, {count} messages)", topic.name, topic.kind),
-        None => format!("`{}` ({})", topic.name, topic.kind),
-    };
-    let topics = match topics {
-        [] => "none".to_owned(),
-        topics => topics.iter().map(told).collect::<Vec<_>>().join(", "),
-    };
-    BagError::Topic { path: PathBuf::from(path), reason, topics }
 }

@@ -15,12 +15,12 @@ use std::io::{self, Seek, Write};
 
 use ::mcap::records::MessageHeader;
 use ::mcap::{McapError, WriteOptions, Writer};
+use palpate::Sample;
 use re_cdr::{CdrWriter, LittleEndian};
 
 use super::reading::JOINT_STATE;
 use super::topic::TOUCH_TOPIC;
 use crate::field::FieldFile;
-use crate::log::Sample;
 
 /// How the chunks of a bag are packed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

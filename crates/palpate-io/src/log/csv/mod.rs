@@ -3,306 +3,152 @@
 //! A file is one touch, unless a column says which touch each row belongs to; a folder of files is
 //! a touch each, in natural order. Comma, semicolon or tab between the cells, quotes, a byte-order
 //! mark, Windows line ends and lines that begin with `#` are all understood; decimals have a point.
-//! Which column is what: [`columns`]. Rows stream, and no line is believed to be longer than 1 MiB.
+//! Which column is what: [`super::columns`]. Rows stream, and no line is believed to be longer than 1 MiB.
 
-mod columns;
 mod sniff;
 
-use super::{
-    Clock, Format, Log, LogDescription, LogError, LogEvent, LogOptions, LogWarning, LoggedTorques,
-    Sample, natural,
-};
-use ::csv::{ByteRecord, Reader, ReaderBuilder, Terminator, Trim};
-pub(super) use columns::Columns;
-use sniff::{MAX_LINE_BYTES, sniff};
-use std::collections::HashSet;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-pub use columns::CsvColumns;
+use ::csv::{ByteRecord, Reader, ReaderBuilder, Terminator, Trim};
+use palpate::Sample;
 
-/// What can be wrong with a table.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs)] // the messages name the fields
-pub enum CsvError {
-    /// Not a table at all.
-    #[error("`{path}` {reason}; wanted rows of numbers below a line of column names")]
-    NotTable { path: PathBuf, reason: String },
-    /// Columns that cannot be told apart.
-    #[error(
-        "`{path}`: {reason}. Its columns are {header}. Name those to read in the settings of the \
-         log, for two joints: columns = {{ q = [\"a\", \"b\"], tau = [\"c\", \"d\"], time = \"t\", \
-         touch = \"n\" }}, the last two if there are any"
-    )]
-    Columns { path: PathBuf, reason: String, header: String },
-    /// A row that is longer or shorter than the header.
-    #[error("`{path}` has {found} cells in line {line}; wanted {wanted} as in its header")]
-    Row { path: PathBuf, line: u64, found: usize, wanted: usize },
-    /// A cell that is no finite number.
-    #[error(
-        "`{path}` holds {found} in line {line}, column `{column}`; every number must be finite, \
-         with a decimal point: correct the line or cut it out"
-    )]
-    Cell { path: PathBuf, line: u64, column: String, found: String },
-    /// A touch in two pieces.
-    #[error(
-        "`{path}` goes back to touch `{touch}` in line {line}; sort the rows by touch and time"
-    )]
-    TouchResumes { path: PathBuf, line: u64, touch: String },
-}
+use super::columns::Columns;
+use super::error::{LogError, TableError};
+use super::event::Format;
+use super::files::TouchFile;
+use super::folder;
+use super::options::LogOptions;
+use sniff::{MAX_LINE_BYTES, sniff};
+
+/// What the error of unclear columns shows.
+const EXAMPLE: &str = ", for two joints: columns = { q = [\"a\", \"b\"], tau = [\"c\", \"d\"], time = \
+                       \"t\", touch = \"n\" }";
 
 /// Whether a file is called like a table.
 pub(super) fn is_table(path: &Path) -> bool {
-    let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
-    ending.is_some_and(|ending| ending == "csv" || ending == "tsv") && path.is_file()
-}
-
-/// The tables of a folder in natural order; hidden files are left out.
-pub(super) fn tables_in(folder: &Path) -> Result<Vec<PathBuf>, LogError> {
-    let mut tables = Vec::new();
-    for entry in folder.read_dir().map_err(|source| LogError::reading(folder, source))? {
-        let entry = entry.map_err(|source| LogError::reading(folder, source))?;
-        if !entry.file_name().to_string_lossy().starts_with('.') && is_table(&entry.path()) {
-            tables.push(entry.path());
-        }
-    }
-    tables.sort_by(|a, b| natural::compare(&a.to_string_lossy(), &b.to_string_lossy()));
-    Ok(tables)
-}
-
-/// A log of tables.
-#[derive(Debug)]
-pub(super) struct CsvLog {
-    description: LogDescription,
-    options: LogOptions,
-    /// Tables to come, the last one first.
-    ahead: Vec<PathBuf>,
-    current: Option<Table>,
-    clock: Clock,
-    warnings: Vec<LogWarning>,
-}
-
-impl CsvLog {
-    /// Checks the headers of all `tables`, then stands before the first.
-    pub(super) fn open(
-        path: &Path,
-        mut tables: Vec<PathBuf>,
-        options: &LogOptions,
-    ) -> Result<Self, LogError> {
-        let (mut joints, mut touches) = (None, Some(tables.len()));
-        for table in &tables {
-            let table = Table::open(table, options)?;
-            let wanted = *joints.get_or_insert(table.columns.q.len());
-            if table.columns.q.len() != wanted {
-                let first = tables[0].display();
-                let reason = format!("`{first}` has {wanted} joints, this file another number");
-                return Err(table.unclear(reason).into());
-            }
-            touches = touches.filter(|_| table.columns.touch.is_none());
-        }
-        let (path, format) = (path.to_owned(), Format::Csv);
-        let torques = LoggedTorques::Unsaid;
-        let description = LogDescription { path, format, touches, samples: None, joints, torques };
-        tables.reverse();
-        let (clock, warnings) = (Clock::default(), Vec::new());
-        Ok(Self {
-            description,
-            options: options.clone(),
-            ahead: tables,
-            current: None,
-            clock,
-            warnings,
-        })
-    }
-
-    /// The next event, or `None` at the end.
-    fn advance(&mut self) -> Result<Option<LogEvent>, LogError> {
-        loop {
-            if let Some(table) = &mut self.current
-                && let Some(event) = table.next_event()?
-            {
-                return Ok(Some(self.noted(event)));
-            }
-            let Some(path) = self.ahead.pop() else { return Ok(None) };
-            let mut table = Table::open(&path, &self.options)?;
-            table.is_one_of_many = self.description.path != path;
-            self.current = Some(table);
-        }
-    }
-
-    /// Keeps the clock and the unit of the angles.
-    fn noted(&mut self, mut event: LogEvent) -> LogEvent {
-        let Some(table) = &self.current else { return event };
-        match &mut event {
-            LogEvent::TouchStarts { .. } => self.clock = Clock::default(),
-            LogEvent::Sample(sample) => {
-                self.options.angle_unit.into_rad(&mut sample.q);
-                let row = table.row - 1;
-                self.clock.tick(sample.time_s, &table.touch, row, &mut self.warnings);
-            }
-        }
-        event
-    }
-}
-
-impl Iterator for CsvLog {
-    type Item = Result<LogEvent, LogError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let event = self.advance();
-        if !matches!(event, Ok(Some(_))) {
-            self.current = None;
-            self.ahead.clear();
-        }
-        event.transpose()
-    }
-}
-
-impl Log for CsvLog {
-    fn describe(&self) -> LogDescription {
-        self.description.clone()
-    }
-
-    fn warnings(&self) -> &[LogWarning] {
-        &self.warnings
-    }
+    folder::is_file_with(path, &["csv", "tsv"])
 }
 
 /// One file being read.
 #[derive(Debug)]
-struct Table {
+pub(super) struct CsvFile {
     path: PathBuf,
     reader: Reader<Lines<File>>,
     header: Vec<String>,
     columns: Columns,
-    /// Whether touches of other files may have the same names.
-    is_one_of_many: bool,
-    /// Name of the touch being read; empty before the first.
-    touch: String,
-    finished: HashSet<String>,
-    /// A sample whose touch has just been announced.
-    waiting: Option<Sample>,
-    /// Samples of this touch so far.
-    row: u64,
 }
 
-impl Table {
+impl TouchFile for CsvFile {
+    const FORMAT: Format = Format::Csv;
+
     /// Reads the header and finds the columns.
     fn open(path: &Path, options: &LogOptions) -> Result<Self, LogError> {
         let open = || File::open(path).map_err(|source| LogError::reading(path, source));
         let dialect = sniff(BufReader::new(open()?))
             .map_err(|source| LogError::reading(path, source))?
-            .map_err(|reason| CsvError::NotTable {
+            .map_err(|reason| TableError::NotCsv {
                 path: path.to_owned(),
                 reason: reason.to_owned(),
             })?;
         let mut builder = ReaderBuilder::new();
         builder.delimiter(dialect.delimiter).comment(Some(b'#')).trim(Trim::All);
         builder.has_headers(false).flexible(true).terminator(Terminator::Any(b'\n'));
-        let mut table = Self {
-            path: path.to_owned(),
-            reader: builder.from_reader(Lines { input: open()?, left: 0, last: b'\n' }),
-            header: Vec::new(),
-            columns: Columns { q: vec![], tau: vec![], joint_names: None, time: None, touch: None },
-            is_one_of_many: false,
-            touch: String::new(),
-            finished: HashSet::new(),
-            waiting: None,
-            row: 0,
-        };
+        let mut reader = builder.from_reader(Lines { input: open()?, left: 0, last: b'\n' });
         let first = match &dialect.commented_header {
             Some(header) => {
-                builder.from_reader(header.as_bytes()).byte_records().next().transpose()
+                builder.from_reader(header.as_bytes()).byte_records().next().and_then(Result::ok)
             }
-            None => table.next_record().map(Ok)?,
+            None => next_record(&mut reader, path)?,
         };
-        let first = first.ok().flatten().unwrap_or_default();
-        table.header = first.iter().map(text).collect();
-        table.find_columns(options)?;
-        Ok(table)
+        let header: Vec<String> = first.unwrap_or_default().iter().map(text).collect();
+        let columns = columns(&header, options)
+            .map_err(|reason| TableError::columns(path, reason, &header, EXAMPLE))?;
+        Ok(Self { path: path.to_owned(), reader, header, columns })
     }
 
-    fn find_columns(&mut self, options: &LogOptions) -> Result<(), CsvError> {
-        if self.header.iter().all(|name| name.parse::<f64>().is_ok()) {
-            return Err(self.unclear("the first line holds numbers instead of names".to_owned()));
-        }
-        self.columns = Columns::find(&self.header, options.columns.as_ref())
-            .map_err(|reason| self.unclear(reason))?;
-        if let Some(place) = self.columns.wrong_unit(&self.header, options.angle_unit) {
-            let (name, unit) = (&self.header[place], options.angle_unit);
-            let reason = format!("column `{name}` contradicts the angle unit {unit:?}; change it");
-            return Err(self.unclear(reason));
-        }
-        Ok(())
+    fn joints(&self) -> Option<usize> {
+        Some(self.columns.q.len())
     }
 
-    /// The next row that is not blank, or `None` at the end.
-    fn next_record(&mut self) -> Result<Option<ByteRecord>, LogError> {
-        let mut record = ByteRecord::new();
-        loop {
-            self.reader.get_mut().left = MAX_LINE_BYTES;
-            match self.reader.read_byte_record(&mut record) {
-                Ok(true) if record.len() == 1 && record[0].is_empty() => {}
-                Ok(true) => return Ok(Some(record)),
-                Ok(false) => return Ok(None),
-                Err(error) => {
-                    let path = self.path.clone();
-                    return Err(LogError::Io { path, source: io::Error::from(error) });
-                }
+    fn check_joints(&self, first: &Path, joints: usize) -> Result<(), LogError> {
+        if self.columns.q.len() == joints {
+            return Ok(());
+        }
+        let first = first.display();
+        let reason = format!("`{first}` has {joints} joints, this file another number");
+        Err(TableError::columns(&self.path, reason, &self.header, EXAMPLE).into())
+    }
+
+    fn name(&self) -> String {
+        self.path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
+    }
+
+    fn joint_names(&self) -> Option<Vec<String>> {
+        self.columns.joint_names.clone()
+    }
+
+    fn names_touches(&self) -> bool {
+        self.columns.touch.is_some()
+    }
+
+    fn next_row(&mut self) -> Result<Option<(Option<String>, Sample)>, LogError> {
+        let Some(record) = next_record(&mut self.reader, &self.path)? else { return Ok(None) };
+        if record.len() != self.header.len() {
+            let (path, line) = (self.path.clone(), self.line());
+            let (found, wanted) = (record.len(), self.header.len());
+            return Err(TableError::Row { path, line, found, wanted }.into());
+        }
+        let touch = self.columns.touch.map(|place| text(&record[place]));
+        Ok(Some((touch, self.sample(&record)?)))
+    }
+
+    fn place(&self) -> String {
+        format!("line {}", self.line())
+    }
+}
+
+/// The columns of a header. An error is half a sentence for the user.
+fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
+    if header.iter().all(|name| name.parse::<f64>().is_ok()) {
+        return Err("the first line holds numbers instead of names".to_owned());
+    }
+    let columns = Columns::find(header, options.columns.as_ref())?;
+    match columns.wrong_unit(header, options.angle_unit) {
+        None => Ok(columns),
+        Some(place) => {
+            let (name, unit) = (&header[place], options.angle_unit);
+            Err(format!("column `{name}` contradicts the angle unit {unit:?}; change it"))
+        }
+    }
+}
+
+/// The next row that is not blank, or `None` at the end.
+fn next_record(
+    reader: &mut Reader<Lines<File>>,
+    path: &Path,
+) -> Result<Option<ByteRecord>, LogError> {
+    let mut record = ByteRecord::new();
+    loop {
+        reader.get_mut().left = MAX_LINE_BYTES;
+        match reader.read_byte_record(&mut record) {
+            Ok(true) if record.len() == 1 && record[0].is_empty() => {}
+            Ok(more) => return Ok(more.then_some(record)),
+            Err(error) => {
+                return Err(LogError::Io { path: path.to_owned(), source: io::Error::from(error) });
             }
         }
     }
+}
 
+impl CsvFile {
     /// The line in which the row that was read last ends, counted from 1.
     fn line(&self) -> u64 {
         self.reader.position().line().saturating_sub(1)
     }
 
-    fn next_event(&mut self) -> Result<Option<LogEvent>, LogError> {
-        if let Some(sample) = self.waiting.take() {
-            self.row += 1;
-            return Ok(Some(LogEvent::Sample(sample)));
-        }
-        let Some(record) = self.next_record()? else {
-            if self.touch.is_empty() {
-                return Err(LogError::Empty { path: self.path.clone() });
-            }
-            return Ok(None);
-        };
-        let line = self.line();
-        if record.len() != self.header.len() {
-            let (found, wanted) = (record.len(), self.header.len());
-            return Err(CsvError::Row { path: self.path.clone(), line, found, wanted }.into());
-        }
-        let sample = self.sample(&record, line)?;
-        let touch = self.touch_of(&record);
-        if touch == self.touch {
-            self.row += 1;
-            return Ok(Some(LogEvent::Sample(sample)));
-        }
-        if !self.finished.insert(touch.clone()) {
-            return Err(CsvError::TouchResumes { path: self.path.clone(), line, touch }.into());
-        }
-        self.touch.clone_from(&touch);
-        (self.row, self.waiting) = (0, Some(sample));
-        let joint_names = self.columns.joint_names.clone();
-        Ok(Some(LogEvent::TouchStarts { name: touch, joint_names }))
-    }
-
-    /// The cell that names the touch, or the file's name.
-    fn touch_of(&self, record: &ByteRecord) -> String {
-        let stem =
-            self.path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-        match self.columns.touch.map(|place| text(&record[place])) {
-            Some(cell) if self.is_one_of_many => format!("{stem}/{cell}"),
-            Some(cell) if !cell.is_empty() => cell,
-            _ => stem,
-        }
-    }
-
-    fn sample(&self, record: &ByteRecord, line: u64) -> Result<Sample, CsvError> {
+    fn sample(&self, record: &ByteRecord) -> Result<Sample, TableError> {
         let number = |&place: &usize| {
             let cell = std::str::from_utf8(&record[place]).ok();
             let number = cell.and_then(|cell| cell.parse::<f64>().ok());
@@ -310,23 +156,15 @@ impl Table {
                 let cell = text(&record[place]);
                 let found =
                     if cell.is_empty() { "nothing".to_owned() } else { format!("`{cell}`") };
-                let column = self.header[place].clone();
-                CsvError::Cell { path: self.path.clone(), line, column, found }
+                let (path, line, column) =
+                    (self.path.clone(), self.line(), self.header[place].clone());
+                TableError::Cell { path, line, column, found }
             })
         };
         let time_s = self.columns.time.as_ref().map(number).transpose()?;
         let q = self.columns.q.iter().map(number).collect::<Result<_, _>>()?;
         let tau = self.columns.tau.iter().map(number).collect::<Result<_, _>>()?;
         Ok(Sample::new(time_s, q, tau))
-    }
-
-    fn unclear(&self, reason: String) -> CsvError {
-        let mut header: Vec<String> =
-            self.header.iter().take(40).map(|name| format!("`{name}`")).collect();
-        if self.header.len() > 40 {
-            header.push(format!("{} more", self.header.len() - 40));
-        }
-        CsvError::Columns { path: self.path.clone(), reason, header: header.join(", ") }
     }
 }
 

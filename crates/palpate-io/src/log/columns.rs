@@ -13,36 +13,16 @@
 //! Columns are taken only if exactly one family of positions and one of torques have the same
 //! joints: what is ambiguous is asked, not guessed.
 
-use super::super::AngleUnit;
-use serde::{Deserialize, Serialize};
-
-/// Names of the columns of a table. Columns that it does not name are not read.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CsvColumns {
-    /// Joint positions, from the base to the tip.
-    pub q: Vec<String>,
-    /// Joint torques in the same order.
-    pub tau: Vec<String>,
-    /// Names of the joints in the same order, if they shall be matched to the robot's.
-    #[serde(default)]
-    pub joints: Option<Vec<String>>,
-    /// Time, s.
-    #[serde(default)]
-    pub time: Option<String>,
-    /// What changes from one touch to the next.
-    #[serde(default)]
-    pub touch: Option<String>,
-}
+use super::options::{AngleUnit, CsvColumns};
 
 /// Places of the columns in a row.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(in crate::log) struct Columns {
-    pub(in crate::log) q: Vec<usize>,
-    pub(in crate::log) tau: Vec<usize>,
-    pub(in crate::log) joint_names: Option<Vec<String>>,
-    pub(in crate::log) time: Option<usize>,
-    pub(in crate::log) touch: Option<usize>,
+pub(super) struct Columns {
+    pub(super) q: Vec<usize>,
+    pub(super) tau: Vec<usize>,
+    pub(super) joint_names: Option<Vec<String>>,
+    pub(super) time: Option<usize>,
+    pub(super) touch: Option<usize>,
 }
 
 const POSITIONS: &[&str] = &[
@@ -77,10 +57,7 @@ const SEPARATORS: &[char] = &['_', '.', '/', ':', '-', ' '];
 impl Columns {
     /// The columns that `map` names, or those that are recognised by their spelling. An error is
     /// half a sentence for the user.
-    pub(in crate::log) fn find(
-        header: &[String],
-        map: Option<&CsvColumns>,
-    ) -> Result<Self, String> {
+    pub(super) fn find(header: &[String], map: Option<&CsvColumns>) -> Result<Self, String> {
         let columns = match map {
             Some(map) => Self::mapped(header, map)?,
             None => Self::recognised(header)?,

@@ -1,9 +1,29 @@
-//! The order in which people count: `seq_2` before `seq_10`.
+//! Files of a folder, in the order in which people count: `seq_2` before `seq_10`.
 
 use std::cmp::Ordering;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// All that lies right below a folder and is not hidden, in natural order.
+pub(super) fn listed(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let entries = folder.read_dir()?.map(|entry| Ok(entry?.path()));
+    let mut paths = entries.collect::<io::Result<Vec<PathBuf>>>()?;
+    let is_hidden = |path: &PathBuf| {
+        path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'))
+    };
+    paths.retain(|path| !is_hidden(path));
+    paths.sort_by(|a, b| compare(&a.to_string_lossy(), &b.to_string_lossy()));
+    Ok(paths)
+}
+
+/// Whether a path is a file with one of these endings, in lower or upper case.
+pub(super) fn is_file_with(path: &Path, endings: &[&str]) -> bool {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    ending.is_some_and(|ending| endings.contains(&ending.as_str())) && path.is_file()
+}
 
 /// Compares runs of digits by value and everything else by character; equal values by spelling.
-pub(crate) fn compare(a: &str, b: &str) -> Ordering {
+pub(super) fn compare(a: &str, b: &str) -> Ordering {
     let (mut left, mut right) = (a, b);
     loop {
         let (digits_left, digits_right) = (digits(left), digits(right));

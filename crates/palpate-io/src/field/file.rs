@@ -1,0 +1,162 @@
+//! What the arrays of a field file mean, checked number by number.
+
+use super::npz::{Array, Arrays, Data, NpzError};
+
+/// What the arrays of a field file mean.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FieldFile {
+    /// Rest points, m, world frame.
+    pub points: Vec<[f64; 3]>,
+    /// Stiffness of each point, N/m.
+    pub stiffness: Vec<f64>,
+    /// Standard deviation of each stiffness, N/m.
+    pub std: Option<Vec<f64>>,
+    /// Frames that touched each point.
+    pub counts: Option<Vec<u32>>,
+    /// Stiffness of each point had nothing been touched, N/m.
+    pub prior: Option<Vec<f64>>,
+    /// The lattice that the points belong to.
+    pub lattice: Option<FieldLattice>,
+    /// Index of each point in the lattice; no index comes twice.
+    pub cells: Option<Vec<u32>>,
+}
+
+/// The lattice of a field file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FieldLattice {
+    /// First point of the lattice, m, world frame.
+    pub origin_m: [f64; 3],
+    /// Distance between neighbours, m.
+    pub spacing_m: f64,
+    /// Points a side.
+    pub shape: [u32; 3],
+}
+
+impl FieldFile {
+    /// Reads the meaning of arrays, checking every number.
+    ///
+    /// # Errors
+    ///
+    /// If an array that is needed is missing, or one does not fit: its type, its length, a number
+    /// that is not finite, a negative stiffness, a cell outside the lattice or given twice.
+    pub fn from_arrays(arrays: &Arrays) -> Result<Self, NpzError> {
+        let points = arrays.floats("points", &[None, Some(3)])?.as_chunks::<3>().0.to_vec();
+        let n = points.len();
+        let stiffness = springs(arrays, "K", n)?;
+        let std = given(arrays, "K_std").map(|name| springs(arrays, name, n)).transpose()?;
+        let counts = given(arrays, "N_obs").map(|name| small(arrays, name, n)).transpose()?;
+        let prior = given(arrays, "K_prior").map(|name| springs(arrays, name, n)).transpose()?;
+        let lattice = given(arrays, "lattice").map(|_| lattice(arrays)).transpose()?;
+        let cells = given(arrays, "cells").map(|name| small(arrays, name, n)).transpose()?;
+        if let Some(cells) = &cells {
+            check_cells(arrays, cells, lattice.as_ref())?;
+        }
+        Ok(Self { points, stiffness, std, counts, prior, lattice, cells })
+    }
+
+    /// The arrays to write; more may be inserted beside them.
+    ///
+    /// # Panics
+    ///
+    /// If the lists differ in length.
+    #[must_use]
+    pub fn to_arrays(&self) -> Arrays {
+        let n = self.points.len();
+        let lattice = self.lattice.map(|FieldLattice { origin_m: [x, y, z], spacing_m, shape }| {
+            let [nx, ny, nz] = shape.map(f64::from);
+            Array::flat(Data::F64(vec![x, y, z, spacing_m, nx, ny, nz]))
+        });
+        let column = |data: Data| Array::new(vec![n], data);
+        let floats = |column: &Vec<f64>| Data::F64(column.clone());
+        let counts = |column: &Vec<u32>| Data::U32(column.clone());
+        let points = Data::F64(self.points.as_flattened().to_vec());
+        let mut arrays = Arrays::new();
+        for (name, array) in [
+            ("points", Some(Array::new(vec![n, 3], points))),
+            ("K", Some(column(floats(&self.stiffness)))),
+            ("K_std", self.std.as_ref().map(floats).map(column)),
+            ("N_obs", self.counts.as_ref().map(counts).map(column)),
+            ("K_prior", self.prior.as_ref().map(floats).map(column)),
+            ("lattice", lattice),
+            ("cells", self.cells.as_ref().map(counts).map(column)),
+        ] {
+            array.into_iter().for_each(|array| arrays.insert(name, array));
+        }
+        arrays
+    }
+}
+
+/// The name, if there is an array of that name.
+fn given<'a>(arrays: &Arrays, name: &'a str) -> Option<&'a str> {
+    arrays.get(name).map(|_| name)
+}
+
+/// `n` numbers that are not negative; N x 1, as OpenVSF may write them, is as good as N.
+fn springs(arrays: &Arrays, name: &str, n: usize) -> Result<Vec<f64>, NpzError> {
+    let is_column = arrays.get(name).is_some_and(|array| array.shape() == [n, 1]);
+    let shape: &[_] = if is_column { &[Some(n), Some(1)] } else { &[Some(n)] };
+    let numbers = arrays.floats(name, shape)?;
+    arrays.check(name, &numbers, "numbers from 0 on", |number| number >= 0.0)?;
+    Ok(numbers)
+}
+
+/// `n` integers that fit in 32 bits.
+fn small(arrays: &Arrays, name: &str, n: usize) -> Result<Vec<u32>, NpzError> {
+    let numbers = arrays.counts(name, &[Some(n)])?;
+    let narrow: Result<Vec<u32>, usize> = (numbers.iter().enumerate())
+        .map(|(row, &number)| u32::try_from(number).map_err(|_| row))
+        .collect();
+    narrow.map_err(|row| {
+        refused(arrays, name, row, numbers[row] as f64, "numbers below 4,294,967,296")
+    })
+}
+
+fn lattice(arrays: &Arrays) -> Result<FieldLattice, NpzError> {
+    let numbers = arrays.floats("lattice", &[Some(7)])?;
+    let refused = |row: usize, wanted| Err(refused(arrays, "lattice", row, numbers[row], wanted));
+    if numbers[3] <= 0.0 {
+        return refused(3, "a spacing above 0");
+    }
+    let mut shape = [0; 3];
+    for (axis, side) in shape.iter_mut().enumerate() {
+        let given = numbers[4 + axis];
+        if given < 1.0 || given.fract() != 0.0 || given > f64::from(u32::MAX) {
+            return refused(4 + axis, "a whole number of points a side");
+        }
+        *side = given as u32;
+    }
+    Ok(FieldLattice {
+        origin_m: [numbers[0], numbers[1], numbers[2]],
+        spacing_m: numbers[3],
+        shape,
+    })
+}
+
+/// Cells lie in the lattice, and none comes twice.
+fn check_cells(
+    arrays: &Arrays,
+    cells: &[u32],
+    lattice: Option<&FieldLattice>,
+) -> Result<(), NpzError> {
+    let size = lattice.map_or(u128::MAX, |lattice| {
+        lattice.shape.iter().map(|&side| u128::from(side)).product() // at most 96 bits
+    });
+    let outside = cells.iter().position(|&cell| u128::from(cell) >= size);
+    if let Some(row) = outside {
+        let wanted = "indices of cells within the lattice";
+        return Err(refused(arrays, "cells", row, f64::from(cells[row]), wanted));
+    }
+    let mut rows: Vec<usize> = (0..cells.len()).collect();
+    rows.sort_by_key(|&row| (cells[row], row));
+    match rows.array_windows().find(|[a, b]| cells[*a] == cells[*b]) {
+        None => Ok(()),
+        Some(&[_, row]) => {
+            Err(refused(arrays, "cells", row, f64::from(cells[row]), "each cell once"))
+        }
+    }
+}
+
+fn refused(arrays: &Arrays, name: &str, row: usize, found: f64, wanted: &'static str) -> NpzError {
+    let (path, name) = (arrays.path().to_owned(), name.to_owned());
+    NpzError::Value { path, name, row, found, wanted }
+}

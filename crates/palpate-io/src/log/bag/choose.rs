@@ -1,0 +1,84 @@
+//! Which topics of a bag a log is read from.
+
+use std::path::{Path, PathBuf};
+
+use super::reading::has_joints;
+use super::topic::{TOUCH_TOPIC, Topic};
+use crate::log::error::BagError;
+use crate::log::options::LogOptions;
+
+/// The topics that are read.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Chosen {
+    pub(super) samples: Topic,
+    pub(super) markers: Option<Topic>,
+}
+
+impl Chosen {
+    /// The names of the topics of samples and of markers.
+    pub(super) fn names(&self) -> [Option<String>; 2] {
+        let markers = self.markers.as_ref().map(|topic| topic.name.clone());
+        [Some(self.samples.name.clone()), markers]
+    }
+}
+
+/// Chooses the topics to read.
+pub(super) fn choose(
+    path: &Path,
+    topics: &[Topic],
+    options: &LogOptions,
+) -> Result<Chosen, BagError> {
+    let samples = match &options.topic {
+        Some(name) => {
+            let topic = named(path, topics, name)?;
+            if !has_joints(&topic.kind) {
+                let reason = format!("`{name}` holds messages of `{}`", topic.kind);
+                return Err(unclear(path, reason, topics));
+            }
+            topic
+        }
+        None => only(path, topics)?,
+    };
+    let markers = match &options.touch_topic {
+        Some(name) => Some(named(path, topics, name)?),
+        None => topics.iter().find(|topic| topic.name == TOUCH_TOPIC),
+    };
+    Ok(Chosen { samples: samples.clone(), markers: markers.cloned() })
+}
+
+/// The topic of a name, with or without the slash before it.
+fn named<'a>(path: &Path, topics: &'a [Topic], name: &str) -> Result<&'a Topic, BagError> {
+    let bare = |name: &str| name.trim_start_matches('/').to_owned();
+    let found = topics.iter().find(|topic| bare(&topic.name) == bare(name));
+    found.ok_or_else(|| unclear(path, format!("there is no topic `{name}`"), topics))
+}
+
+/// The one topic that holds joints.
+fn only<'a>(path: &Path, topics: &'a [Topic]) -> Result<&'a Topic, BagError> {
+    let fit = |topic: &&Topic| has_joints(&topic.kind) && topic.messages != Some(0);
+    let fitting: Vec<&Topic> = topics.iter().filter(fit).collect();
+    match fitting[..] {
+        [topic] => Ok(topic),
+        [] => Err(unclear(path, "no topic holds joint states".to_owned(), topics)),
+        _ => {
+            let names: Vec<&str> = fitting.iter().map(|topic| topic.name.as_str()).collect();
+            let reason = format!(
+                "more than one topic holds joints; choose with --topic: {}",
+                names.join(", ")
+            );
+            Err(unclear(path, reason, topics))
+        }
+    }
+}
+
+fn unclear(path: &Path, reason: String, topics: &[Topic]) -> BagError {
+    let told = |topic: &Topic| match topic.messages {
+        Some(count) => format!("`{}` ({}, {count} messages)", topic.name, topic.kind),
+        None => format!("`{}` ({})", topic.name, topic.kind),
+    };
+    let topics = match topics {
+        [] => "none".to_owned(),
+        topics => topics.iter().map(told).collect::<Vec<_>>().join(", "),
+    };
+    BagError::Topic { path: PathBuf::from(path), reason, topics }
+}

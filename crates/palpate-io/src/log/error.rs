@@ -1,0 +1,137 @@
+//! What can be wrong with a log, and what to do about it.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::npy::NpyError;
+
+/// What can be wrong with a log.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum LogError {
+    /// Nothing is there.
+    #[error("`{path}` does not exist; {remedy}")]
+    Missing { path: PathBuf, remedy: String },
+    /// The system refused to read.
+    #[error("`{path}` cannot be read: {source}")]
+    Io { path: PathBuf, source: io::Error },
+    /// A file or folder that is no log.
+    #[error("`{path}` holds no touch: {found}; wanted {wanted}")]
+    NoTouch { path: PathBuf, found: String, wanted: &'static str },
+    /// A file that is no npy array, or a broken one.
+    #[error("`{path}` {source}")]
+    Npy { path: PathBuf, source: NpyError },
+    /// An array that does not fit the others.
+    #[error("`{path}` has the shape {found:?}; wanted {wanted}")]
+    Shape { path: PathBuf, found: Vec<u64>, wanted: String },
+    /// A touch without a single sample.
+    #[error("`{path}` is empty: it holds no frame; record again or remove it")]
+    Empty { path: PathBuf },
+    /// A number that is not finite.
+    #[error(
+        "`{path}` holds {found} in row {row}, column {column} (both counted from 0); every number \
+         must be finite: cut the row out of every file of the touch, or record again"
+    )]
+    NotFinite { path: PathBuf, row: u64, column: usize, found: f64 },
+    /// A table that cannot be read.
+    #[error(transparent)]
+    Table(#[from] TableError),
+    /// A bag that cannot be read.
+    #[error(transparent)]
+    Bag(#[from] BagError),
+    /// Gaps are to part touches, and there is no time.
+    #[error(
+        "`{path}` has no time, by whose gaps its touches were to be parted; leave --split-gap-s out"
+    )]
+    NoClock { path: PathBuf },
+}
+
+impl LogError {
+    /// The error of a path that cannot be opened or read.
+    pub(super) fn reading(path: &Path, source: io::Error) -> Self {
+        let path = path.to_owned();
+        match source.kind() {
+            io::ErrorKind::NotFound => {
+                Self::Missing { path, remedy: "check the spelling and where you are".to_owned() }
+            }
+            _ => Self::Io { path, source },
+        }
+    }
+}
+
+/// What can be wrong with a table: CSV or Parquet.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum TableError {
+    /// Not a table of text at all.
+    #[error("`{path}` {reason}; wanted rows of numbers below a line of column names")]
+    NotCsv { path: PathBuf, reason: String },
+    /// A file that is not Parquet, or a broken one.
+    #[error("`{path}` is no Parquet file, or a broken one: {reason}; copy it again")]
+    NotParquet { path: PathBuf, reason: String },
+    /// Columns that cannot be told apart.
+    #[error(
+        "`{path}`: {reason}. Its columns are {header}. Name those to read in the settings of the \
+         log{example}, the last two if there are any"
+    )]
+    Columns { path: PathBuf, reason: String, header: String, example: &'static str },
+    /// A row that is longer or shorter than the header.
+    #[error("`{path}` has {found} cells in line {line}; wanted {wanted} as in its header")]
+    Row { path: PathBuf, line: u64, found: usize, wanted: usize },
+    /// A cell of a text that is no finite number.
+    #[error(
+        "`{path}` holds {found} in line {line}, column `{column}`; every number must be finite, \
+         with a decimal point: correct the line or cut it out"
+    )]
+    Cell { path: PathBuf, line: u64, column: String, found: String },
+    /// A value of Parquet that cannot be used.
+    #[error("`{path}`, row {row} (from 0), column `{column}`: {reason}")]
+    Value { path: PathBuf, row: u64, column: String, reason: String },
+    /// A touch in two pieces.
+    #[error("`{path}` goes back to touch `{touch}` in {place}; sort the rows by touch and time")]
+    TouchResumes { path: PathBuf, place: String, touch: String },
+}
+
+impl TableError {
+    /// The error of columns that cannot be told apart; of many names the first are shown.
+    pub(super) fn columns(
+        path: &Path,
+        reason: String,
+        header: &[String],
+        example: &'static str,
+    ) -> Self {
+        let mut names: Vec<String> =
+            header.iter().take(40).map(|name| format!("`{name}`")).collect();
+        if header.len() > 40 {
+            names.push(format!("{} more", header.len() - 40));
+        }
+        Self::Columns { path: path.to_owned(), reason, header: names.join(", "), example }
+    }
+}
+
+/// What can be wrong with a bag.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum BagError {
+    /// A file that cannot be read as a bag.
+    #[error("`{path}` {reason}")]
+    Storage { path: PathBuf, reason: String },
+    /// A topic that is not there, or not the only one.
+    #[error("`{path}`: {reason}. Its topics are {topics}. Name the one to read with --topic")]
+    Topic { path: PathBuf, reason: String, topics: String },
+    /// Messages whose type cannot be followed.
+    #[error("`{path}`: topic `{topic}` holds messages of `{kind}`, but {reason}")]
+    Layout { path: PathBuf, topic: String, kind: String, reason: String },
+    /// A message that cannot be used.
+    #[error("`{path}`: message {message} (from 0) of topic `{topic}`: {reason}")]
+    Message { path: PathBuf, topic: String, message: u64, reason: String },
+    /// A bag that breaks off.
+    #[error(
+        "`{path}` breaks off after {messages} messages of topic `{topic}` and {seconds:.1} s: \
+         {reason}. What lies before can be read (--until-break)"
+    )]
+    Broken { path: PathBuf, topic: String, messages: u64, seconds: f64, reason: String },
+}

@@ -1,0 +1,152 @@
+//! A log of several files, each of which holds one touch or more: what its formats share.
+
+use std::collections::{HashSet, VecDeque};
+use std::path::{Path, PathBuf};
+
+use palpate::Sample;
+
+use super::error::{LogError, TableError};
+use super::event::{Format, LogDescription, LogEvent, LogWarning, LoggedTorques};
+use super::options::LogOptions;
+use super::reader::Source;
+
+/// One file (or folder of arrays) that is read row by row.
+pub(super) trait TouchFile: Sized + Send {
+    /// The format that is told.
+    const FORMAT: Format;
+
+    /// Checks what can be checked before reading, and stands before the first row.
+    fn open(path: &Path, options: &LogOptions) -> Result<Self, LogError>;
+
+    /// Number of joints, if known before reading.
+    fn joints(&self) -> Option<usize> {
+        None
+    }
+
+    /// Number of samples, if known before reading.
+    fn samples(&self) -> Option<u64> {
+        None
+    }
+
+    /// Refuses a file that has not the joints of the first one, if that is known before reading.
+    fn check_joints(&self, _first: &Path, _joints: usize) -> Result<(), LogError> {
+        Ok(())
+    }
+
+    /// Name of its touch if the rows name none.
+    fn name(&self) -> String;
+
+    /// Names of its joints, in the order of the samples.
+    fn joint_names(&self) -> Option<Vec<String>> {
+        None
+    }
+
+    /// Whether its rows name their touch.
+    fn names_touches(&self) -> bool {
+        false
+    }
+
+    /// Whether a touch may go on from the file before, as rows name it.
+    fn continues_touches(&self) -> bool {
+        false
+    }
+
+    /// The next row: the name of its touch, if rows name it, and its sample.
+    fn next_row(&mut self) -> Result<Option<(Option<String>, Sample)>, LogError>;
+
+    /// Where in the file the row stands that was read last.
+    fn place(&self) -> String;
+}
+
+/// A log of such files.
+pub(super) struct TouchFiles<F> {
+    description: LogDescription,
+    options: LogOptions,
+    /// Files to come, the last one first.
+    ahead: Vec<PathBuf>,
+    current: Option<(PathBuf, F)>,
+    /// Name of the touch under way.
+    touch: Option<String>,
+    /// Names of the touches that began so far and may not begin again.
+    begun: HashSet<String>,
+}
+
+impl<F: TouchFile> TouchFiles<F> {
+    /// Opens all `files` and compares them, then stands before the first.
+    pub(super) fn open(
+        path: &Path,
+        mut files: Vec<PathBuf>,
+        options: &LogOptions,
+    ) -> Result<Self, LogError> {
+        let (mut touches, mut samples, mut joints) = (Some(files.len()), Some(0), None);
+        for path in &files {
+            let file = F::open(path, options)?;
+            touches = touches.filter(|_| !file.names_touches());
+            samples = samples.zip(file.samples()).map(|(sum, more)| sum + more);
+            joints = joints.or(file.joints());
+            joints.map_or(Ok(()), |joints| file.check_joints(&files[0], joints))?;
+        }
+        let (path, format, torques) = (path.to_owned(), F::FORMAT, LoggedTorques::Unsaid);
+        let description = LogDescription { path, format, touches, samples, joints, torques };
+        files.reverse();
+        let (options, begun) = (options.clone(), HashSet::new());
+        Ok(Self { description, options, ahead: files, current: None, touch: None, begun })
+    }
+
+    /// Opens the next file; without one, the log is over.
+    fn next_file(&mut self) -> Result<bool, LogError> {
+        self.current = None;
+        let Some(path) = self.ahead.pop() else { return Ok(false) };
+        let file = F::open(&path, &self.options)?;
+        if !file.continues_touches() {
+            self.touch = None;
+            self.begun.clear();
+        }
+        self.current = Some((path, file));
+        Ok(true)
+    }
+}
+
+impl<F: TouchFile> Source for TouchFiles<F> {
+    fn describe(&self) -> LogDescription {
+        self.description.clone()
+    }
+
+    fn read_on(
+        &mut self,
+        events: &mut VecDeque<LogEvent>,
+        _: &mut Vec<LogWarning>,
+    ) -> Result<(), LogError> {
+        while self.current.is_some() || self.next_file()? {
+            let Some((path, file)) = &mut self.current else { break };
+            let Some((touch, sample)) = file.next_row()? else {
+                let may_be_empty = file.continues_touches() && !self.ahead.is_empty();
+                if self.touch.is_none() && !may_be_empty {
+                    return Err(LogError::Empty { path: path.clone() });
+                }
+                self.current = None;
+                continue;
+            };
+            let name = match touch {
+                // Touches of other files may have the same names.
+                Some(touch) if !file.continues_touches() && self.description.path != *path => {
+                    format!("{}/{touch}", file.name())
+                }
+                Some(touch) if !touch.is_empty() => touch,
+                _ => file.name(),
+            };
+            if self.touch.as_ref() != Some(&name) {
+                if !self.begun.insert(name.clone()) {
+                    let (path, place, touch) = (path.clone(), file.place(), name);
+                    return Err(TableError::TouchResumes { path, place, touch }.into());
+                }
+                self.touch = Some(name.clone());
+                let joint_names = file.joint_names();
+                events.push_back(LogEvent::TouchStarts { name, joint_names });
+            }
+            events.push_back(LogEvent::Sample(sample));
+            return Ok(());
+        }
+        Ok(())
+    }
+}
