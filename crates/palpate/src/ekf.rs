@@ -15,12 +15,6 @@
 //! sgn 0 is taken as +1; even so a prior mean of exactly zero is refused, because the paper's
 //! filter has no slope there. For the same reason a cell whose own prior mean
 //! ([`Estimator::set_prior_means`]) is below that of the settings starts from the latter.
-//!
-//! # What the standard deviation means
-//!
-//! The filter's own: of κ, given a diagonal covariance. It leaves out correlations between
-//! cells, and since replaying a measurement counts its data again, it is too small by an amount
-//! that grows with the number of replays.
 
 use nalgebra::DVector;
 
@@ -32,6 +26,12 @@ use crate::replay::ReplayMemory;
 use crate::torque::{Observation, Stiffness};
 
 /// The paper's estimator, `ekf`.
+///
+/// # What the standard deviation means
+///
+/// The filter's own: of κ, given a diagonal covariance. It leaves out correlations between
+/// cells, and since replaying a measurement counts its data again, it is too small by an amount
+/// that grows with the number of replays.
 #[derive(Debug, Clone)]
 pub struct EkfEstimator {
     config: EstimatorConfig,

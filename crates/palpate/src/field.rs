@@ -1,8 +1,8 @@
 //! A learnt field, and what it says of a motion.
 //!
-//! [`Field`] is the product of mapping: K of every cell that was touched or that something is
-//! expected of, with the settings under which it means something. [`Predictor`] asks it what torque a motion meets (Eq. 5), with the same
-//! contacts, gravity and tare as the mapper, and learns nothing.
+//! [`Field`] is the product of mapping: K of every cell that was touched or has a prior of its own, with
+//! the settings under which it was learnt. [`Predictor`] computes what torque a motion meets (Eq. 5),
+//! with the same contacts, gravity and tare as the mapper, and learns nothing.
 
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ use crate::tare::Tare;
 use crate::torque::{Cell, Observation, ObservationBuilder, Stiffness};
 use crate::tracker::{Sample, Tracker, TrackerError};
 
-/// The stiffness of all cells that were touched or that a prior expects something of, by row.
+/// The stiffness of all cells that were touched or have a prior of their own, by row.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Field {
@@ -34,9 +34,10 @@ pub struct Field {
     pub cells: Vec<CellId>,
     /// K, N/m.
     pub stiffness_n_per_m: Vec<f64>,
-    /// Standard deviation of K, N/m; see the header of the estimator (`map.rs`, `ekf.rs`) for what it means.
+    /// Standard deviation of K, N/m; what it means depends on the estimator, see
+    /// [`crate::unstable::MapEstimator`] and [`crate::unstable::EkfEstimator`].
     pub std_n_per_m: Vec<f64>,
-    /// Frames that touched the cell; 0 if its stiffness is only expected.
+    /// Frames that touched the cell; 0 if its stiffness is its prior mean.
     pub counts: Vec<u32>,
     /// K of all other cells, N/m.
     pub untouched_n_per_m: f64,
@@ -98,7 +99,7 @@ impl Field {
 pub struct Prediction {
     /// Points touched.
     pub contacts: usize,
-    /// Those of them that were touched when the field was learnt, rather than merely expected.
+    /// Those of them that were touched when the field was learnt, rather than known by their prior alone.
     pub known: usize,
     /// τ̂, n_joints, N·m.
     pub predicted: DVector<f64>,
@@ -129,7 +130,7 @@ impl Springs {
         Self { observations: ObservationBuilder::new(rows), cells, counts, untouched_n_per_m }
     }
 
-    /// Folds a frame's contacts beside `tau`, n_joints, N·m.
+    /// The observation of a frame: its contacts, and `tau`, n_joints, N·m.
     fn build(
         &mut self,
         robot: &Robot,
@@ -143,7 +144,7 @@ impl Springs {
         observation
     }
 
-    /// τ̂ of a frame that was folded here, n_joints, N·m.
+    /// τ̂ of an observation that was built here, n_joints, N·m.
     fn predict(&self, observation: &Observation) -> DVector<f64> {
         observation.predict(&self.cells, Stiffness::Positive)
     }

@@ -28,15 +28,6 @@
 //! normalised innovation squared (NIS), `r·d = rᵀ(HS₀Hᵀ + R)⁻¹r`, was largest at its last visit. On the
 //! bundled touches this leaves a quarter of the NIS that random draws alone leave after the same number
 //! of visits; the optimum is the same.
-//!
-//! # What the standard deviation means
-//!
-//! The variance of a cell starts from the prior and is reduced by each *new* frame, once, as a
-//! Kalman filter with a diagonal covariance would; replays do not touch it. It says how much
-//! evidence there is about a cell. It leaves out the correlation between cells that the same
-//! link presses together, counts neighbouring frames of a slow motion as independent, ignores
-//! the bound K ≥ 0, and knows nothing of errors of the contact model: take it as a ranking of
-//! what is known well and what is not, and as a lower bound on the error.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -51,6 +42,15 @@ use crate::torque::{Observation, Prefetch, Stiffness};
 const TRIES: u32 = 8;
 
 /// The maximum a posteriori estimator, `map`.
+///
+/// # What the standard deviation means
+///
+/// The variance of a cell starts from the prior and is reduced by each *new* frame, once, as a
+/// Kalman filter with a diagonal covariance would; replays do not touch it. It says how much
+/// evidence there is about a cell. It leaves out the correlation between cells that the same
+/// link presses together, counts neighbouring frames of a slow motion as independent, ignores
+/// the bound K ≥ 0, and knows nothing of errors of the contact model: take it as a ranking of
+/// what is known well and what is not, and as a lower bound on the error.
 ///
 /// Every remembered frame carries two notes: αₜ (n_joints), then `(HₜS₀Hₜᵀ + R)⁻¹` column by column
 /// (n × n).

@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn the_few_points_that_a_touch_of_many_leaves_are_none() {
+    fn a_few_contacts_left_of_many_do_not_prevent_a_pause() {
         for (left, begins) in [(0, true), (2, true), (3, false), (100, false)] {
             let mut split = PauseDetector::new(PauseConfig::default()).unwrap();
             split.begun();
@@ -341,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn a_whole_turn_is_no_motion_but_two_thousandths_are() {
+    fn a_joint_that_wraps_by_a_whole_turn_stands_still_one_that_moves_2_mrad_does_not() {
         let mut run = Run::new(true);
         for i in 0..30 {
             let almost = std::f64::consts::PI - 5e-4;
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_bounded_however_the_clock_stands() {
+    fn samples_held_are_bounded_even_if_the_clock_stops() {
         let mut split = PauseDetector::new(PauseConfig::default()).unwrap();
         for _ in 0..3 * MAX_HELD {
             split.push(&sample(0, 0.0), 0);

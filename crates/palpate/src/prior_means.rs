@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_prior_is_refused_and_the_cell_named() {
+    fn an_invalid_prior_mean_is_refused_and_its_cell_named() {
         for (prior, words) in [
             (&[(3, 1.0), (7, 1.0), (3, 1.0)][..], "cell 3 comes twice"),
             (&[(1000, 1.0)], "cell 1000 of the prior is not in the lattice"),

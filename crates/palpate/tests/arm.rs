@@ -40,7 +40,7 @@ fn bake(shape: &str) -> Result<Arm, ArmError> {
 }
 
 #[test]
-fn a_mesh_stands_where_origin_and_scale_put_it() {
+fn a_mesh_is_placed_by_its_origin_and_scale() {
     let arm = bake(MESH).unwrap();
     assert!(arm.surfaces[0].is_none());
     let grid = arm.surfaces[1].as_ref().unwrap();
@@ -49,7 +49,7 @@ fn a_mesh_stands_where_origin_and_scale_put_it() {
 }
 
 #[test]
-fn a_mesh_that_cannot_be_had_is_an_error_with_its_name_and_link() {
+fn a_missing_mesh_is_an_error_with_its_name_and_link() {
     let error = bake(&MESH.replace("tetra", "gone")).unwrap_err().to_string();
     assert_eq!(error, "mesh `package://rod/gone.stl` of link `rod`: no such file");
     let error = bake(&MESH.replace("0.001 0.001 0.001", "1 1 1")).unwrap_err().to_string();
@@ -70,7 +70,7 @@ fn the_fingerprint_follows_shapes_and_kinematics_and_nothing_else() {
 }
 
 #[test]
-fn every_link_of_the_built_in_arm_but_a_bare_one_has_a_skin() {
+fn every_link_with_a_shape_has_a_baked_surface() {
     let robot = Robot::built_in("kinova_gen3").unwrap();
     let shaped: Vec<bool> = robot.links().iter().map(|link| !link.collision.is_empty()).collect();
     if !shaped.contains(&true) {

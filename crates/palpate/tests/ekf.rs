@@ -61,7 +61,7 @@ impl Textbook {
 }
 
 #[test]
-fn on_its_diagonal_case_it_is_the_textbook_filter_and_lazy_drift_is_eager_drift() {
+fn with_diagonal_levers_it_equals_the_textbook_filter_and_lazy_drift_equals_eager_drift() {
     let (rows, frames) = diagonal_frames(200);
     let mut settings = config(EstimatorKind::Ekf, 2.0, 30.0, 0.2);
     settings.drift_std_n_per_m = 0.7;

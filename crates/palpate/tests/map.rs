@@ -98,7 +98,7 @@ fn one_joint_one_contact_recovers_the_spring() {
 }
 
 #[test]
-fn many_visits_end_at_the_optimum_of_an_independent_solver() {
+fn many_replays_converge_to_the_optimum_of_an_independent_solver() {
     let (rows, frames) = frames(3, 25);
     let mut expected = vec![5.0; rows.len()];
     ends_at_the_optimum(&rows, &frames, &expected);
@@ -141,7 +141,7 @@ fn ends_at_the_optimum(rows: &CellRows, frames: &[Observation], expected: &[f64]
 }
 
 #[test]
-fn a_forgotten_frame_might_as_well_never_have_been_seen() {
+fn forgetting_a_frame_equals_never_learning_from_it() {
     let (rows, frames) = frames(4, 12);
     let config = config(EstimatorKind::Map, 5.0, 40.0, 0.1);
     let mut forgetful = learn(&config, &rows, &frames);
@@ -163,7 +163,7 @@ fn a_forgotten_frame_might_as_well_never_have_been_seen() {
 }
 
 #[test]
-fn millions_of_visits_do_not_wear_z_out() {
+fn rounding_does_not_accumulate_over_a_million_replays() {
     let (rows, frames) = frames(5, 6);
     let mut map = learn(&config(EstimatorKind::Map, 0.0, 40.0, 0.1), &rows, &frames);
     map.replay(1_000_000);
@@ -181,7 +181,7 @@ fn millions_of_visits_do_not_wear_z_out() {
 }
 
 #[test]
-fn a_full_memory_freezes_what_leaves_it() {
+fn frames_that_leave_a_full_memory_are_condensed() {
     let (rows, frames) = frames(6, 12);
     let mut settings = config(EstimatorKind::Map, 5.0, 40.0, 0.1);
     settings.memory.frames = 4;
@@ -193,7 +193,7 @@ fn a_full_memory_freezes_what_leaves_it() {
 }
 
 #[test]
-fn a_bad_frame_is_refused_and_leaves_the_belief_alone() {
+fn a_bad_frame_is_refused_and_changes_no_estimate() {
     let (rows, frames) = frames(7, 5);
     let mut map = learn(&config(EstimatorKind::Map, 5.0, 40.0, 0.1), &rows, &frames);
     let before = map.state(rows.len());
@@ -211,7 +211,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
 
     #[test]
-    fn a_new_frame_never_raises_a_variance_nor_spends_it_all(seed in 0_u64..1000) {
+    fn an_update_lowers_variances_and_keeps_them_positive(seed in 0_u64..1000) {
         let (rows, frames) = frames(seed, 8);
         let mut map = MapEstimator::new(&config(EstimatorKind::Map, 0.0, 40.0, 0.1), 0.01, 4).unwrap();
         let mut before = vec![40.0; rows.len()];

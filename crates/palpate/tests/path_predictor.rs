@@ -102,7 +102,7 @@ fn difference(answer: &PathPrediction, from: &PathPrediction) -> f64 {
 }
 
 #[test]
-fn with_a_stop_at_every_point_the_answer_is_the_predictors() {
+fn with_a_stop_at_every_point_a_path_prediction_equals_the_predictors() {
     let (mapper, path) = (learnt(), push(0.01, 90));
     let answer = mapper.path_predictor().ask(&path, &EVERY_POINT).unwrap();
     assert!(!answer.goes_on && answer.stops == 90);
@@ -129,7 +129,7 @@ fn a_path_from_where_the_arm_is_goes_on_from_what_it_touches() {
 }
 
 #[test]
-fn asking_changes_nothing_of_the_mapper_nor_of_the_next_answer() {
+fn predicting_a_path_changes_neither_the_mapper_nor_the_next_prediction() {
     let (mut asked, mut left_alone, path) = (learnt(), learnt(), push(0.0, 90));
     let predictor = asked.path_predictor();
     for mapper in [&mut asked, &mut left_alone] {
@@ -184,7 +184,7 @@ fn the_deviation_of_one_spring_is_its_displacement_times_that_of_its_stiffness()
 }
 
 #[test]
-fn a_coarse_look_stops_at_both_ends_and_where_the_arm_turns_round() {
+fn a_coarse_resolution_still_stops_at_both_ends_and_where_the_arm_turns_round() {
     let predictor = learnt().path_predictor();
     let path = push(0.01, 91);
     let config = PathConfig::new(100.0, 1.0);
@@ -207,7 +207,7 @@ fn the_arm_stops_where_it_turns_round_soon_after_a_stop() {
 }
 
 #[test]
-fn a_coarse_look_is_close_to_one_at_every_point() {
+fn a_coarse_resolution_is_close_to_a_stop_at_every_point() {
     let (mapper, path) = (learnt(), push(0.01, 200));
     let predictor = mapper.path_predictor();
     let fine = predictor.ask(&path, &EVERY_POINT).unwrap();
@@ -217,7 +217,7 @@ fn a_coarse_look_is_close_to_one_at_every_point() {
 }
 
 #[test]
-fn a_coarse_predictor_is_close_to_the_whole_one_and_its_answers_are_reproducible() {
+fn a_coarse_predictor_is_close_to_the_exact_one_and_reproducible() {
     let (mut mapper, path) = (learnt(), push(0.01, 90));
     mapper.begin_touch();
     learn(&mut mapper, &path[..40]);

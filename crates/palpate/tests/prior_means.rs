@@ -37,7 +37,7 @@ fn frames(count: usize) -> (CellRows, Vec<Observation>) {
 }
 
 #[test]
-fn without_data_the_answer_is_what_was_expected() {
+fn without_data_the_estimate_is_the_prior_mean() {
     let (rows, frames) = frames(1);
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let mut estimator = estimator(method, config(method, 2.0, 5.0, 0.1));
@@ -66,7 +66,7 @@ fn ekf_expects_no_less_than_its_prior_since_at_zero_it_would_never_learn() {
 }
 
 #[test]
-fn with_every_frame_forgotten_the_answer_is_what_was_expected() {
+fn with_every_frame_forgotten_the_estimate_is_the_prior_mean() {
     let (rows, frames) = frames(12);
     let mut map = MapEstimator::new(&config(EstimatorKind::Map, 5.0, 40.0, 0.1), 0.01, 4).unwrap();
     let means: Vec<f64> = (0..rows.len()).map(|row| row as f64 % 7.0).collect();
@@ -85,7 +85,7 @@ fn with_every_frame_forgotten_the_answer_is_what_was_expected() {
 }
 
 #[test]
-fn a_saved_belief_keeps_what_was_expected() {
+fn a_saved_state_keeps_its_prior_means() {
     let (rows, _) = frames(3);
     let settings = config(EstimatorKind::Map, 5.0, 40.0, 0.1);
     let new = || MapEstimator::new(&settings, 0.01, 4).unwrap();
@@ -150,7 +150,7 @@ fn learn(mapper: &mut Mapper, motion: &[Sample]) {
 }
 
 #[test]
-fn what_is_expected_rightly_is_predicted_rightly_without_a_touch() {
+fn a_true_prior_predicts_torques_before_any_touch() {
     let field =
         Mapper::with_prior(arm(), mapping(EstimatorKind::Map), &everywhere(2.0)).unwrap().field();
     assert_eq!(field.cells.len() as u64, lattice().n_cells());
@@ -174,7 +174,7 @@ fn what_is_expected_rightly_is_predicted_rightly_without_a_touch() {
 }
 
 #[test]
-fn expecting_the_prior_everywhere_is_expecting_nothing() {
+fn prior_means_equal_to_the_prior_change_nothing() {
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let settings = mapping(method);
         let (mean, _) = settings.estimator.prior.at_spacing(settings.lattice.spacing_m());

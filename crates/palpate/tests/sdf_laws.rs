@@ -184,7 +184,7 @@ fn beyond_the_grid_the_distance_is_continuous_and_a_lower_bound() {
 }
 
 #[test]
-fn nothing_inside_lies_outside_the_bounds() {
+fn every_point_with_a_negative_distance_is_within_the_bounds() {
     for shape in four_shapes() {
         let grid = of_primitive(&part(shape));
         let (low, high) = grid.bounds();
@@ -360,7 +360,7 @@ proptest! {
     }
 
     #[test]
-    fn no_bytes_are_a_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..400), magic in any::<bool>()) {
+    fn no_sequence_of_bytes_makes_the_reader_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..400), magic in any::<bool>()) {
         if magic {
             let head = small_grid().to_bytes();
             let n = bytes.len().min(24);

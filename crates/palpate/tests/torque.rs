@@ -94,7 +94,7 @@ fn a_pushed_point_pushes_back() {
 }
 
 #[test]
-fn nothing_touched_feels_like_nothing() {
+fn without_contacts_the_predicted_torque_is_zero() {
     let robot = crooked_arm();
     let poses = robot.forward(&[0.1; 4]).unwrap();
     let mut rows = CellRows::new(centimetre_lattice());
@@ -104,7 +104,7 @@ fn nothing_touched_feels_like_nothing() {
 }
 
 #[test]
-fn notes_come_back_and_a_copy_with_notes_takes_no_more_memory_than_the_original() {
+fn notes_are_read_back_and_take_no_more_memory_in_a_copy() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut rows = CellRows::new(centimetre_lattice());
     let mut frame = random_frame(&mut rng, &crooked_arm(), &mut rows, &[30.0; 40], 0.1);

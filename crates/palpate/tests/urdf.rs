@@ -117,7 +117,7 @@ fn roll_pitch_yaw_turn_about_fixed_axes_in_that_order() {
 }
 
 #[test]
-fn what_is_missing_has_the_values_that_urdf_gives_it() {
+fn missing_attributes_have_the_defaults_of_urdf() {
     // No axis: x. No limit: none known. No inertial: no mass. No origin: none.
     let robot = Robot::from_urdf(&arm("", "")).unwrap();
     let jacobian =
@@ -128,7 +128,7 @@ fn what_is_missing_has_the_values_that_urdf_gives_it() {
 }
 
 #[test]
-fn elements_that_urdf_does_not_know_are_passed_over() {
+fn unknown_urdf_elements_are_ignored() {
     let xml = arm("<klampt/><visual><geometry><mesh filename=\"x.dae\"/></geometry></visual>", "")
         .replace(
             "</robot>",
@@ -171,7 +171,7 @@ fn all_shapes_are_read_with_their_sizes() {
 }
 
 #[test]
-fn trees_that_are_none_are_refused_by_name() {
+fn links_that_form_no_tree_are_refused_by_name() {
     let three = link("a") + &link("b") + &link("c");
     let cases = [
         (
@@ -210,7 +210,7 @@ fn trees_that_are_none_are_refused_by_name() {
 }
 
 #[test]
-fn mimics_that_lead_nowhere_are_refused() {
+fn mimics_of_unknown_joints_and_cycles_are_refused() {
     let links = link("a") + &link("b") + &link("c");
     let with = |of_1: &str, of_2: &str| {
         let mimic = |of: &str| format!("<mimic joint=\"{of}\"/>");
@@ -231,7 +231,7 @@ fn mimics_that_lead_nowhere_are_refused() {
 }
 
 #[test]
-fn numbers_that_cannot_be_are_refused_with_their_place() {
+fn impossible_numbers_are_refused_with_their_place() {
     let mesh = |scale: &str| collision(&format!("<mesh filename=\"m.stl\" scale=\"{scale}\"/>"));
     let cases = [
         (arm("", "<axis xyz=\"0 0 0\"/>"), "axis of joint `turn` is 0 0 0"),
@@ -257,7 +257,7 @@ fn numbers_that_cannot_be_are_refused_with_their_place() {
 }
 
 #[test]
-fn text_that_is_no_urdf_is_refused_and_not_a_panic() {
+fn text_that_is_not_urdf_is_refused_without_a_panic() {
     let deep = "<a>".repeat(100_000);
     let broken = arm("", "").replace("</robot>", "");
     for xml in ["", "hello", "<robot", "<html/>", &robot("<link/>"), &deep, &broken] {
@@ -278,7 +278,7 @@ fn joint_vectors_of_the_wrong_kind_are_refused() {
 }
 
 #[test]
-fn payloads_that_cannot_be_are_refused() {
+fn impossible_payloads_are_refused() {
     let robot = Robot::from_urdf(&arm("", "")).unwrap();
     let payload = |link: &str, mass_kg, x| {
         let payload = Payload::new(link, mass_kg, [x, 0.0, 0.0]);

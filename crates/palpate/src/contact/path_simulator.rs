@@ -4,6 +4,11 @@
 //! known. So φ is looked up only for points that are near a link; the rules then apply as in
 //! [`super::simulator`], in the same order. Each point meets what the step-by-step scheduler finds for
 //! it, to the bit, which a test holds.
+//!
+//! Where every point of the lattice matters and every sample is a stop, as in `evaluate`, `tune` and
+//! `predict`, the step-by-step scheduler is the faster one: following all points of `plant_a` alone took
+//! 1.6 to 2.4 times as long (simulated touches, lattices of 1 and 2 cm). So this one serves planned paths,
+//! where a few points stand for many, stops are far apart, and threads share the points.
 
 use nalgebra::{Point3, Vector3};
 

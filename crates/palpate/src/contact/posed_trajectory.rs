@@ -309,7 +309,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn by_marks_the_same_waypoint_is_due_as_by_searching_all() {
+    fn the_index_of_travel_finds_the_same_waypoint_as_a_linear_search() {
         let sums = |steps: Vec<f64>| {
             let sums = steps.iter().scan(0.0, |sum, step| {
                 *sum += step;

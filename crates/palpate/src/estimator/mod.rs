@@ -2,7 +2,7 @@
 //!
 //! An estimator holds a belief about the stiffness of every touched cell, by row. [`crate::map`]
 //! is the exact maximum a posteriori, [`crate::ekf`] the paper's filter. Neither knows the robot
-//! or the lattice beyond its rest points; contacts come folded as [`Observation`]s.
+//! or the lattice beyond its rest points; contacts come as [`Observation`]s.
 
 mod belief;
 mod state;

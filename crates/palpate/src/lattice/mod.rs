@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_that_cannot_be_is_refused_with_its_numbers() {
+    fn an_impossible_box_is_refused_with_its_numbers() {
         let spacing = Lattice::new([0.0; 3], 0.0, [2; 3]).unwrap_err();
         assert!(spacing.to_string().contains("spacing is 0 m"));
         assert!(Lattice::new([0.0; 3], f64::NAN, [2; 3]).is_err());

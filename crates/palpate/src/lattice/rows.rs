@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rows_of_a_run_are_those_of_its_cells_whatever_came_before() {
+    fn the_cached_rows_of_a_run_equal_those_of_its_cells() {
         let mut rows = CellRows::new(Lattice::new([0.0; 3], 0.01, [100; 3]).unwrap());
         let mut runs = RowsOfRuns::default();
         let cells = |numbers: &[u32]| numbers.iter().map(|&n| CellId(n)).collect::<Vec<_>>();

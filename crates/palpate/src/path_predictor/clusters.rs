@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn groups_hold_every_cell_once_with_all_its_stiffness_and_variance() {
+    fn clusters_hold_every_cell_once_and_keep_the_sums_of_stiffness_and_variance() {
         let stiffness = |[i, j, k]: [u32; 3]| f64::from(i * 7 % 5 + j * k);
         let variance = |[i, j, k]: [u32; 3]| f64::from((i + 3 * j + 5 * k) % 11);
         let places: Vec<_> =
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_stiff_is_divided_and_what_is_not_is_not() {
+    fn stiff_blocks_are_divided_into_clusters_and_soft_ones_are_not() {
         let stiffness = |[i, _, _]: [u32; 3]| if i < BRICK_EDGE { 100.0 } else { 1e-3 };
         let springs = few(stiffness, |_| 1.0, 4.1);
         let stiff = springs.iter().filter(|([i, _, _], _)| *i < BRICK_EDGE).count();
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn the_leader_is_where_the_stiffness_is() {
+    fn a_cluster_is_placed_where_its_stiffness_is() {
         let stiffness = |place| if place == [3, 2, 1] { 9.0 } else { 0.0 };
         let springs = few(stiffness, |_| 0.0, 1e9);
         let (_, spring) = springs.iter().find(|(place, _)| *place == [3, 2, 1]).unwrap();

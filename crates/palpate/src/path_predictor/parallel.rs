@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn threads_that_have_no_time_are_not_waited_for() {
+    fn an_answer_does_not_wait_for_busy_threads() {
         let (let_go, held) = channel::<()>();
         let held = std::sync::Mutex::new(held);
         let held = Arc::new(held);

@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_is_known_every_block_has_one_or_every_cell_is_its_own() {
+    fn an_unknown_brick_has_one_spring_a_block_or_one_a_cell() {
         for (few, blocks) in [(true, 8), (false, BRICK_CELLS)] {
             let springs = springs(&[], few);
             for low in [[0, 0, 0], [8, 16, 0]] {
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_that_is_known_stands_for_itself_or_is_stood_for() {
+    fn every_known_cell_is_a_spring_or_belongs_to_one() {
         for few in [true, false] {
             let others = springs(&[], few).of_brick([8, 16, 8]);
             let places = [others[0].0, others[1].0, [9, 20, 15]];
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_field_learns_later_changes_nothing_of_a_copy() {
+    fn a_path_predictor_keeps_the_field_of_its_moment() {
         let mut rows = CellRows::new(Lattice::new([0.0; 3], 0.01, [24, 24, 20]).unwrap());
         rows.row_of(rows.lattice().cell([1, 2, 3]));
         let springs = Springs::of(&rows, vec![KNOWN], OTHER, 1.0);

@@ -175,7 +175,7 @@ mod tests {
     const ID: FrameId = FrameId { touch: 0, sample: 0 };
 
     #[test]
-    fn neither_bound_is_ever_passed_and_nothing_is_lost_on_the_way() {
+    fn memory_stays_within_both_limits_and_hands_out_every_frame_that_leaves() {
         let mut memory = ReplayMemory::new(MemoryLimits { frames: 10, bytes: 100 }, 7);
         let mut left = Vec::new();
         for frame in 0..1000_usize {
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_larger_than_the_memory_leaves_the_others_alone() {
+    fn a_frame_larger_than_the_memory_evicts_no_other() {
         let mut memory = ReplayMemory::new(MemoryLimits { frames: 10, bytes: 100 }, 7);
         memory.push('a', ID, 60, 0.0);
         assert_eq!(memory.push('b', ID, 101, 0.0), ['b']);
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_touch_that_is_removed_gives_its_bytes_back() {
+    fn removing_a_touch_frees_its_bytes() {
         let mut memory = ReplayMemory::new(MemoryLimits { frames: 10, bytes: 100 }, 7);
         for frame in 0..6 {
             memory.push(frame, FrameId { touch: frame as u32 % 2, sample: 0 }, 1 + frame, 0.0);
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn the_best_of_many_draws_is_the_best_there_is() {
+    fn the_best_of_many_draws_has_the_highest_score_in_memory() {
         let mut memory = ReplayMemory::new(MemoryLimits { frames: 10, bytes: 100 }, 7);
         assert_eq!(memory.draw_best(3), None);
         for frame in [3, 9, 1] {
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn draws_are_even_and_continue_where_they_stood() {
+    fn draws_are_uniform_and_continue_from_a_saved_generator() {
         let mut memory = ReplayMemory::new(MemoryLimits { frames: 8, bytes: 8 }, 7);
         for frame in 0..8 {
             memory.push(frame, ID, 1, f64::from(frame));

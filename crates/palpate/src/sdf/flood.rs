@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn the_flood_stops_at_walls_and_enters_by_any_door() {
+    fn the_flood_stops_at_closed_walls_and_passes_any_opening() {
         let lattice = Lattice { origin_m: Point3::origin(), spacing_m: 1.0, shape: [10, 10, 10] };
         let dry = |reached: Vec<bool>| reached.iter().filter(|reached| !**reached).count();
         assert_eq!(dry(reached(&lattice, walled(&lattice, None))), 4 * 4 * 4);

@@ -123,7 +123,7 @@ fn inside_out(threads: Threads, all: &[[Point3<f64>; 3]]) -> Vec<bool> {
     let surface = Surface::new(&sound);
     let sky = threads.map(all.len(), |index| {
         let looks = parts.open[parts.of_triangle[index]] && !is_degenerate(&all[index]);
-        if looks { sky_in_front_less_behind(&all[index], &surface) } else { 0.0 }
+        if looks { sky_seen_in_front_minus_behind(&all[index], &surface) } else { 0.0 }
     });
 
     // A closed part is judged by its volume, an open one by its triangles' votes.
@@ -140,7 +140,7 @@ fn inside_out(threads: Threads, all: &[[Point3<f64>; 3]]) -> Vec<bool> {
 }
 
 /// How much more of the sky is seen from in front of a triangle than from behind it, −1 to 1.
-fn sky_in_front_less_behind(triangle: &[Point3<f64>; 3], surface: &Surface) -> f64 {
+fn sky_seen_in_front_minus_behind(triangle: &[Point3<f64>; 3], surface: &Surface) -> f64 {
     let normal = area_vector_of(triangle).normalize();
     let middle =
         Point3::from(triangle.iter().map(|vertex| vertex.coords).sum::<Vector3<f64>>() / 3.0);

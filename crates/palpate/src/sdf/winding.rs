@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_closed_surface_covers_the_whole_sky_within_and_none_without() {
+    fn the_winding_number_of_a_closed_surface_is_one_inside_and_zero_outside() {
         let tree = WindingTree::new(ball());
         for (x, covered) in [(0.0, 1.0), (0.5, 1.0), (-0.9, 1.0), (1.1, 0.0), (30.0, 0.0)] {
             let found = tree.at(&Point3::new(x, 0.01, 0.02));

@@ -121,7 +121,7 @@ pub enum Stiffness {
     Magnitude,
 }
 
-/// One frame as the estimators see it: the contacts' levers, folded, and the torque they explain.
+/// One frame as the estimators see it: the contacts' levers, summed up, and the torque they explain.
 ///
 /// All of it is one block of memory in the order in which it is walked over, because a remembered
 /// frame comes back from far away: every detour would be waited for.
@@ -200,7 +200,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Folds frame after frame, and numbers their cells.
+/// Builds the observation of frame after frame, and numbers their cells.
 #[derive(Debug, Clone)]
 pub struct ObservationBuilder {
     rows: CellRows,
@@ -218,7 +218,7 @@ impl ObservationBuilder {
         &self.rows
     }
 
-    /// Folds the contacts of a step; cells seen for the first time get their rows here.
+    /// Builds the observation of a step; cells seen for the first time get their rows here.
     ///
     /// `tau` is the external torque of the step, n_joints, N·m. The contacts of successive steps
     /// are best handed to one observations: it finds the rows of cells that stayed without a look-up.
@@ -251,7 +251,7 @@ impl ObservationBuilder {
 }
 
 impl Observation {
-    /// Folds the contacts of a single step, as [`ObservationBuilder::build`] does.
+    /// Builds the observation of a single step, as [`ObservationBuilder::build`] does.
     pub fn new(
         robot: &Robot,
         poses: &Poses,

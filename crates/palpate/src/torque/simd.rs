@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn wide_registers_give_the_same_bits_as_plain_numbers() {
+    fn simd_gives_the_same_bits_as_scalar_arithmetic() {
         assert_eq!(all_sums(&Best), all_sums(&Plain));
     }
 }
