@@ -219,11 +219,16 @@ impl Header {
 }
 
 /// Writes the header of an array in C order, little-endian; `descr` is numpy's `dtype.str`.
+///
+/// As numpy does, it leaves room for any number of rows, so that it can be written again over
+/// itself when their number is known.
 pub(crate) fn write_header(out: &mut impl Write, descr: &str, shape: &[usize]) -> io::Result<()> {
     let sides: String = shape.iter().map(|side| format!("{side}, ")).collect();
     let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({sides}), }}");
-    let unpadded = MAGIC.len() + 4 + text.len() + 1;
-    text.push_str(&" ".repeat(unpadded.next_multiple_of(64) - unpadded));
+    let digits = |number: usize| number.to_string().len();
+    let room = shape.first().map_or(0, |&rows| digits(usize::MAX) - digits(rows));
+    let unpadded = MAGIC.len() + 4 + text.len() + room + 1;
+    text.push_str(&" ".repeat(unpadded.next_multiple_of(64) - unpadded + room));
     text.push('\n');
     let length = u16::try_from(text.len()).map_err(|_| io::Error::other("too many dimensions"))?;
     out.write_all(MAGIC)?;

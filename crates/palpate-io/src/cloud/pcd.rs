@@ -4,14 +4,16 @@
 //! a colour as the bits of one number, whatever type the header gives it. Compressed files hold
 //! field after field instead of point after point. `VIEWPOINT` is not applied, as PCL does not.
 
-use super::rows::{Collector, Layout, Words, number};
-use super::{CloudError, Reading, lzf};
-use crate::npy::Number;
 use std::path::Path;
 
-/// Longest header believed.
-const MAX_HEADER_BYTES: usize = 1 << 16;
+use super::error::CloudError;
+use super::lzf;
+use super::points::Reading;
+use super::rows::{Collector, Layout};
+use super::table::{Body, Format, Holds, Property, Rows, header};
+use crate::npy::Number;
 
+/// How the points are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Data {
     Text,
@@ -27,30 +29,45 @@ struct Field {
     count: usize,
 }
 
-#[derive(Debug)]
-struct Header {
-    fields: Vec<Field>,
-    points: u64,
-    data: Data,
-    /// Lines, the last being `DATA`.
-    lines: usize,
-}
-
 /// Reads the points.
 pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Reading, CloudError> {
-    let (header, body) = Header::read(bytes).map_err(|(line, reason)| CloudError::Header {
-        path: path.to_owned(),
-        line,
-        reason,
+    let (mut entries, mut read) = (Entries::default(), None);
+    let (body, lines) = header(bytes, "line `DATA`", path, |words| {
+        if let Some(data) = entries.take(words)? {
+            read = Some((std::mem::take(&mut entries).close()?, data));
+        }
+        Ok(read.is_some())
     })?;
-    let layout = header.layout().ok_or_else(|| header.no_positions(path))?;
+    let ((fields, count), data) = read.expect("the header ends with its line `DATA`");
+    let properties = fields.iter().flat_map(properties).collect();
+    let rows = Rows { unit: "points".to_owned(), count, properties };
+    let Some(layout) = Layout::find(&rows.properties) else {
+        let names = fields.iter().take(40).map(|field| format!("`{}`", field.name));
+        let found = names.collect::<Vec<_>>().join(", ");
+        return Err(CloudError::NoPositions { path: path.to_owned(), of: "each point", found });
+    };
+    let unpacked = match data {
+        Data::Compressed => by_rows(&unpacked(body, path)?, &fields, count),
+        Data::Text | Data::Binary => Vec::new(),
+    };
+    let (format, body) = match data {
+        Data::Text => (Format::Text, body),
+        Data::Binary => (Format::Binary { big_endian: false }, body),
+        Data::Compressed => (Format::Binary { big_endian: false }, unpacked.as_slice()),
+    };
     let mut collector = Collector::new(layout);
-    match header.data {
-        Data::Text => header.walk_text(body, path, &mut collector)?,
-        Data::Binary => header.walk(body, path, &mut collector)?,
-        Data::Compressed => header.walk(&unpacked(body, path)?, path, &mut collector)?,
-    }
+    Body::new(path, format, body, lines).walk(&rows, |row| collector.push(row))?;
     collector.finish(path)
+}
+
+/// A property for each number of a field.
+fn properties(field: &Field) -> impl Iterator<Item = Property> + use<'_> {
+    let holds = match field.count {
+        1 if field.is_packed() => Holds::Packed,
+        1 => Holds::One,
+        _ => Holds::Part,
+    };
+    (0..field.count).map(move |_| Property { name: field.name.clone(), kind: field.kind, holds })
 }
 
 /// The bytes behind the two sizes that a compressed body begins with.
@@ -74,114 +91,25 @@ fn unpacked(body: &[u8], path: &Path) -> Result<Vec<u8>, CloudError> {
         .map_err(|reason| CloudError::Damaged { path: path.to_owned(), reason })
 }
 
-impl Header {
-    /// Reads up to the line `DATA`; what comes after it is the body. An error is a line and a
-    /// reason.
-    fn read(bytes: &[u8]) -> Result<(Self, &[u8]), (usize, String)> {
-        let (mut rest, mut lines) = (bytes, 0);
-        let mut entries = Entries::default();
-        loop {
-            let window = &rest[..rest.len().min(MAX_HEADER_BYTES)];
-            let end = window.iter().position(|&byte| byte == b'\n');
-            let wrong = |reason: &str| (lines + 1, reason.to_owned());
-            let end = end.ok_or_else(|| wrong("there is no line `DATA`"))?;
-            let text = std::str::from_utf8(&rest[..end]).map_err(|_| wrong("it is not text"))?;
-            rest = &rest[end + 1..];
-            if bytes.len() - rest.len() > MAX_HEADER_BYTES {
-                return Err(wrong("the header is longer than 64 KiB"));
-            }
-            lines += 1;
-            let words: Vec<&str> = text.split_ascii_whitespace().collect();
-            if let Some(data) = entries.take(&words).map_err(|reason| (lines, reason))? {
-                let (fields, points) = entries.close().map_err(|reason| (lines, reason))?;
-                return Ok((Self { fields, points, data, lines }, rest));
-            }
+/// Bytes that stand field after field, point after point; as many whole points as there are.
+fn by_rows(columns: &[u8], fields: &[Field], points: u64) -> Vec<u8> {
+    let sizes = || fields.iter().map(|field| field.kind.bytes() * field.count);
+    let row_bytes: usize = sizes().sum();
+    let held = columns.len() / row_bytes.max(1);
+    // Where fields begin is told by the promised number of points. If fewer are there, the walk
+    // over what is handed on says so.
+    let Some(points) = usize::try_from(points).ok().filter(|&points| points <= held) else {
+        return vec![0; held * row_bytes];
+    };
+    let (mut rows, mut offset) = (vec![0; points * row_bytes], 0);
+    for size in sizes().filter(|&size| size > 0) {
+        let column = columns[offset * points..].chunks_exact(size);
+        for (row, value) in rows.chunks_exact_mut(row_bytes).zip(column) {
+            row[offset..offset + size].copy_from_slice(value);
         }
+        offset += size;
     }
-
-    /// One name for each number of a row; none for those of which a field has several.
-    fn layout(&self) -> Option<Layout> {
-        let names = self.fields.iter().flat_map(|field| {
-            let kind = (field.count == 1).then_some(field.kind);
-            std::iter::repeat_n((field.name.clone(), kind), field.count)
-        });
-        Layout::find(&names.collect::<Vec<_>>())
-    }
-
-    /// Where each number of a row begins, and how far it is to that of the next row.
-    fn slots(&self, row_bytes: usize, points: usize) -> Vec<(Number, usize, usize)> {
-        let (mut slots, mut offset) = (Vec::new(), 0);
-        for field in &self.fields {
-            let size = field.kind.bytes();
-            for place in 0..field.count {
-                slots.push(match self.data {
-                    Data::Compressed => {
-                        (field.kind, offset * points + place * size, size * field.count)
-                    }
-                    _ => (field.kind, offset + place * size, row_bytes),
-                });
-            }
-            offset += size * field.count;
-        }
-        slots
-    }
-
-    /// Hands on the rows of a binary body.
-    fn walk(&self, body: &[u8], path: &Path, to: &mut Collector) -> Result<(), CloudError> {
-        let row_bytes: usize = self.fields.iter().map(|f| f.kind.bytes() * f.count).sum();
-        let held = (body.len() / row_bytes) as u64;
-        if held < self.points {
-            return Err(self.truncated(path, held));
-        }
-        let points = self.points as usize; // no more than the body has rows
-        let slots = self.slots(row_bytes, points);
-        let mut row = vec![0.0; slots.len()];
-        for point in 0..points {
-            for (value, &(kind, start, stride)) in row.iter_mut().zip(&slots) {
-                *value = number(kind, false, &body[start + point * stride..]);
-            }
-            to.push(&row);
-        }
-        Ok(())
-    }
-
-    /// Hands on the rows of a text.
-    fn walk_text(&self, body: &[u8], path: &Path, to: &mut Collector) -> Result<(), CloudError> {
-        let mut words = Words::new(body, self.lines + 1);
-        let mut row = Vec::new();
-        for held in 0..self.points {
-            row.clear();
-            for field in &self.fields {
-                for _ in 0..field.count {
-                    let value = words.number(path, &field.name)?;
-                    let value = value.ok_or_else(|| self.truncated(path, held))?;
-                    row.push(if field.is_packed() { bits(value) } else { value });
-                }
-            }
-            to.push(&row);
-        }
-        Ok(())
-    }
-
-    fn truncated(&self, path: &Path, held: u64) -> CloudError {
-        let (path, promised) = (path.to_owned(), self.points);
-        CloudError::Truncated { path, held, promised, unit: "points".to_owned() }
-    }
-
-    fn no_positions(&self, path: &Path) -> CloudError {
-        let names = self.fields.iter().take(40).map(|field| format!("`{}`", field.name));
-        let found = names.collect::<Vec<_>>().join(", ");
-        CloudError::NoPositions { path: path.to_owned(), of: "each point", found }
-    }
-}
-
-/// A packed colour that was written as text: its bits as a whole number, or the number that these
-/// bits are as a float. Such floats are tiny, negative or not finite, so that neither is mistaken.
-fn bits(value: f64) -> f64 {
-    if value.fract() == 0.0 && value.abs() <= f64::from(u32::MAX) {
-        return f64::from(value as i64 as u32);
-    }
-    f64::from((value as f32).to_bits())
+    rows
 }
 
 impl Field {
@@ -258,7 +186,8 @@ impl Entries {
         let kinds = self.types.iter().zip(&self.sizes);
         let fields = self.names.into_iter().zip(kinds).zip(counts);
         let fields = fields.map(|((name, (letter, &size)), count)| {
-            let kind = kind(letter, size)?;
+            let number = Number::of(&letter.to_ascii_lowercase(), &size.to_string());
+            let kind = number.ok_or_else(|| format!("TYPE {letter} of SIZE {size} is unknown"))?;
             let mut field = Field { name, kind, count };
             if field.is_packed() && size == 4 {
                 field.kind = Number::U32;
@@ -267,20 +196,4 @@ impl Entries {
         });
         Ok((fields.collect::<Result<_, String>>()?, points))
     }
-}
-
-fn kind(letter: &str, size: usize) -> Result<Number, String> {
-    Ok(match (letter, size) {
-        ("F", 4) => Number::F32,
-        ("F", 8) => Number::F64,
-        ("I", 1) => Number::I8,
-        ("I", 2) => Number::I16,
-        ("I", 4) => Number::I32,
-        ("I", 8) => Number::I64,
-        ("U", 1) => Number::U8,
-        ("U", 2) => Number::U16,
-        ("U", 4) => Number::U32,
-        ("U", 8) => Number::U64,
-        _ => return Err(format!("TYPE {letter} of SIZE {size} is unknown")),
-    })
 }

@@ -4,10 +4,14 @@
 //! [`Collector`] takes row after row. Whether colours are bytes or fractions is known only once
 //! all of them were seen, because floats come as either.
 
-use super::{Cloud, CloudError, Reading};
-use crate::npy::Number;
-use nalgebra::Point3;
 use std::path::Path;
+
+use nalgebra::Point3;
+
+use super::error::CloudError;
+use super::points::{Cloud, Reading};
+use super::table::{Holds, Property};
+use crate::npy::Number;
 
 /// Where in a row the point and its colour are.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -27,23 +31,24 @@ enum Colour {
 }
 
 impl Layout {
-    /// Finds coordinates and colours among the numbers of a row; `None` stands for what is no
-    /// single number. Without coordinates there is no layout.
-    pub(super) fn find(fields: &[(String, Option<Number>)]) -> Option<Self> {
+    /// Finds coordinates and colours among the numbers of a row. Without coordinates there is no
+    /// layout.
+    pub(super) fn find(properties: &[Property]) -> Option<Self> {
         let place = |wanted: &str| {
-            fields
-                .iter()
-                .position(|(name, kind)| kind.is_some() && name.eq_ignore_ascii_case(wanted))
+            properties.iter().position(|property| {
+                matches!(property.holds, Holds::One | Holds::Packed)
+                    && property.name.eq_ignore_ascii_case(wanted)
+            })
         };
         let three = |[a, b, c]: [&str; 3]| Some([place(a)?, place(b)?, place(c)?]);
         let channels = three(["red", "green", "blue"])
             .or_else(|| three(["r", "g", "b"]))
             .or_else(|| three(["diffuse_red", "diffuse_green", "diffuse_blue"]));
         let colour = match channels {
-            Some(places) => fields[places[0]]
-                .1
-                .filter(|&kind| places.iter().all(|&place| fields[place].1 == Some(kind)))
-                .map_or(Colour::None, |kind| Colour::Channels(places, kind)),
+            Some(places) => match places.map(|place| properties[place].kind) {
+                [r, g, b] if r == g && g == b => Colour::Channels(places, r),
+                _ => Colour::None,
+            },
             None => place("rgb").or_else(|| place("rgba")).map_or(Colour::None, Colour::Packed),
         };
         Some(Self { xyz: three(["x", "y", "z"])?, colour })
@@ -123,54 +128,5 @@ impl Collector {
             }),
         };
         self.colours.iter().enumerate().map(colour).collect()
-    }
-}
-
-/// Reads a number from the front of little- or big-endian bytes.
-pub(super) fn number(kind: Number, big_endian: bool, bytes: &[u8]) -> f64 {
-    let mut raw = [0; 8];
-    let size = kind.bytes();
-    raw[..size].copy_from_slice(&bytes[..size]);
-    if big_endian {
-        raw[..size].reverse();
-    }
-    kind.to_f64(raw)
-}
-
-/// Words of a text, with the number of the line that each is in.
-pub(super) struct Words<'a> {
-    rest: &'a [u8],
-    line: usize,
-}
-
-impl<'a> Words<'a> {
-    /// `line` is the number of the text's first line in its file.
-    pub(super) fn new(text: &'a [u8], line: usize) -> Self {
-        Self { rest: text, line }
-    }
-
-    /// The next word as a number; a word that is none is an error, the end is `None`.
-    pub(super) fn number(&mut self, path: &Path, name: &str) -> Result<Option<f64>, CloudError> {
-        let Some(word) = self.next() else { return Ok(None) };
-        let number = std::str::from_utf8(word).ok().and_then(|word| word.parse::<f64>().ok());
-        number.map(Some).ok_or_else(|| CloudError::Value {
-            path: path.to_owned(),
-            place: format!("`{name}` in line {}", self.line),
-            found: format!("`{}`", word[..word.len().min(24)].escape_ascii()),
-            wanted: "a number",
-        })
-    }
-}
-
-impl<'a> Iterator for Words<'a> {
-    type Item = &'a [u8];
-
-    fn next(&mut self) -> Option<&'a [u8]> {
-        let start = self.rest.iter().position(|byte| !byte.is_ascii_whitespace())?;
-        self.line += self.rest[..start].iter().filter(|&&byte| byte == b'\n').count();
-        let rest = &self.rest[start..];
-        let end = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
-        self.rest = &rest[end..];
-        Some(&rest[..end])
     }
 }

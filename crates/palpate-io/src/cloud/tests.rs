@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::atomic::IfExists;
+use nalgebra::Point3;
 use proptest::prelude::*;
 
 fn reading(bytes: &[u8]) -> Result<Reading, CloudError> {

@@ -1,6 +1,6 @@
 //! What a simulation knows of the points of its cloud; for checking only.
 
-use super::CloudError;
+use super::error::CloudError;
 use crate::npy::Header;
 use std::fs::File;
 use std::io::{BufReader, Read};

@@ -5,8 +5,8 @@
 //! at a distance of one metre that rounds to 0.06 µm. A colour is `uchar red green blue` in PLY
 //! and the bits `0x00rrggbb` of the float `rgb` in PCD, as these programs write it themselves.
 
-use super::{Cloud, WriteError};
-use crate::atomic::{self, IfExists};
+use super::points::Cloud;
+use crate::atomic::{self, IfExists, WriteError};
 use std::io::{self, Write};
 use std::path::Path;
 

@@ -107,13 +107,13 @@ fn small(arrays: &Arrays, name: &str, n: usize) -> Result<Vec<u32>, NpzError> {
         .map(|(row, &number)| u32::try_from(number).map_err(|_| row))
         .collect();
     narrow.map_err(|row| {
-        refused(arrays, name, row, numbers[row] as f64, "numbers below 4,294,967,296")
+        arrays.refused(name, row, numbers[row] as f64, "numbers below 4,294,967,296")
     })
 }
 
 fn lattice(arrays: &Arrays) -> Result<FieldLattice, NpzError> {
     let numbers = arrays.floats("lattice", &[Some(7)])?;
-    let refused = |row: usize, wanted| Err(refused(arrays, "lattice", row, numbers[row], wanted));
+    let refused = |row: usize, wanted| Err(arrays.refused("lattice", row, numbers[row], wanted));
     if numbers[3] <= 0.0 {
         return refused(3, "a spacing above 0");
     }
@@ -144,19 +144,14 @@ fn check_cells(
     let outside = cells.iter().position(|&cell| u128::from(cell) >= size);
     if let Some(row) = outside {
         let wanted = "indices of cells within the lattice";
-        return Err(refused(arrays, "cells", row, f64::from(cells[row]), wanted));
+        return Err(arrays.refused("cells", row, f64::from(cells[row]), wanted));
     }
     let mut rows: Vec<usize> = (0..cells.len()).collect();
     rows.sort_by_key(|&row| (cells[row], row));
     match rows.array_windows().find(|[a, b]| cells[*a] == cells[*b]) {
         None => Ok(()),
         Some(&[_, row]) => {
-            Err(refused(arrays, "cells", row, f64::from(cells[row]), "each cell once"))
+            Err(arrays.refused("cells", row, f64::from(cells[row]), "each cell once"))
         }
     }
-}
-
-fn refused(arrays: &Arrays, name: &str, row: usize, found: f64, wanted: &'static str) -> NpzError {
-    let (path, name) = (arrays.path().to_owned(), name.to_owned());
-    NpzError::Value { path, name, row, found, wanted }
 }

@@ -148,7 +148,7 @@ pub fn save(path: &Path, saved: &Saved) -> Result<(), NpzError> {
 ///
 /// If the file is missing, broken, of another program or of a later version.
 pub fn load(path: &Path) -> Result<Saved, SavedError> {
-    from_arrays(&read_npz(path)?, &path.display().to_string())
+    from_arrays(&read_npz(path)?)
 }
 
 /// The bytes of the file that [`save`] writes, for programs that hand fields on.
@@ -162,7 +162,7 @@ pub fn to_bytes(saved: &Saved) -> Vec<u8> {
 ///
 /// As [`load`].
 pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Saved, SavedError> {
-    from_arrays(&read_npz_bytes(bytes, name)?, name)
+    from_arrays(&read_npz_bytes(bytes, name)?)
 }
 
 /// The lattice as the file's array has it.
@@ -249,16 +249,17 @@ fn insert_sample_log(arrays: &mut Arrays, snapshot: &Snapshot) {
 }
 
 /// The field that named arrays hold.
-fn from_arrays(arrays: &Arrays, path: &str) -> Result<Saved, SavedError> {
+fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
     let file = FieldFile::from_arrays(arrays)?;
-    let foreign = |missing| SavedError::Foreign { path: path.to_owned(), missing };
+    let path = || arrays.path().display().to_string();
+    let foreign = |missing| SavedError::Foreign { path: path(), missing };
     if arrays.get("palpate").is_none() {
         return Err(foreign("palpate"));
     }
     let meta: Meta = serde_json::from_str(&arrays.text("palpate")?)
-        .map_err(|source| SavedError::Settings { path: path.to_owned(), source })?;
+        .map_err(|source| SavedError::Settings { path: path(), source })?;
     if meta.format > FORMAT {
-        return Err(SavedError::Format { path: path.to_owned(), found: meta.format });
+        return Err(SavedError::Format { path: path(), found: meta.format });
     }
     let cells = file.cells.ok_or_else(|| foreign("cells"))?;
     let mut field = Field::new(meta.lattice, meta.contact, meta.touch, meta.untouched_n_per_m);
@@ -266,33 +267,33 @@ fn from_arrays(arrays: &Arrays, path: &str) -> Result<Saved, SavedError> {
     field.std_n_per_m = file.std.ok_or_else(|| foreign("K_std"))?;
     field.counts = file.counts.ok_or_else(|| foreign("N_obs"))?;
     field.stiffness_n_per_m = file.stiffness;
-    let contradiction = |what| SavedError::Contradiction { path: path.to_owned(), what };
     if file.lattice != Some(lattice_of(&field)) {
-        let what = "the array `lattice` is not the lattice of the settings".to_owned();
-        return Err(contradiction(what));
+        let what = "the array `lattice` is not the lattice of the settings";
+        return Err(contradiction(arrays, what.to_owned()));
     }
-    if !(field.untouched_n_per_m >= 0.0 && field.untouched_n_per_m.is_finite()) {
-        let what = format!("the stiffness of untouched cells is {} N/m", field.untouched_n_per_m);
-        return Err(contradiction(what));
+    let untouched = field.untouched_n_per_m;
+    if !(untouched >= 0.0 && untouched.is_finite()) {
+        let what = format!("the stiffness of untouched cells is {untouched} N/m");
+        return Err(contradiction(arrays, what));
     }
     if let Some(cell) = field.cells.iter().find(|cell| !field.lattice.contains(**cell)) {
         let what = format!("cell {} is not in the lattice {:?}", cell.0, field.lattice.shape());
-        return Err(contradiction(what));
+        return Err(contradiction(arrays, what));
     }
     let mut saved = Saved { field, prior_n_per_m: file.prior, robot: meta.robot, snapshot: None };
     if let Some(mapper) = meta.mapper {
-        saved.snapshot = Some(snapshot(arrays, path, mapper, &saved)?);
+        saved.snapshot = Some(snapshot(arrays, mapper, &saved)?);
     }
     Ok(saved)
 }
 
+/// The error of arrays that contradict each other.
+fn contradiction(arrays: &Arrays, what: String) -> SavedError {
+    SavedError::Contradiction { path: arrays.path().display().to_string(), what }
+}
+
 /// The mapper that named arrays hold.
-fn snapshot(
-    arrays: &Arrays,
-    path: &str,
-    mapper: MapperMeta,
-    saved: &Saved,
-) -> Result<Snapshot, SavedError> {
+fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapshot, SavedError> {
     let numbers = arrays.counts(name_in(arrays, "memory_frame"), &[None, Some(2)])?;
     let alphas = arrays.floats("memory_alpha", &[Some(numbers.len() / 2), None])?;
     let width = alphas.len().checked_div(numbers.len() / 2).unwrap_or(0);
@@ -318,13 +319,13 @@ fn snapshot(
         (state.mean.len(), state.variance.len(), saved.field.cells.len());
     if means != cells || variances != cells {
         let what = format!("{cells} cells have {means} means and {variances} variances");
-        return Err(SavedError::Contradiction { path: path.to_owned(), what });
+        return Err(contradiction(arrays, what));
     }
-    let (n_joints, sample_log) = sample_log(arrays, path)?;
+    let (n_joints, sample_log) = sample_log(arrays)?;
     let wanted = if mapper.config.method == EstimatorKind::Map { n_joints } else { 0 };
     if width != wanted && !state.remembered.is_empty() {
         let what = format!("remembered frames have {width} multipliers, wanted {wanted}");
-        return Err(SavedError::Contradiction { path: path.to_owned(), what });
+        return Err(contradiction(arrays, what));
     }
     let prior = saved.prior_n_per_m.as_deref().unwrap_or_default();
     let Some(expected) = prior.get(..mapper.expected) else {
@@ -333,7 +334,7 @@ fn snapshot(
             mapper.expected,
             prior.len()
         );
-        return Err(SavedError::Contradiction { path: path.to_owned(), what });
+        return Err(contradiction(arrays, what));
     };
     Ok(Snapshot::new(
         mapper.config,
@@ -346,7 +347,7 @@ fn snapshot(
 }
 
 /// The logged touches, and the number of joints of their samples.
-fn sample_log(arrays: &Arrays, path: &str) -> Result<(usize, Vec<LoggedTouch>), SavedError> {
+fn sample_log(arrays: &Arrays) -> Result<(usize, Vec<LoggedTouch>), SavedError> {
     let touches = arrays.counts(name_in(arrays, "log_touch"), &[None, Some(3)])?;
     let q = arrays.floats(name_in(arrays, "log_q"), &[None, None])?;
     let tau = arrays.floats(name_in(arrays, "log_tau"), &[None, None])?;
@@ -359,7 +360,7 @@ fn sample_log(arrays: &Arrays, path: &str) -> Result<(usize, Vec<LoggedTouch>), 
             q.len(),
             tau.len()
         );
-        return Err(SavedError::Contradiction { path: path.to_owned(), what });
+        return Err(contradiction(arrays, what));
     }
     let mut start = 0;
     let mut logged = Vec::new();

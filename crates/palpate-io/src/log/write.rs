@@ -185,8 +185,8 @@ impl Touch {
                 write_header(&mut file, "<f8", shape)?;
                 Ok(file)
             };
-            let table = [usize::MAX, self.joints]; // as wide as a number of rows can be
-            let time = sample.time_s.map(|_| make("time.npy", &[usize::MAX])).transpose()?;
+            let table = [0, self.joints];
+            let time = sample.time_s.map(|_| make("time.npy", &table[..1])).transpose()?;
             self.files = Some((make("angles.npy", &table)?, make("torques.npy", &table)?, time));
         }
         let Some((angles, torques, time)) = &mut self.files else { return Ok(()) };
@@ -215,18 +215,8 @@ impl Touch {
         let mut files = vec![(angles, &table[..]), (torques, &table)];
         files.extend(time.map(|file| (file, &table[..1])));
         for (mut file, shape) in files {
-            let mut reserved = Vec::new();
-            let widest = [&[usize::MAX][..], &shape[1..]].concat();
-            write_header(&mut reserved, "<f8", &widest)?;
-            let mut header = Vec::new();
-            write_header(&mut header, "<f8", shape)?;
-            // The text ends in blanks and a line end, of which it may have any number.
-            let end = header.pop().unwrap_or(b'\n');
-            header.resize(reserved.len() - 1, b' ');
-            header.push(end);
-            header[8..10].copy_from_slice(&reserved[8..10]);
             file.seek(SeekFrom::Start(0))?;
-            file.write_all(&header)?;
+            write_header(&mut file, "<f8", shape)?;
             file.flush()?;
             file.get_ref().sync_all()?;
         }

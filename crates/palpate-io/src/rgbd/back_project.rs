@@ -1,12 +1,12 @@
 //! From pixels to points of the world, and an account of what was left out.
 
-use super::RgbdError;
 use super::camera::Camera;
+use super::dropped::Dropped;
+use super::error::RgbdError;
 use super::flying::FlyingPixels;
 use super::images::{ColourImage, DepthImage};
 use crate::cloud::Cloud;
 use nalgebra::Point3;
-use std::fmt;
 
 /// Medians of depth beyond which the unit is in doubt, m.
 const PLAUSIBLE_MEDIAN_M: [f64; 2] = [0.02, 50.0];
@@ -26,32 +26,6 @@ impl Default for Config {
     fn default() -> Self {
         let flying = Some(FlyingPixels::default());
         Self { depth_range_m: [0.0, f64::INFINITY], crop: None, flying }
-    }
-}
-
-/// How many pixels were left out; each is counted once, for the first reason that applies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Dropped {
-    /// No depth: zero, negative or not finite.
-    pub without_depth: usize,
-    /// Nearer or farther than wanted.
-    pub out_of_range: usize,
-    /// Hanging between an object and what is behind it.
-    pub flying: usize,
-    /// Where the lens, as calibrated, cannot show anything.
-    pub beyond_lens: usize,
-    /// Outside of the box.
-    pub outside_box: usize,
-}
-
-impl fmt::Display for Dropped {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { without_depth, out_of_range, flying, beyond_lens, outside_box } = self;
-        write!(
-            out,
-            "{without_depth} have no depth, {out_of_range} are out of range, {flying} hang in the \
-             air, {beyond_lens} lie beyond the lens, {outside_box} outside of the box"
-        )
     }
 }
 
@@ -107,7 +81,7 @@ pub fn back_project(
         }
     }
     if points.is_empty() {
-        let remedy = remedy(&dropped);
+        let remedy = dropped.remedy();
         return Err(RgbdError::Nothing { dropped, remedy });
     }
     Ok(BackProjection { cloud: Cloud::new(points, Some(colours)), pixels, dropped })
@@ -168,17 +142,4 @@ fn check_unit(depth: &DepthImage) -> Result<(), RgbdError> {
         _ => return Ok(()),
     };
     Err(RgbdError::DepthUnit { beyond, median_m, unit_m: depth.unit_m() })
-}
-
-/// What to do if nothing is left, by what took most.
-fn remedy(dropped: &Dropped) -> &'static str {
-    let Dropped { without_depth, out_of_range, flying, beyond_lens, outside_box } = *dropped;
-    let most = [without_depth, out_of_range, flying, beyond_lens, outside_box].into_iter().max();
-    match most {
-        most if most == Some(without_depth) => "look at the depth image: it may be the wrong file",
-        most if most == Some(out_of_range) => "widen the depth range",
-        most if most == Some(outside_box) => "widen the box, or look at the camera's pose",
-        most if most == Some(beyond_lens) => "look at the distortion coefficients",
-        _ => "the depth is too noisy to tell edges from objects; keep flying pixels",
-    }
 }

@@ -14,10 +14,10 @@
 //! YAML is read by `serde-saphyr`: `serde_yaml` is archived, its forks carry a translated C
 //! library, and this one bounds depth and size of what it reads.
 
-use super::camera::Intrinsics;
+use super::camera::{Camera, Intrinsics};
 use super::distortion::Distortion;
+use super::error::{RgbdError, bytes_of};
 use super::pose::{numbers_in, pose_of};
-use super::{Camera, RgbdError};
 use nalgebra::Isometry3;
 use serde_json::Value;
 use std::path::Path;
@@ -49,9 +49,7 @@ impl CameraFile {
 ///
 /// [`RgbdError::Io`], [`RgbdError::Camera`] or [`RgbdError::Pose`].
 pub fn read_camera(path: &Path) -> Result<CameraFile, RgbdError> {
-    let failed = |source| RgbdError::Io { path: path.to_owned(), source };
-    let bytes = std::fs::read(path).map_err(failed)?;
-    decode_camera(&bytes, path)
+    decode_camera(&bytes_of(path)?, path)
 }
 
 /// Reads a camera from bytes; `path` is for errors only.

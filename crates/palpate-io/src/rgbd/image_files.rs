@@ -4,8 +4,8 @@
 //! are, without `image` around them: that would add colour management and reads no depth in
 //! 32-bit floats. The size of a picture is looked at before memory is taken for it.
 
-use super::RgbdError;
 use super::camera::MAX_SIDE;
+use super::error::{RgbdError, bytes_of};
 use super::images::{ColourImage, DepthImage};
 use crate::npy::{NpyError, Rows};
 use png::Transformations;
@@ -47,10 +47,6 @@ pub fn read_colour(path: &Path) -> Result<ColourImage, RgbdError> {
 /// If `unit_m` is not positive and finite.
 pub fn read_depth(path: &Path, unit_m: f64) -> Result<DepthImage, RgbdError> {
     decode_depth(&bytes_of(path)?, path, unit_m)
-}
-
-fn bytes_of(path: &Path) -> Result<Vec<u8>, RgbdError> {
-    std::fs::read(path).map_err(|source| RgbdError::Io { path: path.to_owned(), source })
 }
 
 /// Reads colours from bytes; `path` is for errors only.

@@ -9,6 +9,7 @@
 //! | `images`       | colours and depths in memory                                          |
 //! | `image_files`  | the same from PNG and JPEG, and from PNG, TIFF and npy                |
 //! | `flying`       | which depths hang between an object and what is behind it             |
+//! | `dropped`      | how many pixels were left out, and why                                |
 //! | `back_project` | all of it together                                                    |
 //!
 //! Camera axes are OpenCV's: x to the right, y down, z forward. Depth is along z, not along the
@@ -18,65 +19,23 @@ mod back_project;
 mod camera;
 mod camera_file;
 mod distortion;
+mod dropped;
+mod error;
 mod flying;
 mod image_files;
 mod images;
 mod pose;
 
-use crate::npy::NpyError;
-use std::io;
-use std::path::PathBuf;
-
-pub use back_project::{BackProjection, Config, Dropped, back_project};
+pub use back_project::{BackProjection, Config, back_project};
 pub use camera::{Camera, Intrinsics};
 pub use camera_file::{CameraFile, read_camera};
 pub use distortion::Distortion;
+pub use dropped::Dropped;
+pub use error::RgbdError;
 pub use flying::FlyingPixels;
 pub use image_files::{read_colour, read_depth};
 pub use images::{ColourImage, DepthImage};
 pub use pose::{pose_from_text, read_pose};
-
-/// What can be wrong with a picture, its camera, or the two together.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs)] // the messages name the fields
-pub enum RgbdError {
-    /// The system refused to read.
-    #[error("`{path}` cannot be read: {source}")]
-    Io { path: PathBuf, source: io::Error },
-    /// No image, or one of a kind that is not read.
-    #[error("`{path}` {reason}")]
-    Image { path: PathBuf, reason: String },
-    /// A depth image in npy that cannot be read.
-    #[error("`{path}` {source}")]
-    Npy { path: PathBuf, source: NpyError },
-    /// A camera that is no camera.
-    #[error("`{path}`: {reason}")]
-    Camera { path: PathBuf, reason: String },
-    /// A pose that does not only turn and move.
-    #[error("{place}: {reason}; wanted {WANTED_POSE}")]
-    Pose { place: String, reason: String },
-    /// Images and camera that are not of one size.
-    #[error(
-        "{what} is {found_width} x {found_height} pixels, the depth image {width} x {height}; \
-         wanted depth aligned to the colour image, and the intrinsics of that size"
-    )]
-    Size { what: &'static str, found_width: u32, found_height: u32, width: u32, height: u32 },
-    /// A unit of depth that puts everything far away or on the lens.
-    #[error(
-        "the median depth is {median_m} m, {beyond} than such cameras see: is the unit right? \
-         Integers were taken as {unit_m} m each, floats as metres; 0.001 is right for most depth \
-         images, 0.0001 or 0.00025 for some"
-    )]
-    DepthUnit { beyond: &'static str, median_m: f64, unit_m: f64 },
-    /// Nothing to see.
-    #[error("no pixel is left: {dropped}; {remedy}")]
-    Nothing { dropped: Dropped, remedy: &'static str },
-}
-
-/// What [`read_pose`] and [`pose_from_text`] take.
-const WANTED_POSE: &str =
-    "camera_to_world as a rigid 4x4 matrix, row by row, or as x y z qx qy qz qw";
 
 #[cfg(test)]
 mod tests;

@@ -3,7 +3,7 @@
 //! A calibration is rarely orthonormal to the last digit. What is off by less than [`SLACK`] is
 //! taken as the nearest rotation; more than that is a matrix of another kind, and an error.
 
-use super::RgbdError;
+use super::error::{RgbdError, bytes_of};
 use crate::npy::Rows;
 use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 use std::io::Cursor;
@@ -18,9 +18,7 @@ const SLACK: f64 = 1e-3;
 ///
 /// [`RgbdError::Io`], [`RgbdError::Npy`] or [`RgbdError::Pose`].
 pub fn read_pose(path: &Path) -> Result<Isometry3<f64>, RgbdError> {
-    let failed = |source| RgbdError::Io { path: path.to_owned(), source };
-    let bytes = std::fs::read(path).map_err(failed)?;
-    decode_pose(&bytes, path)
+    decode_pose(&bytes_of(path)?, path)
 }
 
 /// Reads a pose from bytes; `path` is for errors only.

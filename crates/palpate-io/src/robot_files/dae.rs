@@ -32,12 +32,12 @@ pub(super) fn read(text: &str) -> Result<TriangleMesh, String> {
     let shown = child(root, "scene").and_then(|scene| child(scene, "instance_visual_scene"));
     let visual_scene = match shown {
         Some(instance) => Some(scene.target(instance, "url")?),
-        None => root.descendants().find(|node| node.has_tag_name_of("visual_scene")),
+        None => root.descendants().find(|node| is(node, "visual_scene")),
     };
     match visual_scene {
         Some(visual_scene) => scene.walk(visual_scene, world_from_root)?,
         None => {
-            for geometry in root.descendants().filter(|node| node.has_tag_name_of("geometry")) {
+            for geometry in root.descendants().filter(|node| is(node, "geometry")) {
                 scene.add(geometry, &world_from_root)?;
             }
         }
@@ -45,19 +45,13 @@ pub(super) fn read(text: &str) -> Result<TriangleMesh, String> {
     Ok(scene.mesh)
 }
 
-/// Names without the namespace, which differs between versions of the format.
-trait LocalName {
-    fn has_tag_name_of(&self, name: &str) -> bool;
-}
-
-impl LocalName for Node<'_, '_> {
-    fn has_tag_name_of(&self, name: &str) -> bool {
-        self.is_element() && self.tag_name().name() == name
-    }
+/// Whether a node is an element of that name; the namespace differs between versions of the format.
+fn is(node: &Node<'_, '_>, name: &str) -> bool {
+    node.is_element() && node.tag_name().name() == name
 }
 
 fn child<'a, 'i>(node: Node<'a, 'i>, name: &str) -> Option<Node<'a, 'i>> {
-    node.children().find(|child| child.has_tag_name_of(name))
+    node.children().find(|child| is(child, name))
 }
 
 fn unit_m(root: Node<'_, '_>) -> Result<f64, String> {
@@ -141,7 +135,7 @@ impl<'a, 'i> Scene<'a, 'i> {
         let source = self.target(input(vertices, "POSITION")?, "source")?;
         let array = child(source, "float_array").ok_or("has a source without <float_array>")?;
         let numbers: Vec<f64> = numbers(array)?;
-        let accessor = source.descendants().find(|node| node.has_tag_name_of("accessor"));
+        let accessor = source.descendants().find(|node| is(node, "accessor"));
         let setting = |name, default| {
             let text = accessor.and_then(|accessor| accessor.attribute(name));
             text.map_or(Some(default), |text| text.trim().parse::<usize>().ok())
@@ -159,7 +153,7 @@ impl<'a, 'i> Scene<'a, 'i> {
 
 fn input<'a, 'i>(node: Node<'a, 'i>, semantic: &str) -> Result<Node<'a, 'i>, String> {
     let named = |input: &Node<'_, '_>| input.attribute("semantic") == Some(semantic);
-    let input = node.children().filter(|child| child.has_tag_name_of("input")).find(named);
+    let input = node.children().filter(|child| is(child, "input")).find(named);
     input.ok_or_else(|| format!("has <{}> without {semantic} input", node.tag_name().name()))
 }
 
@@ -194,7 +188,7 @@ fn polygons(part: Node<'_, '_>) -> Result<Option<Vec<[u32; 3]>>, String> {
     if !matches!(kind, "triangles" | "polylist" | "polygons" | "tristrips" | "trifans") {
         return Ok(None);
     }
-    let inputs = || part.children().filter(|child| child.has_tag_name_of("input"));
+    let inputs = || part.children().filter(|child| is(child, "input"));
     let offset = |input: Node<'_, '_>| match input.attribute("offset") {
         None => Some(0),
         Some(text) => text.trim().parse::<usize>().ok().filter(|&offset| offset < 64),
@@ -205,7 +199,7 @@ fn polygons(part: Node<'_, '_>) -> Result<Option<Vec<[u32; 3]>>, String> {
         return Err("has an <input> without a believable offset".to_owned());
     };
     let mut triangles = Vec::new();
-    for list in part.descendants().filter(|node| node.has_tag_name_of("p")) {
+    for list in part.descendants().filter(|node| is(node, "p")) {
         let all: Vec<u32> = numbers(list)?;
         let corners: Vec<u32> = all.chunks_exact(last + 1).map(|corner| corner[at]).collect();
         match kind {

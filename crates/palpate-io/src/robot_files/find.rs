@@ -1,6 +1,7 @@
 //! Where the file is that a URDF calls `package://…`.
 
 use super::xml;
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 /// Where to look for meshes.
@@ -45,15 +46,9 @@ impl Search {
 
     /// Where a file of a package might be, the likeliest first.
     fn in_package(&self, package: &str, file: &str) -> Vec<PathBuf> {
-        let mut candidates = Vec::new();
-        for folder in &self.packages {
-            if is_package(folder, package) {
-                candidates.push(folder.join(file));
-            }
-            candidates.push(folder.join(package).join(file));
-        }
         let above = || self.urdf_folder.ancestors();
-        for folder in above() {
+        let mut candidates = Vec::new();
+        for folder in self.packages.iter().map(PathBuf::as_path).chain(above()) {
             if is_package(folder, package) {
                 candidates.push(folder.join(file));
             }
@@ -61,13 +56,9 @@ impl Search {
         }
         // A package that was copied under another name.
         candidates.extend(above().map(|folder| folder.join(file)));
-        let mut once: Vec<PathBuf> = Vec::new();
-        for candidate in candidates {
-            if !once.contains(&candidate) {
-                once.push(candidate);
-            }
-        }
-        once
+        let mut taken = HashSet::new();
+        candidates.retain(|candidate| taken.insert(candidate.clone()));
+        candidates
     }
 }
 

@@ -212,7 +212,11 @@ impl Arrays {
         self.get(name).ok_or_else(|| {
             let held = match self.skipped.iter().find(|(skipped, _)| skipped == name) {
                 Some((_, reason)) => format!("the member of that name {reason}"),
-                None => format!("it holds {}", self.names()),
+                None if self.entries.is_empty() => "it holds no array at all".to_owned(),
+                None => {
+                    let names: Vec<&str> = self.iter().map(|(name, _)| name).collect();
+                    format!("it holds {}", names.join(", "))
+                }
             };
             NpzError::NoArray { path: self.path.clone(), name: name.to_owned(), held }
         })
@@ -226,13 +230,12 @@ impl Arrays {
     pub fn floats(&self, name: &str, shape: &[Option<usize>]) -> Result<Vec<f64>, NpzError> {
         let array = self.require(name)?;
         let floats = match &array.data {
-            Data::F64(numbers) => numbers.clone(),
-            Data::F32(numbers) => numbers.iter().copied().map(f64::from).collect(),
+            Data::F64(numbers) if array.fits(shape) => numbers.clone(),
+            Data::F32(numbers) if array.fits(shape) => {
+                numbers.iter().copied().map(f64::from).collect()
+            }
             _ => return Err(self.misfit(name, array, "floats", shape)),
         };
-        if !array.fits(shape) {
-            return Err(self.misfit(name, array, "floats", shape));
-        }
         self.check(name, &floats, "finite numbers", |number| number.is_finite())?;
         Ok(floats)
     }
@@ -247,11 +250,8 @@ impl Arrays {
         if !array.fits(shape) {
             return Err(self.misfit(name, array, "integers", shape));
         }
-        let negative = |row: usize, found: i64| {
-            let wanted = "numbers from 0 on";
-            let (path, name) = (self.path.clone(), name.to_owned());
-            NpzError::Value { path, name, row, found: found as f64, wanted }
-        };
+        let negative =
+            |row: usize, found: i64| self.refused(name, row, found as f64, "numbers from 0 on");
         match &array.data {
             Data::U64(numbers) => Ok(numbers.clone()),
             Data::U32(numbers) => Ok(numbers.iter().copied().map(u64::from).collect()),
@@ -289,9 +289,18 @@ impl Arrays {
             return Ok(());
         };
         let columns = self.get(name).map_or(1, |array| array.shape.iter().skip(1).product());
-        let (path, name) = (self.path.clone(), name.to_owned());
-        let row = place / columns.max(1);
-        Err(NpzError::Value { path, name, row, found: numbers[place], wanted })
+        Err(self.refused(name, place / columns.max(1), numbers[place], wanted))
+    }
+
+    /// The error of a number that is not as wanted.
+    pub(in crate::field) fn refused(
+        &self,
+        name: &str,
+        row: usize,
+        found: f64,
+        wanted: &'static str,
+    ) -> NpzError {
+        NpzError::Value { path: self.path.clone(), name: name.to_owned(), row, found, wanted }
     }
 
     fn misfit(&self, name: &str, array: &Array, what: &str, shape: &[Option<usize>]) -> NpzError {
@@ -301,13 +310,5 @@ impl Arrays {
         let wanted = format!("{what} of [{}]", sides.join(", "));
         let (path, name) = (self.path.clone(), name.to_owned());
         NpzError::Array { path, name, found: array.describe(), wanted }
-    }
-
-    fn names(&self) -> String {
-        if self.entries.is_empty() {
-            return "no array at all".to_owned();
-        }
-        let names: Vec<&str> = self.entries.iter().map(|(name, _)| name.as_str()).collect();
-        names.join(", ")
     }
 }

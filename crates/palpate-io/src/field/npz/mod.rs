@@ -122,15 +122,10 @@ fn c_order(raw: &[u8], shape: &[usize], bytes: usize) -> Vec<u8> {
 ///
 /// [`NpzError::Write`]; nothing is left behind.
 pub fn write_npz(path: &Path, arrays: &Arrays, if_exists: IfExists) -> Result<(), NpzError> {
-    atomic::write(path, if_exists, |out| {
-        let mut out = FirstError { out, error: None };
-        let packed = pack(&mut out, arrays);
-        match out.error {
-            Some(error) => Err(error),
-            None => packed.map_err(io::Error::from),
-        }
-    })?;
-    Ok(())
+    // Packed in memory first: where a disk is full, the library would lose the kind of the error
+    // and print to stderr that it could not finish.
+    let bytes = npz_bytes(arrays);
+    Ok(atomic::write(path, if_exists, |out| out.write_all(&bytes))?)
 }
 
 /// The bytes that [`write_npz`] writes.
@@ -163,29 +158,4 @@ fn pack(out: impl Write, arrays: &Arrays) -> Result<(), ZipError> {
     }
     zip.finish()?;
     Ok(())
-}
-
-/// Keeps the first error to itself and swallows what follows.
-///
-/// [`ZipWriter`] would lose the kind of the error and, when dropped, print to stderr that it could
-/// not finish.
-struct FirstError<W> {
-    out: W,
-    error: Option<io::Error>,
-}
-
-impl<W: Write> Write for FirstError<W> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if self.error.is_none() {
-            self.error = self.out.write_all(bytes).err();
-        }
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        if self.error.is_none() {
-            self.error = self.out.flush().err();
-        }
-        Ok(())
-    }
 }

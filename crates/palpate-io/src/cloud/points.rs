@@ -1,0 +1,62 @@
+//! A cloud in memory.
+
+use nalgebra::Point3;
+
+/// Points in the world frame, each with a colour or none of them.
+///
+/// Every coordinate is finite.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Cloud {
+    pub(super) points: Vec<Point3<f64>>,
+    pub(super) colours: Option<Vec<[u8; 3]>>,
+}
+
+impl Cloud {
+    /// A cloud of points, m, and their colours (red, green, blue).
+    ///
+    /// # Panics
+    ///
+    /// If there are not as many colours as points, or a coordinate is not finite: whoever makes a
+    /// cloud has checked that. [`super::read()`] drops such points and counts them.
+    #[must_use]
+    pub fn new(points: Vec<Point3<f64>>, colours: Option<Vec<[u8; 3]>>) -> Self {
+        assert!(colours.as_ref().is_none_or(|c| c.len() == points.len()), "one colour a point");
+        let is_finite = |point: &Point3<f64>| point.iter().all(|number| number.is_finite());
+        assert!(points.iter().all(is_finite), "every coordinate is finite");
+        Self { points, colours }
+    }
+
+    /// The points, m, world frame.
+    #[must_use]
+    pub fn points(&self) -> &[Point3<f64>] {
+        &self.points
+    }
+
+    /// Red, green and blue of each point, if the cloud has colours.
+    #[must_use]
+    pub fn colours(&self) -> Option<&[[u8; 3]]> {
+        self.colours.as_deref()
+    }
+
+    /// How many points there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Whether there is no point.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+}
+
+/// A cloud as it came from a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reading {
+    /// The finite points, in the order of the file.
+    pub cloud: Cloud,
+    /// Rows of the file, counted from 0, that hold no finite point: organised clouds keep such
+    /// rows for pixels without depth. The other rows are the cloud.
+    pub dropped: Vec<usize>,
+}

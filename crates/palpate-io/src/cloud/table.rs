@@ -1,0 +1,186 @@
+//! Rows of named numbers behind a header of text: what PLY and PCD have in common.
+//!
+//! Rows come as text or as bytes. A list within a row may have any length, so that rows have no
+//! fixed size; each is walked.
+
+use std::path::Path;
+
+use super::error::CloudError;
+use crate::npy::Number;
+
+/// Longest header believed.
+const MAX_HEADER_BYTES: usize = 1 << 20;
+
+/// Reads a header line by line, in words, up to the one for which `take` says so. Returns the
+/// bytes behind it and the number of its lines.
+pub(super) fn header<'a>(
+    bytes: &'a [u8],
+    last_line: &str,
+    path: &Path,
+    mut take: impl FnMut(&[&str]) -> Result<bool, String>,
+) -> Result<(&'a [u8], usize), CloudError> {
+    let (mut rest, mut line) = (bytes, 1);
+    loop {
+        let wrong = |reason: String| CloudError::Header { path: path.to_owned(), line, reason };
+        let window = &rest[..rest.len().min(MAX_HEADER_BYTES)];
+        let end = window.iter().position(|&byte| byte == b'\n');
+        let end = end.ok_or_else(|| wrong(format!("there is no {last_line}")))?;
+        let text = std::str::from_utf8(&rest[..end]).map_err(|_| wrong("it is not text".into()))?;
+        rest = &rest[end + 1..];
+        if bytes.len() - rest.len() > MAX_HEADER_BYTES {
+            return Err(wrong("the header is longer than 1 MiB".to_owned()));
+        }
+        let words: Vec<&str> = text.split_ascii_whitespace().collect();
+        if take(&words).map_err(wrong)? {
+            return Ok((rest, line));
+        }
+        line += 1;
+    }
+}
+
+/// How numbers are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Format {
+    Text,
+    Binary { big_endian: bool },
+}
+
+/// What a row holds under one name.
+#[derive(Debug)]
+pub(super) struct Property {
+    pub(super) name: String,
+    pub(super) kind: Number,
+    pub(super) holds: Holds,
+}
+
+/// How many numbers a property has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Holds {
+    One,
+    /// One, whose bits are a colour.
+    Packed,
+    /// One of several of the same name, which are stepped over.
+    Part,
+    /// As many as the number before them says, which is of this kind; they are stepped over.
+    List(Number),
+}
+
+/// Rows that all have the same properties.
+#[derive(Debug)]
+pub(super) struct Rows {
+    /// What a row is, for errors.
+    pub(super) unit: String,
+    pub(super) count: u64,
+    pub(super) properties: Vec<Property>,
+}
+
+/// What follows a header, as far as it is not read yet.
+pub(super) struct Body<'a> {
+    path: &'a Path,
+    format: Format,
+    rest: &'a [u8],
+    /// Number of the line that a text has come to.
+    line: usize,
+}
+
+impl<'a> Body<'a> {
+    /// The bytes behind a header of so many lines.
+    pub(super) fn new(path: &'a Path, format: Format, rest: &'a [u8], header_lines: usize) -> Self {
+        Self { path, format, rest, line: header_lines + 1 }
+    }
+
+    /// Hands on the numbers of each row; those that are stepped over come as zero.
+    pub(super) fn walk(
+        &mut self,
+        rows: &Rows,
+        mut take: impl FnMut(&[f64]),
+    ) -> Result<(), CloudError> {
+        if rows.properties.is_empty() {
+            return Ok(()); // Rows of nothing take no bytes, however many there are.
+        }
+        let mut row = Vec::new();
+        for held in 0..rows.count {
+            row.clear();
+            for property in &rows.properties {
+                let value = match property.holds {
+                    Holds::List(length) => self.skip_list(property, length)?,
+                    _ => self.number(property, property.kind)?,
+                };
+                row.push(value.ok_or_else(|| CloudError::Truncated {
+                    path: self.path.to_owned(),
+                    held,
+                    promised: rows.count,
+                    unit: rows.unit.clone(),
+                })?);
+            }
+            take(&row);
+        }
+        Ok(())
+    }
+
+    /// The next number, or `None` at the end.
+    fn number(&mut self, property: &Property, kind: Number) -> Result<Option<f64>, CloudError> {
+        let Format::Binary { big_endian } = self.format else {
+            let Some(word) = self.word() else { return Ok(None) };
+            let number = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
+            let number = number.ok_or_else(|| CloudError::Value {
+                path: self.path.to_owned(),
+                place: format!("`{}` in line {}", property.name, self.line),
+                found: format!("`{}`", word[..word.len().min(24)].escape_ascii()),
+                wanted: "a number",
+            })?;
+            return Ok(Some(if property.holds == Holds::Packed { bits(number) } else { number }));
+        };
+        let Some((bytes, rest)) = self.rest.split_at_checked(kind.bytes()) else {
+            return Ok(None);
+        };
+        self.rest = rest;
+        let mut raw = [0; 8];
+        raw[..bytes.len()].copy_from_slice(bytes);
+        if big_endian {
+            raw[..bytes.len()].reverse();
+        }
+        Ok(Some(kind.to_f64(raw)))
+    }
+
+    /// Steps over a list; `None` if the body ends first.
+    fn skip_list(&mut self, list: &Property, kind: Number) -> Result<Option<f64>, CloudError> {
+        let Some(length) = self.number(list, kind)? else { return Ok(None) };
+        if length < 0.0 || length.fract() != 0.0 {
+            return Err(CloudError::Value {
+                path: self.path.to_owned(),
+                place: format!("the length of a list `{}`", list.name),
+                found: length.to_string(),
+                wanted: "a whole number from 0 on",
+            });
+        }
+        let length = length as u64;
+        if self.format == Format::Text {
+            let all_there = (0..length).all(|_| self.word().is_some());
+            return Ok(all_there.then_some(0.0));
+        }
+        let size = length.saturating_mul(list.kind.bytes() as u64);
+        let rest = usize::try_from(size).ok().and_then(|size| self.rest.get(size..));
+        self.rest = rest.unwrap_or_default();
+        Ok(rest.map(|_| 0.0))
+    }
+
+    /// The next word of a text.
+    fn word(&mut self) -> Option<&'a [u8]> {
+        let start = self.rest.iter().position(|byte| !byte.is_ascii_whitespace())?;
+        self.line += self.rest[..start].iter().filter(|&&byte| byte == b'\n').count();
+        let rest = &self.rest[start..];
+        let end = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
+        self.rest = &rest[end..];
+        Some(&rest[..end])
+    }
+}
+
+/// A packed colour that was written as text: its bits as a whole number, or the number that these
+/// bits are as a float. Such floats are tiny, negative or not finite, so that neither is mistaken.
+fn bits(value: f64) -> f64 {
+    if value.fract() == 0.0 && value.abs() <= f64::from(u32::MAX) {
+        return f64::from(value as i64 as u32);
+    }
+    f64::from((value as f32).to_bits())
+}
