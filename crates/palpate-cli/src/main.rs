@@ -22,7 +22,6 @@ mod pace;
 mod picture;
 mod place;
 mod predict;
-mod quantile;
 mod report;
 mod settings;
 mod tune;
@@ -32,7 +31,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use palpate_work::error::told;
-use palpate_work::{learn, pauses, prior, resume, robot, touches};
+use palpate_work::{learn, prior, quantile, resume, robot, touches};
 
 use args::{Cli, Command};
 use error::{CliError, exit_code};

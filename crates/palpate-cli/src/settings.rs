@@ -5,7 +5,9 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use palpate_work::settings::sections::{LogSettings, RobotSettings, TouchSettings};
+use palpate_work::settings::sections::{
+    ContactSettings, LatticeSettings, LogSettings, RobotSettings, TouchSettings,
+};
 pub(crate) use palpate_work::settings::*;
 
 /// The settings of a command that learns: all of them.
@@ -29,6 +31,17 @@ pub(crate) struct RobotAndLogSettings {
     log: LogSettings,
     #[command(flatten)]
     touch: TouchSettings,
+}
+
+/// The settings of a command that looks at what a log touches, and learns nothing.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct LogAndLatticeSettings {
+    #[command(flatten)]
+    log: RobotAndLogSettings,
+    #[command(flatten)]
+    lattice: LatticeSettings,
+    #[command(flatten)]
+    contact: ContactSettings,
 }
 
 /// The settings of a command that only reads a log.
@@ -93,6 +106,16 @@ impl RobotAndLogSettings {
     pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
         let (robot, log, touch) = (self.robot.clone(), self.log.clone(), self.touch);
         self.file.under(Settings { robot, log, touch, ..Settings::default() })
+    }
+}
+
+impl LogAndLatticeSettings {
+    /// The flags over the file's values.
+    pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
+        let (lattice, contact) = (self.lattice, self.contact);
+        let RobotAndLogSettings { file, robot, log, touch } = self.log.clone();
+        let flags = Settings { robot, log, touch, lattice, contact, ..Settings::default() };
+        file.under(flags)
     }
 }
 

@@ -9,7 +9,7 @@ use palpate_io::log::LogOptions;
 use palpate_work::WorkError;
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::LogSettings;
-use palpate_work::touches::{TouchEvent, TouchInMemory, Touches};
+use palpate_work::touches::{RecordedTouch, TouchEvent, Touches};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict, PySequence, PyString};
@@ -60,7 +60,7 @@ pub(crate) enum Source {
     /// A log's paths, and how they are read if that was said.
     Log(Vec<PathBuf>, LogSettings),
     /// A touch that Python holds.
-    TouchInMemory(TouchInMemory),
+    Held(RecordedTouch),
 }
 
 /// Opens one or more logs, which are read as one.
@@ -84,7 +84,7 @@ pub(crate) fn open_log(
     for source in sources(path)? {
         match source {
             Source::Log(more, _) => paths.extend(more),
-            Source::TouchInMemory(_) => {
+            Source::Held(_) => {
                 let wanted = "wanted a path, or a list of paths";
                 return Err(PyTypeError::new_err(format!("`path` holds a Touch; {wanted}")));
             }
@@ -110,7 +110,7 @@ pub(crate) fn sources(any: &Bound<'_, PyAny>) -> PyResult<Vec<Source>> {
         return Ok(vec![Source::Log(paths, settings)]);
     }
     if let Ok(touch) = any.cast::<Touch>() {
-        return Ok(vec![Source::TouchInMemory(touch.get().held(py))]);
+        return Ok(vec![Source::Held(touch.get().held(py))]);
     }
     if any.is_instance_of::<PyString>() || any.hasattr("__fspath__")? {
         return Ok(vec![Source::Log(vec![any.extract()?], LogSettings::default())]);
@@ -136,7 +136,7 @@ pub(crate) fn opened(sources: Vec<Source>, settings: &LogSettings) -> Result<Tou
     let mut all: Option<Touches> = None;
     for source in sources {
         let touches = match source {
-            Source::TouchInMemory(touch) => Touches::held(HELD, vec![touch]),
+            Source::Held(touch) => Touches::held(HELD, vec![touch]),
             Source::Log(paths, own) => {
                 let own = Settings { log: own, ..Settings::default() };
                 let given = Settings { log: settings.clone(), ..Settings::default() };
@@ -195,7 +195,7 @@ impl TouchIterator {
 
 impl Reading {
     /// Reads the next touch whole.
-    fn next_touch(&mut self) -> Result<Option<TouchInMemory>, WorkError> {
+    fn next_touch(&mut self) -> Result<Option<RecordedTouch>, WorkError> {
         if self.next.is_none() {
             self.next = match self.touches.advance()? {
                 Some(TouchEvent::Touch(name)) => Some((name, self.touches.keep_joints())),
@@ -213,7 +213,7 @@ impl Reading {
                 }
             }
         }
-        Ok(Some(TouchInMemory { name, joint_names, samples }))
+        Ok(Some(RecordedTouch { log: PathBuf::new(), name, joint_names, samples }))
     }
 }
 
@@ -225,8 +225,8 @@ fn samples(q: Vec<Vec<f64>>, tau: Vec<Vec<f64>>, time: Option<&[f64]>) -> Vec<Sa
 }
 
 impl Touch {
-    fn of(py: Python<'_>, held: TouchInMemory) -> Self {
-        let TouchInMemory { name, joint_names, samples } = held;
+    fn of(py: Python<'_>, held: RecordedTouch) -> Self {
+        let RecordedTouch { name, joint_names, samples, .. } = held;
         let joints = samples.first().map_or(0, |sample| sample.q.len());
         let time: Option<Vec<f64>> = samples.iter().map(|sample| sample.time_s).collect();
         Self {
@@ -238,7 +238,7 @@ impl Touch {
         }
     }
 
-    fn held(&self, py: Python<'_>) -> TouchInMemory {
+    fn held(&self, py: Python<'_>) -> RecordedTouch {
         use numpy::PyArrayMethods;
         let table = |array: &Py<PyArray2<f64>>| {
             let array = array.bind(py).readonly();
@@ -249,7 +249,8 @@ impl Touch {
         let moments = table(&self.q).into_iter().zip(table(&self.tau)).enumerate();
         let sample = |(place, (q, tau))| Sample::new(time.as_ref().map(|time| time[place]), q, tau);
         let (name, joint_names) = (self.name.clone(), self.joint_names.clone());
-        TouchInMemory { name, joint_names, samples: moments.map(sample).collect() }
+        let (log, samples) = (PathBuf::new(), moments.map(sample).collect());
+        RecordedTouch { log, name, joint_names, samples }
     }
 }
 
@@ -279,7 +280,8 @@ impl Touch {
         }
         let time = time.map(|time| row(time, "time", Some(q.len()))).transpose()?;
         let samples = samples(q, tau, time.as_deref());
-        Ok(Self::of(py, TouchInMemory { name: name.to_owned(), joint_names, samples }))
+        let (log, name) = (PathBuf::new(), name.to_owned());
+        Ok(Self::of(py, RecordedTouch { log, name, joint_names, samples }))
     }
 
     /// Its name.

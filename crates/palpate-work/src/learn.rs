@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use nalgebra::DVector;
-use palpate::{Mapper, StepReport};
+use palpate::{Lattice, Mapper, StepReport};
 use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
 use serde_json::json;
 
 use crate::error::WorkError;
 use crate::progress::Progress;
+use crate::touched::Touched;
 use crate::touches::{TouchEvent, Touches};
 
 /// What one touch gave.
@@ -33,7 +34,7 @@ pub struct TouchTally {
 pub struct Tally {
     /// The touches in their order.
     pub touches: Vec<TouchTally>,
-    contacts: Vec<usize>,
+    touched: Touched,
     predicted: ErrorSum,
     zero: ErrorSum,
     /// Where it was stopped.
@@ -62,9 +63,7 @@ impl Tally {
         let touch = self.touches.last_mut().expect("samples come after the start of a touch");
         touch.frames += 1;
         touch.frames_in_contact += u64::from(report.contacts > 0);
-        if report.contacts > 0 {
-            self.contacts.push(report.contacts);
-        }
+        self.touched.add(report.contacts);
         match (&report.predicted, &report.external) {
             (Some(predicted), Some(external)) => {
                 self.predicted.add(predicted, external);
@@ -81,9 +80,7 @@ impl Tally {
 
     /// Median points touched, over the frames that touched any.
     pub fn contacts_median(&self) -> usize {
-        let mut contacts = self.contacts.clone();
-        let middle = contacts.len() / 2;
-        if contacts.is_empty() { 0 } else { *contacts.select_nth_unstable(middle).1 }
+        self.touched.contacts_median()
     }
 
     /// All that there is to tell of what `mapper` has learnt, for programs.
@@ -151,7 +148,7 @@ pub fn learn(
     let tally = feed(mapper, touches, after_step, progress)?;
     if tally.interrupted.is_none() {
         touches.tell_warnings(progress);
-        tell_oddities(&tally, progress);
+        tell_oddities(&tally, &mapper.config().lattice, progress);
     }
     Ok(tally)
 }
@@ -202,7 +199,10 @@ fn finish_touch(mapper: &mut Mapper, tally: &Tally) -> Result<(), WorkError> {
     }
 }
 
-fn tell_oddities(tally: &Tally, progress: &dyn Progress) {
+fn tell_oddities(tally: &Tally, lattice: &Lattice, progress: &dyn Progress) {
+    if let Some(nothing) = tally.touched.nothing(lattice) {
+        progress.warn(&nothing);
+    }
     for touch in &tally.touches {
         let name = &touch.name;
         if touch.frames_in_contact == 0 {

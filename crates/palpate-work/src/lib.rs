@@ -15,6 +15,9 @@
 //! | [`mod@evaluate`]  | methods compared on touches that they have not seen               |
 //! | [`mod@extrapolate`] | from what was touched to what was only seen                     |
 //! | [`mod@tune`]      | settings chosen by cross-validation                               |
+//! | [`mod@inspect`]   | what a log, a robot or a field holds, and what looks wrong with it |
+//! | [`mod@touched`]   | what touches displace of the lattice                              |
+//! | [`mod@quantile`]  | medians and the like                                              |
 //!
 //! Whoever asks for work is its [`Progress`]: hears of it, and may stop it. Nothing here knows a
 //! terminal, a page or Python.
@@ -24,15 +27,18 @@ pub mod error;
 pub mod evaluate;
 pub mod extrapolate;
 pub mod field_arrays;
+pub mod inspect;
 pub mod learn;
 pub mod pauses;
 pub mod predict;
 pub mod prior;
 mod progress;
+pub mod quantile;
 pub mod resume;
 pub mod robot;
 pub mod scored;
 pub mod settings;
+pub mod touched;
 pub mod touches;
 pub mod tune;
 

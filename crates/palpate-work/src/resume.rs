@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use palpate::{Arm, Mapper, Snapshot};
+use palpate::{Arm, Field, Mapper, MapperConfig, Snapshot};
 use palpate_io::field::{self, Saved};
 
 use crate::error::WorkError;
@@ -31,14 +31,39 @@ pub fn snapshot_of(saved: Saved, name: &str, settings: &Settings) -> Result<Snap
              without --no-memory"
         )));
     };
-    let given = settings.config_over_saved(&snapshot.config)?;
-    if let Some(difference) = first_difference(&snapshot.config, &given) {
-        return Err(WorkError::Usage(format!(
+    check_settings(&snapshot.config, name, settings)?;
+    Ok(snapshot)
+}
+
+/// The configuration that a field was learnt under; settings that were given must agree with it.
+///
+/// # Errors
+///
+/// If the file is no field, or the settings contradict it.
+pub fn config(path: &Path, settings: &Settings) -> Result<MapperConfig, WorkError> {
+    let saved = field::load(path).map_err(WorkError::file)?;
+    let config = match saved.snapshot {
+        Some(snapshot) => snapshot.config,
+        None => {
+            let mut config = MapperConfig::of(settings.estimator.estimator.unwrap_or_default());
+            let Field { lattice, contact, touch, .. } = saved.field;
+            (config.lattice, config.contact, config.touch) = (lattice, contact, touch);
+            config
+        }
+    };
+    check_settings(&config, &path.display().to_string(), settings)?;
+    Ok(config)
+}
+
+/// Refuses settings that a field was not learnt under.
+fn check_settings(saved: &MapperConfig, name: &str, given: &Settings) -> Result<(), WorkError> {
+    match first_difference(saved, &given.config_over_saved(saved)?) {
+        None => Ok(()),
+        Some(difference) => Err(WorkError::Usage(format!(
             "the settings contradict the field `{name}`, in which {difference}; leave them out \
              to go on with the field's own, or start a new field"
-        )));
+        ))),
     }
-    Ok(snapshot)
 }
 
 /// The mapper of a field that was saved in `path`.

@@ -23,12 +23,15 @@ pub enum TouchEvent {
     Sample(Sample),
 }
 
-/// One touch of a log, whole.
+/// One touch, whole: read from a log, or held by a program.
+#[derive(Debug, Clone, Default)]
 pub struct RecordedTouch {
-    /// The log that it is in.
+    /// The log that it is in; empty if a program holds it.
     pub log: PathBuf,
     /// Its name.
     pub name: String,
+    /// Names of the joints in the order of the samples, if they are known.
+    pub joint_names: Option<Vec<String>>,
     /// Its samples in order.
     pub samples: Vec<Sample>,
 }
@@ -40,20 +43,16 @@ impl RecordedTouch {
     }
 }
 
-/// A touch that a program holds, with its joints as it calls them.
-#[derive(Debug, Clone)]
-pub struct TouchInMemory {
-    /// Its name.
-    pub name: String,
-    /// Names of the joints in the order of the samples, if they are known.
-    pub joint_names: Option<Vec<String>>,
-    /// Its samples in order.
-    pub samples: Vec<Sample>,
+/// Puts the joints of a sample into another order.
+pub(crate) fn reorder_joints(sample: &mut Sample, order: &[usize]) {
+    for values in [&mut sample.q, &mut sample.tau] {
+        *values = order.iter().map(|&place| values[place]).collect();
+    }
 }
 
-/// [`TouchInMemory`] touches, read as any log is.
+/// Touches that a program holds, read as any log is.
 struct MemoryLog {
-    touches: VecDeque<TouchInMemory>,
+    touches: VecDeque<RecordedTouch>,
     samples: VecDeque<Sample>,
     /// Touches and samples that there were at the beginning.
     size: (usize, u64),
@@ -66,7 +65,7 @@ impl Iterator for MemoryLog {
         if let Some(sample) = self.samples.pop_front() {
             return Some(Ok(LogEvent::Sample(sample)));
         }
-        let TouchInMemory { name, joint_names, samples } = self.touches.pop_front()?;
+        let RecordedTouch { name, joint_names, samples, .. } = self.touches.pop_front()?;
         self.samples = samples.into();
         Some(Ok(LogEvent::TouchStarts { name, joint_names }))
     }
@@ -114,7 +113,7 @@ impl Touches {
     }
 
     /// Touches that a program holds, after each other, which errors call by this name.
-    pub fn held(name: &str, touches: Vec<TouchInMemory>) -> Self {
+    pub fn held(name: &str, touches: Vec<RecordedTouch>) -> Self {
         let samples = touches.iter().map(|touch| touch.samples.len() as u64).sum();
         let count = touches.len();
         let log =
@@ -262,8 +261,7 @@ impl Touches {
                 }
                 Some(LogEvent::Sample(mut sample)) => {
                     if let Some(order) = &self.permutation {
-                        sample.q = order.iter().map(|&place| sample.q[place]).collect();
-                        sample.tau = order.iter().map(|&place| sample.tau[place]).collect();
+                        reorder_joints(&mut sample, order);
                     }
                     return Ok(Some(TouchEvent::Sample(sample)));
                 }
@@ -274,14 +272,24 @@ impl Touches {
 
     /// Reads all touches, or the first so many.
     pub fn read(&mut self, most: Option<u32>) -> Result<Vec<RecordedTouch>, WorkError> {
+        let mut touches = Vec::new();
+        self.read_into(&mut touches, most)?;
+        Ok(touches)
+    }
+
+    /// Reads all touches, or the first so many; what was read before an error stays in `touches`.
+    pub fn read_into(
+        &mut self,
+        touches: &mut Vec<RecordedTouch>,
+        most: Option<u32>,
+    ) -> Result<(), WorkError> {
         let most = most.map_or(usize::MAX, |most| most as usize);
-        let mut touches: Vec<RecordedTouch> = Vec::new();
         while let Some(moment) = self.advance()? {
             match moment {
                 TouchEvent::Touch(_) if touches.len() == most => break,
                 TouchEvent::Touch(name) => {
-                    let log = self.log().to_owned();
-                    touches.push(RecordedTouch { log, name, samples: Vec::new() });
+                    let (log, joint_names) = (self.log().to_owned(), self.joint_names());
+                    touches.push(RecordedTouch { log, name, joint_names, samples: Vec::new() });
                 }
                 TouchEvent::Sample(sample) => {
                     let touch = touches.last_mut();
@@ -289,7 +297,12 @@ impl Touches {
                 }
             }
         }
-        Ok(touches)
+        Ok(())
+    }
+
+    /// The joints of the samples of the touch that was started last, if the log names them.
+    fn joint_names(&self) -> Option<Vec<String>> {
+        if self.permutation.is_some() { Some(self.joints.clone()) } else { self.named.clone() }
     }
 
     /// The log of the touch that was started last.
@@ -311,6 +324,16 @@ impl Touches {
     pub fn fault(&self, source: impl Into<MapperError>) -> WorkError {
         let (log, place) = (self.log().to_owned(), self.place());
         WorkError::Touch { log, place, source: Box::new(source.into()) }
+    }
+
+    /// What the first of the logs says of itself; there is at least one.
+    pub fn describe(&self) -> LogDescription {
+        self.logs[0].1.describe()
+    }
+
+    /// What looked odd in the logs so far.
+    pub fn warnings(&self) -> impl Iterator<Item = &LogWarning> {
+        self.logs.iter().flat_map(|(_, log)| log.warnings())
     }
 
     /// Tells what looked odd in the logs.

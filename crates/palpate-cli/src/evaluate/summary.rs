@@ -7,6 +7,7 @@ use palpate_learn::errors::Errors;
 use palpate_learn::evaluation::{
     Evaluation, LeftOut, MeanStd, PAPER_BASELINES, PAPER_FIELD, Summary,
 };
+use palpate_work::touched::Touched;
 use serde_json::json;
 
 use crate::output::{Output, table};
@@ -32,7 +33,7 @@ impl EvaluationSummary<'_> {
                 "name": touch.name,
                 "fold": touch.fold,
                 "frames": touch.external.len(),
-                "frames_in_contact": touch.contacts.iter().filter(|n| **n > 0).count(),
+                "frames_in_contact": touched(touch).frames_in_contact(),
                 "methods": methods.collect::<Vec<_>>(),
             })
         };
@@ -118,7 +119,7 @@ impl EvaluationSummary<'_> {
                      out of those two columns"
                 ));
             }
-            if touch.contacts.iter().all(|n| *n == 0) {
+            if touched(touch).frames_in_contact() == 0 {
                 output.note(&format!("touch `{name}` touches no point of the lattice"));
             }
             if let (Some(map), Some(zero)) = (touch.errors("map"), touch.zero())
@@ -134,6 +135,11 @@ impl EvaluationSummary<'_> {
             }
         }
     }
+}
+
+/// What a touch displaces, in its scored frames.
+fn touched(touch: &LeftOut) -> Touched {
+    touch.contacts.iter().map(|&points| points as usize).collect()
 }
 
 fn figures(errors: Option<Errors>) -> serde_json::Value {

@@ -1,7 +1,8 @@
 //! Facts, tables and findings as text for people.
 
-use super::finding::{Finding, Level};
-use super::{Holds, Inspection};
+use palpate_work::inspect::{Finding, Holds, Inspection, Level};
+
+use super::{field, log, robot};
 
 /// Columns that text is wrapped at; tables may be wider, since nothing of them is cut off.
 const WIDTH: usize = 100;
@@ -13,9 +14,9 @@ const NAMES: usize = 10;
 pub(super) fn of(inspection: &Inspection) -> String {
     let mut text = format!("{} `{}`\n", inspection.kind.word(), inspection.path.display());
     text += &match &inspection.holds {
-        Some(Holds::Log(facts)) => facts.text(),
-        Some(Holds::Robot(facts)) => facts.text(),
-        Some(Holds::Field(facts)) => facts.text(),
+        Some(Holds::Log(facts)) => log::text(facts),
+        Some(Holds::Robot(facts)) => robot::text(facts),
+        Some(Holds::Field(facts)) => field::text(facts),
         None => String::new(),
     };
     text.push('\n');
@@ -65,36 +66,4 @@ fn wrapped(text: &str, first: &str, others: &str) -> String {
         empty = false;
     }
     lines + line.trim_end() + "\n"
-}
-
-/// A number of things.
-pub(super) fn counted(count: usize, thing: &str) -> String {
-    let plural = match thing {
-        "touch" => "es",
-        _ => "s",
-    };
-    format!("{count} {thing}{}", if count == 1 { "" } else { plural })
-}
-
-/// Names in a row; of many only the first, since `--json` has them all.
-pub(super) fn listed<T: AsRef<str>>(names: &[T]) -> String {
-    const SHOWN: usize = 8;
-    let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
-    match names.len().saturating_sub(SHOWN) {
-        0 => shown.join(", "),
-        more => format!("{} and {more} more", shown.join(", ")),
-    }
-}
-
-/// A length, torque or the like with as many digits as tell something.
-pub(super) fn number(value: f64) -> String {
-    let size = value.abs();
-    match size {
-        _ if size == 0.0 => "0".to_owned(),
-        _ if !(0.001..1e5).contains(&size) => format!("{value:.2e}"),
-        _ if size < 0.1 => format!("{value:.4}"),
-        _ if size < 10.0 => format!("{value:.3}"),
-        _ if size < 1000.0 => format!("{value:.1}"),
-        _ => format!("{value:.0}"),
-    }
 }

@@ -1,12 +1,12 @@
 //! What the robot's limits say of a motion: positions, speeds, torques beyond them.
 
-use palpate::Robot;
-use palpate::unstable::JointKind;
+use palpate::unstable::{Joint, JointKind};
+use palpate::{Robot, Sample};
 
 use super::super::finding::Finding;
-use super::super::page::{counted, listed, number};
-use super::record::Touch;
+use super::super::words::{counted, listed, number, times};
 use crate::quantile::extremes;
+use crate::touches::RecordedTouch;
 
 /// Sensors overshoot a limit by as much, rad or m.
 const LIMIT_MARGIN: f64 = 0.01;
@@ -20,7 +20,11 @@ const JUMP_ANYWAY: f64 = 0.5;
 const SATURATED: f64 = 0.99;
 
 /// Everything that looks wrong.
-pub(super) fn findings(touches: &[Touch], robot: &Robot, period_s: Option<f64>) -> Vec<Finding> {
+pub(super) fn findings(
+    touches: &[RecordedTouch],
+    robot: &Robot,
+    period_s: Option<f64>,
+) -> Vec<Finding> {
     let mut findings = Vec::new();
     for joint in 0..robot.n_joints() {
         findings.extend(outside(touches, robot, joint));
@@ -31,12 +35,14 @@ pub(super) fn findings(touches: &[Touch], robot: &Robot, period_s: Option<f64>) 
 }
 
 /// Positions that the joint cannot take.
-fn outside(touches: &[Touch], robot: &Robot, joint: usize) -> Option<Finding> {
+fn outside(touches: &[RecordedTouch], robot: &Robot, joint: usize) -> Option<Finding> {
     let limits = &robot.joints()[joint];
     let [low, high] = limits.range?;
-    let beyond = |q: &Vec<f64>| q[joint] < low - LIMIT_MARGIN || q[joint] > high + LIMIT_MARGIN;
-    let frames = touches.iter().map(|touch| touch.q.iter().filter(|q| beyond(q)).count()).sum();
-    let [least, most] = extremes(touches.iter().flat_map(|touch| &touch.q).map(|q| q[joint]))?;
+    let positions =
+        || touches.iter().flat_map(|touch| &touch.samples).map(|sample| sample.q[joint]);
+    let beyond = |&q: &f64| q < low - LIMIT_MARGIN || q > high + LIMIT_MARGIN;
+    let frames = positions().filter(beyond).count();
+    let [least, most] = extremes(positions())?;
     (frames > 0).then(|| {
         let what = format!(
             "joint `{}` goes from {} to {}, beyond its limits {} .. {}, in {}",
@@ -54,12 +60,12 @@ fn outside(touches: &[Touch], robot: &Robot, joint: usize) -> Option<Finding> {
 }
 
 /// Torques as large as the joint has.
-fn saturated(touches: &[Touch], robot: &Robot, joint: usize) -> Option<Finding> {
+fn saturated(touches: &[RecordedTouch], robot: &Robot, joint: usize) -> Option<Finding> {
     let limits = &robot.joints()[joint];
     let effort = limits.effort?;
-    let full = |tau: &&Vec<f64>| tau[joint].abs() >= SATURATED * effort;
+    let full = |sample: &&Sample| sample.tau[joint].abs() >= SATURATED * effort;
     let shown: Vec<(&str, usize)> = (touches.iter())
-        .map(|touch| (touch.name.as_str(), touch.tau.iter().filter(full).count()))
+        .map(|touch| (touch.name.as_str(), touch.samples.iter().filter(full).count()))
         .filter(|(_, frames)| *frames > 0)
         .collect();
     let frames: usize = shown.iter().map(|(_, frames)| frames).sum();
@@ -79,15 +85,16 @@ fn saturated(touches: &[Touch], robot: &Robot, joint: usize) -> Option<Finding> 
 }
 
 /// Motions from one frame to the next that are too fast for the robot.
-fn jumps(touches: &[Touch], robot: &Robot, period_s: Option<f64>) -> Option<Finding> {
+fn jumps(touches: &[RecordedTouch], robot: &Robot, period_s: Option<f64>) -> Option<Finding> {
     let mut found: Vec<(&str, String)> = Vec::new();
     for touch in touches {
         for row in 1..touch.frames() {
-            let step_s = match (touch.times_s.get(row), touch.times_s.get(row - 1)) {
+            let [before, now] = [row - 1, row].map(|row| &touch.samples[row]);
+            let step_s = match (now.time_s, before.time_s) {
                 (Some(now_s), Some(before_s)) if now_s > before_s => Some(now_s - before_s),
                 _ => period_s,
             };
-            let way = ways(robot, &touch.q[row - 1], &touch.q[row]);
+            let way = ways(robot, &before.q, &now.q);
             let jumped = |&(joint, way): &(usize, f64)| {
                 let limit = robot.joints()[joint].velocity;
                 match (step_s, limit) {
@@ -109,7 +116,7 @@ fn jumps(touches: &[Touch], robot: &Robot, period_s: Option<f64>) -> Option<Find
     (!found.is_empty()).then(|| {
         let what = format!(
             "the arm jumps, faster than its joints can move, {}: {} (rows from 0, rad or m)",
-            if found.len() == 1 { "once".to_owned() } else { format!("{} times", found.len()) },
+            times(found.len()),
             listed(&places)
         );
         let remedy = "frames are missing, recordings were joined, or the unit is wrong; cut the \
@@ -120,7 +127,7 @@ fn jumps(touches: &[Touch], robot: &Robot, period_s: Option<f64>) -> Option<Find
 
 /// How far each joint moves, the shorter way round where it may turn for ever.
 fn ways(robot: &Robot, from: &[f64], to: &[f64]) -> Vec<f64> {
-    let way = |((joint, a), b): ((&palpate::unstable::Joint, &f64), &f64)| {
+    let way = |((joint, a), b): ((&Joint, &f64), &f64)| {
         let mut way = b - a;
         if joint.kind == JointKind::Continuous {
             way -= std::f64::consts::TAU * (way / std::f64::consts::TAU).round();

@@ -10,12 +10,12 @@
 //! If no touch begins still, single frames have to do, with contacts in them. What is left over
 //! then says little, but contacts do not follow gravity, so the slope of the torques on it tells.
 
-use palpate::{ExternalTorqueConfig, Gravity, MIN_TARE_FRAMES, Robot, TorqueSign};
+use palpate::{ExternalTorqueConfig, Gravity, MIN_TARE_FRAMES, Payload, Robot, TorqueSign};
 use palpate_io::log::AngleUnit;
 use serde::Serialize;
 
-use super::record::Touch;
 use crate::quantile::median;
+use crate::touches::RecordedTouch;
 
 /// With less gravity than this at rest, N·m, nothing can be told from it.
 const LEAST_GRAVITY: f64 = 1.0;
@@ -49,8 +49,10 @@ pub(super) struct Rests {
 
 /// How well a convention explains the log.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub(super) struct Fit {
+pub struct Fit {
+    /// Sign of the torques.
     pub torque_sign: TorqueSign,
+    /// Whether they hold gravity.
     pub gravity: Gravity,
     /// What it leaves over, N·m over all joints.
     pub left_over: f64,
@@ -60,7 +62,7 @@ pub(super) struct Fit {
 
 /// How well each convention explains the log, for one order of the joints.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Fits {
+pub struct Fits {
     /// The convention of the settings.
     pub set: Fit,
     /// The one that leaves the least over.
@@ -75,12 +77,21 @@ pub(super) struct Fits {
 
 /// What was found out.
 #[derive(Debug, Serialize)]
-pub(super) struct Reading {
+pub struct Reading {
     /// Unit in which the log seems to be.
     pub angle_unit: AngleUnit,
     /// Order in which the log seems to hold the joints, if it is not the robot's: the place of
     /// each joint of the robot.
     pub order: Option<Vec<usize>>,
+    /// Sign of the torques, as the log should be read.
+    pub torque_sign: TorqueSign,
+    /// Whether they hold gravity, as the log should be read.
+    pub gravity: Gravity,
+    /// What that leaves over at rest, as a part of gravity; `None` if gravity is too small to tell.
+    pub unexplained_share: Option<f64>,
+    /// A weight at the last link that would explain what gravity does not.
+    pub payload: Option<Payload>,
+    /// How well the conventions explain the log.
     pub fits: Fits,
 }
 
@@ -94,7 +105,7 @@ impl Fit {
 
 impl Fits {
     /// Whether gravity is large enough to tell anything.
-    pub(super) fn tell(&self) -> bool {
+    pub fn tell(&self) -> bool {
         self.gravity_torque >= LEAST_GRAVITY
     }
 
@@ -118,28 +129,30 @@ impl Fits {
     }
 
     /// The convention that the log should be read under.
-    pub(super) fn accepted(&self) -> Fit {
+    pub fn accepted(&self) -> Fit {
         if self.contradict() { self.best } else { self.set }
     }
 }
 
 /// The means over the still starts, or some frames if there are none.
-pub(super) fn rests(touches: &[Touch], still_rad: f64) -> Rests {
+pub(super) fn rests(touches: &[RecordedTouch], still_rad: f64) -> Rests {
     let starts: Vec<Rest> = (touches.iter())
         .filter_map(|touch| {
             let still = touch.still_frames(still_rad);
-            let mean = |rows: &[Vec<f64>]| super::mean(&rows[..still]);
-            (still >= MIN_TARE_FRAMES as usize)
-                .then(|| Rest { q: mean(&touch.q), tau: mean(&touch.tau) })
+            let rows = &touch.samples[..still];
+            (still >= MIN_TARE_FRAMES as usize).then(|| Rest {
+                q: super::mean(rows, |sample| &sample.q),
+                tau: super::mean(rows, |sample| &sample.tau),
+            })
         })
         .collect();
     if !starts.is_empty() {
         return Rests { all: starts, still: true };
     }
-    let frames: usize = touches.iter().map(Touch::frames).sum();
-    let all = touches.iter().flat_map(|touch| touch.q.iter().zip(&touch.tau));
+    let frames: usize = touches.iter().map(RecordedTouch::frames).sum();
+    let all = touches.iter().flat_map(|touch| &touch.samples);
     let some = all.step_by(frames.div_ceil(FRAMES).max(1));
-    let some = some.map(|(q, tau)| Rest { q: q.clone(), tau: tau.clone() });
+    let some = some.map(|sample| Rest { q: sample.q.clone(), tau: sample.tau.clone() });
     Rests { all: some.collect(), still: false }
 }
 

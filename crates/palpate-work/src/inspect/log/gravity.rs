@@ -1,17 +1,18 @@
 //! What gravity says of a log, in words: sign, convention, order of joints, payload.
 
 use palpate::{ExternalTorqueConfig, Gravity, Payload, Robot, TorqueSign};
+use palpate_io::log::AngleUnit;
 
 use super::super::finding::Finding;
-use super::super::page::{listed, number};
+use super::super::words::{listed, number};
+use super::joints::Matching;
 use super::payload;
 use super::reading::{self, Fit, Fits, Reading, Rest};
-use super::record::{Matching, Touch};
-use palpate_io::log::AngleUnit;
+use crate::touches::RecordedTouch;
 
 /// Reads the log as gravity says: the touches' joints are put into the order that fits.
 pub(super) fn judge(
-    touches: &mut [Touch],
+    touches: &mut [RecordedTouch],
     robot: &Robot,
     set: &ExternalTorqueConfig,
     (angle_unit, matching): (AngleUnit, Matching),
@@ -26,12 +27,27 @@ pub(super) fn judge(
         rests = reading::rests(touches, set.still_rad);
         (fits, order) = (better, Some(other));
     }
+    let mut payload = None;
     if fits.contradict() {
         findings.push(wrong_convention(&fits));
     } else if fits.misfit() {
-        findings.push(misfit(robot, &rests.all, &fits));
+        let heavier = payload_of(robot, &rests.all, &fits);
+        findings.push(misfit(&fits, heavier.as_ref()));
+        payload = heavier.map(|(_, payload)| payload);
     }
-    (Reading { angle_unit, order, fits }, findings)
+    let Fit { torque_sign, gravity, left_over, .. } = fits.accepted();
+    let unexplained_share = fits.tell().then(|| left_over / fits.gravity_torque);
+    let reading =
+        Reading { angle_unit, order, torque_sign, gravity, unexplained_share, payload, fits };
+    (reading, findings)
+}
+
+/// A payload that explains the torques, and the convention under which it does.
+fn payload_of(robot: &Robot, rests: &[Rest], fits: &Fits) -> Option<(Fit, Payload)> {
+    [&fits.set, &fits.best].into_iter().find_map(|fit| {
+        let included = Fit { gravity: Gravity::Included, ..*fit };
+        Some((included, payload::explain(robot, rests, &included)?))
+    })
 }
 
 /// Flags that make a convention hold.
@@ -119,46 +135,29 @@ fn wrong_order(
 }
 
 /// Torques that no convention explains.
-fn misfit(robot: &Robot, rests: &[Rest], fits: &Fits) -> Finding {
-    let heavier = [&fits.set, &fits.best].into_iter().find_map(|fit| {
-        let included = Fit { gravity: Gravity::Included, ..*fit };
-        let payload = payload::explain(robot, rests, &included)?;
-        Some((included, payload))
-    });
+fn misfit(fits: &Fits, heavier: Option<&(Fit, Payload)>) -> Finding {
     let what = format!(
         "gravity does not explain the torques at rest, in either sign: {} N·m are left over, where \
          gravity is {} N·m",
         number(fits.best.left_over),
         number(fits.gravity_torque)
     );
-    match heavier {
-        Some((fit, payload)) => {
-            let mut flags = flags(&fits.set, &fit);
-            flags.extend(payload_flags(&payload));
-            let remedy = format!(
-                "a payload of {:.2} kg at the last link would explain it: weigh the tool and give \
-                 it, such as {}",
-                payload.mass_kg,
-                flags.join(" ")
-            );
-            Finding::warning("payload", what, remedy).try_flags(&flags)
-        }
-        None => {
-            let remedy = "look for a wrong robot (--robot), a payload that it does not know \
-                          (--payload-link, --payload-mass-kg), another order of the joints, or \
-                          another unit (--angle-unit deg)";
-            Finding::warning("gravity_misfit", what, remedy)
-        }
-    }
-}
-
-fn payload_flags(payload: &Payload) -> Vec<String> {
+    let Some((fit, payload)) = heavier else {
+        let remedy = "look for a wrong robot (--robot), a payload that it does not know \
+                      (--payload-link, --payload-mass-kg), another order of the joints, or \
+                      another unit (--angle-unit deg)";
+        return Finding::warning("gravity_misfit", what, remedy);
+    };
     let [x, y, z] = payload.com_link_m;
-    vec![
-        "--payload-link".to_owned(),
-        payload.link.clone(),
-        "--payload-mass-kg".to_owned(),
-        format!("{:.2}", payload.mass_kg),
-        format!("--payload-com-m={x:.3},{y:.3},{z:.3}"),
-    ]
+    let mut flags = flags(&fits.set, fit);
+    flags.extend(["--payload-link".to_owned(), payload.link.clone()]);
+    flags.extend(["--payload-mass-kg".to_owned(), format!("{:.2}", payload.mass_kg)]);
+    flags.push(format!("--payload-com-m={x:.3},{y:.3},{z:.3}"));
+    let remedy = format!(
+        "a payload of {:.2} kg at the last link would explain it: weigh the tool and give it, such \
+         as {}",
+        payload.mass_kg,
+        flags.join(" ")
+    );
+    Finding::warning("payload", what, remedy).try_flags(&flags)
 }

@@ -5,7 +5,7 @@ use serde::Serialize;
 /// How bad it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Level {
+pub enum Level {
     /// Learning would go on, but probably not as meant.
     Warning,
     /// Learning would refuse it.
@@ -14,7 +14,7 @@ pub(super) enum Level {
 
 /// One thing that looks wrong.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Finding {
+pub struct Finding {
     /// How bad it is.
     pub level: Level,
     /// A name for programs, which stays when the words change.
@@ -52,22 +52,26 @@ impl Finding {
         what: impl Into<String>,
         remedy: impl Into<String>,
     ) -> Self {
-        Self { level: Level::Error, ..Self::warning(code, what, remedy) }
+        Self::warning(code, what, remedy).refused()
+    }
+
+    /// The same, but learning refuses it.
+    pub(super) fn refused(self) -> Self {
+        Self { level: Level::Error, ..self }
     }
 
     /// The same, seen in these touches.
     pub(super) fn in_touches(self, touches: &[&str]) -> Self {
-        let touches = touches.iter().map(|&touch| touch.to_owned()).collect();
-        Self { touches, ..self }
+        Self { touches: touches.iter().map(ToString::to_string).collect(), ..self }
     }
 
     /// The same, seen at these joints or links.
     pub(super) fn at(self, parts: &[&str]) -> Self {
-        Self { parts: parts.iter().map(|&part| part.to_owned()).collect(), ..self }
+        Self { parts: parts.iter().map(ToString::to_string).collect(), ..self }
     }
 
     /// The same, with flags that would set it right.
-    pub(super) fn try_flags(self, flags: &[String]) -> Self {
-        Self { flags: flags.to_vec(), ..self }
+    pub(super) fn try_flags(self, flags: &[impl ToString]) -> Self {
+        Self { flags: flags.iter().map(ToString::to_string).collect(), ..self }
     }
 }

@@ -7,9 +7,9 @@ use palpate::{ExternalTorqueConfig, Robot};
 use palpate_io::log::AngleUnit;
 
 use super::super::finding::Finding;
-use super::super::page::number;
+use super::super::words::number;
 use super::reading::{fits, rests};
-use super::record::Touch;
+use crate::touches::RecordedTouch;
 
 /// Beyond two turns, angles in radians are suspicious.
 const SUSPICIOUS_RAD: f64 = 2.0 * TAU;
@@ -18,15 +18,15 @@ const SURELY_RAD: f64 = 4.0 * TAU;
 
 /// Converts the touches to radians if they were read in the wrong unit, and says so.
 pub(super) fn correct(
-    touches: &mut [Touch],
+    touches: &mut [RecordedTouch],
     robot: &Robot,
     read_as: AngleUnit,
     set: &ExternalTorqueConfig,
 ) -> (AngleUnit, Option<Finding>) {
     let turns: Vec<bool> =
         robot.joints().iter().map(|joint| joint.kind != JointKind::Prismatic).collect();
-    let rows = touches.iter().flat_map(|touch| &touch.q);
-    let angles = rows.flat_map(|q| q.iter().zip(&turns).filter(|(_, turns)| **turns));
+    let samples = touches.iter().flat_map(|touch| &touch.samples);
+    let angles = samples.flat_map(|sample| sample.q.iter().zip(&turns).filter(|at| *at.1));
     let largest = angles.map(|(angle, _)| angle.abs()).fold(0.0, f64::max);
     let (factor, unit, suspicious, surely) = match read_as {
         AngleUnit::Rad => {
@@ -42,10 +42,10 @@ pub(super) fn correct(
         return (read_as, None);
     }
     let mut converted = touches.to_vec();
-    for q in converted.iter_mut().flat_map(|touch| &mut touch.q) {
-        q.iter_mut().zip(&turns).filter(|(_, turns)| **turns).for_each(|(q, _)| *q *= factor);
+    for sample in converted.iter_mut().flat_map(|touch| &mut touch.samples) {
+        sample.q.iter_mut().zip(&turns).filter(|at| *at.1).for_each(|(q, _)| *q *= factor);
     }
-    let left_over = |touches: &[Touch]| {
+    let left_over = |touches: &[RecordedTouch]| {
         let order: Vec<usize> = (0..robot.n_joints()).collect();
         let fits = fits(robot, &rests(touches, set.still_rad), &order, set);
         (fits.best.left_over, fits.tell())
@@ -76,6 +76,5 @@ fn wrong_unit(largest_rad: f64, unit: AngleUnit, gravity_agrees: bool) -> Findin
         ),
     };
     let remedy = format!("use --angle-unit {flag}; below, they are read so");
-    Finding::warning("angle_unit", what, remedy)
-        .try_flags(&["--angle-unit".to_owned(), flag.to_owned()])
+    Finding::warning("angle_unit", what, remedy).try_flags(&["--angle-unit", flag])
 }

@@ -1,7 +1,7 @@
 //! Medians and the like.
 
 /// The value below which a share of the numbers lies; `None` if there are none.
-pub(crate) fn quantile(numbers: &[f64], share: f64) -> Option<f64> {
+pub fn quantile(numbers: &[f64], share: f64) -> Option<f64> {
     let mut sorted = numbers.to_vec();
     sorted.sort_by(f64::total_cmp);
     let last = sorted.len().checked_sub(1)?;
@@ -11,12 +11,12 @@ pub(crate) fn quantile(numbers: &[f64], share: f64) -> Option<f64> {
 }
 
 /// The middle one; `None` if there are none.
-pub(crate) fn median(numbers: &[f64]) -> Option<f64> {
+pub fn median(numbers: &[f64]) -> Option<f64> {
     quantile(numbers, 0.5)
 }
 
 /// The least and the greatest; `None` if there are none.
-pub(crate) fn extremes(numbers: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
+pub fn extremes(numbers: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
     numbers.into_iter().fold(None, |so_far: Option<[f64; 2]>, x| {
         let [low, high] = so_far.unwrap_or([x, x]);
         Some([low.min(x), high.max(x)])

@@ -13,15 +13,20 @@ use super::finding::Finding;
 /// What a path is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Kind {
+pub enum Kind {
+    /// Touches.
     Log,
+    /// A URDF, or the name of a built-in robot.
     Robot,
+    /// What `map` has learnt.
     Field,
+    /// Nothing that is known.
     Unknown,
 }
 
 impl Kind {
-    pub(super) fn word(self) -> &'static str {
+    /// Its name.
+    pub fn word(self) -> &'static str {
         match self {
             Self::Log => "log",
             Self::Robot => "robot",

@@ -1,0 +1,119 @@
+//! `inspect`, `map` and `evaluate` agree about what a log touches of a lattice that is not the
+//! default.
+#![allow(clippy::unwrap_used)] // clippy takes only functions marked as tests for tests
+
+mod common;
+mod recording;
+
+use std::fs;
+use std::process::Command;
+
+use common::{Scene, json, palpate, refuse, stderr};
+use recording::{codes, first, run};
+use serde_json::Value;
+
+/// A part of what the arm sweeps, coarser than the default, under another contact model.
+const LATTICE: [&str; 8] = [
+    "--spacing-m",
+    "0.025",
+    "--box-low-m",
+    "0.3,-0.2,-0.1",
+    "--box-high-m",
+    "0.7,0.4,0.1",
+    "--contact-distance-m",
+    "0.03",
+];
+/// Where the arm never is.
+const ELSEWHERE: [&str; 4] = ["--box-low-m", "2,2,2", "--box-high-m", "2.5,2.5,2.5"];
+
+/// A subcommand on the log of a scene.
+fn command(scene: &Scene, name: &str, flags: &[&str]) -> Command {
+    let mut command = palpate();
+    command.arg(name).arg(scene.path("log")).args(scene.settings()).args(flags);
+    match name {
+        "map" => command.arg("-o").arg(scene.path("out/field.npz")).arg("--json"),
+        "evaluate" => {
+            command.arg("-o").arg(scene.path("out/e")).args(["--methods", "map", "--json"])
+        }
+        _ => &mut command,
+    };
+    command
+}
+
+/// What an inspection says of the log.
+#[track_caller]
+fn inspect(scene: &Scene, flags: &[&str]) -> Value {
+    let (exit, told) = run(&mut command(scene, "inspect", flags));
+    assert_eq!(exit, Some(0), "{told}");
+    told
+}
+
+fn frames_in_contact(report: &Value) -> Vec<u64> {
+    let touches = report["touches"].as_array().unwrap();
+    touches.iter().map(|touch| touch["frames_in_contact"].as_u64().unwrap()).collect()
+}
+
+#[test]
+fn inspect_map_and_evaluate_agree_about_what_is_touched() {
+    let scene = Scene::new();
+    let told = inspect(&scene, &LATTICE);
+    let (log, mapped) = (&told["paths"][0], json(&mut command(&scene, "map", &LATTICE)));
+    for key in ["frames", "frames_in_contact", "contacts_median", "cells_touched"] {
+        assert_eq!(log["touched"][key], mapped[key], "{key}");
+    }
+    assert_eq!(log["lattice"]["cells_declared"], mapped["cells_declared"]);
+    let frames = frames_in_contact(log);
+    assert!(frames.iter().all(|frames| (1..40).contains(frames)), "{frames:?}");
+    assert_eq!(frames, frames_in_contact(&mapped));
+    let evaluated = json(&mut command(&scene, "evaluate", &LATTICE));
+    assert_eq!(frames, frames_in_contact(&evaluated));
+
+    let default = inspect(&scene, &["--spacing-m", "0.025"]);
+    assert_ne!(default["paths"][0]["touched"], log["touched"], "the box must matter");
+}
+
+#[test]
+fn the_lattice_may_come_from_a_settings_file_or_a_field() {
+    let scene = Scene::new();
+    let by_flags = inspect(&scene, &LATTICE);
+    json(&mut command(&scene, "map", &LATTICE));
+    let file = scene.text("lattice.toml");
+    let text = "[lattice]\nspacing_m = 0.025\nbox_low_m = [0.3, -0.2, -0.1]\n\
+                box_high_m = [0.7, 0.4, 0.1]\n[contact]\ncontact_distance_m = 0.03\n";
+    fs::write(&file, text).unwrap();
+    assert_eq!(inspect(&scene, &["--settings", &file]), by_flags);
+    let field = scene.text("out/field.npz");
+    assert_eq!(inspect(&scene, &["--from", &field]), by_flags);
+    let contradiction = ["--from", &field, "--friction", "0.9"];
+    refuse(&mut command(&scene, "inspect", &contradiction), 2, &["contradict", "friction"]);
+}
+
+#[test]
+fn a_box_elsewhere_is_a_finding_and_teaches_nothing() {
+    let scene = Scene::new();
+    let told = inspect(&scene, &ELSEWHERE);
+    assert_eq!(codes(&told), ["no_contact"], "{}", told["paths"][0]["findings"]);
+    let words = ["0 of 80 frames touch the lattice", "--box-low-m", "`fore` moves within"];
+    words
+        .iter()
+        .for_each(|word| assert!(first(&told).to_string().contains(word), "{word}: {told}"));
+    assert_eq!(told["paths"][0]["touched"]["cells_touched"], 0);
+
+    let output = command(&scene, "map", &ELSEWHERE).output().unwrap();
+    assert!(stderr(&output).contains("0 of 80 frames touch the lattice"), "{}", stderr(&output));
+    let mapped: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&mapped["frames_in_contact"], &mapped["cells_touched"]), (&0.into(), &0.into()));
+}
+
+#[test]
+fn a_touch_beside_the_box_is_told_among_others() {
+    let scene = Scene::new();
+    let swing: Vec<[f64; 2]> =
+        (0..40_u32).map(|frame| [2.0 + 0.01 * f64::from(frame.saturating_sub(8)), 0.0]).collect();
+    scene.arrays("log/seq_2", &swing, &vec![[0.3, 0.1]; 40]);
+    let told = inspect(&scene, &LATTICE);
+    let findings = told["paths"][0]["findings"].as_array().unwrap();
+    let beside = findings.iter().find(|finding| finding["code"] == "no_contact").unwrap();
+    assert_eq!(beside["touches"], serde_json::json!(["seq_2"]));
+    assert!(!codes(&told).contains(&"never_moves"), "{:?}", codes(&told));
+}

@@ -1,0 +1,276 @@
+//! What a field holds: cells, stiffness, how sure it is of it, and whether it can be continued.
+
+use std::path::Path;
+
+use palpate::{
+    ContactConfig, EstimatorConfig, EstimatorKind, ExternalTorqueConfig, Lattice, Snapshot,
+};
+use palpate_io::field::npz::{NpzError, read_npz};
+use palpate_io::field::{self, FieldFile, Saved, SavedError};
+use serde::Serialize;
+
+use super::finding::Finding;
+use super::words::{counted, number};
+use crate::quantile::{extremes, quantile};
+use crate::settings::corners;
+
+/// Cells below this part of the stiffest one count as zero.
+const ZERO: f64 = 1e-6;
+/// Cells above this part of the stiffest one count as stiff.
+const STIFF: f64 = 0.1;
+/// A standard deviation above this part of the prior's has learnt nothing.
+const UNCHANGED: f64 = 0.999;
+/// The shares of which quantiles are told.
+const SHARES: [f64; 5] = [0.1, 0.5, 0.9, 0.99, 1.0];
+
+/// What a field holds.
+#[derive(Debug, Serialize)]
+pub struct FieldFacts {
+    /// Size of the file.
+    pub file_bytes: u64,
+    /// Those that were touched, which all figures are of.
+    pub cells: usize,
+    /// Those of which something is expected and nothing was ever felt.
+    pub expected_cells: usize,
+    /// Quantiles 10, 50, 90, 99 and 100 % of the cells above zero, N/m.
+    pub stiffness_n_per_m: Option<[f64; 5]>,
+    /// Sum over the touched cells, N/m.
+    pub total_n_per_m: f64,
+    /// Share of the cells at zero.
+    pub zero_share: f64,
+    /// The same quantiles of the standard deviations, N/m.
+    pub std_n_per_m: Option<[f64; 5]>,
+    /// The same quantiles of the frames that touched a cell.
+    pub frames_per_cell: Option<[f64; 5]>,
+    /// Lowest and highest point of the cells of at least a tenth of the largest stiffness, m.
+    pub stiff_box_m: Option<[[f64; 3]; 2]>,
+    /// How many these are.
+    pub stiff_cells: usize,
+    /// What only palpate's own files say.
+    pub own: Option<OwnFacts>,
+}
+
+/// What a field says of how it was learnt.
+#[derive(Debug, Serialize)]
+pub struct OwnFacts {
+    /// Name of the robot that touched it.
+    pub robot: String,
+    /// Where its cells are.
+    pub lattice: LatticeFacts,
+    /// The contact model.
+    pub contact: ContactConfig,
+    /// What the torques of its logs meant.
+    pub touch: ExternalTorqueConfig,
+    /// What mapping would go on from.
+    pub memory: Option<MemoryFacts>,
+}
+
+/// Where cells are.
+#[derive(Debug, Serialize)]
+pub struct LatticeFacts {
+    /// First point, m.
+    pub origin_m: [f64; 3],
+    /// Distance between neighbouring points, m.
+    pub spacing_m: f64,
+    /// Points along x, y and z.
+    pub shape: [u32; 3],
+    /// Corners of the box that the points fill, m.
+    pub box_m: [[f64; 3]; 2],
+    /// Points in all.
+    pub cells_declared: u64,
+}
+
+/// What mapping would go on from.
+#[derive(Debug, Serialize)]
+pub struct MemoryFacts {
+    /// The estimator.
+    pub method: EstimatorKind,
+    /// Its settings.
+    pub estimator: EstimatorConfig,
+    /// Standard deviation of an untouched cell, N/m.
+    pub prior_std_n_per_m: f64,
+    /// Touches so far.
+    pub touches: u32,
+    /// Remembered frames.
+    pub frames: usize,
+    /// Samples in the file's log.
+    pub logged_samples: usize,
+}
+
+/// The cells of a field, by row.
+struct Cells<'a> {
+    points: &'a [[f64; 3]],
+    stiffness: &'a [f64],
+    std: Option<&'a [f64]>,
+    counts: Option<&'a [u32]>,
+}
+
+/// Looks at a field.
+pub fn inspect(path: &Path) -> (Option<FieldFacts>, Vec<Finding>) {
+    match field::load(path) {
+        Ok(saved) => {
+            let facts = FieldFacts::of_saved(path, &saved);
+            let findings = facts.findings();
+            (Some(facts), findings)
+        }
+        Err(SavedError::Foreign { missing, .. }) => foreign(path, missing),
+        Err(error) => (None, vec![refused(error.to_string())]),
+    }
+}
+
+fn refused(what: String) -> Finding {
+    let remedy = "a field is an .npz with `points` and `K`, as `palpate map` writes it; map again, \
+                  or copy the file again if it was whole";
+    Finding::error("field", what, remedy)
+}
+
+/// A field of another program: what there is of it.
+fn foreign(path: &Path, missing: &str) -> (Option<FieldFacts>, Vec<Finding>) {
+    let read = || -> Result<FieldFile, NpzError> { FieldFile::from_arrays(&read_npz(path)?) };
+    let file = match read() {
+        Ok(file) => file,
+        Err(error) => return (None, vec![refused(error.to_string())]),
+    };
+    let facts = FieldFacts::new(
+        path,
+        &Cells {
+            points: &file.points,
+            stiffness: &file.stiffness,
+            std: file.std.as_deref(),
+            counts: file.counts.as_deref(),
+        },
+    );
+    let what = format!(
+        "the field was written by another program, such as OpenVSF: it lacks `{missing}`, which \
+         says how its points were touched"
+    );
+    let remedy = "`palpate predict` cannot use it; map the logs with `palpate map`. Points, K and \
+                  K_std can be compared all the same";
+    let mut findings = vec![Finding::warning("foreign_field", what, remedy)];
+    findings.extend(facts.findings());
+    (Some(facts), findings)
+}
+
+/// The shares of interest of some numbers.
+fn quantiles(numbers: &[f64]) -> Option<[f64; 5]> {
+    let all: Option<Vec<f64>> = SHARES.iter().map(|&share| quantile(numbers, share)).collect();
+    all.and_then(|all| all.try_into().ok())
+}
+
+impl FieldFacts {
+    fn new(path: &Path, cells: &Cells<'_>) -> Self {
+        // The touched ones: all of them, if the field does not say.
+        let touched = |row: &usize| cells.counts.is_none_or(|counts| counts[*row] > 0);
+        let rows: Vec<usize> = (0..cells.points.len()).filter(touched).collect();
+        let of = |numbers: &[f64]| rows.iter().map(|&row| numbers[row]).collect::<Vec<f64>>();
+        let stiffness = of(cells.stiffness);
+        let largest = stiffness.iter().copied().fold(0.0, f64::max);
+        let above = |part: f64, stiffness: f64| stiffness > 0.0 && stiffness >= part * largest;
+        let positive: Vec<f64> =
+            stiffness.iter().copied().filter(|&stiffness| above(ZERO, stiffness)).collect();
+        let is_stiff = |row: &&usize| above(STIFF, cells.stiffness[**row]);
+        let stiff: Vec<&[f64; 3]> =
+            rows.iter().filter(is_stiff).map(|&row| &cells.points[row]).collect();
+        let sides: Option<Vec<[f64; 2]>> =
+            (0..3).map(|axis| extremes(stiff.iter().map(|point| point[axis]))).collect();
+        let counts = cells
+            .counts
+            .map(|counts| rows.iter().map(|&row| f64::from(counts[row])).collect::<Vec<f64>>());
+        Self {
+            file_bytes: path.metadata().map_or(0, |metadata| metadata.len()),
+            cells: rows.len(),
+            expected_cells: cells.points.len() - rows.len(),
+            stiffness_n_per_m: quantiles(&positive),
+            total_n_per_m: stiffness.iter().sum(),
+            zero_share: 1.0 - positive.len() as f64 / rows.len().max(1) as f64,
+            std_n_per_m: cells.std.map(of).as_deref().and_then(quantiles),
+            frames_per_cell: counts.as_deref().and_then(quantiles),
+            stiff_box_m: sides
+                .map(|sides| [0, 1].map(|end| std::array::from_fn(|axis| sides[axis][end]))),
+            stiff_cells: stiff.len(),
+            own: None,
+        }
+    }
+
+    fn of_saved(path: &Path, saved: &Saved) -> Self {
+        let field = &saved.field;
+        let points: Vec<[f64; 3]> =
+            field.cells.iter().map(|&cell| field.lattice.point(cell).into()).collect();
+        let cells = Cells {
+            points: &points,
+            stiffness: &field.stiffness_n_per_m,
+            std: Some(&field.std_n_per_m),
+            counts: Some(&field.counts),
+        };
+        let own = OwnFacts {
+            robot: saved.robot.clone(),
+            lattice: LatticeFacts::new(&field.lattice),
+            contact: field.contact.clone(),
+            touch: field.touch.clone(),
+            memory: saved.snapshot.as_ref().map(MemoryFacts::new),
+        };
+        Self { own: Some(own), ..Self::new(path, &cells) }
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        [self.all_zero(), self.never_reduced()].into_iter().flatten().collect()
+    }
+
+    fn all_zero(&self) -> Option<Finding> {
+        let remedy = "inspect the logs: torque sign and gravity first, then whether the arm \
+                      touches the object inside the lattice's box";
+        if self.cells == 0 {
+            return Some(Finding::warning("empty_field", "no cell was ever touched", remedy));
+        }
+        (self.zero_share >= 1.0).then(|| {
+            let what = format!("the stiffness of all {} is zero", counted(self.cells, "cell"));
+            Finding::warning("all_zero", what, remedy)
+        })
+    }
+
+    /// With the prior unknown, standard deviations that are all the same tell as much.
+    fn never_reduced(&self) -> Option<Finding> {
+        let [least, _, _, _, largest] = self.std_n_per_m?;
+        let memory = self.own.as_ref().and_then(|own| own.memory.as_ref());
+        let prior = memory.map_or(largest, |memory| memory.prior_std_n_per_m);
+        (least >= UNCHANGED * prior && self.cells > 1).then(|| {
+            let what = format!(
+                "the standard deviation of every cell is still {} N/m, as before learning",
+                number(least)
+            );
+            let remedy = "nothing was learnt from these touches: look whether frames are left \
+                          after the tare (`palpate inspect LOG`), and at --torque-std";
+            Finding::warning("std_never_reduced", what, remedy)
+        })
+    }
+}
+
+impl LatticeFacts {
+    pub(super) fn new(lattice: &Lattice) -> Self {
+        Self {
+            origin_m: lattice.origin_m().into(),
+            spacing_m: lattice.spacing_m(),
+            shape: lattice.shape(),
+            box_m: corners(lattice).into(),
+            cells_declared: lattice.n_cells(),
+        }
+    }
+}
+
+impl MemoryFacts {
+    fn new(snapshot: &Snapshot) -> Self {
+        let config = &snapshot.config;
+        let spacing_m = config.lattice.spacing_m();
+        let samples = |touch: &palpate::unstable::LoggedTouch| {
+            touch.q.len().checked_div(snapshot.n_joints).unwrap_or(0)
+        };
+        Self {
+            method: config.method,
+            estimator: config.estimator.clone(),
+            prior_std_n_per_m: config.estimator.prior.at_spacing(spacing_m).1,
+            touches: snapshot.touches,
+            frames: snapshot.state.remembered.len(),
+            logged_samples: snapshot.sample_log.iter().map(samples).sum(),
+        }
+    }
+}

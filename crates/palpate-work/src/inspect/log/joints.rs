@@ -1,0 +1,92 @@
+//! The joints of a log, put into the robot's order by name.
+
+use palpate::Robot;
+use palpate_io::log::reorder;
+use serde::Serialize;
+
+use super::super::finding::Finding;
+use super::super::words::listed;
+use crate::touches::{RecordedTouch, reorder_joints};
+
+/// How the joints of the log became those of the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Matching {
+    /// The log names no joints: its order is believed, and checked by gravity.
+    Unnamed,
+    /// By name, and their order is the robot's.
+    InOrder,
+    /// By name, and their order is another.
+    Reordered,
+    /// The names, or their number, do not serve the robot.
+    Unmatched,
+}
+
+/// Puts the joints into the robot's order by name, if they have names, and says what of them
+/// does not serve the robot. Without a match they stay as they are.
+pub(super) fn match_joints(
+    touches: &mut [RecordedTouch],
+    robot: &Robot,
+) -> (Matching, Vec<Finding>) {
+    let joints: Vec<String> = robot.joint_names().map(str::to_owned).collect();
+    let mut matching = Matching::Unnamed;
+    let mut findings: Vec<Finding> = Vec::new();
+    for touch in &mut *touches {
+        let Some(names) = &touch.joint_names else { continue };
+        match reorder(&joints, names) {
+            Ok(order) => {
+                let is_sorted = order.is_sorted();
+                touch.permute(&order);
+                touch.joint_names = Some(joints.clone());
+                if matching != Matching::Unmatched
+                    && !(is_sorted && matching == Matching::Reordered)
+                {
+                    matching = if is_sorted { Matching::InOrder } else { Matching::Reordered };
+                }
+            }
+            Err(error) => {
+                matching = Matching::Unmatched;
+                let what = error.to_string();
+                if findings.iter().all(|finding| finding.what != what) {
+                    findings.push(unmatched(what, &joints));
+                }
+            }
+        }
+    }
+    if let Some(finding) = miscounted(&touches[0], robot).filter(|_| findings.is_empty()) {
+        matching = Matching::Unmatched;
+        findings.push(finding);
+    }
+    (matching, findings)
+}
+
+fn miscounted(touch: &RecordedTouch, robot: &Robot) -> Option<Finding> {
+    let (found, wanted) = (touch.n_joints(), robot.n_joints());
+    (found != wanted).then(|| {
+        let names: Vec<&str> = robot.joint_names().collect();
+        let what = format!(
+            "the log has {found} joints, the robot `{}` has {wanted}: {}",
+            robot.name(),
+            listed(&names)
+        );
+        let remedy = "name the right robot (--robot), or save only its joints; nothing that \
+                      needs the robot was looked at";
+        Finding::error("joint_count", what, remedy)
+    })
+}
+
+fn unmatched(what: String, joints: &[String]) -> Finding {
+    let remedy = format!(
+        "name the right robot (--robot), or the columns in the order {} (--columns \
+         'q=...;tau=...'), which leaves names aside",
+        joints.join(", ")
+    );
+    Finding::error("joint_names", what, remedy)
+}
+
+impl RecordedTouch {
+    /// Positions and torques of some of the joints, in another order.
+    pub(super) fn permute(&mut self, order: &[usize]) {
+        self.samples.iter_mut().for_each(|sample| reorder_joints(sample, order));
+    }
+}

@@ -1,0 +1,279 @@
+//! What a log holds, touch by touch, and what looks wrong with it.
+//!
+//! | file      | says                                                        |
+//! |-----------|-------------------------------------------------------------|
+//! | `joints`  | joints matched by name                                      |
+//! | `frames`  | repeated frames, clock, frozen torques                      |
+//! | `motion`  | positions, speeds and torques beyond the robot's limits     |
+//! | `unit`    | degrees or radians                                          |
+//! | `reading` | sign, gravity and order of joints that fit best             |
+//! | `gravity` | the same in words                                           |
+//! | `payload` | what weight would explain torques that gravity does not     |
+//! | `figures` | start, tare, noise, push, contacts and end of each touch    |
+//! | `rest`    | what of that looks wrong                                    |
+//!
+//! What is wrong with a log shows only against all of it, so it is read into memory: 200 bytes a
+//! frame of seven joints.
+//!
+//! A defect is told once: where the log seems to be in degrees, or its torques in the other sign,
+//! the rest is looked at as if that had been put right.
+
+mod figures;
+mod frames;
+mod gravity;
+mod joints;
+mod motion;
+mod payload;
+mod reading;
+mod rest;
+mod unit;
+
+use std::cmp::Reverse;
+use std::sync::Arc;
+
+use palpate::{Arm, ExternalTorqueConfig, Gravity, MapperConfig, TorqueSign};
+use palpate_io::log::{Format, LogWarning, LoggedTorques};
+use serde::Serialize;
+
+use super::field::LatticeFacts;
+use super::finding::Finding;
+use crate::error::WorkError;
+use crate::progress::Progress;
+use crate::settings::Settings;
+use crate::touched::TouchedFigures;
+use crate::touches::{RecordedTouch, Touches};
+pub use figures::TouchFacts;
+pub use frames::ClockFacts;
+pub use joints::Matching;
+pub use reading::{Fit, Fits, Reading};
+
+/// What was found out about a log.
+#[derive(Debug, Serialize)]
+pub struct LogInspection {
+    /// What it holds; `None` if nothing of it can be read.
+    pub log: Option<LogFacts>,
+    /// What looks wrong, errors first.
+    pub findings: Vec<Finding>,
+}
+
+/// What a log holds.
+#[derive(Debug, Serialize)]
+pub struct LogFacts {
+    /// Its format.
+    pub format: Format,
+    /// Name of the robot that it is held against.
+    pub robot: String,
+    /// Frames of all touches.
+    pub frames: usize,
+    /// The clock, if there is one.
+    pub clock: Option<ClockFacts>,
+    /// In the order of all lists by joint: the robot's, if the log serves it.
+    pub joints: Vec<String>,
+    /// How they became the robot's.
+    pub matching: Matching,
+    /// Only if the joints are the robot's.
+    pub reading: Option<Reading>,
+    /// Where contacts are looked for.
+    pub lattice: LatticeFacts,
+    /// What the arm touches of it, as `map` would find; only if the joints are the robot's.
+    pub touched: Option<TouchedFigures>,
+    /// Its touches, in their order.
+    pub touches: Vec<TouchFacts>,
+}
+
+/// Looks at a log, or at why it cannot be opened.
+///
+/// # Errors
+///
+/// If a setting is out of its range, or the progress stops it. What is wrong with the log itself is
+/// a finding.
+pub fn inspect(
+    log: Result<Touches, WorkError>,
+    (settings, config): (&Settings, &MapperConfig),
+    (arm, progress): (&Arc<Arm>, &dyn Progress),
+) -> Result<LogInspection, WorkError> {
+    let mut inspector = LogInspector { settings, config, arm, progress, findings: Vec::new() };
+    let log = match log {
+        Ok(touches) => inspector.inspect(touches)?,
+        Err(error) => {
+            inspector.unreadable(&error);
+            None
+        }
+    };
+    let mut findings = inspector.findings;
+    findings.sort_by_key(|finding| Reverse(finding.level));
+    Ok(LogInspection { log, findings })
+}
+
+struct LogInspector<'a> {
+    settings: &'a Settings,
+    config: &'a MapperConfig,
+    arm: &'a Arc<Arm>,
+    progress: &'a dyn Progress,
+    findings: Vec<Finding>,
+}
+
+impl LogInspector<'_> {
+    fn inspect(&mut self, mut log: Touches) -> Result<Option<LogFacts>, WorkError> {
+        let mut touches = Vec::new();
+        let read = log.read_into(&mut touches, None);
+        self.take_what_was_read(read, &mut touches);
+        self.findings.extend(log.warnings().filter_map(left_out));
+        if touches.is_empty() {
+            return Ok(None);
+        }
+        let robot = &self.arm.robot;
+        if let Err(error) = self.settings.log.check_for(robot) {
+            let remedy = "a log of a robot with a prismatic joint must be in radians and metres";
+            self.findings.push(Finding::error("angle_unit", error.to_string(), remedy));
+        }
+        let (matching, unmatched) = joints::match_joints(&mut touches, robot);
+        self.findings.extend(unmatched);
+        let mut facts = self.facts(log.describe().format, &touches, matching);
+        if matching == Matching::Unmatched {
+            self.findings.extend(frames::findings(&touches, &facts.joints));
+            return Ok(Some(facts));
+        }
+        if self.settings.log.pauses().is_some() {
+            let place = (self.config.lattice.clone(), self.config.contact.clone());
+            let whole = Touches::held(&log.log().to_string_lossy(), std::mem::take(&mut touches));
+            let read =
+                whole.for_arm(self.arm, &self.settings.log, place)?.read_into(&mut touches, None);
+            self.take_what_was_read(read, &mut touches);
+        }
+        if !touches.is_empty() {
+            self.judge(&mut touches, &self.set(&log), &mut facts)?;
+        }
+        Ok(Some(facts))
+    }
+
+    /// What logged torques are said to be.
+    fn set(&self, log: &Touches) -> ExternalTorqueConfig {
+        let external = log.describe().torques == LoggedTorques::External;
+        let unsaid = self.settings.touch.gravity.is_none();
+        let mut set = self.config.touch.clone();
+        if external && unsaid {
+            set.gravity = Gravity::Removed;
+        }
+        set
+    }
+
+    /// Looks at touches of the robot's joints.
+    fn judge(
+        &mut self,
+        touches: &mut [RecordedTouch],
+        set: &ExternalTorqueConfig,
+        facts: &mut LogFacts,
+    ) -> Result<(), WorkError> {
+        let robot = &self.arm.robot;
+        let read_as = self.settings.log.options().angle_unit;
+        let (angle_unit, wrong_unit) = unit::correct(touches, robot, read_as, set);
+        self.findings.extend(wrong_unit);
+        let read_so = (angle_unit, facts.matching);
+        let (reading, by_gravity) = gravity::judge(touches, robot, set, read_so);
+        self.findings.extend(by_gravity);
+        self.findings.extend(frames::findings(touches, &facts.joints));
+        let period_s = facts.clock.map(|clock| clock.period_s);
+        self.findings.extend(motion::findings(touches, robot, period_s));
+
+        let fits = &reading.fits;
+        let figures = figures::Figures::new(self.arm, self.config, (set, fits.accepted()))?;
+        let (of_touches, (touched, cells)) = figures.of_all(touches, self.progress)?;
+        (facts.touched, facts.touches) = (Some(touched.figures(cells)), of_touches);
+        let nothing = touched.nothing(&self.config.lattice);
+        let moves = figures::last_link_box(touches, robot);
+        let (figured, aside) = rest::Figured::new((robot, &facts.touches), set.tare, fits);
+        self.findings.extend(rest::without_contact((&aside, facts.touches.len()), nothing, moves));
+        self.findings.extend(figured.findings(!fits.misfit()));
+        facts.reading = Some(reading);
+        Ok(())
+    }
+
+    /// Leaves out touches without frames, and says where reading ended early.
+    fn take_what_was_read(
+        &mut self,
+        read: Result<(), WorkError>,
+        touches: &mut Vec<RecordedTouch>,
+    ) {
+        touches.retain(|touch| !touch.samples.is_empty());
+        if let Err(error) = read {
+            self.unreadable(&error);
+        }
+    }
+
+    fn unreadable(&mut self, error: &WorkError) {
+        let remedy = "put right what the message names; what could be read before it is told here";
+        self.findings.push(Finding::error("unreadable", error.to_string(), remedy));
+    }
+
+    /// What shows before the robot comes in.
+    fn facts(&self, format: Format, touches: &[RecordedTouch], matching: Matching) -> LogFacts {
+        let first = &touches[0];
+        let numbered = || (1..=first.n_joints()).map(|joint| format!("joint {joint}")).collect();
+        LogFacts {
+            format,
+            robot: self.arm.robot.name().to_owned(),
+            frames: touches.iter().map(RecordedTouch::frames).sum(),
+            clock: frames::clock(touches),
+            joints: match matching {
+                Matching::Unmatched => first.joint_names.clone().unwrap_or_else(numbered),
+                _ => self.arm.robot.joint_names().map(str::to_owned).collect(),
+            },
+            matching,
+            reading: None,
+            lattice: LatticeFacts::new(&self.config.lattice),
+            touched: None,
+            touches: Vec::new(),
+        }
+    }
+}
+
+/// What looked odd and did not stop the reading, but for the clock, which is looked at apart.
+fn left_out(odd: &LogWarning) -> Option<Finding> {
+    let remedy = "nothing, if that is as meant; else see --joints, --touch-topic and the recording";
+    let clock = matches!(odd, LogWarning::TimeNotIncreasing { .. });
+    (!clock).then(|| Finding::warning("left_out", odd.to_string(), remedy))
+}
+
+impl RecordedTouch {
+    fn frames(&self) -> usize {
+        self.samples.len()
+    }
+
+    fn n_joints(&self) -> usize {
+        self.samples.first().map_or(0, |sample| sample.q.len())
+    }
+
+    /// Times of the frames that have one, s.
+    fn times_s(&self) -> impl Iterator<Item = f64> {
+        self.samples.iter().filter_map(|sample| sample.time_s)
+    }
+
+    /// How many frames from the first on stay where it was.
+    fn still_frames(&self, still_rad: f64) -> usize {
+        let Some(start) = self.samples.first() else { return 0 };
+        let moved =
+            self.samples.iter().position(|sample| farthest(&sample.q, &start.q) > still_rad);
+        moved.unwrap_or(self.frames())
+    }
+}
+
+/// The largest difference of two joint vectors at any joint.
+fn farthest(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// The mean of each column of some rows.
+fn mean<T>(rows: &[T], of: impl Fn(&T) -> &[f64]) -> Vec<f64> {
+    let columns = rows.first().map_or(0, |row| of(row).len());
+    let mean = |j: usize| rows.iter().map(|row| of(row)[j]).sum::<f64>() / rows.len() as f64;
+    (0..columns).map(mean).collect()
+}
+
+/// What logged torques are multiplied with to be external ones.
+fn sign(torque_sign: TorqueSign) -> f64 {
+    match torque_sign {
+        TorqueSign::Plus => 1.0,
+        TorqueSign::Minus => -1.0,
+    }
+}

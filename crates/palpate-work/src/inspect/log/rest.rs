@@ -1,0 +1,281 @@
+//! What the figures of the touches show that looks wrong: contacts, starts, tares, noise, pushes,
+//! ends.
+
+use palpate::unstable::{Joint, JointKind};
+use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Tare, TorqueSign};
+
+use super::super::finding::Finding;
+use super::super::words::{counted, listed, number};
+use super::figures::{NO_NOISE, TouchFacts};
+use super::reading::{Fit, Fits};
+use crate::quantile::median;
+
+/// A touch below this says little, N·m over all joints.
+const WEAK: f64 = 1.0;
+/// Work below this tells no sign, J.
+const LEAST_WORK_J: f64 = 0.005;
+
+/// What is looked at.
+pub(super) struct Figured<'a> {
+    robot: &'a Robot,
+    touches: Vec<&'a TouchFacts>,
+    /// How many touches the log has.
+    all: usize,
+    tare: Tare,
+    /// The convention that the figures were found under.
+    fit: Fit,
+    /// Whether gravity tells the sign.
+    sign_is_told: bool,
+}
+
+/// How much of a torque is unusual at a joint: so much, or a part of what it can bear.
+fn unusual(joint: &Joint, torque: f64, part: f64) -> f64 {
+    let torque = if joint.kind == JointKind::Prismatic { 10.0 * torque } else { torque };
+    torque.max(part * joint.effort.unwrap_or(0.0))
+}
+
+/// `touch`, `all touches` or `so many of all: names`
+fn these(names: &[&str], all: usize) -> String {
+    match all {
+        1 => format!("touch `{}`", names[0]),
+        all if all == names.len() => format!("all {all} touches"),
+        all => format!("{} of {}: {}", names.len(), counted(all, "touch"), listed(names)),
+    }
+}
+
+fn names_of<'a>(touches: &[&'a TouchFacts]) -> Vec<&'a str> {
+    touches.iter().map(|touch| touch.name.as_str()).collect()
+}
+
+impl<'a> Figured<'a> {
+    /// What there is to look at, and aside from it the touches in which the arm moves through no
+    /// point of the lattice: what their torques mean cannot be told.
+    pub(super) fn new(
+        (robot, touches): (&'a Robot, &'a [TouchFacts]),
+        tare: Tare,
+        fits: &Fits,
+    ) -> (Self, Vec<&'a TouchFacts>) {
+        let fit = fits.accepted();
+        let sign_is_told = fits.tell() && fit.gravity == Gravity::Included;
+        let passes_by =
+            |touch: &&TouchFacts| touch.frames_in_contact == 0 && touch.still_frames < touch.frames;
+        let (aside, in_contact) = touches.iter().partition(passes_by);
+        let all = touches.len();
+        (Self { robot, touches: in_contact, all, tare, fit, sign_is_told }, aside)
+    }
+
+    /// Everything that looks wrong; `gravity_fits` unless a bias is gravity's fault.
+    pub(super) fn findings(&self, gravity_fits: bool) -> Vec<Finding> {
+        let mut findings = Vec::new();
+        findings.extend(self.no_start());
+        findings.extend(self.moving_tare());
+        findings.extend(self.never_moves());
+        if gravity_fits {
+            findings.extend(self.bias());
+            findings.extend(self.weak());
+        }
+        findings.extend(self.noiseless());
+        findings.extend(self.noisy());
+        findings.extend(self.drift());
+        findings.extend(self.work());
+        findings
+    }
+
+    /// A finding in the touches that show it; `what` ends before their names.
+    fn shown(
+        &self,
+        shows: impl Fn(&TouchFacts) -> bool,
+        (code, what, remedy): (&'static str, &str, &str),
+    ) -> Option<Finding> {
+        let shown: Vec<&TouchFacts> = self.touches.iter().copied().filter(|t| shows(t)).collect();
+        let names = names_of(&shown);
+        (!names.is_empty()).then(|| {
+            let what = format!("{what} {}", these(&names, self.all));
+            Finding::warning(code, what, remedy).in_touches(&names)
+        })
+    }
+
+    fn no_start(&self) -> Option<Finding> {
+        let fewest = MIN_TARE_FRAMES as usize;
+        let what =
+            format!("no contact-free start: the arm moves before {fewest} frames are over, in");
+        let remedy = "start the log earlier, with the arm still and free; or use --tare-frames N \
+                      to take the tare from the first N frames as they are, or --no-tare if the \
+                      torques are external ones already";
+        let shows = |touch: &TouchFacts| self.tare == Tare::Auto && touch.start_frames < fewest;
+        self.shown(shows, ("no_start", &what, remedy)).map(Finding::refused)
+    }
+
+    /// The frames that were asked for as tare, against what the arm does in them.
+    fn moving_tare(&self) -> Option<Finding> {
+        let Tare::Frames(wanted) = self.tare else { return None };
+        let what = format!("fewer frames than --tare-frames {wanted} in");
+        let too_long = ("tare_too_long", what.as_str(), "give a smaller --tare-frames");
+        let wanted = wanted as usize;
+        if let Some(finding) = self.shown(|touch| touch.frames < wanted, too_long) {
+            return Some(finding.refused());
+        }
+        let what = format!("the arm moves within the {wanted} frames of --tare-frames in");
+        let remedy = "whatever it touches there is taken for bias; give a smaller number, or leave \
+                      it out to have the start found";
+        self.shown(|touch| touch.still_frames < wanted, ("moving_tare", &what, remedy))
+    }
+
+    fn never_moves(&self) -> Option<Finding> {
+        let what = "the arm never leaves its start in";
+        let remedy = "nothing can be learnt from it; check the unit (--angle-unit), or leave the \
+                      touch out";
+        let shows = |touch: &TouchFacts| touch.start_frames == touch.frames;
+        self.shown(shows, ("never_moves", what, remedy))
+    }
+
+    /// Torques at rest that no sensor is off by.
+    fn bias(&self) -> Vec<Finding> {
+        let of_joint = |(j, joint): (usize, &Joint)| {
+            let least = unusual(joint, 1.0, 0.02);
+            let off = |touch: &TouchFacts| touch.tare.as_ref().map_or(0.0, |tare| tare[j]);
+            let offs = self.touches.iter().map(|touch| off(touch));
+            let largest = offs.max_by(|a, b| a.abs().total_cmp(&b.abs()))?;
+            let shows = |touch: &TouchFacts| off(touch).abs() > least;
+            let what = format!(
+                "joint `{}` is off by up to {} N·m at rest, in",
+                joint.name,
+                number(largest)
+            );
+            let remedy = if self.touches.iter().all(|touch| shows(touch)) {
+                "the arm may carry something that the robot does not know of (--payload-link, \
+                 --payload-mass-kg), or the sensor needs calibration; the tare takes it off only \
+                 for as long as the arm keeps its pose"
+            } else {
+                "the arm may have been touching something when these touches began: the tare then \
+                 hides that force; look at a picture, start farther away, or leave them out"
+            };
+            Some(self.shown(shows, ("bias", &what, remedy))?.at(&[&joint.name]))
+        };
+        self.robot.joints().iter().enumerate().filter_map(of_joint).collect()
+    }
+
+    /// The noise of a joint in every touch that tells it.
+    fn noise(&self, joint: usize) -> Vec<f64> {
+        self.touches.iter().filter_map(|touch| Some(touch.noise_std.as_ref()?[joint])).collect()
+    }
+
+    /// Whether a joint's torque has no noise in any touch that tells it.
+    fn is_silent(&self, joint: usize) -> bool {
+        let told: Vec<bool> =
+            self.touches.iter().filter_map(|touch| Some(touch.silent.as_ref()?[joint])).collect();
+        let lives = self.touches.iter().any(|touch| touch.peak_by_joint[joint] > NO_NOISE);
+        lives && !told.is_empty() && told.iter().all(|silent| *silent)
+    }
+
+    fn noiseless(&self) -> Option<Finding> {
+        let joints = self.robot.joints().iter().enumerate();
+        let names: Vec<&str> = joints
+            .filter(|(j, _)| self.is_silent(*j))
+            .map(|(_, joint)| joint.name.as_str())
+            .collect();
+        (!names.is_empty()).then(|| {
+            let what = format!("the torques at rest have no noise at all: {}", listed(&names));
+            let remedy = "fine if the log is simulated; else they are filtered, estimated or held, \
+                          and lag behind the motion: log the sensors themselves";
+            Finding::warning("no_noise", what, remedy).at(&names)
+        })
+    }
+
+    fn noisy(&self) -> Option<Finding> {
+        let loud = |(j, joint): &(usize, &Joint)| {
+            median(&self.noise(*j)).is_some_and(|std| std > unusual(joint, 0.5, 0.01))
+        };
+        let loud: Vec<(usize, &Joint)> =
+            self.robot.joints().iter().enumerate().filter(loud).collect();
+        let names: Vec<&str> = loud.iter().map(|(_, joint)| joint.name.as_str()).collect();
+        let told = loud.iter().map(|(j, joint)| {
+            format!("{} {} N·m", joint.name, number(median(&self.noise(*j)).unwrap_or_default()))
+        });
+        (!names.is_empty()).then(|| {
+            let what = format!(
+                "the torques at rest are noisy (standard deviation): {}",
+                listed(&told.collect::<Vec<_>>())
+            );
+            let remedy = "check brakes, controller and wiring, or raise --torque-std to as much; \
+                          if it is drift, wait before the touch";
+            Finding::warning("noise", what, remedy).at(&names)
+        })
+    }
+
+    fn weak(&self) -> Option<Finding> {
+        let what = format!("the external torque stays below {WEAK} N·m in");
+        let remedy = "the arm hardly touches anything, which teaches where nothing is but not how \
+                      stiff the object is; push farther";
+        let shows =
+            |touch: &TouchFacts| touch.start_frames < touch.frames && touch.peak_external < WEAK;
+        self.shown(shows, ("weak_touch", &what, remedy))
+    }
+
+    /// Torques that stay although the arm is back where it began.
+    fn drift(&self) -> Option<Finding> {
+        let left = |touch: &TouchFacts| {
+            let end = touch.end_external.as_ref()?;
+            let joints = self.robot.joints().iter().zip(end);
+            let off = joints.filter(|(joint, tau)| tau.abs() > unusual(joint, 0.3, 0.02));
+            let most = off.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+            Some(format!("{}: {} by {} N·m", touch.name, most.0.name, number(*most.1)))
+        };
+        let told: Vec<String> = self.touches.iter().filter_map(|touch| left(touch)).collect();
+        let what = "torques do not come back to zero at the end although the arm is back where it \
+                    began, in";
+        let remedy = "the sensors drift (let them warm up, touch more briefly), or the object \
+                      moved and still leans on the arm";
+        let drift = self.shown(|touch| left(touch).is_some(), ("drift", what, remedy))?;
+        Some(Finding { what: format!("{} ({})", drift.what, listed(&told)), ..drift })
+    }
+
+    /// Without gravity, the sign shows in who does the work: the arm pushes, the object yields.
+    fn work(&self) -> Option<Finding> {
+        if self.sign_is_told {
+            return None;
+        }
+        // Without a free start the arm may be on its way out.
+        let free = |touch: &&&TouchFacts| touch.start_frames >= MIN_TARE_FRAMES as usize;
+        let work = self.touches.iter().filter(free).map(|touch| touch.work_until_peak_j);
+        let work: Vec<f64> = work.filter(|work| work.abs() > LEAST_WORK_J).collect();
+        let wrong = work.iter().filter(|work| **work > 0.0).count();
+        (!work.is_empty() && wrong * 5 >= work.len() * 4).then(|| {
+            let other = match self.fit.torque_sign {
+                TorqueSign::Plus => "minus",
+                TorqueSign::Minus => "plus",
+            };
+            let what = format!(
+                "in {wrong} of {} the object would pull the arm in rather than push it back, with \
+                 {} J in all",
+                counted(work.len(), "touch"),
+                number(work.iter().sum())
+            );
+            let remedy =
+                format!("the torques count the other way round: use --torque-sign {other}");
+            Finding::warning("torque_sign", what, remedy).try_flags(&["--torque-sign", other])
+        })
+    }
+}
+
+/// Touches in which the arm moves and touches no point of the lattice, some of all; `nothing` if no
+/// frame touches any, `moves` is where the arm is.
+pub(super) fn without_contact(
+    (aside, all): (&[&TouchFacts], usize),
+    nothing: Option<String>,
+    moves: Option<String>,
+) -> Option<Finding> {
+    let names = names_of(aside);
+    (!names.is_empty()).then(|| {
+        let what = nothing.unwrap_or_else(|| {
+            format!("the arm moves and touches no point of the lattice in {}", these(&names, all))
+        });
+        let moves = moves.map_or(String::new(), |moves| format!(": {moves}"));
+        let remedy = format!(
+            "put the box where the arm touches the object (--box-low-m and --box-high-m, or \
+             --origin-m and --shape){moves}; or check the robot (--robot) and the unit of the \
+             joints (--angle-unit)"
+        );
+        Finding::warning("no_contact", what, remedy).in_touches(&names)
+    })
+}

@@ -1,0 +1,121 @@
+//! What a log, a robot or a field holds, and what looks wrong with it.
+//!
+//! | module        | says                                                        |
+//! |---------------|-------------------------------------------------------------|
+//! | `recognise`   | which of the three a path is                                |
+//! | `finding`     | what looks wrong: evidence and remedy                       |
+//! | `words`       | numbers and names in sentences                              |
+//! | [`mod@log`]   | touches: clock, torques, tare, noise, gravity, joint order, what they touch |
+//! | [`mod@robot`] | links, joints, masses, shapes, meshes                       |
+//! | [`mod@field`] | cells, stiffness, uncertainty, memory                       |
+//!
+//! Paths are inspected one by one, and what is wrong with one keeps no other from being looked
+//! at. An *error* is what learning or predicting would refuse; a *warning* is what they would
+//! take, but probably not as it was meant.
+
+pub mod field;
+mod finding;
+pub mod log;
+mod recognise;
+pub mod robot;
+mod words;
+
+use std::cmp::Reverse;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use palpate::Arm;
+use serde::Serialize;
+
+use crate::error::WorkError;
+use crate::progress::Progress;
+use crate::settings::Settings;
+use crate::touches::Touches;
+use crate::{resume, robot as robots};
+pub use finding::{Finding, Level};
+pub use recognise::Kind;
+pub use words::{counted, number};
+
+/// What was found out about one path.
+#[derive(Debug, Serialize)]
+pub struct Inspection {
+    /// The path, as it was given.
+    pub path: PathBuf,
+    /// What it is.
+    pub kind: Kind,
+    /// What it holds; absent if it cannot be read.
+    #[serde(flatten)]
+    pub holds: Option<Holds>,
+    /// What looks wrong, errors first.
+    pub findings: Vec<Finding>,
+}
+
+/// What a path holds.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+#[allow(missing_docs)] // each holds its facts
+pub enum Holds {
+    Log(Box<log::LogFacts>),
+    Robot(robot::RobotFacts),
+    Field(Box<field::FieldFacts>),
+}
+
+/// Looks at paths, and loads the robot of the logs once.
+pub struct Inspector<'a> {
+    settings: &'a Settings,
+    /// The field whose settings hold for logs, if one was given.
+    field: Option<&'a Path>,
+    progress: &'a dyn Progress,
+    arm: Option<Arc<Arm>>,
+}
+
+impl<'a> Inspector<'a> {
+    /// Logs are looked at under these settings, or under those of a field which they agree with.
+    pub fn new(
+        settings: &'a Settings,
+        field: Option<&'a Path>,
+        progress: &'a dyn Progress,
+    ) -> Self {
+        Self { settings, field, progress, arm: None }
+    }
+
+    /// Looks at one path.
+    ///
+    /// # Errors
+    ///
+    /// If the settings cannot hold, their robot cannot be loaded, or the progress stops it. What is
+    /// wrong with the path itself is a finding.
+    pub fn inspect(&mut self, path: &Path) -> Result<Inspection, WorkError> {
+        let (kind, holds, mut findings) = match recognise::recognise(path) {
+            Err(finding) => (Kind::Unknown, None, vec![*finding]),
+            Ok(Kind::Field) => {
+                let (facts, findings) = field::inspect(path);
+                (Kind::Field, facts.map(|facts| Holds::Field(Box::new(facts))), findings)
+            }
+            Ok(Kind::Robot) => {
+                let (facts, findings) = robot::inspect(path, &self.settings.robot)?;
+                (Kind::Robot, facts.map(Holds::Robot), findings)
+            }
+            Ok(_) => {
+                let log::LogInspection { log, findings } = self.log(path)?;
+                (Kind::Log, log.map(|facts| Holds::Log(Box::new(facts))), findings)
+            }
+        };
+        findings.sort_by_key(|finding| Reverse(finding.level));
+        Ok(Inspection { path: path.to_owned(), kind, holds, findings })
+    }
+
+    fn log(&mut self, path: &Path) -> Result<log::LogInspection, WorkError> {
+        let settings = self.settings;
+        let config = match self.field {
+            Some(field) => resume::config(field, settings)?,
+            None => settings.config()?,
+        };
+        if self.arm.is_none() {
+            self.arm = Some(robots::load(&settings.robot, self.progress)?);
+        }
+        let arm = self.arm.as_ref().expect("it was just loaded");
+        let touches = Touches::open(&[path.to_owned()], &settings.log.options());
+        log::inspect(touches, (settings, &config), (arm, self.progress))
+    }
+}

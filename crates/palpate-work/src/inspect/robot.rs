@@ -1,0 +1,297 @@
+//! What a robot description holds: its tree, masses and shapes, and how its meshes baked.
+//!
+//! The tree is told even if a mesh is missing, which only the skin needs.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Point3, Vector3};
+use palpate::Robot;
+use palpate::unstable::{BakeReport, JointKind, Link};
+use palpate_io::robot_files::LoadedArm;
+use serde::Serialize;
+
+use super::finding::Finding;
+use super::words::{counted, listed, number};
+use crate::error::WorkError;
+use crate::settings::SettingsError;
+use crate::settings::sections::RobotSettings;
+
+/// A link whose largest side is beyond these is probably in another unit, m.
+const BELIEVABLE_M: [f64; 2] = [0.01, 10.0];
+/// More of a mesh's volume than this in doubt is worth a word.
+const DOUBTFUL: f64 = 0.02;
+
+/// What a robot holds.
+#[derive(Debug, Serialize)]
+pub struct RobotFacts {
+    /// As in the URDF.
+    pub name: String,
+    /// Mass of all links, kg.
+    pub mass_kg: f64,
+    /// The farthest that any part can get from the base, at most; known once the skin is.
+    pub reach_m: Option<f64>,
+    /// Joints that move.
+    pub joints: Vec<JointFacts>,
+    /// All links.
+    pub links: Vec<LinkFacts>,
+}
+
+/// A joint that moves.
+#[derive(Debug, Serialize)]
+pub struct JointFacts {
+    /// As in the URDF.
+    pub name: String,
+    /// What its number means.
+    pub kind: JointKind,
+    /// rad or m.
+    pub range: Option<[f64; 2]>,
+    /// N·m or N.
+    pub effort: Option<f64>,
+    /// rad/s or m/s.
+    pub velocity: Option<f64>,
+}
+
+/// A link.
+#[derive(Debug, Serialize)]
+pub struct LinkFacts {
+    /// As in the URDF.
+    pub name: String,
+    /// Carried by a joint, so that its mass loads one.
+    pub moves: bool,
+    /// Its mass.
+    pub mass_kg: f64,
+    /// How many collision shapes it has.
+    pub shapes: usize,
+    /// Its surface, if it has one and could be baked.
+    pub skin: Option<SkinFacts>,
+}
+
+/// The baked surface of a link.
+#[derive(Debug, Serialize)]
+pub struct SkinFacts {
+    /// From side to side in the link's frame.
+    pub size_m: [f64; 3],
+    /// Whether it was kept from an earlier run.
+    pub cached: bool,
+    /// The files of its meshes.
+    pub meshes: Vec<PathBuf>,
+    /// How well the baking went.
+    pub report: BakeReport,
+}
+
+/// Looks at a robot, loaded with the payload of the settings.
+///
+/// # Errors
+///
+/// If the settings name no payload that it can carry.
+pub fn inspect(
+    path: &Path,
+    settings: &RobotSettings,
+) -> Result<(Option<RobotFacts>, Vec<Finding>), WorkError> {
+    let name = path.to_string_lossy().into_owned();
+    let settings = RobotSettings { robot: Some(name), ..settings.clone() };
+    match crate::robot::load_with_report(&settings) {
+        Ok(loaded) => {
+            let facts = RobotFacts::new(&loaded.arm.robot, Some(&loaded));
+            let mut findings = facts.findings();
+            let remedy = "the robot works; see to it if start-up is slow";
+            findings.extend(
+                loaded.warnings.iter().map(|what| Finding::warning("loading", what, remedy)),
+            );
+            Ok((Some(facts), findings))
+        }
+        Err(WorkError::Settings(error @ SettingsError::Payload(_))) => Err(error.into()),
+        Err(error) => {
+            let remedy = "put right what the message names; the robot cannot be used before";
+            let finding = Finding::error("robot", error.to_string(), remedy);
+            let facts = tree(path).map(|robot| RobotFacts::new(&robot, None));
+            let mut findings = vec![finding];
+            findings.extend(facts.iter().flat_map(RobotFacts::findings));
+            Ok((facts, findings))
+        }
+    }
+}
+
+/// The robot without its skin, if its text can be read.
+fn tree(path: &Path) -> Option<Robot> {
+    Robot::from_urdf(&std::fs::read_to_string(path).ok()?).ok()
+}
+
+impl RobotFacts {
+    fn new(robot: &Robot, loaded: Option<&LoadedArm>) -> Self {
+        let joints = robot.joints().iter().map(|joint| JointFacts {
+            name: joint.name.clone(),
+            kind: joint.kind,
+            range: joint.range,
+            effort: joint.effort,
+            velocity: joint.velocity,
+        });
+        let mut moving: Vec<bool> = Vec::new();
+        for (index, link) in robot.links().iter().enumerate() {
+            let by_joint = robot.joints().iter().any(|joint| joint.child.index() == index);
+            moving.push(by_joint || link.parent.is_some_and(|parent| moving[parent.index()]));
+        }
+        let links: Vec<LinkFacts> = (robot.links().iter().enumerate())
+            .map(|(index, link)| LinkFacts::new((index, link), moving[index], loaded))
+            .collect();
+        Self {
+            name: robot.name().to_owned(),
+            mass_kg: robot.links().iter().map(|link| link.mass_kg).sum(),
+            reach_m: loaded.and_then(reach_m),
+            joints: joints.collect(),
+            links,
+        }
+    }
+
+    fn findings(&self) -> Vec<Finding> {
+        let mut findings: Vec<Finding> =
+            [self.masses(), self.shapes()].into_iter().flatten().collect();
+        findings.extend(self.doubtful_meshes());
+        findings.extend(self.links.iter().filter_map(LinkFacts::odd_size));
+        findings
+    }
+
+    /// Links that weigh nothing.
+    fn masses(&self) -> Option<Finding> {
+        if self.mass_kg == 0.0 {
+            return Some(Finding::warning(
+                "no_mass",
+                "no link has a mass, so the torque of gravity counts as zero",
+                "add <inertial> to the links, or use logs without gravity (--gravity removed)",
+            ));
+        }
+        let weightless = |link: &&LinkFacts| link.moves && link.shapes > 0 && link.mass_kg == 0.0;
+        let names: Vec<&str> =
+            self.links.iter().filter(weightless).map(|link| link.name.as_str()).collect();
+        (!names.is_empty()).then(|| {
+            let what = format!("{} with shapes but without mass: {}", has(&names), listed(&names));
+            let remedy = "add their <inertial>, or gravity is taken off too small; a gripper may \
+                          also be given as payload (--payload-link, --payload-mass-kg)";
+            Finding::warning("link_without_mass", what, remedy).at(&names)
+        })
+    }
+
+    /// Links that weigh something but can touch nothing.
+    fn shapes(&self) -> Option<Finding> {
+        let bodiless = |link: &&LinkFacts| link.moves && link.shapes == 0 && link.mass_kg > 0.0;
+        let names: Vec<&str> =
+            self.links.iter().filter(bodiless).map(|link| link.name.as_str()).collect();
+        (!names.is_empty()).then(|| {
+            let what = format!("{} without a collision shape: {}", has(&names), listed(&names));
+            let remedy = "contacts of theirs are not seen; add <collision> to the links that may \
+                          touch the object";
+            Finding::warning("link_without_shape", what, remedy).at(&names)
+        })
+    }
+
+    /// Meshes of which winding number and flood fill do not agree what is inside.
+    fn doubtful_meshes(&self) -> Vec<Finding> {
+        let shown = |part: fn(&BakeReport) -> f64| {
+            let skins =
+                self.links.iter().filter_map(|link| Some((&link.name, link.skin.as_ref()?)));
+            let shown = skins.map(|(name, skin)| (name.as_str(), part(&skin.report)));
+            shown.filter(|(_, part)| *part > DOUBTFUL).collect::<Vec<_>>()
+        };
+        let finding = |code, shown: &[(&str, f64)], is: &str, remedy: &str| {
+            let told: Vec<String> = shown
+                .iter()
+                .map(|(name, part)| format!("{name} ({:.0} %)", 100.0 * part))
+                .collect();
+            let names: Vec<&str> = shown.iter().map(|(name, _)| *name).collect();
+            Finding::warning(code, format!("{is}: {}", listed(&told)), remedy).at(&names)
+        };
+        let leaked = shown(|report| report.leaked_fraction);
+        let sealed = shown(|report| report.sealed_fraction);
+        let leaked = (!leaked.is_empty()).then(|| {
+            let is = "open shells, whose inside can be reached through holes in the mesh";
+            let remedy = "inside and outside are told apart by winding number, which is usually \
+                          right; if contacts look odd, close the meshes or use simple shapes";
+            finding("open_shell", &leaked, is, remedy)
+        });
+        let sealed = (!sealed.is_empty()).then(|| {
+            let is = "meshes with inner walls or turned triangles: the winding number calls a \
+                      part of their inside empty, although no path leads there";
+            let remedy = "it is filled, which is right for an arm; if a link is meant to be \
+                          hollow, use simple shapes";
+            finding("sealed_void", &sealed, is, remedy)
+        });
+        [leaked, sealed].into_iter().flatten().collect()
+    }
+}
+
+fn has(names: &[&str]) -> String {
+    format!("{} {}", counted(names.len(), "link"), if names.len() == 1 { "is" } else { "are" })
+}
+
+impl LinkFacts {
+    fn new((index, link): (usize, &Link), moves: bool, loaded: Option<&LoadedArm>) -> Self {
+        let skin = loaded.and_then(|loaded| {
+            let (low, high) = loaded.arm.surfaces[index].as_ref()?.bounds();
+            let baked = loaded.links.iter().find(|baked| baked.name == link.name)?;
+            let (cached, meshes, report) = (baked.cached, baked.meshes.clone(), baked.report);
+            Some(SkinFacts { size_m: (high - low).into(), cached, meshes, report })
+        });
+        Self {
+            name: link.name.clone(),
+            moves,
+            mass_kg: link.mass_kg,
+            shapes: link.collision.len(),
+            skin,
+        }
+    }
+
+    fn odd_size(&self) -> Option<Finding> {
+        let size_m = self.skin.as_ref()?.size_m;
+        let largest = size_m.into_iter().fold(0.0, f64::max);
+        let [least, most] = BELIEVABLE_M;
+        let (is, remedy) = match largest {
+            x if x > most => ("more than 10 m", "give the mesh scale=\"0.001 0.001 0.001\""),
+            x if x < least => ("less than 1 cm", "remove the <scale>, or give sizes in metres"),
+            _ => return None,
+        };
+        let what = format!(
+            "the largest side of link `{}` is {} m, {is}: millimetres and metres mixed up?",
+            self.name,
+            number(largest)
+        );
+        Some(Finding::warning("link_size", what, format!("if so, {remedy}")).at(&[&self.name]))
+    }
+}
+
+/// An upper bound of the distance from the base to any part: the arm stretched straight.
+fn reach_m(loaded: &LoadedArm) -> Option<f64> {
+    let robot = &loaded.arm.robot;
+    let poses = robot.forward(&vec![0.0; robot.n_joints()]).ok()?;
+    let mut stretched_m: Vec<f64> = Vec::new();
+    let mut reach: Option<f64> = None;
+    for (index, link) in robot.links().iter().enumerate() {
+        let origin = poses.world_from_link[index].translation.vector;
+        let from_base_m = link.parent.map_or(0.0, |parent| {
+            let hop = origin - poses.world_from_link[parent.index()].translation.vector;
+            stretched_m[parent.index()] + hop.norm() + travel_m(robot, index)
+        });
+        stretched_m.push(from_base_m);
+        if let Some(grid) = &loaded.arm.surfaces[index] {
+            let (low, high) = grid.bounds();
+            let part_m = from_base_m + farthest(&low, &high);
+            reach = Some(reach.map_or(part_m, |reach| reach.max(part_m)));
+        }
+    }
+    reach
+}
+
+/// How far a prismatic joint moves the link that it carries.
+fn travel_m(robot: &Robot, link: usize) -> f64 {
+    let carries = |joint: &&palpate::unstable::Joint| {
+        joint.child.index() == link && joint.kind == JointKind::Prismatic
+    };
+    let joint = robot.joints().iter().find(carries);
+    let range = joint.and_then(|joint| joint.range).unwrap_or_default();
+    range[0].abs().max(range[1].abs())
+}
+
+/// The distance of a box's farthest corner from the link's origin.
+fn farthest(low: &Point3<f64>, high: &Point3<f64>) -> f64 {
+    let corner: Vector3<f64> = low.coords.abs().sup(&high.coords.abs());
+    corner.norm()
+}
