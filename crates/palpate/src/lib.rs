@@ -128,6 +128,7 @@ pub mod unstable {
         BAKE_VERSION, BakeReport, DistanceGrid, SdfError, Solid, TriangleMesh, bake, bake_serial,
         signed_distance,
     };
+    pub use crate::tare::is_contact_free;
     pub use crate::torque::{Cell, Observation, ObservationBuilder, Prefetch, Stiffness, lever};
     pub use crate::tracker::{TrackedSample, Tracker};
 }

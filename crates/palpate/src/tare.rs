@@ -28,6 +28,19 @@ pub enum Tare {
 /// The fewest contact-free frames that give a tare.
 pub const MIN_TARE_FRAMES: u32 = 5;
 
+/// Whether a frame belongs to the contact-free start of a touch, if all before it do: the arm
+/// stands where the touch began, or touches no point of the lattice.
+///
+/// Joint positions where the touch began and now are n_joints each, rad or m, as is `still_rad`.
+pub fn is_contact_free(
+    robot: &Robot,
+    (q_start, q): (&[f64], &[f64]),
+    still_rad: f64,
+    touches: bool,
+) -> bool {
+    !touches || robot.difference(q_start, q).iter().all(|way| way.abs() <= still_rad)
+}
+
 /// The tare of one touch, as far as it has come.
 #[derive(Debug, Clone)]
 pub(crate) struct TouchTare {
@@ -80,11 +93,9 @@ impl TouchTare {
         untared: &DVector<f64>,
     ) -> Result<Option<DVector<f64>>, TrackerError> {
         if let State::Open { sum, frames } = &mut self.state {
-            let moved = robot.difference(&self.q_start, q);
-            let still = moved.iter().all(|way| way.abs() <= config.still_rad);
             let goes_on = match config.tare {
                 Tare::Frames(wanted) => *frames < wanted,
-                _ => still || !touches,
+                _ => is_contact_free(robot, (&self.q_start, q), config.still_rad, touches),
             };
             if goes_on {
                 *sum += untared;

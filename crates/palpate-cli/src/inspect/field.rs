@@ -1,7 +1,7 @@
 //! What a field holds, for people.
 
 use palpate_work::inspect::field::{FieldFacts, LatticeFacts, OwnFacts};
-use palpate_work::inspect::{counted, number};
+use palpate_work::inspect::{counted, number, word};
 use palpate_work::touched::point;
 use serde::Serialize;
 use serde_json::Value;
@@ -17,26 +17,21 @@ pub(super) fn text(field: &FieldFacts) -> String {
         let only = counted(field.expected_cells, "cell");
         text += &fact("", &format!("{only} more, expected by a prior and never touched"));
     }
-    let shown_as = |quantiles: [f64; 5], number: fn(f64) -> String| {
-        let names = ["10 %", "median", "90 %", "99 %", "largest"];
-        let parts = names.iter().zip(quantiles);
-        let parts = parts.map(|(name, value)| format!("{name} {}", number(value)));
-        parts.collect::<Vec<_>>().join(", ")
-    };
-    let shown = |quantiles| shown_as(quantiles, number);
     if let Some(counts) = field.frames_per_cell {
-        text += &fact(
-            "frames",
-            &format!("a cell: {}", shown_as(counts, |frames| format!("{frames:.0}"))),
-        );
+        let counts = quantiles(counts, |frames| format!("{frames:.0}"));
+        text += &fact("frames", &format!("a cell: {counts}"));
     }
     let zero = format!("{:.1} % of the cells at zero", 100.0 * field.zero_share);
     text += &fact("stiffness", &format!("{} N/m in all; {zero}", number(field.total_n_per_m)));
     if let Some(stiffness) = field.stiffness_n_per_m {
-        text += &fact("", &format!("of the others, N/m: {}", shown(stiffness)));
+        text += &fact("", &format!("of the others, N/m: {}", quantiles(stiffness, number)));
     }
     if let Some(std) = field.std_n_per_m {
-        text += &fact("std", &format!("N/m: {}{}", shown(std), prior(field)));
+        let memory = field.own.as_ref().and_then(|own| own.memory.as_ref());
+        let prior = memory.map_or(String::new(), |memory| {
+            format!(" (untouched: {})", number(memory.prior_std_n_per_m))
+        });
+        text += &fact("std", &format!("N/m: {}{prior}", quantiles(std, number)));
     }
     if let Some([low, high]) = field.stiff_box_m {
         let stiff = format!(
@@ -50,12 +45,12 @@ pub(super) fn text(field: &FieldFacts) -> String {
     text
 }
 
-/// What the standard deviations began with.
-fn prior(field: &FieldFacts) -> String {
-    let memory = field.own.as_ref().and_then(|own| own.memory.as_ref());
-    memory.map_or(String::new(), |memory| {
-        format!(" (untouched: {})", number(memory.prior_std_n_per_m))
-    })
+/// The quantiles of a figure by name.
+fn quantiles(quantiles: [f64; 5], number: fn(f64) -> String) -> String {
+    let names = ["10 %", "median", "90 %", "99 %", "largest"];
+    let parts = names.iter().zip(quantiles);
+    let parts = parts.map(|(name, value)| format!("{name} {}", number(value)));
+    parts.collect::<Vec<_>>().join(", ")
 }
 
 /// How it was learnt.
@@ -67,9 +62,8 @@ fn own(own: &OwnFacts) -> String {
     let Some(memory) = &own.memory else {
         return text + &fact("memory", "none: mapping cannot go on from this file");
     };
-    let name = serde_json::to_value(memory.method).unwrap_or_default();
-    let name = name.as_str().unwrap_or_default();
-    text += &fact("estimator", &format!("{name}, {}", settings(&memory.estimator)));
+    let estimator = format!("{}, {}", word(memory.method), settings(&memory.estimator));
+    text += &fact("estimator", &estimator);
     let frames = format!(
         "{} remembered of {}; `palpate map --from` can go on from it",
         counted(memory.frames, "frame"),
@@ -92,19 +86,18 @@ pub(super) fn lattice(lattice: &LatticeFacts) -> String {
 
 /// Settings as `key value, …`; nested ones as `key.key`.
 fn settings(settings: &impl Serialize) -> String {
-    fn walk(prefix: &str, value: &Value, into: &mut Vec<String>) {
+    fn walk(prefix: &str, value: &Value) -> Vec<String> {
         match value {
             Value::Object(map) => {
-                for (key, value) in map {
-                    let dot = if prefix.is_empty() { "" } else { "." };
-                    walk(&format!("{prefix}{dot}{key}"), value, into);
-                }
+                let dot = if prefix.is_empty() { "" } else { "." };
+                let entries = map.iter();
+                entries
+                    .flat_map(|(key, value)| walk(&format!("{prefix}{dot}{key}"), value))
+                    .collect()
             }
-            Value::String(word) => into.push(format!("{prefix} {word}")),
-            other => into.push(format!("{prefix} {other}")),
+            Value::String(word) => vec![format!("{prefix} {word}")],
+            other => vec![format!("{prefix} {other}")],
         }
     }
-    let mut parts = Vec::new();
-    walk("", &serde_json::to_value(settings).unwrap_or_default(), &mut parts);
-    parts.join(", ")
+    walk("", &serde_json::to_value(settings).unwrap_or_default()).join(", ")
 }

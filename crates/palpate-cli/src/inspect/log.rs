@@ -1,9 +1,8 @@
 //! A log's facts for people.
 
-use palpate::{Gravity, TorqueSign};
 use palpate_io::log::{AngleUnit, Format};
 use palpate_work::inspect::log::{LogFacts, Matching, Reading, TouchFacts};
-use palpate_work::inspect::{counted, number};
+use palpate_work::inspect::{counted, number, word};
 use palpate_work::touched::TouchedFigures;
 
 use super::field::lattice;
@@ -34,41 +33,43 @@ pub(super) fn text(log: &LogFacts) -> String {
     if log.touches.is_empty() {
         return text;
     }
-    text += &table("Touches", &touch_rows(log));
-    let by_joint = |of: fn(&TouchFacts) -> Option<Vec<f64>>| joint_rows(log, of);
-    text += &table("Tare, N·m", &by_joint(|touch| touch.tare.clone()));
-    text += &table("Noise at rest, N·m", &by_joint(|touch| touch.noise_std.clone()));
-    text + &table(
-        "Largest external torque, N·m",
-        &by_joint(|touch| Some(touch.peak_by_joint.clone())),
-    )
+    let columns = ["touch", "frames", "s", "start", "peak N·m", "at", "moves", "of"];
+    let rows = log.touches.iter().map(|touch| touch_row(touch, &log.joints));
+    text += &table("Touches", &columns, rows);
+    let by_joint = |heading: &str, of: fn(&TouchFacts) -> Option<&Vec<f64>>| {
+        let joints = log.joints.iter().map(String::as_str);
+        let columns: Vec<&str> = std::iter::once("touch").chain(joints).collect();
+        let rows = log.touches.iter().map(|touch| {
+            let mut row = vec![touch.name.clone()];
+            match of(touch) {
+                Some(values) => row.extend(values.iter().map(|value| format!("{value:.3}"))),
+                None => row.resize(columns.len(), "-".to_owned()),
+            }
+            row
+        });
+        table(heading, &columns, rows)
+    };
+    text += &by_joint("Tare, N·m", |touch| touch.tare.as_ref());
+    text += &by_joint("Noise at rest, N·m", |touch| touch.noise_std.as_ref());
+    text + &by_joint("Largest external torque, N·m", |touch| Some(&touch.peak_by_joint))
 }
 
 fn sizes(log: &LogFacts) -> String {
-    let touches = match log.touches.len() {
-        0 => String::new(),
-        n => {
-            let sizes = extremes(log.touches.iter().map(|touch| touch.frames as f64));
-            let [least, most] = sizes.unwrap_or_default();
-            let each =
-                if least == most { format!("{least}") } else { format!("{least} to {most}") };
-            format!(" in {} of {each}", counted(n, "touch"))
-        }
-    };
-    format!("{}{touches}", log.frames)
+    let sizes = extremes(log.touches.iter().map(|touch| touch.frames as f64));
+    let Some([least, most]) = sizes else { return log.frames.to_string() };
+    let each = if least == most { format!("{least}") } else { format!("{least} to {most}") };
+    format!("{} in {} of {each}", log.frames, counted(log.touches.len(), "touch"))
 }
 
 fn told_clock(log: &LogFacts) -> String {
-    match &log.clock {
-        Some(clock) => format!(
-            "{} s in all; {} Hz (a frame every {} ms, nine of ten within {} ms)",
-            number(clock.duration_s),
-            number(clock.period_s.recip()),
-            number(1e3 * clock.period_s),
-            number((1e6 * clock.jitter_s).round() / 1e3)
-        ),
-        None => "none: rate and gaps are unknown".to_owned(),
-    }
+    let Some(clock) = &log.clock else { return "none: rate and gaps are unknown".to_owned() };
+    format!(
+        "{} s in all; {} Hz (a frame every {} ms, nine of ten within {} ms)",
+        number(clock.duration_s),
+        number(clock.period_s.recip()),
+        number(1e3 * clock.period_s),
+        number((1e6 * clock.jitter_s).round() / 1e3)
+    )
 }
 
 fn told_joints(log: &LogFacts) -> String {
@@ -85,42 +86,23 @@ fn told_joints(log: &LogFacts) -> String {
     }
 }
 
-fn touch_rows(log: &LogFacts) -> Vec<Vec<String>> {
-    let heads = ["touch", "frames", "s", "start", "peak N·m", "at", "moves", "of"];
-    let mut rows = vec![heads.map(str::to_owned).to_vec()];
-    for touch in &log.touches {
-        let largest = |values: &[f64]| {
-            let values = values.iter().copied().enumerate();
-            values.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0))
-        };
-        let ways: Vec<f64> = touch.range.iter().map(|[low, high]| high - low).collect();
-        let ((mover, way), (feeler, _)) = (largest(&ways), largest(&touch.peak_by_joint));
-        rows.push(vec![
-            touch.name.clone(),
-            touch.frames.to_string(),
-            touch.duration_s.map_or_else(|| "-".to_owned(), |s| format!("{s:.1}")),
-            touch.start_frames.to_string(),
-            format!("{:.2}", touch.peak_external),
-            log.joints[feeler].clone(),
-            format!("{way:.3}"),
-            log.joints[mover].clone(),
-        ]);
-    }
-    rows
-}
-
-/// A row a touch, a column a joint.
-fn joint_rows(log: &LogFacts, of: fn(&TouchFacts) -> Option<Vec<f64>>) -> Vec<Vec<String>> {
-    let heads = std::iter::once("touch".to_owned()).chain(log.joints.iter().cloned());
-    let mut rows = vec![heads.collect::<Vec<_>>()];
-    for touch in &log.touches {
-        let cells = match of(touch) {
-            Some(values) => values.iter().map(|value| format!("{value:.3}")).collect(),
-            None => vec!["-".to_owned(); log.joints.len()],
-        };
-        rows.push(std::iter::once(touch.name.clone()).chain(cells).collect());
-    }
-    rows
+fn touch_row(touch: &TouchFacts, joints: &[String]) -> Vec<String> {
+    let largest = |values: &[f64]| {
+        let values = values.iter().copied().enumerate();
+        values.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0))
+    };
+    let ways: Vec<f64> = touch.range.iter().map(|[low, high]| high - low).collect();
+    let ((mover, way), (feeler, _)) = (largest(&ways), largest(&touch.peak_by_joint));
+    vec![
+        touch.name.clone(),
+        touch.frames.to_string(),
+        touch.duration_s.map_or_else(|| "-".to_owned(), |s| format!("{s:.1}")),
+        touch.start_frames.to_string(),
+        format!("{:.2}", touch.peak_external),
+        joints[feeler].clone(),
+        format!("{way:.3}"),
+        joints[mover].clone(),
+    ]
 }
 
 fn told_touched(touched: &TouchedFigures) -> String {
@@ -134,21 +116,11 @@ fn told_touched(touched: &TouchedFigures) -> String {
 fn told_reading(reading: &Reading) -> String {
     let fits = &reading.fits;
     let fit = fits.accepted();
-    let sign = match fit.torque_sign {
-        TorqueSign::Plus => "plus",
-        TorqueSign::Minus => "minus",
-    };
-    let gravity = match fit.gravity {
-        Gravity::Included => "included",
-        Gravity::Removed => "removed",
-    };
     let unit = match reading.angle_unit {
         AngleUnit::Rad => "",
         AngleUnit::Deg => "; angles in degrees",
     };
-    let check = if !fits.tell() {
-        "gravity at rest is too small to check that by".to_owned()
-    } else {
+    let check = if fits.tell() {
         format!(
             "{} {:.2} times gravity's {} N·m, {} N·m left over",
             if fits.at_rest { "at rest" } else { "on average" },
@@ -156,6 +128,9 @@ fn told_reading(reading: &Reading) -> String {
             number(fits.gravity_torque),
             number(fit.left_over)
         )
+    } else {
+        "gravity at rest is too small to check that by".to_owned()
     };
+    let (sign, gravity) = (word(fit.torque_sign), word(fit.gravity));
     format!("sign {sign}, gravity {gravity}{unit}: {check}")
 }

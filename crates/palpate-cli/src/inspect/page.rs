@@ -1,6 +1,6 @@
 //! Facts, tables and findings as text for people.
 
-use palpate_work::inspect::{Finding, Holds, Inspection, Level};
+use palpate_work::inspect::{Finding, Holds, Inspection, word};
 
 use super::{field, log, robot};
 
@@ -12,7 +12,7 @@ const NAMES: usize = 10;
 
 /// Everything about one path.
 pub(super) fn of(inspection: &Inspection) -> String {
-    let mut text = format!("{} `{}`\n", inspection.kind.word(), inspection.path.display());
+    let mut text = format!("{} `{}`\n", word(inspection.kind), inspection.path.display());
     text += &match &inspection.holds {
         Some(Holds::Log(facts)) => log::text(facts),
         Some(Holds::Robot(facts)) => robot::text(facts),
@@ -29,10 +29,7 @@ pub(super) fn of(inspection: &Inspection) -> String {
 
 /// A finding, its remedy under it.
 fn told(finding: &Finding) -> String {
-    let mark = match finding.level {
-        Level::Warning => "WARNING",
-        Level::Error => "ERROR",
-    };
+    let mark = word(finding.level).to_uppercase();
     let text = wrapped(&format!("{mark}  {}", finding.what), "  ", "    ");
     text + &wrapped(&finding.remedy, "    -> ", "       ")
 }
@@ -43,9 +40,14 @@ pub(super) fn fact(name: &str, text: &str) -> String {
     wrapped(text, &name, &" ".repeat(NAMES + 2))
 }
 
-/// A table under a heading, indented.
-pub(super) fn table(heading: &str, rows: &[Vec<String>]) -> String {
-    let table = crate::output::table(rows);
+/// A table under a heading, indented: the names of its columns, then its rows.
+pub(super) fn table(
+    heading: &str,
+    columns: &[&str],
+    rows: impl Iterator<Item = Vec<String>>,
+) -> String {
+    let columns = columns.iter().map(ToString::to_string).collect();
+    let table = crate::output::table(&std::iter::once(columns).chain(rows).collect::<Vec<_>>());
     let lines = table.lines().map(|line| format!("  {line}\n"));
     format!("\n  {heading}\n{}", lines.collect::<String>())
 }

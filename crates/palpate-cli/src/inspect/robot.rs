@@ -1,8 +1,8 @@
 //! What a robot description holds, for people.
 
-use palpate::unstable::JointKind;
-use palpate_work::inspect::robot::{RobotFacts, SkinFacts};
-use palpate_work::inspect::{counted, number};
+use palpate::unstable::{Joint, JointKind};
+use palpate_work::inspect::robot::{LinkFacts, RobotFacts, SkinFacts};
+use palpate_work::inspect::{counted, number, word};
 
 use super::page::{fact, table};
 
@@ -14,8 +14,13 @@ pub(super) fn text(robot: &RobotFacts) -> String {
         text += &fact("reach", &format!("at most {reach_m:.2} m from the base"));
     }
     text += &fact("skin", &skin(robot));
-    text += &table(&counted(robot.joints.len(), "moving joint"), &joint_rows(robot));
-    text + &table(&counted(robot.links.len(), "link"), &link_rows(robot))
+    let columns = ["joint", "kind", "from", "to", "effort", "speed"];
+    let joints = counted(robot.joints.len(), "moving joint");
+    text += &table(&joints, &columns, robot.joints.iter().map(joint_row));
+    let columns =
+        ["link", "mass kg", "shapes", "size m", "triangles", "leaks %", "sealed %", "cached"];
+    let links = counted(robot.links.len(), "link");
+    text + &table(&links, &columns, robot.links.iter().map(link_row))
 }
 
 fn skin(robot: &RobotFacts) -> String {
@@ -27,47 +32,34 @@ fn skin(robot: &RobotFacts) -> String {
     }
 }
 
-fn joint_rows(robot: &RobotFacts) -> Vec<Vec<String>> {
-    let heads = ["joint", "kind", "from", "to", "effort", "speed"];
-    let mut rows = vec![heads.map(str::to_owned).to_vec()];
-    for joint in &robot.joints {
-        let (kind, [position, torque]) = match joint.kind {
-            JointKind::Revolute => ("revolute", ["rad", "N·m"]),
-            JointKind::Continuous => ("continuous", ["rad", "N·m"]),
-            JointKind::Prismatic => ("prismatic", ["m", "N"]),
-        };
-        let shown = |value: Option<f64>, unit: &str| match value {
-            Some(value) => format!("{} {unit}", number(value)),
-            None => "-".to_owned(),
-        };
-        rows.push(vec![
-            joint.name.clone(),
-            kind.to_owned(),
-            shown(joint.range.map(|range| range[0]), position),
-            shown(joint.range.map(|range| range[1]), position),
-            shown(joint.effort, torque),
-            shown(joint.velocity, &format!("{position}/s")),
-        ]);
-    }
-    rows
+fn joint_row(joint: &Joint) -> Vec<String> {
+    let [position, torque] = match joint.kind {
+        JointKind::Revolute | JointKind::Continuous => ["rad", "N·m"],
+        JointKind::Prismatic => ["m", "N"],
+    };
+    let shown = |value: Option<f64>, unit: &str| match value {
+        Some(value) => format!("{} {unit}", number(value)),
+        None => "-".to_owned(),
+    };
+    vec![
+        joint.name.clone(),
+        word(joint.kind),
+        shown(joint.range.map(|range| range[0]), position),
+        shown(joint.range.map(|range| range[1]), position),
+        shown(joint.effort, torque),
+        shown(joint.velocity, &format!("{position}/s")),
+    ]
 }
 
-fn link_rows(robot: &RobotFacts) -> Vec<Vec<String>> {
-    let heads =
-        ["link", "mass kg", "shapes", "size m", "triangles", "leaks %", "sealed %", "cached"];
-    let mut rows = vec![heads.map(str::to_owned).to_vec()];
-    for link in &robot.links {
-        let mut row =
-            vec![link.name.clone(), format!("{:.3}", link.mass_kg), link.shapes.to_string()];
-        if let Some(skin) = &link.skin {
-            let [x, y, z] = skin.size_m;
-            row.push(format!("{x:.3} x {y:.3} x {z:.3}"));
-            row.push(skin.report.triangles.to_string());
-            row.push(format!("{:.1}", 100.0 * skin.report.leaked_fraction));
-            row.push(format!("{:.1}", 100.0 * skin.report.sealed_fraction));
-            row.push(if skin.cached { "yes" } else { "no" }.to_owned());
-        }
-        rows.push(row);
+fn link_row(link: &LinkFacts) -> Vec<String> {
+    let mut row = vec![link.name.clone(), format!("{:.3}", link.mass_kg), link.shapes.to_string()];
+    if let Some(skin) = &link.skin {
+        let [x, y, z] = skin.size_m;
+        row.push(format!("{x:.3} x {y:.3} x {z:.3}"));
+        row.push(skin.report.triangles.to_string());
+        row.push(format!("{:.1}", 100.0 * skin.report.leaked_fraction));
+        row.push(format!("{:.1}", 100.0 * skin.report.sealed_fraction));
+        row.push(if skin.cached { "yes" } else { "no" }.to_owned());
     }
-    rows
+    row
 }

@@ -97,14 +97,6 @@ pub struct MemoryFacts {
     pub logged_samples: usize,
 }
 
-/// The cells of a field, by row.
-struct Cells<'a> {
-    points: &'a [[f64; 3]],
-    stiffness: &'a [f64],
-    std: Option<&'a [f64]>,
-    counts: Option<&'a [u32]>,
-}
-
 /// Looks at a field.
 pub fn inspect(path: &Path) -> (Option<FieldFacts>, Vec<Finding>) {
     match field::load(path) {
@@ -131,15 +123,7 @@ fn foreign(path: &Path, missing: &str) -> (Option<FieldFacts>, Vec<Finding>) {
         Ok(file) => file,
         Err(error) => return (None, vec![refused(error.to_string())]),
     };
-    let facts = FieldFacts::new(
-        path,
-        &Cells {
-            points: &file.points,
-            stiffness: &file.stiffness,
-            std: file.std.as_deref(),
-            counts: file.counts.as_deref(),
-        },
-    );
+    let facts = FieldFacts::new(path, &file);
     let what = format!(
         "the field was written by another program, such as OpenVSF: it lacks `{missing}`, which \
          says how its points were touched"
@@ -158,33 +142,31 @@ fn quantiles(numbers: &[f64]) -> Option<[f64; 5]> {
 }
 
 impl FieldFacts {
-    fn new(path: &Path, cells: &Cells<'_>) -> Self {
+    fn new(path: &Path, file: &FieldFile) -> Self {
         // The touched ones: all of them, if the field does not say.
-        let touched = |row: &usize| cells.counts.is_none_or(|counts| counts[*row] > 0);
-        let rows: Vec<usize> = (0..cells.points.len()).filter(touched).collect();
-        let of = |numbers: &[f64]| rows.iter().map(|&row| numbers[row]).collect::<Vec<f64>>();
-        let stiffness = of(cells.stiffness);
+        let touched = |row: &usize| file.counts.as_ref().is_none_or(|counts| counts[*row] > 0);
+        let rows: Vec<usize> = (0..file.points.len()).filter(touched).collect();
+        let of = |numbers: &Vec<f64>| rows.iter().map(|&row| numbers[row]).collect::<Vec<f64>>();
+        let stiffness = of(&file.stiffness);
         let largest = stiffness.iter().copied().fold(0.0, f64::max);
-        let above = |part: f64, stiffness: f64| stiffness > 0.0 && stiffness >= part * largest;
-        let positive: Vec<f64> =
-            stiffness.iter().copied().filter(|&stiffness| above(ZERO, stiffness)).collect();
-        let is_stiff = |row: &&usize| above(STIFF, cells.stiffness[**row]);
-        let stiff: Vec<&[f64; 3]> =
-            rows.iter().filter(is_stiff).map(|&row| &cells.points[row]).collect();
-        let sides: Option<Vec<[f64; 2]>> =
-            (0..3).map(|axis| extremes(stiff.iter().map(|point| point[axis]))).collect();
-        let counts = cells
-            .counts
-            .map(|counts| rows.iter().map(|&row| f64::from(counts[row])).collect::<Vec<f64>>());
+        let above = |part: f64| move |k: f64| k > 0.0 && k >= part * largest;
+        let positive: Vec<f64> = stiffness.iter().copied().filter(|&k| above(ZERO)(k)).collect();
+        let stiff = rows.iter().filter(|&&row| above(STIFF)(file.stiffness[row]));
+        let stiff: Vec<&[f64; 3]> = stiff.map(|&row| &file.points[row]).collect();
+        let side = |axis: usize| extremes(stiff.iter().map(|point| point[axis]));
+        let sides: Option<Vec<[f64; 2]>> = (0..3).map(side).collect();
+        let frames = |counts: &Vec<u32>| {
+            quantiles(&rows.iter().map(|&row| f64::from(counts[row])).collect::<Vec<f64>>())
+        };
         Self {
             file_bytes: path.metadata().map_or(0, |metadata| metadata.len()),
             cells: rows.len(),
-            expected_cells: cells.points.len() - rows.len(),
+            expected_cells: file.points.len() - rows.len(),
             stiffness_n_per_m: quantiles(&positive),
             total_n_per_m: stiffness.iter().sum(),
             zero_share: 1.0 - positive.len() as f64 / rows.len().max(1) as f64,
-            std_n_per_m: cells.std.map(of).as_deref().and_then(quantiles),
-            frames_per_cell: counts.as_deref().and_then(quantiles),
+            std_n_per_m: file.std.as_ref().and_then(|std| quantiles(&of(std))),
+            frames_per_cell: file.counts.as_ref().and_then(frames),
             stiff_box_m: sides
                 .map(|sides| [0, 1].map(|end| std::array::from_fn(|axis| sides[axis][end]))),
             stiff_cells: stiff.len(),
@@ -194,13 +176,14 @@ impl FieldFacts {
 
     fn of_saved(path: &Path, saved: &Saved) -> Self {
         let field = &saved.field;
-        let points: Vec<[f64; 3]> =
-            field.cells.iter().map(|&cell| field.lattice.point(cell).into()).collect();
-        let cells = Cells {
-            points: &points,
-            stiffness: &field.stiffness_n_per_m,
-            std: Some(&field.std_n_per_m),
-            counts: Some(&field.counts),
+        let file = FieldFile {
+            points: field.cells.iter().map(|&cell| field.lattice.point(cell).into()).collect(),
+            stiffness: field.stiffness_n_per_m.clone(),
+            std: Some(field.std_n_per_m.clone()),
+            counts: Some(field.counts.clone()),
+            prior: None,
+            lattice: None,
+            cells: None,
         };
         let own = OwnFacts {
             robot: saved.robot.clone(),
@@ -209,7 +192,7 @@ impl FieldFacts {
             touch: field.touch.clone(),
             memory: saved.snapshot.as_ref().map(MemoryFacts::new),
         };
-        Self { own: Some(own), ..Self::new(path, &cells) }
+        Self { own: Some(own), ..Self::new(path, &file) }
     }
 
     fn findings(&self) -> Vec<Finding> {

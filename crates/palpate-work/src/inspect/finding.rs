@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use super::words::listed;
+
 /// How bad it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -35,6 +37,23 @@ pub struct Finding {
 }
 
 impl Finding {
+    /// A warning of what happens at some places, each in a touch; `None` if there are none.
+    ///
+    /// `what` is told how often it happens, and the places in words.
+    pub(super) fn at_places(
+        code: &'static str,
+        places: &[(&str, String)],
+        what: impl FnOnce(usize, String) -> String,
+        remedy: &str,
+    ) -> Option<Self> {
+        let (mut touches, rows): (Vec<&str>, Vec<&str>) =
+            places.iter().map(|(touch, row)| (*touch, row.as_str())).unzip();
+        touches.dedup();
+        (!places.is_empty()).then(|| {
+            Self::warning(code, what(places.len(), listed(&rows)), remedy).in_touches(&touches)
+        })
+    }
+
     /// Something that learning takes, but probably not as meant.
     pub(super) fn warning(
         code: &'static str,

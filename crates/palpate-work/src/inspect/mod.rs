@@ -34,7 +34,7 @@ use crate::touches::Touches;
 use crate::{resume, robot as robots};
 pub use finding::{Finding, Level};
 pub use recognise::Kind;
-pub use words::{counted, number};
+pub use words::{counted, number, word};
 
 /// What was found out about one path.
 #[derive(Debug, Serialize)]

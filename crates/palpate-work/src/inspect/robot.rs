@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Point3, Vector3};
 use palpate::Robot;
-use palpate::unstable::{BakeReport, JointKind, Link};
+use palpate::unstable::{BakeReport, Joint, JointKind, Link};
 use palpate_io::robot_files::LoadedArm;
 use serde::Serialize;
 
@@ -31,24 +31,9 @@ pub struct RobotFacts {
     /// The farthest that any part can get from the base, at most; known once the skin is.
     pub reach_m: Option<f64>,
     /// Joints that move.
-    pub joints: Vec<JointFacts>,
+    pub joints: Vec<Joint>,
     /// All links.
     pub links: Vec<LinkFacts>,
-}
-
-/// A joint that moves.
-#[derive(Debug, Serialize)]
-pub struct JointFacts {
-    /// As in the URDF.
-    pub name: String,
-    /// What its number means.
-    pub kind: JointKind,
-    /// rad or m.
-    pub range: Option<[f64; 2]>,
-    /// N·m or N.
-    pub effort: Option<f64>,
-    /// rad/s or m/s.
-    pub velocity: Option<f64>,
 }
 
 /// A link.
@@ -119,13 +104,6 @@ fn tree(path: &Path) -> Option<Robot> {
 
 impl RobotFacts {
     fn new(robot: &Robot, loaded: Option<&LoadedArm>) -> Self {
-        let joints = robot.joints().iter().map(|joint| JointFacts {
-            name: joint.name.clone(),
-            kind: joint.kind,
-            range: joint.range,
-            effort: joint.effort,
-            velocity: joint.velocity,
-        });
         let mut moving: Vec<bool> = Vec::new();
         for (index, link) in robot.links().iter().enumerate() {
             let by_joint = robot.joints().iter().any(|joint| joint.child.index() == index);
@@ -138,17 +116,30 @@ impl RobotFacts {
             name: robot.name().to_owned(),
             mass_kg: robot.links().iter().map(|link| link.mass_kg).sum(),
             reach_m: loaded.and_then(reach_m),
-            joints: joints.collect(),
+            joints: robot.joints().to_vec(),
             links,
         }
     }
 
     fn findings(&self) -> Vec<Finding> {
-        let mut findings: Vec<Finding> =
-            [self.masses(), self.shapes()].into_iter().flatten().collect();
-        findings.extend(self.doubtful_meshes());
-        findings.extend(self.links.iter().filter_map(LinkFacts::odd_size));
-        findings
+        let of_all = [self.masses(), self.shapes(), self.open_shells(), self.sealed_voids()];
+        let of_links = self.links.iter().map(LinkFacts::odd_size);
+        of_all.into_iter().chain(of_links).flatten().collect()
+    }
+
+    /// Links that move and are of a kind, if there are any: `is` ends before their names.
+    fn moving_links(
+        &self,
+        odd: impl Fn(&LinkFacts) -> bool,
+        (code, is, remedy): (&'static str, &str, &str),
+    ) -> Option<Finding> {
+        let odd = self.links.iter().filter(|link| link.moves && odd(link));
+        let names: Vec<&str> = odd.map(|link| link.name.as_str()).collect();
+        (!names.is_empty()).then(|| {
+            let are = if names.len() == 1 { "is" } else { "are" };
+            let what = format!("{} {are} {is}: {}", counted(names.len(), "link"), listed(&names));
+            Finding::warning(code, what, remedy).at(&names)
+        })
     }
 
     /// Links that weigh nothing.
@@ -160,67 +151,51 @@ impl RobotFacts {
                 "add <inertial> to the links, or use logs without gravity (--gravity removed)",
             ));
         }
-        let weightless = |link: &&LinkFacts| link.moves && link.shapes > 0 && link.mass_kg == 0.0;
-        let names: Vec<&str> =
-            self.links.iter().filter(weightless).map(|link| link.name.as_str()).collect();
-        (!names.is_empty()).then(|| {
-            let what = format!("{} with shapes but without mass: {}", has(&names), listed(&names));
-            let remedy = "add their <inertial>, or gravity is taken off too small; a gripper may \
-                          also be given as payload (--payload-link, --payload-mass-kg)";
-            Finding::warning("link_without_mass", what, remedy).at(&names)
-        })
+        let remedy = "add their <inertial>, or gravity is taken off too small; a gripper may also \
+                      be given as payload (--payload-link, --payload-mass-kg)";
+        let texts = ("link_without_mass", "with shapes but without mass", remedy);
+        self.moving_links(|link| link.shapes > 0 && link.mass_kg == 0.0, texts)
     }
 
     /// Links that weigh something but can touch nothing.
     fn shapes(&self) -> Option<Finding> {
-        let bodiless = |link: &&LinkFacts| link.moves && link.shapes == 0 && link.mass_kg > 0.0;
-        let names: Vec<&str> =
-            self.links.iter().filter(bodiless).map(|link| link.name.as_str()).collect();
-        (!names.is_empty()).then(|| {
-            let what = format!("{} without a collision shape: {}", has(&names), listed(&names));
-            let remedy = "contacts of theirs are not seen; add <collision> to the links that may \
-                          touch the object";
-            Finding::warning("link_without_shape", what, remedy).at(&names)
-        })
+        let remedy = "contacts of theirs are not seen; add <collision> to the links that may \
+                      touch the object";
+        let texts = ("link_without_shape", "without a collision shape", remedy);
+        self.moving_links(|link| link.shapes == 0 && link.mass_kg > 0.0, texts)
     }
 
     /// Meshes of which winding number and flood fill do not agree what is inside.
-    fn doubtful_meshes(&self) -> Vec<Finding> {
-        let shown = |part: fn(&BakeReport) -> f64| {
-            let skins =
-                self.links.iter().filter_map(|link| Some((&link.name, link.skin.as_ref()?)));
-            let shown = skins.map(|(name, skin)| (name.as_str(), part(&skin.report)));
-            shown.filter(|(_, part)| *part > DOUBTFUL).collect::<Vec<_>>()
-        };
-        let finding = |code, shown: &[(&str, f64)], is: &str, remedy: &str| {
-            let told: Vec<String> = shown
-                .iter()
-                .map(|(name, part)| format!("{name} ({:.0} %)", 100.0 * part))
-                .collect();
-            let names: Vec<&str> = shown.iter().map(|(name, _)| *name).collect();
-            Finding::warning(code, format!("{is}: {}", listed(&told)), remedy).at(&names)
-        };
-        let leaked = shown(|report| report.leaked_fraction);
-        let sealed = shown(|report| report.sealed_fraction);
-        let leaked = (!leaked.is_empty()).then(|| {
-            let is = "open shells, whose inside can be reached through holes in the mesh";
-            let remedy = "inside and outside are told apart by winding number, which is usually \
-                          right; if contacts look odd, close the meshes or use simple shapes";
-            finding("open_shell", &leaked, is, remedy)
-        });
-        let sealed = (!sealed.is_empty()).then(|| {
-            let is = "meshes with inner walls or turned triangles: the winding number calls a \
-                      part of their inside empty, although no path leads there";
-            let remedy = "it is filled, which is right for an arm; if a link is meant to be \
-                          hollow, use simple shapes";
-            finding("sealed_void", &sealed, is, remedy)
-        });
-        [leaked, sealed].into_iter().flatten().collect()
+    fn doubtful(
+        &self,
+        part: fn(&BakeReport) -> f64,
+        (code, are, remedy): (&'static str, &str, &str),
+    ) -> Option<Finding> {
+        let parts =
+            self.links.iter().filter_map(|link| Some((link, part(&link.skin.as_ref()?.report))));
+        let doubtful: Vec<(&LinkFacts, f64)> = parts.filter(|(_, part)| *part > DOUBTFUL).collect();
+        let told =
+            |(link, part): &(&LinkFacts, f64)| format!("{} ({:.0} %)", link.name, 100.0 * part);
+        let told: Vec<String> = doubtful.iter().map(told).collect();
+        let names: Vec<&str> = doubtful.iter().map(|(link, _)| link.name.as_str()).collect();
+        (!names.is_empty())
+            .then(|| Finding::warning(code, format!("{are}: {}", listed(&told)), remedy).at(&names))
     }
-}
 
-fn has(names: &[&str]) -> String {
-    format!("{} {}", counted(names.len(), "link"), if names.len() == 1 { "is" } else { "are" })
+    fn open_shells(&self) -> Option<Finding> {
+        let are = "open shells, whose inside can be reached through holes in the mesh";
+        let remedy = "inside and outside are told apart by winding number, which is usually right; \
+                      if contacts look odd, close the meshes or use simple shapes";
+        self.doubtful(|report| report.leaked_fraction, ("open_shell", are, remedy))
+    }
+
+    fn sealed_voids(&self) -> Option<Finding> {
+        let are = "meshes with inner walls or turned triangles: the winding number calls a part of \
+                   their inside empty, although no path leads there";
+        let remedy = "it is filled, which is right for an arm; if a link is meant to be hollow, use \
+                      simple shapes";
+        self.doubtful(|report| report.sealed_fraction, ("sealed_void", are, remedy))
+    }
 }
 
 impl LinkFacts {
@@ -282,9 +257,8 @@ fn reach_m(loaded: &LoadedArm) -> Option<f64> {
 
 /// How far a prismatic joint moves the link that it carries.
 fn travel_m(robot: &Robot, link: usize) -> f64 {
-    let carries = |joint: &&palpate::unstable::Joint| {
-        joint.child.index() == link && joint.kind == JointKind::Prismatic
-    };
+    let carries =
+        |joint: &&Joint| joint.child.index() == link && joint.kind == JointKind::Prismatic;
     let joint = robot.joints().iter().find(carries);
     let range = joint.and_then(|joint| joint.range).unwrap_or_default();
     range[0].abs().max(range[1].abs())

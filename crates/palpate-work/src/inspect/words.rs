@@ -1,5 +1,13 @@
 //! Numbers and names as findings and facts are worded.
 
+use serde::Serialize;
+
+/// The word that a value is written as: in settings, JSON and findings.
+pub fn word(value: impl Serialize) -> String {
+    let word = serde_json::to_value(value).unwrap_or_default();
+    word.as_str().unwrap_or_default().to_owned()
+}
+
 /// A number of things.
 pub fn counted(count: usize, thing: &str) -> String {
     let plural = match thing {

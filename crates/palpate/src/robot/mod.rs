@@ -134,13 +134,14 @@ pub enum Shape {
 }
 
 /// An independent moving joint: one entry of a joint vector.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Joint {
     /// As in the URDF.
     pub name: String,
     /// What its number means.
     pub kind: JointKind,
     /// The link it carries.
+    #[serde(skip)]
     pub child: LinkId,
     /// Lowest and highest position, rad or m; `None` if unlimited or unknown.
     pub range: Option<[f64; 2]>,

@@ -3,12 +3,8 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use nalgebra::DVector;
-use palpate::unstable::Tracker;
-use palpate::{
-    Arm, CellId, ExternalTorqueConfig, Gravity, MIN_TARE_FRAMES, MapperConfig, Robot, Tare,
-    TrackerError,
-};
+use palpate::unstable::{TrackedSample, Tracker, is_contact_free};
+use palpate::{Arm, CellId, ExternalTorqueConfig, MIN_TARE_FRAMES, MapperConfig, Robot, Tare};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -66,14 +62,21 @@ pub struct TouchFacts {
 
 /// Finds the figures of touches.
 pub(super) struct Figures {
-    /// Finds the contact-free start.
     tracker: Tracker,
-    /// Finds the contacts of touches without such a start as well.
-    untared: Tracker,
-    arm: Arc<Arm>,
-    fit: Fit,
     tare: Tare,
     still_rad: f64,
+}
+
+/// A touch, followed through the lattice.
+#[derive(Default)]
+struct Followed {
+    /// Frames from the first on in which the arm is still, or touches no point.
+    start_frames: usize,
+    /// Logged torques in the sign of external ones, less gravity, by frame, N·m.
+    raw: Vec<Vec<f64>>,
+    touched: Touched,
+    /// Cells touched after the tare.
+    cells: HashSet<CellId>,
 }
 
 impl Figures {
@@ -83,16 +86,14 @@ impl Figures {
         config: &MapperConfig,
         (set, fit): (&ExternalTorqueConfig, Fit),
     ) -> Result<Self, SettingsError> {
-        let tracker = |tare| {
-            // Neither the start nor contacts depend on torques.
-            let mut set = set.clone();
-            (set.gravity, set.tare) = (Gravity::Removed, tare);
-            Tracker::new(Arc::clone(arm), config.lattice.clone(), &config.contact, set)
-                .map_err(|error| SettingsError::Value(Box::new(error.into())))
-        };
-        let (tracker, untared) = (tracker(Tare::Auto)?, tracker(Tare::None)?);
         let (tare, still_rad) = (set.tare, set.still_rad);
-        Ok(Self { tracker, untared, arm: Arc::clone(arm), fit, tare, still_rad })
+        let mut set = set.clone();
+        // Touches without a contact-free start are followed as well.
+        (set.torque_sign, set.gravity, set.tare) = (fit.torque_sign, fit.gravity, Tare::None);
+        let (lattice, contact) = (config.lattice.clone(), &config.contact);
+        let tracker = Tracker::new(Arc::clone(arm), lattice, contact, set)
+            .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
+        Ok(Self { tracker, tare, still_rad })
     }
 
     /// The figures of touches with the robot's joints, what all of them touch, and how many cells.
@@ -104,48 +105,88 @@ impl Figures {
         &self,
         touches: &[RecordedTouch],
         progress: &dyn Progress,
-    ) -> Result<(Vec<TouchFacts>, (Touched, usize)), WorkError> {
+    ) -> Result<(Vec<TouchFacts>, Touched, usize), WorkError> {
         let frames = touches.iter().map(RecordedTouch::frames).sum::<usize>();
         let bar = progress.begin(Some(frames as u64), "frames", "inspecting");
-        let of = |touch: &RecordedTouch| self.of(touch, (&*bar, progress));
-        let found: Vec<_> = touches.par_iter().map(of).collect::<Result<_, _>>()?;
-        let (mut facts, mut touched, mut cells) = (Vec::new(), Touched::default(), HashSet::new());
-        for (of_touch, contacts, touched_cells) in found {
-            facts.push(of_touch);
-            touched.join(&contacts);
-            cells.extend(touched_cells);
+        let follow = |touch: &RecordedTouch| {
+            let followed = self.follow(touch, (&*bar, progress))?;
+            Ok((self.figures(touch, &followed), followed))
+        };
+        let found = touches.par_iter().map(follow).collect::<Result<Vec<_>, WorkError>>()?;
+        let (mut touched, mut cells) = (Touched::default(), HashSet::<CellId>::new());
+        for (_, followed) in &found {
+            touched.join(&followed.touched);
+            cells.extend(&followed.cells);
         }
-        Ok((facts, (touched, cells.len())))
+        Ok((found.into_iter().map(|(facts, _)| facts).collect(), touched, cells.len()))
     }
 
-    /// The figures of a touch with the robot's joints, and what it touches.
-    fn of(
+    /// Follows a touch as the mapper does.
+    fn follow(
         &self,
         touch: &RecordedTouch,
-        watch: (&dyn Bar, &dyn Progress),
-    ) -> Result<(TouchFacts, Touched, HashSet<CellId>), WorkError> {
-        let start_frames = self.start(touch);
-        let raw = without_gravity(touch, &self.arm.robot, &self.fit);
+        (bar, progress): (&dyn Bar, &dyn Progress),
+    ) -> Result<Followed, WorkError> {
+        let mut tracker = self.tracker.clone();
+        tracker.begin_touch();
+        let (robot, start) = (&self.tracker.arm().robot, &touch.samples[0].q);
+        let (mut followed, mut started) = (Followed::default(), false);
+        for (frame, sample) in touch.samples.iter().enumerate() {
+            if progress.stopped() {
+                return Err(WorkError::Interrupted { kept: String::new() });
+            }
+            let Ok(TrackedSample { contacts, untared, .. }) = tracker.feed(sample) else {
+                // The mapper would refuse it.
+                started = true;
+                followed.raw.push(sample.tau.clone());
+                followed.touched.add(0);
+                continue;
+            };
+            let at = (start.as_slice(), sample.q.as_slice());
+            started |= !is_contact_free(robot, at, self.still_rad, !contacts.is_empty());
+            followed.start_frames += usize::from(!started);
+            followed.raw.push(untared.as_slice().to_vec());
+            followed.touched.add(contacts.len());
+            let learnt = match self.tare {
+                Tare::None => true,
+                Tare::Auto => started,
+                Tare::Frames(frames) => frame >= frames as usize,
+            };
+            if learnt {
+                followed.cells.extend(contacts.links.iter().flat_map(|link| &link.cells));
+            }
+            bar.step();
+        }
+        Ok(followed)
+    }
+
+    /// The figures of a touch.
+    fn figures(&self, touch: &RecordedTouch, followed: &Followed) -> TouchFacts {
+        let Followed { start_frames, raw, touched, .. } = followed;
+        let start_frames = *start_frames;
         let tare_frames = match self.tare {
             Tare::None => 0,
             Tare::Auto if start_frames < MIN_TARE_FRAMES as usize => 0,
             Tare::Auto => start_frames,
             Tare::Frames(frames) => (frames as usize).min(touch.frames()),
         };
-        let (touched, cells) = self.touched(touch, tare_frames, watch)?;
         let tare = (tare_frames > 0).then(|| super::mean(&raw[..tare_frames], Vec::as_slice));
-        let external: Vec<Vec<f64>> =
-            raw.iter().map(|raw| minus(raw, tare.as_deref().unwrap_or(&[]))).collect();
+        let without = |row: &Vec<f64>| match &tare {
+            Some(tare) => row.iter().zip(tare).map(|(tau, tare)| tau - tare).collect(),
+            None => row.clone(),
+        };
+        let external: Vec<Vec<f64>> = raw.iter().map(without).collect();
         let push = start_frames.max(tare_frames).min(touch.frames());
-        let n = touch.n_joints();
-        let at_joint = |joint: usize| external[push..].iter().map(move |row| row[joint].abs());
-        let norms: Vec<f64> = external[push..].iter().map(|row| norm(row)).collect();
-        let peak = norms.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
-        let (at, peak_external) = peak.map_or((0, 0.0), |(at, &peak)| (push + at, peak));
-        let positions = |joint: usize| touch.samples.iter().map(move |sample| sample.q[joint]);
+        let pushed = || external[push..].iter();
+        let norms = pushed().map(|row| row.iter().map(|tau| tau * tau).sum::<f64>().sqrt());
+        let peak = norms.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+        let (at, peak_external) = peak.map_or((0, 0.0), |(at, peak)| (push + at, peak));
+        let joints = 0..touch.n_joints();
+        let at_joint = |joint: usize| pushed().map(|row| row[joint].abs()).fold(0.0, f64::max);
+        let range = |joint: usize| extremes(touch.samples.iter().map(|sample| sample.q[joint]));
         let still_frames = touch.still_frames(self.still_rad);
         let noise = still_frames.min(start_frames) >= MIN_TARE_FRAMES as usize;
-        let facts = TouchFacts {
+        TouchFacts {
             name: touch.name.clone(),
             frames: touch.frames(),
             duration_s: extremes(touch.times_s()).map(|[first, last]| last - first),
@@ -155,52 +196,13 @@ impl Figures {
             noise_std: noise.then(|| std_of(&raw[..start_frames])),
             silent: noise.then(|| silent(&raw[..still_frames], touch)),
             peak_external,
-            peak_by_joint: (0..n).map(|joint| at_joint(joint).fold(0.0, f64::max)).collect(),
-            range: (0..n).map(|joint| extremes(positions(joint)).unwrap_or_default()).collect(),
+            peak_by_joint: joints.clone().map(at_joint).collect(),
+            range: joints.map(|joint| range(joint).unwrap_or_default()).collect(),
             end_external: end(touch, push)
                 .map(|first| super::mean(&external[first..], Vec::as_slice)),
             work_until_peak_j: work(touch, &external, push, at),
             tare,
-        };
-        Ok((facts, touched, cells))
-    }
-
-    /// How many frames the touch begins without contact, as the mapper sees it.
-    fn start(&self, touch: &RecordedTouch) -> usize {
-        let mut tracker = self.tracker.clone();
-        tracker.begin_touch();
-        for (frame, sample) in touch.samples.iter().enumerate() {
-            match tracker.feed(sample) {
-                Ok(step) if step.external.is_none() => {}
-                Err(TrackerError::NoContactFreeStart { found, .. }) => return found as usize,
-                _ => return frame,
-            }
         }
-        touch.frames()
-    }
-
-    /// What the arm touches, and the cells of it after the tare, as the mapper sees it.
-    fn touched(
-        &self,
-        touch: &RecordedTouch,
-        tare_frames: usize,
-        (bar, progress): (&dyn Bar, &dyn Progress),
-    ) -> Result<(Touched, HashSet<CellId>), WorkError> {
-        let mut tracker = self.untared.clone();
-        tracker.begin_touch();
-        let (mut touched, mut cells) = (Touched::default(), HashSet::new());
-        for (frame, sample) in touch.samples.iter().enumerate() {
-            if progress.stopped() {
-                return Err(WorkError::Interrupted { kept: String::new() });
-            }
-            let contacts = tracker.feed(sample).map(|step| step.contacts).unwrap_or_default();
-            touched.add(contacts.len());
-            if frame >= tare_frames {
-                cells.extend(contacts.links.iter().flat_map(|link| &link.cells));
-            }
-            bar.step();
-        }
-        Ok((touched, cells))
     }
 }
 
@@ -215,20 +217,6 @@ pub(super) fn last_link_box(touches: &[RecordedTouch], robot: &Robot) -> Option<
     let sides = [side(0)?, side(1)?, side(2)?];
     let [low_m, high_m] = [0, 1].map(|end| point(sides.map(|side| side[end])));
     Some(format!("the origin of `{}` moves within {low_m} .. {high_m} m", robot.links()[link].name))
-}
-
-/// The logged torques in the sign of external ones, less gravity.
-fn without_gravity(touch: &RecordedTouch, robot: &Robot, fit: &Fit) -> Vec<Vec<f64>> {
-    let raw = touch.samples.iter().map(|sample| {
-        let mut raw = DVector::from_column_slice(&sample.tau) * super::sign(fit.torque_sign);
-        if fit.gravity == Gravity::Included
-            && let Ok(poses) = robot.forward(&sample.q)
-        {
-            raw -= robot.gravity_torque(&poses);
-        }
-        raw.iter().copied().collect()
-    });
-    raw.collect()
 }
 
 /// The first of the last frames, if in all of them the arm is back where it began.
@@ -249,14 +237,6 @@ fn work(touch: &RecordedTouch, external: &[Vec<f64>], from: usize, to: usize) ->
         joints.map(|((now, before), tau)| tau * (now - before)).sum::<f64>()
     };
     (from.max(1)..=to).filter(|row| *row < touch.frames()).map(power).sum()
-}
-
-fn minus(row: &[f64], tare: &[f64]) -> Vec<f64> {
-    row.iter().enumerate().map(|(j, tau)| tau - tare.get(j).unwrap_or(&0.0)).collect()
-}
-
-fn norm(row: &[f64]) -> f64 {
-    row.iter().map(|tau| tau * tau).sum::<f64>().sqrt()
 }
 
 /// Whether hardly any frame differs from the one before, at each joint, with or without gravity.

@@ -54,100 +54,85 @@ fn steps(touches: &[RecordedTouch]) -> impl Iterator<Item = (&RecordedTouch, usi
 
 /// Everything that looks wrong.
 pub(super) fn findings(touches: &[RecordedTouch], joints: &[String]) -> Vec<Finding> {
-    let mut findings: Vec<Finding> = [duplicates(touches)].into_iter().flatten().collect();
-    findings.extend(clock(touches).iter().flat_map(|clock| timing(touches, clock)));
+    let mut findings = Vec::from_iter(duplicates(touches));
+    if let Some(clock) = clock(touches) {
+        findings.extend(time_unit(&clock));
+        findings.extend(gaps(touches, clock.period_s));
+    }
     findings.extend(backwards(touches));
     findings.extend(frozen(touches, joints));
     findings
 }
 
-/// Names of the touches in which things happened, each once.
-fn touches_of<'a, T>(places: &[(&'a RecordedTouch, T)]) -> Vec<&'a str> {
-    let mut names: Vec<&str> = places.iter().map(|(touch, _)| touch.name.as_str()).collect();
-    names.dedup();
-    names
-}
-
-/// `touch row …` for each place.
-fn rows(places: &[(&RecordedTouch, usize)]) -> String {
-    let named = places.iter().map(|(touch, row)| format!("{} row {row}", touch.name));
-    listed(&named.collect::<Vec<_>>())
+/// A row of a touch, in words.
+fn place(touch: &RecordedTouch, row: usize) -> (&str, String) {
+    (&touch.name, format!("{} row {row}", touch.name))
 }
 
 /// Frames that repeat the one before, sensor noise and all.
 fn duplicates(touches: &[RecordedTouch]) -> Option<Finding> {
-    let mut places: Vec<(&RecordedTouch, usize)> = Vec::new();
-    for touch in touches {
-        let same = |row: usize| {
-            let [before, now] = [row - 1, row].map(|row| &touch.samples[row]);
+    let of_touch = |touch: &RecordedTouch| {
+        let same = |row: &usize| {
+            let [before, now] = [row - 1, *row].map(|row| &touch.samples[row]);
             now.q == before.q && now.tau == before.tau
         };
-        let repeats: Vec<usize> = (1..touch.frames()).filter(|&row| same(row)).collect();
+        let repeats: Vec<usize> = (1..touch.frames()).filter(same).collect();
         let start = repeats.iter().zip(1..).take_while(|(row, n)| **row == *n).count();
         let skip = if start + 1 >= NOISELESS_START { start } else { 0 };
-        places.extend(repeats[skip..].iter().map(|&row| (touch, row)));
-    }
+        repeats[skip..].to_vec()
+    };
+    let of_touch = |touch| of_touch(touch).into_iter().map(move |row| place(touch, row));
+    let places: Vec<_> = touches.iter().flat_map(of_touch).collect();
     let frames: usize = touches.iter().map(RecordedTouch::frames).sum();
-    (!places.is_empty()).then(|| {
-        let what = format!(
-            "{} of {frames} repeat the frame before to the last bit: {} (from 0)",
-            counted(places.len(), "frame"),
-            rows(&places)
-        );
-        let remedy = "the log was written faster than the robot reports, and every copy would \
-                      count as new evidence; record each report once, or drop the copies";
-        Finding::warning("duplicate_frames", what, remedy).in_touches(&touches_of(&places))
+    let what = |n, rows| {
+        let repeats = counted(n, "frame");
+        format!("{repeats} of {frames} repeat the frame before to the last bit: {rows} (from 0)")
+    };
+    let remedy = "the log was written faster than the robot reports, and every copy would count as \
+                  new evidence; record each report once, or drop the copies";
+    Finding::at_places("duplicate_frames", &places, what, remedy)
+}
+
+/// A clock that is not in seconds.
+fn time_unit(clock: &ClockFacts) -> Option<Finding> {
+    let [least, most] = BELIEVABLE_PERIOD_S;
+    (!(least..=most).contains(&clock.period_s)).then(|| {
+        let period_s = number(clock.period_s);
+        let what = format!("the median time step is {period_s} s: milliseconds or nanoseconds?");
+        let remedy = "times are not needed for mapping, but rates and gaps cannot be judged; save \
+                      seconds";
+        Finding::warning("time_unit", what, remedy)
     })
 }
 
-/// Gaps, and a clock that is not in seconds.
-fn timing(touches: &[RecordedTouch], clock: &ClockFacts) -> Vec<Finding> {
-    let mut findings = Vec::new();
-    let [least, most] = BELIEVABLE_PERIOD_S;
-    if !(least..=most).contains(&clock.period_s) {
-        let what = format!(
-            "the median time step is {} s: milliseconds or nanoseconds?",
-            number(clock.period_s)
-        );
-        let remedy = "times are not needed for mapping, but rates and gaps cannot be judged; save \
-                      seconds";
-        findings.push(Finding::warning("time_unit", what, remedy));
-    }
-    let is_gap = |&(_, _, step_s): &(&RecordedTouch, usize, f64)| step_s > GAP * clock.period_s;
-    let gaps: Vec<(&RecordedTouch, usize, f64)> = steps(touches).filter(is_gap).collect();
-    let longest = gaps.iter().map(|gap| gap.2).fold(0.0, f64::max);
-    if !gaps.is_empty() {
-        let places: Vec<(&RecordedTouch, usize)> = gaps.iter().map(|gap| (gap.0, gap.1)).collect();
-        let what = format!(
-            "{} in time, the longest of {} s where {} s is usual: before {} (from 0)",
-            counted(gaps.len(), "gap"),
-            number(longest),
-            number(clock.period_s),
-            rows(&places)
-        );
-        let remedy = "the motion in between is taken to be straight; if the arm moved or touched \
-                      something there, record again or cut the touch there";
-        findings.push(Finding::warning("gaps", what, remedy).in_touches(&touches_of(&places)));
-    }
-    findings
+/// Time steps that are far longer than usual.
+fn gaps(touches: &[RecordedTouch], period_s: f64) -> Option<Finding> {
+    let gaps = || steps(touches).filter(|(_, _, step_s)| *step_s > GAP * period_s);
+    let longest_s = gaps().map(|(_, _, step_s)| step_s).fold(0.0, f64::max);
+    let places: Vec<_> = gaps().map(|(touch, row, _)| place(touch, row)).collect();
+    let what = |n, rows| {
+        format!(
+            "{} in time, the longest of {} s where {} s is usual: before {rows} (from 0)",
+            counted(n, "gap"),
+            number(longest_s),
+            number(period_s)
+        )
+    };
+    let remedy = "the motion in between is taken to be straight; if the arm moved or touched \
+                  something there, record again or cut the touch there";
+    Finding::at_places("gaps", &places, what, remedy)
 }
 
 /// A clock that does not advance.
 fn backwards(touches: &[RecordedTouch]) -> Option<Finding> {
-    let places: Vec<(&RecordedTouch, usize)> = steps(touches)
-        .filter(|(_, _, step_s)| *step_s <= 0.0)
-        .map(|(touch, row, _)| (touch, row))
-        .collect();
-    (!places.is_empty()).then(|| {
-        let what = format!(
-            "the clock stands still or runs backwards {}: at {} (from 0)",
-            times(places.len()),
-            rows(&places)
-        );
-        let remedy = "the order of the rows is believed, not the clock; if rows are out of order \
-                      or two recordings were joined, sort or part them";
-        Finding::warning("clock", what, remedy).in_touches(&touches_of(&places))
-    })
+    let back = steps(touches).filter(|(_, _, step_s)| *step_s <= 0.0);
+    let places: Vec<_> = back.map(|(touch, row, _)| place(touch, row)).collect();
+    let what = |n, rows| {
+        format!("the clock stands still or runs backwards {}: at {rows} (from 0)", times(n))
+    };
+    let remedy = "the order of the rows is believed, not the clock; if rows are out of order or \
+                  two recordings were joined, sort or part them";
+    Finding::at_places("clock", &places, what, remedy)
 }
 
 /// Torques that never change in a touch although the arm moves.
@@ -159,27 +144,21 @@ fn frozen(touches: &[RecordedTouch], joints: &[String]) -> Vec<Finding> {
         let moves = |joint: usize| !constant(touch, &|sample| sample.q[joint]);
         touch.frames() >= FROZEN_FRAMES && (0..touch.n_joints()).any(moves)
     };
-    let mut findings = Vec::new();
-    for (joint, name) in joints.iter().enumerate() {
-        let stuck: Vec<(&RecordedTouch, f64)> = (touches.iter().filter(alive))
-            .filter(|touch| constant(touch, &|sample| sample.tau[joint]))
-            .map(|touch| (touch, touch.samples[0].tau[joint]))
-            .collect();
-        if let Some((_, value)) = stuck.first() {
-            let names = touches_of(&stuck);
-            let what = format!(
-                "the torque of joint `{name}` never changes from {} N·m in {} of {}: {}",
-                number(*value),
-                names.len(),
-                counted(touches.len(), "touch"),
-                listed(&names)
-            );
-            let remedy = "the sensor is dead or was not recorded, and its torque would count as \
-                          measured; look at the driver, or leave these touches out";
-            findings.push(
-                Finding::warning("frozen_torque", what, remedy).in_touches(&names).at(&[name]),
-            );
-        }
-    }
-    findings
+    let of_joint = |(joint, name): (usize, &String)| {
+        let stuck = |touch: &&RecordedTouch| constant(touch, &|sample| sample.tau[joint]);
+        let stuck: Vec<&RecordedTouch> = touches.iter().filter(alive).filter(stuck).collect();
+        let mut names: Vec<&str> = stuck.iter().map(|touch| touch.name.as_str()).collect();
+        names.dedup();
+        let what = format!(
+            "the torque of joint `{name}` never changes from {} N·m in {} of {}: {}",
+            number(stuck.first()?.samples[0].tau[joint]),
+            names.len(),
+            counted(touches.len(), "touch"),
+            listed(&names)
+        );
+        let remedy = "the sensor is dead or was not recorded, and its torque would count as \
+                      measured; look at the driver, or leave these touches out";
+        Some(Finding::warning("frozen_torque", what, remedy).in_touches(&names).at(&[name]))
+    };
+    joints.iter().enumerate().filter_map(of_joint).collect()
 }

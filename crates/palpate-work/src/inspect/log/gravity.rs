@@ -1,10 +1,10 @@
 //! What gravity says of a log, in words: sign, convention, order of joints, payload.
 
-use palpate::{ExternalTorqueConfig, Gravity, Payload, Robot, TorqueSign};
+use palpate::{ExternalTorqueConfig, Gravity, Payload, Robot};
 use palpate_io::log::AngleUnit;
 
 use super::super::finding::Finding;
-use super::super::words::{listed, number};
+use super::super::words::{listed, number, word};
 use super::joints::Matching;
 use super::payload;
 use super::reading::{self, Fit, Fits, Reading, Rest};
@@ -54,12 +54,10 @@ fn payload_of(robot: &Robot, rests: &[Rest], fits: &Fits) -> Option<(Fit, Payloa
 fn flags(set: &Fit, right: &Fit) -> Vec<String> {
     let mut flags = Vec::new();
     if set.torque_sign != right.torque_sign {
-        let sign = if right.torque_sign == TorqueSign::Minus { "minus" } else { "plus" };
-        flags.extend(["--torque-sign", sign].map(str::to_owned));
+        flags.extend(["--torque-sign".to_owned(), word(right.torque_sign)]);
     }
     if set.gravity != right.gravity {
-        let state = if right.gravity == Gravity::Included { "included" } else { "removed" };
-        flags.extend(["--gravity", state].map(str::to_owned));
+        flags.extend(["--gravity".to_owned(), word(right.gravity)]);
     }
     flags
 }
@@ -67,23 +65,21 @@ fn flags(set: &Fit, right: &Fit) -> Vec<String> {
 fn wrong_convention(fits: &Fits) -> Finding {
     let (set, best) = (&fits.set, &fits.best);
     let when = if fits.at_rest { "at rest" } else { "on average" };
-    let of = format!("of the {} N·m of gravity {when}", number(fits.gravity_torque));
+    let [left_over, left_over_as_set, gravity_torque] =
+        [best.left_over, set.left_over, fits.gravity_torque].map(number);
     let (code, seen) = match best.gravity {
-        Gravity::Removed => (
-            "gravity",
-            format!("the log holds no gravity: {when} it measures {} N·m", number(best.left_over)),
-        ),
-        Gravity::Included if set.gravity == Gravity::Removed => (
-            "gravity",
-            format!("the log holds gravity: taking it off leaves {} N·m", number(best.left_over)),
-        ),
+        Gravity::Removed => {
+            ("gravity", format!("the log holds no gravity: {when} it measures {left_over} N·m"))
+        }
+        Gravity::Included if set.gravity == Gravity::Removed => {
+            ("gravity", format!("the log holds gravity: taking it off leaves {left_over} N·m"))
+        }
         Gravity::Included => (
             "torque_sign",
             format!(
                 "the torques count the other way round: turned, they are {:.2} times those of \
-                 gravity, and {} N·m are left over",
-                best.slope,
-                number(best.left_over)
+                 gravity, and {left_over} N·m are left over",
+                best.slope
             ),
         ),
     };
@@ -91,8 +87,10 @@ fn wrong_convention(fits: &Fits) -> Finding {
         true => String::new(),
         false => format!(" (no touch begins still, but the slope on gravity is {:.2})", best.slope),
     };
-    let what =
-        format!("{seen}, {of}{slope}; read as set, {} N·m are left over", number(set.left_over));
+    let what = format!(
+        "{seen}, of the {gravity_torque} N·m of gravity {when}{slope}; read as set, \
+         {left_over_as_set} N·m are left over"
+    );
     let flags = flags(set, best);
     let remedy = format!("use {}; below, the log is read so", flags.join(" "));
     Finding::warning(code, what, remedy).try_flags(&flags)

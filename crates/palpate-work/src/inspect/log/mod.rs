@@ -31,7 +31,7 @@ mod unit;
 use std::cmp::Reverse;
 use std::sync::Arc;
 
-use palpate::{Arm, ExternalTorqueConfig, Gravity, MapperConfig, TorqueSign};
+use palpate::{Arm, ExternalTorqueConfig, Gravity, MapperConfig, Robot, TorqueSign};
 use palpate_io::log::{Format, LogWarning, LoggedTorques};
 use serde::Serialize;
 
@@ -96,7 +96,7 @@ pub fn inspect(
     let log = match log {
         Ok(touches) => inspector.inspect(touches)?,
         Err(error) => {
-            inspector.unreadable(&error);
+            inspector.findings.push(unreadable(&error));
             None
         }
     };
@@ -115,50 +115,49 @@ struct LogInspector<'a> {
 
 impl LogInspector<'_> {
     fn inspect(&mut self, mut log: Touches) -> Result<Option<LogFacts>, WorkError> {
-        let mut touches = Vec::new();
-        let read = log.read_into(&mut touches, None);
-        self.take_what_was_read(read, &mut touches);
+        let (robot, settings) = (&self.arm.robot, &self.settings.log);
+        let mut touches = self.read(&mut log);
         self.findings.extend(log.warnings().filter_map(left_out));
         if touches.is_empty() {
             return Ok(None);
         }
-        let robot = &self.arm.robot;
-        if let Err(error) = self.settings.log.check_for(robot) {
+        if let Err(error) = settings.check_for(robot) {
             let remedy = "a log of a robot with a prismatic joint must be in radians and metres";
             self.findings.push(Finding::error("angle_unit", error.to_string(), remedy));
         }
         let (matching, unmatched) = joints::match_joints(&mut touches, robot);
         self.findings.extend(unmatched);
-        let mut facts = self.facts(log.describe().format, &touches, matching);
+        let mut facts = LogFacts::new(&log, &touches, matching, (robot, self.config));
         if matching == Matching::Unmatched {
             self.findings.extend(frames::findings(&touches, &facts.joints));
             return Ok(Some(facts));
         }
-        if self.settings.log.pauses().is_some() {
+        if settings.pauses().is_some() {
             let place = (self.config.lattice.clone(), self.config.contact.clone());
-            let whole = Touches::held(&log.log().to_string_lossy(), std::mem::take(&mut touches));
-            let read =
-                whole.for_arm(self.arm, &self.settings.log, place)?.read_into(&mut touches, None);
-            self.take_what_was_read(read, &mut touches);
+            let whole = Touches::held(&log.log().to_string_lossy(), touches);
+            touches = self.read(&mut whole.for_arm(self.arm, settings, place)?);
         }
         if !touches.is_empty() {
-            self.judge(&mut touches, &self.set(&log), &mut facts)?;
+            let mut set = self.config.touch.clone();
+            let external = log.describe().torques == LoggedTorques::External;
+            if external && self.settings.touch.gravity.is_none() {
+                set.gravity = Gravity::Removed;
+            }
+            self.judge(&mut touches, &set, &mut facts)?;
         }
         Ok(Some(facts))
     }
 
-    /// What logged torques are said to be.
-    fn set(&self, log: &Touches) -> ExternalTorqueConfig {
-        let external = log.describe().torques == LoggedTorques::External;
-        let unsaid = self.settings.touch.gravity.is_none();
-        let mut set = self.config.touch.clone();
-        if external && unsaid {
-            set.gravity = Gravity::Removed;
-        }
-        set
+    /// Reads the touches that have frames, to the end or to where it breaks off.
+    fn read(&mut self, log: &mut Touches) -> Vec<RecordedTouch> {
+        let mut touches = Vec::new();
+        let read = log.read_into(&mut touches, None);
+        self.findings.extend(read.err().as_ref().map(unreadable));
+        touches.retain(|touch| !touch.samples.is_empty());
+        touches
     }
 
-    /// Looks at touches of the robot's joints.
+    /// Looks at touches of the robot's joints; `set` is what their torques are said to be.
     fn judge(
         &mut self,
         touches: &mut [RecordedTouch],
@@ -178,54 +177,48 @@ impl LogInspector<'_> {
 
         let fits = &reading.fits;
         let figures = figures::Figures::new(self.arm, self.config, (set, fits.accepted()))?;
-        let (of_touches, (touched, cells)) = figures.of_all(touches, self.progress)?;
+        let (of_touches, touched, cells) = figures.of_all(touches, self.progress)?;
         (facts.touched, facts.touches) = (Some(touched.figures(cells)), of_touches);
         let nothing = touched.nothing(&self.config.lattice);
         let moves = figures::last_link_box(touches, robot);
-        let (figured, aside) = rest::Figured::new((robot, &facts.touches), set.tare, fits);
-        self.findings.extend(rest::without_contact((&aside, facts.touches.len()), nothing, moves));
-        self.findings.extend(figured.findings(!fits.misfit()));
+        let figured = rest::Figured { robot, touches: &facts.touches, tare: set.tare, fits };
+        self.findings.extend(figured.findings(nothing, moves));
         facts.reading = Some(reading);
         Ok(())
     }
+}
 
-    /// Leaves out touches without frames, and says where reading ended early.
-    fn take_what_was_read(
-        &mut self,
-        read: Result<(), WorkError>,
-        touches: &mut Vec<RecordedTouch>,
-    ) {
-        touches.retain(|touch| !touch.samples.is_empty());
-        if let Err(error) = read {
-            self.unreadable(&error);
-        }
-    }
-
-    fn unreadable(&mut self, error: &WorkError) {
-        let remedy = "put right what the message names; what could be read before it is told here";
-        self.findings.push(Finding::error("unreadable", error.to_string(), remedy));
-    }
-
+impl LogFacts {
     /// What shows before the robot comes in.
-    fn facts(&self, format: Format, touches: &[RecordedTouch], matching: Matching) -> LogFacts {
+    fn new(
+        log: &Touches,
+        touches: &[RecordedTouch],
+        matching: Matching,
+        (robot, config): (&Robot, &MapperConfig),
+    ) -> Self {
         let first = &touches[0];
         let numbered = || (1..=first.n_joints()).map(|joint| format!("joint {joint}")).collect();
-        LogFacts {
-            format,
-            robot: self.arm.robot.name().to_owned(),
+        Self {
+            format: log.describe().format,
+            robot: robot.name().to_owned(),
             frames: touches.iter().map(RecordedTouch::frames).sum(),
             clock: frames::clock(touches),
             joints: match matching {
                 Matching::Unmatched => first.joint_names.clone().unwrap_or_else(numbered),
-                _ => self.arm.robot.joint_names().map(str::to_owned).collect(),
+                _ => robot.joint_names().map(str::to_owned).collect(),
             },
             matching,
             reading: None,
-            lattice: LatticeFacts::new(&self.config.lattice),
+            lattice: LatticeFacts::new(&config.lattice),
             touched: None,
             touches: Vec::new(),
         }
     }
+}
+
+fn unreadable(error: &WorkError) -> Finding {
+    let remedy = "put right what the message names; what could be read before it is told here";
+    Finding::error("unreadable", error.to_string(), remedy)
 }
 
 /// What looked odd and did not stop the reading, but for the clock, which is looked at apart.

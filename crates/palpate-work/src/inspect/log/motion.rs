@@ -1,6 +1,8 @@
 //! What the robot's limits say of a motion: positions, speeds, torques beyond them.
 
 use palpate::unstable::{Joint, JointKind};
+use std::f64::consts::TAU;
+
 use palpate::{Robot, Sample};
 
 use super::super::finding::Finding;
@@ -43,14 +45,11 @@ fn outside(touches: &[RecordedTouch], robot: &Robot, joint: usize) -> Option<Fin
     let beyond = |&q: &f64| q < low - LIMIT_MARGIN || q > high + LIMIT_MARGIN;
     let frames = positions().filter(beyond).count();
     let [least, most] = extremes(positions())?;
+    let [least, most, low, high] = [least, most, low, high].map(number);
     (frames > 0).then(|| {
         let what = format!(
-            "joint `{}` goes from {} to {}, beyond its limits {} .. {}, in {}",
+            "joint `{}` goes from {least} to {most}, beyond its limits {low} .. {high}, in {}",
             limits.name,
-            number(least),
-            number(most),
-            number(low),
-            number(high),
             counted(frames, "frame")
         );
         let remedy = "check the robot (--robot), the order of the joints and the unit \
@@ -63,19 +62,18 @@ fn outside(touches: &[RecordedTouch], robot: &Robot, joint: usize) -> Option<Fin
 fn saturated(touches: &[RecordedTouch], robot: &Robot, joint: usize) -> Option<Finding> {
     let limits = &robot.joints()[joint];
     let effort = limits.effort?;
-    let full = |sample: &&Sample| sample.tau[joint].abs() >= SATURATED * effort;
-    let shown: Vec<(&str, usize)> = (touches.iter())
-        .map(|touch| (touch.name.as_str(), touch.samples.iter().filter(full).count()))
-        .filter(|(_, frames)| *frames > 0)
-        .collect();
-    let frames: usize = shown.iter().map(|(_, frames)| frames).sum();
-    let names: Vec<&str> = shown.iter().map(|(name, _)| *name).collect();
-    (frames > 0).then(|| {
+    let full = |touch: &RecordedTouch| {
+        let full = |sample: &&Sample| sample.tau[joint].abs() >= SATURATED * effort;
+        touch.samples.iter().filter(full).count()
+    };
+    let shown = touches.iter().filter(|touch| full(touch) > 0);
+    let names: Vec<&str> = shown.map(|touch| touch.name.as_str()).collect();
+    (!names.is_empty()).then(|| {
         let what = format!(
             "the torque of joint `{}` reaches its limit of {} N·m in {}: {}",
             limits.name,
             number(effort),
-            counted(frames, "frame"),
+            counted(touches.iter().map(full).sum(), "frame"),
             listed(&names)
         );
         let remedy = "what goes beyond is cut off and makes the object look softer; push less, or \
@@ -86,53 +84,46 @@ fn saturated(touches: &[RecordedTouch], robot: &Robot, joint: usize) -> Option<F
 
 /// Motions from one frame to the next that are too fast for the robot.
 fn jumps(touches: &[RecordedTouch], robot: &Robot, period_s: Option<f64>) -> Option<Finding> {
-    let mut found: Vec<(&str, String)> = Vec::new();
+    let joints = robot.joints();
+    let jump = |before: &Sample, now: &Sample| {
+        let step_s = match (now.time_s, before.time_s) {
+            (Some(now_s), Some(before_s)) if now_s > before_s => Some(now_s - before_s),
+            _ => period_s,
+        };
+        let moves = joints.iter().zip(&before.q).zip(&now.q);
+        let moves = moves.map(|((joint, a), b)| (joint, distance(joint.kind, *a, *b)));
+        let jumped = |(joint, way): &(&Joint, f64)| match (step_s, joint.velocity) {
+            (Some(step_s), Some(limit)) => *way > (JUMP * limit * step_s).max(LEAST_JUMP),
+            _ => *way > JUMP_ANYWAY,
+        };
+        moves.filter(jumped).max_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    let mut places: Vec<(&str, String)> = Vec::new();
     for touch in touches {
-        for row in 1..touch.frames() {
-            let [before, now] = [row - 1, row].map(|row| &touch.samples[row]);
-            let step_s = match (now.time_s, before.time_s) {
-                (Some(now_s), Some(before_s)) if now_s > before_s => Some(now_s - before_s),
-                _ => period_s,
-            };
-            let way = ways(robot, &before.q, &now.q);
-            let jumped = |&(joint, way): &(usize, f64)| {
-                let limit = robot.joints()[joint].velocity;
-                match (step_s, limit) {
-                    (Some(step_s), Some(limit)) => way > (JUMP * limit * step_s).max(LEAST_JUMP),
-                    _ => way > JUMP_ANYWAY,
-                }
-            };
-            let jumps = way.into_iter().enumerate().filter(jumped);
-            if let Some((joint, way)) = jumps.max_by(|a, b| a.1.total_cmp(&b.1)) {
-                let joint = &robot.joints()[joint].name;
-                let place = format!("{} row {row} (`{joint}` by {})", touch.name, number(way));
-                found.push((&touch.name, place));
+        for (row, pair) in (1..).zip(touch.samples.windows(2)) {
+            if let Some((joint, way)) = jump(&pair[0], &pair[1]) {
+                let way = number(way);
+                let place = format!("{} row {row} (`{}` by {way})", touch.name, joint.name);
+                places.push((&touch.name, place));
             }
         }
     }
-    let mut names: Vec<&str> = found.iter().map(|(name, _)| *name).collect();
-    names.dedup();
-    let places: Vec<&str> = found.iter().map(|(_, place)| place.as_str()).collect();
-    (!found.is_empty()).then(|| {
-        let what = format!(
-            "the arm jumps, faster than its joints can move, {}: {} (rows from 0, rad or m)",
-            times(found.len()),
-            listed(&places)
-        );
-        let remedy = "frames are missing, recordings were joined, or the unit is wrong; cut the \
-                      touch there, since a jump through the object looks like a push";
-        Finding::warning("jumps", what, remedy).in_touches(&names)
-    })
+    let what = |n, rows| {
+        let often = times(n);
+        format!(
+            "the arm jumps, faster than its joints can move, {often}: {rows} (rows from 0, rad or m)"
+        )
+    };
+    let remedy = "frames are missing, recordings were joined, or the unit is wrong; cut the touch \
+                  there, since a jump through the object looks like a push";
+    Finding::at_places("jumps", &places, what, remedy)
 }
 
-/// How far each joint moves, the shorter way round where it may turn for ever.
-fn ways(robot: &Robot, from: &[f64], to: &[f64]) -> Vec<f64> {
-    let way = |((joint, a), b): ((&Joint, &f64), &f64)| {
-        let mut way = b - a;
-        if joint.kind == JointKind::Continuous {
-            way -= std::f64::consts::TAU * (way / std::f64::consts::TAU).round();
-        }
-        way.abs()
-    };
-    robot.joints().iter().zip(from).zip(to).map(way).collect()
+/// How far a joint moves, the shorter way round where it may turn for ever.
+fn distance(kind: JointKind, from: f64, to: f64) -> f64 {
+    let way = to - from;
+    match kind {
+        JointKind::Continuous => (way - TAU * (way / TAU).round()).abs(),
+        JointKind::Revolute | JointKind::Prismatic => way.abs(),
+    }
 }

@@ -156,20 +156,6 @@ pub(super) fn rests(touches: &[RecordedTouch], still_rad: f64) -> Rests {
     Rests { all: some.collect(), still: false }
 }
 
-/// What the joints feel at one moment, n_joints, N·m.
-struct Felt {
-    gravity: Vec<f64>,
-    tau: Vec<f64>,
-}
-
-impl Felt {
-    /// `|sign·τ − part·τ_gravity|` over all joints.
-    fn left_over(&self, sign: f64, part: f64) -> f64 {
-        let joints = self.tau.iter().zip(&self.gravity);
-        joints.map(|(tau, gravity)| (sign * tau - part * gravity).powi(2)).sum::<f64>().sqrt()
-    }
-}
-
 /// How well the conventions explain what was measured at rest.
 pub(super) fn fits(
     robot: &Robot,
@@ -178,20 +164,27 @@ pub(super) fn fits(
     set: &ExternalTorqueConfig,
 ) -> Fits {
     let pick = |row: &[f64]| order.iter().map(|&place| row[place]).collect::<Vec<f64>>();
-    let felt = |rest: &Rest| {
+    // Torque of gravity and measured torque at each moment, n_joints, N·m.
+    let torques = |rest: &Rest| {
         let poses = robot.forward(&pick(&rest.q)).ok()?;
-        let gravity = robot.gravity_torque(&poses).iter().copied().collect();
-        Some(Felt { gravity, tau: pick(&rest.tau) })
+        Some((robot.gravity_torque(&poses).as_slice().to_vec(), pick(&rest.tau)))
     };
-    let felt: Vec<Felt> = rests.all.iter().filter_map(felt).collect();
-    let square: f64 = felt.iter().map(|felt| dot(&felt.gravity, &felt.gravity)).sum();
-    let cross: f64 = felt.iter().map(|felt| dot(&felt.gravity, &felt.tau)).sum();
+    let torques: Vec<(Vec<f64>, Vec<f64>)> = rests.all.iter().filter_map(torques).collect();
+    let square: f64 = torques.iter().map(|(gravity, _)| dot(gravity, gravity)).sum();
+    let cross: f64 = torques.iter().map(|(gravity, tau)| dot(gravity, tau)).sum();
+    // The median of `|sign·τ − part·τ_gravity|` over all joints.
+    let left_over = |sign: f64, part: f64| {
+        let norm = |(gravity, tau): &(Vec<f64>, Vec<f64>)| {
+            let joints = tau.iter().zip(gravity);
+            joints.map(|(tau, gravity)| (sign * tau - part * gravity).powi(2)).sum::<f64>().sqrt()
+        };
+        median(&torques.iter().map(norm).collect::<Vec<_>>()).unwrap_or(0.0)
+    };
     let fit = |torque_sign: TorqueSign, gravity: Gravity| {
         let sign = super::sign(torque_sign);
         let part = if gravity == Gravity::Included { 1.0 } else { 0.0 };
-        let left_over = felt.iter().map(|felt| felt.left_over(sign, part)).collect::<Vec<_>>();
         let slope = if square > 0.0 { sign * cross / square } else { 0.0 };
-        Fit { torque_sign, gravity, left_over: median(&left_over).unwrap_or(0.0), slope }
+        Fit { torque_sign, gravity, left_over: left_over(sign, part), slope }
     };
     // Without gravity the sign cannot be told: it is left as set.
     let all = [
@@ -202,10 +195,8 @@ pub(super) fn fits(
     ];
     let off = |fit: &Fit| if rests.still { fit.left_over } else { fit.off_slope() };
     let best = all.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(all[0]);
-    let sizes: Vec<f64> = felt.iter().map(|felt| felt.left_over(0.0, 1.0)).collect();
-    let gravity_torque = median(&sizes).unwrap_or(0.0);
-    let (at_rest, n_joints) = (rests.still, order.len());
-    Fits { set: all[0], best, gravity_torque, at_rest, n_joints }
+    let (gravity_torque, n_joints) = (left_over(0.0, 1.0), order.len());
+    Fits { set: all[0], best, gravity_torque, at_rest: rests.still, n_joints }
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

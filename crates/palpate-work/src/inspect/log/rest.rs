@@ -7,7 +7,7 @@ use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Tare, TorqueSign};
 use super::super::finding::Finding;
 use super::super::words::{counted, listed, number};
 use super::figures::{NO_NOISE, TouchFacts};
-use super::reading::{Fit, Fits};
+use super::reading::Fits;
 use crate::quantile::median;
 
 /// A touch below this says little, N·m over all joints.
@@ -17,15 +17,11 @@ const LEAST_WORK_J: f64 = 0.005;
 
 /// What is looked at.
 pub(super) struct Figured<'a> {
-    robot: &'a Robot,
-    touches: Vec<&'a TouchFacts>,
-    /// How many touches the log has.
-    all: usize,
-    tare: Tare,
-    /// The convention that the figures were found under.
-    fit: Fit,
-    /// Whether gravity tells the sign.
-    sign_is_told: bool,
+    pub robot: &'a Robot,
+    pub touches: &'a [TouchFacts],
+    pub tare: Tare,
+    /// How well gravity explains the convention that the figures were found under.
+    pub fits: &'a Fits,
 }
 
 /// How much of a torque is unusual at a joint: so much, or a part of what it can bear.
@@ -34,43 +30,22 @@ fn unusual(joint: &Joint, torque: f64, part: f64) -> f64 {
     torque.max(part * joint.effort.unwrap_or(0.0))
 }
 
-/// `touch`, `all touches` or `so many of all: names`
-fn these(names: &[&str], all: usize) -> String {
-    match all {
-        1 => format!("touch `{}`", names[0]),
-        all if all == names.len() => format!("all {all} touches"),
-        all => format!("{} of {}: {}", names.len(), counted(all, "touch"), listed(names)),
-    }
+/// Whether the arm moves in a touch and touches no point of the lattice. What the torques mean
+/// cannot be told then.
+fn passes_by(touch: &TouchFacts) -> bool {
+    touch.frames_in_contact == 0 && touch.still_frames < touch.frames
 }
 
-fn names_of<'a>(touches: &[&'a TouchFacts]) -> Vec<&'a str> {
-    touches.iter().map(|touch| touch.name.as_str()).collect()
-}
-
-impl<'a> Figured<'a> {
-    /// What there is to look at, and aside from it the touches in which the arm moves through no
-    /// point of the lattice: what their torques mean cannot be told.
-    pub(super) fn new(
-        (robot, touches): (&'a Robot, &'a [TouchFacts]),
-        tare: Tare,
-        fits: &Fits,
-    ) -> (Self, Vec<&'a TouchFacts>) {
-        let fit = fits.accepted();
-        let sign_is_told = fits.tell() && fit.gravity == Gravity::Included;
-        let passes_by =
-            |touch: &&TouchFacts| touch.frames_in_contact == 0 && touch.still_frames < touch.frames;
-        let (aside, in_contact) = touches.iter().partition(passes_by);
-        let all = touches.len();
-        (Self { robot, touches: in_contact, all, tare, fit, sign_is_told }, aside)
-    }
-
-    /// Everything that looks wrong; `gravity_fits` unless a bias is gravity's fault.
-    pub(super) fn findings(&self, gravity_fits: bool) -> Vec<Finding> {
-        let mut findings = Vec::new();
+impl Figured<'_> {
+    /// Everything that looks wrong; `nothing` if the log touches no point of the lattice, and then
+    /// within what box its last link `moves`.
+    pub(super) fn findings(&self, nothing: Option<String>, moves: Option<String>) -> Vec<Finding> {
+        let mut findings = Vec::from_iter(self.no_contact(nothing, moves));
         findings.extend(self.no_start());
         findings.extend(self.moving_tare());
         findings.extend(self.never_moves());
-        if gravity_fits {
+        // Else a bias is gravity's fault.
+        if !self.fits.misfit() {
             findings.extend(self.bias());
             findings.extend(self.weak());
         }
@@ -81,18 +56,47 @@ impl<'a> Figured<'a> {
         findings
     }
 
-    /// A finding in the touches that show it; `what` ends before their names.
+    /// The touches whose torques can be judged.
+    fn judged(&self) -> impl Iterator<Item = &TouchFacts> {
+        self.touches.iter().filter(|touch| !passes_by(touch))
+    }
+
+    /// A finding in touches that show it; `what` ends before their names.
+    fn in_touches<'b>(
+        &self,
+        shown: impl Iterator<Item = &'b TouchFacts>,
+        (code, what, remedy): (&'static str, &str, &str),
+    ) -> Option<Finding> {
+        let names: Vec<&str> = shown.map(|touch| touch.name.as_str()).collect();
+        let these = match self.touches.len() {
+            _ if names.is_empty() => return None,
+            1 => format!("touch `{}`", names[0]),
+            all if all == names.len() => format!("all {all} touches"),
+            all => format!("{} of {}: {}", names.len(), counted(all, "touch"), listed(&names)),
+        };
+        Some(Finding::warning(code, format!("{what} {these}"), remedy).in_touches(&names))
+    }
+
+    /// The same in those of the judged touches that show it.
     fn shown(
         &self,
         shows: impl Fn(&TouchFacts) -> bool,
-        (code, what, remedy): (&'static str, &str, &str),
+        texts: (&'static str, &str, &str),
     ) -> Option<Finding> {
-        let shown: Vec<&TouchFacts> = self.touches.iter().copied().filter(|t| shows(t)).collect();
-        let names = names_of(&shown);
-        (!names.is_empty()).then(|| {
-            let what = format!("{what} {}", these(&names, self.all));
-            Finding::warning(code, what, remedy).in_touches(&names)
-        })
+        self.in_touches(self.judged().filter(|touch| shows(touch)), texts)
+    }
+
+    fn no_contact(&self, nothing: Option<String>, moves: Option<String>) -> Option<Finding> {
+        let what = "the arm moves and touches no point of the lattice in";
+        let moves = moves.map_or(String::new(), |moves| format!(": {moves}"));
+        let remedy = format!(
+            "put the box where the arm touches the object (--box-low-m and --box-high-m, or \
+             --origin-m and --shape){moves}; or check the robot (--robot) and the unit of the \
+             joints (--angle-unit)"
+        );
+        let passing = self.touches.iter().filter(|touch| passes_by(touch));
+        let finding = self.in_touches(passing, ("no_contact", what, &remedy))?;
+        Some(Finding { what: nothing.unwrap_or(finding.what), ..finding })
     }
 
     fn no_start(&self) -> Option<Finding> {
@@ -134,7 +138,7 @@ impl<'a> Figured<'a> {
         let of_joint = |(j, joint): (usize, &Joint)| {
             let least = unusual(joint, 1.0, 0.02);
             let off = |touch: &TouchFacts| touch.tare.as_ref().map_or(0.0, |tare| tare[j]);
-            let offs = self.touches.iter().map(|touch| off(touch));
+            let offs = self.judged().map(off);
             let largest = offs.max_by(|a, b| a.abs().total_cmp(&b.abs()))?;
             let shows = |touch: &TouchFacts| off(touch).abs() > least;
             let what = format!(
@@ -142,7 +146,7 @@ impl<'a> Figured<'a> {
                 joint.name,
                 number(largest)
             );
-            let remedy = if self.touches.iter().all(|touch| shows(touch)) {
+            let remedy = if self.judged().all(shows) {
                 "the arm may carry something that the robot does not know of (--payload-link, \
                  --payload-mass-kg), or the sensor needs calibration; the tare takes it off only \
                  for as long as the arm keeps its pose"
@@ -157,14 +161,14 @@ impl<'a> Figured<'a> {
 
     /// The noise of a joint in every touch that tells it.
     fn noise(&self, joint: usize) -> Vec<f64> {
-        self.touches.iter().filter_map(|touch| Some(touch.noise_std.as_ref()?[joint])).collect()
+        self.judged().filter_map(|touch| Some(touch.noise_std.as_ref()?[joint])).collect()
     }
 
     /// Whether a joint's torque has no noise in any touch that tells it.
     fn is_silent(&self, joint: usize) -> bool {
         let told: Vec<bool> =
-            self.touches.iter().filter_map(|touch| Some(touch.silent.as_ref()?[joint])).collect();
-        let lives = self.touches.iter().any(|touch| touch.peak_by_joint[joint] > NO_NOISE);
+            self.judged().filter_map(|touch| Some(touch.silent.as_ref()?[joint])).collect();
+        let lives = self.judged().any(|touch| touch.peak_by_joint[joint] > NO_NOISE);
         lives && !told.is_empty() && told.iter().all(|silent| *silent)
     }
 
@@ -221,7 +225,7 @@ impl<'a> Figured<'a> {
             let most = off.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
             Some(format!("{}: {} by {} N·m", touch.name, most.0.name, number(*most.1)))
         };
-        let told: Vec<String> = self.touches.iter().filter_map(|touch| left(touch)).collect();
+        let told: Vec<String> = self.judged().filter_map(left).collect();
         let what = "torques do not come back to zero at the end although the arm is back where it \
                     began, in";
         let remedy = "the sensors drift (let them warm up, touch more briefly), or the object \
@@ -232,50 +236,28 @@ impl<'a> Figured<'a> {
 
     /// Without gravity, the sign shows in who does the work: the arm pushes, the object yields.
     fn work(&self) -> Option<Finding> {
-        if self.sign_is_told {
-            return None;
+        let fit = self.fits.accepted();
+        if self.fits.tell() && fit.gravity == Gravity::Included {
+            return None; // Gravity tells the sign.
         }
         // Without a free start the arm may be on its way out.
-        let free = |touch: &&&TouchFacts| touch.start_frames >= MIN_TARE_FRAMES as usize;
-        let work = self.touches.iter().filter(free).map(|touch| touch.work_until_peak_j);
+        let free = |touch: &&TouchFacts| touch.start_frames >= MIN_TARE_FRAMES as usize;
+        let work = self.judged().filter(free).map(|touch| touch.work_until_peak_j);
         let work: Vec<f64> = work.filter(|work| work.abs() > LEAST_WORK_J).collect();
         let wrong = work.iter().filter(|work| **work > 0.0).count();
         (!work.is_empty() && wrong * 5 >= work.len() * 4).then(|| {
-            let other = match self.fit.torque_sign {
+            let other = match fit.torque_sign {
                 TorqueSign::Plus => "minus",
                 TorqueSign::Minus => "plus",
             };
+            let (touches, joules) = (counted(work.len(), "touch"), number(work.iter().sum()));
             let what = format!(
-                "in {wrong} of {} the object would pull the arm in rather than push it back, with \
-                 {} J in all",
-                counted(work.len(), "touch"),
-                number(work.iter().sum())
+                "in {wrong} of {touches} the object would pull the arm in rather than push it \
+                 back, with {joules} J in all"
             );
             let remedy =
                 format!("the torques count the other way round: use --torque-sign {other}");
             Finding::warning("torque_sign", what, remedy).try_flags(&["--torque-sign", other])
         })
     }
-}
-
-/// Touches in which the arm moves and touches no point of the lattice, some of all; `nothing` if no
-/// frame touches any, `moves` is where the arm is.
-pub(super) fn without_contact(
-    (aside, all): (&[&TouchFacts], usize),
-    nothing: Option<String>,
-    moves: Option<String>,
-) -> Option<Finding> {
-    let names = names_of(aside);
-    (!names.is_empty()).then(|| {
-        let what = nothing.unwrap_or_else(|| {
-            format!("the arm moves and touches no point of the lattice in {}", these(&names, all))
-        });
-        let moves = moves.map_or(String::new(), |moves| format!(": {moves}"));
-        let remedy = format!(
-            "put the box where the arm touches the object (--box-low-m and --box-high-m, or \
-             --origin-m and --shape){moves}; or check the robot (--robot) and the unit of the \
-             joints (--angle-unit)"
-        );
-        Finding::warning("no_contact", what, remedy).in_touches(&names)
-    })
 }

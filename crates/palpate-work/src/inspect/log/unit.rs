@@ -7,7 +7,7 @@ use palpate::{ExternalTorqueConfig, Robot};
 use palpate_io::log::AngleUnit;
 
 use super::super::finding::Finding;
-use super::super::words::number;
+use super::super::words::{number, word};
 use super::reading::{fits, rests};
 use crate::touches::RecordedTouch;
 
@@ -62,19 +62,12 @@ pub(super) fn correct(
 
 fn wrong_unit(largest_rad: f64, unit: AngleUnit, gravity_agrees: bool) -> Finding {
     let agrees = if gravity_agrees { ", and gravity fits far better so" } else { "" };
-    let (what, flag) = match unit {
-        AngleUnit::Deg => (
-            format!("the angles look like degrees: they go up to {}{agrees}", number(largest_rad)),
-            "deg",
-        ),
-        AngleUnit::Rad => (
-            format!(
-                "the angles look like radians, not degrees: they go up to {}{agrees}",
-                number(largest_rad.to_degrees())
-            ),
-            "rad",
-        ),
+    let (like, largest) = match unit {
+        AngleUnit::Deg => ("degrees", largest_rad),
+        AngleUnit::Rad => ("radians, not degrees", largest_rad.to_degrees()),
     };
-    let remedy = format!("use --angle-unit {flag}; below, they are read so");
-    Finding::warning("angle_unit", what, remedy).try_flags(&["--angle-unit", flag])
+    let what = format!("the angles look like {like}: they go up to {}{agrees}", number(largest));
+    let unit = word(unit);
+    let remedy = format!("use --angle-unit {unit}; below, they are read so");
+    Finding::warning("angle_unit", what, remedy).try_flags(&["--angle-unit", &unit])
 }
