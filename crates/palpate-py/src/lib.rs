@@ -20,6 +20,7 @@ mod error;
 mod evaluate;
 mod extrapolate;
 mod field;
+mod inspect;
 mod lattice;
 mod log;
 mod mapper;
@@ -43,6 +44,8 @@ mod _palpate {
     use crate::extrapolate::{Extrapolation, extrapolate};
     #[pymodule_export]
     use crate::field::{Field, unpickled_field};
+    #[pymodule_export]
+    use crate::inspect::inspect;
     #[pymodule_export]
     use crate::lattice::Lattice;
     #[pymodule_export]

@@ -26,6 +26,7 @@ from ._palpate import (
     default_settings,
     evaluate,
     extrapolate,
+    inspect,
     open_log,
     tune,
 )
@@ -51,6 +52,7 @@ __all__ = [
     "default_settings",
     "evaluate",
     "extrapolate",
+    "inspect",
     "open_log",
     "tune",
 ]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._progress import Progress
-from .results import Errors, Evaluation, MapReport, MethodRow, Score, Tuned
+from .results import Errors, Evaluation, Inspection, MapReport, MethodRow, Score, Tuned
 
 __all__ = [
     "Answer",
@@ -31,6 +31,7 @@ __all__ = [
     "evaluate",
     "extrapolate",
     "given_settings",
+    "inspect",
     "open_log",
     "summarised",
     "tune",
@@ -493,6 +494,26 @@ def extrapolate(
     `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m with `colours` (N, 3)
     from 0 to 255. `method` is torque (if the field has its memory), cells or knn; `features` are a
     colour (chroma, rgb, oklab), height and shape, joined by `+`.
+    """
+
+def inspect(
+    log: _Logs,
+    robot: Robot | _Path | None = None,
+    *,
+    settings: _Settings = None,
+    progress: Progress = None,
+    **sections: _Section,
+) -> Inspection:
+    """Says what a log holds and what looks wrong with it, as `palpate inspect` does.
+
+    `log` is a path, a `Log`, a `Touch`, or several, which are read as one. Torques are held against
+    the gravity of the robot; contacts are looked for in the lattice and by the contact model of the
+    settings, such as `lattice=Lattice(...)`, as `Mapper.map` would. `findings` have a `level`
+    (warning or error), `what` was seen and the `remedy`, errors first. `log` has the figures: how to
+    read the torques (`reading`), what is touched (`touched`) and those of every touch, N·m, s, rad;
+    it is None if nothing can be read.
+
+    Raises SettingsError or FileError; what is wrong with the log itself is a finding.
     """
 
 def default_settings(settings: _Settings = None, **sections: _Section) -> dict[str, Any]:

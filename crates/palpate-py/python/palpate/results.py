@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, TypedDict
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,3 +157,154 @@ class Tuned(TypedDict):
     toml: str
     """The same as a file that `--settings` reads."""
     trials: list[Trial]
+
+
+class _Finding(TypedDict):
+    level: Literal["warning", "error"]
+    """An error is what learning would refuse."""
+    code: str
+    """A name that stays when the words change."""
+    what: str
+    """What was seen, with numbers."""
+    remedy: str
+    """What to do about it."""
+
+
+class Finding(_Finding, total=False):
+    """One thing that looks wrong with a log."""
+
+    touches: list[str]
+    """The touches that show it, if not all do."""
+    parts: list[str]
+    """The joints that show it."""
+    flags: list[str]
+    """Flags of the command that would set it right."""
+
+
+class Clock(TypedDict):
+    """The clock of a log."""
+
+    period_s: float
+    """Median time step."""
+    jitter_s: float
+    """How far nine steps of ten stay from it."""
+    duration_s: float
+    """Sum of all touches."""
+
+
+class Fit(TypedDict):
+    """How well a reading of the torques explains them at rest."""
+
+    torque_sign: Literal["plus", "minus"]
+    gravity: Literal["included", "removed"]
+    left_over: float
+    """N·m over all joints."""
+    slope: float
+    """Of the torques, in that sign, on those of gravity."""
+
+
+class Fits(TypedDict):
+    """The readings that were compared."""
+
+    set: Fit
+    """That of the settings."""
+    best: Fit
+    """That which leaves the least over."""
+    gravity_torque: float
+    """Torque of gravity at rest, N·m over all joints."""
+    at_rest: bool
+    """Whether the arm ever rests; if not, these are figures of any frames."""
+
+
+class PayloadEstimate(TypedDict):
+    """A weight that would explain what gravity does not."""
+
+    link: str
+    mass_kg: float
+    com_link_m: list[float]
+
+
+class Reading(TypedDict):
+    """How a log should be read."""
+
+    angle_unit: Literal["rad", "deg"]
+    order: list[int] | None
+    """Place of each joint of the robot in the log, if that seems not to be the robot's order."""
+    torque_sign: Literal["plus", "minus"]
+    gravity: Literal["included", "removed"]
+    unexplained_share: float | None
+    """Torque left over at rest, as a part of gravity; None if gravity is too small to tell."""
+    payload: PayloadEstimate | None
+    fits: Fits
+
+
+class LatticeFigures(TypedDict):
+    """Where contacts are looked for."""
+
+    origin_m: list[float]
+    spacing_m: float
+    shape: list[int]
+    box_m: list[list[float]]
+    """Low and high corner."""
+    cells_declared: int
+
+
+class TouchedFigures(TypedDict):
+    """What a log touches of the lattice, as `MapReport` counts it."""
+
+    frames: int
+    frames_in_contact: int
+    contacts_median: int
+    cells_touched: int
+
+
+class InspectedTouch(TypedDict):
+    """One touch of a log; lists are (n_joints,)."""
+
+    name: str
+    frames: int
+    duration_s: float | None
+    start_frames: int
+    """Frames from the first on in which the arm is still, or touches no point."""
+    frames_in_contact: int
+    tare: list[float] | None
+    """N·m; None without tare frames."""
+    noise_std: list[float] | None
+    """Over the start, N·m; None if it is too short."""
+    peak_external: float
+    """Largest external torque, N·m over all joints."""
+    peak_by_joint: list[float]
+    """N·m."""
+    range: list[list[float]]
+    """From where to where each joint moves, (n_joints, 2), rad or m."""
+    end_external: list[float] | None
+    """At the end, N·m, if the arm is back where it began."""
+    work_until_peak_j: float
+    """Work that the external torque does on the arm, J."""
+
+
+class InspectedLog(TypedDict):
+    """What a log holds."""
+
+    format: str
+    robot: str
+    frames: int
+    clock: Clock | None
+    joints: list[str]
+    matching: Literal["unnamed", "in_order", "reordered", "unmatched"]
+    """How the joints of the log became those of the robot."""
+    reading: Reading | None
+    """None if the joints are not the robot's."""
+    lattice: LatticeFigures
+    touched: TouchedFigures | None
+    """None if the joints are not the robot's."""
+    touches: list[InspectedTouch]
+
+
+class Inspection(TypedDict):
+    """What `inspect` found out about a log."""
+
+    log: InspectedLog | None
+    """None if nothing of it can be read."""
+    findings: list[Finding]
+    """Errors first."""

@@ -1,0 +1,50 @@
+//! What a log holds, and what looks wrong with it.
+
+use palpate_work::inspect::log;
+use palpate_work::settings::Settings;
+use pyo3::prelude::*;
+use pyo3::types::{PyAny, PyDict};
+
+use crate::data::python;
+use crate::error::raise;
+use crate::log::{Source, opened, sources};
+use crate::robot;
+use crate::settings::SettingsGiven;
+use crate::watch::{Watch, long};
+
+/// Says what a log holds and what looks wrong with it, as `palpate inspect` does.
+///
+/// `log` is a path, a `Log`, a `Touch`, or several, which are read as one. Torques are held against
+/// the gravity of the robot; contacts are looked for in the lattice and by the contact model of the
+/// settings, such as `lattice=Lattice(...)`, as `Mapper.map` would. `findings` have a `level`
+/// (warning or error), `what` was seen and the `remedy`, errors first. `log` has the figures: how to
+/// read the torques (`reading`), what is touched (`touched`) and those of every touch, N·m, s, rad;
+/// it is None if nothing can be read.
+///
+/// Raises SettingsError or FileError; what is wrong with the log itself is a finding.
+#[pyfunction]
+#[pyo3(signature = (log, robot = None, *, settings = None, progress = None, **sections))]
+pub(crate) fn inspect<'py>(
+    py: Python<'py>,
+    log: &Bound<'py, PyAny>,
+    robot: Option<&Bound<'py, PyAny>>,
+    settings: Option<&Bound<'py, PyAny>>,
+    progress: Option<&Bound<'py, PyAny>>,
+    sections: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let mut settings = SettingsGiven { settings, sections, method: None }.read()?;
+    let robot = robot::given(py, robot, &settings.robot)?;
+    let sources = sources(log)?;
+    for source in &sources {
+        if let Source::Log(_, own) = source {
+            settings = Settings { log: own.clone(), ..Settings::default() }.over(settings);
+        }
+    }
+    let work = |progress: &Watch| {
+        let config = settings.config()?;
+        let touches = opened(sources, &settings.log);
+        log::inspect(touches, (&settings, &config), (&robot.arm, progress))
+    };
+    let inspection = long(py, progress, work)?.map_err(|error| raise(&error))?;
+    python(py, &serde_json::to_value(&inspection).expect("facts are plain data"))
+}
