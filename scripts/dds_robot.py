@@ -1,11 +1,11 @@
-"""A robot on a ROS 2 network, played from a set of touches by CycloneDDS, and what it hears back.
+"""A robot on a ROS 2 network, played from a set of touches by CycloneDDS, and what it receives.
 
-    dds_robot.py SET --rate HZ --seconds S [--loops] ...
+    dds_robot.py SET --rate HZ --seconds S ...
 
 Publishes joint states (sensor_msgs/msg/JointState on /joint_states), one touch after the other, over
-and over, with the arm standing still at the start of each for as long as its log has it. Meanwhile it
-reads every topic that palpate publishes. Prints one JSON object: what was sent and heard, and the time
-from writing a sample to reading its prediction. Loopback only. Libraries: requirements.txt, pinned.
+and over; the arm stands still before each. Meanwhile it reads every topic that palpate publishes.
+Prints one JSON object: what was sent and received, and the time from writing a sample to reading its
+prediction. Loopback only. Libraries: requirements.txt, pinned.
 """
 
 import argparse
@@ -128,7 +128,9 @@ RELIABLE = Qos(
     Policy.History.KeepLast(2000),
 )
 BEST_EFFORT = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(2000))
-HEARD = {
+# Whatever is waited for must come within this, s.
+DEADLINE_S = 60
+RECEIVED = {
     "rt/palpate/torque_predicted": JointState,
     "rt/palpate/torque_external": JointState,
     "rt/palpate/contacts": PointCloud2,
@@ -152,16 +154,24 @@ def now_ns():
     return time.time_ns()
 
 
-class Ears(threading.Thread):
-    """Reads all that palpate says."""
+def wait_until(condition, deadline_s=DEADLINE_S):
+    """Waits for a condition; whether it came true in time."""
+    deadline = time.monotonic() + deadline_s
+    while not (holds := condition()) and time.monotonic() < deadline:
+        time.sleep(0.005)
+    return holds
+
+
+class Receiver(threading.Thread):
+    """Reads all that palpate publishes."""
 
     def __init__(self, participant, limit):
         super().__init__(daemon=True)
         self.readers = {
             name: DataReader(participant, Topic(participant, name, kind), RELIABLE)
-            for name, kind in HEARD.items()
+            for name, kind in RECEIVED.items()
         }
-        self.counts = dict.fromkeys(HEARD, 0)
+        self.counts = dict.fromkeys(RECEIVED, 0)
         self.latencies_ms, self.last = [], {}
         self.limit, self.passed_ns = limit, {"predicted": [], "external": []}
         self.going = True
@@ -170,12 +180,20 @@ class Ears(threading.Thread):
         while self.going:
             for name, reader in self.readers.items():
                 for message in reader.take(N=500):
-                    if not isinstance(message, HEARD[name]):
+                    if not isinstance(message, RECEIVED[name]):
                         continue  # a writer that left
-                    self.hear(name, message)
+                    self.receive(name, message)
             time.sleep(0.0005)
 
-    def hear(self, name, message):
+    def every_topic(self):
+        """Whether there was a message on every topic."""
+        return all(self.counts.values())
+
+    def both_torques(self):
+        """Whether as many predicted as external torques have come: a sample has one of each."""
+        return self.counts["rt/palpate/torque_predicted"] == self.counts["rt/palpate/torque_external"]
+
+    def receive(self, name, message):
         self.counts[name] += 1
         self.last[name] = message
         if not name.startswith("rt/palpate/torque_"):
@@ -189,14 +207,14 @@ class Ears(threading.Thread):
             self.passed_ns[which].append(sent_ns)
 
 
-def watch_flag(domain, seen):
-    """What a safety node does: waits for the flag to stop, in a process of its own; `seen` gets
+def watch_flag(domain, flags):
+    """What a safety node does: waits for the flag to stop, in a process of its own; `flags` gets
     (when, whether to stop), time in ns."""
     participant = DomainParticipant(domain)
     reader = DataReader(participant, Topic(participant, "rt/palpate/stop", Bool), RELIABLE)
     threading.Thread(target=end_with_parent, daemon=True).start()
     for message in reader.take_iter(timeout=duration(seconds=3600)):
-        seen.put((now_ns(), message.data))
+        flags.send((now_ns(), message.data))
 
 
 def end_with_parent():
@@ -205,47 +223,61 @@ def end_with_parent():
     os._exit(0)
 
 
-def all_of(queue):
-    items = []
-    while not queue.empty():
-        items.append(queue.get())
-    return items
-
-
-class Stranger(threading.Thread):
-    """Another participant, which publishes another type on the topic of the joint states."""
+class Flag:
+    """The flag to stop, as the process that watches it has received it."""
 
     def __init__(self, domain):
-        super().__init__(daemon=True)
-        self.participant = DomainParticipant(domain)
-        topic = Topic(self.participant, "rt/joint_states", Bool)
-        self.writer = DataWriter(self.participant, topic, RELIABLE)
+        spawn = multiprocessing.get_context("spawn")
+        self.end, end_of_process = spawn.Pipe(duplex=False)
+        self.received = []
+        self.process = spawn.Process(target=watch_flag, args=(domain, end_of_process), daemon=True)
+        self.process.start()
 
-    def run(self):
-        while True:
-            self.writer.write(Bool(True))
-            time.sleep(0.02)
+    def history(self):
+        """All of (when, whether to stop) so far, time in ns."""
+        while self.end.poll():
+            self.received.append(self.end.recv())
+        return self.received
+
+    def is_up(self):
+        return any(up for _, up in self.history())
+
+
+def play_another_type(domain):
+    """Publishes another type on the topic of the joint states, for ever."""
+    participant = DomainParticipant(domain)
+    writer = DataWriter(participant, Topic(participant, "rt/joint_states", Bool), RELIABLE)
+    while True:
+        writer.write(Bool(True))
+        time.sleep(0.02)
 
 
 class Tare(threading.Thread):
-    """Calls the service /palpate/tare as a client on rmw_cyclonedds does, after so many seconds."""
+    """Calls the service /palpate/tare twice, as a client on rmw_cyclonedds does."""
 
-    def __init__(self, participant, after):
+    def __init__(self, participant):
         super().__init__(daemon=True)
-        self.after, self.answers = after, []
+        self.answers = []
         request = Topic(participant, "rq/palpate/tareRequest", TriggerRequest)
         response = Topic(participant, "rr/palpate/tareReply", TriggerResponse)
         self.writer = DataWriter(participant, request, RELIABLE)
         self.reader = DataReader(participant, response, RELIABLE)
 
+    def has_server(self):
+        readers, writers = self.writer.get_matched_subscriptions, self.reader.get_matched_publications
+        return bool(readers() and writers())
+
     def run(self):
-        time.sleep(self.after)
+        wait_until(self.has_server)
         for number in (1, 2):
             self.writer.write(TriggerRequest(4711, number, 0))
-            for answer in self.reader.take_iter(timeout=duration(seconds=5)):
+            for answer in self.reader.take_iter(timeout=duration(seconds=DEADLINE_S)):
                 answered = [answer.client, answer.number, answer.success, answer.message]
                 self.answers.append(answered)
                 break
+
+    def is_answered(self):
+        return len(self.answers) == 2
 
 
 def spoil(state, before, number, broken):
@@ -264,10 +296,12 @@ def spoil(state, before, number, broken):
     return state
 
 
-def play(writer, q, tau, rate, seconds, broken):
-    """Sends frames at a steady rate; returns how many."""
+def play(writer, q, tau, rate, seconds, broken, enough):
+    """Sends frames at a steady rate, at least for some seconds and then until `enough()` or the
+    deadline; returns how many."""
     start, sent, before = time.perf_counter(), 0, Time(0, 1)
-    while sent < rate * seconds:
+    most = rate * (seconds + DEADLINE_S)
+    while sent < rate * seconds or (sent < most and not enough()):
         due = start + sent / rate
         while (left := due - time.perf_counter()) > 0:
             if left > 0.0002:
@@ -281,71 +315,76 @@ def play(writer, q, tau, rate, seconds, broken):
     return sent
 
 
-def stop_ms(ears, stops):
+def stop_ms(receiver, flags):
     """From the samples that passed the limit first, by what was predicted and by what was measured, to
     the flag: it follows whichever is earlier, but a prediction waits for the mapper."""
-    ups = [at_ns for at_ns, up in stops if up]
-    passed = {which: min(ns) for which, ns in ears.passed_ns.items() if ns}
+    ups = [at_ns for at_ns, up in flags if up]
+    passed = {which: min(ns) for which, ns in receiver.passed_ns.items() if ns}
     return {which: (ups[0] - ns) * 1e-6 for which, ns in passed.items()} if ups else None
 
 
-def main():
+def arguments():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("set", type=Path)
     parser.add_argument("--rate", type=float, default=1000.0)
-    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--seconds", type=float, default=10.0, help="how long to play; `inf`: until killed")
     parser.add_argument("--still", type=float, default=0.6, help="pause before each touch, s")
     parser.add_argument("--domain", type=int, default=0)
     parser.add_argument("--best-effort", action="store_true")
-    parser.add_argument("--deaf", action="store_true", help="reads nothing back, which takes less time")
+    parser.add_argument(
+        "--until-received",
+        action="store_true",
+        help="play on until every topic of palpate was received, and with --guard the flag is up",
+    )
     parser.add_argument("--break", dest="broken", default="", help="what is wrong: see `spoil`")
     parser.add_argument("--guard", type=float, help="a limit, N·m, to time the flag against")
-    parser.add_argument("--stranger", action="store_true", help="another type on the same topic")
-    parser.add_argument("--tare", type=float, help="call the service after so many seconds")
-    args = parser.parse_args()
+    parser.add_argument("--another-type", action="store_true", help="publish only that, on the same topic")
+    parser.add_argument("--tare", action="store_true", help="call the service, and play on until it answers")
+    return parser.parse_args()
 
-    spawn = multiprocessing.get_context("spawn")
-    seen = spawn.Queue()
-    watcher = spawn.Process(target=watch_flag, args=(args.domain, seen), daemon=True)
-    watcher.start()
+
+def main():
+    args = arguments()
+    if args.another_type:
+        play_another_type(args.domain)
+    flag = Flag(args.domain)
     participant = DomainParticipant(args.domain)
-    ears = Ears(participant, args.guard)
-    if not args.deaf:
-        ears.start()
-    if args.stranger:
-        Stranger(args.domain).start()
-        time.sleep(3)  # alone for a while
-    tare = None
-    if args.tare is not None:
-        tare = Tare(participant, args.tare)
+    receiver = Receiver(participant, args.guard)
+    receiver.start()
+    tare = Tare(participant) if args.tare else None
+    if tare:
         tare.start()
+
+    def enough():
+        received = receiver.every_topic() and (args.guard is None or flag.is_up())
+        return (received or not args.until_received) and (tare is None or tare.is_answered())
+
     qos = BEST_EFFORT if args.best_effort else RELIABLE
     writer = DataWriter(participant, Topic(participant, "rt/joint_states", JointState), qos)
     q, tau = frames(args.set, round(args.still * args.rate))
-    deadline = time.time() + 20
-    while not writer.get_matched_subscriptions() and time.time() < deadline:
-        time.sleep(0.05)
+    wait_until(writer.get_matched_subscriptions)
     matched = len(writer.get_matched_subscriptions())
-    time.sleep(0.3)
     started = time.perf_counter()
-    sent = play(writer, q, tau, args.rate, args.seconds, args.broken)
+    sent = play(writer, q, tau, args.rate, args.seconds, args.broken, enough)
     took = time.perf_counter() - started
-    time.sleep(1.5)
-    ears.going = False
-    if not args.deaf:
-        ears.join()
-    stops = all_of(seen)
-    watcher.terminate()
-    latencies = np.array(ears.latencies_ms or [np.nan])
-    diagnostics = ears.last.get("rt/diagnostics")
+    writer.wait_for_acks(duration(seconds=DEADLINE_S))
+    wait_until(receiver.both_torques, 5)  # never, if palpate had to leave some out
+    receiver.going = False
+    receiver.join()
+    flags = flag.history()
+    flag.process.terminate()
+    latencies = receiver.latencies_ms
+    quantile = lambda part: float(np.quantile(latencies, part)) if latencies else None  # noqa: E731
+    diagnostics = receiver.last.get("rt/diagnostics")
+    clouds = [name for name in ("rt/palpate/contacts", "rt/palpate/field") if name in receiver.last]
     print(json.dumps({
-        "matched": matched, "sent": sent, "rate_hz": sent / took, "heard": ears.counts,
-        "latency_ms": {"median": float(np.median(latencies)), "p99": float(np.quantile(latencies, 0.99))},
-        "stops": [up for _, up in stops],
-        "stop_ms": stop_ms(ears, stops),
+        "matched": matched, "sent": sent, "rate_hz": sent / took, "received": receiver.counts,
+        "latency_ms": {"median": quantile(0.5), "p99": quantile(0.99)},
+        "stops": [up for _, up in flags],
+        "stop_ms": stop_ms(receiver, flags),
         "tare": tare and tare.answers,
         "diagnostics": {v.key: v.value for v in diagnostics.status[0].values} if diagnostics else None,
-        "points": {n: ears.last[n].width for n in ("rt/palpate/contacts", "rt/palpate/field") if n in ears.last},
+        "points": {name: receiver.last[name].width for name in clouds},
     }))
 
 

@@ -357,7 +357,6 @@ fn a_folder_of_the_users_own_called_parts_stays() {
 mod broken_off {
     use std::path::Path;
     use std::process::Stdio;
-    use std::time::{Duration, Instant};
 
     use super::*;
 
@@ -370,14 +369,11 @@ mod broken_off {
             let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
             names.filter(|name| name.starts_with("part-") && name.ends_with(".json")).count()
         };
-        let patience = Instant::now() + Duration::from_secs(120);
-        while kept() == 0 {
+        common::wait_until("a part that is kept", || {
             assert!(child.try_wait().unwrap().is_none(), "it ended before a part was kept");
-            assert!(Instant::now() < patience, "no part in two minutes");
-            std::thread::yield_now();
-        }
-        let id = child.id().to_string();
-        assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+            kept() > 0
+        });
+        common::interrupt(&child);
         let told = child.wait_with_output().unwrap();
         assert!(told.stdout.is_empty());
         (kept(), told.status.code(), stderr(&told))

@@ -1,6 +1,6 @@
 //! `palpate live` beside a robot that CycloneDDS plays, on loopback. The other side is Python, in
-//! the environment that ./setup makes. What a slow machine would fail, latencies, is not tested here
-//! but measured by `scripts/dds_robot.py`; BENCHMARKS.md has the figures.
+//! the environment that ./setup makes. Latencies depend on the load of the machine: they are not
+//! tested here but measured by `scripts/dds_robot.py`; BENCHMARKS.md has the figures.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
@@ -8,35 +8,53 @@ mod common;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
+use std::net::{Ipv4Addr, UdpSocket};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::atomic::{AtomicU16, Ordering};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::SystemTime;
 
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
-use common::{palpate, refuse, succeed};
+use common::{interrupt, names, palpate, refuse, succeed, wait_until};
 use serde_json::Value;
 
-/// Each test has a DDS domain of its own.
-static DOMAIN: AtomicU16 = AtomicU16::new(0);
-
-fn domain() -> String {
-    let first = 20 + 8 * (std::process::id() % 16) as u16;
-    (first + DOMAIN.fetch_add(1, Ordering::Relaxed)).to_string()
+/// A DDS domain that no other test uses, in this process or another, and no other program.
+///
+/// Domain d has the UDP ports from 7400 + 250 d on. A test that holds the last of them, which DDS
+/// would give to the 120th participant only, has taken the domain.
+struct Domain {
+    number: u16,
+    _lock: UdpSocket,
 }
 
-/// The robot: plays the bundled touches and tells what it heard.
-fn robot(domain: &str, arguments: &[&str]) -> Command {
+impl Domain {
+    /// Higher ones have ports that Linux gives to anyone.
+    const LAST: u16 = 100;
+
+    fn take() -> Self {
+        let first = std::process::id() as u16 % Self::LAST;
+        let mut numbers = (0..Self::LAST).map(|number| (first + number) % Self::LAST + 1);
+        numbers.find_map(Self::lock).expect("a DDS domain that nobody uses")
+    }
+
+    fn lock(number: u16) -> Option<Self> {
+        let bind = |port| UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 7400 + 250 * number + port));
+        let lock = bind(249).ok()?;
+        drop(bind(10).ok()?); // that of the first participant
+        Some(Self { number, _lock: lock })
+    }
+}
+
+/// The robot: plays the bundled touches and prints what it received.
+fn robot(domain: &Domain, arguments: &[&str]) -> Command {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
     let python = target.join("interop-venv/bin/python");
     assert!(python.is_file(), "{} is missing: run ./setup first", python.display());
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut command = Command::new(python);
     command.arg(root.join("scripts/dds_robot.py")).arg(root.join("data/plant_a"));
-    command.args(["--domain", domain]).args(arguments);
+    command.args(["--domain", &domain.number.to_string()]).args(arguments);
     command
 }
 
@@ -47,18 +65,20 @@ struct Live {
 }
 
 impl Live {
-    fn start(domain: &str, arguments: &[&str]) -> Self {
+    fn start(domain: &Domain, arguments: &[&str]) -> Self {
         Self::start_in(tempfile::tempdir().unwrap(), domain, arguments)
     }
 
-    fn start_in(folder: tempfile::TempDir, domain: &str, arguments: &[&str]) -> Self {
-        let told = fs::File::create(folder.path().join("told.jsonl")).unwrap();
+    fn start_in(folder: tempfile::TempDir, domain: &Domain, arguments: &[&str]) -> Self {
+        let lines = fs::File::create(folder.path().join("lines.json")).unwrap();
         let child = palpate()
-            .args(["live", "--localhost", "--domain", domain, "--json-lines"])
+            .args(["live", "--localhost", "--domain", &domain.number.to_string(), "--json-lines"])
+            // Samples wait on a busy machine; none is dropped.
+            .args(["--queue", "1000000"])
             .args(arguments)
             .arg("--output")
             .arg(folder.path().join("field.npz"))
-            .stdout(told)
+            .stdout(lines)
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
@@ -70,34 +90,62 @@ impl Live {
     }
 
     /// All lines so far.
-    fn told(&self) -> String {
-        fs::read_to_string(self.path("told.jsonl")).unwrap()
+    fn lines(&self) -> String {
+        fs::read_to_string(self.path("lines.json")).unwrap()
     }
 
-    /// Waits until something is told.
+    /// Waits until some words are printed.
+    #[track_caller]
     fn wait_for(&self, words: &str) {
-        let patience = Instant::now() + Duration::from_secs(60);
-        while !self.told().contains(words) {
-            assert!(Instant::now() < patience, "no `{words}` in {}", self.told());
-            thread::sleep(Duration::from_millis(50));
-        }
+        wait_until(words, || self.lines().contains(words));
     }
 
-    fn kill(&mut self, signal: &str) {
-        let id = self.child.id().to_string();
-        assert!(Command::new("kill").args([signal, &id]).status().unwrap().success());
+    /// Waits for figures of which a condition holds.
+    #[track_caller]
+    fn wait_for_figures(&self, what: &str, holds: impl Fn(&Value) -> bool) {
+        wait_until(what, || {
+            let lines = self.lines();
+            // The last line may be half written.
+            let mut lines = lines.lines().filter_map(|line| serde_json::from_str(line).ok());
+            lines.any(|line: Value| line["state"].is_string() && holds(&line))
+        });
+    }
+
+    /// Waits until a checkpoint is written that is not the one of then.
+    fn wait_for_checkpoint(&self, then: Option<SystemTime>) {
+        wait_until("another checkpoint", || self.written() != then);
+    }
+
+    /// When the checkpoint that is there was written.
+    fn written(&self) -> Option<SystemTime> {
+        Some(self.path("field.npz").metadata().ok()?.modified().unwrap())
+    }
+
+    /// Waits until a checkpoint is being written.
+    fn wait_for_writing(&self) {
+        wait_until("a checkpoint that is being written", || {
+            names(self.folder.path()).iter().any(|name| name.ends_with(".partial"))
+        });
+    }
+
+    fn kill(&mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
     }
 
     /// Ends it as Ctrl-C does; the last line.
     fn end(&mut self) -> Value {
-        self.kill("-INT");
-        assert!(self.child.wait().unwrap().success(), "{}", self.told());
-        serde_json::from_str(self.told().lines().last().unwrap()).unwrap()
+        interrupt(&self.child);
+        assert!(self.child.wait().unwrap().success(), "{}", self.lines());
+        serde_json::from_str(self.lines().lines().last().unwrap()).unwrap()
     }
 }
 
 impl Drop for Live {
     fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("{}", self.lines());
+        }
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -119,34 +167,38 @@ impl Drop for Playing {
     }
 }
 
-fn heard(command: &mut Command) -> Value {
+/// What the robot printed at its end.
+fn result(command: &mut Command) -> Value {
     serde_json::from_str(&succeed(command)).unwrap()
 }
 
 #[test]
-fn a_robot_hears_every_topic_and_no_sample_is_lost() {
-    let domain = domain();
+fn needs_cyclonedds_every_topic_is_received_and_no_sample_is_lost() {
+    let domain = Domain::take();
     let mut live = Live::start(&domain, &["--guard", "1", "--checkpoint", "1"]);
-    let robot = heard(&mut robot(&domain, &["--rate", "100", "--seconds", "9"]));
-    let end = live.end();
-    let figures = &end["figures"];
-    assert_eq!((&figures["received"], &figures["mapped"]), (&robot["sent"], &robot["sent"]));
+    let arguments = ["--rate", "100", "--seconds", "9", "--until-received", "--guard", "1"];
+    let robot = result(&mut robot(&domain, &arguments));
+    live.wait_for_figures("all samples", |figures| figures["mapped"] == robot["sent"]);
+    let figures = &live.end()["figures"];
+    assert_eq!(figures["received"], robot["sent"]);
     assert_eq!((&figures["dropped"], &figures["lost"]), (&0.into(), &0.into()), "{figures}");
     assert!(figures["avg_error"].as_f64() < figures["zero_avg_error"].as_f64(), "{figures}");
-    for (topic, count) in robot["heard"].as_object().unwrap() {
+    for (topic, count) in robot["received"].as_object().unwrap() {
         assert!(count.as_u64() > Some(0), "{topic}: {robot}");
     }
-    let torques = |name: &str| robot["heard"][format!("rt/palpate/torque_{name}")].as_u64();
-    assert!(torques("predicted") > Some(400) && torques("predicted") == torques("external"));
+    let torques =
+        |name: &str| robot["received"][format!("rt/palpate/torque_{name}")].as_u64().unwrap();
+    let unpaired = torques("predicted").abs_diff(torques("external"));
+    assert!(unpaired <= figures["unsent"].as_u64().unwrap(), "{robot}, {figures}");
     assert_eq!(robot["stops"].as_array().unwrap().last(), Some(&true.into()), "{robot}");
     assert_eq!(robot["diagnostics"]["samples dropped"], "0");
-    assert!(robot["points"]["rt/palpate/field"].as_u64() > Some(1000), "{robot}");
+    assert!(robot["points"]["rt/palpate/field"].as_u64() > Some(0), "{robot}");
     let report = succeed(palpate().arg("inspect").arg(live.path("field.npz")).arg("--json"));
     assert!(report.contains("kinova_gen3"), "{report}");
 }
 
 #[test]
-fn a_broken_stream_is_told_of_and_the_rest_is_mapped() {
+fn needs_cyclonedds_broken_samples_are_refused_with_a_reason_and_the_others_mapped() {
     for (broken, reason, words) in [
         ("nan", "not finite", "the effort of joint `Actuator1` is NaN"),
         ("effort", "length", "0 efforts for 7 joints"),
@@ -154,60 +206,55 @@ fn a_broken_stream_is_told_of_and_the_rest_is_mapped() {
         ("still", "duplicate", "each moment counts once"),
         ("clock", "", "the clock was set back; waiting for the arm to pause"),
     ] {
-        let domain = domain();
-        let mut live = Live::start(&domain, &[]);
-        let robot = heard(&mut robot(
-            &domain,
-            &["--rate", "100", "--seconds", "4", "--break", broken, "--best-effort"],
-        ));
-        let (end, told) = (live.end(), live.told());
-        assert!(told.contains(words), "{broken}: {told}");
-        let figures = &end["figures"];
-        assert!(figures["mapped"].as_u64() > Some(100), "{figures}");
-        if broken != "clock" {
-            let refused = figures["refused"][reason].as_u64().unwrap();
-            assert!(refused >= robot["sent"].as_u64().unwrap() / 50, "{figures}");
-        }
+        let domain = Domain::take();
+        let live = Live::start(&domain, &[]);
+        let arguments = ["--rate", "100", "--seconds", "inf", "--break", broken, "--best-effort"];
+        let _robot = Playing::start(robot(&domain, &arguments));
+        live.wait_for(words);
+        live.wait_for_figures(&format!("refused for {broken}, and others mapped"), |figures| {
+            let refused = broken == "clock" || figures["refused"][reason].as_u64() > Some(1);
+            refused && figures["mapped"].as_u64() > Some(100)
+        });
     }
 }
 
 #[test]
-fn a_topic_of_another_type_and_a_field_that_is_there_are_told() {
-    let domain = domain();
+fn needs_cyclonedds_a_topic_that_is_not_there_is_named_beside_those_that_are() {
+    let domain = Domain::take();
     let live = Live::start(&domain, &["--joint-states", "/joints"]);
-    let _robot = Playing::start(robot(&domain, &["--rate", "20", "--seconds", "60"]));
+    let _robot = Playing::start(robot(&domain, &["--rate", "20", "--seconds", "inf"]));
     live.wait_for("nobody publishes `/joints`");
     live.wait_for("there are /joint_states (sensor_msgs/msg/JointState)");
+}
 
+#[test]
+fn a_field_that_is_there_is_not_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let field = folder.path().join("field.npz");
     fs::write(&field, "precious").unwrap();
-    let mut again = palpate();
-    again.args(["live", "--localhost", "--domain", &domain, "-o"]).arg(&field);
-    refuse(&mut again, 2, &["is there already", "--resume"]);
-    refuse(again.arg("--resume"), 1, &["field.npz"]);
+    let mut live = palpate();
+    live.args(["live", "--localhost", "-o"]).arg(&field);
+    refuse(&mut live, 2, &["is there already", "--resume"]);
+    refuse(live.arg("--resume"), 1, &["field.npz"]);
     assert_eq!(fs::read_to_string(&field).unwrap(), "precious");
 }
 
 #[test]
-fn another_type_on_the_topic_is_told_and_the_robot_is_mapped_beside_it() {
-    let domain = domain();
+fn needs_cyclonedds_another_type_on_the_topic_is_named_and_the_robot_is_mapped_beside_it() {
+    let domain = Domain::take();
     let mut live = Live::start(&domain, &["--joint-states", "/joint_states"]);
-    let robot = heard(&mut robot(&domain, &["--rate", "100", "--seconds", "4", "--stranger"]));
-    let (end, told) = (live.end(), live.told());
-    let words = "`/joint_states` is published as std_msgs/msg/Bool; wanted sensor_msgs";
-    assert!(told.contains(words), "{told}");
-    let figures = &end["figures"];
-    assert_eq!(figures["mapped"], robot["sent"], "{told}");
+    let _other = Playing::start(robot(&domain, &["--another-type"]));
+    live.wait_for("`/joint_states` is published as std_msgs/msg/Bool; wanted sensor_msgs");
+    let robot = result(&mut robot(&domain, &["--rate", "100", "--seconds", "2"]));
+    live.wait_for_figures("all samples", |figures| figures["mapped"] == robot["sent"]);
+    live.end();
 }
 
 #[test]
-fn a_client_of_the_service_gets_its_answer_and_the_tare() {
-    let domain = domain();
+fn needs_cyclonedds_a_client_of_the_service_gets_its_answer_and_the_tare() {
+    let domain = Domain::take();
     let mut live = Live::start(&domain, &["--services", "cyclone"]);
-    let arguments = ["--rate", "100", "--seconds", "4", "--still", "3", "--tare", "2"];
-    let robot = heard(&mut robot(&domain, &arguments));
-    live.end();
+    let robot = result(&mut robot(&domain, &["--rate", "100", "--seconds", "1", "--tare"]));
     let answers = robot["tare"].as_array().unwrap();
     for (answer, number) in answers.iter().zip([1, 2]) {
         let [client, sequence, taring, words] = answer.as_array().unwrap().as_slice() else {
@@ -218,18 +265,20 @@ fn a_client_of_the_service_gets_its_answer_and_the_tare() {
         assert!(words.as_str().unwrap().contains("hold the arm still"), "{robot}");
     }
     assert_eq!(answers.len(), 2, "{robot}");
+    live.wait_for("taring as asked");
+    live.end();
     // One tare is enough for both if the mapper has not got round to the first.
-    let tares = live.told().matches("taring as asked").count();
-    assert!((1..=2).contains(&tares), "{}", live.told());
+    let tares = live.lines().matches("taring as asked").count();
+    assert!((1..=2).contains(&tares), "{}", live.lines());
 }
 
 #[test]
-fn whoever_asks_is_answered_while_it_maps() {
-    let domain = domain();
+fn needs_cyclonedds_questions_are_answered_while_it_maps() {
+    let domain = Domain::take();
     let folder = tempfile::tempdir().unwrap();
     let socket = folder.path().join("ask");
     let live = Live::start(&domain, &["--ask", socket.to_str().unwrap()]);
-    let _robot = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "12"]));
+    let _robot = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "inf"]));
     live.wait_for("\"state\":\"mapping\"");
     let mut stream = BufReader::new(UnixStream::connect(&socket).unwrap());
     let mut ask = |line: String| -> Value {
@@ -260,34 +309,32 @@ fn whoever_asks_is_answered_while_it_maps() {
 }
 
 #[test]
-fn however_it_is_killed_it_goes_on_from_a_whole_checkpoint() {
-    let domain = domain();
+fn needs_cyclonedds_whenever_it_is_killed_it_continues_from_a_whole_checkpoint() {
+    let domain = Domain::take();
     let mut folder = tempfile::tempdir().unwrap();
-    let _robot = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "600"]));
+    let _robot = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "inf"]));
     let mut cells = 0;
-    for round in 0..20_u64 {
-        let arguments = ["--resume", "--checkpoint", "0.3", "--replays", "2"];
+    for round in 0..9 {
+        let arguments = ["--resume", "--checkpoint", "0.05", "--replays", "2"];
         let mut live = Live::start_in(folder, &domain, &arguments);
-        live.wait_for(if round == 0 { "\"state\":\"mapping\"" } else { "\"state\":\"" });
-        // Moments without a pattern, the first of them late enough for a checkpoint.
-        let after_ms = if round == 0 { 3000 } else { 100 + (round * 7919) % 1700 };
-        thread::sleep(Duration::from_millis(after_ms));
-        live.kill("-KILL");
-        live.child.wait().unwrap();
+        if round % 3 == 0 {
+            let more = |figures: &Value| figures["cells"].as_u64() > Some(cells);
+            live.wait_for_figures("more cells", more);
+        }
+        live.wait_for_checkpoint(live.written());
+        if round % 3 > 0 {
+            live.wait_for_writing();
+        }
+        live.kill();
         let field = live.path("field.npz");
-        // One every 0.3 s, and a second for a slow machine to write it.
-        let age = field.metadata().unwrap().modified().unwrap().elapsed().unwrap();
-        let oldest = Duration::from_millis(1300);
-        assert!(age < oldest || after_ms < 1300, "round {round}: {age:?} after {after_ms} ms");
         let report = succeed(palpate().arg("inspect").arg(&field).arg("--json"));
         let report: Value = serde_json::from_str(&report).unwrap();
         let now = report["paths"][0]["cells"].as_u64().unwrap_or_else(|| panic!("{report}"));
         assert!(now >= cells && now > 0, "round {round}: {now} cells after {cells}");
         cells = now;
-        let kept = tempfile::tempdir().unwrap();
-        fs::copy(&field, kept.path().join("field.npz")).unwrap();
-        let leftovers: Vec<_> = fs::read_dir(live.folder.path()).unwrap().collect();
-        assert!(leftovers.len() <= 4, "{leftovers:?}");
-        folder = kept;
+        let files = names(live.folder.path());
+        assert!(files.len() <= 3, "the field, the lines, one that was being written: {files:?}");
+        folder = tempfile::tempdir().unwrap();
+        fs::copy(&field, folder.path().join("field.npz")).unwrap();
     }
 }

@@ -51,7 +51,7 @@ fn lines(reader: &str, bag: &Path) -> Vec<Value> {
 }
 
 #[test]
-fn touches_written_by_rosbags_give_the_field_of_the_arrays_bit_for_bit() {
+fn needs_rosbags_touches_written_by_rosbags_give_the_field_of_the_arrays_bit_for_bit() {
     let bags = bags("write");
     let arrays = field(&root().join("data/plant_a"), &[]);
     for bag in ["mcap_zstd", "mcap_plain", "sqlite"] {
@@ -69,7 +69,7 @@ fn touches_written_by_rosbags_give_the_field_of_the_arrays_bit_for_bit() {
 }
 
 #[test]
-fn robot_states_of_franka_are_followed_by_their_definition_and_hold_no_gravity() {
+fn needs_rosbags_robot_states_of_franka_are_followed_by_their_definition_and_hold_no_gravity() {
     let bags = bags("franka");
     let arrays = field(&root().join("data/plant_a/seq_000"), &["--gravity", "removed"]);
     for layout in ["franka_new", "franka_old"] {
@@ -83,7 +83,7 @@ fn robot_states_of_franka_are_followed_by_their_definition_and_hold_no_gravity()
 }
 
 #[test]
-fn bags_written_here_are_read_by_rosbags_and_by_mcap_ros2() {
+fn needs_rosbags_bags_written_here_are_read_by_rosbags_and_by_mcap_ros2() {
     let folder = tempfile::tempdir().unwrap();
     let touch = root().join("data/plant_a/seq_003");
     for packed in ["zstd", "lz4", "none"] {

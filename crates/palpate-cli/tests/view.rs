@@ -136,7 +136,7 @@ mod with_viewer {
     #[test]
     fn ctrl_c_leaves_nothing() {
         use std::io::{BufRead, BufReader, Read};
-        use std::process::{Command, Stdio};
+        use std::process::Stdio;
         let scene = Scene::new();
         scene.touch("long", 3_000, 0.0);
         let rrd = scene.text("out/a.rrd");
@@ -149,8 +149,7 @@ mod with_viewer {
         while !said.contains("note: robot") {
             assert_ne!(lines.read_line(&mut said).unwrap(), 0, "{said}");
         }
-        let id = child.id().to_string();
-        assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+        super::common::interrupt(&child);
         lines.read_to_string(&mut said).unwrap();
         assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
         assert!(said.contains("error: interrupted at touch"), "{said}");

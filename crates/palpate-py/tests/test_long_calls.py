@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -30,23 +31,24 @@ except KeyboardInterrupt:
 
 
 def test_other_threads_run_meanwhile(robot: palpate.Robot, plant: Path) -> None:
-    turns, over = 0, threading.Event()
+    turns, over = [time.perf_counter()], threading.Event()
 
-    def count() -> None:
-        nonlocal turns
+    def take_turns() -> None:
         while not over.is_set():
-            turns += 1
+            turns.append(time.perf_counter())
             time.sleep(0.001)
 
-    counter = threading.Thread(target=count)
-    counter.start()
+    thread = threading.Thread(target=take_turns)
+    thread.start()
     started = time.perf_counter()
     palpate.Mapper(robot).map(plant / "seq_000")
-    seconds = time.perf_counter() - started
+    ended = time.perf_counter()
     over.set()
-    counter.join()
-    # A thread kept out would have had no turn; on a busy machine it has fewer than a thousand.
-    assert turns > 50 * seconds, f"{turns} turns in {seconds:.2f} s"
+    thread.join()
+    # A thread that is kept out has no turn from the beginning of the call to its end.
+    middle = [turn for turn in turns if started < turn < ended]
+    pauses = [after - before for before, after in pairwise([started, *middle, ended])]
+    assert max(pauses) < 0.9 * (ended - started), f"{len(middle)} turns, {max(pauses):.2f} s without one"
 
 
 def test_ctrl_c_stops_a_map_and_leaves_the_mapper_usable(plant: Path) -> None:
@@ -56,12 +58,10 @@ def test_ctrl_c_stops_a_map_and_leaves_the_mapper_usable(plant: Path) -> None:
     assert child.stdout is not None
     assert child.stdout.readline() == "ready\n"
     assert child.stdout.readline() == "going\n"
-    started = time.perf_counter()
     child.send_signal(signal.SIGINT)
-    said, _ = child.communicate(timeout=60)
+    said, _ = child.communicate(timeout=180)
     assert said.endswith("usable\n"), said
     assert child.returncode == 0
-    print(f"interrupted and mapped a touch in {time.perf_counter() - started:.2f} s")
 
 
 def test_progress_is_told_and_may_stop_the_work(
@@ -133,13 +133,7 @@ def test_an_answer_knows_where_it_knows_little(
     assert answer.contacts.max() > 0 and not answer.goes_on and 1 < answer.stops <= 50
 
 
-def test_import_is_quick() -> None:
-    code = "import time; t = time.perf_counter(); import palpate; print(time.perf_counter() - t)"
-    times = [
-        float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout)
-        for _ in range(5)
-    ]
-    print(f"import palpate: {sorted(times)[2] * 1e3:.1f} ms (median of 5)")
+def test_import_loads_no_module_that_only_some_calls_need() -> None:
     code = "import palpate, sys; print([m for m in ('tqdm', 'matplotlib', 'IPython') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -16,9 +16,9 @@ mod scene;
 mod table;
 
 #[cfg(test)]
-mod browser;
-#[cfg(test)]
 pub(crate) mod example;
+#[cfg(test)]
+mod needs_chromium;
 
 use palpate_learn::evaluation::Evaluation;
 

@@ -16,7 +16,7 @@ use tempfile::TempDir;
 
 const FLAGS: [&str; 3] =
     ["--headless=new", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"];
-const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_secs(240);
 
 /// A report in a browser, and what the browser had to say about it.
 struct Page {
