@@ -5,8 +5,7 @@
 //! the next one waits.
 
 use std::path::PathBuf;
-use std::sync::Mutex;
-use std::sync::PoisonError;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
@@ -74,20 +73,16 @@ impl Writer {
 impl Written {
     /// Age of the last one, s.
     pub(crate) fn age_s(&self) -> Option<f64> {
-        self.lock()
-            .as_ref()
-            .and_then(|last| last.as_ref().ok())
-            .map(|at| at.elapsed().as_secs_f64())
+        let last = self.lock();
+        Some(last.as_ref()?.as_ref().ok()?.elapsed().as_secs_f64())
     }
 
-    /// Why the last one could not be written, told once.
+    /// Why the last one could not be written, once.
     pub(crate) fn failure(&self) -> Option<String> {
-        let mut last = self.lock();
-        let failed = matches!(*last, Some(Err(_)));
-        if failed { last.take().and_then(Result::err) } else { None }
+        self.lock().take_if(|last| last.is_err())?.err()
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Option<Result<Instant, String>>> {
+    fn lock(&self) -> MutexGuard<'_, Option<Result<Instant, String>>> {
         self.last.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

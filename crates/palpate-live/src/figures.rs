@@ -1,15 +1,23 @@
-//! How a live session goes, in figures: rates, latencies, what was lost, and errors.
+//! What is reported of a live session: notes, and figures of rates, latencies, losses and errors.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
-use nalgebra::DVector;
 use serde::Serialize;
 
-use crate::session::State;
+use crate::session::{State, StepOutcome};
 
 /// Steps that latencies are taken over.
 const WINDOW: usize = 2000;
+
+/// A report while a session runs.
+#[derive(Debug, Clone)]
+pub enum News {
+    /// How it goes.
+    Figures(Box<Figures>),
+    /// Something that the user may want to do something about.
+    Note(String),
+}
 
 /// A median and a rare worst case, ms.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
@@ -20,8 +28,8 @@ pub struct Spread {
     pub p99: f64,
 }
 
-/// What is told of a session, now and then.
-#[derive(Debug, Clone, Serialize)]
+/// How a session goes.
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct Figures {
     /// Since the start, s.
     pub seconds: f64,
@@ -71,46 +79,52 @@ pub struct Figures {
 /// Counts while a session runs.
 #[derive(Debug)]
 pub struct Tally {
+    /// The figures that are counted, or follow from the last sample alone.
+    figures: Figures,
     started: Instant,
-    mapped: u64,
-    touches: u64,
     replays: u64,
     latencies_ms: VecDeque<f64>,
     steps_ms: VecDeque<f64>,
-    error: f64,
-    zero: f64,
-    frames: u64,
-    refused: BTreeMap<&'static str, u64>,
-    /// When figures were last taken, and messages and replays until then.
+    /// Errors of the steps that touched something, summed: of the prediction, and of zero.
+    errors: [f64; 2],
+    steps_in_contact: u64,
+    /// When rates were last taken, and messages and replays until then.
     last: (Instant, u64, u64),
-    rates: (f64, f64),
 }
 
 impl Default for Tally {
     fn default() -> Self {
         let started = Instant::now();
         Self {
+            figures: Figures::default(),
             started,
-            mapped: 0,
-            touches: 0,
             replays: 0,
             latencies_ms: VecDeque::new(),
             steps_ms: VecDeque::new(),
-            error: 0.0,
-            zero: 0.0,
-            frames: 0,
-            refused: BTreeMap::new(),
+            errors: [0.0; 2],
+            steps_in_contact: 0,
             last: (started, 0, 0),
-            rates: (0.0, 0.0),
         }
     }
 }
 
 impl Tally {
-    /// A sample that was followed, and how long that took.
-    pub fn step(&mut self, took: Duration) {
-        self.mapped += 1;
+    /// A sample that was mapped, what came of it, and how long that took.
+    pub fn step(&mut self, outcome: &StepOutcome, took: Duration) {
         keep(&mut self.steps_ms, took);
+        let figures = &mut self.figures;
+        figures.mapped += 1;
+        figures.touches += u64::from(outcome.begins);
+        figures.contacts = outcome.contacts;
+        figures.external_n_m = outcome.torques.as_ref().map(|(external, _)| external.norm());
+        figures.predicted_n_m = outcome.torques.as_ref().map(|(_, predicted)| predicted.norm());
+        if let Some((external, predicted)) = &outcome.torques
+            && outcome.contacts > 0
+        {
+            self.errors[0] += (predicted - external).norm();
+            self.errors[1] += external.norm();
+            self.steps_in_contact += 1;
+        }
     }
 
     /// A prediction that was published so long after its sample came.
@@ -118,63 +132,40 @@ impl Tally {
         keep(&mut self.latencies_ms, after);
     }
 
-    /// A touch that began.
-    pub fn touch(&mut self) {
-        self.touches += 1;
-    }
-
-    /// A remembered frame that was visited.
+    /// A replay of a remembered frame.
     pub fn replay(&mut self) {
         self.replays += 1;
     }
 
     /// A message that could not be used; whether it is the first for this reason.
     pub fn refuse(&mut self, reason: &'static str) -> bool {
-        let count = self.refused.entry(reason).or_default();
+        let count = self.figures.refused.entry(reason).or_default();
         *count += 1;
         *count == 1
     }
 
-    /// A prediction beside what was felt while something was touched, n_joints, N·m.
-    pub fn compare(&mut self, external: &DVector<f64>, predicted: &DVector<f64>) {
-        self.error += (predicted - external).norm();
-        self.zero += external.norm();
-        self.frames += 1;
-    }
-
-    /// The figures; what this does not know is left at zero.
+    /// The figures after so many messages; what this does not know is left at its default.
     pub fn figures(&mut self, received: u64) -> Figures {
         let (before, received_before, replays_before) = self.last;
         let elapsed_s = before.elapsed().as_secs_f64();
         if elapsed_s >= 0.5 || received < received_before {
             let samples = received.saturating_sub(received_before) as f64;
             let replays = (self.replays - replays_before) as f64;
-            self.rates = (samples / elapsed_s, if samples > 0.0 { replays / samples } else { 0.0 });
+            self.figures.rate_hz = samples / elapsed_s;
+            self.figures.replays = if samples > 0.0 { replays / samples } else { 0.0 };
             self.last = (Instant::now(), received, self.replays);
         }
-        let mean = |sum: f64| (self.frames > 0).then(|| sum / self.frames as f64);
+        let steps = self.steps_in_contact;
+        let [avg_error, zero_avg_error] =
+            self.errors.map(|sum| (steps > 0).then(|| sum / steps as f64));
         Figures {
             seconds: self.started.elapsed().as_secs_f64(),
-            state: State::Waiting,
             received,
-            rate_hz: self.rates.0,
-            dropped: 0,
-            lost: 0,
-            refused: self.refused.clone(),
-            mapped: self.mapped,
-            touches: self.touches,
-            contacts: 0,
-            cells: 0,
             latency_ms: spread(&self.latencies_ms),
             step_ms: spread(&self.steps_ms),
-            replays: self.rates.1,
-            avg_error: mean(self.error),
-            zero_avg_error: mean(self.zero),
-            external_n_m: None,
-            predicted_n_m: None,
-            stopped: false,
-            unsent: 0,
-            checkpoint_s: None,
+            avg_error,
+            zero_avg_error,
+            ..self.figures.clone()
         }
     }
 }
@@ -196,33 +187,41 @@ fn spread(times_ms: &VecDeque<f64>) -> Spread {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::dvector;
+    use nalgebra::{DVector, dvector};
 
     #[test]
     fn spreads_are_of_the_latest_steps() {
         let mut tally = Tally::default();
-        (0..100).for_each(|_| tally.step(Duration::from_secs(1)));
-        (0..WINDOW).for_each(|ms| tally.step(Duration::from_millis(ms as u64)));
+        let mut step = |took| tally.step(&StepOutcome::default(), took);
+        (0..100).for_each(|_| step(Duration::from_secs(1)));
+        (0..WINDOW).for_each(|ms| step(Duration::from_millis(ms as u64)));
         let figures = tally.figures(0);
         let wanted = Spread { median: 0.5 * WINDOW as f64, p99: 0.99 * WINDOW as f64 };
         assert_eq!((figures.step_ms, figures.mapped), (wanted, 100 + WINDOW as u64));
     }
 
     #[test]
-    fn errors_stand_beside_those_of_predicting_zero() {
+    fn errors_in_contact_stand_beside_those_of_predicting_zero() {
         let mut tally = Tally::default();
         assert_eq!(tally.figures(0).avg_error, None);
-        tally.compare(&dvector![3.0, 4.0], &dvector![3.0, 0.0]);
-        tally.compare(&dvector![0.0, 1.0], &dvector![0.0, 1.0]);
+        let mut step = |contacts, external: DVector<f64>, predicted| {
+            let torques = Some((external, predicted));
+            tally
+                .step(&StepOutcome { torques, contacts, ..StepOutcome::default() }, Duration::ZERO);
+        };
+        step(1, dvector![3.0, 4.0], dvector![3.0, 0.0]);
+        step(2, dvector![0.0, 1.0], dvector![0.0, 1.0]);
+        step(0, dvector![0.0, 5.0], dvector![0.0, 0.0]);
         let figures = tally.figures(0);
         assert_eq!((figures.avg_error, figures.zero_avg_error), (Some(2.0), Some(3.0)));
+        assert_eq!((figures.external_n_m, figures.contacts), (Some(5.0), 0));
     }
 
     #[test]
-    fn the_first_of_each_reason_is_told() {
+    fn the_first_message_refused_for_a_reason_is_told_from_the_others() {
         let mut tally = Tally::default();
-        let told: Vec<bool> = ["a", "a", "b", "a"].map(|reason| tally.refuse(reason)).to_vec();
-        assert_eq!(told, [true, false, true, false]);
+        let first = ["a", "a", "b", "a"].map(|reason| tally.refuse(reason));
+        assert_eq!(first, [true, false, true, false]);
         assert_eq!(tally.figures(0).refused, BTreeMap::from([("a", 3), ("b", 1)]));
     }
 }

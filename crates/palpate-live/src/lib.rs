@@ -3,16 +3,19 @@
 //! Joint states come in over ROS 2 (DDS, in pure Rust), and torques, contacts, the field near them
 //! and diagnostics go out; meanwhile the mapper learns.
 //!
-//! | module          | says                                                            |
-//! |-----------------|-----------------------------------------------------------------|
-//! | [`session`]     | the mapper, sample by sample: pauses, tares, faults, the guard  |
-//! | [`joints`]      | which joint states are samples                                  |
-//! | [`ros`]         | the network: topics, what is heard, what is said                |
-//! | [`run`]         | the threads between them                                        |
-//! | [`AskSocket`]   | questions about motions that are not made yet                   |
-//! | [`checkpoint`]  | what is on disk if the power goes                               |
-//! | [`figures`]     | how it goes                                                     |
-//! | [`view_feed`]   | frames for a viewer                                             |
+//! | module           | what it does                                                    |
+//! |------------------|-----------------------------------------------------------------|
+//! | [`session`]      | the mapper, sample by sample: pauses, tares, faults, the guard  |
+//! | [`joints`]       | which joint states are samples                                  |
+//! | [`ros`]          | the network: topics, what is received, what is published        |
+//! | [`run`]          | starts the threads                                              |
+//! | `mapping`        | the thread that maps                                            |
+//! | `threads`        | the threads that receive and publish, and what all share        |
+//! | [`AskSocket`]    | questions about planned motions                                 |
+//! | `question`       | their form, and that of the answers                             |
+//! | [`checkpoint`]   | the field on disk, now and then                                 |
+//! | [`figures`]      | how it goes                                                     |
+//! | [`view_feed`]    | frames for a viewer                                             |
 //!
 //! The crate knows no terminal and no settings file; `palpate live` is made of it.
 #![forbid(unsafe_code)]
@@ -24,12 +27,17 @@ pub mod figures;
 pub mod guard;
 pub mod inbox;
 pub mod joints;
+mod mapping;
 pub mod message;
 mod query_server;
+mod question;
 pub mod ros;
 mod run;
 pub mod session;
+mod threads;
+pub mod timer;
 pub mod view_feed;
 
+pub use figures::News;
 pub use query_server::AskSocket;
-pub use run::{LiveConfig, News, run};
+pub use run::{LiveConfig, run};

@@ -1,4 +1,5 @@
-//! Questions while the robot moves, over a Unix socket: a line of JSON each way.
+//! Questions about planned motions while the robot moves, over a Unix socket: a line of JSON each
+//! way.
 //!
 //! | a line with         | is answered with                                                          |
 //! |---------------------|---------------------------------------------------------------------------|
@@ -17,36 +18,36 @@
 //! built into every robot that asks; a socket and JSON are everywhere.
 //!
 //! The mapper hands out what a question needs, some nanoseconds a touched cell, and goes on; the
-//! answer is worked out by the thread of whoever asks and all of rayon's that have time. Replays wait
+//! answer is computed by a thread of the connection and by all of rayon's that have time. Replays wait
 //! meanwhile, since nobody waits for them.
 
+use std::error::Error;
+use std::fmt::Display;
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use base64::Engine;
-use base64::prelude::BASE64_STANDARD;
-use crossbeam_channel::{Receiver, Sender, bounded};
-use nalgebra::DVector;
+use crossbeam_channel::{Sender, bounded};
 use palpate::unstable::PathChecker;
-use palpate::{CLUSTER_WEIGHT, PathConfig, PathPoint, PathPredictor};
-use serde::{Deserialize, Serialize};
+use palpate::{CLUSTER_WEIGHT, PathConfig, PathPredictor};
 use serde_json::json;
 
-use crate::run::spawn;
+use crate::question::{PathReply, Question};
+use crate::threads::spawn;
 
 /// Who may ask at the same time.
 const MOST_ASKERS: usize = 8;
 /// Bytes of the longest line: 100,000 points of 14 joints.
 const LONGEST: u64 = 64 << 20;
-/// How long the mapper may take to hand out an path predictor.
+/// How long the mapper may take to hand out a path predictor, and an asker to read its answer.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Between two looks at whether to stop.
+/// Between two looks at whether the session goes on.
 const LOOK: Duration = Duration::from_millis(50);
+/// Between two looks at whether somebody connects.
+const ACCEPT: Duration = Duration::from_millis(2);
 
 /// What is asked of the mapper's thread.
 #[derive(Debug)]
@@ -57,112 +58,13 @@ pub(crate) enum Request {
     Tare,
 }
 
-/// A line that was asked.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Question {
-    path: Option<Vec<Vec<f64>>>,
-    path_f64: Option<String>,
-    #[serde(default)]
-    exact: bool,
-    #[serde(default)]
-    tare: bool,
-}
-
-/// How a path is written, and its torques are.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Form {
-    /// A list of numbers a point.
-    Lists,
-    /// The numbers' bytes as base64.
-    F64,
-}
-
-/// What is answered about a path.
-#[derive(Debug, Serialize)]
-struct PathAnswer {
-    #[serde(flatten)]
-    torques: Torques,
-    contacts: Vec<usize>,
-    known: Vec<usize>,
-    goes_on: bool,
-    ms: f64,
-}
-
-/// Torques and their standard deviations, as the path was written.
-#[derive(Debug, Serialize)]
-#[serde(untagged)]
-enum Torques {
-    Lists { torque: Vec<Vec<f64>>, torque_std: Vec<Vec<f64>> },
-    F64 { torque_f64: String, torque_std_f64: String },
-}
-
-impl Question {
-    /// The path that is asked about, and how it is written.
-    fn path(&mut self, n_joints: usize) -> Result<(Vec<Vec<f64>>, Form), String> {
-        match (self.path.take(), self.path_f64.take()) {
-            (Some(path), None) => Ok((path, Form::Lists)),
-            (None, Some(base64)) => Ok((path_from(&base64, n_joints)?, Form::F64)),
-            (None, None) => Err("neither a path nor a tare is asked for".to_owned()),
-            (Some(_), Some(_)) => Err("both `path` and `path_f64`; ask about one".to_owned()),
-        }
-    }
-}
-
-/// The points of a path whose bytes are given as base64.
-fn path_from(base64: &str, n_joints: usize) -> Result<Vec<Vec<f64>>, String> {
-    const WANTED: &str = "wanted the path as float64, little-endian, point by point";
-    let bytes = BASE64_STANDARD.decode(base64);
-    let bytes = bytes.map_err(|error| format!("`path_f64` is no base64 ({error}); {WANTED}"))?;
-    let (numbers, rest) = bytes.as_chunks::<8>();
-    let n_joints = n_joints.max(1); // a robot without joints has no path
-    if !rest.is_empty() || !numbers.len().is_multiple_of(n_joints) {
-        return Err(format!(
-            "`path_f64` has {} bytes, no multiple of the {} of a point of {n_joints} joints; {WANTED}",
-            bytes.len(),
-            8 * n_joints
-        ));
-    }
-    let point =
-        |point: &[[u8; 8]]| point.iter().map(|number| f64::from_le_bytes(*number)).collect();
-    Ok(numbers.chunks_exact(n_joints).map(point).collect())
-}
-
-impl Torques {
-    /// Of the points of an answer.
-    fn of(points: &[PathPoint], form: Form) -> Self {
-        match form {
-            Form::Lists => {
-                let rows = |torques: fn(&PathPoint) -> &DVector<f64>| {
-                    let row = |point| torques(point).iter().copied().map(to_a_millionth).collect();
-                    points.iter().map(row).collect()
-                };
-                let [torque, torque_std] =
-                    [rows(|point| &point.torque), rows(|point| &point.torque_std)];
-                Self::Lists { torque, torque_std }
-            }
-            Form::F64 => {
-                let bytes = |torques: fn(&PathPoint) -> &DVector<f64>| {
-                    let numbers = points.iter().flat_map(|point| torques(point).iter());
-                    BASE64_STANDARD
-                        .encode(numbers.flat_map(|n| n.to_le_bytes()).collect::<Vec<_>>())
-                };
-                Self::F64 {
-                    torque_f64: bytes(|point| &point.torque),
-                    torque_std_f64: bytes(|point| &point.torque_std),
-                }
-            }
-        }
-    }
-}
-
-/// Who asks, seen from the session.
+/// Answers questions; knows the session's side of it.
 pub(crate) struct QueryServer<'a> {
     /// The mapper's thread.
     pub(crate) mapper: Sender<Request>,
     /// Whether its path predictors can answer a path.
     pub(crate) checker: PathChecker,
-    /// Questions whose answers are being worked out.
+    /// Questions whose answers are being computed.
     pub(crate) answering: &'a AtomicUsize,
     /// Whether the session goes on.
     pub(crate) goes_on: &'a (dyn Fn() -> bool + Sync),
@@ -203,22 +105,18 @@ impl AskSocket {
 
     /// Answers for as long as the session goes on.
     pub(crate) fn run(&self, server: &QueryServer<'_>) {
-        let askers = Arc::new(AtomicUsize::new(0));
+        let askers = &AtomicUsize::new(0);
         thread::scope(|scope| {
             while (server.goes_on)() {
                 let Ok((stream, _)) = self.listener.accept() else {
-                    thread::sleep(Duration::from_millis(2));
+                    thread::sleep(ACCEPT);
                     continue;
                 };
                 if askers.fetch_add(1, Ordering::Relaxed) >= MOST_ASKERS {
                     askers.fetch_sub(1, Ordering::Relaxed);
-                    let _ = say(
-                        &stream,
-                        json!({ "error": "too many ask at once; try again" }).to_string(),
-                    );
+                    let _ = send(&stream, error("too many ask at once; try again"));
                     continue;
                 }
-                let askers = Arc::clone(&askers);
                 spawn(scope, "answer", move || {
                     // Whoever leaves in the middle of a line has no question.
                     let _ = converse(&stream, server);
@@ -256,12 +154,11 @@ fn converse(stream: &UnixStream, server: &QueryServer<'_>) -> io::Result<()> {
         let room = LONGEST.saturating_sub(line.len() as u64);
         match reader.by_ref().take(room).read_until(b'\n', &mut line) {
             Ok(0) if room == 0 => {
-                let error = "a line of more than 64 MiB; ask in pieces";
-                return say(stream, json!({ "error": error }).to_string());
+                return send(stream, error("a line of more than 64 MiB; ask in pieces"));
             }
             Ok(0) => return Ok(()),
             Ok(_) if line.ends_with(b"\n") => {
-                say(stream, answer(&line, server))?;
+                send(stream, answer(&line, server))?;
                 line.clear();
             }
             Ok(_) => {}
@@ -275,79 +172,75 @@ fn converse(stream: &UnixStream, server: &QueryServer<'_>) -> io::Result<()> {
 }
 
 /// Writes a line.
-fn say(mut stream: &UnixStream, mut answer: String) -> io::Result<()> {
-    answer.push('\n');
-    stream.write_all(answer.as_bytes())
+fn send(mut stream: &UnixStream, mut line: String) -> io::Result<()> {
+    line.push('\n');
+    stream.write_all(line.as_bytes())
+}
+
+/// The line that says why there is no answer.
+fn error(why: impl Display) -> String {
+    json!({ "error": why.to_string() }).to_string()
 }
 
 /// The answer to a line.
 fn answer(line: &[u8], server: &QueryServer<'_>) -> String {
     let started = Instant::now();
-    let answered = serde_json::from_slice(line)
-        .map_err(|error| {
-            format!(
-                "{error}; wanted a line of JSON such as {{\"path\": [[0.1, 0.2], [0.1, 0.3]]}}, \
-                 positions of all joints at every point, or {{\"tare\": true}}"
-            )
-        })
-        .and_then(|mut question: Question| {
-            if question.tare {
-                server.mapper.send(Request::Tare).map_err(|_| GONE.to_owned())?;
-                return Ok(json!({ "taring": true }).to_string());
-            }
-            let (path, form) = question.path(server.checker.n_joints())?;
+    let answer = match serde_json::from_slice(line) {
+        Ok(Question { tare: true, .. }) => server.tare(),
+        Ok(question) => {
             server.answering.fetch_add(1, Ordering::Relaxed);
-            let answer = torque_of(&path, question.exact, form, server, started);
+            let answer = server.torques(question, started);
             server.answering.fetch_sub(1, Ordering::Relaxed);
             answer
-        });
-    answered.unwrap_or_else(|error: String| json!({ "error": error }).to_string())
+        }
+        Err(error) => Err(format!(
+            "{error}; wanted a line of JSON such as {{\"path\": [[0.1, 0.2], [0.1, 0.3]]}}, \
+             positions of all joints at every point, or {{\"tare\": true}}"
+        )
+        .into()),
+    };
+    answer.unwrap_or_else(error)
 }
 
-/// What there is to say once the mapper has stopped.
-const GONE: &str = "the mapper has stopped";
+/// A line, or why there is none.
+type Answer = Result<String, Box<dyn Error>>;
 
-/// What torque a path would meet.
-fn torque_of(
-    path: &[Vec<f64>],
-    exact: bool,
-    form: Form,
-    server: &QueryServer<'_>,
-    started: Instant,
-) -> Result<String, String> {
-    let (to_me, from_mapper): (_, Receiver<PathPredictor>) = bounded(1);
-    let (cluster_weight, resolution_cells) = match exact {
-        true => (1.0, 0.0),
-        false => (CLUSTER_WEIGHT, PathConfig::default().resolution_cells),
-    };
-    let config = PathConfig::new(resolution_cells, PathConfig::default().start_cells);
-    // The mapper gets on with it while the path is checked.
-    let request = Request::PathPredictor { cluster_weight, to_asker: to_me };
-    server.mapper.send(request).map_err(|_| GONE.to_owned())?;
-    let path = server.checker.check(path, &config).map_err(|error| error.to_string())?;
-    let predictor = from_mapper
-        .recv_timeout(PATIENCE)
-        .map_err(|_| "the mapper has no time for an answer now; ask again".to_owned())?;
-    let answer = predictor.answer(&path).map_err(|error| error.to_string())?;
-    let told = PathAnswer {
-        torques: Torques::of(&answer.points, form),
-        contacts: answer.points.iter().map(|point| point.contacts).collect(),
-        known: answer.points.iter().map(|point| point.known).collect(),
-        goes_on: answer.goes_on,
-        ms: started.elapsed().as_secs_f64() * 1e3,
-    };
-    serde_json::to_string(&told).map_err(|error| error.to_string())
-}
+impl QueryServer<'_> {
+    fn tare(&self) -> Answer {
+        self.request(Request::Tare)?;
+        Ok(json!({ "taring": true }).to_string())
+    }
 
-/// A number that is written in few digits: 17 of them take whoever reads them a millisecond.
-fn to_a_millionth(number: f64) -> f64 {
-    (number * 1e6).round() / 1e6
+    /// What torques a path would meet.
+    fn torques(&self, mut question: Question, started: Instant) -> Answer {
+        let (path, form) = question.path(self.checker.n_joints())?;
+        let config = PathConfig::default();
+        let (cluster_weight, resolution_cells) = match question.exact {
+            true => (1.0, 0.0),
+            false => (CLUSTER_WEIGHT, config.resolution_cells),
+        };
+        let config = PathConfig::new(resolution_cells, config.start_cells);
+        // The mapper gets on with it while the path is checked.
+        let (to_asker, from_mapper) = bounded(1);
+        self.request(Request::PathPredictor { cluster_weight, to_asker })?;
+        let path = self.checker.check(&path, &config)?;
+        let predictor = from_mapper
+            .recv_timeout(PATIENCE)
+            .map_err(|_| "the mapper has no time for an answer now; ask again")?;
+        let answer = predictor.answer(&path)?;
+        Ok(serde_json::to_string(&PathReply::new(&answer, form, started))?)
+    }
+
+    fn request(&self, request: Request) -> Result<(), &'static str> {
+        self.mapper.send(request).map_err(|_| "the mapper has stopped")
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use palpate::{Arm, BakeConfig, EstimatorKind, Mapper, MapperConfig, Robot};
     use serde_json::Value;
+    use std::sync::Arc;
 
     use super::*;
 
@@ -418,37 +311,6 @@ mod tests {
             assert_eq!(ask(&mut stream, "{\"tare\": true}\n"), json!({ "taring": true }));
         });
         assert_eq!(tares, 1);
-    }
-
-    #[test]
-    fn lists_and_bytes_say_the_same() {
-        let path = vec![vec![0.1, -1e-300, 3.0], vec![f64::MAX, 0.25, -7.5]];
-        let bytes: Vec<u8> = path.concat().iter().flat_map(|number| number.to_le_bytes()).collect();
-        assert_eq!(path_from(&BASE64_STANDARD.encode(bytes), 3).unwrap(), path);
-        assert!(path_from("", 0).unwrap().is_empty());
-        let points: Vec<PathPoint> = (0..5)
-            .map(|n| {
-                let mut point = PathPoint::default();
-                point.torque = DVector::from_vec(vec![f64::from(n) / 3.0, -40.0]);
-                point.torque_std = DVector::from_vec(vec![0.0, 1e-7 + f64::from(n)]);
-                point
-            })
-            .collect();
-        let [lists, bytes] = [Form::Lists, Form::F64]
-            .map(|form| serde_json::to_value(Torques::of(&points, form)).unwrap());
-        for name in ["torque", "torque_std"] {
-            let of = |point: &PathPoint| match name {
-                "torque" => point.torque.as_slice().to_vec(),
-                _ => point.torque_std.as_slice().to_vec(),
-            };
-            let wanted: Vec<Vec<f64>> = points.iter().map(of).collect();
-            let base64 = bytes[format!("{name}_f64")].as_str().unwrap();
-            assert_eq!(path_from(base64, 2).unwrap(), wanted);
-            let rows: Vec<Vec<f64>> = serde_json::from_value(lists[name].clone()).unwrap();
-            assert_eq!(rows.len(), wanted.len());
-            let off = rows.concat().into_iter().zip(wanted.concat()).map(|(a, b)| (a - b).abs());
-            assert!(off.fold(0.0, f64::max) < 5.1e-7);
-        }
     }
 
     #[test]

@@ -1,14 +1,13 @@
 //! The mapper beside a running robot, sample by sample, without threads or sockets.
 //!
-//! A touch begins where the arm pauses and touches nothing ([`PauseDetector`]), or when somebody
-//! says so; until then, nothing is learnt. A sample that cannot be used is told once a reason and
-//! left out. If a touch can no longer be followed (it began without a pause, say), it ends, and the
-//! next pause begins another: nothing that was learnt is lost. An arm that is suddenly elsewhere,
-//! faster than its joints can turn or after a silence, has begun another recording: a touch begins
-//! there.
+//! A touch begins where the arm pauses and touches nothing ([`PauseDetector`]), or when
+//! somebody says so; until then, nothing is learnt. A sample that cannot be used is left out. If a
+//! touch can no longer be followed (it began without a pause, say), it ends, and the next pause begins
+//! another: nothing that was learnt is lost. An arm that is suddenly elsewhere, faster than its joints
+//! can turn or after a silence, has begun another recording: a touch begins there.
 //!
-//! Replays are made in spare time: [`Session::spare`] makes one at a time, while no sample waits, and at
-//! most those of the settings for each frame.
+//! Replays are made in spare time: [`Session::spare`] makes one at a time, while no sample waits, and
+//! at most those of the settings for each frame.
 
 use nalgebra::DVector;
 use palpate::unstable::{PauseConfig, PauseDetector};
@@ -25,16 +24,17 @@ const TARE_SAMPLES: usize = 100;
 /// far, rad or m: logs are played faster than they were recorded.
 const TOO_FAST: f64 = 4.0;
 const LEAST_JUMP: f64 = 0.2;
-/// Nobody knows which way an arm has gone that was not heard of for so long, s.
+/// After a silence of so long, s, it is unknown which way the arm has gone.
 const GAP_S: f64 = 1.0;
 /// Speed of a joint of which the URDF says none, rad/s or m/s.
 const FASTEST: f64 = 3.0;
 
 /// What the session does with the next sample.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
     /// Waits for the arm to pause, or for a tare that is asked for.
+    #[default]
     Waiting,
     /// Takes the tare.
     Taring,
@@ -92,43 +92,41 @@ impl Session {
 
     /// Takes the next sample of the robot.
     pub fn take(&mut self, sample: &Sample) -> StepOutcome {
-        let mut told = StepOutcome::default();
+        let mut outcome = StepOutcome::default();
         if self.has_jumped(sample) {
-            self.begin(&[], &mut told);
+            self.begin(&[], &mut outcome);
             self.pauses.begun();
         }
         self.last = Some(sample.clone());
         if self.state != State::Waiting {
             match self.mapper.step(sample) {
-                Ok(report) => self.learnt(report, &mut told),
-                Err(error) => self.failed(&error, &mut told),
+                Ok(report) => self.learnt(report, &mut outcome),
+                Err(error) => self.failed(&error, &mut outcome),
             }
         }
-        if let Some(tare) = self.pauses.push(sample, told.contacts) {
-            self.begin(&tare, &mut told);
+        if let Some(tare) = self.pauses.push(sample, outcome.contacts) {
+            self.begin(&tare, &mut outcome);
         }
-        told
+        outcome
     }
 
-    /// Whether the arm is elsewhere than at the last sample, on a way that nobody saw.
+    /// Whether the arm is elsewhere than at the last sample, and it is unknown which way it has gone.
     fn has_jumped(&self, sample: &Sample) -> bool {
         let Some(last) = &self.last else { return false };
-        let elapsed_s = match (last.time_s, sample.time_s) {
-            (Some(last_s), Some(now_s)) => now_s - last_s,
-            _ => return false,
-        };
+        let (Some(last_s), Some(now_s)) = (last.time_s, sample.time_s) else { return false };
+        let elapsed_s = now_s - last_s;
         let robot = &self.mapper.arm().robot;
         let ways = robot.difference(&last.q, &sample.q);
         robot.joints().iter().zip(ways).any(|(joint, way)| {
             let fastest = joint.velocity.filter(|speed| *speed > 0.0).unwrap_or(FASTEST);
-            let unseen = elapsed_s > GAP_S || way.abs() > TOO_FAST * fastest * elapsed_s;
-            unseen && way.abs() > LEAST_JUMP
+            let unknown = elapsed_s > GAP_S || way.abs() > TOO_FAST * fastest * elapsed_s;
+            unknown && way.abs() > LEAST_JUMP
         })
     }
 
     /// What a step that went well says.
-    fn learnt(&mut self, report: StepReport, told: &mut StepOutcome) {
-        told.contacts = report.contacts;
+    fn learnt(&mut self, report: StepReport, outcome: &mut StepOutcome) {
+        outcome.contacts = report.contacts;
         let (Some(external), Some(predicted)) = (report.external, report.predicted) else {
             self.state = State::Taring;
             return;
@@ -136,14 +134,14 @@ impl Session {
         self.state = State::Mapping;
         if let Some(guard) = &self.guard {
             self.mapper.tare().inspect(|tare| guard.tared(tare));
-            told.trip = guard.watch(&external, &predicted);
+            outcome.trip = guard.watch(&external, &predicted);
         }
-        told.torques = Some((external, predicted));
+        outcome.torques = Some((external, predicted));
     }
 
     /// What a step that failed leaves.
-    fn failed(&mut self, error: &MapperError, told: &mut StepOutcome) {
-        told.fault = Some(error.to_string());
+    fn failed(&mut self, error: &MapperError, outcome: &mut StepOutcome) {
+        outcome.fault = Some(error.to_string());
         // A single broken sample is left out; where an arm has jumped, the touch is lost.
         let lost = matches!(
             error,
@@ -159,14 +157,14 @@ impl Session {
     }
 
     /// Begins a touch with the samples of a pause, if there are any.
-    fn begin(&mut self, tare: &[Sample], told: &mut StepOutcome) {
+    fn begin(&mut self, tare: &[Sample], outcome: &mut StepOutcome) {
         let _ = self.mapper.end_touch();
         self.mapper.begin_touch();
-        (self.state, told.begins) = (State::Taring, true);
+        (self.state, outcome.begins) = (State::Taring, true);
         let every = tare.len().div_ceil(TARE_SAMPLES).max(1);
         for sample in tare.iter().rev().step_by(every).rev() {
             if let Err(error) = self.mapper.step(sample) {
-                return self.failed(&error, told);
+                return self.failed(&error, outcome);
             }
         }
     }

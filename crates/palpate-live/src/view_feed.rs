@@ -1,6 +1,6 @@
-//! What whoever draws a session gets to see of it, now and then.
+//! What a viewer of a session gets, now and then.
 //!
-//! It goes through an [`Inbox`], so a drawer that does not keep up loses what is old and holds up
+//! It goes through an [`Inbox`], so a viewer that does not keep up loses what is old and delays
 //! nobody.
 
 use std::sync::Arc;
@@ -11,13 +11,14 @@ use palpate::{Contacts, Field, Mapper, Sample};
 
 use crate::inbox::Inbox;
 use crate::session::{State, StepOutcome};
+use crate::timer::Timer;
 
-/// Between two moments: what moves faster looks no better.
-const MOMENT: Duration = Duration::from_millis(40);
+/// Between two positions of the arm: more would not look smoother.
+const ARM: Duration = Duration::from_millis(40);
 /// Between two fields.
 const FIELD: Duration = Duration::from_secs(1);
 
-/// Moments that may wait for whoever draws them.
+/// Frames that may wait for the viewer.
 pub const WAITING: usize = 64;
 
 /// Something to draw.
@@ -36,8 +37,8 @@ pub struct ViewFrame {
 pub enum What {
     /// A touch begins.
     Touch,
-    /// Where the arm is, and what it feels.
-    Moment {
+    /// Where the arm is, what it touches and what it measures.
+    Arm {
         /// Joint positions, n_joints, rad or m.
         q: Vec<f64>,
         /// What the arm displaces.
@@ -50,52 +51,43 @@ pub enum What {
 }
 
 /// Picks what is drawn.
-pub(crate) struct Picker {
+pub(crate) struct ViewFeed {
     to: Arc<Inbox<ViewFrame>>,
     began: Instant,
     samples: u64,
-    moment: Option<Instant>,
-    field: Option<Instant>,
+    arm: Timer,
+    field: Timer,
 }
 
-impl Picker {
+impl ViewFeed {
     pub(crate) fn new(to: Arc<Inbox<ViewFrame>>) -> Self {
-        Self { to, began: Instant::now(), samples: 0, moment: None, field: None }
+        let (arm, field) = (Timer::new(ARM), Timer::new(FIELD));
+        Self { to, began: Instant::now(), samples: 0, arm, field }
     }
 
-    /// Looks at a sample that came at `at`, and what the session made of it.
+    /// Takes a sample that came at `at`, and what the session made of it.
     pub(crate) fn sample(
         &mut self,
         (sample, at): (&Sample, Instant),
-        (told, state, mapper): (&StepOutcome, State, &Mapper),
+        (outcome, state, mapper): (&StepOutcome, State, &Mapper),
     ) {
         let number = self.samples;
         self.samples += 1;
-        let say = |what| {
+        let push = |what| {
             let since = at.saturating_duration_since(self.began);
             self.to.push(ViewFrame { sample: number, since, what });
         };
-        if told.begins {
-            say(What::Touch);
+        if outcome.begins {
+            push(What::Touch);
         }
-        if due(&mut self.moment, MOMENT, at) {
+        if self.arm.is_due(at) {
             // Where nothing is mapped, the contacts are those of a touch that is over.
             let contacts =
                 if state == State::Waiting { Contacts::default() } else { mapper.contacts() };
-            let (q, torques) = (sample.q.clone(), told.torques.clone());
-            say(What::Moment { q, contacts, torques });
+            push(What::Arm { q: sample.q.clone(), contacts, torques: outcome.torques.clone() });
         }
-        if state == State::Mapping && due(&mut self.field, FIELD, at) {
-            say(What::Field(Box::new(mapper.field())));
+        if state == State::Mapping && self.field.is_due(at) {
+            push(What::Field(Box::new(mapper.field())));
         }
     }
-}
-
-/// Whether something is due that was last done then; it then is done now.
-fn due(last: &mut Option<Instant>, every: Duration, now: Instant) -> bool {
-    let due = last.is_none_or(|last| now.saturating_duration_since(last) >= every);
-    if due {
-        *last = Some(now);
-    }
-    due
 }

@@ -149,7 +149,7 @@ impl Args {
             joint_states: self.joint_states.clone(),
             queue: self.queue as usize,
             checkpoint: self.output.clone().map(|path| CheckpointConfig { path, every }),
-            seen: None,
+            view: None,
         }
     }
 
@@ -212,7 +212,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let ends = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s));
     let stop = || interrupt::pressed() || ends.is_some_and(|ends| Instant::now() >= ends);
     let mut shown = Shown::new(*output, args.json_lines);
-    let config = LiveConfig { seen: drawn.as_ref().map(Viewer::inbox), ..args.live() };
+    let config = LiveConfig { view: drawn.as_ref().map(Viewer::inbox), ..args.live() };
     let session = run_live(network, session, &config, ask.as_ref(), stop, |news| shown.tell(news))
         .map_err(CliError::file)?;
     shown.clear();

@@ -129,7 +129,7 @@ impl Drawer {
                 *touches += 1;
                 recording.touch(&touches.to_string(), sample, time_s)
             }
-            What::TouchEvent { q, contacts, torques } => {
+            What::Arm { q, contacts, torques } => {
                 // Positions that are not the arm's have been told of by the mapper.
                 let Ok(poses) = self.hulls.poses(&self.arm, q) else { return Ok(()) };
                 let torque = torques.as_ref();

@@ -1,12 +1,9 @@
-//! What goes out: torques, contacts, field and diagnostics, on a thread of its own.
+//! What palpate publishes: torques, contacts, field and diagnostics, on a thread of its own.
 //!
-//! Nothing here waits for whoever listens. Torques queue up to a bound and the oldest leave; of
-//! clouds and diagnostics only the latest is kept; the flag to stop goes before all of them. A
-//! message for which DDS has no room, since a reliable listener does not keep up, is counted and
-//! left out.
+//! Nothing here waits for a subscriber. Torques queue up to a bound and the oldest leave; of clouds
+//! and diagnostics only the latest is kept; the flag to stop goes before all of them. A message for
+//! which DDS has no room, since a reliable subscriber does not keep up, is counted and left out.
 
-use std::sync::Mutex;
-use std::sync::PoisonError;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
@@ -14,7 +11,7 @@ use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{MessageTypeName, Publisher, QosProfile};
 use serde::Serialize;
 
-use super::{Network, NetworkError, parse};
+use super::network::{Network, NetworkError, parse};
 use crate::inbox::Inbox;
 use crate::message::{Bool, DiagnosticArray, Header, JointState, PointCloud2};
 
@@ -34,14 +31,18 @@ pub struct Torques {
     pub predicted_n_m: Vec<f64>,
 }
 
-/// What waits to be said.
+/// What waits to be published.
 #[derive(Debug)]
 pub struct Outbox {
-    torques: Inbox<Torques>,
+    /// The torques of samples.
+    pub torques: Inbox<Torques>,
+    /// What the arm touches now.
+    pub contacts: Inbox<PointCloud2>,
+    /// The field near it.
+    pub field: Inbox<PointCloud2>,
+    /// How it goes.
+    pub diagnostics: Inbox<DiagnosticArray>,
     flag: AtomicBool,
-    contacts: Mutex<Option<PointCloud2>>,
-    field: Mutex<Option<PointCloud2>>,
-    diagnostics: Mutex<Option<DiagnosticArray>>,
     unsent: AtomicU64,
 }
 
@@ -49,54 +50,30 @@ impl Default for Outbox {
     fn default() -> Self {
         Self {
             torques: Inbox::new(TORQUES),
+            contacts: Inbox::new(1),
+            field: Inbox::new(1),
+            diagnostics: Inbox::new(1),
             flag: AtomicBool::new(false),
-            contacts: Mutex::default(),
-            field: Mutex::default(),
-            diagnostics: Mutex::default(),
             unsent: AtomicU64::new(0),
         }
     }
 }
 
 impl Outbox {
-    /// The torques of a sample.
-    pub fn torques(&self, torques: Torques) {
-        self.torques.push(torques);
-    }
-
-    /// The flag to stop, since it may have changed: at once, whatever else waits.
+    /// Publishes the flag to stop, which may have changed: at once, whatever else waits.
     pub fn flag(&self) {
         self.flag.store(true, Ordering::Release);
         self.torques.wake();
     }
 
-    /// What the arm touches now.
-    pub fn contacts(&self, cloud: PointCloud2) {
-        put(&self.contacts, cloud);
-    }
-
-    /// The field near it.
-    pub fn field(&self, cloud: PointCloud2) {
-        put(&self.field, cloud);
-    }
-
-    /// How it goes.
-    pub fn diagnostics(&self, diagnostics: DiagnosticArray) {
-        put(&self.diagnostics, diagnostics);
-    }
-
-    /// Messages that were left out because there was no room for them.
+    /// Torques, clouds and diagnostics that were left out because there was no room for them.
     pub fn unsent(&self) -> u64 {
         self.unsent.load(Ordering::Relaxed) + self.torques.dropped()
     }
-}
 
-fn put<T>(slot: &Mutex<Option<T>>, item: T) {
-    *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(item);
-}
-
-fn take<T>(slot: &Mutex<Option<T>>) -> Option<T> {
-    slot.lock().unwrap_or_else(PoisonError::into_inner).take()
+    fn count(&self, sent: bool) {
+        self.unsent.fetch_add(u64::from(!sent), Ordering::Relaxed);
+    }
 }
 
 /// palpate's publishers.
@@ -116,7 +93,7 @@ impl Network {
     /// # Errors
     ///
     /// If DDS refuses.
-    pub fn speak(&mut self, joints: Vec<String>) -> Result<Publishers, NetworkError> {
+    pub fn publish(&mut self, joints: Vec<String>) -> Result<Publishers, NetworkError> {
         let qos = QosProfile::publisher_default()
             .reliability_reliable(WhenFull::Fail)
             .history(History::KeepLast { depth: 100 });
@@ -150,45 +127,40 @@ impl Network {
             .node
             .create_topic(&parse(topic)?, MessageTypeName::new(package, name), qos)
             .and_then(|topic| self.node.create_publisher::<M>(&topic, Some(qos.clone())));
-        let failed = |why: String| NetworkError::Open { topic: topic.to_owned(), why };
-        opened.map_err(|error| failed(error.to_string()))
+        opened.map_err(|error| NetworkError::open(topic, &error))
     }
 }
 
 impl Publishers {
-    /// Says what waits, the most urgent first, waiting for something for at most so long; `stopped`
-    /// says whether the flag to stop is up, and `said` gets the time from the arrival of a sample
-    /// until its torques went out.
-    pub fn speak(
+    /// Publishes what waits, the most urgent first, waiting for something for at most so long;
+    /// `stopped` says whether the flag to stop is up, and `published` gets the time from the arrival
+    /// of a sample until its prediction went out.
+    pub fn publish(
         &self,
         outbox: &Outbox,
         patience: Duration,
         stopped: impl FnOnce() -> bool,
-        said: impl FnOnce(Duration),
+        published: impl FnOnce(Duration),
     ) {
         let torques = outbox.torques.pop(patience);
         // Asked for after the note that it changed is taken: a change after that leaves another.
         if outbox.flag.swap(false, Ordering::AcqRel) {
-            count(outbox, self.stop.publish(Bool { data: stopped() }).is_ok());
+            outbox.count(self.stop.publish(Bool { data: stopped() }).is_ok());
         }
         if let Some(Torques { header, received, external_n_m, predicted_n_m }) = torques {
             let state = |torques| JointState::of_torques(header.clone(), &self.joints, torques);
-            count(outbox, self.predicted.publish(state(predicted_n_m)).is_ok());
-            said(received.elapsed());
-            count(outbox, self.external.publish(state(external_n_m)).is_ok());
+            outbox.count(self.predicted.publish(state(predicted_n_m)).is_ok());
+            published(received.elapsed());
+            outbox.count(self.external.publish(state(external_n_m)).is_ok());
         }
-        for (slot, publisher) in [(&outbox.contacts, &self.contacts), (&outbox.field, &self.field)]
+        for (cloud, publisher) in [(&outbox.contacts, &self.contacts), (&outbox.field, &self.field)]
         {
-            if let Some(cloud) = take(slot) {
-                count(outbox, publisher.publish(cloud).is_ok());
+            if let Some(cloud) = cloud.pop(Duration::ZERO) {
+                outbox.count(publisher.publish(cloud).is_ok());
             }
         }
-        if let Some(diagnostics) = take(&outbox.diagnostics) {
-            count(outbox, self.diagnostics.publish(diagnostics).is_ok());
+        if let Some(diagnostics) = outbox.diagnostics.pop(Duration::ZERO) {
+            outbox.count(self.diagnostics.publish(diagnostics).is_ok());
         }
     }
-}
-
-fn count(outbox: &Outbox, sent: bool) {
-    outbox.unsent.fetch_add(u64::from(!sent), Ordering::Relaxed);
 }

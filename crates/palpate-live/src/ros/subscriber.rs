@@ -1,6 +1,8 @@
-//! What comes in: joint states and requests, on one thread that never waits for the mapper.
+//! What palpate receives: joint states and requests for a tare, on a thread that never waits for the
+//! mapper.
 
 use std::collections::HashMap;
+use std::fmt::Display;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use ros2_client::gid::Gid;
@@ -9,7 +11,8 @@ use ros2_client::service::Server;
 use ros2_client::{MessageTypeName, QosProfile, ServiceTypeName, Subscription};
 use rustdds::mio1::{Events, Interest, Poll, Token};
 
-use super::{Network, NetworkError, TopicSeen, parse};
+use super::network::{Network, NetworkError, parse};
+use super::topic::TopicSeen;
 use crate::message::{JointState, TriggerRequest, TriggerResponse};
 
 /// Messages that may wait within DDS before the oldest are lost: two seconds of the fastest arms.
@@ -18,18 +21,27 @@ const DEPTH: usize = 2048;
 /// Broken messages looked at in a row.
 const MOST_BROKEN: u32 = 1000;
 
-/// Something that was heard.
+/// What was received.
 #[derive(Debug)]
 pub enum Received {
-    /// A joint state, when it came, and that as s of the system's clock.
-    Joints(JointState, Instant, f64),
+    /// A joint state.
+    Joints(JointMessage),
     /// Somebody asks for a tare.
     Tare,
-    /// A message of another shape than its type says.
-    Broken(String),
 }
 
-/// Listens to the joint states and to the service that asks for a tare.
+/// A joint state as it came.
+#[derive(Debug)]
+pub struct JointMessage {
+    /// What it says, or why it cannot be decoded: it has another shape than its type.
+    pub state: Result<JointState, String>,
+    /// When it came.
+    pub at: Instant,
+    /// The same by the system's clock, s.
+    pub at_s: f64,
+}
+
+/// The joint states, and the service that takes a tare.
 pub struct Subscriber {
     joints: Subscription<JointState>,
     tare: Server<TriggerRequest, TriggerResponse>,
@@ -41,68 +53,70 @@ pub struct Subscriber {
 }
 
 impl Network {
-    /// Begins to listen to a topic of joint states.
+    /// Subscribes to a topic of joint states, and offers the service that takes a tare.
     ///
     /// # Errors
     ///
     /// If its name is none, or DDS refuses.
-    pub fn listen(&mut self, topic: &TopicSeen) -> Result<Subscriber, NetworkError> {
+    pub fn subscribe(&mut self, topic: &TopicSeen) -> Result<Subscriber, NetworkError> {
         let history = ros2_client::qos::History::KeepLast { depth: DEPTH };
         let mut qos = QosProfile::subscription_default().history(history);
         if topic.reliable {
             qos = qos.reliability_reliable(WhenFull::DEFAULT);
         }
-        let failed = |why: String| NetworkError::Open { topic: topic.name.clone(), why };
         let kind = MessageTypeName::new("sensor_msgs", "JointState");
         let opened = self
             .node
             .create_topic(&parse(&topic.name)?, kind, &qos)
             .and_then(|topic| self.node.create_subscription::<JointState>(&topic, Some(qos)));
-        let mut joints = opened.map_err(|error| failed(error.to_string()))?;
+        let mut joints = opened.map_err(|error| NetworkError::open(&topic.name, &error))?;
 
+        let service = "/palpate/tare";
+        let failed = |error: &dyn Display| NetworkError::open(service, &error);
         let reliable = QosProfile::publisher_default();
         let mut tare = self
             .node
             .create_server(
                 self.services.mapping(),
-                &parse("/palpate/tare")?,
+                &parse(service)?,
                 &ServiceTypeName::new("std_srvs", "Trigger"),
                 reliable.clone(),
                 reliable,
             )
-            .map_err(|error| failed(error.to_string()))?;
-        let poll = Poll::new().map_err(|error| failed(error.to_string()))?;
+            .map_err(|error| failed(&error))?;
+        let poll = Poll::new().map_err(|error| failed(&error))?;
         let registry = poll.registry();
         registry
             .register(&mut joints, Token(0), Interest::READABLE)
             .and_then(|()| registry.register(&mut tare, Token(1), Interest::READABLE))
-            .map_err(|error| failed(error.to_string()))?;
+            .map_err(|error| failed(&error))?;
         Ok(Subscriber { joints, tare, poll, last: HashMap::new(), received: 0, lost: 0 })
     }
 }
 
 impl Subscriber {
     /// Waits for at most so long, and hands on all that came meanwhile.
-    pub fn listen(&mut self, patience: Duration, mut hear: impl FnMut(Received)) {
+    pub fn receive(&mut self, patience: Duration, mut hand_on: impl FnMut(Received)) {
         let mut events = Events::with_capacity(4);
         // Interrupted by a signal, it is asked again at once.
         let _ = self.poll.poll(&mut events, Some(patience));
         let mut broken = 0;
         while broken < MOST_BROKEN {
-            match self.joints.take() {
+            let state = match self.joints.take() {
                 Ok(Some((state, info))) => {
                     self.count(info.publisher_gid(), info.sequence_number());
-                    hear(Received::Joints(state, Instant::now(), now_s()));
+                    Ok(state)
                 }
                 Ok(None) => break,
                 Err(error) => {
                     broken += 1;
-                    hear(Received::Broken(error.to_string()));
+                    Err(error.to_string())
                 }
-            }
+            };
+            hand_on(Received::Joints(JointMessage { state, at: Instant::now(), at_s: now_s() }));
         }
         while let Ok(Some((id, _))) = self.tare.receive_request() {
-            hear(Received::Tare);
+            hand_on(Received::Tare);
             let message = "hold the arm still and free of the object for at least five samples; \
                            the tare ends when it moves"
                 .to_owned();

@@ -1,0 +1,225 @@
+//! The thread that maps: samples and requests in; torques, clouds, figures and checkpoints out.
+//!
+//! Replays fill the time until the next sample; when samples come faster than they can be mapped, it
+//! makes none.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::Receiver;
+use palpate_io::field::Saved;
+
+use crate::checkpoint::Checkpoints;
+use crate::cloud;
+use crate::diagnostics;
+use crate::figures::{Figures, News, Tally};
+use crate::inbox::Inbox;
+use crate::joints::JointReader;
+use crate::message::Header;
+use crate::query_server::Request;
+use crate::ros::{JointMessage, Torques};
+use crate::session::{Session, State, StepOutcome};
+use crate::threads::Shared;
+use crate::timer::Timer;
+use crate::view_feed::{ViewFeed, ViewFrame};
+
+/// The mapper's wait for a sample, and so the longest that a question waits for the mapper.
+const PAUSE: Duration = Duration::from_millis(2);
+/// Between two sets of figures.
+const FIGURES: Duration = Duration::from_millis(200);
+/// Between two diagnostics.
+const DIAGNOSTICS: Duration = Duration::from_secs(1);
+/// Between two clouds of contacts, and two of the field.
+const CONTACTS: Duration = Duration::from_millis(100);
+const FIELD: Duration = Duration::from_secs(1);
+/// Samples that wait while clouds are still made.
+const BACKLOG: usize = 4;
+
+/// The session and all that the mapper's thread needs beside it.
+pub(crate) struct Mapping<'a> {
+    shared: &'a Shared,
+    session: Session,
+    reader: JointReader,
+    tally: Tally,
+    checkpoints: Option<Checkpoints>,
+    view: Option<ViewFeed>,
+    requests: Receiver<Request>,
+    /// Frame and stamp of the last sample.
+    header: Header,
+    figures_due: Timer,
+    diagnostics_due: Timer,
+    contacts_due: Timer,
+    field_due: Timer,
+}
+
+impl<'a> Mapping<'a> {
+    pub(crate) fn new(
+        shared: &'a Shared,
+        session: Session,
+        checkpoints: Option<Checkpoints>,
+        view: Option<Arc<Inbox<ViewFrame>>>,
+        requests: Receiver<Request>,
+    ) -> Self {
+        let robot = &session.mapper().arm().robot;
+        let reader = JointReader::new(robot.joint_names().map(str::to_owned).collect());
+        let frame_id = robot.links()[0].name.clone(); // the world of all poses
+        Self {
+            shared,
+            session,
+            reader,
+            tally: Tally::default(),
+            checkpoints,
+            view: view.map(ViewFeed::new),
+            requests,
+            header: Header { frame_id, ..Header::default() },
+            figures_due: Timer::new(FIGURES),
+            diagnostics_due: Timer::new(DIAGNOSTICS),
+            contacts_due: Timer::new(CONTACTS),
+            field_due: Timer::new(FIELD),
+        }
+    }
+
+    /// Maps until the session ends; returns it, whose touch has ended.
+    pub(crate) fn run(mut self) -> Session {
+        self.shared.outbox.flag();
+        while self.shared.goes_on() {
+            if self.shared.tare.swap(false, Ordering::Relaxed) {
+                self.session.tare();
+                self.shared.outbox.flag();
+                self.shared.note("taring as asked: the arm must stand still and free");
+            }
+            self.answer_requests();
+            // Somebody waits for an answer, but nobody for replays.
+            let answering = self.shared.answering.load(Ordering::Relaxed) > 0;
+            let spare = self.session.has_spare() && !answering;
+            let patience = if spare { Duration::ZERO } else { PAUSE };
+            match self.shared.samples.pop(patience) {
+                Some(message) => self.take(message),
+                None if spare && self.session.spare() => self.tally.replay(),
+                None => {}
+            }
+            self.report();
+        }
+        self.session.finish();
+        self.session
+    }
+
+    /// Hands out what questions need.
+    fn answer_requests(&mut self) {
+        while let Ok(request) = self.requests.try_recv() {
+            match request {
+                Request::Tare => self.shared.tare.store(true, Ordering::Relaxed),
+                Request::PathPredictor { cluster_weight, to_asker } => {
+                    let predictor = self.session.mapper().coarse_path_predictor(cluster_weight);
+                    let _ = to_asker.send(predictor); // whoever asked may have left
+                }
+            }
+        }
+    }
+
+    /// Maps a joint state, or counts it as one that cannot be used.
+    fn take(&mut self, JointMessage { state, at, at_s }: JointMessage) {
+        let state = match state {
+            Ok(state) => state,
+            Err(why) => return self.refuse("broken", &format!("it cannot be decoded: {why}")),
+        };
+        let read = match self.reader.read(&state, at_s) {
+            Ok(read) => read,
+            Err(refusal) => return self.refuse(refusal.name(), &refusal.to_string()),
+        };
+        if read.set_back {
+            self.session.wait();
+            self.shared.note("the clock was set back; waiting for the arm to pause");
+        }
+        self.header.stamp = state.header.stamp;
+        let started = Instant::now();
+        let outcome = self.session.take(&read.sample);
+        self.tally.step(&outcome, started.elapsed());
+        if let Some(trip) = &outcome.trip {
+            self.shared.tripped(trip);
+        }
+        if let Some(view) = &mut self.view {
+            let (state, mapper) = (self.session.state(), self.session.mapper());
+            view.sample((&read.sample, at), (&outcome, state, mapper));
+        }
+        self.publish(outcome, at);
+    }
+
+    /// Publishes what came of a sample that was received at some time.
+    fn publish(&mut self, outcome: StepOutcome, received: Instant) {
+        if let Some((external, predicted)) = outcome.torques {
+            self.shared.outbox.torques.push(Torques {
+                header: self.header.clone(),
+                received,
+                external_n_m: external.data.into(),
+                predicted_n_m: predicted.data.into(),
+            });
+        }
+        if let Some(fault) = outcome.fault
+            && self.tally.refuse("not followed")
+        {
+            self.shared.note(format!("a sample cannot be followed: {fault}"));
+        }
+    }
+
+    /// Counts a message that cannot be used, and reports the first for each reason.
+    fn refuse(&mut self, reason: &'static str, why: &str) {
+        if self.tally.refuse(reason) {
+            self.shared.note(format!("a message cannot be used: {why} (told once)"));
+        }
+    }
+
+    /// Clouds, figures, diagnostics and checkpoints, where they are due.
+    fn report(&mut self) {
+        let (shared, session, now) = (self.shared, &self.session, Instant::now());
+        while let Some(latency) = shared.latencies.pop(Duration::ZERO) {
+            self.tally.published(latency);
+        }
+        if let Some(checkpoints) = &mut self.checkpoints {
+            checkpoints.tick(|| Saved::of_mapper(session.mapper()));
+        }
+        // Whatever is late is later still if clouds are made meanwhile.
+        if shared.samples.len() <= BACKLOG && session.state() == State::Mapping {
+            self.publish_clouds(now);
+        }
+        if self.figures_due.is_due(now) {
+            let figures = self.figures();
+            if let Some(why) = shared.written.failure() {
+                shared.note(format!("the checkpoint could not be written: {why}"));
+            }
+            if self.diagnostics_due.is_due(now) {
+                let robot = self.session.mapper().arm().robot.name();
+                let header = Header { stamp: self.header.stamp, ..Header::default() };
+                shared.outbox.diagnostics.push(diagnostics::of(&figures, robot, header));
+            }
+            shared.news.push(News::Figures(Box::new(figures)));
+        }
+    }
+
+    /// What is touched now, and the field near it.
+    fn publish_clouds(&mut self, now: Instant) {
+        let (outbox, mapper) = (&self.shared.outbox, self.session.mapper());
+        if self.contacts_due.is_due(now) {
+            outbox.contacts.push(cloud::contacts(mapper, &self.header));
+        }
+        if self.field_due.is_due(now)
+            && let Some(near) = cloud::field_near_contacts(mapper, &self.header)
+        {
+            outbox.field.push(near);
+        }
+    }
+
+    fn figures(&mut self) -> Figures {
+        Figures {
+            state: self.session.state(),
+            dropped: self.shared.samples.dropped(),
+            lost: self.shared.lost.load(Ordering::Relaxed),
+            cells: self.session.mapper().n_cells(),
+            stopped: self.shared.is_stopped(),
+            unsent: self.shared.outbox.unsent(),
+            checkpoint_s: self.shared.written.age_s(),
+            ..self.tally.figures(self.shared.received.load(Ordering::Relaxed))
+        }
+    }
+}

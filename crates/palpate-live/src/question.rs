@@ -1,0 +1,159 @@
+//! A question about a planned path and its answer, as JSON; [`crate::query_server`] has the table.
+
+use std::time::Instant;
+
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
+use nalgebra::DVector;
+use palpate::{PathPoint, PathPrediction};
+use serde::{Deserialize, Serialize};
+
+/// A line that was asked.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Question {
+    path: Option<Vec<Vec<f64>>>,
+    path_f64: Option<String>,
+    #[serde(default)]
+    pub(crate) exact: bool,
+    #[serde(default)]
+    pub(crate) tare: bool,
+}
+
+/// How a path is written, and its torques are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Form {
+    /// A list of numbers a point.
+    Lists,
+    /// The numbers' bytes as base64.
+    F64,
+}
+
+/// What is answered about a path.
+#[derive(Debug, Serialize)]
+pub(crate) struct PathReply {
+    #[serde(flatten)]
+    torques: Torques,
+    contacts: Vec<usize>,
+    known: Vec<usize>,
+    goes_on: bool,
+    /// Time that the answer took, ms.
+    ms: f64,
+}
+
+/// Torques and their standard deviations, as the path was written.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Torques {
+    Lists { torque: Vec<Vec<f64>>, torque_std: Vec<Vec<f64>> },
+    F64 { torque_f64: String, torque_std_f64: String },
+}
+
+impl Question {
+    /// The path that is asked about, and how it is written.
+    pub(crate) fn path(&mut self, n_joints: usize) -> Result<(Vec<Vec<f64>>, Form), String> {
+        match (self.path.take(), self.path_f64.take()) {
+            (Some(path), None) => Ok((path, Form::Lists)),
+            (None, Some(base64)) => Ok((path_from(&base64, n_joints)?, Form::F64)),
+            (None, None) => Err("neither a path nor a tare is asked for".to_owned()),
+            (Some(_), Some(_)) => Err("both `path` and `path_f64`; ask about one".to_owned()),
+        }
+    }
+}
+
+/// The points of a path whose bytes are given as base64.
+fn path_from(base64: &str, n_joints: usize) -> Result<Vec<Vec<f64>>, String> {
+    const WANTED: &str = "wanted the path as float64, little-endian, point by point";
+    let bytes = BASE64_STANDARD.decode(base64);
+    let bytes = bytes.map_err(|error| format!("`path_f64` is no base64 ({error}); {WANTED}"))?;
+    let (numbers, rest) = bytes.as_chunks::<8>();
+    let n_joints = n_joints.max(1); // a robot without joints has no path
+    if !rest.is_empty() || !numbers.len().is_multiple_of(n_joints) {
+        return Err(format!(
+            "`path_f64` has {} bytes, no multiple of the {} of a point of {n_joints} joints; {WANTED}",
+            bytes.len(),
+            8 * n_joints
+        ));
+    }
+    let point =
+        |point: &[[u8; 8]]| point.iter().map(|number| f64::from_le_bytes(*number)).collect();
+    Ok(numbers.chunks_exact(n_joints).map(point).collect())
+}
+
+impl PathReply {
+    /// An answer to a question that came at `started`.
+    pub(crate) fn new(answer: &PathPrediction, form: Form, started: Instant) -> Self {
+        let points = &answer.points;
+        Self {
+            torques: Torques::of(points, form),
+            contacts: points.iter().map(|point| point.contacts).collect(),
+            known: points.iter().map(|point| point.known).collect(),
+            goes_on: answer.goes_on,
+            ms: started.elapsed().as_secs_f64() * 1e3,
+        }
+    }
+}
+
+impl Torques {
+    /// Of the points of an answer.
+    fn of(points: &[PathPoint], form: Form) -> Self {
+        match form {
+            Form::Lists => Self::Lists {
+                torque: lists(points, |point| &point.torque),
+                torque_std: lists(points, |point| &point.torque_std),
+            },
+            Form::F64 => Self::F64 {
+                torque_f64: base64(points, |point| &point.torque),
+                torque_std_f64: base64(points, |point| &point.torque_std),
+            },
+        }
+    }
+}
+
+/// Numbers of every point, to a millionth: 17 digits take whoever reads them a millisecond.
+fn lists(points: &[PathPoint], of: impl Fn(&PathPoint) -> &DVector<f64>) -> Vec<Vec<f64>> {
+    let rounded = |number: &f64| (number * 1e6).round() / 1e6;
+    points.iter().map(|point| of(point).iter().map(rounded).collect()).collect()
+}
+
+/// The bytes of all numbers.
+fn base64(points: &[PathPoint], of: impl Fn(&PathPoint) -> &DVector<f64>) -> String {
+    let numbers = points.iter().flat_map(|point| of(point).iter());
+    BASE64_STANDARD.encode(numbers.flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_and_bytes_say_the_same() {
+        let path = vec![vec![0.1, -1e-300, 3.0], vec![f64::MAX, 0.25, -7.5]];
+        let bytes: Vec<u8> = path.concat().iter().flat_map(|number| number.to_le_bytes()).collect();
+        assert_eq!(path_from(&BASE64_STANDARD.encode(bytes), 3).unwrap(), path);
+        assert!(path_from("", 0).unwrap().is_empty());
+        let points: Vec<PathPoint> = (0..5)
+            .map(|n| {
+                let mut point = PathPoint::default();
+                point.torque = DVector::from_vec(vec![f64::from(n) / 3.0, -40.0]);
+                point.torque_std = DVector::from_vec(vec![0.0, 1e-7 + f64::from(n)]);
+                point
+            })
+            .collect();
+        let [lists, bytes] = [Form::Lists, Form::F64]
+            .map(|form| serde_json::to_value(Torques::of(&points, form)).unwrap());
+        for name in ["torque", "torque_std"] {
+            let of = |point: &PathPoint| match name {
+                "torque" => point.torque.as_slice().to_vec(),
+                _ => point.torque_std.as_slice().to_vec(),
+            };
+            let wanted: Vec<Vec<f64>> = points.iter().map(of).collect();
+            let base64 = bytes[format!("{name}_f64")].as_str().unwrap();
+            assert_eq!(path_from(base64, 2).unwrap(), wanted);
+            let rows: Vec<Vec<f64>> = serde_json::from_value(lists[name].clone()).unwrap();
+            assert_eq!(rows.len(), wanted.len());
+            let off = rows.concat().into_iter().zip(wanted.concat()).map(|(a, b)| (a - b).abs());
+            assert!(off.fold(0.0, f64::max) < 5.1e-7);
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! palpate's node on a ROS 2 network, and the topics there.
+
+use std::fmt::Display;
+use std::net::{IpAddr, Ipv4Addr};
+
+use ros2_client::{Context, Name, Node, NodeName, NodeOptions, ServiceMapping};
+use rustdds::DomainParticipantBuilder;
+use rustdds::policy::Reliability;
+
+use super::topic::TopicSeen;
+
+/// How to join the network.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NetworkConfig {
+    /// DDS domain, as `ROS_DOMAIN_ID`.
+    pub domain: u16,
+    /// Meet others on this machine only.
+    pub localhost: bool,
+    /// How services are told apart on the wire.
+    pub services: Services,
+}
+
+/// The two ways in which DDS implementations of ROS 2 carry services.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Services {
+    /// As `rmw_fastrtps_cpp` and `rmw_connextdds` do: the request is named beside the data.
+    #[default]
+    Enhanced,
+    /// As `rmw_cyclonedds_cpp` does: the request is named within the data.
+    Cyclone,
+}
+
+impl Services {
+    pub(super) fn mapping(self) -> ServiceMapping {
+        match self {
+            Self::Enhanced => ServiceMapping::Enhanced,
+            Self::Cyclone => ServiceMapping::Cyclone,
+        }
+    }
+}
+
+/// Why the network cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum NetworkError {
+    #[error(
+        "DDS domain {domain} cannot be joined: {why}; is there a network interface, and is the domain from 0 to 232?"
+    )]
+    Join { domain: u16, why: String },
+    #[error("`{topic}` is no name of a ROS topic: {why}")]
+    Name { topic: String, why: String },
+    #[error("`{topic}` cannot be opened: {why}")]
+    Open { topic: String, why: String },
+    /// A thread panicked, and has said so.
+    #[error("a part of the live mode has stopped")]
+    Defect,
+}
+
+impl NetworkError {
+    pub(super) fn open(topic: &str, why: &impl Display) -> Self {
+        Self::Open { topic: topic.to_owned(), why: why.to_string() }
+    }
+}
+
+/// palpate's node.
+pub struct Network {
+    context: Context,
+    pub(super) node: Node,
+    pub(super) services: Services,
+}
+
+/// Ports of higher domains would lie beyond the last one.
+const MAX_DOMAIN: u16 = 232;
+
+impl Network {
+    /// Joins the network.
+    ///
+    /// # Errors
+    ///
+    /// If there is no network, or no such domain.
+    pub fn join(config: &NetworkConfig) -> Result<Self, NetworkError> {
+        let failed =
+            |why: &dyn Display| NetworkError::Join { domain: config.domain, why: why.to_string() };
+        if config.domain > MAX_DOMAIN {
+            return Err(failed(&"there is no such domain"));
+        }
+        let mut builder = DomainParticipantBuilder::new(config.domain);
+        if config.localhost {
+            builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
+        }
+        let participant = builder.build().map_err(|error| failed(&error))?;
+        let context =
+            Context::from_domain_participant(participant).map_err(|error| failed(&error))?;
+        let name = NodeName::new("/", "palpate").expect("it is a name");
+        let options = NodeOptions::new().enable_rosout(false);
+        let node = context.new_node(name, options).map_err(|error| failed(&error))?;
+        Ok(Self { context, node, services: config.services })
+    }
+
+    /// The topics that somebody publishes, by name.
+    pub fn topics(&self) -> Vec<TopicSeen> {
+        let writers = self.context.domain_participant().discovered_writers();
+        let mut topics: Vec<TopicSeen> = Vec::new();
+        for writer in writers {
+            let data = &writer.publication_topic_data;
+            // Who says nothing publishes reliably: that is the default.
+            let reliable = data.reliability != Some(Reliability::BestEffort);
+            let Some(seen) = TopicSeen::of_dds(&data.topic_name, &data.type_name, reliable) else {
+                continue;
+            };
+            match topics
+                .iter_mut()
+                .find(|other| (&other.name, &other.kind) == (&seen.name, &seen.kind))
+            {
+                Some(other) => other.reliable &= seen.reliable,
+                None => topics.push(seen),
+            }
+        }
+        topics.sort_by(|a, b| a.name.cmp(&b.name));
+        topics
+    }
+}
+
+/// The name of a topic or service.
+pub(super) fn parse(topic: &str) -> Result<Name, NetworkError> {
+    Name::parse(topic)
+        .map_err(|why| NetworkError::Name { topic: topic.to_owned(), why: format!("{why:?}") })
+}

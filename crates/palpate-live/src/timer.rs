@@ -1,0 +1,39 @@
+//! What happens every so often.
+
+use std::time::{Duration, Instant};
+
+/// Says when something is due again.
+#[derive(Debug, Clone)]
+pub struct Timer {
+    every: Duration,
+    last: Option<Instant>,
+}
+
+impl Timer {
+    /// For something that is due at once, and then every so often.
+    pub fn new(every: Duration) -> Self {
+        Self { every, last: None }
+    }
+
+    /// Whether it is due at `now`; it then counts as done.
+    pub fn is_due(&mut self, now: Instant) -> bool {
+        let due = self.last.is_none_or(|last| now.saturating_duration_since(last) >= self.every);
+        if due {
+            self.last = Some(now);
+        }
+        due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_due_at_once_and_then_after_each_period() {
+        let start = Instant::now();
+        let mut timer = Timer::new(Duration::from_secs(2));
+        let due = [0, 1, 2, 3, 3, 7].map(|s| timer.is_due(start + Duration::from_secs(s)));
+        assert_eq!(due, [true, false, true, false, false, true]);
+    }
+}
