@@ -198,7 +198,7 @@ fn every_defect_is_named() {
 }
 
 #[test]
-fn a_built_in_robot_needs_no_file() {
+fn a_built_in_robot_is_loaded_without_a_file() {
     let loaded =
         load_arm("kinova_gen3", &ArmOptions { cache: CachePlace::Off, ..Default::default() });
     let loaded = loaded.unwrap();

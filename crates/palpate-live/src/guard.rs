@@ -28,7 +28,7 @@ pub struct Trip {
     pub predicted: bool,
 }
 
-/// Watches the external torque. Clones are one guard: whoever sees the limit passed first, raises
+/// Watches the external torque. Clones are one guard: the first that sees the limit passed raises
 /// the flag for all.
 #[derive(Debug, Clone)]
 pub struct Guard {
@@ -114,7 +114,7 @@ impl Sentry {
     }
 
     /// Looks at a joint state, which came at `received_s`, s; `Some` if its measured torque is the
-    /// first to pass the limit. What cannot be used is for the mapper to tell of.
+    /// first to pass the limit. The mapper reports what cannot be used.
     pub fn see(&mut self, state: &JointState, received_s: f64) -> Option<Trip> {
         let sample = self.reader.read(state, received_s).ok()?.sample;
         let robot = &self.arm.robot;

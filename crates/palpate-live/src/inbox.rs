@@ -1,7 +1,7 @@
-//! A queue between two threads that never blocks whoever fills it.
+//! A queue between two threads that never blocks the one that fills it.
 //!
-//! It holds so many items and no more: when a consumer is slow, the oldest leave, are counted, and
-//! the newest are kept, since what matters of a running robot is where it is now.
+//! Its capacity is fixed: when a consumer is slow, the oldest items leave and are counted, and the
+//! newest are kept, since what matters of a running robot is where it is now.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -41,8 +41,8 @@ impl<T> Inbox<T> {
         self.filled.notify_one();
     }
 
-    /// Takes the oldest out, waiting for one for at most so long, or until somebody wakes whoever
-    /// waits.
+    /// Takes the oldest out, waiting for one for at most so long, or until somebody calls
+    /// [`Inbox::wake`].
     pub fn pop(&self, patience: Duration) -> Option<T> {
         let queue = self.lock();
         let nothing = |queue: &mut Queue<T>| queue.items.is_empty() && !queue.woken;
@@ -98,14 +98,14 @@ mod tests {
         let inbox = Arc::new(Inbox::new(1000));
         let producer = Arc::clone(&inbox);
         let thread = thread::spawn(move || (0..1000).for_each(|item| producer.push(item)));
-        let got: Vec<_> = (0..1000).map(|_| inbox.pop(Duration::from_secs(10))).collect();
+        let got: Vec<_> = (0..1000).map(|_| inbox.pop(Duration::from_secs(180))).collect();
         thread.join().unwrap();
         assert_eq!(got, (0..1000).map(Some).collect::<Vec<_>>());
         assert_eq!(inbox.dropped(), 0);
     }
 
     #[test]
-    fn patience_ends_and_so_it_does_when_somebody_wakes_whoever_waits() {
+    fn a_wait_ends_after_its_time_and_when_it_is_woken() {
         let inbox = Arc::new(Inbox::<()>::new(1));
         assert_eq!(inbox.pop(Duration::from_millis(1)), None);
         let waking = Arc::clone(&inbox);

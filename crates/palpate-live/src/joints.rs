@@ -1,7 +1,6 @@
 //! From joint states to samples: what of a stream may be learnt from.
 //!
-//! Whatever cannot is refused with a reason, and the next one is looked at: a robot goes on,
-//! whatever one of its messages holds.
+//! A joint state that cannot be used is refused with a reason; the next one is read as usual.
 
 use palpate::Sample;
 use palpate_io::log::{JointNameError, reorder};
@@ -56,7 +55,7 @@ pub struct JointReader {
     last_s: Option<f64>,
 }
 
-/// A sample and what its stamp says.
+/// A sample, and whether the clock was set back.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Read {
     /// The sample.
@@ -163,8 +162,8 @@ mod tests {
             (|s| s.position[2] = f64::INFINITY, "not finite", "position of joint `a` is inf"),
             (|s| s.name[2] = "c".to_owned(), "joints", "`a` is not in the log"),
         ] {
-            let (found, told) = broken(1.0, change);
-            assert!(found == name && told.contains(words), "{found}: {told}");
+            let (found, message) = broken(1.0, change);
+            assert!(found == name && message.contains(words), "{found}: {message}");
         }
         assert!(reader.read(&state(1.0), 0.0).is_ok());
         assert_eq!(reader.read(&state(1.0), 0.0).unwrap_err().name(), "duplicate");
@@ -174,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_finger_that_is_not_finite_harms_nobody() {
+    fn a_joint_of_the_gripper_may_be_not_finite() {
         let mut state = state(1.0);
         state.effort[1] = f64::NAN;
         assert!(reader().read(&state, 0.0).is_ok());

@@ -112,7 +112,7 @@ impl<'a> Mapping<'a> {
                 Request::Tare => self.shared.tare.store(true, Ordering::Relaxed),
                 Request::PathPredictor { cluster_weight, to_asker } => {
                     let predictor = self.session.mapper().coarse_path_predictor(cluster_weight);
-                    let _ = to_asker.send(predictor); // whoever asked may have left
+                    let _ = to_asker.send(predictor); // the client may have left
                 }
             }
         }

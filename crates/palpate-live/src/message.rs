@@ -1,4 +1,4 @@
-//! The ROS 2 messages that palpate speaks, field by field as their packages define them.
+//! The ROS 2 messages that palpate sends and receives, field by field as their packages define them.
 //!
 //! Serialized by ros2-client as CDR. Only what is read or written here; arrays that palpate does
 //! not look at are still there, since CDR has no names to skip by.
@@ -146,7 +146,7 @@ pub struct KeyValue {
 pub struct DiagnosticStatus {
     /// 0 well, 1 a warning, 2 an error.
     pub level: u8,
-    /// Who says so.
+    /// Which component reports.
     pub name: String,
     /// In a line.
     pub message: String,
@@ -161,7 +161,7 @@ pub struct DiagnosticStatus {
 pub struct DiagnosticArray {
     /// When.
     pub header: Header,
-    /// All that is said.
+    /// The reports.
     pub status: Vec<DiagnosticStatus>,
 }
 

@@ -118,7 +118,7 @@ impl AskSocket {
                     continue;
                 }
                 spawn(scope, "answer", move || {
-                    // Whoever leaves in the middle of a line has no question.
+                    // A client may leave in the middle of a line.
                     let _ = converse(&stream, server);
                     askers.fetch_sub(1, Ordering::Relaxed);
                 });
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_question_is_told_and_the_next_line_is_read() {
+    fn a_line_that_is_no_question_is_answered_with_an_error_and_the_next_one_read() {
         let tares = served(|path| {
             let mut stream = BufReader::new(UnixStream::connect(path).unwrap());
             for (line, words) in [
@@ -305,8 +305,8 @@ mod tests {
                 ("{\"path_f64\": \"AAAAAAAA+H8=\"}\n", "point 0 of the path"), // NaN
             ] {
                 let answer = ask(&mut stream, line);
-                let told = answer["error"].as_str().unwrap_or_default();
-                assert!(told.contains(words), "{line}: {answer}");
+                let error = answer["error"].as_str().unwrap_or_default();
+                assert!(error.contains(words), "{line}: {answer}");
             }
             assert_eq!(ask(&mut stream, "{\"tare\": true}\n"), json!({ "taring": true }));
         });

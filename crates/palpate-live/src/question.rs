@@ -110,7 +110,7 @@ impl Torques {
     }
 }
 
-/// Numbers of every point, to a millionth: 17 digits take whoever reads them a millisecond.
+/// Numbers of every point, to a millionth: 17 digits take the reader a millisecond.
 fn lists(points: &[PathPoint], of: impl Fn(&PathPoint) -> &DVector<f64>) -> Vec<Vec<f64>> {
     let rounded = |number: &f64| (number * 1e6).round() / 1e6;
     points.iter().map(|point| of(point).iter().map(rounded).collect()).collect()

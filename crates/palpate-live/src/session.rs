@@ -124,7 +124,7 @@ impl Session {
         })
     }
 
-    /// What a step that went well says.
+    /// Takes the result of a step that went well.
     fn learnt(&mut self, report: StepReport, outcome: &mut StepOutcome) {
         outcome.contacts = report.contacts;
         let (Some(external), Some(predicted)) = (report.external, report.predicted) else {
@@ -139,7 +139,7 @@ impl Session {
         outcome.torques = Some((external, predicted));
     }
 
-    /// What a step that failed leaves.
+    /// Takes the error of a step that failed.
     fn failed(&mut self, error: &MapperError, outcome: &mut StepOutcome) {
         outcome.fault = Some(error.to_string());
         // A single broken sample is left out; where an arm has jumped, the touch is lost.

@@ -62,7 +62,8 @@ fn what_is_learnt_live_is_what_a_log_of_the_same_touches_teaches() {
     let (arm, touches) = (arm(), touches(2));
     let touches: Vec<&[Sample]> = touches.iter().map(|touch| without_last_pause(touch)).collect();
     let mut live = session(&arm, 0, None);
-    let told: Vec<StepOutcome> = touches.iter().flat_map(|touch| play(&mut live, touch)).collect();
+    let outcomes: Vec<StepOutcome> =
+        touches.iter().flat_map(|touch| play(&mut live, touch)).collect();
     live.finish();
     let mut from_log = mapper(&arm, 0);
     for touch in &touches {
@@ -71,9 +72,9 @@ fn what_is_learnt_live_is_what_a_log_of_the_same_touches_teaches() {
         from_log.end_touch().unwrap();
     }
     assert!(live.mapper().field() == from_log.field());
-    assert!(told.iter().all(|told| told.fault.is_none()));
+    assert!(outcomes.iter().all(|outcome| outcome.fault.is_none()));
     // One in the first pause, one where the arm is suddenly elsewhere.
-    assert_eq!(told.iter().filter(|told| told.begins).count(), 2);
+    assert_eq!(outcomes.iter().filter(|outcome| outcome.begins).count(), 2);
 }
 
 #[test]
@@ -93,35 +94,37 @@ fn nothing_is_learnt_before_the_arm_has_paused_or_somebody_asked_for_a_tare() {
     let (arm, touches) = (arm(), touches(1));
     let pushing = &touches[0][60..120];
     let mut live = session(&arm, 0, None);
-    assert!(play(&mut live, pushing).iter().all(|told| told.torques.is_none()));
+    assert!(play(&mut live, pushing).iter().all(|outcome| outcome.torques.is_none()));
     assert_eq!((live.state(), live.mapper().n_cells()), (State::Waiting, 0));
 
     // A tare that is asked for while the arm moves through the lattice cannot be taken.
     live.tare();
-    let told = play(&mut live, &touches[0][120..160]);
-    let faults: Vec<&String> = told.iter().filter_map(|told| told.fault.as_ref()).collect();
+    let outcomes = play(&mut live, &touches[0][120..160]);
+    let faults: Vec<&String> =
+        outcomes.iter().filter_map(|outcome| outcome.fault.as_ref()).collect();
     assert!(faults.len() == 1 && faults[0].contains("no contact-free start"), "{faults:?}");
     assert_eq!(live.state(), State::Waiting);
 
     live.tare();
-    let told = play(&mut live, &touches[0]);
-    assert!(told.iter().any(|told| told.torques.is_some()));
+    let outcomes = play(&mut live, &touches[0]);
+    assert!(outcomes.iter().any(|outcome| outcome.torques.is_some()));
 }
 
 #[test]
 fn the_guard_says_once_which_joint_passed_the_limit_until_a_tare_takes_it_back() {
     let (arm, touches) = (arm(), touches(1));
     let mut live = session(&arm, 0, Some(Guard::new(1.5)));
-    let told = play(&mut live, &touches[0]);
-    let first = told.iter().position(|told| told.trip.is_some()).unwrap();
-    assert_eq!(told.iter().filter(|told| told.trip.is_some()).count(), 1);
+    let outcomes = play(&mut live, &touches[0]);
+    let first = outcomes.iter().position(|outcome| outcome.trip.is_some()).unwrap();
+    assert_eq!(outcomes.iter().filter(|outcome| outcome.trip.is_some()).count(), 1);
     assert!(live.guard().unwrap().is_up());
-    let over = |told: &StepOutcome| {
-        told.torques
+    let over = |outcome: &StepOutcome| {
+        outcome
+            .torques
             .as_ref()
             .is_some_and(|(external, predicted)| external.amax() > 1.5 || predicted.amax() > 1.5)
     };
-    assert_eq!(told.iter().position(over), Some(first));
+    assert_eq!(outcomes.iter().position(over), Some(first));
     live.tare();
     assert!(!live.guard().unwrap().is_up());
 }
@@ -149,15 +152,15 @@ fn a_sentry_sees_the_measured_torque_pass_the_limit_before_the_mapper_has_the_sa
     let mut sentry = Sentry::new(guard, Arc::clone(&arm), config);
     for sample in &touches[0] {
         let early = sentry.see(&joint_state(&arm, sample), 0.0);
-        let told = live.take(sample);
+        let outcome = live.take(sample);
         let Some(trip) = early else {
-            assert_eq!(told.trip, None, "the sentry was later");
+            assert_eq!(outcome.trip, None, "the sentry was later");
             continue;
         };
-        let external = told.torques.unwrap().0;
+        let external = outcome.torques.unwrap().0;
         assert_eq!((trip.joint, trip.predicted), (external.iamax(), false));
         assert!(trip.torque_n_m.abs() > 1.5 && trip.torque_n_m == external[trip.joint]);
-        assert_eq!(told.trip, None, "one flag is enough");
+        assert_eq!(outcome.trip, None, "one flag is enough");
         return;
     }
     panic!("no torque passed the limit");
@@ -173,7 +176,7 @@ fn a_session_goes_on_from_what_another_has_saved() {
     let mut second = Session::new(resumed, PauseConfig::default(), None).unwrap();
     assert_eq!(second.state(), State::Waiting);
     assert!(second.mapper().field() == first.mapper().field());
-    let told = play(&mut second, &touches[1]);
-    assert!(told.iter().any(|told| told.torques.is_some()));
+    let outcomes = play(&mut second, &touches[1]);
+    assert!(outcomes.iter().any(|outcome| outcome.torques.is_some()));
     assert!(second.mapper().n_cells() > first.mapper().n_cells());
 }

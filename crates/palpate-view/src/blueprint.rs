@@ -42,10 +42,10 @@ pub(crate) fn send(scene: &Scene, stream: &RecordingStream) -> Result<(), Record
     more.set_log_time_enabled(false);
     more.set_time_sequence("blueprint", 0);
     for view in layout.iter().filter_map(View::made_by) {
-        view.say_properties(scene, &more)?;
+        view.log_properties(scene, &more)?;
     }
     let properties = messages.take();
-    layout.extend(properties.into_iter().filter(|said| matches!(said, LogMsg::ArrowMsg(..))));
+    layout.extend(properties.into_iter().filter(|message| matches!(message, LogMsg::ArrowMsg(..))));
     stream.send_blueprint(layout, activation);
     Ok(())
 }
@@ -69,7 +69,7 @@ impl View {
         Some(Self { path: chunk.entity_path().to_string(), class, origin })
     }
 
-    fn say_properties(
+    fn log_properties(
         &self,
         scene: &Scene,
         stream: &RecordingStream,

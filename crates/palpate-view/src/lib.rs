@@ -1,7 +1,7 @@
 //! The arm, what it touches and the field that it learns, for the [Rerun](https://rerun.io) viewer.
 //!
 //! [`view_model`] decides which cells and contacts are drawn, how large and in which colours; it needs
-//! no Rerun. With the feature `rerun`, `Recording` says it to a viewer or writes it to an `.rrd`
+//! no Rerun. With the feature `rerun`, `Recording` sends it to a viewer or writes it to an `.rrd`
 //! file, and `viewer` starts one with its usage statistics off. This is the only crate that knows
 //! Rerun, and nobody has to build that who does not ask for it.
 //!

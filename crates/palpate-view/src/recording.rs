@@ -1,4 +1,4 @@
-//! What is said to a viewer, sample by sample.
+//! What is recorded for a viewer, sample by sample.
 //!
 //! | entity                      | holds                                                      |
 //! |-----------------------------|------------------------------------------------------------|
@@ -13,7 +13,7 @@
 //! | `about`, `touches`          | what this is; when which touch starts                      |
 //!
 //! Timelines are `sample`, the number of the sample, and `time`, s, where there is a clock.
-//! [`crate::shown`] decides what is drawn, `blueprint.rs` how it is laid out.
+//! [`crate::view_model`] decides what is drawn, `blueprint.rs` how it is laid out.
 //!
 //! Rerun gathers and sends on threads of its own. A viewer that cannot keep up slows the caller
 //! down once 100 MB wait for it, so a caller that must not wait uses a thread of its own and drops
@@ -43,7 +43,7 @@ pub(crate) const APPLICATION: &str = "palpate";
 /// How long a viewer may take to answer at first, and to take what is left at the end.
 const PATIENCE: [Duration; 2] = [Duration::from_secs(10), Duration::from_secs(60)];
 
-// To be told from each other, on a dark ground and on a light one.
+// Distinct on a dark background and on a light one.
 const MEASURED: [u8; 3] = [150, 150, 150];
 const PREDICTED: [u8; 3] = [40, 140, 245];
 const ERROR: [u8; 3] = [235, 80, 60];
@@ -193,27 +193,27 @@ impl<'out> Recording<'out> {
             touching: false,
             stream,
         };
-        recording.say_scene(scene)?;
+        recording.log_scene(scene)?;
         Ok(recording)
     }
 
-    /// What is said once.
-    fn say_scene(&self, scene: &Scene) -> Result<(), ViewError> {
-        let say = |entity: &str, what: &dyn AsComponents| self.stream.log_static(entity, what);
-        say("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
+    /// What is recorded once.
+    fn log_scene(&self, scene: &Scene) -> Result<(), ViewError> {
+        let log = |entity: &str, what: &dyn AsComponents| self.stream.log_static(entity, what);
+        log("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
         let about = TextDocument::new(scene.about.as_str());
-        say("about", &about.with_media_type(MediaType::markdown()))?;
+        log("about", &about.with_media_type(MediaType::markdown()))?;
         for (entity, link) in self.links.iter().zip(&scene.links) {
             let normals = link.normals();
             let mesh = Mesh3D::new(link.vertices_m.iter().map(single))
                 .with_triangle_indices(link.triangles.iter().copied())
                 .with_vertex_normals(normals.iter().map(|n| single(&Point3::from(*n))))
                 .with_albedo_factor(LINK);
-            say(entity, &mesh)?;
+            log(entity, &mesh)?;
         }
         let line = |entity: String, name: &str, colour: [u8; 3], width: f32| {
             let line = SeriesLines::new().with_names([name]).with_colors([colour]);
-            say(&entity, &line.with_widths([width]))
+            log(&entity, &line.with_widths([width]))
         };
         for of in self.joints.iter().map(String::as_str).chain(["norm"]) {
             line(format!("torque/{of}/measured"), "measured", MEASURED, 1.5)?;
@@ -224,7 +224,7 @@ impl<'out> Recording<'out> {
         Ok(())
     }
 
-    /// Says that a touch starts with the next sample.
+    /// Records that a touch starts with the next sample.
     ///
     /// # Errors
     ///
@@ -249,9 +249,9 @@ impl<'out> Recording<'out> {
         for (entity, pose) in self.links.iter().zip(frame.world_from_link) {
             self.stream.log(entity.as_str(), &transform(pose))?;
         }
-        self.say_contacts(frame.contacts)?;
+        self.log_contacts(frame.contacts)?;
         if let Some(torque) = &frame.torque {
-            self.say_torque(torque)?;
+            self.log_torque(torque)?;
         }
         match &mut self.place {
             Place::File(rrd) => rrd.row(),
@@ -259,7 +259,7 @@ impl<'out> Recording<'out> {
         }
     }
 
-    fn say_contacts(&mut self, contacts: &Contacts) -> Result<(), ViewError> {
+    fn log_contacts(&mut self, contacts: &Contacts) -> Result<(), ViewError> {
         self.scalar("contacts", contacts.len() as f64)?;
         if contacts.is_empty() && !self.touching {
             return Ok(()); // Nothing is there already.
@@ -280,7 +280,7 @@ impl<'out> Recording<'out> {
         Ok(self.stream.log("world/contacts/at", &points)?)
     }
 
-    fn say_torque(&self, torque: &Torque<'_>) -> Result<(), ViewError> {
+    fn log_torque(&self, torque: &Torque<'_>) -> Result<(), ViewError> {
         let both = [("measured", torque.measured), ("predicted", torque.predicted)];
         for (what, tau) in both {
             self.scalar(&format!("torque/norm/{what}"), tau.norm())?;

@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pause_begins_one_touch_and_the_next_needs_motion_or_contact() {
+    fn a_pause_begins_one_touch_and_the_next_comes_after_motion_or_contact() {
         for clock in [true, false] {
             let mut run = Run::new(clock);
             run.still(1000, 0.0, false);

@@ -104,7 +104,7 @@ impl Network {
         let mut topics: Vec<TopicSeen> = Vec::new();
         for writer in writers {
             let data = &writer.publication_topic_data;
-            // Who says nothing publishes reliably: that is the default.
+            // Reliable is the default of publishers.
             let reliable = data.reliability != Some(Reliability::BestEffort);
             let Some(seen) = TopicSeen::of_dds(&data.topic_name, &data.type_name, reliable) else {
                 continue;

@@ -120,7 +120,7 @@ impl Subscriber {
             let message = "hold the arm still and free of the object for at least five samples; \
                            the tare ends when it moves"
                 .to_owned();
-            // Whoever asked may have left.
+            // The client may have left.
             let _ = self.tare.send_response(id, TriggerResponse { success: true, message });
         }
     }

@@ -70,16 +70,16 @@ pub fn choose(topics: &[TopicSeen], wanted: Option<&str>) -> Choice {
 
 /// What else there is.
 fn others(topics: &[TopicSeen]) -> String {
-    let told: Vec<String> = topics
+    let listed: Vec<String> = topics
         .iter()
         .filter(|topic| !topic.name.starts_with(OWN))
         .map(|topic| format!("{} ({})", topic.name, topic.kind))
         .collect();
-    if told.is_empty() {
+    if listed.is_empty() {
         "; no topic is seen at all: are the domain (--domain, ROS_DOMAIN_ID) and the network right?"
             .to_owned()
     } else {
-        format!("; there are {}", told.join(", "))
+        format!("; there are {}", listed.join(", "))
     }
 }
 
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_or_of_another_type_is_told_with_what_there_is() {
+    fn a_topic_that_is_missing_or_of_another_type_is_named_with_those_that_are_there() {
         let topics = [seen("/camera", "sensor_msgs/msg/Image")];
         for (wanted, words) in [
             (None, "nobody publishes sensor_msgs/msg/JointState; there are /camera (sensor_msgs"),
