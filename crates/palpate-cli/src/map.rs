@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate::{Arm, EstimatorKind, Mapper, StepReport};
+use palpate::{Arm, Mapper, StepReport};
 use palpate_io::field::{self, Saved};
 use serde_json::json;
 
@@ -209,10 +209,9 @@ impl Summary<'_> {
     fn text(&self, elapsed: Duration) -> String {
         let (tally, config) = (self.tally, self.mapper.config());
         let (frames_remembered, bytes) = self.mapper.memory();
-        let estimator = if config.method == EstimatorKind::Map { "map" } else { "ekf" };
         let row = |name: &str, value: String| format!("  {name:<WIDTH$}  {value}\n");
         let mut rows = vec![
-            row("estimator", estimator.to_owned()),
+            row("estimator", config.method.name().to_owned()),
             row("touches", tally.touches.len().to_string()),
             row("frames", tally.total(|touch| touch.frames).to_string()),
             row("of them for the tare", tally.total(|touch| touch.tare_frames).to_string()),

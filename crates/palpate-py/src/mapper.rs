@@ -164,10 +164,7 @@ impl Mapper {
     /// `map` or `ekf`.
     #[getter]
     fn method(&self, py: Python<'_>) -> PyResult<&'static str> {
-        Ok(match self.state.take(py)?.inner.mapper.config().method {
-            palpate::EstimatorKind::Map => "map",
-            palpate::EstimatorKind::Ekf => "ekf",
-        })
+        Ok(self.state.take(py)?.inner.mapper.config().method.name())
     }
 
     /// The configuration that holds, as the field's file has it.

@@ -48,14 +48,11 @@ impl SettingsGiven<'_, '_> {
             Some(given) => of_table(&sections(given.as_mapping())?)?,
         };
         if let Some(method) = self.method {
-            upper.estimator.estimator = Some(match method {
-                "map" => EstimatorKind::Map,
-                "ekf" => EstimatorKind::Ekf,
-                _ => {
-                    let message = format!("`method` is {method:?}; wanted \"map\" or \"ekf\"");
-                    return Err(PyValueError::new_err(message));
-                }
-            });
+            let kind = EstimatorKind::named(method).ok_or_else(|| {
+                let message = format!("`method` is {method:?}; wanted \"map\" or \"ekf\"");
+                PyValueError::new_err(message)
+            })?;
+            upper.estimator.estimator = Some(kind);
         }
         Ok(upper.over(lower))
     }

@@ -12,8 +12,8 @@
 //! without the sign and signed when replayed. Drift is lazy: a cell remembers the step at which
 //! it was last seen and adds what it missed, so that a step costs what it touches.
 //!
-//! sgn 0 is taken as +1; even so a prior mean of exactly zero is refused, because the paper's
-//! filter has no slope there. For the same reason a cell whose own prior mean
+//! sgn 0 is taken as +1; even so a prior mean of exactly zero is refused, because the slope of |κ| is
+//! undefined there and the paper's filter never leaves it. For the same reason a cell whose own prior mean
 //! ([`Estimator::set_prior_means`]) is below that of the settings starts from the latter.
 
 use nalgebra::DVector;
@@ -45,7 +45,7 @@ pub struct EkfEstimator {
 struct Filter {
     /// The unknown of a cell is the mean of its κ.
     belief: Belief,
-    /// σ_κ² of Eq. 4 a step.
+    /// Variance of the drift ε of Eq. 4 per step, (N/m)².
     drift_variance: f64,
     /// The step up to which each row's variance holds its drift.
     seen: Vec<u64>,
@@ -68,9 +68,9 @@ impl Filter {
     ///
     /// Nothing changes unless the innovation covariance can be inverted.
     fn update(&mut self, observation: &Observation) -> Result<DVector<f64>, EstimatorError> {
-        let gain = self.belief.innovation_inverse(observation, |row| self.variance_now(row))?;
+        let inverse = self.belief.innovation_inverse(observation, |row| self.variance_now(row))?;
         let predicted = observation.predict(&self.belief.cells, Stiffness::Magnitude);
-        let d = &gain * (observation.tau() - &predicted);
+        let d = &inverse * (observation.tau() - &predicted);
         if d.iter().any(|x| !x.is_finite()) {
             return Err(EstimatorError::Degenerate);
         }
@@ -83,7 +83,7 @@ impl Filter {
             // Column i of H is the lever times sgn κᵢ; `0.0.signum()` is `1.0` in Rust.
             *cell.unknown_mut() += variance[row] * value * cell.unknown().signum();
         });
-        self.belief.shrink(observation, &gain);
+        self.belief.shrink(observation, &inverse);
         Ok(predicted)
     }
 }

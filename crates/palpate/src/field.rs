@@ -109,7 +109,7 @@ pub struct Prediction {
 
 /// The springs that a [`Predictor`] sums up, by row: first those of a field, then those met since.
 #[derive(Debug)]
-struct Springs {
+struct FieldSprings {
     observations: ObservationBuilder,
     cells: Vec<Cell>,
     /// Frames that touched the cells of the field.
@@ -117,8 +117,8 @@ struct Springs {
     untouched_n_per_m: f64,
 }
 
-impl Springs {
-    /// Springs of the given rows, K in N/m; cells met later are untouched ones.
+impl FieldSprings {
+    /// FieldSprings of the given rows, K in N/m; cells met later are untouched ones.
     fn new(
         rows: CellRows,
         stiffness_n_per_m: &[f64],
@@ -158,7 +158,7 @@ impl Springs {
 /// Predicts the torque of motions from a field that stays as it is.
 pub struct Predictor {
     tracker: Tracker,
-    springs: Springs,
+    springs: FieldSprings,
 }
 
 impl Predictor {
@@ -180,7 +180,7 @@ impl Predictor {
             rows.row_of(cell);
         }
         let (stiffness, counts) = (&field.stiffness_n_per_m, field.counts.clone());
-        let springs = Springs::new(rows, stiffness, counts, field.untouched_n_per_m);
+        let springs = FieldSprings::new(rows, stiffness, counts, field.untouched_n_per_m);
         Ok(Self { tracker, springs })
     }
 

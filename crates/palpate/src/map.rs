@@ -1,4 +1,4 @@
-//! The exact maximum a posteriori of the stiffness, by replay.
+//! The estimator `map`: the exact maximum a posteriori (MAP) of the stiffness, by replay.
 //!
 //! Under a Gaussian prior N(m₀, S₀), diagonal, and torque noise R, the most likely K ≥ 0 given
 //! all remembered frames t solves a non-negative least-squares problem. Its optimality (KKT)
@@ -107,7 +107,10 @@ impl MapEstimator {
     }
 
     /// `(H S₀ Hᵀ + R)⁻¹` of a frame, with the prior variances.
-    fn gain(&self, observation: &Observation) -> Result<DMatrix<f64>, EstimatorError> {
+    fn innovation_inverse(
+        &self,
+        observation: &Observation,
+    ) -> Result<DMatrix<f64>, EstimatorError> {
         self.belief.innovation_inverse(observation, |_| self.belief.prior_variance)
     }
 
@@ -122,10 +125,10 @@ impl MapEstimator {
         mut frame: Observation,
         id: FrameId,
         alpha: &[f64],
-        (gain, nis): (&DMatrix<f64>, f64),
+        (inverse, nis): (&DMatrix<f64>, f64),
     ) {
         frame.note(alpha.iter().copied());
-        frame.note(gain.iter().copied());
+        frame.note(inverse.iter().copied());
         let bytes = frame.bytes() + size_of::<FrameId>();
         self.memory.push(frame, id, bytes, nis);
     }
@@ -151,10 +154,10 @@ fn residual(belief: &Belief, frame: &Observation, prefetch: &mut Prefetch<'_>) -
 fn visit(belief: &mut Belief, frame: &mut Observation, mut prefetch: Prefetch<'_>) -> f64 {
     let residual = residual(belief, frame, &mut prefetch);
     let n_joints = residual.len();
-    let (alpha, gain) = frame.notes_mut().split_at_mut(n_joints);
+    let (alpha, inverse) = frame.notes_mut().split_at_mut(n_joints);
     let mut d = DVector::zeros(n_joints);
-    for (column, r) in gain.chunks(n_joints).zip(&residual) {
-        d.iter_mut().zip(column).for_each(|(d, gain)| *d += gain * r);
+    for (column, r) in inverse.chunks(n_joints).zip(&residual) {
+        d.iter_mut().zip(column).for_each(|(d, inverse)| *d += inverse * r);
     }
     alpha.iter_mut().zip(&d).for_each(|(alpha, d)| *alpha += d);
     add(belief, frame, d.as_slice(), &mut prefetch);
@@ -192,22 +195,22 @@ impl Estimator for MapEstimator {
         id: FrameId,
     ) -> Result<DVector<f64>, EstimatorError> {
         self.belief.grow(points_m);
-        let gain = self.gain(&observation)?;
+        let inverse = self.innovation_inverse(&observation)?;
         let belief = &mut self.belief;
-        let shrinkage = belief.innovation_inverse(&observation, |row| belief.variance(row))?;
+        let inverse_now = belief.innovation_inverse(&observation, |row| belief.variance(row))?;
         let predicted = predict(belief, &observation);
         let innovation = observation.tau() - &predicted;
-        let alpha = &gain * &innovation;
+        let alpha = &inverse * &innovation;
         if alpha.iter().any(|x| !x.is_finite()) {
             return Err(EstimatorError::Degenerate);
         }
 
         belief.step += 1;
         belief.count_contacts(&observation);
-        belief.shrink(&observation, &shrinkage);
+        belief.shrink(&observation, &inverse_now);
         add(belief, &observation, alpha.as_slice(), &mut Prefetch::nothing());
         let nis = innovation.dot(&alpha);
-        self.remember(observation, id, alpha.as_slice(), (&gain, nis));
+        self.remember(observation, id, alpha.as_slice(), (&inverse, nis));
         Ok(predicted)
     }
 
@@ -264,9 +267,9 @@ impl Estimator for MapEstimator {
         self.memory = ReplayMemory::resume(self.config.memory, state.rng);
         let no_alpha = vec![0.0; self.belief.torque_variance.len()];
         for (remembered, observation) in state.remembered.iter().zip(observations) {
-            let gain = self.gain(&observation)?;
+            let inverse = self.innovation_inverse(&observation)?;
             let alpha = if remembered.alpha.is_empty() { &no_alpha } else { &remembered.alpha };
-            self.remember(observation, remembered.id, alpha, (&gain, remembered.nis));
+            self.remember(observation, remembered.id, alpha, (&inverse, remembered.nis));
         }
         Ok(())
     }

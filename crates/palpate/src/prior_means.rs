@@ -3,7 +3,7 @@
 //! The prior of [`crate::estimator`] knows no place. Where something does — a field learnt
 //! yesterday, the look of an object beside what was felt of it — the cells concerned get their own
 //! prior mean m₀. Their prior variance stays that of all cells: how much evidence it takes to
-//! depart from the mean is a matter of the torque noise, which S₀ was tuned beside.
+//! depart from the mean depends on torque noise and prior variance, which are tuned together.
 //!
 //! The module only checks such a prior and puts it in order; [`crate::mapper`] declares its rows.
 

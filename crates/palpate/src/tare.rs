@@ -81,7 +81,7 @@ impl TouchTare {
     /// Adds a frame to the tare, or subtracts the tare from it: τ_ext, n_joints, N·m, or `None` while
     /// the tare is being taken.
     ///
-    /// `touches` says whether the arm touches any point of the lattice.
+    /// `in_contact` says whether the arm touches any point of the lattice.
     ///
     /// # Errors
     ///
@@ -89,13 +89,13 @@ impl TouchTare {
     pub(crate) fn subtract(
         &mut self,
         (robot, config): (&Robot, &ExternalTorqueConfig),
-        (q, touches): (&[f64], bool),
+        (q, in_contact): (&[f64], bool),
         untared: &DVector<f64>,
     ) -> Result<Option<DVector<f64>>, TrackerError> {
         if let State::Open { sum, frames } = &mut self.state {
             let goes_on = match config.tare {
                 Tare::Frames(wanted) => *frames < wanted,
-                _ => is_contact_free(robot, (&self.q_start, q), config.still_rad, touches),
+                _ => is_contact_free(robot, (&self.q_start, q), config.still_rad, in_contact),
             };
             if goes_on {
                 *sum += untared;

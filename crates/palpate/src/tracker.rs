@@ -59,8 +59,8 @@ pub enum TrackerError {
     Robot(#[from] RobotError),
     /// Nothing to tare on.
     #[error(
-        "the touch has no contact-free start: the arm moves after {found} frames, and at least \
-         {wanted} still ones are needed for the tare; start the log earlier, give the number of \
+        "the touch has no contact-free start: after {found} frames the arm has moved and touches the \
+         lattice, and the tare needs at least {wanted} frames before that; start the log earlier, give the number of \
          frames yourself (--tare-frames N), or use --no-tare if the torques are external already"
     )]
     NoContactFreeStart { found: u32, wanted: u32 },

@@ -120,7 +120,7 @@ impl Figures {
     /// What was measured, and how.
     fn heading(&self) -> String {
         let [nx, ny, nz] = self.shape;
-        let estimator = if self.estimator == EstimatorKind::Map { "map" } else { "ekf" };
+        let estimator = self.estimator.name();
         let touches = match (self.simulated, self.touches) {
             (true, n) => format!("Touches: {n} of those bundled, simulated"),
             (false, n) => format!("Touches: {n}"),

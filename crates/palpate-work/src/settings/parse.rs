@@ -10,11 +10,11 @@ use serde::de::{IntoDeserializer, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// A parser of words that serde knows, which help and completions list.
-pub(super) fn named<T>(words: &'static [&'static str]) -> impl TypedValueParser<Value = T>
+pub(super) fn named<T>(words: &[&'static str]) -> impl TypedValueParser<Value = T> + use<T>
 where
     T: for<'de> Deserialize<'de> + Clone + Send + Sync + 'static,
 {
-    PossibleValuesParser::new(words).try_map(|word| {
+    PossibleValuesParser::new(words.iter().copied()).try_map(|word| {
         let word: StrDeserializer<'_, Error> = word.as_str().into_deserializer();
         T::deserialize(word)
     })

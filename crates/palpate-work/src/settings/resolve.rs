@@ -4,8 +4,8 @@
 
 use palpate::unstable::{JointKind, PauseConfig};
 use palpate::{
-    ContactConfig, EstimatorConfig, EstimatorKind, ExternalTorqueConfig, Lattice, LatticeError,
-    MapperConfig, Payload, Robot, Tare,
+    ContactConfig, EstimatorConfig, ExternalTorqueConfig, Lattice, LatticeError, MapperConfig,
+    Payload, Robot, Tare,
 };
 use palpate_io::log::{AngleUnit, LogOptions};
 use serde::Serialize;
@@ -286,8 +286,8 @@ pub fn first_difference(saved: &MapperConfig, given: &MapperConfig) -> Option<St
         return Some(format!("the lattice is {a}, not {b}"));
     }
     if saved.method != given.method {
-        let name = |method| if method == EstimatorKind::Map { "map" } else { "ekf" };
-        return Some(format!("estimator is {}, not {}", name(saved.method), name(given.method)));
+        let [saved, given] = [saved, given].map(|config| config.method.name());
+        return Some(format!("estimator is {saved}, not {given}"));
     }
     let mut differences = departures(&saved.contact, &given.contact);
     differences.extend(departures(&saved.touch, &given.touch));

@@ -179,7 +179,7 @@ pub struct ContactSettings {
 pub struct EstimatorSettings {
     /// `map`, the exact maximum a posteriori, or `ekf`, the paper's filter; each has its own
     /// defaults for the keys below [default: map]
-    #[arg(long, value_name = "NAME", value_parser = named::<EstimatorKind>(&["map", "ekf"]))]
+    #[arg(long, value_name = "NAME", value_parser = named::<EstimatorKind>(&EstimatorKind::ALL.map(EstimatorKind::name)))]
     pub estimator: Option<EstimatorKind>,
     /// Stiffness of an untouched cell of 1 cm, N/m; scales with the spacing cubed
     /// [default: 0.0 for map, 0.006 for ekf]

@@ -54,11 +54,11 @@ pub struct ContactConfig {
     pub friction: f64,
     /// λ: the farthest that a point slips in one iteration.
     pub slip_step_m: f64,
-    /// Slip iterations of one motion; 0 makes points stick for good.
+    /// Slip iterations of one sub-step; with 0 points never slip, they stick until they are released.
     pub slip_iterations: u32,
     /// The farthest that a point of a link travels in one sub-step, in cells.
     pub substep_cells: f64,
-    /// Whether points inside the links at the start of a touch are empty space throughout it.
+    /// Whether points closer than δ to a link at the start of a touch are empty space throughout it.
     pub known_empty: bool,
 }
 

@@ -8,7 +8,7 @@
 //! | anchor      | [`HeldPoint::new`]            | it enters: the nearest place with φ = δ           |
 //! | stick       | [`HeldPoint::stick`]          | the link moves: the anchor moves with it          |
 //! | slip        | [`HeldPoint::slip`]           | u leaves the friction cone about the normal       |
-//! | release     | [`HeldPoint::pushes`]         | not u·n > 0: its spring would have to pull        |
+//! | release     | [`HeldPoint::pushes`]         | u·n ≤ 0: its spring would have to pull            |
 //!
 //! φ is the signed distance from the link's surface, n = ∇φ its outward normal, and u the
 //! displacement, anchor − rest point. No rule looks at another point, at a torque or at a stiffness.
@@ -176,7 +176,8 @@ impl HeldPoint {
     }
 
     /// *Slip*: moves the anchor one step towards the rest point, across the normal, if u violates
-    /// the friction cone; returns whether it did.
+    /// the friction cone; returns whether it did, and notes whether the link still holds the point
+    /// (*release*).
     ///
     /// The step is the excess of the tangential part of u over μ times its normal part, at most λ.
     fn slip(&mut self, rules: &ContactRules) -> bool {

@@ -1,6 +1,6 @@
 //! The scheduler for motions that come one by one: all points of the lattice, one motion at a time.
 //!
-//! A motion of the arm goes through the rules in their order: the points that links hold stick, slip
+//! A sub-step of the arm goes through the rules in their order: the points that links hold stick, slip
 //! or are released; then free points that a link now covers enter, each at its deepest link. What a
 //! motion costs follows the contacts and the links' surfaces, not the lattice's size: the broad phase
 //! knows which free points a link may have reached.

@@ -98,16 +98,16 @@ impl Belief {
         observation.rows().for_each(|row| self.counts[row] += 1);
     }
 
-    /// The Kalman update of the variances of a frame's cells, `Pᵢ − Pᵢ² wᵢᵀ C⁻¹ wᵢ`; rounding cannot
+    /// The Kalman update of the variances of a frame's cells, `Pᵢ − Pᵢ² wᵢᵀ C⁻¹ wᵢ` with C = H P Hᵀ + R; rounding cannot
     /// take more than there is.
-    pub(crate) fn shrink(&mut self, observation: &Observation, gain: &DMatrix<f64>) {
+    pub(crate) fn shrink(&mut self, observation: &Observation, inverse: &DMatrix<f64>) {
         let variance = &mut self.variance;
-        observation.quadratic(&self.cells, gain, |row, value| {
+        observation.quadratic(&self.cells, inverse, |row, value| {
             variance[row] *= (1.0 - variance[row] * value).max(f64::EPSILON);
         });
     }
 
-    /// `(H S Hᵀ + R)⁻¹` for a diagonal S, given by row.
+    /// `C⁻¹ = (H P Hᵀ + R)⁻¹`, the inverse of the innovation covariance, for a diagonal P, given by row.
     ///
     /// # Errors
     ///

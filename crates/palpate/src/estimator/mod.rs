@@ -46,10 +46,10 @@ pub enum EstimatorError {
     /// A setting outside its range.
     #[error(transparent)]
     Setting(#[from] SettingError),
-    /// The paper's filter cannot leave κ = 0: there sgn κ, and with it every correction, is zero.
+    /// At κ = 0 the slope of |κ| is undefined, and the paper's filter does not leave it.
     #[error(
-        "the prior mean of `ekf` is 0 N/m, from where it never learns: the slope of |κ| vanishes \
-         at κ = 0; give it a small positive prior mean"
+        "the prior mean of `ekf` is 0 N/m, where the slope of |κ| is undefined and the paper's filter \
+         never learns; give it a small positive prior mean"
     )]
     EkfPriorMeanZero,
     /// One torque noise a joint, or one for all.
@@ -76,6 +76,24 @@ pub enum EstimatorKind {
     Ekf,
 }
 
+impl EstimatorKind {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Map, Self::Ekf];
+
+    /// Its name in settings, files and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Map => "map",
+            Self::Ekf => "ekf",
+        }
+    }
+
+    /// The estimator of a name; `None` if there is none of it.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+}
+
 /// What is known of one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
@@ -100,12 +118,13 @@ pub(crate) const LARGEST: f64 = 1e9;
 pub struct EstimatorConfig {
     /// Stiffness of untouched cells.
     pub prior: Prior,
-    /// σ_τ, N·m: one value for all joints, or one a joint. Stands for all that the model leaves
+    /// σ_τ, N·m: one value for all joints, or one per joint. Stands for all that the model leaves
     /// unexplained, not for the sensor's noise alone.
     pub torque_std: Vec<f64>,
     /// Remembered frames visited again after each new one.
     pub replays: u32,
-    /// σ_κ of Eq. 4, N/m a step for a cell of 1 cm; used by `ekf` alone.
+    /// Standard deviation of the drift ε of Eq. 4, N/m per step for a cell of 1 cm; used by `ekf` alone. 0
+    /// by default: objects are taken not to change.
     pub drift_std_n_per_m: f64,
     /// Bound on the remembered frames.
     pub memory: MemoryLimits,
@@ -202,7 +221,7 @@ pub trait Estimator: Send + Sync {
     /// Frames that touched a row.
     fn count(&self, row: usize) -> u32;
 
-    /// The estimate of the cell of a row; of any other number, the prior.
+    /// The estimate of the cell of a row; of a row that is none, such as `usize::MAX`, the prior.
     fn estimate(&self, row: usize) -> CellEstimate {
         CellEstimate {
             stiffness_n_per_m: self.stiffness(row),
@@ -251,8 +270,8 @@ pub trait Estimator: Send + Sync {
     /// Replays: fuses remembered frames again, drawn from memory.
     fn replay(&mut self, visits: u32) -> Replayed;
 
-    /// Condenses the frames of a touch into the belief: they leave memory, what was learnt from them
-    /// stays.
+    /// Condenses the frames of a touch: they leave memory and are replayed no more, what was learnt from
+    /// them stays in the belief.
     fn condense(&mut self, touch: u32);
 
     /// The remembered frames, in memory's order.

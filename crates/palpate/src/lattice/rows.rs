@@ -1,10 +1,10 @@
-//! Touched cells without gaps, numbered by first touch.
+//! Cells without gaps, numbered by first touch, after those with a prior of their own.
 
 use std::sync::Arc;
 
 use super::{BRICK_CELLS, Bricks, CellId, Lattice};
 
-/// Cells numbered in the order of their first touch, with their rest points.
+/// Cells numbered in the order in which they are first asked for, with their rest points.
 ///
 /// Arrays over *rows* hold the touched part of the world without gaps, and cells touched
 /// together lie together.

@@ -263,9 +263,10 @@ impl Mapper {
 
     /// Makes replays in time that the caller can spare; returns how many.
     ///
-    /// `grant` is given how many may be made and returns how many to make before it is called again. It
-    /// ends with 0, when none may be made any more, or when nothing is remembered. Needs [`ReplayPolicy::SpareTime`] or [`ReplayPolicy::SpareTimeUnbounded`]; under another policy
-    /// none is left to be made.
+    /// `grant` is given how many may be made and returns how many to make before it is called again. Stops
+    /// when `grant` returns 0, when no more may be made, or when nothing is remembered. Only for
+    /// [`ReplayPolicy::SpareTime`] and [`ReplayPolicy::SpareTimeUnbounded`]: under another policy none is
+    /// left to be made.
     pub fn spare_time(&mut self, grant: impl FnMut(u32) -> u32) -> u32 {
         self.replays.spare_time(grant)
     }

@@ -2,7 +2,7 @@
 //!
 //! A spring at rest point p, displaced by u, pushes its link with the wrench `−K w`,
 //! `w = (u, p × u)` about the world's origin ([`crate::torque`]). Sums over the springs of a link, of `K w` and
-//! of `σ² w wᵀ`, are all that is needed: its spatial Jacobian S makes torques and variances of
+//! of `σ² w wᵀ`, are all that is needed: its spatial Jacobian J makes torques and variances of
 //! them.
 
 use nalgebra::{DVector, Matrix6, Point3, Vector6};

@@ -1,5 +1,7 @@
-//! Replays: remembered frames are fused again, so that the estimator does not forget them (Sec. II).
+//! When replays are made: remembered frames are fused again, so that the estimator does not forget them
+//! (Sec. II).
 //!
+//! A frame is drawn and fused in `Estimator::replay` (`map.rs`, `ekf.rs`); `memory.rs` stores the frames.
 //! [`ReplayPolicy`] says when the replays of a frame are made and on which thread; how many is a
 //! setting of the estimator. [`Replays`] owns the estimator and keeps to the policy. Whichever thread
 //! makes them, the replays of a frame come after its correction and before anything else looks at the
@@ -82,13 +84,14 @@ impl Replays {
         up_to_date(&self.pending)
     }
 
-    /// Notes that a sample comes from which nothing may be learnt.
+    /// Notes that a sample comes; perhaps nothing will be learnt from it.
     pub(crate) fn begin_step(&mut self) {
         self.learnt = false;
     }
 
-    /// Ends a touch. A last sample from which nothing was learnt costs the generator one draw: that
-    /// is how the fields of all versions so far were made, and keeps them equal to the bit.
+    /// Ends a touch. `map` draws once even for no replays, `ekf` does not: where nothing was learnt from
+    /// the last sample, fields of all versions so far were made with that draw, which keeps them equal to
+    /// the bit.
     pub(crate) fn end_touch(&mut self) {
         let learnt = std::mem::take(&mut self.learnt);
         let mut estimator = self.estimator();

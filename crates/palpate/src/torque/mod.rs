@@ -3,17 +3,19 @@
 //! This is where stiffness meets torque; [`crate::path_predictor`] sums the same up for whole paths. A
 //! spring at rest point p, displaced by u, pushes its link with the force −K u at p + u; as moment
 //! about the world's origin that is −K p × u, since u × u = 0. Summed over the contacts of a link
-//! this is one wrench, and the link's spatial Jacobian S turns it into joint torques. The other way
-//! round, joint speeds d move the link's points with v(p) = (S d)₁ + (S d)₂ × p, and
-//! `w·d = −u·v(p)`. So a frame needs only u, the cell and the link of every contact: 16 bytes a contact,
-//! in one stream, in place of a column of H. The rest points are kept once a cell by whoever walks
+//! this is one wrench, and the link's spatial Jacobian J turns it into joint torques. The other way
+//! round, a vector d over the joints, read as joint speeds, moves the link's points with
+//! v(p) = (J d)₁ + (J d)₂ × p, and `w·d = −u·v(p)`. So a frame needs only u, the cell and the link of every contact: 16 bytes a contact,
+//! in one stream, in place of a column of H. That a force is parallel to its u is what makes this
+//! possible: a contact law with other forces needs p + u as well. The rest points are kept once a cell by whoever walks
 //! over the frame.
 //!
 //! | paper | here                     | value                         | shape    | unit    |
 //! |-------|--------------------------|-------------------------------|----------|---------|
 //! | Eq. 2 | [`lever`]                | `w = −J(q, p+u)ᵀ u`           | n_joints | m²      |
+//! | Eq. 3 | [`Stiffness`]            | K of κ, or of z               |          | N/m     |
 //! | Eq. 5 | [`Observation::predict`] | `τ̂ = Σ wᵢ Kᵢ`                | n_joints | N·m     |
-//! |       | [`Observation::gram`]    | `H S Hᵀ`, S diagonal          | n × n    | (N·m)²  |
+//! |       | [`Observation::gram`]    | `H P Hᵀ`, P diagonal          | n × n    | (N·m)²  |
 //! |       | [`Observation::spread`]  | `Hᵀ d`, contact by contact    |          |         |
 //!
 //! Here H is made of levers, without the sign of κ: [`crate::ekf`] adds it. The module knows
@@ -50,7 +52,7 @@ pub fn lever(
     -robot.jacobian(poses, link, &(rest + displacement)).transpose() * displacement
 }
 
-/// Contacts in a block, one a lane.
+/// Contacts in a block, one per lane.
 const LANES: usize = 4;
 
 /// Four displaced points, of which millions stream by: u by axis (m, world frame) as the bits of
@@ -94,7 +96,7 @@ impl Cell {
         Self([x, y, z, unknown])
     }
 
-    /// z of `map`, κ of `ekf`, K of a field; N/m.
+    /// The estimator's variable of this cell: z of `map`, κ of `ekf`, K of a finished field; N/m.
     #[inline]
     pub fn unknown(&self) -> f64 {
         self.0[3]
@@ -121,13 +123,14 @@ pub enum Stiffness {
     Magnitude,
 }
 
-/// One frame as the estimators see it: the contacts' levers, summed up, and the torque they explain.
+/// One frame as the estimators see it: the displacement and row of every contact, the Jacobian of every
+/// link that touches, and the torque that they explain. Levers are formed on the fly.
 ///
 /// All of it is one block of memory in the order in which it is walked over, because a remembered
 /// frame comes back from far away: every detour would be waited for.
 #[derive(Debug, Clone)]
 pub struct Observation {
-    /// τ; then for every link that touches: the number of its contacts, S column by column, and
+    /// τ; then for every link that touches: the number of its contacts, J column by column, and
     /// the contacts in blocks; then the notes.
     stream: Vec<f64>,
     n_joints: usize,
@@ -139,7 +142,7 @@ pub struct Observation {
 /// A remembered frame on its way from main memory.
 ///
 /// The walk over a frame does so much for every contact that the processor looks only a few
-/// contacts prefetch, and would wait for memory. So whoever walks over a frame asks for a little of
+/// contacts ahead, and would wait for memory. So whoever walks over a frame asks for a little of
 /// the next one at every block, and finds it close by when its turn comes.
 #[derive(Debug)]
 pub struct Prefetch<'a>(&'a [f64]);
@@ -170,7 +173,7 @@ impl Prefetch<'_> {
 
 /// One link's contacts in an [`Observation`].
 struct Run<'a> {
-    /// S, 6 × n_joints: wrench on the link, about the world's origin, to joint torques is `Sᵀ`.
+    /// J, 6 × n_joints: wrench on the link, about the world's origin, to joint torques is `Jᵀ`.
     spatial: &'a [[f64; 6]],
     n_contacts: usize,
     blocks: &'a [Block],
@@ -183,7 +186,7 @@ impl<'a> Run<'a> {
         self.blocks.iter().zip(left.map(|left| left.min(LANES)))
     }
 
-    /// `S d`: linear velocity at the world's origin, and angular.
+    /// `J d`: linear velocity at the world's origin, and angular.
     fn twist(&self, d: &[f64]) -> [f64; 6] {
         let mut twist = [0.0; 6];
         for (column, speed) in self.spatial.iter().zip(d) {
@@ -194,7 +197,7 @@ impl<'a> Run<'a> {
         twist
     }
 
-    /// S as a matrix.
+    /// J as a matrix.
     fn matrix(&self) -> Matrix6xX<f64> {
         Matrix6xX::from_column_slice(self.spatial.as_flattened())
     }
@@ -208,7 +211,7 @@ pub struct ObservationBuilder {
 }
 
 impl ObservationBuilder {
-    /// A observations whose cells are numbered so far as `rows` says.
+    /// A builder whose cells are numbered so far as `rows` says.
     pub fn new(rows: CellRows) -> Self {
         Self { rows, runs: RowsOfRuns::default() }
     }
@@ -221,7 +224,7 @@ impl ObservationBuilder {
     /// Builds the observation of a step; cells seen for the first time get their rows here.
     ///
     /// `tau` is the external torque of the step, n_joints, N·m. The contacts of successive steps
-    /// are best handed to one observations: it finds the rows of cells that stayed without a look-up.
+    /// are best handed to one builder: it finds the rows of cells that stayed without a look-up.
     pub fn build(
         &mut self,
         robot: &Robot,
@@ -362,7 +365,7 @@ impl Observation {
         tau
     }
 
-    /// `H S Hᵀ` for a diagonal S, n × n, (N·m)²; `variance` gives S of a row, (N/m)².
+    /// `H P Hᵀ` for a diagonal P, n × n, (N·m)²; `variance` gives P of a row, (N/m)².
     pub fn gram(&self, cells: &[Cell], variance: impl Fn(usize) -> f64) -> DMatrix<f64> {
         let level = SimdLevel::best();
         let mut gram = DMatrix::zeros(self.n_joints, self.n_joints);
@@ -370,7 +373,7 @@ impl Observation {
             let sums = [simd::ZERO; simd::TRIANGLE];
             let sum = simd::Gram { cells, weight: &variance, sums };
             let sum = level.run(run.blocks, run.n_contacts, &mut Prefetch::nothing(), sum);
-            // Sᵀ W S, column by column: too small for the machinery of large products.
+            // Jᵀ W J, column by column: too small for the machinery of large products.
             let wrenches = Matrix6::from_fn(|i, j| sum[simd::entry(i.max(j), i.min(j))]);
             for (j, column) in run.spatial.iter().enumerate() {
                 let pushed = wrenches * Vector6::from(*column);

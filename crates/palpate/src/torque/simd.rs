@@ -5,14 +5,14 @@
 //! Where there is AVX2, four lanes are one register, and a visit takes half the time. The module
 //! knows neither joints nor links; [`super`] turns wrenches into torques.
 //!
-//! The loops are written out because what a closure computes is not compiled for the level of
-//! its caller.
+//! The loops are written out because what a closure computes is not compiled for the instruction set
+//! of its caller.
 
 use pulp::{Scalar256b, Simd, f32x4, f64x4};
 
 use super::{Block, Cell, LANES, Prefetch, Stiffness, rows_of};
 
-/// SimdLevel of four lanes.
+/// An instruction set that works on four lanes at once.
 pub(super) trait Quads: Simd<f64s = f64x4> {
     /// Rows of a 4 × 4 matrix from its columns.
     fn transpose(self, columns: [&[f64; 4]; 4]) -> [f64x4; 4];
@@ -36,7 +36,7 @@ impl Quads for Scalar256b {
 #[cfg(target_arch = "x86_64")]
 impl Quads for pulp::x86::V3 {
     /// Halves of columns are put side by side as they are loaded, which leaves only half of the
-    /// shuffles that level would need: of those, most processors make one at a time.
+    /// shuffles otherwise needed: of those, most processors make one at a time.
     #[inline(always)]
     fn transpose(self, [a, b, c, d]: [&[f64; 4]; 4]) -> [f64x4; 4] {
         use pulp::cast;
@@ -73,7 +73,7 @@ pub(super) trait Sum {
     fn finish(self) -> Self::Output;
 }
 
-/// The best level there are.
+/// The best instruction set that this processor has.
 #[derive(Clone, Copy)]
 pub(super) struct SimdLevel {
     #[cfg(target_arch = "x86_64")]
@@ -81,7 +81,7 @@ pub(super) struct SimdLevel {
 }
 
 impl SimdLevel {
-    /// Looks what the processor has: a dozen nanoseconds, so once a sum and not once a link.
+    /// Asks what the processor has: a dozen nanoseconds, so once per sum and not once per link.
     #[inline]
     pub(super) fn best() -> Self {
         Self {
@@ -215,8 +215,8 @@ impl Sum for Wrench<'_> {
     }
 }
 
-/// Joint speeds as they move a link: the velocity of what passes the world's origin, and the angular
-/// one.
+/// The velocity of a link that a vector over the joints, read as joint speeds, gives it: linear at the
+/// world's origin, and angular.
 pub(super) struct Twist(pub(super) [f64; 6]);
 
 impl Twist {
