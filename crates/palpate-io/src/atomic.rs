@@ -81,7 +81,7 @@ pub fn write(
     Ok(())
 }
 
-/// Whether [`write()`] could begin: to be asked before hours of work, not after.
+/// Whether [`write()`] could begin: call it before hours of work, not after.
 ///
 /// # Errors
 ///

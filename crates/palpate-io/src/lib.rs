@@ -1,9 +1,9 @@
 //! Files of palpate: logs and pictures in, fields and clouds in and out, robots and their cache.
 //!
-//! One file a format. What a file holds is checked at this door: the core may trust that numbers
-//! are finite, that lengths agree and that nothing is larger than the bytes that came.
+//! Every format has a module. What a file holds is checked here, so that the core may rely on
+//! numbers that are finite, on lengths that agree, and on nothing being larger than the file.
 //!
-//! | door                | reads                                    | writes                  |
+//! | module              | reads                                    | writes                  |
 //! |---------------------|------------------------------------------|-------------------------|
 //! | [`log`]             | touches: npy folders, CSV, bags of ROS 2, Parquet | npy folders, CSV, MCAP |
 //! | [`field`]           | a stiffness field: npz                   | the same, VTK images, MCAP |

@@ -1,7 +1,7 @@
 //! The `.npy` format: one array of numbers with a short header of text.
 //!
 //! Arrays are read row by row in blocks of bounded size, so that a log of any length streams, and
-//! nothing that a header claims is believed before the file's own length has confirmed it. Rows of
+//! nothing that a header claims is allocated before the file's own length has confirmed it. Rows of
 //! an array in Fortran order (what `np.save` makes of a transposed array) are gathered column by
 //! column and come out the same.
 //!
@@ -16,7 +16,7 @@ use serde_json::Value;
 
 /// Six bytes that every npy file begins with.
 const MAGIC: &[u8; 6] = b"\x93NUMPY";
-/// Longest header believed. numpy's own reader stops at 10,000 bytes.
+/// Longest header that is read, bytes. numpy's own reader stops at 10,000 bytes.
 const MAX_HEADER_BYTES: usize = 65_536;
 /// Bytes read at a time.
 const BLOCK_BYTES: u64 = 1 << 18;

@@ -6,7 +6,7 @@
 
 /// Unpacks `packed` into exactly `size` bytes; an error is half a sentence.
 ///
-/// At least 1 byte in 88 of what comes out must have come in, so that `size` is never believed.
+/// At least 1 byte in 88 of what comes out must have come in, so that no false `size` is allocated.
 pub(super) fn unpack(packed: &[u8], size: usize) -> Result<Vec<u8>, String> {
     // The densest code: three bytes that stand for 7 + 255 + 2 bytes.
     if size > packed.len().saturating_mul(88) {

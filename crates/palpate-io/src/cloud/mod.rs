@@ -34,7 +34,7 @@ pub use write::{Column, write_pcd, write_ply};
 
 /// Reads a cloud: PLY (text or binary of either byte order) or PCD 0.7 (text, binary, compressed).
 ///
-/// The format is told by the file's first bytes, not by its name. Colours may be bytes, 16-bit
+/// The file's first bytes decide the format, not its name. Colours may be bytes, 16-bit
 /// integers or floats named `red green blue`, `r g b` or `diffuse_red …`, or PCL's packed `rgb`;
 /// all else is skipped, faces and normals among it. A cloud without colours is not refused here.
 ///

@@ -96,8 +96,8 @@ fn by_rows(columns: &[u8], fields: &[Field], points: u64) -> Vec<u8> {
     let sizes = || fields.iter().map(|field| field.kind.bytes() * field.count);
     let row_bytes: usize = sizes().sum();
     let held = columns.len() / row_bytes.max(1);
-    // Where fields begin is told by the promised number of points. If fewer are there, the walk
-    // over what is handed on says so.
+    // Where a field begins depends on the number of points. If fewer are there than promised, the
+    // walk over the rows returned here finds too few of them.
     let Some(points) = usize::try_from(points).ok().filter(|&points| points <= held) else {
         return vec![0; held * row_bytes];
     };

@@ -20,7 +20,7 @@ pub(super) struct Layout {
     colour: Colour,
 }
 
-/// How a row tells its colour.
+/// How a row holds its colour.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Colour {
     None,

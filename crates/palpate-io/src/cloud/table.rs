@@ -8,7 +8,7 @@ use std::path::Path;
 use super::error::CloudError;
 use crate::npy::Number;
 
-/// Longest header believed.
+/// Longest header that is read, bytes.
 const MAX_HEADER_BYTES: usize = 1 << 20;
 
 /// Reads a header line by line, in words, up to the one for which `take` says so. Returns the

@@ -13,7 +13,7 @@
 //! The first four names are those of the OpenVSF library. It reads `points` and `K` of our files, and
 //! looks for the other two in a pickle that the Python package adds (`palpate.openvsf`); its files
 //! lack the rest. A point of which `N_obs` is 0 is only expected to have its stiffness. Other arrays
-//! are kept apart in [`npz::Arrays`] for whoever put them there. How a cell's index follows from its
+//! are left in [`npz::Arrays`] for the program that wrote them. How a cell's index follows from its
 //! place is the lattice's business, not the file's.
 
 mod file;

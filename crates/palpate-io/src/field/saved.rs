@@ -34,7 +34,7 @@ use crate::atomic::IfExists;
 /// The version of the layout above; arrays that may be missing change nothing of it.
 const FORMAT: u32 = 2;
 
-/// Arrays of format 1 that had other names: the name now, and then.
+/// Arrays that had other names in format 1: the present name, and the old one.
 const RENAMED: [(&str, &str); 5] = [
     ("memory_frame", "memory_source"),
     ("memory_nis", "memory_contradiction"),

@@ -1,7 +1,7 @@
 //! A field as an image of VTK (`.vti`), which ParaView opens: numbers at the points of a grid.
 //!
 //! The grid is the part of the lattice that the field's cells span. Points of it that the field
-//! says nothing of have zeros: `N_obs` tells them from points that are soft. Numbers stand behind
+//! says nothing of have zeros; `N_obs` distinguishes them from soft points. Numbers stand behind
 //! the XML as raw little-endian 32-bit floats, written one after another, so that memory grows
 //! with the cells and not with the box.
 

@@ -11,7 +11,7 @@
 //! | touch       | `touch`, `sequence`, `seq`, `episode`          |                                 |
 //!
 //! Columns are taken only if exactly one family of positions and one of torques have the same
-//! joints: what is ambiguous is asked, not guessed.
+//! joints: what is ambiguous is an error, not a guess.
 
 use super::options::{AngleUnit, CsvColumns};
 
@@ -161,7 +161,7 @@ fn only(header: &[String], words: &[&str]) -> Option<usize> {
     words.iter().find_map(|word| plain.iter().position(|name| name == word))
 }
 
-/// What tells the columns of one family apart.
+/// The joint that a column of a family belongs to.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 enum Label {
     Number(u32),
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_unclear_is_asked() {
+    fn missing_or_ambiguous_columns_are_an_error() {
         for (header, wanted) in [
             ("a,b,c", "like a joint position"),
             ("q1,q2,dq1", "like a joint torque"),

@@ -71,7 +71,7 @@ pub enum TableError {
     /// A file that is not Parquet, or a broken one.
     #[error("`{path}` is no Parquet file, or a broken one: {reason}; copy it again")]
     NotParquet { path: PathBuf, reason: String },
-    /// Columns that cannot be told apart.
+    /// Columns that are missing or ambiguous.
     #[error(
         "`{path}`: {reason}. Its columns are {header}. Name those to read in the settings of the \
          log{example}, the last two if there are any"
@@ -95,7 +95,7 @@ pub enum TableError {
 }
 
 impl TableError {
-    /// The error of columns that cannot be told apart; of many names the first are shown.
+    /// The error of columns that are missing or ambiguous; of many names the first are shown.
     pub(super) fn columns(
         path: &Path,
         reason: String,

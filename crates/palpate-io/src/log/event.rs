@@ -81,7 +81,7 @@ pub enum Format {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub enum LogWarning {
-    /// The clock of a touch stood still or ran backwards; told once a touch.
+    /// The clock of a touch stood still or ran backwards; one warning for each touch.
     TimeNotIncreasing {
         /// Name of the touch.
         touch: String,

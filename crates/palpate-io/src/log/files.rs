@@ -12,7 +12,7 @@ use super::reader::Source;
 
 /// One file (or folder of arrays) that is read row by row.
 pub(super) trait TouchFile: Sized + Send {
-    /// The format that is told.
+    /// Its format, for the description of the log.
     const FORMAT: Format;
 
     /// Checks what can be checked before reading, and stands before the first row.

@@ -110,7 +110,7 @@ impl TouchFile for TouchFolder {
     }
 }
 
-/// An npy file of a touch and the name to blame.
+/// An npy file of a touch, and its path for errors.
 #[derive(Debug)]
 pub(super) struct Table {
     path: PathBuf,
@@ -133,7 +133,7 @@ impl Table {
         }
     }
 
-    /// A table of joints is T x n with T > 0 and a believable n.
+    /// A table of joints is T x n with T > 0 and at most `MAX_JOINTS` columns.
     pub(super) fn check_shape(&self) -> Result<(), LogError> {
         let shape = self.rows.shape();
         let remedy = match shape {

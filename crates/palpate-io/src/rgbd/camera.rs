@@ -3,7 +3,7 @@
 use super::distortion::Distortion;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
-/// Longest side of an image that is believed, in pixels.
+/// Longest side of an image that is read, in pixels.
 pub(super) const MAX_SIDE: u32 = 16_384;
 
 /// How a camera maps what is ahead of it to pixels.
@@ -102,7 +102,7 @@ impl Intrinsics {
     }
 }
 
-/// A camera that stands somewhere.
+/// A camera and its pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
     /// How it maps what is ahead of it to pixels.

@@ -8,7 +8,7 @@
 //! | ROS, `camera_calibration`     | `camera_matrix.data` by rows             |                            |
 //! | ROS, message                  | `k` or `K` by rows                       |                            |
 //!
-//! All of them are read into one tree and told apart by their keys. ROS's `K` and `D` describe the
+//! All of them are read into one tree; its keys show which one it is. ROS's `K` and `D` describe the
 //! raw image; for a rectified one (`image_rect`) the coefficients must be zero.
 //!
 //! YAML is read by `serde-saphyr`: `serde_yaml` is archived, its forks carry a translated C
@@ -22,7 +22,7 @@ use nalgebra::Isometry3;
 use serde_json::Value;
 use std::path::Path;
 
-/// Longest text believed.
+/// Longest text that is read, bytes.
 const MAX_BYTES: usize = 1 << 20;
 
 /// What a file says about a camera.

@@ -1,6 +1,6 @@
 //! Pictures from files: colour as PNG or JPEG, depth as PNG, TIFF or npy.
 //!
-//! The format is told by the file's first bytes. `png`, `zune-jpeg` and `tiff` are used as they
+//! The file's first bytes decide the format. `png`, `zune-jpeg` and `tiff` are used as they
 //! are, without `image` around them: that would add colour management and reads no depth in
 //! 32-bit floats. The size of a picture is looked at before memory is taken for it.
 
@@ -16,9 +16,9 @@ use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// Most pixels that are believed.
+/// Largest number of pixels that is read.
 const MAX_PIXELS: u64 = 1 << 26;
-/// Most pixels that a byte is believed to stand for: deflate makes 1032 bytes of one, and eight
+/// Largest number of pixels that a byte may stand for: deflate makes 1032 bytes of one, and eight
 /// pixels may share a byte.
 const MAX_PIXELS_PER_BYTE: u64 = 10_000;
 /// Memory that a decoder may take for anything but the pixels.

@@ -1,8 +1,8 @@
-//! Baked links kept between runs, and never trusted.
+//! Baked links kept between runs; a file is used only if its hash is right.
 //!
 //! A file is named by the hash of everything that made it: shapes, bytes of the mesh files, how to
 //! bake, and the versions of the code that does. So a change of any gives another name, and what is
-//! stale is simply never asked for. Within, a hash of name and content tells what is broken, cut
+//! stale is never looked up. Within, a hash of name and content tells what is broken, cut
 //! off or renamed; it is then baked again. Writing is atomic, so that several processes may share
 //! the folder. Nothing is ever removed: the folder may be deleted at any time.
 

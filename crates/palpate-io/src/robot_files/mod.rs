@@ -166,7 +166,7 @@ fn read_urdf(path: &Path) -> Result<Robot, RobotFileError> {
         .map_err(|source| RobotFileError::Urdf { path: path.to_owned(), source })
 }
 
-/// Reads a whole file of believable size.
+/// Reads a whole file, unless it is too large for a URDF or a mesh.
 fn read_file(path: &Path) -> Result<Vec<u8>, RobotFileError> {
     let failed = |source| RobotFileError::Io { path: path.to_owned(), source };
     let size = path.metadata().map_err(failed)?.len();

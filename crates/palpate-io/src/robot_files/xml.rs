@@ -1,4 +1,4 @@
-//! XML from anywhere: `roxmltree` recurses once a level, so depth is bounded before it is asked.
+//! XML of unknown origin: `roxmltree` recurses once for each level, so the depth is checked first.
 
 use palpate::unstable::nests_deeper_than;
 use roxmltree::Document;

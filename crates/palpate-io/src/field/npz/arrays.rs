@@ -1,4 +1,4 @@
-//! Arrays with names, as an npz file holds them, and what may be asked of them.
+//! Arrays with names, as an npz file holds them, and checks of their types, shapes and numbers.
 
 use super::error::NpzError;
 use crate::npy::Number;

@@ -25,10 +25,10 @@ pub enum NpzError {
     /// A member that is broken.
     #[error("`{path}`: the array `{name}` {source}")]
     Member { path: PathBuf, name: String, source: NpyError },
-    /// More than believed.
+    /// More than is read.
     #[error("`{path}` unpacks to more than {MAX_BYTES} bytes or {MAX_MEMBERS} arrays")]
     TooLarge { path: PathBuf },
-    /// An array that is asked for is not there.
+    /// An array that is needed is not there.
     #[error("`{path}` holds no array `{name}`: {held}")]
     NoArray { path: PathBuf, name: String, held: String },
     /// An array of another shape or kind than wanted.

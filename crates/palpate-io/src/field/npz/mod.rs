@@ -1,11 +1,11 @@
 //! The `.npz` format: a zip archive of npy files, as named arrays.
 //!
-//! What is written here `numpy.load` reads without pickle. What is read here is distrusted: an
-//! array is as large as the bytes that come out of the archive, never as large as a header claims,
-//! and all arrays together stay under [`MAX_BYTES`]. Checksums are verified to the last byte.
+//! What is written here `numpy.load` reads without pickle. No header is trusted: memory is taken
+//! for the bytes that come out of the archive, never for what a header claims, and all arrays
+//! together stay under [`MAX_BYTES`]. Checksums are verified to the last byte.
 //!
 //! Members that are no plain array of numbers, such as the pickled dictionaries that OpenVSF adds,
-//! are passed over and asked for in vain: see [`Arrays::skipped`].
+//! are skipped; [`Arrays::skipped`] lists them.
 
 mod arrays;
 mod error;

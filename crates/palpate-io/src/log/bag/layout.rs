@@ -4,7 +4,7 @@
 //! with their length before them. What comes in which order only the definition says, and a type
 //! of one name may have changed from one release of its package to the next, so the definition
 //! that the bag itself carries is followed. `re_ros_msg` reads definitions, `re_cdr` the values;
-//! the walk is ours, since lengths that a message claims must not be believed.
+//! the walk is ours, since that of `re_ros_msg` allocates whatever length a message claims.
 //!
 //! The module knows neither topics nor joints.
 

@@ -11,7 +11,7 @@ use ::mcap::{Channel, McapError, McapResult, Summary};
 
 use super::topic::{Message, Messages, Topic, Which, merge};
 
-/// The largest record that is believed, bytes: a picture of hundreds of megapixels.
+/// The largest record that is read, bytes: a picture of hundreds of megapixels.
 const LARGEST_RECORD: usize = 256 << 20;
 
 /// The topics of a file: from its summary, or, if that is missing or broken off, from all of it.

@@ -164,7 +164,7 @@ impl BagLog {
         Ok(())
     }
 
-    /// The end of a bag that breaks off: an error, unless what lies before was asked for.
+    /// The end of a bag that breaks off: an error, unless the options accept what lies before.
     fn break_off(
         &mut self,
         reason: String,

@@ -1,6 +1,6 @@
 //! What the files of a bag hold, whichever way they are stored: topics and their messages.
 
-/// Where `palpate convert` marks the touches that it writes; read without being asked to.
+/// Where `palpate convert` marks the touches that it writes; read even if no option names it.
 pub(super) const TOUCH_TOPIC: &str = "/palpate/touch";
 
 /// One topic.

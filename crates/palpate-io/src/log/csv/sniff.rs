@@ -5,7 +5,7 @@ use std::io::{self, BufRead};
 /// A line longer than this is no line of a log.
 pub(super) const MAX_LINE_BYTES: u64 = 1 << 20;
 
-/// What the first lines of a table tell.
+/// What follows from the first lines of a table.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Dialect {
     pub(super) delimiter: u8,

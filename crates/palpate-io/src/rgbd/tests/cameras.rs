@@ -1,4 +1,4 @@
-//! The same camera out of everybody's files, and words for those that cannot be.
+//! Every format gives the same camera, and impossible cameras are refused with the reason.
 
 use super::super::camera_file::decode_camera;
 use super::super::pose::decode_pose;
@@ -101,7 +101,7 @@ fn the_same_camera_comes_out_of_every_file() {
 }
 
 #[test]
-fn a_camera_that_cannot_be_is_refused_with_what_it_should_be() {
+fn an_impossible_camera_is_refused_with_what_is_wanted() {
     for (from, to, word) in [
         ("580.0", "-580.0", "fx is -580; wanted a focal length above 0"),
         ("580.0", "0", "above 0"),

@@ -122,7 +122,7 @@ fn what_is_cut_away_is_counted_once() {
 }
 
 #[test]
-fn pictures_that_make_no_cloud_are_refused_with_a_way_out() {
+fn pictures_that_give_no_point_are_refused_with_a_remedy() {
     let flat = |metres: f32| DepthImage::new(4, 4, vec![metres; 16], 0.001);
     let config = Config::default();
     let refused = |depth: &DepthImage, colour: &ColourImage, camera: &Camera, config: &Config| {
