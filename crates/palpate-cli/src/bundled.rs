@@ -18,63 +18,20 @@ struct Bundled {
     torques: &'static [u8],
 }
 
+macro_rules! bundled {
+    ($($name:literal),+) => {
+        [$(Bundled {
+            name: $name,
+            angles: include_bytes!(concat!("../data/plant_a/", $name, "/angles.npy")),
+            torques: include_bytes!(concat!("../data/plant_a/", $name, "/torques.npy")),
+        }),+]
+    };
+}
+
 /// `data/plant_a`; its README says what made it.
-const TOUCHES: [Bundled; 11] = [
-    Bundled {
-        name: "seq_000",
-        angles: include_bytes!("../data/plant_a/seq_000/angles.npy"),
-        torques: include_bytes!("../data/plant_a/seq_000/torques.npy"),
-    },
-    Bundled {
-        name: "seq_001",
-        angles: include_bytes!("../data/plant_a/seq_001/angles.npy"),
-        torques: include_bytes!("../data/plant_a/seq_001/torques.npy"),
-    },
-    Bundled {
-        name: "seq_002",
-        angles: include_bytes!("../data/plant_a/seq_002/angles.npy"),
-        torques: include_bytes!("../data/plant_a/seq_002/torques.npy"),
-    },
-    Bundled {
-        name: "seq_003",
-        angles: include_bytes!("../data/plant_a/seq_003/angles.npy"),
-        torques: include_bytes!("../data/plant_a/seq_003/torques.npy"),
-    },
-    Bundled {
-        name: "seq_004",
-        angles: include_bytes!("../data/plant_a/seq_004/angles.npy"),
-        torques: include_bytes!("../data/plant_a/seq_004/torques.npy"),
-    },
-    Bundled {
-        name: "seq_005",
-        angles: include_bytes!("../data/plant_a/seq_005/angles.npy"),
-        torques: include_bytes!("../data/plant_a/seq_005/torques.npy"),
-    },
-    Bundled {
-        name: "seq_006",
-        angles: include_bytes!("../data/plant_a/seq_006/angles.npy"),
-        torques: include_bytes!("../data/plant_a/seq_006/torques.npy"),
-    },
-    Bundled {
-        name: "seq_007",
-        angles: include_bytes!("../data/plant_a/seq_007/angles.npy"),
-        torques: include_bytes!("../data/plant_a/seq_007/torques.npy"),
-    },
-    Bundled {
-        name: "seq_008",
-        angles: include_bytes!("../data/plant_a/seq_008/angles.npy"),
-        torques: include_bytes!("../data/plant_a/seq_008/torques.npy"),
-    },
-    Bundled {
-        name: "seq_009",
-        angles: include_bytes!("../data/plant_a/seq_009/angles.npy"),
-        torques: include_bytes!("../data/plant_a/seq_009/torques.npy"),
-    },
-    Bundled {
-        name: "seq_010",
-        angles: include_bytes!("../data/plant_a/seq_010/angles.npy"),
-        torques: include_bytes!("../data/plant_a/seq_010/torques.npy"),
-    },
+const TOUCHES: [Bundled; 11] = bundled![
+    "seq_000", "seq_001", "seq_002", "seq_003", "seq_004", "seq_005", "seq_006", "seq_007",
+    "seq_008", "seq_009", "seq_010"
 ];
 
 /// What a camera saw of the plant before the touches, as PLY.

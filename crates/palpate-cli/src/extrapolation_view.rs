@@ -100,7 +100,7 @@ fn two_digits(number: f64) -> f64 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::report::example;
+    use crate::example;
 
     /// A ball of cells and the dots of a shell around it, owned so that it can be lent.
     pub(crate) struct Example {

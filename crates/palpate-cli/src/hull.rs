@@ -86,7 +86,7 @@ fn corners(surface: &DistanceGrid) -> Vec<ParryVector> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::example;
+    use crate::example;
 
     #[test]
     fn a_hull_is_closed_small_and_fills_its_link() {

@@ -1,8 +1,7 @@
 //! Ctrl-C: the first asks the loop to stop at the next sample, the second kills.
 
+use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
-
-use crate::output::complain;
 
 static PRESSED: AtomicBool = AtomicBool::new(false);
 
@@ -12,7 +11,9 @@ pub(crate) fn listen() {
         if PRESSED.swap(true, Ordering::SeqCst) {
             std::process::exit(130);
         }
-        complain("\nstopping at the next sample; press Ctrl-C again to stop at once");
+        let mut stderr = std::io::stderr();
+        let _ =
+            writeln!(stderr, "\nstopping at the next sample; press Ctrl-C again to stop at once");
     };
     // It fails only if someone listens already, who then serves as well.
     let _ = ctrlc::set_handler(pressed);

@@ -7,15 +7,19 @@ mod args;
 mod bench;
 mod bundled;
 mod convert;
+mod csv;
 mod demo;
 mod error;
 mod evaluate;
+#[cfg(test)]
+mod example;
 mod extrapolate;
 mod extrapolation_view;
 mod hull;
 mod inspect;
 mod interrupt;
 mod live;
+mod logs;
 mod map;
 mod output;
 mod pace;
@@ -31,7 +35,6 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use palpate_work::error::told;
-use palpate_work::{learn, prior, quantile, resume, robot, touches};
 
 use args::{Cli, Command};
 use error::{CliError, exit_code};

@@ -1,22 +1,22 @@
 //! `palpate map`: learns a field from touches.
 
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate::{Arm, Mapper, StepReport};
 use palpate_io::field::{self, Saved};
+use palpate_work::learn::{Cells, Tally, learn};
+use palpate_work::{prior, resume};
 use serde_json::json;
 
 use crate::error::CliError;
-use crate::learn::{Cells, Tally, learn};
-use crate::output::{Output, mib, seconds};
+use crate::output::{Output, mib, rows, seconds};
 use crate::pace::{self, Pace, PaceArgs, PaceFigures};
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
-use crate::touches::Touches;
-use crate::{interrupt, picture, prior, resume, robot};
+use crate::{interrupt, logs, picture};
 
 const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz
@@ -75,10 +75,7 @@ pub(crate) struct Args {
 impl Args {
     /// Refuses results that cannot be written, or would replace what is read or each other.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
-        let mut places = Places::default();
-        places.input("the settings file", self.settings.path());
-        places.input("the robot", Some(Path::new(settings.robot.name())));
-        places.logs(&self.logs);
+        let mut places = Places::read(&self.settings, settings, &self.logs);
         places.input("the prior (--prior)", self.prior.as_deref());
         places.output("the field (--output)", Some(&self.output))?;
         // Only the field itself may be replaced by the one that goes on from it.
@@ -104,13 +101,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     args.check_places(&settings)?;
     let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
-    let touches = Touches::open(&args.logs, &settings.log.options())?;
-    touches.gravity_of_logs(&mut settings.touch, output)?;
-    let arm = robot::load(&settings.robot, output)?;
-    settings.log.check_for(&arm.robot)?;
+    let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
     let (mut mapper, mut pace) = begin(args, &arm, &settings, output)?;
-
-    output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
+    logs::tell_robot(&arm, &settings, output);
     let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
     let mut touches = touches.for_arm(&arm, &settings.log, place)?;
     let mut fill = |mapper: &mut Mapper, report: &StepReport, started: Instant| {
@@ -144,20 +137,14 @@ fn begin(
     settings: &Settings,
     output: &Output,
 ) -> Result<(Mapper, Option<Pace>), CliError> {
-    let Some(path) = &args.from else {
-        let config = settings.config()?;
-        return Ok(with_pace(args, prior::mapper(args.prior.as_deref(), arm, config, output)?));
+    let mapper = match &args.from {
+        Some(path) => resume::mapper(path, arm, resume::snapshot(path, settings)?)?,
+        None => prior::mapper(args.prior.as_deref(), arm, settings.config()?, output)?,
     };
-    let snapshot = resume::snapshot(path, settings)?;
-    Ok(with_pace(args, resume::mapper(path, arm, snapshot)?))
-}
-
-/// The mapper with the pace that was asked for, if one was.
-fn with_pace(args: &Args, mapper: Mapper) -> (Mapper, Option<Pace>) {
-    match args.pace.pace(mapper.config()) {
+    Ok(match args.pace.pace(mapper.config()) {
         Some(pace) => (pace.keep(mapper), Some(pace)),
         None => (mapper, None),
-    }
+    })
 }
 
 /// Saves the field.
@@ -179,9 +166,6 @@ fn stop(args: &Args, mapper: &Mapper, place: &str) -> Result<CliError, CliError>
     };
     Ok(CliError::Interrupted { kept })
 }
-
-/// Columns for the names of what is told.
-const WIDTH: usize = 29;
 
 /// What is told at the end.
 struct Summary<'a> {
@@ -209,39 +193,30 @@ impl Summary<'_> {
     fn text(&self, elapsed: Duration) -> String {
         let (tally, config) = (self.tally, self.mapper.config());
         let (frames_remembered, bytes) = self.mapper.memory();
-        let row = |name: &str, value: String| format!("  {name:<WIDTH$}  {value}\n");
-        let mut rows = vec![
-            row("estimator", config.method.name().to_owned()),
-            row("touches", tally.touches.len().to_string()),
-            row("frames", tally.total(|touch| touch.frames).to_string()),
-            row("of them for the tare", tally.total(|touch| touch.tare_frames).to_string()),
-            row("contacts (median where any)", tally.contacts_median().to_string()),
-            row("cells touched", self.cells.touched.to_string()),
+        let mut told = vec![
+            ("estimator", config.method.name().to_owned()),
+            ("touches", tally.touches.len().to_string()),
+            ("frames", tally.total(|touch| touch.frames).to_string()),
+            ("of them for the tare", tally.total(|touch| touch.tare_frames).to_string()),
+            ("contacts (median where any)", tally.contacts_median().to_string()),
+            ("cells touched", self.cells.touched.to_string()),
         ];
         if self.cells.expected > 0 {
             let Cells { expected, expected_and_touched, .. } = self.cells;
-            let told = format!("{expected}, {expected_and_touched} of them touched");
-            rows.push(row("cells expected by the prior", told));
+            let cells = format!("{expected}, {expected_and_touched} of them touched");
+            told.push(("cells expected by the prior", cells));
         }
-        rows.extend([
-            row("frames remembered", format!("{frames_remembered} in {}", mib(bytes))),
-            row("time", seconds(elapsed)),
-        ]);
-        if let Some(pace) = &self.pace {
-            rows.push(row("pace", pace.text()));
-        }
+        told.push(("frames remembered", format!("{frames_remembered} in {}", mib(bytes))));
+        told.push(("time", seconds(elapsed)));
+        told.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
         let before = tally.before_learning();
         if let (Some(errors), Some(zero)) = (before.errors, before.zero) {
-            rows.push(row(
-                "error before learning a frame",
-                format!(
-                    "{:.3} N·m on average (predicting zero: {:.3} N·m)",
-                    errors.avg_error, zero.avg_error
-                ),
-            ));
+            let [map, zero] = [errors, zero].map(|errors| errors.avg_error);
+            let error = format!("{map:.3} N·m on average (predicting zero: {zero:.3} N·m)");
+            told.push(("error before learning a frame", error));
         }
         let mut text = format!("The field is in `{}`.\n", self.args.output.display());
-        text += &rows.concat();
+        text += &rows(&told);
         if self.pace.is_some() {
             let _ = writeln!(text, "{}", pace::ORIGIN);
         }

@@ -47,37 +47,16 @@ impl Output {
         }
     }
 
-    /// A bar on stderr if that is a terminal; it knows its length if `steps` does.
-    pub(crate) fn progress(&self, steps: Option<u64>, doing: &str) -> ProgressBar {
-        self.progress_of(steps, "frames", doing)
-    }
-
     /// Some lines on stderr that are drawn anew with every message.
     pub(crate) fn view(&self) -> ProgressBar {
-        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(8));
-        bar.set_style(ProgressStyle::with_template("{msg}").expect("the template is well-formed"));
-        bar
+        drawn(None, "{msg}")
     }
+}
 
-    /// The same over other things than frames.
-    pub(crate) fn progress_of(&self, steps: Option<u64>, things: &str, doing: &str) -> ProgressBar {
-        if self.quiet {
-            return ProgressBar::hidden();
-        }
-        let bar = ProgressBar::with_draw_target(steps, ProgressDrawTarget::stderr_with_hz(8));
-        let style = match steps {
-            Some(_) => {
-                format!(
-                    "{{prefix}} {{bar:24}} {{percent:>3}} % of {{len}} {things}, {{eta}} left  \
-                     {{wide_msg}}"
-                )
-            }
-            None => format!("{{prefix}} {{spinner}} {{pos}} {things}  {{wide_msg}}"),
-        };
-        bar.set_style(ProgressStyle::with_template(&style).expect("the template is well-formed"));
-        bar.set_prefix(doing.to_owned());
-        bar
-    }
+/// A bar on stderr if that is a terminal.
+fn drawn(steps: Option<u64>, template: &str) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(steps, ProgressDrawTarget::stderr_with_hz(8));
+    bar.with_style(ProgressStyle::with_template(template).expect("the template is well-formed"))
 }
 
 impl Progress for Output {
@@ -86,7 +65,16 @@ impl Progress for Output {
     }
 
     fn begin(&self, steps: Option<u64>, things: &'static str, doing: &str) -> Box<dyn Bar> {
-        Box::new(Shown(self.progress_of(steps, things, doing)))
+        if self.quiet {
+            return Box::new(Shown(ProgressBar::hidden()));
+        }
+        let template = match steps {
+            Some(_) => format!(
+                "{{prefix}} {{bar:24}} {{percent:>3}} % of {{len}} {things}, {{eta}} left  {{wide_msg}}"
+            ),
+            None => format!("{{prefix}} {{spinner}} {{pos}} {things}  {{wide_msg}}"),
+        };
+        Box::new(Shown(drawn(steps, &template).with_prefix(doing.to_owned())))
     }
 
     fn stopped(&self) -> bool {
@@ -137,13 +125,11 @@ pub(crate) fn table(rows: &[Vec<String>]) -> String {
     text
 }
 
-/// A cell of a table for programs, which may hold commas or quotes.
-pub(crate) fn quoted(cell: &str) -> String {
-    if cell.contains([',', '"', '\n']) {
-        format!("\"{}\"", cell.replace('"', "\"\""))
-    } else {
-        cell.to_owned()
-    }
+/// Names and their values, one below the other.
+pub(crate) fn rows<N: AsRef<str>>(rows: &[(N, String)]) -> String {
+    let widths = rows.iter().map(|(name, _)| name.as_ref().chars().count());
+    let width = widths.fold(29, usize::max);
+    rows.iter().map(|(name, value)| format!("  {:<width$}  {value}\n", name.as_ref())).collect()
 }
 
 /// A size for people.

@@ -16,7 +16,7 @@ use palpate::{EstimatorKind, Mapper, MapperConfig, ReplayPolicy, StepReport};
 use serde::Serialize;
 
 use crate::interrupt;
-use crate::quantile::median;
+use palpate_work::quantile::median;
 
 /// What must be said of results made under a pace.
 pub(crate) const ORIGIN: &str = "Under --rate the field depends on the speed of the machine.";

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use palpate_io::atomic::{self, IfExists};
 
 use crate::error::CliError;
+use crate::settings::{Flags, Settings, SettingsArgs};
 
 /// Refuses a place that cannot be written to; an older file there will be replaced.
 pub(crate) fn check(path: &Path) -> Result<(), CliError> {
@@ -21,6 +22,19 @@ pub(crate) struct Places {
 }
 
 impl Places {
+    /// The files that settings name, and all files of logs.
+    pub(crate) fn read<F: Flags>(
+        args: &SettingsArgs<F>,
+        settings: &Settings,
+        logs: &[PathBuf],
+    ) -> Self {
+        let mut places = Self::default();
+        places.input("the settings file", args.path());
+        places.input("the robot", Some(Path::new(settings.robot.name())));
+        places.logs(logs);
+        places
+    }
+
     /// Adds a file that is read, if there is one.
     pub(crate) fn input(&mut self, role: &str, path: Option<&Path>) {
         if let Some(place) = path.and_then(|path| path.canonicalize().ok()) {
@@ -29,7 +43,7 @@ impl Places {
     }
 
     /// Adds all files of logs.
-    pub(crate) fn logs(&mut self, logs: &[PathBuf]) {
+    fn logs(&mut self, logs: &[PathBuf]) {
         for log in logs {
             let role = format!("a file of the log `{}`", log.display());
             let Ok(log) = log.canonicalize() else { continue };
@@ -45,9 +59,13 @@ impl Places {
             // Tables beside arrays are not read.
             let touches = files.iter().any(|file| !file.ends_with("time.npy") && file.is_file());
             files.extend(
-                folders.iter().flat_map(|folder| entries(folder).filter(|file| is_array(file))),
+                folders
+                    .iter()
+                    .flat_map(|folder| entries(folder).filter(|file| ending(file) == "npy")),
             );
-            files.extend(entries(&log).filter(|file| !touches && is_table(file)));
+            files.extend(
+                entries(&log).filter(|file| !touches && ["csv", "tsv"].contains(&&*ending(file))),
+            );
             self.taken.extend(files.iter().filter_map(|f| Some((role.clone(), resolved(f)?))));
             self.taken.push((role, log));
         }
@@ -99,6 +117,11 @@ impl Drop for Folder {
     }
 }
 
+/// The ending of a file's name in small letters; empty if it has none.
+pub(crate) fn ending(path: &Path) -> String {
+    path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().to_lowercase())
+}
+
 /// Where a file is or would be, with links resolved.
 fn resolved(path: &Path) -> Option<PathBuf> {
     path.canonicalize().ok().or_else(|| {
@@ -110,15 +133,6 @@ fn resolved(path: &Path) -> Option<PathBuf> {
 /// What lies in a folder; nothing if it is none.
 pub(crate) fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
     folder.read_dir().into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()))
-}
-
-fn is_array(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy"))
-}
-
-fn is_table(path: &Path) -> bool {
-    let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
-    ending.is_some_and(|ending| ending == "csv" || ending == "tsv")
 }
 
 /// Writes a text, whole or not at all.

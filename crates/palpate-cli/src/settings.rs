@@ -10,147 +10,124 @@ use palpate_work::settings::sections::{
 };
 pub(crate) use palpate_work::settings::*;
 
-/// The settings of a command that learns: all of them.
+/// The settings of a command: flags, and a file for what they leave open.
 #[derive(Debug, Clone, Args)]
-pub(crate) struct AllSettings {
+pub(crate) struct SettingsArgs<F: Flags> {
+    /// TOML file with settings; flags win over it (`palpate settings` prints a template)
+    #[arg(long = "settings", value_name = "FILE.toml")]
+    path: Option<PathBuf>,
     #[command(flatten)]
-    file: SettingsFile,
-    #[command(flatten)]
-    flags: Settings,
+    flags: F,
 }
 
-/// The settings of a command that asks a field, which brings lattice, contact model and
-/// estimator with it.
+/// The settings that a kind of command has flags for.
+pub(crate) trait Flags: Args + Clone {
+    /// Those that were given.
+    fn given(&self) -> Settings;
+}
+
+impl<F: Flags> SettingsArgs<F> {
+    /// The settings file, if one was given.
+    pub(crate) fn path(&self) -> Option<&Path> {
+        self.path.as_deref()
+    }
+
+    /// The flags over the file's values.
+    pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
+        let settings = match &self.path {
+            Some(path) => self.flags.given().over(read(path)?),
+            None => self.flags.given(),
+        };
+        settings.check()?;
+        Ok(settings)
+    }
+}
+
+/// The settings of a command that learns: all of them.
+pub(crate) type AllSettings = SettingsArgs<Settings>;
+
+impl Flags for Settings {
+    fn given(&self) -> Settings {
+        self.clone()
+    }
+}
+
+/// The settings of a command that asks a field which remembers its touches.
+pub(crate) type RobotOnlySettings = SettingsArgs<RobotSettings>;
+
+impl Flags for RobotSettings {
+    fn given(&self) -> Settings {
+        Settings { robot: self.clone(), ..Settings::default() }
+    }
+}
+
+/// Flags of a command that only reads a log.
 #[derive(Debug, Clone, Args)]
-pub(crate) struct RobotAndLogSettings {
-    #[command(flatten)]
-    file: SettingsFile,
+pub(crate) struct RobotAndLog {
     #[command(flatten)]
     robot: RobotSettings,
     #[command(flatten)]
     log: LogSettings,
+}
+
+/// The settings of such a command.
+pub(crate) type ReadSettings = SettingsArgs<RobotAndLog>;
+
+impl Flags for RobotAndLog {
+    fn given(&self) -> Settings {
+        Settings { log: self.log.clone(), ..self.robot.given() }
+    }
+}
+
+/// Flags of a command that asks a field, which brings lattice, contact model and estimator with it.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct RobotLogAndTouch {
+    #[command(flatten)]
+    read: RobotAndLog,
     #[command(flatten)]
     touch: TouchSettings,
 }
 
-/// The settings of a command that looks at what a log touches, and learns nothing.
+/// The settings of such a command.
+pub(crate) type RobotAndLogSettings = SettingsArgs<RobotLogAndTouch>;
+
+impl Flags for RobotLogAndTouch {
+    fn given(&self) -> Settings {
+        Settings { touch: self.touch, ..self.read.given() }
+    }
+}
+
+/// Flags of a command that looks at what a log touches, and learns nothing.
 #[derive(Debug, Clone, Args)]
-pub(crate) struct LogAndLatticeSettings {
+pub(crate) struct LogAndLattice {
     #[command(flatten)]
-    log: RobotAndLogSettings,
+    log: RobotLogAndTouch,
     #[command(flatten)]
     lattice: LatticeSettings,
     #[command(flatten)]
     contact: ContactSettings,
 }
 
-/// The settings of a command that only reads a log.
-#[derive(Debug, Clone, Args)]
-pub(crate) struct ReadSettings {
-    #[command(flatten)]
-    file: SettingsFile,
-    #[command(flatten)]
-    robot: RobotSettings,
-    #[command(flatten)]
-    log: LogSettings,
+/// The settings of such a command.
+pub(crate) type LogAndLatticeSettings = SettingsArgs<LogAndLattice>;
+
+impl Flags for LogAndLattice {
+    fn given(&self) -> Settings {
+        Settings { lattice: self.lattice, contact: self.contact, ..self.log.given() }
+    }
 }
 
-/// The settings of a command that asks a field which remembers its touches: the robot alone.
-#[derive(Debug, Clone, Args)]
-pub(crate) struct RobotOnlySettings {
-    #[command(flatten)]
-    file: SettingsFile,
-    #[command(flatten)]
-    robot: RobotSettings,
-}
-
-#[derive(Debug, Clone, Args)]
-struct SettingsFile {
-    /// TOML file with settings; flags win over it (`palpate settings` prints a template)
-    #[arg(long = "settings", value_name = "FILE.toml")]
-    path: Option<PathBuf>,
-}
-
+#[cfg(feature = "viewer")]
 impl AllSettings {
-    /// The settings file, if one was given.
-    pub(crate) fn path(&self) -> Option<&Path> {
-        self.file.path.as_deref()
-    }
-
-    /// The flags over the file's values.
-    pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
-        self.file.under(self.flags.clone())
-    }
-
     /// The first kind of settings among the flags that only learning has, in a word.
-    #[cfg(feature = "viewer")]
     pub(crate) fn of_learning(&self) -> Option<&'static str> {
-        let Settings { lattice, contact, estimator, .. } = &self.flags;
-        if *lattice != LatticeSettings::default() {
-            Some("lattice")
-        } else if *contact != ContactSettings::default() {
-            Some("contact")
-        } else {
-            (*estimator != EstimatorSettings::default()).then_some("estimator")
-        }
-    }
-}
-
-impl RobotAndLogSettings {
-    /// The settings file, if one was given.
-    pub(crate) fn path(&self) -> Option<&Path> {
-        self.file.path.as_deref()
-    }
-
-    /// The flags over the file's values.
-    pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
-        let (robot, log, touch) = (self.robot.clone(), self.log.clone(), self.touch);
-        self.file.under(Settings { robot, log, touch, ..Settings::default() })
-    }
-}
-
-impl LogAndLatticeSettings {
-    /// The flags over the file's values.
-    pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
-        let (lattice, contact) = (self.lattice, self.contact);
-        let RobotAndLogSettings { file, robot, log, touch } = self.log.clone();
-        let flags = Settings { robot, log, touch, lattice, contact, ..Settings::default() };
-        file.under(flags)
-    }
-}
-
-impl ReadSettings {
-    /// The settings file, if one was given.
-    pub(crate) fn path(&self) -> Option<&Path> {
-        self.file.path.as_deref()
-    }
-
-    /// The flags over the file's values.
-    pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
-        let (robot, log) = (self.robot.clone(), self.log.clone());
-        self.file.under(Settings { robot, log, ..Settings::default() })
-    }
-}
-
-impl RobotOnlySettings {
-    /// The settings file, if one was given.
-    pub(crate) fn path(&self) -> Option<&Path> {
-        self.file.path.as_deref()
-    }
-
-    /// The flags over the file's values.
-    pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
-        self.file.under(Settings { robot: self.robot.clone(), ..Settings::default() })
-    }
-}
-
-impl SettingsFile {
-    fn under(&self, flags: Settings) -> Result<Settings, SettingsError> {
-        let settings = match &self.path {
-            Some(path) => flags.over(read(path)?),
-            None => flags,
-        };
-        settings.check()?;
-        Ok(settings)
+        let (given, none) = (&self.flags, Settings::default());
+        [
+            ("lattice", given.lattice != none.lattice),
+            ("contact", given.contact != none.contact),
+            ("estimator", given.estimator != none.estimator),
+        ]
+        .into_iter()
+        .find_map(|(kind, given)| given.then_some(kind))
     }
 }

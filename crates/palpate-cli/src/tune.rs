@@ -1,20 +1,19 @@
 //! `palpate tune`: settings for one's own robot and object, chosen on one's own touches.
 
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use palpate::MapperConfig;
-use palpate_learn::tune::Tuned;
+use palpate_learn::tune::{Trial, Tuned};
+use palpate_work::evaluate::as_touches;
 use palpate_work::tune::{Tuning, tuned_settings};
 use serde_json::json;
 
 use crate::error::CliError;
-use crate::evaluate::as_touches;
 use crate::output::{Output, table};
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
-use crate::touches::Touches;
-use crate::{interrupt, place, robot};
+use crate::{interrupt, logs, place};
 
 const NOTES: &str = "Examples:
   palpate tune recordings/ -o tuned.toml
@@ -52,28 +51,19 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
     settings.config()?;
-    let mut places = Places::default();
-    places.input("the settings file", args.settings.path());
-    places.input("the robot", Some(Path::new(settings.robot.name())));
-    places.logs(&args.logs);
+    let mut places = Places::read(&args.settings, &settings, &args.logs);
     places.output("the settings (--output)", Some(&args.output))?;
     interrupt::listen();
-    let touches = Touches::open(&args.logs, &settings.log.options())?;
-    touches.gravity_of_logs(&mut settings.touch, output)?;
+    let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
     let config = settings.config()?;
-    let arm = robot::load(&settings.robot, output)?;
-    settings.log.check_for(&arm.robot)?;
-    let place = (config.lattice.clone(), config.contact.clone());
-    let mut touches = touches.for_arm(&arm, &settings.log, place)?;
-    let recorded = touches.read(None)?;
-    touches.tell_warnings(output);
+    let recorded = logs::read(touches, &arm, &settings, None, output)?;
     let touches = as_touches(&recorded, false)?;
     let tuned = Tuning { arm: &arm, recorded: &recorded, touches: &touches, config: &config };
     let tuned = tuned.run(args.candidates, output)?;
 
     place::write(&args.output, &toml(&tuned, &settings)?)?;
     if args.json {
-        let trial = |trial: &palpate_learn::tune::Trial| json!({ "settings": trial.config, "scores": trial.scores });
+        let trial = |trial: &Trial| json!({ "settings": trial.config, "scores": trial.scores });
         let trials: Vec<_> = tuned.trials.iter().map(trial).collect();
         output.json(&json!({ "output": args.output, "trials": trials }))
     } else {

@@ -10,14 +10,15 @@ use std::time::Instant;
 
 use nalgebra::DVector;
 use palpate::{CLUSTER_WEIGHT, Mapper, PathConfig, PathError, PathPoint, PathPrediction, Robot};
+use palpate_work::Progress;
+use palpate_work::touches::RecordedTouch;
 use serde::Serialize;
 
-use super::recording::Recording;
+use super::recording::cut_short;
 use super::whole::milliseconds;
 use crate::error::CliError;
-use crate::interrupt;
 use crate::output::Output;
-use crate::quantile::{extremes, median};
+use palpate_work::quantile::{extremes, median};
 
 /// Points of a path.
 const POINTS: usize = 200;
@@ -74,14 +75,14 @@ struct Found {
 /// Asks about every touch.
 pub(super) fn measure(
     mapper: &Mapper,
-    asked: &Recording,
+    asked: &[RecordedTouch],
     output: &Output,
 ) -> Result<Answers, CliError> {
     let robot = &mapper.arm().robot;
-    let bar = output.progress_of(Some(asked.touches() as u64), "paths", "asking");
+    let bar = output.begin(Some(asked.len() as u64), "paths", "asking");
     let (mut whole, mut push) = (Found::default(), Found::default());
-    for touch in asked.each().iter().filter(|touch| !touch.samples.is_empty()) {
-        bar.set_message(touch.name.clone());
+    for touch in asked.iter().filter(|touch| !touch.samples.is_empty()) {
+        bar.at(&touch.name);
         let fault = |error: PathError| {
             CliError::from(format!("touch `{}` cannot be asked about: {error}", touch.name))
         };
@@ -92,14 +93,11 @@ pub(super) fn measure(
             let path: Vec<&[f64]> = path[pushed].iter().map(Vec::as_slice).collect();
             push.ask(mapper, &resampled(robot, &path)).map_err(fault)?;
         }
-        bar.inc(1);
-        if interrupt::pressed() {
-            bar.finish_and_clear();
-            let kept = "; a measurement cut short says nothing".to_owned();
-            return Err(CliError::Interrupted { kept });
+        bar.step();
+        if output.stopped() {
+            return Err(cut_short());
         }
     }
-    bar.finish_and_clear();
     let handover_ms = Extent::of(&whole.handover_ms);
     let (whole, push) = (whole.asked(), push.asked());
     Ok(Answers { points: POINTS, times: TIMES, handover_ms, whole, push })

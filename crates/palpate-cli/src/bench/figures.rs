@@ -1,14 +1,15 @@
 //! What one measurement found, as JSON and as text.
 
-use palpate::EstimatorKind;
+use palpate::{EstimatorKind, MapperConfig};
 use serde::Serialize;
 
 use super::answers::Answers;
 use super::parts::Times;
+use super::recording::Passes;
 use super::whole::{Measured, Touched};
-use super::{Bench, Logs};
+use crate::output::rows;
 use crate::pace::PaceFigures;
-use crate::quantile::{median, quantile};
+use palpate_work::quantile::{median, quantile};
 
 const MIB: f64 = (1 << 20) as f64;
 
@@ -65,21 +66,34 @@ pub(super) struct Spread {
     pub p99: f64,
 }
 
+/// What was measured, besides the settings.
+pub(super) struct Origin {
+    pub robot: String,
+    pub simulated: bool,
+    pub touches: usize,
+    pub passes: Passes,
+}
+
 impl Figures {
     /// Puts together what was measured; there must be timed steps.
-    pub(super) fn new(bench: &Bench<'_>, whole: &Measured, parts: &Times) -> Self {
+    pub(super) fn new(
+        origin: Origin,
+        config: &MapperConfig,
+        whole: Measured,
+        parts: &Times,
+    ) -> Self {
         let middle = |numbers: &[f64]| median(numbers).unwrap_or(0.0);
         let steps = whole.step_ms.len();
-        let (lattice, args) = (&bench.config.lattice, bench.args);
+        let lattice = &config.lattice;
         let update_ns_per_visit = middle(&parts.update_ns);
         let (frames_remembered, memory_bytes) = whole.memory;
         Self {
-            robot: bench.arm.robot.name().to_owned(),
-            estimator: bench.config.method,
-            simulated: matches!(bench.logs, Logs::Bundled(_)),
-            touches: bench.recording.touches(),
-            warm_passes: args.warm_passes,
-            passes: args.passes,
+            robot: origin.robot,
+            estimator: config.method,
+            simulated: origin.simulated,
+            touches: origin.touches,
+            warm_passes: origin.passes.warm,
+            passes: origin.passes.timed,
             spacing_m: lattice.spacing_m(),
             origin_m: lattice.origin_m().into(),
             shape: lattice.shape(),
@@ -102,19 +116,19 @@ impl Figures {
             peak_memory_mib: whole.peak_bytes.map(|bytes| bytes as f64 / MIB),
             frames_remembered,
             memory_mib: memory_bytes as f64 / MIB,
-            pace: whole.pace.clone(),
-            answers: whole.answers.clone(),
+            pace: whole.pace,
+            answers: whole.answers,
         }
     }
 
     /// All of it for people.
     pub(super) fn text(&self) -> String {
-        let rows = self.speed().into_iter().chain(self.size());
-        let answers = self
-            .answers
-            .as_ref()
-            .map(|answers| format!("\n{}\n\n{}", answers.heading(), table(&answers.rows())));
-        self.heading() + &table(&rows.collect::<Vec<_>>()) + &answers.unwrap_or_default()
+        let all: Vec<_> = self.speed().into_iter().chain(self.size()).collect();
+        let mut text = self.heading() + &rows(&all);
+        if let Some(answers) = &self.answers {
+            text += &format!("\n{}\n\n{}", answers.heading(), rows(&answers.rows()));
+        }
+        text
     }
 
     /// What was measured, and how.
@@ -172,10 +186,4 @@ impl Figures {
             ("start to first step", format!("{:.0} ms", self.start_ms)),
         ]
     }
-}
-
-/// Names and their values, one below the other.
-fn table<N: std::fmt::Display + AsRef<str>>(rows: &[(N, String)]) -> String {
-    let width = rows.iter().map(|(name, _)| name.as_ref().chars().count()).max().unwrap_or(0);
-    rows.iter().map(|(name, value)| format!("  {name:<width$}  {value}\n")).collect()
 }

@@ -29,21 +29,21 @@ mod peak;
 mod recording;
 mod whole;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
 use palpate::{Arm, MapperConfig};
+use palpate_work::touches::{RecordedTouch, Touches};
 
-use self::figures::Figures;
-use self::recording::{Passes, Recording};
-use crate::bundled::{self, Unpacked};
+use self::figures::{Figures, Origin};
+use self::recording::Passes;
+use self::whole::Whole;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::pace::PaceArgs;
 use crate::settings::{AllSettings, Settings, SettingsError};
-use crate::touches::Touches;
-use crate::{interrupt, robot};
+use crate::{bundled, interrupt, logs};
 
 const EXAMPLES: &str = "Examples:
   palpate bench                              the bundled, simulated touches
@@ -107,92 +107,67 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if args.json { output.json(&figures) } else { output.result(&figures.text()) }
 }
 
-/// Where the touches come from.
-enum Logs<'a> {
-    Given(&'a [PathBuf]),
-    Bundled(Unpacked),
-}
-
-impl Logs<'_> {
-    fn paths(&self) -> &[PathBuf] {
-        match self {
-            Self::Given(paths) => paths,
-            Self::Bundled(files) => &files.touches,
-        }
-    }
-}
-
 /// Everything that a measurement needs.
 struct Bench<'a> {
     args: &'a Args,
-    logs: Logs<'a>,
     arm: Arc<Arm>,
     config: MapperConfig,
-    recording: Recording,
-    /// What is asked about.
-    asked: Option<Recording>,
+    /// The touches to learn from.
+    recording: Vec<RecordedTouch>,
+    /// Those that are asked about.
+    asked: Vec<RecordedTouch>,
 }
 
 impl<'a> Bench<'a> {
     fn prepare(args: &'a Args, settings: &mut Settings, output: &Output) -> Result<Self, CliError> {
-        let logs = match args.logs.as_slice() {
-            [] => Logs::Bundled(bundled::unpack()?),
-            given => Logs::Given(given),
+        let bundled; // lives until all is read
+        let paths = match args.logs.as_slice() {
+            [] => {
+                bundled = bundled::unpack()?;
+                &bundled.touches
+            }
+            given => given,
         };
-        let touches = Touches::open(logs.paths(), &settings.log.options())?;
-        touches.gravity_of_logs(&mut settings.touch, output)?;
-        let config = settings.config()?;
-        let arm = robot::load(&settings.robot, output)?;
-        settings.log.check_for(&arm.robot)?;
-        let place = (config.lattice.clone(), config.contact.clone());
-        let read = |touches: Touches, most| {
-            let mut touches = touches.for_arm(&arm, &settings.log, place.clone())?;
-            let recording = Recording::read(&mut touches, most)?;
-            touches.tell_warnings(output);
-            Ok::<_, CliError>(recording)
-        };
-        let recording = read(touches, args.touches)?;
-        let asked = match args.answers.as_slice() {
-            [] => None,
-            logs => Some(read(Touches::open(logs, &settings.log.options())?, None)?),
-        };
-        output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
-        Ok(Self { args, logs, arm, config, recording, asked })
+        let (touches, arm) = logs::open(paths, settings, output)?;
+        let recording = logs::read(touches, &arm, settings, args.touches, output)?;
+        let asked = Touches::open(&args.answers, &settings.log.options())?;
+        let asked = logs::read(asked, &arm, settings, None, output)?;
+        logs::tell_robot(&arm, settings, output);
+        Ok(Self { args, arm, config: settings.config()?, recording, asked })
     }
 
     /// The figures of this configuration.
     fn measure(&self, started: Instant, output: &Output) -> Result<Figures, CliError> {
         let out_of_range = |error| SettingsError::Value(Box::new(error));
-        let pace = self.args.pace.pace(&self.config);
-        let mapper = whole::Whole::new(&self.arm, self.config.clone(), pace, started)
+        let (args, config) = (self.args, &self.config);
+        let passes = Passes { warm: args.warm_passes, timed: args.passes };
+        let mapper = Whole::new(&self.arm, config.clone(), args.pace.pace(config), started)
             .map_err(out_of_range)?;
-        let passes = Passes { warm: self.args.warm_passes, timed: self.args.passes };
-        let whole = mapper.measure(&self.recording, passes, self.asked.as_ref(), output)?;
+        let whole = mapper.measure(&self.recording, passes, &self.asked, output)?;
         if whole.step_ms.is_empty() {
             return Err(self.touches_nothing());
         }
-        let parts = parts::measure(&self.arm, &self.config, &self.recording, passes, output)?;
-        Ok(Figures::new(self, &whole, &parts))
+        let parts = parts::measure(&self.arm, config, &self.recording, passes, output)?;
+        let robot = self.arm.robot.name().to_owned();
+        let (simulated, touches) = (args.logs.is_empty(), self.recording.len());
+        Ok(Figures::new(Origin { robot, simulated, touches, passes }, config, whole, &parts))
     }
 
     /// The log was of no use.
     fn touches_nothing(&self) -> CliError {
-        let log = match &self.logs {
-            Logs::Given(paths) => {
-                let names: Vec<_> = paths.iter().map(|path| Path::display(path)).collect();
-                names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
-            }
-            Logs::Bundled(_) => "the bundled touches".to_owned(),
+        let names: Vec<_> =
+            self.args.logs.iter().map(|log| format!("`{}`", log.display())).collect();
+        let log =
+            if names.is_empty() { "the bundled touches".to_owned() } else { names.join(", ") };
+        let touches = match self.recording.len() {
+            1 => "the only touch".to_owned(),
+            touches => format!("{touches} touches"),
         };
         CliError::from(format!(
-            "there is nothing to time: in {} of {log} no step touches a point of the lattice once \
-             its tare is known; check --robot, the joints' unit (--angle-unit) and the workspace \
-             box (--box-low-m, --box-high-m), or take more touches; `palpate inspect` says what \
-             the log holds",
-            match self.recording.touches() {
-                1 => "the only touch".to_owned(),
-                touches => format!("{touches} touches"),
-            }
+            "there is nothing to time: in {touches} of {log} no step touches a point of the lattice \
+             once its tare is known; check --robot, the joints' unit (--angle-unit) and the \
+             workspace box (--box-low-m, --box-high-m), or take more touches; `palpate inspect` \
+             says what the log holds"
         ))
     }
 }

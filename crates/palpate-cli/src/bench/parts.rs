@@ -5,15 +5,16 @@
 //! contacts. The *update* is all the rest: the frame folded into an observation, the
 //! prediction, the correction, and the visits of remembered frames.
 //!
-//! No tape is kept, as it takes no part in the times.
+//! No sample log is kept, as it takes no part in the times.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate::unstable::{CellRows, Estimator, FrameId, ObservationBuilder, TrackedSample, Tracker};
 use palpate::{Arm, MapperConfig, MapperError, Sample};
+use palpate_work::touches::RecordedTouch;
 
-use super::recording::{Learner, Passes, Recording};
+use super::recording::{Learner, Passes, play};
 use super::whole::milliseconds;
 use crate::error::CliError;
 use crate::output::Output;
@@ -47,13 +48,13 @@ pub(super) struct Times {
 pub(super) fn measure(
     arm: &Arc<Arm>,
     config: &MapperConfig,
-    recording: &Recording,
+    touches: &[RecordedTouch],
     passes: Passes,
     output: &Output,
 ) -> Result<Times, CliError> {
     let out_of_range = |error| SettingsError::Value(Box::new(error));
     let mut parts = Parts::new(arm, config).map_err(out_of_range)?;
-    recording.play(passes, &mut parts, output, "timing its parts")?;
+    play(touches, passes, &mut parts, output, "timing its parts")?;
     Ok(parts.times)
 }
 

@@ -4,10 +4,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate::{Arm, Mapper, MapperConfig, MapperError, Sample};
+use palpate_work::touches::RecordedTouch;
 
 use super::answers::{self, Answers};
 use super::peak;
-use super::recording::{Learner, Passes, Recording};
+use super::recording::{Learner, Passes, play};
 use crate::error::CliError;
 use crate::output::Output;
 use crate::pace::{Pace, PaceFigures};
@@ -68,12 +69,12 @@ impl Whole {
     /// it, and its memory free for what follows.
     pub(super) fn measure(
         mut self,
-        recording: &Recording,
+        touches: &[RecordedTouch],
         passes: Passes,
-        asked: Option<&Recording>,
+        asked: &[RecordedTouch],
         output: &Output,
     ) -> Result<Measured, CliError> {
-        recording.play(passes, &mut self, output, "timing the step")?;
+        play(touches, passes, &mut self, output, "timing the step")?;
         let peak_bytes = peak::resident_bytes(); // before the field is copied below
         let field = self.mapper.field();
         let mut touched = [[u32::MAX; 3], [0; 3]];
@@ -84,10 +85,9 @@ impl Whole {
                 touched[1][axis] = touched[1][axis].max(place[axis]);
             }
         }
-        let answers = |asked| answers::measure(&self.mapper, asked, output);
-        // Where no step was timed, nobody will see them.
-        let asked = asked.filter(|_| !self.step_ms.is_empty());
-        let answers = asked.map(answers).transpose()?;
+        // Where no step was timed, nobody will see the answers.
+        let wanted = !asked.is_empty() && !self.step_ms.is_empty();
+        let answers = wanted.then(|| answers::measure(&self.mapper, asked, output)).transpose()?;
         Ok(Measured {
             start_ms: self.first_step.map_or(0.0, milliseconds),
             step_ms: self.step_ms,

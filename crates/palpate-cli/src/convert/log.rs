@@ -1,19 +1,18 @@
 //! A log in another format, one sample after another.
 
-use std::fs::File;
-use std::io::{self, BufWriter};
+use std::io;
 use std::path::Path;
 
-use palpate::Sample;
 use palpate_io::atomic::{self, IfExists};
 use palpate_io::log::bag_write::{Compression, TouchWriter};
 use palpate_io::log::write::{ArraysWriter, TableWriter};
+use palpate_work::robot;
+use palpate_work::touches::{TouchEvent, Touches};
+use palpate_work::{Bar, Progress};
 
 use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::Settings;
-use crate::touches::{TouchEvent, Touches};
-use crate::{interrupt, robot};
 
 /// What a log becomes.
 #[derive(Debug, Clone, Copy)]
@@ -43,40 +42,6 @@ impl Format {
     }
 }
 
-/// Something that takes touches.
-enum Sink<'a, 'b> {
-    Arrays(Box<ArraysWriter>),
-    Table(Box<TableWriter<&'a mut BufWriter<&'b mut File>>>),
-    Bag(Box<TouchWriter<&'a mut BufWriter<&'b mut File>>>),
-}
-
-impl Sink<'_, '_> {
-    fn touch(&mut self, name: &str) -> io::Result<()> {
-        match self {
-            Self::Arrays(sink) => return sink.touch(name),
-            Self::Table(sink) => sink.touch(name),
-            Self::Bag(sink) => sink.touch(name),
-        }
-        Ok(())
-    }
-
-    fn sample(&mut self, sample: &Sample) -> io::Result<()> {
-        match self {
-            Self::Arrays(sink) => sink.sample(sample),
-            Self::Table(sink) => sink.sample(sample),
-            Self::Bag(sink) => sink.sample(sample),
-        }
-    }
-
-    fn finish(self) -> io::Result<()> {
-        match self {
-            Self::Arrays(sink) => sink.finish(),
-            Self::Table(sink) => sink.finish(),
-            Self::Bag(sink) => sink.finish(),
-        }
-    }
-}
-
 /// Reads a log and writes it anew.
 pub(super) fn convert(
     (input, path): (&Path, &Path),
@@ -100,36 +65,16 @@ pub(super) fn convert(
         return Err(CliError::from(format!("`{}` holds no touch", input.display())));
     };
     let joints = touches.keep_joints();
-    let failed = |source| CliError::Write { what: format!("`{}`", path.display()), source };
-    let mut copy = Copying { touches: &mut touches, output, first, fault: None, count: (0, 0) };
     let joints = match (format, joints) {
         (Format::Bag(_), None) => Some(names_of_robot(settings, output)?),
         (_, joints) => joints,
     };
-    match format {
-        Format::Arrays => {
-            let arrays = ArraysWriter::new(path).map_err(failed)?;
-            let copied = copy.hand_on(Sink::Arrays(Box::new(arrays)));
-            copy.ended(copied.map_err(failed))?;
-        }
-        Format::Table => {
-            let written = atomic::write(path, IfExists::Replace, |out| {
-                copy.hand_on(Sink::Table(Box::new(TableWriter::new(out, joints))))
-            });
-            let written = written.map_err(CliError::file);
-            copy.ended(written)?;
-        }
-        Format::Bag(compression) => {
-            let joints = joints.unwrap_or_default();
-            let written = atomic::write(path, IfExists::Replace, |out| {
-                let bag = TouchWriter::new(out, joints, compression)?;
-                copy.hand_on(Sink::Bag(Box::new(bag)))
-            });
-            let written = written.map_err(CliError::file);
-            copy.ended(written)?;
-        }
-    }
-    let (touched, samples) = copy.count;
+    let bar = output.begin(touches.samples(), "frames", "converting");
+    let mut copy = Copying { touches: &mut touches, output, bar, fault: None, count: (0, 0) };
+    let written = copy.write((path, format), joints, first);
+    let Copying { bar, fault, count: (touched, samples), .. } = copy;
+    drop(bar);
+    fault.map_or(written, Err)?;
     touches.tell_warnings(output);
     let path = path.display();
     output.result(&format!("{touched} touches of {samples} samples in all are in `{path}`.\n"))
@@ -147,8 +92,7 @@ fn names_of_robot(settings: &Settings, output: &Output) -> Result<Vec<String>, C
 struct Copying<'a> {
     touches: &'a mut Touches,
     output: &'a Output,
-    /// The touch that was read already.
-    first: String,
+    bar: Box<dyn Bar>,
     /// What stopped the reading.
     fault: Option<CliError>,
     /// Touches and samples so far.
@@ -156,48 +100,78 @@ struct Copying<'a> {
 }
 
 impl Copying<'_> {
-    /// Hands all touches on.
-    fn hand_on(&mut self, mut sink: Sink<'_, '_>) -> io::Result<()> {
-        let bar = self.output.progress(self.touches.samples(), "converting");
-        sink.touch(&self.first)?;
-        self.count.0 = 1;
-        loop {
-            let moment = match self.touches.advance() {
-                Ok(_) if interrupt::pressed() => {
-                    let kept = "; nothing was written".to_owned();
-                    return Err(self.stopped(CliError::Interrupted { kept }));
-                }
-                Ok(moment) => moment,
-                Err(error) => return Err(self.stopped(error)),
-            };
-            match moment {
-                None => break,
-                Some(TouchEvent::Touch(name)) => {
-                    sink.touch(&name)?;
-                    self.count.0 += 1;
-                }
-                Some(TouchEvent::Sample(sample)) => {
-                    sink.sample(&sample)?;
+    /// Writes the file or the folder, whole or not at all.
+    fn write(
+        &mut self,
+        (path, format): (&Path, Format),
+        joints: Option<Vec<String>>,
+        first: String,
+    ) -> Result<(), CliError> {
+        let failed = |source| CliError::Write { what: format!("`{}`", path.display()), source };
+        match format {
+            Format::Arrays => ArraysWriter::new(path).map_err(failed).and_then(|mut arrays| {
+                let copied = self.hand_on(first, |event| match event {
+                    TouchEvent::Touch(name) => arrays.touch(name),
+                    TouchEvent::Sample(sample) => arrays.sample(sample),
+                });
+                copied.and_then(|()| arrays.finish()).map_err(failed)
+            }),
+            Format::Table => atomic::write(path, IfExists::Replace, |out| {
+                let mut table = TableWriter::new(out, joints);
+                self.hand_on(first, |event| match event {
+                    TouchEvent::Touch(name) => {
+                        table.touch(name);
+                        Ok(())
+                    }
+                    TouchEvent::Sample(sample) => table.sample(sample),
+                })?;
+                table.finish()
+            })
+            .map_err(CliError::file),
+            Format::Bag(compression) => atomic::write(path, IfExists::Replace, |out| {
+                let mut bag = TouchWriter::new(out, joints.unwrap_or_default(), compression)?;
+                self.hand_on(first, |event| match event {
+                    TouchEvent::Touch(name) => {
+                        bag.touch(name);
+                        Ok(())
+                    }
+                    TouchEvent::Sample(sample) => bag.sample(sample),
+                })?;
+                bag.finish()
+            })
+            .map_err(CliError::file),
+        }
+    }
+
+    /// Hands on the touch that was begun already, and all that follows.
+    ///
+    /// An error gives up the output; what stopped the reading is kept in `fault`.
+    fn hand_on(
+        &mut self,
+        first: String,
+        mut take: impl FnMut(&TouchEvent) -> io::Result<()>,
+    ) -> io::Result<()> {
+        let mut next = Some(TouchEvent::Touch(first));
+        while let Some(event) = next {
+            take(&event)?;
+            match event {
+                TouchEvent::Touch(_) => self.count.0 += 1,
+                TouchEvent::Sample(_) => {
                     self.count.1 += 1;
-                    bar.inc(1);
+                    self.bar.step();
                 }
             }
+            next = match self.touches.advance() {
+                Ok(_) if self.output.stopped() => {
+                    Err(CliError::Interrupted { kept: "; nothing was written".to_owned() })
+                }
+                read => read,
+            }
+            .map_err(|fault| {
+                self.fault = Some(fault);
+                io::Error::other("reading stopped")
+            })?;
         }
-        bar.finish_and_clear();
-        sink.finish()
-    }
-
-    /// Keeps what stopped the reading, so that the output is given up.
-    fn stopped(&mut self, fault: CliError) -> io::Error {
-        self.fault = Some(fault);
-        io::Error::other("reading stopped")
-    }
-
-    /// What stopped the reading, or else the writing.
-    fn ended(&mut self, written: Result<(), CliError>) -> Result<(), CliError> {
-        match self.fault.take() {
-            Some(fault) => Err(fault),
-            None => written,
-        }
+        Ok(())
     }
 }

@@ -3,14 +3,14 @@
 mod field;
 mod log;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use palpate_io::log::bag_write::Compression;
 
 use crate::error::CliError;
 use crate::interrupt;
 use crate::output::Output;
-use crate::place::Places;
+use crate::place::{Places, ending};
 use crate::settings::ReadSettings;
 
 const NOTES: &str = "Examples:
@@ -58,11 +58,9 @@ impl Args {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings = args.settings.load()?;
     let to = ending(&args.output);
-    let mut places = Places::default();
-    places.input("the settings file", args.settings.path());
+    let logs = std::slice::from_ref(&args.input);
+    let mut places = Places::read(&args.settings, &settings, logs);
     places.input("the input", Some(&args.input));
-    places.input("the robot", Some(Path::new(settings.robot.name())));
-    places.logs(std::slice::from_ref(&args.input));
     if !to.is_empty() {
         places.output("the output", Some(&args.output))?;
     }
@@ -72,9 +70,4 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     let format = log::Format::of(&args.output, &to, args.compression())?;
     log::convert((&args.input, &args.output), format, &settings, output)
-}
-
-/// The ending of a path in small letters; empty if it has none.
-fn ending(path: &Path) -> String {
-    path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().to_lowercase())
 }

@@ -5,24 +5,30 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate::{Arm, Field, Mapper};
+use palpate::{Arm, Mapper};
 use palpate_io::cloud;
 use palpate_io::field::{self, Saved};
 use palpate_io::log::LogOptions;
+use palpate_learn::extrapolate::Config;
 use palpate_learn::folds::folds;
 use palpate_learn::method::Method;
+use palpate_work::evaluate::{Work, as_touches, configs};
+use palpate_work::extrapolate::Work as Extrapolating;
+use palpate_work::learn::learn;
+use palpate_work::predict::{Against, TouchResult, score};
+use palpate_work::robot;
+use palpate_work::scored::{Report, tell_oddities};
+use palpate_work::touches::{RecordedTouch, Touches};
 use serde::Serialize;
 
 use crate::error::CliError;
-use crate::evaluate::{Origin, Work};
-use crate::learn::learn;
+use crate::evaluate::{EvaluationSummary, Origin};
+use crate::extrapolate::ExtrapolationSummary;
 use crate::output::Output;
 use crate::place::Folder;
-use crate::predict::{Against, Report, TouchResult, score, tell_oddities};
 use crate::settings::sections::{EstimatorSettings, RobotSettings};
 use crate::settings::{Settings, SettingsError};
-use crate::touches::{RecordedTouch, Touches};
-use crate::{bundled, evaluate, extrapolate, interrupt, picture, place, robot};
+use crate::{bundled, evaluate, extrapolate, interrupt, picture, place, predict};
 
 const ORIGIN: &str = "The touches are simulated: a Kinova Gen3 pushes into a potted plant in \
                       MuJoCo, an engine\nthat shares nothing with palpate's contact model. No \
@@ -75,7 +81,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         return Err(CliError::Interrupted { kept: "; nothing was written".to_owned() });
     }
     let saved = Saved::of_mapper(&mapper);
-    let results = predict(&arm, &saved.field, &mut open(&[held_out])?, output)?;
+    let (held_out, touch) = (&mut open(&[held_out])?, saved.field.touch.clone());
+    let results = score(&arm, &saved.field, touch, Against::Measured, (held_out, output))?;
     fill(&folder.path, &saved, &results)?;
     tell_oddities(&results, output);
     let evaluation = if args.no_report {
@@ -90,25 +97,25 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         output.json(&Findings {
             report: &report,
             simulated: true,
-            evaluation: evaluation.map(|(_, json)| json),
+            evaluation: evaluation.map(|summary| summary.json()),
             learnt_from: tally.touches.iter().map(|touch| touch.name.as_str()).collect(),
             held_out: results.iter().map(|touch| touch.name.as_str()).collect(),
             folder: &folder.path,
         })
     } else {
-        let table = evaluation.map(|(text, _)| text);
+        let table = evaluation.map(|summary| summary.text());
         output.result(&told(&report, tally.touches.len(), (table, &folder.path)))
     }
 }
 
-/// The paper's experiment on all touches; its table as text, and as JSON.
+/// The paper's experiment on all touches.
 fn evaluate_all(
     arm: &Arc<Arm>,
     recorded: &[RecordedTouch],
     (folder, settings): (&Path, Settings),
     output: &Output,
-) -> Result<(String, serde_json::Value), CliError> {
-    let touches = evaluate::as_touches(recorded, false)?;
+) -> Result<EvaluationSummary, CliError> {
+    let touches = as_touches(recorded, false)?;
     let work = Work {
         arm,
         recorded,
@@ -116,15 +123,13 @@ fn evaluate_all(
         methods: Method::ALL.to_vec(),
         folds: folds(touches.len(), touches.len()),
         todo: (0..touches.len()).collect(),
-        estimators: evaluate::configs(&settings)?,
+        estimators: configs(&settings)?,
         tune: false,
         truth: false,
     };
     let logs = vec!["the bundled touches".to_owned()];
     let origin = Origin { simulated: true, logs, settings };
-    let evaluated = evaluate::into_folder(&work, folder, &origin, output)?;
-    let told = evaluate::told(&work, &evaluated, folder, &origin);
-    Ok((told.text(), told.json()))
+    evaluate::into_folder(&work, folder, &origin, output)
 }
 
 /// Carries the stiffness of the field over to the bundled cloud; writes Fig. 4 and its page.
@@ -136,21 +141,21 @@ fn carry_over(
 ) -> Result<(), CliError> {
     let cloud = cloud::read(object).map_err(CliError::file)?.cloud;
     let names = [Path::new("field.npz"), Path::new("object.ply")];
-    let (config, halves) = (extrapolate::Config::default(), Some(HALVES));
-    let kept = "all but what the camera saw is written";
-    let drawn = true;
-    let cloud = &cloud;
-    let work = extrapolate::Work { arm, saved, names, cloud, config, halves, drawn, kept };
-    let found = work.run(output)?;
-    let told = extrapolate::ExtrapolationSummary {
-        work: &work,
-        found: &found,
-        truth: None,
-        simulated: true,
+    let work = Extrapolating {
+        arm,
+        saved,
+        names,
+        cloud: &cloud,
+        config: Config::default(),
+        halves: Some(HALVES),
+        drawn: true,
+        kept: "all but what the camera saw is written",
     };
-    extrapolate::write(&folder.join("seen.ply"), cloud, &found.extrapolation)?;
-    place::write(&folder.join("fig4.svg"), &told.picture(None)?)?;
-    place::write(&folder.join("seen.html"), &told.page()?)
+    let found = work.run(output)?;
+    let summary = ExtrapolationSummary { work: &work, found: &found, truth: None, simulated: true };
+    extrapolate::write(&folder.join("seen.ply"), &cloud, &found.extrapolation)?;
+    place::write(&folder.join("fig4.svg"), &summary.picture(None)?)?;
+    place::write(&folder.join("seen.html"), &summary.page()?)
 }
 
 /// What `--json` prints: the keys of `palpate predict`, and where they come from.
@@ -166,15 +171,6 @@ struct Findings<'a> {
     folder: &'a Path,
 }
 
-fn predict(
-    arm: &Arc<Arm>,
-    field: &Field,
-    touches: &mut Touches,
-    output: &Output,
-) -> Result<Vec<TouchResult>, CliError> {
-    score(arm, field, field.touch.clone(), Against::Measured, (touches, output))
-}
-
 fn told(
     report: &Report,
     learnt_from: usize,
@@ -182,7 +178,7 @@ fn told(
 ) -> String {
     let mut text = format!("{ORIGIN}\n");
     let _ = writeln!(text, "Learnt from {learnt_from} touches, then predicted one held out.");
-    text += &crate::predict::text(report);
+    text += &predict::text(report);
     let folder = folder.display();
     let page = if evaluation.is_some() {
         "\n  report.html  all of that, to open in a browser; figures in figures/\n  \

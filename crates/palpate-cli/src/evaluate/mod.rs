@@ -1,7 +1,7 @@
 //! `palpate evaluate`: the paper's experiment (Sec. III-A) on anyone's touches.
 //!
-//! [`run`] is the command; [`mod@kept`] keeps what is done,
-//! so that an evaluation goes on where it was broken off; [`mod@told`] says what came out.
+//! [`run`] is the command; [`kept`] keeps what is done, so that an evaluation goes on where it was
+//! broken off; [`summary`] is what it prints.
 
 mod kept;
 mod summary;
@@ -11,19 +11,19 @@ use std::path::{Path, PathBuf};
 use palpate::MapperConfig;
 use palpate_io::log::is_simulated;
 use palpate_learn::method::Method;
+use palpate_work::evaluate::{
+    Evaluated, Work, as_touches, configs, each_once, folds, method_of, number,
+};
 
 use crate::error::CliError;
 use crate::output::Output;
 use crate::place::Folder;
 use crate::report::{Report, Scene, errors_csv};
 use crate::settings::{AllSettings, Settings};
-use crate::touches::Touches;
-use crate::{interrupt, picture, place, robot};
+use crate::{interrupt, logs, picture, place};
 
 use kept::Kept;
-pub(crate) use palpate_work::evaluate::{Evaluated, Work, as_touches, configs};
-use palpate_work::evaluate::{each_once, folds, method_of, number};
-use summary::EvaluationSummary;
+pub(crate) use summary::EvaluationSummary;
 
 const NOTES: &str = "Examples:
   palpate evaluate recordings/
@@ -94,16 +94,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     settings.config()?;
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
-    let touches = Touches::open(&args.logs, &settings.log.options())?;
-    touches.gravity_of_logs(&mut settings.touch, output)?;
+    let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
     let estimators = configs(&settings)?;
-    let arm = robot::load(&settings.robot, output)?;
-    settings.log.check_for(&arm.robot)?;
-
-    let config = settings.config()?;
-    let mut touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
-    let recorded = touches.read(None)?;
-    touches.tell_warnings(output);
+    let recorded = logs::read(touches, &arm, &settings, None, output)?;
     let touches = as_touches(&recorded, args.truth)?;
     let folds = folds(&touches, args.folds, &args.test)?;
     let work = Work {
@@ -122,9 +115,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         logs: args.logs.iter().map(|log| log.display().to_string()).collect(),
         settings,
     };
-    let evaluated = into_folder(&work, &folder.path, &origin, output)?;
-    let told = told(&work, &evaluated, &folder.path, &origin);
-    if args.json { output.json(&told.json()) } else { output.result(&told.text()) }
+    let summary = into_folder(&work, &folder.path, &origin, output)?;
+    if args.json { output.json(&summary.json()) } else { output.result(&summary.text()) }
 }
 
 /// Where the touches of an evaluation come from.
@@ -143,7 +135,7 @@ pub(crate) fn into_folder(
     folder: &Path,
     origin: &Origin,
     output: &Output,
-) -> Result<Evaluated, CliError> {
+) -> Result<EvaluationSummary, CliError> {
     let (evaluated, field) = {
         let kept = Kept::open(folder, work)?;
         let evaluated = work.evaluate(&kept, output)?;
@@ -151,14 +143,21 @@ pub(crate) fn into_folder(
         kept.remove();
         (evaluated, field)
     };
-    let (evaluation, told) = (&evaluated.evaluation, told(work, &evaluated, folder, origin));
+    let settings_toml = settings_toml(&evaluated, &origin.settings)?;
+    let summary = EvaluationSummary {
+        evaluation: evaluated.evaluation,
+        simulated: origin.simulated,
+        folds: work.folds.len(),
+        folder: folder.to_owned(),
+    };
+    let evaluation = &summary.evaluation;
     let robot = origin.settings.robot.name().to_owned();
     let report = Report {
-        title: &told.title(),
+        title: &summary.title(),
         evaluation,
         simulated: origin.simulated,
-        settings_toml: &settings_toml(&evaluated, &origin.settings)?,
-        data: &[("logs".to_owned(), origin.logs.join(", ")), ("robot".to_owned(), robot)],
+        settings_toml: &settings_toml,
+        data: vec![("logs", origin.logs.join(", ")), ("robot", robot)],
         scene: Some(Scene::new(work.arm, &field, evaluation)?),
     };
     let write = |name: &str, text: &str| place::write(&folder.join(name), text);
@@ -175,19 +174,8 @@ pub(crate) fn into_folder(
     write("errors.csv", &errors_csv(evaluation))?;
     write("evaluation.json", &serde_json::to_string(evaluation).map_err(CliError::file)?)?;
     write("report.html", &report.html()?)?;
-    told.tell_oddities(output);
-    Ok(evaluated)
-}
-
-/// What there is to tell of what came out.
-pub(crate) fn told<'a>(
-    work: &Work<'_>,
-    evaluated: &'a Evaluated,
-    folder: &'a Path,
-    origin: &Origin,
-) -> EvaluationSummary<'a> {
-    let (evaluation, simulated) = (&evaluated.evaluation, origin.simulated);
-    EvaluationSummary { evaluation, simulated, folds: work.folds.len(), folder }
+    summary.tell_oddities(output);
+    Ok(summary)
 }
 
 /// The settings as a file, with those of each fold as remarks.

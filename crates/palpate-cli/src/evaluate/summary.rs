@@ -1,31 +1,31 @@
 //! What an evaluation says, for people, tables and programs.
 
 use std::fmt::Write;
-use std::path::Path;
+use std::path::PathBuf;
 
-use palpate_learn::errors::Errors;
 use palpate_learn::evaluation::{
     Evaluation, LeftOut, MeanStd, PAPER_BASELINES, PAPER_FIELD, Summary,
 };
+use palpate_work::scored::Figures;
 use palpate_work::touched::Touched;
 use serde_json::json;
 
 use crate::output::{Output, table};
 
 /// What there is to tell.
-pub(crate) struct EvaluationSummary<'a> {
-    pub(crate) evaluation: &'a Evaluation,
+pub(crate) struct EvaluationSummary {
+    pub(crate) evaluation: Evaluation,
     pub(crate) simulated: bool,
     pub(crate) folds: usize,
-    pub(crate) folder: &'a Path,
+    pub(crate) folder: PathBuf,
 }
 
-impl EvaluationSummary<'_> {
+impl EvaluationSummary {
     /// What `--json` prints: the table, and the figures of every touch.
     pub(crate) fn json(&self) -> serde_json::Value {
         let touch = |touch: &LeftOut| {
             let methods = touch.predictions.iter().map(|prediction| {
-                let mut method = figures(prediction.errors);
+                let mut method = json!(Figures::from(prediction.errors));
                 method["name"] = json!(prediction.method);
                 method
             });
@@ -140,15 +140,6 @@ impl EvaluationSummary<'_> {
 /// What a touch displaces, in its scored frames.
 fn touched(touch: &LeftOut) -> Touched {
     touch.contacts.iter().map(|&points| points as usize).collect()
-}
-
-fn figures(errors: Option<Errors>) -> serde_json::Value {
-    json!({
-        "avg_error": errors.map(|e| e.avg_error),
-        "max_error": errors.map(|e| e.max_error),
-        "avg_relative": errors.and_then(|e| e.avg_relative),
-        "max_relative": errors.and_then(|e| e.max_relative),
-    })
 }
 
 fn row(method: &Summary) -> Vec<String> {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Isometry3, Point3};
 use palpate_io::cloud::{self, Cloud};
 use palpate_io::rgbd;
+use palpate_work::settings::vector3;
 
 use crate::error::CliError;
 use crate::output::Output;
@@ -30,10 +31,10 @@ pub(crate) struct CloudArgs {
     #[arg(long)]
     keep_flying: bool,
     /// Low corner of the box that points are kept of, m, world frame
-    #[arg(long, value_name = "X,Y,Z", value_parser = crate::settings::vector3, allow_hyphen_values = true, requires = "crop_high_m")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector3, allow_hyphen_values = true, requires = "crop_high_m")]
     crop_low_m: Option<[f64; 3]>,
     /// High corner of the box
-    #[arg(long, value_name = "X,Y,Z", value_parser = crate::settings::vector3, allow_hyphen_values = true, requires = "crop_low_m")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector3, allow_hyphen_values = true, requires = "crop_low_m")]
     crop_high_m: Option<[f64; 3]>,
 }
 

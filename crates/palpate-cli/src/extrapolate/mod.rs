@@ -1,7 +1,8 @@
-//! `palpate extrapolate`: from what was touched to what was only seen (Sec. III-B).
+//! `palpate extrapolate`: the stiffness of cells that a camera saw and no touch reached
+//! (Sec. III-B).
 //!
-//! [`run`] is the command; [`mod@cloud`] reads what was seen, [`Work`] carries stiffness over, and
-//! [`mod@told`] says what came out.
+//! [`run`] is the command; [`mod@cloud`] reads the camera's points, [`Work`] extrapolates, and
+//! [`summary`] is what it prints and draws.
 
 mod cloud;
 mod summary;
@@ -13,19 +14,18 @@ use palpate_io::atomic::IfExists;
 use palpate_io::cloud::{self as clouds, Cloud, Column};
 use palpate_io::field;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
-pub(crate) use palpate_learn::extrapolate::Config;
-use palpate_learn::extrapolate::{Extrapolation, Features, Method};
+use palpate_learn::extrapolate::{Config, Extrapolation, Features, Method};
+use palpate_work::extrapolate::{Chosen, Work, config, filled, method_of, remembers};
+use palpate_work::robot;
 
 use crate::error::CliError;
 use crate::output::Output;
 use crate::picture::Format;
-use crate::place::Places;
+use crate::place::{Places, ending, entries};
 use crate::settings::{RobotOnlySettings, Settings};
-use crate::{interrupt, place, robot};
+use crate::{interrupt, place};
 
 use cloud::CloudArgs;
-pub(crate) use palpate_work::extrapolate::Work;
-use palpate_work::extrapolate::{Chosen, config, filled, method_of, remembers};
 pub(crate) use summary::ExtrapolationSummary;
 
 const NOTES: &str = "Examples:
@@ -154,9 +154,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 
     // Everything is made before anything is written.
     let (truth, simulated) = (truth.as_ref(), args.simulated);
-    let told = ExtrapolationSummary { work: &work, found: &found, truth, simulated };
-    let drawing = picture.map(|_| told.picture(args.threshold)).transpose()?;
-    let page = args.report.as_ref().map(|_| told.page()).transpose()?;
+    let summary = ExtrapolationSummary { work: &work, found: &found, truth, simulated };
+    let drawing = picture.map(|_| summary.picture(args.threshold)).transpose()?;
+    let page = args.report.as_ref().map(|_| summary.page()).transpose()?;
     write(&args.output, &cloud, &found.extrapolation)?;
     if let Some(path) = &args.field {
         field::save(path, &filled(saved.clone(), &found.cells)).map_err(CliError::file)?;
@@ -167,10 +167,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if let (Some(path), Some(page)) = (&args.report, &page) {
         place::write(path, page)?;
     }
+    let (files, elapsed) = ((args.output.as_path(), args.field.as_deref()), started.elapsed());
     if args.json {
-        output.json(&told.json(args, started.elapsed()))
+        output.json(&summary.json(files, elapsed))
     } else {
-        output.result(&told.text(args, started.elapsed()))
+        output.result(&summary.text(files, elapsed))
     }
 }
 
@@ -185,11 +186,10 @@ enum Ending {
 impl Ending {
     /// The one that a file's name asks for.
     fn of(path: &Path) -> Result<Self, CliError> {
-        let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
-        match ending.as_deref().and_then(|ending| ending.to_str()) {
-            Some("npz") => Ok(Self::Npz),
-            Some("ply") => Ok(Self::Ply),
-            Some("pcd") => Ok(Self::Pcd),
+        match ending(path).as_str() {
+            "npz" => Ok(Self::Npz),
+            "ply" => Ok(Self::Ply),
+            "pcd" => Ok(Self::Pcd),
             _ => Err(CliError::Usage(format!(
                 "`{}` does not say how the cloud is to be written; end its name with .npz, .ply or \
                  .pcd",
@@ -202,16 +202,14 @@ impl Ending {
 impl Args {
     /// Refuses results that cannot be written, or would replace what is read or each other.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
-        let mut places = Places::default();
-        places.input("the settings file", self.settings.path());
+        let mut places = Places::read(&self.settings, settings, &[]);
         places.input("the field", Some(&self.from));
         places.input("the cloud", Some(&self.cloud));
         for folder in [Some(&self.cloud), Some(&self.cloud.join("rgbd")), self.truth.as_ref()] {
-            for file in folder.iter().flat_map(|folder| place::entries(folder)) {
+            for file in folder.iter().flat_map(|folder| entries(folder)) {
                 places.input("a file that is read", Some(&file));
             }
         }
-        places.input("the robot", Some(Path::new(settings.robot.name())));
         places.output("the cloud (--output)", Some(&self.output))?;
         places.output("the field (--field)", self.field.as_deref())?;
         places.output("the picture (--picture)", self.picture.as_deref())?;

@@ -8,21 +8,17 @@ use std::time::Duration;
 use palpate_io::cloud::PointTruth;
 use palpate_learn::extrapolate::compare::Row;
 use palpate_learn::extrapolate::{area_under_roc, spearman};
+use palpate_work::extrapolate::{Found, Work};
 use serde_json::{Value, json};
 
-use super::Args;
 use crate::error::CliError;
 use crate::extrapolation_view::{ExtrapolationView, Table};
-use crate::output::{seconds, table};
+use crate::output::{rows, seconds, table};
 use crate::picture;
-use crate::quantile::quantile;
 use crate::report::ExtrapolationPage;
-use palpate_work::extrapolate::{Found, Work};
+use palpate_work::quantile::quantile;
 
-/// Columns for the names of what is told.
-const WIDTH: usize = 29;
-
-/// What is told of an extrapolation.
+/// An extrapolation, and what it is compared with.
 pub(crate) struct ExtrapolationSummary<'a> {
     pub(crate) work: &'a Work<'a>,
     pub(crate) found: &'a Found,
@@ -33,14 +29,33 @@ pub(crate) struct ExtrapolationSummary<'a> {
 
 /// How well the order of the points agrees with the truth.
 struct Order {
-    /// Points scored.
+    /// Which points.
+    name: &'static str,
+    /// How many.
     points: usize,
     /// Area under the ROC curve: the first class of the simulation against all others.
     auc: Option<f64>,
     spearman: Option<f64>,
 }
 
+/// Where the cloud was written, and the field if it was.
+type Files<'a> = (&'a Path, Option<&'a Path>);
+
 impl ExtrapolationSummary<'_> {
+    /// Seen points in touched cells.
+    fn touched(&self) -> usize {
+        self.found.extrapolation.touched.iter().filter(|touched| **touched).count()
+    }
+
+    /// How the stiffness was extrapolated, and from what.
+    fn method(&self) -> Vec<(&'static str, String)> {
+        let config = &self.work.config;
+        let method = format!("{} on {}", config.method.name(), config.features);
+        let frames = |(touches, frames)| format!("{touches} touches, {frames} frames in contact");
+        let remembered = self.found.felt.map(|felt| ("remembered", frames(felt)));
+        std::iter::once(("method", method)).chain(remembered).collect()
+    }
+
     /// Cells at seen points that no touch has reached.
     fn expected(&self) -> usize {
         let field = &self.work.saved.field;
@@ -64,7 +79,7 @@ impl ExtrapolationSummary<'_> {
     fn orders(&self) -> Option<[Order; 2]> {
         let truth = self.truth?;
         let touched = &self.found.extrapolation.touched;
-        Some([true, false].map(|untouched_only| {
+        Some([("untouched points", true), ("all points", false)].map(|(name, untouched_only)| {
             let points: Vec<usize> = (0..self.found.seen.len())
                 .filter(|&point| !(untouched_only && touched[point]))
                 .collect();
@@ -72,6 +87,7 @@ impl ExtrapolationSummary<'_> {
             let k = pick(&self.found.extrapolation.stiffness_n_per_m);
             let other: Vec<bool> = points.iter().map(|&at| truth.class[at] > 0).collect();
             Order {
+                name,
                 points: points.len(),
                 auc: area_under_roc(&k, &other),
                 spearman: spearman(&k, &pick(&truth.stiffness_n_per_m)),
@@ -79,9 +95,8 @@ impl ExtrapolationSummary<'_> {
         }))
     }
 
-    pub(super) fn json(&self, args: &Args, elapsed: Duration) -> Value {
+    pub(super) fn json(&self, (cloud, field): Files<'_>, elapsed: Duration) -> Value {
         let [soft, median, stiff] = self.quantiles();
-        let touched = self.found.extrapolation.touched.iter().filter(|touched| **touched).count();
         let order = |order: &Order| json!({"points": order.points, "auc": order.auc, "spearman": order.spearman});
         let row = |row: &Row| {
             let (relative, error) = row.means();
@@ -92,12 +107,12 @@ impl ExtrapolationSummary<'_> {
             })
         };
         json!({
-            "cloud": args.output,
-            "field": args.field,
+            "cloud": cloud,
+            "field": field,
             "method": self.work.config.method.name(),
             "features": self.work.config.features,
             "points": self.found.seen.len(),
-            "touched": touched,
+            "touched": self.touched(),
             "cells_touched": self.work.saved.field.counts.iter().filter(|n| **n > 0).count(),
             "cells_expected": self.expected(),
             "touches": self.found.felt.map(|(touches, _)| touches),
@@ -111,34 +126,28 @@ impl ExtrapolationSummary<'_> {
         })
     }
 
-    pub(super) fn text(&self, args: &Args, elapsed: Duration) -> String {
-        let row = |name: &str, value: String| format!("  {name:<WIDTH$}  {value}\n");
-        let mut text = format!("The cloud is in `{}`.\n", args.output.display());
-        let features = self.work.config.features;
-        text += &row("method", format!("{} on {features}", self.work.config.method.name()));
-        if let Some((touches, frames)) = self.found.felt {
-            text += &row("remembered", format!("{touches} touches, {frames} frames in contact"));
-        }
-        let (points, touched) = (self.found.seen.len(), &self.found.extrapolation.touched);
-        let touched = touched.iter().filter(|touched| **touched).count();
-        text += &row("points", points.to_string());
+    pub(super) fn text(&self, (cloud, field): Files<'_>, elapsed: Duration) -> String {
+        let (points, touched) = (self.found.seen.len(), self.touched());
         let part = 100.0 * touched as f64 / points as f64;
-        text += &row("of them in touched cells", format!("{touched} ({part:.0} %)"));
         let [soft, median, stiff] = self.quantiles();
-        let spread = format!("{soft:.3}, {median:.3}, {stiff:.3} N/m");
-        text += &row("K at 10, 50, 90 % of them", spread);
-        text += &row("untouched cells expected", self.expected().to_string());
-        for (name, order) in
-            ["untouched points", "all points"].iter().zip(self.orders().iter().flatten())
-        {
+        let mut found = self.method();
+        found.extend([
+            ("points", points.to_string()),
+            ("of them in touched cells", format!("{touched} ({part:.0} %)")),
+            ("K at 10, 50, 90 % of them", format!("{soft:.3}, {median:.3}, {stiff:.3} N/m")),
+            ("untouched cells expected", self.expected().to_string()),
+        ]);
+        for order in self.orders().iter().flatten() {
             let (auc, rho) = (figure(order.auc), figure(order.spearman));
-            text += &row(name, format!("area under ROC {auc}, Spearman {rho} (against truth)"));
+            let scores = format!("area under ROC {auc}, Spearman {rho} (against truth)");
+            found.push((order.name, scores));
         }
-        text += &row("time", seconds(elapsed));
+        found.push(("time", seconds(elapsed)));
+        let mut text = format!("The cloud is in `{}`.\n{}", cloud.display(), rows(&found));
         if let Some(rows) = &self.found.rows {
             let _ = write!(text, "\n{COMPARED}\n\n{}\n", table(&compared(rows)));
         }
-        if let Some(path) = &args.field {
+        if let Some(path) = field {
             let path = path.display();
             let _ = writeln!(text, "The field is in `{path}`.");
             let _ = writeln!(text, "Next: palpate map LOG --from {path} -o FIELD.npz");
@@ -163,7 +172,7 @@ impl ExtrapolationSummary<'_> {
             simulated: self.simulated,
             seen: &self.seen(),
             tables: &self.tables(),
-            data: &self.card(),
+            data: self.card(),
             settings_toml: &toml::to_string(&self.work.config).map_err(CliError::file)?,
         };
         page.html()
@@ -185,8 +194,7 @@ impl ExtrapolationSummary<'_> {
 
     /// What was found, as one sentence without its full stop.
     fn verdict(&self) -> String {
-        let points = self.found.seen.len();
-        let touched = self.found.extrapolation.touched.iter().filter(|touched| **touched).count();
+        let (points, touched) = (self.found.seen.len(), self.touched());
         let mut verdict = format!(
             "{touched} of {points} seen points lie in touched cells; the others are as stiff as \
              what looks like them"
@@ -216,42 +224,27 @@ impl ExtrapolationSummary<'_> {
                 rows: cells,
             });
         }
-        let orders =
-            ["untouched points", "all points"].iter().zip(self.orders().into_iter().flatten());
-        let rows: Vec<Vec<String>> = orders
-            .map(|(name, order)| {
-                let points = order.points.to_string();
-                vec![(*name).to_owned(), points, figure(order.auc), figure(order.spearman)]
-            })
-            .collect();
-        if !rows.is_empty() {
+        let row = |Order { name, points, auc, spearman }: Order| {
+            vec![name.to_owned(), points.to_string(), figure(auc), figure(spearman)]
+        };
+        if let Some(orders) = self.orders() {
             tables.push(Table {
                 title: "Order of the points, against the simulation's truth".to_owned(),
                 caption: "Area under the ROC curve of telling the simulation's first class (leaf) \
                           from all others by stiffness, and Spearman's correlation with the true one."
                     .to_owned(),
                 head: ["", "points", "area", "Spearman"].map(str::to_owned).to_vec(),
-                rows,
+                rows: orders.map(row).to_vec(),
             });
         }
         tables
     }
 
-    fn card(&self) -> Vec<(String, String)> {
+    fn card(&self) -> Vec<(&'static str, String)> {
         let [field, cloud] = self.work.names.map(|name| name.display().to_string());
-        let config = &self.work.config;
-        let mut card = vec![
-            ("field".to_owned(), field),
-            ("cloud".to_owned(), cloud),
-            ("robot".to_owned(), self.work.saved.robot.clone()),
-            ("method".to_owned(), format!("{} on {}", config.method.name(), config.features)),
-        ];
-        if let Some((touches, frames)) = self.found.felt {
-            card.push((
-                "remembered".to_owned(),
-                format!("{touches} touches, {frames} frames in contact"),
-            ));
-        }
+        let robot = self.work.saved.robot.clone();
+        let mut card = vec![("field", field), ("cloud", cloud), ("robot", robot)];
+        card.extend(self.method());
         card
     }
 }

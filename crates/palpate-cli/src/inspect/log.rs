@@ -7,7 +7,7 @@ use palpate_work::touched::TouchedFigures;
 
 use super::field::lattice;
 use super::page::{fact, table};
-use crate::quantile::extremes;
+use palpate_work::quantile::extremes;
 
 /// What a log holds.
 pub(super) fn text(log: &LogFacts) -> String {

@@ -16,17 +16,18 @@ use palpate_live::guard::Guard;
 use palpate_live::ros::{Network, NetworkConfig, Services};
 use palpate_live::session::Session;
 use palpate_live::{AskSocket, LiveConfig, run as run_live};
+use palpate_work::{prior, resume, robot};
 
 use crate::error::CliError;
 use crate::output::Output;
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
-use crate::{interrupt, prior, resume, robot};
+#[cfg(not(feature = "viewer"))]
+use crate::view;
+use crate::{interrupt, logs};
 use status::Shown;
 #[cfg(feature = "viewer")]
 use viewer::Viewer;
-#[cfg(not(feature = "viewer"))]
-use without_viewer::Viewer;
 
 const EXAMPLES: &str = "Examples:
   palpate live -o field.npz
@@ -122,9 +123,7 @@ fn period(text: &str) -> Result<f64, String> {
 impl Args {
     /// Refuses a result that cannot be written, or would replace what is read or was learnt before.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
-        let mut places = Places::default();
-        places.input("the settings file", self.settings.path());
-        places.input("the robot", Some(Path::new(settings.robot.name())));
+        let mut places = Places::read(&self.settings, settings, &[]);
         places.input("the prior (--prior)", self.prior.as_deref());
         places.output("the field (--output)", self.output.as_deref())?;
         match &self.output {
@@ -193,16 +192,21 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let arm = robot::load(&settings.robot, output)?;
     let mapper = args.mapper(&arm, &settings, output)?;
-    output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
+    logs::tell_robot(&arm, &settings, output);
     if args.output.is_none() {
         output.note("nothing is kept: --output FIELD.npz saves what is learnt");
     }
 
-    let drawn = args
-        .viewer
-        .as_ref()
-        .map(|url| Viewer::start(url.as_deref(), &arm, &mapper.config().lattice));
-    let drawn = drawn.transpose()?;
+    #[cfg(feature = "viewer")]
+    let viewer = {
+        let start =
+            |url: &Option<String>| Viewer::start(url.as_deref(), &arm, &mapper.config().lattice);
+        args.viewer.as_ref().map(start).transpose()?
+    };
+    #[cfg(feature = "viewer")]
+    let feed = viewer.as_ref().map(Viewer::inbox);
+    #[cfg(not(feature = "viewer"))]
+    let feed = args.viewer.as_ref().map(|_| Err(view::without_viewer())).transpose()?;
     let mut idle = PauseConfig::default();
     idle.idle_s = args.idle;
     let session = Session::new(mapper, idle, args.guard.map(Guard::new))
@@ -212,47 +216,17 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let ends = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s));
     let stop = || interrupt::pressed() || ends.is_some_and(|ends| Instant::now() >= ends);
     let mut shown = Shown::new(*output, args.json_lines);
-    let config = LiveConfig { view: drawn.as_ref().map(Viewer::inbox), ..args.live() };
+    let config = LiveConfig { view: feed, ..args.live() };
     let session = run_live(network, session, &config, ask.as_ref(), stop, |news| shown.tell(news))
         .map_err(CliError::file)?;
     shown.clear();
-    if let Some(drawn) = drawn {
-        drawn.end(output);
+    #[cfg(feature = "viewer")]
+    if let Some(viewer) = viewer {
+        viewer.end(output);
     }
     if let Some(path) = &args.output {
         let saved = Saved::of_mapper(session.mapper());
         field::save(path, &saved).map_err(CliError::file)?;
     }
     shown.end(&session, args.output.as_deref())
-}
-
-/// In place of the viewer, which the command was built without.
-#[cfg(not(feature = "viewer"))]
-mod without_viewer {
-    use std::sync::Arc;
-
-    use palpate::{Arm, Lattice};
-    use palpate_live::inbox::Inbox;
-    use palpate_live::view_feed::ViewFrame;
-
-    use crate::error::CliError;
-    use crate::output::Output;
-    use crate::view;
-
-    /// None of these is ever made.
-    pub(super) enum Viewer {}
-
-    impl Viewer {
-        pub(super) fn start(_: Option<&str>, _: &Arc<Arm>, _: &Lattice) -> Result<Self, CliError> {
-            Err(view::without_viewer())
-        }
-
-        pub(super) fn inbox(&self) -> Arc<Inbox<ViewFrame>> {
-            match *self {}
-        }
-
-        pub(super) fn end(self, _: &Output) {
-            match self {}
-        }
-    }
 }

@@ -2,14 +2,12 @@
 
 use palpate_learn::evaluation::LeftOut;
 use plotters::chart::ChartBuilder;
-use plotters::element::{PathElement, Text};
 use plotters::series::LineSeries;
-use plotters::style::{Color, RGBColor, ShapeStyle};
+use plotters::style::{Color, RGBColor};
 
-use super::{Area, Drawn, FAINT, INK, svg, text};
+use super::draw::{FAINT, INK, LEGEND_HEIGHT, legend, svg, text};
 
 const SIZE: (u32, u32) = (1000, 460);
-const LEGEND_HEIGHT: u32 = 44;
 const TORQUE: RGBColor = RGBColor(169, 174, 184);
 
 /// Draws a touch; a name above it says which.
@@ -25,7 +23,8 @@ pub(crate) fn errors(touch: &LeftOut) -> Result<String, String> {
     }
     svg(SIZE, |area| {
         let (head, body) = area.split_vertically(LEGEND_HEIGHT);
-        legend(&head, &curves)?;
+        let room = |name: &str| 64 + 9 * name.chars().count() as i32;
+        legend(&head, curves.iter().map(|&(name, style, _)| (name, style, room(name))))?;
         let largest = curves.iter().flat_map(|(.., errors)| errors.iter().copied());
         let largest = largest.filter(|error| error.is_finite()).fold(0.1, f64::max);
         let last = touch.time_s.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
@@ -62,16 +61,6 @@ pub(crate) fn errors(touch: &LeftOut) -> Result<String, String> {
 /// Whether a touch's time is a frame number, for want of a clock.
 pub(crate) fn counted(touch: &LeftOut) -> bool {
     touch.time_s.iter().enumerate().all(|(frame, &time)| time == frame as f64)
-}
-
-fn legend(area: &Area<'_>, curves: &[(&str, ShapeStyle, Vec<f64>)]) -> Drawn {
-    let mut x = 62;
-    for (name, style, _) in curves {
-        area.draw(&PathElement::new([(x, 22), (x + 24, 22)], *style))?;
-        area.draw(&Text::new((*name).to_owned(), (x + 32, 14), text(16)))?;
-        x += 64 + 9 * name.chars().count() as i32;
-    }
-    Ok(())
 }
 
 /// ‖a − b‖₂ of every frame; a frame that is empty counts as zero.

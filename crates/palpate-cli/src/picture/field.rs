@@ -9,8 +9,8 @@ use plotters::chart::ChartBuilder;
 use plotters::element::{Circle, Text};
 use plotters::style::Color;
 
+use super::draw::{Area, Drawn, FAINT, INK, svg, text};
 use super::scale::Scale;
-use super::{Area, Drawn, FAINT, INK, svg, text};
 
 /// What each view shows to the right and upwards: axes x, y, z as 0, 1, 2.
 const VIEWS: [(&str, usize, usize); 3] =

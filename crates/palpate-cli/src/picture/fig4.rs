@@ -8,10 +8,10 @@ use nalgebra::Isometry3;
 use plotters::element::{PathElement, Text};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
+use super::draw::{Area, Drawn, INK, svg, text};
 use super::raster::Raster;
 use super::scale::Scale;
 use super::view::{Frame, View};
-use super::{Area, Drawn, INK, svg, text};
 use crate::extrapolation_view::ExtrapolationView;
 use crate::hull::Hulls;
 

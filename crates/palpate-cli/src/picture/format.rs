@@ -26,10 +26,9 @@ pub(crate) enum Format {
 impl Format {
     /// The format that a file's name asks for.
     pub(crate) fn of(path: &Path) -> Result<Self, CliError> {
-        let ending = path.extension().and_then(|ending| ending.to_str());
-        match ending.map(str::to_ascii_lowercase).as_deref() {
-            Some("svg") => Ok(Self::Svg),
-            Some("png") => Ok(Self::Png),
+        match place::ending(path).as_str() {
+            "svg" => Ok(Self::Svg),
+            "png" => Ok(Self::Png),
             _ => Err(CliError::Usage(format!(
                 "`{}` ends in neither .svg nor .png, the formats that pictures are written in",
                 path.display()

@@ -4,7 +4,7 @@ use plotters::element::{PathElement, Rectangle, Text};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color, RGBColor};
 
-use super::{Area, Drawn, INK, text};
+use super::draw::{Area, Drawn, INK, text};
 
 /// Powers of ten that a scale spans unless it is told.
 const DECADES: f64 = 2.5;

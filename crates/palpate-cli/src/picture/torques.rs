@@ -2,16 +2,14 @@
 
 use std::ops::Range;
 
+use palpate_work::predict::{Against, FrameResult, TouchResult};
 use plotters::chart::ChartBuilder;
-use plotters::element::{PathElement, Rectangle, Text};
 use plotters::series::{AreaSeries, LineSeries};
-use plotters::style::{Color, RGBColor, ShapeStyle};
+use plotters::style::{Color, RGBColor};
 
-use super::{Area, Drawn, FAINT, INK, svg, text};
-use crate::predict::{Against, FrameResult, TouchResult};
+use super::draw::{Area, Drawn, FAINT, INK, LEGEND_HEIGHT, legend, svg, text};
 
 const WIDTH: u32 = 1480;
-const LEGEND_HEIGHT: u32 = 44;
 const ROW_HEIGHT: u32 = 300;
 const NORM_WIDTH: u32 = 560;
 
@@ -24,7 +22,13 @@ pub(crate) fn torques(results: &[TouchResult], against: Against) -> Result<Strin
     let rows = results.len().max(1) as u32;
     svg((WIDTH, LEGEND_HEIGHT + rows * ROW_HEIGHT), |area| {
         let (head, body) = area.split_vertically(LEGEND_HEIGHT);
-        legend(&head, against)?;
+        let entries = [
+            (against.word(), FELT.stroke_width(2), 130),
+            ("predicted", PREDICTED.stroke_width(2), 130),
+            ("error of the prediction", ERROR.mix(0.45).filled(), 220),
+            ("error of predicting zero", INK.mix(0.12).filled(), 220),
+        ];
+        legend(&head, entries)?;
         let largest = results
             .iter()
             .flat_map(|touch| &touch.frames)
@@ -41,26 +45,6 @@ pub(crate) fn torques(results: &[TouchResult], against: Against) -> Result<Strin
 
 fn error_of(frame: &FrameResult) -> f64 {
     (&frame.predicted - &frame.external).norm()
-}
-
-fn legend(area: &Area<'_>, against: Against) -> Drawn {
-    let entries: [(&str, ShapeStyle, bool, i32); 4] = [
-        (against.word(), FELT.stroke_width(2), false, 130),
-        ("predicted", PREDICTED.stroke_width(2), false, 130),
-        ("error of the prediction", ERROR.mix(0.45).filled(), true, 220),
-        ("error of predicting zero", INK.mix(0.12).filled(), true, 220),
-    ];
-    let mut x = 62;
-    for (name, style, filled, width) in entries {
-        if filled {
-            area.draw(&Rectangle::new([(x, 14), (x + 24, 30)], style))?;
-        } else {
-            area.draw(&PathElement::new([(x, 22), (x + 24, 22)], style))?;
-        }
-        area.draw(&Text::new(name, (x + 32, 14), text(16)))?;
-        x += width;
-    }
-    Ok(())
 }
 
 /// The frames of a touch, from first to last.

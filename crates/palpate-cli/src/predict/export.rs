@@ -6,12 +6,10 @@ use std::path::Path;
 use nalgebra::DVector;
 use palpate_io::atomic::IfExists;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
+use palpate_work::predict::{FrameResult, TouchResult};
 
 use crate::error::CliError;
-use crate::output::quoted;
-use crate::place;
-
-use super::{FrameResult, TouchResult};
+use crate::{csv, place};
 
 /// What a file of torques looks like.
 #[derive(Debug, Clone, Copy)]
@@ -25,9 +23,9 @@ pub(super) enum Format {
 impl Format {
     /// The format that a file's name asks for.
     pub(super) fn of(path: &Path) -> Result<Self, CliError> {
-        match path.extension().and_then(|ending| ending.to_str()) {
-            Some("csv") => Ok(Self::Csv),
-            Some("npz") => Ok(Self::Npz),
+        match place::ending(path).as_str() {
+            "csv" => Ok(Self::Csv),
+            "npz" => Ok(Self::Npz),
             _ => Err(CliError::Usage(format!(
                 "`{}` ends in neither .csv nor .npz, the formats that torques are written in",
                 path.display()
@@ -38,36 +36,31 @@ impl Format {
     /// Writes the file, whole or not at all.
     pub(super) fn write(self, path: &Path, results: &[TouchResult]) -> Result<(), CliError> {
         match self {
-            Self::Csv => place::write(path, &csv(results)),
+            Self::Csv => place::write(path, &table(results)),
             Self::Npz => write_npz(path, &npz(results), IfExists::Replace).map_err(CliError::file),
         }
     }
 }
 
-fn csv(results: &[TouchResult]) -> String {
+fn table(results: &[TouchResult]) -> String {
     let joints = results.iter().find_map(|touch| Some(touch.frames.first()?.external.len()));
     let column = |name: &'static str| (1..=joints.unwrap_or(0)).map(move |j| format!("{name}_{j}"));
-    let mut header: Vec<String> =
-        ["log", "touch", "frame", "time_s", "contacts"].map(str::to_owned).to_vec();
-    header.extend(column("predicted").chain(column("external")));
-    let mut text = header.join(",") + "\n";
-    for touch in results {
-        for frame in &touch.frames {
-            let time = frame.time_s.map(|time| time.to_string()).unwrap_or_default();
-            let mut cells = vec![
-                quoted(&touch.log.display().to_string()),
-                quoted(&touch.name),
+    let head = ["log", "touch", "frame", "time_s", "contacts"].map(str::to_owned).into_iter();
+    let head = head.chain(column("predicted")).chain(column("external")).collect();
+    let rows = results.iter().flat_map(|touch| {
+        touch.frames.iter().map(|frame| {
+            let names = [touch.log.display().to_string(), touch.name.clone()];
+            let numbers = [
                 frame.frame.to_string(),
-                time,
+                frame.time_s.map(|time| time.to_string()).unwrap_or_default(),
                 frame.contacts.to_string(),
             ];
             let torques = frame.predicted.iter().chain(&frame.external);
-            cells.extend(torques.map(|torque| format!("{torque:.6}")));
-            text += &cells.join(",");
-            text.push('\n');
-        }
-    }
-    text
+            let torques = torques.map(|torque| format!("{torque:.6}"));
+            names.into_iter().chain(numbers).chain(torques).collect()
+        })
+    });
+    csv::text(std::iter::once(head).chain(rows))
 }
 
 fn npz(results: &[TouchResult]) -> Arrays {

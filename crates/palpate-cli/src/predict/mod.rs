@@ -6,21 +6,20 @@
 mod export;
 mod report;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use palpate::Arm;
 use palpate_io::field::{self, Saved};
+use palpate_work::predict::{Against, score};
+use palpate_work::scored::{Report, tell_oddities};
 
 use crate::error::CliError;
 use crate::output::Output;
 use crate::place::Places;
-use crate::settings::RobotAndLogSettings;
-use crate::touches::Touches;
-use crate::{interrupt, picture, robot};
+use crate::settings::{RobotAndLogSettings, Settings};
+use crate::{interrupt, logs, picture};
 
-pub(crate) use palpate_work::predict::{Against, FrameResult, TouchResult, score};
-pub(crate) use palpate_work::scored::{Report, tell_oddities};
 pub(crate) use report::text;
 
 const NOTES: &str = "Examples:
@@ -69,12 +68,9 @@ pub(crate) struct Args {
 
 impl Args {
     /// Refuses results that cannot be written, or would replace what is read or each other.
-    fn check_places(&self, robot: &str) -> Result<(), CliError> {
-        let mut places = Places::default();
+    fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
+        let mut places = Places::read(&self.settings, settings, &self.logs);
         places.input("the field", Some(&self.field));
-        places.input("the settings file", self.settings.path());
-        places.input("the robot", Some(Path::new(robot)));
-        places.logs(&self.logs);
         places.output("the torques (--output)", self.output.as_deref())?;
         places.output("the picture (--picture)", self.picture.as_deref())
     }
@@ -84,14 +80,11 @@ impl Args {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
     let export = args.output.as_deref().map(export::Format::of).transpose()?;
-    args.check_places(settings.robot.name())?;
+    args.check_places(&settings)?;
     let picture = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
-    let touches = Touches::open(&args.logs, &settings.log.options())?;
-    touches.gravity_of_logs(&mut settings.touch, output)?;
-    let arm = robot::load(&settings.robot, output)?;
-    settings.log.check_for(&arm.robot)?;
+    let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
     tell_other_robot(&saved, &arm, output);
 
     let touch = settings.touch.over_config(&saved.field.touch);

@@ -1,28 +1,26 @@
 //! Table I touch by touch, as a table for programs.
 
 use palpate_learn::evaluation::Evaluation;
+use palpate_work::scored::Figures;
 
-use crate::output::quoted;
+use crate::csv;
 
 /// One row a method and touch: the four figures, empty where a touch has none.
 pub(crate) fn errors_csv(evaluation: &Evaluation) -> String {
-    let mut text = "method,touch,avg_error,max_error,avg_relative,max_relative\n".to_owned();
+    let head = ["method", "touch", "avg_error", "max_error", "avg_relative", "max_relative"];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
     for (index, method) in evaluation.methods.iter().enumerate() {
         for touch in &evaluation.touches {
-            let errors = touch.predictions[index].errors;
-            let figures = [
-                errors.map(|errors| errors.avg_error),
-                errors.map(|errors| errors.max_error),
-                errors.and_then(|errors| errors.avg_relative),
-                errors.and_then(|errors| errors.max_relative),
-            ];
-            let figures = figures.map(|x| x.map(|x| format!("{x:.6}")).unwrap_or_default());
-            let names = [&method.name, &touch.name].map(|name| quoted(name));
-            text += &names.into_iter().chain(figures).collect::<Vec<_>>().join(",");
-            text.push('\n');
+            let figures = Figures::from(touch.predictions[index].errors);
+            let Figures { avg_error, max_error, avg_relative, max_relative } = figures;
+            let figures = [avg_error, max_error, avg_relative, max_relative]
+                .map(|figure| figure.map(|figure| format!("{figure:.6}")).unwrap_or_default());
+            rows.push(
+                [method.name.clone(), touch.name.clone()].into_iter().chain(figures).collect(),
+            );
         }
     }
-    text
+    csv::text(rows)
 }
 
 #[cfg(test)]

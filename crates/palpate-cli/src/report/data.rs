@@ -1,7 +1,6 @@
 //! The curves and the scene as the JSON that `report.js` draws.
 //!
-//! Numbers travel as [`packed`] says; long touches lose frames, evenly, since a screen has no room for more. What is not finite
-//! becomes `null`, a gap in its curve.
+//! Numbers travel as [`packed`] says. What is not finite becomes `null`, a gap in its curve.
 
 use palpate_learn::evaluation::{Evaluation, LeftOut};
 use serde::Serialize;
@@ -9,15 +8,10 @@ use serde::Serialize;
 use crate::error::CliError;
 use crate::picture::counted;
 
-use super::packed::{self, PER_METRE, PER_ONE, View};
+use super::frames::{drawn, frames_per_touch, stride};
+use super::packed::{self, PER_METRE, PER_ONE};
 use super::scene::Scene;
 use super::table::subject;
-
-/// Frames drawn of a touch, and of all touches together.
-const FRAMES: usize = 400;
-const FRAMES_IN_ALL: usize = 5_000;
-/// However many touches there are, a touch keeps these.
-const FRAMES_AT_LEAST: usize = 40;
 
 /// Torques travel as thousandths of N·m.
 const PER_TORQUE: f64 = 1e3;
@@ -33,7 +27,7 @@ struct Data<'a> {
     per_metre: f64,
     per_one: f64,
     touches: Vec<Touch<'a>>,
-    scene: Option<View<'a>>,
+    scene: Option<&'a Scene>,
 }
 
 #[derive(Serialize)]
@@ -64,23 +58,9 @@ pub(super) fn json(evaluation: &Evaluation, scene: Option<&Scene>) -> Result<Str
         per_metre: PER_METRE,
         per_one: PER_ONE,
         touches: evaluation.touches.iter().map(|touch| curves(touch, per_touch)).collect(),
-        scene: scene.map(packed::view),
+        scene,
     };
     packed::script(&data)
-}
-
-/// How many frames of each touch are drawn at most.
-pub(super) fn frames_per_touch(evaluation: &Evaluation) -> usize {
-    (FRAMES_IN_ALL / evaluation.touches.len().max(1)).clamp(FRAMES_AT_LEAST, FRAMES)
-}
-
-/// The frames drawn of a touch that has `frames`.
-pub(super) fn drawn(frames: usize, at_most: usize) -> impl Iterator<Item = usize> {
-    (0..frames).step_by(stride(frames, at_most))
-}
-
-fn stride(frames: usize, at_most: usize) -> usize {
-    frames.div_ceil(at_most).max(1)
 }
 
 fn curves(touch: &LeftOut, per_touch: usize) -> Touch<'_> {
@@ -113,8 +93,8 @@ fn whole(number: f64) -> Option<i64> {
 mod tests {
     use serde_json::Value;
 
-    use super::super::example;
     use super::*;
+    use crate::example;
 
     #[test]
     fn no_name_ends_the_script() {
@@ -126,17 +106,6 @@ mod tests {
         let tau = evaluation.touches[0].external[100][3];
         let packed = data["touches"][0]["external"][3][100].as_i64().unwrap();
         assert_eq!(packed, (tau * 1000.0).round() as i64);
-    }
-
-    #[test]
-    fn long_touches_are_thinned_and_short_ones_are_not() {
-        assert_eq!(drawn(400, 400).count(), 400);
-        assert_eq!(drawn(1000, 400).collect::<Vec<_>>()[..3], [0, 3, 6]);
-        assert!(drawn(1000, 400).count() <= 400);
-        assert_eq!(drawn(0, 400).count(), 0);
-        let mut evaluation = example::evaluation();
-        evaluation.touches = evaluation.touches.iter().cycle().take(30).cloned().collect();
-        assert!(30 * frames_per_touch(&evaluation) <= FRAMES_IN_ALL);
     }
 
     #[test]

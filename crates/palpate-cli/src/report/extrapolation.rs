@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use serde::Serialize;
 
-use super::packed::{self, PER_METRE, PER_ONE, View, four_digits};
-use super::page::{self, escaped};
+use super::packed::{self, PER_METRE, PER_ONE, four_digits};
+use super::page::{Page, escaped};
 use super::scene::Scene;
 use crate::error::CliError;
 use crate::extrapolation_view::{ExtrapolationView, Table, reached_by};
@@ -26,13 +26,13 @@ pub(crate) struct ExtrapolationPage<'a> {
     pub(crate) seen: &'a ExtrapolationView<'a>,
     pub(crate) tables: &'a [Table],
     /// Where the data come from; a name and a text each.
-    pub(crate) data: &'a [(String, String)],
+    pub(crate) data: Vec<(&'static str, String)>,
     /// The settings of the extrapolation, as TOML.
     pub(crate) settings_toml: &'a str,
 }
 
 #[derive(Serialize)]
-struct Data<'a> {
+struct Data {
     per_metre: f64,
     per_one: f64,
     /// The threshold at first, N/m.
@@ -41,7 +41,7 @@ struct Data<'a> {
     range: [f64; 2],
     /// Where one looks from at first.
     eye: [f64; 3],
-    scene: View<'a>,
+    scene: Scene,
     cloud: Cloud,
 }
 
@@ -69,38 +69,28 @@ impl ExtrapolationPage<'_> {
     /// # Errors
     ///
     /// If the joint positions are not the arm's.
-    pub(crate) fn html(&self) -> Result<String, CliError> {
-        let scene = Scene::seen(self.seen)?;
+    pub(crate) fn html(self) -> Result<String, CliError> {
         let data = Data {
             per_metre: PER_METRE,
             per_one: PER_ONE,
             threshold: self.seen.threshold_n_per_m(),
             range: self.seen.colour_range_n_per_m(),
             eye: picture::View::of(&self.seen.middle()).towards().into(),
-            scene: packed::view(&scene),
+            scene: Scene::seen(self.seen)?,
             cloud: Cloud::of(self.seen),
         };
-        let simulated = if self.simulated { "<p>The touches are simulated.</p>" } else { "" };
-        let tables: Vec<String> = self.tables.iter().enumerate().map(table).collect();
-        let versions = [
-            ("palpate", env!("CARGO_PKG_VERSION").to_owned()),
-            ("plotly.js", page::plotly_version()),
-        ];
-        let versions = versions.map(|(name, text)| (name.to_owned(), text));
-        let card: Vec<(String, String)> = self.data.iter().cloned().chain(versions).collect();
-        let slots = [
-            ("title", escaped(self.title)),
-            ("style", include_str!("report.css").to_owned()),
-            ("verdict", escaped(self.verdict)),
-            ("simulated", simulated.to_owned()),
-            ("tables", tables.concat()),
-            ("card", page::card(&card)),
-            ("settings", escaped(self.settings_toml)),
-            ("plotly", page::plotly_js()),
-            ("data", packed::script(&data)?),
-            ("script", [page::SHARED_JS, include_str!("extrapolation.js")].concat()),
-        ];
-        Ok(page::fill(include_str!("extrapolation.html"), &slots))
+        let tables: String = self.tables.iter().enumerate().map(table).collect();
+        let page = Page {
+            title: self.title,
+            verdict: self.verdict,
+            simulated: self.simulated,
+            body: format!("{}\n{tables}", include_str!("extrapolation.html")),
+            card: self.data,
+            settings: ("Settings of the extrapolation", self.settings_toml),
+            data: packed::script(&data)?,
+            script: include_str!("extrapolation.js"),
+        };
+        Ok(page.html())
     }
 }
 

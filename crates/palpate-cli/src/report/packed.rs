@@ -6,32 +6,9 @@ use serde::Serialize;
 
 use crate::error::CliError;
 
-use super::scene::Scene;
-
 /// Units of the integers: tenths of a millimetre, ten-thousandths.
 pub(super) const PER_METRE: f64 = 1e4;
 pub(super) const PER_ONE: f64 = 1e4;
-
-#[derive(Serialize)]
-pub(super) struct View<'a> {
-    /// x, y, z in turn.
-    points: Vec<i64>,
-    /// N/m, softest first.
-    stiffness: Vec<f64>,
-    cells: usize,
-    spacing: f64,
-    hulls: Vec<HullView<'a>>,
-    /// By touch and drawn frame; of each hull seven numbers: x, y, z, then i, j, k, w of the
-    /// quaternion.
-    poses: Vec<Vec<Vec<i64>>>,
-}
-
-#[derive(Serialize)]
-struct HullView<'a> {
-    link: &'a str,
-    vertices: Vec<i64>,
-    triangles: &'a [[u32; 3]],
-}
 
 /// What a page draws, as JSON that may stand in a script element.
 pub(super) fn script(data: &impl Serialize) -> Result<String, CliError> {
@@ -50,33 +27,13 @@ pub(super) fn four_digits(number: f64) -> f64 {
     }
 }
 
-/// A scene, packed.
-pub(super) fn view(scene: &Scene) -> View<'_> {
-    View {
-        points: scene.points_m.iter().flat_map(tenths).collect(),
-        stiffness: scene.stiffness_n_per_m.iter().copied().map(four_digits).collect(),
-        cells: scene.cells,
-        spacing: scene.spacing_m,
-        hulls: (scene.hulls.iter())
-            .map(|hull| HullView {
-                link: &hull.link,
-                vertices: hull.vertices_m.iter().flat_map(tenths).collect(),
-                triangles: &hull.triangles,
-            })
-            .collect(),
-        poses: (scene.poses.iter())
-            .map(|touch| touch.iter().map(|frame| frame.iter().flat_map(seven).collect()).collect())
-            .collect(),
-    }
-}
-
 /// A point, in tenths of a millimetre.
 pub(super) fn tenths(point: &Point3<f64>) -> [i64; 3] {
     [0, 1, 2].map(|axis| (point[axis] * PER_METRE).round() as i64)
 }
 
 /// A pose in seven numbers, which is 5 less than a matrix has.
-fn seven(pose: &Isometry3<f64>) -> [i64; 7] {
+pub(super) fn seven(pose: &Isometry3<f64>) -> [i64; 7] {
     let [x, y, z] = tenths(&pose.translation.vector.into());
     let turn = pose.rotation.coords.map(|part| (part * PER_ONE).round() as i64);
     [x, y, z, turn.x, turn.y, turn.z, turn.w]
@@ -84,19 +41,23 @@ fn seven(pose: &Isometry3<f64>) -> [i64; 7] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::example;
     use super::*;
 
     #[test]
-    fn stiffness_keeps_four_digits_and_poses_turn_as_they_did() {
-        let field = example::field();
-        let scene = Scene::new(&example::arm(), &field, &example::evaluation()).unwrap();
-        let view = view(&scene);
-        for (packed, k) in view.stiffness.iter().zip(&scene.stiffness_n_per_m) {
+    fn numbers_keep_four_digits_and_little_text() {
+        let all: Vec<f64> = (0..2_000).map(|n| four_digits(123.0 / 1.007_f64.powi(n))).collect();
+        for (n, packed) in all.iter().enumerate() {
+            let k = 123.0 / 1.007_f64.powi(n as i32);
             assert!((packed / k - 1.0).abs() < 6e-4, "{packed} for {k}");
         }
-        assert!(serde_json::to_string(&view.stiffness).unwrap().len() < 8 * view.stiffness.len());
-        let seven = &view.poses[1][100][7..14];
+        assert!(serde_json::to_string(&all).unwrap().len() < 9 * all.len());
+    }
+
+    #[test]
+    fn a_pose_keeps_its_turn() {
+        let pose = Isometry3::new([0.1, -0.2, 0.3].into(), [0.4, -0.5, 0.6].into());
+        let seven = seven(&pose);
+        assert_eq!(seven[..3], [1_000, -2_000, 3_000]);
         let squares: f64 = seven[3..].iter().map(|&part| (part as f64 / PER_ONE).powi(2)).sum();
         assert!((squares - 1.0).abs() < 4e-4);
     }

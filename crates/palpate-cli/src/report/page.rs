@@ -4,8 +4,47 @@ use std::fmt::Write;
 
 use plotly::Plot;
 
-/// The script that comes before a page's own.
-pub(super) const SHARED_JS: &str = include_str!("shared.js");
+/// A page, one HTML file.
+pub(super) struct Page<'a> {
+    pub(super) title: &'a str,
+    /// What was found, as one sentence without its full stop.
+    pub(super) verdict: &'a str,
+    /// Whether the touches come from a simulator, which the page then says.
+    pub(super) simulated: bool,
+    /// Figures and tables, as HTML.
+    pub(super) body: String,
+    /// Where the data come from; a name and a text each.
+    pub(super) card: Vec<(&'static str, String)>,
+    /// What the settings are called, and they, as TOML.
+    pub(super) settings: (&'static str, &'a str),
+    /// What is drawn, as JSON that may stand in a script element.
+    pub(super) data: String,
+    /// What draws it, after `shared.js`.
+    pub(super) script: &'static str,
+}
+
+impl Page<'_> {
+    pub(super) fn html(self) -> String {
+        let simulated = if self.simulated { "<p>The touches are simulated.</p>" } else { "" };
+        let mut entries = self.card;
+        entries.push(("palpate", env!("CARGO_PKG_VERSION").to_owned()));
+        entries.push(("plotly.js", plotly_version()));
+        let slots = [
+            ("title", escaped(self.title)),
+            ("style", include_str!("report.css").to_owned()),
+            ("verdict", escaped(self.verdict)),
+            ("simulated", simulated.to_owned()),
+            ("body", self.body),
+            ("card", card(&entries)),
+            ("settings-title", self.settings.0.to_owned()),
+            ("settings", escaped(self.settings.1)),
+            ("plotly", plotly_js()),
+            ("data", self.data),
+            ("script", [include_str!("shared.js"), self.script].concat()),
+        ];
+        fill(include_str!("page.html"), &slots)
+    }
+}
 
 /// Fills the slots `{{name}}` of a template.
 ///
@@ -45,7 +84,7 @@ pub(super) fn escaped(text: &str) -> String {
 }
 
 /// Names and what belongs to them.
-pub(super) fn card(entries: &[(String, String)]) -> String {
+fn card(entries: &[(&str, String)]) -> String {
     entries.iter().fold(String::new(), |mut html, (name, text)| {
         let _ = writeln!(html, "<dt>{}</dt><dd>{}</dd>", escaped(name), escaped(text));
         html
@@ -55,7 +94,7 @@ pub(super) fn card(entries: &[(String, String)]) -> String {
 /// plotly.js in its script element.
 ///
 /// The crate hands out MathJax behind it, 2 MB that a page without formulas does not need.
-pub(super) fn plotly_js() -> String {
+fn plotly_js() -> String {
     let mut sources = Plot::offline_js_sources();
     let end = "</script>";
     if let Some(at) = sources.find(end) {
@@ -65,7 +104,7 @@ pub(super) fn plotly_js() -> String {
 }
 
 /// The version that plotly.js gives itself at its head.
-pub(super) fn plotly_version() -> String {
+fn plotly_version() -> String {
     let source = plotly_js();
     let version = source.split_once("plotly.js v").and_then(|(_, rest)| rest.lines().next());
     version.unwrap_or("of the plotly crate").to_owned()
@@ -84,10 +123,7 @@ mod tests {
     #[test]
     fn names_cannot_break_out_of_the_page() {
         assert_eq!(escaped("<b a=\"'\">&"), "&lt;b a=&quot;&#39;&quot;&gt;&amp;");
-        assert_eq!(
-            card(&[("robot".to_owned(), "a<b".to_owned())]),
-            "<dt>robot</dt><dd>a&lt;b</dd>\n"
-        );
+        assert_eq!(card(&[("robot", "a<b".to_owned())]), "<dt>robot</dt><dd>a&lt;b</dd>\n");
     }
 
     #[test]

@@ -1,32 +1,43 @@
 //! The field and the arm that moves before it, small enough to travel in a page.
 
-use nalgebra::{Isometry3, Point3};
 use palpate::{Arm, Field};
 use palpate_learn::evaluation::Evaluation;
+use serde::Serialize;
 
 use crate::error::CliError;
 use crate::extrapolation_view::ExtrapolationView;
 use crate::hull::{Hull, Hulls};
 
-use super::data;
+use super::frames::{drawn, frames_per_touch};
+use super::packed::{four_digits, seven, tenths};
 
 /// The stiffest cells of a field, so many at most.
 const POINTS: usize = 20_000;
 
-/// What the 3-D view shows.
+/// What the 3-D view shows, in the numbers of [`super::packed`].
+#[derive(Serialize)]
 pub(crate) struct Scene {
-    /// The stiffest cells, softest first.
-    pub(super) points_m: Vec<Point3<f64>>,
+    /// The stiffest cells, softest first: x, y, z in turn.
+    points: Vec<i64>,
     /// K of each, N/m.
-    pub(super) stiffness_n_per_m: Vec<f64>,
+    stiffness: Vec<f64>,
     /// Touched cells of the field, shown or not.
-    pub(super) cells: usize,
+    cells: usize,
     /// Edge of a cell, m.
-    pub(super) spacing_m: f64,
+    spacing: f64,
     /// The links that have a surface.
-    pub(super) hulls: Vec<Hull>,
-    /// By touch and drawn frame, `world_from_link` of each hull.
-    pub(super) poses: Vec<Vec<Vec<Isometry3<f64>>>>,
+    hulls: Vec<Link>,
+    /// By touch and drawn frame; of each hull seven numbers: x, y, z, then i, j, k, w of the
+    /// quaternion.
+    poses: Vec<Vec<Vec<i64>>>,
+}
+
+/// A link's hull.
+#[derive(Serialize)]
+struct Link {
+    link: String,
+    vertices: Vec<i64>,
+    triangles: Vec<[u32; 3]>,
 }
 
 impl Scene {
@@ -36,14 +47,11 @@ impl Scene {
     ///
     /// If the evaluation's joint positions are not those of the arm.
     pub(crate) fn new(arm: &Arm, field: &Field, evaluation: &Evaluation) -> Result<Self, CliError> {
-        let hulls = Hulls::of(arm);
-        let per_touch = data::frames_per_touch(evaluation);
-        let pose = |q: &Vec<f64>| hulls.poses(arm, q).map_err(CliError::file);
-        let poses = evaluation.touches.iter().map(|touch| {
-            data::drawn(touch.q.len(), per_touch).map(|frame| pose(&touch.q[frame])).collect()
+        let per_touch = frames_per_touch(evaluation);
+        let frames = evaluation.touches.iter().map(|touch| {
+            drawn(touch.q.len(), per_touch).map(|frame| touch.q[frame].as_slice()).collect()
         });
-        let poses = poses.collect::<Result<_, CliError>>()?;
-        Ok(Self::with(field, hulls, poses))
+        Self::with(field, arm, frames)
     }
 
     /// The field, and the arm in one frame of each touch.
@@ -52,13 +60,26 @@ impl Scene {
     ///
     /// If the joint positions are not those of the arm.
     pub(super) fn seen(seen: &ExtrapolationView<'_>) -> Result<Self, CliError> {
-        let hulls = Hulls::of(seen.arm);
-        let pose = |q: &Vec<f64>| Ok(vec![hulls.poses(seen.arm, q).map_err(CliError::file)?]);
-        let poses = seen.touching.iter().map(pose).collect::<Result<_, CliError>>()?;
-        Ok(Self::with(seen.field, hulls, poses))
+        Self::with(seen.field, seen.arm, seen.touching.iter().map(|q| vec![q.as_slice()]))
     }
 
-    fn with(field: &Field, hulls: Hulls, poses: Vec<Vec<Vec<Isometry3<f64>>>>) -> Self {
+    /// The field, and the arm in some frames of each touch, given by their joint positions.
+    fn with<'q>(
+        field: &Field,
+        arm: &Arm,
+        frames: impl Iterator<Item = Vec<&'q [f64]>>,
+    ) -> Result<Self, CliError> {
+        let hulls = Hulls::of(arm);
+        let pose = |q: &[f64]| -> Result<Vec<i64>, CliError> {
+            Ok(hulls.poses(arm, q).map_err(CliError::file)?.iter().flat_map(seven).collect())
+        };
+        let poses = frames.map(|touch| touch.into_iter().map(pose).collect());
+        let poses = poses.collect::<Result<_, CliError>>()?;
+        let link = |Hull { link, vertices_m, triangles }| Link {
+            link,
+            vertices: vertices_m.iter().flat_map(tenths).collect(),
+            triangles,
+        };
         // Cells that were only expected to be stiff are no finding.
         let mut stiffest: Vec<usize> =
             (0..field.cells.len()).filter(|&row| field.counts[row] > 0).collect();
@@ -66,27 +87,29 @@ impl Scene {
         let stiffness = |&row: &usize| field.stiffness_n_per_m[row];
         stiffest.sort_by(|a, b| stiffness(a).total_cmp(&stiffness(b)));
         let shown = stiffest.split_off(cells.saturating_sub(POINTS));
-        Self {
-            points_m: shown.iter().map(|&row| field.lattice.point(field.cells[row])).collect(),
-            stiffness_n_per_m: shown.iter().map(stiffness).collect(),
+        let points = shown.iter().map(|&row| field.lattice.point(field.cells[row]));
+        Ok(Self {
+            points: points.flat_map(|point| tenths(&point)).collect(),
+            stiffness: shown.iter().map(|row| four_digits(stiffness(row))).collect(),
             cells,
-            spacing_m: field.lattice.spacing_m(),
-            hulls: hulls.hulls,
+            spacing: field.lattice.spacing_m(),
+            hulls: hulls.hulls.into_iter().map(link).collect(),
             poses,
-        }
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::example;
     use super::*;
+    use crate::example;
 
     #[test]
     fn the_stiffest_points_are_kept_in_order() {
         let scene = Scene::new(&example::arm(), &example::field(), &example::evaluation()).unwrap();
-        assert!(scene.stiffness_n_per_m.is_sorted());
-        assert_eq!(scene.points_m.len(), scene.cells.min(POINTS));
+        assert!(scene.stiffness.is_sorted());
+        assert_eq!(scene.points.len(), 3 * scene.cells.min(POINTS));
+        assert_eq!(scene.stiffness.len(), scene.cells.min(POINTS));
     }
 
     #[test]

@@ -171,8 +171,8 @@ fn worse(touch: &LeftOut, method: &str) -> Option<String> {
 mod tests {
     use palpate_learn::evaluation::Prediction;
 
-    use super::super::example;
     use super::*;
+    use crate::example;
 
     #[test]
     fn the_verdict_stands_beside_the_best_baseline_and_zero() {

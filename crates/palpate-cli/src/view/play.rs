@@ -7,13 +7,13 @@ use nalgebra::DVector;
 use palpate::{Arm, Contacts, Lattice, Mapper, MapperError, Predictor, Sample};
 use palpate_learn::errors::{ErrorSum, Errors};
 use palpate_view::{Frame, Recording, Torque};
+use palpate_work::Progress;
+use palpate_work::touches::{TouchEvent, Touches};
 use serde::Serialize;
 
 use crate::error::CliError;
 use crate::hull::Hulls;
-use crate::interrupt;
 use crate::output::Output;
-use crate::touches::{TouchEvent, Touches};
 
 use super::to::failed;
 
@@ -193,10 +193,9 @@ impl Player {
         rhythm: Rhythm,
         output: &Output,
     ) -> Result<Played, CliError> {
-        let bar = output.progress(self.touches.samples(), "playing");
+        let bar = output.begin(self.touches.samples(), "frames", "playing");
         while let Some(moment) = self.advance()? {
-            if interrupt::pressed() {
-                bar.finish_and_clear();
+            if output.stopped() {
                 let kept = format!(" at {}; no file was written", self.touches.place());
                 return Err(CliError::Interrupted { kept });
             }
@@ -206,18 +205,17 @@ impl Player {
                     self.follower.begin_touch();
                     self.clock.begin_touch();
                     self.played.touches += 1;
-                    bar.set_message(name.clone());
+                    bar.at(&name);
                     let at_s = self.timed.then_some(self.clock.now_s);
                     recording.touch(&name, self.played.samples, at_s).map_err(failed)?;
                 }
                 TouchEvent::Sample(sample) => {
                     self.sample(&sample, recording, arm, rhythm)?;
-                    bar.inc(1);
+                    bar.step();
                 }
             }
         }
         self.end_touch(recording)?;
-        bar.finish_and_clear();
         let mut played = std::mem::take(&mut self.played);
         (played.errors, played.zero) = (self.errors.errors(), self.zero.errors());
         Ok(played)

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use palpate::{Arm, Lattice, Mapper, Predictor};
 use palpate_io::field::{self, Saved};
 use palpate_view::{Frame, Recording, Scene};
+use palpate_work::touches::Touches;
 use serde_json::json;
 
 use crate::error::CliError;
@@ -15,8 +16,7 @@ use crate::output::Output;
 use crate::place::Places;
 use crate::predict::tell_other_robot;
 use crate::settings::{Settings, SettingsError};
-use crate::touches::Touches;
-use crate::{interrupt, robot};
+use crate::{interrupt, logs};
 
 use super::Args;
 use super::play::{Follower, Played, Player, Rhythm};
@@ -54,11 +54,8 @@ impl Args {
     /// Refuses a place that cannot be written, or is one of those that are read.
     fn check_places(&self, named: &Named<'_>, settings: &Settings) -> Result<(), CliError> {
         let Some(path) = &self.save else { return Ok(()) };
-        let mut places = Places::default();
+        let mut places = Places::read(&self.settings, settings, &named.logs);
         places.input("the field", named.field);
-        places.input("the settings file", self.settings.path());
-        places.input("the robot", Some(Path::new(settings.robot.name())));
-        places.logs(&named.logs);
         places.output("the recording (--save)", Some(path))?;
         if path.extension().and_then(OsStr::to_str) != Some("rrd") {
             return Err(CliError::Usage(format!(
@@ -87,10 +84,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     args.check_places(&named, &settings)?;
     interrupt::listen();
     let saved = named.field.map(field::load).transpose().map_err(CliError::file)?;
-    let touches = Touches::open(&named.logs, &settings.log.options())?;
-    touches.gravity_of_logs(&mut settings.touch, output)?;
-    let arm = robot::load(&settings.robot, output)?;
-    settings.log.check_for(&arm.robot)?;
+    let (touches, arm) = logs::open(&named.logs, &mut settings, output)?;
     if let Some(saved) = &saved {
         tell_other_robot(saved, &arm, output);
     }
@@ -133,8 +127,7 @@ impl Stage<'_> {
         // Joint positions that are not the arm's: an error when that sample is followed.
         let first = player.first_q().and_then(|q| hulls.poses(self.arm, q).ok());
         scene.world_from_link = first.unwrap_or_default();
-        let (robot, joints) = (self.settings.robot.name(), scene.joints.len());
-        self.output.note(&format!("robot {robot}, {joints} joints"));
+        logs::tell_robot(self.arm, self.settings, self.output);
         let rhythm =
             Rhythm { every: self.args.every.into(), field_every: self.args.field_every.into() };
         let (place, played) = to.record(&scene, |recording| {

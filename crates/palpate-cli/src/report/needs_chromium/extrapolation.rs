@@ -18,7 +18,7 @@ fn page(example: &Example) -> Page {
         simulated: true,
         seen: &example.seen(),
         tables: &[table],
-        data: &[("cloud".to_owned(), "made up".to_owned())],
+        data: vec![("cloud", "made up".to_owned())],
         settings_toml: "[estimator]\nmethod = \"map\"\n",
     };
     Page::open(&page.html().unwrap())

@@ -2,8 +2,10 @@
 
 use serde_json::Value;
 
-use super::super::{Report, Scene, example};
+use super::super::{Report, Scene};
 use super::Page;
+use crate::example;
+use crate::hull::Hulls;
 
 fn report(scene: bool) -> String {
     let evaluation = example::evaluation();
@@ -13,7 +15,7 @@ fn report(scene: bool) -> String {
         evaluation: &evaluation,
         simulated: true,
         settings_toml: "[estimator]\nmethod = \"map\"\n",
-        data: &[("log".to_owned(), "made up".to_owned())],
+        data: vec![("log", "made up".to_owned())],
         scene,
     };
     report.html().unwrap()
@@ -108,9 +110,9 @@ fn the_arm_moves_with_the_frame(page: &Page) {
 
     // A vertex of the last link stands where the kinematics say.
     let (arm, evaluation) = (example::arm(), example::evaluation());
-    let scene = Scene::new(&arm, &example::field(), &evaluation).unwrap();
-    let (hull, last) = (scene.hulls.last().unwrap(), scene.hulls.len() - 1);
-    let vertex = scene.poses[1][120][last] * hull.vertices_m.last().unwrap();
+    let hulls = Hulls::of(&arm);
+    let poses = hulls.poses(&arm, &evaluation.touches[1].q[120]).unwrap();
+    let vertex = poses.last().unwrap() * hulls.hulls.last().unwrap().vertices_m.last().unwrap();
     for (axis, along) in ["x", "y", "z"].into_iter().enumerate() {
         let shown =
             page.number(&format!("document.getElementById('scene').data[0].{along}.at(-1)"));

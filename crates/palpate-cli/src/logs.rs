@@ -1,0 +1,46 @@
+//! What every command does first that reads logs: open them, load their arm, and, if it needs all of
+//! them at once, read them.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use palpate::Arm;
+use palpate_work::robot;
+use palpate_work::touches::{RecordedTouch, Touches};
+
+use crate::error::CliError;
+use crate::output::Output;
+use crate::settings::Settings;
+
+/// Opens logs and loads their arm; what the logs say of gravity goes into the settings.
+pub(crate) fn open(
+    logs: &[PathBuf],
+    settings: &mut Settings,
+    output: &Output,
+) -> Result<(Touches, Arc<Arm>), CliError> {
+    let touches = Touches::open(logs, &settings.log.options())?;
+    touches.gravity_of_logs(&mut settings.touch, output)?;
+    let arm = robot::load(&settings.robot, output)?;
+    settings.log.check_for(&arm.robot)?;
+    Ok((touches, arm))
+}
+
+/// Reads all touches, or the first so many, for a command that learns from them.
+pub(crate) fn read(
+    touches: Touches,
+    arm: &Arc<Arm>,
+    settings: &Settings,
+    most: Option<u32>,
+    output: &Output,
+) -> Result<Vec<RecordedTouch>, CliError> {
+    let config = settings.config()?;
+    let mut touches = touches.for_arm(arm, &settings.log, (config.lattice, config.contact))?;
+    let recorded = touches.read(most)?;
+    touches.tell_warnings(output);
+    Ok(recorded)
+}
+
+/// Tells which robot is used.
+pub(crate) fn tell_robot(arm: &Arm, settings: &Settings, output: &Output) {
+    output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
+}

@@ -1,0 +1,54 @@
+//! Drawing into an SVG: colours, letters, a legend.
+
+use plotters::backend::SVGBackend;
+use plotters::coord::Shift;
+use plotters::drawing::{DrawingArea, IntoDrawingArea};
+use plotters::element::{PathElement, Rectangle, Text};
+use plotters::style::{IntoFont, RGBColor, ShapeStyle, TextStyle, WHITE};
+
+/// Where a picture is drawn.
+pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+/// Drawing into memory fails only if plotters does.
+pub(super) type Drawn = Result<(), Box<dyn std::error::Error>>;
+
+pub(super) const INK: RGBColor = RGBColor(40, 44, 52);
+pub(super) const FAINT: RGBColor = RGBColor(225, 228, 232);
+/// Height of a legend, px.
+pub(super) const LEGEND_HEIGHT: u32 = 44;
+
+/// Text of a size, in the reader's own sans-serif.
+pub(super) fn text(size_px: u32) -> TextStyle<'static> {
+    ("sans-serif", size_px).into_font().color(&INK)
+}
+
+/// Draws a picture of a size, px, and returns the SVG.
+pub(super) fn svg(
+    size_px: (u32, u32),
+    draw: impl FnOnce(&Area<'_>) -> Drawn,
+) -> Result<String, String> {
+    let mut svg = String::new();
+    let area = SVGBackend::with_string(&mut svg, size_px).into_drawing_area();
+    let filled = area.fill(&WHITE).map_err(Into::into);
+    let drawn = filled.and_then(|()| draw(&area)).and_then(|()| Ok(area.present()?));
+    drop(area);
+    drawn.map(|()| svg).map_err(|error| format!("the picture cannot be drawn: {error}"))
+}
+
+/// Names of lines, or of areas if their style is filled, one beside the other; of each also how much
+/// room it takes, px.
+pub(super) fn legend<'a>(
+    area: &Area<'_>,
+    entries: impl IntoIterator<Item = (&'a str, ShapeStyle, i32)>,
+) -> Drawn {
+    let mut x = 62;
+    for (name, style, width) in entries {
+        if style.filled {
+            area.draw(&Rectangle::new([(x, 14), (x + 24, 30)], style))?;
+        } else {
+            area.draw(&PathElement::new([(x, 22), (x + 24, 22)], style))?;
+        }
+        area.draw(&Text::new(name.to_owned(), (x + 32, 14), text(16)))?;
+        x += width;
+    }
+    Ok(())
+}
