@@ -8,7 +8,7 @@ use crate::output::Output;
 use crate::settings::AllSettings;
 use crate::{bench, convert, demo, evaluate, extrapolate, inspect, live, map, predict, tune, view};
 
-/// Learns where an object is stiff from what a robot arm's joints feel while the arm touches it.
+/// Learns where an object is stiff from the joint torques of a robot arm that touches it.
 #[derive(Debug, Parser)]
 #[command(name = "palpate", version, max_term_width = 100)]
 pub(crate) struct Cli {
@@ -25,17 +25,17 @@ pub(crate) enum Command {
     Map(map::Args),
     /// Map beside a running robot, over ROS 2
     Live(live::Args),
-    /// Predict the torque of motions from a field, and compare it with what was felt
+    /// Predict the torque of motions from a field, and compare it with the measured one
     Predict(predict::Args),
     /// Compare estimators and baselines on touches that they have not seen: the paper's experiment
     Evaluate(evaluate::Args),
     /// Choose settings by cross-validation on one's own touches
     Tune(tune::Args),
-    /// Carry stiffness over to all that a camera saw: from what was touched to what was only seen
+    /// Extrapolate stiffness to the points that a camera saw and no touch reached
     Extrapolate(extrapolate::Args),
     /// Map and predict bundled, simulated touches: a first look, without any data of your own
     Demo(demo::Args),
-    /// Say what a log, a robot or a field holds, and what looks wrong with it
+    /// Show what a log, a robot or a field holds, and what looks wrong with it
     Inspect(inspect::Args),
     /// Watch the arm, its contacts, the field and the torques in the Rerun viewer
     View(view::Args),

@@ -1,7 +1,7 @@
-//! The bundled touches and the cloud of what they touch, carried in the binary so that what needs no log runs wherever it is
-//! installed.
+//! The bundled touches and the cloud of their object, in the binary, so that `demo` and `bench` run
+//! wherever it is installed.
 //!
-//! They are simulated, and whoever shows results of them says so.
+//! They are simulated, and every result of them says so.
 
 use std::fs;
 use std::io;

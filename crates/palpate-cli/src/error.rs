@@ -4,7 +4,7 @@ use std::io;
 
 pub(crate) use palpate_work::WorkError as CliError;
 
-/// What the shell is told: 1 for data and files, 2 for usage, 130 for Ctrl-C, and nothing wrong
+/// The exit code: 1 for data and files, 2 for usage, 130 for Ctrl-C, and nothing wrong
 /// when a reader such as `head` has seen enough.
 pub(crate) fn exit_code(error: &CliError) -> u8 {
     match error {

@@ -1,9 +1,9 @@
-//! What a learnt field says of what a camera sees (Fig. 4), for the picture and the page.
+//! A field beside the camera's cloud that it was extrapolated to (Fig. 4), for picture and page.
 
 use nalgebra::{Point3, Vector3};
 use palpate::{Arm, Field};
 
-/// The part of the touched cells that a picture shows unless it is told otherwise: the stiffest.
+/// The part of the touched cells that a picture shows unless another is given: the stiffest.
 const STIFFEST: f64 = 0.05;
 /// Part of the cloud's points, and of the cells at their first threshold, above the colours' range.
 const ABOVE: [f64; 2] = [0.02, 0.1];
@@ -12,7 +12,7 @@ const TOLD_APART: f64 = 0.98;
 /// Powers of ten that colours span, at least and at most.
 const DECADES: [f64; 2] = [0.5, 2.5];
 
-/// A field, the arm that felt it, and a camera's cloud to which it was extrapolated.
+/// A field, the arm that touched it, and a camera's cloud to which it was extrapolated.
 pub(crate) struct ExtrapolationView<'a> {
     /// Cells with a count of zero were expected, never touched: they are not shown.
     pub(crate) field: &'a Field,

@@ -74,11 +74,11 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
     }
 }
 
-/// Prints an error, and under it the causes that its message does not already tell.
+/// Prints an error, and under it the causes that its message does not already name.
 fn report(error: &CliError) {
-    let told = told(error);
-    complain(&format!("error: {}", told[0]));
-    for cause in &told[1..] {
+    let lines = told(error);
+    complain(&format!("error: {}", lines[0]));
+    for cause in &lines[1..] {
         complain(&format!("  because {cause}"));
     }
 }

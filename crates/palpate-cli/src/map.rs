@@ -26,13 +26,12 @@ const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz --rate 17
 
 A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
-a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. Without --settings and flags the shipped defaults hold; `palpate settings` prints
-them. The field holds the memory of what it was learnt from, so that --from goes on exactly where
-it stopped.
+a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. Without --settings and flags the shipped
+defaults hold; `palpate settings` prints them. The field holds the memory of what it was learnt
+from, so that --from goes on exactly where it stopped.
 
---prior starts anew from what another field expects of its cells, touched or not: what it says they
-would be had nothing been touched (`K_prior`), or else what it has learnt (`K`). The lattice must be
-the same.
+--prior starts a new field, with the stiffness of another field as the prior mean of each cell: its
+own prior mean (`K_prior`) if it has one, else what it has learnt (`K`). The lattice must be the same.
 
 --rate learns as beside a robot that reports so many times a second: every step spends what is left
 of its time on replays. The field then depends on the speed of the machine, and differs a little
@@ -51,7 +50,7 @@ pub(crate) struct Args {
     /// Go on from a saved field, under its settings
     #[arg(long, value_name = "FIELD.npz")]
     from: Option<PathBuf>,
-    /// Start from the stiffness that a field expects of its cells, in place of the one prior of all
+    /// Take the prior mean of each cell from a field, in place of one prior mean for all
     #[arg(long, value_name = "FIELD.npz")]
     prior: Option<PathBuf>,
     /// Leave out the memory: a smaller file, which --from cannot continue
@@ -167,7 +166,7 @@ fn stop(args: &Args, mapper: &Mapper, place: &str) -> Result<CliError, CliError>
     Ok(CliError::Interrupted { kept })
 }
 
-/// What is told at the end.
+/// What is printed at the end.
 struct Summary<'a> {
     args: &'a Args,
     mapper: &'a Mapper,
@@ -193,7 +192,7 @@ impl Summary<'_> {
     fn text(&self, elapsed: Duration) -> String {
         let (tally, config) = (self.tally, self.mapper.config());
         let (frames_remembered, bytes) = self.mapper.memory();
-        let mut told = vec![
+        let mut found = vec![
             ("estimator", config.method.name().to_owned()),
             ("touches", tally.touches.len().to_string()),
             ("frames", tally.total(|touch| touch.frames).to_string()),
@@ -204,19 +203,19 @@ impl Summary<'_> {
         if self.cells.expected > 0 {
             let Cells { expected, expected_and_touched, .. } = self.cells;
             let cells = format!("{expected}, {expected_and_touched} of them touched");
-            told.push(("cells expected by the prior", cells));
+            found.push(("cells expected by the prior", cells));
         }
-        told.push(("frames remembered", format!("{frames_remembered} in {}", mib(bytes))));
-        told.push(("time", seconds(elapsed)));
-        told.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
+        found.push(("frames remembered", format!("{frames_remembered} in {}", mib(bytes))));
+        found.push(("time", seconds(elapsed)));
+        found.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
         let before = tally.before_learning();
         if let (Some(errors), Some(zero)) = (before.errors, before.zero) {
             let [map, zero] = [errors, zero].map(|errors| errors.avg_error);
             let error = format!("{map:.3} N·m on average (predicting zero: {zero:.3} N·m)");
-            told.push(("error before learning a frame", error));
+            found.push(("error before learning a frame", error));
         }
         let mut text = format!("The field is in `{}`.\n", self.args.output.display());
-        text += &rows(&told);
+        text += &rows(&found);
         if self.pace.is_some() {
             let _ = writeln!(text, "{}", pace::ORIGIN);
         }

@@ -24,7 +24,7 @@ Contact distance, friction, prior, torque noise and replays are chosen by cross-
 are predicted from other touches under candidate settings around the given ones, and successive
 halving keeps the better third of them, then the best. Measured torques decide; truth/ is not read.
 
-To know how well tuned settings predict touches that had no say in them, use
+To know how well tuned settings predict touches that they were not chosen on, use
 `palpate evaluate --tune`, which chooses them anew in every fold.";
 
 /// Flags of `palpate tune`.

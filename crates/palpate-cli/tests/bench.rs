@@ -63,7 +63,7 @@ fn check(figures: &Value) {
 }
 
 #[test]
-fn every_figure_is_told_and_they_agree_with_each_other() {
+fn all_figures_are_printed_and_agree_with_each_other() {
     let scene = Scene::new();
     for estimator in ["map", "ekf"] {
         let figures = json(&mut bench(&scene, &["log"], &["--json", "--estimator", estimator]));
@@ -77,7 +77,7 @@ fn every_figure_is_told_and_they_agree_with_each_other() {
 }
 
 #[test]
-fn passes_and_touches_say_what_is_learnt_and_timed() {
+fn passes_and_touches_choose_what_is_learnt_and_timed() {
     let scene = Scene::new();
     let of = |more: &[&str]| json(bench(&scene, &["log"], &["--json"]).args(more));
     let plain = of(&[]);
@@ -94,7 +94,7 @@ fn passes_and_touches_say_what_is_learnt_and_timed() {
 }
 
 #[test]
-fn answers_about_paths_are_timed_and_held_against_exact_ones() {
+fn answers_about_paths_are_timed_and_compared_with_exact_ones() {
     let scene = Scene::new();
     assert!(json(&mut bench(&scene, &["log"], &["--json"]))["answers"].is_null());
     let log = scene.path("log");

@@ -84,7 +84,7 @@ fn every_point_gets_a_stiffness_in_the_clouds_own_order() {
 }
 
 #[test]
-fn a_picture_with_depth_is_as_good_as_a_cloud_and_truth_is_read_only_when_asked() {
+fn a_picture_with_depth_serves_as_a_cloud_and_truth_is_read_only_when_asked() {
     let out = tempfile::tempdir().unwrap();
     let npz = out.path().join("seen.npz");
     // The folder of the set, of which rgbd/ is taken; the box leaves floor and walls out.
@@ -99,7 +99,7 @@ fn a_picture_with_depth_is_as_good_as_a_cloud_and_truth_is_read_only_when_asked(
 }
 
 #[test]
-fn the_field_expects_something_where_no_touch_has_been_and_mapping_goes_on_from_it() {
+fn untouched_cells_get_a_prior_mean_from_which_mapping_continues() {
     let out = tempfile::tempdir().unwrap();
     let [npz, filled, more] = ["seen.npz", "filled.npz", "more.npz"].map(|n| out.path().join(n));
     let mut command = extrapolate("field.npz", &plant().join("object.ply"), &npz);
@@ -128,7 +128,7 @@ fn the_field_expects_something_where_no_touch_has_been_and_mapping_goes_on_from_
 }
 
 #[test]
-fn a_second_view_keeps_what_the_first_one_expected() {
+fn a_second_cloud_keeps_the_prior_means_of_the_first() {
     let out = tempfile::tempdir().unwrap();
     let path = |name: &str| out.path().join(name);
     let object = object();
@@ -163,7 +163,7 @@ fn a_second_view_keeps_what_the_first_one_expected() {
 }
 
 #[test]
-fn pictures_and_page_are_written_and_a_comparison_tells_of_all_methods() {
+fn pictures_and_page_are_written_and_a_comparison_lists_all_methods() {
     let out = tempfile::tempdir().unwrap();
     let path = |name: &str| out.path().join(name);
     let cloud = written(&path("thin.ply"), 10, Vector3::zeros(), true);

@@ -122,7 +122,7 @@ fn truth_is_scored_against_only_when_asked_for() {
 }
 
 #[test]
-fn torques_and_pictures_go_where_they_are_asked_to() {
+fn torques_and_pictures_are_written_where_asked() {
     let scene = Scene::new();
     let [field, torques] = ["out/field.svg", "out/torques.svg"].map(|name| scene.text(name));
     succeed(&mut scene.map(&["log"], &["--picture", &field]));
@@ -143,7 +143,7 @@ fn torques_and_pictures_go_where_they_are_asked_to() {
 }
 
 #[test]
-fn a_picture_is_what_its_name_ends_in() {
+fn the_ending_of_a_picture_decides_its_format() {
     let scene = Scene::new();
     let [field, torques] = ["out/field.png", "out/torques.PNG"].map(|name| scene.text(name));
     refuse(&mut scene.map(&["log"], &["--picture", "field.jpg"]), 2, &["jpg", ".svg", ".png"]);
@@ -157,7 +157,7 @@ fn a_picture_is_what_its_name_ends_in() {
 }
 
 #[test]
-fn what_touches_nothing_known_is_said() {
+fn a_touch_that_meets_no_known_point_is_noted() {
     let scene = Scene::new();
     let away = ["--box-low-m", "5,5,5", "--box-high-m", "6,6,6"];
     let output = scene.map(&["log"], &away).output().unwrap();

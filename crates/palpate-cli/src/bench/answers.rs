@@ -1,9 +1,9 @@
-//! What torque a path would meet: how long an answer takes, and what thinning costs it.
+//! Predicting the torque of a path: how long it takes, and what fewer springs cost in accuracy.
 //!
 //! A mapper that has learnt all passes is asked about touches, as a whole and about the push alone,
-//! each resampled to [`POINTS`] points. Thinned answers, as `palpate live` gives them, are held
-//! against those at every point with every spring of the same field: what the field itself gets
-//! wrong is for `palpate evaluate` to say.
+//! each resampled to [`POINTS`] points. Coarse answers, as `palpate live` gives them, are compared
+//! with those at every point with every spring of the same field. The error of the field itself is
+//! measured by `palpate evaluate`.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -14,8 +14,7 @@ use palpate_work::Progress;
 use palpate_work::touches::RecordedTouch;
 use serde::Serialize;
 
-use super::recording::cut_short;
-use super::whole::milliseconds;
+use super::recording::{cut_short, milliseconds};
 use crate::error::CliError;
 use crate::output::Output;
 use palpate_work::quantile::{extremes, median};
@@ -25,7 +24,7 @@ const POINTS: usize = 200;
 /// Thinned answers about each path.
 const TIMES: usize = 9;
 /// A torque whose relative error says something, N·m over all joints.
-const FELT_N_M: f64 = 1.0;
+const LARGE_N_M: f64 = 1.0;
 
 /// What was found of the paths of some touches.
 #[derive(Debug, Clone, Serialize)]
@@ -49,7 +48,7 @@ pub(super) struct Asked {
     /// The answer at every point with every spring, once a path, ms.
     pub exact_ms: Option<Extent>,
     /// What a thinned answer is off by in the mean over a path, where that has at least
-    /// [`FELT_N_M`], relative.
+    /// [`LARGE_N_M`], relative.
     pub torque_off: Option<Extent>,
     pub std_off: Option<Extent>,
 }
@@ -172,9 +171,9 @@ fn off_by(
     of: fn(&PathPoint) -> &DVector<f64>,
 ) -> Option<f64> {
     let points = thinned.points.iter().zip(&exact.points);
-    let felt = points.filter(|(_, exact)| exact.torque.norm() >= FELT_N_M);
+    let large = points.filter(|(_, exact)| exact.torque.norm() >= LARGE_N_M);
     let off: Vec<f64> =
-        felt.map(|(thinned, exact)| (of(thinned) - of(exact)).norm() / of(exact).norm()).collect();
+        large.map(|(thinned, exact)| (of(thinned) - of(exact)).norm() / of(exact).norm()).collect();
     (!off.is_empty()).then(|| off.iter().sum::<f64>() / off.len() as f64)
 }
 
@@ -213,9 +212,9 @@ impl Answers {
     pub(super) fn heading(&self) -> String {
         format!(
             "Answers about paths of {} points: {} whole touches that touch anything, and their {} \
-             pushes,\n{} times each, with handing out the springs; exact ones once. Summary are \
+             pushes,\n{} times each, with handing out the springs; exact ones once. Figures are \
              medians over paths, the\nleast and the most; off by where the exact torque has at \
-             least {FELT_N_M} N·m.",
+             least {LARGE_N_M} N·m.",
             self.points, self.whole.paths, self.push.paths, self.times
         )
     }

@@ -19,8 +19,8 @@
 //! and which touch something: those that learn. This is done twice, with a mapper and with its
 //! parts. The peak of memory is read after the mapper and before anything else is made.
 //!
-//! Nothing here judges: budgets are the reader's. Nothing waits for the machine to be idle either,
-//! so figures are to be read as ratios, and compared only within a run.
+//! Nothing waits for the machine to be idle, so figures are to be read as ratios, and compared only
+//! within a run.
 
 mod answers;
 mod figures;
@@ -61,8 +61,8 @@ With --rate the passes take real time. Timed is then the step without replays, a
 many replays fitted into what it left; that depends on the machine. The parts are measured with
 the replays of the settings, whatever the rate.
 
-With --answers the mapper that has learnt the log is asked what torque the touches of another would
-meet, as `palpate live --ask` answers, and how far that is from the answer of every spring at every
+With --answers, the mapper that has learnt the log predicts the torque along the touches of another,
+as `palpate live --ask` does. The result is compared with the exact one, of every spring at every
 point. Give touches that it has not learnt.";
 
 /// Flags of `palpate bench`.

@@ -14,8 +14,7 @@ use palpate::unstable::{CellRows, Estimator, FrameId, ObservationBuilder, Tracke
 use palpate::{Arm, MapperConfig, MapperError, Sample};
 use palpate_work::touches::RecordedTouch;
 
-use super::recording::{Learner, Passes, play};
-use super::whole::milliseconds;
+use super::recording::{Learner, Passes, milliseconds, play};
 use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::SettingsError;

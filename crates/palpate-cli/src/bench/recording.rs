@@ -3,6 +3,8 @@
 //! Reading files is no part of what is measured, so the touches are read once before. They are
 //! not simulated, sorted or changed in any way.
 
+use std::time::Duration;
+
 use palpate::{MapperError, Sample};
 use palpate_work::Progress;
 use palpate_work::touches::RecordedTouch;
@@ -65,4 +67,9 @@ pub(super) fn play(
 /// The end of a measurement by Ctrl-C.
 pub(super) fn cut_short() -> CliError {
     CliError::Interrupted { kept: "; a measurement cut short says nothing".to_owned() }
+}
+
+/// A duration as a number, ms.
+pub(super) fn milliseconds(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
 }

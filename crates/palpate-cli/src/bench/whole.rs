@@ -8,7 +8,7 @@ use palpate_work::touches::RecordedTouch;
 
 use super::answers::{self, Answers};
 use super::peak;
-use super::recording::{Learner, Passes, play};
+use super::recording::{Learner, Passes, milliseconds, play};
 use crate::error::CliError;
 use crate::output::Output;
 use crate::pace::{Pace, PaceFigures};
@@ -128,9 +128,4 @@ impl Learner for Whole {
     fn end_touch(&mut self) -> Result<(), MapperError> {
         self.mapper.end_touch()
     }
-}
-
-/// A duration as a number, ms.
-pub(super) fn milliseconds(time: Duration) -> f64 {
-    time.as_secs_f64() * 1e3
 }

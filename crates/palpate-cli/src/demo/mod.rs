@@ -1,5 +1,5 @@
 //! `palpate demo`: learn from bundled touches, predict the one that was held out, evaluate all
-//! methods on all of them, and carry what was learnt over to what a camera saw.
+//! methods on all of them, and extrapolate the field to the points that a camera saw.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -89,7 +89,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         None
     } else {
         let evaluated = evaluate_all(&arm, &recorded, (&folder.path, settings), output)?;
-        carry_over(&arm, &saved, (&files.object, &folder.path), output)?;
+        extrapolate_all(&arm, &saved, (&files.object, &folder.path), output)?;
         Some(evaluated)
     };
     let report = Report::new(&results, Against::Measured);
@@ -104,7 +104,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         })
     } else {
         let table = evaluation.map(|summary| summary.text());
-        output.result(&told(&report, tally.touches.len(), (table, &folder.path)))
+        output.result(&text(&report, tally.touches.len(), (table, &folder.path)))
     }
 }
 
@@ -132,8 +132,8 @@ fn evaluate_all(
     evaluate::into_folder(&work, folder, &origin, output)
 }
 
-/// Carries the stiffness of the field over to the bundled cloud; writes Fig. 4 and its page.
-fn carry_over(
+/// Extrapolates the field to the bundled cloud; writes Fig. 4 and its page.
+fn extrapolate_all(
     arm: &Arc<Arm>,
     saved: &Saved,
     (object, folder): (&Path, &Path),
@@ -171,7 +171,7 @@ struct Findings<'a> {
     folder: &'a Path,
 }
 
-fn told(
+fn text(
     report: &Report,
     learnt_from: usize,
     (evaluation, folder): (Option<String>, &Path),
@@ -182,8 +182,7 @@ fn told(
     let folder = folder.display();
     let page = if evaluation.is_some() {
         "\n  report.html  all of that, to open in a browser; figures in figures/\n  \
-           seen.html    stiffness of all that a camera saw of the plant, carried over from what was \
-         touched\n  \
+           seen.html    stiffness extrapolated to all that a camera saw of the plant\n  \
            fig4.svg     the same as a picture, seen.ply as a cloud"
     } else {
         ""
@@ -196,7 +195,7 @@ fn told(
         "\nIn `{folder}`:\n  \
            field.npz    the field: points, stiffness K [N/m] and its uncertainty\n  \
            field.svg    the field from three sides\n  \
-           torques.svg  predicted and felt torques of the touch held out{page}\n\n\
+           torques.svg  predicted and measured torques of the touch held out{page}\n\n\
          Next, with a log of your own:\n  \
            palpate inspect LOG --robot ROBOT.urdf       does it hold what it should?\n  \
            palpate map LOG -o field.npz --robot ROBOT.urdf\n  \

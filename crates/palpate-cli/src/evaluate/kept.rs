@@ -1,4 +1,4 @@
-//! What is done of an evaluation, kept until all of it is.
+//! The finished pieces of an evaluation, kept until all of it is finished.
 //!
 //! Every piece lies in a file of its own, which appears whole or not at all, under the *key* of what
 //! made it: robot, settings, touches, folds and version. What has another key is not taken.
@@ -61,7 +61,7 @@ impl Kept {
         place::write(&self.folder.join(format!("{name}.json")), &text)
     }
 
-    /// Lets go of all pieces, and of nothing else that lies there.
+    /// Removes all pieces, and nothing else that lies there.
     pub(super) fn remove(&self) {
         let Ok(entries) = self.folder.read_dir() else { return };
         for path in entries.flatten().map(|entry| entry.path()) {

@@ -39,8 +39,8 @@ or --folds groups of touches, or the touches named by --test from all others. Th
   uniform  one stiffness for all points        knn  50 nearest neighbours, RBF weights
   zero     no torque at all
 
-of which mlp, gp and knn see joint angles alone, and choose what they have to choose on their
-training touches. All of them see the same external torques: gravity and tare taken off.
+of which mlp, gp and knn see joint angles alone, and choose their hyperparameters on their training
+touches. All of them see the same external torques: gravity and tare taken off.
 
 Errors are those of the paper's Table I for each touch, then mean and standard deviation over
 touches. A touch that never reaches 1 N·m has no relative error, and is named.

@@ -53,7 +53,7 @@ impl CloudArgs {
         }
         let Some(colours) = reading.cloud.colours() else {
             return Err(CliError::from(format!(
-                "`{name}` has points but no colours, by which stiffness is carried over; export it \
+                "`{name}` has points but no colours, from which stiffness is extrapolated; export it \
                  with red, green and blue, or give the folder of the colour and depth images"
             )));
         };

@@ -39,7 +39,7 @@ A CLOUD is a PLY or PCD file with colours, or a folder (or its rgbd/) with color
 camera.json, in the frame of the robot's base, m. A picture is taken before the touches, without the
 arm in it.
 
-What looks alike is taken to be alike:
+Points that look alike are assumed to be equally stiff:
 
   torque  a Gaussian process over features, learnt from the torques that the field remembers
   cells   the same, learnt from the stiffness of touched cells
@@ -49,9 +49,9 @@ Features are a colour (chroma: without brightness; rgb; oklab), height and shape
 The stiffness of a point is that of a cell of the field's lattice, as in the field itself. K_std is
 the uncertainty of the regression; single points differ more.
 
---field writes the field with the cells that the camera saw and no touch reached: `palpate predict`
-then expects them to resist, and `palpate map --from` goes on with them. `palpate map --prior` begins
-anew, with what was expected of all cells at seen points and nothing of what was learnt.
+--field writes the field with an extrapolated prior mean for the cells that the camera saw and no
+touch reached: `palpate predict` then predicts with them, and `palpate map --from` continues with
+them. `palpate map --prior` starts a new field with these prior means, and nothing of what was learnt.
 
 --compare predicts random halves of the remembered touches from the other half, with and without
 the prior, with every method and set of features.
@@ -65,16 +65,16 @@ pub(crate) struct Args {
     /// A field that `palpate map` saved
     #[arg(value_name = "FIELD.npz")]
     from: PathBuf,
-    /// What a camera saw: a coloured cloud, or a folder with colour, depth and camera
+    /// A coloured cloud, or a folder with colour image, depth image and camera
     #[arg(value_name = "CLOUD")]
     cloud: PathBuf,
     /// Where the cloud goes, with K, K_std and touched for each point
     #[arg(long, short, value_name = "FILE.npz|.ply|.pcd")]
     output: PathBuf,
-    /// Where the field goes, with what the untouched cells at seen points are expected to be
+    /// Where the field goes, with a prior mean for the untouched cells at the cloud's points
     #[arg(long, value_name = "FIELD.npz")]
     field: Option<PathBuf>,
-    /// How stiffness is carried over: torque, cells or knn [default: torque if the field has its
+    /// How stiffness is extrapolated: torque, cells or knn [default: torque if the field has its
     /// memory, else knn]
     #[arg(long, value_name = "NAME", value_parser = method_of)]
     method: Option<Method>,
@@ -93,7 +93,8 @@ pub(crate) struct Args {
     /// Random halves of --compare
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     halves: u32,
-    /// Folder of a simulation's truth about the points, to score the order that they are put in
+    /// Folder of a simulation's truth about the points, with which their order by stiffness is
+    /// compared
     #[arg(long, value_name = "DIR")]
     truth: Option<PathBuf>,
     /// Draw the stiff part of the field with the arm, and the cloud in colours of its stiffness
@@ -123,7 +124,7 @@ fn threshold(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "wanted a stiffness from 0 on, N/m".to_owned())
 }
 
-/// Carries stiffness over and writes it.
+/// Extrapolates and writes the results.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let started = Instant::now();
     Ending::of(&args.output)?;

@@ -52,7 +52,7 @@ impl ExtrapolationSummary<'_> {
         let config = &self.work.config;
         let method = format!("{} on {}", config.method.name(), config.features);
         let frames = |(touches, frames)| format!("{touches} touches, {frames} frames in contact");
-        let remembered = self.found.felt.map(|felt| ("remembered", frames(felt)));
+        let remembered = self.found.felt.map(|counts| ("remembered", frames(counts)));
         std::iter::once(("method", method)).chain(remembered).collect()
     }
 

@@ -66,7 +66,7 @@ pub(crate) struct Args {
     /// Go on from the field in --output, if it is there
     #[arg(long, requires = "output")]
     resume: bool,
-    /// Start from the stiffness that a field expects of its cells
+    /// Take the prior mean of each cell from a field
     #[arg(long, value_name = "FIELD.npz", conflicts_with = "resume")]
     prior: Option<PathBuf>,
     /// Publish that the robot must stop as soon as the measured or the predicted external torque of

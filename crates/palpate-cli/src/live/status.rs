@@ -36,7 +36,7 @@ impl Shown {
         Self { output, json, bar, terminal, last_line: None, last: None }
     }
 
-    /// Shows one of the news. A standard output that nobody reads any more is told at the end.
+    /// Shows one of the news. A standard output that nobody reads any more is an error at the end.
     pub(super) fn tell(&mut self, news: News) {
         match news {
             News::Note(note) if self.json => {

@@ -69,7 +69,7 @@ impl Viewer {
         Arc::clone(&self.inbox)
     }
 
-    /// Draws what is left. A viewer that went away is told of, and harms nothing.
+    /// Draws what is left. A viewer that went away is noted, and harms nothing.
     pub(super) fn end(self, output: &Output) {
         self.ending.store(true, Ordering::Relaxed);
         self.inbox.wake();
@@ -130,7 +130,7 @@ impl Drawer {
                 recording.touch(&touches.to_string(), sample, time_s)
             }
             What::Arm { q, contacts, torques } => {
-                // Positions that are not the arm's have been told of by the mapper.
+                // The mapper has refused positions that are not the arm's already.
                 let Ok(poses) = self.hulls.poses(&self.arm, q) else { return Ok(()) };
                 let torque = torques.as_ref();
                 let torque = torque.map(|(measured, predicted)| Torque { measured, predicted });

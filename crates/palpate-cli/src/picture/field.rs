@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::{Point3, Vector3};
 use palpate::{CellId, Field, Lattice};
 use plotters::chart::ChartBuilder;
 use plotters::element::{Circle, Text};
@@ -56,29 +57,23 @@ struct Scene<'a> {
     lattice: &'a Lattice,
     /// The touched cells, and the stiffness of each, N/m.
     cells: Vec<(CellId, f64)>,
-    low_m: [f64; 3],
-    high_m: [f64; 3],
+    low_m: Point3<f64>,
+    high_m: Point3<f64>,
     scale: Scale,
 }
 
 impl<'a> Scene<'a> {
     fn of(field: &'a Field) -> Option<Self> {
-        let margin_m = 3.0 * field.lattice.spacing_m();
-        let (mut low_m, mut high_m) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        let margin_m = Vector3::repeat(3.0 * field.lattice.spacing_m());
         let all = field.cells.iter().zip(&field.stiffness_n_per_m).zip(&field.counts);
         let touched = all.filter(|(_, count)| **count > 0);
         let cells: Vec<_> = touched.map(|((&cell, &k), _)| (cell, k)).collect();
-        for &(cell, _) in &cells {
-            let point = field.lattice.point(cell);
-            for axis in 0..3 {
-                low_m[axis] = low_m[axis].min(point[axis] - margin_m);
-                high_m[axis] = high_m[axis].max(point[axis] + margin_m);
-            }
-        }
+        let points = || cells.iter().map(|&(cell, _)| field.lattice.point(cell));
+        let low_m = points().reduce(|low, point| low.inf(&point))? - margin_m;
+        let high_m = points().reduce(|high, point| high.sup(&point))? + margin_m;
         let largest = cells.iter().map(|&(_, stiffness)| stiffness).fold(0.0, f64::max);
-        let scale = Scale::up_to(largest);
-        let lattice = &field.lattice;
-        (!cells.is_empty()).then_some(Self { lattice, cells, low_m, high_m, scale })
+        let (lattice, scale) = (&field.lattice, Scale::up_to(largest));
+        Some(Self { lattice, cells, low_m, high_m, scale })
     }
 
     fn length_m(&self, axis: usize) -> f64 {

@@ -6,7 +6,7 @@ use plotters::style::{Color, RGBColor};
 
 use super::draw::{Area, Drawn, INK, text};
 
-/// Powers of ten that a scale spans unless it is told.
+/// Powers of ten that a scale spans unless its ends are given.
 const DECADES: f64 = 2.5;
 const SOFT: RGBColor = RGBColor(226, 228, 232);
 

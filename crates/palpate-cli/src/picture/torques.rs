@@ -1,4 +1,4 @@
-//! Predicted and felt torque over the frames: one row a touch, its norm and every joint.
+//! Predicted and measured torque over the frames: one row a touch, its norm and every joint.
 
 use std::ops::Range;
 
@@ -13,7 +13,7 @@ const WIDTH: u32 = 1480;
 const ROW_HEIGHT: u32 = 300;
 const NORM_WIDTH: u32 = 560;
 
-const FELT: RGBColor = INK;
+const MEASURED: RGBColor = INK;
 const PREDICTED: RGBColor = RGBColor(0, 114, 178);
 const ERROR: RGBColor = RGBColor(213, 94, 0);
 
@@ -23,7 +23,7 @@ pub(crate) fn torques(results: &[TouchResult], against: Against) -> Result<Strin
     svg((WIDTH, LEGEND_HEIGHT + rows * ROW_HEIGHT), |area| {
         let (head, body) = area.split_vertically(LEGEND_HEIGHT);
         let entries = [
-            (against.word(), FELT.stroke_width(2), 130),
+            (against.word(), MEASURED.stroke_width(2), 130),
             ("predicted", PREDICTED.stroke_width(2), 130),
             ("error of the prediction", ERROR.mix(0.45).filled(), 220),
             ("error of predicting zero", INK.mix(0.12).filled(), 220),
@@ -54,7 +54,7 @@ fn span(touch: &TouchResult) -> Range<f64> {
     first..last.max(first + 1.0)
 }
 
-/// ‖τ‖ felt and predicted; the areas are what prediction and predicting zero get wrong.
+/// ‖τ‖ measured and predicted; the areas are the errors of the prediction and of predicting zero.
 fn norm(area: &Area<'_>, touch: &TouchResult, largest: f64) -> Drawn {
     let mut chart = ChartBuilder::on(area)
         .margin(8)
@@ -82,12 +82,12 @@ fn norm(area: &Area<'_>, touch: &TouchResult, largest: f64) -> Drawn {
     };
     chart.draw_series(AreaSeries::new(curve(|f| f.external.norm()), 0.0, INK.mix(0.12)))?;
     chart.draw_series(AreaSeries::new(curve(error_of), 0.0, ERROR.mix(0.45)))?;
-    chart.draw_series(LineSeries::new(curve(|f| f.external.norm()), FELT.stroke_width(2)))?;
+    chart.draw_series(LineSeries::new(curve(|f| f.external.norm()), MEASURED.stroke_width(2)))?;
     chart.draw_series(LineSeries::new(curve(|f| f.predicted.norm()), PREDICTED.stroke_width(2)))?;
     Ok(())
 }
 
-/// Every joint's torque, felt and predicted, to one scale.
+/// Every joint's torque, measured and predicted, to one scale.
 fn joints(area: &Area<'_>, touch: &TouchResult) -> Drawn {
     let n_joints = touch.frames.first().map_or(0, |frame| frame.external.len());
     let torques = touch.frames.iter().flat_map(|f| f.external.iter().chain(f.predicted.iter()));
@@ -117,7 +117,7 @@ fn joints(area: &Area<'_>, touch: &TouchResult) -> Drawn {
         let curve = |of: fn(&FrameResult) -> &nalgebra::DVector<f64>| {
             touch.frames.iter().map(move |frame| (frame.frame as f64, of(frame)[joint]))
         };
-        chart.draw_series(LineSeries::new(curve(|f| &f.external), FELT.stroke_width(1)))?;
+        chart.draw_series(LineSeries::new(curve(|f| &f.external), MEASURED.stroke_width(1)))?;
         chart.draw_series(LineSeries::new(curve(|f| &f.predicted), PREDICTED.stroke_width(1)))?;
     }
     Ok(())

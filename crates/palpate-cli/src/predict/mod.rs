@@ -1,7 +1,7 @@
-//! `palpate predict`: what torque a field expects of motions, against what was felt.
+//! `palpate predict`: the torques that a field predicts for motions, and the measured ones.
 //!
-//! [`run`] is the command; [`score`] follows the touches; [`report`] says what came out;
-//! [`export`] writes the torques themselves.
+//! [`run`] is the command; [`score`] predicts the touches; [`report`] is what is printed; [`export`]
+//! writes the torques themselves.
 
 mod export;
 mod report;
@@ -29,7 +29,7 @@ const NOTES: &str = "Examples:
 Errors are those of the paper's Table I: the error of a frame is |predicted - measured| over all
 joints, in N·m; the relative error is that over |measured|, on frames of at least 1 N·m. Scored are
 the frames from the tare on. `overall` pools the frames of all touches. Beside them stands the
-error of predicting zero: a field that is worse than that is worse than none.
+error of predicting zero: a field with a larger one is worse than none.
 
 Lattice, contact model and the meaning of the logged torques are the field's own. Flags and a
 settings file may change the robot, the log's format and the torques' meaning for this log; other
@@ -53,10 +53,10 @@ pub(crate) struct Args {
     /// measured
     #[arg(long)]
     truth: bool,
-    /// Where the torques of all frames go, predicted and felt
+    /// Where the torques of all frames go, predicted and measured
     #[arg(long, short, value_name = "FILE.csv|FILE.npz")]
     output: Option<PathBuf>,
-    /// Draw predicted and felt torques
+    /// Draw predicted and measured torques
     #[arg(long, value_name = "FILE.svg|FILE.png")]
     picture: Option<PathBuf>,
     /// Print the errors as JSON

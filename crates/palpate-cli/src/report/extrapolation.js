@@ -1,7 +1,7 @@
 // Draws the field with the arm that felt it, and the cloud that it was extrapolated to.
 
 (() => {
-  const { byId, data, DECADES, config, counted } = shared;
+  const { byId, data, chosen, DECADES, config, counted } = shared;
   const { scene, cloud } = data;
 
   const places = shared.places(cloud.points);
@@ -11,15 +11,12 @@
   /** Power of ten at the top of the stiffness colours, and how many there are down to their foot. */
   const range = [Math.log10(data.range[1]), Math.log10(data.range[1] / data.range[0])];
 
-  const chosen = { threshold: 0, arm: 0, colouring: 0 };
-  const threshold = () => shared.thresholdAt(chosen.threshold);
-
   // Left: the field and the arm.
 
   /** The arm's poses that are drawn: one touch's, or all of them. */
   const poses = () => {
     const all = scene.poses.map((frames) => frames[0]);
-    return chosen.arm < all.length ? [all[chosen.arm]] : all;
+    return chosen("arm") < all.length ? [all[chosen("arm")]] : all;
   };
 
   function arm(shown) {
@@ -42,7 +39,7 @@
   }
 
   function drawField() {
-    const cells = shared.cells(shared.pointsFrom(threshold()), ...range);
+    const cells = shared.cells(shared.pointsFrom(shared.threshold()), ...range);
     Plotly.react("field", [arm(poses()), cells], shared.space(axes("field")), config);
   }
 
@@ -104,7 +101,7 @@
       hovertemplate:
         "K = %{customdata[0]:.3~g} ± %{customdata[1]:.3~g} N/m, %{customdata[2]}<br>" +
         "x %{x:.3f} m, y %{y:.3f} m, z %{z:.3f} m<extra></extra>",
-      marker: { size: 1.8, ...colourings[chosen.colouring].marker() },
+      marker: { size: 1.8, ...colourings[chosen("colouring")].marker() },
     };
     // The camera stays where the reader turned it.
     const camera = byId("cloud").layout?.scene?.camera;
@@ -115,18 +112,13 @@
   // Words and controls.
 
   function tell() {
-    byId("threshold-shown").textContent = shared.thresholdShown(threshold());
-    const { cells, stiffness, spacing } = scene;
-    const part = stiffness.length < cells ? `the stiffest ${counted(stiffness.length)} of ` : "";
-    const hulls = scene.poses.length > 0 ? " Each link of the arm is drawn as its convex hull." : "";
-    byId("field-caption").textContent =
-      `Stiffness of ${part}${counted(cells)} touched points, ${(spacing * 100).toFixed(2)} cm ` +
-      `apart, on a logarithmic scale.${hulls} Drag to turn, scroll to zoom.`;
+    shared.tellThreshold();
+    shared.tellField("field-caption", scene.poses.length > 0);
     const drawn = cloud.stiffness.length;
     const thinned = drawn < cloud.all ? `, of which ${counted(drawn)} are drawn, evenly chosen` : "";
     byId("cloud-caption").textContent =
       `${counted(cloud.all)} points that the camera sees${thinned}, ` +
-      `${colourings[chosen.colouring].said}.`;
+      `${colourings[chosen("colouring")].said}.`;
   }
 
   /** Where the slider is at a stiffness. */
@@ -148,21 +140,10 @@
   }
 
   function listen() {
-    const filter = shared.paced(() => shared.filterPoints("field", threshold()));
-    byId("threshold").addEventListener("input", () => {
-      chosen.threshold = Number(byId("threshold").value);
-      tell();
-      filter();
-    });
-    byId("arm").addEventListener("change", () => {
-      chosen.arm = Number(byId("arm").value);
-      moveArm();
-    });
-    byId("colouring").addEventListener("change", () => {
-      chosen.colouring = Number(byId("colouring").value);
-      drawCloud();
-      tell();
-    });
+    shared.listenToThreshold("field");
+    byId("arm").addEventListener("change", moveArm);
+    byId("colouring").addEventListener("change", drawCloud);
+    byId("colouring").addEventListener("change", tell);
     shared.listenToViews("field", "cloud");
     turnTogether("field", "cloud");
     turnTogether("cloud", "field");
@@ -174,8 +155,7 @@
     shared.options(byId("arm"), names, 0);
     byId("arm").disabled = names.length === 0;
     shared.options(byId("colouring"), colourings.map(({ name }) => name), 0);
-    chosen.threshold = percentOf(data.threshold);
-    byId("threshold").value = chosen.threshold;
+    byId("threshold").value = percentOf(data.threshold);
     drawField();
     drawCloud();
     listen();

@@ -2,7 +2,7 @@
 // data.rs; nothing is computed here but errors, which are norms.
 
 (() => {
-  const { byId, data, INK, FAINT, GREY, config, font, layout, escaped, counted } = shared;
+  const { byId, data, chosen, INK, FAINT, GREY, config, font, layout, escaped, counted } = shared;
 
   // Okabe and Ito's colours, which the colour-blind can tell apart.
   const COLOURS = {
@@ -16,8 +16,7 @@
   };
   const DASHES = { ekf: "dash", uniform: "dot", knn: "dashdot" };
 
-  const chosen = { touch: 0, method: data.subject, frame: 0, threshold: 0 };
-  const touch = () => data.touches[chosen.touch];
+  const touch = () => data.touches[chosen("touch")];
   const colour = (method) => COLOURS[method] ?? INK;
 
   // In a narrow window the buttons of a plot would lie on its legend.
@@ -36,7 +35,7 @@
   // Curves.
 
   /** Torques of one joint, N·m; a gap where they are not finite. */
-  const torques = (row) => row.map((tau) => (tau === null ? null : tau / data.per_torque));
+  const torques = (row = []) => row.map((tau) => (tau === null ? null : tau / data.per_torque));
 
   /** ‖a − b‖₂ over the joints, by frame; `b` may be left out. */
   const norms = (a, b) =>
@@ -52,7 +51,16 @@
   const errorOf = (method) => norms(touch().predicted[method], touch().external);
 
   const timeTitle = () => (touch().counted ? "frame" : "time [s]");
-  const here = () => touch().time[chosen.frame];
+  const here = () => touch().time[chosen("frame")];
+
+  const curve = (name, y, line, more) => ({
+    x: touch().time,
+    y,
+    name,
+    line,
+    hovertemplate: "%{y:.3f} N·m",
+    ...more,
+  });
 
   /** A thin line at the frame in which the 3-D view shows the arm. */
   const marker = () =>
@@ -71,30 +79,16 @@
       : [];
 
   function drawError() {
-    const { time, external } = touch();
-    const torque = {
-      x: time,
-      y: norms(external),
-      name: "zero (‖τ‖₂)",
-      line: { color: "#a9aeb8", width: 1 },
-      hovertemplate: "%{y:.3f} N·m",
-    };
-    const curves = data.methods
-      .map((method, at) => ({
-        x: time,
-        y: method === "zero" ? null : errorOf(at),
-        name: method,
-        line: {
-          color: colour(method),
-          dash: DASHES[method] ?? "solid",
-          width: at === data.subject ? 2.4 : 1.5,
-        },
-        hovertemplate: "%{y:.3f} N·m",
-      }))
-      .filter((curve) => curve.y !== null);
+    const torque = curve("zero (‖τ‖₂)", norms(touch().external), { color: "#a9aeb8", width: 1 });
+    const errors = data.methods.map((method, at) => {
+      const width = at === data.subject ? 2.4 : 1.5;
+      const line = { color: colour(method), dash: DASHES[method] ?? "solid", width };
+      return curve(method, errorOf(at), line);
+    });
+    const curves = [torque, ...errors.filter(({ name }) => name !== "zero")];
     Plotly.react(
       "error",
-      [torque, ...curves],
+      curves,
       layout({
         xaxis: axis(timeTitle()),
         yaxis: axis("error [N·m]", { rangemode: "tozero" }),
@@ -105,24 +99,18 @@
   }
 
   function drawJoints() {
-    const { time, external, predicted } = touch();
-    const method = data.methods[chosen.method];
-    const rows = [...external, ...(predicted[chosen.method] ?? [])].flat();
+    const { external } = touch();
+    const method = data.methods[chosen("method")];
+    const predicted = touch().predicted[chosen("method")] ?? [];
+    const rows = [...external, ...predicted].flat();
     const bound = (pick) => rows.reduce((best, tau) => pick(best, tau ?? 0), 0) / data.per_torque;
     const low = Math.min(bound(Math.min), -0.1);
     const high = Math.max(bound(Math.max), 0.1);
     const pad = 0.06 * (high - low);
     data.joints.forEach((name, joint) => {
-      const curve = (row, title, style) => ({
-        x: time,
-        y: row === undefined ? [] : torques(row),
-        name: title,
-        line: style,
-        hovertemplate: "%{y:.3f} N·m",
-      });
       const traces = [
-        curve(external[joint], data.against, { color: INK, width: 1.6 }),
-        curve(predicted[chosen.method]?.[joint], method, { color: colour(method), width: 1.6 }),
+        curve(data.against, torques(external[joint]), { color: INK, width: 1.6 }),
+        curve(method, torques(predicted[joint]), { color: colour(method), width: 1.6 }),
       ];
       Plotly.react(
         `joint-${joint}`,
@@ -151,26 +139,17 @@
   }
 
   function drawContacts() {
-    const { time, contacts } = touch();
-    const method = data.methods[chosen.method];
+    const method = data.methods[chosen("method")];
+    const area = {
+      fill: "tozeroy",
+      fillcolor: "rgba(138, 144, 156, 0.18)",
+      yaxis: "y2",
+      hovertemplate: "%{y} points",
+    };
+    const error = errorOf(chosen("method"));
     const traces = [
-      {
-        x: time,
-        y: contacts,
-        name: "contacts",
-        fill: "tozeroy",
-        fillcolor: "rgba(138, 144, 156, 0.18)",
-        line: { color: GREY, width: 1.2 },
-        yaxis: "y2",
-        hovertemplate: "%{y} points",
-      },
-      {
-        x: time,
-        y: errorOf(chosen.method),
-        name: `error of ${method}`,
-        line: { color: colour(method), width: 2 },
-        hovertemplate: "%{y:.3f} N·m",
-      },
+      curve("contacts", touch().contacts, { color: GREY, width: 1.2 }, area),
+      curve(`error of ${method}`, error, { color: colour(method), width: 2 }),
     ];
     Plotly.react(
       "contacts",
@@ -189,8 +168,7 @@
 
   // Field and arm.
 
-  const poses = () => data.scene.poses[chosen.touch]?.[chosen.frame] ?? [];
-  const threshold = () => shared.thresholdAt(chosen.threshold);
+  const poses = () => data.scene.poses[chosen("touch")]?.[chosen("frame")] ?? [];
 
   /** The field, and the arm wherever a touch takes it. */
   function everywhere() {
@@ -203,7 +181,7 @@
 
   function drawScene() {
     const arm = shared.mesh(shared.armAt(poses()), 1);
-    const cells = shared.cells(shared.pointsFrom(threshold()), Math.log10(shared.stiffest()));
+    const cells = shared.cells(shared.pointsFrom(shared.threshold()), Math.log10(shared.stiffest()));
     const axes = shared.axesAround(everywhere(), "scene", shared.ABOVE_BAR);
     Plotly.react("scene", [arm, cells], shared.space(axes), config);
   }
@@ -226,38 +204,30 @@
     const against = { truth: "true", measured: "measured" }[data.against] ?? data.against;
     document.querySelectorAll(".against").forEach((span) => (span.textContent = against));
     if (!data.scene) return;
-    const frame = chosen.frame * every;
+    const frame = chosen("frame") * every;
     const time = noClock ? "" : `${(here() ?? 0).toFixed(2)} s, `;
     byId("frame-shown").textContent = `${time}frame ${frame} of ${frames}`;
-    byId("threshold-shown").textContent = shared.thresholdShown(threshold());
-    const { cells, stiffness, spacing } = data.scene;
-    const part = stiffness.length < cells ? `the stiffest ${counted(stiffness.length)} of ` : "";
-    const arm = data.scene.hulls.length > 0 ? " Each link of the arm is drawn as its convex hull." : "";
-    byId("scene-caption").textContent =
-      `Stiffness of ${part}${counted(cells)} touched points, ${(spacing * 100).toFixed(2)} cm ` +
-      `apart, on a logarithmic scale.${arm} Drag to turn, scroll to zoom.`;
+    shared.tellThreshold();
+    shared.tellField("scene-caption", data.scene.hulls.length > 0);
   }
 
   function chooseTouch() {
-    chosen.touch = Number(byId("touch").value);
-    // The arm is shown where it pushes hardest.
-    const size = norms(touch().external);
-    chosen.frame = Math.max(0, size.indexOf(Math.max(...size)));
+    if (data.scene) {
+      // The arm is shown where it pushes hardest.
+      const size = norms(touch().external);
+      byId("frame").max = Math.max(0, touch().time.length - 1);
+      byId("frame").value = Math.max(0, size.indexOf(Math.max(...size)));
+    }
     drawError();
     drawJoints();
     drawContacts();
-    if (data.scene) {
-      byId("frame").max = Math.max(0, touch().time.length - 1);
-      byId("frame").value = chosen.frame;
-      moveArm();
-    }
+    if (data.scene) moveArm();
     tell();
   }
 
   function listen() {
     byId("touch").addEventListener("change", chooseTouch);
     byId("method").addEventListener("change", () => {
-      chosen.method = Number(byId("method").value);
       drawJoints();
       drawContacts();
     });
@@ -265,32 +235,21 @@
   }
 
   function listenToScene() {
-    const move = shared.paced(moveArm);
-    const filter = shared.paced(() => shared.filterPoints("scene", threshold()));
-    byId("frame").addEventListener("input", () => {
-      chosen.frame = Number(byId("frame").value);
-      tell();
-      move();
-    });
-    byId("threshold").addEventListener("input", () => {
-      chosen.threshold = Number(byId("threshold").value);
-      tell();
-      filter();
-    });
+    byId("frame").addEventListener("input", tell);
+    byId("frame").addEventListener("input", shared.paced(moveArm));
+    shared.listenToThreshold("scene");
     shared.listenToViews("scene");
   }
 
   function start() {
     shared.options(byId("touch"), data.touches.map(({ name }) => name), 0);
-    shared.options(byId("method"), data.methods, chosen.method);
+    shared.options(byId("method"), data.methods, data.subject);
     data.joints.forEach((_, joint) => {
       const panel = document.createElement("div");
       panel.id = `joint-${joint}`;
       byId("joints").append(panel);
     });
     if (data.scene) {
-      chosen.threshold = 40;
-      byId("threshold").value = chosen.threshold;
       drawScene();
       listenToScene();
     } else {

@@ -5,6 +5,8 @@
 const shared = (() => {
   const byId = (id) => document.getElementById(id);
   const data = JSON.parse(byId("data").textContent);
+  /** The number that a control of the page stands at. */
+  const chosen = (id) => Number(byId(id).value);
 
   const INK = "#22262e";
   const FAINT = "#e4e7ec";
@@ -109,23 +111,42 @@ const shared = (() => {
     return { x: along(0), y: along(1), z: along(2) };
   };
 
-  /** The points of the field that are not softer than a threshold; they come softest first. */
-  function pointsFrom(threshold) {
-    const { points, stiffness } = data.scene;
-    const found = stiffness.findIndex((k) => k >= threshold);
-    const first = found < 0 ? stiffness.length : found;
-    return { ...places(points, first), stiffness: stiffness.slice(first) };
+  const stiffest = () => Math.max(data.scene.stiffness.at(-1) ?? 1, 1e-6);
+  /** The stiffness at which the slider stands; at its left end even the softest is shown. */
+  function threshold() {
+    const percent = chosen("threshold");
+    return percent === 0 ? 0 : stiffest() * 10 ** (DECADES * (percent / 100 - 1));
   }
 
-  const stiffest = () => Math.max(data.scene.stiffness.at(-1) ?? 1, 1e-6);
-  /** The stiffness at a part of the slider; at its left end even the softest is shown. */
-  const thresholdAt = (percent) =>
-    percent === 0 ? 0 : stiffest() * 10 ** (DECADES * (percent / 100 - 1));
-  const thresholdShown = (threshold) => {
-    const shown = data.scene.stiffness.filter((k) => k >= threshold).length;
-    const least = threshold === 0 ? "none" : `${Number(threshold.toPrecision(3))} N/m`;
-    return `${least} (${counted(shown)} shown)`;
-  };
+  /** Where the points that are not softer than a threshold begin: they come softest first. */
+  function firstFrom(threshold) {
+    const found = data.scene.stiffness.findIndex((k) => k >= threshold);
+    return found < 0 ? data.scene.stiffness.length : found;
+  }
+
+  /** Those points of the field. */
+  function pointsFrom(threshold) {
+    const first = firstFrom(threshold);
+    return { ...places(data.scene.points, first), stiffness: data.scene.stiffness.slice(first) };
+  }
+
+  /** Says beside the slider where it stands. */
+  function tellThreshold() {
+    const shown = data.scene.stiffness.length - firstFrom(threshold());
+    const least = threshold() === 0 ? "none" : `${Number(threshold().toPrecision(3))} N/m`;
+    byId("threshold-shown").textContent = `${least} (${counted(shown)} shown)`;
+  }
+
+  /** Says below a plot of the field and the arm what is drawn. */
+  function tellField(caption, arm) {
+    const { cells, stiffness, spacing } = data.scene;
+    const part = stiffness.length < cells ? `the stiffest ${counted(stiffness.length)} of ` : "";
+    const hulls = arm ? " Each link of the arm is drawn as its convex hull." : "";
+    byId(caption).textContent =
+      `Stiffness of ${part}${counted(cells)} touched points, ${(spacing * 100).toFixed(2)} cm ` +
+      `apart, on a logarithmic scale.${hulls} Drag to turn, scroll to zoom.`;
+  }
+
   const logs = (numbers) => numbers.map((number) => Math.log10(Math.max(number, 1e-9)));
 
   /** Axes that hold all places, one scale along all three. */
@@ -211,11 +232,15 @@ const shared = (() => {
     },
   });
 
-  /** Replaces the points of the field, which are a plot's second trace. */
-  function filterPoints(plot, threshold) {
-    const { x, y, z, stiffness } = pointsFrom(threshold);
-    const update = { x: [x], y: [y], z: [z], customdata: [stiffness] };
-    Plotly.restyle(plot, { ...update, "marker.color": [logs(stiffness)] }, [1]);
+  /** Lets the slider hide soft points of the field, which are a plot's second trace. */
+  function listenToThreshold(plot) {
+    const filter = paced(() => {
+      const { x, y, z, stiffness } = pointsFrom(threshold());
+      const update = { x: [x], y: [y], z: [z], customdata: [stiffness] };
+      Plotly.restyle(plot, { ...update, "marker.color": [logs(stiffness)] }, [1]);
+    });
+    byId("threshold").addEventListener("input", tellThreshold);
+    byId("threshold").addEventListener("input", filter);
   }
 
   const escaped = (text) =>
@@ -251,8 +276,8 @@ const shared = (() => {
   }
 
   return {
-    byId, data, INK, FAINT, GREY, ABOVE_BAR, DECADES, config, font, layout, space, armAt, mesh, places,
-    pointsFrom, stiffest, thresholdAt, thresholdShown, logs, axesAround, ticks, bar, cells,
-    filterPoints, escaped, counted, options, paced, listenToViews,
+    byId, data, chosen, INK, FAINT, GREY, ABOVE_BAR, DECADES, config, font, layout, space, armAt, mesh,
+    places, stiffest, threshold, pointsFrom, tellThreshold, tellField, logs, axesAround, ticks, bar,
+    cells, escaped, counted, options, paced, listenToThreshold, listenToViews,
   };
 })();

@@ -18,7 +18,7 @@ use crate::predict::tell_other_robot;
 use crate::settings::{Settings, SettingsError};
 use crate::{interrupt, logs};
 
-use super::Args;
+use super::args::Args;
 use super::play::{Follower, Played, Player, Rhythm};
 use super::scene::{about, scene};
 use super::to::{To, failed};

@@ -10,7 +10,7 @@ use palpate_view::{Recording, Scene, ViewError};
 
 use crate::error::CliError;
 
-use super::Args;
+use super::args::Args;
 
 /// Where a recording goes.
 pub(super) enum To {
