@@ -3,7 +3,7 @@
 //!
 //! | file    | says                                |
 //! |---------|-------------------------------------|
-//! | `page`  | facts, tables and findings as text  |
+//! | `page`  | facts and tables as text, wrapped   |
 //! | `log`   | the facts of a log                  |
 //! | `robot` | the facts of a robot                |
 //! | `field` | the facts of a field                |
@@ -15,7 +15,7 @@ mod robot;
 
 use std::path::PathBuf;
 
-use palpate_work::inspect::{Inspector, Level, counted};
+use palpate_work::inspect::{Finding, Holds, Inspection, Inspector, Level, counted, word};
 use serde_json::json;
 
 use crate::error::CliError;
@@ -69,7 +69,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if args.json {
         output.json(&json!({ "paths": inspections, "errors": errors, "warnings": warnings }))?;
     } else {
-        let pages: Vec<String> = inspections.iter().map(page::of).collect();
+        let pages: Vec<String> = inspections.iter().map(text_of).collect();
         output.result(&pages.join("\n"))?;
     }
     let found = [(errors, "error"), (if args.strict { warnings } else { 0 }, "warning")];
@@ -80,4 +80,28 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     } else {
         Err(CliError::from(format!("found {}", found.join(", "))))
     }
+}
+
+/// Everything about one path.
+fn text_of(inspection: &Inspection) -> String {
+    let mut text = format!("{} `{}`\n", word(inspection.kind), inspection.path.display());
+    text += &match &inspection.holds {
+        Some(Holds::Log(facts)) => log::text(facts),
+        Some(Holds::Robot(facts)) => robot::text(facts),
+        Some(Holds::Field(facts)) => field::text(facts),
+        None => String::new(),
+    };
+    text.push('\n');
+    for finding in &inspection.findings {
+        text += &finding_text(finding);
+    }
+    let clean = inspection.findings.is_empty();
+    text + if clean { "  Nothing looks wrong.\n" } else { "" }
+}
+
+/// A finding, its remedy under it.
+fn finding_text(finding: &Finding) -> String {
+    let mark = word(finding.level).to_uppercase();
+    let text = page::wrapped(&format!("{mark}  {}", finding.what), "  ", "    ");
+    text + &page::wrapped(&finding.remedy, "    -> ", "       ")
 }
