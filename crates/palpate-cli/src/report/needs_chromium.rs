@@ -1,31 +1,17 @@
 //! The pages as a reader meets them: opened from a file in a headless Chromium, and used.
 
+mod chromium;
 mod extrapolation;
 mod report;
 
-use std::ffi::OsStr;
-use std::sync::{Arc, Mutex};
-use std::time::Duration;
-
-use headless_chrome::browser::default_executable;
-use headless_chrome::protocol::cdp::types::Event;
-use headless_chrome::protocol::cdp::{Emulation, Input, Log, Network, Runtime};
-use headless_chrome::{Browser, LaunchOptions, Tab};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-const FLAGS: [&str; 3] =
-    ["--headless=new", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"];
-const PATIENCE: Duration = Duration::from_secs(240);
+use self::chromium::{Chromium, PATIENCE};
 
-/// A report in a browser, and what the browser had to say about it.
+/// A report in a browser.
 struct Page {
-    tab: Arc<Tab>,
-    /// Errors in the console.
-    complaints: Arc<Mutex<Vec<String>>>,
-    /// Everything that was asked for.
-    requests: Arc<Mutex<Vec<String>>>,
-    _browser: Browser,
+    tab: Chromium,
     _folder: TempDir,
 }
 
@@ -35,29 +21,13 @@ impl Page {
         let path = folder.path().join("report.html");
         std::fs::write(&path, html).unwrap();
 
-        let browser = browser();
-        let tab = browser.new_tab().unwrap();
-        let complaints = Arc::new(Mutex::new(Vec::new()));
-        let requests = Arc::new(Mutex::new(Vec::new()));
-        let (complain, request) = (Arc::clone(&complaints), Arc::clone(&requests));
-        let listen = move |event: &Event| {
-            if let Some(complaint) = complaint(event) {
-                complain.lock().unwrap().push(complaint);
-            }
-            if let Event::NetworkRequestWillBeSent(sent) = event {
-                request.lock().unwrap().push(sent.params.request.url.clone());
-            }
-        };
-        tab.add_event_listener(Arc::new(listen)).unwrap();
-        tab.set_default_timeout(PATIENCE);
-        tab.call_method(Runtime::Enable(None)).unwrap();
-        tab.call_method(Log::Enable(None)).unwrap();
-        tab.call_method(network()).unwrap();
-
-        let page = Self { tab, complaints, requests, _browser: browser, _folder: folder };
+        let tab = Chromium::open();
+        for events in ["Runtime", "Log", "Network"] {
+            tab.call(&format!("{events}.enable"), json!({}));
+        }
+        let page = Self { tab, _folder: folder };
         page.resize(1400, 1000);
-        page.tab.navigate_to(&format!("file://{}", path.display())).unwrap();
-        page.tab.wait_until_navigated().unwrap();
+        page.tab.navigate(&format!("file://{}", path.display()));
         page.until("document.readyState === 'complete' && window.Plotly !== undefined");
         page
     }
@@ -65,17 +35,17 @@ impl Page {
     fn resize(&self, width: u32, height: u32) {
         let metrics = json!({"width": width, "height": height, "deviceScaleFactor": 1.0,
                              "mobile": false});
-        let metrics: Emulation::SetDeviceMetricsOverride = serde_json::from_value(metrics).unwrap();
-        self.tab.call_method(metrics).unwrap();
+        self.tab.call("Emulation.setDeviceMetricsOverride", metrics);
     }
 
     /// The value of an expression, which may be a promise.
     fn ask(&self, expression: &str) -> Value {
         let asked = format!("(async () => JSON.stringify(await ({expression})) ?? 'null')()");
-        let answer = self.tab.evaluate(&asked, true).unwrap();
-        let text = answer.value.as_ref().and_then(Value::as_str);
-        let text = text.unwrap_or_else(|| panic!("`{expression}` gave {:?}", answer.description));
-        serde_json::from_str(text).unwrap()
+        let asked = json!({"expression": asked, "awaitPromise": true});
+        let answer = self.tab.call("Runtime.evaluate", asked);
+        let text = answer["result"]["value"].as_str();
+        serde_json::from_str(text.unwrap_or_else(|| panic!("`{expression}` gave {answer}")))
+            .unwrap()
     }
 
     fn number(&self, expression: &str) -> f64 {
@@ -91,7 +61,7 @@ impl Page {
              look(); }})"
         );
         let came = self.ask(&promise) == true;
-        assert!(came, "never came: {condition}; {:#?}", self.complaints.lock().unwrap());
+        assert!(came, "never came: {condition}; {:#?}", self.complaints());
     }
 
     /// Sets a control as its user would.
@@ -105,8 +75,7 @@ impl Page {
     fn mouse(&self, kind: &str, at: [f64; 2], buttons: u32) {
         let event = json!({"type": kind, "x": at[0], "y": at[1], "button": "left",
                            "buttons": buttons, "clickCount": 1});
-        let event: Input::DispatchMouseEvent = serde_json::from_value(event).unwrap();
-        self.tab.call_method(event).unwrap();
+        self.tab.call("Input.dispatchMouseEvent", event);
     }
 
     /// Turns a plot with the button for the view from above, back, and then with the mouse.
@@ -144,11 +113,20 @@ impl Page {
         ))
     }
 
+    /// Errors in the console.
+    fn complaints(&self) -> Vec<String> {
+        self.tab.events(complaint)
+    }
+
     /// Nothing in the console, and nothing asked for that is not here.
     fn nothing_was_wrong(&self) {
-        let complaints = self.complaints.lock().unwrap();
+        let complaints = self.complaints();
         assert!(complaints.is_empty(), "{complaints:#?}");
-        let requests = self.requests.lock().unwrap();
+        let requests: Vec<String> = self.tab.events(|event, of| {
+            let url =
+                of["request"]["url"].as_str().filter(|_| event == "Network.requestWillBeSent");
+            url.map(str::to_owned)
+        });
         assert!(!requests.is_empty(), "the page itself was asked for");
         let local =
             |url: &&String| ["file:", "data:", "blob:"].iter().any(|is| url.starts_with(is));
@@ -161,46 +139,16 @@ fn eye(plot: &str) -> String {
     format!("document.getElementById('{plot}')._fullLayout.scene._scene.getCamera().eye")
 }
 
-/// Chromium from the machine; the test fails without.
-fn browser() -> Browser {
-    let path = default_executable().unwrap_or_else(|_| {
-        panic!(
-            "no Chromium on this machine, in which the report is tried out: install it with \
-             `apt-get install --no-install-recommends chromium`, or set CHROME to its path"
-        )
-    });
-    let options = LaunchOptions::default_builder()
-        .path(Some(path))
-        .headless(false) // The flag for it is ours.
-        .sandbox(false)
-        .enable_gpu(true)
-        .args(FLAGS.map(OsStr::new).to_vec())
-        .idle_browser_timeout(PATIENCE)
-        .build();
-    Browser::new(options.unwrap()).unwrap()
-}
-
-fn network() -> Network::Enable {
-    serde_json::from_value(json!({})).unwrap()
-}
-
 /// What an event complains of, if it does.
-fn complaint(event: &Event) -> Option<String> {
+fn complaint(event: &str, of: &Value) -> Option<String> {
     match event {
-        Event::RuntimeExceptionThrown(thrown) => {
-            Some(format!("{:?}", thrown.params.exception_details))
+        "Runtime.exceptionThrown" => Some(of["exceptionDetails"].to_string()),
+        "Runtime.consoleAPICalled" => {
+            let bad = of["type"] == "error" || of["type"] == "assert";
+            bad.then(|| of["args"].to_string())
         }
-        Event::RuntimeConsoleAPICalled(called) => {
-            let level = &called.params.Type;
-            let bad = matches!(
-                level,
-                Runtime::ConsoleAPICalledEventTypeOption::Error
-                    | Runtime::ConsoleAPICalledEventTypeOption::Assert
-            );
-            bad.then(|| format!("{:?}", called.params.args))
-        }
-        Event::LogEntryAdded(added) if added.params.entry.level == Log::LogEntryLevel::Error => {
-            Some(added.params.entry.text.clone())
+        "Log.entryAdded" if of["entry"]["level"] == "error" => {
+            Some(of["entry"]["text"].to_string())
         }
         _ => None,
     }
