@@ -57,7 +57,7 @@ pub(crate) type RobotOnlySettings = SettingsArgs<RobotSettings>;
 
 impl Flags for RobotSettings {
     fn given(&self) -> Settings {
-        Settings { robot: self.clone(), ..Settings::default() }
+        self.clone().into()
     }
 }
 
@@ -93,7 +93,7 @@ pub(crate) type RobotAndLogSettings = SettingsArgs<RobotLogAndTouch>;
 
 impl Flags for RobotLogAndTouch {
     fn given(&self) -> Settings {
-        Settings { touch: self.touch, ..self.read.given() }
+        Settings { touch: self.touch.clone(), ..self.read.given() }
     }
 }
 
@@ -113,7 +113,8 @@ pub(crate) type LogAndLatticeSettings = SettingsArgs<LogAndLattice>;
 
 impl Flags for LogAndLattice {
     fn given(&self) -> Settings {
-        Settings { lattice: self.lattice, contact: self.contact, ..self.log.given() }
+        let (lattice, contact) = (self.lattice.clone(), self.contact.clone());
+        Settings { lattice, contact, ..self.log.given() }
     }
 }
 

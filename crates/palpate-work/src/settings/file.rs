@@ -9,20 +9,21 @@ use clap::{Arg, Args, Command};
 use serde::Deserialize;
 use toml::de::DeTable;
 
+use super::error::SettingsError;
 use super::sections::{
-    ContactSettings, EstimatorSettings, LatticeSettings, LogSettings, RobotSettings, TouchSettings,
+    ContactSettings, EstimatorSettings, LatticeSettings, LogSettings, RobotSettings, Settings,
+    TouchSettings,
 };
-use super::{Settings, SettingsError};
 
 /// The sections of a settings file and their keys, as the flags declare them.
-pub struct Keys {
+pub(super) struct Keys {
     /// Section names in the template's order, each with its keys.
-    pub sections: Vec<(&'static str, Vec<Arg>)>,
+    pub(super) sections: Vec<(&'static str, Vec<Arg>)>,
 }
 
 impl Keys {
     /// All there are.
-    pub fn all() -> Self {
+    pub(super) fn all() -> Self {
         Self {
             sections: vec![
                 ("robot", keys_of::<RobotSettings>()),

@@ -3,9 +3,11 @@
 use palpate::unstable::PauseConfig;
 use palpate::{Lattice, Tare};
 
+use super::error::SettingsError;
+use super::file::Keys;
+use super::lattice::corners;
 use super::parse::TareFrames;
-use super::resolve::corners;
-use super::{Keys, Settings, SettingsError};
+use super::sections::{Section, Settings};
 
 impl Settings {
     /// The same settings with every default filled in.
@@ -13,17 +15,13 @@ impl Settings {
         let config = self.config()?;
         let mut all = self.clone();
         all.robot.robot = Some(self.robot.name().to_owned());
-        all.log.angle_unit = Some(self.log.options().angle_unit);
-        all.log.until_break = Some(self.log.until_break.unwrap_or_default());
-        all.log.split_idle = Some(self.log.split_idle.unwrap_or_default());
-        all.log.idle_s = Some(self.log.idle_s.unwrap_or(PauseConfig::default().idle_s));
+        all.log.take(&self.log.options());
+        all.log.split_idle.get_or_insert_default();
+        all.log.idle_s.get_or_insert(PauseConfig::default().idle_s);
 
-        let touch = config.touch;
-        all.touch.torque_sign = Some(touch.torque_sign);
-        all.touch.gravity = Some(touch.gravity);
-        all.touch.still_rad = Some(touch.still_rad);
-        all.touch.no_tare = Some(touch.tare == Tare::None);
-        all.touch.tare_frames = match touch.tare {
+        all.touch.take(&config.touch);
+        all.touch.no_tare = Some(config.touch.tare == Tare::None);
+        all.touch.tare_frames = match config.touch.tare {
             Tare::Auto => Some(TareFrames::Auto),
             Tare::Frames(frames) => Some(TareFrames::First(frames)),
             Tare::None => None,
@@ -31,35 +29,21 @@ impl Settings {
 
         let lattice = &config.lattice;
         all.lattice.spacing_m = Some(lattice.spacing_m());
-        if all.lattice.origin_m.is_some() || all.lattice.shape.is_some() {
+        if all.lattice.by_shape() {
             all.lattice.origin_m = Some(lattice.origin_m().into());
             all.lattice.shape = Some(lattice.shape());
         } else {
             // A box that is no multiple of the spacing is larger than what fills it: only the box
             // that was filled gives the same points again.
             let (low_m, high_m) = corners(&Lattice::default());
-            all.lattice.box_low_m = all.lattice.box_low_m.or(Some(low_m.map(rounded)));
-            all.lattice.box_high_m = all.lattice.box_high_m.or(Some(high_m.map(rounded)));
+            all.lattice.box_low_m.get_or_insert(low_m.map(rounded));
+            all.lattice.box_high_m.get_or_insert(high_m.map(rounded));
         }
 
-        let contact = config.contact;
-        all.contact.contact_distance_m = Some(contact.contact_distance_m);
-        all.contact.friction = Some(contact.friction);
-        all.contact.slip_step_m = Some(contact.slip_step_m);
-        all.contact.slip_iterations = Some(contact.slip_iterations);
-        all.contact.substep_cells = Some(contact.substep_cells);
-        all.contact.known_empty = Some(contact.known_empty);
-
-        let estimator = config.estimator;
+        all.contact.take(&config.contact);
+        all.estimator.take(&config.estimator);
         all.estimator.estimator = Some(config.method);
-        all.estimator.prior_mean = Some(estimator.prior.mean_n_per_m);
-        all.estimator.prior_std = Some(estimator.prior.std_n_per_m);
-        all.estimator.torque_std = Some(estimator.torque_std);
-        all.estimator.drift_std = Some(estimator.drift_std_n_per_m);
-        all.estimator.replays = Some(estimator.replays);
-        all.estimator.memory_frames = Some(estimator.memory.frames);
-        all.estimator.memory_mib = Some(estimator.memory.bytes >> 20);
-        all.estimator.seed = Some(estimator.seed);
+        all.estimator.memory_mib = Some(config.estimator.memory.bytes >> 20);
         Ok(all)
     }
 
@@ -98,6 +82,7 @@ fn rounded(length_m: f64) -> f64 {
 mod tests {
     use palpate::EstimatorKind;
 
+    use super::super::resolve::first_difference;
     use super::super::sections::EstimatorSettings;
     use super::*;
 
@@ -107,7 +92,7 @@ mod tests {
         let read: Settings = toml::from_str(&text).unwrap();
         assert_eq!(read.template().unwrap(), text);
         let (shipped, read) = (Settings::default().config().unwrap(), read.config().unwrap());
-        assert_eq!(super::super::first_difference(&shipped, &read), None);
+        assert_eq!(first_difference(&shipped, &read), None);
     }
 
     #[test]
@@ -118,14 +103,13 @@ mod tests {
             toml::Table::try_from(settings.effective().unwrap()).unwrap()
         };
         let (map, ekf) = (of(EstimatorKind::Map), of(EstimatorKind::Ekf));
-        let keys = Keys::all().sections.into_iter();
-        for (section, args) in keys.filter(|(name, _)| ["contact", "estimator"].contains(name)) {
+        for (section, args) in Keys::all().sections {
             for arg in args.iter().filter(|arg| arg.get_id() != "estimator") {
                 let default = |table: &toml::Table| {
-                    let value = table[section][arg.get_id().as_str()].to_string();
-                    value.trim_matches(['[', ']']).to_owned()
+                    let value = table[section].get(arg.get_id().as_str())?.to_string();
+                    Some(value.replace(['[', ']', ' ', '"'], "")).filter(|value| value != "false")
                 };
-                let (map, ekf) = (default(&map), default(&ekf));
+                let (Some(map), Some(ekf)) = (default(&map), default(&ekf)) else { continue };
                 let told = if map == ekf { map } else { format!("{map} for map, {ekf} for ekf") };
                 let help = arg.get_help().unwrap().to_string();
                 assert!(help.ends_with(&format!("[default: {told}]")), "{told}: {help}");

@@ -1,0 +1,84 @@
+//! Touches as events and as a whole, and those that a program holds, read as any log is.
+
+use std::iter::once;
+use std::path::PathBuf;
+use std::vec::IntoIter;
+
+use palpate::{MapperError, Sample};
+use palpate_io::log::{Format, Log, LogDescription, LogError, LogEvent, LogWarning, LoggedTorques};
+
+use crate::error::WorkError;
+
+/// What happens next.
+pub enum TouchEvent {
+    /// A touch of this name starts.
+    Touch(String),
+    /// The touch goes on.
+    Sample(Sample),
+}
+
+/// One touch, whole.
+#[derive(Debug, Clone)]
+pub struct RecordedTouch {
+    /// The log that it is in.
+    pub log: PathBuf,
+    /// Its name.
+    pub name: String,
+    /// Names of the joints in the order of the samples, if they are known.
+    pub joint_names: Option<Vec<String>>,
+    /// Its samples in order.
+    pub samples: Vec<Sample>,
+}
+
+impl RecordedTouch {
+    /// An error at a place of this touch.
+    pub fn fault(&self, place: String, source: MapperError) -> WorkError {
+        WorkError::touch(&self.log, place, source)
+    }
+}
+
+/// Touches in memory as a log.
+pub(crate) struct MemoryLog {
+    events: IntoIter<LogEvent>,
+    touches: usize,
+    samples: u64,
+}
+
+impl MemoryLog {
+    pub(crate) fn new(touches: Vec<RecordedTouch>) -> Self {
+        let samples = touches.iter().map(|touch| touch.samples.len() as u64).sum();
+        let count = touches.len();
+        let events =
+            touches.into_iter().flat_map(|RecordedTouch { name, joint_names, samples, .. }| {
+                let start = LogEvent::TouchStarts { name, joint_names };
+                once(start).chain(samples.into_iter().map(LogEvent::Sample))
+            });
+        let events: Vec<LogEvent> = events.collect();
+        Self { events: events.into_iter(), touches: count, samples }
+    }
+}
+
+impl Iterator for MemoryLog {
+    type Item = Result<LogEvent, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.events.next().map(Ok)
+    }
+}
+
+impl Log for MemoryLog {
+    fn describe(&self) -> LogDescription {
+        LogDescription {
+            path: PathBuf::new(),
+            format: Format::Memory,
+            touches: Some(self.touches),
+            samples: Some(self.samples),
+            joints: None,
+            torques: LoggedTorques::Unsaid,
+        }
+    }
+
+    fn warnings(&self) -> &[LogWarning] {
+        &[]
+    }
+}
