@@ -4,9 +4,9 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use palpate::MapperConfig;
-use palpate_learn::tune::{Trial, Tuned};
+use palpate_learn::tune::Tuned;
 use palpate_work::evaluate::as_touches;
-use palpate_work::tune::{Tuning, tuned_settings};
+use palpate_work::tune::{Tuning, trials, tuned_settings};
 use serde_json::json;
 
 use crate::error::CliError;
@@ -63,9 +63,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 
     place::write(&args.output, &toml(&tuned, &settings)?)?;
     if args.json {
-        let trial = |trial: &Trial| json!({ "settings": trial.config, "scores": trial.scores });
-        let trials: Vec<_> = tuned.trials.iter().map(trial).collect();
-        output.json(&json!({ "output": args.output, "trials": trials }))
+        output.json(&json!({ "output": args.output, "trials": trials(&tuned) }))
     } else {
         let next = args.output.display();
         output.result(&format!(

@@ -3,49 +3,31 @@
 use pyo3::exceptions::PyTypeError;
 use pyo3::intern;
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyMapping, PySequence, PyString};
+use pyo3::types::{PyBool, PyFloat, PyInt, PyMapping, PySequence, PyString};
 use serde_json::Value;
+
+use crate::lattice::Lattice;
 
 /// JSON as dicts, lists, numbers and strings.
 pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
-    Ok(match value {
-        Value::Null => py.None().into_bound(py),
-        Value::Bool(value) => PyBool::new(py, *value).to_owned().into_any(),
-        Value::Number(number) => match (number.as_u64(), number.as_i64()) {
-            (Some(whole), _) => whole.into_pyobject(py)?.into_any(),
-            (_, Some(whole)) => whole.into_pyobject(py)?.into_any(),
-            _ => PyFloat::new(py, number.as_f64().unwrap_or(f64::NAN)).into_any(),
-        },
-        Value::String(text) => PyString::new(py, text).into_any(),
-        Value::Array(values) => {
-            let list = PyList::empty(py);
-            for value in values {
-                list.append(python(py, value)?)?;
-            }
-            list.into_any()
-        }
+    py.import(intern!(py, "json"))?.call_method1(intern!(py, "loads"), (value.to_string(),))
+}
+
+/// Settings, or one section of them, without the keys that were not given: those that are null.
+pub(crate) fn given(settings: Value) -> Value {
+    match settings {
         Value::Object(entries) => {
-            let dict = PyDict::new(py);
-            for (key, value) in entries {
-                dict.set_item(key, python(py, value)?)?;
-            }
-            dict.into_any()
+            let given = entries.into_iter().map(|(key, value)| (key, given(value)));
+            let is_given = |value: &Value| {
+                !value.is_null() && value.as_object().is_none_or(|keys| !keys.is_empty())
+            };
+            given.filter(|(_, value)| is_given(value)).collect()
         }
-    })
-}
-
-/// The keys of a section that were given, as keywords.
-pub(crate) fn given<'py>(py: Python<'py>, section: &Value) -> PyResult<Bound<'py, PyDict>> {
-    let given = PyDict::new(py);
-    for (key, value) in section.as_object().into_iter().flatten() {
-        if !value.is_null() {
-            given.set_item(key, python(py, value)?)?;
-        }
+        other => other,
     }
-    Ok(given)
 }
 
-/// Plain data as TOML, `None` as nothing; `name` is for errors.
+/// Plain data as TOML, `None` as nothing, a [`Lattice`] as its section; `name` is for errors.
 pub(crate) fn toml_of(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<toml::Value>> {
     let py = any.py();
     if any.is_none() {
@@ -65,6 +47,9 @@ pub(crate) fn toml_of(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<tom
     }
     if let Ok(mapping) = any.cast::<PyMapping>() {
         return Ok(Some(table_of(mapping, name)?.into()));
+    }
+    if let Ok(lattice) = any.cast::<Lattice>() {
+        return Ok(Some(lattice.get().section().into()));
     }
     // Arrays and single numbers of NumPy.
     if any.hasattr(intern!(py, "tolist"))? {

@@ -2,10 +2,15 @@
 
 use std::error::Error;
 
+use palpate::{LatticeError, MapperError, PathError, RobotError};
+use palpate_io::cloud::CloudError;
+use palpate_io::field::{SavedError, npz::NpzError};
+use palpate_learn::extrapolate::ExtrapolateError;
+use palpate_work::WorkError;
 use palpate_work::error::told;
-use palpate_work::{WorkError, settings};
+use palpate_work::field_arrays::FieldArraysError;
 use pyo3::create_exception;
-use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyUserWarning};
+use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 
 create_exception!(palpate, PalpateError, PyException, "What palpate could not do, and why.");
@@ -35,40 +40,58 @@ create_exception!(
     "Something looks wrong, though it did not stop the work."
 );
 
-/// An error and its causes as one text.
-fn text(error: &dyn Error) -> String {
-    told(error).join("\n  because ")
-}
+/// An error as the Python exception that it becomes.
+#[derive(Debug)]
+pub(crate) struct Raised(PyErr);
 
-/// The exception of an error.
-pub(crate) fn raise(error: &WorkError) -> PyErr {
-    let text = text(error);
-    match error {
-        WorkError::Usage(_) | WorkError::Settings(_) => SettingsError::new_err(text),
-        WorkError::Log(_) => LogError::new_err(text),
-        WorkError::File(_) | WorkError::Write { .. } => FileError::new_err(text),
-        WorkError::Touch { .. } => TouchError::new_err(text),
-        WorkError::Interrupted { .. } => PyKeyboardInterrupt::new_err(()),
-        _ => PalpateError::new_err(text),
+/// What may end in an exception.
+pub(crate) type Result<T, E = Raised> = std::result::Result<T, E>;
+
+impl From<PyErr> for Raised {
+    fn from(error: PyErr) -> Self {
+        Self(error)
     }
 }
 
-/// The exception of a file that is not what it should be.
-pub(crate) fn of_file(error: &dyn Error) -> PyErr {
-    FileError::new_err(text(error))
+impl From<Raised> for PyErr {
+    fn from(Raised(error): Raised) -> Self {
+        error
+    }
 }
 
-/// The exception of a sample or a path that cannot be used.
-pub(crate) fn of_touch(error: &dyn Error) -> PyErr {
-    TouchError::new_err(text(error))
+impl From<WorkError> for Raised {
+    fn from(error: WorkError) -> Self {
+        let text = text(&error);
+        Self(match error {
+            WorkError::Usage(_) | WorkError::Settings(_) => SettingsError::new_err(text),
+            WorkError::Log(_) => LogError::new_err(text),
+            WorkError::File(_) | WorkError::Write { .. } => FileError::new_err(text),
+            WorkError::Touch { .. } => TouchError::new_err(text),
+            WorkError::Interrupted { .. } => PyKeyboardInterrupt::new_err(()),
+            _ => PalpateError::new_err(text),
+        })
+    }
 }
 
-/// The exception of settings that cannot be.
-pub(crate) fn of_settings(error: &dyn Error) -> PyErr {
-    SettingsError::new_err(text(error))
+/// Which exception other errors become.
+macro_rules! exceptions {
+    ($($exception:ident of $($error:ty),+;)+) => {$($(
+        impl From<$error> for Raised {
+            fn from(error: $error) -> Self {
+                Self($exception::new_err(text(&error)))
+            }
+        }
+    )+)+};
 }
 
-/// The same, for `map_err`.
-pub(crate) fn of_bad_settings(error: settings::SettingsError) -> PyErr {
-    of_settings(&error)
+exceptions! {
+    SettingsError of palpate_work::settings::SettingsError, LatticeError, ExtrapolateError;
+    FileError of SavedError, NpzError, CloudError;
+    TouchError of MapperError, RobotError, PathError;
+    PyValueError of FieldArraysError;
+}
+
+/// An error and its causes as one text.
+fn text(error: &dyn Error) -> String {
+    told(error).join("\n  because ")
 }

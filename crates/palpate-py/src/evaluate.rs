@@ -7,12 +7,10 @@ use palpate_learn::errors::Errors;
 use palpate_learn::evaluation::{Evaluation, LeftOut, Summary};
 use palpate_learn::method::Method;
 use palpate_learn::tracked::Touch;
-use palpate_work::evaluate::{
-    Nowhere, Work, as_touches, configs, each_once, folds, method_of, share,
-};
+use palpate_work::evaluate::{self as evaluation, Nowhere, Work, configs, each_once, method_of};
 use palpate_work::settings::Settings;
 use palpate_work::touches::RecordedTouch;
-use palpate_work::tune::{Tuning, tuned_settings};
+use palpate_work::tune::{Tuning, trials, tuned_settings};
 use palpate_work::{Progress, WorkError};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -20,36 +18,22 @@ use pyo3::types::{PyAny, PyDict, PyList};
 use serde_json::json;
 
 use crate::array::{flat, table_of};
-use crate::data::python;
-use crate::error::{of_bad_settings, raise};
+use crate::data::{given, python};
+use crate::error::Result;
 use crate::log::{Source, opened, sources};
-use crate::robot;
-use crate::settings::{SettingsGiven, without_nulls};
-use crate::watch::{Watch, long};
+use crate::watch::long;
+use crate::{robot, settings};
 
-/// Touches that were read whole, and what is to hold for them.
-struct Read {
-    recorded: Vec<RecordedTouch>,
-    touches: Vec<Touch>,
-    settings: Settings,
-}
-
-/// Reads logs as the command does.
+/// Reads logs as the command does: touches as they are recorded and as they are evaluated.
 fn read(
     sources: Vec<Source>,
-    mut settings: Settings,
+    settings: &mut Settings,
     arm: &Arc<Arm>,
     (truth, progress): (bool, &dyn Progress),
-) -> Result<Read, WorkError> {
+) -> Result<(Vec<RecordedTouch>, Vec<Touch>), WorkError> {
     let touches = opened(sources, &settings.log)?;
     touches.gravity_of_logs(&mut settings.touch, progress)?;
-    settings.log.check_for(&arm.robot)?;
-    let config = settings.config()?;
-    let mut touches = touches.for_arm(arm, &settings.log, (config.lattice, config.contact))?;
-    let recorded = touches.read(None)?;
-    touches.tell_warnings(progress);
-    let touches = as_touches(&recorded, truth)?;
-    Ok(Read { recorded, touches, settings })
+    evaluation::read(touches, (arm, settings), truth, progress)
 }
 
 /// Compares methods on touches that they have not seen, as `palpate evaluate` does.
@@ -77,8 +61,8 @@ pub(crate) fn evaluate<'py>(
     settings: Option<&Bound<'py, PyAny>>,
     progress: Option<&Bound<'py, PyAny>>,
     sections: Option<&Bound<'py, PyDict>>,
-) -> PyResult<Bound<'py, PyAny>> {
-    let settings = SettingsGiven { settings, sections, method: None }.read()?;
+) -> Result<Bound<'py, PyAny>> {
+    let mut settings = settings::read(settings, sections)?;
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = sources(logs)?;
     let mut chosen = Vec::new();
@@ -91,15 +75,15 @@ pub(crate) fn evaluate<'py>(
     if !methods.contains(&Method::Zero) {
         methods.push(Method::Zero); // it stands beside the others in every table
     }
-    let work = |progress: &Watch| {
+    let evaluated = long(py, progress, |progress| {
         let arm = &robot.arm;
-        let Read { recorded, touches, settings } = read(sources, settings, arm, (truth, progress))?;
-        let folds = self::folds(&touches, folds, test.as_deref().unwrap_or_default())?;
+        let (recorded, touches) = read(sources, &mut settings, arm, (truth, progress))?;
+        let folds = evaluation::folds(&touches, folds, test.as_deref().unwrap_or_default())?;
         let work = Work {
             arm,
             recorded: &recorded,
             touches: &touches,
-            todo: self::share(folds.len(), share.unwrap_or((0, 1)))?,
+            todo: evaluation::share(folds.len(), share.unwrap_or((0, 1)))?,
             folds,
             methods,
             estimators: configs(&settings)?,
@@ -107,8 +91,7 @@ pub(crate) fn evaluate<'py>(
             truth,
         };
         work.evaluate(&Nowhere, progress)
-    };
-    let evaluated = long(py, progress, work)?.map_err(|error| raise(&error))?;
+    })?;
     let result = result(py, &evaluated.evaluation)?;
     let tuned = evaluated.tuned.map(|folds| {
         let fold = |[map, ekf]: &[_; 2]| json!({ "map": map, "ekf": ekf });
@@ -195,25 +178,22 @@ pub(crate) fn tune<'py>(
     settings: Option<&Bound<'py, PyAny>>,
     progress: Option<&Bound<'py, PyAny>>,
     sections: Option<&Bound<'py, PyDict>>,
-) -> PyResult<Bound<'py, PyAny>> {
+) -> Result<Bound<'py, PyAny>> {
     if candidates.is_some_and(|n| !(2..=1000).contains(&n)) {
-        return Err(PyValueError::new_err("`candidates` must be from 2 to 1000"));
+        return Err(PyValueError::new_err("`candidates` must be from 2 to 1000").into());
     }
-    let settings = SettingsGiven { settings, sections, method: None }.read()?;
+    let mut settings = settings::read(settings, sections)?;
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = sources(logs)?;
-    let work = |progress: &Watch| -> Result<_, WorkError> {
+    let tuned = long(py, progress, |progress| -> Result<_, WorkError> {
         let arm = &robot.arm;
-        let Read { recorded, touches, settings } = read(sources, settings, arm, (false, progress))?;
+        let (recorded, touches) = read(sources, &mut settings, arm, (false, progress))?;
         let config = settings.config()?;
         let tuning = Tuning { arm, recorded: &recorded, touches: &touches, config: &config };
-        Ok((tuning.run(candidates, progress)?, settings))
-    };
-    let (tuned, given) = long(py, progress, work)?.map_err(|error| raise(&error))?;
-    let settings = tuned_settings(&tuned, &given);
-    let given_toml = settings.template().map_err(of_bad_settings)?;
-    let trial = |trial: &palpate_learn::tune::Trial| json!({ "settings": trial.config, "scores": trial.scores });
-    let trials: Vec<_> = tuned.trials.iter().map(trial).collect();
-    let sections = without_nulls(&serde_json::to_value(&settings).expect("plain data"));
-    python(py, &json!({ "settings": sections, "toml": given_toml, "trials": trials }))
+        tuning.run(candidates, progress)
+    })?;
+    let chosen = tuned_settings(&tuned, &settings);
+    let (toml, trials) = (chosen.template()?, trials(&tuned));
+    let sections = given(json!(chosen));
+    Ok(python(py, &json!({ "settings": sections, "toml": toml, "trials": trials }))?)
 }

@@ -12,9 +12,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyAny;
 
 use crate::array::{counts, flat, numbers, points, table};
-use crate::error::{of_file, of_settings, raise};
+use crate::error::{Raised, Result, SettingsError};
 use crate::field::Field;
-use crate::watch::{Watch, long};
+use crate::watch::long;
 
 /// A stiffness for each of N seen points.
 #[pyclass(frozen, module = "palpate", get_all)]
@@ -64,36 +64,31 @@ pub(crate) fn extrapolate(
     reach_cells: Option<f64>,
     length_scale: Option<f64>,
     progress: Option<&Bound<'_, PyAny>>,
-) -> PyResult<Extrapolation> {
+) -> Result<Extrapolation> {
     let field = field.get();
     let robot = field.robot(py, robot)?;
     let (name, cloud) = read(py, cloud, colours)?;
     let wrong = |name: &str, told: &str| PyValueError::new_err(format!("`{name}`: {told}"));
     let method = method.map(method_of).transpose().map_err(|told| wrong("method", &told))?;
-    let features: Option<Features> = features.map(str::parse).transpose().map_err(
-        |told: <Features as std::str::FromStr>::Err| wrong("features", &told.to_string()),
-    )?;
+    let features = features.map(str::parse::<Features>).transpose();
+    let features = features.map_err(|told| wrong("features", &told.to_string()))?;
     let chosen = Chosen { method, features, reach_cells, length_scale };
     let saved = field.saved(py, true);
-    let work = |progress: &Watch| {
+    let (found, config) = long(py, progress, |progress| -> Result<_> {
         let config = config(&chosen, &saved, progress);
-        let (names, halves) = ([Path::new("field"), name.as_path()], None);
-        let (drawn, kept) = (false, "nothing was kept");
+        config.check()?;
         let work = Work {
             arm: &robot.arm,
             saved: &saved,
-            names,
+            names: [Path::new("field"), name.as_path()],
             cloud: &cloud,
             config: config.clone(),
-            halves,
-            drawn,
-            kept,
+            halves: None,
+            drawn: false,
+            kept: "nothing was kept",
         };
-        let checked = config.check();
-        checked.map(|()| (work.run(progress), config))
-    };
-    let (found, config) = long(py, progress, work)?.map_err(|error| of_settings(&error))?;
-    let found = found.map_err(|error| raise(&error))?;
+        Ok((work.run(progress)?, config))
+    })?;
     let places: Vec<[f64; 3]> = cloud.points().iter().map(|&point| point.into()).collect();
     Ok(Extrapolation {
         points: table(py, places.into_flattened(), 3),
@@ -111,7 +106,8 @@ fn read(
     py: Python<'_>,
     any: &Bound<'_, PyAny>,
     colours: Option<&Bound<'_, PyAny>>,
-) -> PyResult<(PathBuf, Cloud)> {
+) -> Result<(PathBuf, Cloud)> {
+    let wrong = |message: String| Raised::from(PyValueError::new_err(message));
     let Some(colours) = colours else {
         let path: PathBuf = any.extract().map_err(|_| {
             PyValueError::new_err(
@@ -119,32 +115,32 @@ fn read(
                  missing: wanted (N, 3) from 0 to 255, or the path of a PLY or PCD file with both",
             )
         })?;
-        let reading = py.detach(|| cloud::read(&path)).map_err(|error| of_file(&error))?;
-        if reading.cloud.colours().is_none() {
-            return Err(of_settings(&palpate_work::WorkError::from(format!(
+        let cloud = py.detach(|| cloud::read(&path))?.cloud;
+        if cloud.colours().is_none() {
+            let message = format!(
                 "`{}` has points but no colours, by which stiffness is carried over; export it \
                  with red, green and blue",
                 path.display()
-            ))));
+            );
+            return Err(SettingsError::new_err(message).into());
         }
-        return Ok((path, reading.cloud));
+        return Ok((path, cloud));
     };
-    let places: Vec<Point3<f64>> = points(any, "cloud")?.into_iter().map(Point3::from).collect();
+    let places = points(any, "cloud")?;
     if let Some(row) = places.iter().position(|point| point.iter().any(|x| !x.is_finite())) {
         let message = format!("`cloud` holds a number that is not finite in row {row} (from 0)");
-        return Err(PyValueError::new_err(message));
+        return Err(wrong(message));
     }
     let shape = numbers(colours, "colours", "(N, 3), from 0 to 255")?.shape;
     if shape != [places.len(), 3] {
-        let message =
-            format!("`colours` has shape {shape:?}; wanted ({}, 3), as `cloud`", places.len());
-        return Err(PyValueError::new_err(message));
+        let wanted = format!("wanted ({}, 3), as `cloud`", places.len());
+        return Err(wrong(format!("`colours` has shape {shape:?}; {wanted}")));
     }
     let flattened = colours.py().import("numpy")?.call_method1("ravel", (colours,))?;
-    let flattened = counts(&flattened, "colours")?;
-    let bytes: Result<Vec<u8>, _> = flattened.into_iter().map(u8::try_from).collect();
-    let bytes =
-        bytes.map_err(|_| PyValueError::new_err("`colours` wants numbers from 0 to 255"))?;
-    let colours = bytes.as_chunks::<3>().0.to_vec();
-    Ok((PathBuf::from("cloud"), Cloud::new(places, Some(colours))))
+    let bytes = counts(&flattened, "colours")?.into_iter().map(u8::try_from);
+    let bytes: Vec<u8> = bytes
+        .collect::<Result<_, _>>()
+        .map_err(|_| wrong("`colours` wants numbers from 0 to 255".to_owned()))?;
+    let places = places.into_iter().map(Point3::from).collect();
+    Ok((PathBuf::from("cloud"), Cloud::new(places, Some(bytes.as_chunks::<3>().0.to_vec()))))
 }

@@ -10,19 +10,18 @@ use palpate_work::WorkError;
 use palpate_work::field_arrays::FieldArrays;
 use palpate_work::predict::{Against, FrameResult, TouchResult, planned, score};
 use palpate_work::scored::{Report, tell_oddities};
-use palpate_work::settings::{Settings, sections::RobotSettings};
-use pyo3::exceptions::PyValueError;
+use palpate_work::settings::sections::RobotSettings;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyBytes, PyDict};
+use serde_json::json;
 
 use crate::array::{copied, counts, flat, points, row, rows, table, table_of};
 use crate::data::python;
-use crate::error::{of_bad_settings, of_file, raise};
+use crate::error::Result;
 use crate::lattice::Lattice;
 use crate::log::{opened, sources};
-use crate::robot;
-use crate::settings::SettingsGiven;
-use crate::watch::{Watch, long};
+use crate::watch::long;
+use crate::{robot, settings};
 
 /// What a field returns of places: stiffness, std and counts.
 type Estimates = (Py<PyArray1<f64>>, Py<PyArray1<f64>>, Py<PyArray1<u32>>);
@@ -32,23 +31,41 @@ type Estimates = (Py<PyArray1<f64>>, Py<PyArray1<f64>>, Py<PyArray1<u32>>);
 /// Arrays are read-only, share the memory of the field, and are the same object every time.
 #[pyclass(frozen, module = "palpate")]
 pub(crate) struct Field {
+    /// Rest points, (N, 3), m, frame of the robot's base.
+    #[pyo3(get)]
     points: Py<PyArray2<f64>>,
+    /// K of each point, (N,), N/m, never negative.
+    #[pyo3(get)]
     stiffness: Py<PyArray1<f64>>,
+    /// Standard deviation of K, (N,), N/m.
+    #[pyo3(get)]
     std: Py<PyArray1<f64>>,
+    /// Frames that touched each point, (N,); 0 if its stiffness is only expected.
+    #[pyo3(get)]
     counts: Py<PyArray1<u32>>,
+    /// Cell number of each point in the lattice, (N,).
+    #[pyo3(get)]
     cells: Py<PyArray1<u32>>,
+    /// What K would be had nothing been touched, (N,), N/m; None if that is the same of all.
+    #[pyo3(get)]
     prior: Option<Py<PyArray1<f64>>>,
+    /// The box that the cells belong to.
+    #[pyo3(get)]
     lattice: Py<Lattice>,
+    /// Name of the robot that touched them.
+    #[pyo3(get, name = "robot_name")]
+    robot: String,
+    /// K of all other cells, N/m.
+    #[pyo3(get, name = "untouched")]
+    untouched_n_per_m: f64,
     contact: ContactConfig,
     touch: ExternalTorqueConfig,
-    untouched_n_per_m: f64,
-    pub(crate) robot: String,
-    pub(crate) snapshot: Option<Arc<Snapshot>>,
+    snapshot: Option<Arc<Snapshot>>,
 }
 
 impl Field {
     /// Moves a field's numbers to where NumPy has them.
-    pub(crate) fn of(py: Python<'_>, saved: Saved) -> PyResult<Self> {
+    pub(crate) fn of(py: Python<'_>, saved: Saved) -> Result<Self> {
         let Saved { field, prior_n_per_m, robot, snapshot } = saved;
         let point = |cell: &CellId| <[f64; 3]>::from(field.lattice.point(*cell));
         let places: Vec<[f64; 3]> = field.cells.iter().map(point).collect();
@@ -103,7 +120,7 @@ impl Field {
         &self,
         py: Python<'_>,
         any: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<robot::Robot> {
+    ) -> Result<robot::Robot> {
         let own = RobotSettings { robot: Some(self.robot.clone()), ..RobotSettings::default() };
         robot::given(py, any, &own)
     }
@@ -113,16 +130,15 @@ impl Field {
 impl Field {
     /// Reads a field that `save` or `palpate map` wrote. Raises FileError.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let saved = py.detach(|| field::load(&path)).map_err(|error| of_file(&error))?;
-        Self::of(py, saved)
+    fn load(py: Python<'_>, path: PathBuf) -> Result<Self> {
+        Self::of(py, py.detach(|| field::load(&path))?)
     }
 
     /// Writes the field as .npz, whole or not at all, with its memory if it has one.
     #[pyo3(signature = (path, memory = true))]
-    fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> PyResult<()> {
+    fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> Result<()> {
         let saved = self.saved(py, memory);
-        py.detach(|| field::save(&path, &saved)).map_err(|error| of_file(&error))
+        Ok(py.detach(|| field::save(&path, &saved))?)
     }
 
     /// A field from arrays: `points` (N, 3) m, `stiffness` (N,) N/m, `std` (N,) N/m, `counts` (N,).
@@ -148,81 +164,19 @@ impl Field {
         robot: &str,
         settings: Option<&Bound<'_, PyAny>>,
         sections: Option<&Bound<'_, PyDict>>,
-    ) -> PyResult<Self> {
+    ) -> Result<Self> {
         let points_m = self::points(points, "points")?;
         let n = points_m.len();
         let given = FieldArrays {
             stiffness_n_per_m: row(stiffness, "stiffness", Some(n))?,
-            std_n_per_m: match std {
-                Some(std) => row(std, "std", Some(n))?,
-                None => vec![0.0; n],
-            },
-            counts: match counts {
-                Some(counts) => self::counts(counts, "counts")?,
-                None => vec![1; n],
-            },
+            std_n_per_m: std.map_or(Ok(vec![0.0; n]), |std| row(std, "std", Some(n)))?,
+            counts: counts.map_or(Ok(vec![1; n]), |counts| self::counts(counts, "counts"))?,
             points_m,
             untouched_n_per_m: untouched,
         };
-        let settings: Settings = SettingsGiven { settings, sections, method: None }.read()?;
-        let mut config = settings.config().map_err(of_bad_settings)?;
+        let mut config = settings::read(settings, sections)?.config()?;
         config.lattice = lattice.get().inner.clone();
-        let saved = given.field(&config, robot);
-        Self::of(py, saved.map_err(|error| PyValueError::new_err(error.to_string()))?)
-    }
-
-    /// Rest points, (N, 3), m, frame of the robot's base.
-    #[getter]
-    fn points(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
-        self.points.clone_ref(py)
-    }
-
-    /// K of each point, (N,), N/m, never negative.
-    #[getter]
-    fn stiffness(&self, py: Python<'_>) -> Py<PyArray1<f64>> {
-        self.stiffness.clone_ref(py)
-    }
-
-    /// Standard deviation of K, (N,), N/m.
-    #[getter]
-    fn std(&self, py: Python<'_>) -> Py<PyArray1<f64>> {
-        self.std.clone_ref(py)
-    }
-
-    /// Frames that touched each point, (N,); 0 if its stiffness is only expected.
-    #[getter]
-    fn counts(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
-        self.counts.clone_ref(py)
-    }
-
-    /// Cell number of each point in the lattice, (N,).
-    #[getter]
-    fn cells(&self, py: Python<'_>) -> Py<PyArray1<u32>> {
-        self.cells.clone_ref(py)
-    }
-
-    /// What K would be had nothing been touched, (N,), N/m; None if that is the same of all.
-    #[getter]
-    fn prior(&self, py: Python<'_>) -> Option<Py<PyArray1<f64>>> {
-        self.prior.as_ref().map(|prior| prior.clone_ref(py))
-    }
-
-    /// The box that the cells belong to.
-    #[getter]
-    fn lattice(&self, py: Python<'_>) -> Py<Lattice> {
-        self.lattice.clone_ref(py)
-    }
-
-    /// Name of the robot that touched them.
-    #[getter]
-    fn robot_name(&self) -> &str {
-        &self.robot
-    }
-
-    /// K of all other cells, N/m.
-    #[getter]
-    fn untouched(&self) -> f64 {
-        self.untouched_n_per_m
+        Self::of(py, given.field(&config, robot)?)
     }
 
     /// Whether mapping can go on from it, and touches be learnt from again.
@@ -259,14 +213,12 @@ impl Field {
         q_path: &Bound<'_, PyAny>,
         robot: Option<&Bound<'_, PyAny>>,
         progress: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<Py<PyArray2<f64>>> {
+    ) -> Result<Py<PyArray2<f64>>> {
         let robot = self.robot(py, robot)?;
         let joints = robot.arm.robot.n_joints();
         let path = rows(q_path, "q_path", Some(joints), &format!("(T, {joints})"))?;
         let field = self.core(py);
-        let torques: Result<_, WorkError> =
-            long(py, progress, |progress| planned(&robot.arm, &field, &path, progress))?;
-        let torques = torques.map_err(|error| raise(&error))?;
+        let torques = long(py, progress, |progress| planned(&robot.arm, &field, &path, progress))?;
         Ok(table_of(py, torques.iter().map(|torque| torque.as_slice()), joints))
     }
 
@@ -285,12 +237,12 @@ impl Field {
         settings: Option<&Bound<'py, PyAny>>,
         progress: Option<&Bound<'py, PyAny>>,
         sections: Option<&Bound<'py, PyDict>>,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        let mut settings = SettingsGiven { settings, sections, method: None }.read()?;
+    ) -> Result<Bound<'py, PyAny>> {
+        let mut settings = settings::read(settings, sections)?;
         let robot = self.robot(py, robot)?;
         let (sources, field) = (sources(log)?, self.core(py));
         let against = if truth { Against::Truth } else { Against::Measured };
-        let work = |progress: &Watch| -> Result<_, WorkError> {
+        let results = long(py, progress, |progress| -> Result<_, WorkError> {
             let touches = opened(sources, &settings.log)?;
             touches.gravity_of_logs(&mut settings.touch, progress)?;
             settings.log.check_for(&robot.arm.robot)?;
@@ -300,9 +252,8 @@ impl Field {
             let results = score(&robot.arm, &field, touch, against, (&mut touches, progress))?;
             tell_oddities(&results, progress);
             Ok(results)
-        };
-        let results = long(py, progress, work)?.map_err(|error| raise(&error))?;
-        scored(py, &results, against, robot.arm.robot.n_joints())
+        })?;
+        Ok(scored(py, &results, against, robot.arm.robot.n_joints())?)
     }
 
     fn __len__(&self, py: Python<'_>) -> usize {
@@ -334,7 +285,7 @@ fn scored<'py>(
     against: Against,
     joints: usize,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let report = python(py, &serde_json::json!(Report::new(results, against)))?;
+    let report = python(py, &json!(Report::new(results, against)))?;
     let touches = report.get_item("touches")?;
     for (touch, result) in touches.try_iter()?.zip(results) {
         let (touch, frames) = (touch?, &result.frames);
@@ -352,7 +303,6 @@ fn scored<'py>(
 
 /// A field from the bytes that it was pickled as.
 #[pyfunction]
-pub(crate) fn unpickled_field(py: Python<'_>, bytes: &[u8]) -> PyResult<Field> {
-    let saved = field::from_bytes(bytes, "the pickled field").map_err(|error| of_file(&error))?;
-    Field::of(py, saved)
+pub(crate) fn unpickled_field(py: Python<'_>, bytes: &[u8]) -> Result<Field> {
+    Field::of(py, field::from_bytes(bytes, "the pickled field")?)
 }

@@ -4,13 +4,13 @@ use palpate_work::inspect::log;
 use palpate_work::settings::Settings;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
+use serde_json::json;
 
 use crate::data::python;
-use crate::error::raise;
+use crate::error::Result;
 use crate::log::{Source, opened, sources};
-use crate::robot;
-use crate::settings::SettingsGiven;
-use crate::watch::{Watch, long};
+use crate::watch::long;
+use crate::{robot, settings};
 
 /// Says what a log holds and what looks wrong with it, as `palpate inspect` does.
 ///
@@ -31,20 +31,19 @@ pub(crate) fn inspect<'py>(
     settings: Option<&Bound<'py, PyAny>>,
     progress: Option<&Bound<'py, PyAny>>,
     sections: Option<&Bound<'py, PyDict>>,
-) -> PyResult<Bound<'py, PyAny>> {
-    let mut settings = SettingsGiven { settings, sections, method: None }.read()?;
+) -> Result<Bound<'py, PyAny>> {
+    let mut settings = settings::read(settings, sections)?;
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = sources(log)?;
     for source in &sources {
         if let Source::Log(_, own) = source {
-            settings = Settings { log: own.clone(), ..Settings::default() }.over(settings);
+            settings = Settings::from(own.clone()).over(settings);
         }
     }
-    let work = |progress: &Watch| {
+    let inspection = long(py, progress, |progress| {
         let config = settings.config()?;
         let touches = opened(sources, &settings.log);
         log::inspect(touches, (&settings, &config), (&robot.arm, progress))
-    };
-    let inspection = long(py, progress, work)?.map_err(|error| raise(&error))?;
-    python(py, &serde_json::to_value(&inspection).expect("facts are plain data"))
+    })?;
+    Ok(python(py, &json!(inspection))?)
 }

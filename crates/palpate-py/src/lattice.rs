@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyAny;
 
 use crate::array::{counts, flat, points, row, table};
-use crate::error::of_settings;
+use crate::error::Result;
 
 /// Points at equal spacing in a box, in the frame of the robot's base.
 ///
@@ -41,21 +41,21 @@ fn three(any: &Bound<'_, PyAny>, name: &str) -> PyResult<[f64; 3]> {
 #[pymethods]
 impl Lattice {
     #[new]
-    fn new(origin: &Bound<'_, PyAny>, spacing: f64, shape: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn new(origin: &Bound<'_, PyAny>, spacing: f64, shape: &Bound<'_, PyAny>) -> Result<Self> {
         let sides = counts(shape, "shape")?;
         let Ok(sides) = <[u32; 3]>::try_from(sides) else {
-            return Err(PyValueError::new_err("`shape` wants three counts, along x, y and z"));
+            return Err(
+                PyValueError::new_err("`shape` wants three counts, along x, y and z").into()
+            );
         };
-        let inner = palpate::Lattice::new(three(origin, "origin")?, spacing, sides);
-        Ok(Self { inner: inner.map_err(|error| of_settings(&error))? })
+        Ok(Self { inner: palpate::Lattice::new(three(origin, "origin")?, spacing, sides)? })
     }
 
     /// The points that fill the box between the corners `low` and `high` (3,) m.
     #[staticmethod]
-    fn filling(low: &Bound<'_, PyAny>, high: &Bound<'_, PyAny>, spacing: f64) -> PyResult<Self> {
+    fn filling(low: &Bound<'_, PyAny>, high: &Bound<'_, PyAny>, spacing: f64) -> Result<Self> {
         let (low, high) = (three(low, "low")?, three(high, "high")?);
-        let inner = palpate::Lattice::filling(low, high, spacing);
-        Ok(Self { inner: inner.map_err(|error| of_settings(&error))? })
+        Ok(Self { inner: palpate::Lattice::filling(low, high, spacing)? })
     }
 
     /// First point, m.

@@ -3,19 +3,20 @@
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-use numpy::{PyArray1, PyArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use palpate::Sample;
-use palpate_io::log::LogOptions;
 use palpate_work::WorkError;
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::LogSettings;
-use palpate_work::touches::{RecordedTouch, TouchEvent, Touches};
+use palpate_work::touches::{RecordedTouch, Touches};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyAny, PyDict, PySequence, PyString};
+use pyo3::types::{PyAny, PyDict, PySequence, PyString, PyTuple};
+use serde_json::json;
 
 use crate::array::{copied, flat, row, rows, table_of};
-use crate::error::raise;
+use crate::data;
+use crate::error::Result;
 
 /// What held touches are called in errors.
 const HELD: &str = "touches";
@@ -34,25 +35,24 @@ pub(crate) struct Log {
 ///
 /// `q` are joint positions (T, n_joints) rad, `tau` joint torques as logged (T, n_joints) N·m,
 /// `time` (T,) s. `joint_names` say the order of the joints, which is the robot's if left out.
-#[pyclass(frozen, module = "palpate")]
+#[pyclass(frozen, get_all, module = "palpate")]
 pub(crate) struct Touch {
+    /// Its name.
     name: String,
+    /// Joint positions, (T, n_joints), rad (m where prismatic).
     q: Py<PyArray2<f64>>,
+    /// Joint torques as logged, (T, n_joints), N·m.
     tau: Py<PyArray2<f64>>,
+    /// By the log's clock, (T,), s; None if it has none.
     time: Option<Py<PyArray1<f64>>>,
+    /// Names of the joints in the order of the columns; None if the log does not say.
     joint_names: Option<Vec<String>>,
 }
 
 /// The touches of a log, one after another.
 #[pyclass(frozen, module = "palpate")]
 pub(crate) struct TouchIterator {
-    reading: Mutex<Reading>,
-}
-
-struct Reading {
-    touches: Touches,
-    /// The name of the touch that starts next, with its joints.
-    next: Option<(String, Option<Vec<String>>)>,
+    touches: Mutex<Touches>,
 }
 
 /// Where touches come from.
@@ -60,7 +60,7 @@ pub(crate) enum Source {
     /// A log's paths, and how they are read if that was said.
     Log(Vec<PathBuf>, LogSettings),
     /// A touch that Python holds.
-    Held(RecordedTouch),
+    Touch(RecordedTouch),
 }
 
 /// Opens one or more logs, which are read as one.
@@ -77,16 +77,15 @@ pub(crate) enum Source {
 pub(crate) fn open_log(
     path: &Bound<'_, PyAny>,
     options: Option<&Bound<'_, PyDict>>,
-) -> PyResult<Log> {
-    let settings = options.map(|keys| crate::settings::section("log", keys)).transpose()?;
-    let settings = settings.unwrap_or_default().log;
+) -> Result<Log> {
+    let settings = crate::settings::section("log", options)?.log;
     let mut paths = Vec::new();
     for source in sources(path)? {
         match source {
             Source::Log(more, _) => paths.extend(more),
-            Source::Held(_) => {
+            Source::Touch(_) => {
                 let wanted = "wanted a path, or a list of paths";
-                return Err(PyTypeError::new_err(format!("`path` holds a Touch; {wanted}")));
+                return Err(PyTypeError::new_err(format!("`path` holds a Touch; {wanted}")).into());
             }
         }
     }
@@ -96,9 +95,8 @@ pub(crate) fn open_log(
 }
 
 impl Log {
-    fn touches(&self, py: Python<'_>) -> PyResult<Touches> {
-        let opened = py.detach(|| Touches::open(&self.paths, &self.settings.options()));
-        opened.map_err(|error| raise(&error))
+    fn touches(&self, py: Python<'_>) -> Result<Touches> {
+        Ok(py.detach(|| Touches::open(&self.paths, &self.settings.options()))?)
     }
 }
 
@@ -110,7 +108,7 @@ pub(crate) fn sources(any: &Bound<'_, PyAny>) -> PyResult<Vec<Source>> {
         return Ok(vec![Source::Log(paths, settings)]);
     }
     if let Ok(touch) = any.cast::<Touch>() {
-        return Ok(vec![Source::Held(touch.get().held(py))]);
+        return Ok(vec![Source::Touch(touch.get().recorded(py))]);
     }
     if any.is_instance_of::<PyString>() || any.hasattr("__fspath__")? {
         return Ok(vec![Source::Log(vec![any.extract()?], LogSettings::default())]);
@@ -133,23 +131,17 @@ pub(crate) fn sources(any: &Bound<'_, PyAny>) -> PyResult<Vec<Source>> {
 
 /// Opens sources as one log; what a [`Log`] says of its format goes before `settings`.
 pub(crate) fn opened(sources: Vec<Source>, settings: &LogSettings) -> Result<Touches, WorkError> {
-    let mut all: Option<Touches> = None;
+    let mut all = Touches::default();
     for source in sources {
-        let touches = match source {
-            Source::Held(touch) => Touches::held(HELD, vec![touch]),
+        all = all.then(match source {
+            Source::Touch(touch) => Touches::held(HELD, vec![touch]),
             Source::Log(paths, own) => {
-                let own = Settings { log: own, ..Settings::default() };
-                let given = Settings { log: settings.clone(), ..Settings::default() };
-                let options: LogOptions = own.over(given).log.options();
-                Touches::open(&paths, &options)?
+                let settings = Settings::from(own).over(settings.clone().into());
+                Touches::open(&paths, &settings.log.options())?
             }
-        };
-        all = Some(match all {
-            Some(before) => before.then(touches),
-            None => touches,
         });
     }
-    Ok(all.expect("an empty list was refused"))
+    Ok(all)
 }
 
 #[pymethods]
@@ -160,17 +152,15 @@ impl Log {
         self.paths.clone()
     }
 
-    fn __iter__(&self, py: Python<'_>) -> PyResult<TouchIterator> {
-        let reading = Reading { touches: self.touches(py)?, next: None };
-        Ok(TouchIterator { reading: Mutex::new(reading) })
+    fn __iter__(&self, py: Python<'_>) -> Result<TouchIterator> {
+        Ok(TouchIterator { touches: Mutex::new(self.touches(py)?) })
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, ())> {
-        let settings = serde_json::to_value(&self.settings).expect("settings are plain data");
-        let options = crate::data::given(py, &settings)?;
+        let options = data::python(py, &data::given(json!(self.settings)))?;
         let open = py.import("palpate")?.getattr("open_log")?;
         let partial = py.import("functools")?.getattr("partial")?;
-        Ok((partial.call((open, self.paths.clone()), Some(&options))?, ()))
+        Ok((partial.call((open, self.paths.clone()), Some(options.cast()?))?, ()))
     }
 
     fn __repr__(&self) -> String {
@@ -185,48 +175,19 @@ impl TouchIterator {
         this
     }
 
-    fn __next__(&self, py: Python<'_>) -> PyResult<Option<Touch>> {
-        let held =
-            py.detach(|| self.reading.lock().unwrap_or_else(PoisonError::into_inner).next_touch());
-        let held = held.map_err(|error| raise(&error))?;
-        Ok(held.map(|held| Touch::of(py, held)))
+    fn __next__(&self, py: Python<'_>) -> Result<Option<Touch>> {
+        let mut touches = Vec::new();
+        py.detach(|| {
+            let mut log = self.touches.lock().unwrap_or_else(PoisonError::into_inner);
+            log.read_into(&mut touches, Some(1))
+        })?;
+        Ok(touches.pop().map(|touch| Touch::of(py, touch)))
     }
-}
-
-impl Reading {
-    /// Reads the next touch whole.
-    fn next_touch(&mut self) -> Result<Option<RecordedTouch>, WorkError> {
-        if self.next.is_none() {
-            self.next = match self.touches.advance()? {
-                Some(TouchEvent::Touch(name)) => Some((name, self.touches.keep_joints())),
-                _ => None,
-            };
-        }
-        let Some((name, joint_names)) = self.next.take() else { return Ok(None) };
-        let mut samples = Vec::new();
-        while let Some(moment) = self.touches.advance()? {
-            match moment {
-                TouchEvent::Sample(sample) => samples.push(sample),
-                TouchEvent::Touch(name) => {
-                    self.next = Some((name, self.touches.keep_joints()));
-                    break;
-                }
-            }
-        }
-        Ok(Some(RecordedTouch { log: PathBuf::new(), name, joint_names, samples }))
-    }
-}
-
-/// Rows of positions and torques, with their times if there are any.
-fn samples(q: Vec<Vec<f64>>, tau: Vec<Vec<f64>>, time: Option<&[f64]>) -> Vec<Sample> {
-    let moments = q.into_iter().zip(tau).enumerate();
-    let sample = |(place, (q, tau))| Sample::new(time.map(|time: &[f64]| time[place]), q, tau);
-    moments.map(sample).collect()
 }
 
 impl Touch {
-    fn of(py: Python<'_>, held: RecordedTouch) -> Self {
-        let RecordedTouch { name, joint_names, samples, .. } = held;
+    fn of(py: Python<'_>, touch: RecordedTouch) -> Self {
+        let RecordedTouch { name, joint_names, samples, .. } = touch;
         let joints = samples.first().map_or(0, |sample| sample.q.len());
         let time: Option<Vec<f64>> = samples.iter().map(|sample| sample.time_s).collect();
         Self {
@@ -238,20 +199,25 @@ impl Touch {
         }
     }
 
-    fn held(&self, py: Python<'_>) -> RecordedTouch {
-        use numpy::PyArrayMethods;
-        let table = |array: &Py<PyArray2<f64>>| {
+    fn recorded(&self, py: Python<'_>) -> RecordedTouch {
+        let rows = |array: &Py<PyArray2<f64>>| {
             let array = array.bind(py).readonly();
-            let array = array.as_array();
-            array.rows().into_iter().map(|row| row.to_vec()).collect::<Vec<_>>()
+            array.as_array().rows().into_iter().map(|row| row.to_vec()).collect()
         };
         let time = self.time.as_ref().map(|time| copied(py, time));
-        let moments = table(&self.q).into_iter().zip(table(&self.tau)).enumerate();
-        let sample = |(place, (q, tau))| Sample::new(time.as_ref().map(|time| time[place]), q, tau);
-        let (name, joint_names) = (self.name.clone(), self.joint_names.clone());
-        let (log, samples) = (PathBuf::new(), moments.map(sample).collect());
-        RecordedTouch { log, name, joint_names, samples }
+        RecordedTouch {
+            log: PathBuf::new(),
+            name: self.name.clone(),
+            joint_names: self.joint_names.clone(),
+            samples: samples(rows(&self.q), rows(&self.tau), time.as_deref()),
+        }
     }
+}
+
+/// Rows of positions and torques, with their times if there are any.
+fn samples(q: Vec<Vec<f64>>, tau: Vec<Vec<f64>>, time: Option<&[f64]>) -> Vec<Sample> {
+    let rows = q.into_iter().zip(tau).enumerate();
+    rows.map(|(row, (q, tau))| Sample::new(time.map(|time| time[row]), q, tau)).collect()
 }
 
 #[pymethods]
@@ -284,52 +250,11 @@ impl Touch {
         Ok(Self::of(py, RecordedTouch { log, name, joint_names, samples }))
     }
 
-    /// Its name.
-    #[getter]
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// Joint positions, (T, n_joints), rad (m where prismatic).
-    #[getter]
-    fn q(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
-        self.q.clone_ref(py)
-    }
-
-    /// Joint torques as logged, (T, n_joints), N·m.
-    #[getter]
-    fn tau(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
-        self.tau.clone_ref(py)
-    }
-
-    /// By the log's clock, (T,), s; None if it has none.
-    #[getter]
-    fn time(&self, py: Python<'_>) -> Option<Py<PyArray1<f64>>> {
-        self.time.as_ref().map(|time| time.clone_ref(py))
-    }
-
-    /// Names of the joints in the order of the columns; None if the log does not say.
-    #[getter]
-    fn joint_names(&self) -> Option<Vec<String>> {
-        self.joint_names.clone()
-    }
-
-    #[allow(clippy::type_complexity)] // the arguments of `Touch`, in their order
-    fn __getnewargs__(
-        &self,
-        py: Python<'_>,
-    ) -> (
-        Py<PyArray2<f64>>,
-        Py<PyArray2<f64>>,
-        String,
-        Option<Py<PyArray1<f64>>>,
-        Option<Vec<String>>,
-    ) {
-        (self.q(py), self.tau(py), self.name.clone(), self.time(py), self.joint_names())
+    fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        (&self.q, &self.tau, &self.name, &self.time, self.joint_names.as_ref()).into_pyobject(py)
     }
 
     fn __len__(&self, py: Python<'_>) -> usize {
-        use numpy::PyUntypedArrayMethods;
         self.q.bind(py).shape()[0]
     }
 

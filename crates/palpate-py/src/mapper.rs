@@ -2,25 +2,28 @@
 
 use std::path::PathBuf;
 
+use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2};
-use palpate::{MapperError, PathConfig, PathPrediction, Sample};
+use palpate::{EstimatorKind, PathConfig, PathPoint, PathPrediction, Sample};
 use palpate_io::field::{self, Saved};
 use palpate_work::error::WorkError;
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::TouchSettings;
 use palpate_work::{learn, prior, resume};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
+use serde_json::json;
 
 use crate::array::{flat, row, rows, table_of};
 use crate::data::python;
-use crate::error::{PalpateError, of_bad_settings, of_file, of_touch, raise};
+use crate::error::{PalpateError, Result};
 use crate::field::Field;
 use crate::log::{opened, sources};
-use crate::robot::{self, Robot, no_bar};
-use crate::settings::SettingsGiven;
+use crate::robot::{self, Robot};
+use crate::settings;
 use crate::shared::Shared;
-use crate::watch::{Watch, long};
+use crate::watch::{long, unshown};
 
 /// Learns a stiffness field from touches.
 ///
@@ -86,13 +89,12 @@ impl Mapper {
         (saved, name): (Saved, &str),
         robot: Robot,
         settings: Settings,
-    ) -> PyResult<Self> {
-        let work = |_: &Watch| -> Result<_, WorkError> {
+    ) -> Result<Self> {
+        let mapper = unshown(py, |_| {
             let snapshot = resume::snapshot_of(saved, name, &settings)?;
             resume::mapper_of(name, &robot.arm, snapshot)
-        };
-        let mapper = long(py, Some(no_bar(py).as_any()), work)?;
-        Ok(Self::of(mapper.map_err(|error| raise(&error))?, robot, settings))
+        })?;
+        Ok(Self::of(mapper, robot, settings))
     }
 }
 
@@ -107,17 +109,23 @@ impl Mapper {
         settings: Option<&Bound<'_, PyAny>>,
         prior: Option<&Bound<'_, Field>>,
         sections: Option<&Bound<'_, PyDict>>,
-    ) -> PyResult<Self> {
-        let settings = SettingsGiven { settings, sections, method }.read()?;
-        let config = settings.config().map_err(of_bad_settings)?;
+    ) -> Result<Self> {
+        let mut settings = settings::read(settings, sections)?;
+        if let Some(method) = method {
+            let kind = EstimatorKind::named(method).ok_or_else(|| {
+                let message = format!("`method` is {method:?}; wanted \"map\" or \"ekf\"");
+                PyValueError::new_err(message)
+            })?;
+            settings.estimator.estimator = Some(kind);
+        }
+        let config = settings.config()?;
         let robot = robot::given(py, robot, &settings.robot)?;
         let prior = prior.map(|prior| prior.get().saved(py, false));
-        let work = |progress: &Watch| {
+        let mapper = unshown(py, |progress| {
             let prior = prior.as_ref().map(|prior| (prior, "prior"));
             prior::mapper_from(prior, &robot.arm, config, progress)
-        };
-        let mapper = long(py, Some(no_bar(py).as_any()), work)?;
-        Ok(Self::of(mapper.map_err(|error| raise(&error))?, robot, settings))
+        })?;
+        Ok(Self::of(mapper, robot, settings))
     }
 
     /// Goes on from a field that `save` or `palpate map` wrote, as if it had never stopped.
@@ -132,11 +140,10 @@ impl Mapper {
         robot: Option<&Bound<'_, PyAny>>,
         settings: Option<&Bound<'_, PyAny>>,
         sections: Option<&Bound<'_, PyDict>>,
-    ) -> PyResult<Self> {
-        let settings = SettingsGiven { settings, sections, method: None }.read()?;
+    ) -> Result<Self> {
+        let settings = settings::read(settings, sections)?;
         let robot = robot::given(py, robot, &settings.robot)?;
-        let saved = py.detach(|| field::load(&path));
-        let saved = saved.map_err(|error| of_file(&error))?;
+        let saved = py.detach(|| field::load(&path))?;
         Self::going_on(py, (saved, &path.display().to_string()), robot, settings)
     }
 
@@ -149,8 +156,8 @@ impl Mapper {
         robot: Option<&Bound<'_, PyAny>>,
         settings: Option<&Bound<'_, PyAny>>,
         sections: Option<&Bound<'_, PyDict>>,
-    ) -> PyResult<Self> {
-        let settings = SettingsGiven { settings, sections, method: None }.read()?;
+    ) -> Result<Self> {
+        let settings = settings::read(settings, sections)?;
         let robot = robot::given(py, robot, &settings.robot)?;
         Self::going_on(py, (field.get().saved(py, true), "field"), robot, settings)
     }
@@ -170,8 +177,7 @@ impl Mapper {
     /// The configuration that holds, as the field's file has it.
     #[getter]
     fn config<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let config = serde_json::to_value(self.state.take(py)?.inner.mapper.config());
-        python(py, &config.expect("settings are plain data"))
+        python(py, &json!(self.state.take(py)?.inner.mapper.config()))
     }
 
     /// Starts a touch: the next samples belong to it, and its start gives the tare.
@@ -192,17 +198,17 @@ impl Mapper {
         q: &Bound<'_, PyAny>,
         tau: &Bound<'_, PyAny>,
         time: Option<f64>,
-    ) -> PyResult<StepReport> {
+    ) -> Result<StepReport> {
         let joints = Some(self.robot.arm.robot.n_joints());
         let sample = Sample::new(time, row(q, "q", joints)?, row(tau, "tau", joints)?);
         let mut state = self.state.take(py)?;
         if !state.inner.in_touch {
             let message = "there is no touch that this sample belongs to; call begin_touch() first";
-            return Err(PalpateError::new_err(message));
+            return Err(PalpateError::new_err(message).into());
         }
         let mapper = &mut state.inner.mapper;
-        let report = py.detach(|| mapper.step(&sample)).map_err(|error| of_touch(&error))?;
-        let array = |torque: nalgebra::DVector<f64>| flat(py, torque.as_slice().to_vec());
+        let report = py.detach(|| mapper.step(&sample))?;
+        let array = |torque: DVector<f64>| flat(py, torque.as_slice().to_vec());
         Ok(StepReport {
             contacts: report.contacts,
             external: report.external.map(array),
@@ -211,11 +217,11 @@ impl Mapper {
     }
 
     /// Ends the touch. Raises TouchError if it was shorter than the tare asked for.
-    fn end_touch(&self, py: Python<'_>) -> PyResult<()> {
+    fn end_touch(&self, py: Python<'_>) -> Result<()> {
         let mut state = self.state.take(py)?;
         state.inner.in_touch = false;
         let mapper = &mut state.inner.mapper;
-        py.detach(|| mapper.end_touch()).map_err(|error: MapperError| of_touch(&error))
+        Ok(py.detach(|| mapper.end_touch())?)
     }
 
     /// Learns the touches of logs, given by path, as `Log` or as `Touch`, in their order.
@@ -229,31 +235,28 @@ impl Mapper {
         py: Python<'py>,
         log: &Bound<'py, PyAny>,
         progress: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    ) -> Result<Bound<'py, PyAny>> {
         let sources = sources(log)?;
         let mut state = self.state.take(py)?;
         let State { mapper, in_touch } = &mut *state.inner;
         *in_touch = false; // a touch under way ends where the next one begins
         let settings = &self.settings.log;
-        let work = |progress: &Watch| -> Result<_, WorkError> {
+        let figures = long(py, progress, |progress| -> Result<_, WorkError> {
             let touches = opened(sources, settings)?;
             let gravity = Some(mapper.config().touch.gravity);
-            touches.gravity_of_logs(
-                &mut TouchSettings { gravity, ..TouchSettings::default() },
-                progress,
-            )?;
+            let mut torques = TouchSettings { gravity, ..TouchSettings::default() };
+            touches.gravity_of_logs(&mut torques, progress)?;
             settings.check_for(&mapper.arm().robot)?;
             let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
             let mut touches = touches.for_arm(&mapper.arm().clone(), settings, place)?;
             let tally = learn::learn(mapper, &mut touches, &mut |_, _, _| (), progress)?;
             Ok(tally.figures(mapper))
-        };
-        let figures = long(py, progress, work)?.map_err(|error| raise(&error))?;
-        python(py, &figures)
+        })?;
+        Ok(python(py, &figures)?)
     }
 
     /// The field as it is now, with its memory: a snapshot, which later samples do not change.
-    fn field(&self, py: Python<'_>) -> PyResult<Field> {
+    fn field(&self, py: Python<'_>) -> Result<Field> {
         let state = self.state.take(py)?;
         let mapper = &state.inner.mapper;
         Field::of(py, Saved::of_mapper(mapper))
@@ -274,26 +277,26 @@ impl Mapper {
         path: &Bound<'_, PyAny>,
         resolution_cells: Option<f64>,
         start_cells: Option<f64>,
-    ) -> PyResult<Answer> {
+    ) -> Result<Answer> {
         let joints = self.robot.arm.robot.n_joints();
         let path = rows(path, "path", Some(joints), &format!("(P, {joints})"))?;
         let mut config = PathConfig::default();
         config.resolution_cells = resolution_cells.unwrap_or(config.resolution_cells);
         config.start_cells = start_cells.unwrap_or(config.start_cells);
         let predictor = self.state.take(py)?.inner.mapper.path_predictor();
-        let no_bar = no_bar(py);
-        let answer = long(py, Some(no_bar.as_any()), |_| predictor.ask(&path, &config))?;
-        let PathPrediction { points, goes_on, stops, .. } =
-            answer.map_err(|error| of_touch(&error))?;
+        let answer = unshown(py, |_| predictor.ask(&path, &config))?;
+        let PathPrediction { points, goes_on, stops, .. } = answer;
+        let torques = |of: fn(&PathPoint) -> &DVector<f64>| {
+            table_of(py, points.iter().map(|point| of(point).as_slice()), joints)
+        };
+        let counts = |of: fn(&PathPoint) -> usize| {
+            flat(py, points.iter().map(|point| of(point) as u64).collect())
+        };
         Ok(Answer {
-            torque: table_of(py, points.iter().map(|point| point.torque.as_slice()), joints),
-            torque_std: table_of(
-                py,
-                points.iter().map(|point| point.torque_std.as_slice()),
-                joints,
-            ),
-            contacts: flat(py, points.iter().map(|point| point.contacts as u64).collect()),
-            known: flat(py, points.iter().map(|point| point.known as u64).collect()),
+            torque: torques(|point| &point.torque),
+            torque_std: torques(|point| &point.torque_std),
+            contacts: counts(|point| point.contacts),
+            known: counts(|point| point.known),
             goes_on,
             stops,
         })
@@ -301,12 +304,10 @@ impl Mapper {
 
     /// Writes the field as .npz, whole or not at all; without `memory` it cannot be gone on from.
     #[pyo3(signature = (path, memory = true))]
-    fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> PyResult<()> {
+    fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> Result<()> {
         let mut saved = Saved::of_mapper(&self.state.take(py)?.inner.mapper);
-        if !memory {
-            saved.snapshot = None;
-        }
-        py.detach(|| field::save(&path, &saved)).map_err(|error| of_file(&error))
+        saved.snapshot.take_if(|_| !memory);
+        Ok(py.detach(|| field::save(&path, &saved))?)
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {

@@ -5,15 +5,18 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2};
 use palpate::Arm;
+use palpate_work::robot;
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::RobotSettings;
-use palpate_work::{WorkError, robot};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
+use serde_json::json;
 
 use crate::array::{flat, row, table};
-use crate::error::{of_bad_settings, of_touch, raise};
-use crate::watch::long;
+use crate::data;
+use crate::error::Result;
+use crate::watch::unshown;
 
 /// A robot arm with the surfaces of its links.
 ///
@@ -35,7 +38,7 @@ pub(crate) fn given(
     py: Python<'_>,
     any: Option<&Bound<'_, PyAny>>,
     settings: &RobotSettings,
-) -> PyResult<Robot> {
+) -> Result<Robot> {
     match any {
         None => loaded(py, settings.clone()),
         Some(any) => match any.cast::<Robot>() {
@@ -50,15 +53,9 @@ pub(crate) fn given(
 }
 
 /// Loads the robot that the settings name.
-fn loaded(py: Python<'_>, settings: RobotSettings) -> PyResult<Robot> {
-    let load = |progress: &crate::watch::Watch| robot::load(&settings, progress);
-    let arm: Result<Arc<Arm>, WorkError> = long(py, Some(no_bar(py).as_any()), load)?;
-    Ok(Robot { arm: arm.map_err(|error| raise(&error))?, settings })
-}
-
-/// For what has no steps to show.
-pub(crate) fn no_bar(py: Python<'_>) -> Bound<'_, pyo3::types::PyBool> {
-    pyo3::types::PyBool::new(py, false).to_owned()
+fn loaded(py: Python<'_>, settings: RobotSettings) -> Result<Robot> {
+    let arm = unshown(py, |progress| robot::load(&settings, progress))?;
+    Ok(Robot { arm, settings })
 }
 
 #[pymethods]
@@ -70,15 +67,13 @@ impl Robot {
         name_or_urdf: Option<PathBuf>,
         packages: Option<Vec<PathBuf>>,
         options: Option<&Bound<'_, PyDict>>,
-    ) -> PyResult<Self> {
-        let given = options.map(|keys| crate::settings::section("robot", keys)).transpose()?;
-        let mut settings = given.unwrap_or_default().robot;
+    ) -> Result<Self> {
+        let mut settings = crate::settings::section("robot", options)?.robot;
         if let Some(name) = name_or_urdf {
             settings.robot = Some(name.to_string_lossy().into_owned());
         }
         settings.package_path = packages.or(settings.package_path);
-        let checked = Settings { robot: settings.clone(), ..Settings::default() };
-        checked.check().map_err(of_bad_settings)?;
+        Settings::from(settings.clone()).check()?;
         loaded(py, settings)
     }
 
@@ -107,10 +102,10 @@ impl Robot {
     }
 
     /// What gravity exerts on the joints at positions `q` (n_joints,) rad: (n_joints,) N·m.
-    fn gravity(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> PyResult<Py<PyArray1<f64>>> {
+    fn gravity(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> Result<Py<PyArray1<f64>>> {
         let robot = &self.arm.robot;
         let q = row(q, "q", Some(robot.n_joints()))?;
-        let poses = robot.forward(&q).map_err(|error| of_touch(&error))?;
+        let poses = robot.forward(&q)?;
         Ok(flat(py, robot.gravity_torque(&poses).as_slice().to_vec()))
     }
 
@@ -120,17 +115,14 @@ impl Robot {
         py: Python<'_>,
         q: &Bound<'_, PyAny>,
         link: &str,
-    ) -> PyResult<Py<PyArray2<f64>>> {
+    ) -> Result<Py<PyArray2<f64>>> {
         let robot = &self.arm.robot;
         let id = robot.link_id(link).ok_or_else(|| {
-            let names: Vec<&str> = robot.links().iter().map(|link| &*link.name).collect();
-            let names = names.join(", ");
-            pyo3::exceptions::PyValueError::new_err(format!(
-                "the robot has no link `{link}`; there are {names}"
-            ))
+            let names = self.link_names().join(", ");
+            PyValueError::new_err(format!("the robot has no link `{link}`; there are {names}"))
         })?;
         let q = row(q, "q", Some(robot.n_joints()))?;
-        let poses = robot.forward(&q).map_err(|error| of_touch(&error))?;
+        let poses = robot.forward(&q)?;
         let pose = poses.world_from_link[id.index()].to_homogeneous().transpose();
         Ok(table(py, pose.as_slice().to_vec(), 4))
     }
@@ -140,7 +132,6 @@ impl Robot {
     }
 
     fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<((), Bound<'py, PyAny>)> {
-        let settings = serde_json::to_value(&self.settings).expect("settings are plain data");
-        Ok(((), crate::data::given(py, &settings)?.into_any()))
+        Ok(((), data::python(py, &data::given(json!(self.settings)))?))
     }
 }

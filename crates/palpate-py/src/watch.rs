@@ -13,8 +13,9 @@ use std::time::Duration;
 use palpate_work::{Bar, Progress};
 use pyo3::intern;
 use pyo3::prelude::*;
+use pyo3::types::PyBool;
 
-use crate::error::PalpateWarning;
+use crate::error::{PalpateWarning, Raised, Result};
 
 /// How often the work is looked in on.
 const LOOK: Duration = Duration::from_millis(50);
@@ -132,11 +133,11 @@ impl Shown<'_> {
 /// # Errors
 ///
 /// What the work says, `KeyboardInterrupt`, or what `progress` raised: the work was stopped then.
-pub(crate) fn long<T: Send>(
+pub(crate) fn long<T: Send, E: Into<Raised> + Send>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
-    work: impl FnOnce(&Watch) -> T + Send,
-) -> PyResult<T> {
+    work: impl FnOnce(&Watch) -> Result<T, E> + Send,
+) -> Result<T> {
     let module = py.import(intern!(py, "palpate._progress"))?;
     let progress = module.call_method1(intern!(py, "of"), (progress,))?;
     let shown = if progress.is_none() {
@@ -151,7 +152,15 @@ pub(crate) fn long<T: Send>(
     }
     let done = done?;
     watch.say(py)?;
-    Ok(done)
+    done.map_err(Into::into)
+}
+
+/// Does long work that has no steps to show.
+pub(crate) fn unshown<T: Send, E: Into<Raised> + Send>(
+    py: Python<'_>,
+    work: impl FnOnce(&Watch) -> Result<T, E> + Send,
+) -> Result<T> {
+    long(py, Some(PyBool::new(py, false).as_any()), work)
 }
 
 /// Wakes whoever asked when the work is over, or has failed.

@@ -1,7 +1,7 @@
 //! What ends work early.
 
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use palpate::MapperError;
 use palpate_io::log::LogError;
@@ -38,6 +38,11 @@ impl WorkError {
     /// A file that is not what it should be.
     pub fn file(error: impl std::error::Error + Send + Sync + 'static) -> Self {
         Self::File(Box::new(error))
+    }
+
+    /// A touch of a log that cannot be used.
+    pub fn touch(log: &Path, place: String, source: impl Into<MapperError>) -> Self {
+        Self::Touch { log: log.to_owned(), place, source: Box::new(source.into()) }
     }
 }
 

@@ -162,12 +162,12 @@ fn feed(
 ) -> Result<Tally, WorkError> {
     let mut tally = Tally::default();
     let bar = progress.begin(touches.samples(), "frames", "learning");
-    while let Some(moment) = touches.advance()? {
+    while let Some(event) = touches.advance()? {
         if progress.stopped() {
             tally.interrupted = Some(touches.place());
             return Ok(tally);
         }
-        match moment {
+        match event {
             TouchEvent::Touch(name) => {
                 finish_touch(mapper, &tally)?;
                 mapper.begin_touch();
@@ -190,10 +190,8 @@ fn feed(
 /// Ends the touch that was begun last, if any was.
 fn finish_touch(mapper: &mut Mapper, tally: &Tally) -> Result<(), WorkError> {
     match tally.touches.last() {
-        Some(touch) => mapper.end_touch().map_err(|source| WorkError::Touch {
-            log: touch.log.clone(),
-            place: format!("touch `{}`", touch.name),
-            source: Box::new(source),
+        Some(touch) => mapper.end_touch().map_err(|source| {
+            WorkError::touch(&touch.log, format!("touch `{}`", touch.name), source)
         }),
         None => Ok(()),
     }

@@ -34,6 +34,7 @@ pub mod predict;
 pub mod prior;
 mod progress;
 pub mod quantile;
+mod recorded;
 pub mod resume;
 pub mod robot;
 pub mod scored;

@@ -15,8 +15,8 @@ use palpate::{
     Sample, Tare,
 };
 
+use crate::recorded::TouchEvent;
 use crate::settings::SettingsError;
-use crate::touches::TouchEvent;
 
 /// Parts touches at pauses.
 pub struct Pauses {
@@ -42,13 +42,12 @@ impl Pauses {
         (lattice, contact): (Lattice, ContactConfig),
         config: PauseConfig,
     ) -> Result<Self, SettingsError> {
-        let split = PauseDetector::new(config)
-            .map_err(|error| SettingsError::Together(format!("bad setting: {error}")))?;
+        let split = PauseDetector::new(config).map_err(SettingsError::value)?;
         // Torques do not matter: nothing is taken off them, so that nothing can be missing.
         let mut touch = ExternalTorqueConfig::default();
         (touch.gravity, touch.tare) = (Gravity::Removed, Tare::None);
         let tracker = Tracker::new(Arc::clone(arm), lattice, &contact, touch)
-            .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
+            .map_err(SettingsError::value)?;
         let (name, queue) = (String::new(), VecDeque::new());
         Ok(Self { tracker, split, name, parts: 0, queue, left_out: 0 })
     }
@@ -60,10 +59,10 @@ impl Pauses {
     /// If a sample does not fit the arm.
     pub fn take(
         &mut self,
-        moment: TouchEvent,
+        event: TouchEvent,
         then: &mut VecDeque<TouchEvent>,
     ) -> Result<(), MapperError> {
-        match moment {
+        match event {
             TouchEvent::Touch(name) => {
                 self.finish(then);
                 (self.name, self.parts) = (name, 0);

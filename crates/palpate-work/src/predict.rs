@@ -33,6 +33,21 @@ impl Against {
     }
 }
 
+/// The true external torques of a touch of a simulated log, frames × n_joints, N·m.
+///
+/// # Errors
+///
+/// If the log has none, or they cannot be read.
+pub fn truth(log: &Path, touch: &str) -> Result<Vec<Vec<f64>>, WorkError> {
+    external_truth(log, touch)?.ok_or_else(|| {
+        WorkError::from(format!(
+            "`{}` holds no truth of touch `{touch}`: there is no truth/{touch}_external.npy; \
+             leave out --truth to score against what was measured",
+            log.display()
+        ))
+    })
+}
+
 /// One scored frame.
 pub struct FrameResult {
     /// Its number in its touch, from 0.
@@ -72,14 +87,7 @@ impl TouchResult {
     fn begin(name: String, log: &Path, against: Against) -> Result<Self, WorkError> {
         let truth = match against {
             Against::Measured => None,
-            Against::Truth => Some(external_truth(log, &name)?.ok_or_else(|| {
-                format!(
-                    "`{}` holds no truth of touch `{name}`: there is no \
-                     truth/{name}_external.npy; leave out --truth to score against what was \
-                     measured",
-                    log.display()
-                )
-            })?),
+            Against::Truth => Some(truth(log, &name)?),
         };
         Ok(Self {
             name,
@@ -133,16 +141,16 @@ pub fn score(
     against: Against,
     (touches, progress): (&mut Touches, &dyn Progress),
 ) -> Result<Vec<TouchResult>, WorkError> {
-    let mut predictor = Predictor::new(Arc::clone(arm), field, touch)
-        .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
+    let mut predictor =
+        Predictor::new(Arc::clone(arm), field, touch).map_err(SettingsError::value)?;
     let bar = progress.begin(touches.samples(), "frames", "predicting");
     let mut results: Vec<TouchResult> = Vec::new();
-    while let Some(moment) = touches.advance()? {
+    while let Some(event) = touches.advance()? {
         if progress.stopped() {
             let kept = format!(" at {}; nothing was written", touches.place());
             return Err(WorkError::Interrupted { kept });
         }
-        match moment {
+        match event {
             TouchEvent::Touch(name) => {
                 end(&mut predictor, results.last())?;
                 predictor.begin_touch();
@@ -183,13 +191,7 @@ pub fn planned(
     path: &[Vec<f64>],
     progress: &dyn Progress,
 ) -> Result<Vec<DVector<f64>>, WorkError> {
-    let fault = |point: usize, source: palpate::MapperError| WorkError::Touch {
-        log: PathBuf::from("path"),
-        place: format!("point {point} (from 0)"),
-        source: Box::new(source),
-    };
-    let mut predictor = Predictor::planned(Arc::clone(arm), field)
-        .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
+    let mut predictor = Predictor::planned(Arc::clone(arm), field).map_err(SettingsError::value)?;
     predictor.begin_touch();
     let bar = progress.begin(Some(path.len() as u64), "points", "predicting");
     let mut torques = Vec::with_capacity(path.len());
@@ -198,7 +200,9 @@ pub fn planned(
             return Err(WorkError::Interrupted { kept: format!(" at point {point} of the path") });
         }
         let sample = Sample::new(None, q.clone(), vec![0.0; q.len()]);
-        let step = predictor.step(&sample).map_err(|error| fault(point, error.into()))?;
+        let step = predictor.step(&sample).map_err(|error| {
+            WorkError::touch(Path::new("path"), format!("point {point} (from 0)"), error)
+        })?;
         torques.push(step.expect("there is no tare to wait for").predicted);
         bar.step();
     }
@@ -208,9 +212,6 @@ pub fn planned(
 /// Ends the touch that was begun last, if any was.
 fn end(predictor: &mut Predictor, last: Option<&TouchResult>) -> Result<(), WorkError> {
     let Some(result) = last else { return Ok(()) };
-    predictor.end_touch().map_err(|error| WorkError::Touch {
-        log: result.log.clone(),
-        place: format!("touch `{}`", result.name),
-        source: Box::new(error.into()),
-    })
+    let place = || format!("touch `{}`", result.name);
+    predictor.end_touch().map_err(|error| WorkError::touch(&result.log, place(), error))
 }

@@ -55,7 +55,7 @@ pub fn mapper_from(
         (Some((_, name)), error @ MapperError::PriorMeans(_)) => {
             WorkError::from(format!("`{name}` cannot be a prior: {error}"))
         }
-        (_, error) => SettingsError::Value(Box::new(error)).into(),
+        (_, error) => SettingsError::value(error).into(),
     })
 }
 

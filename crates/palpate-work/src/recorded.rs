@@ -17,10 +17,10 @@ pub enum TouchEvent {
     Sample(Sample),
 }
 
-/// One touch, whole.
-#[derive(Debug, Clone)]
+/// One touch, whole: read from a log, or held by a program.
+#[derive(Debug, Clone, Default)]
 pub struct RecordedTouch {
-    /// The log that it is in.
+    /// The log that it is in; empty if a program holds it.
     pub log: PathBuf,
     /// Its name.
     pub name: String,
@@ -34,6 +34,13 @@ impl RecordedTouch {
     /// An error at a place of this touch.
     pub fn fault(&self, place: String, source: MapperError) -> WorkError {
         WorkError::touch(&self.log, place, source)
+    }
+}
+
+/// Puts the joints of a sample into another order.
+pub(crate) fn reorder_joints(sample: &mut Sample, order: &[usize]) {
+    for values in [&mut sample.q, &mut sample.tau] {
+        *values = order.iter().map(|&place| values[place]).collect();
     }
 }
 

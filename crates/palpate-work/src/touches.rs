@@ -4,96 +4,27 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate::{Arm, ContactConfig, Gravity, Lattice, MapperError, Sample};
+use palpate::{Arm, ContactConfig, Gravity, Lattice, MapperError};
 use palpate_io::log::{
-    self, Format, Log, LogDescription, LogError, LogEvent, LogOptions, LogWarning, LoggedTorques,
-    reorder,
+    self, Log, LogDescription, LogEvent, LogOptions, LogWarning, LoggedTorques, reorder,
 };
 
 use crate::error::WorkError;
 use crate::pauses::Pauses;
 use crate::progress::Progress;
+use crate::recorded::{MemoryLog, reorder_joints};
 use crate::settings::sections::{LogSettings, TouchSettings};
 
-/// What happens next.
-pub enum TouchEvent {
-    /// A touch of this name starts.
-    Touch(String),
-    /// The touch goes on.
-    Sample(Sample),
-}
-
-/// One touch, whole: read from a log, or held by a program.
-#[derive(Debug, Clone, Default)]
-pub struct RecordedTouch {
-    /// The log that it is in; empty if a program holds it.
-    pub log: PathBuf,
-    /// Its name.
-    pub name: String,
-    /// Names of the joints in the order of the samples, if they are known.
-    pub joint_names: Option<Vec<String>>,
-    /// Its samples in order.
-    pub samples: Vec<Sample>,
-}
-
-impl RecordedTouch {
-    /// An error at a place of this touch.
-    pub fn fault(&self, place: String, source: MapperError) -> WorkError {
-        WorkError::Touch { log: self.log.clone(), place, source: Box::new(source) }
-    }
-}
-
-/// Puts the joints of a sample into another order.
-pub(crate) fn reorder_joints(sample: &mut Sample, order: &[usize]) {
-    for values in [&mut sample.q, &mut sample.tau] {
-        *values = order.iter().map(|&place| values[place]).collect();
-    }
-}
-
-/// Touches that a program holds, read as any log is.
-struct MemoryLog {
-    touches: VecDeque<RecordedTouch>,
-    samples: VecDeque<Sample>,
-    /// Touches and samples that there were at the beginning.
-    size: (usize, u64),
-}
-
-impl Iterator for MemoryLog {
-    type Item = Result<LogEvent, LogError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        if let Some(sample) = self.samples.pop_front() {
-            return Some(Ok(LogEvent::Sample(sample)));
-        }
-        let RecordedTouch { name, joint_names, samples, .. } = self.touches.pop_front()?;
-        self.samples = samples.into();
-        Some(Ok(LogEvent::TouchStarts { name, joint_names }))
-    }
-}
-
-impl Log for MemoryLog {
-    fn describe(&self) -> LogDescription {
-        let (touches, samples) = self.size;
-        LogDescription {
-            path: PathBuf::new(),
-            format: Format::Memory,
-            touches: Some(touches),
-            samples: Some(samples),
-            joints: None,
-            torques: LoggedTorques::Unsaid,
-        }
-    }
-
-    fn warnings(&self) -> &[LogWarning] {
-        &[]
-    }
-}
+pub use crate::recorded::{RecordedTouch, TouchEvent};
 
 /// Logs that are read as one.
+#[derive(Default)]
 pub struct Touches {
     logs: Vec<(PathBuf, Box<dyn Log>)>,
     current: usize,
     joints: Vec<String>,
+    /// Whether all touches get the joints of the first that names its own.
+    as_first: bool,
     permutation: Option<Vec<usize>>,
     /// Joints of the touch that was started last, as the log names them.
     named: Option<Vec<String>>,
@@ -109,30 +40,13 @@ impl Touches {
     pub fn open(paths: &[PathBuf], options: &LogOptions) -> Result<Self, WorkError> {
         let open = |path: &PathBuf| Ok((path.clone(), log::open(path, options)?));
         let logs = paths.iter().map(open).collect::<Result<Vec<_>, WorkError>>()?;
-        Ok(Self { logs, ..Self::empty() })
+        Ok(Self { logs, ..Self::default() })
     }
 
     /// Touches that a program holds, after each other, which errors call by this name.
     pub fn held(name: &str, touches: Vec<RecordedTouch>) -> Self {
-        let samples = touches.iter().map(|touch| touch.samples.len() as u64).sum();
-        let count = touches.len();
-        let log =
-            MemoryLog { touches: touches.into(), samples: VecDeque::new(), size: (count, samples) };
-        Self { logs: vec![(PathBuf::from(name), Box::new(log))], ..Self::empty() }
-    }
-
-    fn empty() -> Self {
-        Self {
-            logs: Vec::new(),
-            current: 0,
-            joints: Vec::new(),
-            permutation: None,
-            named: None,
-            pauses: None,
-            next: VecDeque::new(),
-            touch: None,
-            sample: 0,
-        }
+        let log = Box::new(MemoryLog::new(touches));
+        Self { logs: vec![(PathBuf::from(name), log)], ..Self::default() }
     }
 
     /// These touches, then those of others.
@@ -151,10 +65,7 @@ impl Touches {
         settings: &mut TouchSettings,
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
-        let external = |log: &dyn Log| log.describe().torques == LoggedTorques::External;
-        let Some((path, _)) = self.logs.iter().find(|(_, log)| external(log.as_ref())) else {
-            return Ok(());
-        };
+        let Some((path, _)) = self.logs.iter().find(is_external) else { return Ok(()) };
         let path = path.display();
         match settings.gravity {
             Some(Gravity::Removed) => return Ok(()),
@@ -166,7 +77,7 @@ impl Touches {
             }
             None => {}
         }
-        if !self.logs.iter().all(|(_, log)| external(log.as_ref())) {
+        if !self.logs.iter().all(|log| is_external(&log)) {
             return Err(WorkError::Usage(format!(
                 "`{path}` holds external torques, without gravity, and other logs do not say so; \
                  give --gravity if it holds for all, or read them one after the other"
@@ -191,10 +102,15 @@ impl Touches {
         Ok(self)
     }
 
+    /// The same touches with their joints in the order of the first touch that names its own.
+    #[must_use]
+    pub fn in_order_of_first(self) -> Self {
+        Self { as_first: true, ..self }
+    }
+
     /// Whether any log says that its torques are external ones.
     pub fn are_external(&self) -> bool {
-        let mut logs = self.logs.iter();
-        logs.any(|(_, log)| log.describe().torques == LoggedTorques::External)
+        self.logs.iter().any(|log| is_external(&log))
     }
 
     /// The joints of the touch that was started last, if the log names them; from now on, all
@@ -211,32 +127,37 @@ impl Touches {
         self.logs.iter().map(|(_, log)| log.describe().samples).sum()
     }
 
-    /// The next moment, `None` at the end.
+    /// The next event, `None` at the end.
     pub fn advance(&mut self) -> Result<Option<TouchEvent>, WorkError> {
-        while self.next.is_empty() {
-            let (moment, pauses) = (self.read_on()?, &mut self.pauses);
-            match (moment, pauses) {
-                (Some(moment), None) => self.next.push_back(moment),
-                (Some(moment), Some(pauses)) => {
-                    let taken = pauses.take(moment, &mut self.next);
-                    taken.map_err(|error| self.fault(error))?;
-                }
-                (None, Some(pauses)) => {
-                    pauses.finish(&mut self.next);
-                    if self.next.is_empty() {
-                        return Ok(None);
-                    }
-                }
-                (None, None) => return Ok(None),
-            }
-        }
-        let moment = self.next.pop_front();
-        match &moment {
+        self.peek()?;
+        let event = self.next.pop_front();
+        match &event {
             Some(TouchEvent::Touch(name)) => (self.touch, self.sample) = (Some(name.clone()), 0),
             Some(TouchEvent::Sample(_)) => self.sample += 1,
             None => {}
         }
-        Ok(moment)
+        Ok(event)
+    }
+
+    /// The event that [`Self::advance`] gives next.
+    fn peek(&mut self) -> Result<Option<&TouchEvent>, WorkError> {
+        while self.next.is_empty() {
+            let (event, pauses) = (self.read_on()?, &mut self.pauses);
+            match (event, pauses) {
+                (Some(event), None) => self.next.push_back(event),
+                (Some(event), Some(pauses)) => {
+                    let taken = pauses.take(event, &mut self.next);
+                    taken.map_err(|error| self.fault(error))?;
+                }
+                (None, pauses) => {
+                    if let Some(pauses) = pauses {
+                        pauses.finish(&mut self.next);
+                    }
+                    break;
+                }
+            }
+        }
+        Ok(self.next.front())
     }
 
     /// What the logs say next.
@@ -246,17 +167,14 @@ impl Touches {
                 None => self.current += 1,
                 Some(LogEvent::TouchStarts { name, joint_names }) => {
                     self.named.clone_from(&joint_names);
-                    self.permutation = match joint_names {
-                        Some(names) if !self.joints.is_empty() => {
-                            let order = reorder(&self.joints, &names);
-                            let at = path.display();
-                            Some(
-                                order
-                                    .map_err(|error| format!("`{at}`: touch `{name}`: {error}"))?,
-                            )
-                        }
-                        _ => None,
-                    };
+                    if self.as_first && self.joints.is_empty() {
+                        self.joints = joint_names.clone().unwrap_or_default();
+                    }
+                    let names = joint_names.filter(|_| !self.joints.is_empty());
+                    let order = names.map(|names| reorder(&self.joints, &names)).transpose();
+                    self.permutation = order.map_err(|error| {
+                        format!("`{}`: touch `{name}`: {error}", path.display())
+                    })?;
                     return Ok(Some(TouchEvent::Touch(name)));
                 }
                 Some(LogEvent::Sample(mut sample)) => {
@@ -284,17 +202,15 @@ impl Touches {
         most: Option<u32>,
     ) -> Result<(), WorkError> {
         let most = most.map_or(usize::MAX, |most| most as usize);
-        while let Some(moment) = self.advance()? {
-            match moment {
-                TouchEvent::Touch(_) if touches.len() == most => break,
-                TouchEvent::Touch(name) => {
-                    let (log, joint_names) = (self.log().to_owned(), self.joint_names());
-                    touches.push(RecordedTouch { log, name, joint_names, samples: Vec::new() });
-                }
-                TouchEvent::Sample(sample) => {
-                    let touch = touches.last_mut();
-                    touch.expect("samples come after the start of a touch").samples.push(sample);
-                }
+        while touches.len() < most
+            && let Some(TouchEvent::Touch(name)) = self.advance()?
+        {
+            let (log, joint_names) = (self.log().to_owned(), self.joint_names());
+            touches.push(RecordedTouch { log, name, joint_names, samples: Vec::new() });
+            while matches!(self.peek()?, Some(TouchEvent::Sample(_)))
+                && let Some(TouchEvent::Sample(sample)) = self.advance()?
+            {
+                touches.last_mut().expect("pushed above").samples.push(sample);
             }
         }
         Ok(())
@@ -322,8 +238,7 @@ impl Touches {
 
     /// An error of what was read last.
     pub fn fault(&self, source: impl Into<MapperError>) -> WorkError {
-        let (log, place) = (self.log().to_owned(), self.place());
-        WorkError::Touch { log, place, source: Box::new(source.into()) }
+        WorkError::touch(self.log(), self.place(), source)
     }
 
     /// What the first of the logs says of itself; there is at least one.
@@ -350,4 +265,9 @@ impl Touches {
             ));
         }
     }
+}
+
+/// Whether a log says that its torques are external ones.
+fn is_external((_, log): &&(PathBuf, Box<dyn Log>)) -> bool {
+    log.describe().torques == LoggedTorques::External
 }

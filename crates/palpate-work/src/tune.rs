@@ -5,7 +5,8 @@ use std::sync::Arc;
 use palpate::{Arm, MapperConfig};
 use palpate_learn::method::MethodError;
 use palpate_learn::tracked::{Touch, Tracked};
-use palpate_learn::tune::{Effort, Tuned, Tuner};
+use palpate_learn::tune::{Effort, Trial, Tuned, Tuner};
+use serde_json::json;
 
 use crate::error::WorkError;
 use crate::evaluate::track_fault;
@@ -62,6 +63,12 @@ impl Tuning<'_> {
             other => WorkError::file(other),
         })
     }
+}
+
+/// The candidates with their scores, for programs.
+pub fn trials(tuned: &Tuned) -> Vec<serde_json::Value> {
+    let trial = |trial: &Trial| json!({ "settings": trial.config, "scores": trial.scores });
+    tuned.trials.iter().map(trial).collect()
 }
 
 /// The given settings with what was chosen.

@@ -74,8 +74,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let held_out = files.touches.remove(args.hold_out);
 
     let arm = robot::load(&RobotSettings::default(), output)?;
-    let out_of_range = |error| SettingsError::Value(Box::new(error));
-    let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(out_of_range)?;
+    let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(SettingsError::value)?;
     let tally = learn(&mut mapper, &mut open(&files.touches)?, &mut |_, _, _| (), output)?;
     if tally.interrupted.is_some() {
         return Err(CliError::Interrupted { kept: "; nothing was written".to_owned() });

@@ -143,16 +143,16 @@ impl Stage<'_> {
     /// What says the torques: the field, or a mapper that starts anew.
     fn follower(&self) -> Result<Follower, CliError> {
         let arm = Arc::clone(self.arm);
-        let bad = |error| SettingsError::Value(Box::new(error));
         Ok(match &self.saved {
             Some(saved) => {
                 let touch = self.settings.touch.over_config(&saved.field.touch);
                 let predictor = Predictor::new(arm, &saved.field, touch);
-                let predictor = predictor.map_err(|error| bad(error.into()))?;
+                let predictor = predictor.map_err(SettingsError::value)?;
                 Follower::Predictor(Box::new(predictor), saved.field.lattice.clone())
             }
             None => {
-                let mapper = Mapper::new(arm, self.settings.config()?).map_err(bad)?;
+                let mapper =
+                    Mapper::new(arm, self.settings.config()?).map_err(SettingsError::value)?;
                 Follower::Mapper(Box::new(mapper))
             }
         })

@@ -16,59 +16,51 @@ use crate::touches::RecordedTouch;
 
 mod plan;
 
-pub use plan::{as_touches, configs, each_once, folds, method_of, number, share};
+pub use plan::{as_touches, configs, each_once, folds, method_of, number, read, share};
 
 /// Where what is done is kept, so that an evaluation that was broken off goes on.
+///
+/// By itself it keeps nothing.
 pub trait Keep: Sync {
     /// Parts that were done before.
-    fn parts(&self) -> Vec<Part>;
+    fn parts(&self) -> Vec<Part> {
+        Vec::new()
+    }
 
     /// Settings that were tuned before, by a name.
-    fn tuned(&self, name: &str) -> Option<Tuned>;
+    fn tuned(&self, _name: &str) -> Option<Tuned> {
+        None
+    }
 
     /// Keeps a part.
     ///
     /// # Errors
     ///
     /// If it cannot be written.
-    fn keep_part(&self, part: &Part) -> Result<(), WorkError>;
+    fn keep_part(&self, _part: &Part) -> Result<(), WorkError> {
+        Ok(())
+    }
 
     /// Keeps tuned settings under a name.
     ///
     /// # Errors
     ///
     /// If they cannot be written.
-    fn keep_tuned(&self, name: &str, tuned: &Tuned) -> Result<(), WorkError>;
+    fn keep_tuned(&self, _name: &str, _tuned: &Tuned) -> Result<(), WorkError> {
+        Ok(())
+    }
 
     /// What is said of that on being stopped.
-    fn told(&self) -> String;
+    fn told(&self) -> String {
+        String::new()
+    }
 }
 
 /// Keeps nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Nowhere;
 
-impl Keep for Nowhere {
-    fn parts(&self) -> Vec<Part> {
-        Vec::new()
-    }
-
-    fn tuned(&self, _: &str) -> Option<Tuned> {
-        None
-    }
-
-    fn keep_part(&self, _: &Part) -> Result<(), WorkError> {
-        Ok(())
-    }
-
-    fn keep_tuned(&self, _: &str, _: &Tuned) -> Result<(), WorkError> {
-        Ok(())
-    }
-
-    fn told(&self) -> String {
-        String::new()
-    }
-}
+impl Keep for Nowhere {}
 
 /// What is evaluated.
 pub struct Work<'a> {

@@ -1,15 +1,18 @@
 //! What is to be evaluated: methods, settings, touches, and which are predicted from which.
 
-use palpate::{EstimatorKind, MapperConfig};
-use palpate_io::log::external_truth;
+use std::sync::Arc;
+
+use palpate::{Arm, EstimatorKind, MapperConfig};
 use palpate_learn::folds::{self, Fold};
 use palpate_learn::method::Method;
 use palpate_learn::tracked::Touch;
 
 use crate::error::WorkError;
+use crate::predict;
+use crate::progress::Progress;
 use crate::settings::sections::EstimatorSettings;
 use crate::settings::{Settings, SettingsError};
-use crate::touches::RecordedTouch;
+use crate::touches::{RecordedTouch, Touches};
 
 /// A method by its name.
 ///
@@ -116,6 +119,26 @@ pub fn configs(settings: &Settings) -> Result<[MapperConfig; 2], SettingsError> 
     Ok([of(EstimatorKind::Map)?, of(EstimatorKind::Ekf)?])
 }
 
+/// Reads all touches of logs: as they are recorded, and as they are evaluated.
+///
+/// # Errors
+///
+/// If a log is broken or does not fit the arm, or a truth is asked for that is not there.
+pub fn read(
+    touches: Touches,
+    (arm, settings): (&Arc<Arm>, &Settings),
+    truth: bool,
+    progress: &dyn Progress,
+) -> Result<(Vec<RecordedTouch>, Vec<Touch>), WorkError> {
+    settings.log.check_for(&arm.robot)?;
+    let config = settings.config()?;
+    let mut touches = touches.for_arm(arm, &settings.log, (config.lattice, config.contact))?;
+    let recorded = touches.read(None)?;
+    touches.tell_warnings(progress);
+    let touches = as_touches(&recorded, truth)?;
+    Ok((recorded, touches))
+}
+
 /// The touches as they are evaluated, with names that tell them apart.
 pub fn as_touches(recorded: &[RecordedTouch], truth: bool) -> Result<Vec<Touch>, WorkError> {
     let mut names = Vec::new();
@@ -127,17 +150,7 @@ pub fn as_touches(recorded: &[RecordedTouch], truth: bool) -> Result<Vec<Touch>,
             _ => one.name.clone(),
         };
         number(&mut name, &mut names);
-        let missing = || {
-            format!(
-                "`{}` holds no truth of touch `{name}`: there is no \
-                 truth/{name}_external.npy; leave out --truth to score against what was measured",
-                one.log.display(),
-                name = one.name,
-            )
-        };
-        let truth =
-            truth.then(|| external_truth(&one.log, &one.name)?.ok_or_else(|| missing().into()));
-        let truth = truth.transpose().map_err(|error: WorkError| error)?;
+        let truth = truth.then(|| predict::truth(&one.log, &one.name)).transpose()?;
         Ok(Touch { name, samples: one.samples.clone(), truth })
     };
     recorded.iter().map(touch).collect()

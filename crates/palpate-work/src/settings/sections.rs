@@ -47,6 +47,12 @@ impl From<RobotSettings> for Settings {
     }
 }
 
+impl From<LogSettings> for Settings {
+    fn from(log: LogSettings) -> Self {
+        Self { log, ..Self::default() }
+    }
+}
+
 /// A section of the settings.
 pub(super) trait Section: Sized {
     /// The configuration of the core that some of the keys are fields of, if there is one.

@@ -91,8 +91,8 @@ impl Figures {
         // Touches without a contact-free start are followed as well.
         (set.torque_sign, set.gravity, set.tare) = (fit.torque_sign, fit.gravity, Tare::None);
         let (lattice, contact) = (config.lattice.clone(), &config.contact);
-        let tracker = Tracker::new(Arc::clone(arm), lattice, contact, set)
-            .map_err(|error| SettingsError::Value(Box::new(error.into())))?;
+        let tracker =
+            Tracker::new(Arc::clone(arm), lattice, contact, set).map_err(SettingsError::value)?;
         Ok(Self { tracker, tare, still_rad })
     }
 

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::super::finding::Finding;
 use super::super::words::listed;
-use crate::touches::{RecordedTouch, reorder_joints};
+use crate::recorded::{RecordedTouch, reorder_joints};
 
 /// How the joints of the log became those of the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
