@@ -1,5 +1,7 @@
 //! The workspace box and its points.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
+
 use numpy::{PyArray1, PyArray2};
 use palpate::CellId;
 use pyo3::exceptions::PyValueError;
@@ -110,15 +112,14 @@ impl Lattice {
     }
 
     fn __hash__(&self) -> u64 {
-        let origin: [f64; 3] = self.inner.origin_m().into();
-        let numbers = origin.into_iter().chain([self.inner.spacing_m()]).map(f64::to_bits);
-        let numbers = numbers.chain(self.inner.shape().map(u64::from));
-        numbers.fold(0, |hash: u64, number| hash.rotate_left(7).wrapping_mul(31) ^ number)
+        let (origin, spacing, shape) = self.__getnewargs__();
+        let mut hasher = DefaultHasher::new();
+        (origin.map(f64::to_bits), spacing.to_bits(), shape).hash(&mut hasher);
+        hasher.finish()
     }
 
     fn __repr__(&self) -> String {
-        let (origin, shape): ([f64; 3], _) = (self.inner.origin_m().into(), self.inner.shape());
-        let spacing = self.inner.spacing_m();
+        let (origin, spacing, shape) = self.__getnewargs__();
         format!("Lattice(origin={origin:?}, spacing={spacing:?}, shape={shape:?})")
     }
 

@@ -66,10 +66,9 @@ pub(crate) enum Source {
 /// Opens one or more logs, which are read as one.
 ///
 /// A log is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file
-/// or a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. `options` are the keys of the
-/// section `log` of the settings: `angle_unit`, `columns`, `topic`, `touch_topic`, `joints`,
-/// `until_break`, `split_gap_s`, `split_idle`, `idle_s`; parting at pauses (`split_idle`) needs a
-/// robot, and is done by what learns from the log.
+/// or a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. `options` are the keys of
+/// `palpate.settings.LogSettings`; parting at pauses (`split_idle`) needs a robot, and is done by
+/// what learns from the log.
 ///
 /// Raises LogError, which names the file and the remedy.
 #[pyfunction]

@@ -30,8 +30,8 @@ use crate::watch::{long, unshown};
 /// `robot` is a `Robot`, a name or a path; `method` is `map`, the exact maximum a posteriori, or
 /// `ekf`, the paper's filter. `settings` are those of the command: the path of a TOML file or a dict
 /// of its sections, over which `sections` are laid, such as `contact={"friction": 0.3}` or
-/// `lattice=Lattice(...)`. `prior` is a field that says what is expected of its cells before they
-/// are touched. Threads that use one mapper wait for each other.
+/// `lattice=Lattice(...)`; `palpate.settings` has all keys. `prior` is a field that says what is
+/// expected of its cells before they are touched. Threads that use one mapper wait for each other.
 ///
 /// Raises SettingsError if a setting is unknown or out of its range.
 #[pyclass(frozen, module = "palpate")]

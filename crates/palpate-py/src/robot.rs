@@ -22,8 +22,8 @@ use crate::watch::unshown;
 ///
 /// `name_or_urdf` is the path of a URDF or the name of a built-in robot, `kinova_gen3` if left out;
 /// `packages` are folders of ROS packages for `package://` paths of meshes. `options` are the other
-/// keys of the section `robot` of the settings: `payload_link`, `payload_mass_kg`, `payload_com_m`,
-/// `bake_spacing_m`, `cache_dir`, `no_cache`. Meshes are baked at the first use and cached.
+/// keys of `palpate.settings.RobotSettings`: a payload, where baked meshes are kept. Meshes are baked
+/// at the first use and cached.
 ///
 /// Raises FileError if there is no such robot or its files are broken.
 #[pyclass(frozen, module = "palpate")]

@@ -9,6 +9,7 @@ import pytest
 
 import palpate
 from palpate.results import Inspection
+from palpate.settings import LatticeSettings
 
 
 def of_command(command: Path, *args: object) -> Any:
@@ -27,9 +28,11 @@ def codes(inspection: Inspection) -> list[str]:
     return [finding["code"] for finding in inspection["findings"]]
 
 
-def test_an_inspection_is_that_of_the_command(command: Path, plant: Path, robot: palpate.Robot) -> None:
+def test_needs_command_an_inspection_is_the_same(
+    command: Path, plant: Path, robot: palpate.Robot
+) -> None:
     assert as_command(palpate.inspect(plant, robot)) == of_command(command, plant)
-    box = {"spacing_m": 0.02, "box_low_m": [0.2, -0.4, 0.0], "box_high_m": [0.9, 0.4, 0.9]}
+    box: LatticeSettings = {"spacing_m": 0.02, "box_low_m": [0.2, -0.4, 0.0], "box_high_m": [0.9, 0.4, 0.9]}
     flags = ["--spacing-m", 0.02, "--box-low-m", "0.2,-0.4,0", "--box-high-m", "0.9,0.4,0.9"]
     flags += ["--torque-sign", "minus"]
     ours = palpate.inspect(plant, robot, lattice=box, touch={"torque_sign": "minus"})
@@ -71,4 +74,4 @@ def test_a_log_that_cannot_be_read_is_a_finding(tmp_path: Path, robot: palpate.R
     assert inspection["log"] is None
     assert [finding["level"] for finding in inspection["findings"]] == ["error"]
     with pytest.raises(palpate.SettingsError):
-        palpate.inspect(tmp_path, robot, lattice={"spacing": 0.02})
+        palpate.inspect(tmp_path, robot, settings={"lattice": {"spacing": 0.02}})

@@ -14,6 +14,7 @@ from stand_in import PointVSF, Tensor
 
 import palpate
 from palpate import openvsf
+from palpate.settings import ContactSettings
 
 DATA = Path(__file__).parent / "data" / "openvsf"
 """Written by OpenVSF itself: scripts/openvsf_round_trip.py."""
@@ -162,7 +163,7 @@ def test_what_openvsf_saves_again_is_still_known_to_hold_a_std(
     openvsf.save(learnt, f"{tmp_path / 'field'}{ending}")
     arrays = written(Path(f"{tmp_path / 'field'}{ending}"))
     arrays = {name: array[::-1].copy() for name, array in arrays.items()}
-    contact = {"friction": 0.45, "contact_distance_m": 0.02}
+    contact: ContactSettings = {"friction": 0.45, "contact_distance_m": 0.02}
     back = openvsf.from_point_vsf(vsf_of(arrays), contact=contact)
     assert (back.stiffness == learnt.stiffness[::-1]).all()
     assert (back.std == learnt.std[::-1]).all()

@@ -220,7 +220,7 @@ def ray_workers() -> Iterator[int]:
             pass  # it ended meanwhile
 
 
-def test_a_cluster_finds_what_one_call_does_even_if_it_loses_a_worker_and_a_node(
+def test_needs_ray_a_cluster_that_loses_a_worker_and_a_node_finds_the_same(
     cluster: Any, logs: dict[str, Path], here: Here
 ) -> None:
     assert all_same(list(palpate.ray.evaluate(logs, SETTINGS, methods=METHODS, shares=2)), here)

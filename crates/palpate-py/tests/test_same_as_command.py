@@ -33,7 +33,7 @@ def of_command(command: Path, plant: Path, tmp_path_factory: pytest.TempPathFact
     return path, run(command, "map", plant, "-o", path, "--json")
 
 
-def test_the_field_is_that_of_the_command_to_the_bit(
+def test_needs_command_the_field_is_the_same_to_the_bit(
     of_command: Any, mapped: tuple[palpate.Mapper, MapReport], tmp_path: Path
 ) -> None:
     path, report = of_command
@@ -89,7 +89,7 @@ def test_saved_loaded_continued_is_never_stopped(
         assert mapper.field().stiffness.tobytes() == whole.field().stiffness.tobytes()
 
 
-def test_a_score_is_that_of_predict(
+def test_needs_command_a_score_is_that_of_predict(
     command: Path, of_command: Any, field: palpate.Field, robot: palpate.Robot, plant: Path
 ) -> None:
     theirs = run(command, "predict", of_command[0], plant / "seq_010", "--truth", "--json")
@@ -110,7 +110,7 @@ def test_the_torque_of_a_planned_path_is_that_of_the_motion(
     assert planned[scored["frame"].astype(int)].tobytes() == scored["predicted"].tobytes()
 
 
-def test_an_evaluation_is_that_of_the_command(
+def test_needs_command_an_evaluation_is_the_same(
     command: Path, plant: Path, robot: palpate.Robot, tmp_path: Path
 ) -> None:
     logs = [plant / f"seq_00{number}" for number in range(3)]
@@ -129,7 +129,7 @@ def test_an_evaluation_is_that_of_the_command(
     assert [row["name"] for row in held_out["methods"]] == ["uniform", "zero"]
 
 
-def test_tuning_chooses_what_the_command_does(
+def test_needs_command_tuning_chooses_the_same(
     command: Path, plant: Path, robot: palpate.Robot, tmp_path: Path
 ) -> None:
     logs = [plant / f"seq_00{number}" for number in range(3)]
@@ -143,7 +143,7 @@ def test_tuning_chooses_what_the_command_does(
     assert chosen["contact"] == ours["trials"][0]["settings"]["contact"]
 
 
-def test_an_extrapolation_is_that_of_the_command(
+def test_needs_command_an_extrapolation_is_the_same(
     command: Path, of_command: Any, plant: Path, field: palpate.Field, robot: palpate.Robot, tmp_path: Path
 ) -> None:
     out, filled = tmp_path / "seen.npz", tmp_path / "filled.npz"
@@ -177,7 +177,7 @@ def test_an_extrapolation_is_that_of_the_command(
         ),
     ],
 )
-def test_errors_have_the_command_s_text(
+def test_needs_command_errors_have_the_same_text(
     ask: Any, args: list[str], command: Path, plant: Path, tmp_path: Path
 ) -> None:
     args = [arg.format(plant=plant) for arg in args]

@@ -1,12 +1,13 @@
 """Settings are those of the command, from a file, a dict or keywords."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
 
 import palpate
+from palpate.settings import Settings
 
 
 def test_a_file_a_dict_and_keywords_say_the_same(robot: palpate.Robot, tmp_path: Path) -> None:
@@ -34,6 +35,14 @@ def test_defaults_are_told_and_mean_themselves(robot: palpate.Robot) -> None:
     defaults = palpate.default_settings()
     assert palpate.Mapper(robot, settings=defaults).config == palpate.Mapper(robot).config
     assert palpate.default_settings(contact={"friction": 0.5})["contact"]["friction"] == 0.5
+
+
+def test_the_typed_settings_are_those_of_the_module() -> None:
+    typed = {}
+    for section, hint in get_type_hints(Settings).items():
+        kind = next(iter(get_args(hint)), hint)  # a lattice may be a `Lattice` as well
+        typed[section] = sorted(kind.__annotations__)
+    assert typed == {section: sorted(keys) for section, keys in palpate.default_settings().items()}
 
 
 @pytest.mark.parametrize(

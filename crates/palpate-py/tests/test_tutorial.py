@@ -4,13 +4,13 @@ import time
 from pathlib import Path
 from typing import Any
 
-import nbformat
-from nbclient import NotebookClient
-
 TUTORIAL = Path(__file__).resolve().parents[1] / "tutorial.ipynb"
 
 
-def test_the_tutorial_runs_and_is_kept_without_outputs() -> None:
+def test_needs_jupyter_the_tutorial_runs_and_is_kept_without_outputs() -> None:
+    import nbformat
+    from nbclient import NotebookClient
+
     notebook: Any = nbformat.read(TUTORIAL, as_version=4)  # type: ignore[no-untyped-call]
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert all(not cell.outputs and cell.execution_count is None for cell in code)

@@ -14,7 +14,7 @@ HERE = Path(__file__).resolve().parents[1]
 TUTORIAL = HERE / "tutorial.ipynb"
 
 
-def test_the_stub_is_the_module() -> None:
+def test_needs_mypy_the_stub_is_the_module() -> None:
     command = [sys.executable, "-m", "mypy.stubtest", "palpate"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=HERE)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -40,7 +40,7 @@ def test_everything_that_is_offered_is_there() -> None:
         assert getattr(palpate, name).__doc__
 
 
-def test_the_package_its_tests_and_the_tutorial_are_strictly_typed(tmp_path: Path) -> None:
+def test_needs_mypy_the_package_its_tests_and_the_tutorial_are_typed(tmp_path: Path) -> None:
     notebook = json.loads(TUTORIAL.read_text())
     code = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
     exported = tmp_path / "tutorial.py"

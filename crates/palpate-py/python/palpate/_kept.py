@@ -27,8 +27,12 @@ class Kept:
             return None
         try:
             with np.load(self._path(key), allow_pickle=False) as arrays:
-                plain = json.loads(arrays["outcome"].tobytes())
-                return Outcome(**_filled(plain, arrays))
+
+                def with_array(plain: dict[str, Any]) -> Any:
+                    return arrays[plain["array"]] if plain.keys() == {"array"} else plain
+
+                text = arrays["outcome"].tobytes()
+                return Outcome(**json.loads(text, object_hook=with_array))
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
             return None  # It is done again, and written anew.
 
@@ -37,7 +41,13 @@ class Kept:
         if self._folder is None or outcome.error is not None:
             return
         arrays: dict[str, Any] = {}
-        text = json.dumps(_emptied(vars(outcome), arrays))
+
+        def name_of(array: Any) -> dict[str, str]:
+            name = f"array{len(arrays)}"
+            arrays[name] = array
+            return {"array": name}
+
+        text = json.dumps(vars(outcome), default=name_of)  # which keeps arrays apart
         arrays["outcome"] = np.frombuffer(text.encode(), dtype=np.uint8)
         path = self._path(key)
         begun = path.with_suffix(f".{os.getpid()}.part")
@@ -51,27 +61,3 @@ class Kept:
     def _path(self, key: str) -> Path:
         assert self._folder is not None
         return self._folder / f"{key}.npz"
-
-
-def _emptied(plain: Any, arrays: dict[str, Any]) -> Any:
-    """Plain data for JSON; arrays are taken out, and their names put in their place."""
-    if isinstance(plain, np.ndarray):
-        name = f"array{len(arrays)}"
-        arrays[name] = plain
-        return {"array": name}
-    if isinstance(plain, dict):
-        return {key: _emptied(value, arrays) for key, value in plain.items()}
-    if isinstance(plain, list):
-        return [_emptied(value, arrays) for value in plain]
-    return plain
-
-
-def _filled(plain: Any, arrays: Any) -> Any:
-    """The same with the arrays put back."""
-    if isinstance(plain, dict):
-        if plain.keys() == {"array"}:
-            return arrays[plain["array"]]
-        return {key: _filled(value, arrays) for key, value in plain.items()}
-    if isinstance(plain, list):
-        return [_filled(value, arrays) for value in plain]
-    return plain

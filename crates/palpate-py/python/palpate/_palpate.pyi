@@ -1,47 +1,26 @@
 """The compiled part of `palpate`."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from os import PathLike
+from collections.abc import Sequence
 from typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Unpack
 
 from ._progress import Progress
 from .results import Errors, Evaluation, Inspection, MapReport, MethodRow, Score, Tuned
+from .settings import (
+    AnySettings,
+    FieldSections,
+    LearningSections,
+    LogSettings,
+    RobotSettings,
+    Sections,
+    Settings,
+)
+from .settings import Path as _Path
 
-__all__ = [
-    "Answer",
-    "Extrapolation",
-    "Field",
-    "FileError",
-    "Lattice",
-    "Log",
-    "LogError",
-    "Mapper",
-    "PalpateError",
-    "PalpateWarning",
-    "Robot",
-    "SettingsError",
-    "StepReport",
-    "Touch",
-    "TouchError",
-    "TouchIterator",
-    "default_settings",
-    "evaluate",
-    "extrapolate",
-    "given_settings",
-    "inspect",
-    "open_log",
-    "summarised",
-    "tune",
-    "unpickled_field",
-]
-
-_Path: TypeAlias = str | PathLike[str]
 _Logs: TypeAlias = _Path | Log | Touch | Sequence[_Path | Log | Touch]
-_Settings: TypeAlias = _Path | Mapping[str, Mapping[str, Any] | Lattice] | None
-_Section: TypeAlias = Mapping[str, Any] | Lattice
 
 class PalpateError(Exception):
     """What palpate could not do, and why."""
@@ -67,14 +46,17 @@ class Robot:
 
     `name_or_urdf` is the path of a URDF or the name of a built-in robot, `kinova_gen3` if left out;
     `packages` are folders of ROS packages for `package://` paths of meshes. `options` are the other
-    keys of the section `robot` of the settings: `payload_link`, `payload_mass_kg`, `payload_com_m`,
-    `bake_spacing_m`, `cache_dir`, `no_cache`. Meshes are baked at the first use and cached.
+    keys of `palpate.settings.RobotSettings`: a payload, where baked meshes are kept. Meshes are baked
+    at the first use and cached.
 
     Raises FileError if there is no such robot or its files are broken.
     """
 
     def __new__(
-        cls, name_or_urdf: _Path | None = None, packages: Sequence[_Path] | None = None, **options: Any
+        cls,
+        name_or_urdf: _Path | None = None,
+        packages: Sequence[_Path] | None = None,
+        **options: Unpack[RobotSettings],
     ) -> Robot: ...
     @property
     def name(self) -> str:
@@ -180,14 +162,13 @@ class TouchIterator:
     def __iter__(self) -> TouchIterator: ...
     def __next__(self) -> Touch: ...
 
-def open_log(path: _Path | Log | Sequence[_Path | Log], **options: Any) -> Log:
+def open_log(path: _Path | Log | Sequence[_Path | Log], **options: Unpack[LogSettings]) -> Log:
     """Opens one or more logs, which are read as one.
 
     A log is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file
-    or a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. `options` are the keys of the
-    section `log` of the settings: `angle_unit`, `columns`, `topic`, `touch_topic`, `joints`,
-    `until_break`, `split_gap_s`, `split_idle`, `idle_s`; parting at pauses (`split_idle`) needs a
-    robot, and is done by what learns from the log.
+    or a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. `options` are the keys of
+    `palpate.settings.LogSettings`; parting at pauses (`split_idle`) needs a robot, and is done by
+    what learns from the log.
 
     Raises LogError, which names the file and the remedy.
     """
@@ -239,8 +220,8 @@ class Mapper:
     `robot` is a `Robot`, a name or a path; `method` is `map`, the exact maximum a posteriori, or
     `ekf`, the paper's filter. `settings` are those of the command: the path of a TOML file or a dict
     of its sections, over which `sections` are laid, such as `contact={"friction": 0.3}` or
-    `lattice=Lattice(...)`. `prior` is a field that says what is expected of its cells before they
-    are touched. Threads that use one mapper wait for each other.
+    `lattice=Lattice(...)`; `palpate.settings` has all keys. `prior` is a field that says what is
+    expected of its cells before they are touched. Threads that use one mapper wait for each other.
 
     Raises SettingsError if a setting is unknown or out of its range.
     """
@@ -249,16 +230,16 @@ class Mapper:
         cls,
         robot: Robot | _Path | None = None,
         method: str | None = None,
-        settings: _Settings = None,
+        settings: AnySettings | None = None,
         prior: Field | None = None,
-        **sections: _Section,
+        **sections: Unpack[Sections],
     ) -> Mapper: ...
     @staticmethod
     def load(
         path: _Path,
         robot: Robot | _Path | None = None,
-        settings: _Settings = None,
-        **sections: _Section,
+        settings: AnySettings | None = None,
+        **sections: Unpack[Sections],
     ) -> Mapper:
         """Goes on from a field that `save` or `palpate map` wrote, as if it had never stopped.
 
@@ -269,8 +250,8 @@ class Mapper:
     def from_field(
         field: Field,
         robot: Robot | _Path | None = None,
-        settings: _Settings = None,
-        **sections: _Section,
+        settings: AnySettings | None = None,
+        **sections: Unpack[Sections],
     ) -> Mapper:
         """Goes on from a field that has its memory, as `load` does from a file."""
     @property
@@ -340,8 +321,8 @@ class Field:
         lattice: Lattice,
         untouched: float = 0.0,
         robot: str = "kinova_gen3",
-        settings: _Settings = None,
-        **sections: _Section,
+        settings: AnySettings | None = None,
+        **sections: Unpack[FieldSections],
     ) -> Field:
         """A field from arrays: `points` (N, 3) m, `stiffness` (N,) N/m, `std` (N,) N/m, `counts` (N,).
 
@@ -402,9 +383,9 @@ class Field:
         robot: Robot | _Path | None = None,
         *,
         truth: bool = False,
-        settings: _Settings = None,
+        settings: AnySettings | None = None,
         progress: Progress = None,
-        **sections: _Section,
+        **sections: Unpack[FieldSections],
     ) -> Score:
         """Predicts the touches of logs and compares with what was felt, as `palpate predict` does.
 
@@ -424,9 +405,9 @@ def evaluate(
     truth: bool = False,
     tune: bool = False,
     share: tuple[int, int] | None = None,
-    settings: _Settings = None,
+    settings: AnySettings | None = None,
     progress: Progress = None,
-    **sections: _Section,
+    **sections: Unpack[Sections],
 ) -> Evaluation:
     """Compares methods on touches that they have not seen, as `palpate evaluate` does.
 
@@ -441,9 +422,9 @@ def tune(
     robot: Robot | _Path | None = None,
     *,
     candidates: int | None = None,
-    settings: _Settings = None,
+    settings: AnySettings | None = None,
     progress: Progress = None,
-    **sections: _Section,
+    **sections: Unpack[Sections],
 ) -> Tuned:
     """Chooses settings by cross-validation on at least three touches, as `palpate tune` does.
 
@@ -500,9 +481,9 @@ def inspect(
     log: _Logs,
     robot: Robot | _Path | None = None,
     *,
-    settings: _Settings = None,
+    settings: AnySettings | None = None,
     progress: Progress = None,
-    **sections: _Section,
+    **sections: Unpack[LearningSections],
 ) -> Inspection:
     """Says what a log holds and what looks wrong with it, as `palpate inspect` does.
 
@@ -516,10 +497,14 @@ def inspect(
     Raises SettingsError or FileError; what is wrong with the log itself is a finding.
     """
 
-def default_settings(settings: _Settings = None, **sections: _Section) -> dict[str, Any]:
+def default_settings(
+    settings: AnySettings | None = None, **sections: Unpack[Settings]
+) -> dict[str, Any]:
     """All settings that hold when no more than this is said: a dict of sections with every key."""
 
-def given_settings(settings: _Settings = None, **sections: _Section) -> dict[str, dict[str, Any]]:
+def given_settings(
+    settings: AnySettings | None = None, **sections: Unpack[Settings]
+) -> dict[str, dict[str, Any]]:
     """The settings that are given, as a dict of sections: a file's, or those of a dict after a check."""
 
 def summarised(name: str, errors: Sequence[Errors | None]) -> MethodRow:

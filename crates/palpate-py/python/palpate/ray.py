@@ -23,22 +23,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeAlias, TypeVar, cast
 
-from . import Lattice, Log, PalpateError, PalpateWarning, Robot, _progress, _workers, default_settings
+from . import Log, PalpateError, PalpateWarning, Robot, _progress, _workers, default_settings
 from ._joined import joined
 from ._kept import Kept
 from ._palpate import given_settings
 from ._progress import Progress
 from ._tasks import Outcome, Task, files
 from .results import Evaluation, Tuned
+from .settings import AnySettings
+from .settings import Path as _Path
 
 __all__ = ["Run", "evaluate", "tune"]
 
 Result = TypeVar("Result")
 
-_Path: TypeAlias = str | os.PathLike[str]
 _Logs: TypeAlias = Mapping[str, _Path | Log] | Sequence[_Path | Log]
-_Choice: TypeAlias = _Path | Mapping[str, Mapping[str, Any] | Lattice]
-_Settings: TypeAlias = Mapping[str, _Choice] | Sequence[_Choice] | None
+_Settings: TypeAlias = Mapping[str, AnySettings] | Sequence[AnySettings] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ def _log(log: _Path | Log) -> str | Log:
     return log if isinstance(log, Log) else os.fspath(log)
 
 
-def _choices(settings: _Settings) -> Mapping[str, _Choice | None]:
+def _choices(settings: _Settings) -> Mapping[str, AnySettings | None]:
     """Choices of settings by their names."""
     if settings is None:
         return {"0": None}

@@ -84,7 +84,10 @@ fn parse(path: &Path, text: &str) -> Result<Settings, SettingsError> {
         path: path.to_owned(),
         message: error.to_string().trim_end().to_owned(),
     };
-    check_keys(path, text, DeTable::parse(text).map_err(broken)?.get_ref())?;
+    if let Some(Unknown { at, key, remedy }) = first_unknown(text).map_err(broken)? {
+        let line = 1 + text[..at].matches('\n').count();
+        return Err(SettingsError::UnknownKey { path: path.to_owned(), line, key, remedy });
+    }
     let settings: Settings = toml::from_str(text).map_err(broken)?;
     settings.check_tare(&format!("`{}`: ", path.display()))?;
     Ok(settings)
@@ -96,70 +99,52 @@ fn parse(path: &Path, text: &str) -> Result<Settings, SettingsError> {
 ///
 /// As [`read`]; values out of their range are found as well.
 pub fn of_table(table: &toml::Table) -> Result<Settings, SettingsError> {
-    let keys = |value: &toml::Value| {
-        value.as_table().map(|table| table.keys().map(|key| (0, key.clone())).collect())
-    };
-    let sections = table.iter().map(|(name, value)| (0, name.clone(), keys(value)));
-    if let Some((_, key, remedy)) = first_unknown(sections) {
-        return Err(SettingsError::Together(format!("there is no setting `{key}`{remedy}")));
-    }
-    let settings = Settings::deserialize(table.clone()).map_err(|error| {
+    let bad = |error: toml::de::Error| {
         let message = error.to_string().trim_end().replace('\n', " ");
         SettingsError::Together(format!("bad setting: {message}"))
-    })?;
+    };
+    if let Some(Unknown { key, remedy, .. }) = first_unknown(&table.to_string()).map_err(bad)? {
+        return Err(SettingsError::Together(format!("there is no setting `{key}`{remedy}")));
+    }
+    let settings = Settings::deserialize(table.clone()).map_err(bad)?;
     settings.check_tare("")?;
     settings.check()?;
     Ok(settings)
 }
 
-/// Refuses the first key, in the file's order, that is not known.
-fn check_keys(path: &Path, text: &str, table: &DeTable<'_>) -> Result<(), SettingsError> {
-    let keys = |table: &DeTable<'_>| {
-        table.keys().map(|key| (key.span().start, key.get_ref().to_string())).collect()
-    };
-    let sections = table.iter().map(|(section, value)| {
-        let (at, name) = (section.span().start, section.get_ref().to_string());
-        (at, name, value.get_ref().as_table().map(keys))
-    });
-    match first_unknown(sections) {
-        Some((at, key, remedy)) => Err(SettingsError::UnknownKey {
-            path: path.to_owned(),
-            line: 1 + text[..at].matches('\n').count(),
-            key,
-            remedy,
-        }),
-        None => Ok(()),
-    }
+/// A key or section that is not known.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+struct Unknown {
+    /// Where it is in the text.
+    at: usize,
+    key: String,
+    /// What to say to whoever wrote it.
+    remedy: String,
 }
 
-/// A name and where it stands.
-type Placed = (usize, String);
-
-/// The first name that is not known, with what to say to whoever wrote it.
-///
-/// Each section comes with its place, its name and, if it is a table, its keys.
-fn first_unknown(
-    sections: impl Iterator<Item = (usize, String, Option<Vec<Placed>>)>,
-) -> Option<(usize, String, String)> {
+/// The first key or section of a file that is not known.
+fn first_unknown(text: &str) -> Result<Option<Unknown>, toml::de::Error> {
     let all = Keys::all();
-    let mut unknown: Vec<(usize, String, String)> = Vec::new();
-    for (at, section, keys) in sections {
-        let Some((_, known)) = all.sections.iter().find(|(name, _)| *name == section) else {
-            let remedy = match keys {
-                Some(_) => all.section_remedy(&section),
-                None => all.key_remedy(None, &section),
-            };
-            unknown.push((at, section, remedy));
-            continue;
-        };
-        for (at, key) in keys.unwrap_or_default() {
-            if !known.iter().any(|arg| *arg.get_id() == *key) {
-                let remedy = all.key_remedy(Some(&section), &key);
-                unknown.push((at, key, remedy));
+    let mut unknown = Vec::new();
+    for (section, value) in DeTable::parse(text)?.get_ref().iter() {
+        let (at, name, keys) =
+            (section.span().start, section.get_ref(), value.get_ref().as_table());
+        if let Some((_, known)) = all.sections.iter().find(|(known, _)| **known == **name) {
+            for key in keys.into_iter().flat_map(|keys| keys.keys()) {
+                let (at, key) = (key.span().start, key.get_ref().to_string());
+                if !known.iter().any(|arg| *arg.get_id() == *key) {
+                    unknown.push(Unknown { at, remedy: all.key_remedy(Some(name), &key), key });
+                }
             }
+        } else {
+            let remedy = match keys {
+                Some(_) => all.section_remedy(name),
+                None => all.key_remedy(None, name),
+            };
+            unknown.push(Unknown { at, key: name.to_string(), remedy });
         }
     }
-    unknown.into_iter().min()
+    Ok(unknown.into_iter().min())
 }
 
 #[cfg(test)]

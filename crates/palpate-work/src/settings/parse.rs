@@ -1,13 +1,12 @@
 //! Values of flags that are more than a number or a word.
 
-use std::fmt;
 use std::str::FromStr;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use palpate_io::log::CsvColumns;
+use serde::de::IntoDeserializer;
 use serde::de::value::{Error, StrDeserializer};
-use serde::de::{IntoDeserializer, Unexpected, Visitor};
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 
 /// A parser of words that serde knows, which help and completions list.
 pub(super) fn named<T>(words: &[&'static str]) -> impl TypedValueParser<Value = T> + use<T>
@@ -57,7 +56,8 @@ pub(super) fn columns(text: &str) -> Result<CsvColumns, String> {
 }
 
 /// How many frames the tare is the mean of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "toml::Value", into = "toml::Value")]
 pub enum TareFrames {
     /// The contact-free start, found by itself.
     Auto,
@@ -65,54 +65,34 @@ pub enum TareFrames {
     First(u32),
 }
 
-const TARE_WANTED: &str = "a number of frames above 0, or auto";
+const TARE_WANTED: &str = "wanted a number of frames above 0, or auto";
 
 impl FromStr for TareFrames {
-    type Err = String;
+    type Err = &'static str;
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "auto" => Ok(Self::Auto),
-            text => match text.parse() {
-                Ok(frames) if frames > 0 => Ok(Self::First(frames)),
-                _ => Err(format!("wanted {TARE_WANTED}")),
-            },
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match (text, text.parse()) {
+            ("auto", _) => Ok(Self::Auto),
+            (_, Ok(frames)) if frames > 0 => Ok(Self::First(frames)),
+            _ => Err(TARE_WANTED),
         }
     }
 }
 
-impl Serialize for TareFrames {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        match self {
-            Self::Auto => serializer.serialize_str("auto"),
-            Self::First(frames) => serializer.serialize_u32(*frames),
-        }
+impl TryFrom<toml::Value> for TareFrames {
+    type Error = String;
+
+    fn try_from(value: toml::Value) -> Result<Self, String> {
+        let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        text.parse().map_err(|wanted| format!("found {value}; {wanted}"))
     }
 }
 
-impl<'de> Deserialize<'de> for TareFrames {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_any(TareVisitor)
-    }
-}
-
-struct TareVisitor;
-
-impl Visitor<'_> for TareVisitor {
-    type Value = TareFrames;
-
-    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str(TARE_WANTED)
-    }
-
-    fn visit_i64<E: serde::de::Error>(self, value: i64) -> Result<TareFrames, E> {
-        match u32::try_from(value) {
-            Ok(frames) if frames > 0 => Ok(TareFrames::First(frames)),
-            _ => Err(E::invalid_value(Unexpected::Signed(value), &self)),
+impl From<TareFrames> for toml::Value {
+    fn from(frames: TareFrames) -> Self {
+        match frames {
+            TareFrames::Auto => "auto".into(),
+            TareFrames::First(frames) => frames.into(),
         }
-    }
-
-    fn visit_str<E: serde::de::Error>(self, value: &str) -> Result<TareFrames, E> {
-        value.parse().map_err(|_| E::invalid_value(Unexpected::Str(value), &self))
     }
 }

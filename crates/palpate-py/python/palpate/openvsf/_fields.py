@@ -11,22 +11,24 @@ import shutil
 import tempfile
 import warnings
 import zipfile
-from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from .._palpate import Field, FileError, Lattice, PalpateWarning
+from ..settings import AnySettings, FieldSections
+from ..settings import Path as _Path
 from . import _lattice
 from ._arrays import STATED, Arrays, checked, has_settings, read
 from ._lattice import NEAR_CELLS, Moved, Springs
 
-_Path: TypeAlias = str | os.PathLike[str]
-_Settings: TypeAlias = _Path | Mapping[str, Mapping[str, Any] | Lattice] | None
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 
 TINY = 1e-3
 """A negative stiffness down to this part of the largest, or of 1 N/m, is a solver's zero."""
@@ -48,8 +50,8 @@ def load(
     spacing: float | None = None,
     k_std: Literal["variance", "std"] | None = None,
     robot: str | None = None,
-    settings: _Settings = None,
-    **sections: Mapping[str, Any] | Lattice,
+    settings: AnySettings | None = None,
+    **sections: Unpack[FieldSections],
 ) -> Field:
     """Reads a field that `PointVSF.save` wrote, an npz file or a folder.
 
@@ -83,8 +85,8 @@ def from_point_vsf(
     spacing: float | None = None,
     k_std: Literal["variance", "std"] | None = None,
     robot: str = "kinova_gen3",
-    settings: _Settings = None,
-    **sections: Mapping[str, Any] | Lattice,
+    settings: AnySettings | None = None,
+    **sections: Unpack[FieldSections],
 ) -> Field:
     """The field of a live `PointVSF`, as `load` makes it of a file. Needs no OpenVSF of its own."""
 

@@ -40,13 +40,9 @@ class Section:
         return self._entries.get(key)
 
     def number(self, key: str) -> float | None:
-        value = self.value(key)
-        if value is None:
-            return None
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            hint = " (YAML takes 1.0e-3 for a number, not 1e-3)" if isinstance(value, str) else ""
-            raise self.error(self.named(key), f"is {_shown(value)}; wanted a number{hint}")
-        return float(value)
+        hint = " (YAML takes 1.0e-3 for a number, not 1e-3)" if isinstance(self.value(key), str) else ""
+        value = self._of_type(key, (int, float), f"a number{hint}")
+        return None if value is None else float(value)
 
     def positive(self, key: str) -> float | None:
         value = self.number(key)
@@ -55,23 +51,25 @@ class Section:
         return value
 
     def whole(self, key: str) -> int | None:
-        value = self.value(key)
-        if value is None:
-            return None
-        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-            raise self.error(self.named(key), f"is {_shown(value)}; wanted a whole number from 0 on")
+        wanted = "a whole number from 0 on"
+        value: int | None = self._of_type(key, (int,), wanted)
+        if value is not None and value < 0:
+            raise self.error(self.named(key), f"is {value}; wanted {wanted}")
         return value
 
     def flag(self, key: str) -> bool | None:
-        value = self.value(key)
-        if value is not None and not isinstance(value, bool):
-            raise self.error(self.named(key), f"is {_shown(value)}; wanted true or false")
+        value: bool | None = self._of_type(key, (bool,), "true or false")
         return value
 
     def text(self, key: str) -> str | None:
+        value: str | None = self._of_type(key, (str,), "a text")
+        return value
+
+    def _of_type(self, key: str, types: tuple[type, ...], wanted: str) -> Any:
+        """The value of a key, which must be of one of these very types; None if there is none."""
         value = self.value(key)
-        if value is not None and not isinstance(value, str):
-            raise self.error(self.named(key), f"is {_shown(value)}; wanted a text")
+        if value is not None and type(value) not in types:
+            raise self.error(self.named(key), f"is {_shown(value)}; wanted {wanted}")
         return value
 
     def items(self, key: str, kind: type, wanted: str) -> list[Any]:
