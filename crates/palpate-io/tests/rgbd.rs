@@ -6,7 +6,7 @@
 
 use nalgebra::Point3;
 use palpate_io::cloud;
-use palpate_io::rgbd::{self, BackProjection, Camera, Config, DepthImage};
+use palpate_io::rgbd::{self, BackProjection, BackProjectionConfig, Camera, DepthImage};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::collections::{HashMap, HashSet};
@@ -22,7 +22,7 @@ fn sets() -> Vec<PathBuf> {
     sets
 }
 
-fn seen(set: &Path, config: &Config) -> (Camera, BackProjection) {
+fn seen(set: &Path, config: &BackProjectionConfig) -> (Camera, BackProjection) {
     let rgbd = set.join("rgbd");
     let camera = rgbd::read_camera(&rgbd.join("camera.json")).unwrap().at(None).unwrap();
     let colour = rgbd::read_colour(&rgbd.join("color.png")).unwrap();
@@ -33,7 +33,7 @@ fn seen(set: &Path, config: &Config) -> (Camera, BackProjection) {
 #[test]
 fn the_picture_of_a_plant_is_the_cloud_of_the_plant() {
     for set in sets() {
-        let (camera, seen) = seen(&set, &Config::default());
+        let (camera, seen) = seen(&set, &BackProjectionConfig::default());
         let by_pixel: HashMap<[u32; 2], usize> =
             seen.pixels.iter().enumerate().map(|(row, &pixel)| (pixel, row)).collect();
         let object = cloud::read(&set.join("object.ply")).unwrap().cloud;
@@ -76,7 +76,11 @@ fn a_box_around_the_plant_keeps_the_plant_and_nothing_outside() {
     };
     let margin = Point3::new(1e-6, 1e-6, 1e-6).coords;
     let [low, high] = [corner(f64::MAX, f64::min) - margin, corner(f64::MIN, f64::max) + margin];
-    let config = Config { crop: Some([low, high]), flying: None, ..Config::default() };
+    let config = BackProjectionConfig {
+        crop: Some([low, high]),
+        flying: None,
+        ..BackProjectionConfig::default()
+    };
     let (_, seen) = seen(set, &config);
     assert!(seen.cloud.len() >= object.len());
     assert!(seen.cloud.points().iter().all(|p| p >= &low && p <= &high));
@@ -112,7 +116,8 @@ fn of_depths_mixed_at_edges_nearly_all_are_dropped_and_little_else() {
     let colour = rgbd::read_colour(&rgbd.join("color.png")).unwrap();
     let depth = rgbd::read_depth(&rgbd.join("depth.png"), 0.001).unwrap();
     let (depth, mixed) = with_mixed_edges(&depth);
-    let seen = rgbd::back_project(&colour, &depth, &camera, &Config::default()).unwrap();
+    let seen =
+        rgbd::back_project(&colour, &depth, &camera, &BackProjectionConfig::default()).unwrap();
     let kept: HashSet<[u32; 2]> = seen.pixels.into_iter().collect();
     let missed = mixed.iter().filter(|pixel| kept.contains(*pixel)).count();
     let others = seen.dropped.flying - (mixed.len() - missed);

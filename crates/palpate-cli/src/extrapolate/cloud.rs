@@ -115,7 +115,8 @@ impl CloudArgs {
                 "`{camera}` does not say where the camera stands; give --camera-pose"
             ))
         })?;
-        let mut config = rgbd::Config { crop, ..rgbd::Config::default() };
+        let mut config =
+            rgbd::BackProjectionConfig { crop, ..rgbd::BackProjectionConfig::default() };
         if let [near, far] = self.depth_range_m[..] {
             if !(near >= 0.0 && near < far) {
                 let range = format!("--depth-range-m is {near},{far}; wanted near below far");

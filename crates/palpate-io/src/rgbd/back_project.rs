@@ -13,7 +13,7 @@ const PLAUSIBLE_MEDIAN_M: [f64; 2] = [0.02, 50.0];
 
 /// Which pixels become points.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Config {
+pub struct BackProjectionConfig {
     /// Nearest and farthest depth that is kept, m along the optical axis.
     pub depth_range_m: [f64; 2],
     /// Lowest and highest corner of the box that is kept, m, world frame; `None` keeps all.
@@ -22,7 +22,7 @@ pub struct Config {
     pub flying: Option<FlyingPixels>,
 }
 
-impl Default for Config {
+impl Default for BackProjectionConfig {
     fn default() -> Self {
         let flying = Some(FlyingPixels::default());
         Self { depth_range_m: [0.0, f64::INFINITY], crop: None, flying }
@@ -59,7 +59,7 @@ pub fn back_project(
     colour: &ColourImage,
     depth: &DepthImage,
     camera: &Camera,
-    config: &Config,
+    config: &BackProjectionConfig,
 ) -> Result<BackProjection, RgbdError> {
     check_config(config);
     check_size("the colour image", [colour.width(), colour.height()], depth)?;
@@ -94,7 +94,7 @@ type Reason = fn(&mut Dropped) -> &mut usize;
 fn point_at(
     depth: &DepthImage,
     camera: &Camera,
-    config: &Config,
+    config: &BackProjectionConfig,
     [u, v]: [u32; 2],
 ) -> Result<Point3<f64>, Reason> {
     let z = depth.at(u, v).ok_or::<Reason>(|dropped| &mut dropped.without_depth)?;
@@ -116,7 +116,7 @@ fn point_at(
     Ok(point)
 }
 
-fn check_config(config: &Config) {
+fn check_config(config: &BackProjectionConfig) {
     let [nearest, farthest] = config.depth_range_m;
     assert!(nearest <= farthest, "the depth range has its lower end first");
     if let Some([low, high]) = config.crop {

@@ -26,7 +26,7 @@ mod image_files;
 mod images;
 mod pose;
 
-pub use back_project::{BackProjection, Config, back_project};
+pub use back_project::{BackProjection, BackProjectionConfig, back_project};
 pub use camera::{Camera, Intrinsics};
 pub use camera_file::{CameraFile, read_camera};
 pub use distortion::Distortion;

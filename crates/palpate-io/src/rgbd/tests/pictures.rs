@@ -109,13 +109,14 @@ fn what_is_cut_away_is_counted_once() {
     let metres = [0.0, -1.0, f32::NAN, f32::INFINITY, 1.0, 1.0, 3.0, 9.0, 9.0, 9.0];
     let depth = DepthImage::new(10, 1, metres.to_vec(), 0.001);
     let crop = Some([Point3::new(-0.3, -9.0, 0.0), Point3::new(0.1, 9.0, 99.0)]);
-    let config = Config { depth_range_m: [0.5, 4.0], crop, ..Config::default() };
+    let config =
+        BackProjectionConfig { depth_range_m: [0.5, 4.0], crop, ..BackProjectionConfig::default() };
     let found = back_project(&black(10, 1), &depth, &ahead(10, 1), &config).unwrap();
     let wanted = Dropped { without_depth: 4, out_of_range: 3, flying: 1, ..Dropped::default() };
     assert_eq!(found.dropped, wanted, "the one at 3 m hangs between 1 m and 9 m");
     assert_eq!(found.pixels, [[4, 0], [5, 0]]);
     let crop = Some([Point3::new(-0.05, -9.0, 0.0), Point3::new(0.1, 9.0, 99.0)]);
-    let config = Config { crop, flying: None, ..config };
+    let config = BackProjectionConfig { crop, flying: None, ..config };
     let found = back_project(&black(10, 1), &depth, &ahead(10, 1), &config).unwrap();
     assert_eq!((found.dropped.flying, found.dropped.outside_box), (0, 2));
     assert_eq!(found.pixels, [[5, 0]]);
@@ -124,8 +125,11 @@ fn what_is_cut_away_is_counted_once() {
 #[test]
 fn pictures_that_give_no_point_are_refused_with_a_remedy() {
     let flat = |metres: f32| DepthImage::new(4, 4, vec![metres; 16], 0.001);
-    let config = Config::default();
-    let refused = |depth: &DepthImage, colour: &ColourImage, camera: &Camera, config: &Config| {
+    let config = BackProjectionConfig::default();
+    let refused = |depth: &DepthImage,
+                   colour: &ColourImage,
+                   camera: &Camera,
+                   config: &BackProjectionConfig| {
         back_project(colour, depth, camera, config).unwrap_err().to_string()
     };
     let error = refused(&flat(1.0), &black(8, 4), &ahead(4, 4), &config);
@@ -137,7 +141,7 @@ fn pictures_that_give_no_point_are_refused_with_a_remedy() {
     assert!(refused(&flat(0.0012), &black(4, 4), &ahead(4, 4), &config).contains("nearer"));
     let error = refused(&flat(0.0), &black(4, 4), &ahead(4, 4), &config);
     assert!(error.contains("16 have no depth") && error.contains("wrong file"), "{error}");
-    let far = Config { depth_range_m: [2.0, 3.0], ..config };
+    let far = BackProjectionConfig { depth_range_m: [2.0, 3.0], ..config };
     assert!(refused(&flat(1.0), &black(4, 4), &ahead(4, 4), &far).contains("widen the depth"));
 }
 
@@ -162,7 +166,7 @@ proptest! {
         let metres: Vec<f32> =
             (0..width * height).map(|place| 0.3 + noise(place) as f32 / 65_536.0).collect();
         let depth = DepthImage::new(width, height, metres, 0.001);
-        let config = Config { flying: None, ..Config::default() };
+        let config = BackProjectionConfig { flying: None, ..BackProjectionConfig::default() };
         let found = back_project(&black(width, height), &depth, &camera, &config).unwrap();
         prop_assert_eq!(found.pixels.len(), (width * height) as usize);
         for (point, &[u, v]) in found.cloud.points().iter().zip(&found.pixels) {
