@@ -1,5 +1,6 @@
 //! What the arm touches and the field near it, as clouds of points.
 
+use nalgebra::Vector3;
 use palpate::Mapper;
 
 use crate::message::{Header, PointCloud2};
@@ -27,15 +28,13 @@ pub fn contacts(mapper: &Mapper, header: &Header) -> PointCloud2 {
 /// deviation (N/m), and the frames that touched it; `None` if nothing is touched.
 pub fn field_near_contacts(mapper: &Mapper, header: &Header) -> Option<PointCloud2> {
     let lattice = &mapper.config().lattice;
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for cell in mapper.contacts().links.iter().flat_map(|link| &link.cells) {
-        for ((low, high), x) in low.iter_mut().zip(&mut high).zip(&lattice.point(*cell).coords) {
-            (*low, *high) = (low.min(x - NEAR_M), high.max(x + NEAR_M));
-        }
-    }
-    if low[0] > high[0] {
-        return None;
-    }
+    let links = mapper.contacts().links;
+    let touched = links.iter().flat_map(|link| &link.cells).map(|cell| lattice.point(*cell));
+    let (low, high) = touched
+        .map(|point| (point, point))
+        .reduce(|(low, high), (point, _)| (low.inf(&point), high.sup(&point)))?;
+    let near = Vector3::repeat(NEAR_M);
+    let (low, high) = (low - near, high + near);
     let field = mapper.field();
     let known = field.stiffness_n_per_m.iter().zip(&field.std_n_per_m).zip(&field.counts);
     let points: Vec<[f32; 6]> = field
@@ -44,8 +43,7 @@ pub fn field_near_contacts(mapper: &Mapper, header: &Header) -> Option<PointClou
         .zip(known)
         .filter_map(|(cell, ((k, std), count))| {
             let point = lattice.point(*cell);
-            let inside = |axis: usize| (low[axis]..=high[axis]).contains(&point[axis]);
-            (inside(0) && inside(1) && inside(2)).then(|| {
+            (low <= point && point <= high).then(|| {
                 let [x, y, z] = point.coords.map(|x| x as f32).into();
                 [x, y, z, *k as f32, *std as f32, *count as f32]
             })

@@ -51,22 +51,22 @@ impl Guard {
 
     /// Looks at torques of a step, n_joints, N·m; `Some` if this is the first to pass the limit.
     pub fn watch(&self, measured: &DVector<f64>, predicted: &DVector<f64>) -> Option<Trip> {
-        let mut state = self.state();
-        if state.trip.is_some() {
-            return None;
-        }
-        state.trip = self.passed(measured, false).or_else(|| self.passed(predicted, true));
-        state.trip.clone()
+        self.first(|_| self.passed(measured, false).or_else(|| self.passed(predicted, true)))
     }
 
     /// Looks at torques before the tare, n_joints, N·m, as [`Guard::watch`] at measured ones;
     /// `None` as long as no tare is known.
     pub fn watch_untared(&self, untared: &DVector<f64>) -> Option<Trip> {
+        self.first(|state| self.passed(&(untared - state.tare.as_ref()?), false))
+    }
+
+    /// Notes what passed the limit, unless something did before.
+    fn first(&self, passed: impl FnOnce(&State) -> Option<Trip>) -> Option<Trip> {
         let mut state = self.state();
         if state.trip.is_some() {
             return None;
         }
-        state.trip = self.passed(&(untared - state.tare.as_ref()?), false);
+        state.trip = passed(&state);
         state.trip.clone()
     }
 
