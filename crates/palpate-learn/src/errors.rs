@@ -34,6 +34,23 @@ pub struct ErrorSum {
 }
 
 impl ErrorSum {
+    /// Of predicted and true external torques, frame by frame, each n_joints, N·m.
+    pub fn of<P: AsRef<[f64]>, T: AsRef<[f64]>>(
+        predicted: impl IntoIterator<Item = P>,
+        truth: impl IntoIterator<Item = T>,
+    ) -> Self {
+        let mut sum = Self::default();
+        for (predicted, truth) in predicted.into_iter().zip(truth) {
+            sum.add_slices(predicted.as_ref(), truth.as_ref());
+        }
+        sum
+    }
+
+    /// Of predicting zero.
+    pub fn of_zero(truth: &[Vec<f64>]) -> Self {
+        Self::of(truth.iter().map(|truth| vec![0.0; truth.len()]), truth)
+    }
+
     /// Adds a frame: predicted and true external torque, n_joints, N·m.
     pub fn add(&mut self, predicted: &DVector<f64>, truth: &DVector<f64>) {
         self.add_slices(predicted.as_slice(), truth.as_slice());

@@ -95,11 +95,8 @@ impl MeanStd {
 impl Prediction {
     /// A prediction and its errors against what was to be predicted.
     pub fn new(method: &str, predicted: Vec<Vec<f64>>, external: &[Vec<f64>]) -> Self {
-        let mut sum = ErrorSum::default();
-        for (predicted, external) in predicted.iter().zip(external) {
-            sum.add_slices(predicted, external);
-        }
-        Self { method: method.to_owned(), errors: sum.errors(), predicted }
+        let errors = ErrorSum::of(&predicted, external).errors();
+        Self { method: method.to_owned(), errors, predicted }
     }
 }
 
@@ -111,8 +108,7 @@ impl LeftOut {
 
     /// Errors of predicting zero on this touch, whether or not that is in the table.
     pub fn zero(&self) -> Option<Errors> {
-        let zeros = self.external.iter().map(|external| vec![0.0; external.len()]).collect();
-        Prediction::new("zero", zeros, &self.external).errors
+        ErrorSum::of_zero(&self.external).errors()
     }
 
     /// Why a method does badly on this touch, as far as the torques tell: how many of the contacts

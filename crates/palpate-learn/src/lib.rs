@@ -1,16 +1,16 @@
 //! How good a map is: errors of predicted torques on touches that it has not seen.
 //!
-//! | module                  | says                                                            |
-//! |-------------------------|-----------------------------------------------------------------|
-//! | [`mod@tracked`]         | touches with their contacts, simulated once for all             |
-//! | [`mod@folds`]           | which touches are learnt from, and which are predicted          |
-//! | [`mod@method`]       | the methods that are compared                                   |
-//! | [`mod@regression`]      | torque from joint angles alone: MLP, Gaussian process, k-NN     |
-//! | [`mod@evaluate`]        | all methods on all folds                                        |
-//! | [`mod@evaluation`]      | what came out                                                   |
-//! | [`mod@tune`]            | settings from training touches alone                            |
-//! | [`mod@extrapolate`]     | from what was touched to what was only seen                     |
-//! | [`mod@errors`]          | the four figures of Table I                                     |
+//! | module              | what it does                                                    |
+//! |---------------------|-----------------------------------------------------------------|
+//! | [`mod@tracked`]     | touches with their contacts, simulated once for all             |
+//! | [`mod@folds`]       | which touches are learnt from, and which are predicted          |
+//! | [`mod@method`]      | the methods that are compared                                   |
+//! | [`mod@regression`]  | torque from joint angles alone: MLP, Gaussian process, k-NN     |
+//! | [`mod@evaluate`]    | all methods on all folds                                        |
+//! | [`mod@evaluation`]  | its result                                                      |
+//! | [`mod@tune`]        | settings from training touches alone                            |
+//! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
+//! | [`mod@errors`]      | the four figures of Table I                                     |
 //!
 //! The crate knows the estimators of the core, but no file.
 #![forbid(unsafe_code)]

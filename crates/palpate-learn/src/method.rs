@@ -83,11 +83,11 @@ impl Method {
         config: &MapperConfig,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Torques, MethodError> {
-        let of_field = |cells: &[Cell]| torques(tracked, fold, |frame| predicted(frame, cells));
+        let of_field = |cells: &[Cell]| torques(tracked, fold, |frame| frame.predict(cells));
         match self {
             Self::Map | Self::Ekf => {
                 let estimator = learn(tracked, &fold.train, config, stop)?;
-                Ok(of_field(&cells(tracked, |row| estimator.stiffness(row))))
+                Ok(of_field(&tracked.with_stiffness(|row| estimator.stiffness(row))))
             }
             Self::Uniform => Ok(of_field(&uniform(tracked, &fold.train))),
             Self::Zero => Ok(torques(tracked, fold, |frame| vec![0.0; frame.target.len()])),
@@ -179,17 +179,6 @@ pub fn field(tracked: &Tracked, estimator: &dyn Estimator, config: &MapperConfig
     field
 }
 
-/// All cells with a stiffness by row, N/m.
-fn cells(tracked: &Tracked, stiffness: impl Fn(usize) -> f64) -> Vec<Cell> {
-    let cell = |(row, &point): (usize, &[f64; 3])| Cell::new(point, stiffness(row));
-    tracked.points_m.iter().enumerate().map(cell).collect()
-}
-
-/// `τ̂ = Σ wᵢ Kᵢ` of a frame (Eq. 5).
-fn predicted(frame: &TrackedFrame, cells: &[Cell]) -> Vec<f64> {
-    frame.observation.predict(cells, Stiffness::Positive).as_slice().to_vec()
-}
-
 fn torques(tracked: &Tracked, fold: &Fold, predict: impl Fn(&TrackedFrame) -> Vec<f64>) -> Torques {
     let of = |&touch: &usize| tracked.touches[touch].frames.iter().map(&predict).collect();
     fold.test.iter().map(of).collect()
@@ -198,7 +187,7 @@ fn torques(tracked: &Tracked, fold: &Fold, predict: impl Fn(&TrackedFrame) -> Ve
 /// The field of one stiffness that explains the touches best: `K = Σ h·τ / Σ h·h ≥ 0`, where h is
 /// the torque of a field of 1 N/m.
 fn uniform(tracked: &Tracked, touches: &[usize]) -> Vec<Cell> {
-    let unit = cells(tracked, |_| 1.0);
+    let unit = tracked.with_stiffness(|_| 1.0);
     let (mut explained, mut power) = (0.0, 0.0);
     for frame in touches.iter().flat_map(|&touch| &tracked.touches[touch].frames) {
         let h: DVector<f64> = frame.observation.predict(&unit, Stiffness::Positive);
@@ -206,5 +195,5 @@ fn uniform(tracked: &Tracked, touches: &[usize]) -> Vec<Cell> {
         power += h.norm_squared();
     }
     let stiffness = if power > 0.0 { f64::max(explained / power, 0.0) } else { 0.0 };
-    cells(tracked, |_| stiffness)
+    tracked.with_stiffness(|_| stiffness)
 }

@@ -7,7 +7,9 @@
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
-use palpate::unstable::{CellRows, Observation, ObservationBuilder, TrackedSample, Tracker};
+use palpate::unstable::{
+    Cell, CellRows, Observation, ObservationBuilder, Stiffness, TrackedSample, Tracker,
+};
 use palpate::{
     Arm, CellId, ContactConfig, Lattice, MapperConfig, MapperError, Sample, SettingError, Tare,
 };
@@ -125,14 +127,12 @@ impl Tracked {
         Self::track(arm, &config, touches, Some(self), stop)
     }
 
-    /// Every so-manyth frame of each touch: what a quick look is content with.
-    pub fn thinned(mut self, every: usize) -> Self {
+    /// Every n-th frame of each touch, from the first on.
+    pub fn thinned(mut self, n: usize) -> Self {
         for touch in &mut self.touches {
-            let mut number = 0;
-            touch.frames.retain(|_| {
-                number += 1;
-                (number - 1) % every.max(1) == 0
-            });
+            let mut numbers = 0..;
+            let is_nth = |number: usize| number.is_multiple_of(n.max(1));
+            touch.frames.retain(|_| numbers.next().is_some_and(is_nth));
         }
         self
     }
@@ -154,7 +154,7 @@ impl Tracked {
         let mut observations = ObservationBuilder::new(CellRows::new(config.lattice.clone()));
         let mut tracked = Vec::with_capacity(touches.len());
         let numbered: Vec<(usize, &Touch)> = touches.iter().enumerate().collect();
-        // Contacts are larger than what they are folded into: no more of them than are worked on.
+        // Contacts are larger than observations: there are no more of them than are worked on.
         for some in numbered.chunks(rayon::current_num_threads().max(1)) {
             let followed: Vec<_> = some.par_iter().map(|touch| track(*touch)).collect();
             for (frames, (number, touch)) in followed.into_iter().zip(some) {
@@ -163,8 +163,9 @@ impl Tracked {
                     None => Noise::of(&of_tare, arm.robot.n_joints()),
                     Some(like) => like.touches[*number].noise.clone(),
                 };
-                let fold = |frame: Followed| frame.fold(arm, &mut observations);
-                let frames = frames.into_iter().map(fold).collect();
+                let frames = frames.into_iter();
+                let frames = frames.map(|frame| frame.observed(arm, touch, &mut observations));
+                let frames = frames.collect();
                 tracked.push(TrackedTouch { name: touch.name.clone(), frames, noise });
             }
         }
@@ -184,6 +185,12 @@ impl Tracked {
             frame.observation.rows().for_each(|row| met[row] = true);
         }
         met
+    }
+
+    /// All cells with a stiffness by row, N/m; rows are asked for in rising order.
+    pub(crate) fn with_stiffness(&self, mut stiffness: impl FnMut(usize) -> f64) -> Vec<Cell> {
+        let cell = |(row, &point): (usize, &[f64; 3])| Cell::new(point, stiffness(row));
+        self.points_m.iter().enumerate().map(cell).collect()
     }
 
     /// Standard deviation of some touches' torques in the frames of the tare, where nothing is
@@ -213,7 +220,11 @@ impl Tracked {
 impl TrackedTouch {
     /// Frames in which the arm displaces something.
     pub fn frames_in_contact(&self) -> usize {
-        self.frames.iter().filter(|frame| frame.observation.n_contacts() > 0).count()
+        self.in_contact().count()
+    }
+
+    pub(crate) fn in_contact(&self) -> impl Iterator<Item = &TrackedFrame> + Clone {
+        self.frames.iter().filter(|frame| frame.observation.n_contacts() > 0)
     }
 
     /// Joint positions as [`Frames::q`] has them, n_joints × frames, rad.
@@ -224,28 +235,44 @@ impl TrackedTouch {
     }
 }
 
+impl TrackedFrame {
+    /// `τ̂ = Σ wᵢ Kᵢ` (Eq. 5) of cells by row, of which none counts as negative, n_joints, N·m.
+    pub(crate) fn predict(&self, cells: &[Cell]) -> Vec<f64> {
+        self.observation.predict(cells, Stiffness::Positive).as_slice().to_vec()
+    }
+}
+
 /// A frame on its way to a [`TrackedFrame`].
 struct Followed {
-    sample: u32,
-    time_s: Option<f64>,
-    q: Vec<f64>,
+    /// Its number among the touch's samples.
+    sample: usize,
     unwrapped: Vec<f64>,
-    frame: TrackedSample,
+    tracked: TrackedSample,
     external: DVector<f64>,
-    truth: Option<Vec<f64>>,
 }
 
 impl Followed {
-    fn fold(self, arm: &Arm, observations: &mut ObservationBuilder) -> TrackedFrame {
-        let (frame, external) = (self.frame, self.external);
-        let observation = observations.build(&arm.robot, &frame.poses, &frame.contacts, &external);
+    fn observed(
+        self,
+        arm: &Arm,
+        touch: &Touch,
+        observations: &mut ObservationBuilder,
+    ) -> TrackedFrame {
+        let Self { sample, unwrapped, tracked, external } = self;
+        let Sample { time_s, ref q, .. } = touch.samples[sample];
+        let truth = touch.truth.as_ref().map(|truth| truth[sample].clone());
         TrackedFrame {
-            sample: self.sample,
-            time_s: self.time_s,
-            q: self.q,
-            unwrapped: self.unwrapped,
-            observation,
-            target: self.truth.unwrap_or_else(|| external.as_slice().to_vec()),
+            sample: sample as u32,
+            time_s,
+            q: q.clone(),
+            unwrapped,
+            observation: observations.build(
+                &arm.robot,
+                &tracked.poses,
+                &tracked.contacts,
+                &external,
+            ),
+            target: truth.unwrap_or_else(|| external.as_slice().to_vec()),
         }
     }
 }
@@ -307,15 +334,8 @@ fn follow(
             }
         };
         if let Some(external) = external {
-            frames.push(Followed {
-                sample: index as u32,
-                time_s: sample.time_s,
-                q: sample.q.clone(),
-                unwrapped: unwrapped.clone(),
-                frame,
-                external,
-                truth: touch.truth.as_ref().map(|truth| truth[index].clone()),
-            });
+            let unwrapped = unwrapped.clone();
+            frames.push(Followed { sample: index, unwrapped, tracked: frame, external });
         } else {
             of_tare.push(frame.untared);
         }

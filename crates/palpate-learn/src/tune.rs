@@ -19,7 +19,8 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::evaluation::{MeanStd, Prediction};
+use crate::errors::ErrorSum;
+use crate::evaluation::MeanStd;
 use crate::folds::{Fold, folds};
 use crate::method::{Method, MethodError};
 use crate::tracked::{Touch, TrackError, Tracked};
@@ -192,11 +193,9 @@ impl Tuner {
             let torques = method.predict(tracked, fold, &config, stop)?;
             for (&touch, predicted) in fold.test.iter().zip(torques) {
                 let frames = &tracked.touches[touch].frames;
-                let measured: Vec<Vec<f64>> = frames
-                    .iter()
-                    .map(|frame| frame.observation.tau().as_slice().to_vec())
-                    .collect();
-                scores.extend(score_of(predicted, &measured));
+                let measured = frames.iter().map(|frame| frame.observation.tau());
+                let measured: Vec<Vec<f64>> = measured.map(|tau| tau.as_slice().to_vec()).collect();
+                scores.extend(score_of(&predicted, &measured));
             }
         }
         Ok(MeanStd::of(scores).map_or(f64::INFINITY, |score| score.mean))
@@ -205,10 +204,9 @@ impl Tuner {
 
 /// Mean relative error of a touch; where it never reaches 1 N·m its mean error by that of
 /// predicting zero, and nothing if there is no torque at all.
-fn score_of(predicted: Vec<Vec<f64>>, measured: &[Vec<f64>]) -> Option<f64> {
-    let zeros = measured.iter().map(|tau| vec![0.0; tau.len()]).collect();
-    let zero = Prediction::new("zero", zeros, measured).errors?.avg_error;
-    let errors = Prediction::new("", predicted, measured).errors?;
+fn score_of(predicted: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<f64> {
+    let zero = ErrorSum::of_zero(measured).errors()?.avg_error;
+    let errors = ErrorSum::of(predicted, measured).errors()?;
     errors.avg_relative.or((zero > 0.0).then_some(errors.avg_error / zero))
 }
 

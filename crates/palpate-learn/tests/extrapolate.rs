@@ -177,7 +177,7 @@ fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
     let field = field(&felt, |_| 1.0);
     let config = Config::default();
     let none = extrapolate(&seen, &field, None, &config);
-    assert!(matches!(none, Err(ExtrapolateError::NothingFelt)));
+    assert!(matches!(none, Err(ExtrapolateError::NoTorques)));
     let shifted = |by: [f64; 3]| {
         let points: Vec<Point3<f64>> = seen
             .points_m()

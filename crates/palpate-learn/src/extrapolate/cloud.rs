@@ -7,7 +7,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Point3;
 use palpate::{CellId, Lattice};
 
-use super::ExtrapolateError;
+use super::error::ExtrapolateError;
 
 /// What a camera saw of the object: points of the world with their colours.
 pub struct SeenCloud {
@@ -120,10 +120,9 @@ impl SeenCloud {
             return Ok(());
         }
         let [cloud, field] = [bounds(&self.points_m), bounds(touched_m)];
-        let apart = |axis: usize| {
-            (cloud[0][axis] - field[1][axis]).max(field[0][axis] - cloud[1][axis]).max(0.0)
-        };
-        let apart_m = [apart(0), apart(1), apart(2)];
+        let apart_m = [0, 1, 2].map(|axis| {
+            (cloud[0][axis] - field[1][axis]).max(field[0][axis] - cloud[1][axis]).max(0.0_f64)
+        });
         if apart_m.iter().any(|&m| m > 0.0) {
             let (cloud, field) = (in_words(&cloud), in_words(&field));
             return Err(ExtrapolateError::Apart { gap_m, apart_m, cloud, field });
@@ -134,14 +133,10 @@ impl SeenCloud {
 
 /// The box around some points: its lowest and its highest corner, m.
 fn bounds(points_m: &[[f64; 3]]) -> [[f64; 3]; 2] {
-    let mut corners = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-    for point in points_m {
-        for axis in 0..3 {
-            corners[0][axis] = corners[0][axis].min(point[axis]);
-            corners[1][axis] = corners[1][axis].max(point[axis]);
-        }
-    }
-    corners
+    let corner = |start: f64, pick: fn(f64, f64) -> f64| {
+        [0, 1, 2].map(|axis| points_m.iter().map(|point| point[axis]).fold(start, pick))
+    };
+    [corner(f64::INFINITY, f64::min), corner(f64::NEG_INFINITY, f64::max)]
 }
 
 fn in_words([low, high]: &[[f64; 3]; 2]) -> String {

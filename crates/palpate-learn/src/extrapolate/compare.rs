@@ -1,19 +1,24 @@
 //! What an extrapolated prior is worth: torques of touches that nothing has learnt from.
 //!
-//! Touches are halved at random. One half teaches a field and, with the cloud, a stiffness of what it
-//! did not reach; the other half is predicted, without a prior, with the extrapolated stiffness in
-//! the cells that the field has not met, and by a field that is learnt again from it as its prior.
+//! Touches are halved at random. A field is learnt from one half, and with the cloud it is
+//! extrapolated to cells that this half did not touch. The other half is predicted without a prior,
+//! with the extrapolated stiffness in the cells that the field has not met, and by a field that is
+//! learnt again with it as its prior.
 
-use nalgebra::DVector;
 use palpate::MapperConfig;
-use palpate::unstable::{Cell, Stiffness};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 
+use super::cloud::SeenCloud;
+use super::config::{Config, Method};
+use super::error::ExtrapolateError;
+use super::extrapolation::extrapolate;
+use super::features::Features;
 use super::process::{Evidence, Process};
-use super::{Config, ExtrapolateError, Features, Method, SeenCloud, extrapolate, torque_evidence};
-use crate::errors::ErrorSum;
+use super::torque_evidence;
+use crate::errors::{ErrorSum, Errors};
+use crate::evaluation::{MeanStd, Summary};
 use crate::folds::Fold;
 use crate::method::{self, MethodError};
 use crate::regression::shuffle;
@@ -148,9 +153,8 @@ impl Plan {
 impl Row {
     /// Mean over the halves of the relative error, and of the error, N·m.
     pub fn means(&self) -> (Option<f64>, f64) {
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-        let relative = (!self.avg_relative.is_empty()).then(|| mean(&self.avg_relative));
-        (relative, mean(&self.avg_error))
+        let mean = |values: &[f64]| Some(MeanStd::of(values.iter().copied())?.mean);
+        (mean(&self.avg_relative), mean(&self.avg_error).unwrap_or(f64::NAN))
     }
 }
 
@@ -160,21 +164,21 @@ struct ErrorOfTouches {
     avg_relative: Option<f64>,
 }
 
-/// A method with its features, and what all touches say to it.
+/// A method with its features, and the evidence of all touches.
 struct Variant {
     config: Config,
     /// Of the method `torque`.
-    felt: Option<(Process, Vec<Evidence>)>,
+    torque: Option<(Process, Vec<Evidence>)>,
 }
 
 impl Variant {
     fn new(config: Config, tracked: &Tracked, seen: &SeenCloud, at: &[Option<u32>]) -> Self {
-        let felt = (config.method == Method::Torque).then(|| {
+        let torque = (config.method == Method::Torque).then(|| {
             let process = Process::new(config.features.of(seen), config.length_scale);
             let evidence = torque_evidence::evidence(tracked, &process, at);
             (process, evidence)
         });
-        Self { config, felt }
+        Self { config, torque }
     }
 
     fn name(&self) -> String {
@@ -206,15 +210,15 @@ impl Half<'_> {
         let field = method::field(tracked, estimator.as_ref(), self.mapper);
         let met = tracked.rows_met(train);
         let mut errors = vec![
-            self.score(&|_| 0.0),
-            self.score(&|row| if met[row] { estimator.stiffness(row) } else { untouched }),
+            self.score(|_| 0.0),
+            self.score(|row| if met[row] { estimator.stiffness(row) } else { untouched }),
         ];
         let mut filled = Vec::new();
         for (number, variant) in variants.iter().enumerate() {
             if stop() {
                 return Err(ExtrapolateError::Stopped.into());
             }
-            let points = match &variant.felt {
+            let points = match &variant.torque {
                 Some((process, evidence)) => {
                     let some: Vec<&Evidence> =
                         train.iter().map(|&touch| &evidence[touch]).collect();
@@ -240,10 +244,10 @@ impl Half<'_> {
                 .map(|at| at.map_or(untouched, |point| points[point as usize]))
                 .collect();
             let fill = |row: usize| if met[row] { estimator.stiffness(row) } else { expected[row] };
-            filled.push(self.score(&fill));
+            filled.push(self.score(fill));
             if number == 0 {
                 let again = method::learn_from(tracked, train, self.mapper, &expected, stop)?;
-                errors.push(self.score(&|row| again.stiffness(row)));
+                errors.push(self.score(|row| again.stiffness(row)));
             }
         }
         errors.extend(filled);
@@ -251,25 +255,18 @@ impl Half<'_> {
     }
 
     /// Means over the test touches of the errors of a stiffness by row.
-    fn score(&self, stiffness: &dyn Fn(usize) -> f64) -> ErrorOfTouches {
-        let cells: Vec<Cell> = (self.tracked.points_m.iter().enumerate())
-            .map(|(row, &point)| Cell::new(point, stiffness(row)))
-            .collect();
+    fn score(&self, stiffness: impl Fn(usize) -> f64) -> ErrorOfTouches {
+        let cells = self.tracked.with_stiffness(stiffness);
         let of = |&touch: &usize| {
-            let mut sum = ErrorSum::default();
-            for frame in &self.tracked.touches[touch].frames {
-                let tau: DVector<f64> = frame.observation.predict(&cells, Stiffness::Positive);
-                sum.add_slices(tau.as_slice(), &frame.target);
-            }
-            sum.errors()
+            let frames = &self.tracked.touches[touch].frames;
+            let predicted = frames.iter().map(|frame| frame.predict(&cells));
+            ErrorSum::of(predicted, frames.iter().map(|frame| &frame.target)).errors()
         };
-        let errors: Vec<_> = self.fold.test.iter().filter_map(of).collect();
-        let relative: Vec<f64> = errors.iter().filter_map(|errors| errors.avg_relative).collect();
-        let mean = |sum: f64, n: usize| sum / n.max(1) as f64;
+        let errors: Vec<Errors> = self.fold.test.iter().filter_map(of).collect();
+        let Summary { avg_error, avg_relative, .. } = Summary::of("", &errors);
         ErrorOfTouches {
-            avg_error: mean(errors.iter().map(|errors| errors.avg_error).sum(), errors.len()),
-            avg_relative: (!relative.is_empty())
-                .then(|| mean(relative.iter().sum(), relative.len())),
+            avg_error: avg_error.map_or(0.0, |error| error.mean),
+            avg_relative: avg_relative.map(|error| error.mean),
         }
     }
 }

@@ -28,6 +28,10 @@ pub enum Colour {
     Chroma,
 }
 
+/// Colours by name.
+const COLOURS: [(&str, Colour); 3] =
+    [("rgb", Colour::Rgb), ("oklab", Colour::Oklab), ("chroma", Colour::Chroma)];
+
 /// What regression may look at.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
@@ -42,12 +46,8 @@ pub struct Features {
 
 impl From<Features> for String {
     fn from(features: Features) -> Self {
-        let colour = match features.colour {
-            Colour::None => None,
-            Colour::Rgb => Some("rgb"),
-            Colour::Oklab => Some("oklab"),
-            Colour::Chroma => Some("chroma"),
-        };
+        let colour = COLOURS.iter().find(|(_, colour)| *colour == features.colour);
+        let colour = colour.map(|(name, _)| *name);
         let height = features.height.then_some("height");
         let shape = features.shape.then_some("shape");
         [colour, height, shape].into_iter().flatten().collect::<Vec<_>>().join("+")
@@ -74,24 +74,20 @@ impl std::str::FromStr for Features {
     fn from_str(text: &str) -> Result<Self, String> {
         let mut features = Self { colour: Colour::None, height: false, shape: false };
         for name in text.split('+').map(str::trim) {
-            let colour = match name {
-                "rgb" => Some(Colour::Rgb),
-                "oklab" => Some(Colour::Oklab),
-                "chroma" => Some(Colour::Chroma),
-                "height" | "shape" => None,
+            match (COLOURS.iter().find(|(colour, _)| *colour == name), name) {
+                (Some(_), _) if features.colour != Colour::None => {
+                    return Err(format!("`{text}` names two colours; wanted at most one"));
+                }
+                (Some((_, colour)), _) => features.colour = *colour,
+                (None, "height") => features.height = true,
+                (None, "shape") => features.shape = true,
                 _ => {
                     return Err(format!(
                         "`{name}` in `{text}` is no feature; wanted one of rgb, oklab and chroma, \
                          and height or shape, joined by `+`: chroma+height"
                     ));
                 }
-            };
-            if colour.is_some() && features.colour != Colour::None {
-                return Err(format!("`{text}` names two colours; wanted at most one"));
             }
-            features.colour = colour.unwrap_or(features.colour);
-            features.height |= name == "height";
-            features.shape |= name == "shape";
         }
         Ok(features)
     }

@@ -1,14 +1,14 @@
-//! What the joints felt, as evidence about a stiffness over features.
+//! Measured torques, as evidence about a stiffness over features.
 //!
 //! Torque is linear in stiffness: if every cell at a seen point has `K = φ(x)·w + 3c`, and all others
-//! one stiffness of their own, then `τ = H K = (H Φ) (w, c, k)`, a few dozen unknowns that hundreds of
-//! frames speak of. So colours are told apart by the torques themselves, and not by the stiffness of
-//! single cells, of which no one knows which of them gave way.
+//! one stiffness of their own, then `τ = H K = (H Φ) (w, c, k)`: a few dozen unknowns, and hundreds of
+//! frames. So it is the torques that distinguish colours, and not the stiffness of single cells, which
+//! torques determine badly.
 //!
 //! Frames of a touch resemble each other. All of a touch together count as much as one frame.
 
 use nalgebra::{DMatrix, DVector};
-use palpate::unstable::{Cell, Stiffness};
+use palpate::unstable::Cell;
 use rayon::prelude::*;
 
 use super::process::{Evidence, Posterior, Process};
@@ -21,18 +21,14 @@ pub(super) fn evidence(tracked: &Tracked, process: &Process, at: &[Option<u32>])
     let columns: Vec<Vec<Vec<f64>>> = (0..unknowns)
         .into_par_iter()
         .map(|unknown| {
-            let mut values = Vec::new();
-            if unknown < process.len() {
-                values = process.covariance_with(unknown, &seen);
-            }
+            let of_cloud = unknown < process.len();
+            let values =
+                if of_cloud { process.covariance_with(unknown, &seen) } else { Vec::new() };
             let mut values = values.into_iter();
-            let stiffness = |at: &Option<u32>| match at {
+            let cells = tracked.with_stiffness(|row| match at[row] {
                 Some(_) => values.next().unwrap_or(0.0),
-                None => f64::from(u8::from(unknown == process.len())),
-            };
-            let cells: Vec<Cell> = (tracked.points_m.iter().zip(at.iter().map(stiffness)))
-                .map(|(&point, k)| Cell::new(point, k))
-                .collect();
+                None => f64::from(u8::from(!of_cloud)),
+            });
             tracked.touches.iter().map(|touch| torques(touch, &cells)).collect()
         })
         .collect();
@@ -50,30 +46,21 @@ pub(super) fn posterior(touches: &[&Evidence], prior_std: f64, torque_std: f64) 
     Posterior::new(&all, prior_std, torque_std)
 }
 
-/// Torques of all frames in contact under a stiffness that is nowhere negative, N·m.
+/// Torques of all frames in contact, N·m.
 fn torques(touch: &TrackedTouch, cells: &[Cell]) -> Vec<f64> {
-    let mut torques = Vec::new();
-    for frame in touch.frames.iter().filter(|frame| frame.observation.n_contacts() > 0) {
-        let tau = frame.observation.predict(cells, Stiffness::Positive);
-        torques.extend_from_slice(tau.as_slice());
-    }
-    torques
+    touch.in_contact().flat_map(|frame| frame.predict(cells)).collect()
 }
 
 /// The sums of a touch, as if it were one frame.
 fn of_touch(touch: &TrackedTouch, columns: &[&[f64]]) -> Evidence {
-    let in_contact = touch.frames.iter().filter(|frame| frame.observation.n_contacts() > 0);
-    let mut tau = Vec::new();
-    for frame in in_contact.clone() {
-        tau.extend(frame.observation.tau().iter());
-    }
-    let frames = in_contact.count();
+    let frames = touch.frames_in_contact();
     if frames == 0 {
         return Evidence::none(columns.len());
     }
     let share = (frames as f64).recip();
+    let tau = touch.in_contact().flat_map(|frame| frame.observation.tau().as_slice().to_vec());
+    let tau = DVector::from_vec(tau.collect());
     let a = DMatrix::from_fn(tau.len(), columns.len(), |reading, column| columns[column][reading]);
-    let tau = DVector::from_vec(tau);
     Evidence {
         gram: a.tr_mul(&a) * share,
         moment: a.tr_mul(&tau) * share,

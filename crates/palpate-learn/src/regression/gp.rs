@@ -1,15 +1,18 @@
 //! A Gaussian process, exact on all frames that it keeps.
 //!
 //! The kernel's hyperparameters are the likeliest ones of a random subset of frames; the
-//! prediction is `k(q)ᵀ K⁻¹ Y` of the frames themselves. Only the mean is computed: no one asks
-//! the baselines how sure they are.
+//! prediction is `k(q)ᵀ K⁻¹ Y` of the frames themselves. Only the mean is computed: the
+//! table has no use for the variance.
 
 use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
+use super::draw::{shuffle, thinned};
+use super::error::RegressionError;
+use super::frames::{Frames, Regressor};
 use super::kernel::{Kernel, likeliest};
-use super::{Frames, RegressionError, Regressor, Scale, shuffle, thinned};
+use super::scale::Scales;
 
 /// How a process is fitted.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,8 +36,7 @@ impl Default for GpConfig {
 /// A Gaussian process of torques over joint positions.
 #[derive(Debug, Clone)]
 pub struct Gp {
-    positions: Scale,
-    torques: Scale,
+    scales: Scales,
     kernel: Kernel,
     /// Kept positions in length scales, n_joints × frames.
     scaled: DMatrix<f64>,
@@ -54,12 +56,10 @@ impl Gp {
     pub fn fit(frames: &Frames, config: &GpConfig) -> Result<Self, RegressionError> {
         frames.check()?;
         let kept = frames.select(&thinned(frames.len(), config.max_frames.max(1)));
-        let (positions, torques) = (Scale::of(&kept.q), Scale::of_torques(&kept.tau));
         let mut drawn: Vec<usize> = (0..kept.len()).collect();
         shuffle(&mut drawn, &mut ChaCha8Rng::seed_from_u64(config.seed));
         drawn.truncate(config.likelihood_frames.max(1));
-        let subset = kept.select(&drawn);
-        let (z, y) = (positions.standardised(&subset.q), torques.standardised(&subset.tau));
+        let [z, y] = Scales::of(&kept).standardised(&kept.select(&drawn));
         let kernel = likeliest(&Kernel::unit(z.nrows()), &z, &y, config.steps)?;
         Self::with_kernel(&kept, kernel)
     }
@@ -79,13 +79,13 @@ impl Gp {
     pub fn with_kernel(frames: &Frames, kernel: Kernel) -> Result<Self, RegressionError> {
         frames.check()?;
         kernel.check(frames.q.nrows())?;
-        let (positions, torques) = (Scale::of(&frames.q), Scale::of_torques(&frames.tau));
-        let scaled = kernel.scaled(&positions.standardised(&frames.q));
-        let y = torques.standardised(&frames.tau);
+        let scales = Scales::of(frames);
+        let [z, y] = scales.standardised(frames);
+        let scaled = kernel.scaled(&z);
         let solved = kernel.solve(&scaled, &y)?;
         let log_likelihood = solved.log_likelihood(&y);
         let weights = solved.into_weights();
-        Ok(Self { positions, torques, kernel, scaled, weights, log_likelihood })
+        Ok(Self { scales, kernel, scaled, weights, log_likelihood })
     }
 
     /// The kernel in use.
@@ -101,7 +101,7 @@ impl Gp {
 
 impl Regressor for Gp {
     fn predict(&self, q: &DMatrix<f64>) -> DMatrix<f64> {
-        let scaled = self.kernel.scaled(&self.positions.standardised(q));
+        let scaled = self.kernel.scaled(&self.scales.positions.standardised(q));
         let mut y = DMatrix::zeros(self.weights.nrows(), q.ncols());
         for (query, mut y) in scaled.column_iter().zip(y.column_iter_mut()) {
             for (position, weights) in self.scaled.column_iter().zip(self.weights.column_iter()) {
@@ -109,14 +109,14 @@ impl Regressor for Gp {
                 y.axpy(covariance, &weights, 1.0);
             }
         }
-        self.torques.restored(&y)
+        self.scales.torques.restored(&y)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::regression::tests::{surface, unexplained};
+    use crate::regression::frames::tests::{surface, unexplained};
 
     fn kernel(noise_variance: f64) -> Kernel {
         Kernel { signal_variance: 1.0, noise_variance, length_scales: vec![0.5, 0.5] }
@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn training_frames_are_met_within_the_noise_and_exactly_without_it() {
         let frames = surface(60, 3);
-        let deviation = Scale::of_torques(&frames.tau).deviation[0];
+        let deviation = Scales::of(&frames).torques.deviation[0];
         let miss = |noise_variance: f64| {
             let gp = Gp::with_kernel(&frames, kernel(noise_variance)).unwrap();
             (gp.predict(&frames.q) - &frames.tau).amax() / deviation

@@ -7,12 +7,11 @@
 //! With `A = K⁻¹Y` for m joints the gradient of the log marginal likelihood is
 //! `½ tr((AAᵀ − m K⁻¹) ∂K)` (Rasmussen and Williams, Eq. 5.9, summed over joints).
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::{factor, inverse, solve};
-use faer::{Mat, Par};
+use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
+use faer::{Mat, Side};
 use nalgebra::DMatrix;
 
-use super::{RegressionError, positive};
+use super::error::{RegressionError, positive};
 
 /// Logarithms of hyperparameters stay within this of 0: a factor of 3,000 either way.
 const LOG_RANGE: f64 = 8.0;
@@ -31,9 +30,9 @@ pub struct Kernel {
     pub length_scales: Vec<f64>,
 }
 
-/// A kernel matrix, factorised: its lower Cholesky factor, and what it makes of the torques.
+/// A kernel matrix K, factorised, and the weights that it gives the frames.
 pub(super) struct Solved {
-    lower: Mat<f64>,
+    factor: Llt<f64>,
     /// `A = K⁻¹Y`, frames × n_joints.
     weights: Mat<f64>,
 }
@@ -73,40 +72,18 @@ impl Kernel {
         let frames = scaled.ncols();
         let position =
             |frame: usize| &scaled.as_slice()[frame * scaled.nrows()..][..scaled.nrows()];
-        let mut lower = Mat::<f64>::zeros(frames, frames);
-        for column in 0..frames {
-            let here = position(column);
-            let below = &mut lower.col_as_slice_mut(column)[column..];
-            for (row, entry) in below.iter_mut().enumerate() {
-                *entry = self.covariance(here, position(column + row));
-            }
-            below[0] += self.noise_variance;
-        }
-        let scratch =
-            factor::cholesky_in_place_scratch::<f64>(frames, Par::Seq, Default::default());
-        factor::cholesky_in_place(
-            lower.as_mut(),
-            Default::default(),
-            Par::Seq,
-            MemStack::new(&mut MemBuffer::new(scratch)),
-            Default::default(),
-        )
-        .map_err(|_| {
+        let lower = Mat::from_fn(frames, frames, |row, column| match row.checked_sub(column) {
+            None => 0.0, // the upper triangle is not looked at
+            Some(0) => self.covariance(position(row), position(row)) + self.noise_variance,
+            Some(_) => self.covariance(position(column), position(row)),
+        });
+        let factor = Llt::new(lower.as_ref(), Side::Lower).map_err(|_| {
             let noise_variance = self.noise_variance;
             RegressionError::NotPositiveDefinite { frames, noise_variance }
         })?;
         let mut weights = Mat::from_fn(frames, y.nrows(), |frame, joint| y[(joint, frame)]);
-        solve::solve_in_place(
-            lower.as_ref(),
-            weights.as_mut(),
-            Par::Seq,
-            MemStack::new(&mut MemBuffer::new(solve::solve_in_place_scratch::<f64>(
-                frames,
-                y.nrows(),
-                Par::Seq,
-            ))),
-        );
-        Ok(Solved { lower, weights })
+        factor.solve_in_place(&mut weights);
+        Ok(Solved { factor, weights })
     }
 
     /// Logarithms of signal variance, noise variance and length scales.
@@ -129,7 +106,7 @@ impl Solved {
     /// Log marginal likelihood of torques `y`, n_joints × frames, summed over joints.
     pub(super) fn log_likelihood(&self, y: &DMatrix<f64>) -> f64 {
         let frames = y.ncols();
-        let half_log_determinant: f64 = (0..frames).map(|i| self.lower[(i, i)].ln()).sum();
+        let half_log_determinant: f64 = (0..frames).map(|i| self.factor.L()[(i, i)].ln()).sum();
         let mut fit = 0.0;
         for (joint, row) in y.row_iter().enumerate() {
             fit +=
@@ -144,17 +121,6 @@ impl Solved {
         let (frames, n_joints) = self.weights.shape();
         DMatrix::from_fn(n_joints, frames, |joint, frame| self.weights[(frame, joint)])
     }
-
-    /// `K⁻¹`, of which only the lower triangle is filled.
-    fn inverse(&self) -> Mat<f64> {
-        let frames = self.lower.nrows();
-        let mut inverse = Mat::<f64>::zeros(frames, frames);
-        let scratch = inverse::inverse_scratch::<f64>(frames, Par::Seq);
-        let mut buffer = MemBuffer::new(scratch);
-        let stack = MemStack::new(&mut buffer);
-        inverse::inverse(inverse.as_mut(), self.lower.as_ref(), Par::Seq, stack);
-        inverse
-    }
 }
 
 /// Log marginal likelihood of standardised torques `y` at standardised positions `z`, both
@@ -167,7 +133,7 @@ fn likelihood(
 ) -> Result<(f64, Vec<f64>), RegressionError> {
     let scaled = kernel.scaled(z);
     let solved = kernel.solve(&scaled, y)?;
-    let inverse = solved.inverse();
+    let inverse = solved.factor.inverse();
     let log_likelihood = solved.log_likelihood(y);
     let weights = solved.into_weights();
     let (n_joints, frames) = (y.nrows() as f64, y.ncols());
@@ -244,8 +210,8 @@ fn sign(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::regression::Scale;
-    use crate::regression::tests::surface;
+    use crate::regression::frames::tests::surface;
+    use crate::regression::scale::Scale;
 
     fn data() -> (DMatrix<f64>, DMatrix<f64>) {
         let frames = surface(30, 1);

@@ -9,7 +9,10 @@ use std::ops::Range;
 
 use nalgebra::DMatrix;
 
-use super::{Frames, RegressionError, Regressor, Scale, positive, thinned};
+use super::draw::thinned;
+use super::error::{RegressionError, positive};
+use super::frames::{Frames, Regressor};
+use super::scale::Scale;
 
 /// How neighbours are taken.
 #[derive(Debug, Clone, PartialEq)]
@@ -165,7 +168,7 @@ mod tests {
     use nalgebra::{DMatrix, dmatrix};
 
     use super::*;
-    use crate::regression::tests::surface;
+    use crate::regression::frames::tests::surface;
 
     #[test]
     fn one_neighbour_is_returned_as_it_is() {

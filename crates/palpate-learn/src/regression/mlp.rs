@@ -1,9 +1,9 @@
 //! A perceptron with two hidden layers, trained by Adam on mini-batches.
 //!
-//! Early stopping listens to touches that are held out of the training frames, and the weights of
-//! the best epoch are kept. They also choose how strongly weights decay: a few touches say little of
-//! the joint positions between them, and without decay a network is bold where it knows nothing.
-//! The network itself, its gradient and its arrangement in memory are in
+//! Touches that are held out of the training frames stop the training early, and the weights of the
+//! best epoch are kept. They also choose how strongly weights decay: a few touches say little of the
+//! joint positions between them, and without decay a network predicts large torques where it has
+//! learnt nothing. The network itself, its gradient and its arrangement in memory are in
 //! [`network`](super::network).
 
 use std::ops::Range;
@@ -13,8 +13,11 @@ use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
+use super::draw::shuffle;
+use super::error::{RegressionError, positive};
+use super::frames::{Frames, HELD_OUT, Regressor};
 use super::network::{Activations, Network};
-use super::{Frames, HELD_OUT, RegressionError, Regressor, Scale, positive, shuffle};
+use super::scale::Scales;
 
 /// How a network is trained.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,8 +55,7 @@ impl Default for MlpConfig {
 /// A network that has learnt torques.
 #[derive(Debug, Clone)]
 pub struct Mlp {
-    positions: Scale,
-    torques: Scale,
+    scales: Scales,
     network: Network,
 }
 
@@ -65,8 +67,8 @@ struct Lesson {
     y: Mat<f32>,
     /// Frames to learn from.
     learnt: Vec<usize>,
-    /// Frames that tell how well it was learnt.
-    judges: Vec<usize>,
+    /// Frames that say how well it was learnt.
+    held_out: Vec<usize>,
 }
 
 /// A training that came to its end.
@@ -74,7 +76,7 @@ struct Lesson {
 struct Trained {
     /// The network of the best epoch.
     network: Network,
-    /// Loss on the judges after every epoch.
+    /// Loss on the frames held out after every epoch.
     losses: Vec<f64>,
     /// The least of them.
     loss: f64,
@@ -93,19 +95,17 @@ impl Mlp {
         frames.check()?;
         config.check()?;
         let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
-        let held_out = hold_out(&frames.parts(), &mut rng);
-        let is_held_out = |frame: &usize| held_out.iter().any(|part| part.contains(frame));
-        let (mut judges, learnt): (Vec<usize>, Vec<usize>) =
+        let parts = hold_out(&frames.parts(), &mut rng);
+        let is_held_out = |frame: &usize| parts.iter().any(|part| part.contains(frame));
+        let (mut held_out, learnt): (Vec<usize>, Vec<usize>) =
             (0..frames.len()).partition(is_held_out);
-        if judges.is_empty() {
-            judges.clone_from(&learnt);
+        if held_out.is_empty() {
+            held_out.clone_from(&learnt);
         }
-        let scaled_by = frames.select(&learnt);
-        let (positions, torques) = (Scale::of(&scaled_by.q), Scale::of_torques(&scaled_by.tau));
-        let x = columns(&positions.standardised(&frames.q));
-        let y = columns(&torques.standardised(&frames.tau));
+        let scales = Scales::of(&frames.select(&learnt));
+        let [x, y] = scales.standardised(frames).map(|numbers| columns(&numbers));
         let sizes = [x.nrows(), config.hidden, config.hidden, y.nrows()];
-        let lesson = Lesson { x, y, learnt, judges };
+        let lesson = Lesson { x, y, learnt, held_out };
 
         let start = Network::random(&sizes, &mut rng);
         let mut best = (f64::INFINITY, start.clone());
@@ -115,7 +115,7 @@ impl Mlp {
                 best = (trained.loss, trained.network);
             }
         }
-        Ok(Self { positions, torques, network: best.1 })
+        Ok(Self { scales, network: best.1 })
     }
 }
 
@@ -138,7 +138,7 @@ impl MlpConfig {
     }
 }
 
-/// Trains until the judges have not been content for a while.
+/// Trains until the loss on the frames held out has not improved for a while.
 fn train(
     lesson: &Lesson,
     mut network: Network,
@@ -150,7 +150,7 @@ fn train(
     let mut order = lesson.learnt.clone();
     let mut adam = Adam::new(network.weights().len(), config.learning_rate, weight_decay);
     let mut batch = Activations::new(network.sizes(), config.batch.min(order.len()));
-    let mut judged = Activations::new(network.sizes(), lesson.judges.len());
+    let mut validation = Activations::new(network.sizes(), lesson.held_out.len());
     let mut best = Trained { network: network.clone(), losses: Vec::new(), loss: f64::INFINITY };
     let mut since = 0;
     while best.losses.len() < config.epochs && since <= config.patience {
@@ -160,7 +160,7 @@ fn train(
             let gradient = batch.gradient(&network, data, drawn);
             adam.step(network.weights_mut(), gradient);
         }
-        let loss = judged.loss(&network, data, &lesson.judges);
+        let loss = validation.loss(&network, data, &lesson.held_out);
         best.losses.push(loss);
         since += 1;
         if loss < best.loss {
@@ -172,12 +172,12 @@ fn train(
 
 impl Regressor for Mlp {
     fn predict(&self, q: &DMatrix<f64>) -> DMatrix<f64> {
-        let x = columns(&self.positions.standardised(q));
+        let x = columns(&self.scales.positions.standardised(q));
         let frames: Vec<usize> = (0..q.ncols()).collect();
         let mut activations = Activations::new(self.network.sizes(), frames.len());
         let y = activations.forward(&self.network, &x, &frames);
         let y = DMatrix::from_fn(y.nrows(), y.ncols(), |row, frame| f64::from(y[(row, frame)]));
-        self.torques.restored(&y)
+        self.scales.torques.restored(&y)
     }
 }
 
@@ -238,7 +238,8 @@ impl Adam {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::regression::tests::{surface, unexplained};
+    use crate::regression::frames::tests::{surface, unexplained};
+    use crate::regression::scale::Scale;
 
     #[test]
     fn a_smooth_surface_is_learnt() {
@@ -257,7 +258,7 @@ mod tests {
         frames.tau = frames.tau.select_columns(&(0..60).map(|f| f * 37 % 60).collect::<Vec<_>>());
         let numbers = |matrix: &DMatrix<f64>| columns(&Scale::of(matrix).standardised(matrix));
         let (x, y) = (numbers(&frames.q), numbers(&frames.tau));
-        let lesson = Lesson { x, y, learnt: (0..40).collect(), judges: (40..60).collect() };
+        let lesson = Lesson { x, y, learnt: (0..40).collect(), held_out: (40..60).collect() };
         let config = MlpConfig { patience: 5, batch: 8, ..MlpConfig::default() };
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let start = Network::random(&[2, 16, 16, 2], &mut rng);
@@ -268,8 +269,8 @@ mod tests {
         let best_epoch = trained.losses.iter().position(|&loss| loss == best).unwrap();
         assert_eq!(trained.losses.len(), best_epoch + 1 + config.patience + 1);
         assert!(trained.losses.len() < config.epochs);
-        let mut judged = Activations::new(trained.network.sizes(), 20);
-        let again = judged.loss(&trained.network, (&lesson.x, &lesson.y), &lesson.judges);
+        let mut validation = Activations::new(trained.network.sizes(), 20);
+        let again = validation.loss(&trained.network, (&lesson.x, &lesson.y), &lesson.held_out);
         assert_eq!((again, trained.loss), (best, best));
     }
 

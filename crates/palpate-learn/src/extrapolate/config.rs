@@ -1,0 +1,105 @@
+//! Settings of the extrapolation.
+
+use palpate::Lattice;
+use serde::{Deserialize, Serialize};
+
+use super::error::ExtrapolateError;
+use super::features::Features;
+
+/// How stiffness is carried over.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// A Gaussian process over features, learnt from torques.
+    #[default]
+    Torque,
+    /// The same, learnt from the stiffness of touched cells.
+    Cells,
+    /// The paper's: the nearest neighbours among touched points.
+    Knn,
+}
+
+impl Method {
+    /// As it is called in settings and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Torque => "torque",
+            Self::Cells => "cells",
+            Self::Knn => "knn",
+        }
+    }
+}
+
+/// Settings of the extrapolation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// How stiffness is carried over.
+    pub method: Method,
+    /// What points are compared by.
+    pub features: Features,
+    /// A cell lies at a seen point that is no further away than so many cells.
+    pub reach_cells: f64,
+    /// How far apart features must be to say nothing of each other, in standard deviations over the
+    /// cloud; `torque` and `cells`.
+    pub length_scale: f64,
+    /// Standard deviation of K before anything is touched, N/m for a cell of 1 cm; it goes with the
+    /// volume of the cell.
+    pub std_n_per_m: f64,
+    /// Noise of a touch's torques taken together, N·m; `torque`.
+    pub torque_std: f64,
+    /// Neighbours, and how far apart in standard deviations they still count; `knn`.
+    pub neighbours: u32,
+    /// See `neighbours`.
+    pub neighbour_scale: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            method: Method::default(),
+            features: Features::default(),
+            reach_cells: 1.25,
+            length_scale: 2.0,
+            std_n_per_m: 0.6,
+            torque_std: 0.4,
+            neighbours: 50,
+            neighbour_scale: 0.5,
+        }
+    }
+}
+
+impl Config {
+    /// Checks every setting against its range.
+    ///
+    /// # Errors
+    ///
+    /// Names the first setting out of range.
+    pub fn check(&self) -> Result<(), ExtrapolateError> {
+        let reach = ("from 0.5 to 4", 0.5..=4.0);
+        let any = ("from 1e-6 to 1e6", 1e-6..=1e6);
+        for (setting, found, (wanted, range)) in [
+            ("reach_cells", self.reach_cells, &reach),
+            ("length_scale", self.length_scale, &any),
+            ("std_n_per_m", self.std_n_per_m, &any),
+            ("torque_std", self.torque_std, &any),
+            ("neighbours", f64::from(self.neighbours), &any),
+            ("neighbour_scale", self.neighbour_scale, &any),
+        ] {
+            if !range.contains(&found) {
+                return Err(ExtrapolateError::Setting { setting, found, wanted });
+            }
+        }
+        Ok(())
+    }
+
+    /// How far a cell may be from the seen point that it lies at, m.
+    pub fn reach_m(&self, lattice: &Lattice) -> f64 {
+        self.reach_cells * lattice.spacing_m()
+    }
+
+    /// Standard deviation of K of a cell of the lattice before anything is touched, N/m.
+    pub(super) fn prior_std(&self, lattice: &Lattice) -> f64 {
+        self.std_n_per_m * (lattice.spacing_m() / 0.01).powi(3)
+    }
+}
