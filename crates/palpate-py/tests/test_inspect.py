@@ -62,6 +62,14 @@ def test_touches_in_memory_are_inspected(touch: palpate.Touch, robot: palpate.Ro
     assert inspection["log"]["reading"]["torque_sign"] == "minus"
 
 
+def test_a_touch_of_another_robot_among_others_is_an_error(
+    touch: palpate.Touch, robot: palpate.Robot
+) -> None:
+    other = palpate.Touch(touch.q[:, :6], touch.tau[:, :6])
+    unnamed = palpate.Touch(touch.q, touch.tau)
+    assert codes(palpate.inspect([unnamed, other], robot)) == ["joint_count"]
+
+
 def test_a_box_elsewhere_is_a_finding(touch: palpate.Touch, robot: palpate.Robot) -> None:
     box = palpate.Lattice.filling([2, 2, 2], [2.5, 2.5, 2.5], 0.02)
     inspection = palpate.inspect(touch, robot, lattice=box)

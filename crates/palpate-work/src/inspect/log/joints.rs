@@ -53,7 +53,8 @@ pub(super) fn match_joints(
             }
         }
     }
-    if let Some(finding) = miscounted(&touches[0], robot).filter(|_| findings.is_empty()) {
+    let miscounted = touches.iter().find_map(|touch| miscounted(touch, robot));
+    if let Some(finding) = miscounted.filter(|_| findings.is_empty()) {
         matching = Matching::Unmatched;
         findings.push(finding);
     }
