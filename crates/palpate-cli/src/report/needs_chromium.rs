@@ -23,7 +23,7 @@ impl Page {
 
         let tab = Chromium::open();
         for events in ["Runtime", "Log", "Network"] {
-            tab.call(&format!("{events}.enable"), json!({}));
+            tab.call(&format!("{events}.enable"), &json!({}));
         }
         let page = Self { tab, _folder: folder };
         page.resize(1400, 1000);
@@ -35,14 +35,14 @@ impl Page {
     fn resize(&self, width: u32, height: u32) {
         let metrics = json!({"width": width, "height": height, "deviceScaleFactor": 1.0,
                              "mobile": false});
-        self.tab.call("Emulation.setDeviceMetricsOverride", metrics);
+        self.tab.call("Emulation.setDeviceMetricsOverride", &metrics);
     }
 
     /// The value of an expression, which may be a promise.
     fn ask(&self, expression: &str) -> Value {
         let asked = format!("(async () => JSON.stringify(await ({expression})) ?? 'null')()");
         let asked = json!({"expression": asked, "awaitPromise": true});
-        let answer = self.tab.call("Runtime.evaluate", asked);
+        let answer = self.tab.call("Runtime.evaluate", &asked);
         let text = answer["result"]["value"].as_str();
         serde_json::from_str(text.unwrap_or_else(|| panic!("`{expression}` gave {answer}")))
             .unwrap()
@@ -75,7 +75,7 @@ impl Page {
     fn mouse(&self, kind: &str, at: [f64; 2], buttons: u32) {
         let event = json!({"type": kind, "x": at[0], "y": at[1], "button": "left",
                            "buttons": buttons, "clickCount": 1});
-        self.tab.call("Input.dispatchMouseEvent", event);
+        self.tab.call("Input.dispatchMouseEvent", &event);
     }
 
     /// Turns a plot with the button for the view from above, back, and then with the mouse.

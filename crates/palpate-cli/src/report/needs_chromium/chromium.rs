@@ -68,15 +68,15 @@ impl Chromium {
         let messages = messages(process.stdout.take().unwrap());
         let (events, calls) = (RefCell::default(), Cell::default());
         let mut browser = Self { process, commands, messages, events, calls, tab: None, profile };
-        let target = browser.call("Target.createTarget", json!({"url": "about:blank"}));
+        let target = browser.call("Target.createTarget", &json!({"url": "about:blank"}));
         let attach = json!({"targetId": target["targetId"], "flatten": true});
-        let session = browser.call("Target.attachToTarget", attach);
+        let session = browser.call("Target.attachToTarget", &attach);
         browser.tab = session["sessionId"].as_str().map(str::to_owned);
         browser
     }
 
     /// Calls a method of the protocol and waits for its result.
-    pub(super) fn call(&self, method: &str, params: Value) -> Value {
+    pub(super) fn call(&self, method: &str, params: &Value) -> Value {
         let id = self.calls.get() + 1;
         self.calls.set(id);
         let mut message = json!({"id": id, "method": method, "params": params});
@@ -98,9 +98,9 @@ impl Chromium {
 
     /// Opens a page and waits until all of it is loaded.
     pub(super) fn navigate(&self, url: &str) {
-        self.call("Page.enable", json!({}));
-        self.call("Page.setLifecycleEventsEnabled", json!({"enabled": true}));
-        let loader = self.call("Page.navigate", json!({"url": url}))["loaderId"].take();
+        self.call("Page.enable", &json!({}));
+        self.call("Page.setLifecycleEventsEnabled", &json!({"enabled": true}));
+        let loader = self.call("Page.navigate", &json!({"url": url}))["loaderId"].take();
         let loaded = |event: &Value| {
             event["method"] == "Page.lifecycleEvent"
                 && event["params"]["name"] == "load"
@@ -114,7 +114,7 @@ impl Chromium {
 
     /// What is chosen from all events so far, by their names and parameters.
     pub(super) fn events<T>(&self, choose: impl Fn(&str, &Value) -> Option<T>) -> Vec<T> {
-        self.call("Runtime.evaluate", json!({"expression": "0"})); // what was before it has come
+        self.call("Runtime.evaluate", &json!({"expression": "0"})); // what was before it has come
         let events = self.events.borrow();
         let named = |event: &Value| choose(event["method"].as_str()?, &event["params"]);
         events.iter().filter_map(named).collect()
