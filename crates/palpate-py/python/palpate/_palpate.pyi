@@ -20,6 +20,34 @@ from .settings import (
 )
 from .settings import Path as _Path
 
+__all__ = [
+    "Answer",
+    "Extrapolation",
+    "Field",
+    "FileError",
+    "Lattice",
+    "Log",
+    "LogError",
+    "Mapper",
+    "PalpateError",
+    "PalpateWarning",
+    "Robot",
+    "SettingsError",
+    "StepReport",
+    "Touch",
+    "TouchError",
+    "TouchIterator",
+    "default_settings",
+    "evaluate",
+    "extrapolate",
+    "given_settings",
+    "inspect",
+    "open_log",
+    "summarised",
+    "tune",
+    "unpickled_field",
+]
+
 _Logs: TypeAlias = _Path | Log | Touch | Sequence[_Path | Log | Touch]
 
 class PalpateError(Exception):

@@ -142,7 +142,10 @@ fn frozen(touches: &[RecordedTouch], joints: &[String]) -> Vec<Finding> {
     };
     let alive = |touch: &&RecordedTouch| {
         let moves = |joint: usize| !constant(touch, &|sample| sample.q[joint]);
-        touch.frames() >= FROZEN_FRAMES && (0..touch.n_joints()).any(moves)
+        // A touch of another robot has its own finding.
+        touch.n_joints() == joints.len()
+            && touch.frames() >= FROZEN_FRAMES
+            && (0..touch.n_joints()).any(moves)
     };
     let of_joint = |(joint, name): (usize, &String)| {
         let stuck = |touch: &&RecordedTouch| constant(touch, &|sample| sample.tau[joint]);
