@@ -96,7 +96,8 @@ impl Command {
         let output = command.arg("--").args(&self.logs).output()?;
         if !output.status.success() {
             let error = String::from_utf8_lossy(&output.stderr);
-            return Err(error.trim().trim_start_matches("error: ").into());
+            let error = error.trim().trim_start_matches("error: ");
+            return Err(format!("palpate bench, {}: {error}", output.status).into());
         }
         let json: Value = serde_json::from_slice(&output.stdout)?;
         Ok(Measured { json: json.clone(), ..Measured::deserialize(json)? })

@@ -260,6 +260,6 @@ fn on_two_threads_the_field_is_the_same_to_the_bit_as_on_one() {
         let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let serial = on(1).install(learn);
         assert_eq!(serial, on(2).install(learn), "{method:?}, in a pool");
-        assert_eq!(serial, learn(), "{method:?}, on a thread of the mapper's own");
+        assert_eq!(serial, learn(), "{method:?}, in the pool of all cores");
     }
 }

@@ -34,7 +34,6 @@ use crate::torque::{Observation, Stiffness};
 /// that grows with the number of replays.
 #[derive(Debug, Clone)]
 pub struct EkfEstimator {
-    config: EstimatorConfig,
     filter: Filter,
     /// Past measurements.
     memory: ReplayMemory<Observation>,
@@ -108,7 +107,7 @@ impl EkfEstimator {
         let drift_std = config.drift_std_n_per_m * prior_std / config.prior.std_n_per_m;
         let filter = Filter { belief, drift_variance: drift_std * drift_std, seen: Vec::new() };
         let memory = ReplayMemory::new(config.memory, config.seed);
-        Ok(Self { config: config.clone(), filter, memory })
+        Ok(Self { filter, memory })
     }
 
     /// Remembers a frame; what no longer fits leaves.
@@ -208,7 +207,7 @@ impl Estimator for EkfEstimator {
         self.filter.belief.restore(state, points_m)?;
         self.filter.seen.resize(self.filter.belief.cells.len(), 0);
         self.filter.seen[..state.seen.len()].copy_from_slice(&state.seen);
-        self.memory = ReplayMemory::resume(self.config.memory, state.rng);
+        self.memory = ReplayMemory::resume(self.memory.limits(), state.rng);
         for (remembered, observation) in state.remembered.iter().zip(observations) {
             self.remember(observation, remembered.id);
         }

@@ -72,10 +72,7 @@ impl Field {
         places_m: &[[f64; 3]],
         untouched_std_n_per_m: f64,
     ) -> Vec<Option<CellEstimate>> {
-        let mut rows = CellRows::new(self.lattice.clone());
-        for &cell in &self.cells {
-            rows.row_of(cell);
-        }
+        let rows = CellRows::of(self.lattice.clone(), &self.cells);
         let estimate = |cell: CellId| match rows.find(cell) {
             Some(row) => CellEstimate {
                 stiffness_n_per_m: self.stiffness_n_per_m[row as usize],
@@ -175,10 +172,7 @@ impl Predictor {
         touch: ExternalTorqueConfig,
     ) -> Result<Self, SettingError> {
         let tracker = Tracker::new(arm, field.lattice.clone(), &field.contact, touch)?;
-        let mut rows = CellRows::new(field.lattice.clone());
-        for &cell in &field.cells {
-            rows.row_of(cell);
-        }
+        let rows = CellRows::of(field.lattice.clone(), &field.cells);
         let (stiffness, counts) = (&field.stiffness_n_per_m, field.counts.clone());
         let springs = FieldSprings::new(rows, stiffness, counts, field.untouched_n_per_m);
         Ok(Self { tracker, springs })

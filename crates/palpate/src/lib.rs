@@ -61,7 +61,8 @@
 //! | predict planned motions   | [`PathPredictor`] with a [`PathConfig`]: a [`PathPrediction`] of [`PathPoint`]s; [`PathError`] |
 //!
 //! [`unstable`] has what palpate's own crates build on: contact simulators, observations, estimators
-//! by themselves. It may change in any release.
+//! by themselves. It may change in any release, and so may fields and arguments of the types above whose
+//! own types are only there.
 //!
 //! No file, socket or clock is opened here, nothing is printed, and the same samples, settings and seed
 //! give the same field, on one thread or many.
@@ -112,15 +113,13 @@ pub mod unstable {
     pub use crate::contact::{ContactSimulator, LinkContacts};
     pub use crate::ekf::EkfEstimator;
     pub use crate::estimator::{Estimator, EstimatorState, FrameId, RememberedFrame, Replayed};
-    pub use crate::lattice::{
-        BRICK_CELLS, BRICK_EDGE, BrickBits, Bricks, CellRows, CellSet, RowsOfRuns,
-    };
+    pub use crate::lattice::CellRows;
     pub use crate::map::MapEstimator;
     pub use crate::mapper::LoggedTouch;
     pub use crate::path_predictor::{CheckedPath, PathChecker};
-    pub use crate::pause_detector::{MAX_HELD, PauseConfig, PauseDetector};
+    pub use crate::pause_detector::{PauseConfig, PauseDetector};
     pub use crate::prior_means::PriorMeansError;
-    pub use crate::replay::{ReplayMemory, RngState};
+    pub use crate::replay::RngState;
     pub use crate::robot::{
         Collision, Joint, JointKind, Link, LinkId, Poses, Shape, nests_deeper_than,
     };
@@ -129,6 +128,6 @@ pub mod unstable {
         signed_distance,
     };
     pub use crate::tare::is_contact_free;
-    pub use crate::torque::{Cell, Observation, ObservationBuilder, Prefetch, Stiffness, lever};
+    pub use crate::torque::{Cell, Observation, ObservationBuilder, Stiffness, lever};
     pub use crate::tracker::{TrackedSample, Tracker};
 }

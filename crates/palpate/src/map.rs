@@ -56,7 +56,6 @@ const TRIES: u32 = 8;
 /// (n × n).
 #[derive(Debug, Clone)]
 pub struct MapEstimator {
-    config: EstimatorConfig,
     /// The unknown of a cell is its z.
     belief: Belief,
     memory: ReplayMemory<Observation>,
@@ -80,7 +79,7 @@ impl MapEstimator {
     ) -> Result<Self, EstimatorError> {
         let belief = Belief::new(config, spacing_m, n_joints)?;
         let memory = ReplayMemory::new(config.memory, config.seed);
-        Ok(Self { config: config.clone(), belief, memory })
+        Ok(Self { belief, memory })
     }
 
     /// Takes back all that was learnt from a remembered frame, as if it had never been measured.
@@ -264,7 +263,7 @@ impl Estimator for MapEstimator {
         observations: Vec<Observation>,
     ) -> Result<(), EstimatorError> {
         self.belief.restore(state, points_m)?;
-        self.memory = ReplayMemory::resume(self.config.memory, state.rng);
+        self.memory = ReplayMemory::resume(self.memory.limits(), state.rng);
         let no_alpha = vec![0.0; self.belief.torque_variance.len()];
         for (remembered, observation) in state.remembered.iter().zip(observations) {
             let inverse = self.innovation_inverse(&observation)?;

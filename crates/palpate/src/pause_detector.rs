@@ -48,9 +48,9 @@ impl Default for PauseConfig {
 }
 
 /// So many samples of a pause are kept at most, and so many are a pause whatever their clock says.
-pub const MAX_HELD: usize = 10_000;
+const MAX_HELD: usize = 10_000;
 
-/// One of so many points that the touch has held at most may be left, and nothing is touched.
+/// The arm counts as free if at most 1/50 of the touch's largest number of contacts is left.
 const RESIDUE: usize = 50;
 
 impl PauseConfig {

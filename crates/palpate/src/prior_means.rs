@@ -1,9 +1,9 @@
 //! A prior by cell: what is expected of cells before they are touched.
 //!
-//! The prior of [`crate::estimator`] knows no place. Where something does — a field learnt
-//! yesterday, the look of an object beside what was felt of it — the cells concerned get their own
-//! prior mean m₀. Their prior variance stays that of all cells: how much evidence it takes to
-//! depart from the mean depends on torque noise and prior variance, which are tuned together.
+//! The prior of [`crate::estimator`] is the same for all cells. If an earlier field or a camera image
+//! says something about some cells, these cells get their own prior mean m₀. Their prior variance stays
+//! that of all cells: how much evidence it takes to depart from the mean depends on torque noise and
+//! prior variance, which are tuned together.
 //!
 //! The module only checks such a prior and puts it in order; [`crate::mapper`] declares its rows.
 

@@ -16,7 +16,7 @@ use crate::lattice::Lattice;
 use crate::motion::{MotionError, MotionSimulator, Substeps};
 use crate::robot::{Poses, RobotError};
 use crate::setting::SettingError;
-use crate::tare::TouchTare;
+use crate::tare::{Tare, TouchTare};
 
 /// What the robot reports at one moment.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,7 +61,7 @@ pub enum TrackerError {
     #[error(
         "the touch has no contact-free start: after {found} frames the arm has moved and touches the \
          lattice, and the tare needs at least {wanted} frames before that; start the log earlier, give the number of \
-         frames yourself (--tare-frames N), or use --no-tare if the torques are external already"
+         frames yourself (`tare_frames`), or set `no_tare` if the torques are external already"
     )]
     NoContactFreeStart { found: u32, wanted: u32 },
     /// Fewer frames than were to be averaged.
@@ -121,6 +121,9 @@ impl Tracker {
             let (found, wanted) = (config.still_rad, "zero or more, and finite");
             return Err(SettingError::new("still_rad", found, wanted));
         }
+        if config.tare == Tare::Frames(0) {
+            return Err(SettingError::new("tare_frames", 0.0, "at least 1"));
+        }
         let motion = MotionSimulator::new(arm, lattice, contact)?;
         Ok(Self { motion, config, begun: false, tare: None })
     }
@@ -133,6 +136,11 @@ impl Tracker {
     /// How the arm's motions are cut into sub-steps.
     pub(crate) fn substeps(&self) -> &Substeps {
         self.motion.substeps()
+    }
+
+    /// Whether a touch is under way: begun, not ended, and not found to be without a tare.
+    pub(crate) fn is_in_touch(&self) -> bool {
+        self.begun
     }
 
     /// Joint positions where the arm is, n_joints, and its contacts there; `None` outside a touch, or

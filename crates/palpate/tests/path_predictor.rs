@@ -112,8 +112,7 @@ fn with_a_stop_at_every_point_a_path_prediction_equals_the_predictors() {
 
 #[test]
 fn a_path_from_where_the_arm_is_goes_on_from_what_it_touches() {
-    // Without replays, which belong to a frame but are made just before the next is predicted.
-    let (mut mapper, path) = (taught(mapper_with(block(), 5.0, 0)), push(0.01, 90));
+    let (mut mapper, path) = (learnt(), push(0.01, 90));
     mapper.begin_touch();
     learn(&mut mapper, &path[..40]);
     let answer = mapper.path_predictor().ask(&path[40..], &EVERY_POINT).unwrap();

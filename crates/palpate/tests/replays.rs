@@ -7,8 +7,8 @@ mod scene;
 use std::sync::Arc;
 
 use palpate::{
-    Arm, BakeConfig, EstimatorKind, Gravity, Lattice, Mapper, MapperConfig, ReplayPolicy, Robot,
-    Sample, Tare,
+    Arm, BakeConfig, EstimatorKind, Gravity, Lattice, Mapper, MapperConfig, MapperError,
+    ReplayPolicy, Robot, Sample, Tare, TrackerError,
 };
 use scene::{collision, gantry_urdf};
 
@@ -40,8 +40,12 @@ fn touch() -> Vec<Sample> {
 }
 
 fn learn_touch(mapper: &mut Mapper) {
+    learn(mapper, &touch());
+}
+
+fn learn(mapper: &mut Mapper, samples: &[Sample]) {
     mapper.begin_touch();
-    touch().iter().for_each(|sample| drop(mapper.step(sample).unwrap()));
+    samples.iter().for_each(|sample| drop(mapper.step(sample).unwrap()));
     mapper.end_touch().unwrap();
 }
 
@@ -60,15 +64,18 @@ fn replays_in_the_background_and_on_the_same_thread_give_the_same_field_to_the_b
 
 #[test]
 fn a_mapper_saved_between_any_two_steps_continues_to_the_bit() {
-    for policy in [ReplayPolicy::Background, ReplayPolicy::SameThread] {
+    // The touch ends free of contact, or in contact.
+    for (policy, samples) in [ReplayPolicy::Background, ReplayPolicy::SameThread]
+        .into_iter()
+        .flat_map(|policy| [(policy, touch()), (policy, touch()[..20].to_vec())])
+    {
         let mut whole = mapper(EstimatorKind::Map, policy);
-        (0..2).for_each(|_| learn_touch(&mut whole));
-        for saved_at in [1, 12, 13, 20, 39] {
+        (0..3).for_each(|_| learn(&mut whole, &samples));
+        for saved_at in [1, 12, 13, 20, 39, 40] {
+            let Some((before, after)) = samples.split_at_checked(saved_at) else { continue };
             let mut first = mapper(EstimatorKind::Map, policy);
-            learn_touch(&mut first);
+            learn(&mut first, &samples);
             first.begin_touch();
-            let samples = touch();
-            let (before, after) = samples.split_at(saved_at);
             before.iter().for_each(|sample| drop(first.step(sample).unwrap()));
             let snapshot = first.snapshot();
             let mut second =
@@ -77,9 +84,29 @@ fn a_mapper_saved_between_any_two_steps_continues_to_the_bit() {
             for continued in [&mut first, &mut second] {
                 after.iter().for_each(|sample| drop(continued.step(sample).unwrap()));
                 continued.end_touch().unwrap();
+                learn(continued, &samples);
                 assert!(continued.field() == whole.field(), "saved after {saved_at} samples");
             }
         }
+    }
+}
+
+#[test]
+fn a_touch_without_a_tare_is_over_in_a_mapper_that_was_saved_and_continued_too() {
+    let with_tare_given = mapper(EstimatorKind::Map, ReplayPolicy::SameThread);
+    let mut config = with_tare_given.config().clone();
+    config.touch.tare = Tare::Auto;
+    let mut first = Mapper::new(Arc::clone(with_tare_given.arm()), config).unwrap();
+    first.begin_touch();
+    let at = |x: f64| Sample::new(None, vec![x, 0.0, 0.0], vec![0.0; 3]);
+    first.step(&at(0.0)).unwrap();
+    let error = first.step(&at(0.08)).unwrap_err();
+    assert!(matches!(error, MapperError::Tracker(TrackerError::NoContactFreeStart { .. })));
+    let mut second = Mapper::resume(Arc::clone(first.arm()), first.snapshot()).unwrap();
+    for continued in [&mut first, &mut second] {
+        let error = continued.step(&at(0.0)).unwrap_err();
+        assert!(matches!(error, MapperError::Tracker(TrackerError::NotBegun)));
+        learn(continued, &vec![at(0.0); 6]);
     }
 }
 

@@ -2,8 +2,8 @@
 //!
 //! φ is a distance: at the middle of a block of cells it bounds φ everywhere in the block, and a
 //! block that is far from the link stays free until the link has travelled as far. So every block
-//! waits for the travel at which the link may reach it. A motion looks at the blocks whose travel has
-//! come; a block that may hold covered points is split, and whatever is still free waits again.
+//! waits for the travel at which the link may reach it. A motion checks only the blocks that the
+//! link may have reached by now; a block that may hold covered points is split, and whatever is still free waits again.
 //! What a motion costs follows the link's surface and how far it went.
 
 use nalgebra::{Isometry3, Point3, Vector3};

@@ -2,8 +2,8 @@
 //!
 //! For every point and every link that comes near it, the next waypoint where it will be near is
 //! known. So φ is looked up only for points that are near a link; the rules then apply as in
-//! [`super::simulator`], in the same order. Each point meets what the step-by-step scheduler finds for
-//! it, to the bit, which a test holds.
+//! [`super::simulator`], in the same order. Each point gets the same contacts as in the step-by-step
+//! scheduler, to the bit; a test checks this.
 //!
 //! Where every point of the lattice matters and every sample is a stop, as in `evaluate`, `tune` and
 //! `predict`, the step-by-step scheduler is the faster one: following all points of `plant_a` alone took

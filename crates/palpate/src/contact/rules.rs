@@ -109,6 +109,9 @@ impl ContactRules {
             }
         }
         for round in 1..=self.slip_iterations {
+            if slipping.is_empty() {
+                break;
+            }
             for &index in slipping.iter() {
                 points[index as usize].project(surface, self);
             }

@@ -3,15 +3,15 @@
 use rustc_hash::FxHashMap;
 
 /// Cells along one edge of a brick.
-pub const BRICK_EDGE: u32 = 8;
+pub(crate) const BRICK_EDGE: u32 = 8;
 /// Cells in a brick.
-pub const BRICK_CELLS: usize = (BRICK_EDGE * BRICK_EDGE * BRICK_EDGE) as usize;
+pub(crate) const BRICK_CELLS: usize = (BRICK_EDGE * BRICK_EDGE * BRICK_EDGE) as usize;
 
 /// Values of cells in bricks of 8³, each made when one of its cells is first asked for.
 ///
 /// Memory follows the bricks in use, never the lattice's size.
 #[derive(Debug, Clone)]
-pub struct Bricks<T> {
+pub(crate) struct Bricks<T> {
     slots: FxHashMap<[u32; 3], u32>,
     bricks: Vec<T>,
 }
@@ -24,18 +24,22 @@ impl<T> Default for Bricks<T> {
 
 impl<T> Bricks<T> {
     /// The brick of a place, and the place's number inside it (0..512).
-    pub fn locate(place: [u32; 3]) -> ([u32; 3], usize) {
+    pub(crate) fn locate(place: [u32; 3]) -> ([u32; 3], usize) {
         let [i, j, k] = place.map(|n| n % BRICK_EDGE);
         (place.map(|n| n / BRICK_EDGE), (i + BRICK_EDGE * (j + BRICK_EDGE * k)) as usize)
     }
 
     /// The values of a brick, if it is in use.
-    pub fn get(&self, brick: [u32; 3]) -> Option<&T> {
+    pub(crate) fn get(&self, brick: [u32; 3]) -> Option<&T> {
         self.slots.get(&brick).map(|&slot| &self.bricks[slot as usize])
     }
 
     /// The values of a brick, made with `fresh` at first use.
-    pub fn get_or_insert_with(&mut self, brick: [u32; 3], fresh: impl FnOnce() -> T) -> &mut T {
+    pub(crate) fn get_or_insert_with(
+        &mut self,
+        brick: [u32; 3],
+        fresh: impl FnOnce() -> T,
+    ) -> &mut T {
         let slot = *self.slots.entry(brick).or_insert_with(|| {
             self.bricks.push(fresh());
             (self.bricks.len() - 1) as u32
@@ -43,18 +47,8 @@ impl<T> Bricks<T> {
         &mut self.bricks[slot as usize]
     }
 
-    /// Bricks in use.
-    pub fn len(&self) -> usize {
-        self.bricks.len()
-    }
-
-    /// Whether no brick is in use.
-    pub fn is_empty(&self) -> bool {
-        self.bricks.is_empty()
-    }
-
     /// Gives all bricks back.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.slots.clear();
         self.bricks.clear();
     }
@@ -62,16 +56,16 @@ impl<T> Bricks<T> {
 
 /// A bit for each cell of a brick.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct BrickBits([u64; BRICK_CELLS / 64]);
+pub(crate) struct BrickBits([u64; BRICK_CELLS / 64]);
 
 impl BrickBits {
     /// The bit of a cell, by its number inside the brick.
-    pub fn get(&self, inside: usize) -> bool {
+    pub(crate) fn get(&self, inside: usize) -> bool {
         self.0[inside / 64] >> (inside % 64) & 1 == 1
     }
 
     /// Sets the bit of a cell, by its number inside the brick.
-    pub fn insert(&mut self, inside: usize) {
+    pub(crate) fn insert(&mut self, inside: usize) {
         self.0[inside / 64] |= 1 << (inside % 64);
     }
 
@@ -82,7 +76,7 @@ impl BrickBits {
     /// # Panics
     ///
     /// If the cube reaches beyond the brick that `low` lies in, which is a bug in the caller.
-    pub fn holds_cube(&self, low: [u32; 3], edge: u32) -> bool {
+    pub(crate) fn holds_cube(&self, low: [u32; 3], edge: u32) -> bool {
         let [i, j, k] = low.map(|n| n % BRICK_EDGE);
         let layer = layer([i, j, k], edge);
         (k..k + edge).all(|k| self.0[k as usize] & layer == layer)
@@ -99,13 +93,13 @@ fn layer(low_inside: [u32; 3], edge: u32) -> u64 {
 
 /// A set of cells, a bit each, in bricks.
 #[derive(Debug, Clone, Default)]
-pub struct CellSet {
+pub(crate) struct CellSet {
     bricks: Bricks<BrickBits>,
 }
 
 impl CellSet {
     /// Whether the set holds the cell at a place.
-    pub fn contains(&self, place: [u32; 3]) -> bool {
+    pub(crate) fn contains(&self, place: [u32; 3]) -> bool {
         let (brick, inside) = Bricks::<()>::locate(place);
         self.bricks.get(brick).is_some_and(|bits| bits.get(inside))
     }
@@ -115,26 +109,26 @@ impl CellSet {
     /// # Panics
     ///
     /// If the cube reaches beyond the brick that `low` lies in, which is a bug in the caller.
-    pub fn holds_cube(&self, low: [u32; 3], edge: u32) -> bool {
+    pub(crate) fn holds_cube(&self, low: [u32; 3], edge: u32) -> bool {
         let (brick, _) = Bricks::<()>::locate(low);
         self.bricks.get(brick).is_some_and(|bits| bits.holds_cube(low, edge))
     }
 
     /// Adds the cell at a place.
-    pub fn insert(&mut self, place: [u32; 3]) {
+    pub(crate) fn insert(&mut self, place: [u32; 3]) {
         let (brick, inside) = Bricks::<()>::locate(place);
         self.bricks.get_or_insert_with(brick, BrickBits::default).insert(inside);
     }
 
     /// Takes the cell at a place out.
-    pub fn remove(&mut self, place: [u32; 3]) {
+    pub(crate) fn remove(&mut self, place: [u32; 3]) {
         let (brick, inside) = Bricks::<()>::locate(place);
         let bits = self.bricks.get_or_insert_with(brick, BrickBits::default);
         bits.0[inside / 64] &= !(1 << (inside % 64));
     }
 
     /// Takes all cells out.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.bricks.clear();
     }
 }

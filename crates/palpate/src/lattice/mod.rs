@@ -18,9 +18,10 @@ mod rows;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-pub use bricks::{BRICK_CELLS, BRICK_EDGE, BrickBits, Bricks, CellSet};
+pub(crate) use bricks::{BRICK_CELLS, BRICK_EDGE, Bricks, CellSet};
+pub use rows::CellRows;
 pub(crate) use rows::RowsOfBricks;
-pub use rows::{CellRows, RowsOfRuns};
+pub(crate) use rows::RowsOfRuns;
 
 /// A cell's number in its lattice: x runs fastest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

@@ -31,6 +31,19 @@ impl CellRows {
         Self { lattice, rows: Bricks::default(), cells: Vec::new(), points_m: Vec::new() }
     }
 
+    /// These cells' rows, in this order.
+    ///
+    /// # Panics
+    ///
+    /// As [`CellRows::row_of`].
+    pub fn of(lattice: Lattice, cells: &[CellId]) -> Self {
+        let mut rows = Self::new(lattice);
+        for &cell in cells {
+            rows.row_of(cell);
+        }
+        rows
+    }
+
     /// The lattice that the cells belong to.
     pub fn lattice(&self) -> &Lattice {
         &self.lattice
@@ -92,7 +105,7 @@ impl CellRows {
 /// added at its end. The rows of those that stayed are found by walking along the last run, which
 /// takes a comparison in place of a look-up.
 #[derive(Debug, Clone, Default)]
-pub struct RowsOfRuns {
+pub(crate) struct RowsOfRuns {
     runs: Vec<Run>,
 }
 
@@ -110,7 +123,7 @@ impl RowsOfRuns {
     /// # Panics
     ///
     /// If a cell is not one of the lattice's, which is a bug in the caller.
-    pub fn follow(&mut self, run: usize, cells: &[CellId], rows: &mut CellRows) -> &[u32] {
+    pub(crate) fn follow(&mut self, run: usize, cells: &[CellId], rows: &mut CellRows) -> &[u32] {
         if self.runs.len() <= run {
             self.runs.resize(run + 1, Run::default());
         }
@@ -139,7 +152,7 @@ mod tests {
         let near = rows.lattice().cell([0, 0, 0]);
         assert_eq!((rows.row_of(far), rows.row_of(near), rows.row_of(far)), (0, 1, 0));
         assert_eq!((rows.find(near), rows.find(CellId(1))), (Some(1), None));
-        assert_eq!((rows.len(), rows.rows.len()), (2, 2));
+        assert_eq!(rows.len(), 2);
         assert!((rows.points_m()[0][0] - 9.99).abs() < 1e-6);
     }
 

@@ -333,7 +333,8 @@ impl Mapper {
     /// A copy of the field and of the arm with its contacts, which predicts the torque of motions on any
     /// thread while mapping goes on.
     ///
-    /// Cost: 3 to 5 ns for each touched cell, and a copy of the contacts.
+    /// Cost: 3 to 5 ns for each touched cell, and a copy of the contacts; just after a step, as for
+    /// everything that is asked of the belief, the replays of that step are made first.
     pub fn path_predictor(&self) -> PathPredictor {
         self.coarse_path_predictor(1.0)
     }

@@ -107,12 +107,17 @@ impl SampleLog {
         self.touches.iter().any(|logged| logged.touch == touch && logged.lost)
     }
 
-    /// The touches that these remembered frames need, and the one under way.
-    pub(super) fn needed_by(&self, remembered: &[FrameId]) -> Vec<LoggedTouch> {
+    /// The touches that these remembered frames need, and the last one if it is still under way: a touch
+    /// that could not be tared is over before it is ended.
+    pub(super) fn needed_by(&self, remembered: &[FrameId], under_way: bool) -> Vec<LoggedTouch> {
         let needed = touches_of(remembered);
-        let keep =
-            |touch: &&LoggedTouch| !touch.lost && (touch.open || needed.contains(&touch.touch));
-        self.touches.iter().filter(keep).cloned().collect()
+        let touches = self.touches.iter().cloned().map(|mut touch| {
+            touch.open &= under_way;
+            touch
+        });
+        touches
+            .filter(|touch| !touch.lost && (touch.open || needed.contains(&touch.touch)))
+            .collect()
     }
 }
 

@@ -62,7 +62,7 @@ impl Mapper {
             n_joints: arm.robot.n_joints(),
             cells: self.observations.rows().cells().to_vec(),
             prior_means_n_per_m: self.prior_means_n_per_m.clone(),
-            sample_log: self.log.needed_by(&remembered),
+            sample_log: self.log.needed_by(&remembered, self.tracker.is_in_touch()),
             touches: self.log.begun(),
             state,
         }
@@ -70,7 +70,8 @@ impl Mapper {
 
     /// Goes on from a snapshot as if mapping had never stopped.
     ///
-    /// The remembered frames' contacts are simulated again from the sample log, which costs about as
+    /// Replays are made in the background, whatever the policy was ([`Mapper::with_replays`]), and none is
+    /// left to spare time. The remembered frames' contacts are simulated again from the sample log, which costs about as
     /// much as predicting those touches.
     ///
     /// # Errors
@@ -84,13 +85,11 @@ impl Mapper {
         }
         let n_joints = arm.robot.n_joints();
         let mut mapper = Self::new(arm, snapshot.config)?;
-        let mut rows = CellRows::new(mapper.config.lattice.clone());
-        for cell in &snapshot.cells {
-            if !mapper.config.lattice.contains(*cell) {
-                return Err(inconsistent(format!("cell {} is not in the lattice", cell.0)));
-            }
-            rows.row_of(*cell);
+        let lattice = &mapper.config.lattice;
+        if let Some(cell) = snapshot.cells.iter().find(|cell| !lattice.contains(**cell)) {
+            return Err(inconsistent(format!("cell {} is not in the lattice", cell.0)));
         }
+        let rows = CellRows::of(lattice.clone(), &snapshot.cells);
         if snapshot.prior_means_n_per_m.len() > rows.len() {
             let what = "it has prior means for more cells than there are";
             return Err(inconsistent(what.to_owned()));
@@ -107,7 +106,8 @@ impl Mapper {
         Ok(mapper)
     }
 
-    /// The observations of the remembered frames, in their order, from the logged touches.
+    /// The observations of the remembered frames, in their order, from the logged touches; whether the
+    /// last sample was learnt from is found out on the way.
     fn simulate_again(
         &mut self,
         sample_log: &[LoggedTouch],
@@ -117,8 +117,8 @@ impl Mapper {
         let mut found: Vec<Option<Observation>> = vec![None; state.remembered.len()];
         let ids = state.remembered.iter().enumerate().map(|(index, frame)| (frame.id, index));
         let index_of: HashMap<FrameId, usize> = ids.collect();
-        for logged in sample_log {
-            let LoggedTouch { touch, q, tau, .. } = logged;
+        let mut learnt = false;
+        for LoggedTouch { touch, open, q, tau, .. } in sample_log {
             if q.len() != tau.len() || q.len() % n_joints != 0 {
                 return Err(inconsistent(format!(
                     "the log of touch {touch} is not n × {n_joints}"
@@ -128,6 +128,7 @@ impl Mapper {
             for (number, (q, tau)) in q.chunks(n_joints).zip(tau.chunks(n_joints)).enumerate() {
                 let sample = Sample { time_s: None, q: q.to_vec(), tau: tau.to_vec() };
                 let tracked = self.tracker.feed(&sample)?;
+                learnt = *open && tracked.external.is_some() && !tracked.contacts.is_empty();
                 let frame = FrameId { touch: *touch, sample: number as u32 };
                 if let (Some(&index), Some(external)) = (index_of.get(&frame), &tracked.external) {
                     let robot = &self.tracker.arm().robot;
@@ -137,6 +138,7 @@ impl Mapper {
                 }
             }
         }
+        self.replays.set_learnt(learnt);
         let missing = || inconsistent("the sample log lacks a remembered frame".to_owned());
         found.into_iter().map(|frame| frame.ok_or_else(missing)).collect()
     }

@@ -22,7 +22,7 @@ struct Push {
 }
 
 /// The pushes of some of the springs on all links, at the stops of a path.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(super) struct LinkWrenches {
     /// By link, and by stop; empty for a link that touches nothing.
     pushes: Vec<Vec<Push>>,

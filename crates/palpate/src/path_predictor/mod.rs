@@ -61,7 +61,6 @@ pub use self::path::{CheckedPath, PathChecker};
 pub(crate) use self::springs::Springs;
 use crate::arm::Arm;
 use crate::contact::{ContactConfig, ContactState, PathContactSimulator, PosedTrajectory};
-use crate::lattice::Lattice;
 use crate::motion::MotionError;
 use crate::robot::RobotError;
 use crate::setting::SettingError;
@@ -128,8 +127,8 @@ pub enum PathError {
     Jump { point: usize, joint: String, from: f64, to: f64 },
     /// More motion than one path may have.
     #[error(
-        "up to point {point} the path takes more than {MAX_MOTIONS} motions to follow; ask about \
-         it in pieces, or at a coarser resolution"
+        "up to point {point} the path has more than {MAX_MOTIONS} stops or sub-steps; ask about it in \
+         pieces, or at a coarser resolution"
     )]
     TooLong { point: usize },
 }
@@ -174,7 +173,6 @@ pub struct PathPrediction {
 pub struct PathPredictor {
     arm: Arc<Arm>,
     checker: PathChecker,
-    lattice: Lattice,
     contact: ContactConfig,
     /// Joint positions of the arm in a touch, n_joints, and its contacts there.
     current_state: Option<(Vec<f64>, Arc<ContactState>)>,
@@ -193,11 +191,10 @@ const FEW_STOPS: usize = 256;
 impl PathPredictor {
     /// A predictor for the arm of a tracker, where it is.
     pub(crate) fn new(tracker: &Tracker, contact: ContactConfig, springs: Springs) -> Self {
-        let lattice = springs.lattice().clone();
+        let spacing_m = springs.lattice().spacing_m();
         Self {
             arm: Arc::clone(tracker.arm()),
-            checker: PathChecker::new(tracker.substeps().clone(), lattice.spacing_m()),
-            lattice,
+            checker: PathChecker::new(tracker.substeps().clone(), spacing_m),
             contact,
             current_state: tracker
                 .current_state()
@@ -296,7 +293,7 @@ impl PathPredictor {
     fn wrenches(&self, waypoints: &Waypoints, state: Option<Arc<ContactState>>) -> LinkWrenches {
         let surfaces = Arc::clone(&self.arm.surfaces);
         let (links, stops) = (surfaces.len(), waypoints.stops.len());
-        let (lattice, coarse) = (self.lattice.clone(), self.springs.are_clusters());
+        let (lattice, coarse) = (self.springs.lattice().clone(), self.springs.are_clusters());
         let (contact, poses) = (&self.contact, &waypoints.poses);
         let trajectory = PosedTrajectory::new(lattice, surfaces, contact, coarse, state, poses);
         let mut stop_at = vec![None; poses.len()];
@@ -324,7 +321,7 @@ impl PathPredictor {
             sum.merge(chunk);
             sum
         });
-        sum.unwrap_or_default()
+        sum.expect("there is more than one chunk")
     }
 }
 

@@ -23,9 +23,7 @@ impl<T, W: Fn(usize) -> T> Job<W> {
                 return;
             }
             let result = catch_unwind(AssertUnwindSafe(|| (self.work)(chunk)));
-            if done.send((chunk, result)).is_err() {
-                return; // the caller has received a panic and is gone
-            }
+            let _ = done.send((chunk, result)); // the caller waits for every chunk
         }
     }
 }

@@ -38,7 +38,7 @@ struct Note {
 
 /// Frames that may be replayed, each with its identity, its bytes and a score.
 #[derive(Debug, Clone)]
-pub struct ReplayMemory<T> {
+pub(crate) struct ReplayMemory<T> {
     frames: Vec<T>,
     /// One a frame.
     notes: Vec<Note>,
@@ -50,26 +50,31 @@ pub struct ReplayMemory<T> {
 
 impl<T> ReplayMemory<T> {
     /// An empty memory.
-    pub fn new(limits: MemoryLimits, seed: u64) -> Self {
+    pub(crate) fn new(limits: MemoryLimits, seed: u64) -> Self {
         Self::resume(limits, RngState { seed, drawn: 0 })
     }
 
     /// An empty memory whose generator goes on where another stood.
-    pub fn resume(limits: MemoryLimits, state: RngState) -> Self {
+    pub(crate) fn resume(limits: MemoryLimits, state: RngState) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(state.seed);
         rng.set_word_pos(u128::from(state.drawn));
         Self { frames: Vec::new(), notes: Vec::new(), bytes: 0, limits, rng, seed: state.seed }
     }
 
+    /// How much may be remembered.
+    pub(crate) fn limits(&self) -> MemoryLimits {
+        self.limits
+    }
+
     /// Where the generator stands.
-    pub fn rng_state(&self) -> RngState {
+    pub(crate) fn rng_state(&self) -> RngState {
         RngState { seed: self.seed, drawn: self.rng.get_word_pos() as u64 }
     }
 
     /// Remembers a frame of a given size and score; frames that no longer fit leave and are returned.
     ///
     /// A frame larger than the whole memory is returned at once.
-    pub fn push(&mut self, frame: T, id: FrameId, bytes: usize, score: f64) -> Vec<T> {
+    pub(crate) fn push(&mut self, frame: T, id: FrameId, bytes: usize, score: f64) -> Vec<T> {
         if self.limits.frames == 0 || bytes > self.limits.bytes {
             return vec![frame];
         }
@@ -85,7 +90,7 @@ impl<T> ReplayMemory<T> {
     }
 
     /// Draws a frame's number, each with the same chance; `None` if there is no frame.
-    pub fn draw(&mut self) -> Option<usize> {
+    pub(crate) fn draw(&mut self) -> Option<usize> {
         let n = self.frames.len() as u64;
         // Multiply and shift maps 32 random bits onto 0..n; its bias is below n / 2³².
         (n > 0).then(|| ((u64::from(self.rng.next_u32()) * n) >> 32) as usize)
@@ -93,7 +98,7 @@ impl<T> ReplayMemory<T> {
 
     /// Draws as often as `tries` says and keeps the frame of the highest score; `None` if there is
     /// no frame.
-    pub fn draw_best(&mut self, tries: u32) -> Option<usize> {
+    pub(crate) fn draw_best(&mut self, tries: u32) -> Option<usize> {
         let mut best = self.draw()?;
         for _ in 1..tries {
             let other = self.draw()?;
@@ -109,13 +114,13 @@ impl<T> ReplayMemory<T> {
     /// # Panics
     ///
     /// If there is no such frame, which is a bug in the caller.
-    pub fn remove(&mut self, frame: usize) -> T {
+    pub(crate) fn remove(&mut self, frame: usize) -> T {
         self.bytes -= self.notes.swap_remove(frame).bytes;
         self.frames.swap_remove(frame)
     }
 
     /// Takes out all frames of a touch.
-    pub fn remove_touch(&mut self, touch: u32) {
+    pub(crate) fn remove_touch(&mut self, touch: u32) {
         let kept: Vec<bool> = self.notes.iter().map(|note| note.id.touch != touch).collect();
         let mut keep = kept.iter();
         self.frames.retain(|_| keep.next().is_some_and(|keep| *keep));
@@ -124,22 +129,22 @@ impl<T> ReplayMemory<T> {
     }
 
     /// The frames in their present order.
-    pub fn frames(&self) -> &[T] {
+    pub(crate) fn frames(&self) -> &[T] {
         &self.frames
     }
 
     /// The frames, to be changed in place; their sizes must stay.
-    pub fn frames_mut(&mut self) -> &mut [T] {
+    pub(crate) fn frames_mut(&mut self) -> &mut [T] {
         &mut self.frames
     }
 
     /// The frames' identities in the same order.
-    pub fn ids(&self) -> impl Iterator<Item = FrameId> {
+    pub(crate) fn ids(&self) -> impl Iterator<Item = FrameId> {
         self.notes.iter().map(|note| note.id)
     }
 
     /// The frames' scores in the same order.
-    pub fn scores(&self) -> impl Iterator<Item = f64> {
+    pub(crate) fn scores(&self) -> impl Iterator<Item = f64> {
         self.notes.iter().map(|note| note.score)
     }
 
@@ -148,22 +153,12 @@ impl<T> ReplayMemory<T> {
     /// # Panics
     ///
     /// If there is no such frame, which is a bug in the caller.
-    pub fn set_score(&mut self, frame: usize, score: f64) {
+    pub(crate) fn set_score(&mut self, frame: usize, score: f64) {
         self.notes[frame].score = score;
     }
 
-    /// Frames remembered.
-    pub fn len(&self) -> usize {
-        self.frames.len()
-    }
-
-    /// Whether nothing is remembered.
-    pub fn is_empty(&self) -> bool {
-        self.frames.is_empty()
-    }
-
     /// Bytes that the frames hold.
-    pub fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         self.bytes
     }
 }
@@ -180,7 +175,7 @@ mod tests {
         let mut left = Vec::new();
         for frame in 0..1000_usize {
             left.extend(memory.push(frame, ID, 1 + frame % 30, 0.0));
-            assert!(memory.len() <= 10 && memory.bytes() <= 100);
+            assert!(memory.frames().len() <= 10 && memory.bytes() <= 100);
         }
         left.extend(memory.frames());
         left.sort_unstable();

@@ -4,15 +4,17 @@
 //! A frame is drawn and fused in `Estimator::replay` (`map.rs`, `ekf.rs`); `memory.rs` stores the frames.
 //! [`ReplayPolicy`] says when the replays of a frame are made and on which thread; how many is a
 //! setting of the estimator. [`Replays`] owns the estimator and keeps to the policy. Whichever thread
-//! makes them, the replays of a frame come after its correction and before anything else looks at the
-//! belief, so the result is the same to the bit.
+//! makes them, replays that are not left to spare time come after the correction of their frame and before
+//! anything else looks at the belief, so the result is the same to the bit.
 
 mod memory;
 
 use std::ops::{Deref, DerefMut};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-pub use memory::{MemoryLimits, ReplayMemory, RngState};
+pub(crate) use memory::ReplayMemory;
+pub use memory::{MemoryLimits, RngState};
 
 use crate::estimator::Estimator;
 
@@ -89,9 +91,14 @@ impl Replays {
         self.learnt = false;
     }
 
-    /// Ends a touch. `map` draws once even for no replays, `ekf` does not: where nothing was learnt from
-    /// the last sample, fields of all versions so far were made with that draw, which keeps them equal to
-    /// the bit.
+    /// Says whether the latest sample was learnt from, for a mapper that is resumed.
+    pub(crate) fn set_learnt(&mut self, learnt: bool) {
+        self.learnt = learnt;
+    }
+
+    /// Ends a touch. `map` draws once even for no replays, `ekf` does not. If the last sample was not
+    /// learnt from, earlier versions made this one extra draw; it is kept, so that fields stay equal to the
+    /// bit.
     pub(crate) fn end_touch(&mut self) {
         let learnt = std::mem::take(&mut self.learnt);
         let mut estimator = self.estimator();
@@ -113,7 +120,9 @@ impl Replays {
         }
         if self.policy == ReplayPolicy::Background && rayon::current_num_threads() > 1 {
             let pending = Arc::clone(&self.pending);
-            rayon::spawn(move || drop(up_to_date(&pending)));
+            // A panic poisons the lock, which ends the mapper; uncaught, it would end the process.
+            let replay = move || drop(up_to_date(&pending));
+            rayon::spawn(move || drop(catch_unwind(AssertUnwindSafe(replay))));
         }
     }
 

@@ -8,8 +8,8 @@
 //! *independent* moving joint, in the order in which one meets them walking the tree from the root
 //! depth first, branches in the order in which the file declares their joints. For an arm that is
 //! from base to tip, however the file is sorted; for two arms all of one, then all of the other.
-//! Fixed joints have no entry, and neither have mimic joints: they follow theirs, and what they
-//! feel is felt by the joint they follow (principle of virtual work).
+//! Fixed joints have no entry, and neither have mimic joints: a mimic joint follows
+//! another joint, and its torque is added to that joint's (principle of virtual work).
 //!
 //! | file         | says                                                     |
 //! |--------------|----------------------------------------------------------|

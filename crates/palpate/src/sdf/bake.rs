@@ -36,7 +36,8 @@ const MAX_NODES: f64 = 64e6;
 pub struct BakeConfig {
     /// Distance between nodes. Details below it are lost.
     pub spacing_m: f64,
-    /// The grid reaches this far beyond the surface; farther out, distances are lower bounds.
+    /// The grid reaches this far beyond the surface; farther out, distances are lower bounds. Must be at
+    /// least the contact distance.
     pub margin_m: f64,
 }
 

@@ -145,14 +145,14 @@ pub struct Observation {
 /// contacts ahead, and would wait for memory. So whoever walks over a frame asks for a little of
 /// the next one at every block, and finds it close by when its turn comes.
 #[derive(Debug)]
-pub struct Prefetch<'a>(&'a [f64]);
+pub(crate) struct Prefetch<'a>(&'a [f64]);
 
 impl Prefetch<'_> {
     /// Numbers by which it goes on at a block: half of one, since a visit walks over a frame twice.
     const STRIDE: usize = BLOCK / 2;
 
     /// Nothing comes next.
-    pub fn nothing() -> Self {
+    pub(crate) fn nothing() -> Self {
         Self(&[])
     }
 
@@ -164,7 +164,7 @@ impl Prefetch<'_> {
     }
 
     /// Asks for all that is left.
-    pub fn finish(mut self) {
+    pub(crate) fn finish(mut self) {
         while !self.0.is_empty() {
             self.ask();
         }
@@ -317,7 +317,7 @@ impl Observation {
     }
 
     /// Brings the frame closer, bit by bit, while another is walked over.
-    pub fn prefetch(&self) -> Prefetch<'_> {
+    pub(crate) fn prefetch(&self) -> Prefetch<'_> {
         Prefetch(&self.stream)
     }
 
@@ -347,7 +347,7 @@ impl Observation {
     }
 
     /// The same, and brings the next frame closer meanwhile.
-    pub fn predict_prefetching(
+    pub(crate) fn predict_prefetching(
         &self,
         prefetch: &mut Prefetch<'_>,
         cells: &[Cell],
@@ -405,7 +405,7 @@ impl Observation {
     /// `unknown += Hᵀ d`, cell by cell; brings the next frame closer meanwhile.
     ///
     /// As a cell has one contact in a frame, four can be added at once.
-    pub fn add(&self, prefetch: &mut Prefetch<'_>, cells: &mut [Cell], d: &[f64]) {
+    pub(crate) fn add(&self, prefetch: &mut Prefetch<'_>, cells: &mut [Cell], d: &[f64]) {
         let level = SimdLevel::best();
         for run in self.runs() {
             let (cells, twist) = (&mut *cells, simd::Twist(run.twist(d)));
