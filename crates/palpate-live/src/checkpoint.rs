@@ -4,7 +4,7 @@
 //! renamed once the file is complete. If a checkpoint is still being written when the next is due,
 //! the next one waits.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -28,13 +28,6 @@ pub(crate) struct Checkpoints {
     to_writer: Sender<Saved>,
 }
 
-/// The side that writes.
-#[derive(Debug)]
-pub(crate) struct Writer {
-    path: PathBuf,
-    from_mapper: Receiver<Saved>,
-}
-
 /// What came of the last one: when it was written, or why not.
 #[derive(Debug, Default)]
 pub(crate) struct Written {
@@ -42,11 +35,10 @@ pub(crate) struct Written {
 }
 
 impl Checkpoints {
-    /// Both sides.
-    pub(crate) fn new(config: &CheckpointConfig) -> (Self, Writer) {
+    /// The mapper's side, and what it hands over to [`write`].
+    pub(crate) fn new(config: &CheckpointConfig) -> (Self, Receiver<Saved>) {
         let (to_writer, from_mapper) = bounded(1);
-        let mapper = Self { every: config.every, last: Instant::now(), to_writer };
-        (mapper, Writer { path: config.path.clone(), from_mapper })
+        (Self { every: config.every, last: Instant::now(), to_writer }, from_mapper)
     }
 
     /// Hands a checkpoint over if one is due and the last one is written.
@@ -60,13 +52,11 @@ impl Checkpoints {
     }
 }
 
-impl Writer {
-    /// Writes what is handed over until nobody is left to do so.
-    pub(crate) fn run(self, written: &Written) {
-        for saved in self.from_mapper {
-            let result = field::save(&self.path, &saved).map(|()| Instant::now());
-            *written.lock() = Some(result.map_err(|error| error.to_string()));
-        }
+/// Writes what is handed over until nobody is left to do so.
+pub(crate) fn write(path: &Path, from_mapper: Receiver<Saved>, written: &Written) {
+    for saved in from_mapper {
+        let result = field::save(path, &saved).map(|()| Instant::now());
+        *written.lock() = Some(result.map_err(|error| error.to_string()));
     }
 }
 

@@ -108,13 +108,8 @@ impl<'a> Mapping<'a> {
     /// Hands out what questions need.
     fn answer_requests(&mut self) {
         while let Ok(request) = self.requests.try_recv() {
-            match request {
-                Request::Tare => self.shared.tare.store(true, Ordering::Relaxed),
-                Request::PathPredictor { cluster_weight, to_asker } => {
-                    let predictor = self.session.mapper().coarse_path_predictor(cluster_weight);
-                    let _ = to_asker.send(predictor); // the client may have left
-                }
-            }
+            let predictor = self.session.mapper().coarse_path_predictor(request.cluster_weight);
+            let _ = request.to_asker.send(predictor); // the client may have left
         }
     }
 

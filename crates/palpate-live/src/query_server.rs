@@ -36,7 +36,7 @@ use palpate::{CLUSTER_WEIGHT, PathConfig, PathPredictor};
 use serde_json::json;
 
 use crate::question::{PathReply, Question};
-use crate::threads::spawn;
+use crate::threads::{Shared, spawn};
 
 /// Who may ask at the same time.
 const MOST_ASKERS: usize = 8;
@@ -49,13 +49,11 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Between two looks at whether somebody connects.
 const ACCEPT: Duration = Duration::from_millis(2);
 
-/// What is asked of the mapper's thread.
+/// Asks the mapper's thread for the field and the arm as they are, with one spring in so many.
 #[derive(Debug)]
-pub(crate) enum Request {
-    /// The field and the arm as they are, with one spring in so many.
-    PathPredictor { cluster_weight: f64, to_asker: Sender<PathPredictor> },
-    /// A tare.
-    Tare,
+pub(crate) struct Request {
+    pub(crate) cluster_weight: f64,
+    pub(crate) to_asker: Sender<PathPredictor>,
 }
 
 /// Answers questions; knows the session's side of it.
@@ -64,10 +62,7 @@ pub(crate) struct QueryServer<'a> {
     pub(crate) mapper: Sender<Request>,
     /// Whether its path predictors can answer a path.
     pub(crate) checker: PathChecker,
-    /// Questions whose answers are being computed.
-    pub(crate) answering: &'a AtomicUsize,
-    /// Whether the session goes on.
-    pub(crate) goes_on: &'a (dyn Fn() -> bool + Sync),
+    pub(crate) shared: &'a Shared,
 }
 
 /// The socket, which goes away with this.
@@ -107,7 +102,7 @@ impl AskSocket {
     pub(crate) fn run(&self, server: &QueryServer<'_>) {
         let askers = &AtomicUsize::new(0);
         thread::scope(|scope| {
-            while (server.goes_on)() {
+            while server.shared.goes_on() {
                 let Ok((stream, _)) = self.listener.accept() else {
                     thread::sleep(ACCEPT);
                     continue;
@@ -150,7 +145,7 @@ fn converse(stream: &UnixStream, server: &QueryServer<'_>) -> io::Result<()> {
     stream.set_write_timeout(Some(PATIENCE))?;
     let mut reader = BufReader::new(stream);
     let mut line = Vec::new();
-    while (server.goes_on)() {
+    while server.shared.goes_on() {
         let room = LONGEST.saturating_sub(line.len() as u64);
         match reader.by_ref().take(room).read_until(b'\n', &mut line) {
             Ok(0) if room == 0 => {
@@ -186,11 +181,14 @@ fn error(why: impl Display) -> String {
 fn answer(line: &[u8], server: &QueryServer<'_>) -> String {
     let started = Instant::now();
     let answer = match serde_json::from_slice(line) {
-        Ok(Question { tare: true, .. }) => server.tare(),
+        Ok(Question { tare: true, .. }) => {
+            server.shared.tare.store(true, Ordering::Relaxed);
+            Ok(json!({ "taring": true }).to_string())
+        }
         Ok(question) => {
-            server.answering.fetch_add(1, Ordering::Relaxed);
+            server.shared.answering.fetch_add(1, Ordering::Relaxed);
             let answer = server.torques(question, started);
-            server.answering.fetch_sub(1, Ordering::Relaxed);
+            server.shared.answering.fetch_sub(1, Ordering::Relaxed);
             answer
         }
         Err(error) => Err(format!(
@@ -202,17 +200,9 @@ fn answer(line: &[u8], server: &QueryServer<'_>) -> String {
     answer.unwrap_or_else(error)
 }
 
-/// A line, or why there is none.
-type Answer = Result<String, Box<dyn Error>>;
-
 impl QueryServer<'_> {
-    fn tare(&self) -> Answer {
-        self.request(Request::Tare)?;
-        Ok(json!({ "taring": true }).to_string())
-    }
-
-    /// What torques a path would meet.
-    fn torques(&self, mut question: Question, started: Instant) -> Answer {
+    /// What torques a path would meet, as a line.
+    fn torques(&self, mut question: Question, started: Instant) -> Result<String, Box<dyn Error>> {
         let (path, form) = question.path(self.checker.n_joints())?;
         let config = PathConfig::default();
         let (cluster_weight, resolution_cells) = match question.exact {
@@ -222,17 +212,14 @@ impl QueryServer<'_> {
         let config = PathConfig::new(resolution_cells, config.start_cells);
         // The mapper gets on with it while the path is checked.
         let (to_asker, from_mapper) = bounded(1);
-        self.request(Request::PathPredictor { cluster_weight, to_asker })?;
+        let request = Request { cluster_weight, to_asker };
+        self.mapper.send(request).map_err(|_| "the mapper has stopped")?;
         let path = self.checker.check(&path, &config)?;
         let predictor = from_mapper
             .recv_timeout(PATIENCE)
             .map_err(|_| "the mapper has no time for an answer now; ask again")?;
         let answer = predictor.answer(&path)?;
         Ok(serde_json::to_string(&PathReply::new(&answer, form, started))?)
-    }
-
-    fn request(&self, request: Request) -> Result<(), &'static str> {
-        self.mapper.send(request).map_err(|_| "the mapper has stopped")
     }
 }
 
@@ -256,29 +243,20 @@ mod tests {
         mapper.unwrap().path_checker()
     }
 
-    /// A socket whose mapper only counts tares.
-    fn served(test: impl FnOnce(&Path)) -> usize {
+    /// A socket without a mapper; returns whether it was asked for a tare.
+    fn served(test: impl FnOnce(&Path)) -> bool {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ask");
         let socket = AskSocket::bind(&path).unwrap();
-        let (to_mapper, from_askers) = bounded(8);
-        let done = std::sync::atomic::AtomicBool::new(false);
+        let shared = Shared::new(1, None);
+        let (mapper, _requests) = bounded(8);
+        let server = QueryServer { mapper, checker: checker(), shared: &shared };
         thread::scope(|scope| {
-            let (socket, done) = (&socket, &done);
-            scope.spawn(move || {
-                let goes_on = || !done.load(Ordering::Relaxed);
-                let answering = AtomicUsize::new(0);
-                let (mapper, checker) = (to_mapper, checker());
-                let server =
-                    QueryServer { mapper, checker, answering: &answering, goes_on: &goes_on };
-                socket.run(&server);
-            });
-            let counted = scope
-                .spawn(move || from_askers.iter().filter(|r| matches!(r, Request::Tare)).count());
+            scope.spawn(|| socket.run(&server));
             test(&path);
-            done.store(true, Ordering::Relaxed);
-            counted.join().unwrap()
-        })
+            shared.stop();
+        });
+        shared.tare.into_inner()
     }
 
     fn ask(stream: &mut BufReader<UnixStream>, line: &str) -> Value {
@@ -290,7 +268,7 @@ mod tests {
 
     #[test]
     fn a_line_that_is_no_question_is_answered_with_an_error_and_the_next_one_read() {
-        let tares = served(|path| {
+        let tare = served(|path| {
             let mut stream = BufReader::new(UnixStream::connect(path).unwrap());
             for (line, words) in [
                 ("what\n", "wanted a line of JSON"),
@@ -310,7 +288,7 @@ mod tests {
             }
             assert_eq!(ask(&mut stream, "{\"tare\": true}\n"), json!({ "taring": true }));
         });
-        assert_eq!(tares, 1);
+        assert!(tare);
     }
 
     #[test]

@@ -17,13 +17,13 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::bounded;
 
-use crate::checkpoint::{CheckpointConfig, Checkpoints};
+use crate::checkpoint::{self, CheckpointConfig, Checkpoints};
 use crate::figures::News;
 use crate::guard::Sentry;
 use crate::inbox::Inbox;
 use crate::mapping::Mapping;
 use crate::query_server::{AskSocket, QueryServer};
-use crate::ros::{Choice, Network, NetworkError, TopicSeen, choose};
+use crate::ros::{Network, NetworkError, TopicSeen, choose};
 use crate::session::Session;
 use crate::threads::{LOOK, Shared, publish, receive, spawn};
 use crate::view_feed::ViewFrame;
@@ -73,19 +73,19 @@ pub fn run(
     let sentry = guard.clone().map(|guard| Sentry::new(guard, arm, mapper.config().touch.clone()));
     let checker = mapper.path_checker();
     let shared = Shared::new(config.queue, guard);
-    let (checkpoints, writer) = config.checkpoint.as_ref().map(Checkpoints::new).unzip();
+    let (checkpoints, to_write) = config.checkpoint.as_ref().map(Checkpoints::new).unzip();
     let (to_mapper, requests) = bounded(REQUESTS);
     let mapping = Mapping::new(&shared, session, checkpoints, config.view.clone(), requests);
-    let goes_on = || shared.goes_on();
     thread::scope(|scope| {
         spawn(scope, "subscriber", || receive(subscriber, sentry, &shared));
         spawn(scope, "publisher", || publish(&publishers, &shared));
-        if let Some(writer) = writer {
-            spawn(scope, "checkpoints", || writer.run(&shared.written));
+        if let (Some(config), Some(to_write)) = (&config.checkpoint, to_write) {
+            spawn(scope, "checkpoints", || {
+                checkpoint::write(&config.path, to_write, &shared.written)
+            });
         }
         if let Some(ask) = ask {
-            let (answering, goes_on) = (&shared.answering, &goes_on);
-            let server = QueryServer { mapper: to_mapper, checker, answering, goes_on };
+            let server = QueryServer { mapper: to_mapper, checker, shared: &shared };
             spawn(scope, "ask", move || ask.run(&server));
         }
         let mapper = spawn(scope, "mapper", || mapping.run());
@@ -114,12 +114,12 @@ fn find_topic(
     let mut reported = String::new();
     while !stop() {
         match choose(&network.topics(), config.joint_states.as_deref()) {
-            Choice::Take(topic) => return Some(topic),
-            Choice::Wait(why) if why != reported && started.elapsed() > DISCOVERY => {
+            Ok(topic) => return Some(topic),
+            Err(why) if why != reported && started.elapsed() > DISCOVERY => {
                 report(News::Note(format!("waiting: {why}")));
                 reported = why;
             }
-            Choice::Wait(_) => {}
+            Err(_) => {}
         }
         thread::sleep(LOOK);
     }

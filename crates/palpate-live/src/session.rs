@@ -62,7 +62,8 @@ pub struct StepOutcome {
 pub struct Session {
     mapper: Mapper,
     pauses: PauseDetector,
-    pause_config: PauseConfig,
+    /// As it is before the first sample.
+    no_pauses: PauseDetector,
     state: State,
     /// The sample before.
     last: Option<Sample>,
@@ -85,9 +86,9 @@ impl Session {
         let mut mapper = mapper.with_replays(ReplayPolicy::SpareTime);
         // Too short for its tare, if that: then nothing was learnt from it.
         let _ = mapper.end_touch();
-        let pauses = PauseDetector::new(pause_config.clone())?;
-        let state = State::Waiting;
-        Ok(Self { mapper, pauses, pause_config, state, last: None, guard })
+        let no_pauses = PauseDetector::new(pause_config)?;
+        let (pauses, state) = (no_pauses.clone(), State::Waiting);
+        Ok(Self { mapper, pauses, no_pauses, state, last: None, guard })
     }
 
     /// Takes the next sample of the robot.
@@ -185,8 +186,7 @@ impl Session {
     pub fn wait(&mut self) {
         let _ = self.mapper.end_touch();
         self.state = State::Waiting;
-        self.pauses =
-            PauseDetector::new(self.pause_config.clone()).expect("checked when it was new");
+        self.pauses.clone_from(&self.no_pauses);
     }
 
     /// Makes one of the replays that the last step may have; whether it did.

@@ -27,26 +27,21 @@ impl TopicSeen {
     }
 }
 
-/// What to do about the topics that there are.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Choice {
-    /// Subscribe to this one.
-    Take(TopicSeen),
-    /// Look again later, and tell the user why.
-    Wait(String),
-}
-
 /// Chooses the topic that is asked for, or the only one that holds joint states.
-pub fn choose(topics: &[TopicSeen], wanted: Option<&str>) -> Choice {
+///
+/// # Errors
+///
+/// Why there is none yet: look again later, and tell the user.
+pub fn choose(topics: &[TopicSeen], wanted: Option<&str>) -> Result<TopicSeen, String> {
     let fitting: Vec<&TopicSeen> = topics
         .iter()
         .filter(|topic| topic.kind == JOINT_STATE && !topic.name.starts_with(OWN))
         .collect();
     if let Some(name) = wanted {
         if let Some(topic) = fitting.iter().find(|topic| topic.name == name) {
-            return Choice::Take((*topic).clone());
+            return Ok((*topic).clone());
         }
-        return Choice::Wait(match topics.iter().find(|topic| topic.name == name) {
+        return Err(match topics.iter().find(|topic| topic.name == name) {
             Some(other) => format!(
                 "`{name}` is published as {}; wanted {JOINT_STATE}{}",
                 other.kind,
@@ -56,11 +51,11 @@ pub fn choose(topics: &[TopicSeen], wanted: Option<&str>) -> Choice {
         });
     }
     match fitting.as_slice() {
-        [topic] => Choice::Take((*topic).clone()),
-        [] => Choice::Wait(format!("nobody publishes {JOINT_STATE}{}", others(topics))),
+        [topic] => Ok((*topic).clone()),
+        [] => Err(format!("nobody publishes {JOINT_STATE}{}", others(topics))),
         several => {
             let names: Vec<&str> = several.iter().map(|topic| topic.name.as_str()).collect();
-            Choice::Wait(format!(
+            Err(format!(
                 "several topics are {JOINT_STATE}: {}; choose one with --joint-states",
                 names.join(", ")
             ))
@@ -108,11 +103,11 @@ mod tests {
             seen("/palpate/torque_external", JOINT_STATE),
             arm.clone(),
         ];
-        assert_eq!(choose(&topics, None), Choice::Take(arm.clone()));
+        assert_eq!(choose(&topics, None), Ok(arm.clone()));
         topics.push(seen("/joint_states", JOINT_STATE));
-        let Choice::Wait(why) = choose(&topics, None) else { panic!("two fit") };
+        let why = choose(&topics, None).unwrap_err();
         assert!(why.contains("/arm/joint_states, /joint_states; choose one"), "{why}");
-        assert_eq!(choose(&topics, Some("/arm/joint_states")), Choice::Take(arm));
+        assert_eq!(choose(&topics, Some("/arm/joint_states")), Ok(arm));
     }
 
     #[test]
@@ -123,10 +118,10 @@ mod tests {
             (Some("/joints"), "nobody publishes `/joints`; there are /camera"),
             (Some("/camera"), "`/camera` is published as sensor_msgs/msg/Image; wanted sensor"),
         ] {
-            let Choice::Wait(why) = choose(&topics, wanted) else { panic!("{wanted:?}") };
+            let why = choose(&topics, wanted).unwrap_err();
             assert!(why.contains(words), "{why}");
         }
-        let Choice::Wait(why) = choose(&[], None) else { panic!("nothing is there") };
+        let why = choose(&[], None).unwrap_err();
         assert!(why.contains("ROS_DOMAIN_ID"), "{why}");
     }
 }
