@@ -209,6 +209,12 @@ def test_a_filter_does_not_start_from_a_mean_of_0(config: Path) -> None:
     assert palpate.Mapper(study.robot, settings=study.settings).field().untouched == 0.0
 
 
+def test_replay_is_carried_over_whatever_the_optimizer(config: Path) -> None:
+    changed(config, "optimizer: diag_ekf, ", "")
+    told = palpate.default_settings(openvsf.read_config(config).settings)["estimator"]
+    assert told.items() >= {"replays": 7, "memory_frames": 2000}.items()
+
+
 def test_points_that_do_not_slide_stick(config: Path) -> None:
     changed(config, "sim_slide: true", "sim_slide: False")
     study = openvsf.read_config(config)

@@ -316,6 +316,10 @@ class _Reading:
         if estimator.value("down_sample_rate") not in (None, 1):
             self.ignored(estimator, "down_sample_rate")
         estimator.done()
+        given: dict[str, Any] = {"replays": replays, "memory_frames": memory}
+        given = {key: one for key, one in given.items() if one is not None}
+        if given:
+            self.settings["estimator"] = given
         if optimizer is None:
             return "map"
         if optimizer not in _METHODS:
@@ -327,8 +331,7 @@ class _Reading:
             if optimizer == "dense_ekf":
                 told = "there is no filter with full covariances; `map` is the exact optimum"
             self.notes.append(f"`{optimizer}` becomes `{method}`: {told}.")
-        given = {"estimator": method, "replays": replays, "memory_frames": memory}
-        self.settings["estimator"] = {key: one for key, one in given.items() if one is not None}
+        self.settings["estimator"] = {"estimator": method, **given}
         return method
 
     def prior(self, prior: Section, method: str, spacing: float) -> None:
