@@ -42,13 +42,11 @@ pub(crate) fn numbers(any: &Bound<'_, PyAny>, name: &str, wanted: &str) -> PyRes
              {wanted}"
         )));
     }
-    let array = numpy.call_method1(intern!(py, "ascontiguousarray"), (&array, "float64"))?;
-    // `ascontiguousarray` makes one number an array of one.
-    let ndim: usize = numpy.call_method1(intern!(py, "ndim"), (any,))?.extract()?;
+    let array = numpy.call_method1(intern!(py, "asarray"), (&array, "float64", "C"))?;
     let array = array.cast_into::<PyArrayDyn<f64>>().map_err(PyErr::from)?;
     let values = array.try_readonly().map_err(|error| PyValueError::new_err(error.to_string()))?;
-    let shape = if ndim == 0 { Vec::new() } else { array.shape().to_vec() };
-    Ok(Numbers { values: values.as_slice().map_err(PyErr::from)?.to_vec(), shape })
+    let values = values.as_slice().map_err(PyErr::from)?.to_vec();
+    Ok(Numbers { values, shape: array.shape().to_vec() })
 }
 
 /// A row of numbers, of a length if it must have one.
@@ -92,19 +90,20 @@ pub(crate) fn points(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3
 
 /// Counts, each a whole number from 0 on that 32 bits hold.
 pub(crate) fn counts(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<u32>> {
-    let wrong = |(place, number): (usize, &f64)| {
-        PyValueError::new_err(format!(
-            "`{name}` holds {number} in row {place} (from 0); wanted whole numbers from 0 to {}",
-            u32::MAX
-        ))
-    };
-    let numbers = row(any, name, None)?;
-    let whole =
-        |number: &f64| number.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(number);
-    if let Some(at) = numbers.iter().enumerate().find(|(_, number)| !whole(number)) {
-        return Err(wrong(at));
+    whole(&row(any, name, None)?, 1, name, u32::MAX)
+}
+
+/// Whole numbers from 0 to `most`, in rows of so many columns.
+pub(crate) fn whole(numbers: &[f64], columns: usize, name: &str, most: u32) -> PyResult<Vec<u32>> {
+    for (place, number) in numbers.iter().enumerate() {
+        if number.fract() != 0.0 || !(0.0..=f64::from(most)).contains(number) {
+            let row = place / columns;
+            return Err(PyValueError::new_err(format!(
+                "`{name}` holds {number} in row {row} (from 0); wanted whole numbers from 0 to {most}"
+            )));
+        }
     }
-    Ok(numbers.into_iter().map(|number| number as u32).collect())
+    Ok(numbers.iter().map(|&number| number as u32).collect())
 }
 
 /// The error of an array of another shape.

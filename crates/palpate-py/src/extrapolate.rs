@@ -11,7 +11,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyAny;
 
-use crate::array::{counts, flat, numbers, points, table};
+use crate::array::{Numbers, flat, numbers, points, table, whole};
 use crate::error::{Raised, Result, SettingsError};
 use crate::field::Field;
 use crate::watch::long;
@@ -131,16 +131,13 @@ fn read(
         let message = format!("`cloud` holds a number that is not finite in row {row} (from 0)");
         return Err(wrong(message));
     }
-    let shape = numbers(colours, "colours", "(N, 3), from 0 to 255")?.shape;
+    let Numbers { values, shape } = numbers(colours, "colours", "(N, 3), from 0 to 255")?;
     if shape != [places.len(), 3] {
         let wanted = format!("wanted ({}, 3), as `cloud`", places.len());
         return Err(wrong(format!("`colours` has shape {shape:?}; {wanted}")));
     }
-    let flattened = colours.py().import("numpy")?.call_method1("ravel", (colours,))?;
-    let bytes = counts(&flattened, "colours")?.into_iter().map(u8::try_from);
-    let bytes: Vec<u8> = bytes
-        .collect::<Result<_, _>>()
-        .map_err(|_| wrong("`colours` wants numbers from 0 to 255".to_owned()))?;
+    let bytes = whole(&values, 3, "colours", u8::MAX.into())?;
+    let bytes: Vec<u8> = bytes.into_iter().map(|byte| byte as u8).collect();
     let places = places.into_iter().map(Point3::from).collect();
     Ok((PathBuf::from("cloud"), Cloud::new(places, Some(bytes.as_chunks::<3>().0.to_vec()))))
 }

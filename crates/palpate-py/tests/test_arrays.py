@@ -106,6 +106,13 @@ def test_what_is_no_array_of_points_is_told(
         field.query(wrong)
 
 
+def test_colours_that_are_none_are_told_by_row(field: palpate.Field, robot: palpate.Robot) -> None:
+    for wrong in (300.0, -1.0, 0.5):
+        told = rf"`colours` holds {wrong:g} in row 1 \(from 0\); wanted whole numbers from 0 to 255"
+        with pytest.raises(ValueError, match=told):
+            palpate.extrapolate(field, np.zeros((2, 3)), [[0.0] * 3, [0.0, 0.0, wrong]], robot)
+
+
 def test_samples_that_do_not_fit_are_told_and_teach_nothing(robot: palpate.Robot) -> None:
     mapper = palpate.Mapper(robot)
     good = [0.0] * 7
