@@ -1,7 +1,5 @@
 //! The workspace box and its points.
 
-use std::hash::{DefaultHasher, Hash, Hasher};
-
 use numpy::{PyArray1, PyArray2};
 use palpate::CellId;
 use pyo3::exceptions::PyValueError;
@@ -15,8 +13,8 @@ use crate::error::Result;
 ///
 /// `origin` is the first point (3,) m, `spacing` the distance between neighbours in m, `shape` the
 /// number of points along x, y and z. The cell number of a point runs fastest along x.
-#[pyclass(frozen, module = "palpate")]
-#[derive(Clone)]
+#[pyclass(frozen, eq, module = "palpate")]
+#[derive(Clone, PartialEq)]
 pub(crate) struct Lattice {
     pub(crate) inner: palpate::Lattice,
 }
@@ -107,15 +105,10 @@ impl Lattice {
         Ok(table(py, cells.iter().flat_map(point).collect(), 3))
     }
 
-    fn __eq__(&self, other: &Self) -> bool {
-        self.inner == other.inner
-    }
-
-    fn __hash__(&self) -> u64 {
+    fn __hash__(&self, py: Python<'_>) -> PyResult<isize> {
         let (origin, spacing, shape) = self.__getnewargs__();
-        let mut hasher = DefaultHasher::new();
-        (origin.map(f64::to_bits), spacing.to_bits(), shape).hash(&mut hasher);
-        hasher.finish()
+        let (origin, shape) = (<(f64, f64, f64)>::from(origin), <(u32, u32, u32)>::from(shape));
+        (origin, spacing, shape).into_pyobject(py)?.hash()
     }
 
     fn __repr__(&self) -> String {

@@ -198,6 +198,8 @@ def test_cells_and_points_of_a_lattice_are_inverse() -> None:
         palpate.Lattice([0, 0, 0], 0.0, [1, 1, 1])
     with pytest.raises(ValueError, match="three counts"):
         palpate.Lattice([0, 0, 0], 0.1, [1, 1])
+    zero, minus_zero = (palpate.Lattice([x, 0, 0], 0.01, [1, 1, 1]) for x in (0.0, -0.0))
+    assert zero == minus_zero and hash(zero) == hash(minus_zero)
     filled = palpate.Lattice.filling([-1.2] * 3, [1.2] * 3, 0.012)
     assert filled.shape == (200, 200, 200)
 
