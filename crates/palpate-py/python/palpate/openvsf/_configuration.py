@@ -18,7 +18,7 @@ Only what the file says is carried over; what it leaves out stays as palpate shi
 from __future__ import annotations
 
 import math
-import os
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,14 +26,24 @@ from typing import Any
 
 import numpy as np
 
-from .._palpate import FileError, Lattice, Mapper, Robot, SettingsError, default_settings
+from .._palpate import FileError, Lattice, Mapper, Robot, SettingsError
+from .._palpate import default_settings, given_settings
+from ..settings import Path as _Path
 from . import _include
 from ._arrays import read as read_field
 from ._dataset import Touches, open_dataset
 from ._lattice import lattice_of
 from ._section import Section
 
-_METHODS = {"quad_prog": "map", "sgd": "map", "dense_ekf": "map", "diag_ekf": "ekf"}
+_BY_REPLAY = "`map` finds the same optimum, by replay"
+_METHODS = {
+    "quad_prog": ("map", _BY_REPLAY),
+    "sgd": ("map", _BY_REPLAY),
+    "dense_ekf": ("map", "there is no filter with full covariances; `map` is the exact optimum"),
+    "diag_ekf": ("ekf", None),
+}
+"""The estimator for an optimizer, and what is noted of it."""
+
 _SECTIONS = ("world", "simulator", "sensors", "calibrators", "dataset", "estimator", "prior")
 _SEQUENCES = ("train_sequences", "test_sequences")
 _DATASET = ("type", "path", "keys", "cache", "sensor_keys", "control_keys")
@@ -58,10 +68,10 @@ class Configuration:
 
 
 def read_config(
-    path: str | os.PathLike[str],
+    path: _Path,
     *,
-    data_dir: str | os.PathLike[str] | None = None,
-    robot: Robot | str | os.PathLike[str] | None = None,
+    data_dir: _Path | None = None,
+    robot: Robot | _Path | None = None,
     lattice: Lattice | None = None,
 ) -> Configuration:
     """Reads a configuration of OpenVSF, YAML (with PyYAML) or JSON, with the files that it includes.
@@ -81,14 +91,12 @@ class _Reading:
     """A configuration while it is read."""
 
     path: Path
-    settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    settings: defaultdict[str, dict[str, Any]] = field(default_factory=lambda: defaultdict(dict))
+    """By section; None where the file says nothing."""
     notes: list[str] = field(default_factory=list)
 
     def configuration(
-        self,
-        data_dir: str | os.PathLike[str] | None,
-        robot: Robot | str | os.PathLike[str] | None,
-        lattice: Lattice | None,
+        self, data_dir: _Path | None, robot: Robot | _Path | None, lattice: Lattice | None
     ) -> Configuration:
         top = self.top()
         dataset = top.section("dataset")
@@ -104,10 +112,10 @@ class _Reading:
         root = self.data(dataset, data_dir)
         train, test = (top.items(key, int, "whole numbers") for key in _SEQUENCES)
         top.done()
-        settings: dict[str, Mapping[str, Any] | Lattice] = {**self.settings}
-        if lattice is not None:
-            settings["lattice"] = lattice
         try:
+            settings: dict[str, Mapping[str, Any] | Lattice] = {**given_settings(self.settings)}
+            if lattice is not None:
+                settings["lattice"] = lattice
             Mapper(arm, settings=settings)  # which checks the range of every value
         except SettingsError as error:
             raise SettingsError(f"`{self.path}`, as settings of palpate: {error}") from None
@@ -115,10 +123,8 @@ class _Reading:
         def touches(sequences: list[int] | None) -> Touches:
             return open_dataset(root, sequences=sequences, angles=angles, torques=torques)
 
-        tested = touches(test) if test else None
-        return Configuration(
-            self.path, arm, settings, touches(train or None), tested, tuple(self.notes)
-        )
+        learnt, tested = touches(train or None), touches(test) if test else None
+        return Configuration(self.path, arm, settings, learnt, tested, tuple(self.notes))
 
     def top(self) -> Section:
         """The file's sections; one of a data set alone, or its keys, counts as `dataset`."""
@@ -135,29 +141,24 @@ class _Reading:
                 self.notes.append(f"`{section.named(key)}` has no counterpart and is ignored.")
 
     def robot(
-        self,
-        world: Section,
-        controlled: list[str],
-        given: Robot | str | os.PathLike[str] | None,
+        self, world: Section, controlled: list[str], given: Robot | _Path | None
     ) -> tuple[str | None, Robot]:
         """The name in the world of the arm that the data set moves, and the arm."""
         files: dict[str, str] = {}
         others: dict[str, str | None] = {}
         for name, thing in world.sections():
             kind, file, parent = thing.text("type"), thing.text("file_name"), thing.text("parent_name")
-            for key in ("parent_relative_transform", "initial_config"):
-                thing.value(key)
-            thing.done()
+            thing.done("parent_relative_transform", "initial_config")
             if kind == "robot" and file is not None:
                 files[name] = file
             elif kind in ("rigid", "deformable"):
                 others[name] = parent
             else:
                 wanted = "wanted a robot, rigid or deformable with a `file_name`"
-                raise world.error(world.named(name), f"is of type {kind!r}; {wanted}")
+                raise world.error(name, f"is of type {kind!r}; {wanted}")
         moved = [name for name in files if name in controlled] or list(files)
         if len(moved) > 1:
-            raise world.error("world", f"has the robots {', '.join(moved)}; name one in control_keys")
+            raise world.error("", f"has the robots {', '.join(moved)}; name one in control_keys")
         robot = moved[0] if moved else None
         arm = self.arm(given, files[robot] if robot else None)
         for other, parent in others.items():
@@ -165,22 +166,20 @@ class _Reading:
             self.notes.append(f"`world.{other}` {where}; palpate touches with the robot's links alone.")
         return robot, arm
 
-    def arm(self, given: Robot | str | os.PathLike[str] | None, file: str | None) -> Robot:
-        if isinstance(given, Robot):
-            return given
+    def arm(self, given: Robot | _Path | None, file: str | None) -> Robot:
         if given is None and file is None:
             self.notes.append("The file names no robot: palpate's kinova_gen3 is taken.")
         if given is None and file is not None:
-            found = self.found(file)
-            if found is None:
-                raise FileError(f"`{self.path}`: the robot's file_name `{file}` is not there")
-            given = found
-        return Robot(given)
+            missing = FileError(f"`{self.path}`: the robot's file_name `{file}` is not there")
+            given = self.found(file, missing)
+        return given if isinstance(given, Robot) else Robot(given)
 
-    def found(self, name: str) -> Path | None:
+    def found(self, name: str, missing: FileError) -> Path:
         """A file or folder from the working directory, where OpenVSF looks, or beside the file."""
-        places = (Path(name), self.path.parent / name)
-        return next((place for place in places if place.exists()), None)
+        for place in (Path(name), self.path.parent / name):
+            if place.exists():
+                return place
+        raise missing
 
     def sensor(
         self, sensors: Section, felt: list[str], robot: str | None, arm: Robot
@@ -201,7 +200,7 @@ class _Reading:
         named = [name for name in measuring if name in felt] or measuring
         if sensors.keys() and len(named) != 1:
             told = f"has {len(named)} sensors of the robot's joint torques"
-            raise sensors.error("sensors", f"{told}; palpate learns from exactly one JointTorqueSensor")
+            raise sensors.error("", f"{told}; palpate learns from exactly one JointTorqueSensor")
         return named[0] if named else None
 
     def links(self, sensor: Section, links: list[str], arm: Robot) -> None:
@@ -210,7 +209,7 @@ class _Reading:
         order = [arm.link_names.index(link) for link in links if link not in unknown]
         if links and (unknown or len(links) != arm.n_joints or order != sorted(order)):
             raise sensor.error(
-                sensor.named("link_names"),
+                "link_names",
                 f"is {links}; palpate needs the torques of all {arm.n_joints} joints, base to tip, of "
                 f"{arm.link_names}",
             )
@@ -219,7 +218,7 @@ class _Reading:
         """The contact settings, and the lattice that the points of the field make."""
         self.ignored(simulator, "world_pcd_samples", "world_sdf_resolution")
         if simulator.text("type") not in (None, "quasistatic"):
-            raise simulator.error("simulator.type", "is not `quasistatic`, as palpate is")
+            raise simulator.error("type", "is not `quasistatic`, as palpate is")
         lattice, taken = given, False
         deformables = simulator.section("deformables")
         for _, body in deformables.sections():
@@ -236,31 +235,25 @@ class _Reading:
         return lattice
 
     def contact(self, config: Section) -> None:
-        friction, slides = config.number("friction_mu"), config.flag("sim_slide")
-        step = config.positive("slide_step")
+        contact = self.settings["contact"]
+        contact["friction"] = config.number("friction_mu")
+        slides, step = config.flag("sim_slide"), config.positive("slide_step")
         paddings = [config.number(f"geometry_padding{which}") for which in (1, 2)]
         config.done()
-        contact: dict[str, Any] = {}
-        if friction is not None:
-            contact["friction"] = friction
         if slides is False:
             contact["slip_iterations"] = 0
             told = "palpate's contacts are made for points that slip, and slipping costs it little"
             self.notes.append(f"`{config.named('sim_slide')}` is false, so points stick; {told}.")
-        elif step is not None:
+        else:
             contact["slip_step_m"] = step
         if any(padding is not None for padding in paddings):
             contact["contact_distance_m"] = sum(0.003 if one is None else one for one in paddings)
-        if contact:
-            self.settings["contact"] = contact
 
     def points(self, model: Section, pose: Any, *, read: bool) -> Lattice | None:
         """The lattice of a model's points in the frame of the robot, None if it has none to tell."""
         way, path = model.text("init_method") or "file", model.text("path")
         config = model.section("point_vsf_config")
-        for key in ("neural_vsf_config", "factory_config", "rgbd_factory_config"):
-            model.value(key)
-        model.done()
+        model.done("neural_vsf_config", "factory_config", "rgbd_factory_config")
         corners, size = config.value("bbox"), config.positive("voxel_size")
         self.ignored(config, "rest_points", "axis_mode", "features")
         config.done()
@@ -269,17 +262,14 @@ class _Reading:
         if way == "config" and corners is not None and size is not None:
             low, high = self.box(config, corners, pose)
             return Lattice.filling(low, high, size)
-        found = self.found(path) if path else None
         if way != "file" or path is None:
             self.notes.append(
                 f"`{model.named('init_method')}` is {way!r}, which palpate does not make points of: "
                 "its own lattice is taken, or give `lattice`."
             )
             return None
-        if found is None:
-            told = f"`{path}` is not there; give `lattice` to do without"
-            raise model.error(model.named("path"), told)
-        points = read_field(found).points
+        missing = model.error("path", f"`{path}` is not there; give `lattice` to do without")
+        points = read_field(self.found(path, missing)).points
         lattice = lattice_of(points @ _turned(pose)[:3, :3].T + _turned(pose)[:3, 3])
         self.notes.append(
             f"The lattice reaches over the points of `{path}`, one every {lattice.spacing:.6g} m."
@@ -292,7 +282,7 @@ class _Reading:
             box = np.array(corners, dtype=float).reshape(2, 3)
             turned = _turned(pose)
         except (TypeError, ValueError) as error:
-            raise config.error(config.named("bbox"), f"or the pose is no box or 4 x 4: {error}") from None
+            raise config.error("bbox", f"or the pose is no box or 4 x 4: {error}") from None
         picks = np.array(np.meshgrid(*[[0, 1]] * 3)).reshape(3, -1).T
         posed = box[picks, range(3)] @ turned[:3, :3].T + turned[:3, 3]
         return posed.min(axis=0).tolist(), posed.max(axis=0).tolist()
@@ -300,51 +290,42 @@ class _Reading:
     def calibrators(self, calibrators: Section, sensor: str | None) -> None:
         for name, calibrator in calibrators.sections():
             kind, samples = calibrator.text("type"), calibrator.whole("num_samples")
-            calibrator.value("output_key")
-            calibrator.done()
+            calibrator.done("output_key")
             if kind != "tare":
-                raise calibrator.error(calibrator.named("type"), f"is {kind!r}; wanted `tare`")
+                raise calibrator.error("type", f"is {kind!r}; wanted `tare`")
             if name != sensor and sensor is not None:
                 self.notes.append(f"The tare of `{name}` goes with its sensor, which is ignored.")
             elif samples is not None:
                 self.settings["touch"] = {"tare_frames": samples}
 
     def estimator(self, estimator: Section) -> str:
+        settings = self.settings["estimator"]
+        settings["replays"] = estimator.whole("num_replay_update")
+        settings["memory_frames"] = estimator.whole("max_buffer_length")
         optimizer = estimator.text("optimizer")
-        replays, memory = estimator.whole("num_replay_update"), estimator.whole("max_buffer_length")
         self.ignored(estimator, "batch_size")
-        if estimator.value("down_sample_rate") not in (None, 1):
+        if estimator.value("down_sample_rate") != 1:
             self.ignored(estimator, "down_sample_rate")
         estimator.done()
-        given: dict[str, Any] = {"replays": replays, "memory_frames": memory}
-        given = {key: one for key, one in given.items() if one is not None}
-        if given:
-            self.settings["estimator"] = given
         if optimizer is None:
             return "map"
         if optimizer not in _METHODS:
-            wanted = f"is {optimizer!r}; wanted {', '.join(_METHODS)}"
-            raise estimator.error(estimator.named("optimizer"), wanted)
-        method = _METHODS[optimizer]
-        if optimizer != "diag_ekf":
-            told = "`map` finds the same optimum, by replay"
-            if optimizer == "dense_ekf":
-                told = "there is no filter with full covariances; `map` is the exact optimum"
+            raise estimator.error("optimizer", f"is {optimizer!r}; wanted {', '.join(_METHODS)}")
+        method, told = _METHODS[optimizer]
+        if told is not None:
             self.notes.append(f"`{optimizer}` becomes `{method}`: {told}.")
-        self.settings["estimator"] = {"estimator": method, **given}
+        settings["estimator"] = method
         return method
 
     def prior(self, prior: Section, method: str, spacing: float) -> None:
         """palpate states a prior for cells of 1 cm; the file's is that of its own points."""
         kind, mean, variance = prior.text("type"), prior.number("mu"), prior.positive("var")
         self.ignored(prior, "feature_keys")
-        for key in ("diag", "c_dim"):
-            prior.value(key)
-        prior.done()
+        prior.done("diag", "c_dim")
         if kind not in (None, "gaussian"):
             self.notes.append(f"The prior `{kind}` of features is taken as one for all points.")
         cells = spacing / 0.01
-        estimator = self.settings.setdefault("estimator", {})
+        estimator = self.settings["estimator"]
         if mean == 0.0 and method == "ekf":
             own = default_settings(estimator={"estimator": "ekf"})["estimator"]["prior_mean"]
             told = f"its `ekf` keeps a prior mean of {own} N/m, for it learns nothing from 0"
@@ -353,8 +334,6 @@ class _Reading:
             estimator["prior_mean"] = mean / cells**3
         if variance is not None:
             estimator["prior_std"] = math.sqrt(variance) / cells**1.5
-        if not estimator:
-            del self.settings["estimator"]
 
     def keys(
         self, dataset: Section, robot: str | None, sensor: str | None, arm: Robot
@@ -376,30 +355,27 @@ class _Reading:
             if not keys.keys():
                 continue
             if key not in keys:
-                raise keys.error(keys.named(key), f"is not there, though it is to hold the {what}")
+                raise keys.error(key, f"is not there, though it is to hold the {what}")
             if _width(keys.value(key)) != arm.n_joints:
                 told = f"is {keys.value(key)}; wanted {arm.n_joints}, the {what} of all joints"
-                raise keys.error(keys.named(key), told)
+                raise keys.error(key, told)
         unread = ", ".join(f"`{key}`" for key in keys.keys() if key not in (angles, torques))
         if unread:
             self.notes.append(f"Of the data set, {unread} are not read.")
         return angles, torques
 
-    def data(self, dataset: Section, data_dir: str | os.PathLike[str] | None) -> Path:
+    def data(self, dataset: Section, data_dir: _Path | None) -> Path:
         kind, path = dataset.text("type"), dataset.text("path")
-        dataset.value("cache")
-        dataset.done()
+        dataset.done("cache")
         if kind == "file_loader":
             told = "is `file_loader`, a file for each frame; wanted an array for each sequence: stack"
-            raise dataset.error("dataset.type", f"{told} them into angles.npy and torques.npy")
+            raise dataset.error("type", f"{told} them into angles.npy and torques.npy")
         if data_dir is not None:
             return Path(data_dir)
         if not path:
             raise ValueError(f"`{self.path}` has no `dataset.path`: give `data_dir`")
-        found = self.found(path)
-        if found is None:
-            raise dataset.error("dataset.path", f"is `{path}`, which is not there; give `data_dir`")
-        return found
+        missing = dataset.error("path", f"is `{path}`, which is not there; give `data_dir`")
+        return self.found(path, missing)
 
 
 def _turned(pose: Any) -> np.ndarray[Any, np.dtype[np.float64]]:

@@ -121,13 +121,10 @@ def save(
     as_folder = text.endswith(separators) or os.path.isdir(text)
     if not as_folder and not text.endswith(".npz"):
         raise ValueError(f"`{text}`: wanted a name that ends in .npz, or in / for a folder")
-    arrays = _whole_box(field, untouched_std) if whole_box else _touched(field)
-    target = Path(os.path.realpath(text))
+    arrays = _arrays(field, whole_box, untouched_std)
+    write = _save_folder if as_folder else _save_npz
     try:
-        if as_folder:
-            _save_folder(arrays, None if whole_box else field, target)
-        else:
-            _save_npz(arrays, None if whole_box else field, target)
+        write(arrays, None if whole_box else field, Path(os.path.realpath(text)))
     except OSError as error:
         raise FileError(f"`{text}` cannot be written: {error.strerror or error}") from error
 
@@ -138,7 +135,7 @@ def to_point_vsf(
     """A live `PointVSF` with copies of what `save` writes. Imports OpenVSF and torch."""
     torch: Any = import_module("torch")
     vsf_type: Any = import_module("vsf").PointVSF
-    arrays = _whole_box(field, untouched_std) if whole_box else _touched(field)
+    arrays = _arrays(field, whole_box, untouched_std)
     vsf = vsf_type(torch.from_numpy(arrays["points"].copy()))
     vsf.stiffness = torch.from_numpy(arrays["K"].copy())
     for name in STATED:
@@ -233,45 +230,48 @@ def _own(path: Path, arrays: Arrays) -> Field | None:
     if not inside.is_file() or (inside == path and not has_settings(path)):
         return None
     own = Field.load(inside)
-    wanted = _touched(own)
+    wanted = _arrays(own)
     found = {"points": arrays.points, "K": arrays.stiffness, **arrays.features}
     return own if all(np.array_equal(wanted[key], found[key]) for key in found) else None
 
 
-def _touched(field: Field) -> dict[str, NDArray[Any]]:
-    return _named(field.points, field.stiffness, field.std, field.counts)
+def _arrays(
+    field: Field, whole_box: bool = False, untouched_std: float | None = None
+) -> dict[str, NDArray[Any]]:
+    """The arrays that `save` writes."""
+    points, stiffness, std, counts = field.points, field.stiffness, field.std, field.counts
+    if whole_box:
+        points = _box(field.lattice)
+        stiffness, std, counts = field.query(points)
+        std = _with_untouched(std, untouched_std)
+    # Counting on, OpenVSF needs N_obs signed: torch adds no uint32.
+    features = {"K_std": std, "K_var": std**2, "N_obs": counts.astype(np.int64)}
+    return {"points": points, "K": stiffness, **features}
 
 
-def _whole_box(field: Field, untouched_std: float | None) -> dict[str, NDArray[Any]]:
-    n = field.lattice.n_cells
+def _box(lattice: Lattice) -> NDArray[np.float64]:
+    """All points of a lattice."""
+    n = lattice.n_cells
     if n > MOST_CELLS:
         raise ValueError(
             f"the box has {n} cells, and {MOST_CELLS} at most are written; leave `whole_box` out, or "
             "learn the field in a smaller lattice"
         )
-    points = field.lattice.points(np.arange(n))
-    stiffness, std, counts = field.query(points)
-    if np.isnan(std).any():
-        if untouched_std is None:
-            raise ValueError(
-                "the field has no memory and does not say the std of cells never touched; give "
-                "`untouched_std`, N/m"
-            )
-        if not (np.isfinite(untouched_std) and untouched_std >= 0.0):
-            raise ValueError(f"`untouched_std` is {untouched_std}; wanted N/m, none below 0")
-        std = np.where(np.isnan(std), untouched_std, std)
-    return _named(points, stiffness, std, counts)
+    return lattice.points(np.arange(n))
 
 
-def _named(
-    points: NDArray[np.float64],
-    stiffness: NDArray[np.float64],
-    std: NDArray[np.float64],
-    counts: NDArray[np.uint32],
-) -> dict[str, NDArray[Any]]:
-    # Counting on, OpenVSF needs N_obs signed: torch adds no uint32.
-    features = {"K_std": std, "K_var": std**2, "N_obs": counts.astype(np.int64)}
-    return {"points": points, "K": stiffness, **features}
+def _with_untouched(std: NDArray[np.float64], untouched: float | None) -> NDArray[np.float64]:
+    """Standard deviations, with that of cells never touched where a field does not say it."""
+    if not np.isnan(std).any():
+        return std
+    if untouched is None:
+        raise ValueError(
+            "the field has no memory and does not say the std of cells never touched; give "
+            "`untouched_std`, N/m"
+        )
+    if not (np.isfinite(untouched) and untouched >= 0.0):
+        raise ValueError(f"`untouched_std` is {untouched}; wanted N/m, none below 0")
+    return np.where(np.isnan(std), untouched, std)
 
 
 def _save_npz(arrays: dict[str, NDArray[Any]], own: Field | None, target: Path) -> None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -32,45 +33,38 @@ def read(path: Path, within: tuple[Path, ...] = ()) -> Any:
         why = error.strerror if isinstance(error, OSError) else "it is no text"
         by = f", which `{within[-1]}` includes," if within else ""
         raise FileError(f"`{path}`{by} cannot be read: {why}") from error
+    parse: Callable[[str], Any]
     if path.suffix in (".yaml", ".yml"):
-        return _yaml(text, path, within)
-    if path.suffix == ".json":
-        return _json(text, path, within)
-    if not within:
+        kind, parse = "YAML that is read", _yaml
+    elif path.suffix == ".json":
+        kind, parse = "JSON", json.loads
+    elif within:
+        return text
+    else:
         raise FileError(f"`{path}` is no configuration: wanted .yaml, .yml or .json")
-    return text
+    try:
+        return _resolved(parse(text), path, within)
+    except (ValueError, RecursionError) as error:
+        raise FileError(f"`{path}` is no {kind}: {error}") from error
 
 
-def _beside(path: Path, name: str) -> Path:
-    return Path(os.path.normpath(path.parent / name))
-
-
-def _yaml(text: str, path: Path, within: tuple[Path, ...]) -> Any:
+def _yaml(text: str) -> Any:
+    """What YAML holds, tags before the names of files as JSON has them. Raises ValueError."""
     try:
         import yaml
     except ImportError as error:
         raise ImportError("YAML needs PyYAML: pip install 'palpate[openvsf]'") from error
 
-    def include(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> Any:
-        return read(_beside(path, str(loader.construct_scalar(node))), (*within, path))
-
-    def relative_path(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> str:
-        return str(_beside(path, str(loader.construct_scalar(node))))
+    def tagged(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> str:
+        return f"{node.tag} {loader.construct_scalar(node)}"
 
     loader: Any = type("Loader", (yaml.SafeLoader,), {})
-    loader.add_constructor("!include", include)
-    loader.add_constructor("!relative_path", relative_path)
+    loader.add_constructor("!include", tagged)
+    loader.add_constructor("!relative_path", tagged)
     try:
         return yaml.load(text, loader)
-    except (yaml.YAMLError, RecursionError) as error:
-        raise FileError(f"`{path}` is no YAML that is read: {error}") from error
-
-
-def _json(text: str, path: Path, within: tuple[Path, ...]) -> Any:
-    try:
-        return _resolved(json.loads(text), path, within)
-    except (ValueError, RecursionError) as error:
-        raise FileError(f"`{path}` is no JSON: {error}") from error
+    except yaml.YAMLError as error:
+        raise ValueError(error) from error
 
 
 def _resolved(value: Any, path: Path, within: tuple[Path, ...]) -> Any:
@@ -78,8 +72,8 @@ def _resolved(value: Any, path: Path, within: tuple[Path, ...]) -> Any:
         return {key: _resolved(one, path, within) for key, one in value.items()}
     if isinstance(value, list):
         return [_resolved(one, path, within) for one in value]
-    if isinstance(value, str) and value.startswith("!include "):
-        return read(_beside(path, value.split(" ", 1)[1]), (*within, path))
-    if isinstance(value, str) and value.startswith("!relative_path "):
-        return str(_beside(path, value.split(" ", 1)[1]))
+    if isinstance(value, str) and value.startswith(("!include ", "!relative_path ")):
+        tag, name = value.split(" ", 1)
+        file = Path(os.path.normpath(path.parent / name))
+        return read(file, (*within, path)) if tag == "!include" else str(file)
     return value

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from .._palpate import FileError
+
+Kind = TypeVar("Kind")
 
 
 class Section:
@@ -18,15 +20,17 @@ class Section:
         if entries is None:
             entries = {}
         if not isinstance(entries, dict) or not all(isinstance(key, str) for key in entries):
-            raise self.error(name, f"is {_shown(entries)}; wanted keys with their values")
+            raise self.error("", f"is {_shown(entries)}; wanted keys with their values")
         self._entries: dict[str, Any] = entries
         self._asked: set[str] = set()
 
-    def error(self, name: str, told: str) -> FileError:
+    def error(self, key: str, told: str) -> FileError:
+        """An error about a key, or about the section itself if the key is empty."""
+        name = self.named(key)
         return FileError(f"`{self._path}`: {f'`{name}`' if name else 'the file'} {told}")
 
     def named(self, key: str) -> str:
-        return f"{self._name}.{key}" if self._name else key
+        return ".".join(filter(None, (self._name, key)))
 
     def keys(self) -> list[str]:
         return list(self._entries)
@@ -40,36 +44,34 @@ class Section:
         return self._entries.get(key)
 
     def number(self, key: str) -> float | None:
-        hint = " (YAML takes 1.0e-3 for a number, not 1e-3)" if isinstance(self.value(key), str) else ""
-        value = self._of_type(key, (int, float), f"a number{hint}")
-        return None if value is None else float(value)
+        value = self.value(key)
+        hint = " (YAML takes 1.0e-3 for a number, not 1e-3)" if isinstance(value, str) else ""
+        return float(value) if type(value) is int else self._of_type(key, float, f"a number{hint}")
 
     def positive(self, key: str) -> float | None:
         value = self.number(key)
         if value is not None and not 0.0 < value < float("inf"):
-            raise self.error(self.named(key), f"is {value}; wanted more than 0")
+            raise self.error(key, f"is {value}; wanted more than 0")
         return value
 
     def whole(self, key: str) -> int | None:
         wanted = "a whole number from 0 on"
-        value: int | None = self._of_type(key, (int,), wanted)
+        value = self._of_type(key, int, wanted)
         if value is not None and value < 0:
-            raise self.error(self.named(key), f"is {value}; wanted {wanted}")
+            raise self.error(key, f"is {value}; wanted {wanted}")
         return value
 
     def flag(self, key: str) -> bool | None:
-        value: bool | None = self._of_type(key, (bool,), "true or false")
-        return value
+        return self._of_type(key, bool, "true or false")
 
     def text(self, key: str) -> str | None:
-        value: str | None = self._of_type(key, (str,), "a text")
-        return value
+        return self._of_type(key, str, "a text")
 
-    def _of_type(self, key: str, types: tuple[type, ...], wanted: str) -> Any:
-        """The value of a key, which must be of one of these very types; None if there is none."""
-        value = self.value(key)
-        if value is not None and type(value) not in types:
-            raise self.error(self.named(key), f"is {_shown(value)}; wanted {wanted}")
+    def _of_type(self, key: str, kind: type[Kind], wanted: str) -> Kind | None:
+        """The value of a key, which must be of this very type; None if there is none."""
+        value: Kind | None = self.value(key)
+        if value is not None and type(value) is not kind:
+            raise self.error(key, f"is {_shown(value)}; wanted {wanted}")
         return value
 
     def items(self, key: str, kind: type, wanted: str) -> list[Any]:
@@ -77,7 +79,7 @@ class Section:
         if value is None:
             return []
         if not isinstance(value, list) or not all(type(one) is kind for one in value):
-            raise self.error(self.named(key), f"is {_shown(value)}; wanted a list of {wanted}")
+            raise self.error(key, f"is {_shown(value)}; wanted a list of {wanted}")
         return value
 
     def section(self, key: str) -> Section:
@@ -89,16 +91,14 @@ class Section:
         for key in self._entries:
             yield key, self.section(key)
 
-    def done(self) -> None:
-        """Raises FileError if there is a key that nobody has asked for."""
+    def done(self, *others: str) -> None:
+        """Raises FileError if there is a key that nobody has asked for, nor is among `others`."""
+        known = sorted({*self._asked, *others})
         for key in self._entries:
-            if key not in self._asked:
-                near = get_close_matches(key, self._asked, 1)
-                hint = f"did you mean `{near[0]}`?" if near else f"there are {self._known()}"
-                raise self.error(self.named(key), f"is not known; {hint}")
-
-    def _known(self) -> str:
-        return ", ".join(sorted(self._asked)) or "none here"
+            if key not in known:
+                near = get_close_matches(key, known, 1)
+                there_are = f"there are {', '.join(known) or 'none here'}"
+                raise self.error(key, f"is not known; {f'did you mean `{near[0]}`?' if near else there_are}")
 
 
 def _shown(value: object) -> str:
