@@ -171,18 +171,19 @@ impl Mapper {
     /// `map` or `ekf`.
     #[getter]
     fn method(&self, py: Python<'_>) -> PyResult<&'static str> {
-        Ok(self.state.take(py)?.inner.mapper.config().method.name())
+        Ok(self.state.take(py)?.borrow().mapper.config().method.name())
     }
 
     /// The configuration that holds, as the field's file has it.
     #[getter]
     fn config<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        python(py, &json!(self.state.take(py)?.inner.mapper.config()))
+        python(py, &json!(self.state.take(py)?.borrow().mapper.config()))
     }
 
     /// Starts a touch: the next samples belong to it, and its start gives the tare.
     fn begin_touch(&self, py: Python<'_>) -> PyResult<()> {
-        let state = &mut *self.state.take(py)?.inner;
+        let state = self.state.take(py)?;
+        let mut state = state.borrow_mut();
         state.mapper.begin_touch();
         state.in_touch = true;
         Ok(())
@@ -201,12 +202,13 @@ impl Mapper {
     ) -> Result<StepReport> {
         let joints = Some(self.robot.arm.robot.n_joints());
         let sample = Sample::new(time, row(q, "q", joints)?, row(tau, "tau", joints)?);
-        let mut state = self.state.take(py)?;
-        if !state.inner.in_touch {
+        let state = self.state.take(py)?;
+        let mut state = state.borrow_mut();
+        if !state.in_touch {
             let message = "there is no touch that this sample belongs to; call begin_touch() first";
             return Err(PalpateError::new_err(message).into());
         }
-        let mapper = &mut state.inner.mapper;
+        let mapper = &mut state.mapper;
         let report = py.detach(|| mapper.step(&sample))?;
         let array = |torque: DVector<f64>| flat(py, torque.as_slice().to_vec());
         Ok(StepReport {
@@ -218,9 +220,10 @@ impl Mapper {
 
     /// Ends the touch. Raises TouchError if it was shorter than the tare asked for.
     fn end_touch(&self, py: Python<'_>) -> Result<()> {
-        let mut state = self.state.take(py)?;
-        state.inner.in_touch = false;
-        let mapper = &mut state.inner.mapper;
+        let state = self.state.take(py)?;
+        let mut state = state.borrow_mut();
+        state.in_touch = false;
+        let mapper = &mut state.mapper;
         Ok(py.detach(|| mapper.end_touch())?)
     }
 
@@ -237,8 +240,8 @@ impl Mapper {
         progress: Option<&Bound<'py, PyAny>>,
     ) -> Result<Bound<'py, PyAny>> {
         let sources = sources(log)?;
-        let mut state = self.state.take(py)?;
-        let State { mapper, in_touch } = &mut *state.inner;
+        let state = self.state.take(py)?;
+        let State { mapper, in_touch } = &mut *state.borrow_mut();
         *in_touch = false; // a touch under way ends where the next one begins
         let settings = &self.settings.log;
         let figures = long(py, progress, |progress| -> Result<_, WorkError> {
@@ -257,9 +260,8 @@ impl Mapper {
 
     /// The field as it is now, with its memory: a snapshot, which later samples do not change.
     fn field(&self, py: Python<'_>) -> Result<Field> {
-        let state = self.state.take(py)?;
-        let mapper = &state.inner.mapper;
-        Field::of(py, Saved::of_mapper(mapper))
+        let saved = Saved::of_mapper(&self.state.take(py)?.borrow().mapper);
+        Field::of(py, saved)
     }
 
     /// What torque a motion would meet: `path` is (P, n_joints) rad.
@@ -283,7 +285,7 @@ impl Mapper {
         let mut config = PathConfig::default();
         config.resolution_cells = resolution_cells.unwrap_or(config.resolution_cells);
         config.start_cells = start_cells.unwrap_or(config.start_cells);
-        let predictor = self.state.take(py)?.inner.mapper.path_predictor();
+        let predictor = self.state.take(py)?.borrow().mapper.path_predictor();
         let answer = unshown(py, |_| predictor.ask(&path, &config))?;
         let PathPrediction { points, goes_on, stops, .. } = answer;
         let torques = |of: fn(&PathPoint) -> &DVector<f64>| {
@@ -305,14 +307,13 @@ impl Mapper {
     /// Writes the field as .npz, whole or not at all; without `memory` it cannot be gone on from.
     #[pyo3(signature = (path, memory = true))]
     fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> Result<()> {
-        let mut saved = Saved::of_mapper(&self.state.take(py)?.inner.mapper);
+        let mut saved = Saved::of_mapper(&self.state.take(py)?.borrow().mapper);
         saved.snapshot.take_if(|_| !memory);
         Ok(py.detach(|| field::save(&path, &saved))?)
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
-        let state = self.state.take(py)?;
-        let cells = state.inner.mapper.n_cells();
+        let cells = self.state.take(py)?.borrow().mapper.n_cells();
         Ok(format!("Mapper({:?}, {cells} cells)", self.robot.arm.robot.name()))
     }
 }

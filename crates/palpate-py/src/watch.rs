@@ -20,26 +20,19 @@ use crate::error::{PalpateWarning, Raised, Result};
 /// How often the work is looked in on.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// How far the work is.
-#[derive(Default)]
-struct Far {
-    /// What it is doing; changes when a new stretch begins.
-    stretch: Mutex<Option<Stretch>>,
-    done: AtomicU64,
-}
-
-#[derive(Clone, Default)]
+/// A stretch of the work, and how far it is.
 struct Stretch {
-    number: u64,
     steps: Option<u64>,
     doing: String,
+    done: AtomicU64,
 }
 
 /// The progress of long work.
 #[derive(Default)]
 pub(crate) struct Watch {
     stop: AtomicBool,
-    far: Arc<Far>,
+    /// What it is doing; another when a new stretch begins.
+    stretch: Mutex<Option<Arc<Stretch>>>,
     told: Mutex<Vec<Told>>,
 }
 
@@ -48,7 +41,7 @@ enum Told {
     Warning(String),
 }
 
-struct Steps(Arc<Far>);
+struct Steps(Arc<Stretch>);
 
 impl Bar for Steps {
     fn step(&self) {
@@ -68,11 +61,10 @@ impl Progress for Watch {
     }
 
     fn begin(&self, steps: Option<u64>, _: &'static str, doing: &str) -> Box<dyn Bar> {
-        let mut stretch = self.far.stretch.lock().unwrap_or_else(PoisonError::into_inner);
-        let number = stretch.as_ref().map_or(0, |stretch| stretch.number + 1);
-        *stretch = Some(Stretch { number, steps, doing: doing.to_owned() });
-        self.far.done.store(0, Ordering::Relaxed);
-        Box::new(Steps(Arc::clone(&self.far)))
+        let stretch = Stretch { steps, doing: doing.to_owned(), done: AtomicU64::new(0) };
+        let stretch = Arc::new(stretch);
+        *self.stretch.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&stretch));
+        Box::new(Steps(stretch))
     }
 
     fn stopped(&self) -> bool {
@@ -109,17 +101,18 @@ impl Watch {
 /// What Python is shown of how far the work is.
 struct Shown<'py> {
     progress: Bound<'py, PyAny>,
-    told: (u64, u64),
+    told: Option<(Arc<Stretch>, u64)>,
 }
 
 impl Shown<'_> {
-    fn show(&mut self, far: &Far) -> PyResult<()> {
-        let stretch = far.stretch.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        let Some(Stretch { number, steps, doing }) = stretch else { return Ok(()) };
-        let done = far.done.load(Ordering::Relaxed);
-        if self.told != (number, done) {
-            self.told = (number, done);
-            self.progress.call1((done, steps, doing))?;
+    fn show(&mut self, watch: &Watch) -> PyResult<()> {
+        let stretch = watch.stretch.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let Some(stretch) = stretch else { return Ok(()) };
+        let done = stretch.done.load(Ordering::Relaxed);
+        let is_told = |told: &(Arc<Stretch>, u64)| Arc::ptr_eq(&told.0, &stretch) && told.1 == done;
+        if !self.told.as_ref().is_some_and(is_told) {
+            self.progress.call1((done, stretch.steps, &stretch.doing))?;
+            self.told = Some((stretch, done));
         }
         Ok(())
     }
@@ -140,16 +133,10 @@ pub(crate) fn long<T: Send, E: Into<Raised> + Send>(
 ) -> Result<T> {
     let module = py.import(intern!(py, "palpate._progress"))?;
     let progress = module.call_method1(intern!(py, "of"), (progress,))?;
-    let shown = if progress.is_none() {
-        None
-    } else {
-        Some(Shown { progress: progress.clone(), told: (u64::MAX, 0) })
-    };
+    let mut shown = Shown { progress, told: None };
     let watch = Watch::default();
-    let done = watched(py, shown, &watch, work);
-    if !progress.is_none() {
-        progress.call_method0(intern!(py, "close"))?;
-    }
+    let done = watched(py, &mut shown, &watch, work);
+    shown.progress.call_method0(intern!(py, "close"))?;
     let done = done?;
     watch.say(py)?;
     done.map_err(Into::into)
@@ -163,52 +150,37 @@ pub(crate) fn unshown<T: Send, E: Into<Raised> + Send>(
     long(py, Some(PyBool::new(py, false).as_any()), work)
 }
 
-/// Wakes whoever asked when the work is over, or has failed.
-struct Over {
-    asker: thread::Thread,
-    is_over: Arc<AtomicBool>,
-}
-
-impl Drop for Over {
-    fn drop(&mut self) {
-        self.is_over.store(true, Ordering::Release);
-        self.asker.unpark();
-    }
-}
-
 fn watched<T: Send>(
     py: Python<'_>,
-    mut shown: Option<Shown<'_>>,
+    shown: &mut Shown<'_>,
     watch: &Watch,
     work: impl FnOnce(&Watch) -> T + Send,
 ) -> PyResult<T> {
+    let (asker, is_over) = (thread::current(), AtomicBool::new(false));
     thread::scope(|scope| {
-        let over = Over { asker: thread::current(), is_over: Arc::default() };
-        let is_over = Arc::clone(&over.is_over);
-        let worker = scope.spawn(move || {
-            let _over = over;
-            work(watch)
+        let worker = scope.spawn(|| {
+            let done = work(watch);
+            is_over.store(true, Ordering::Release);
+            asker.unpark();
+            done
         });
         let mut failed = None;
-        while !is_over.load(Ordering::Acquire) {
+        // A worker that panics does not say that it is over.
+        while !is_over.load(Ordering::Acquire) && !worker.is_finished() {
             py.detach(|| thread::park_timeout(LOOK));
             if failed.is_some() {
                 continue; // it stops at its next step
             }
-            let shown = shown.as_mut().map_or(Ok(()), |shown| shown.show(&watch.far));
-            if let Err(error) = py.check_signals().and(shown) {
+            if let Err(error) = py.check_signals().and_then(|()| shown.show(watch)) {
                 watch.stop.store(true, Ordering::Relaxed);
                 failed = Some(error);
             }
         }
         let done = py.detach(|| worker.join());
-        match (done, failed) {
-            (Err(panic), _) => std::panic::resume_unwind(panic),
-            (Ok(_), Some(error)) => Err(error),
-            (Ok(done), None) => {
-                shown.as_mut().map_or(Ok(()), |shown| shown.show(&watch.far))?;
-                Ok(done)
-            }
+        let done = done.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        match failed {
+            Some(error) => Err(error),
+            None => shown.show(watch).map(|()| done),
         }
     })
 }

@@ -6,20 +6,23 @@ import sys
 import warnings
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 Progress = bool | Callable[[int, int | None], object] | None
 """None for a bar where somebody can see it, True or False, or a callable of steps done and in all."""
 
 
-class Shown(Protocol):
-    """What the compiled part shows progress to."""
+class Shown:
+    """What the compiled part shows progress to; this one tells nobody."""
 
-    def __call__(self, done: int, steps: int | None, doing: str) -> None: ...
-    def close(self) -> None: ...
+    def __call__(self, done: int, steps: int | None, doing: str) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
 
 
-class _Told:
+class _Told(Shown):
     """A callable of the caller's, which is not asked what is being done."""
 
     def __init__(self, tell: Callable[[int, int | None], object]) -> None:
@@ -28,11 +31,8 @@ class _Told:
     def __call__(self, done: int, steps: int | None, doing: str) -> None:
         self._tell(done, steps)
 
-    def close(self) -> None:
-        pass
 
-
-class _Bar:
+class _Bar(Shown):
     """A bar of tqdm, a new one for each stretch of work."""
 
     def __init__(self) -> None:
@@ -55,12 +55,12 @@ class _Bar:
         self._bar = self._stretch = None
 
 
-def of(progress: Progress) -> Shown | None:
-    """What to show progress to, None for nothing."""
+def of(progress: Progress) -> Shown:
+    """What to show progress to."""
     if progress is None:
         progress = _is_seen() and _has_tqdm()
     if progress is False:
-        return None
+        return Shown()
     if progress is True:
         if not _has_tqdm():
             raise ImportError("progress=True needs tqdm: pip install 'palpate[progress]'")

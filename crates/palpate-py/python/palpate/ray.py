@@ -202,16 +202,14 @@ def _runs(
     found: dict[tuple[str, str], dict[str, Outcome]] = {run: {} for run in plan}
     try:
         for number, (key, outcome) in enumerate(_outcomes(tasks, kept, pool), 1):
-            if shown is not None:
-                shown(number, len(tasks), "tasks")
+            shown(number, len(tasks), "tasks")
             for run in runs.pop(key):
                 found[run][key] = outcome
                 if found[run].keys() == plan[run].keys():
                     outcomes = found.pop(run)
                     yield _run(*run, [outcomes[key] for key in plan[run]])
     finally:
-        if shown is not None:
-            shown.close()
+        shown.close()
 
 
 def _outcomes(
