@@ -1,9 +1,10 @@
 //! Plain Python data from JSON, and TOML from plain Python data.
 
-use pyo3::exceptions::PyTypeError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyFloat, PyInt, PyMapping, PySequence, PyString};
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::lattice::Lattice;
@@ -11,6 +12,13 @@ use crate::lattice::Lattice;
 /// JSON as dicts, lists, numbers and strings.
 pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
     py.import(intern!(py, "json"))?.call_method1(intern!(py, "loads"), (value.to_string(),))
+}
+
+/// What dicts, lists, numbers and strings hold, by way of JSON.
+pub(crate) fn of_python<T: DeserializeOwned>(plain: &Bound<'_, PyAny>) -> PyResult<T> {
+    let json = plain.py().import("json")?.call_method1("dumps", (plain,))?;
+    let value = serde_json::from_str(&json.extract::<String>()?);
+    value.map_err(|error| PyValueError::new_err(error.to_string()))
 }
 
 /// Settings, or one section of them, without the keys that were not given: those that are null.
@@ -29,46 +37,40 @@ pub(crate) fn given(settings: Value) -> Value {
 
 /// Plain data as TOML, `None` as nothing, a [`Lattice`] as its section; `name` is for errors.
 pub(crate) fn toml_of(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<toml::Value>> {
-    let py = any.py();
     if any.is_none() {
         return Ok(None);
     }
-    if let Ok(truth) = any.cast::<PyBool>() {
-        return Ok(Some(truth.is_true().into()));
+    // Arrays and single numbers of NumPy; paths.
+    for as_plain in ["tolist", "__fspath__"] {
+        if any.hasattr(as_plain)? {
+            return toml_of(&any.call_method0(as_plain)?, name);
+        }
     }
-    if any.is_instance_of::<PyInt>() {
-        return Ok(Some(any.extract::<i64>()?.into()));
-    }
-    if any.is_instance_of::<PyFloat>() {
-        return Ok(Some(any.extract::<f64>()?.into()));
-    }
-    if any.is_instance_of::<PyString>() {
-        return Ok(Some(any.extract::<String>()?.into()));
-    }
-    if let Ok(mapping) = any.cast::<PyMapping>() {
-        return Ok(Some(table_of(mapping, name)?.into()));
-    }
-    if let Ok(lattice) = any.cast::<Lattice>() {
-        return Ok(Some(lattice.get().section().into()));
-    }
-    // Arrays and single numbers of NumPy.
-    if any.hasattr(intern!(py, "tolist"))? {
-        return toml_of(&any.call_method0(intern!(py, "tolist"))?, name);
-    }
-    if any.hasattr(intern!(py, "__fspath__"))? {
-        return toml_of(&any.call_method0(intern!(py, "__fspath__"))?, name);
-    }
-    if let Ok(sequence) = any.cast::<PySequence>() {
+    let value: toml::Value = if let Ok(truth) = any.cast::<PyBool>() {
+        truth.is_true().into()
+    } else if any.is_instance_of::<PyInt>() {
+        any.extract::<i64>()?.into()
+    } else if any.is_instance_of::<PyFloat>() {
+        any.extract::<f64>()?.into()
+    } else if any.is_instance_of::<PyString>() {
+        any.extract::<String>()?.into()
+    } else if let Ok(mapping) = any.cast::<PyMapping>() {
+        table_of(mapping, name)?.into()
+    } else if let Ok(lattice) = any.cast::<Lattice>() {
+        toml::Value::try_from(&lattice.get().inner).expect("its keys are those of the section")
+    } else if let Ok(sequence) = any.cast::<PySequence>() {
         let mut values = Vec::new();
         for item in sequence.try_iter()? {
             values.extend(toml_of(&item?, name)?);
         }
-        return Ok(Some(values.into()));
-    }
-    Err(PyTypeError::new_err(format!(
-        "`{name}` holds {}; wanted numbers, strings, booleans, or lists and dicts of them",
-        any.get_type().name()?
-    )))
+        values.into()
+    } else {
+        return Err(PyTypeError::new_err(format!(
+            "`{name}` holds {}; wanted numbers, strings, booleans, or lists and dicts of them",
+            any.get_type().name()?
+        )));
+    };
+    Ok(Some(value))
 }
 
 /// A dict as a TOML table.

@@ -14,11 +14,11 @@ use palpate_work::tune::{Tuning, trials, tuned_settings};
 use palpate_work::{Progress, WorkError};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyAny, PyDict, PyList};
+use pyo3::types::{PyAny, PyDict};
 use serde_json::json;
 
 use crate::array::{flat, table_of};
-use crate::data::{given, python};
+use crate::data::{given, of_python, python};
 use crate::error::Result;
 use crate::log::{Source, opened, sources};
 use crate::watch::long;
@@ -101,42 +101,27 @@ pub(crate) fn evaluate<'py>(
     Ok(result.into_any())
 }
 
-/// Errors on a touch, as `evaluate` gives them.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub(crate) struct OfTouch {
-    avg_error: f64,
-    max_error: f64,
-    avg_relative: Option<f64>,
-    max_relative: Option<f64>,
-}
-
 /// The row of a method in Table I by its errors on touches, as `evaluate` gives them.
 #[pyfunction]
 pub(crate) fn summarised<'py>(
     py: Python<'py>,
     name: &str,
-    errors: Vec<Option<OfTouch>>,
+    errors: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let errors = errors.into_iter().flatten().map(|touch| {
-        let OfTouch { avg_error, max_error, avg_relative, max_relative } = touch;
-        Errors { avg_error, max_error, avg_relative, max_relative }
-    });
-    python(py, &json!(Summary::of(name, &errors.collect::<Vec<_>>())))
+    let errors: Vec<Option<Errors>> = of_python(errors)?;
+    let errors: Vec<Errors> = errors.into_iter().flatten().collect();
+    python(py, &json!(Summary::of(name, &errors)))
 }
 
 /// An evaluation as plain data, torques as arrays.
 fn result<'py>(py: Python<'py>, evaluation: &Evaluation) -> PyResult<Bound<'py, PyDict>> {
     let result = PyDict::new(py);
-    let methods: &[Summary] = &evaluation.methods;
-    result.set_item("methods", python(py, &json!(methods))?)?;
+    result.set_item("methods", python(py, &json!(evaluation.methods))?)?;
     result.set_item("against", &evaluation.against)?;
     result.set_item("joint_names", &evaluation.joint_names)?;
-    let touches = PyList::empty(py);
-    for touch in &evaluation.touches {
-        touches.append(left_out(py, touch, evaluation.joint_names.len())?)?;
-    }
-    result.set_item("touches", touches)?;
+    let joints = evaluation.joint_names.len();
+    let touches = evaluation.touches.iter().map(|touch| left_out(py, touch, joints));
+    result.set_item("touches", touches.collect::<PyResult<Vec<_>>>()?)?;
     Ok(result)
 }
 

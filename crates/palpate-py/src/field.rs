@@ -1,7 +1,6 @@
 //! A stiffness field, its arrays shared with NumPy.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use palpate::{CellId, ContactConfig, ExternalTorqueConfig, Snapshot};
@@ -60,7 +59,7 @@ pub(crate) struct Field {
     untouched_n_per_m: f64,
     contact: ContactConfig,
     touch: ExternalTorqueConfig,
-    snapshot: Option<Arc<Snapshot>>,
+    snapshot: Option<Snapshot>,
 }
 
 impl Field {
@@ -81,7 +80,7 @@ impl Field {
             touch: field.touch,
             untouched_n_per_m: field.untouched_n_per_m,
             robot,
-            snapshot: snapshot.map(Arc::new),
+            snapshot,
         })
     }
 
@@ -103,7 +102,7 @@ impl Field {
             field: self.core(py),
             prior_n_per_m: self.prior.as_ref().map(|prior| copied(py, prior)),
             robot: self.robot.clone(),
-            snapshot: self.snapshot.as_deref().filter(|_| memory).cloned(),
+            snapshot: self.snapshot.as_ref().filter(|_| memory).cloned(),
         }
     }
 

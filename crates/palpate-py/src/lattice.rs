@@ -19,19 +19,6 @@ pub(crate) struct Lattice {
     pub(crate) inner: palpate::Lattice,
 }
 
-impl Lattice {
-    /// The section of the settings that gives it.
-    pub(crate) fn section(&self) -> toml::Table {
-        let origin_m: [f64; 3] = self.inner.origin_m().into();
-        let shape = self.inner.shape().map(i64::from);
-        toml::Table::from_iter([
-            ("spacing_m".to_owned(), self.inner.spacing_m().into()),
-            ("origin_m".to_owned(), toml::Value::from(origin_m.to_vec())),
-            ("shape".to_owned(), toml::Value::from(shape.to_vec())),
-        ])
-    }
-}
-
 /// Three numbers of an argument.
 fn three(any: &Bound<'_, PyAny>, name: &str) -> PyResult<[f64; 3]> {
     let row = row(any, name, Some(3))?;

@@ -35,25 +35,16 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _palpate {
     #[pymodule_export]
-    use crate::error::{
-        FileError, LogError, PalpateError, PalpateWarning, SettingsError, TouchError,
+    use crate::{
+        error::{FileError, LogError, PalpateError, PalpateWarning, SettingsError, TouchError},
+        evaluate::{evaluate, summarised, tune},
+        extrapolate::{Extrapolation, extrapolate},
+        field::{Field, unpickled_field},
+        inspect::inspect,
+        lattice::Lattice,
+        log::{Log, Touch, TouchIterator, open_log},
+        mapper::{Answer, Mapper, StepReport},
+        robot::Robot,
+        settings::{default_settings, given_settings},
     };
-    #[pymodule_export]
-    use crate::evaluate::{evaluate, summarised, tune};
-    #[pymodule_export]
-    use crate::extrapolate::{Extrapolation, extrapolate};
-    #[pymodule_export]
-    use crate::field::{Field, unpickled_field};
-    #[pymodule_export]
-    use crate::inspect::inspect;
-    #[pymodule_export]
-    use crate::lattice::Lattice;
-    #[pymodule_export]
-    use crate::log::{Log, Touch, TouchIterator, open_log};
-    #[pymodule_export]
-    use crate::mapper::{Answer, Mapper, StepReport};
-    #[pymodule_export]
-    use crate::robot::Robot;
-    #[pymodule_export]
-    use crate::settings::{default_settings, given_settings};
 }

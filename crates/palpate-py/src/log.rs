@@ -27,6 +27,8 @@ const HELD: &str = "touches";
 #[pyclass(frozen, module = "palpate")]
 #[derive(Clone)]
 pub(crate) struct Log {
+    /// Where it is.
+    #[pyo3(get)]
     paths: Vec<PathBuf>,
     settings: LogSettings,
 }
@@ -145,12 +147,6 @@ pub(crate) fn opened(sources: Vec<Source>, settings: &LogSettings) -> Result<Tou
 
 #[pymethods]
 impl Log {
-    /// Where it is.
-    #[getter]
-    fn paths(&self) -> Vec<PathBuf> {
-        self.paths.clone()
-    }
-
     fn __iter__(&self, py: Python<'_>) -> Result<TouchIterator> {
         Ok(TouchIterator { touches: Mutex::new(self.touches(py)?) })
     }

@@ -39,17 +39,14 @@ pub(crate) fn given(
     any: Option<&Bound<'_, PyAny>>,
     settings: &RobotSettings,
 ) -> Result<Robot> {
-    match any {
-        None => loaded(py, settings.clone()),
-        Some(any) => match any.cast::<Robot>() {
-            Ok(robot) => Ok(robot.get().clone()),
-            Err(_) => {
-                let mut settings = settings.clone();
-                settings.robot = Some(any.extract::<PathBuf>()?.to_string_lossy().into_owned());
-                loaded(py, settings)
-            }
-        },
+    let mut settings = settings.clone();
+    if let Some(any) = any {
+        if let Ok(robot) = any.cast::<Robot>() {
+            return Ok(robot.get().clone());
+        }
+        settings.robot = Some(any.extract::<PathBuf>()?.to_string_lossy().into_owned());
     }
+    loaded(py, settings)
 }
 
 /// Loads the robot that the settings name.
