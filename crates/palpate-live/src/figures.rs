@@ -132,9 +132,9 @@ impl Tally {
         keep(&mut self.latencies_ms, after);
     }
 
-    /// A replay of a remembered frame.
-    pub fn replay(&mut self) {
-        self.replays += 1;
+    /// So many replays of remembered frames.
+    pub fn replayed(&mut self, replays: u32) {
+        self.replays += u64::from(replays);
     }
 
     /// A message that could not be used; whether it is the first for this reason.
@@ -148,8 +148,8 @@ impl Tally {
     pub fn figures(&mut self, received: u64) -> Figures {
         let (before, received_before, replays_before) = self.last;
         let elapsed_s = before.elapsed().as_secs_f64();
-        if elapsed_s >= 0.5 || received < received_before {
-            let samples = received.saturating_sub(received_before) as f64;
+        if elapsed_s >= 0.5 {
+            let samples = (received - received_before) as f64;
             let replays = (self.replays - replays_before) as f64;
             self.figures.rate_hz = samples / elapsed_s;
             self.figures.replays = if samples > 0.0 { replays / samples } else { 0.0 };

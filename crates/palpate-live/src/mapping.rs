@@ -96,7 +96,7 @@ impl<'a> Mapping<'a> {
             let patience = if spare { Duration::ZERO } else { PAUSE };
             match self.shared.samples.pop(patience) {
                 Some(message) => self.take(message),
-                None if spare && self.session.spare() => self.tally.replay(),
+                None if spare => self.tally.replayed(self.session.spare()),
                 None => {}
             }
             self.report();

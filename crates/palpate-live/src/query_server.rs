@@ -107,18 +107,34 @@ impl AskSocket {
                     thread::sleep(ACCEPT);
                     continue;
                 };
-                if askers.fetch_add(1, Ordering::Relaxed) >= MOST_ASKERS {
-                    askers.fetch_sub(1, Ordering::Relaxed);
+                let asker = Counted::among(askers);
+                if askers.load(Ordering::Relaxed) > MOST_ASKERS {
                     let _ = send(&stream, error("too many ask at once; try again"));
                     continue;
                 }
                 spawn(scope, "answer", move || {
                     // A client may leave in the middle of a line.
                     let _ = converse(&stream, server);
-                    askers.fetch_sub(1, Ordering::Relaxed);
+                    drop(asker);
                 });
             }
         });
+    }
+}
+
+/// One of those that are counted, until it is dropped, by a panic too.
+struct Counted<'a>(&'a AtomicUsize);
+
+impl<'a> Counted<'a> {
+    fn among(count: &'a AtomicUsize) -> Self {
+        count.fetch_add(1, Ordering::Relaxed);
+        Self(count)
+    }
+}
+
+impl Drop for Counted<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
@@ -186,10 +202,8 @@ fn answer(line: &[u8], server: &QueryServer<'_>) -> String {
             Ok(json!({ "taring": true }).to_string())
         }
         Ok(question) => {
-            server.shared.answering.fetch_add(1, Ordering::Relaxed);
-            let answer = server.torques(question, started);
-            server.shared.answering.fetch_sub(1, Ordering::Relaxed);
-            answer
+            let _answering = Counted::among(&server.shared.answering);
+            server.torques(question, started)
         }
         Err(error) => Err(format!(
             "{error}; wanted a line of JSON such as {{\"path\": [[0.1, 0.2], [0.1, 0.3]]}}, \

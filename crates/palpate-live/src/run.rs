@@ -12,7 +12,7 @@
 //! Nobody waits for a slower thread: every queue is bounded and keeps the newest.
 
 use std::sync::Arc;
-use std::thread;
+use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::bounded;
@@ -77,30 +77,50 @@ pub fn run(
     let (to_mapper, requests) = bounded(REQUESTS);
     let mapping = Mapping::new(&shared, session, checkpoints, config.view.clone(), requests);
     thread::scope(|scope| {
-        spawn(scope, "subscriber", || receive(subscriber, sentry, &shared));
-        spawn(scope, "publisher", || publish(&publishers, &shared));
+        let stopping = StopOnDrop(&shared);
+        let mut threads = vec![
+            spawn(scope, "subscriber", || receive(subscriber, sentry, &shared)),
+            spawn(scope, "publisher", || publish(&publishers, &shared)),
+        ];
         if let (Some(config), Some(to_write)) = (&config.checkpoint, to_write) {
-            spawn(scope, "checkpoints", || {
+            threads.push(spawn(scope, "checkpoints", || {
                 checkpoint::write(&config.path, to_write, &shared.written)
-            });
+            }));
         }
         if let Some(ask) = ask {
             let server = QueryServer { mapper: to_mapper, checker, shared: &shared };
-            spawn(scope, "ask", move || ask.run(&server));
+            threads.push(spawn(scope, "ask", move || ask.run(&server)));
         }
         let mapper = spawn(scope, "mapper", || mapping.run());
         while !mapper.is_finished() {
             if let Some(news) = shared.news.pop(LOOK) {
                 report(news);
             }
-            if stop() {
+            if stop() || threads.iter().any(ScopedJoinHandle::is_finished) {
                 shared.stop();
             }
         }
         let session = mapper.join();
-        shared.stop(); // if the mapper stopped by itself
+        drop(stopping);
+        for thread in threads {
+            let name = thread.thread().name().unwrap_or_default().to_owned();
+            if thread.join().is_err() {
+                report(News::Note(format!(
+                    "the session ended by a defect of palpate, in the thread `{name}`"
+                )));
+            }
+        }
         session.map_err(|_| NetworkError::Defect)
     })
+}
+
+/// Ends the session when the scope of its threads is left, even by a panic: the scope waits for them.
+struct StopOnDrop<'a>(&'a Shared);
+
+impl Drop for StopOnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.stop();
+    }
 }
 
 /// Waits for the topic to appear.

@@ -189,10 +189,12 @@ impl Session {
         self.pauses.clone_from(&self.no_pauses);
     }
 
-    /// Makes one of the replays that the last step may have; whether it did.
-    pub fn spare(&mut self) -> bool {
-        let mut one = 1;
-        self.mapper.spare_time(|_| std::mem::take(&mut one)) > 0
+    /// Makes two of the replays that the last step may have, or what is left of them; returns how many.
+    ///
+    /// Two at a time, since `map` draws every other one by its NIS.
+    pub fn spare(&mut self) -> u32 {
+        let mut pair = 2;
+        self.mapper.spare_time(|_| std::mem::take(&mut pair))
     }
 
     /// Whether the last step may have more replays.
@@ -217,7 +219,7 @@ impl Session {
 
     /// Ends the touch under way.
     pub fn finish(&mut self) {
-        while self.spare() {}
+        while self.spare() > 0 {}
         self.wait();
     }
 }
