@@ -51,19 +51,12 @@ pub enum NpyError {
     Io(#[from] io::Error),
 }
 
-/// What one number looks like in bytes.
+/// What one number looks like, and its bytes: 4 or 8 of a float, 1, 2, 4 or 8 of an integer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Number {
-    F32,
-    F64,
-    I8,
-    I16,
-    I32,
-    I64,
-    U8,
-    U16,
-    U32,
-    U64,
+    Float(usize),
+    Signed(usize),
+    Unsigned(usize),
 }
 
 /// The header of an npy file.
@@ -87,46 +80,31 @@ struct Dictionary {
 impl Number {
     /// The kind of a letter (`f`, `i` or `u`) and a number of bytes.
     pub(crate) fn of(letter: &str, bytes: &str) -> Option<Self> {
-        Some(match (letter, bytes) {
-            ("f", "8") => Self::F64,
-            ("f", "4") => Self::F32,
-            ("i", "8") => Self::I64,
-            ("i", "4") => Self::I32,
-            ("i", "2") => Self::I16,
-            ("i", "1") => Self::I8,
-            ("u", "8") => Self::U64,
-            ("u", "4") => Self::U32,
-            ("u", "2") => Self::U16,
-            ("u", "1") => Self::U8,
-            _ => return None,
-        })
+        let size = bytes.parse().ok()?;
+        match (letter, bytes) {
+            ("f", "4" | "8") => Some(Self::Float(size)),
+            ("i", "1" | "2" | "4" | "8") => Some(Self::Signed(size)),
+            ("u", "1" | "2" | "4" | "8") => Some(Self::Unsigned(size)),
+            _ => None,
+        }
     }
 
     /// Bytes of one number.
     pub(crate) fn bytes(self) -> usize {
         match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::F32 | Self::I32 | Self::U32 => 4,
-            Self::F64 | Self::I64 | Self::U64 => 8,
+            Self::Float(bytes) | Self::Signed(bytes) | Self::Unsigned(bytes) => bytes,
         }
     }
 
-    /// The number in the first bytes of `raw`, little-endian, rounded to `f64` if need be.
+    /// The number in the first bytes of `raw`, little-endian, rounded to `f64` if need be; the
+    /// others are zero.
     #[allow(clippy::cast_precision_loss)] // integers beyond 2^53 are no joint angles
     pub(crate) fn to_f64(self, raw: [u8; 8]) -> f64 {
-        let [a, b, c, d, ..] = raw;
         match self {
-            Self::F64 => f64::from_le_bytes(raw),
-            Self::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
-            Self::I8 => f64::from(i8::from_le_bytes([a])),
-            Self::I16 => f64::from(i16::from_le_bytes([a, b])),
-            Self::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
-            Self::I64 => i64::from_le_bytes(raw) as f64,
-            Self::U8 => f64::from(a),
-            Self::U16 => f64::from(u16::from_le_bytes([a, b])),
-            Self::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
-            Self::U64 => u64::from_le_bytes(raw) as f64,
+            Self::Float(4) => f64::from(f32::from_bits(u64::from_le_bytes(raw) as u32)),
+            Self::Float(_) => f64::from_le_bytes(raw),
+            Self::Signed(bytes) => signed(raw, bytes) as f64,
+            Self::Unsigned(_) => u64::from_le_bytes(raw) as f64,
         }
     }
 
@@ -140,7 +118,7 @@ impl Number {
         let number = kind.split_at_checked(1).and_then(|(letter, bytes)| Self::of(letter, bytes));
         let number = match (number, kind) {
             (Some(number), _) => number,
-            (None, "b1") => Self::U8,
+            (None, "b1") => Self::Unsigned(1),
             _ if kind.starts_with('O') => return refuse("Python objects that only pickle reads"),
             _ if kind.starts_with('c') => return refuse("complex numbers"),
             _ if kind.starts_with(['U', 'S']) => return refuse("text"),
@@ -159,19 +137,14 @@ impl Header {
         if magic != MAGIC {
             return Err(not_npy(&start));
         }
-        let length = match major {
-            1 => {
-                let mut raw = [0; 2];
-                read_whole(input, &mut raw)?;
-                usize::from(u16::from_le_bytes(raw))
-            }
-            2 | 3 => {
-                let mut raw = [0; 4];
-                read_whole(input, &mut raw)?;
-                usize::try_from(u32::from_le_bytes(raw)).unwrap_or(usize::MAX)
-            }
+        let bytes = match major {
+            1 => 2,
+            2 | 3 => 4,
             &major => return Err(NpyError::Version { major }),
         };
+        let mut length = [0; 4];
+        read_whole(input, &mut length[..bytes])?;
+        let length = u32::from_le_bytes(length) as usize;
         if length > MAX_HEADER_BYTES {
             return Err(header(format!("it claims to be {length} bytes long")));
         }
@@ -199,23 +172,47 @@ impl Header {
 
     /// Bytes of all numbers.
     pub(crate) fn data_bytes(&self) -> Result<u64, NpyError> {
-        (self.shape.iter())
-            .try_fold(self.number.bytes() as u64, |product, &side| product.checked_mul(side))
-            .ok_or_else(|| NpyError::TooLarge { shape: self.shape.clone() })
+        self.product(self.number.bytes() as u64, &self.shape)
+    }
+
+    fn product(&self, size: u64, sides: &[u64]) -> Result<u64, NpyError> {
+        let mut sides = sides.iter();
+        let product = sides.try_fold(size, |product, &side| product.checked_mul(side));
+        product.ok_or_else(|| self.too_large())
+    }
+
+    /// The error of a shape that no memory holds.
+    pub(crate) fn too_large(&self) -> NpyError {
+        NpyError::TooLarge { shape: self.shape.clone() }
     }
 
     /// The numbers in `raw`, whose length is a multiple of [`Number::bytes`].
     pub(crate) fn decode<'a>(&self, raw: &'a [u8]) -> impl Iterator<Item = f64> + use<'a> {
-        let (number, big_endian) = (self.number, self.big_endian);
-        raw.chunks_exact(number.bytes()).map(move |chunk| {
-            let mut bytes = [0; 8];
-            bytes[..chunk.len()].copy_from_slice(chunk);
-            if big_endian {
-                bytes[..chunk.len()].reverse();
-            }
-            number.to_f64(bytes)
-        })
+        let number = self.number;
+        self.words(raw).map(move |word| number.to_f64(word))
     }
+
+    /// The same as little-endian bytes, those that a number has not being zero.
+    pub(crate) fn words<'a>(&self, raw: &'a [u8]) -> impl Iterator<Item = [u8; 8]> + use<'a> {
+        let big_endian = self.big_endian;
+        raw.chunks_exact(self.number.bytes()).map(move |chunk| word(chunk, big_endian))
+    }
+}
+
+/// The bytes of one number, the lowest first, and zeros behind them.
+pub(crate) fn word(bytes: &[u8], big_endian: bool) -> [u8; 8] {
+    let mut word = [0; 8];
+    word[..bytes.len()].copy_from_slice(bytes);
+    if big_endian {
+        word[..bytes.len()].reverse();
+    }
+    word
+}
+
+/// The integer in the first `bytes` of a word, whose highest bit is its sign.
+pub(crate) fn signed(word: [u8; 8], bytes: usize) -> i64 {
+    let unused = 64 - 8 * bytes;
+    i64::from_le_bytes(word) << unused >> unused
 }
 
 /// Writes the header of an array in C order, little-endian; `descr` is numpy's `dtype.str`.
@@ -249,7 +246,8 @@ pub(crate) struct Rows<R> {
     pub(crate) rows: u64,
     /// Numbers in a row.
     pub(crate) columns: usize,
-    next_row: u64,
+    /// Rows that were handed on.
+    pub(crate) read: u64,
     block: Vec<f64>,
     block_start: u64,
 }
@@ -259,12 +257,9 @@ impl<R: Read + Seek> Rows<R> {
     pub(crate) fn open(mut input: R) -> Result<Self, NpyError> {
         let header = Header::read(&mut input)?;
         let promised = header.data_bytes()?;
+        let columns = header.product(1, &header.shape[header.shape.len().min(1)..])?;
         let data_start = input.stream_position()?;
         let held = input.seek(SeekFrom::End(0))?.saturating_sub(data_start);
-        let too_large = || NpyError::TooLarge { shape: header.shape.clone() };
-        let columns = (header.shape.iter().skip(1))
-            .try_fold(1u64, |product, &side| product.checked_mul(side))
-            .ok_or_else(too_large)?;
         // Rows without columns hold nothing, however many the header counts.
         let rows = if columns == 0 { 0 } else { header.shape.first().copied().unwrap_or(1) };
         let size = header.number.bytes() as u64;
@@ -274,9 +269,9 @@ impl<R: Read + Seek> Rows<R> {
             let (held, promised) = (held / step, promised / step);
             return Err(NpyError::Truncated { held, promised, unit });
         }
-        let columns = usize::try_from(columns).map_err(|_| too_large())?;
+        let columns = usize::try_from(columns).map_err(|_| header.too_large())?;
         let block = Vec::new();
-        Ok(Self { input, header, data_start, rows, columns, next_row: 0, block, block_start: 0 })
+        Ok(Self { input, header, data_start, rows, columns, read: 0, block, block_start: 0 })
     }
 
     /// Sides of the array as the file gives them.
@@ -286,24 +281,33 @@ impl<R: Read + Seek> Rows<R> {
 
     /// Whether the file holds floats, not integers.
     pub(crate) fn is_float(&self) -> bool {
-        matches!(self.header.number, Number::F32 | Number::F64)
+        matches!(self.header.number, Number::Float(_))
     }
 
     /// The next row, or `None` after the last.
     pub(crate) fn next_row(&mut self) -> Option<Result<&[f64], NpyError>> {
-        if self.next_row >= self.rows {
+        if self.read >= self.rows {
             return None;
         }
         let held = (self.block.len() / self.columns.max(1)) as u64;
-        if self.next_row >= self.block_start + held
+        if self.read >= self.block_start + held
             && let Err(error) = self.read_block()
         {
-            self.next_row = self.rows; // A failed read is the end: its rows cannot be trusted.
+            self.read = self.rows; // A failed read is the end: its rows cannot be trusted.
             return Some(Err(error));
         }
-        let offset = (self.next_row - self.block_start) as usize * self.columns;
-        self.next_row += 1;
+        let offset = (self.read - self.block_start) as usize * self.columns;
+        self.read += 1;
         Some(Ok(&self.block[offset..offset + self.columns]))
+    }
+
+    /// All numbers from the next row on.
+    pub(crate) fn all(mut self) -> Result<Vec<f64>, NpyError> {
+        let mut numbers = Vec::new();
+        while let Some(row) = self.next_row() {
+            numbers.extend_from_slice(row?);
+        }
+        Ok(numbers)
     }
 
     /// Reads the block that begins at the next row.
@@ -311,17 +315,17 @@ impl<R: Read + Seek> Rows<R> {
         let size = self.header.number.bytes() as u64;
         let columns = self.columns as u64;
         let room = (BLOCK_BYTES / (columns * size).max(1)).max(1);
-        let n_rows = room.min(self.rows - self.next_row);
-        self.block_start = self.next_row;
+        let n_rows = room.min(self.rows - self.read);
+        self.block_start = self.read;
         self.block.clear();
         if !self.header.fortran_order {
-            let raw = self.read_at(self.next_row * columns, n_rows * columns)?;
+            let raw = self.read_at(self.read * columns, n_rows * columns)?;
             self.block.extend(self.header.decode(&raw));
             return Ok(());
         }
         self.block.resize((n_rows * columns) as usize, 0.0);
         for column in 0..columns {
-            let raw = self.read_at(column * self.rows + self.next_row, n_rows)?;
+            let raw = self.read_at(column * self.rows + self.read, n_rows)?;
             let places = self.block.iter_mut().skip(column as usize).step_by(self.columns);
             places.zip(self.header.decode(&raw)).for_each(|(place, value)| *place = value);
         }
@@ -461,7 +465,7 @@ mod tests {
             write_header(&mut bytes, "<u4", shape).unwrap();
             assert_eq!(bytes.len() % 64, 0, "numpy aligns the data");
             let header = Header::read(&mut bytes.as_slice()).unwrap();
-            assert_eq!(header.number, Number::U32);
+            assert_eq!(header.number, Number::Unsigned(4));
             assert!(header.shape.iter().map(|&side| side as usize).eq(shape.iter().copied()));
         }
     }

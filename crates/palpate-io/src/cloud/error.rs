@@ -3,6 +3,8 @@
 use std::io;
 use std::path::PathBuf;
 
+use crate::npy::NpyError;
+
 /// What can be wrong with a cloud.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -11,6 +13,9 @@ pub enum CloudError {
     /// The system refused to read.
     #[error("`{path}` cannot be read: {source}")]
     Io { path: PathBuf, source: io::Error },
+    /// An array of the truth that cannot be read.
+    #[error("`{path}` {source}")]
+    Npy { path: PathBuf, source: NpyError },
     /// Neither of the two formats.
     #[error("`{path}` is no cloud: it begins with {found}; wanted a PLY or PCD file")]
     NotCloud { path: PathBuf, found: String },

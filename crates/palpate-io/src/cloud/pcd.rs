@@ -190,7 +190,7 @@ impl Entries {
             let kind = number.ok_or_else(|| format!("TYPE {letter} of SIZE {size} is unknown"))?;
             let mut field = Field { name, kind, count };
             if field.is_packed() && size == 4 {
-                field.kind = Number::U32;
+                field.kind = Number::Unsigned(4);
             }
             Ok(field)
         });

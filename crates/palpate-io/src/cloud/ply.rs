@@ -92,14 +92,14 @@ fn property_named(words: &[&str]) -> Result<Property, String> {
 
 fn kind_named(name: &str) -> Result<Number, String> {
     Ok(match name {
-        "char" | "int8" => Number::I8,
-        "uchar" | "uint8" => Number::U8,
-        "short" | "int16" => Number::I16,
-        "ushort" | "uint16" => Number::U16,
-        "int" | "int32" => Number::I32,
-        "uint" | "uint32" => Number::U32,
-        "float" | "float32" => Number::F32,
-        "double" | "float64" => Number::F64,
+        "char" | "int8" => Number::Signed(1),
+        "uchar" | "uint8" => Number::Unsigned(1),
+        "short" | "int16" => Number::Signed(2),
+        "ushort" | "uint16" => Number::Unsigned(2),
+        "int" | "int32" => Number::Signed(4),
+        "uint" | "uint32" => Number::Unsigned(4),
+        "float" | "float32" => Number::Float(4),
+        "double" | "float64" => Number::Float(8),
         _ => return Err(format!("`{name}` is no type of PLY's")),
     })
 }

@@ -107,8 +107,8 @@ impl Collector {
     fn scale(&self, kind: Number) -> f64 {
         let highest = self.colours.iter().flatten().fold(0.0, |a: f64, &b| a.max(b));
         match kind {
-            Number::F32 | Number::F64 if highest <= 1.0 => 255.0,
-            Number::U16 => 255.0 / 65_535.0,
+            Number::Float(_) if highest <= 1.0 => 255.0,
+            Number::Unsigned(2) => 255.0 / 65_535.0,
             _ => 1.0,
         }
     }

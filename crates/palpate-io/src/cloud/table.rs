@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use super::error::CloudError;
-use crate::npy::Number;
+use crate::npy::{Number, word};
 
 /// Longest header that is read, bytes.
 const MAX_HEADER_BYTES: usize = 1 << 20;
@@ -135,12 +135,7 @@ impl<'a> Body<'a> {
             return Ok(None);
         };
         self.rest = rest;
-        let mut raw = [0; 8];
-        raw[..bytes.len()].copy_from_slice(bytes);
-        if big_endian {
-            raw[..bytes.len()].reverse();
-        }
-        Ok(Some(kind.to_f64(raw)))
+        Ok(Some(kind.to_f64(word(bytes, big_endian))))
     }
 
     /// Steps over a list; `None` if the body ends first.

@@ -1,9 +1,8 @@
 //! What a simulation knows of the points of its cloud; for checking only.
 
 use super::error::CloudError;
-use crate::npy::Header;
+use crate::npy::Rows;
 use std::fs::File;
-use std::io::{BufReader, Read};
 use std::path::Path;
 
 /// The truth about every point of a cloud, in its order.
@@ -33,22 +32,15 @@ fn numbers(path: &Path, points: usize) -> Result<Vec<f64>, CloudError> {
         let place = "the array".to_owned();
         CloudError::Value { path: path.to_owned(), place, found, wanted }
     };
-    let io = |source| CloudError::Io { path: path.to_owned(), source };
-    let mut file = BufReader::new(File::open(path).map_err(io)?);
-    let one_a_point = "one number for each point of the cloud, in its order";
-    let header = Header::read(&mut file).map_err(|error| odd(error.to_string(), one_a_point))?;
-    if header.shape != [points as u64] {
-        return Err(odd(format!("of shape {:?} for {points} points", header.shape), one_a_point));
+    let file = File::open(path);
+    let file = file.map_err(|source| CloudError::Io { path: path.to_owned(), source })?;
+    let broken = |source| CloudError::Npy { path: path.to_owned(), source };
+    let rows = Rows::open(file).map_err(broken)?;
+    if *rows.shape() != [points as u64] {
+        let found = format!("of shape {:?} for {points} points", rows.shape());
+        return Err(odd(found, "one number for each point of the cloud, in its order"));
     }
-    let mut raw = Vec::new();
-    let bytes = (points * header.number.bytes()) as u64;
-    file.take(bytes).read_to_end(&mut raw).map_err(io)?;
-    if (raw.len() as u64) < bytes {
-        let (held, promised) = (raw.len() as u64, bytes);
-        let (path, unit) = (path.to_owned(), "bytes".to_owned());
-        return Err(CloudError::Truncated { path, held, promised, unit });
-    }
-    let numbers: Vec<f64> = header.decode(&raw).collect();
+    let numbers = rows.all().map_err(broken)?;
     match numbers.iter().find(|number| !number.is_finite() || **number < 0.0) {
         Some(found) => Err(odd(format!("with {found} in it"), "finite numbers from 0 on")),
         None => Ok(numbers),
@@ -73,5 +65,9 @@ mod tests {
         assert_eq!((truth.class, truth.stiffness_n_per_m[2]), (vec![0, 1, 2], 2.0));
         let error = read_point_truth(folder.path(), 4).unwrap_err().to_string();
         assert!(error.contains("shape [3] for 4 points"), "{error}");
+
+        std::fs::write(folder.path().join("truth_labels.npy"), "0 1 2").unwrap();
+        let error = read_point_truth(folder.path(), 3).unwrap_err().to_string();
+        assert!(error.contains("truth_labels.npy` is not an npy file"), "{error}");
     }
 }

@@ -58,21 +58,23 @@ pub(super) fn decode_camera(bytes: &[u8], path: &Path) -> Result<CameraFile, Rgb
     let tree = tree(bytes).map_err(wrong)?;
     let inner = tree.get("intrinsic").unwrap_or(&tree);
     let intrinsics = intrinsics(inner).map_err(wrong)?;
-    let place = |key: &str| format!("`{}`, `{key}`", path.display());
-    let world_from_camera = match (tree.get("camera_to_world"), tree.get("extrinsic")) {
-        (Some(pose), _) => {
-            let place = place("camera_to_world");
-            Some(pose_of(&numbers_in(pose, &place)?, &place)?)
-        }
-        (None, Some(pose)) => {
-            let place = place("extrinsic");
-            let numbers = numbers_in(pose, &place)?;
-            let by_rows = if numbers.len() == 16 { transposed::<4>(&numbers) } else { numbers };
-            Some(pose_of(&by_rows, &place)?.inverse())
-        }
-        (None, None) => None,
-    };
-    Ok(CameraFile { intrinsics, world_from_camera })
+    let keys = ["camera_to_world", "extrinsic"];
+    let said = keys.into_iter().find_map(|key| Some((key, tree.get(key)?)));
+    let pose = said.map(|(key, value)| {
+        let place = format!("`{}`, `{key}`", path.display());
+        pose_at(key, value).map_err(|reason| RgbdError::Pose { place, reason })
+    });
+    Ok(CameraFile { intrinsics, world_from_camera: pose.transpose()? })
+}
+
+/// Where the camera stands, as the value of a key says it.
+fn pose_at(key: &str, value: &Value) -> Result<Isometry3<f64>, String> {
+    let numbers = numbers_in(value)?;
+    if key == "camera_to_world" {
+        return pose_of(&numbers);
+    }
+    let by_rows = if numbers.len() == 16 { transposed::<4>(&numbers) } else { numbers };
+    Ok(pose_of(&by_rows)?.inverse())
 }
 
 /// The text as a tree; a YAML text may hold several documents, of which the first counts.
@@ -147,7 +149,7 @@ fn matrix(camera: &Value) -> Result<([f64; 2], [f64; 2]), String> {
 /// The numbers of a list, or of the `data` of a matrix.
 fn list(camera: &Value, key: &str) -> Result<Vec<f64>, String> {
     let value = camera.get(key).map(|value| value.get("data").unwrap_or(value));
-    let numbers = value.and_then(|value| numbers_in(value, key).ok());
+    let numbers = value.and_then(|value| numbers_in(value).ok());
     numbers.ok_or_else(|| format!("has something else than numbers in `{key}`"))
 }
 

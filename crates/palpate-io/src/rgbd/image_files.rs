@@ -205,7 +205,7 @@ fn depth_tiff(bytes: &[u8], unit_m: f64) -> Result<DepthImage, String> {
 
 /// An array of height x width; a last side of 1 is no further dimension. The outer error is npy's.
 fn depth_npy(bytes: &[u8], unit_m: f64) -> Result<Result<DepthImage, String>, NpyError> {
-    let mut rows = Rows::open(Cursor::new(bytes))?;
+    let rows = Rows::open(Cursor::new(bytes))?;
     let (height, width) = match *rows.shape() {
         [height, width] | [height, width, 1] => (height, width),
         ref shape => return Ok(Err(format!("has the shape {shape:?}; wanted height x width"))),
@@ -215,9 +215,6 @@ fn depth_npy(bytes: &[u8], unit_m: f64) -> Result<Result<DepthImage, String>, Np
         Err(reason) => return Ok(Err(reason)),
     };
     let unit = if rows.is_float() { 1.0 } else { unit_m };
-    let mut metres = Vec::with_capacity(width as usize * height as usize);
-    while let Some(row) = rows.next_row() {
-        metres.extend(row?.iter().map(|&number| (number * unit) as f32));
-    }
-    Ok(Ok(DepthImage::new(width, height, metres, unit_m)))
+    let metres = rows.all()?.into_iter().map(|number| (number * unit) as f32);
+    Ok(Ok(DepthImage::new(width, height, metres.collect(), unit_m)))
 }

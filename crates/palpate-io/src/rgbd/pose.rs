@@ -23,30 +23,15 @@ pub fn read_pose(path: &Path) -> Result<Isometry3<f64>, RgbdError> {
 
 /// Reads a pose from bytes; `path` is for errors only.
 pub(super) fn decode_pose(bytes: &[u8], path: &Path) -> Result<Isometry3<f64>, RgbdError> {
-    let place = format!("`{}`", path.display());
-    if bytes.starts_with(b"\x93NUMPY") {
-        let npy = |source| RgbdError::Npy { path: path.to_owned(), source };
-        let mut rows = Rows::open(Cursor::new(bytes)).map_err(npy)?;
-        let mut numbers = Vec::new();
-        while let Some(row) = rows.next_row() {
-            numbers.extend_from_slice(row.map_err(npy)?);
-        }
-        return pose_of(&numbers, &place);
-    }
-    let Ok(text) = std::str::from_utf8(bytes) else {
-        return Err(RgbdError::Pose { place, reason: "the file is not text".to_owned() });
+    let place = || format!("`{}`", path.display());
+    let wrong = |reason: String| RgbdError::Pose { place: place(), reason };
+    let numbers = if bytes.starts_with(b"\x93NUMPY") {
+        let failed = |source| RgbdError::Npy { path: path.to_owned(), source };
+        Rows::open(Cursor::new(bytes)).and_then(Rows::all).map_err(failed)?
+    } else {
+        numbers_of_file(bytes).map_err(wrong)?
     };
-    if text.trim_start().starts_with('{') {
-        let object: serde_json::Value = serde_json::from_str(text).map_err(|error| {
-            RgbdError::Pose { place: place.clone(), reason: format!("it is no JSON: {error}") }
-        })?;
-        let pose = object.get("camera_to_world").ok_or_else(|| RgbdError::Pose {
-            place: place.clone(),
-            reason: "it has no key `camera_to_world`".to_owned(),
-        })?;
-        return pose_of(&numbers_in(pose, &place)?, &place);
-    }
-    text_pose(text, &place)
+    pose_of(&numbers).map_err(wrong)
 }
 
 /// Reads a pose from a text: 16 numbers row by row, or `x y z qx qy qz qw`; blanks, commas,
@@ -56,51 +41,53 @@ pub(super) fn decode_pose(bytes: &[u8], path: &Path) -> Result<Isometry3<f64>, R
 ///
 /// [`RgbdError::Pose`] if the numbers are not a rotation and a place.
 pub fn pose_from_text(text: &str) -> Result<Isometry3<f64>, RgbdError> {
-    text_pose(text, "the camera's pose")
+    let pose = numbers_of_text(text).and_then(|numbers| pose_of(&numbers));
+    pose.map_err(|reason| RgbdError::Pose { place: "the camera's pose".to_owned(), reason })
 }
 
-fn text_pose(text: &str, place: &str) -> Result<Isometry3<f64>, RgbdError> {
+/// The numbers of a text or of JSON. As below, an error is half a sentence for the user.
+fn numbers_of_file(bytes: &[u8]) -> Result<Vec<f64>, String> {
+    let text = std::str::from_utf8(bytes).map_err(|_| "the file is not text")?;
+    if !text.trim_start().starts_with('{') {
+        return numbers_of_text(text);
+    }
+    let object: serde_json::Value =
+        serde_json::from_str(text).map_err(|error| format!("it is no JSON: {error}"))?;
+    numbers_in(object.get("camera_to_world").ok_or("it has no key `camera_to_world`")?)
+}
+
+fn numbers_of_text(text: &str) -> Result<Vec<f64>, String> {
     let lines = text.lines().map(|line| line.split('#').next().unwrap_or_default());
     let is_between = |c: char| c.is_whitespace() || matches!(c, ',' | ';' | '[' | ']');
-    let mut numbers = Vec::new();
-    for word in lines.flat_map(|line| line.split(is_between)).filter(|word| !word.is_empty()) {
-        numbers.push(word.parse().map_err(|_| RgbdError::Pose {
-            place: place.to_owned(),
-            reason: format!("`{}` is no number", word.chars().take(24).collect::<String>()),
-        })?);
-    }
-    pose_of(&numbers, place)
+    let words = lines.flat_map(|line| line.split(is_between)).filter(|word| !word.is_empty());
+    let number = |word: &str| {
+        let shown: String = word.chars().take(24).collect();
+        word.parse().map_err(|_| format!("`{shown}` is no number"))
+    };
+    words.map(number).collect()
 }
 
 /// All numbers of nested lists, in their order.
-pub(super) fn numbers_in(value: &serde_json::Value, place: &str) -> Result<Vec<f64>, RgbdError> {
-    fn gather(value: &serde_json::Value, into: &mut Vec<f64>) -> Option<()> {
-        match value.as_array() {
-            Some(list) => list.iter().try_for_each(|value| gather(value, into)),
-            None => value.as_f64().map(|number| into.push(number)),
-        }
-    }
-    let mut numbers = Vec::new();
-    match gather(value, &mut numbers) {
-        Some(()) => Ok(numbers),
-        None => {
-            let reason = "it holds something else than numbers".to_owned();
-            Err(RgbdError::Pose { place: place.to_owned(), reason })
-        }
+pub(super) fn numbers_in(value: &serde_json::Value) -> Result<Vec<f64>, String> {
+    match value.as_array() {
+        Some(list) => Ok(list.iter().map(numbers_in).collect::<Result<Vec<_>, _>>()?.concat()),
+        None => match value.as_f64() {
+            Some(number) => Ok(vec![number]),
+            None => Err("it holds something else than numbers".to_owned()),
+        },
     }
 }
 
 /// The pose that 16 numbers, row by row, or 7 stand for.
-pub(super) fn pose_of(numbers: &[f64], place: &str) -> Result<Isometry3<f64>, RgbdError> {
-    let wrong = |reason: String| Err(RgbdError::Pose { place: place.to_owned(), reason });
+pub(super) fn pose_of(numbers: &[f64]) -> Result<Isometry3<f64>, String> {
     if let Some(number) = numbers.iter().find(|number| !number.is_finite()) {
-        return wrong(format!("it holds {number}"));
+        return Err(format!("it holds {number}"));
     }
     match *numbers {
         [x, y, z, qx, qy, qz, qw] => {
             let turn = Quaternion::new(qw, qx, qy, qz);
             if (turn.norm() - 1.0).abs() > SLACK {
-                return wrong(format!("its quaternion has the length {}, not 1", turn.norm()));
+                return Err(format!("its quaternion has the length {}, not 1", turn.norm()));
             }
             let turn = UnitQuaternion::from_quaternion(turn);
             Ok(Isometry3::from_parts(Translation3::new(x, y, z), turn))
@@ -108,17 +95,15 @@ pub(super) fn pose_of(numbers: &[f64], place: &str) -> Result<Isometry3<f64>, Rg
         [xx, xy, xz, x, yx, yy, yz, y, zx, zy, zz, z, ref last @ ..] if last.len() == 4 => {
             if last.iter().zip([0.0, 0.0, 0.0, 1.0]).any(|(a, b): (&f64, f64)| (a - b).abs() > 1e-9)
             {
-                return wrong(format!(
+                return Err(format!(
                     "its last row is {last:?}, not 0 0 0 1: is it written column by column?"
                 ));
             }
             let turn = Matrix3::new(xx, xy, xz, yx, yy, yz, zx, zy, zz);
-            match nearest_rotation(&turn) {
-                Ok(turn) => Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), turn)),
-                Err(reason) => wrong(reason),
-            }
+            let turn = nearest_rotation(&turn)?;
+            Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), turn))
         }
-        _ => wrong(format!("it holds {} numbers", numbers.len())),
+        _ => Err(format!("it holds {} numbers", numbers.len())),
     }
 }
 

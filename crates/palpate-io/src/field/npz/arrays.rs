@@ -1,8 +1,7 @@
 //! Arrays with names, as an npz file holds them, and checks of their types, shapes and numbers.
 
 use super::error::NpzError;
-use crate::npy::Number;
-use std::io::{self, Write};
+use crate::npy::{Header, Number, signed};
 use std::path::{Path, PathBuf};
 
 /// The numbers of an array in C order.
@@ -33,88 +32,54 @@ pub struct Arrays {
 }
 
 impl Data {
-    /// How many numbers there are.
-    #[must_use]
-    pub fn len(&self) -> usize {
+    /// numpy's `dtype.str`, and how many numbers there are.
+    fn kind_and_len(&self) -> (&'static str, usize) {
         match self {
-            Self::F64(numbers) => numbers.len(),
-            Self::F32(numbers) => numbers.len(),
-            Self::I64(numbers) => numbers.len(),
-            Self::U64(numbers) => numbers.len(),
-            Self::U32(numbers) => numbers.len(),
-            Self::U8(numbers) => numbers.len(),
+            Self::F64(numbers) => ("<f8", numbers.len()),
+            Self::F32(numbers) => ("<f4", numbers.len()),
+            Self::I64(numbers) => ("<i8", numbers.len()),
+            Self::U64(numbers) => ("<u8", numbers.len()),
+            Self::U32(numbers) => ("<u4", numbers.len()),
+            Self::U8(numbers) => ("|u1", numbers.len()),
         }
     }
 
-    /// Whether there are none.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
+    /// How many numbers there are.
+    pub(super) fn len(&self) -> usize {
+        self.kind_and_len().1
     }
 
     /// numpy's `dtype.str`.
     pub(super) fn descr(&self) -> &'static str {
+        self.kind_and_len().0
+    }
+
+    /// The numbers as little-endian bytes.
+    pub(super) fn bytes(&self) -> Vec<u8> {
         match self {
-            Self::F64(_) => "<f8",
-            Self::F32(_) => "<f4",
-            Self::I64(_) => "<i8",
-            Self::U64(_) => "<u8",
-            Self::U32(_) => "<u4",
-            Self::U8(_) => "|u1",
+            Self::F64(numbers) => numbers.iter().copied().flat_map(f64::to_le_bytes).collect(),
+            Self::F32(numbers) => numbers.iter().copied().flat_map(f32::to_le_bytes).collect(),
+            Self::I64(numbers) => numbers.iter().copied().flat_map(i64::to_le_bytes).collect(),
+            Self::U64(numbers) => numbers.iter().copied().flat_map(u64::to_le_bytes).collect(),
+            Self::U32(numbers) => numbers.iter().copied().flat_map(u32::to_le_bytes).collect(),
+            Self::U8(numbers) => numbers.clone(),
         }
     }
 
-    pub(super) fn write(&self, out: &mut impl Write) -> io::Result<()> {
-        match self {
-            Self::F64(numbers) => put(out, numbers, f64::to_le_bytes),
-            Self::F32(numbers) => put(out, numbers, f32::to_le_bytes),
-            Self::I64(numbers) => put(out, numbers, i64::to_le_bytes),
-            Self::U64(numbers) => put(out, numbers, u64::to_le_bytes),
-            Self::U32(numbers) => put(out, numbers, u32::to_le_bytes),
-            Self::U8(numbers) => out.write_all(numbers),
+    /// The numbers in `raw`, as the header has them; narrow integers are widened.
+    pub(super) fn decode(header: &Header, raw: &[u8]) -> Self {
+        let words = header.words(raw).map(u64::from_le_bytes);
+        match header.number {
+            Number::Float(4) => Self::F32(words.map(|word| f32::from_bits(word as u32)).collect()),
+            Number::Float(_) => Self::F64(words.map(f64::from_bits).collect()),
+            Number::Signed(bytes) => {
+                Self::I64(header.words(raw).map(|word| signed(word, bytes)).collect())
+            }
+            Number::Unsigned(8) => Self::U64(words.collect()),
+            Number::Unsigned(1) => Self::U8(raw.to_vec()),
+            Number::Unsigned(_) => Self::U32(words.map(|word| word as u32).collect()),
         }
     }
-
-    /// The numbers in `raw`, in its own order; narrow integers are widened.
-    pub(super) fn decode(raw: Vec<u8>, number: Number, big_endian: bool) -> Self {
-        let raw = if big_endian { swapped(raw, number.bytes()) } else { raw };
-        match number {
-            Number::F64 => Self::F64(get(&raw, f64::from_le_bytes)),
-            Number::F32 => Self::F32(get(&raw, f32::from_le_bytes)),
-            Number::I64 => Self::I64(get(&raw, i64::from_le_bytes)),
-            Number::I32 => Self::I64(get(&raw, |bytes| i32::from_le_bytes(bytes).into())),
-            Number::I16 => Self::I64(get(&raw, |bytes| i16::from_le_bytes(bytes).into())),
-            Number::I8 => Self::I64(get(&raw, |bytes| i8::from_le_bytes(bytes).into())),
-            Number::U64 => Self::U64(get(&raw, u64::from_le_bytes)),
-            Number::U32 => Self::U32(get(&raw, u32::from_le_bytes)),
-            Number::U16 => Self::U32(get(&raw, |bytes| u16::from_le_bytes(bytes).into())),
-            Number::U8 => Self::U8(raw),
-        }
-    }
-}
-
-/// Writes numbers by way of a small buffer.
-fn put<T: Copy, const N: usize>(
-    out: &mut impl Write,
-    numbers: &[T],
-    to_bytes: fn(T) -> [u8; N],
-) -> io::Result<()> {
-    let mut block = Vec::with_capacity(4096 * N);
-    for chunk in numbers.chunks(4096) {
-        block.clear();
-        chunk.iter().for_each(|&number| block.extend(to_bytes(number)));
-        out.write_all(&block)?;
-    }
-    Ok(())
-}
-
-fn get<T, const N: usize>(raw: &[u8], from_bytes: fn([u8; N]) -> T) -> Vec<T> {
-    raw.as_chunks::<N>().0.iter().map(|&bytes| from_bytes(bytes)).collect()
-}
-
-fn swapped(mut raw: Vec<u8>, bytes: usize) -> Vec<u8> {
-    raw.chunks_exact_mut(bytes).for_each(<[u8]>::reverse);
-    raw
 }
 
 impl Array {

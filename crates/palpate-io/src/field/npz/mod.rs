@@ -92,11 +92,11 @@ fn read_member(member: &mut impl Read, room: &mut u64) -> Result<Option<Array>, 
         return Err(NpyError::Header { reason });
     }
     let sides: Result<Vec<usize>, _> = header.shape.iter().map(|&s| usize::try_from(s)).collect();
-    let shape = sides.map_err(|_| NpyError::TooLarge { shape: header.shape.clone() })?;
+    let shape = sides.map_err(|_| header.too_large())?;
     if header.fortran_order {
         raw = c_order(&raw, &shape, header.number.bytes());
     }
-    Ok(Some(Array { shape, data: Data::decode(raw, header.number, header.big_endian) }))
+    Ok(Some(Array { shape, data: Data::decode(&header, &raw) }))
 }
 
 /// Moves numbers from Fortran order to C order.
@@ -154,7 +154,7 @@ fn pack(out: impl Write, arrays: &Arrays) -> Result<(), ZipError> {
             .large_file(bytes > u64::from(u32::MAX) / 2);
         zip.start_file(format!("{name}.npy"), options)?;
         write_header(&mut zip, array.data.descr(), &array.shape)?;
-        array.data.write(&mut zip)?;
+        zip.write_all(&array.data.bytes())?;
     }
     zip.finish()?;
     Ok(())
