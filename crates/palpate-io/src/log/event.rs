@@ -78,10 +78,14 @@ pub enum Format {
 }
 
 /// Something odd in a log that did not stop the reading.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, thiserror::Error)]
 #[non_exhaustive]
 pub enum LogWarning {
     /// The clock of a touch stood still or ran backwards; one warning for each touch.
+    #[error(
+        "touch `{touch}`: the clock goes from {before_s} s to {now_s} s in row {row} (from 0), and \
+         does not advance {count} times in all; the order of the rows was believed"
+    )]
     TimeNotIncreasing {
         /// Name of the touch.
         touch: String,
@@ -95,6 +99,10 @@ pub enum LogWarning {
         count: u64,
     },
     /// Messages of a bag that gave no sample.
+    #[error(
+        "messages that gave no sample: {other_joints} of other joints, {before_touch} before the \
+         first touch starts"
+    )]
     LeftOut {
         /// Those of other joints.
         other_joints: u64,
@@ -102,6 +110,10 @@ pub enum LogWarning {
         before_touch: u64,
     },
     /// A bag that breaks off, read up to there.
+    #[error(
+        "the bag breaks off after {messages} messages and {seconds:.1} s ({reason}); what lies \
+         before was read"
+    )]
     BrokenOff {
         /// Messages that could be read.
         messages: u64,
@@ -110,26 +122,4 @@ pub enum LogWarning {
         /// What stopped the reading.
         reason: String,
     },
-}
-
-impl std::fmt::Display for LogWarning {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::TimeNotIncreasing { touch, row, before_s, now_s, count } => write!(
-                f,
-                "touch `{touch}`: the clock goes from {before_s} s to {now_s} s in row {row} (from \
-                 0), and does not advance {count} times in all; the order of the rows was believed"
-            ),
-            Self::LeftOut { other_joints, before_touch } => write!(
-                f,
-                "messages that gave no sample: {other_joints} of other joints, {before_touch} \
-                 before the first touch starts"
-            ),
-            Self::BrokenOff { messages, seconds, reason } => write!(
-                f,
-                "the bag breaks off after {messages} messages and {seconds:.1} s ({reason}); what \
-                 lies before was read"
-            ),
-        }
-    }
 }
