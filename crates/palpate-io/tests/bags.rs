@@ -270,6 +270,25 @@ fn markers_of_any_type_start_touches_and_what_comes_before_is_counted() {
 }
 
 #[test]
+fn touches_get_different_names_whatever_the_markers_say() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    let file = File::create(&path).unwrap();
+    let mut bag = TouchWriter::new(file, names(&["a", "b"]), Compression::None).unwrap();
+    for touch in ["push_2", "push", "push"] {
+        bag.touch(touch);
+        bag.sample(&sample(1)).unwrap();
+    }
+    bag.finish().unwrap();
+    let (events, _) = read(&path, &LogOptions::default()).unwrap();
+    let starts = events.iter().filter_map(|event| match event {
+        LogEvent::TouchStarts { name, .. } => Some(name.as_str()),
+        LogEvent::Sample(_) => None,
+    });
+    assert_eq!(starts.collect::<Vec<_>>(), ["push_2", "push", "push_3"]);
+}
+
+#[test]
 fn gaps_part_touches_of_any_format() {
     let mut raw = Raw::new();
     for ms in [0, 10, 20, 520, 530, 1031] {

@@ -29,6 +29,7 @@ mod event;
 mod files;
 mod folder;
 mod joints;
+mod names;
 mod npy_folder;
 mod options;
 mod parquet;

@@ -4,7 +4,6 @@
 //! torques (arrays name no joints). A folder of arrays appears whole or not at all; its touches
 //! are read in natural order, so they get numbers before their names where that is not theirs.
 
-use std::collections::HashSet;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -13,6 +12,7 @@ use palpate::Sample;
 use tempfile::TempDir;
 
 use super::folder;
+use super::names::Names;
 use crate::npy::write_header;
 
 /// Writes touches as a table, with a column for the touch, the time if there is one, positions and
@@ -149,7 +149,7 @@ impl ArraysWriter {
     /// If the last touch cannot be ended, or the folder cannot take its name.
     pub fn finish(mut self) -> io::Result<()> {
         self.end_touch()?;
-        let names = &self.names.given;
+        let names = self.names.given();
         if !names.is_sorted_by(|a, b| folder::compare(a, b).is_lt()) {
             let written = names.iter().filter(|name| self.hidden.path().join(name).exists());
             for (place, name) in written.enumerate() {
@@ -221,29 +221,6 @@ impl Touch {
             file.get_ref().sync_all()?;
         }
         Ok(())
-    }
-}
-
-/// Names that differ.
-#[derive(Debug, Default)]
-struct Names {
-    given: Vec<String>,
-    taken: HashSet<String>,
-}
-
-impl Names {
-    fn start(&mut self, name: &str) {
-        let mut unique = name.to_owned();
-        let mut times = 1;
-        while !self.taken.insert(unique.clone()) {
-            times += 1;
-            unique = format!("{name}_{times}");
-        }
-        self.given.push(unique);
-    }
-
-    fn latest(&self) -> &str {
-        self.given.last().map_or("touch", String::as_str)
     }
 }
 

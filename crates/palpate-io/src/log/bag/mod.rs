@@ -24,11 +24,12 @@ mod sqlite;
 mod topic;
 pub mod write;
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 use super::error::{BagError, LogError};
 use super::event::{LogDescription, LogEvent, LogWarning};
+use super::names::Names;
 use super::options::LogOptions;
 use super::reader::Source;
 use choose::Chosen;
@@ -55,8 +56,7 @@ pub(super) struct BagLog {
     next_touch: Option<String>,
     /// Whether a touch is under way.
     is_touching: bool,
-    /// How often each name of a touch was given.
-    given: HashMap<String, u32>,
+    names: Names,
     markers: u64,
     /// Messages of the samples' topic so far, and what became of those that gave no sample.
     messages: u64,
@@ -105,7 +105,7 @@ impl BagLog {
             current: None,
             next_touch,
             is_touching: false,
-            given: HashMap::new(),
+            names: Names::default(),
             markers: 0,
             messages: 0,
             other_joints: 0,
@@ -124,15 +124,9 @@ impl BagLog {
         let (number, text) = (self.markers, marker.text(&message.data));
         let text = text.map_err(|reason| self.refused(topic, number, reason))?;
         self.markers += 1;
-        self.next_touch = Some(self.unique(text.unwrap_or_else(|| format!("touch_{number:03}"))));
+        self.names.start(&text.unwrap_or_else(|| format!("touch_{number:03}")));
+        self.next_touch = Some(self.names.latest().to_owned());
         Ok(())
-    }
-
-    /// A name that no other touch has.
-    fn unique(&mut self, name: String) -> String {
-        let times = self.given.entry(name.clone()).or_insert(0);
-        *times += 1;
-        if *times == 1 { name } else { format!("{name}_{times}") }
     }
 
     fn take_sample(
