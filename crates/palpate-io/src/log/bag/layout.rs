@@ -190,18 +190,6 @@ enum Value {
     Text(String),
 }
 
-/// Bytes of a number; text has no fixed size.
-fn size(kind: &BuiltInType) -> Option<usize> {
-    match kind {
-        BuiltInType::Bool | BuiltInType::Byte | BuiltInType::Char => Some(1),
-        BuiltInType::Int8 | BuiltInType::UInt8 => Some(1),
-        BuiltInType::Int16 | BuiltInType::UInt16 => Some(2),
-        BuiltInType::Int32 | BuiltInType::UInt32 | BuiltInType::Float32 => Some(4),
-        BuiltInType::Int64 | BuiltInType::UInt64 | BuiltInType::Float64 => Some(8),
-        BuiltInType::String(_) | BuiltInType::WString(_) => None,
-    }
-}
-
 /// Goes over the values in order and takes those that are wanted.
 fn walk<B: ByteOrder>(
     reader: &mut CdrReader<'_, B>,
@@ -210,40 +198,19 @@ fn walk<B: ByteOrder>(
 ) -> Result<(), Error> {
     match node {
         Node::Value(kind, Some(slot)) => taken.put(*slot, value(reader, kind)?),
-        Node::Value(kind, None) => match size(kind) {
-            Some(size) => skip(reader, 1, size),
-            None => {
-                let bytes = reader.read_u32()? as usize;
-                reader.read_bytes(bytes).map(|_| ())
-            }
-        },
+        // Text that is not wanted may be in any encoding.
+        Node::Value(BuiltInType::String(_), None) => reader.read_byte_sequence().map(|_| ()),
+        Node::Value(kind, None) => value(reader, kind).map(|_| ()),
         Node::Message(parts) => parts.iter().try_for_each(|part| walk(reader, part, taken)),
         Node::Many(count, of) => {
             let count = match count {
                 Some(count) => *count,
                 None => reader.read_u32()? as usize,
             };
-            match &**of {
-                Node::Value(kind, None) if let Some(size) = size(kind) => skip(reader, count, size),
-                // Every element has a byte or more, so that a false count ends with the message.
-                of => (0..count).try_for_each(|_| walk(reader, of, taken)),
-            }
+            // Every element has a byte or more, so that a false count ends with the message.
+            (0..count).try_for_each(|_| walk(reader, of, taken))
         }
     }
-}
-
-/// Steps over numbers of one size.
-fn skip<B: ByteOrder>(
-    reader: &mut CdrReader<'_, B>,
-    count: usize,
-    size: usize,
-) -> Result<(), Error> {
-    if count == 0 {
-        return Ok(()); // nothing is aligned for nothing
-    }
-    reader.align(size)?;
-    let bytes = count.checked_mul(size).ok_or(Error::UnexpectedEof)?;
-    reader.read_bytes(bytes).map(|_| ())
 }
 
 fn value<B: ByteOrder>(reader: &mut CdrReader<'_, B>, kind: &BuiltInType) -> Result<Value, Error> {
