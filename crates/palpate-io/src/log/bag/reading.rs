@@ -15,13 +15,16 @@ use super::layout::{Layout, Slot, Taken, plain};
 use super::topic::Topic;
 use crate::log::event::LoggedTorques;
 
-/// What a joint state is where the bag does not say; also what is written.
-pub(super) const JOINT_STATE: &str = "std_msgs/Header header
+/// What a joint state is where the bag does not say; also what is written. [`HEADER`] follows.
+const JOINT_STATE: &str = "std_msgs/Header header
 string[] name
 float64[] position
 float64[] velocity
 float64[] effort
-================================================================================
+";
+/// The messages that every header is made of, below the definition of a message that has one.
+pub(super) const HEADER: &str =
+    "================================================================================
 MSG: std_msgs/Header
 builtin_interfaces/Time stamp
 string frame_id
@@ -30,6 +33,11 @@ MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
 ";
+
+/// The whole definition of a joint state.
+pub(super) fn joint_state() -> String {
+    [JOINT_STATE, HEADER].concat()
+}
 
 const JOINT_STATE_TYPE: &str = "sensor_msgs/JointState";
 const ROBOT_STATE_TYPE: &str = "franka_msgs/FrankaRobotState";
@@ -68,8 +76,8 @@ impl Reading {
         if kind == JOINT_STATE_TYPE {
             let fields =
                 [("name", Slot::Names), ("position", Slot::Positions), ("effort", Slot::Torques)];
-            let definition = topic.definition.as_deref().unwrap_or(JOINT_STATE);
-            let layout = Layout::of(&kind, definition, &with_stamp(&fields))?;
+            let definition = topic.definition.clone().unwrap_or_else(joint_state);
+            let layout = Layout::of(&kind, &definition, &with_stamp(&fields))?;
             return Ok(Self { layout, torques: LoggedTorques::Unsaid, named: true });
         }
         let Some(definition) = &topic.definition else {

@@ -18,7 +18,7 @@ use ::mcap::{McapError, WriteOptions, Writer};
 use palpate::Sample;
 use re_cdr::{CdrWriter, LittleEndian};
 
-use super::reading::JOINT_STATE;
+use super::reading::{HEADER, joint_state};
 use super::topic::TOUCH_TOPIC;
 use crate::field::FieldFile;
 
@@ -48,15 +48,10 @@ uint32 point_step
 uint32 row_step
 uint8[] data
 bool is_dense
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-================================================================================
+";
+/// The message that a cloud holds beside its header.
+const POINT_FIELD: &str =
+    "================================================================================
 MSG: sensor_msgs/PointField
 uint8 INT8=1
 uint8 UINT8=2
@@ -96,7 +91,7 @@ impl<W: Write + Seek> TouchWriter<W> {
     pub fn new(out: W, joints: Vec<String>, compression: Compression) -> io::Result<Self> {
         let mut bag = options(compression).create(out).map_err(other)?;
         let samples =
-            channel(&mut bag, "/joint_states", "sensor_msgs/msg/JointState", JOINT_STATE)?;
+            channel(&mut bag, "/joint_states", "sensor_msgs/msg/JointState", &joint_state())?;
         let markers = channel(&mut bag, TOUCH_TOPIC, "std_msgs/msg/String", "string data\n")?;
         let (name, shift_ns) = (String::new(), None);
         Ok(Self { bag, joints, samples, markers, sequence: 0, latest_ns: 0, shift_ns, name })
@@ -212,7 +207,8 @@ pub fn write_field(
     });
     let mut bag = options(compression).create(out).map_err(other)?;
     let kind = "sensor_msgs/msg/PointCloud2";
-    let cloud = channel(&mut bag, "/palpate/field", kind, POINT_CLOUD)?;
+    let definition = [POINT_CLOUD, HEADER, POINT_FIELD].concat();
+    let cloud = channel(&mut bag, "/palpate/field", kind, &definition)?;
     put(&mut bag, (cloud, 1), 0, &data)?;
     bag.finish().map(|_| ()).map_err(other)
 }
