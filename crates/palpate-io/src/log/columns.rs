@@ -13,6 +13,12 @@
 //! Columns are taken only if exactly one family of positions and one of torques have the same
 //! joints: what is ambiguous is an error, not a guess.
 
+use std::path::Path;
+use std::sync::LazyLock;
+
+use regex::{Regex, RegexBuilder};
+
+use super::files::FileDescription;
 use super::options::{AngleUnit, CsvColumns};
 
 /// Places of the columns in a row.
@@ -25,34 +31,28 @@ pub(super) struct Columns {
     pub(super) touch: Option<usize>,
 }
 
-const POSITIONS: &[&str] = &[
-    "joint_positions",
-    "joint_position",
-    "joint_angles",
-    "joint_angle",
-    "joint_pos",
-    "positions",
-    "position",
-    "angles",
-    "angle",
-    "pos",
-    "q",
-];
-const TORQUES: &[&str] = &[
-    "joint_torques",
-    "joint_torque",
-    "joint_efforts",
-    "joint_effort",
-    "torques",
-    "torque",
-    "efforts",
-    "effort",
-    "tau_j",
-    "tau",
-];
+/// How columns of positions and of torques are called.
+static POSITIONS: LazyLock<[Regex; 3]> =
+    LazyLock::new(|| patterns("(?:joint_)?(?:positions?|angles?|pos)|q"));
+static TORQUES: LazyLock<[Regex; 3]> =
+    LazyLock::new(|| patterns("(?:joint_)?(?:torques?|efforts?)|tau(?:_j)?"));
 const TIMES: &[&str] = &["time", "t", "stamp", "timestamp", "time_s", "__time"];
 const TOUCHES: &[&str] = &["touch", "sequence", "seq", "episode"];
-const SEPARATORS: &[char] = &['_', '.', '/', ':', '-', ' '];
+
+/// Names that hold one of `words`, with the number of a joint behind it, or the joint's name before
+/// or behind it.
+fn patterns(words: &str) -> [Regex; 3] {
+    let between = "[_./:\\- ]";
+    let patterns = [
+        format!(r"^(?:.*/)?(?<word>{words}){between}*[\[(]*(?<number>[0-9]+)[\])]*$"),
+        format!(r"^(?:.*/)?(?<joint>[^/]+?){between}+(?<word>{words})$"),
+        format!(r"^(?<word>{words}){between}+(?<joint>.+)$"),
+    ];
+    patterns.map(|pattern| {
+        let pattern = RegexBuilder::new(&pattern).case_insensitive(true).build();
+        pattern.expect("the words fit a pattern")
+    })
+}
 
 impl Columns {
     /// The columns that `map` names, or those that are recognised by their spelling. An error is
@@ -73,6 +73,16 @@ impl Columns {
     /// All places that are read.
     pub(super) fn used(&self) -> impl Iterator<Item = usize> {
         self.q.iter().chain(&self.tau).chain(&self.time).chain(&self.touch).copied()
+    }
+
+    /// What they say of their file.
+    pub(super) fn describe(&self, path: &Path) -> FileDescription {
+        FileDescription {
+            name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            joint_names: self.joint_names.clone(),
+            names_touches: self.touch.is_some(),
+            ..FileDescription::default()
+        }
     }
 
     /// A column of positions whose name contradicts the unit.
@@ -115,8 +125,8 @@ impl Columns {
     }
 
     fn recognised(header: &[String]) -> Result<Self, String> {
-        let positions = families(header, POSITIONS);
-        let torques = families(header, TORQUES);
+        let positions = families(header, &POSITIONS);
+        let torques = families(header, &TORQUES);
         let pairs: Vec<(&Family, &Family)> = (positions.iter())
             .flat_map(|q| torques.iter().map(move |tau| (q, tau)))
             .filter(|(q, tau)| q.labels() == tau.labels())
@@ -170,8 +180,8 @@ enum Label {
 
 /// Columns whose names differ only in the joint.
 struct Family {
-    /// What they share.
-    key: String,
+    /// What they share: the pattern, and the word in it.
+    key: (usize, String),
     members: Vec<(Label, usize)>,
 }
 
@@ -193,11 +203,15 @@ fn is_gapless(labels: &[&Label]) -> bool {
     first <= 1 && labels.iter().map(number).eq((first..).take(labels.len()))
 }
 
-/// All families of columns that begin or end with one of `words`.
-fn families(header: &[String], words: &[&str]) -> Vec<Family> {
+/// All families of columns whose names fit one of the patterns.
+fn families(header: &[String], patterns: &[Regex; 3]) -> Vec<Family> {
     let mut families: Vec<Family> = Vec::new();
     for (place, name) in header.iter().enumerate() {
-        let Some((key, label)) = classify(base(name), words) else { continue };
+        let fit = |(kind, pattern)| Some((kind, classify(base(name), pattern)?));
+        let Some((kind, (word, label))) = patterns.iter().enumerate().find_map(fit) else {
+            continue;
+        };
+        let key = (kind, word);
         match families.iter_mut().find(|family| family.key == key) {
             Some(family) => family.members.push((label, place)),
             None => families.push(Family { key, members: vec![(label, place)] }),
@@ -206,36 +220,14 @@ fn families(header: &[String], words: &[&str]) -> Vec<Family> {
     families
 }
 
-/// What a name shares with its family, and its joint.
-fn classify(name: &str, words: &[&str]) -> Option<(String, Label)> {
-    let lower = name.to_ascii_lowercase(); // as long as `name`, byte by byte
-    let numbered = lower.trim_end_matches([']', ')']);
-    let stem = numbered.trim_end_matches(|c: char| c.is_ascii_digit());
-    if let Ok(number) = numbered[stem.len()..].parse() {
-        let stem = stem.trim_end_matches(['[', '(']).trim_end_matches(SEPARATORS);
-        let stem = stem.rsplit('/').next().unwrap_or(stem);
-        if words.contains(&stem) {
-            return Some((format!("{stem} number"), Label::Number(number)));
-        }
-    }
-    for word in words {
-        if let Some(rest) = lower.strip_suffix(word)
-            && let joint = &name[..rest.trim_end_matches(SEPARATORS).len()]
-            && !joint.is_empty()
-            && joint.len() < rest.len()
-        {
-            let joint = joint.rsplit('/').next().unwrap_or(joint);
-            return Some((format!("name {word}"), Label::Name(joint.to_owned())));
-        }
-        if let Some(rest) = lower.strip_prefix(word)
-            && let joint = &name[name.len() - rest.trim_start_matches(SEPARATORS).len()..]
-            && !joint.is_empty()
-            && joint.len() < rest.len()
-        {
-            return Some((format!("{word} name"), Label::Name(joint.to_owned())));
-        }
-    }
-    None
+/// The word in a name, and its joint.
+fn classify(name: &str, pattern: &Regex) -> Option<(String, Label)> {
+    let found = pattern.captures(name)?;
+    let label = match found.name("number") {
+        Some(number) => Label::Number(number.as_str().parse().ok()?),
+        None => Label::Name(found["joint"].to_owned()),
+    };
+    Some((found["word"].to_ascii_lowercase(), label))
 }
 
 /// A name without blanks around it and without its unit: `q1` of ` q1 [rad]`, `q1_rad`.

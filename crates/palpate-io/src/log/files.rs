@@ -18,37 +18,12 @@ pub(super) trait TouchFile: Sized + Send {
     /// Checks what can be checked before reading, and stands before the first row.
     fn open(path: &Path, options: &LogOptions) -> Result<Self, LogError>;
 
-    /// Number of joints, if known before reading.
-    fn joints(&self) -> Option<usize> {
-        None
-    }
-
-    /// Number of samples, if known before reading.
-    fn samples(&self) -> Option<u64> {
-        None
-    }
+    /// What is known of it before its rows.
+    fn describe(&self) -> FileDescription;
 
     /// Refuses a file that has not the joints of the first one, if that is known before reading.
     fn check_joints(&self, _first: &Path, _joints: usize) -> Result<(), LogError> {
         Ok(())
-    }
-
-    /// Name of its touch if the rows name none.
-    fn name(&self) -> String;
-
-    /// Names of its joints, in the order of the samples.
-    fn joint_names(&self) -> Option<Vec<String>> {
-        None
-    }
-
-    /// Whether its rows name their touch.
-    fn names_touches(&self) -> bool {
-        false
-    }
-
-    /// Whether a touch may go on from the file before, as rows name it.
-    fn continues_touches(&self) -> bool {
-        false
     }
 
     /// The next row: the name of its touch, if rows name it, and its sample.
@@ -58,13 +33,30 @@ pub(super) trait TouchFile: Sized + Send {
     fn place(&self) -> String;
 }
 
+/// What is known of a file before its rows are read.
+#[derive(Default)]
+pub(super) struct FileDescription {
+    /// Name of its touch if the rows name none.
+    pub(super) name: String,
+    /// Number of joints.
+    pub(super) joints: Option<usize>,
+    /// Their names, in the order of the samples.
+    pub(super) joint_names: Option<Vec<String>>,
+    /// Number of samples.
+    pub(super) samples: Option<u64>,
+    /// Whether its rows name their touch.
+    pub(super) names_touches: bool,
+    /// Whether a touch may go on from the file before, as rows name it.
+    pub(super) continues_touches: bool,
+}
+
 /// A log of such files.
 pub(super) struct TouchFiles<F> {
     description: LogDescription,
     options: LogOptions,
     /// Files to come, the last one first.
     ahead: Vec<PathBuf>,
-    current: Option<(PathBuf, F)>,
+    current: Option<(PathBuf, F, FileDescription)>,
     /// Name of the touch under way.
     touch: Option<String>,
     /// Names of the touches that began so far and may not begin again.
@@ -81,9 +73,10 @@ impl<F: TouchFile> TouchFiles<F> {
         let (mut touches, mut samples, mut joints) = (Some(files.len()), Some(0), None);
         for path in &files {
             let file = F::open(path, options)?;
-            touches = touches.filter(|_| !file.names_touches());
-            samples = samples.zip(file.samples()).map(|(sum, more)| sum + more);
-            joints = joints.or(file.joints());
+            let known = file.describe();
+            touches = touches.filter(|_| !known.names_touches);
+            samples = samples.zip(known.samples).map(|(sum, more)| sum + more);
+            joints = joints.or(known.joints);
             joints.map_or(Ok(()), |joints| file.check_joints(&files[0], joints))?;
         }
         let (path, format, torques) = (path.to_owned(), F::FORMAT, LoggedTorques::Unsaid);
@@ -98,11 +91,12 @@ impl<F: TouchFile> TouchFiles<F> {
         self.current = None;
         let Some(path) = self.ahead.pop() else { return Ok(false) };
         let file = F::open(&path, &self.options)?;
-        if !file.continues_touches() {
+        let known = file.describe();
+        if !known.continues_touches {
             self.touch = None;
             self.begun.clear();
         }
-        self.current = Some((path, file));
+        self.current = Some((path, file, known));
         Ok(true)
     }
 }
@@ -118,9 +112,9 @@ impl<F: TouchFile> Source for TouchFiles<F> {
         _: &mut Vec<LogWarning>,
     ) -> Result<(), LogError> {
         while self.current.is_some() || self.next_file()? {
-            let Some((path, file)) = &mut self.current else { break };
+            let Some((path, file, known)) = &mut self.current else { break };
             let Some((touch, sample)) = file.next_row()? else {
-                let may_be_empty = file.continues_touches() && !self.ahead.is_empty();
+                let may_be_empty = known.continues_touches && !self.ahead.is_empty();
                 if self.touch.is_none() && !may_be_empty {
                     return Err(LogError::Empty { path: path.clone() });
                 }
@@ -129,11 +123,11 @@ impl<F: TouchFile> Source for TouchFiles<F> {
             };
             let name = match touch {
                 // Touches of other files may have the same names.
-                Some(touch) if !file.continues_touches() && self.description.path != *path => {
-                    format!("{}/{touch}", file.name())
+                Some(touch) if !known.continues_touches && self.description.path != *path => {
+                    format!("{}/{touch}", known.name)
                 }
                 Some(touch) if !touch.is_empty() => touch,
-                _ => file.name(),
+                _ => known.name.clone(),
             };
             if self.touch.as_ref() != Some(&name) {
                 if !self.begun.insert(name.clone()) {
@@ -141,7 +135,7 @@ impl<F: TouchFile> Source for TouchFiles<F> {
                     return Err(TableError::TouchResumes { path, place, touch }.into());
                 }
                 self.touch = Some(name.clone());
-                let joint_names = file.joint_names();
+                let joint_names = known.joint_names.clone();
                 events.push_back(LogEvent::TouchStarts { name, joint_names });
             }
             events.push_back(LogEvent::Sample(sample));

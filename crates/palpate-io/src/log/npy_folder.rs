@@ -19,7 +19,7 @@ use palpate::Sample;
 use super::MAX_JOINTS;
 use super::error::LogError;
 use super::event::Format;
-use super::files::TouchFile;
+use super::files::{FileDescription, TouchFile};
 use super::options::LogOptions;
 use crate::npy::{NpyError, Rows};
 
@@ -44,7 +44,6 @@ pub(super) struct TouchFolder {
     angles: Table,
     torques: Table,
     time: Option<Table>,
-    row: u64,
 }
 
 impl TouchFile for TouchFolder {
@@ -71,15 +70,12 @@ impl TouchFile for TouchFolder {
             let frames = angles.rows.rows;
             return Err(time.misfit(format!("({frames},), one time for each row of `angles.npy`")));
         }
-        Ok(Self { name: name_of(folder), angles, torques, time, row: 0 })
+        Ok(Self { name: name_of(folder), angles, torques, time })
     }
 
-    fn joints(&self) -> Option<usize> {
-        Some(self.angles.rows.columns)
-    }
-
-    fn samples(&self) -> Option<u64> {
-        Some(self.angles.rows.rows)
+    fn describe(&self) -> FileDescription {
+        let (joints, samples) = (Some(self.angles.rows.columns), Some(self.angles.rows.rows));
+        FileDescription { name: self.name.clone(), joints, samples, ..FileDescription::default() }
     }
 
     fn check_joints(&self, first: &Path, joints: usize) -> Result<(), LogError> {
@@ -89,24 +85,18 @@ impl TouchFile for TouchFolder {
         Err(self.angles.misfit(format!("T x {joints} as in touch `{}`", name_of(first))))
     }
 
-    fn name(&self) -> String {
-        self.name.clone()
-    }
-
     fn next_row(&mut self) -> Result<Option<(Option<String>, Sample)>, LogError> {
-        let row = self.row;
-        let Some(q) = self.angles.next_row(row)? else { return Ok(None) };
-        let Some(tau) = self.torques.next_row(row)? else { return Ok(None) };
+        let Some(q) = self.angles.next_row()? else { return Ok(None) };
+        let Some(tau) = self.torques.next_row()? else { return Ok(None) };
         let time_s = match &mut self.time {
-            Some(time) => time.next_row(row)?.and_then(|time| time.first().copied()),
+            Some(time) => time.next_row()?.and_then(|time| time.first().copied()),
             None => None,
         };
-        self.row += 1;
         Ok(Some((None, Sample::new(time_s, q, tau))))
     }
 
     fn place(&self) -> String {
-        format!("row {} (from 0)", self.row.saturating_sub(1))
+        format!("row {} (from 0)", self.angles.rows.read.saturating_sub(1))
     }
 }
 
@@ -152,8 +142,8 @@ impl Table {
         LogError::Shape { path: self.path.clone(), found: self.rows.shape().to_vec(), wanted }
     }
 
-    /// The next row, every number of it finite; `row` is its index, for the error.
-    pub(super) fn next_row(&mut self, row: u64) -> Result<Option<Vec<f64>>, LogError> {
+    /// The next row, every number of it finite.
+    pub(super) fn next_row(&mut self) -> Result<Option<Vec<f64>>, LogError> {
         let numbers = match self.rows.next_row() {
             None => return Ok(None),
             Some(Err(source)) => return Err(LogError::Npy { path: self.path.clone(), source }),
@@ -162,7 +152,7 @@ impl Table {
         match numbers.iter().position(|number| !number.is_finite()) {
             None => Ok(Some(numbers)),
             Some(column) => {
-                let (path, found) = (self.path.clone(), numbers[column]);
+                let (path, row, found) = (self.path.clone(), self.rows.read - 1, numbers[column]);
                 Err(LogError::NotFinite { path, row, column, found })
             }
         }

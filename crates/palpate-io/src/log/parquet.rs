@@ -27,7 +27,7 @@ use super::MAX_JOINTS;
 use super::columns::Columns;
 use super::error::{LogError, TableError};
 use super::event::Format;
-use super::files::TouchFile;
+use super::files::{FileDescription, TouchFile};
 use super::folder;
 use super::options::LogOptions;
 
@@ -106,24 +106,10 @@ impl TouchFile for ParquetFile {
         })
     }
 
-    fn samples(&self) -> Option<u64> {
-        Some(self.rows)
-    }
-
-    fn name(&self) -> String {
-        self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
-    }
-
-    fn joint_names(&self) -> Option<Vec<String>> {
-        self.columns.joint_names.clone()
-    }
-
-    fn names_touches(&self) -> bool {
-        self.columns.touch.is_some()
-    }
-
-    fn continues_touches(&self) -> bool {
-        self.columns.touch.is_some()
+    fn describe(&self) -> FileDescription {
+        let known = self.columns.describe(&self.path);
+        let continues_touches = known.names_touches;
+        FileDescription { samples: Some(self.rows), continues_touches, ..known }
     }
 
     fn next_row(&mut self) -> Result<Option<(Option<String>, Sample)>, LogError> {

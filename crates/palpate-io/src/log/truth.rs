@@ -27,7 +27,7 @@ pub fn external_truth(log: &Path, touch: &str) -> Result<Option<Vec<Vec<f64>>>, 
     let mut table = Table::open(path)?;
     table.check_shape()?;
     let mut rows = Vec::new();
-    while let Some(row) = table.next_row(rows.len() as u64)? {
+    while let Some(row) = table.next_row()? {
         rows.push(row);
     }
     Ok(Some(rows))

@@ -17,7 +17,7 @@ use palpate::Sample;
 use super::columns::Columns;
 use super::error::{LogError, TableError};
 use super::event::Format;
-use super::files::TouchFile;
+use super::files::{FileDescription, TouchFile};
 use super::folder;
 use super::options::LogOptions;
 use sniff::{MAX_LINE_BYTES, sniff};
@@ -68,8 +68,8 @@ impl TouchFile for CsvFile {
         Ok(Self { path: path.to_owned(), reader, header, columns })
     }
 
-    fn joints(&self) -> Option<usize> {
-        Some(self.columns.q.len())
+    fn describe(&self) -> FileDescription {
+        FileDescription { joints: Some(self.columns.q.len()), ..self.columns.describe(&self.path) }
     }
 
     fn check_joints(&self, first: &Path, joints: usize) -> Result<(), LogError> {
@@ -79,18 +79,6 @@ impl TouchFile for CsvFile {
         let first = first.display();
         let reason = format!("`{first}` has {joints} joints, this file another number");
         Err(TableError::columns(&self.path, reason, &self.header, EXAMPLE).into())
-    }
-
-    fn name(&self) -> String {
-        self.path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
-    }
-
-    fn joint_names(&self) -> Option<Vec<String>> {
-        self.columns.joint_names.clone()
-    }
-
-    fn names_touches(&self) -> bool {
-        self.columns.touch.is_some()
     }
 
     fn next_row(&mut self) -> Result<Option<(Option<String>, Sample)>, LogError> {
