@@ -136,7 +136,7 @@ pub fn load_arm(name_or_path: &str, options: &ArmOptions) -> Result<LoadedArm, R
     let folder = std::path::absolute(folder.join(".")).unwrap_or_else(|_| folder.to_owned());
     let mut baker = Baker {
         search: Search::new(&folder, &options.package_path),
-        cache: Cache::new(options.cache.folder()),
+        cache: Cache { folder: options.cache.folder() },
         config: options.bake,
         warnings: Vec::new(),
     };
@@ -203,7 +203,7 @@ impl Baker {
         }
         let files = self.mesh_files(link)?;
         let hash_of = |written: &str| files[written].hash;
-        let key = cache::key(&link.collision, &self.config, mesh::MESH_VERSION, hash_of);
+        let key = cache::key(&link.collision, &self.config, hash_of);
         let mut meshes: Vec<PathBuf> = files.values().map(|file| file.path.clone()).collect();
         meshes.sort();
         if let Some((grid, report)) = self.cache.get(&key) {

@@ -64,7 +64,7 @@ pub struct Solid {
 }
 
 /// What baking found out about the meshes of a link; all zero for primitives, except the volume.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct BakeReport {
     /// Triangles baked.
     pub triangles: usize,
