@@ -1,5 +1,7 @@
 //! What the arrays of a field file mean, checked number by number.
 
+use palpate::{Field, Lattice};
+
 use super::npz::{Array, Arrays, Data, NpzError};
 
 /// What the arrays of a field file mean.
@@ -30,6 +32,28 @@ pub struct FieldLattice {
     pub spacing_m: f64,
     /// Points a side.
     pub shape: [u32; 3],
+}
+
+impl From<&Field> for FieldFile {
+    /// All that a field says of its cells; what was expected of them beforehand it does not.
+    fn from(field: &Field) -> Self {
+        Self {
+            points: field.cells.iter().map(|&cell| field.lattice.point(cell).into()).collect(),
+            stiffness: field.stiffness_n_per_m.clone(),
+            std: Some(field.std_n_per_m.clone()),
+            counts: Some(field.counts.clone()),
+            prior: None,
+            lattice: Some(FieldLattice::from(&field.lattice)),
+            cells: Some(field.cells.iter().map(|cell| cell.0).collect()),
+        }
+    }
+}
+
+impl From<&Lattice> for FieldLattice {
+    fn from(lattice: &Lattice) -> Self {
+        let (origin_m, spacing_m) = (lattice.origin_m().into(), lattice.spacing_m());
+        Self { origin_m, spacing_m, shape: lattice.shape() }
+    }
 }
 
 impl FieldFile {

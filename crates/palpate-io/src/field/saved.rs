@@ -165,28 +165,11 @@ pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Saved, SavedError> {
     from_arrays(&read_npz_bytes(bytes, name)?)
 }
 
-/// The lattice as the file's array has it.
-fn lattice_of(field: &Field) -> FieldLattice {
-    FieldLattice {
-        origin_m: field.lattice.origin_m().into(),
-        spacing_m: field.lattice.spacing_m(),
-        shape: field.lattice.shape(),
-    }
-}
-
 /// A field as named arrays.
 fn to_arrays(saved: &Saved) -> Arrays {
     let field = &saved.field;
-    let file = FieldFile {
-        points: field.cells.iter().map(|&cell| field.lattice.point(cell).into()).collect(),
-        stiffness: field.stiffness_n_per_m.clone(),
-        std: Some(field.std_n_per_m.clone()),
-        counts: Some(field.counts.clone()),
-        prior: saved.prior_n_per_m.clone(),
-        lattice: Some(lattice_of(field)),
-        cells: Some(field.cells.iter().map(|cell| cell.0).collect()),
-    };
-    let mut arrays = file.to_arrays();
+    let prior = saved.prior_n_per_m.clone();
+    let mut arrays = FieldFile { prior, ..FieldFile::from(field) }.to_arrays();
     let meta = Meta {
         format: FORMAT,
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -267,7 +250,7 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
     field.std_n_per_m = file.std.ok_or_else(|| foreign("K_std"))?;
     field.counts = file.counts.ok_or_else(|| foreign("N_obs"))?;
     field.stiffness_n_per_m = file.stiffness;
-    if file.lattice != Some(lattice_of(&field)) {
+    if file.lattice != Some(FieldLattice::from(&field.lattice)) {
         let what = "the array `lattice` is not the lattice of the settings";
         return Err(contradiction(arrays, what.to_owned()));
     }
@@ -322,7 +305,10 @@ fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapsh
         return Err(contradiction(arrays, what));
     }
     let (n_joints, sample_log) = sample_log(arrays)?;
-    let wanted = if mapper.config.method == EstimatorKind::Map { n_joints } else { 0 };
+    let wanted = match mapper.config.method {
+        EstimatorKind::Map => n_joints,
+        EstimatorKind::Ekf => 0,
+    };
     if width != wanted && !state.remembered.is_empty() {
         let what = format!("remembered frames have {width} multipliers, wanted {wanted}");
         return Err(contradiction(arrays, what));

@@ -176,15 +176,6 @@ impl FieldFacts {
 
     fn of_saved(path: &Path, saved: &Saved) -> Self {
         let field = &saved.field;
-        let file = FieldFile {
-            points: field.cells.iter().map(|&cell| field.lattice.point(cell).into()).collect(),
-            stiffness: field.stiffness_n_per_m.clone(),
-            std: Some(field.std_n_per_m.clone()),
-            counts: Some(field.counts.clone()),
-            prior: None,
-            lattice: None,
-            cells: None,
-        };
         let own = OwnFacts {
             robot: saved.robot.clone(),
             lattice: LatticeFacts::new(&field.lattice),
@@ -192,7 +183,7 @@ impl FieldFacts {
             touch: field.touch.clone(),
             memory: saved.snapshot.as_ref().map(MemoryFacts::new),
         };
-        Self { own: Some(own), ..Self::new(path, &file) }
+        Self { own: Some(own), ..Self::new(path, &FieldFile::from(field)) }
     }
 
     fn findings(&self) -> Vec<Finding> {
