@@ -39,6 +39,9 @@ static TORQUES: LazyLock<[Regex; 3]> =
 const TIMES: &[&str] = &["time", "t", "stamp", "timestamp", "time_s", "__time"];
 const TOUCHES: &[&str] = &["touch", "sequence", "seq", "episode"];
 
+/// Which of the [`patterns`] has numbers.
+const NUMBERED: usize = 0;
+
 /// Names that hold one of `words`, with the number of a joint behind it, or the joint's name before
 /// or behind it.
 fn patterns(words: &str) -> [Regex; 3] {
@@ -139,7 +142,7 @@ impl Columns {
                 _ => "more than one set of columns could be meant".to_owned(),
             });
         };
-        let numbered = q.members.iter().all(|(label, _)| matches!(label, Label::Number(_)));
+        let numbered = q.key.0 == NUMBERED;
         if numbered && !is_gapless(&q.labels()) {
             return Err("the numbers of the joints have gaps or repeat".to_owned());
         }
@@ -195,12 +198,8 @@ impl Family {
 
 /// Numbers from 0 or 1 on, each once.
 fn is_gapless(labels: &[&Label]) -> bool {
-    let number = |label: &&Label| match label {
-        Label::Number(number) => *number,
-        Label::Name(_) => u32::MAX,
-    };
-    let first = labels.first().map_or(0, number);
-    first <= 1 && labels.iter().map(number).eq((first..).take(labels.len()))
+    let first = if labels.contains(&&Label::Number(0)) { 0 } else { 1 };
+    labels.iter().zip(first..).all(|(label, number)| **label == Label::Number(number))
 }
 
 /// All families of columns whose names fit one of the patterns.

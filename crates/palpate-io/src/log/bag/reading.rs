@@ -148,23 +148,20 @@ impl Reading {
         } else {
             taken.seconds as f64 + taken.nanoseconds as f64 / 1e9
         };
-        let name =
-            |place: usize| taken.names.get(place).cloned().unwrap_or((place + 1).to_string());
-        let finite = |what: &str, values: &[f64]| {
-            let bad = places.iter().find(|&&place| !values[place].is_finite());
-            bad.map_or(Ok(()), |&place| {
-                Err(format!(
-                    "the {what} of joint `{}` is {}; every number must be finite: if the joint is \
-                     not the arm's, name those that are (--joints)",
-                    name(place),
-                    values[place]
-                ))
-            })
+        let finite = |what: &str, values: &[f64]| -> Result<Vec<f64>, String> {
+            let value = |&place: &usize| match values[place] {
+                value if value.is_finite() => Ok(value),
+                value => {
+                    let name = taken.names.get(place).cloned().unwrap_or((place + 1).to_string());
+                    Err(format!(
+                        "the {what} of joint `{name}` is {value}; every number must be finite: if \
+                         the joint is not the arm's, name those that are (--joints)"
+                    ))
+                }
+            };
+            places.iter().map(value).collect()
         };
-        finite("position", &taken.positions)?;
-        finite("torque", &taken.torques)?;
-        let q = places.iter().map(|&place| taken.positions[place]).collect();
-        let tau = places.iter().map(|&place| taken.torques[place]).collect();
+        let (q, tau) = (finite("position", &taken.positions)?, finite("torque", &taken.torques)?);
         Ok(Some(Sample::new(Some(time_s), q, tau)))
     }
 }

@@ -67,13 +67,48 @@ uint8 datatype
 uint32 count
 ";
 
+/// A bag, message by message.
+struct Bag<W: Write + Seek> {
+    writer: Writer<W>,
+    sequence: u32,
+}
+
+impl<W: Write + Seek> Bag<W> {
+    fn new(out: W, compression: Compression) -> io::Result<Self> {
+        let compression = match compression {
+            Compression::Zstd => Some(::mcap::Compression::Zstd),
+            Compression::Lz4 => Some(::mcap::Compression::Lz4),
+            Compression::None => None,
+        };
+        let library = concat!("palpate ", env!("CARGO_PKG_VERSION"));
+        let options = WriteOptions::new().compression(compression).profile("ros2").library(library);
+        Ok(Self { writer: options.create(out).map_err(other)?, sequence: 0 })
+    }
+
+    fn channel(&mut self, topic: &str, kind: &str, definition: &str) -> io::Result<u16> {
+        let schema = self.writer.add_schema(kind, "ros2msg", definition.as_bytes());
+        let schema = schema.map_err(other)?;
+        self.writer.add_channel(schema, topic, "cdr", &BTreeMap::new()).map_err(other)
+    }
+
+    fn put(&mut self, channel_id: u16, time_ns: i64, data: &[u8]) -> io::Result<()> {
+        self.sequence = self.sequence.wrapping_add(1);
+        let (sequence, log_time) = (self.sequence, time_ns.cast_unsigned());
+        let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+        self.writer.write_to_known_channel(&header, data).map_err(other)
+    }
+
+    fn finish(mut self) -> io::Result<()> {
+        self.writer.finish().map(|_| ()).map_err(other)
+    }
+}
+
 /// Writes touches, one sample after another.
 pub struct TouchWriter<W: Write + Seek> {
-    bag: Writer<W>,
+    bag: Bag<W>,
     joints: Vec<String>,
     samples: u16,
     markers: u16,
-    sequence: u32,
     /// When the last message was recorded, ns.
     latest_ns: i64,
     /// What lies between the clock of the touch and that of the bag, ns; unknown before its first
@@ -89,12 +124,11 @@ impl<W: Write + Seek> TouchWriter<W> {
     ///
     /// If the beginning cannot be written.
     pub fn new(out: W, joints: Vec<String>, compression: Compression) -> io::Result<Self> {
-        let mut bag = options(compression).create(out).map_err(other)?;
-        let samples =
-            channel(&mut bag, "/joint_states", "sensor_msgs/msg/JointState", &joint_state())?;
-        let markers = channel(&mut bag, TOUCH_TOPIC, "std_msgs/msg/String", "string data\n")?;
+        let mut bag = Bag::new(out, compression)?;
+        let samples = bag.channel("/joint_states", "sensor_msgs/msg/JointState", &joint_state())?;
+        let markers = bag.channel(TOUCH_TOPIC, "std_msgs/msg/String", "string data\n")?;
         let (name, shift_ns) = (String::new(), None);
-        Ok(Self { bag, joints, samples, markers, sequence: 0, latest_ns: 0, shift_ns, name })
+        Ok(Self { bag, joints, samples, markers, latest_ns: 0, shift_ns, name })
     }
 
     /// Starts a touch; it is written with its first sample.
@@ -131,11 +165,12 @@ impl<W: Write + Seek> TouchWriter<W> {
             }
         };
         if first {
-            let marker = string(&self.name);
-            self.put(self.markers, recorded_ns, &marker)?;
+            let marker = message(|out| out.write_string(&self.name));
+            self.bag.put(self.markers, recorded_ns, &marker)?;
         }
+        self.latest_ns = recorded_ns;
         let message = self.joint_state(time_ns.unwrap_or(0), sample);
-        self.put(self.samples, recorded_ns, &message)
+        self.bag.put(self.samples, recorded_ns, &message)
     }
 
     /// Ends the bag.
@@ -143,14 +178,8 @@ impl<W: Write + Seek> TouchWriter<W> {
     /// # Errors
     ///
     /// If the end cannot be written.
-    pub fn finish(mut self) -> io::Result<()> {
-        self.bag.finish().map(|_| ()).map_err(other)
-    }
-
-    fn put(&mut self, channel_id: u16, recorded_ns: i64, data: &[u8]) -> io::Result<()> {
-        self.latest_ns = recorded_ns;
-        self.sequence = self.sequence.wrapping_add(1);
-        put(&mut self.bag, (channel_id, self.sequence), recorded_ns.cast_unsigned(), data)
+    pub fn finish(self) -> io::Result<()> {
+        self.bag.finish()
     }
 
     fn joint_state(&self, time_ns: i64, sample: &Sample) -> Vec<u8> {
@@ -205,43 +234,12 @@ pub fn write_field(
         }
         out.write_bool(true);
     });
-    let mut bag = options(compression).create(out).map_err(other)?;
+    let mut bag = Bag::new(out, compression)?;
     let kind = "sensor_msgs/msg/PointCloud2";
     let definition = [POINT_CLOUD, HEADER, POINT_FIELD].concat();
-    let cloud = channel(&mut bag, "/palpate/field", kind, &definition)?;
-    put(&mut bag, (cloud, 1), 0, &data)?;
-    bag.finish().map(|_| ()).map_err(other)
-}
-
-fn options(compression: Compression) -> WriteOptions {
-    let compression = match compression {
-        Compression::Zstd => Some(::mcap::Compression::Zstd),
-        Compression::Lz4 => Some(::mcap::Compression::Lz4),
-        Compression::None => None,
-    };
-    let library = concat!("palpate ", env!("CARGO_PKG_VERSION"));
-    WriteOptions::new().compression(compression).profile("ros2").library(library)
-}
-
-fn channel<W: Write + Seek>(
-    bag: &mut Writer<W>,
-    topic: &str,
-    kind: &str,
-    definition: &str,
-) -> io::Result<u16> {
-    let schema = bag.add_schema(kind, "ros2msg", definition.as_bytes()).map_err(other)?;
-    bag.add_channel(schema, topic, "cdr", &BTreeMap::new()).map_err(other)
-}
-
-fn put<W: Write + Seek>(
-    bag: &mut Writer<W>,
-    (channel_id, sequence): (u16, u32),
-    time_ns: u64,
-    data: &[u8],
-) -> io::Result<()> {
-    let (log_time, publish_time) = (time_ns, time_ns);
-    let header = MessageHeader { channel_id, sequence, log_time, publish_time };
-    bag.write_to_known_channel(&header, data).map_err(other)
+    let cloud = bag.channel("/palpate/field", kind, &definition)?;
+    bag.put(cloud, 0, &data)?;
+    bag.finish()
 }
 
 /// A message of plain little-endian CDR.
@@ -256,10 +254,6 @@ fn header(out: &mut CdrWriter<'_, LittleEndian>, time_ns: i64, frame: &str) {
     out.write_i32(time_ns.div_euclid(second) as i32);
     out.write_u32(time_ns.rem_euclid(second) as u32);
     out.write_string(frame);
-}
-
-fn string(text: &str) -> Vec<u8> {
-    message(|out| out.write_string(text))
 }
 
 /// A time that a header can hold, ns.
