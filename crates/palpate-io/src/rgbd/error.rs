@@ -4,7 +4,6 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::dropped::Dropped;
-use crate::npy::NpyError;
 
 /// What can be wrong with a picture, its camera, or the two together.
 #[derive(Debug, thiserror::Error)]
@@ -14,12 +13,9 @@ pub enum RgbdError {
     /// The system refused to read.
     #[error("`{path}` cannot be read: {source}")]
     Io { path: PathBuf, source: io::Error },
-    /// No image, or one of a kind that is not read.
+    /// No image or array, or one of a kind that is not read.
     #[error("`{path}` {reason}")]
-    Image { path: PathBuf, reason: String },
-    /// A depth image in npy that cannot be read.
-    #[error("`{path}` {source}")]
-    Npy { path: PathBuf, source: NpyError },
+    File { path: PathBuf, reason: String },
     /// A camera that is no camera.
     #[error("`{path}`: {reason}")]
     Camera { path: PathBuf, reason: String },

@@ -7,7 +7,7 @@
 use super::camera::MAX_SIDE;
 use super::error::{RgbdError, bytes_of};
 use super::images::{ColourImage, DepthImage};
-use crate::npy::{NpyError, Rows};
+use crate::npy::Rows;
 use png::Transformations;
 use std::io::Cursor;
 use std::path::Path;
@@ -29,7 +29,7 @@ const MAX_EXTRA_BYTES: usize = 1 << 26;
 ///
 /// # Errors
 ///
-/// [`RgbdError::Io`] or [`RgbdError::Image`].
+/// [`RgbdError::Io`] or [`RgbdError::File`].
 pub fn read_colour(path: &Path) -> Result<ColourImage, RgbdError> {
     decode_colour(&bytes_of(path)?, path)
 }
@@ -40,7 +40,7 @@ pub fn read_colour(path: &Path) -> Result<ColourImage, RgbdError> {
 ///
 /// # Errors
 ///
-/// [`RgbdError::Io`], [`RgbdError::Image`] or [`RgbdError::Npy`].
+/// [`RgbdError::Io`] or [`RgbdError::File`].
 ///
 /// # Panics
 ///
@@ -56,7 +56,7 @@ pub(super) fn decode_colour(bytes: &[u8], path: &Path) -> Result<ColourImage, Rg
         [0xff, 0xd8, ..] => colour_jpeg(bytes),
         _ => Err(unknown(bytes, "a PNG or JPEG")),
     };
-    image.map_err(|reason| RgbdError::Image { path: path.to_owned(), reason })
+    image.map_err(|reason| RgbdError::File { path: path.to_owned(), reason })
 }
 
 /// Reads depths from bytes; `path` is for errors only.
@@ -69,13 +69,10 @@ pub(super) fn decode_depth(
     let image = match bytes {
         [0x89, b'P', b'N', b'G', ..] => depth_png(bytes, unit_m),
         [b'I', b'I', ..] | [b'M', b'M', ..] => depth_tiff(bytes, unit_m),
-        [0x93, b'N', ..] => {
-            let failed = |source| RgbdError::Npy { path: path.to_owned(), source };
-            depth_npy(bytes, unit_m).map_err(failed)?
-        }
+        [0x93, b'N', ..] => depth_npy(bytes, unit_m),
         _ => Err(unknown(bytes, "a PNG, TIFF or npy")),
     };
-    image.map_err(|reason| RgbdError::Image { path: path.to_owned(), reason })
+    image.map_err(|reason| RgbdError::File { path: path.to_owned(), reason })
 }
 
 fn unknown(bytes: &[u8], wanted: &str) -> String {
@@ -203,18 +200,16 @@ fn depth_tiff(bytes: &[u8], unit_m: f64) -> Result<DepthImage, String> {
     Ok(DepthImage::new(width, height, metres, unit_m))
 }
 
-/// An array of height x width; a last side of 1 is no further dimension. The outer error is npy's.
-fn depth_npy(bytes: &[u8], unit_m: f64) -> Result<Result<DepthImage, String>, NpyError> {
-    let rows = Rows::open(Cursor::new(bytes))?;
+/// An array of height x width; a last side of 1 is no further dimension.
+fn depth_npy(bytes: &[u8], unit_m: f64) -> Result<DepthImage, String> {
+    let rows = Rows::open(Cursor::new(bytes)).map_err(|error| error.to_string())?;
     let (height, width) = match *rows.shape() {
         [height, width] | [height, width, 1] => (height, width),
-        ref shape => return Ok(Err(format!("has the shape {shape:?}; wanted height x width"))),
+        ref shape => return Err(format!("has the shape {shape:?}; wanted height x width")),
     };
-    let [width, height] = match size(width, height, bytes.len()) {
-        Ok(size) => size,
-        Err(reason) => return Ok(Err(reason)),
-    };
+    let [width, height] = size(width, height, bytes.len())?;
     let unit = if rows.is_float() { 1.0 } else { unit_m };
-    let metres = rows.all()?.into_iter().map(|number| (number * unit) as f32);
-    Ok(Ok(DepthImage::new(width, height, metres.collect(), unit_m)))
+    let numbers = rows.all().map_err(|error| error.to_string())?;
+    let metres = numbers.into_iter().map(|number| (number * unit) as f32);
+    Ok(DepthImage::new(width, height, metres.collect(), unit_m))
 }

@@ -16,7 +16,7 @@ const SLACK: f64 = 1e-3;
 ///
 /// # Errors
 ///
-/// [`RgbdError::Io`], [`RgbdError::Npy`] or [`RgbdError::Pose`].
+/// [`RgbdError::Io`], [`RgbdError::File`] or [`RgbdError::Pose`].
 pub fn read_pose(path: &Path) -> Result<Isometry3<f64>, RgbdError> {
     decode_pose(&bytes_of(path)?, path)
 }
@@ -26,8 +26,9 @@ pub(super) fn decode_pose(bytes: &[u8], path: &Path) -> Result<Isometry3<f64>, R
     let place = || format!("`{}`", path.display());
     let wrong = |reason: String| RgbdError::Pose { place: place(), reason };
     let numbers = if bytes.starts_with(b"\x93NUMPY") {
-        let failed = |source| RgbdError::Npy { path: path.to_owned(), source };
-        Rows::open(Cursor::new(bytes)).and_then(Rows::all).map_err(failed)?
+        let numbers = Rows::open(Cursor::new(bytes)).and_then(Rows::all);
+        numbers
+            .map_err(|error| RgbdError::File { path: path.to_owned(), reason: error.to_string() })?
     } else {
         numbers_of_file(bytes).map_err(wrong)?
     };
