@@ -185,6 +185,32 @@ fn write_format_1(new: &Path, old: &Path, frames: usize) {
 }
 
 #[test]
+fn a_touch_numbered_below_zero_or_beyond_32_bits_is_refused_with_its_row() {
+    let (folder, arm, touches) = (tempfile::tempdir().unwrap(), arm(), touches(2));
+    let path = folder.path().join("field.npz");
+    let mut mapper = Mapper::new(arm, config(EstimatorKind::Map)).unwrap();
+    for touch in &touches {
+        mapper.begin_touch();
+        go_on(&mut mapper, touch);
+        mapper.end_touch().unwrap();
+    }
+    save(&path, &Saved::of_mapper(&mapper)).unwrap();
+    let whole = npz::read_npz(&path).unwrap();
+    let rows = whole.require("log_touch").unwrap().shape()[0];
+    assert_eq!(rows, 2);
+    let negative = npz::Data::I64(vec![0, 1, 0, -1, 1, 0]);
+    let beyond = npz::Data::U64(vec![0, 1, 0, 1 << 32, 1, 0]);
+    for (numbers, wanted) in [(negative, "from 0 on"), (beyond, "below 4,294,967,296")] {
+        let mut arrays = whole.clone();
+        arrays.insert("log_touch", npz::Array::new(vec![rows, 3], numbers));
+        npz::write_npz(&path, &arrays, IfExists::Replace).unwrap();
+        let error = load(&path).unwrap_err().to_string();
+        assert!(error.contains("`log_touch` holds") && error.contains("in row 1"), "{error}");
+        assert!(error.contains(wanted), "{error}");
+    }
+}
+
+#[test]
 fn another_robot_or_a_broken_file_is_told_apart() {
     let (arm, touches) = (arm(), touches(1));
     let mut mapper = Mapper::new(Arc::clone(&arm), config(EstimatorKind::Map)).unwrap();

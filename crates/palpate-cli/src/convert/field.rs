@@ -42,11 +42,9 @@ pub(super) fn convert(
 
 fn write_ply(path: &Path, field: &FieldFile) -> Result<(), CliError> {
     let points = field.points.iter().map(|&point| Point3::from(point)).collect();
-    let counts: Option<Vec<f64>> =
-        field.counts.as_ref().map(|counts| counts.iter().map(|&n| f64::from(n)).collect());
-    let mut columns = vec![("K", Column::F64(&field.stiffness))];
-    columns.extend(field.std.as_ref().map(|std| ("K_std", Column::F64(std))));
-    columns.extend(counts.as_ref().map(|counts| ("N_obs", Column::F64(counts))));
+    let columns = field.columns();
+    let columns: Vec<_> =
+        columns.iter().map(|(name, numbers)| (*name, Column::F64(numbers))).collect();
     let cloud = Cloud::new(points, None);
     cloud::write_ply(path, IfExists::Replace, &cloud, &columns).map_err(CliError::file)
 }

@@ -68,10 +68,11 @@ impl FieldFile {
         let n = points.len();
         let stiffness = springs(arrays, "K", n)?;
         let std = given(arrays, "K_std").map(|name| springs(arrays, name, n)).transpose()?;
-        let counts = given(arrays, "N_obs").map(|name| small(arrays, name, n)).transpose()?;
+        let small = |name| arrays.small_counts(name, &[Some(n)]);
+        let counts = given(arrays, "N_obs").map(small).transpose()?;
         let prior = given(arrays, "K_prior").map(|name| springs(arrays, name, n)).transpose()?;
         let lattice = given(arrays, "lattice").map(|_| lattice(arrays)).transpose()?;
-        let cells = given(arrays, "cells").map(|name| small(arrays, name, n)).transpose()?;
+        let cells = given(arrays, "cells").map(small).transpose()?;
         if let Some(cells) = &cells {
             check_cells(arrays, cells, lattice.as_ref())?;
         }
@@ -108,6 +109,18 @@ impl FieldFile {
         }
         arrays
     }
+
+    /// The numbers of each point by the names of their arrays: `K`, then `K_std` and `N_obs` if
+    /// they are known.
+    #[must_use]
+    pub fn columns(&self) -> Vec<(&'static str, Vec<f64>)> {
+        let as_floats = |counts: &Vec<u32>| counts.iter().copied().map(f64::from).collect();
+        let counts: Option<Vec<f64>> = self.counts.as_ref().map(as_floats);
+        let mut columns = vec![("K", self.stiffness.clone())];
+        columns.extend(self.std.clone().map(|std| ("K_std", std)));
+        columns.extend(counts.map(|counts| ("N_obs", counts)));
+        columns
+    }
 }
 
 /// The name, if there is an array of that name.
@@ -122,17 +135,6 @@ fn springs(arrays: &Arrays, name: &str, n: usize) -> Result<Vec<f64>, NpzError> 
     let numbers = arrays.floats(name, shape)?;
     arrays.check(name, &numbers, "numbers from 0 on", |number| number >= 0.0)?;
     Ok(numbers)
-}
-
-/// `n` integers that fit in 32 bits.
-fn small(arrays: &Arrays, name: &str, n: usize) -> Result<Vec<u32>, NpzError> {
-    let numbers = arrays.counts(name, &[Some(n)])?;
-    let narrow: Result<Vec<u32>, usize> = (numbers.iter().enumerate())
-        .map(|(row, &number)| u32::try_from(number).map_err(|_| row))
-        .collect();
-    narrow.map_err(|row| {
-        arrays.refused(name, row, numbers[row] as f64, "numbers below 4,294,967,296")
-    })
 }
 
 fn lattice(arrays: &Arrays) -> Result<FieldLattice, NpzError> {

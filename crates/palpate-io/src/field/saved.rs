@@ -277,15 +277,16 @@ fn contradiction(arrays: &Arrays, what: String) -> SavedError {
 
 /// The mapper that named arrays hold.
 fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapshot, SavedError> {
-    let numbers = arrays.counts(name_in(arrays, "memory_frame"), &[None, Some(2)])?;
-    let alphas = arrays.floats("memory_alpha", &[Some(numbers.len() / 2), None])?;
-    let width = alphas.len().checked_div(numbers.len() / 2).unwrap_or(0);
+    let frames = arrays.small_counts(name_in(arrays, "memory_frame"), &[None, Some(2)])?;
+    let frames = frames.as_chunks::<2>().0;
+    let alphas = arrays.floats("memory_alpha", &[Some(frames.len()), None])?;
+    let width = alphas.len().checked_div(frames.len()).unwrap_or(0);
     let nis = match arrays.get(name_in(arrays, "memory_nis")) {
         Some(_) => arrays.floats(name_in(arrays, "memory_nis"), &[None])?,
         None => Vec::new(), // of a palpate that drew frames at random only
     };
-    let remembered = numbers.chunks(2).enumerate().map(|(frame, id)| RememberedFrame {
-        id: FrameId { touch: id[0] as u32, sample: id[1] as u32 },
+    let remembered = frames.iter().enumerate().map(|(frame, &[touch, sample])| RememberedFrame {
+        id: FrameId { touch, sample },
         alpha: alphas[frame * width..(frame + 1) * width].to_vec(),
         nis: nis.get(frame).copied().unwrap_or_default(),
     });
@@ -334,11 +335,12 @@ fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapsh
 
 /// The logged touches, and the number of joints of their samples.
 fn sample_log(arrays: &Arrays) -> Result<(usize, Vec<LoggedTouch>), SavedError> {
-    let touches = arrays.counts(name_in(arrays, "log_touch"), &[None, Some(3)])?;
+    let touches = arrays.small_counts(name_in(arrays, "log_touch"), &[None, Some(3)])?;
+    let touches = touches.as_chunks::<3>().0;
     let q = arrays.floats(name_in(arrays, "log_q"), &[None, None])?;
     let tau = arrays.floats(name_in(arrays, "log_tau"), &[None, None])?;
     let n_joints = arrays.require(name_in(arrays, "log_q"))?.shape()[1];
-    let samples = touches.chunks(3).fold(0_u64, |sum, touch| sum.saturating_add(touch[1]));
+    let samples: u64 = touches.iter().map(|touch| u64::from(touch[1])).sum();
     if q.len() != tau.len() || samples.saturating_mul(n_joints as u64) != q.len() as u64 {
         let what = format!(
             "the sample log promises {samples} samples of {n_joints} joints and holds {} positions and \
@@ -350,11 +352,11 @@ fn sample_log(arrays: &Arrays) -> Result<(usize, Vec<LoggedTouch>), SavedError> 
     }
     let mut start = 0;
     let mut logged = Vec::new();
-    for touch in touches.chunks(3) {
-        let end = start + touch[1] as usize * n_joints; // the sum of all was checked above
+    for &[touch, samples, open] in touches {
+        let end = start + samples as usize * n_joints; // the sum of all was checked above
         logged.push(LoggedTouch {
-            touch: touch[0] as u32,
-            open: touch[2] != 0,
+            touch,
+            open: open != 0,
             lost: false,
             q: q[start..end].to_vec(),
             tau: tau[start..end].to_vec(),

@@ -54,14 +54,14 @@ fn fill(out: &mut impl Write, field: &FieldFile) -> io::Result<()> {
     let mut order: Vec<(u64, usize)> =
         places.iter().enumerate().map(|(row, place)| (at(place), row)).collect();
     order.sort_unstable();
-    let columns = columns(field);
+    let columns = field.columns();
     header(out, &lattice, (low, high), points, &columns)?;
     for (_, values) in &columns {
         out.write_all(&(4 * points).to_le_bytes())?;
         let mut cells = order.iter().peekable();
         for point in 0..points {
             let row = cells.next_if(|(place, _)| *place == point).map(|(_, row)| *row);
-            out.write_all(&row.map_or(0.0, |row| values[row]).to_le_bytes())?;
+            out.write_all(&row.map_or(0.0, |row| values[row] as f32).to_le_bytes())?;
         }
     }
     write!(out, "\n  </AppendedData>\n</VTKFile>\n")
@@ -71,21 +71,12 @@ fn span(places: &[[u32; 3]], from: u32, by: fn(u32, u32) -> u32) -> [u32; 3] {
     std::array::from_fn(|axis| places.iter().map(|place| place[axis]).fold(from, by))
 }
 
-fn columns(field: &FieldFile) -> Vec<(&'static str, Vec<f32>)> {
-    let single = |values: &[f64]| values.iter().map(|&value| value as f32).collect();
-    let mut columns = vec![("K", single(&field.stiffness))];
-    columns.extend(field.std.as_ref().map(|std| ("K_std", single(std))));
-    let counts = field.counts.as_ref();
-    columns.extend(counts.map(|counts| ("N_obs", counts.iter().map(|&n| n as f32).collect())));
-    columns
-}
-
 fn header(
     out: &mut impl Write,
     lattice: &Lattice,
     (low, high): ([u32; 3], [u32; 3]),
     points: u64,
-    columns: &[(&str, Vec<f32>)],
+    columns: &[(&str, Vec<f64>)],
 ) -> io::Result<()> {
     let (o, h) = (lattice.origin_m(), lattice.spacing_m());
     let extent: Vec<String> = (0..3).map(|axis| format!("{} {}", low[axis], high[axis])).collect();

@@ -216,16 +216,29 @@ impl Arrays {
             return Err(self.misfit(name, array, "integers", shape));
         }
         let negative =
-            |row: usize, found: i64| self.refused(name, row, found as f64, "numbers from 0 on");
+            |place: usize, found: i64| self.refused(name, place, found as f64, "numbers from 0 on");
         match &array.data {
             Data::U64(numbers) => Ok(numbers.clone()),
             Data::U32(numbers) => Ok(numbers.iter().copied().map(u64::from).collect()),
             Data::U8(numbers) => Ok(numbers.iter().copied().map(u64::from).collect()),
             Data::I64(numbers) => (numbers.iter().enumerate())
-                .map(|(row, &number)| u64::try_from(number).map_err(|_| negative(row, number)))
+                .map(|(place, &number)| u64::try_from(number).map_err(|_| negative(place, number)))
                 .collect(),
             _ => Err(self.misfit(name, array, "integers", shape)),
         }
+    }
+
+    /// As [`Self::counts`], of numbers that fit in 32 bits.
+    pub(in crate::field) fn small_counts(
+        &self,
+        name: &str,
+        shape: &[Option<usize>],
+    ) -> Result<Vec<u32>, NpzError> {
+        let wanted = "numbers below 4,294,967,296";
+        let small = |(place, number): (usize, u64)| {
+            u32::try_from(number).map_err(|_| self.refused(name, place, number as f64, wanted))
+        };
+        self.counts(name, shape)?.into_iter().enumerate().map(small).collect()
     }
 
     /// Text that [`Array::text`] stored.
@@ -250,21 +263,22 @@ impl Arrays {
         wanted: &'static str,
         is_good: impl Fn(f64) -> bool,
     ) -> Result<(), NpzError> {
-        let Some(place) = numbers.iter().position(|&number| !is_good(number)) else {
-            return Ok(());
-        };
-        let columns = self.get(name).map_or(1, |array| array.shape.iter().skip(1).product());
-        Err(self.refused(name, place / columns.max(1), numbers[place], wanted))
+        match numbers.iter().position(|&number| !is_good(number)) {
+            Some(place) => Err(self.refused(name, place, numbers[place], wanted)),
+            None => Ok(()),
+        }
     }
 
-    /// The error of a number that is not as wanted.
+    /// The error of the number at a place of an array that is not as wanted.
     pub(in crate::field) fn refused(
         &self,
         name: &str,
-        row: usize,
+        place: usize,
         found: f64,
         wanted: &'static str,
     ) -> NpzError {
+        let columns = self.get(name).map_or(1, |array| array.shape.iter().skip(1).product());
+        let row = place / columns.max(1);
         NpzError::Value { path: self.path.clone(), name: name.to_owned(), row, found, wanted }
     }
 
