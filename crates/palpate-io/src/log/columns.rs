@@ -48,7 +48,7 @@ fn patterns(words: &str) -> [Regex; 3] {
     let between = "[_./:\\- ]";
     let patterns = [
         format!(r"^(?:.*/)?(?<word>{words}){between}*[\[(]*(?<number>[0-9]+)[\])]*$"),
-        format!(r"^(?:.*/)?(?<joint>[^/]+?){between}+(?<word>{words})$"),
+        format!(r"^(?:.*?/)??(?<joint>[^/]+?){between}+(?<word>{words})$"),
         format!(r"^(?<word>{words}){between}+(?<joint>.+)$"),
     ];
     patterns.map(|pattern| {
@@ -278,12 +278,14 @@ mod tests {
             "seq,position_arm_Elbow,pos.x,effort_arm_Elbow,x",
             "touch,/js/arm_Elbow/position,/js/arm_Wrist/position,/js/arm_Wrist/effort,\
              /js/arm_Elbow/effort",
+            "touch,arm_Elbow/joint_pos,x/joint_pos,x/joint_effort,arm_Elbow/joint_effort",
         ] {
             let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
             assert_eq!(columns.joint_names.unwrap()[0], "arm_Elbow", "{header}");
             assert_eq!(columns.touch, Some(0));
-            let last_is_elbow =
-                header.ends_with("Elbow_effort") || header.ends_with("Elbow/effort");
+            let last_is_elbow = header.ends_with("Elbow_effort")
+                || header.ends_with("Elbow/effort")
+                || header.ends_with("Elbow/joint_effort");
             assert_eq!(columns.tau[0], if last_is_elbow { 4 } else { 3 });
         }
     }
