@@ -33,6 +33,9 @@ pub enum WriteError {
     /// A folder has the wanted name, or a device: as root, a rename would replace `/dev/null`.
     #[error("`{path}` cannot be written: it is a folder or a device; add a file name")]
     NotAFile { path: PathBuf },
+    /// What was to be written fits no such file.
+    #[error("`{path}` cannot be written: {source}")]
+    Content { path: PathBuf, source: io::Error },
     /// The system refused; nothing was left behind.
     #[error("`{path}` cannot be written: {source}; {remedy}")]
     Io { path: PathBuf, remedy: &'static str, source: io::Error },
@@ -134,6 +137,7 @@ fn failure(path: &Path, source: io::Error) -> WriteError {
     let path = path.to_owned();
     let remedy = match source.kind() {
         ErrorKind::AlreadyExists => return WriteError::Exists { path },
+        ErrorKind::InvalidData => return WriteError::Content { path, source },
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "free some space or write elsewhere",
         ErrorKind::ReadOnlyFilesystem | ErrorKind::PermissionDenied => {
             "write to a folder that you may change"

@@ -241,6 +241,7 @@ fn a_point_too_far_for_pcd_is_an_error_and_leaves_no_file() {
     let far = Cloud::new(vec![Point3::new(0.0, 1e300, 0.0)], None);
     let error = write_pcd(&path, IfExists::Refuse, &far, &[]).unwrap_err().to_string();
     assert!(error.contains("point 0 is too far away") && !path.exists(), "{error}");
+    assert!(!error.contains("try another place"), "the place is not to blame: {error}");
 }
 
 /// Clouds of up to a dozen points, with or without colours.
