@@ -1,7 +1,8 @@
-//! Files of a folder, in the order in which people count: `seq_2` before `seq_10`.
+//! Files of a folder, in the order in which people count: `seq_2` before `seq_10`; how they begin.
 
 use std::cmp::Ordering;
-use std::io;
+use std::fs::File;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 /// All that lies right below a folder and is not hidden, in natural order.
@@ -20,6 +21,13 @@ pub(super) fn listed(folder: &Path) -> io::Result<Vec<PathBuf>> {
 pub(super) fn is_file_with(path: &Path, endings: &[&str]) -> bool {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     ending.is_some_and(|ending| endings.contains(&ending.as_str())) && path.is_file()
+}
+
+/// The first bytes of a file, enough to tell its format.
+pub(super) fn beginning(path: &Path) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    File::open(path)?.take(16).read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 /// Compares runs of digits by value and everything else by character; equal values by spelling.

@@ -17,6 +17,7 @@
 //! | unit of angles, clock, touches parted by gaps in time  | `reader`  |
 //! | several files that are one log                         | `files`   |
 //! | which column of a table is what                        | `columns` |
+//! | names of touches, no two the same                      | `names`   |
 //!
 //! Torques are handed on as logged: neither gravity nor bias is known here. `truth/` beside the
 //! touches is read by [`external_truth`] alone, never by a log.

@@ -21,7 +21,7 @@ use super::error::LogError;
 use super::event::Format;
 use super::files::{FileDescription, TouchFile};
 use super::options::LogOptions;
-use crate::npy::{NpyError, Rows};
+use crate::npy::Rows;
 
 /// Whether a folder holds a touch.
 ///
@@ -116,11 +116,9 @@ impl Table {
             }
             _ => LogError::reading(&path, source),
         })?;
-        match Rows::open(file) {
-            Ok(rows) => Ok(Self { path, rows }),
-            Err(NpyError::Io(source)) => Err(LogError::Io { path, source }),
-            Err(source) => Err(LogError::Npy { path, source }),
-        }
+        let rows = Rows::open(file);
+        let rows = rows.map_err(|source| LogError::Npy { path: path.clone(), source })?;
+        Ok(Self { path, rows })
     }
 
     /// A table of joints is T x n with T > 0 and at most `MAX_JOINTS` columns.

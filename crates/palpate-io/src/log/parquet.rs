@@ -12,7 +12,6 @@
 //! is believed. Only the columns that are needed are read, a batch of rows at a time.
 
 use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -50,10 +49,8 @@ pub(super) fn files_in(path: &Path) -> Vec<PathBuf> {
 
 /// Whether a file is called Parquet, or begins as Parquet does.
 pub(super) fn is_parquet(path: &Path) -> bool {
-    let mut magic = [0; 4];
     folder::is_file_with(path, &["parquet"])
-        || File::open(path).and_then(|mut file| file.read_exact(&mut magic)).is_ok()
-            && magic == *b"PAR1"
+        || folder::beginning(path).is_ok_and(|bytes| bytes.starts_with(b"PAR1"))
 }
 
 /// One file being read.

@@ -1,7 +1,5 @@
 //! Which files make up a bag, and one of them at a time, whichever way it is stored.
 
-use std::fs::File;
-use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -34,7 +32,7 @@ pub(in crate::log) fn is_bag(path: &Path) -> bool {
     if path.is_dir() {
         return path.join("metadata.yaml").is_file() || !by_ending(path).is_empty();
     }
-    let beginning = beginning(path).unwrap_or_default();
+    let beginning = folder::beginning(path).unwrap_or_default();
     has_ending(path) || [MCAP, SQLITE, ROS_1].iter().any(|magic| beginning.starts_with(magic))
 }
 
@@ -68,7 +66,7 @@ pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, LogError> {
 
 /// How a file is stored, or why it cannot be read.
 pub(super) fn format(path: &Path) -> Result<Format, LogError> {
-    let beginning = beginning(path).map_err(|source| LogError::reading(path, source))?;
+    let beginning = folder::beginning(path).map_err(|source| LogError::reading(path, source))?;
     let reason = match beginning {
         bytes if bytes.starts_with(MCAP) => return Ok(Format::Mcap),
         bytes if bytes.starts_with(SQLITE) => return Ok(Format::Rosbag2Sqlite),
@@ -101,12 +99,6 @@ pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messa
         _ => sqlite::messages(path, &wanted).map_err(|error| error.to_string()),
     };
     messages.map_err(|reason| BagError::Storage { path: path.to_owned(), reason }.into())
-}
-
-fn beginning(path: &Path) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    File::open(path)?.take(16).read_to_end(&mut bytes)?;
-    Ok(bytes)
 }
 
 fn has_ending(path: &Path) -> bool {
