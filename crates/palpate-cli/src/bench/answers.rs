@@ -12,7 +12,7 @@ use nalgebra::DVector;
 use palpate::{CLUSTER_WEIGHT, Mapper, PathConfig, PathError, PathPoint, PathPrediction, Robot};
 use palpate_work::Progress;
 use palpate_work::touches::RecordedTouch;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use super::recording::{cut_short, milliseconds};
 use crate::error::CliError;
@@ -29,46 +29,47 @@ const LARGE_N_M: f64 = 1.0;
 /// What was found of the paths of some touches.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Answers {
-    pub points: usize,
-    pub times: usize,
+    points: usize,
+    times: usize,
     /// What keeps the mapper busy with a question, ms; of each whole touch the median counts.
-    pub handover_ms: Option<Extent>,
-    pub whole: Asked,
+    handover_ms: Option<Extent>,
+    whole: Asked,
     /// From where nothing is touched yet to the largest torque.
-    pub push: Asked,
+    push: Asked,
 }
 
-/// What was found of paths of one kind; `null` where there is nothing to tell.
-#[derive(Debug, Clone, Serialize)]
-pub(super) struct Asked {
+/// What was found of paths of one kind, path by path; told is the [`Extent`], `null` where there is
+/// nothing to tell.
+#[derive(Debug, Clone, Default, Serialize)]
+struct Asked {
     /// Those that touch anything.
-    pub paths: usize,
+    paths: usize,
+    #[serde(skip)]
+    handover_ms: Vec<f64>,
     /// The thinned answer with handing out what it needs, ms; of each path the median counts.
-    pub thinned_ms: Option<Extent>,
+    #[serde(serialize_with = "extent")]
+    thinned_ms: Vec<f64>,
     /// The answer at every point with every spring, once a path, ms.
-    pub exact_ms: Option<Extent>,
+    #[serde(serialize_with = "extent")]
+    exact_ms: Vec<f64>,
     /// What a thinned answer is off by in the mean over a path, where that has at least
     /// [`LARGE_N_M`], relative.
-    pub torque_off: Option<Extent>,
-    pub std_off: Option<Extent>,
+    #[serde(serialize_with = "extent")]
+    torque_off: Vec<f64>,
+    #[serde(serialize_with = "extent")]
+    std_off: Vec<f64>,
+}
+
+fn extent<S: Serializer>(numbers: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
+    Extent::of(numbers).serialize(serializer)
 }
 
 /// The median over paths, the least and the most.
 #[derive(Debug, Clone, Copy, Serialize)]
-pub(super) struct Extent {
-    pub median: f64,
-    pub least: f64,
-    pub most: f64,
-}
-
-/// What was found of single paths, path by path.
-#[derive(Debug, Default)]
-struct Found {
-    handover_ms: Vec<f64>,
-    thinned_ms: Vec<f64>,
-    exact_ms: Vec<f64>,
-    torque_off: Vec<f64>,
-    std_off: Vec<f64>,
+struct Extent {
+    median: f64,
+    least: f64,
+    most: f64,
 }
 
 /// Asks about every touch.
@@ -79,7 +80,7 @@ pub(super) fn measure(
 ) -> Result<Answers, CliError> {
     let robot = &mapper.arm().robot;
     let bar = output.begin(Some(asked.len() as u64), "paths", "asking");
-    let (mut whole, mut push) = (Found::default(), Found::default());
+    let (mut whole, mut push) = (Asked::default(), Asked::default());
     for touch in asked.iter().filter(|touch| !touch.samples.is_empty()) {
         bar.at(&touch.name);
         let fault = |error: PathError| {
@@ -98,7 +99,6 @@ pub(super) fn measure(
         }
     }
     let handover_ms = Extent::of(&whole.handover_ms);
-    let (whole, push) = (whole.asked(), push.asked());
     Ok(Answers { points: POINTS, times: TIMES, handover_ms, whole, push })
 }
 
@@ -125,7 +125,7 @@ fn push_of(answer: &PathPrediction) -> Range<usize> {
     touches.saturating_sub(1)..largest.map_or(0, |(point, _)| point + 1)
 }
 
-impl Found {
+impl Asked {
     /// Asks about one path, and returns the exact answer.
     fn ask(&mut self, mapper: &Mapper, path: &[Vec<f64>]) -> Result<PathPrediction, PathError> {
         let config = PathConfig::default();
@@ -136,6 +136,7 @@ impl Found {
         if exact.points.iter().all(|point| point.contacts == 0) {
             return Ok(exact);
         }
+        self.paths += 1;
         self.exact_ms.push(exact_ms);
         let (mut handover_ms, mut thinned_ms, mut answers) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..TIMES {
@@ -150,16 +151,6 @@ impl Found {
         self.torque_off.extend(off_by(&answers[0], &exact, |point| &point.torque));
         self.std_off.extend(off_by(&answers[0], &exact, |point| &point.torque_std));
         Ok(exact)
-    }
-
-    fn asked(&self) -> Asked {
-        Asked {
-            paths: self.thinned_ms.len(),
-            thinned_ms: Extent::of(&self.thinned_ms),
-            exact_ms: Extent::of(&self.exact_ms),
-            torque_off: Extent::of(&self.torque_off),
-            std_off: Extent::of(&self.std_off),
-        }
     }
 }
 
@@ -200,10 +191,14 @@ impl Answers {
         };
         row("handing out the springs".to_owned(), self.handover_ms, (1.0, 2, "ms"));
         for (kind, asked) in [("a whole touch", &self.whole), ("a push", &self.push)] {
-            row(format!("answer about {kind}"), asked.thinned_ms, (1.0, 1, "ms"));
-            row(format!("exact answer about {kind}"), asked.exact_ms, (1.0, 0, "ms"));
-            row("  torque off from that by".to_owned(), asked.torque_off, (100.0, 1, "%"));
-            row("  its std off by".to_owned(), asked.std_off, (100.0, 0, "%"));
+            row(format!("answer about {kind}"), Extent::of(&asked.thinned_ms), (1.0, 1, "ms"));
+            row(format!("exact answer about {kind}"), Extent::of(&asked.exact_ms), (1.0, 0, "ms"));
+            row(
+                "  torque off from that by".to_owned(),
+                Extent::of(&asked.torque_off),
+                (100.0, 1, "%"),
+            );
+            row("  its std off by".to_owned(), Extent::of(&asked.std_off), (100.0, 0, "%"));
         }
         rows
     }

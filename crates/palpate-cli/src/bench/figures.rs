@@ -1,17 +1,19 @@
 //! What one measurement found, as JSON and as text.
 
-use palpate::{EstimatorKind, MapperConfig};
+use palpate::EstimatorKind;
+use palpate_work::quantile::median;
 use serde::Serialize;
 
 use super::answers::Answers;
-use super::parts::Times;
-use super::recording::Passes;
-use super::whole::{Measured, Touched};
 use crate::output::rows;
 use crate::pace::PaceFigures;
-use palpate_work::quantile::{median, quantile};
 
-const MIB: f64 = (1 << 20) as f64;
+pub(super) const MIB: f64 = (1 << 20) as f64;
+
+/// The median; 0 if there are no numbers.
+pub(super) fn middle(numbers: &[f64]) -> f64 {
+    median(numbers).unwrap_or(0.0)
+}
 
 /// The figures of one configuration on one log; the names of the fields are the keys of `--json`.
 #[derive(Debug, Clone, Serialize)]
@@ -29,7 +31,8 @@ pub(super) struct Figures {
     pub shape: [u32; 3],
     pub cells_declared: u64,
     pub cells_touched: usize,
-    pub cells_touched_box: Touched,
+    /// The box of these, in cells: first and last along x, y and z.
+    pub cells_touched_box: [[u32; 3]; 2],
     /// Threads of the whole step.
     pub threads: usize,
     /// From the start of the command until the first step was made, the log being read.
@@ -41,14 +44,8 @@ pub(super) struct Figures {
     pub step_ms: Spread,
     /// Median points touched.
     pub contacts: f64,
-    /// Medians of the two parts, on one thread.
-    pub simulator_ms: f64,
-    pub update_ms: f64,
-    /// Median of the update by contact and visit.
-    pub ns_per_visit: f64,
-    /// The whole update by contact visited: with folding, prediction, correction and the standard
-    /// deviation of a new frame, ns.
-    pub update_ns_per_visit: f64,
+    #[serde(flatten)]
+    pub parts: Parts,
     /// `null` where the system does not say.
     pub peak_memory_mib: Option<f64>,
     pub frames_remembered: usize,
@@ -59,6 +56,19 @@ pub(super) struct Figures {
     pub answers: Option<Answers>,
 }
 
+/// What was found of the parts of a step.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(super) struct Parts {
+    /// Medians of the two parts, on one thread.
+    pub simulator_ms: f64,
+    pub update_ms: f64,
+    /// Median of the update by contact and visit.
+    pub ns_per_visit: f64,
+    /// The whole update by contact visited: with folding, prediction, correction and the standard
+    /// deviation of a new frame, ns.
+    pub update_ns_per_visit: f64,
+}
+
 /// The middle and the upper end of many times.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Spread {
@@ -66,61 +76,7 @@ pub(super) struct Spread {
     pub p99: f64,
 }
 
-/// What was measured, besides the settings.
-pub(super) struct Origin {
-    pub robot: String,
-    pub simulated: bool,
-    pub touches: usize,
-    pub passes: Passes,
-}
-
 impl Figures {
-    /// Puts together what was measured; there must be timed steps.
-    pub(super) fn new(
-        origin: Origin,
-        config: &MapperConfig,
-        whole: Measured,
-        parts: &Times,
-    ) -> Self {
-        let middle = |numbers: &[f64]| median(numbers).unwrap_or(0.0);
-        let steps = whole.step_ms.len();
-        let lattice = &config.lattice;
-        let update_ns_per_visit = middle(&parts.update_ns);
-        let (frames_remembered, memory_bytes) = whole.memory;
-        Self {
-            robot: origin.robot,
-            estimator: config.method,
-            simulated: origin.simulated,
-            touches: origin.touches,
-            warm_passes: origin.passes.warm,
-            passes: origin.passes.timed,
-            spacing_m: lattice.spacing_m(),
-            origin_m: lattice.origin_m().into(),
-            shape: lattice.shape(),
-            cells_declared: lattice.n_cells(),
-            cells_touched: whole.cells_touched,
-            cells_touched_box: whole.touched,
-            threads: rayon::current_num_threads(),
-            start_ms: whole.start_ms,
-            steps,
-            steps_per_second: 1e3 * steps as f64 / whole.step_ms.iter().sum::<f64>(),
-            step_ms: Spread {
-                median: middle(&whole.step_ms),
-                p99: quantile(&whole.step_ms, 0.99).unwrap_or(0.0),
-            },
-            contacts: middle(&whole.contacts),
-            simulator_ms: middle(&parts.simulator_ms),
-            update_ms: middle(&parts.update_ms),
-            ns_per_visit: median(&parts.visit_ns).unwrap_or(update_ns_per_visit),
-            update_ns_per_visit,
-            peak_memory_mib: whole.peak_bytes.map(|bytes| bytes as f64 / MIB),
-            frames_remembered,
-            memory_mib: memory_bytes as f64 / MIB,
-            pace: whole.pace,
-            answers: whole.answers,
-        }
-    }
-
     /// All of it for people.
     pub(super) fn text(&self) -> String {
         let all: Vec<_> = self.speed().into_iter().chain(self.size()).collect();
@@ -164,12 +120,15 @@ impl Figures {
             ("step, median", format!("{:.3} ms", self.step_ms.median)),
             ("step, 99 of 100 within", format!("{:.3} ms", self.step_ms.p99)),
             ("points touched, median", format!("{:.0}", self.contacts)),
-            ("simulator, one thread", format!("{:.3} ms", self.simulator_ms)),
-            ("update with replays, one thread", format!("{:.3} ms", self.update_ms)),
+            ("simulator, one thread", format!("{:.3} ms", self.parts.simulator_ms)),
+            ("update with replays, one thread", format!("{:.3} ms", self.parts.update_ms)),
         ];
         rows.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
-        rows.push(("a visit of one contact", format!("{:.2} ns", self.ns_per_visit)));
-        rows.push(("the update by contact visited", format!("{:.2} ns", self.update_ns_per_visit)));
+        rows.push(("a visit of one contact", format!("{:.2} ns", self.parts.ns_per_visit)));
+        rows.push((
+            "the update by contact visited",
+            format!("{:.2} ns", self.parts.update_ns_per_visit),
+        ));
         rows
     }
 

@@ -36,13 +36,13 @@ use std::time::Instant;
 use palpate::{Arm, MapperConfig};
 use palpate_work::touches::{RecordedTouch, Touches};
 
-use self::figures::{Figures, Origin};
-use self::recording::Passes;
+use self::figures::Figures;
+use self::recording::{Passes, at_least_one};
 use self::whole::Whole;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::pace::PaceArgs;
-use crate::settings::{AllSettings, Settings, SettingsError};
+use crate::settings::{AllSettings, Settings};
 use crate::{bundled, interrupt, logs};
 
 const EXAMPLES: &str = "Examples:
@@ -72,12 +72,8 @@ pub(crate) struct Args {
     /// Logs to learn from; without any, the bundled touches, which are simulated
     #[arg(value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Passes through the log before the clock starts
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    warm_passes: u32,
-    /// Passes through the log with the clock running
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = at_least_one())]
-    passes: u32,
+    #[command(flatten)]
+    passes: Passes,
     /// Only the first N touches of the log [default: all]
     #[arg(long, value_name = "N", value_parser = at_least_one())]
     touches: Option<u32>,
@@ -91,10 +87,6 @@ pub(crate) struct Args {
     pace: PaceArgs,
     #[command(flatten)]
     settings: AllSettings,
-}
-
-fn at_least_one() -> clap::builder::RangedI64ValueParser<u32> {
-    clap::value_parser!(u32).range(1..)
 }
 
 /// Measures, and prints what was found.
@@ -138,19 +130,10 @@ impl<'a> Bench<'a> {
 
     /// The figures of this configuration.
     fn measure(&self, started: Instant, output: &Output) -> Result<Figures, CliError> {
-        let out_of_range = |error| SettingsError::Value(Box::new(error));
-        let (args, config) = (self.args, &self.config);
-        let passes = Passes { warm: args.warm_passes, timed: args.passes };
-        let mapper = Whole::new(&self.arm, config.clone(), args.pace.pace(config), started)
-            .map_err(out_of_range)?;
-        let whole = mapper.measure(&self.recording, passes, &self.asked, output)?;
-        if whole.step_ms.is_empty() {
-            return Err(self.touches_nothing());
-        }
-        let parts = parts::measure(&self.arm, config, &self.recording, passes, output)?;
-        let robot = self.arm.robot.name().to_owned();
-        let (simulated, touches) = (args.logs.is_empty(), self.recording.len());
-        Ok(Figures::new(Origin { robot, simulated, touches, passes }, config, whole, &parts))
+        let whole = Whole::new(self, started)?.measure(self, output)?;
+        let mut figures = whole.ok_or_else(|| self.touches_nothing())?;
+        figures.parts = parts::measure(self, output)?;
+        Ok(figures)
     }
 
     /// The log was of no use.

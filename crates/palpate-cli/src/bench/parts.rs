@@ -12,15 +12,17 @@ use std::time::{Duration, Instant};
 
 use palpate::unstable::{CellRows, Estimator, FrameId, ObservationBuilder, TrackedSample, Tracker};
 use palpate::{Arm, MapperConfig, MapperError, Sample};
-use palpate_work::touches::RecordedTouch;
+use palpate_work::quantile::median;
 
-use super::recording::{Learner, Passes, milliseconds, play};
+use super::Bench;
+use super::figures::{Parts, middle};
+use super::recording::{Learner, milliseconds, play};
 use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::SettingsError;
 
 /// What a mapper is made of, under the clock.
-pub(super) struct Parts {
+struct Taken {
     tracker: Tracker,
     observations: ObservationBuilder,
     estimator: Box<dyn Estimator>,
@@ -32,32 +34,32 @@ pub(super) struct Parts {
 
 /// The timed steps.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Times {
+struct Times {
     /// The simulator's share of each, ms.
-    pub simulator_ms: Vec<f64>,
+    simulator_ms: Vec<f64>,
     /// The update's share of each, ms.
-    pub update_ms: Vec<f64>,
+    update_ms: Vec<f64>,
     /// The replays of each, by contact visited, ns.
-    pub visit_ns: Vec<f64>,
+    visit_ns: Vec<f64>,
     /// The whole update of each, by contact visited, ns.
-    pub update_ns: Vec<f64>,
+    update_ns: Vec<f64>,
 }
 
 /// Learns all passes on one thread.
-pub(super) fn measure(
-    arm: &Arc<Arm>,
-    config: &MapperConfig,
-    touches: &[RecordedTouch],
-    passes: Passes,
-    output: &Output,
-) -> Result<Times, CliError> {
-    let out_of_range = |error| SettingsError::Value(Box::new(error));
-    let mut parts = Parts::new(arm, config).map_err(out_of_range)?;
-    play(touches, passes, &mut parts, output, "timing its parts")?;
-    Ok(parts.times)
+pub(super) fn measure(bench: &Bench<'_>, output: &Output) -> Result<Parts, CliError> {
+    let mut taken = Taken::new(&bench.arm, &bench.config).map_err(SettingsError::value)?;
+    play(&bench.recording, bench.args.passes, &mut taken, output, "timing its parts")?;
+    let times = &taken.times;
+    let update_ns_per_visit = middle(&times.update_ns);
+    Ok(Parts {
+        simulator_ms: middle(&times.simulator_ms),
+        update_ms: middle(&times.update_ms),
+        ns_per_visit: median(&times.visit_ns).unwrap_or(update_ns_per_visit),
+        update_ns_per_visit,
+    })
 }
 
-impl Parts {
+impl Taken {
     fn new(arm: &Arc<Arm>, config: &MapperConfig) -> Result<Self, MapperError> {
         let estimator = config.estimator(arm.robot.n_joints())?;
         let (contact, touch) = (config.contact.clone(), config.touch.clone());
@@ -86,7 +88,7 @@ impl Parts {
     }
 }
 
-impl Learner for Parts {
+impl Learner for Taken {
     fn begin_touch(&mut self) {
         self.tracker.begin_touch();
         self.next = FrameId { touch: self.next.touch + 1, sample: 0 };

@@ -5,6 +5,7 @@
 
 use std::time::Duration;
 
+use clap::builder::RangedI64ValueParser;
 use palpate::{MapperError, Sample};
 use palpate_work::Progress;
 use palpate_work::touches::RecordedTouch;
@@ -13,12 +14,19 @@ use crate::error::CliError;
 use crate::output::Output;
 
 /// How often touches are learnt.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, clap::Args)]
 pub(super) struct Passes {
-    /// Before the clock starts.
+    /// Passes through the log before the clock starts
+    #[arg(long = "warm-passes", value_name = "N", default_value_t = 1)]
     pub warm: u32,
-    /// With the clock running.
+    /// Passes through the log with the clock running
+    #[arg(long = "passes", value_name = "N", default_value_t = 1, value_parser = at_least_one())]
     pub timed: u32,
+}
+
+/// A parser of numbers of passes or touches.
+pub(super) fn at_least_one() -> RangedI64ValueParser<u32> {
+    clap::value_parser!(u32).range(1..)
 }
 
 /// What learns touches and takes its own time.

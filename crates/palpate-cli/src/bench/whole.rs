@@ -3,15 +3,16 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate::{Arm, Mapper, MapperConfig, MapperError, Sample};
-use palpate_work::touches::RecordedTouch;
+use palpate::{Mapper, MapperError, Sample};
+use palpate_work::quantile::quantile;
 
-use super::answers::{self, Answers};
-use super::peak;
-use super::recording::{Learner, Passes, milliseconds, play};
+use super::figures::{Figures, MIB, Parts, Spread, middle};
+use super::recording::{Learner, milliseconds, play};
+use super::{Bench, answers, peak};
 use crate::error::CliError;
 use crate::output::Output;
-use crate::pace::{Pace, PaceFigures};
+use crate::pace::Pace;
+use crate::settings::SettingsError;
 
 /// A mapper under the clock.
 pub(super) struct Whole {
@@ -23,58 +24,31 @@ pub(super) struct Whole {
     contacts: Vec<f64>,
 }
 
-/// The box of the cells that were touched, in cells: first and last along x, y and z.
-pub(super) type Touched = [[u32; 3]; 2];
-
-/// What was measured.
-pub(super) struct Measured {
-    /// From the start of the command until its first step was made, ms.
-    pub start_ms: f64,
-    /// Every timed step, ms.
-    pub step_ms: Vec<f64>,
-    /// Points that each of them touched.
-    pub contacts: Vec<f64>,
-    /// How the pace was kept, if there was one.
-    pub pace: Option<PaceFigures>,
-    /// The most memory that the process held, bytes, if the system says.
-    pub peak_bytes: Option<u64>,
-    /// Frames remembered, and the bytes that memory holds.
-    pub memory: (usize, usize),
-    /// Cells touched.
-    pub cells_touched: usize,
-    /// Where they are; nowhere if there are none.
-    pub touched: Touched,
-    /// What was found of paths, if any were asked about.
-    pub answers: Option<Answers>,
-}
-
 impl Whole {
     /// A mapper that knows nothing yet, in a command that began at `started`.
-    pub(super) fn new(
-        arm: &Arc<Arm>,
-        config: MapperConfig,
-        pace: Option<Pace>,
-        started: Instant,
-    ) -> Result<Self, MapperError> {
-        let mapper = Mapper::new(Arc::clone(arm), config)?;
-        let mapper = match &pace {
-            Some(pace) => pace.keep(mapper),
-            None => mapper,
-        };
+    pub(super) fn new(bench: &Bench<'_>, started: Instant) -> Result<Self, SettingsError> {
+        let mapper = Mapper::new(Arc::clone(&bench.arm), bench.config.clone());
+        let mut mapper = mapper.map_err(SettingsError::value)?;
+        let pace = bench.args.pace.pace(&bench.config);
+        if let Some(pace) = &pace {
+            mapper = pace.keep(mapper);
+        }
         let (step_ms, contacts) = (Vec::new(), Vec::new());
         Ok(Self { mapper, pace, started, first_step: None, step_ms, contacts })
     }
 
     /// Learns all passes, and is asked about the paths of other touches; the mapper is gone after
-    /// it, and its memory free for what follows.
+    /// it, and its memory free for what follows. `None` if no step was timed.
     pub(super) fn measure(
         mut self,
-        touches: &[RecordedTouch],
-        passes: Passes,
-        asked: &[RecordedTouch],
+        bench: &Bench<'_>,
         output: &Output,
-    ) -> Result<Measured, CliError> {
-        play(touches, passes, &mut self, output, "timing the step")?;
+    ) -> Result<Option<Figures>, CliError> {
+        let passes = bench.args.passes;
+        play(&bench.recording, passes, &mut self, output, "timing the step")?;
+        if self.step_ms.is_empty() {
+            return Ok(None);
+        }
         let peak_bytes = peak::resident_bytes(); // before the field is copied below
         let field = self.mapper.field();
         let mut touched = [[u32::MAX; 3], [0; 3]];
@@ -85,20 +59,39 @@ impl Whole {
                 touched[1][axis] = touched[1][axis].max(place[axis]);
             }
         }
-        // Where no step was timed, nobody will see the answers.
-        let wanted = !asked.is_empty() && !self.step_ms.is_empty();
-        let answers = wanted.then(|| answers::measure(&self.mapper, asked, output)).transpose()?;
-        Ok(Measured {
-            start_ms: self.first_step.map_or(0.0, milliseconds),
-            step_ms: self.step_ms,
-            contacts: self.contacts,
-            pace: self.pace.as_ref().map(Pace::figures),
-            peak_bytes,
-            memory: self.mapper.memory(),
+        let asked = (!bench.asked.is_empty()).then_some(&bench.asked);
+        let answers = asked.map(|asked| answers::measure(&self.mapper, asked, output));
+        let (frames_remembered, memory_bytes) = self.mapper.memory();
+        let (lattice, steps) = (&bench.config.lattice, self.step_ms.len());
+        Ok(Some(Figures {
+            robot: bench.arm.robot.name().to_owned(),
+            estimator: bench.config.method,
+            simulated: bench.args.logs.is_empty(),
+            touches: bench.recording.len(),
+            warm_passes: passes.warm,
+            passes: passes.timed,
+            spacing_m: lattice.spacing_m(),
+            origin_m: lattice.origin_m().into(),
+            shape: lattice.shape(),
+            cells_declared: lattice.n_cells(),
             cells_touched: field.cells.len(),
-            touched,
-            answers,
-        })
+            cells_touched_box: touched,
+            threads: rayon::current_num_threads(),
+            start_ms: self.first_step.map_or(0.0, milliseconds),
+            steps,
+            steps_per_second: 1e3 * steps as f64 / self.step_ms.iter().sum::<f64>(),
+            step_ms: Spread {
+                median: middle(&self.step_ms),
+                p99: quantile(&self.step_ms, 0.99).unwrap_or(0.0),
+            },
+            contacts: middle(&self.contacts),
+            parts: Parts::default(),
+            peak_memory_mib: peak_bytes.map(|bytes| bytes as f64 / MIB),
+            frames_remembered,
+            memory_mib: memory_bytes as f64 / MIB,
+            pace: self.pace.as_ref().map(Pace::figures),
+            answers: answers.transpose()?,
+        }))
     }
 }
 
