@@ -1,5 +1,7 @@
 //! The command line: subcommands and what all of them share.
 
+use std::ops::RangeInclusive;
+
 use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 
@@ -50,6 +52,17 @@ pub(crate) enum Command {
         /// The shell
         shell: Shell,
     },
+}
+
+/// A parser of numbers in a range; says what is wanted if one is not.
+pub(crate) fn number_in(
+    range: RangeInclusive<f64>,
+    wanted: &'static str,
+) -> impl Fn(&str) -> Result<f64, String> + Clone {
+    move |text| {
+        let number = text.parse().ok().filter(|number| range.contains(number));
+        number.ok_or_else(|| format!("wanted {wanted}"))
+    }
 }
 
 /// Prints a shell's completions.

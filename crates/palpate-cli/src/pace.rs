@@ -15,15 +15,12 @@ use std::time::{Duration, Instant};
 use palpate::{EstimatorKind, Mapper, MapperConfig, ReplayPolicy, StepReport};
 use serde::Serialize;
 
+use crate::args::number_in;
 use crate::interrupt;
 use palpate_work::quantile::median;
 
 /// What must be said of results made under a pace.
 pub(crate) const ORIGIN: &str = "Under --rate the field depends on the speed of the machine.";
-
-/// The slowest and the fastest rate, Hz.
-const SLOWEST_HZ: f64 = 0.1;
-const FASTEST_HZ: f64 = 100_000.0;
 
 /// A visit is made only if the time left is so many times what a visit takes on average: frames
 /// differ in size, and the next may be one of the larger.
@@ -57,10 +54,7 @@ impl PaceArgs {
 }
 
 fn hertz(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(rate_hz) if (SLOWEST_HZ..=FASTEST_HZ).contains(&rate_hz) => Ok(rate_hz),
-        _ => Err(format!("wanted a number from {SLOWEST_HZ} to {FASTEST_HZ} Hz")),
-    }
+    number_in(0.1..=100_000.0, "a number from 0.1 to 100000 Hz")(text)
 }
 
 /// Fills the time that steps leave.

@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use clap::Args;
 use palpate_io::atomic::{self, IfExists};
 
 use crate::error::CliError;
-use crate::settings::{Flags, Settings, SettingsArgs};
+use crate::settings::{Settings, SettingsArgs};
 
 /// Refuses a place that cannot be written to; an older file there will be replaced.
 pub(crate) fn check(path: &Path) -> Result<(), CliError> {
@@ -23,7 +24,7 @@ pub(crate) struct Places {
 
 impl Places {
     /// The files that settings name, and all files of logs.
-    pub(crate) fn read<F: Flags>(
+    pub(crate) fn read<F: Args + Clone + Into<Settings>>(
         args: &SettingsArgs<F>,
         settings: &Settings,
         logs: &[PathBuf],
@@ -120,6 +121,24 @@ impl Drop for Folder {
 /// The ending of a file's name in small letters; empty if it has none.
 pub(crate) fn ending(path: &Path) -> String {
     path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().to_lowercase())
+}
+
+/// The format that a file's ending asks for, by the endings that there are.
+pub(crate) fn format_of<T: Copy>(
+    path: &Path,
+    what: &str,
+    formats: &[(&str, T)],
+) -> Result<T, CliError> {
+    let asked = ending(path);
+    let format = formats.iter().find_map(|&(ending, format)| (ending == asked).then_some(format));
+    format.ok_or_else(|| {
+        let endings: Vec<String> = formats.iter().map(|(ending, _)| format!(".{ending}")).collect();
+        CliError::Usage(format!(
+            "`{}` does not say how the {what} is to be written; end its name with {}",
+            path.display(),
+            endings.join(" or ")
+        ))
+    })
 }
 
 /// Where a file is or would be, with links resolved.

@@ -12,7 +12,7 @@ pub(crate) use palpate_work::settings::*;
 
 /// The settings of a command: flags, and a file for what they leave open.
 #[derive(Debug, Clone, Args)]
-pub(crate) struct SettingsArgs<F: Flags> {
+pub(crate) struct SettingsArgs<F: Args> {
     /// TOML file with settings; flags win over it (`palpate settings` prints a template)
     #[arg(long = "settings", value_name = "FILE.toml")]
     path: Option<PathBuf>,
@@ -20,13 +20,7 @@ pub(crate) struct SettingsArgs<F: Flags> {
     flags: F,
 }
 
-/// The settings that a kind of command has flags for.
-pub(crate) trait Flags: Args + Clone {
-    /// Those that were given.
-    fn given(&self) -> Settings;
-}
-
-impl<F: Flags> SettingsArgs<F> {
+impl<F: Args + Clone + Into<Settings>> SettingsArgs<F> {
     /// The settings file, if one was given.
     pub(crate) fn path(&self) -> Option<&Path> {
         self.path.as_deref()
@@ -34,9 +28,10 @@ impl<F: Flags> SettingsArgs<F> {
 
     /// The flags over the file's values.
     pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
+        let given = self.flags.clone().into();
         let settings = match &self.path {
-            Some(path) => self.flags.given().over(read(path)?),
-            None => self.flags.given(),
+            Some(path) => given.over(read(path)?),
+            None => given,
         };
         settings.check()?;
         Ok(settings)
@@ -46,20 +41,8 @@ impl<F: Flags> SettingsArgs<F> {
 /// The settings of a command that learns: all of them.
 pub(crate) type AllSettings = SettingsArgs<Settings>;
 
-impl Flags for Settings {
-    fn given(&self) -> Settings {
-        self.clone()
-    }
-}
-
 /// The settings of a command that asks a field which remembers its touches.
 pub(crate) type RobotOnlySettings = SettingsArgs<RobotSettings>;
-
-impl Flags for RobotSettings {
-    fn given(&self) -> Settings {
-        self.clone().into()
-    }
-}
 
 /// Flags of a command that only reads a log.
 #[derive(Debug, Clone, Args)]
@@ -73,9 +56,9 @@ pub(crate) struct RobotAndLog {
 /// The settings of such a command.
 pub(crate) type ReadSettings = SettingsArgs<RobotAndLog>;
 
-impl Flags for RobotAndLog {
-    fn given(&self) -> Settings {
-        Settings { log: self.log.clone(), ..self.robot.given() }
+impl From<RobotAndLog> for Settings {
+    fn from(RobotAndLog { robot, log }: RobotAndLog) -> Self {
+        Self { log, ..robot.into() }
     }
 }
 
@@ -91,9 +74,9 @@ pub(crate) struct RobotLogAndTouch {
 /// The settings of such a command.
 pub(crate) type RobotAndLogSettings = SettingsArgs<RobotLogAndTouch>;
 
-impl Flags for RobotLogAndTouch {
-    fn given(&self) -> Settings {
-        Settings { touch: self.touch.clone(), ..self.read.given() }
+impl From<RobotLogAndTouch> for Settings {
+    fn from(RobotLogAndTouch { read, touch }: RobotLogAndTouch) -> Self {
+        Self { touch, ..read.into() }
     }
 }
 
@@ -111,10 +94,9 @@ pub(crate) struct LogAndLattice {
 /// The settings of such a command.
 pub(crate) type LogAndLatticeSettings = SettingsArgs<LogAndLattice>;
 
-impl Flags for LogAndLattice {
-    fn given(&self) -> Settings {
-        let (lattice, contact) = (self.lattice.clone(), self.contact.clone());
-        Settings { lattice, contact, ..self.log.given() }
+impl From<LogAndLattice> for Settings {
+    fn from(LogAndLattice { log, lattice, contact }: LogAndLattice) -> Self {
+        Self { lattice, contact, ..log.into() }
     }
 }
 

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use clap::builder::RangedU64ValueParser;
 use palpate::{Arm, Mapper};
 use palpate_io::cloud;
 use palpate_io::field::{self, Saved};
@@ -44,7 +45,7 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "DIR", default_value = "palpate-demo")]
     output: PathBuf,
     /// Which of the bundled touches, from 0 to 10, is not learnt from but predicted
-    #[arg(long, value_name = "N", default_value_t = bundled::COUNT - 1)]
+    #[arg(long, value_name = "N", default_value_t = bundled::COUNT - 1, value_parser = of_bundled())]
     hold_out: usize,
     /// Leave out the report: the evaluation of all methods on all touches
     #[arg(long)]
@@ -56,12 +57,13 @@ pub(crate) struct Args {
     estimator: EstimatorSettings,
 }
 
+/// A parser of numbers of touches.
+fn of_bundled() -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(..bundled::COUNT as u64)
+}
+
 /// Maps all touches but one, predicts that one, and evaluates all methods on all touches.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
-    if args.hold_out >= bundled::COUNT {
-        let (last, asked) = (bundled::COUNT - 1, args.hold_out);
-        return Err(CliError::Usage(format!("--hold-out is {asked}; it must be from 0 to {last}")));
-    }
     let settings = Settings { estimator: args.estimator.clone(), ..Settings::default() };
     settings.check()?;
     let config = settings.config()?;

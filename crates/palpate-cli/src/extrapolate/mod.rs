@@ -18,10 +18,11 @@ use palpate_learn::extrapolate::{Config, Extrapolation, Features, Method};
 use palpate_work::extrapolate::{Chosen, Work, config, filled, method_of, remembers};
 use palpate_work::robot;
 
+use crate::args::number_in;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::picture::Format;
-use crate::place::{Places, ending, entries};
+use crate::place::{Places, entries};
 use crate::settings::{RobotOnlySettings, Settings};
 use crate::{interrupt, place};
 
@@ -102,7 +103,7 @@ pub(crate) struct Args {
     picture: Option<PathBuf>,
     /// Stiffness from which on the picture shows cells of the field, N/m [default: that of the
     /// stiffest twentieth]
-    #[arg(long, value_name = "N_PER_M", requires = "picture", value_parser = threshold)]
+    #[arg(long, value_name = "N_PER_M", requires = "picture", value_parser = number_in(0.0..=f64::MAX, "a stiffness from 0 on, N/m"))]
     threshold: Option<f64>,
     /// Write a page to turn and look at, which opens in a browser without a network
     #[arg(long, value_name = "FILE.html")]
@@ -117,11 +118,6 @@ pub(crate) struct Args {
     depth: CloudArgs,
     #[command(flatten)]
     settings: RobotOnlySettings,
-}
-
-fn threshold(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number >= 0.0);
-    number.ok_or_else(|| "wanted a stiffness from 0 on, N/m".to_owned())
 }
 
 /// Extrapolates and writes the results.
@@ -187,16 +183,8 @@ enum Ending {
 impl Ending {
     /// The one that a file's name asks for.
     fn of(path: &Path) -> Result<Self, CliError> {
-        match ending(path).as_str() {
-            "npz" => Ok(Self::Npz),
-            "ply" => Ok(Self::Ply),
-            "pcd" => Ok(Self::Pcd),
-            _ => Err(CliError::Usage(format!(
-                "`{}` does not say how the cloud is to be written; end its name with .npz, .ply or \
-                 .pcd",
-                path.display()
-            ))),
-        }
+        let formats = [("npz", Self::Npz), ("ply", Self::Ply), ("pcd", Self::Pcd)];
+        place::format_of(path, "cloud", &formats)
     }
 }
 

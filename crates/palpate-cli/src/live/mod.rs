@@ -18,6 +18,7 @@ use palpate_live::session::Session;
 use palpate_live::{AskSocket, LiveConfig, run as run_live};
 use palpate_work::{prior, resume, robot};
 
+use crate::args::number_in;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::place::Places;
@@ -61,7 +62,7 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "FIELD.npz")]
     output: Option<PathBuf>,
     /// Time between two checkpoints, s
-    #[arg(long, value_name = "S", default_value = "10", value_parser = period)]
+    #[arg(long, value_name = "S", default_value = "10", value_parser = period())]
     checkpoint: f64,
     /// Go on from the field in --output, if it is there
     #[arg(long, requires = "output")]
@@ -71,14 +72,14 @@ pub(crate) struct Args {
     prior: Option<PathBuf>,
     /// Publish that the robot must stop as soon as the measured or the predicted external torque of
     /// a joint passes this, N·m
-    #[arg(long, value_name = "LIMIT", value_parser = positive)]
+    #[arg(long, value_name = "LIMIT", value_parser = number_in(f64::MIN_POSITIVE..=f64::MAX, "a number above 0"))]
     guard: Option<f64>,
     /// Socket on which to ask what torque a motion would meet: a line of JSON each way, such as
     /// {"path": [[0.1, 0.2], [0.1, 0.3]]}
     #[arg(long, value_name = "SOCKET")]
     ask: Option<PathBuf>,
     /// How long the arm must stand still, free of the object, for a touch to begin, s
-    #[arg(long, value_name = "S", default_value = "0.5", value_parser = period)]
+    #[arg(long, value_name = "S", default_value = "0.5", value_parser = period())]
     idle: f64,
     /// Samples that may wait before the oldest are dropped
     #[arg(long, value_name = "N", default_value = "512", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
@@ -93,7 +94,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "KIND", default_value = "enhanced", value_parser = ["enhanced", "cyclone"])]
     services: String,
     /// End after so long, s
-    #[arg(long, value_name = "S", value_parser = period)]
+    #[arg(long, value_name = "S", value_parser = period())]
     duration: Option<f64>,
     /// Show it in a Rerun viewer, which is started, or in the one that runs at URL
     #[arg(long, value_name = "URL", num_args = 0..=1, require_equals = true)]
@@ -106,18 +107,9 @@ pub(crate) struct Args {
     settings: AllSettings,
 }
 
-fn positive(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(number) if number > 0.0 && f64::is_finite(number) => Ok(number),
-        _ => Err("wanted a number above 0".to_owned()),
-    }
-}
-
-fn period(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(number) if (0.001..=1e7).contains(&number) => Ok(number),
-        _ => Err("wanted a number of seconds from 0.001 to 10000000".to_owned()),
-    }
+/// A parser of periods, s.
+fn period() -> impl Fn(&str) -> Result<f64, String> + Clone {
+    number_in(0.001..=1e7, "a number of seconds from 0.001 to 10000000")
 }
 
 impl Args {

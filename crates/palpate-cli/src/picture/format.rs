@@ -26,14 +26,7 @@ pub(crate) enum Format {
 impl Format {
     /// The format that a file's name asks for.
     pub(crate) fn of(path: &Path) -> Result<Self, CliError> {
-        match place::ending(path).as_str() {
-            "svg" => Ok(Self::Svg),
-            "png" => Ok(Self::Png),
-            _ => Err(CliError::Usage(format!(
-                "`{}` ends in neither .svg nor .png, the formats that pictures are written in",
-                path.display()
-            ))),
-        }
+        place::format_of(path, "picture", &[("svg", Self::Svg), ("png", Self::Png)])
     }
 
     /// Writes a picture that was drawn as SVG, whole or not at all.

@@ -23,14 +23,7 @@ pub(super) enum Format {
 impl Format {
     /// The format that a file's name asks for.
     pub(super) fn of(path: &Path) -> Result<Self, CliError> {
-        match place::ending(path).as_str() {
-            "csv" => Ok(Self::Csv),
-            "npz" => Ok(Self::Npz),
-            _ => Err(CliError::Usage(format!(
-                "`{}` ends in neither .csv nor .npz, the formats that torques are written in",
-                path.display()
-            ))),
-        }
+        place::format_of(path, "table of torques", &[("csv", Self::Csv), ("npz", Self::Npz)])
     }
 
     /// Writes the file, whole or not at all.

@@ -1,6 +1,5 @@
 //! The command: what is to be shown, with what and where.
 
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -13,7 +12,7 @@ use serde_json::json;
 use crate::error::CliError;
 use crate::hull::Hulls;
 use crate::output::Output;
-use crate::place::Places;
+use crate::place::{self, Places};
 use crate::predict::tell_other_robot;
 use crate::settings::{Settings, SettingsError};
 use crate::{interrupt, logs};
@@ -57,13 +56,7 @@ impl Args {
         let mut places = Places::read(&self.settings, settings, &named.logs);
         places.input("the field", named.field);
         places.output("the recording (--save)", Some(path))?;
-        if path.extension().and_then(OsStr::to_str) != Some("rrd") {
-            return Err(CliError::Usage(format!(
-                "`{}` does not end in .rrd, the format that recordings are written in",
-                path.display()
-            )));
-        }
-        Ok(())
+        place::format_of(path, "recording", &[("rrd", ())])
     }
 }
 
