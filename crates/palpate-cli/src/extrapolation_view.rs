@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 use palpate::{Arm, Field};
+use palpate_view::view_model::touched_rows;
 
 /// The part of the touched cells that a picture shows unless another is given: the stiffest.
 const STIFFEST: f64 = 0.05;
@@ -42,8 +43,7 @@ impl ExtrapolationView<'_> {
     /// The cells that were touched, and K of each, N/m.
     pub(crate) fn cells(&self) -> impl Iterator<Item = (Point3<f64>, f64)> {
         let field = self.field;
-        (0..field.cells.len())
-            .filter(|&row| field.counts[row] > 0)
+        touched_rows(field)
             .map(|row| (field.lattice.point(field.cells[row]), field.stiffness_n_per_m[row]))
     }
 

@@ -6,24 +6,16 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use palpate::unstable::DistanceGrid;
 use palpate::{Arm, RobotError};
+use palpate_view::view_model::LinkShape;
 use parry3d_f64::math::Vector as ParryVector;
 use parry3d_f64::transformation::try_convex_hull;
 
 /// Vertices of a link's hull, at most.
 const VERTICES: usize = 150;
 
-/// A link as a closed mesh, in its own frame.
-pub(crate) struct Hull {
-    /// The link's name.
-    pub(crate) link: String,
-    pub(crate) vertices_m: Vec<Point3<f64>>,
-    /// Corners counted counter-clockwise from outside.
-    pub(crate) triangles: Vec<[u32; 3]>,
-}
-
 /// The links of an arm that have a surface, and where they are among all.
 pub(crate) struct Hulls {
-    pub(crate) hulls: Vec<Hull>,
+    pub(crate) hulls: Vec<LinkShape>,
     moved: Vec<usize>,
 }
 
@@ -31,7 +23,7 @@ impl Hulls {
     /// The hulls of an arm.
     pub(crate) fn of(arm: &Arm) -> Self {
         let surfaces = arm.robot.links().iter().zip(arm.surfaces.iter()).enumerate();
-        let (moved, hulls): (Vec<usize>, Vec<Hull>) = surfaces
+        let (moved, hulls): (Vec<usize>, Vec<LinkShape>) = surfaces
             .filter_map(|(at, (link, surface))| Some((at, hull(&link.name, surface.as_ref()?)?)))
             .unzip();
         Self { hulls, moved }
@@ -49,12 +41,12 @@ impl Hulls {
 }
 
 /// A link's convex hull; a link thinner than a cell is drawn as its box.
-fn hull(link: &str, surface: &DistanceGrid) -> Option<Hull> {
+fn hull(link: &str, surface: &DistanceGrid) -> Option<LinkShape> {
     let outermost = outermost(&surface.surface_points());
     let hull = try_convex_hull(&outermost).or_else(|_| try_convex_hull(&corners(surface)));
     let (vertices, triangles) = hull.ok()?;
     let vertices_m = vertices.iter().map(|v| Point3::new(v.x, v.y, v.z)).collect();
-    Some(Hull { link: link.to_owned(), vertices_m, triangles })
+    Some(LinkShape { name: link.to_owned(), vertices_m, triangles })
 }
 
 /// Of each of the directions of a Fibonacci sphere, the point that lies farthest that way.
@@ -101,7 +93,7 @@ mod tests {
                 .map(|[a, b, c]| a.dot(&b.cross(&c)) / 6.0)
                 .sum();
             let rod = std::f64::consts::PI * 0.03_f64.powi(2) * 0.2;
-            assert!((0.85..1.02).contains(&(volume / rod)), "{}: {}", hull.link, volume / rod);
+            assert!((0.85..1.02).contains(&(volume / rod)), "{}: {}", hull.name, volume / rod);
         }
     }
 }

@@ -78,7 +78,8 @@ pub struct Scale {
 impl Scale {
     /// Makes room for a field; says whether that changed the scale.
     pub fn widen(&mut self, field: &Field) -> bool {
-        let mut touched: Vec<f64> = rows(field).map(|row| field.stiffness_n_per_m[row]).collect();
+        let mut touched: Vec<f64> =
+            touched_rows(field).map(|row| field.stiffness_n_per_m[row]).collect();
         if touched.is_empty() {
             return false;
         }
@@ -99,8 +100,9 @@ impl Scale {
     pub fn cells(&self, field: &Field) -> Cells {
         let [low, high] = self.ends_n_per_m();
         let stiffness = |row: usize| field.stiffness_n_per_m[row];
-        let mut drawn: Vec<usize> =
-            rows(field).filter(|&row| stiffness(row) > 0.0 && stiffness(row) >= low).collect();
+        let mut drawn: Vec<usize> = touched_rows(field)
+            .filter(|&row| stiffness(row) > 0.0 && stiffness(row) >= low)
+            .collect();
         if drawn.len() > CELLS {
             let by_stiffness = |a: &usize, b: &usize| stiffness(*b).total_cmp(&stiffness(*a));
             drawn.select_nth_unstable_by(CELLS, by_stiffness);
@@ -125,7 +127,7 @@ impl Scale {
 }
 
 /// The touched cells of a field, by row: what is only expected is no finding.
-fn rows(field: &Field) -> impl Iterator<Item = usize> {
+pub fn touched_rows(field: &Field) -> impl Iterator<Item = usize> {
     (0..field.cells.len()).filter(|&row| field.counts[row] > 0)
 }
 

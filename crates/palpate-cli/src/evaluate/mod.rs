@@ -8,6 +8,7 @@ mod summary;
 
 use std::path::{Path, PathBuf};
 
+use askama::Template;
 use palpate::MapperConfig;
 use palpate_io::log::is_simulated;
 use palpate_learn::method::Method;
@@ -18,7 +19,7 @@ use palpate_work::evaluate::{
 use crate::error::CliError;
 use crate::output::Output;
 use crate::place::Folder;
-use crate::report::{Report, Scene, errors_csv};
+use crate::report::{Page, Report, Scene, errors_csv};
 use crate::settings::{AllSettings, Settings};
 use crate::{interrupt, logs, picture, place};
 
@@ -152,14 +153,14 @@ pub(crate) fn into_folder(
     };
     let evaluation = &summary.evaluation;
     let robot = origin.settings.robot.name().to_owned();
-    let report = Report {
+    let page = Page {
         title: &summary.title(),
-        evaluation,
         simulated: origin.simulated,
+        card: vec![("logs", origin.logs.join(", ")), ("robot", robot)],
         settings_toml: &settings_toml,
-        data: vec![("logs", origin.logs.join(", ")), ("robot", robot)],
-        scene: Some(Scene::new(work.arm, &field, evaluation)?),
     };
+    let scene = Some(Scene::new(work.arm, &field, evaluation)?);
+    let report = Report { page, evaluation, scene };
     let write = |name: &str, text: &str| place::write(&folder.join(name), text);
     let figures = folder.join("figures");
     let what = format!("the folder `{}`", figures.display());
@@ -173,7 +174,7 @@ pub(crate) fn into_folder(
     write("figures/field.svg", &picture::field(&field)?)?;
     write("errors.csv", &errors_csv(evaluation))?;
     write("evaluation.json", &serde_json::to_string(evaluation).map_err(CliError::file)?)?;
-    write("report.html", &report.html()?)?;
+    write("report.html", &report.render().map_err(CliError::file)?)?;
     summary.tell_oddities(output);
     Ok(summary)
 }

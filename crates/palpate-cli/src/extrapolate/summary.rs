@@ -5,9 +5,11 @@ use std::fmt::Write;
 use std::path::Path;
 use std::time::Duration;
 
+use askama::Template;
 use palpate_io::cloud::PointTruth;
 use palpate_learn::extrapolate::compare::Row;
 use palpate_learn::extrapolate::{area_under_roc, spearman};
+use palpate_view::view_model::touched_rows;
 use palpate_work::extrapolate::{Found, Work};
 use serde_json::{Value, json};
 
@@ -15,7 +17,7 @@ use crate::error::CliError;
 use crate::extrapolation_view::{ExtrapolationView, Table};
 use crate::output::{rows, seconds, table};
 use crate::picture;
-use crate::report::ExtrapolationPage;
+use crate::report::{ExtrapolationPage, Page, Scene};
 use palpate_work::quantile::quantile;
 
 /// An extrapolation, and what it is compared with.
@@ -59,13 +61,7 @@ impl ExtrapolationSummary<'_> {
     /// Cells at seen points that no touch has reached.
     fn expected(&self) -> usize {
         let field = &self.work.saved.field;
-        let touched: HashSet<_> = field
-            .cells
-            .iter()
-            .zip(&field.counts)
-            .filter(|(_, n)| **n > 0)
-            .map(|(c, _)| c)
-            .collect();
+        let touched: HashSet<_> = touched_rows(field).map(|row| field.cells[row]).collect();
         self.found.cells.iter().filter(|(cell, _)| !touched.contains(cell)).count()
     }
 
@@ -113,7 +109,7 @@ impl ExtrapolationSummary<'_> {
             "features": self.work.config.features,
             "points": self.found.seen.len(),
             "touched": self.touched(),
-            "cells_touched": self.work.saved.field.counts.iter().filter(|n| **n > 0).count(),
+            "cells_touched": touched_rows(&self.work.saved.field).count(),
             "cells_expected": self.expected(),
             "touches": self.found.felt.map(|(touches, _)| touches),
             "frames": self.found.felt.map(|(_, frames)| frames),
@@ -166,16 +162,15 @@ impl ExtrapolationSummary<'_> {
             path.file_name().map_or_else(|| "..".to_owned(), |name| name.to_string_lossy().into())
         };
         let [field, cloud]: [String; 2] = self.work.names.map(last);
-        let page = ExtrapolationPage {
+        let page = Page {
             title: &format!("What {field} says of {cloud}"),
-            verdict: &self.verdict(),
             simulated: self.simulated,
-            seen: &self.seen(),
-            tables: &self.tables(),
-            data: self.card(),
+            card: self.card(),
             settings_toml: &toml::to_string(&self.work.config).map_err(CliError::file)?,
         };
-        page.html()
+        let (seen, verdict, tables) = (&self.seen(), self.verdict(), self.tables());
+        let page = ExtrapolationPage { page, verdict, seen, scene: Scene::seen(seen)?, tables };
+        page.render().map_err(CliError::file)
     }
 
     fn seen(&self) -> ExtrapolationView<'_> {

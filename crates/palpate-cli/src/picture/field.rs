@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 use palpate::{CellId, Field, Lattice};
+use palpate_view::view_model::touched_rows;
 use plotters::chart::ChartBuilder;
 use plotters::element::{Circle, Text};
 use plotters::style::Color;
@@ -65,9 +66,9 @@ struct Scene<'a> {
 impl<'a> Scene<'a> {
     fn of(field: &'a Field) -> Option<Self> {
         let margin_m = Vector3::repeat(3.0 * field.lattice.spacing_m());
-        let all = field.cells.iter().zip(&field.stiffness_n_per_m).zip(&field.counts);
-        let touched = all.filter(|(_, count)| **count > 0);
-        let cells: Vec<_> = touched.map(|((&cell, &k), _)| (cell, k)).collect();
+        let touched = touched_rows(field);
+        let cells: Vec<_> =
+            touched.map(|row| (field.cells[row], field.stiffness_n_per_m[row])).collect();
         let points = || cells.iter().map(|&(cell, _)| field.lattice.point(cell));
         let low_m = points().reduce(|low, point| low.inf(&point))? - margin_m;
         let high_m = points().reduce(|high, point| high.sup(&point))? + margin_m;

@@ -5,19 +5,19 @@
 use palpate_learn::evaluation::{Evaluation, LeftOut};
 use serde::Serialize;
 
-use crate::error::CliError;
 use crate::picture::counted;
 
 use super::frames::{drawn, frames_per_touch, stride};
-use super::packed::{self, PER_METRE, PER_ONE};
+use super::packed::{PER_METRE, PER_ONE};
 use super::scene::Scene;
 use super::table::subject;
 
 /// Torques travel as thousandths of N·m.
 const PER_TORQUE: f64 = 1e3;
 
+/// Everything that is drawn.
 #[derive(Serialize)]
-struct Data<'a> {
+pub(super) struct Data<'a> {
     joints: &'a [String],
     against: &'a str,
     methods: Vec<&'a str>,
@@ -46,21 +46,21 @@ struct Touch<'a> {
     predicted: Vec<Vec<Vec<Option<i64>>>>,
 }
 
-/// Everything that is drawn, as JSON that may stand in a script element.
-pub(super) fn json(evaluation: &Evaluation, scene: Option<&Scene>) -> Result<String, CliError> {
-    let per_touch = frames_per_touch(evaluation);
-    let data = Data {
-        joints: &evaluation.joint_names,
-        against: &evaluation.against,
-        methods: evaluation.methods.iter().map(|method| method.name.as_str()).collect(),
-        subject: subject(evaluation).unwrap_or(0),
-        per_torque: PER_TORQUE,
-        per_metre: PER_METRE,
-        per_one: PER_ONE,
-        touches: evaluation.touches.iter().map(|touch| curves(touch, per_touch)).collect(),
-        scene,
-    };
-    packed::script(&data)
+impl<'a> Data<'a> {
+    pub(super) fn of(evaluation: &'a Evaluation, scene: Option<&'a Scene>) -> Self {
+        let per_touch = frames_per_touch(evaluation);
+        Self {
+            joints: &evaluation.joint_names,
+            against: &evaluation.against,
+            methods: evaluation.methods.iter().map(|method| method.name.as_str()).collect(),
+            subject: subject(evaluation).unwrap_or(0),
+            per_torque: PER_TORQUE,
+            per_metre: PER_METRE,
+            per_one: PER_ONE,
+            touches: evaluation.touches.iter().map(|touch| curves(touch, per_touch)).collect(),
+            scene,
+        }
+    }
 }
 
 fn curves(touch: &LeftOut, per_touch: usize) -> Touch<'_> {
@@ -96,10 +96,14 @@ mod tests {
     use super::*;
     use crate::example;
 
+    fn json(evaluation: &Evaluation) -> String {
+        askama::filters::json(Data::of(evaluation, None)).unwrap().to_string()
+    }
+
     #[test]
     fn no_name_ends_the_script() {
         let evaluation = example::evaluation();
-        let text = json(&evaluation, None).unwrap();
+        let text = json(&evaluation);
         assert!(!text.contains('<'));
         let data: Value = serde_json::from_str(&text).unwrap();
         assert_eq!(data["touches"][2]["name"], "third </script>");
@@ -112,7 +116,7 @@ mod tests {
     fn a_prediction_that_is_not_finite_is_a_gap() {
         let mut evaluation = example::evaluation();
         evaluation.touches[0].predictions[1].predicted[5][0] = f64::NAN;
-        let data: Value = serde_json::from_str(&json(&evaluation, None).unwrap()).unwrap();
+        let data: Value = serde_json::from_str(&json(&evaluation)).unwrap();
         assert!(data["touches"][0]["predicted"][1][0][5].is_null());
         assert!(data["touches"][0]["predicted"][1][1][5].is_i64());
     }

@@ -1,166 +1,137 @@
 // Draws the field with the arm that felt it, and the cloud that it was extrapolated to.
 
-(() => {
-  const { byId, data, chosen, DECADES, config, counted } = shared;
-  const { scene, cloud } = data;
+const { scene, cloud } = data;
 
-  const places = shared.places(cloud.points);
-  const colours = cloud.stiffness.map((_, at) => `#${cloud.colours.slice(6 * at, 6 * at + 6)}`);
-  const touched = Array.from(cloud.touched, Number);
+const seen = places(cloud.points);
+const colours = cloud.stiffness.map((_, at) => `#${cloud.colours.slice(6 * at, 6 * at + 6)}`);
+const touched = Array.from(cloud.touched, Number);
 
-  /** Power of ten at the top of the stiffness colours, and how many there are down to their foot. */
-  const range = [Math.log10(data.range[1]), Math.log10(data.range[1] / data.range[0])];
+/** Power of ten at the top of the stiffness colours, and how many there are down to their foot. */
+const range = [Math.log10(data.range[1]), Math.log10(data.range[1] / data.range[0])];
 
-  // Left: the field and the arm.
+// Left: the field and the arm.
 
-  /** The arm's poses that are drawn: one touch's, or all of them. */
-  const poses = () => {
-    const all = scene.poses.map((frames) => frames[0]);
-    return chosen("arm") < all.length ? [all[chosen("arm")]] : all;
+/** The arm's poses that are drawn: one touch's, or all of them. */
+const poses = () => {
+  const all = scene.poses.map((frames) => frames[0]);
+  return chosen("arm") < all.length ? [all[chosen("arm")]] : all;
+};
+
+function arm(shown) {
+  const arms = shown.map(armAt);
+  const along = (side) => arms.flatMap((at) => at[side]);
+  const opacity = shown.length > 1 ? 0.16 : 0.4;
+  return mesh({ x: along("x"), y: along("y"), z: along("z") }, shown.length, { opacity, color: "#9aa5b5" });
+}
+
+/** Both plots have the same axes, so that a place is where it is in the other. */
+const axes = (plot) => axesAround([pointsFrom(0), seen], plot);
+
+function drawField() {
+  const cells = cellsTrace(pointsFrom(threshold()), ...range);
+  Plotly.react("field", [arm(poses()), cells], space(axes("field")), config);
+}
+
+function moveArm() {
+  const { x, y, z, i, j, k, opacity } = arm(poses());
+  Plotly.restyle("field", { x: [x], y: [y], z: [z], i: [i], j: [j], k: [k], opacity }, [0]);
+}
+
+// Right: the cloud.
+
+const colourings = [
+  {
+    name: "stiffness",
+    said: "coloured by extrapolated stiffness, on a logarithmic scale",
+    marker: () => logarithmic(cloud.stiffness, "K [N/m]", "Viridis", ...range),
+  },
+  {
+    name: "uncertainty",
+    said: "coloured by the standard deviation of the stiffness, on a logarithmic scale",
+    marker: () =>
+      logarithmic(cloud.std, "standard deviation of K [N/m]", "Cividis", Math.log10(cloud.std_top)),
+  },
+  {
+    name: "as seen",
+    said: "in the colours that the camera saw",
+    marker: () => ({ color: colours, showscale: false }),
+  },
+  {
+    name: "touched or not",
+    said: "coloured by whether the arm touched what is there",
+    marker: () => ({
+      color: touched,
+      cmin: 0,
+      cmax: 1,
+      // A step: its lower half is one colour, its upper half the other.
+      colorscale: [[0, "#c3c9d3"], [0.5, "#c3c9d3"], [0.5, "#0072b2"], [1, "#0072b2"]],
+      showscale: true,
+      colorbar: bar("", { tickvals: [0.25, 0.75], ticktext: ["not touched", "touched"] }),
+    }),
+  },
+];
+
+function drawCloud() {
+  const trace = {
+    type: "scatter3d",
+    mode: "markers",
+    name: "cloud",
+    ...seen,
+    customdata: cloud.stiffness.map((k, at) => [k, cloud.std[at], touched[at] ? "touched" : "not touched"]),
+    hovertemplate:
+      "K = %{customdata[0]:.3~g} ± %{customdata[1]:.3~g} N/m, %{customdata[2]}<br>" +
+      "x %{x:.3f} m, y %{y:.3f} m, z %{z:.3f} m<extra></extra>",
+    marker: { size: 1.8, ...colourings[chosen("colouring")].marker() },
   };
+  // The camera stays where the reader turned it.
+  const camera = byId("cloud").layout?.scene?.camera;
+  const view = { ...axes("cloud"), ...(camera ? { camera } : {}) };
+  Plotly.react("cloud", [trace], space(view), config);
+}
 
-  function arm(shown) {
-    const [x, y, z] = [[], [], []];
-    for (const at of shown.map(shared.armAt)) {
-      for (let vertex = 0; vertex < at.x.length; vertex += 1) {
-        x.push(at.x[vertex]);
-        y.push(at.y[vertex]);
-        z.push(at.z[vertex]);
-      }
+// Words and controls.
+
+function tell() {
+  tellThreshold();
+  tellField("field-caption", scene.poses.length > 0);
+  const drawn = cloud.stiffness.length;
+  const thinned = drawn < cloud.all ? `, of which ${counted(drawn)} are drawn, evenly chosen` : "";
+  byId("cloud-caption").textContent =
+    `${counted(cloud.all)} points that the camera sees${thinned}, ` +
+    `${colourings[chosen("colouring")].said}.`;
+}
+
+/** Where the slider is at a stiffness. */
+function percentOf(stiffness) {
+  const decades = Math.log10(Math.max(stiffness, 1e-9) / stiffest());
+  return Math.max(0, Math.min(100, Math.round(100 * (1 + decades / DECADES))));
+}
+
+/** One plot turns with the other. */
+function turnTogether(from, to) {
+  byId(from).on("plotly_relayout", (change) => {
+    const camera = change["scene.camera"];
+    const other = byId(to).layout.scene.camera;
+    if (camera && JSON.stringify(camera.eye) !== JSON.stringify(other?.eye)) {
+      // A copy: plotly.js turns the object that it is given.
+      Plotly.relayout(to, { "scene.camera": structuredClone(camera) });
     }
-    const opacity = shown.length > 1 ? 0.16 : 0.4;
-    return shared.mesh({ x, y, z }, shown.length, { opacity, color: "#9aa5b5" });
-  }
-
-  /** Both plots have the same axes, so that a place is where it is in the other. */
-  function axes(plot) {
-    const everywhere = [shared.pointsFrom(0), places];
-    return shared.axesAround(everywhere, plot, shared.ABOVE_BAR);
-  }
-
-  function drawField() {
-    const cells = shared.cells(shared.pointsFrom(shared.threshold()), ...range);
-    Plotly.react("field", [arm(poses()), cells], shared.space(axes("field")), config);
-  }
-
-  function moveArm() {
-    const { x, y, z, i, j, k, opacity } = arm(poses());
-    Plotly.restyle("field", { x: [x], y: [y], z: [z], i: [i], j: [j], k: [k], opacity }, [0]);
-  }
-
-  // Right: the cloud.
-
-  /** A colouring by numbers of a wide range, up to a power of ten, so many powers from its foot. */
-  const logarithmic = (numbers, title, colorscale, top, decades) => ({
-    color: shared.logs(numbers),
-    cmin: top - decades,
-    cmax: top,
-    colorscale,
-    showscale: true,
-    colorbar: shared.bar(title, shared.ticks(top, decades)),
   });
-  const colourings = [
-    {
-      name: "stiffness",
-      said: "coloured by extrapolated stiffness, on a logarithmic scale",
-      marker: () => logarithmic(cloud.stiffness, "K [N/m]", "Viridis", ...range),
-    },
-    {
-      name: "uncertainty",
-      said: "coloured by the standard deviation of the stiffness, on a logarithmic scale",
-      marker: () =>
-        logarithmic(cloud.std, "standard deviation of K [N/m]", "Cividis", Math.log10(cloud.std_top), DECADES),
-    },
-    {
-      name: "as seen",
-      said: "in the colours that the camera saw",
-      marker: () => ({ color: colours, showscale: false }),
-    },
-    {
-      name: "touched or not",
-      said: "coloured by whether the arm touched what is there",
-      marker: () => ({
-        color: touched,
-        cmin: 0,
-        cmax: 1,
-        // A step: its lower half is one colour, its upper half the other.
-        colorscale: [[0, "#c3c9d3"], [0.5, "#c3c9d3"], [0.5, "#0072b2"], [1, "#0072b2"]],
-        showscale: true,
-        colorbar: shared.bar("", { tickvals: [0.25, 0.75], ticktext: ["not touched", "touched"] }),
-      }),
-    },
-  ];
+}
 
-  function drawCloud() {
-    const trace = {
-      type: "scatter3d",
-      mode: "markers",
-      name: "cloud",
-      ...places,
-      customdata: cloud.stiffness.map((k, at) => [k, cloud.std[at], touched[at] ? "touched" : "not touched"]),
-      hovertemplate:
-        "K = %{customdata[0]:.3~g} ± %{customdata[1]:.3~g} N/m, %{customdata[2]}<br>" +
-        "x %{x:.3f} m, y %{y:.3f} m, z %{z:.3f} m<extra></extra>",
-      marker: { size: 1.8, ...colourings[chosen("colouring")].marker() },
-    };
-    // The camera stays where the reader turned it.
-    const camera = byId("cloud").layout?.scene?.camera;
-    const view = { ...axes("cloud"), ...(camera ? { camera } : {}) };
-    Plotly.react("cloud", [trace], shared.space(view), config);
-  }
-
-  // Words and controls.
-
-  function tell() {
-    shared.tellThreshold();
-    shared.tellField("field-caption", scene.poses.length > 0);
-    const drawn = cloud.stiffness.length;
-    const thinned = drawn < cloud.all ? `, of which ${counted(drawn)} are drawn, evenly chosen` : "";
-    byId("cloud-caption").textContent =
-      `${counted(cloud.all)} points that the camera sees${thinned}, ` +
-      `${colourings[chosen("colouring")].said}.`;
-  }
-
-  /** Where the slider is at a stiffness. */
-  function percentOf(stiffness) {
-    const decades = Math.log10(Math.max(stiffness, 1e-9) / shared.stiffest());
-    return Math.max(0, Math.min(100, Math.round(100 * (1 + decades / DECADES))));
-  }
-
-  /** One plot turns with the other. */
-  function turnTogether(from, to) {
-    byId(from).on("plotly_relayout", (change) => {
-      const camera = change["scene.camera"];
-      const other = byId(to).layout.scene.camera;
-      if (camera && JSON.stringify(camera.eye) !== JSON.stringify(other?.eye)) {
-        // A copy: plotly.js turns the object that it is given.
-        Plotly.relayout(to, { "scene.camera": structuredClone(camera) });
-      }
-    });
-  }
-
-  function listen() {
-    shared.listenToThreshold("field");
-    byId("arm").addEventListener("change", moveArm);
-    byId("colouring").addEventListener("change", drawCloud);
-    byId("colouring").addEventListener("change", tell);
-    shared.listenToViews("field", "cloud");
-    turnTogether("field", "cloud");
-    turnTogether("cloud", "field");
-  }
-
-  function start() {
-    const touches = scene.poses.map((_, at) => `touch ${at + 1}`);
-    const names = touches.length > 1 ? [...touches, "all touches"] : touches;
-    shared.options(byId("arm"), names, 0);
-    byId("arm").disabled = names.length === 0;
-    shared.options(byId("colouring"), colourings.map(({ name }) => name), 0);
-    byId("threshold").value = percentOf(data.threshold);
-    drawField();
-    drawCloud();
-    listen();
-    tell();
-  }
-
-  start();
-})();
+const touches = scene.poses.map((_, at) => `touch ${at + 1}`);
+const names = touches.length > 1 ? [...touches, "all touches"] : touches;
+options(byId("arm"), names, 0);
+byId("arm").disabled = names.length === 0;
+options(byId("colouring"), colourings.map(({ name }) => name), 0);
+byId("threshold").value = percentOf(data.threshold);
+drawField();
+drawCloud();
+listenToThreshold("field");
+byId("arm").addEventListener("change", moveArm);
+byId("colouring").addEventListener("change", drawCloud);
+byId("colouring").addEventListener("change", tell);
+listenToViews("field", "cloud");
+turnTogether("field", "cloud");
+turnTogether("cloud", "field");
+tell();

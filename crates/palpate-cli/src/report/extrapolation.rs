@@ -1,13 +1,11 @@
 //! The page of an extrapolation: Fig. 4, to be turned, beside its figures and settings.
 
-use std::fmt::Write;
-
+use askama::Template;
 use serde::Serialize;
 
 use super::packed::{self, PER_METRE, PER_ONE, four_digits};
-use super::page::{Page, escaped};
+use super::page::Page;
 use super::scene::Scene;
-use crate::error::CliError;
 use crate::extrapolation_view::{ExtrapolationView, Table, reached_by};
 use crate::picture;
 
@@ -16,23 +14,21 @@ const POINTS: usize = 30_000;
 /// Part of the cloud that is beyond the colours of the uncertainty.
 const BEYOND: f64 = 0.02;
 
-/// What the page tells.
+/// The page.
+#[derive(Template)]
+#[template(path = "extrapolation.html")]
 pub(crate) struct ExtrapolationPage<'a> {
-    pub(crate) title: &'a str,
+    pub(crate) page: Page<'a>,
     /// What was found, as one sentence without its full stop.
-    pub(crate) verdict: &'a str,
-    /// Whether the touches come from a simulator, which the page then says.
-    pub(crate) simulated: bool,
+    pub(crate) verdict: String,
     pub(crate) seen: &'a ExtrapolationView<'a>,
-    pub(crate) tables: &'a [Table],
-    /// Where the data come from; a name and a text each.
-    pub(crate) data: Vec<(&'static str, String)>,
-    /// The settings of the extrapolation, as TOML.
-    pub(crate) settings_toml: &'a str,
+    /// The field and the arm.
+    pub(crate) scene: Scene,
+    pub(crate) tables: Vec<Table>,
 }
 
 #[derive(Serialize)]
-struct Data {
+struct Data<'a> {
     per_metre: f64,
     per_one: f64,
     /// The threshold at first, N/m.
@@ -41,7 +37,7 @@ struct Data {
     range: [f64; 2],
     /// Where one looks from at first.
     eye: [f64; 3],
-    scene: Scene,
+    scene: &'a Scene,
     cloud: Cloud,
 }
 
@@ -64,33 +60,17 @@ struct Cloud {
 }
 
 impl ExtrapolationPage<'_> {
-    /// The page.
-    ///
-    /// # Errors
-    ///
-    /// If the joint positions are not the arm's.
-    pub(crate) fn html(self) -> Result<String, CliError> {
-        let data = Data {
+    /// What is drawn.
+    fn data(&self) -> Data<'_> {
+        Data {
             per_metre: PER_METRE,
             per_one: PER_ONE,
             threshold: self.seen.threshold_n_per_m(),
             range: self.seen.colour_range_n_per_m(),
             eye: picture::View::of(&self.seen.middle()).towards().into(),
-            scene: Scene::seen(self.seen)?,
+            scene: &self.scene,
             cloud: Cloud::of(self.seen),
-        };
-        let tables: String = self.tables.iter().enumerate().map(table).collect();
-        let page = Page {
-            title: self.title,
-            verdict: self.verdict,
-            simulated: self.simulated,
-            body: format!("{}\n{tables}", include_str!("extrapolation.html")),
-            card: self.data,
-            settings: ("Settings of the extrapolation", self.settings_toml),
-            data: packed::script(&data)?,
-            script: include_str!("extrapolation.js"),
-        };
-        Ok(page.html())
+        }
     }
 }
 
@@ -116,36 +96,6 @@ impl Cloud {
     }
 }
 
-/// A section with a table; `at` gives it a name of its own.
-fn table((at, table): (usize, &Table)) -> String {
-    let mut html = format!(
-        "<section aria-labelledby=\"table-{at}\">\n<h2 id=\"table-{at}\">{}</h2>\n<div \
-         class=\"scroll\" tabindex=\"0\" role=\"region\" aria-labelledby=\"table-{at}\">\n<table>\n\
-         <thead><tr>",
-        escaped(&table.title)
-    );
-    for name in &table.head {
-        let _ = write!(html, "<th scope=\"col\">{}</th>", escaped(name));
-    }
-    html += "</tr></thead>\n<tbody>\n";
-    for row in &table.rows {
-        html += "<tr>";
-        for (column, text) in row.iter().enumerate() {
-            let text = escaped(text);
-            let _ = match column {
-                0 => write!(html, "<th scope=\"row\">{text}</th>"),
-                _ => write!(html, "<td>{text}</td>"),
-            };
-        }
-        html += "</tr>\n";
-    }
-    html += "</tbody>\n</table>\n</div>\n";
-    if !table.caption.is_empty() {
-        let _ = writeln!(html, "<p class=\"caption\">{}</p>", escaped(&table.caption));
-    }
-    html + "</section>\n"
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -166,16 +116,41 @@ mod tests {
     }
 
     #[test]
-    fn words_cannot_break_out_of_a_table() {
-        let made = Table {
+    fn words_cannot_break_out_of_a_page() {
+        let example = Example::new(0, 0);
+        let seen = example.seen();
+        let table = Table {
             title: "<i>".to_owned(),
             caption: String::new(),
             head: vec!["class".to_owned(), "K & σ".to_owned()],
             rows: vec![vec!["</table>".to_owned(), "1.5".to_owned()]],
         };
-        let html = table((0, &made));
-        assert!(html.contains("&lt;i&gt;</h2>") && html.contains("K &amp; σ"));
-        assert!(html.contains("<th scope=\"row\">&lt;/table&gt;</th><td>1.5</td>"));
-        assert!(!html.contains("class=\"caption\""));
+        let page = ExtrapolationPage {
+            page: Page {
+                title: "</title>",
+                simulated: false,
+                card: vec![("robot", "a<b \"'".to_owned())],
+                settings_toml: "</pre>",
+            },
+            verdict: "{{ page.title }} <b>".to_owned(),
+            scene: Scene::seen(&seen).unwrap(),
+            seen: &seen,
+            tables: vec![table],
+        };
+        let html = page.render().unwrap();
+        for safe in [
+            "<title>&#60;/title&#62;</title>",
+            "<p class=\"verdict\">{{ page.title }} &#60;b&#62;.</p>",
+            "&#60;i&#62;</h2>",
+            "<th scope=\"col\">K &#38; σ</th>",
+            "<th scope=\"row\">&#60;/table&#62;</th><td>1.5</td>",
+            "<dt>robot</dt><dd>a&#60;b &#34;&#39;</dd>",
+            "<pre tabindex=\"0\">&#60;/pre&#62;</pre>",
+        ] {
+            assert!(html.contains(safe), "{safe}");
+        }
+        let tables = &html[html.find("aria-labelledby=\"table-0\"").unwrap()..];
+        let table = &tables[..tables.find("</section>").unwrap()];
+        assert!(!table.contains("class=\"caption\""));
     }
 }

@@ -2,29 +2,14 @@
 //! fractions, and decimals of four digits where the range is wide.
 
 use nalgebra::{Isometry3, Point3};
-use serde::Serialize;
-
-use crate::error::CliError;
 
 /// Units of the integers: tenths of a millimetre, ten-thousandths.
 pub(super) const PER_METRE: f64 = 1e4;
 pub(super) const PER_ONE: f64 = 1e4;
 
-/// What a page draws, as JSON that may stand in a script element.
-pub(super) fn script(data: &impl Serialize) -> Result<String, CliError> {
-    let text = serde_json::to_string(data).map_err(CliError::file)?;
-    Ok(text.replace('<', "\\u003c")) // Else a touch named `</script>` would end the script.
-}
-
 /// A number's first four digits.
 pub(super) fn four_digits(number: f64) -> f64 {
-    let unit = 10_f64.powf(number.max(1e-9).log10().floor() - 3.0);
-    // A division by a whole number, where there is one, leaves the shortest decimal.
-    if unit < 1.0 {
-        (number * unit.recip().round()).round() / unit.recip().round()
-    } else {
-        (number / unit).round() * unit
-    }
+    format!("{number:.3e}").parse().expect("a number is written as one")
 }
 
 /// A point, in tenths of a millimetre.

@@ -1,263 +1,238 @@
 // Draws the figures of the report from the JSON beside it. What the numbers mean is said in
 // data.rs; nothing is computed here but errors, which are norms.
 
-(() => {
-  const { byId, data, chosen, INK, FAINT, GREY, config, font, layout, escaped, counted } = shared;
+// Okabe and Ito's colours, which the colour-blind can tell apart.
+const COLOURS = {
+  map: "#0072b2",
+  ekf: "#56b4e9",
+  mlp: "#d55e00",
+  gp: "#009e73",
+  knn: "#cc79a7",
+  uniform: "#e69f00",
+  zero: GREY,
+};
+const DASHES = { ekf: "dash", uniform: "dot", knn: "dashdot" };
 
-  // Okabe and Ito's colours, which the colour-blind can tell apart.
-  const COLOURS = {
-    map: "#0072b2",
-    ekf: "#56b4e9",
-    mlp: "#d55e00",
-    gp: "#009e73",
-    knn: "#cc79a7",
-    uniform: "#e69f00",
-    zero: GREY,
-  };
-  const DASHES = { ekf: "dash", uniform: "dot", knn: "dashdot" };
+const touch = () => data.touches[chosen("touch")];
+const colour = (method) => COLOURS[method] ?? INK;
 
-  const touch = () => data.touches[chosen("touch")];
-  const colour = (method) => COLOURS[method] ?? INK;
+// In a narrow window the buttons of a plot would lie on its legend.
+const flat = { ...config, displayModeBar: window.innerWidth < 700 ? false : "hover" };
+const axis = (title, more) => ({
+  title: { text: title, standoff: 8 },
+  gridcolor: FAINT,
+  zerolinecolor: "#c4c9d2",
+  linecolor: GREY,
+  ticks: "outside",
+  tickcolor: GREY,
+  automargin: true,
+  ...more,
+});
 
-  // In a narrow window the buttons of a plot would lie on its legend.
-  const flat = { ...config, displayModeBar: window.innerWidth < 700 ? false : "hover" };
-  const axis = (title, more) => ({
-    title: { text: title, standoff: 8 },
-    gridcolor: FAINT,
-    zerolinecolor: "#c4c9d2",
-    linecolor: GREY,
-    ticks: "outside",
-    tickcolor: GREY,
-    automargin: true,
-    ...more,
+// Curves.
+
+/** Torques of one joint, N·m; a gap where they are not finite. */
+const torques = (row = []) => row.map((tau) => (tau === null ? null : tau / data.per_torque));
+
+/** ‖a − b‖₂ over the joints, by frame; `b` may be left out. */
+const norms = (a, b) =>
+  touch().time.map((_, frame) => {
+    let squares = 0;
+    for (let joint = 0; joint < a.length; joint += 1) {
+      const from = b === undefined ? 0 : b[joint][frame];
+      if (a[joint][frame] === null || from === null) return null;
+      squares += ((a[joint][frame] - from) / data.per_torque) ** 2;
+    }
+    return Math.sqrt(squares);
   });
+const errorOf = (method) => norms(touch().predicted[method], touch().external);
 
-  // Curves.
+const timeTitle = () => (touch().counted ? "frame" : "time [s]");
+const here = () => touch().time[chosen("frame")];
 
-  /** Torques of one joint, N·m; a gap where they are not finite. */
-  const torques = (row = []) => row.map((tau) => (tau === null ? null : tau / data.per_torque));
+const curve = (name, y, line, more) => ({
+  x: touch().time,
+  y,
+  name,
+  line,
+  hovertemplate: "%{y:.3f} N·m",
+  ...more,
+});
 
-  /** ‖a − b‖₂ over the joints, by frame; `b` may be left out. */
-  const norms = (a, b) =>
-    touch().time.map((_, frame) => {
-      let squares = 0;
-      for (let joint = 0; joint < a.length; joint += 1) {
-        const from = b === undefined ? 0 : b[joint][frame];
-        if (a[joint][frame] === null || from === null) return null;
-        squares += ((a[joint][frame] - from) / data.per_torque) ** 2;
-      }
-      return Math.sqrt(squares);
-    });
-  const errorOf = (method) => norms(touch().predicted[method], touch().external);
+/** A thin line at the frame in which the 3-D view shows the arm. */
+function marker() {
+  if (!data.scene || touch().time.length === 0) return [];
+  const line = { color: GREY, width: 1, dash: "dot" };
+  return [{ type: "line", x0: here(), x1: here(), y0: 0, y1: 1, yref: "paper", line }];
+}
 
-  const timeTitle = () => (touch().counted ? "frame" : "time [s]");
-  const here = () => touch().time[chosen("frame")];
-
-  const curve = (name, y, line, more) => ({
-    x: touch().time,
-    y,
-    name,
-    line,
-    hovertemplate: "%{y:.3f} N·m",
-    ...more,
+function drawError() {
+  const torque = curve("zero (‖τ‖₂)", norms(touch().external), { color: "#a9aeb8", width: 1 });
+  const errors = data.methods.map((method, at) => {
+    const width = at === data.subject ? 2.4 : 1.5;
+    const line = { color: colour(method), dash: DASHES[method] ?? "solid", width };
+    return curve(method, errorOf(at), line);
   });
+  const curves = [torque, ...errors.filter(({ name }) => name !== "zero")];
+  Plotly.react(
+    "error",
+    curves,
+    layout({
+      xaxis: axis(timeTitle()),
+      yaxis: axis("error [N·m]", { rangemode: "tozero" }),
+      shapes: marker(),
+    }),
+    flat,
+  );
+}
 
-  /** A thin line at the frame in which the 3-D view shows the arm. */
-  const marker = () =>
-    data.scene && touch().time.length > 0
-      ? [
-          {
-            type: "line",
-            x0: here(),
-            x1: here(),
-            y0: 0,
-            y1: 1,
-            yref: "paper",
-            line: { color: GREY, width: 1, dash: "dot" },
-          },
-        ]
-      : [];
-
-  function drawError() {
-    const torque = curve("zero (‖τ‖₂)", norms(touch().external), { color: "#a9aeb8", width: 1 });
-    const errors = data.methods.map((method, at) => {
-      const width = at === data.subject ? 2.4 : 1.5;
-      const line = { color: colour(method), dash: DASHES[method] ?? "solid", width };
-      return curve(method, errorOf(at), line);
-    });
-    const curves = [torque, ...errors.filter(({ name }) => name !== "zero")];
-    Plotly.react(
-      "error",
-      curves,
-      layout({
-        xaxis: axis(timeTitle()),
-        yaxis: axis("error [N·m]", { rangemode: "tozero" }),
-        shapes: marker(),
-      }),
-      flat,
-    );
-  }
-
-  function drawJoints() {
-    const { external } = touch();
-    const method = data.methods[chosen("method")];
-    const predicted = touch().predicted[chosen("method")] ?? [];
-    const rows = [...external, ...predicted].flat();
-    const bound = (pick) => rows.reduce((best, tau) => pick(best, tau ?? 0), 0) / data.per_torque;
-    const low = Math.min(bound(Math.min), -0.1);
-    const high = Math.max(bound(Math.max), 0.1);
-    const pad = 0.06 * (high - low);
-    data.joints.forEach((name, joint) => {
-      const traces = [
-        curve(data.against, torques(external[joint]), { color: INK, width: 1.6 }),
-        curve(method, torques(predicted[joint]), { color: colour(method), width: 1.6 }),
-      ];
-      Plotly.react(
-        `joint-${joint}`,
-        traces,
-        layout({
-          title: { text: `${escaped(name)} [N·m]`, font: { ...font, size: 13 }, x: 0.5, y: 0.97 },
-          margin: { l: 40, r: 8, t: 28, b: 36 },
-          showlegend: false,
-          font: { ...font, size: 11 },
-          xaxis: axis(timeTitle(), { title: { text: timeTitle(), standoff: 2 }, nticks: 6 }),
-          yaxis: axis("", { range: [low - pad, high + pad], nticks: 5 }),
-        }),
-        { ...config, displayModeBar: false },
-      );
-    });
-    const entry = (title, line) => {
-      const span = document.createElement("span");
-      span.textContent = title;
-      span.style.setProperty("--line", line);
-      return span;
-    };
-    byId("joints-legend").replaceChildren(
-      entry(data.against, INK),
-      entry(`predicted by ${method}`, colour(method)),
-    );
-  }
-
-  function drawContacts() {
-    const method = data.methods[chosen("method")];
-    const area = {
-      fill: "tozeroy",
-      fillcolor: "rgba(138, 144, 156, 0.18)",
-      yaxis: "y2",
-      hovertemplate: "%{y} points",
-    };
-    const error = errorOf(chosen("method"));
+function drawJoints() {
+  const { external } = touch();
+  const method = data.methods[chosen("method")];
+  const predicted = touch().predicted[chosen("method")] ?? [];
+  const rows = [...external, ...predicted].flat();
+  const bound = (pick) => rows.reduce((best, tau) => pick(best, tau ?? 0), 0) / data.per_torque;
+  const low = Math.min(bound(Math.min), -0.1);
+  const high = Math.max(bound(Math.max), 0.1);
+  const pad = 0.06 * (high - low);
+  data.joints.forEach((name, joint) => {
     const traces = [
-      curve("contacts", touch().contacts, { color: GREY, width: 1.2 }, area),
-      curve(`error of ${method}`, error, { color: colour(method), width: 2 }),
+      curve(data.against, torques(external[joint]), { color: INK, width: 1.6 }),
+      curve(method, torques(predicted[joint]), { color: colour(method), width: 1.6 }),
     ];
     Plotly.react(
-      "contacts",
+      `joint-${joint}`,
       traces,
       layout({
-        margin: { l: 56, r: 56, t: 12, b: 48 },
-        xaxis: axis(timeTitle()),
-        // The error lies over the contacts, hence its axis over theirs.
-        yaxis: axis("error [N·m]", { rangemode: "tozero", overlaying: "y2", showgrid: false }),
-        yaxis2: axis("contacts [points]", { rangemode: "tozero", side: "right" }),
-        shapes: marker(),
+        title: { text: `${escaped(name)} [N·m]`, font: { ...font, size: 13 }, x: 0.5, y: 0.97 },
+        margin: { l: 40, r: 8, t: 28, b: 36 },
+        showlegend: false,
+        font: { ...font, size: 11 },
+        xaxis: axis(timeTitle(), { title: { text: timeTitle(), standoff: 2 }, nticks: 6 }),
+        yaxis: axis("", { range: [low - pad, high + pad], nticks: 5 }),
       }),
-      flat,
+      { ...config, displayModeBar: false },
     );
+  });
+  const entry = (title, line) => {
+    const span = document.createElement("span");
+    span.textContent = title;
+    span.style.setProperty("--line", line);
+    return span;
+  };
+  byId("joints-legend").replaceChildren(
+    entry(data.against, INK),
+    entry(`predicted by ${method}`, colour(method)),
+  );
+}
+
+function drawContacts() {
+  const method = data.methods[chosen("method")];
+  const area = {
+    fill: "tozeroy",
+    fillcolor: "rgba(138, 144, 156, 0.18)",
+    yaxis: "y2",
+    hovertemplate: "%{y} points",
+  };
+  const error = errorOf(chosen("method"));
+  const traces = [
+    curve("contacts", touch().contacts, { color: GREY, width: 1.2 }, area),
+    curve(`error of ${method}`, error, { color: colour(method), width: 2 }),
+  ];
+  Plotly.react(
+    "contacts",
+    traces,
+    layout({
+      margin: { l: 56, r: 56, t: 12, b: 48 },
+      xaxis: axis(timeTitle()),
+      // The error lies over the contacts, hence its axis over theirs.
+      yaxis: axis("error [N·m]", { rangemode: "tozero", overlaying: "y2", showgrid: false }),
+      yaxis2: axis("contacts [points]", { rangemode: "tozero", side: "right" }),
+      shapes: marker(),
+    }),
+    flat,
+  );
+}
+
+// Field and arm.
+
+const poses = () => data.scene.poses[chosen("touch")]?.[chosen("frame")] ?? [];
+
+/** The field, and the arm wherever a touch takes it. */
+function everywhere() {
+  const arms = data.scene.poses.flatMap((frames) => {
+    const step = Math.max(1, Math.floor(frames.length / 8));
+    return frames.filter((_, frame) => frame % step === 0).map(armAt);
+  });
+  return [pointsFrom(0), ...arms];
+}
+
+function drawScene() {
+  const arm = mesh(armAt(poses()), 1);
+  const cells = cellsTrace(pointsFrom(threshold()), Math.log10(stiffest()));
+  const axes = axesAround(everywhere(), "scene");
+  Plotly.react("scene", [arm, cells], space(axes), config);
+}
+
+function moveArm() {
+  const { x, y, z } = armAt(poses());
+  Plotly.restyle("scene", { x: [x], y: [y], z: [z] }, [0]);
+  Plotly.relayout("error", { shapes: marker() });
+  Plotly.relayout("contacts", { shapes: marker() });
+}
+
+// Words and controls.
+
+function tell() {
+  const { every, frames, counted: noClock } = touch();
+  const ordinal = { 2: "second", 3: "third" }[every] ?? `${every}th`;
+  const thinned =
+    every > 1 ? `Every ${ordinal} of the touch's ${counted(frames)} frames is drawn.` : "";
+  document.querySelectorAll(".thinned").forEach((span) => (span.textContent = thinned));
+  const against = { truth: "true", measured: "measured" }[data.against] ?? data.against;
+  document.querySelectorAll(".against").forEach((span) => (span.textContent = against));
+  if (!data.scene) return;
+  const frame = chosen("frame") * every;
+  const time = noClock ? "" : `${(here() ?? 0).toFixed(2)} s, `;
+  byId("frame-shown").textContent = `${time}frame ${frame} of ${frames}`;
+  tellThreshold();
+  tellField("scene-caption", data.scene.hulls.length > 0);
+}
+
+function chooseTouch() {
+  if (data.scene) {
+    // The arm is shown where it pushes hardest.
+    const size = norms(touch().external);
+    byId("frame").max = Math.max(0, touch().time.length - 1);
+    byId("frame").value = Math.max(0, size.indexOf(Math.max(...size)));
   }
+  drawError();
+  drawJoints();
+  drawContacts();
+  if (data.scene) moveArm();
+  tell();
+}
 
-  // Field and arm.
-
-  const poses = () => data.scene.poses[chosen("touch")]?.[chosen("frame")] ?? [];
-
-  /** The field, and the arm wherever a touch takes it. */
-  function everywhere() {
-    const arms = data.scene.poses.flatMap((frames) => {
-      const step = Math.max(1, Math.floor(frames.length / 8));
-      return frames.filter((_, frame) => frame % step === 0).map(shared.armAt);
-    });
-    return [shared.pointsFrom(0), ...arms];
-  }
-
-  function drawScene() {
-    const arm = shared.mesh(shared.armAt(poses()), 1);
-    const cells = shared.cells(shared.pointsFrom(shared.threshold()), Math.log10(shared.stiffest()));
-    const axes = shared.axesAround(everywhere(), "scene", shared.ABOVE_BAR);
-    Plotly.react("scene", [arm, cells], shared.space(axes), config);
-  }
-
-  function moveArm() {
-    const { x, y, z } = shared.armAt(poses());
-    Plotly.restyle("scene", { x: [x], y: [y], z: [z] }, [0]);
-    Plotly.relayout("error", { shapes: marker() });
-    Plotly.relayout("contacts", { shapes: marker() });
-  }
-
-  // Words and controls.
-
-  function tell() {
-    const { every, frames, counted: noClock } = touch();
-    const ordinal = { 2: "second", 3: "third" }[every] ?? `${every}th`;
-    const thinned =
-      every > 1 ? `Every ${ordinal} of the touch's ${counted(frames)} frames is drawn.` : "";
-    document.querySelectorAll(".thinned").forEach((span) => (span.textContent = thinned));
-    const against = { truth: "true", measured: "measured" }[data.against] ?? data.against;
-    document.querySelectorAll(".against").forEach((span) => (span.textContent = against));
-    if (!data.scene) return;
-    const frame = chosen("frame") * every;
-    const time = noClock ? "" : `${(here() ?? 0).toFixed(2)} s, `;
-    byId("frame-shown").textContent = `${time}frame ${frame} of ${frames}`;
-    shared.tellThreshold();
-    shared.tellField("scene-caption", data.scene.hulls.length > 0);
-  }
-
-  function chooseTouch() {
-    if (data.scene) {
-      // The arm is shown where it pushes hardest.
-      const size = norms(touch().external);
-      byId("frame").max = Math.max(0, touch().time.length - 1);
-      byId("frame").value = Math.max(0, size.indexOf(Math.max(...size)));
-    }
-    drawError();
-    drawJoints();
-    drawContacts();
-    if (data.scene) moveArm();
-    tell();
-  }
-
-  function listen() {
-    byId("touch").addEventListener("change", chooseTouch);
-    byId("method").addEventListener("change", () => {
-      drawJoints();
-      drawContacts();
-    });
-    byId("controls").addEventListener("submit", (event) => event.preventDefault());
-  }
-
-  function listenToScene() {
-    byId("frame").addEventListener("input", tell);
-    byId("frame").addEventListener("input", shared.paced(moveArm));
-    shared.listenToThreshold("scene");
-    shared.listenToViews("scene");
-  }
-
-  function start() {
-    shared.options(byId("touch"), data.touches.map(({ name }) => name), 0);
-    shared.options(byId("method"), data.methods, data.subject);
-    data.joints.forEach((_, joint) => {
-      const panel = document.createElement("div");
-      panel.id = `joint-${joint}`;
-      byId("joints").append(panel);
-    });
-    if (data.scene) {
-      drawScene();
-      listenToScene();
-    } else {
-      byId("scene-section").remove();
-    }
-    listen();
-    if (data.touches.length > 0) chooseTouch();
-  }
-
-  start();
-})();
+options(byId("touch"), data.touches.map(({ name }) => name), 0);
+options(byId("method"), data.methods, data.subject);
+data.joints.forEach((_, joint) => {
+  const panel = document.createElement("div");
+  panel.id = `joint-${joint}`;
+  byId("joints").append(panel);
+});
+if (data.scene) {
+  drawScene();
+  byId("frame").addEventListener("input", tell);
+  byId("frame").addEventListener("input", paced(moveArm));
+  listenToThreshold("scene");
+  listenToViews("scene");
+} else {
+  byId("scene-section").remove();
+}
+byId("touch").addEventListener("change", chooseTouch);
+byId("method").addEventListener("change", () => {
+  drawJoints();
+  drawContacts();
+});
+byId("controls").addEventListener("submit", (event) => event.preventDefault());
+if (data.touches.length > 0) chooseTouch();

@@ -2,11 +2,12 @@
 
 use palpate::{Arm, Field};
 use palpate_learn::evaluation::Evaluation;
+use palpate_view::view_model::{LinkShape, touched_rows};
 use serde::Serialize;
 
 use crate::error::CliError;
 use crate::extrapolation_view::ExtrapolationView;
-use crate::hull::{Hull, Hulls};
+use crate::hull::Hulls;
 
 use super::frames::{drawn, frames_per_touch};
 use super::packed::{four_digits, seven, tenths};
@@ -59,7 +60,7 @@ impl Scene {
     /// # Errors
     ///
     /// If the joint positions are not those of the arm.
-    pub(super) fn seen(seen: &ExtrapolationView<'_>) -> Result<Self, CliError> {
+    pub(crate) fn seen(seen: &ExtrapolationView<'_>) -> Result<Self, CliError> {
         Self::with(seen.field, seen.arm, seen.touching.iter().map(|q| vec![q.as_slice()]))
     }
 
@@ -75,14 +76,13 @@ impl Scene {
         };
         let poses = frames.map(|touch| touch.into_iter().map(pose).collect());
         let poses = poses.collect::<Result<_, CliError>>()?;
-        let link = |Hull { link, vertices_m, triangles }| Link {
-            link,
+        let link = |LinkShape { name, vertices_m, triangles }| Link {
+            link: name,
             vertices: vertices_m.iter().flat_map(tenths).collect(),
             triangles,
         };
         // Cells that were only expected to be stiff are no finding.
-        let mut stiffest: Vec<usize> =
-            (0..field.cells.len()).filter(|&row| field.counts[row] > 0).collect();
+        let mut stiffest: Vec<usize> = touched_rows(field).collect();
         let cells = stiffest.len();
         let stiffness = |&row: &usize| field.stiffness_n_per_m[row];
         stiffest.sort_by(|a, b| stiffness(a).total_cmp(&stiffness(b)));

@@ -7,8 +7,6 @@ use palpate_learn::evaluation::{
 };
 use palpate_learn::method::Method;
 
-use super::page::escaped;
-
 /// A column of the table.
 type Figure = fn(&Summary) -> Option<MeanStd>;
 
@@ -82,7 +80,7 @@ pub(super) fn html(evaluation: &Evaluation) -> String {
     });
     let mut rows = String::new();
     for method in &evaluation.methods {
-        let (name, gloss) = (escaped(&method.name), gloss(&method.name));
+        let (name, gloss) = (&method.name, gloss(&method.name));
         let _ = write!(rows, "<tr><th scope=\"row\">{name} <small>{gloss}</small></th>");
         for ((figure, digits), best) in columns.into_iter().zip(best) {
             let cell = figure(method).map_or("–".to_owned(), |MeanStd { mean, std }| {
@@ -113,7 +111,7 @@ pub(super) fn beside_the_paper(evaluation: &Evaluation) -> String {
         Some((own, error, (name, mean))) => format!(
             "Here the ratio of {} to {name}, the best learnt baseline, is \
              {error:.2}&nbsp;/&nbsp;{mean:.2} = <strong>{:.2}</strong>.",
-            escaped(&own.name),
+            own.name,
             error / mean
         ),
         None => "Here there is no such ratio, for want of a learnt baseline or of torque.".into(),
@@ -122,38 +120,35 @@ pub(super) fn beside_the_paper(evaluation: &Evaluation) -> String {
 }
 
 /// Touches without relative error, and touches on which no map would have been better.
-pub(super) fn remarks(evaluation: &Evaluation) -> String {
-    let Some(subject) = subject(evaluation) else { return String::new() };
-    let method = escaped(&evaluation.methods[subject].name);
+pub(super) fn remarks(evaluation: &Evaluation) -> Vec<String> {
+    let Some(subject) = subject(evaluation) else { return Vec::new() };
+    let method = &evaluation.methods[subject].name;
     let touches = &evaluation.touches;
-    let named = |names: Vec<&str>| escaped(&names.join(", "));
     let of = |touch: &LeftOut| touch.predictions[subject].errors;
 
-    let mut lines = Vec::new();
+    let mut remarks = Vec::new();
     let unscored = names(touches, |touch| of(touch).is_none());
     if !unscored.is_empty() {
-        lines.push(format!("Without a frame to score: {}.", named(unscored)));
+        remarks.push(format!("Without a frame to score: {unscored}."));
     }
     let faint = names(touches, |touch| of(touch).is_some_and(|e| e.avg_relative.is_none()));
     if !faint.is_empty() {
-        lines.push(format!(
-            "Never reaching 1&nbsp;N·m, and so without relative error: {}.",
-            named(faint)
-        ));
+        remarks.push(format!("Never reaching 1\u{a0}N·m, and so without relative error: {faint}."));
     }
-    let name = &evaluation.methods[subject].name;
-    let worse: Vec<String> = touches.iter().filter_map(|touch| worse(touch, name)).collect();
-    if evaluation.methods[subject].name != "zero" {
-        lines.push(match worse.is_empty() {
+    let worse: Vec<String> = touches.iter().filter_map(|touch| worse(touch, method)).collect();
+    if method != "zero" {
+        remarks.push(match worse.is_empty() {
             true => format!("On no touch is {method} worse than predicting zero."),
             false => format!("Here {method} is worse than predicting zero: {}.", worse.join("; ")),
         });
     }
-    lines.iter().map(|line| format!("<li>{line}</li>\n")).collect()
+    remarks
 }
 
-fn names(touches: &[LeftOut], which: impl Fn(&LeftOut) -> bool) -> Vec<&str> {
-    touches.iter().filter(|touch| which(touch)).map(|touch| touch.name.as_str()).collect()
+/// Names of some touches, one after the other.
+fn names(touches: &[LeftOut], which: impl Fn(&LeftOut) -> bool) -> String {
+    let names = touches.iter().filter(|touch| which(touch)).map(|touch| touch.name.as_str());
+    names.collect::<Vec<_>>().join(", ")
 }
 
 /// By how much a touch is predicted worse than by zero, if it is, and why.
@@ -161,9 +156,8 @@ fn worse(touch: &LeftOut, method: &str) -> Option<String> {
     let (error, zero) = (touch.errors(method)?.avg_error, touch.zero()?.avg_error);
     (error > zero).then(|| {
         let more = 100.0 * (error / zero - 1.0);
-        let name = escaped(&touch.name);
-        let why = escaped(&touch.what_went_wrong(method).unwrap_or_default());
-        format!("{name} by {more:.0}&nbsp;% ({error:.3} against {zero:.3}&nbsp;N·m): {why}")
+        let (name, why) = (&touch.name, touch.what_went_wrong(method).unwrap_or_default());
+        format!("{name} by {more:.0}\u{a0}% ({error:.3} against {zero:.3}\u{a0}N·m): {why}")
     })
 }
 
@@ -202,14 +196,14 @@ mod tests {
     fn faint_touches_and_those_worse_than_zero_are_named() {
         let mut evaluation = example::evaluation();
         let clean = remarks(&evaluation);
-        assert!(clean.contains("On no touch is map worse") && !clean.contains("1&nbsp;N·m"));
+        assert_eq!(clean, ["On no touch is map worse than predicting zero."]);
 
         let touch = &mut evaluation.touches[1];
         touch.external.iter_mut().for_each(|tau| tau.fill(0.1));
         let twice = vec![vec![0.3; 7]; touch.external.len()];
         touch.predictions[0] = Prediction::new("map", twice, &touch.external);
-        let told = remarks(&evaluation);
-        assert!(told.contains("without relative error: second &lt;touch&gt;."), "{told}");
-        assert!(told.contains("second &lt;touch&gt; by 100&nbsp;% (0.529 against 0.265"), "{told}");
+        let told = remarks(&evaluation).join("\n");
+        assert!(told.contains("without relative error: second <touch>."), "{told}");
+        assert!(told.contains("second <touch> by 100\u{a0}% (0.529 against 0.265"), "{told}");
     }
 }

@@ -2,9 +2,8 @@
 
 use palpate::{Arm, Lattice};
 use palpate_view::Scene;
-use palpate_view::view_model::LinkShape;
 
-use crate::hull::{Hull, Hulls};
+use crate::hull::Hulls;
 
 /// The arm and the words of a recording of this name, without clock and torques.
 pub(crate) fn scene(
@@ -13,15 +12,10 @@ pub(crate) fn scene(
     name: String,
     about: String,
 ) -> Scene {
-    let link = |hull: &Hull| LinkShape {
-        name: hull.link.clone(),
-        vertices_m: hull.vertices_m.clone(),
-        triangles: hull.triangles.clone(),
-    };
     Scene {
         name,
         about,
-        links: hulls.hulls.iter().map(link).collect(),
+        links: hulls.hulls.clone(),
         world_from_link: Vec::new(),
         joints: arm.robot.joint_names().map(str::to_owned).collect(),
         lattice: lattice.clone(),

@@ -1,6 +1,8 @@
 //! The page of an extrapolation.
 
-use super::super::ExtrapolationPage;
+use askama::Template;
+
+use super::super::{ExtrapolationPage, Page as PageText, Scene};
 use super::{Page, eye};
 use crate::extrapolation_view::Table;
 use crate::extrapolation_view::tests::Example;
@@ -12,16 +14,16 @@ fn page(example: &Example) -> Page {
         head: vec!["part".to_owned(), "K [N/m]".to_owned()],
         rows: vec![vec!["leaf".to_owned(), "5.3".to_owned()]],
     };
-    let page = ExtrapolationPage {
+    let page = PageText {
         title: "What is stiff </script>",
-        verdict: "One point in seven is stiff",
         simulated: true,
-        seen: &example.seen(),
-        tables: &[table],
-        data: vec![("cloud", "made up".to_owned())],
+        card: vec![("cloud", "made up".to_owned())],
         settings_toml: "[estimator]\nmethod = \"map\"\n",
     };
-    Page::open(&page.html().unwrap())
+    let (seen, verdict) = (&example.seen(), "One point in seven is stiff".to_owned());
+    let scene = Scene::seen(seen).unwrap();
+    let page = ExtrapolationPage { page, verdict, seen, scene, tables: vec![table] };
+    Page::open(&page.render().unwrap())
 }
 
 fn drawn(plot: &str) -> String {

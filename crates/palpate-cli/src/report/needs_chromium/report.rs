@@ -1,8 +1,9 @@
 //! The report of an evaluation.
 
+use askama::Template;
 use serde_json::Value;
 
-use super::super::{Report, Scene};
+use super::super::{Page as PageText, Report, Scene};
 use super::Page;
 use crate::example;
 use crate::hull::Hulls;
@@ -10,15 +11,13 @@ use crate::hull::Hulls;
 fn report(scene: bool) -> String {
     let evaluation = example::evaluation();
     let scene = scene.then(|| Scene::new(&example::arm(), &example::field(), &evaluation).unwrap());
-    let report = Report {
+    let page = PageText {
         title: "An example",
-        evaluation: &evaluation,
         simulated: true,
         settings_toml: "[estimator]\nmethod = \"map\"\n",
-        data: vec![("log", "made up".to_owned())],
-        scene,
+        card: vec![("log", "made up".to_owned())],
     };
-    report.html().unwrap()
+    Report { page, evaluation: &evaluation, scene }.render().unwrap()
 }
 
 #[test]
