@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 use palpate::{Arm, Field};
+use palpate_learn::extrapolate::Extrapolation;
 use palpate_view::view_model::touched_rows;
 
 /// The part of the touched cells that a picture shows unless another is given: the stiffest.
@@ -22,20 +23,17 @@ pub(crate) struct ExtrapolationView<'a> {
     pub(crate) touching: &'a [Vec<f64>],
     /// The cloud, world frame, m.
     pub(crate) points: &'a [Point3<f64>],
-    /// What follows has an entry for each point of the cloud.
+    /// Red, green and blue of each point.
     pub(crate) colours: &'a [[u8; 3]],
-    /// At least 0.
-    pub(crate) stiffness_n_per_m: &'a [f64],
-    pub(crate) std_n_per_m: &'a [f64],
-    /// Whether the arm came by.
-    pub(crate) touched: &'a [bool],
+    /// What was extrapolated to each point.
+    pub(crate) found: &'a Extrapolation,
 }
 
 /// A table of the page, in words; its first column names the rows.
 pub(crate) struct Table {
-    pub(crate) title: String,
-    pub(crate) caption: String,
-    pub(crate) head: Vec<String>,
+    pub(crate) title: &'static str,
+    pub(crate) caption: &'static str,
+    pub(crate) head: Vec<&'static str>,
     pub(crate) rows: Vec<Vec<String>>,
 }
 
@@ -49,15 +47,12 @@ impl ExtrapolationView<'_> {
 
     /// The middle of what is seen, or of what was touched if nothing is, m.
     pub(crate) fn middle(&self) -> Point3<f64> {
-        let mean = |places: Vec<Point3<f64>>| {
-            let sum: Vector3<f64> = places.iter().map(|place| place.coords).sum();
-            Point3::from(sum / places.len().max(1) as f64)
+        let places: Vec<Point3<f64>> = match self.points {
+            [] => self.cells().map(|(place, _)| place).collect(),
+            points => points.to_vec(),
         };
-        if self.points.is_empty() {
-            mean(self.cells().map(|(place, _)| place).collect())
-        } else {
-            mean(self.points.to_vec())
-        }
+        let sum: Vector3<f64> = places.iter().map(|place| place.coords).sum();
+        Point3::from(sum / places.len().max(1) as f64)
     }
 
     /// The stiffness that one touched cell in twenty reaches, N/m, down to two digits; 0 if none
@@ -69,7 +64,7 @@ impl ExtrapolationView<'_> {
 
     /// The stiffness at the ends of the colours, N/m: the same for field and cloud.
     pub(crate) fn colour_range_n_per_m(&self) -> [f64; 2] {
-        let cloud = |part| reached_by(self.stiffness_n_per_m.iter().copied(), part);
+        let cloud = |part| reached_by(self.found.stiffness_n_per_m.iter().copied(), part);
         let cells = self.cells().map(|(_, stiffness)| stiffness);
         let high = cloud(ABOVE[0]).max(reached_by(cells, STIFFEST * ABOVE[1]));
         let high = if high > 0.0 { high } else { 1.0 };
@@ -109,9 +104,7 @@ pub(crate) mod tests {
         pub(crate) touching: Vec<Vec<f64>>,
         pub(crate) points: Vec<Point3<f64>>,
         colours: Vec<[u8; 3]>,
-        stiffness_n_per_m: Vec<f64>,
-        std_n_per_m: Vec<f64>,
-        touched: Vec<bool>,
+        found: Extrapolation,
     }
 
     impl Example {
@@ -132,11 +125,13 @@ pub(crate) mod tests {
                 touching: (0..touches).map(|touch| vec![0.1 * touch as f64; 7]).collect(),
                 points: every.clone().map(place).collect(),
                 colours: every.clone().map(|n| [40, if stiff(n) { 30 } else { 160 }, 20]).collect(),
-                stiffness_n_per_m: (every.clone())
-                    .map(|n| if stiff(n) { 300.0 } else { 4.0 + (n % 5) as f64 })
-                    .collect(),
-                std_n_per_m: every.clone().map(|n| 1.0 + (n % 3) as f64).collect(),
-                touched: every.map(|n| n.is_multiple_of(2)).collect(),
+                found: Extrapolation {
+                    stiffness_n_per_m: (every.clone())
+                        .map(|n| if stiff(n) { 300.0 } else { 4.0 + (n % 5) as f64 })
+                        .collect(),
+                    std_n_per_m: every.clone().map(|n| 1.0 + (n % 3) as f64).collect(),
+                    touched: every.map(|n| n.is_multiple_of(2)).collect(),
+                },
             }
         }
 
@@ -147,9 +142,7 @@ pub(crate) mod tests {
                 touching: &self.touching,
                 points: &self.points,
                 colours: &self.colours,
-                stiffness_n_per_m: &self.stiffness_n_per_m,
-                std_n_per_m: &self.std_n_per_m,
-                touched: &self.touched,
+                found: &self.found,
             }
         }
     }
@@ -176,9 +169,9 @@ pub(crate) mod tests {
             (high / low).log10()
         };
         assert!((decades(&example) - 75_f64.log10()).abs() < 1e-9, "{}", decades(&example));
-        example.stiffness_n_per_m.fill(100.0);
+        example.found.stiffness_n_per_m.fill(100.0);
         assert!((decades(&example) - DECADES[0]).abs() < 1e-9, "one stiffness");
-        example.stiffness_n_per_m[..600].fill(0.0);
+        example.found.stiffness_n_per_m[..600].fill(0.0);
         assert!((decades(&example) - DECADES[1]).abs() < 1e-9, "nearly all without any");
     }
 

@@ -140,10 +140,7 @@ fn begin(
         Some(path) => resume::mapper(path, arm, resume::snapshot(path, settings)?)?,
         None => prior::mapper(args.prior.as_deref(), arm, settings.config()?, output)?,
     };
-    Ok(match args.pace.pace(mapper.config()) {
-        Some(pace) => (pace.keep(mapper), Some(pace)),
-        None => (mapper, None),
-    })
+    Ok(args.pace.keep(mapper))
 }
 
 /// Saves the field.

@@ -106,15 +106,17 @@ pub(crate) fn complain(line: &str) {
     let _ = writeln!(io::stderr(), "{line}");
 }
 
-/// Aligned columns: the first to the left, the others to the right.
-pub(crate) fn table(rows: &[Vec<String>]) -> String {
+/// Aligned columns under their names: the first to the left, the others to the right.
+pub(crate) fn table(head: &[&str], body: impl IntoIterator<Item = Vec<String>>) -> String {
+    let mut rows = vec![head.iter().map(ToString::to_string).collect()];
+    rows.extend(body);
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| {
         rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max()
     };
     let widths: Vec<usize> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
     let mut text = String::new();
-    for row in rows {
+    for row in &rows {
         let cells = row.iter().zip(&widths).enumerate().map(|(column, (cell, &width))| {
             if column == 0 { format!("{cell:<width$}") } else { format!("{cell:>width$}") }
         });
@@ -130,6 +132,11 @@ pub(crate) fn rows<N: AsRef<str>>(rows: &[(N, String)]) -> String {
     let widths = rows.iter().map(|(name, _)| name.as_ref().chars().count());
     let width = widths.fold(29, usize::max);
     rows.iter().map(|(name, value)| format!("  {:<width$}  {value}\n", name.as_ref())).collect()
+}
+
+/// A figure of so many decimals, if there is one.
+pub(crate) fn figure(value: Option<f64>, digits: usize) -> String {
+    value.map_or("-".to_owned(), |value| format!("{value:.digits$}"))
 }
 
 /// A size for people.

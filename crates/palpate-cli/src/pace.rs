@@ -12,7 +12,7 @@
 
 use std::time::{Duration, Instant};
 
-use palpate::{EstimatorKind, Mapper, MapperConfig, ReplayPolicy, StepReport};
+use palpate::{EstimatorKind, Mapper, ReplayPolicy, StepReport};
 use serde::Serialize;
 
 use crate::args::number_in;
@@ -41,15 +41,20 @@ pub(crate) struct PaceArgs {
 }
 
 impl PaceArgs {
-    /// The pace asked for, if any, for a mapper with these settings.
-    pub(crate) fn pace(&self, config: &MapperConfig) -> Option<Pace> {
-        let policy = match config.method {
-            EstimatorKind::Map => ReplayPolicy::SpareTimeUnbounded,
-            EstimatorKind::Ekf => ReplayPolicy::SpareTime,
-        };
-        let rate_hz = self.rate?;
-        let replays = config.estimator.replays;
-        Some(Pace { rate_hz, replays, policy, visit_s: 0.0, tally: Tally::default() })
+    /// The mapper with its replays left to the pace, if one was asked for.
+    pub(crate) fn keep(&self, mapper: Mapper) -> (Mapper, Option<Pace>) {
+        let Some(rate_hz) = self.rate else { return (mapper, None) };
+        let replays = mapper.config().estimator.replays;
+        let policy = policy(mapper.config().method);
+        let pace = Pace { rate_hz, replays, visit_s: 0.0, tally: Tally::default() };
+        (mapper.with_replays(policy), Some(pace))
+    }
+}
+
+fn policy(method: EstimatorKind) -> ReplayPolicy {
+    match method {
+        EstimatorKind::Map => ReplayPolicy::SpareTimeUnbounded,
+        EstimatorKind::Ekf => ReplayPolicy::SpareTime,
     }
 }
 
@@ -63,7 +68,6 @@ pub(crate) struct Pace {
     rate_hz: f64,
     /// Replays of a frame, by the settings.
     replays: u32,
-    policy: ReplayPolicy,
     /// Running mean of the time of a visit, s; 0 before the first.
     visit_s: f64,
     tally: Tally,
@@ -92,11 +96,6 @@ pub(crate) struct PaceFigures {
 }
 
 impl Pace {
-    /// The mapper with its replays left to the pace.
-    pub(crate) fn keep(&self, mapper: Mapper) -> Mapper {
-        mapper.with_replays(self.policy)
-    }
-
     /// Makes replays until the step that began at `started` has used up its time.
     ///
     /// `report` is what the step found. Ctrl-C ends it early.
@@ -170,11 +169,13 @@ impl PaceFigures {
 
 #[cfg(test)]
 mod tests {
+    use palpate::MapperConfig;
+
     use super::*;
+    use crate::example;
 
     fn pace(visit_s: f64) -> Pace {
-        let policy = ReplayPolicy::SpareTimeUnbounded;
-        Pace { rate_hz: 20.0, replays: 5, policy, visit_s, tally: Tally::default() }
+        Pace { rate_hz: 20.0, replays: 5, visit_s, tally: Tally::default() }
     }
 
     #[test]
@@ -199,9 +200,12 @@ mod tests {
 
     #[test]
     fn only_map_makes_any_number_of_replays() {
-        let pace = |method, rate| PaceArgs { rate }.pace(&MapperConfig::of(method));
-        assert!(pace(EstimatorKind::Map, None).is_none());
-        let policy = |method| pace(method, Some(17.0)).unwrap().policy;
+        let mapper = || {
+            let config = MapperConfig::of(EstimatorKind::Map);
+            Mapper::new(example::arm().into(), config).unwrap()
+        };
+        let pace = |rate| PaceArgs { rate }.keep(mapper()).1;
+        assert!(pace(None).is_none() && pace(Some(17.0)).is_some());
         assert_eq!(policy(EstimatorKind::Map), ReplayPolicy::SpareTimeUnbounded);
         assert_eq!(policy(EstimatorKind::Ekf), ReplayPolicy::SpareTime);
     }

@@ -123,6 +123,12 @@ pub(crate) fn ending(path: &Path) -> String {
     path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().to_lowercase())
 }
 
+/// The last part of a path: recordings and pages are shared, and folders are nobody's business.
+pub(crate) fn last_part(path: &Path) -> String {
+    let last = path.file_name().or_else(|| path.components().next_back().map(|c| c.as_os_str()));
+    last.unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
 /// The format that a file's ending asks for, by the endings that there are.
 pub(crate) fn format_of<T: Copy>(
     path: &Path,
@@ -133,10 +139,13 @@ pub(crate) fn format_of<T: Copy>(
     let format = formats.iter().find_map(|&(ending, format)| (ending == asked).then_some(format));
     format.ok_or_else(|| {
         let endings: Vec<String> = formats.iter().map(|(ending, _)| format!(".{ending}")).collect();
+        let mut endings = endings.join(", ");
+        if let Some((others, last)) = endings.rsplit_once(", ") {
+            endings = format!("{others} or {last}");
+        }
         CliError::Usage(format!(
-            "`{}` does not say how the {what} is to be written; end its name with {}",
-            path.display(),
-            endings.join(" or ")
+            "`{}` does not say how the {what} is to be written; end its name with {endings}",
+            path.display()
         ))
     })
 }

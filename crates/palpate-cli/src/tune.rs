@@ -10,7 +10,7 @@ use palpate_work::tune::{Tuning, trials, tuned_settings};
 use serde_json::json;
 
 use crate::error::CliError;
-use crate::output::{Output, table};
+use crate::output::{Output, figure, table};
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
 use crate::{interrupt, logs, place};
@@ -89,14 +89,12 @@ fn evidence(tuned: &Tuned, given: &MapperConfig) -> String {
                     relative\nerror after each round, of thinned frames; few folds, more folds, \
                     leave-one-touch-out.\n\n"
         .to_owned();
-    let heads = ["distance m", "friction", "prior mean", "prior std", "torque std", "replays"];
-    let rounds = ["round 1", "round 2", "round 3", ""];
-    let mut rows = vec![heads.iter().chain(&rounds).map(|&head| head.to_owned()).collect()];
-    for trial in &tuned.trials {
+    let settings = ["distance m", "friction", "prior mean", "prior std", "torque std", "replays"];
+    let head = [&settings[..], &["round 1", "round 2", "round 3", ""]].concat();
+    let rows = tuned.trials.iter().map(|trial| {
         let (contact, estimator) = (&trial.config.contact, &trial.config.estimator);
         let stds = &estimator.torque_std;
         let std = stds.iter().sum::<f64>() / stds.len() as f64;
-        let score = |round: usize| trial.scores.get(round).map(|score| format!("{score:.4}"));
         let mut row = vec![
             format!("{:.4}", contact.contact_distance_m),
             format!("{:.2}", contact.friction),
@@ -105,9 +103,9 @@ fn evidence(tuned: &Tuned, given: &MapperConfig) -> String {
             format!("{std:.3}"),
             estimator.replays.to_string(),
         ];
-        row.extend((0..3).map(|round| score(round).unwrap_or("-".to_owned())));
+        row.extend((0..3).map(|round| figure(trial.scores.get(round).copied(), 4)));
         row.push(if trial.config == *given { "given" } else { "" }.to_owned());
-        rows.push(row);
-    }
-    text + &table(&rows)
+        row
+    });
+    text + &table(&head, rows)
 }

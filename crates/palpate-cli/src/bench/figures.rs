@@ -1,6 +1,7 @@
 //! What one measurement found, as JSON and as text.
 
 use palpate::EstimatorKind;
+use palpate_live::figures::Spread;
 use palpate_work::quantile::median;
 use serde::Serialize;
 
@@ -69,18 +70,10 @@ pub(super) struct Parts {
     pub update_ns_per_visit: f64,
 }
 
-/// The middle and the upper end of many times.
-#[derive(Debug, Clone, Serialize)]
-pub(super) struct Spread {
-    pub median: f64,
-    pub p99: f64,
-}
-
 impl Figures {
     /// All of it for people.
     pub(super) fn text(&self) -> String {
-        let all: Vec<_> = self.speed().into_iter().chain(self.size()).collect();
-        let mut text = self.heading() + &rows(&all);
+        let mut text = self.heading() + &rows(&self.rows());
         if let Some(answers) = &self.answers {
             text += &format!("\n{}\n\n{}", answers.heading(), rows(&answers.rows()));
         }
@@ -114,7 +107,10 @@ impl Figures {
         )
     }
 
-    fn speed(&self) -> Vec<(&'static str, String)> {
+    fn rows(&self) -> Vec<(&'static str, String)> {
+        let (declared, touched) = (self.cells_declared, self.cells_touched);
+        let peak = self.peak_memory_mib.map_or("unknown".to_owned(), |mib| format!("{mib:.1} MiB"));
+        let frames = format!("{} in {:.1} MiB", self.frames_remembered, self.memory_mib);
         let mut rows = vec![
             ("steps a second", format!("{:.0}", self.steps_per_second)),
             ("step, median", format!("{:.3} ms", self.step_ms.median)),
@@ -124,25 +120,16 @@ impl Figures {
             ("update with replays, one thread", format!("{:.3} ms", self.parts.update_ms)),
         ];
         rows.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
-        rows.push(("a visit of one contact", format!("{:.2} ns", self.parts.ns_per_visit)));
-        rows.push((
-            "the update by contact visited",
-            format!("{:.2} ns", self.parts.update_ns_per_visit),
-        ));
-        rows
-    }
-
-    fn size(&self) -> Vec<(&'static str, String)> {
-        let (declared, touched) = (self.cells_declared, self.cells_touched);
-        let peak = self.peak_memory_mib.map_or("unknown".to_owned(), |mib| format!("{mib:.1} MiB"));
-        vec![
+        let visit_ns = [self.parts.ns_per_visit, self.parts.update_ns_per_visit];
+        let [visit, update] = visit_ns.map(|ns| format!("{ns:.2} ns"));
+        rows.extend([
+            ("a visit of one contact", visit),
+            ("the update by contact visited", update),
             ("peak memory", peak),
-            (
-                "frames remembered",
-                format!("{} in {:.1} MiB", self.frames_remembered, self.memory_mib),
-            ),
+            ("frames remembered", frames),
             ("cells touched", format!("{touched} of {declared}")),
             ("start to first step", format!("{:.0} ms", self.start_ms)),
-        ]
+        ]);
+        rows
     }
 }

@@ -4,9 +4,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate::{Mapper, MapperError, Sample};
+use palpate_live::figures::Spread;
 use palpate_work::quantile::quantile;
 
-use super::figures::{Figures, MIB, Parts, Spread, middle};
+use super::figures::{Figures, MIB, Parts, middle};
 use super::recording::{Learner, milliseconds, play};
 use super::{Bench, answers, peak};
 use crate::error::CliError;
@@ -28,11 +29,7 @@ impl Whole {
     /// A mapper that knows nothing yet, in a command that began at `started`.
     pub(super) fn new(bench: &Bench<'_>, started: Instant) -> Result<Self, SettingsError> {
         let mapper = Mapper::new(Arc::clone(&bench.arm), bench.config.clone());
-        let mut mapper = mapper.map_err(SettingsError::value)?;
-        let pace = bench.args.pace.pace(&bench.config);
-        if let Some(pace) = &pace {
-            mapper = pace.keep(mapper);
-        }
+        let (mapper, pace) = bench.args.pace.keep(mapper.map_err(SettingsError::value)?);
         let (step_ms, contacts) = (Vec::new(), Vec::new());
         Ok(Self { mapper, pace, started, first_step: None, step_ms, contacts })
     }

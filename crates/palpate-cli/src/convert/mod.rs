@@ -6,6 +6,7 @@ mod log;
 use std::path::PathBuf;
 
 use palpate_io::log::bag_write::Compression;
+use palpate_work::settings::named;
 
 use crate::error::CliError;
 use crate::interrupt;
@@ -38,20 +39,10 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "OUT")]
     output: PathBuf,
     /// How the chunks of a bag are packed
-    #[arg(long, value_name = "HOW", default_value = "zstd", value_parser = ["zstd", "lz4", "none"])]
-    compression: String,
+    #[arg(long, value_name = "HOW", default_value = "zstd", value_parser = named::<Compression>(&["zstd", "lz4", "none"]))]
+    compression: Compression,
     #[command(flatten)]
     settings: ReadSettings,
-}
-
-impl Args {
-    fn compression(&self) -> Compression {
-        match self.compression.as_str() {
-            "lz4" => Compression::Lz4,
-            "none" => Compression::None,
-            _ => Compression::Zstd,
-        }
-    }
 }
 
 /// Converts a log or a field.
@@ -66,8 +57,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     interrupt::listen();
     if ending(&args.input) == "npz" {
-        return field::convert((&args.input, &args.output, &to), args.compression(), output);
+        return field::convert((&args.input, &args.output, &to), args.compression, output);
     }
-    let format = log::Format::of(&args.output, &to, args.compression())?;
+    let format = log::Format::of(&args.output, &to, args.compression)?;
     log::convert((&args.input, &args.output), format, &settings, output)
 }

@@ -106,15 +106,11 @@ impl Drop for Kept {
 
 /// A hash of everything that a piece depends on.
 fn key(work: &Work<'_>) -> String {
+    let names: Vec<&str> = work.touches.iter().map(|touch| touch.name.as_str()).collect();
+    let (version, arm) = (env!("CARGO_PKG_VERSION"), work.arm.fingerprint());
+    let settings = (version, &work.estimators, &work.folds, work.tune, work.truth, arm, names);
     let mut hasher = blake3::Hasher::new();
-    let mut text = |text: &str| {
-        hasher.update(&(text.len() as u64).to_le_bytes());
-        hasher.update(text.as_bytes());
-    };
-    text(env!("CARGO_PKG_VERSION"));
-    text(&format!("{:?} {:?} {} {}", work.estimators, work.folds, work.tune, work.truth));
-    text(&work.arm.fingerprint().to_string());
-    work.touches.iter().for_each(|touch| text(&touch.name));
+    hasher.update(format!("{settings:?}").as_bytes());
     for touch in work.touches {
         hasher.update(&(touch.samples.len() as u64).to_le_bytes());
         let numbers = touch.samples.iter().flat_map(|sample| sample.q.iter().chain(&sample.tau));

@@ -74,10 +74,8 @@ impl EvaluationSummary {
              1 N·m: mean ± standard deviation over touches.\n\n",
             touches.len()
         );
-        let heads = ["method", "average", "largest", "av. rel.", "max. rel."];
-        let mut rows = vec![heads.map(str::to_owned).to_vec()];
-        rows.extend(self.evaluation.methods.iter().map(row));
-        text += &table(&rows);
+        let head = ["method", "average", "largest", "av. rel.", "max. rel."];
+        text += &table(&head, self.evaluation.methods.iter().map(row));
         text.push('\n');
         if let Some(ratio) = self.ratio_to_baselines() {
             let _ = writeln!(text, "{ratio}");

@@ -229,13 +229,10 @@ pub(crate) fn write(
         ("K_std", Column::F64(std_n_per_m)),
         ("touched", Column::U8(&touched)),
     ];
+    let replace = IfExists::Replace;
     match Ending::of(path)? {
-        Ending::Ply => {
-            clouds::write_ply(path, IfExists::Replace, cloud, &columns).map_err(CliError::file)
-        }
-        Ending::Pcd => {
-            clouds::write_pcd(path, IfExists::Replace, cloud, &columns).map_err(CliError::file)
-        }
+        Ending::Ply => clouds::write_ply(path, replace, cloud, &columns).map_err(CliError::file),
+        Ending::Pcd => clouds::write_pcd(path, replace, cloud, &columns).map_err(CliError::file),
         Ending::Npz => {
             let n = cloud.len();
             let points = cloud.points().iter().flat_map(|point| [point.x, point.y, point.z]);
@@ -245,7 +242,7 @@ pub(crate) fn write(
             arrays.insert("K", Array::flat(Data::F64(stiffness_n_per_m.clone())));
             arrays.insert("K_std", Array::flat(Data::F64(std_n_per_m.clone())));
             arrays.insert("touched", Array::flat(Data::U8(touched)));
-            write_npz(path, &arrays, IfExists::Replace).map_err(CliError::file)
+            write_npz(path, &arrays, replace).map_err(CliError::file)
         }
     }
 }

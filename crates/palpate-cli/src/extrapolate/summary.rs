@@ -11,12 +11,14 @@ use palpate_learn::extrapolate::compare::Row;
 use palpate_learn::extrapolate::{area_under_roc, spearman};
 use palpate_view::view_model::touched_rows;
 use palpate_work::extrapolate::{Found, Work};
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::error::CliError;
 use crate::extrapolation_view::{ExtrapolationView, Table};
-use crate::output::{rows, seconds, table};
+use crate::output::{figure, rows, seconds, table};
 use crate::picture;
+use crate::place::last_part;
 use crate::report::{ExtrapolationPage, Page, Scene};
 use palpate_work::quantile::quantile;
 
@@ -30,8 +32,10 @@ pub(crate) struct ExtrapolationSummary<'a> {
 }
 
 /// How well the order of the points agrees with the truth.
+#[derive(Serialize)]
 struct Order {
     /// Which points.
+    #[serde(skip)]
     name: &'static str,
     /// How many.
     points: usize,
@@ -93,7 +97,6 @@ impl ExtrapolationSummary<'_> {
 
     pub(super) fn json(&self, (cloud, field): Files<'_>, elapsed: Duration) -> Value {
         let [soft, median, stiff] = self.quantiles();
-        let order = |order: &Order| json!({"points": order.points, "auc": order.auc, "spearman": order.spearman});
         let row = |row: &Row| {
             let (relative, error) = row.means();
             json!({
@@ -114,9 +117,7 @@ impl ExtrapolationSummary<'_> {
             "touches": self.found.felt.map(|(touches, _)| touches),
             "frames": self.found.felt.map(|(_, frames)| frames),
             "stiffness": {"q10": soft, "median": median, "q90": stiff},
-            "truth": self.orders().map(|[untouched, all]| {
-                json!({"untouched": order(&untouched), "all": order(&all)})
-            }),
+            "truth": self.orders().map(|[untouched, all]| json!({"untouched": untouched, "all": all})),
             "compare": self.found.rows.as_ref().map(|rows| rows.iter().map(row).collect::<Vec<_>>()),
             "seconds": elapsed.as_secs_f64(),
         })
@@ -134,14 +135,15 @@ impl ExtrapolationSummary<'_> {
             ("untouched cells expected", self.expected().to_string()),
         ]);
         for order in self.orders().iter().flatten() {
-            let (auc, rho) = (figure(order.auc), figure(order.spearman));
+            let (auc, rho) = (figure(order.auc, 3), figure(order.spearman, 3));
             let scores = format!("area under ROC {auc}, Spearman {rho} (against truth)");
             found.push((order.name, scores));
         }
         found.push(("time", seconds(elapsed)));
         let mut text = format!("The cloud is in `{}`.\n{}", cloud.display(), rows(&found));
         if let Some(rows) = &self.found.rows {
-            let _ = write!(text, "\n{COMPARED}\n\n{}\n", table(&compared(rows)));
+            let Table { caption, head, rows, .. } = compared(rows);
+            let _ = write!(text, "\n{caption}\n\n{}\n", table(&head, rows));
         }
         if let Some(path) = field {
             let path = path.display();
@@ -158,10 +160,7 @@ impl ExtrapolationSummary<'_> {
 
     /// The page, with Fig. 4 to be turned.
     pub(crate) fn page(&self) -> Result<String, CliError> {
-        let last = |path: &Path| {
-            path.file_name().map_or_else(|| "..".to_owned(), |name| name.to_string_lossy().into())
-        };
-        let [field, cloud]: [String; 2] = self.work.names.map(last);
+        let [field, cloud] = self.work.names.map(last_part);
         let page = Page {
             title: &format!("What {field} says of {cloud}"),
             simulated: self.simulated,
@@ -174,16 +173,13 @@ impl ExtrapolationSummary<'_> {
     }
 
     fn seen(&self) -> ExtrapolationView<'_> {
-        let extrapolation = &self.found.extrapolation;
         ExtrapolationView {
             field: &self.work.saved.field,
             arm: self.work.arm,
             touching: &self.found.touching,
             points: self.work.cloud.points(),
             colours: self.found.seen.colours(),
-            stiffness_n_per_m: &extrapolation.stiffness_n_per_m,
-            std_n_per_m: &extrapolation.std_n_per_m,
-            touched: &extrapolation.touched,
+            found: &self.found.extrapolation,
         }
     }
 
@@ -209,26 +205,16 @@ impl ExtrapolationSummary<'_> {
     }
 
     fn tables(&self) -> Vec<Table> {
-        let mut tables = Vec::new();
-        if let Some(rows) = &self.found.rows {
-            let mut cells = compared(rows);
-            tables.push(Table {
-                title: "Methods and features".to_owned(),
-                caption: COMPARED.to_owned(),
-                head: cells.remove(0),
-                rows: cells,
-            });
-        }
+        let mut tables: Vec<Table> = self.found.rows.iter().map(|rows| compared(rows)).collect();
         let row = |Order { name, points, auc, spearman }: Order| {
-            vec![name.to_owned(), points.to_string(), figure(auc), figure(spearman)]
+            vec![name.to_owned(), points.to_string(), figure(auc, 3), figure(spearman, 3)]
         };
         if let Some(orders) = self.orders() {
             tables.push(Table {
-                title: "Order of the points, against the simulation's truth".to_owned(),
+                title: "Order of the points, against the simulation's truth",
                 caption: "Area under the ROC curve of telling the simulation's first class (leaf) \
-                          from all others by stiffness, and Spearman's correlation with the true one."
-                    .to_owned(),
-                head: ["", "points", "area", "Spearman"].map(str::to_owned).to_vec(),
+                          from all others by stiffness, and Spearman's correlation with the true one.",
+                head: vec!["", "points", "area", "Spearman"],
                 rows: orders.map(row).to_vec(),
             });
         }
@@ -244,25 +230,18 @@ impl ExtrapolationSummary<'_> {
     }
 }
 
-const COMPARED: &str = "Error of the predicted torque on one half of the touches, learnt from the \
-                        other; means over random halves, against measured torques.";
-
-fn figure(value: Option<f64>) -> String {
-    value.map_or("-".to_owned(), |value| format!("{value:.3}"))
-}
-
-/// The table of a comparison, its head first.
-fn compared(rows: &[Row]) -> Vec<Vec<String>> {
-    let mut cells = vec![["", "relative", "N·m", "relative, by half"].map(str::to_owned).to_vec()];
-    for row in rows {
+/// The table of a comparison.
+fn compared(rows: &[Row]) -> Table {
+    let row = |row: &Row| {
         let (relative, error) = row.means();
         let by_half: Vec<String> = row.avg_relative.iter().map(|r| format!("{r:.2}")).collect();
-        cells.push(vec![
-            row.name.clone(),
-            figure(relative),
-            format!("{error:.3}"),
-            by_half.join(" "),
-        ]);
+        vec![row.name.clone(), figure(relative, 3), format!("{error:.3}"), by_half.join(" ")]
+    };
+    Table {
+        title: "Methods and features",
+        caption: "Error of the predicted torque on one half of the touches, learnt from the other; \
+                  means over random halves, against measured torques.",
+        head: vec!["", "relative", "N·m", "relative, by half"],
+        rows: rows.iter().map(row).collect(),
     }
-    cells
 }

@@ -7,6 +7,7 @@ use palpate_work::touched::TouchedFigures;
 
 use super::field::lattice;
 use super::page::{fact, table};
+use crate::output::figure;
 use palpate_work::quantile::extremes;
 
 /// What a log holds.
@@ -96,7 +97,7 @@ fn touch_row(touch: &TouchFacts, joints: &[String]) -> Vec<String> {
     vec![
         touch.name.clone(),
         touch.frames.to_string(),
-        touch.duration_s.map_or_else(|| "-".to_owned(), |s| format!("{s:.1}")),
+        figure(touch.duration_s, 1),
         touch.start_frames.to_string(),
         format!("{:.2}", touch.peak_external),
         joints[feeler].clone(),

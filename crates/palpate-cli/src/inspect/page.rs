@@ -18,8 +18,7 @@ pub(super) fn table(
     columns: &[&str],
     rows: impl Iterator<Item = Vec<String>>,
 ) -> String {
-    let columns = columns.iter().map(ToString::to_string).collect();
-    let table = crate::output::table(&std::iter::once(columns).chain(rows).collect::<Vec<_>>());
+    let table = crate::output::table(columns, rows);
     let lines = table.lines().map(|line| format!("  {line}\n"));
     format!("\n  {heading}\n{}", lines.collect::<String>())
 }

@@ -16,6 +16,7 @@ use palpate_live::guard::Guard;
 use palpate_live::ros::{Network, NetworkConfig, Services};
 use palpate_live::session::Session;
 use palpate_live::{AskSocket, LiveConfig, run as run_live};
+use palpate_work::settings::named;
 use palpate_work::{prior, resume, robot};
 
 use crate::args::number_in;
@@ -91,8 +92,8 @@ pub(crate) struct Args {
     #[arg(long)]
     localhost: bool,
     /// How services are told apart on the wire: `cyclone` for robots on rmw_cyclonedds
-    #[arg(long, value_name = "KIND", default_value = "enhanced", value_parser = ["enhanced", "cyclone"])]
-    services: String,
+    #[arg(long, value_name = "KIND", default_value = "enhanced", value_parser = named::<Services>(&["enhanced", "cyclone"]))]
+    services: Services,
     /// End after so long, s
     #[arg(long, value_name = "S", value_parser = period())]
     duration: Option<f64>,
@@ -128,20 +129,9 @@ impl Args {
         }
     }
 
-    fn network(&self) -> NetworkConfig {
-        let services =
-            if self.services == "cyclone" { Services::Cyclone } else { Services::Enhanced };
-        NetworkConfig { domain: self.domain, localhost: self.localhost, services }
-    }
-
-    fn live(&self) -> LiveConfig {
+    fn checkpoint(&self) -> Option<CheckpointConfig> {
         let every = Duration::from_secs_f64(self.checkpoint);
-        LiveConfig {
-            joint_states: self.joint_states.clone(),
-            queue: self.queue as usize,
-            checkpoint: self.output.clone().map(|path| CheckpointConfig { path, every }),
-            view: None,
-        }
+        self.output.clone().map(|path| CheckpointConfig { path, every })
     }
 
     /// A new mapper, or one that continues from the output file.
@@ -203,12 +193,19 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     idle.idle_s = args.idle;
     let session = Session::new(mapper, idle, args.guard.map(Guard::new))
         .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
-    let network = Network::join(&args.network()).map_err(CliError::file)?;
+    let Args { domain, localhost, services, .. } = *args;
+    let network = NetworkConfig { domain, localhost, services };
+    let network = Network::join(&network).map_err(CliError::file)?;
     let ask = args.ask.as_deref().map(open_socket).transpose()?;
     let ends = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s));
     let stop = || interrupt::pressed() || ends.is_some_and(|ends| Instant::now() >= ends);
     let mut shown = Shown::new(*output, args.json_lines);
-    let config = LiveConfig { view: feed, ..args.live() };
+    let config = LiveConfig {
+        joint_states: args.joint_states.clone(),
+        queue: args.queue as usize,
+        checkpoint: args.checkpoint(),
+        view: feed,
+    };
     let session = run_live(network, session, &config, ask.as_ref(), stop, |news| shown.tell(news))
         .map_err(CliError::file)?;
     shown.clear();

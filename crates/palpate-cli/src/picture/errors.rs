@@ -72,8 +72,8 @@ fn norms(a: &[Vec<f64>], b: &[Vec<f64>]) -> Vec<f64> {
     a.iter().zip(b).map(norm).collect()
 }
 
-/// Okabe and Ito's colours, which the colour-blind can tell apart; those of the report.
-fn colour(method: &str) -> RGBColor {
+/// Okabe and Ito's colours, which the colour-blind can tell apart.
+pub(crate) fn colour(method: &str) -> RGBColor {
     match method {
         "map" => RGBColor(0, 114, 178),
         "ekf" => RGBColor(86, 180, 233),
@@ -81,6 +81,7 @@ fn colour(method: &str) -> RGBColor {
         "gp" => RGBColor(0, 158, 115),
         "knn" => RGBColor(204, 121, 167),
         "uniform" => RGBColor(230, 159, 0),
+        "zero" => RGBColor(138, 144, 156),
         _ => INK,
     }
 }

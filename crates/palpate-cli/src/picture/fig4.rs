@@ -174,7 +174,7 @@ impl<'a> Figure<'a> {
         let [width, height] = panel.size().map(|side| side * self.px_per_m * PIXELS);
         let apart = (width * height / self.seen.points.len().max(1) as f64).sqrt();
         let radius = (0.5 * apart).clamp(0.8, 6.0);
-        for (point, &stiffness) in self.seen.points.iter().zip(self.seen.stiffness_n_per_m) {
+        for (point, &stiffness) in self.seen.points.iter().zip(&self.seen.found.stiffness_n_per_m) {
             let at = self.pixel(&panel, self.view.seen(point));
             let colour = self.scale.colour(stiffness);
             raster.ball(at, radius, [colour.0, colour.1, colour.2]);

@@ -15,7 +15,7 @@ mod scale;
 mod torques;
 mod view;
 
-pub(crate) use errors::{counted, errors};
+pub(crate) use errors::{colour, counted, errors};
 pub(crate) use field::field;
 pub(crate) use fig4::fig4;
 pub(crate) use format::Format;

@@ -6,6 +6,7 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use palpate_work::quantile::extremes;
 
 /// Pixels painted along one of the picture.
 const FINE: usize = 2;
@@ -141,14 +142,8 @@ impl Glass {
             return;
         }
         let height = self.depth.len() / self.width;
-        let ends = |axis: usize| {
-            let sides = [a[axis], b[axis], c[axis]];
-            (
-                sides.into_iter().fold(f64::INFINITY, f64::min),
-                sides.into_iter().fold(-1.0, f64::max),
-            )
-        };
-        let ((left, right), (top, bottom)) = (ends(0), ends(1));
+        let ends = |axis: usize| extremes([a[axis], b[axis], c[axis]]).expect("three corners");
+        let [[left, right], [top, bottom]] = [ends(0), ends(1)];
         for row in pixels(top, bottom, height) {
             for column in pixels(left, right, self.width) {
                 let (x, y) = (column as f64 + 0.5, row as f64 + 0.5);

@@ -2,19 +2,15 @@
 
 use palpate_work::scored::{Figures, Report, Row};
 
-use crate::output::table;
+use crate::output::{figure, table};
 
 /// A row of the table.
 fn cells(row: &Row) -> Vec<String> {
     let mut cells = vec![row.name.clone().unwrap_or("overall".to_owned()), row.frames.to_string()];
     for figures in [&row.errors, &row.zero] {
         let Figures { avg_error, max_error, avg_relative, max_relative } = *figures;
-        let shown = |figure: Option<f64>, digits: usize| match figure {
-            Some(figure) => format!("{figure:.digits$}"),
-            None => "-".to_owned(),
-        };
-        cells.extend([avg_error, max_error].map(|figure| shown(figure, 3)));
-        cells.extend([avg_relative, max_relative].map(|figure| shown(figure, 2)));
+        cells.extend([avg_error, max_error].map(|error| figure(error, 3)));
+        cells.extend([avg_relative, max_relative].map(|error| figure(error, 2)));
     }
     cells
 }
@@ -26,16 +22,13 @@ pub(crate) fn text(report: &Report) -> String {
         "Error of the predicted torque against the {against} one, N·m over all joints, and\n\
          relative on frames of at least 1 N·m; the same for predicting zero.\n\n"
     );
-    let words = |words: &[&str]| words.iter().map(|&word| word.to_owned()).collect();
     let four = ["average", "largest", "av. rel.", "max. rel."];
-    let mut rows: Vec<Vec<String>> = vec![
-        words(&["", "", "field", "", "", "", "zero"]),
-        words(&[&["touch", "frames"][..], &four, &four].concat()),
-    ];
+    let second = [&["touch", "frames"][..], &four, &four].concat();
+    let mut rows = vec![second.iter().map(ToString::to_string).collect()];
     rows.extend(report.touches.iter().map(cells));
     if report.touches.len() != 1 {
         rows.push(cells(&report.overall));
     }
-    text += &table(&rows);
+    text += &table(&["", "", "field", "", "", "", "zero"], rows);
     text
 }

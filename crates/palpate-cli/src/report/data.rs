@@ -3,12 +3,13 @@
 //! Numbers travel as [`packed`] says. What is not finite becomes `null`, a gap in its curve.
 
 use palpate_learn::evaluation::{Evaluation, LeftOut};
+use plotters::style::RGBColor;
 use serde::Serialize;
 
-use crate::picture::counted;
+use crate::picture::{colour, counted};
 
 use super::frames::{drawn, frames_per_touch, stride};
-use super::packed::{PER_METRE, PER_ONE};
+use super::packed::PER_ONE;
 use super::scene::Scene;
 use super::table::subject;
 
@@ -21,10 +22,11 @@ pub(super) struct Data<'a> {
     joints: &'a [String],
     against: &'a str,
     methods: Vec<&'a str>,
+    /// Of each, as in the pictures.
+    colours: Vec<String>,
     /// The method that is chosen at first.
     subject: usize,
     per_torque: f64,
-    per_metre: f64,
     per_one: f64,
     touches: Vec<Touch<'a>>,
     scene: Option<&'a Scene>,
@@ -53,9 +55,9 @@ impl<'a> Data<'a> {
             joints: &evaluation.joint_names,
             against: &evaluation.against,
             methods: evaluation.methods.iter().map(|method| method.name.as_str()).collect(),
+            colours: evaluation.methods.iter().map(|method| hex(&method.name)).collect(),
             subject: subject(evaluation).unwrap_or(0),
             per_torque: PER_TORQUE,
-            per_metre: PER_METRE,
             per_one: PER_ONE,
             touches: evaluation.touches.iter().map(|touch| curves(touch, per_touch)).collect(),
             scene,
@@ -83,6 +85,12 @@ fn curves(touch: &LeftOut, per_touch: usize) -> Touch<'_> {
         external: by_joint(&touch.external),
         predicted: touch.predictions.iter().map(|method| by_joint(&method.predicted)).collect(),
     }
+}
+
+/// The colour of a method, as CSS has it.
+fn hex(method: &str) -> String {
+    let RGBColor(red, green, blue) = colour(method);
+    format!("#{red:02x}{green:02x}{blue:02x}")
 }
 
 fn whole(number: f64) -> Option<i64> {

@@ -3,7 +3,7 @@
 use askama::Template;
 use serde::Serialize;
 
-use super::packed::{self, PER_METRE, PER_ONE, four_digits};
+use super::packed::{self, PER_ONE, four_digits};
 use super::page::Page;
 use super::scene::Scene;
 use crate::extrapolation_view::{ExtrapolationView, Table, reached_by};
@@ -29,7 +29,6 @@ pub(crate) struct ExtrapolationPage<'a> {
 
 #[derive(Serialize)]
 struct Data<'a> {
-    per_metre: f64,
     per_one: f64,
     /// The threshold at first, N/m.
     threshold: f64,
@@ -63,7 +62,6 @@ impl ExtrapolationPage<'_> {
     /// What is drawn.
     fn data(&self) -> Data<'_> {
         Data {
-            per_metre: PER_METRE,
             per_one: PER_ONE,
             threshold: self.seen.threshold_n_per_m(),
             range: self.seen.colour_range_n_per_m(),
@@ -83,15 +81,15 @@ impl Cloud {
             format!("{red:02x}{green:02x}{blue:02x}")
         };
         let digits = |of: &[f64]| drawn().map(|at| four_digits(of[at])).collect();
-        let std_top = reached_by(seen.std_n_per_m.iter().copied(), BEYOND);
+        let std_top = reached_by(seen.found.std_n_per_m.iter().copied(), BEYOND);
         Self {
             all,
             points: drawn().flat_map(|at| packed::tenths(&seen.points[at])).collect(),
             colours: drawn().map(colour).collect(),
-            stiffness: digits(seen.stiffness_n_per_m),
-            std: digits(seen.std_n_per_m),
+            stiffness: digits(&seen.found.stiffness_n_per_m),
+            std: digits(&seen.found.std_n_per_m),
             std_top: four_digits(std_top.max(1e-6)),
-            touched: drawn().map(|at| if seen.touched[at] { '1' } else { '0' }).collect(),
+            touched: drawn().map(|at| if seen.found.touched[at] { '1' } else { '0' }).collect(),
         }
     }
 }
@@ -120,9 +118,9 @@ mod tests {
         let example = Example::new(0, 0);
         let seen = example.seen();
         let table = Table {
-            title: "<i>".to_owned(),
-            caption: String::new(),
-            head: vec!["class".to_owned(), "K & σ".to_owned()],
+            title: "<i>",
+            caption: "",
+            head: vec!["class", "K & σ"],
             rows: vec![vec!["</table>".to_owned(), "1.5".to_owned()]],
         };
         let page = ExtrapolationPage {

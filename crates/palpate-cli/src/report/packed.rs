@@ -3,8 +3,7 @@
 
 use nalgebra::{Isometry3, Point3};
 
-/// Units of the integers: tenths of a millimetre, ten-thousandths.
-pub(super) const PER_METRE: f64 = 1e4;
+/// Units of the integers in one, or in a metre.
 pub(super) const PER_ONE: f64 = 1e4;
 
 /// A number's first four digits.
@@ -14,7 +13,7 @@ pub(super) fn four_digits(number: f64) -> f64 {
 
 /// A point, in tenths of a millimetre.
 pub(super) fn tenths(point: &Point3<f64>) -> [i64; 3] {
-    [0, 1, 2].map(|axis| (point[axis] * PER_METRE).round() as i64)
+    [0, 1, 2].map(|axis| (point[axis] * PER_ONE).round() as i64)
 }
 
 /// A pose in seven numbers, which is 5 less than a matrix has.

@@ -1,20 +1,10 @@
 // Draws the figures of the report from the JSON beside it. What the numbers mean is said in
 // data.rs; nothing is computed here but errors, which are norms.
 
-// Okabe and Ito's colours, which the colour-blind can tell apart.
-const COLOURS = {
-  map: "#0072b2",
-  ekf: "#56b4e9",
-  mlp: "#d55e00",
-  gp: "#009e73",
-  knn: "#cc79a7",
-  uniform: "#e69f00",
-  zero: GREY,
-};
 const DASHES = { ekf: "dash", uniform: "dot", knn: "dashdot" };
 
 const touch = () => data.touches[chosen("touch")];
-const colour = (method) => COLOURS[method] ?? INK;
+const colour = (method) => data.colours[data.methods.indexOf(method)];
 
 // In a narrow window the buttons of a plot would lie on its legend.
 const flat = { ...config, displayModeBar: window.innerWidth < 700 ? false : "hover" };

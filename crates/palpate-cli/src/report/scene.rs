@@ -36,7 +36,6 @@ pub(crate) struct Scene {
 /// A link's hull.
 #[derive(Serialize)]
 struct Link {
-    link: String,
     vertices: Vec<i64>,
     triangles: Vec<[u32; 3]>,
 }
@@ -76,8 +75,7 @@ impl Scene {
         };
         let poses = frames.map(|touch| touch.into_iter().map(pose).collect());
         let poses = poses.collect::<Result<_, CliError>>()?;
-        let link = |LinkShape { name, vertices_m, triangles }| Link {
-            link: name,
+        let link = |LinkShape { vertices_m, triangles, .. }| Link {
             vertices: vertices_m.iter().flat_map(tenths).collect(),
             triangles,
         };

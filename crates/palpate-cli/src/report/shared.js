@@ -33,7 +33,8 @@ const layout = (more) => ({
 const space = (scene) =>
   layout({ margin: { l: 0, r: 0, t: 0, b: 0 }, hovermode: "closest", showlegend: false, scene });
 
-const metres = (whole) => whole / data.per_metre;
+/** A number that travelled as a whole one. */
+const unpacked = (whole) => whole / data.per_one;
 /** The view of the picture for papers, from as near as shows the whole box. */
 const nearer = ([x, y, z]) => ({ x: 1.8 * x, y: 1.8 * y, z: 1.8 * z });
 const eyes = {
@@ -60,14 +61,14 @@ function armAt(poses) {
   const [x, y, z] = [[], [], []];
   data.scene.hulls.forEach(({ vertices }, hull) => {
     const [px, py, pz, ...turn] = poses.slice(7 * hull, 7 * hull + 7);
-    const [i, j, k, w] = turn.map((part) => part / data.per_one);
+    const [i, j, k, w] = turn.map(unpacked);
     for (let at = 0; at + 2 < vertices.length; at += 3) {
       const [a, b, c] = [vertices[at], vertices[at + 1], vertices[at + 2]];
       // v + 2 w (u × v) + 2 u × (u × v), with u = (i, j, k).
       const [s, t, r] = [2 * (j * c - k * b), 2 * (k * a - i * c), 2 * (i * b - j * a)];
-      x.push(metres(px + a + w * s + (j * r - k * t)));
-      y.push(metres(py + b + w * t + (k * s - i * r)));
-      z.push(metres(pz + c + w * r + (i * t - j * s)));
+      x.push(unpacked(px + a + w * s + (j * r - k * t)));
+      y.push(unpacked(py + b + w * t + (k * s - i * r)));
+      z.push(unpacked(pz + c + w * r + (i * t - j * s)));
     }
   });
   return { x, y, z };
@@ -106,7 +107,7 @@ const mesh = (vertices, arms, more) => ({
 /** Places in a row of whole numbers, three each, from one of them on. */
 const places = (points, first = 0) => {
   const along = (side) =>
-    Array.from({ length: points.length / 3 - first }, (_, at) => metres(points[3 * (at + first) + side]));
+    Array.from({ length: points.length / 3 - first }, (_, at) => unpacked(points[3 * (at + first) + side]));
   return { x: along(0), y: along(1), z: along(2) };
 };
 
@@ -159,20 +160,20 @@ function axesAround(clouds, plot) {
     });
   }
   const lengths = low.map((from, side) => Math.max(high[side] - from, 0.05) * 1.04);
-  const longest = Math.max(...lengths.filter(Number.isFinite), 0.05);
+  const longest = Math.max(...lengths);
   const side = (name, at) => {
     const middle = (low[at] + high[at]) / 2;
     const range = [middle - lengths[at] / 2, middle + lengths[at] / 2];
     return {
       title: { text: `${name} [m]` },
-      ...(Number.isFinite(middle) ? { range } : {}),
+      range,
       gridcolor: FAINT,
       backgroundcolor: "#fff",
       showspikes: false,
       nticks: 6,
     };
   };
-  const ratio = lengths.map((length) => (Number.isFinite(length) ? length / longest : 1));
+  const ratio = lengths.map((length) => length / longest);
   return {
     xaxis: side("x", 0),
     yaxis: side("y", 1),

@@ -35,10 +35,6 @@ fn is_learnt(method: &Summary) -> bool {
     Method::ALL.iter().find(named).is_some_and(|method| method.is_learnt_baseline())
 }
 
-fn relative(method: &Summary) -> Option<f64> {
-    method.avg_relative.map(|figure| figure.mean)
-}
-
 /// One line: how large the error is, and beside what.
 pub(super) fn verdict(evaluation: &Evaluation) -> String {
     let Some(subject) = subject(evaluation).map(|index| &evaluation.methods[index]) else {
@@ -55,8 +51,8 @@ pub(super) fn verdict(evaluation: &Evaluation) -> String {
     if let Some((name, mean)) = evaluation.best_learnt() {
         let _ = write!(text, "; best learnt baseline {name} {mean:.2}");
     }
-    let zero = evaluation.methods.iter().find(|method| method.name == "zero");
-    if let Some(mean) = zero.filter(|zero| zero.name != subject.name).and_then(relative) {
+    let zero = evaluation.relative("zero").filter(|_| subject.name != "zero");
+    if let Some(mean) = zero {
         let _ = write!(text, "; predicting zero {mean:.2}");
     }
     text
@@ -106,7 +102,7 @@ pub(super) fn beside_the_paper(evaluation: &Evaluation) -> String {
     );
     let own = subject(evaluation).map(|index| &evaluation.methods[index]);
     let own = own.filter(|method| !is_learnt(method));
-    let ours = own.and_then(|own| Some((own, relative(own)?, evaluation.best_learnt()?)));
+    let ours = own.and_then(|own| Some((own, own.avg_relative?.mean, evaluation.best_learnt()?)));
     let ours = match ours {
         Some((own, error, (name, mean))) => format!(
             "Here the ratio of {} to {name}, the best learnt baseline, is \

@@ -47,11 +47,11 @@ pub(crate) struct Args {
     )]
     pub(super) connect: Option<String>,
     /// Show every so-manieth sample; all of them are followed
-    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..))]
-    pub(super) every: u32,
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(super) every: u64,
     /// Show a field that grows after so many more samples
-    #[arg(long, value_name = "N", default_value = "50", value_parser = clap::value_parser!(u32).range(1..))]
-    pub(super) field_every: u32,
+    #[arg(long, value_name = "N", default_value = "50", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(super) field_every: u64,
     /// Print the summary as JSON
     #[arg(long)]
     pub(super) json: bool,

@@ -15,6 +15,7 @@ use crate::error::CliError;
 use crate::hull::Hulls;
 use crate::output::Output;
 
+use super::args::Args;
 use super::to::failed;
 
 /// Between the end of a touch and the start of the next, s.
@@ -72,14 +73,6 @@ impl Follower {
             Self::Predictor(_, lattice) => lattice,
         }
     }
-}
-
-/// How often something is shown, in samples.
-#[derive(Clone, Copy)]
-pub(super) struct Rhythm {
-    pub(super) every: u64,
-    /// A field that grows.
-    pub(super) field_every: u64,
 }
 
 /// What was played.
@@ -190,7 +183,7 @@ impl Player {
         &mut self,
         recording: &mut Recording<'_>,
         arm: (&Arm, &Hulls),
-        rhythm: Rhythm,
+        args: &Args,
         output: &Output,
     ) -> Result<Played, CliError> {
         let bar = output.begin(self.touches.samples(), "frames", "playing");
@@ -210,7 +203,7 @@ impl Player {
                     recording.touch(&name, self.played.samples, at_s).map_err(failed)?;
                 }
                 TouchEvent::Sample(sample) => {
-                    self.sample(&sample, recording, arm, rhythm)?;
+                    self.sample(&sample, recording, arm, args)?;
                     bar.step();
                 }
             }
@@ -227,7 +220,7 @@ impl Player {
         sample: &Sample,
         recording: &mut Recording<'_>,
         (arm, hulls): (&Arm, &Hulls),
-        rhythm: Rhythm,
+        args: &Args,
     ) -> Result<(), CliError> {
         let number = self.played.samples;
         let time_s = sample.time_s.map(|time_s| self.clock.at(time_s));
@@ -239,7 +232,7 @@ impl Player {
         }
         let contacts = self.follower.contacts();
         self.played.contacts_largest = self.played.contacts_largest.max(contacts.len());
-        if number.is_multiple_of(rhythm.every) {
+        if number.is_multiple_of(args.every) {
             let poses = hulls.poses(arm, &sample.q).map_err(CliError::file)?;
             let torque = torques.as_ref();
             let torque = torque.map(|(measured, predicted)| Torque { measured, predicted });
@@ -253,7 +246,7 @@ impl Player {
             recording.frame(&frame).map_err(failed)?;
             self.played.samples_shown += 1;
         }
-        if self.played.samples.is_multiple_of(rhythm.field_every) {
+        if self.played.samples.is_multiple_of(args.field_every) {
             self.show_field(recording, number, time_s)?;
         }
         Ok(())

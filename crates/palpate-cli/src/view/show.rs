@@ -12,13 +12,13 @@ use serde_json::json;
 use crate::error::CliError;
 use crate::hull::Hulls;
 use crate::output::Output;
-use crate::place::{self, Places};
+use crate::place::{self, Places, last_part};
 use crate::predict::tell_other_robot;
 use crate::settings::{Settings, SettingsError};
 use crate::{interrupt, logs};
 
 use super::args::Args;
-use super::play::{Follower, Played, Player, Rhythm};
+use super::play::{Follower, Played, Player};
 use super::scene::{about, scene};
 use super::to::{To, failed};
 
@@ -121,13 +121,11 @@ impl Stage<'_> {
         let first = player.first_q().and_then(|q| hulls.poses(self.arm, q).ok());
         scene.world_from_link = first.unwrap_or_default();
         logs::tell_robot(self.arm, self.settings, self.output);
-        let rhythm =
-            Rhythm { every: self.args.every.into(), field_every: self.args.field_every.into() };
         let (place, played) = to.record(&scene, |recording| {
             if let Some(saved) = &self.saved {
                 recording.field(&saved.field, 0, scene.clock.then_some(0.0)).map_err(failed)?;
             }
-            player.play(recording, (self.arm, &hulls), rhythm, self.output)
+            player.play(recording, (self.arm, &hulls), self.args, self.output)
         })?;
         player.touches.tell_warnings(self.output);
         Ok((place, Some(played)))
@@ -177,20 +175,21 @@ impl Stage<'_> {
 
     /// The arm and the words, without clock and torques.
     fn scene(&self, hulls: &Hulls, lattice: &Lattice) -> Scene {
-        let name = self.args.what.iter().map(|path| name(path)).collect::<Vec<_>>().join(", ");
+        let name = self.args.what.iter().map(|path| last_part(path)).collect::<Vec<_>>().join(", ");
         scene((self.arm, hulls), lattice, name, self.about(lattice))
     }
 
     /// What a reader of the recording must know, in Markdown.
     fn about(&self, lattice: &Lattice) -> String {
         let logs: Vec<String> =
-            self.named.logs.iter().map(|log| format!("`{}`", name(log))).collect();
+            self.named.logs.iter().map(|log| format!("`{}`", last_part(log))).collect();
         let logs = logs.join(", ");
         let (shown, expected) = match (self.named.field, self.named.logs.is_empty()) {
-            (Some(field), true) => (format!("The field `{}`", name(field)), None),
-            (Some(field), false) => {
-                (format!("The field `{}` predicts {logs}", name(field)), Some("the field expects"))
-            }
+            (Some(field), true) => (format!("The field `{}`", last_part(field)), None),
+            (Some(field), false) => (
+                format!("The field `{}` predicts {logs}", last_part(field)),
+                Some("the field expects"),
+            ),
             (None, _) => (
                 format!("A field is learnt from {logs}"),
                 Some("was expected just before the sample was learnt from"),
@@ -217,10 +216,4 @@ impl Stage<'_> {
         }
         self.output.result(&text)
     }
-}
-
-/// The last part of a path: recordings are shared, and folders are nobody's business.
-fn name(path: &Path) -> String {
-    let last = path.file_name().or_else(|| path.components().next_back().map(|c| c.as_os_str()));
-    last.unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

@@ -9,10 +9,7 @@ mod publisher;
 mod subscriber;
 mod topic;
 
-pub use network::{Network, NetworkConfig, NetworkError};
+pub use network::{Network, NetworkConfig, NetworkError, Services};
 pub use publisher::{Outbox, Publishers, Torques};
-/// How services are told apart on the wire: `Enhanced`, beside the data, as `rmw_fastrtps_cpp` and
-/// `rmw_connextdds` do, or `Cyclone`, within the data, as `rmw_cyclonedds_cpp` does.
-pub use ros2_client::ServiceMapping as Services;
 pub use subscriber::{JointMessage, Received, Subscriber};
 pub use topic::{TopicSeen, choose};

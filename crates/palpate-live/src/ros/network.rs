@@ -3,11 +3,11 @@
 use std::fmt::Display;
 use std::net::{IpAddr, Ipv4Addr};
 
-use ros2_client::{Context, Name, Node, NodeName, NodeOptions};
+use ros2_client::{Context, Name, Node, NodeName, NodeOptions, ServiceMapping};
 use rustdds::DomainParticipantBuilder;
 use rustdds::policy::Reliability;
+use serde::Deserialize;
 
-use super::Services;
 use super::topic::TopicSeen;
 
 /// How to join the network.
@@ -19,6 +19,26 @@ pub struct NetworkConfig {
     pub localhost: bool,
     /// How services are told apart on the wire.
     pub services: Services,
+}
+
+/// The two ways in which DDS implementations of ROS 2 carry services.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Services {
+    /// As `rmw_fastrtps_cpp` and `rmw_connextdds` do: the request is named beside the data.
+    #[default]
+    Enhanced,
+    /// As `rmw_cyclonedds_cpp` does: the request is named within the data.
+    Cyclone,
+}
+
+impl Services {
+    pub(super) fn mapping(self) -> ServiceMapping {
+        match self {
+            Self::Enhanced => ServiceMapping::Enhanced,
+            Self::Cyclone => ServiceMapping::Cyclone,
+        }
+    }
 }
 
 /// Why the network cannot be used.

@@ -77,7 +77,7 @@ impl Network {
         let mut tare = self
             .node
             .create_server(
-                self.services,
+                self.services.mapping(),
                 &parse(service)?,
                 &ServiceTypeName::new("std_srvs", "Trigger"),
                 reliable.clone(),

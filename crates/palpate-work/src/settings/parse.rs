@@ -9,7 +9,7 @@ use serde::de::value::{Error, StrDeserializer};
 use serde::{Deserialize, Serialize};
 
 /// A parser of words that serde knows, which help and completions list.
-pub(super) fn named<T>(words: &[&'static str]) -> impl TypedValueParser<Value = T> + use<T>
+pub fn named<T>(words: &[&'static str]) -> impl TypedValueParser<Value = T> + use<T>
 where
     T: for<'de> Deserialize<'de> + Clone + Send + Sync + 'static,
 {

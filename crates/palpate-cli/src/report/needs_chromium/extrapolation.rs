@@ -9,9 +9,9 @@ use crate::extrapolation_view::tests::Example;
 
 fn page(example: &Example) -> Page {
     let table = Table {
-        title: "Stiffness of <parts>".to_owned(),
-        caption: "Medians.".to_owned(),
-        head: vec!["part".to_owned(), "K [N/m]".to_owned()],
+        title: "Stiffness of <parts>",
+        caption: "Medians.",
+        head: vec!["part", "K [N/m]"],
         rows: vec![vec!["leaf".to_owned(), "5.3".to_owned()]],
     };
     let page = PageText {

@@ -17,13 +17,15 @@ use ::mcap::records::MessageHeader;
 use ::mcap::{McapError, WriteOptions, Writer};
 use palpate::Sample;
 use re_cdr::{CdrWriter, LittleEndian};
+use serde::Deserialize;
 
 use super::reading::{HEADER, joint_state};
 use super::topic::TOUCH_TOPIC;
 use crate::field::FieldFile;
 
 /// How the chunks of a bag are packed.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Compression {
     /// Zstandard: small.
     #[default]
