@@ -76,6 +76,14 @@ mod with_viewer {
     }
 
     #[test]
+    fn a_touch_too_short_for_its_tare_is_named_and_not_the_next() {
+        let scene = Scene::new();
+        let rrd = scene.text("out/touches.rrd");
+        let flags = [&COARSE[..], &["--tare-frames", "60", "--save", &rrd]].concat();
+        refuse(&mut view(&scene, &["log"], &flags), 1, &["touch `seq_0`", "60"]);
+    }
+
+    #[test]
     fn logs_alone_are_learnt_from_as_they_are_played() {
         let scene = Scene::new();
         let rrd = scene.text("out/touches.rrd");

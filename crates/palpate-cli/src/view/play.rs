@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::fmt::Write;
+use std::path::PathBuf;
 
 use nalgebra::DVector;
 use palpate::{Arm, Contacts, Lattice, Mapper, MapperError, Predictor, Sample};
@@ -142,6 +143,8 @@ pub(super) struct Player {
     ahead: VecDeque<TouchEvent>,
     /// Whether the logs say when a sample was taken.
     pub(super) timed: bool,
+    /// Log and name of the touch that was begun last.
+    under_way: Option<(PathBuf, String)>,
     clock: Clock,
     played: Played,
     errors: ErrorSum,
@@ -160,7 +163,8 @@ impl Player {
             matches!(ahead.back(), Some(TouchEvent::Sample(first)) if first.time_s.is_some());
         let (clock, played) = (Clock::default(), Played::default());
         let (errors, zero) = (ErrorSum::default(), ErrorSum::default());
-        Ok(Self { follower, touches, ahead, timed, clock, played, errors, zero })
+        let under_way = None;
+        Ok(Self { follower, touches, ahead, timed, under_way, clock, played, errors, zero })
     }
 
     /// Joint positions of the first sample, if nothing was played yet.
@@ -201,6 +205,7 @@ impl Player {
                     bar.at(&name);
                     let at_s = self.timed.then_some(self.clock.now_s);
                     recording.touch(&name, self.played.samples, at_s).map_err(failed)?;
+                    self.under_way = Some((self.touches.log().to_owned(), name));
                 }
                 TouchEvent::Sample(sample) => {
                     self.sample(&sample, recording, arm, args)?;
@@ -269,10 +274,9 @@ impl Player {
 
     /// Ends the touch that is under way, if any is, and shows what it has taught.
     fn end_touch(&mut self, recording: &mut Recording<'_>) -> Result<(), CliError> {
-        if self.played.touches == 0 {
-            return Ok(());
-        }
-        self.follower.end_touch().map_err(|error| self.touches.fault(error))?;
+        let Some((log, name)) = &self.under_way else { return Ok(()) };
+        let place = || format!("touch `{name}`");
+        self.follower.end_touch().map_err(|error| CliError::touch(log, place(), error))?;
         let last = self.played.samples.saturating_sub(1);
         let time_s = self.clock.first_s.map(|_| self.clock.now_s);
         self.show_field(recording, last, time_s)
