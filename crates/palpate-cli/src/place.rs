@@ -163,13 +163,9 @@ pub(crate) fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
     folder.read_dir().into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()))
 }
 
-/// Writes a text, whole or not at all.
-pub(crate) fn write(path: &Path, text: &str) -> Result<(), CliError> {
-    write_bytes(path, text.as_bytes())
-}
-
-/// Writes bytes, whole or not at all.
-pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
+/// Writes a text or bytes, whole or not at all.
+pub(crate) fn write<T: AsRef<[u8]> + ?Sized>(path: &Path, content: &T) -> Result<(), CliError> {
     use std::io::Write;
-    atomic::write(path, IfExists::Replace, |out| out.write_all(bytes)).map_err(CliError::file)
+    let content = content.as_ref();
+    atomic::write(path, IfExists::Replace, |out| out.write_all(content)).map_err(CliError::file)
 }

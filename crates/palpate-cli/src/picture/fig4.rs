@@ -57,15 +57,13 @@ pub(crate) fn fig4(
         figure.scale.bar(&bar, (HEAD + 20, HEAD + height - 40))
     })?;
     let image = |raster: &Raster, x: i32, width: i32| {
-        let uri =
-            raster.data_uri().map_err(|error| format!("the picture cannot be drawn: {error}"));
-        Ok::<_, String>(format!(
-            "<image x=\"{x}\" y=\"{HEAD}\" width=\"{width}\" height=\"{height}\" href=\"{}\"/>\n",
-            uri?
-        ))
+        let uri = raster.data_uri();
+        format!(
+            "<image x=\"{x}\" y=\"{HEAD}\" width=\"{width}\" height=\"{height}\" href=\"{uri}\"/>\n"
+        )
     };
-    let images = image(&figure.touched(left), EDGE, left_px)?
-        + &image(&figure.cloud(right), second, right_px)?;
+    let images = image(&figure.touched(left), EDGE, left_px)
+        + &image(&figure.cloud(right), second, right_px);
     // Behind the letters, before the white ground.
     let ground = drawn.find("/>").map_or(0, |at| at + 2);
     Ok([&drawn[..ground], "\n", &images, &drawn[ground..]].concat())

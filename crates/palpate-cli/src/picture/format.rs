@@ -33,7 +33,7 @@ impl Format {
     pub(crate) fn write(self, path: &Path, svg: &str) -> Result<(), CliError> {
         match self {
             Self::Svg => place::write(path, svg),
-            Self::Png => place::write_bytes(path, &png(svg)?),
+            Self::Png => place::write(path, &png(svg)?),
         }
     }
 }

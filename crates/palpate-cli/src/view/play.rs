@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use nalgebra::DVector;
-use palpate::{Arm, Contacts, Lattice, Mapper, MapperError, Predictor, Sample};
+use palpate::{Arm, Contacts, Mapper, MapperError, Predictor, Sample};
 use palpate_learn::errors::{ErrorSum, Errors};
 use palpate_view::{Frame, Recording, Torque};
 use palpate_work::Progress;
@@ -26,8 +26,8 @@ const PAUSE_S: f64 = 1.0;
 pub(super) enum Follower {
     /// Learns from each sample after it has said what it expects.
     Mapper(Box<Mapper>),
-    /// Asks a field in this lattice.
-    Predictor(Box<Predictor>, Lattice),
+    /// Asks a field.
+    Predictor(Box<Predictor>),
 }
 
 /// Measured and predicted torque, n_joints, N·m; `None` while the tare is being taken.
@@ -37,7 +37,7 @@ impl Follower {
     fn begin_touch(&mut self) {
         match self {
             Self::Mapper(mapper) => mapper.begin_touch(),
-            Self::Predictor(predictor, _) => predictor.begin_touch(),
+            Self::Predictor(predictor) => predictor.begin_touch(),
         }
     }
 
@@ -47,7 +47,7 @@ impl Follower {
                 let report = mapper.step(sample)?;
                 report.external.zip(report.predicted)
             }
-            Self::Predictor(predictor, _) => {
+            Self::Predictor(predictor) => {
                 predictor.step(sample)?.map(|step| (step.external, step.predicted))
             }
         })
@@ -56,22 +56,14 @@ impl Follower {
     fn end_touch(&mut self) -> Result<(), MapperError> {
         match self {
             Self::Mapper(mapper) => mapper.end_touch(),
-            Self::Predictor(predictor, _) => Ok(predictor.end_touch()?),
+            Self::Predictor(predictor) => Ok(predictor.end_touch()?),
         }
     }
 
     fn contacts(&self) -> Contacts {
         match self {
             Self::Mapper(mapper) => mapper.contacts(),
-            Self::Predictor(predictor, _) => predictor.contacts(),
-        }
-    }
-
-    /// The lattice of the contacts.
-    pub(super) fn lattice(&self) -> &Lattice {
-        match self {
-            Self::Mapper(mapper) => &mapper.config().lattice,
-            Self::Predictor(_, lattice) => lattice,
+            Self::Predictor(predictor) => predictor.contacts(),
         }
     }
 }
@@ -137,7 +129,7 @@ impl Clock {
 
 /// Logs under way.
 pub(super) struct Player {
-    pub(super) follower: Follower,
+    follower: Follower,
     pub(super) touches: Touches,
     /// What was read before the playing began.
     ahead: VecDeque<TouchEvent>,
@@ -268,7 +260,7 @@ impl Player {
             Follower::Mapper(mapper) => {
                 recording.field(&mapper.field(), sample, time_s).map_err(failed)
             }
-            Follower::Predictor(..) => Ok(()),
+            Follower::Predictor(_) => Ok(()),
         }
     }
 

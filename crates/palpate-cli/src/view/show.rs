@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate::{Arm, Lattice, Mapper, Predictor};
+use palpate::{Arm, ContactConfig, Lattice, Mapper, Predictor};
 use palpate_io::field::{self, Saved};
 use palpate_view::{Frame, Recording, Scene};
 use palpate_work::touches::Touches;
@@ -105,17 +105,12 @@ struct Stage<'a> {
 impl Stage<'_> {
     /// Plays logs, and says where.
     fn play(&self, touches: Touches, to: To) -> Result<(String, Option<Played>), CliError> {
-        let place = match &self.saved {
-            Some(Saved { field, .. }) => (field.lattice.clone(), field.contact.clone()),
-            None => {
-                let config = self.settings.config()?;
-                (config.lattice, config.contact)
-            }
-        };
+        let (follower, place) = self.follower()?;
+        let lattice = place.0.clone();
         let touches = touches.for_arm(self.arm, &self.settings.log, place)?;
-        let mut player = Player::new(self.follower()?, touches)?;
+        let mut player = Player::new(follower, touches)?;
         let hulls = Hulls::of(self.arm);
-        let mut scene = self.scene(&hulls, player.follower.lattice());
+        let mut scene = self.scene(&hulls, &lattice);
         (scene.clock, scene.torques) = (player.timed, true);
         // Joint positions that are not the arm's: an error when that sample is followed.
         let first = player.first_q().and_then(|q| hulls.poses(self.arm, q).ok());
@@ -131,22 +126,22 @@ impl Stage<'_> {
         Ok((place, Some(played)))
     }
 
-    /// What says the torques: the field, or a mapper that starts anew.
-    fn follower(&self) -> Result<Follower, CliError> {
+    /// What says the torques: the field, or a mapper that starts anew; and the place of its contacts.
+    fn follower(&self) -> Result<(Follower, (Lattice, ContactConfig)), CliError> {
         let arm = Arc::clone(self.arm);
-        Ok(match &self.saved {
-            Some(saved) => {
-                let touch = self.settings.touch.over_config(&saved.field.touch);
-                let predictor = Predictor::new(arm, &saved.field, touch);
-                let predictor = predictor.map_err(SettingsError::value)?;
-                Follower::Predictor(Box::new(predictor), saved.field.lattice.clone())
+        match &self.saved {
+            Some(Saved { field, .. }) => {
+                let touch = self.settings.touch.over_config(&field.touch);
+                let predictor = Predictor::new(arm, field, touch).map_err(SettingsError::value)?;
+                let place = (field.lattice.clone(), field.contact.clone());
+                Ok((Follower::Predictor(Box::new(predictor)), place))
             }
             None => {
-                let mapper =
-                    Mapper::new(arm, self.settings.config()?).map_err(SettingsError::value)?;
-                Follower::Mapper(Box::new(mapper))
+                let config = self.settings.config()?;
+                let mapper = Mapper::new(arm, config.clone()).map_err(SettingsError::value)?;
+                Ok((Follower::Mapper(Box::new(mapper)), (config.lattice, config.contact)))
             }
-        })
+        }
     }
 
     /// Shows a field alone, and says where.
