@@ -11,7 +11,7 @@ use std::sync::Arc;
 use palpate::{EstimatorKind, Mapper, MapperConfig, Predictor, Sample};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, load_arm};
-use palpate_learn::errors::ErrorSum;
+use palpate_learn::errors::{ErrorSum, Errors};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let data = Path::new("data/plant_a");
@@ -31,23 +31,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // positions matter for the prediction; the torques serve to see how good it is.
     let mut predictor = Predictor::new(arm, &mapper.field(), config.touch)?;
     predictor.begin_touch();
-    let (mut field, mut zero) = (ErrorSum::default(), ErrorSum::default());
+    let mut sum = ErrorSum::default();
     println!("frame   felt   predicted  (N·m, norm over the joints)");
     for (number, sample) in samples(&data.join("seq_003"))?.iter().enumerate() {
         let Some(said) = predictor.step(sample)? else { continue };
-        field.add(&said.predicted, &said.external);
-        zero.add(&(&said.predicted * 0.0), &said.external);
+        sum.add(said.predicted.as_slice(), said.external.as_slice());
         if number % 40 == 0 {
             println!("{number:5} {:6.2} {:8.2}", said.external.norm(), said.predicted.norm());
         }
     }
-    let relative = |sum: ErrorSum| sum.errors().and_then(|e| e.avg_relative).unwrap_or(f64::NAN);
-    println!(
-        "average relative error {:.2}, of predicting zero {:.2}",
-        relative(field),
-        relative(zero)
-    );
-    assert!(relative(field) < relative(zero), "a map must be better than no map");
+    let relative = |errors: Option<Errors>| errors.and_then(|e| e.avg_relative).unwrap_or(f64::NAN);
+    let (field, zero) = (relative(sum.errors()), relative(sum.zero()));
+    println!("average relative error {field:.2}, of predicting zero {zero:.2}");
+    assert!(field < zero, "a map must be better than no map");
     Ok(())
 }
 

@@ -3,7 +3,6 @@
 //! The error of a frame is ‖τ̂ − τ‖₂ over the joints, in N·m; the relative error is that over
 //! ‖τ‖₂, taken only where ‖τ‖₂ ≥ 1 N·m so that noise is not divided by nothing.
 
-use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 /// Frames with less torque than this have no relative error, N·m.
@@ -22,15 +21,49 @@ pub struct Errors {
     pub max_relative: Option<f64>,
 }
 
-/// Errors of frames, added up one by one.
+impl Errors {
+    /// Of mean and maximum of the errors and of the relative ones.
+    fn of(errors: Option<(f64, f64)>, relative: Option<(f64, f64)>) -> Option<Self> {
+        let (avg_error, max_error) = errors?;
+        let (avg_relative, max_relative) = relative.unzip();
+        Some(Self { avg_error, max_error, avg_relative, max_relative })
+    }
+}
+
+/// Errors of frames, added up one by one, and those of predicting zero on the same frames.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ErrorSum {
-    frames: u64,
+    /// ‖τ̂ − τ‖₂.
+    error: Running,
+    /// ‖τ‖₂, which is the error of predicting zero.
+    size: Running,
+    /// Their ratio, of the frames that have one.
+    relative: Running,
+}
+
+/// Count, sum and maximum of some numbers, none of them negative.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Running {
+    count: u64,
     sum: f64,
     max: f64,
-    relative_frames: u64,
-    relative_sum: f64,
-    relative_max: f64,
+}
+
+impl Running {
+    fn add(&mut self, number: f64) {
+        self.merge(&Self { count: 1, sum: number, max: number });
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.count += other.count;
+        self.sum += other.sum;
+        self.max = self.max.max(other.max);
+    }
+
+    /// Mean and maximum; `None` without a number.
+    fn figures(&self) -> Option<(f64, f64)> {
+        (self.count > 0).then(|| (self.sum / self.count as f64, self.max))
+    }
 }
 
 impl ErrorSum {
@@ -41,98 +74,81 @@ impl ErrorSum {
     ) -> Self {
         let mut sum = Self::default();
         for (predicted, truth) in predicted.into_iter().zip(truth) {
-            sum.add_slices(predicted.as_ref(), truth.as_ref());
+            sum.add(predicted.as_ref(), truth.as_ref());
         }
         sum
     }
 
-    /// Of predicting zero.
-    pub fn of_zero(truth: &[Vec<f64>]) -> Self {
-        Self::of(truth.iter().map(|truth| vec![0.0; truth.len()]), truth)
-    }
-
     /// Adds a frame: predicted and true external torque, n_joints, N·m.
-    pub fn add(&mut self, predicted: &DVector<f64>, truth: &DVector<f64>) {
-        self.add_slices(predicted.as_slice(), truth.as_slice());
-    }
-
-    /// [`ErrorSum::add`] of two frames as slices.
-    pub fn add_slices(&mut self, predicted: &[f64], truth: &[f64]) {
-        let norm = |squares: f64| squares.sqrt();
-        let error = norm(predicted.iter().zip(truth).map(|(p, t)| (p - t) * (p - t)).sum::<f64>());
-        self.frames += 1;
-        self.sum += error;
-        self.max = self.max.max(error);
-        let size = norm(truth.iter().map(|t| t * t).sum::<f64>());
+    pub fn add(&mut self, predicted: &[f64], truth: &[f64]) {
+        let error = predicted.iter().zip(truth).map(|(p, t)| (p - t) * (p - t)).sum::<f64>().sqrt();
+        let size = truth.iter().map(|t| t * t).sum::<f64>().sqrt();
+        self.error.add(error);
+        self.size.add(size);
         if size >= RELATIVE_FROM {
-            self.relative_frames += 1;
-            self.relative_sum += error / size;
-            self.relative_max = self.relative_max.max(error / size);
+            self.relative.add(error / size);
         }
     }
 
     /// Adds all frames of another sum.
     pub fn merge(&mut self, other: &Self) {
-        self.frames += other.frames;
-        self.sum += other.sum;
-        self.max = self.max.max(other.max);
-        self.relative_frames += other.relative_frames;
-        self.relative_sum += other.relative_sum;
-        self.relative_max = self.relative_max.max(other.relative_max);
+        self.error.merge(&other.error);
+        self.size.merge(&other.size);
+        self.relative.merge(&other.relative);
     }
 
     /// Frames added.
     pub fn frames(&self) -> u64 {
-        self.frames
+        self.error.count
     }
 
     /// Frames that count for the relative errors.
     pub fn relative_frames(&self) -> u64 {
-        self.relative_frames
+        self.relative.count
     }
 
     /// The four figures; `None` without a frame.
     pub fn errors(&self) -> Option<Errors> {
-        let relative = |value: f64| (self.relative_frames > 0).then_some(value);
-        (self.frames > 0).then(|| Errors {
-            avg_error: self.sum / self.frames as f64,
-            max_error: self.max,
-            avg_relative: relative(self.relative_sum / self.relative_frames as f64),
-            max_relative: relative(self.relative_max),
-        })
+        Errors::of(self.error.figures(), self.relative.figures())
+    }
+
+    /// The four figures of predicting zero; `None` without a frame.
+    pub fn zero(&self) -> Option<Errors> {
+        Errors::of(self.size.figures(), self.relative.figures().map(|_| (1.0, 1.0)))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::dvector;
-
     use super::*;
 
     #[test]
     fn figures_of_a_case_on_paper() {
         let mut sum = ErrorSum::default();
-        sum.add(&dvector![3.0, 4.0], &dvector![0.0, 0.0]); // error 5, too small for a ratio
-        sum.add(&dvector![0.0, 1.0], &dvector![0.0, 2.0]); // error 1, relative 0.5
-        sum.add(&dvector![0.0, 0.0], &dvector![3.0, 4.0]); // error 5, relative 1
+        sum.add(&[3.0, 4.0], &[0.0, 0.0]); // error 5, too small for a ratio
+        sum.add(&[0.0, 1.0], &[0.0, 2.0]); // error 1, relative 0.5
+        sum.add(&[0.0, 0.0], &[3.0, 4.0]); // error 5, relative 1
         let errors = sum.errors().unwrap();
         assert!((errors.avg_error - 11.0 / 3.0).abs() < 1e-12);
         assert_eq!(errors.max_error, 5.0);
         assert_eq!((errors.avg_relative, errors.max_relative), (Some(0.75), Some(1.0)));
+        let zero = sum.zero().unwrap();
+        assert_eq!((zero.avg_error, zero.max_error), (7.0 / 3.0, 5.0));
+        assert_eq!((zero.avg_relative, zero.max_relative), (Some(1.0), Some(1.0)));
     }
 
     #[test]
     fn predicting_zero_has_a_relative_error_of_one_and_sums_merge() {
-        let zero = dvector![0.0, 0.0];
         let (mut first, mut second, mut both) =
             (ErrorSum::default(), ErrorSum::default(), ErrorSum::default());
-        for (sum, tau) in [(&mut first, dvector![1.0, 2.0]), (&mut second, dvector![-3.0, 0.1])] {
-            sum.add(&zero, &tau);
-            both.add(&zero, &tau);
+        for (sum, tau) in [(&mut first, [1.0, 2.0]), (&mut second, [-3.0, 0.1])] {
+            sum.add(&[0.0, 0.0], &tau);
+            both.add(&[0.0, 0.0], &tau);
         }
         first.merge(&second);
         assert_eq!(first, both);
         assert_eq!(both.errors().unwrap().avg_relative, Some(1.0));
+        assert_eq!(both.errors(), both.zero());
         assert_eq!(ErrorSum::default().errors(), None);
     }
 }

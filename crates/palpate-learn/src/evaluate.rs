@@ -8,9 +8,10 @@ use palpate::MapperConfig;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::error::{LearnError, Stop};
 use crate::evaluation::{Evaluation, LeftOut, Prediction, Summary};
 use crate::folds::Fold;
-use crate::method::{Method, MethodError, Torques};
+use crate::method::{Method, Torques};
 use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
 
 /// What is evaluated.
@@ -49,7 +50,7 @@ pub struct PartError {
     /// The fold's number.
     pub fold: usize,
     /// What went wrong.
-    pub source: MethodError,
+    pub source: LearnError,
 }
 
 impl Plan {
@@ -60,7 +61,7 @@ impl Plan {
             Method::Map => 1,
             Method::Mlp => 2,
             Method::Gp => 3,
-            _ => 4,
+            Method::Knn | Method::Uniform | Method::Zero => 4,
         };
         let mut methods = self.methods.clone();
         methods.sort_by_key(cost);
@@ -73,7 +74,7 @@ impl Plan {
         match method {
             Method::Map => &self.estimators[fold][0],
             Method::Ekf => &self.estimators[fold][1],
-            _ => &self.config,
+            Method::Mlp | Method::Gp | Method::Knn | Method::Uniform | Method::Zero => &self.config,
         }
     }
 
@@ -87,7 +88,7 @@ impl Plan {
         &self,
         tracked: &Tracked,
         parts: &[(Method, usize)],
-        stop: &(dyn Fn() -> bool + Sync),
+        stop: Stop<'_>,
         done: &(dyn Fn(Part) + Sync),
     ) -> Result<(), PartError> {
         // One at a time to whoever is free: parts differ too much in length to be shared out before.

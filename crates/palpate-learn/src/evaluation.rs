@@ -108,7 +108,7 @@ impl LeftOut {
 
     /// Errors of predicting zero on this touch, whether or not that is in the table.
     pub fn zero(&self) -> Option<Errors> {
-        ErrorSum::of_zero(&self.external).errors()
+        ErrorSum::of(&self.external, &self.external).zero()
     }
 
     /// Why a method does badly on this touch, as far as the torques tell: how many of the contacts

@@ -15,6 +15,7 @@
 //! The crate knows the estimators of the core, but no file.
 #![forbid(unsafe_code)]
 
+mod error;
 pub mod errors;
 pub mod evaluate;
 pub mod evaluation;
@@ -24,3 +25,5 @@ pub mod method;
 pub mod regression;
 pub mod tracked;
 pub mod tune;
+
+pub use error::{LearnError, Stop};

@@ -2,11 +2,12 @@
 
 use nalgebra::DVector;
 use palpate::unstable::{Cell, Estimator, FrameId, Stiffness};
-use palpate::{EstimatorError, Field, MapperConfig};
+use palpate::{Field, MapperConfig};
 use serde::{Deserialize, Serialize};
 
+use crate::error::{LearnError, Stop, unless_stopped};
 use crate::folds::Fold;
-use crate::regression::{Gp, GpConfig, Knn, KnnConfig, Mlp, MlpConfig, RegressionError, Regressor};
+use crate::regression::{Frames, Gp, Knn, Mlp, RegressionError, Regressor};
 use crate::tracked::{Tracked, TrackedFrame};
 
 /// A method of the table.
@@ -27,20 +28,6 @@ pub enum Method {
     Uniform,
     /// No torque at all.
     Zero,
-}
-
-/// What can go wrong with a method.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs)] // the messages name the fields
-pub enum MethodError {
-    #[error(transparent)]
-    Estimator(#[from] EstimatorError),
-    #[error(transparent)]
-    Regression(#[from] RegressionError),
-    /// Asked to stop.
-    #[error("stopped")]
-    Stopped,
 }
 
 /// Predicted torques: touches × frames × n_joints, N·m.
@@ -81,78 +68,64 @@ impl Method {
         tracked: &Tracked,
         fold: &Fold,
         config: &MapperConfig,
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Torques, MethodError> {
+        stop: Stop<'_>,
+    ) -> Result<Torques, LearnError> {
         let of_field = |cells: &[Cell]| torques(tracked, fold, |frame| frame.predict(cells));
         match self {
             Self::Map | Self::Ekf => {
-                let estimator = learn(tracked, &fold.train, config, stop)?;
+                let estimator = learn(tracked, &fold.train, config, &[], stop)?;
                 Ok(of_field(&tracked.with_stiffness(|row| estimator.stiffness(row))))
             }
             Self::Uniform => Ok(of_field(&uniform(tracked, &fold.train))),
             Self::Zero => Ok(torques(tracked, fold, |frame| vec![0.0; frame.target.len()])),
-            Self::Mlp | Self::Gp | Self::Knn => {
-                if stop() {
-                    return Err(MethodError::Stopped);
-                }
-                let frames = tracked.frames(&fold.train);
-                let regressor: Box<dyn Regressor> = match self {
-                    Self::Mlp => Box::new(Mlp::fit(&frames, &MlpConfig::default())?),
-                    Self::Gp => Box::new(Gp::fit(&frames, &GpConfig::default())?),
-                    _ => Box::new(Knn::fit(&frames, &KnnConfig::default())?),
-                };
-                let of = |&touch: &usize| {
-                    let q = tracked.touches[touch].positions(tracked.n_joints);
-                    let tau = regressor.predict(&q);
-                    tau.column_iter().map(|tau| tau.iter().copied().collect()).collect()
-                };
-                Ok(fold.test.iter().map(of).collect())
-            }
+            Self::Mlp => regressed(Mlp::fit, tracked, fold, stop),
+            Self::Gp => regressed(Gp::fit, tracked, fold, stop),
+            Self::Knn => regressed(Knn::fit, tracked, fold, stop),
         }
     }
 }
 
-/// Learns some touches: predict, correct, replay, frame by frame, as [`palpate::Mapper`]
-/// does, with the contacts there already.
-///
-/// # Errors
-///
-/// If a setting is out of its range, or a frame cannot be used.
-pub fn learn(
+/// What a regression of torques on joint positions predicts.
+fn regressed<R: Regressor>(
+    fit: impl Fn(&Frames) -> Result<R, RegressionError>,
     tracked: &Tracked,
-    touches: &[usize],
-    config: &MapperConfig,
-    stop: &(dyn Fn() -> bool + Sync),
-) -> Result<Box<dyn Estimator>, MethodError> {
-    learn_from(tracked, touches, config, &[], stop)
+    fold: &Fold,
+    stop: Stop<'_>,
+) -> Result<Torques, LearnError> {
+    unless_stopped(stop)?;
+    let regressor = fit(&tracked.frames(&fold.train))?;
+    let of = |&touch: &usize| {
+        let tau = regressor.predict(&tracked.frames(&[touch]).q);
+        tau.column_iter().map(|tau| tau.iter().copied().collect()).collect()
+    };
+    Ok(fold.test.iter().map(of).collect())
 }
 
-/// Learns some touches as [`learn`] does, from prior means by row.
+/// Learns some touches: predict, correct, replay, frame by frame, as [`palpate::Mapper`]
+/// does, with the contacts there already.
 ///
 /// `prior_means_n_per_m` are those of the first rows of [`Tracked::cells`], N/m: of all rows, or of
 /// as many as there are. Rows after them have the prior's. See [`Estimator::set_prior_means`].
 ///
 /// # Errors
 ///
-/// As [`learn`].
+/// If a setting is out of its range, or a frame cannot be used.
 ///
 /// # Panics
 ///
 /// If there are more means than rows, or one is negative or not finite.
-pub fn learn_from(
+pub fn learn(
     tracked: &Tracked,
     touches: &[usize],
     config: &MapperConfig,
     prior_means_n_per_m: &[f64],
-    stop: &(dyn Fn() -> bool + Sync),
-) -> Result<Box<dyn Estimator>, MethodError> {
+    stop: Stop<'_>,
+) -> Result<Box<dyn Estimator>, LearnError> {
     let mut estimator = config.estimator(tracked.n_joints)?;
     estimator.set_prior_means(&tracked.points_m, prior_means_n_per_m);
     for (number, &touch) in touches.iter().enumerate() {
         for frame in &tracked.touches[touch].frames {
-            if stop() {
-                return Err(MethodError::Stopped);
-            }
+            unless_stopped(stop)?;
             if frame.observation.n_contacts() == 0 {
                 estimator.advance_time();
                 continue;

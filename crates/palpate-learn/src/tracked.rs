@@ -10,11 +10,10 @@ use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{
     Cell, CellRows, Observation, ObservationBuilder, Stiffness, TrackedSample, Tracker,
 };
-use palpate::{
-    Arm, CellId, ContactConfig, Lattice, MapperConfig, MapperError, Sample, SettingError, Tare,
-};
+use palpate::{Arm, CellId, ContactConfig, Lattice, MapperConfig, Sample, Tare};
 use rayon::prelude::*;
 
+use crate::error::{LearnError, Stop, unless_stopped};
 use crate::regression::Frames;
 
 /// A touch as a log holds it, with what is known of the truth.
@@ -26,25 +25,6 @@ pub struct Touch {
     pub samples: Vec<Sample>,
     /// True external torque of every sample, n_joints, N·m, where it is to be predicted.
     pub truth: Option<Vec<Vec<f64>>>,
-}
-
-/// What can go wrong in tracking.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs)] // the messages name the fields
-pub enum TrackError {
-    /// A sample that cannot be used.
-    #[error("touch {touch}, sample {sample}: {source}")]
-    Sample { touch: usize, sample: usize, source: MapperError },
-    /// A truth that does not fit its touch.
-    #[error("the truth of touch `{touch}` has {got}, the touch has {expected}")]
-    Truth { touch: String, got: String, expected: String },
-    /// Settings out of their range.
-    #[error(transparent)]
-    Settings(#[from] SettingError),
-    /// Asked to stop.
-    #[error("stopped")]
-    Stopped,
 }
 
 /// All touches, tracked.
@@ -69,8 +49,8 @@ pub struct TrackedTouch {
     pub name: String,
     /// Its frames from the tare on.
     pub frames: Vec<TrackedFrame>,
-    /// What its torques do before.
-    noise: Noise,
+    /// Its torques before, bias and all, n_joints, N·m.
+    of_tare: Vec<DVector<f64>>,
 }
 
 /// One frame after the tare.
@@ -93,7 +73,7 @@ pub struct TrackedFrame {
 impl Tracked {
     /// Tracks all touches, several at a time; the result does not depend on how many.
     ///
-    /// `stop` is asked before every sample, from any thread.
+    /// `stop` is asked before every sample.
     ///
     /// # Errors
     ///
@@ -102,8 +82,8 @@ impl Tracked {
         arm: &Arc<Arm>,
         config: &MapperConfig,
         touches: &[Touch],
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Self, TrackError> {
+        stop: Stop<'_>,
+    ) -> Result<Self, LearnError> {
         touches.iter().try_for_each(|touch| check_truth(touch, arm.robot.n_joints()))?;
         Self::track(arm, config, touches, None, stop)
     }
@@ -119,8 +99,8 @@ impl Tracked {
         arm: &Arc<Arm>,
         config: &MapperConfig,
         touches: &[Touch],
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Self, TrackError> {
+        stop: Stop<'_>,
+    ) -> Result<Self, LearnError> {
         let mut config = config.clone();
         config.contact = contact.clone();
         config.touch.tare = Tare::None; // The torques are known, with their tare taken off.
@@ -130,9 +110,8 @@ impl Tracked {
     /// Every n-th frame of each touch, from the first on.
     pub fn thinned(mut self, n: usize) -> Self {
         for touch in &mut self.touches {
-            let mut numbers = 0..;
-            let is_nth = |number: usize| number.is_multiple_of(n.max(1));
-            touch.frames.retain(|_| numbers.next().is_some_and(is_nth));
+            let frames = std::mem::take(&mut touch.frames);
+            touch.frames = frames.into_iter().step_by(n.max(1)).collect();
         }
         self
     }
@@ -142,8 +121,8 @@ impl Tracked {
         config: &MapperConfig,
         touches: &[Touch],
         like: Option<&Self>,
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Self, TrackError> {
+        stop: Stop<'_>,
+    ) -> Result<Self, LearnError> {
         let (contact, touch) = (config.contact.clone(), config.touch.clone());
         let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), &contact, touch)?;
         let first = touches.iter().flat_map(|touch| &touch.samples).map(|sample| &sample.q).next();
@@ -158,15 +137,14 @@ impl Tracked {
         for some in numbered.chunks(rayon::current_num_threads().max(1)) {
             let followed: Vec<_> = some.par_iter().map(|touch| track(*touch)).collect();
             for (frames, (number, touch)) in followed.into_iter().zip(some) {
-                let (frames, of_tare) = frames?;
-                let noise = match like {
-                    None => Noise::of(&of_tare, arm.robot.n_joints()),
-                    Some(like) => like.touches[*number].noise.clone(),
-                };
+                let (frames, mut of_tare) = frames?;
+                if let Some(like) = like {
+                    of_tare.clone_from(&like.touches[*number].of_tare);
+                }
                 let frames = frames.into_iter();
                 let frames = frames.map(|frame| frame.observed(arm, touch, &mut observations));
                 let frames = frames.collect();
-                tracked.push(TrackedTouch { name: touch.name.clone(), frames, noise });
+                tracked.push(TrackedTouch { name: touch.name.clone(), frames, of_tare });
             }
         }
         Ok(Self {
@@ -196,10 +174,16 @@ impl Tracked {
     /// Standard deviation of some touches' torques in the frames of the tare, where nothing is
     /// touched, n_joints, N·m; 0 without such frames.
     pub fn noise_std(&self, touches: &[usize]) -> Vec<f64> {
-        let noises = || touches.iter().map(|&touch| &self.touches[touch].noise);
-        let freedom = noises().map(|noise| noise.freedom).sum::<f64>().max(1.0);
-        let squares = |joint: usize| noises().map(|noise| noise.squares[joint]).sum::<f64>();
-        (0..self.n_joints).map(|joint| (squares(joint) / freedom).sqrt()).collect()
+        let (mut squares, mut freedom) = (DVector::<f64>::zeros(self.n_joints), 0.0);
+        let torques = touches.iter().map(|&touch| &self.touches[touch].of_tare);
+        for torques in torques.filter(|torques| !torques.is_empty()) {
+            let n = torques.len() as f64;
+            let mean = torques.iter().sum::<DVector<f64>>() / n;
+            let apart = torques.iter().map(|torque| torque - &mean);
+            squares += apart.map(|apart| apart.component_mul(&apart)).sum::<DVector<f64>>();
+            freedom += n - 1.0;
+        }
+        squares.iter().map(|square| (square / f64::max(freedom, 1.0)).sqrt()).collect()
     }
 
     /// Joint positions and measured torques of some touches, for what learns from them alone.
@@ -226,13 +210,6 @@ impl TrackedTouch {
     pub(crate) fn in_contact(&self) -> impl Iterator<Item = &TrackedFrame> + Clone {
         self.frames.iter().filter(|frame| frame.observation.n_contacts() > 0)
     }
-
-    /// Joint positions as [`Frames::q`] has them, n_joints × frames, rad.
-    pub fn positions(&self, n_joints: usize) -> DMatrix<f64> {
-        DMatrix::from_fn(n_joints, self.frames.len(), |joint, frame| {
-            self.frames[frame].unwrapped[joint]
-        })
-    }
 }
 
 impl TrackedFrame {
@@ -258,47 +235,17 @@ impl Followed {
         touch: &Touch,
         observations: &mut ObservationBuilder,
     ) -> TrackedFrame {
-        let Self { sample, unwrapped, tracked, external } = self;
-        let Sample { time_s, ref q, .. } = touch.samples[sample];
-        let truth = touch.truth.as_ref().map(|truth| truth[sample].clone());
+        let Sample { time_s, ref q, .. } = touch.samples[self.sample];
+        let TrackedSample { poses, contacts, .. } = &self.tracked;
+        let truth = touch.truth.as_ref().map(|truth| truth[self.sample].clone());
         TrackedFrame {
-            sample: sample as u32,
+            sample: self.sample as u32,
             time_s,
             q: q.clone(),
-            unwrapped,
-            observation: observations.build(
-                &arm.robot,
-                &tracked.poses,
-                &tracked.contacts,
-                &external,
-            ),
-            target: truth.unwrap_or_else(|| external.as_slice().to_vec()),
+            unwrapped: self.unwrapped,
+            observation: observations.build(&arm.robot, poses, contacts, &self.external),
+            target: truth.unwrap_or_else(|| self.external.as_slice().to_vec()),
         }
-    }
-}
-
-/// How the torques of a touch scatter about their mean where nothing is touched.
-#[derive(Debug, Clone)]
-struct Noise {
-    squares: DVector<f64>,
-    /// Frames less one, for the mean.
-    freedom: f64,
-}
-
-impl Noise {
-    /// Of the contact-free frames of a touch.
-    fn of(frames: &[DVector<f64>], n_joints: usize) -> Self {
-        let mut squares = DVector::zeros(n_joints);
-        if frames.is_empty() {
-            return Self { squares, freedom: 0.0 };
-        }
-        let n = frames.len() as f64;
-        let mean = frames.iter().sum::<DVector<f64>>() / n;
-        for frame in frames {
-            let apart = frame - &mean;
-            squares += apart.component_mul(&apart);
-        }
-        Self { squares, freedom: n - 1.0 }
     }
 }
 
@@ -308,9 +255,9 @@ fn follow(
     mut tracker: Tracker,
     (number, touch): (usize, &Touch),
     (first, like): (Option<&Vec<f64>>, Option<&[TrackedFrame]>),
-    stop: &(dyn Fn() -> bool + Sync),
-) -> Result<(Vec<Followed>, Vec<DVector<f64>>), TrackError> {
-    let at = |sample, source| TrackError::Sample { touch: number, sample, source };
+    stop: Stop<'_>,
+) -> Result<(Vec<Followed>, Vec<DVector<f64>>), LearnError> {
+    let at = |sample, source| LearnError::Sample { touch: number, sample, source };
     let arm = Arc::clone(tracker.arm());
     tracker.begin_touch();
     let (mut frames, mut of_tare) = (Vec::new(), Vec::new());
@@ -319,9 +266,7 @@ fn follow(
     let mut before = first.or(touch.samples.first().map(|sample| &sample.q)).cloned();
     let mut unwrapped = before.clone().unwrap_or_default();
     for (index, sample) in touch.samples.iter().enumerate() {
-        if stop() {
-            return Err(TrackError::Stopped);
-        }
+        unless_stopped(stop)?;
         let mut frame = tracker.feed(sample).map_err(|error| at(index, error.into()))?;
         let way = arm.robot.difference(before.as_ref().unwrap_or(&sample.q), &sample.q);
         unwrapped.iter_mut().zip(&way).for_each(|(total, way)| *total += way);
@@ -344,14 +289,14 @@ fn follow(
     Ok((frames, of_tare))
 }
 
-fn check_truth(touch: &Touch, n_joints: usize) -> Result<(), TrackError> {
+fn check_truth(touch: &Touch, n_joints: usize) -> Result<(), LearnError> {
     let Some(truth) = &touch.truth else { return Ok(()) };
     let odd = truth.iter().map(Vec::len).find(|n| *n != n_joints);
     if truth.len() == touch.samples.len() && odd.is_none() {
         return Ok(());
     }
     let size = |rows: usize, joints: usize| format!("{rows} rows of {joints} joints");
-    Err(TrackError::Truth {
+    Err(LearnError::Truth {
         touch: touch.name.clone(),
         got: size(truth.len(), odd.unwrap_or(n_joints)),
         expected: size(touch.samples.len(), n_joints),

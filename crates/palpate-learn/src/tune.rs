@@ -13,17 +13,18 @@
 
 use std::sync::Arc;
 
-use palpate::{Arm, EstimatorKind, MapperConfig};
+use palpate::{Arm, ContactConfig, EstimatorKind, MapperConfig};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::error::{LearnError, Stop};
 use crate::errors::ErrorSum;
 use crate::evaluation::MeanStd;
 use crate::folds::{Fold, folds};
-use crate::method::{Method, MethodError};
-use crate::tracked::{Touch, TrackError, Tracked};
+use crate::method::Method;
+use crate::tracked::{Touch, Tracked};
 
 /// Contact distances and frictions, as multiples of the given ones: each pair is simulated.
 const DISTANCES: [f64; 5] = [0.7, 0.85, 1.0, 1.15, 1.35];
@@ -81,9 +82,8 @@ pub struct Trial {
 /// Candidates with their contacts, for any set of training touches.
 pub struct Tuner {
     candidates: Vec<MapperConfig>,
-    /// The place of each candidate's contacts in `tracked`.
-    contacts: Vec<usize>,
-    tracked: Vec<Tracked>,
+    /// The touches under each contact model.
+    tracked: Vec<(ContactConfig, Tracked)>,
     /// Frames that each frame of `tracked` stands for.
     every: usize,
 }
@@ -100,24 +100,21 @@ impl Tuner {
         (arm, touches, base): (&Arc<Arm>, &[Touch], &Tracked),
         config: &MapperConfig,
         effort: Effort,
-        stop: &(dyn Fn() -> bool + Sync),
+        stop: Stop<'_>,
         done: &dyn Fn(),
-    ) -> Result<Self, TrackError> {
+    ) -> Result<Self, LearnError> {
         let candidates = draw(config, effort);
         let frames: usize = base.touches.iter().map(|touch| touch.frames.len()).sum();
         let every = frames.div_ceil(FRAMES).max(1);
-        let (mut models, mut tracked, mut contacts) = (Vec::new(), Vec::new(), Vec::new());
-        for candidate in &candidates {
-            let contact = &candidate.contact;
-            let place = models.iter().position(|model| model == contact);
-            contacts.push(place.unwrap_or(models.len()));
-            if place.is_none() {
-                models.push(contact.clone());
-                tracked.push(base.under(contact, arm, config, touches, stop)?.thinned(every));
+        let mut tracked: Vec<(ContactConfig, Tracked)> = Vec::new();
+        for MapperConfig { contact, .. } in &candidates {
+            if tracked.iter().all(|(model, _)| model != contact) {
+                let frames = base.under(contact, arm, config, touches, stop)?.thinned(every);
+                tracked.push((contact.clone(), frames));
             }
             done();
         }
-        Ok(Self { candidates, contacts, tracked, every })
+        Ok(Self { candidates, tracked, every })
     }
 
     /// Chooses the settings for some training touches.
@@ -125,44 +122,32 @@ impl Tuner {
     /// # Errors
     ///
     /// If no candidate can learn these touches, or on being stopped.
-    pub fn tune(
-        &self,
-        train: &[usize],
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Tuned, MethodError> {
-        let configs = self.with_noise_of(train);
-        let mut trials: Vec<(usize, Vec<f64>)> =
-            (0..configs.len()).map(|candidate| (candidate, Vec::new())).collect();
+    pub fn tune(&self, train: &[usize], stop: Stop<'_>) -> Result<Tuned, LearnError> {
+        let trial = |config| Trial { config, scores: Vec::new() };
+        let mut trials: Vec<Trial> = self.with_noise_of(train).into_iter().map(trial).collect();
         let mut left = trials.len();
         let all = inner(train, train.len());
         let some = inner(train, INNER.min(train.len()));
         let few = &some[..some.len().div_ceil(2)];
         for (round, folds) in [few, &some, &all].into_iter().enumerate() {
-            let scored: Result<Vec<f64>, MethodError> = trials[..left]
+            let scored: Result<Vec<f64>, LearnError> = trials[..left]
                 .par_iter()
-                .map(|(candidate, _)| self.score((*candidate, &configs[*candidate]), folds, stop))
+                .map(|trial| self.score(&trial.config, folds, stop))
                 .collect();
-            for ((_, scores), score) in trials.iter_mut().zip(scored?) {
-                scores.push(score);
+            for (trial, score) in trials.iter_mut().zip(scored?) {
+                trial.scores.push(score);
             }
-            trials[..left].sort_by(|a, b| {
-                let last = |scores: &[f64]| scores.last().copied().unwrap_or(f64::INFINITY);
-                last(&a.1).total_cmp(&last(&b.1)).then(a.0.cmp(&b.0))
-            });
+            // Stable: equal ones stay in the order of the round before, at first that of the draw.
+            trials[..left].sort_by(|a, b| a.scores[round].total_cmp(&b.scores[round]));
             left = [left.div_ceil(3), left.div_ceil(3), 1][round];
         }
-        let trial = |(candidate, scores): (usize, Vec<f64>)| Trial {
-            config: configs[candidate].clone(),
-            scores,
-        };
-        let trials: Vec<Trial> = trials.into_iter().map(trial).collect();
         Ok(Tuned { config: trials[0].config.clone(), trials })
     }
 
     /// The candidates with the sensors' noise as a floor, as it is seen where the training touches
     /// touch nothing; but for the given settings, which stay as they are.
     fn with_noise_of(&self, train: &[usize]) -> Vec<MapperConfig> {
-        let noise_std = self.tracked[0].noise_std(train);
+        let noise_std = self.tracked[0].1.noise_std(train);
         let mut candidates = self.candidates.clone();
         for candidate in &mut candidates[1..] {
             let given = &candidate.estimator.torque_std;
@@ -176,14 +161,15 @@ impl Tuner {
     /// The mean score of a candidate over the touches that some folds test.
     fn score(
         &self,
-        (candidate, config): (usize, &MapperConfig),
+        config: &MapperConfig,
         folds: &[Fold],
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<f64, MethodError> {
+        stop: Stop<'_>,
+    ) -> Result<f64, LearnError> {
         let mut config = config.clone();
         let shrink = (self.every as f64).sqrt().recip();
         config.estimator.torque_std.iter_mut().for_each(|std| *std *= shrink);
-        let tracked = &self.tracked[self.contacts[candidate]];
+        let of_model = self.tracked.iter().find(|(contact, _)| *contact == config.contact);
+        let (_, tracked) = of_model.expect("the contact models of all candidates were simulated");
         let method = match config.method {
             EstimatorKind::Map => Method::Map,
             EstimatorKind::Ekf => Method::Ekf,
@@ -205,8 +191,8 @@ impl Tuner {
 /// Mean relative error of a touch; where it never reaches 1 N·m its mean error by that of
 /// predicting zero, and nothing if there is no torque at all.
 fn score_of(predicted: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<f64> {
-    let zero = ErrorSum::of_zero(measured).errors()?.avg_error;
-    let errors = ErrorSum::of(predicted, measured).errors()?;
+    let sum = ErrorSum::of(predicted, measured);
+    let (errors, zero) = (sum.errors()?, sum.zero()?.avg_error);
     errors.avg_relative.or((zero > 0.0).then_some(errors.avg_error / zero))
 }
 

@@ -205,10 +205,10 @@ fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
 #[test]
 fn halves_are_compared_with_and_without_the_prior() {
     let (seen, felt) = (object(), tracked(&[1, 2, 5, 8], 8));
-    let plan = Plan { halves: 2, ..Plan::of(Config::default()) };
+    let plan = Plan { halves: 2, ..Plan::of(&Config::default()) };
     let mapper = MapperConfig::of(Estimator::Map);
     let rows = plan.run(&felt, &seen, &mapper, NEVER, &|| {}).unwrap();
-    assert_eq!(rows.len(), plan.variants().len() + 3);
+    assert_eq!(rows.len(), plan.variants.len() + 3);
     assert_eq!(rows[0].means().0, Some(1.0), "predicting zero");
     assert!(rows.iter().all(|row| row.avg_error.len() == 2));
     let one = tracked(&[2], 20);

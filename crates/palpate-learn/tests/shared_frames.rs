@@ -129,7 +129,7 @@ fn shared_frames_teach_what_a_mapper_learns_to_the_bit() {
         let tracked = tracked(&arm, &config, &touches);
         // Also without the touch in the middle, and in another order: cells then have other rows.
         for some in [vec![0, 1, 2], vec![0, 2], vec![2, 0]] {
-            let estimator = method::learn(&tracked, &some, &config, NEVER).unwrap();
+            let estimator = method::learn(&tracked, &some, &config, &[], NEVER).unwrap();
             let field = method::field(&tracked, estimator.as_ref(), &config);
             let whole = mapped(&arm, &config, some.iter().map(|&touch| &touches[touch]));
             assert!(whole.cells.len() > 100, "{} cells touched", whole.cells.len());
@@ -147,7 +147,7 @@ fn shared_frames_teach_what_a_mapper_learns_from_the_same_expectations() {
         let config = config(method);
         let tracked = tracked(&arm, &config, &touches);
         let means: Vec<f64> = (0..tracked.cells.len()).map(|row| (row % 5) as f64).collect();
-        let estimator = method::learn_from(&tracked, &[1], &config, &means, NEVER).unwrap();
+        let estimator = method::learn(&tracked, &[1], &config, &means, NEVER).unwrap();
         let field = method::field(&tracked, estimator.as_ref(), &config);
         let prior: Vec<_> = tracked.cells.iter().copied().zip(means).collect();
         let mut mapper = Mapper::with_prior(Arc::clone(&arm), config, &prior).unwrap();

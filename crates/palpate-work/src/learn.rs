@@ -1,9 +1,8 @@
 //! Touches into a mapper, and what is told of it.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
-use nalgebra::DVector;
 use palpate::{Lattice, Mapper, StepReport};
 use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
@@ -36,7 +35,6 @@ pub struct Tally {
     pub touches: Vec<TouchTally>,
     touched: Touched,
     predicted: ErrorSum,
-    zero: ErrorSum,
     /// Where it was stopped.
     pub interrupted: Option<String>,
 }
@@ -51,13 +49,6 @@ pub struct Beside {
     pub zero: Option<Errors>,
 }
 
-impl TouchTally {
-    fn new(name: String, log: &Path) -> Self {
-        let log = log.to_owned();
-        Self { name, log, frames: 0, tare_frames: 0, frames_in_contact: 0 }
-    }
-}
-
 impl Tally {
     fn add(&mut self, report: &StepReport) {
         let touch = self.touches.last_mut().expect("samples come after the start of a touch");
@@ -66,8 +57,7 @@ impl Tally {
         self.touched.add(report.contacts);
         match (&report.predicted, &report.external) {
             (Some(predicted), Some(external)) => {
-                self.predicted.add(predicted, external);
-                self.zero.add(&DVector::zeros(external.len()), external);
+                self.predicted.add(predicted.as_slice(), external.as_slice());
             }
             _ => touch.tare_frames += 1,
         }
@@ -107,7 +97,7 @@ impl Tally {
 
     /// Errors of predicting every frame just before it was learnt from.
     pub fn before_learning(&self) -> Beside {
-        Beside { errors: self.predicted.errors(), zero: self.zero.errors() }
+        Beside { errors: self.predicted.errors(), zero: self.predicted.zero() }
     }
 }
 
@@ -145,21 +135,6 @@ pub fn learn(
     after_step: &mut dyn FnMut(&mut Mapper, &StepReport, Instant),
     progress: &dyn Progress,
 ) -> Result<Tally, WorkError> {
-    let tally = feed(mapper, touches, after_step, progress)?;
-    if tally.interrupted.is_none() {
-        touches.tell_warnings(progress);
-        tell_oddities(&tally, &mapper.config().lattice, progress);
-    }
-    Ok(tally)
-}
-
-/// The loop over all samples, which calls [`Mapper::step`] in a row.
-fn feed(
-    mapper: &mut Mapper,
-    touches: &mut Touches,
-    after_step: &mut dyn FnMut(&mut Mapper, &StepReport, Instant),
-    progress: &dyn Progress,
-) -> Result<Tally, WorkError> {
     let mut tally = Tally::default();
     let bar = progress.begin(touches.samples(), "frames", "learning");
     while let Some(event) = touches.advance()? {
@@ -172,7 +147,10 @@ fn feed(
                 finish_touch(mapper, &tally)?;
                 mapper.begin_touch();
                 bar.at(&name);
-                tally.touches.push(TouchTally::new(name, touches.log()));
+                let log = touches.log().to_owned();
+                let touch =
+                    TouchTally { name, log, frames: 0, tare_frames: 0, frames_in_contact: 0 };
+                tally.touches.push(touch);
             }
             TouchEvent::Sample(sample) => {
                 let started = Instant::now();
@@ -184,6 +162,9 @@ fn feed(
         }
     }
     finish_touch(mapper, &tally)?;
+    drop(bar); // warnings come below it
+    touches.tell_warnings(progress);
+    tell_oddities(&tally, &mapper.config().lattice, progress);
     Ok(tally)
 }
 

@@ -56,6 +56,8 @@ pub struct FrameResult {
     pub time_s: Option<f64>,
     /// Points touched.
     pub contacts: usize,
+    /// Those of them that the field knows.
+    pub known: usize,
     /// τ̂, n_joints, N·m.
     pub predicted: DVector<f64>,
     /// τ_ext, measured or true, n_joints, N·m.
@@ -72,14 +74,6 @@ pub struct TouchResult {
     pub frames_in_log: u64,
     /// The scored ones: all from the tare on.
     pub frames: Vec<FrameResult>,
-    /// Frames that touched points of the lattice.
-    pub frames_in_contact: u64,
-    /// Frames that touched points which the field knows.
-    pub frames_on_known: u64,
-    /// Errors of the field.
-    pub field: ErrorSum,
-    /// Errors of predicting zero, on the same frames.
-    pub zero: ErrorSum,
     truth: Option<Vec<Vec<f64>>>,
 }
 
@@ -89,17 +83,7 @@ impl TouchResult {
             Against::Measured => None,
             Against::Truth => Some(truth(log, &name)?),
         };
-        Ok(Self {
-            name,
-            log: log.to_owned(),
-            frames_in_log: 0,
-            frames: Vec::new(),
-            frames_in_contact: 0,
-            frames_on_known: 0,
-            field: ErrorSum::default(),
-            zero: ErrorSum::default(),
-            truth,
-        })
+        Ok(Self { name, log: log.to_owned(), frames_in_log: 0, frames: Vec::new(), truth })
     }
 
     /// The true torque of a frame, `measured` if the truth is not asked for.
@@ -120,11 +104,15 @@ impl TouchResult {
         }
     }
 
-    fn add(&mut self, frame: FrameResult) {
-        self.field.add(&frame.predicted, &frame.external);
-        self.zero.add(&DVector::zeros(frame.external.len()), &frame.external);
-        self.frames_in_contact += u64::from(frame.contacts > 0);
-        self.frames.push(frame);
+    /// Errors of the field, and of predicting zero.
+    pub(crate) fn errors(&self) -> ErrorSum {
+        let predicted = self.frames.iter().map(|frame| frame.predicted.as_slice());
+        ErrorSum::of(predicted, self.frames.iter().map(|frame| frame.external.as_slice()))
+    }
+
+    /// How many of the scored frames are so.
+    pub(crate) fn count(&self, are: impl Fn(&FrameResult) -> bool) -> u64 {
+        self.frames.iter().filter(|frame| are(frame)).count() as u64
     }
 }
 
@@ -164,10 +152,14 @@ pub fn score(
                 result.frames_in_log += 1;
                 if let Some(step) = step {
                     let external = result.reference(frame, step.external)?;
-                    let (time_s, contacts) = (sample.time_s, step.contacts);
-                    result.frames_on_known += u64::from(step.known > 0);
-                    let predicted = step.predicted;
-                    result.add(FrameResult { frame, time_s, contacts, predicted, external });
+                    result.frames.push(FrameResult {
+                        frame,
+                        time_s: sample.time_s,
+                        contacts: step.contacts,
+                        known: step.known,
+                        predicted: step.predicted,
+                        external,
+                    });
                 }
                 bar.step();
             }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
 
-use crate::predict::{Against, TouchResult};
+use crate::predict::{Against, FrameResult, TouchResult};
 use crate::progress::Progress;
 
 /// The figures of touches, one by one and together: what `palpate predict --json` prints.
@@ -72,24 +72,22 @@ impl From<Option<Errors>> for Figures {
 }
 
 impl Row {
-    fn of(touches: &[&TouchResult], one: Option<&TouchResult>) -> Self {
-        let sum = |of: fn(&TouchResult) -> u64| touches.iter().map(|touch| of(touch)).sum();
-        let (mut field, mut zero) = (ErrorSum::default(), ErrorSum::default());
-        for touch in touches {
-            field.merge(&touch.field);
-            zero.merge(&touch.zero);
-        }
+    fn of(touches: &[TouchResult], one: Option<&TouchResult>) -> Self {
+        let count = |are: fn(&FrameResult) -> bool| touches.iter().map(|t| t.count(are)).sum();
+        let frames_in_log: u64 = touches.iter().map(|touch| touch.frames_in_log).sum();
+        let mut field = ErrorSum::default();
+        touches.iter().for_each(|touch| field.merge(&touch.errors()));
         Self {
             name: one.map(|touch| touch.name.clone()),
             log: one.map(|touch| touch.log.clone()),
             frames: field.frames(),
-            frames_in_log: sum(|touch| touch.frames_in_log),
-            tare_frames: sum(|touch| touch.frames_in_log - touch.field.frames()),
+            frames_in_log,
+            tare_frames: frames_in_log - field.frames(),
             relative_frames: field.relative_frames(),
-            frames_in_contact: sum(|touch| touch.frames_in_contact),
-            frames_on_known: sum(|touch| touch.frames_on_known),
+            frames_in_contact: count(|frame| frame.contacts > 0),
+            frames_on_known: count(|frame| frame.known > 0),
             errors: field.errors().into(),
-            zero: zero.errors().into(),
+            zero: field.zero().into(),
         }
     }
 }
@@ -97,15 +95,16 @@ impl Row {
 impl Report {
     /// The figures of all touches.
     pub fn new(results: &[TouchResult], against: Against) -> Self {
-        let touches = results.iter().map(|touch| Row::of(&[touch], Some(touch)));
-        let overall = Row::of(&results.iter().collect::<Vec<_>>(), None);
-        Self { touches: touches.collect(), overall, against }
+        let touch = |touch| Row::of(std::slice::from_ref(touch), Some(touch));
+        let touches = results.iter().map(touch).collect();
+        Self { touches, overall: Row::of(results, None), against }
     }
 }
 
 /// Notes what a reader of the errors should know.
 pub fn tell_oddities(results: &[TouchResult], progress: &dyn Progress) {
-    if results.iter().all(|touch| touch.frames_on_known == 0) {
+    let meets_known = |touch: &TouchResult| touch.count(|frame| frame.known > 0) > 0;
+    if !results.iter().any(meets_known) {
         progress.warn(
             "no touch meets a point that the field knows: the predictions are what is expected of \
              untouched points; check that field, robot and log belong together",
@@ -113,19 +112,19 @@ pub fn tell_oddities(results: &[TouchResult], progress: &dyn Progress) {
         return;
     }
     for touch in results {
-        let name = &touch.name;
-        if touch.frames.is_empty() {
-            progress.warn(&format!(
-                "touch `{name}` never leaves its contact-free start: nothing was scored"
-            ));
-        } else if touch.frames_in_contact == 0 {
-            progress.warn(&format!("touch `{name}` touches no point of the field's lattice"));
-        } else if touch.frames_on_known == 0 {
-            progress.warn(&format!("touch `{name}` meets no point that the field knows"));
-        } else if let (Some(field), Some(zero)) = (touch.field.errors(), touch.zero.errors())
-            && field.avg_error > zero.avg_error
-        {
-            progress.warn(&format!("touch `{name}`: the field is worse than predicting zero"));
-        }
+        let sum = touch.errors();
+        let worse = |(field, zero): (Errors, Errors)| field.avg_error > zero.avg_error;
+        let odd = if touch.frames.is_empty() {
+            " never leaves its contact-free start: nothing was scored"
+        } else if touch.count(|frame| frame.contacts > 0) == 0 {
+            " touches no point of the field's lattice"
+        } else if !meets_known(touch) {
+            " meets no point that the field knows"
+        } else if sum.errors().zip(sum.zero()).is_some_and(worse) {
+            ": the field is worse than predicting zero"
+        } else {
+            continue;
+        };
+        progress.warn(&format!("touch `{}`{odd}", touch.name));
     }
 }

@@ -3,13 +3,12 @@
 use std::sync::Arc;
 
 use palpate::{Arm, MapperConfig};
-use palpate_learn::method::MethodError;
 use palpate_learn::tracked::{Touch, Tracked};
 use palpate_learn::tune::{Effort, Trial, Tuned, Tuner};
 use serde_json::json;
 
 use crate::error::WorkError;
-use crate::evaluate::track_fault;
+use crate::evaluate::fault;
 use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::touches::RecordedTouch;
@@ -46,8 +45,7 @@ impl Tuning<'_> {
             )));
         }
         let stop = || progress.stopped();
-        let interrupted = || WorkError::Interrupted { kept: "; nothing was written".to_owned() };
-        let fault = |error| track_fault(self.recorded, error, &interrupted);
+        let fault = |error| fault(self.recorded, error, "; nothing was written".to_owned());
         let mut effort = Effort::of(self.config.method);
         effort.candidates = candidates.map_or(effort.candidates, |n| n as usize);
         effort.seed = self.config.estimator.seed;
@@ -58,10 +56,7 @@ impl Tuning<'_> {
         drop(bar);
         progress.note("comparing the candidates");
         let everything: Vec<usize> = (0..self.touches.len()).collect();
-        tuner.tune(&everything, &stop).map_err(|error| match error {
-            MethodError::Stopped => interrupted(),
-            other => WorkError::file(other),
-        })
+        tuner.tune(&everything, &stop).map_err(fault)
     }
 }
 

@@ -140,7 +140,6 @@ pub(super) struct Player {
     clock: Clock,
     played: Played,
     errors: ErrorSum,
-    zero: ErrorSum,
 }
 
 impl Player {
@@ -154,9 +153,9 @@ impl Player {
         let timed =
             matches!(ahead.back(), Some(TouchEvent::Sample(first)) if first.time_s.is_some());
         let (clock, played) = (Clock::default(), Played::default());
-        let (errors, zero) = (ErrorSum::default(), ErrorSum::default());
+        let errors = ErrorSum::default();
         let under_way = None;
-        Ok(Self { follower, touches, ahead, timed, under_way, clock, played, errors, zero })
+        Ok(Self { follower, touches, ahead, timed, under_way, clock, played, errors })
     }
 
     /// Joint positions of the first sample, if nothing was played yet.
@@ -207,7 +206,7 @@ impl Player {
         }
         self.end_touch(recording)?;
         let mut played = std::mem::take(&mut self.played);
-        (played.errors, played.zero) = (self.errors.errors(), self.zero.errors());
+        (played.errors, played.zero) = (self.errors.errors(), self.errors.zero());
         Ok(played)
     }
 
@@ -224,8 +223,7 @@ impl Player {
         let torques = self.follower.step(sample).map_err(|error| self.touches.fault(error))?;
         self.played.samples += 1;
         if let Some((measured, predicted)) = &torques {
-            self.errors.add(predicted, measured);
-            self.zero.add(&DVector::zeros(measured.len()), measured);
+            self.errors.add(predicted.as_slice(), measured.as_slice());
         }
         let contacts = self.follower.contacts();
         self.played.contacts_largest = self.played.contacts_largest.max(contacts.len());

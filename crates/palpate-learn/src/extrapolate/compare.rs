@@ -14,27 +14,26 @@ use super::cloud::SeenCloud;
 use super::config::{Config, Method};
 use super::error::ExtrapolateError;
 use super::extrapolation::extrapolate;
-use super::features::Features;
 use super::process::{Evidence, Process};
 use super::torque_evidence;
+use crate::error::{LearnError, Stop, unless_stopped};
 use crate::errors::{ErrorSum, Errors};
 use crate::evaluation::{MeanStd, Summary};
 use crate::folds::Fold;
-use crate::method::{self, MethodError};
+use crate::method;
 use crate::regression::shuffle;
 use crate::tracked::Tracked;
+
+/// Seed of the halves.
+const SEED: u64 = 0;
 
 /// What is compared.
 #[derive(Debug, Clone)]
 pub struct Plan {
-    /// Settings, whose method and features are the first variant.
-    pub config: Config,
-    /// Other methods and features.
-    pub others: Vec<(Method, Features)>,
+    /// The chosen settings, then those with other methods and features.
+    pub variants: Vec<Config>,
     /// Random halves.
     pub halves: u32,
-    /// Seed of the draw.
-    pub seed: u64,
 }
 
 /// Errors of one way to predict, by half: means over its test touches.
@@ -56,7 +55,7 @@ pub enum CompareError {
     #[error(transparent)]
     Extrapolate(#[from] ExtrapolateError),
     #[error(transparent)]
-    Method(#[from] MethodError),
+    Learn(#[from] LearnError),
     /// Nothing to halve.
     #[error("a comparison needs at least two touches to learn from one half; found {touches}")]
     TooFew { touches: usize },
@@ -65,31 +64,24 @@ pub enum CompareError {
 impl Plan {
     /// The shipped comparison: every method with its features, and every set of features with the
     /// first method.
-    pub fn of(config: Config) -> Self {
+    pub fn of(config: &Config) -> Self {
         let sets =
             ["chroma", "rgb", "oklab", "chroma+height", "chroma+shape", "chroma+height+shape"];
         let sets = sets.map(|set| set.parse().expect("our own names"));
         let torque = sets.map(|features| (Method::Torque, features));
         let rgb = sets[1];
+        let chosen = (config.method, config.features);
         let mut others = torque.to_vec();
         others.extend([(Method::Cells, config.features), (Method::Knn, rgb)]);
-        others.retain(|other| *other != (config.method, config.features));
-        Self { config, others, halves: 5, seed: 0 }
-    }
-
-    /// Every variant, the chosen one first.
-    pub fn variants(&self) -> Vec<Config> {
-        let other = |&(method, features): &(Method, Features)| Config {
-            method,
-            features,
-            ..self.config.clone()
-        };
-        std::iter::once(self.config.clone()).chain(self.others.iter().map(other)).collect()
+        others.retain(|other| *other != chosen);
+        let variant = |(method, features)| Config { method, features, ..config.clone() };
+        let variants = std::iter::once(chosen).chain(others).map(variant).collect();
+        Self { variants, halves: 5 }
     }
 
     /// The halves: of an odd number of touches, the smaller half is learnt from.
     pub fn folds(&self, touches: usize) -> Vec<Fold> {
-        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        let mut rng = ChaCha8Rng::seed_from_u64(SEED);
         let half = |_| {
             let mut order: Vec<usize> = (0..touches).collect();
             shuffle(&mut order, &mut rng);
@@ -111,42 +103,35 @@ impl Plan {
         tracked: &Tracked,
         seen: &SeenCloud,
         mapper: &MapperConfig,
-        stop: &(dyn Fn() -> bool + Sync),
+        stop: Stop<'_>,
         done: &(dyn Fn() + Sync),
     ) -> Result<Vec<Row>, CompareError> {
         let touches = tracked.touches.len();
         if touches < 2 {
             return Err(CompareError::TooFew { touches });
         }
-        let at = seen.at(&tracked.points_m, self.config.reach_m(&tracked.lattice));
-        if stop() {
-            return Err(ExtrapolateError::Stopped.into());
-        }
-        let variants: Vec<Variant> = self
-            .variants()
-            .into_iter()
-            .map(|config| Variant::new(config, tracked, seen, &at))
-            .collect();
+        let at = seen.at(&tracked.points_m, self.variants[0].reach_m(&tracked.lattice));
+        unless_stopped(stop)?;
+        let variants: Vec<Variant> =
+            self.variants.iter().map(|config| Variant::new(config, tracked, seen, &at)).collect();
         let halves = self.folds(touches);
-        let halves: Vec<Vec<ErrorOfTouches>> = (halves.par_iter().with_max_len(1))
+        let halves: Vec<Vec<Summary>> = (halves.par_iter().with_max_len(1))
             .map(|fold| {
                 let errors = Half { tracked, seen, at: &at, mapper, fold }.run(&variants, stop);
                 done();
                 errors
             })
             .collect::<Result<_, _>>()?;
-        let name = |row: usize| match row {
-            0 => "predicting zero".to_owned(),
-            1 => "no prior".to_owned(),
-            2 => format!("{}, learnt again from it", variants[0].name()),
-            _ => format!("{}, where the field met nothing", variants[row - 3].name()),
+        let row = |row: usize| {
+            let error = |half: &Vec<Summary>| half[row].avg_error.map_or(0.0, |error| error.mean);
+            let relative = |half: &Vec<Summary>| Some(half[row].avg_relative?.mean);
+            Row {
+                name: halves[0][row].name.clone(),
+                avg_error: halves.iter().map(error).collect(),
+                avg_relative: halves.iter().filter_map(relative).collect(),
+            }
         };
-        let row = |row: usize| Row {
-            name: name(row),
-            avg_error: halves.iter().map(|half| half[row].avg_error).collect(),
-            avg_relative: halves.iter().filter_map(|half| half[row].avg_relative).collect(),
-        };
-        Ok((0..variants.len() + 3).map(row).collect())
+        Ok((0..halves.first().map_or(0, Vec::len)).map(row).collect())
     }
 }
 
@@ -158,31 +143,21 @@ impl Row {
     }
 }
 
-/// Means over touches.
-struct ErrorOfTouches {
-    avg_error: f64,
-    avg_relative: Option<f64>,
-}
-
 /// A method with its features, and the evidence of all touches.
-struct Variant {
-    config: Config,
+struct Variant<'a> {
+    config: &'a Config,
     /// Of the method `torque`.
     torque: Option<(Process, Vec<Evidence>)>,
 }
 
-impl Variant {
-    fn new(config: Config, tracked: &Tracked, seen: &SeenCloud, at: &[Option<u32>]) -> Self {
+impl<'a> Variant<'a> {
+    fn new(config: &'a Config, tracked: &Tracked, seen: &SeenCloud, at: &[Option<u32>]) -> Self {
         let torque = (config.method == Method::Torque).then(|| {
             let process = Process::new(config.features.of(seen), config.length_scale);
             let evidence = torque_evidence::evidence(tracked, &process, at);
             (process, evidence)
         });
         Self { config, torque }
-    }
-
-    fn name(&self) -> String {
-        format!("{} {}", self.config.method.name(), self.config.features)
     }
 }
 
@@ -199,25 +174,22 @@ struct Half<'a> {
 impl Half<'_> {
     /// Errors of predicting zero, without prior, learnt again from the first variant, and of all
     /// variants in the cells that were not met.
-    fn run(
-        &self,
-        variants: &[Variant],
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Vec<ErrorOfTouches>, CompareError> {
+    fn run(&self, variants: &[Variant<'_>], stop: Stop<'_>) -> Result<Vec<Summary>, CompareError> {
         let (tracked, train) = (self.tracked, &self.fold.train);
-        let estimator = method::learn(tracked, train, self.mapper, stop)?;
+        let estimator = method::learn(tracked, train, self.mapper, &[], stop)?;
         let untouched = estimator.stiffness(usize::MAX);
         let field = method::field(tracked, estimator.as_ref(), self.mapper);
         let met = tracked.rows_met(train);
         let mut errors = vec![
-            self.score(|_| 0.0),
-            self.score(|row| if met[row] { estimator.stiffness(row) } else { untouched }),
+            self.score("predicting zero", |_| 0.0),
+            self.score(
+                "no prior",
+                |row| if met[row] { estimator.stiffness(row) } else { untouched },
+            ),
         ];
         let mut filled = Vec::new();
         for (number, variant) in variants.iter().enumerate() {
-            if stop() {
-                return Err(ExtrapolateError::Stopped.into());
-            }
+            unless_stopped(stop)?;
             let points = match &variant.torque {
                 Some((process, evidence)) => {
                     let some: Vec<&Evidence> =
@@ -227,7 +199,7 @@ impl Half<'_> {
                         torque_evidence::posterior(&some, prior_std, variant.config.torque_std);
                     process.at_all_points(&posterior).0
                 }
-                None => match extrapolate(self.seen, &field, None, &variant.config) {
+                None => match extrapolate(self.seen, &field, None, variant.config) {
                     Ok(found) => found.stiffness_n_per_m,
                     // This half has touched nothing that is seen: nothing is expected of the rest.
                     Err(
@@ -244,18 +216,20 @@ impl Half<'_> {
                 .map(|at| at.map_or(untouched, |point| points[point as usize]))
                 .collect();
             let fill = |row: usize| if met[row] { estimator.stiffness(row) } else { expected[row] };
-            filled.push(self.score(fill));
+            let name = format!("{} {}", variant.config.method.name(), variant.config.features);
+            filled.push(self.score(&format!("{name}, where the field met nothing"), fill));
             if number == 0 {
-                let again = method::learn_from(tracked, train, self.mapper, &expected, stop)?;
-                errors.push(self.score(|row| again.stiffness(row)));
+                let again = method::learn(tracked, train, self.mapper, &expected, stop)?;
+                let name = format!("{name}, learnt again from it");
+                errors.push(self.score(&name, |row| again.stiffness(row)));
             }
         }
         errors.extend(filled);
         Ok(errors)
     }
 
-    /// Means over the test touches of the errors of a stiffness by row.
-    fn score(&self, stiffness: impl Fn(usize) -> f64) -> ErrorOfTouches {
+    /// Means over the test touches of the errors of a stiffness by row, under a name.
+    fn score(&self, name: &str, stiffness: impl Fn(usize) -> f64) -> Summary {
         let cells = self.tracked.with_stiffness(stiffness);
         let of = |&touch: &usize| {
             let frames = &self.tracked.touches[touch].frames;
@@ -263,10 +237,6 @@ impl Half<'_> {
             ErrorSum::of(predicted, frames.iter().map(|frame| &frame.target)).errors()
         };
         let errors: Vec<Errors> = self.fold.test.iter().filter_map(of).collect();
-        let Summary { avg_error, avg_relative, .. } = Summary::of("", &errors);
-        ErrorOfTouches {
-            avg_error: avg_error.map_or(0.0, |error| error.mean),
-            avg_relative: avg_relative.map(|error| error.mean),
-        }
+        Summary::of(name, &errors)
     }
 }

@@ -1,13 +1,13 @@
 //! Settings of the extrapolation.
 
 use palpate::Lattice;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::error::ExtrapolateError;
 use super::features::Features;
 
 /// How stiffness is carried over.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// A Gaussian process over features, learnt from torques.
@@ -31,8 +31,7 @@ impl Method {
 }
 
 /// Settings of the extrapolation.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Config {
     /// How stiffness is carried over.
     pub method: Method,

@@ -33,7 +33,4 @@ pub enum ExtrapolateError {
          `cells` or `knn`, or a field that was saved with its memory"
     )]
     NoTorques,
-    /// Asked to stop.
-    #[error("stopped")]
-    Stopped,
 }

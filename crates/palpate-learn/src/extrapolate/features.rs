@@ -4,9 +4,9 @@
 //! leaves brightness out: it is what part of the light is red and what part green, which stays when
 //! the light is halved.
 
-use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Point3, Vector3, matrix};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::cloud::SeenCloud;
 
@@ -14,8 +14,7 @@ use super::cloud::SeenCloud;
 const ABOUT: usize = 30;
 
 /// How a colour becomes numbers.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub enum Colour {
     /// Not at all.
     None,
@@ -33,8 +32,8 @@ const COLOURS: [(&str, Colour); 3] =
     [("rgb", Colour::Rgb), ("oklab", Colour::Oklab), ("chroma", Colour::Chroma)];
 
 /// What regression may look at.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize)]
+#[serde(into = "String")]
 pub struct Features {
     /// The point's colour.
     pub colour: Colour,
@@ -44,27 +43,18 @@ pub struct Features {
     pub shape: bool,
 }
 
-impl From<Features> for String {
-    fn from(features: Features) -> Self {
-        let colour = COLOURS.iter().find(|(_, colour)| *colour == features.colour);
-        let colour = colour.map(|(name, _)| *name);
-        let height = features.height.then_some("height");
-        let shape = features.shape.then_some("shape");
-        [colour, height, shape].into_iter().flatten().collect::<Vec<_>>().join("+")
-    }
-}
-
 impl std::fmt::Display for Features {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&String::from(*self))
+        let colour = COLOURS.iter().find(|(_, colour)| *colour == self.colour);
+        let colour = colour.map(|(name, _)| *name);
+        let (height, shape) = (self.height.then_some("height"), self.shape.then_some("shape"));
+        f.write_str(&[colour, height, shape].into_iter().flatten().collect::<Vec<_>>().join("+"))
     }
 }
 
-impl TryFrom<String> for Features {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        text.parse()
+impl From<Features> for String {
+    fn from(features: Features) -> Self {
+        features.to_string()
     }
 }
 
@@ -141,28 +131,16 @@ fn oklab(colour: [u8; 3]) -> [f64; 3] {
         let part = f64::from(part) / 255.0;
         if part <= 0.04045 { part / 12.92 } else { ((part + 0.055) / 1.055).powf(2.4) }
     }));
-    let cones = Matrix3::new(
-        0.412_221_470_8,
-        0.536_332_536_3,
-        0.051_445_992_9, //
-        0.211_903_498_2,
-        0.680_699_545_1,
-        0.107_396_956_6, //
-        0.088_302_461_9,
-        0.281_718_837_6,
-        0.629_978_700_5,
-    ) * linear;
-    let opponents = Matrix3::new(
-        0.210_454_255_3,
-        0.793_617_785_0,
-        -0.004_072_046_8, //
-        1.977_998_495_1,
-        -2.428_592_205_0,
-        0.450_593_709_9, //
-        0.025_904_037_1,
-        0.782_771_766_2,
-        -0.808_675_766_0,
-    ) * cones.map(f64::cbrt);
+    let cones = matrix![
+        0.412_221_470_8, 0.536_332_536_3, 0.051_445_992_9;
+        0.211_903_498_2, 0.680_699_545_1, 0.107_396_956_6;
+        0.088_302_461_9, 0.281_718_837_6, 0.629_978_700_5
+    ] * linear;
+    let opponents = matrix![
+        0.210_454_255_3, 0.793_617_785_0, -0.004_072_046_8;
+        1.977_998_495_1, -2.428_592_205_0, 0.450_593_709_9;
+        0.025_904_037_1, 0.782_771_766_2, -0.808_675_766_0
+    ] * cones.map(f64::cbrt);
     opponents.into()
 }
 
@@ -226,7 +204,7 @@ mod tests {
     #[test]
     fn names_go_round_and_others_are_refused() {
         for name in ["rgb", "oklab", "chroma", "chroma+height", "height", "rgb+height+shape"] {
-            assert_eq!(String::from(name.parse::<Features>().unwrap()), name);
+            assert_eq!(name.parse::<Features>().unwrap().to_string(), name);
         }
         assert!("rgb+oklab".parse::<Features>().unwrap_err().contains("two colours"));
         assert!("hue".parse::<Features>().unwrap_err().contains("wanted one of"));

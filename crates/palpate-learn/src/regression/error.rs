@@ -17,14 +17,4 @@ pub enum RegressionError {
          {noise_variance:e}; it needs more noise"
     )]
     NotPositiveDefinite { frames: usize, noise_variance: f64 },
-    /// A setting out of its range.
-    #[error("`{setting}` is {found}; wanted {wanted}")]
-    Setting { setting: &'static str, found: f64, wanted: &'static str },
-}
-
-/// Refuses a setting that is not a finite number above zero.
-pub(super) fn positive(setting: &'static str, found: f64) -> Result<(), RegressionError> {
-    let wanted = "a finite number above zero";
-    let good = found.is_finite() && found > 0.0;
-    good.then_some(()).ok_or(RegressionError::Setting { setting, found, wanted })
 }

@@ -78,13 +78,11 @@ impl Frames {
             begin..end
         };
         let parts: Vec<Range<usize>> = self.touch.chunk_by(|a, b| a == b).map(part).collect();
-        match parts.len() {
-            0 | 1 => {
-                let end = self.len() - self.len() / HELD_OUT..self.len();
-                Some(end).filter(|end| !end.is_empty()).into_iter().collect()
-            }
-            _ => parts,
+        if parts.len() > 1 {
+            return parts;
         }
+        let end = self.len() - self.len() / HELD_OUT..self.len();
+        if end.is_empty() { Vec::new() } else { vec![end] }
     }
 }
 

@@ -14,24 +14,14 @@ use super::frames::{Frames, Regressor};
 use super::kernel::{Kernel, likeliest};
 use super::scale::Scales;
 
-/// How a process is fitted.
-#[derive(Debug, Clone, PartialEq)]
-pub struct GpConfig {
-    /// Frames that are kept, evenly thinned; time grows with the cube, memory with the square.
-    pub max_frames: usize,
-    /// Frames, drawn at random, whose likelihood chooses the kernel.
-    pub likelihood_frames: usize,
-    /// Kernels that are tried on the way to the likeliest.
-    pub steps: usize,
-    /// Seed of the draw.
-    pub seed: u64,
-}
-
-impl Default for GpConfig {
-    fn default() -> Self {
-        Self { max_frames: 2_500, likelihood_frames: 400, steps: 80, seed: 0 }
-    }
-}
+/// Frames that are kept, evenly thinned; time grows with the cube, memory with the square.
+const MAX_FRAMES: usize = 2_500;
+/// Frames, drawn at random, whose likelihood chooses the kernel.
+const LIKELIHOOD_FRAMES: usize = 400;
+/// Kernels that are tried on the way to the likeliest.
+const STEPS: usize = 80;
+/// Seed of the draw.
+const SEED: u64 = 0;
 
 /// A Gaussian process of torques over joint positions.
 #[derive(Debug, Clone)]
@@ -48,19 +38,28 @@ pub struct Gp {
 impl Gp {
     /// Chooses the kernel that makes the frames likeliest, then fits all of them.
     ///
-    /// Cost: O(`max_frames`³ + `steps` · `likelihood_frames`³).
+    /// Cost: O(frames³) up to 2,500 frames, of which more are thinned.
     ///
     /// # Errors
     ///
     /// Without frames, with values that are not finite.
-    pub fn fit(frames: &Frames, config: &GpConfig) -> Result<Self, RegressionError> {
+    pub fn fit(frames: &Frames) -> Result<Self, RegressionError> {
+        Self::fit_some(frames, MAX_FRAMES, LIKELIHOOD_FRAMES)
+    }
+
+    /// Fits so many frames, of which so many choose the kernel.
+    pub(super) fn fit_some(
+        frames: &Frames,
+        max_frames: usize,
+        likelihood_frames: usize,
+    ) -> Result<Self, RegressionError> {
         frames.check()?;
-        let kept = frames.select(&thinned(frames.len(), config.max_frames.max(1)));
+        let kept = frames.select(&thinned(frames.len(), max_frames));
         let mut drawn: Vec<usize> = (0..kept.len()).collect();
-        shuffle(&mut drawn, &mut ChaCha8Rng::seed_from_u64(config.seed));
-        drawn.truncate(config.likelihood_frames.max(1));
+        shuffle(&mut drawn, &mut ChaCha8Rng::seed_from_u64(SEED));
+        drawn.truncate(likelihood_frames);
         let [z, y] = Scales::of(&kept).standardised(&kept.select(&drawn));
-        let kernel = likeliest(&Kernel::unit(z.nrows()), &z, &y, config.steps)?;
+        let kernel = likeliest(&z, &y, STEPS)?;
         Self::with_kernel(&kept, kernel)
     }
 
@@ -70,27 +69,20 @@ impl Gp {
     ///
     /// # Errors
     ///
-    /// Without frames, with values that are not finite, with a kernel out of its range or with
-    /// too little noise to be factorised.
+    /// Without frames, with values that are not finite, with a kernel that cannot be factorised: out
+    /// of its range, or with too little noise.
     ///
     /// # Panics
     ///
     /// If the kernel has not one length scale for every joint.
     pub fn with_kernel(frames: &Frames, kernel: Kernel) -> Result<Self, RegressionError> {
         frames.check()?;
-        kernel.check(frames.q.nrows())?;
         let scales = Scales::of(frames);
         let [z, y] = scales.standardised(frames);
         let scaled = kernel.scaled(&z);
         let solved = kernel.solve(&scaled, &y)?;
         let log_likelihood = solved.log_likelihood(&y);
-        let weights = solved.into_weights();
-        Ok(Self { scales, kernel, scaled, weights, log_likelihood })
-    }
-
-    /// The kernel in use.
-    pub fn kernel(&self) -> &Kernel {
-        &self.kernel
+        Ok(Self { scales, kernel, scaled, weights: solved.weights, log_likelihood })
     }
 
     /// Log marginal likelihood of the frames' standardised torques, summed over joints.
@@ -138,8 +130,7 @@ mod tests {
     fn a_smooth_surface_is_learnt_from_thinned_frames() {
         let all = surface(400, 4);
         let (learnt, unseen) = (all.select(&thinned(300, 300)), all.select(&[301, 350, 377, 399]));
-        let config = GpConfig { max_frames: 150, likelihood_frames: 80, ..GpConfig::default() };
-        let gp = Gp::fit(&learnt, &config).unwrap();
+        let gp = Gp::fit_some(&learnt, 150, 80).unwrap();
         assert_eq!(gp.scaled.ncols(), 150);
         assert!(unexplained(&gp.predict(&unseen.q), &unseen.tau) < 1e-4);
     }

@@ -11,10 +11,13 @@ use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, Side};
 use nalgebra::DMatrix;
 
-use super::error::{RegressionError, positive};
+use super::error::RegressionError;
 
 /// Logarithms of hyperparameters stay within this of 0: a factor of 3,000 either way.
 const LOG_RANGE: f64 = 8.0;
+
+/// The search begins with this noise variance, and 1 for everything else.
+const BEGIN_NOISE: f64 = 0.01;
 
 /// The smallest noise that is tried: less would make matrices that cannot be factorised.
 const LOG_NOISE_FROM: f64 = -14.0;
@@ -33,25 +36,14 @@ pub struct Kernel {
 /// A kernel matrix K, factorised, and the weights that it gives the frames.
 pub(super) struct Solved {
     factor: Llt<f64>,
-    /// `A = K⁻¹Y`, frames × n_joints.
-    weights: Mat<f64>,
+    /// `Aᵀ = (K⁻¹Y)ᵀ`, n_joints × frames.
+    pub(super) weights: DMatrix<f64>,
 }
 
 impl Kernel {
-    /// A kernel to begin a search with.
-    pub(super) fn unit(n_joints: usize) -> Self {
-        Self { signal_variance: 1.0, noise_variance: 0.01, length_scales: vec![1.0; n_joints] }
-    }
-
-    pub(super) fn check(&self, n_joints: usize) -> Result<(), RegressionError> {
-        assert_eq!(self.length_scales.len(), n_joints, "a length scale for every joint");
-        positive("signal_variance", self.signal_variance)?;
-        positive("noise_variance", self.noise_variance)?;
-        self.length_scales.iter().try_for_each(|&scale| positive("length_scales", scale))
-    }
-
     /// Positions in length scales, n_joints × frames.
     pub(super) fn scaled(&self, z: &DMatrix<f64>) -> DMatrix<f64> {
+        assert_eq!(self.length_scales.len(), z.nrows(), "a length scale for every joint");
         DMatrix::from_fn(z.nrows(), z.ncols(), |row, frame| {
             z[(row, frame)] / self.length_scales[row]
         })
@@ -83,16 +75,11 @@ impl Kernel {
         })?;
         let mut weights = Mat::from_fn(frames, y.nrows(), |frame, joint| y[(joint, frame)]);
         factor.solve_in_place(&mut weights);
+        let weights = DMatrix::from_fn(y.nrows(), frames, |joint, frame| weights[(frame, joint)]);
         Ok(Solved { factor, weights })
     }
 
-    /// Logarithms of signal variance, noise variance and length scales.
-    fn to_logs(&self) -> Vec<f64> {
-        let variances = [self.signal_variance, self.noise_variance];
-        variances.iter().chain(&self.length_scales).map(|value| value.ln()).collect()
-    }
-
-    /// The inverse of [`Kernel::to_logs`].
+    /// By the logarithms of signal variance, noise variance and length scales.
     fn from_logs(logs: &[f64]) -> Self {
         Self {
             signal_variance: logs[0].exp(),
@@ -109,17 +96,10 @@ impl Solved {
         let half_log_determinant: f64 = (0..frames).map(|i| self.factor.L()[(i, i)].ln()).sum();
         let mut fit = 0.0;
         for (joint, row) in y.row_iter().enumerate() {
-            fit +=
-                row.iter().zip(self.weights.col_as_slice(joint)).map(|(y, a)| y * a).sum::<f64>();
+            fit += row.iter().zip(&self.weights.row(joint)).map(|(y, a)| y * a).sum::<f64>();
         }
         let constant = half_log_determinant + 0.5 * frames as f64 * std::f64::consts::TAU.ln();
         -0.5 * fit - y.nrows() as f64 * constant
-    }
-
-    /// `Aᵀ`, n_joints × frames.
-    pub(super) fn into_weights(self) -> DMatrix<f64> {
-        let (frames, n_joints) = self.weights.shape();
-        DMatrix::from_fn(n_joints, frames, |joint, frame| self.weights[(frame, joint)])
     }
 }
 
@@ -135,7 +115,7 @@ fn likelihood(
     let solved = kernel.solve(&scaled, y)?;
     let inverse = solved.factor.inverse();
     let log_likelihood = solved.log_likelihood(y);
-    let weights = solved.into_weights();
+    let weights = &solved.weights;
     let (n_joints, frames) = (y.nrows() as f64, y.ncols());
     let mut gradient = vec![0.0; 2 + z.nrows()];
     let mut squares = vec![0.0; z.nrows()];
@@ -169,12 +149,12 @@ fn likelihood(
 ///
 /// Cost: O(`steps` · frames³), 10 ms a step for 400 frames.
 pub(super) fn likeliest(
-    begin: &Kernel,
     z: &DMatrix<f64>,
     y: &DMatrix<f64>,
     steps: usize,
 ) -> Result<Kernel, RegressionError> {
-    let mut logs = begin.to_logs();
+    let mut logs = vec![0.0; 2 + z.nrows()];
+    logs[1] = BEGIN_NOISE.ln();
     let (mut best, mut best_logs) = (f64::NEG_INFINITY, logs.clone());
     let mut strides = vec![0.5; logs.len()];
     let mut before = vec![0.0; logs.len()];
@@ -222,13 +202,12 @@ mod tests {
     #[test]
     fn the_gradient_is_the_slope_of_the_likelihood() {
         let (z, y) = data();
-        let kernel =
-            Kernel { signal_variance: 1.3, noise_variance: 0.05, length_scales: vec![0.7, 1.9] };
-        let (_, gradient) = likelihood(&kernel, &z, &y).unwrap();
+        let logs = [1.3_f64, 0.05, 0.7, 1.9].map(f64::ln);
+        let (_, gradient) = likelihood(&Kernel::from_logs(&logs), &z, &y).unwrap();
         for (index, slope) in gradient.iter().enumerate() {
             let step = 1e-5;
             let at = |nudge: f64| {
-                let mut logs = kernel.to_logs();
+                let mut logs = logs;
                 logs[index] += nudge;
                 likelihood(&Kernel::from_logs(&logs), &z, &y).unwrap().0
             };
@@ -244,9 +223,10 @@ mod tests {
     fn the_likeliest_kernel_is_flat_in_every_direction() {
         let (z, y) = data();
         // Noise is the only one that the surface, which has none, pushes against its limit.
-        let kernel = likeliest(&Kernel::unit(2), &z, &y, 200).unwrap();
+        let kernel = likeliest(&z, &y, 200).unwrap();
+        let begin = Kernel::from_logs(&[0.0, BEGIN_NOISE.ln(), 0.0, 0.0]);
         let (value, gradient) = likelihood(&kernel, &z, &y).unwrap();
-        assert!(value > likelihood(&Kernel::unit(2), &z, &y).unwrap().0);
+        assert!(value > likelihood(&begin, &z, &y).unwrap().0);
         for index in [0, 2, 3] {
             assert!(gradient[index].abs() < 0.1, "{kernel:?} {gradient:?}");
         }

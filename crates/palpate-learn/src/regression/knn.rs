@@ -10,31 +10,14 @@ use std::ops::Range;
 use nalgebra::DMatrix;
 
 use super::draw::thinned;
-use super::error::{RegressionError, positive};
+use super::error::RegressionError;
 use super::frames::{Frames, Regressor};
 use super::scale::Scale;
 
-/// How neighbours are taken.
-#[derive(Debug, Clone, PartialEq)]
-pub struct KnnConfig {
-    /// Neighbours that are averaged.
-    pub neighbours: usize,
-    /// Length scales to choose from, in deviations of the joint positions.
-    pub length_scales: Vec<f64>,
-    /// Frames that are predicted, each without its own touch, to choose the length scale.
-    pub max_queries: usize,
-}
-
-impl Default for KnnConfig {
-    fn default() -> Self {
-        Self {
-            neighbours: 50,
-            // From closer than a frame to the next, to farther than the whole set.
-            length_scales: (-10..=6).map(|exponent| 2f64.powf(f64::from(exponent) / 2.0)).collect(),
-            max_queries: 1_000,
-        }
-    }
-}
+/// Neighbours that are averaged.
+const NEIGHBOURS: usize = 50;
+/// Frames that are predicted, each without its own touch, to choose the length scale.
+const MAX_QUERIES: usize = 1_000;
 
 /// Frames that are looked up.
 #[derive(Debug, Clone)]
@@ -55,21 +38,24 @@ impl Knn {
     /// Keeps frames, and chooses the length scale with which they predict each other best, each
     /// touch without itself (of a single touch, its end from the rest).
     ///
-    /// Cost: O(`max_queries` · frames), 25 ms for 3,600 frames.
+    /// Cost: O(frames), 25 ms for 3,600 of them.
     ///
     /// # Errors
     ///
-    /// Without frames, with values that are not finite, without neighbours or length scales.
-    pub fn fit(frames: &Frames, config: &KnnConfig) -> Result<Self, RegressionError> {
-        let first = config.length_scales.first().copied().unwrap_or(f64::NAN);
-        let mut knn = Self::with_length_scale(frames, config.neighbours, first)?;
-        for &length_scale in &config.length_scales {
-            positive("length_scales", length_scale)?;
-        }
-        let losses = knn.losses(frames, config);
-        let best = losses.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
-        knn.length_scale = best.map_or(first, |(index, _)| config.length_scales[index]);
+    /// Without frames, with values that are not finite.
+    pub fn fit(frames: &Frames) -> Result<Self, RegressionError> {
+        // From closer than a frame to the next, to farther than the whole set.
+        let length_scales = (-10..=6).map(|exponent| 2f64.powf(f64::from(exponent) / 2.0));
+        let mut knn = Self::with_length_scale(frames, NEIGHBOURS, 1.0)?;
+        knn.choose(frames, &length_scales.collect::<Vec<f64>>());
         Ok(knn)
+    }
+
+    /// Chooses the best of some length scales, in deviations of the joint positions.
+    fn choose(&mut self, frames: &Frames, length_scales: &[f64]) {
+        let losses = self.losses(frames, length_scales);
+        let best = length_scales.iter().zip(losses).min_by(|a, b| a.1.total_cmp(&b.1));
+        self.length_scale = best.map_or(self.length_scale, |(length_scale, _)| *length_scale);
     }
 
     /// Keeps frames, to be looked up with a length scale that is known, in deviations of the
@@ -77,35 +63,33 @@ impl Knn {
     ///
     /// # Errors
     ///
-    /// Without frames or neighbours, with values that are not finite.
+    /// Without frames, with values that are not finite.
+    ///
+    /// # Panics
+    ///
+    /// Without neighbours.
     pub fn with_length_scale(
         frames: &Frames,
         neighbours: usize,
         length_scale: f64,
     ) -> Result<Self, RegressionError> {
         frames.check()?;
-        positive("neighbours", neighbours as f64)?;
-        positive("length_scale", length_scale)?;
+        assert!(neighbours > 0, "a mean of at least one neighbour");
         let scale = Scale::of(&frames.q);
         let z = scale.standardised(&frames.q);
         Ok(Self { scale, z, tau: frames.tau.clone(), neighbours, length_scale })
     }
 
-    /// The length scale in use, in deviations of the joint positions.
-    pub fn length_scale(&self) -> f64 {
-        self.length_scale
-    }
-
     /// Summed squared errors, (N·m)², of frames that are predicted without their own part, for
     /// each length scale.
-    fn losses(&self, frames: &Frames, config: &KnnConfig) -> Vec<f64> {
-        let mut losses = vec![0.0; config.length_scales.len()];
+    fn losses(&self, frames: &Frames, length_scales: &[f64]) -> Vec<f64> {
+        let mut losses = vec![0.0; length_scales.len()];
         let parts = frames.parts();
         for part in &parts {
-            for query in thinned(part.len(), config.max_queries.div_ceil(parts.len())) {
+            for query in thinned(part.len(), MAX_QUERIES.div_ceil(parts.len())) {
                 let query = part.start + query;
                 let near = self.nearest(self.z.column(query).as_slice(), part);
-                for (loss, &length_scale) in losses.iter_mut().zip(&config.length_scales) {
+                for (loss, &length_scale) in losses.iter_mut().zip(length_scales) {
                     let predicted = self.mean(&near, length_scale);
                     for (predicted, tau) in predicted.iter().zip(&self.tau.column(query)) {
                         *loss += (predicted - tau).powi(2);
@@ -155,9 +139,8 @@ impl Regressor for Knn {
         let z = self.scale.standardised(q);
         let mut tau = DMatrix::zeros(self.tau.nrows(), q.ncols());
         for (z, mut tau) in z.column_iter().zip(tau.column_iter_mut()) {
-            tau.copy_from_slice(
-                &self.mean(&self.nearest(z.as_slice(), &(0..0)), self.length_scale),
-            );
+            let near = self.nearest(z.as_slice(), &(0..0));
+            tau.copy_from_slice(&self.mean(&near, self.length_scale));
         }
         tau
     }
@@ -206,10 +189,11 @@ mod tests {
             if (frame + touch) % 2 == 0 { 1.0 } else { -1.0 }
         });
         let frames = Frames { q, tau, touch: (0..200).map(|frame| frame / 100).collect() };
-        let length_scales = vec![0.01, 0.1, 1.0];
-        let config = KnnConfig { length_scales, ..KnnConfig::default() };
-        let losses = Knn::fit(&frames, &config).unwrap().losses(&frames, &config);
+        let length_scales = [0.01, 0.1, 1.0];
+        let mut knn = Knn::with_length_scale(&frames, NEIGHBOURS, 0.01).unwrap();
+        let losses = knn.losses(&frames, &length_scales);
         assert!(losses[0] > 2.0 * losses[2], "{losses:?}");
-        assert_eq!(Knn::fit(&frames, &config).unwrap().length_scale(), 1.0);
+        knn.choose(&frames, &length_scales);
+        assert_eq!(knn.length_scale, 1.0);
     }
 }

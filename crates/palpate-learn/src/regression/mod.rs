@@ -22,10 +22,10 @@ mod scale;
 pub(crate) use draw::shuffle;
 pub use error::RegressionError;
 pub use frames::{Frames, Regressor};
-pub use gp::{Gp, GpConfig};
+pub use gp::Gp;
 pub use kernel::Kernel;
-pub use knn::{Knn, KnnConfig};
-pub use mlp::{Mlp, MlpConfig};
+pub use knn::Knn;
+pub use mlp::Mlp;
 
 #[cfg(test)]
 mod tests {
@@ -38,13 +38,11 @@ mod tests {
     fn fitting_twice_gives_the_same_bits_and_leaves_few_frames_usable() {
         let query = surface(7, 1).q;
         let two = |frames: &Frames| -> [DMatrix<f64>; 3] {
-            let mlp = MlpConfig { epochs: 3, ..MlpConfig::default() };
-            // Fewer than there are, so that the draw matters.
-            let gp = GpConfig { likelihood_frames: 20, ..GpConfig::default() };
             [
-                Knn::fit(frames, &KnnConfig::default()).unwrap().predict(&query),
-                Gp::fit(frames, &gp).unwrap().predict(&query),
-                Mlp::fit(frames, &mlp).unwrap().predict(&query),
+                Knn::fit(frames).unwrap().predict(&query),
+                // Fewer than there are choose the kernel, so that the draw matters.
+                Gp::fit_some(frames, frames.len(), 20).unwrap().predict(&query),
+                Mlp::fit(frames).unwrap().predict(&query),
             ]
         };
         for (frames, touches) in [(100, 5), (100, 1), (3, 3), (1, 1)] {

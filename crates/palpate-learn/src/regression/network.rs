@@ -13,7 +13,7 @@ use rand_chacha::rand_core::Rng;
 #[derive(Debug, Clone)]
 pub(super) struct Network {
     sizes: Vec<usize>,
-    weights: Vec<f32>,
+    pub(super) weights: Vec<f32>,
 }
 
 /// What flows forwards and backwards through a network for some frames at once.
@@ -39,18 +39,6 @@ impl Network {
         Self { sizes: sizes.to_vec(), weights }
     }
 
-    pub(super) fn sizes(&self) -> &[usize] {
-        &self.sizes
-    }
-
-    pub(super) fn weights(&self) -> &[f32] {
-        &self.weights
-    }
-
-    pub(super) fn weights_mut(&mut self) -> &mut [f32] {
-        &mut self.weights
-    }
-
     /// Weights and biases of a layer, outputs × (inputs + 1).
     fn layer(&self, layer: usize) -> MatRef<'_, f32> {
         let (from, rows, columns) = place(&self.sizes, layer);
@@ -66,24 +54,19 @@ fn place(sizes: &[usize], layer: usize) -> (usize, usize, usize) {
 }
 
 impl Activations {
-    /// Room for some frames in a network of some sizes.
-    pub(super) fn new(sizes: &[usize], frames: usize) -> Self {
+    /// Room for some frames in a network.
+    pub(super) fn new(network: &Network, frames: usize) -> Self {
+        let sizes = &network.sizes;
         let last = sizes.len() - 1;
         let value = |(layer, &size): (usize, &usize)| {
             let rows = if layer < last { size + 1 } else { size };
             Mat::from_fn(rows, frames, |row, _| if row == size { 1.0 } else { 0.0 })
         };
-        let weights = sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum();
         Self {
             values: sizes.iter().enumerate().map(value).collect(),
             deltas: sizes[1..].iter().map(|&size| Mat::zeros(size, frames)).collect(),
-            gradient: vec![0.0; weights],
+            gradient: vec![0.0; network.weights.len()],
         }
-    }
-
-    /// Number of frames there is room for.
-    pub(super) fn frames(&self) -> usize {
-        self.values[0].ncols()
     }
 
     /// The outputs, size × frames, for columns `frames` of `x`.
@@ -178,22 +161,21 @@ mod tests {
     #[test]
     fn the_gradient_is_the_slope_of_the_loss() {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
-        let sizes = [3, 6, 5, 2];
-        let mut network = Network::random(&sizes, &mut rng);
+        let mut network = Network::random(&[3, 6, 5, 2], &mut rng);
         let mut uniform = || 2.0 * (rng.next_u32() as f32 / u32::MAX as f32) - 1.0;
         // Biases too, so that no derivative is one of zero.
-        network.weights_mut().iter_mut().for_each(|weight| *weight += 0.2 * uniform());
+        network.weights.iter_mut().for_each(|weight| *weight += 0.2 * uniform());
         let x = Mat::from_fn(3, 8, |_, _| uniform());
         let y = Mat::from_fn(2, 8, |_, _| uniform());
         let drawn = [6, 1, 3, 4];
-        let mut activations = Activations::new(&sizes, drawn.len());
+        let mut activations = Activations::new(&network, drawn.len());
         let gradient = activations.gradient(&network, (&x, &y), &drawn).to_vec();
 
         let step = 5e-4; // short enough for no rectifier to turn in between
         for (index, slope) in gradient.iter().enumerate() {
             let mut at = |nudge: f32| {
                 let mut nudged = network.clone();
-                nudged.weights_mut()[index] += nudge;
+                nudged.weights[index] += nudge;
                 activations.loss(&nudged, (&x, &y), &drawn)
             };
             let wanted = (at(step) - at(-step)) / f64::from(2.0 * step);

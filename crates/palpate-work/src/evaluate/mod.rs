@@ -3,11 +3,12 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use palpate::{Arm, ContactConfig, Field, MapperConfig};
+use palpate_learn::LearnError;
 use palpate_learn::evaluate::{Part, Plan};
 use palpate_learn::evaluation::Evaluation;
 use palpate_learn::folds::Fold;
-use palpate_learn::method::{self, Method, MethodError};
-use palpate_learn::tracked::{Touch, TrackError, Tracked};
+use palpate_learn::method::{self, Method};
+use palpate_learn::tracked::{Touch, Tracked};
 use palpate_learn::tune::{Effort, Tuned, Tuner};
 
 use crate::error::WorkError;
@@ -113,11 +114,9 @@ impl Work<'_> {
             progress.note(&format!("{done} parts were done before, and are taken as found"));
         }
         progress.note("following the touches");
-        let stop = || progress.stopped();
-        let interrupted = || WorkError::Interrupted { kept: keep.told() };
         let config = &self.estimators[0];
-        let tracked = Tracked::new(self.arm, config, self.touches, &stop)
-            .map_err(|error| track_fault(self.recorded, error, &interrupted))?;
+        let tracked = Tracked::new(self.arm, config, self.touches, &|| progress.stopped())
+            .map_err(|error| self.fault(error, keep))?;
         let plan = Plan {
             methods: self.methods.clone(),
             folds: self.folds.clone(),
@@ -147,11 +146,8 @@ impl Work<'_> {
     ) -> Result<Field, WorkError> {
         let (tracked, config) = (&evaluated.tracked, &self.estimators[0]);
         let everything: Vec<usize> = (0..self.touches.len()).collect();
-        let learnt = method::learn(tracked, &everything, config, &|| progress.stopped());
-        let estimator = learnt.map_err(|error| match error {
-            MethodError::Stopped => WorkError::Interrupted { kept: keep.told() },
-            other => WorkError::file(other),
-        })?;
+        let learnt = method::learn(tracked, &everything, config, &[], &|| progress.stopped());
+        let estimator = learnt.map_err(|error| self.fault(error, keep))?;
         Ok(method::field(tracked, estimator.as_ref(), config))
     }
 
@@ -163,7 +159,6 @@ impl Work<'_> {
         (keep, progress): (&dyn Keep, &dyn Progress),
     ) -> Result<Vec<[MapperConfig; 2]>, WorkError> {
         let stop = || progress.stopped();
-        let interrupted = || WorkError::Interrupted { kept: keep.told() };
         let mut in_folds = vec![self.estimators.clone(); self.folds.len()];
         for (index, method) in [Method::Map, Method::Ekf].into_iter().enumerate() {
             if !self.tune || !self.methods.contains(&method) {
@@ -182,16 +177,11 @@ impl Work<'_> {
                             let base = (self.arm, self.touches, tracked);
                             let config = &self.estimators[index];
                             let made = Tuner::new(base, config, effort, &stop, &|| bar.step());
-                            tuner = Some(made.map_err(|error| {
-                                track_fault(self.recorded, error, &interrupted)
-                            })?);
+                            tuner = Some(made.map_err(|error| self.fault(error, keep))?);
                         }
                         let tuner = tuner.as_ref().expect("made above");
                         let tuned = tuner.tune(&self.folds[fold].train, &stop);
-                        let tuned = tuned.map_err(|error| match error {
-                            MethodError::Stopped => interrupted(),
-                            other => WorkError::file(other),
-                        })?;
+                        let tuned = tuned.map_err(|error| self.fault(error, keep))?;
                         keep.keep_tuned(&name(fold), &tuned)?;
                         tuned
                     }
@@ -212,7 +202,6 @@ impl Work<'_> {
         parts: &mut Vec<Part>,
     ) -> Result<(), WorkError> {
         let stop = || progress.stopped();
-        let interrupted = || WorkError::Interrupted { kept: keep.told() };
         let all = plan.parts();
         let is_done = |&(method, fold): &(Method, usize)| {
             parts.iter().any(|part| part.method == method && part.fold == fold)
@@ -232,7 +221,7 @@ impl Work<'_> {
             } else {
                 other = tracked
                     .under(contact, self.arm, &plan.config, self.touches, &stop)
-                    .map_err(|error| track_fault(self.recorded, error, &interrupted))?;
+                    .map_err(|error| self.fault(error, keep))?;
                 &other
             };
             let worked = plan.run(tracked, &group, &stop, &|part| {
@@ -245,27 +234,27 @@ impl Work<'_> {
                 done.0.push(part);
             });
             worked.map_err(|error| match error.source {
-                MethodError::Stopped => interrupted(),
+                LearnError::Stopped => self.fault(error.source, keep),
                 _ => WorkError::file(error),
             })?;
         }
         let unwritten = done.into_inner().unwrap_or_else(PoisonError::into_inner).1;
         unwritten.map_or(Ok(()), Err)
     }
+
+    fn fault(&self, error: LearnError, keep: &dyn Keep) -> WorkError {
+        fault(self.recorded, error, keep.told())
+    }
 }
 
-/// What went wrong in tracking, with the log that it is in.
-pub fn track_fault(
-    recorded: &[RecordedTouch],
-    error: TrackError,
-    interrupted: &dyn Fn() -> WorkError,
-) -> WorkError {
+/// What went wrong in learning, with the log that it is in; `kept` is said on being stopped.
+pub(crate) fn fault(recorded: &[RecordedTouch], error: LearnError, kept: String) -> WorkError {
     match error {
-        TrackError::Sample { touch, sample, source } => {
+        LearnError::Sample { touch, sample, source } => {
             let one = &recorded[touch];
             one.fault(format!("touch `{}`, sample {sample} (from 0)", one.name), source)
         }
-        TrackError::Stopped => interrupted(),
+        LearnError::Stopped => WorkError::Interrupted { kept },
         other => WorkError::file(other),
     }
 }

@@ -79,12 +79,14 @@ impl Work<'_> {
         let colours = self.cloud.colours().expect("a cloud without colours was refused");
         let seen = SeenCloud::new(self.cloud.points(), colours).map_err(WorkError::file)?;
         let wanted = self.config.method == Method::Torque || self.halves.is_some() || self.drawn;
-        let felt = if wanted && torque_evidence::remembers(self.saved) {
-            let recalled = torque_evidence::recalled(self.saved, self.names[0], self.arm, progress);
-            unless_stopped(self.kept, progress)?;
-            Some(recalled?)
-        } else {
-            None
+        let felt = match &self.saved.snapshot {
+            Some(snapshot) if wanted && remembers(self.saved) => {
+                let recalled =
+                    torque_evidence::recalled(snapshot, self.names[0], self.arm, progress);
+                unless_stopped(self.kept, progress)?;
+                Some(recalled?)
+            }
+            _ => None,
         };
         let tracked = felt.as_ref().map(|(tracked, _)| tracked);
         let fault = |error: &dyn std::error::Error| {
@@ -124,7 +126,7 @@ impl Work<'_> {
         seen: &SeenCloud,
         progress: &dyn Progress,
     ) -> Result<Vec<Row>, CompareError> {
-        let plan = Plan { halves, ..Plan::of(self.config.clone()) };
+        let plan = Plan { halves, ..Plan::of(&self.config) };
         let bar = progress.begin(Some(u64::from(halves)), "halves", "comparing");
         plan.run(tracked, seen, mapper, &|| progress.stopped(), &|| bar.step())
     }
@@ -149,9 +151,8 @@ pub fn config(given: &Chosen, saved: &Saved, progress: &dyn Progress) -> Config 
             .note("the field remembers no touch: `knn` on its cells takes the place of `torque`");
         Method::Knn
     });
-    let rgb = || "rgb".parse().expect("our own name");
     let features = given.features.unwrap_or_else(|| match method {
-        Method::Knn => rgb(),
+        Method::Knn => "rgb".parse().expect("our own name"),
         _ => Features::default(),
     });
     let mut config = Config { method, features, ..Config::default() };

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use palpate::unstable::LoggedTouch;
-use palpate::{Arm, MapperConfig, Sample};
+use palpate::{Arm, MapperConfig, Sample, Snapshot};
 use palpate_io::field::Saved;
 use palpate_learn::tracked::{Touch, Tracked};
 
@@ -23,17 +23,14 @@ pub fn remembers(saved: &Saved) -> bool {
 ///
 /// # Errors
 ///
-/// If the field remembers no touch, or was learnt with another robot.
+/// If the field was learnt with another robot.
 pub(super) fn recalled(
-    saved: &Saved,
+    snapshot: &Snapshot,
     path: &Path,
     arm: &Arc<Arm>,
     progress: &dyn Progress,
 ) -> Result<(Tracked, MapperConfig), WorkError> {
     let name = path.display();
-    let Some(snapshot) = &saved.snapshot else {
-        return Err(WorkError::from(format!("`{name}` remembers no touch to learn from")));
-    };
     let (learnt, fingerprint) = &snapshot.robot;
     if *fingerprint != arm.fingerprint() {
         return Err(WorkError::from(format!(

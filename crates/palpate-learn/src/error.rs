@@ -1,0 +1,36 @@
+//! What ends the learning of touches early.
+
+use palpate::{EstimatorError, MapperError, SettingError};
+
+use crate::regression::RegressionError;
+
+/// Asked every now and then, from any thread, whether to stop.
+pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
+
+/// What can go wrong in tracking touches and learning from them.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum LearnError {
+    /// A sample that cannot be used.
+    #[error("touch {touch}, sample {sample}: {source}")]
+    Sample { touch: usize, sample: usize, source: MapperError },
+    /// A truth that does not fit its touch.
+    #[error("the truth of touch `{touch}` has {got}, the touch has {expected}")]
+    Truth { touch: String, got: String, expected: String },
+    /// Settings out of their range.
+    #[error(transparent)]
+    Settings(#[from] SettingError),
+    #[error(transparent)]
+    Estimator(#[from] EstimatorError),
+    #[error(transparent)]
+    Regression(#[from] RegressionError),
+    /// Asked to stop.
+    #[error("stopped")]
+    Stopped,
+}
+
+/// Refuses to go on once asked to stop.
+pub(crate) fn unless_stopped(stop: Stop<'_>) -> Result<(), LearnError> {
+    if stop() { Err(LearnError::Stopped) } else { Ok(()) }
+}
