@@ -95,7 +95,7 @@ impl Tuner {
     ///
     /// # Errors
     ///
-    /// On being stopped.
+    /// If the given settings are out of their range, or on being stopped.
     pub fn new(
         (arm, touches, base): (&Arc<Arm>, &[Touch], &Tracked),
         config: &MapperConfig,
@@ -103,6 +103,7 @@ impl Tuner {
         stop: Stop<'_>,
         done: &dyn Fn(),
     ) -> Result<Self, LearnError> {
+        drop(config.estimator(base.n_joints)?); // refused before anything is simulated
         let candidates = draw(config, effort);
         let frames: usize = base.touches.iter().map(|touch| touch.frames.len()).sum();
         let every = frames.div_ceil(FRAMES).max(1);

@@ -348,6 +348,16 @@ fn tuned(arm: &Arc<Arm>, config: &MapperConfig, touches: &[Touch], train: &[usiz
 }
 
 #[test]
+fn tuning_refuses_settings_that_no_estimator_can_have() {
+    let (arm, touches, mut config) = (arm(), touches(3), config(EstimatorKind::Map));
+    let base = tracked(&arm, &config, &touches);
+    config.estimator.torque_std.clear();
+    let effort = Effort { candidates: 2, seed: 0 };
+    let tuner = Tuner::new((&arm, &touches, &base), &config, effort, NEVER, &|| ());
+    assert!(tuner.is_err_and(|error| error.to_string().contains("torque_std has 0 values")));
+}
+
+#[test]
 fn tuning_does_not_look_at_the_touch_under_test() {
     let (arm, touches) = (arm(), touches(4));
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
