@@ -137,7 +137,7 @@ fn begin(
     output: &Output,
 ) -> Result<(Mapper, Option<Pace>), CliError> {
     let mapper = match &args.from {
-        Some(path) => resume::mapper(path, arm, resume::snapshot(path, settings)?)?,
+        Some(path) => resume::mapper(path.display(), arm, resume::snapshot(path, settings)?)?,
         None => prior::mapper(args.prior.as_deref(), arm, settings.config()?, output)?,
     };
     Ok(args.pace.keep(mapper))

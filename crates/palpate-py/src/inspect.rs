@@ -40,10 +40,10 @@ pub(crate) fn inspect<'py>(
             settings = Settings::from(own.clone()).over(settings);
         }
     }
-    let inspection = long(py, progress, |progress| {
+    let (log, findings) = long(py, progress, |progress| {
         let config = settings.config()?;
         let touches = opened(sources, &settings.log);
         log::inspect(touches, (&settings, &config), (&robot.arm, progress))
     })?;
-    Ok(python(py, &json!(inspection))?)
+    Ok(python(py, &json!({ "log": log, "findings": findings }))?)
 }

@@ -92,7 +92,7 @@ impl Mapper {
     ) -> Result<Self> {
         let mapper = unshown(py, |_| {
             let snapshot = resume::snapshot_of(saved, name, &settings)?;
-            resume::mapper_of(name, &robot.arm, snapshot)
+            resume::mapper(name, &robot.arm, snapshot)
         })?;
         Ok(Self::of(mapper, robot, settings))
     }

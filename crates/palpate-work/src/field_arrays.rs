@@ -87,22 +87,17 @@ impl FieldArrays {
                 return Err(FieldArraysError::Length { name, found, points });
             }
         }
-        let springs = [("stiffness", &self.stiffness_n_per_m), ("std", &self.std_n_per_m)];
+        let springs = [
+            ("stiffness", self.stiffness_n_per_m.as_slice()),
+            ("std", &self.std_n_per_m),
+            ("untouched", std::slice::from_ref(&self.untouched_n_per_m)),
+        ];
         for (name, numbers) in springs {
             let wrong = |number: &f64| !(number.is_finite() && *number >= 0.0);
             if let Some(row) = numbers.iter().position(wrong) {
                 let found = numbers[row];
                 return Err(FieldArraysError::Value { name, row, found, wanted: SPRING });
             }
-        }
-        let found = self.untouched_n_per_m;
-        if !(found.is_finite() && found >= 0.0) {
-            return Err(FieldArraysError::Value {
-                name: "untouched",
-                row: 0,
-                found,
-                wanted: SPRING,
-            });
         }
         Ok(())
     }

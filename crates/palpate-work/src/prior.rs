@@ -26,13 +26,10 @@ pub fn mapper(
     config: MapperConfig,
     progress: &dyn Progress,
 ) -> Result<Mapper, WorkError> {
-    match path {
-        Some(path) => {
-            let saved = load(path)?;
-            mapper_from(Some((&saved, &path.display().to_string())), arm, config, progress)
-        }
-        None => mapper_from(None, arm, config, progress),
-    }
+    let saved = path.map(load).transpose()?;
+    let name = path.map(|path| path.display().to_string()).unwrap_or_default();
+    let prior = saved.as_ref().map(|saved| (saved, name.as_str()));
+    mapper_from(prior, arm, config, progress)
 }
 
 /// A mapper that knows nothing yet but what a field expects, which errors call by this name.

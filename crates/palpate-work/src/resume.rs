@@ -1,5 +1,6 @@
 //! A mapper that goes on from a saved field.
 
+use std::fmt::Display;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -66,21 +67,12 @@ fn check_settings(saved: &MapperConfig, name: &str, given: &Settings) -> Result<
     }
 }
 
-/// The mapper of a field that was saved in `path`.
+/// The mapper of a field that errors call by this name.
 ///
 /// # Errors
 ///
 /// If it was learnt with another robot, or contradicts itself.
-pub fn mapper(path: &Path, arm: &Arc<Arm>, snapshot: Snapshot) -> Result<Mapper, WorkError> {
-    mapper_of(&path.display().to_string(), arm, snapshot)
-}
-
-/// The same of a field that errors call by this name.
-///
-/// # Errors
-///
-/// As [`mapper`].
-pub fn mapper_of(name: &str, arm: &Arc<Arm>, snapshot: Snapshot) -> Result<Mapper, WorkError> {
+pub fn mapper(name: impl Display, arm: &Arc<Arm>, snapshot: Snapshot) -> Result<Mapper, WorkError> {
     Mapper::resume(Arc::clone(arm), snapshot)
         .map_err(|error| WorkError::from(format!("`{name}` cannot be continued: {error}")))
 }

@@ -9,7 +9,7 @@ use palpate_io::robot_files::{ArmOptions, CachePlace, LoadedArm, load_arm};
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::SettingsError;
-use crate::settings::sections::RobotSettings;
+use crate::settings::sections::{RobotSettings, Section};
 
 /// Loads the robot with its payload, and says what was odd about it.
 pub fn load(settings: &RobotSettings, progress: &dyn Progress) -> Result<Arc<Arm>, WorkError> {
@@ -37,10 +37,7 @@ impl RobotSettings {
             (None, _) => CachePlace::User,
         };
         let mut options = ArmOptions { cache, ..ArmOptions::default() };
-        options.package_path = self.package_path.clone().unwrap_or_default();
-        if let Some(spacing_m) = self.bake_spacing_m {
-            options.bake.spacing_m = spacing_m;
-        }
+        self.set(&mut options);
         options
     }
 }

@@ -23,8 +23,6 @@ pub struct Touches {
     logs: Vec<(PathBuf, Box<dyn Log>)>,
     current: usize,
     joints: Vec<String>,
-    /// Whether all touches get the joints of the first that names its own.
-    as_first: bool,
     permutation: Option<Vec<usize>>,
     /// Joints of the touch that was started last, as the log names them.
     named: Option<Vec<String>>,
@@ -102,12 +100,6 @@ impl Touches {
         Ok(self)
     }
 
-    /// The same touches with their joints in the order of the first touch that names its own.
-    #[must_use]
-    pub fn in_order_of_first(self) -> Self {
-        Self { as_first: true, ..self }
-    }
-
     /// Whether any log says that its torques are external ones.
     pub fn are_external(&self) -> bool {
         self.logs.iter().any(|log| is_external(&log))
@@ -167,9 +159,6 @@ impl Touches {
                 None => self.current += 1,
                 Some(LogEvent::TouchStarts { name, joint_names }) => {
                     self.named.clone_from(&joint_names);
-                    if self.as_first && self.joints.is_empty() {
-                        self.joints = joint_names.clone().unwrap_or_default();
-                    }
                     let names = joint_names.filter(|_| !self.joints.is_empty());
                     let order = names.map(|names| reorder(&self.joints, &names)).transpose();
                     self.permutation = order.map_err(|error| {

@@ -145,7 +145,7 @@ impl Args {
             Some(path) => {
                 let snapshot = resume::snapshot(path, settings)?;
                 output.note(&format!("going on from `{}`", path.display()));
-                Ok(resume::mapper(path, arm, snapshot)?)
+                Ok(resume::mapper(path.display(), arm, snapshot)?)
             }
             None => {
                 let config = settings.config()?;

@@ -8,6 +8,7 @@ use palpate_learn::method::Method;
 use palpate_learn::tracked::Touch;
 
 use crate::error::WorkError;
+use crate::inspect::counted;
 use crate::predict;
 use crate::progress::Progress;
 use crate::settings::sections::EstimatorSettings;
@@ -53,9 +54,9 @@ pub fn folds(
     let n = touches.len();
     if n < 2 {
         return Err(WorkError::from(format!(
-            "the log holds {n} {}; an evaluation needs at least two, one to learn from and one \
-             to predict; `palpate inspect` says what a log holds",
-            if n == 1 { "touch" } else { "touches" }
+            "the log holds {}; an evaluation needs at least two, one to learn from and one to \
+             predict; `palpate inspect` says what a log holds",
+            counted(n, "touch")
         )));
     }
     if !test.is_empty() {

@@ -5,13 +5,13 @@ use std::path::Path;
 use palpate::{
     ContactConfig, EstimatorConfig, EstimatorKind, ExternalTorqueConfig, Lattice, Snapshot,
 };
-use palpate_io::field::npz::{NpzError, read_npz};
+use palpate_io::field::npz::read_npz;
 use palpate_io::field::{self, FieldFile, Saved, SavedError};
 use serde::Serialize;
 
 use super::finding::Finding;
 use super::words::{counted, number};
-use crate::quantile::{extremes, quantile};
+use crate::quantile::{bounds, quantile};
 use crate::settings::corners;
 
 /// Cells below this part of the stiffest one count as zero.
@@ -118,8 +118,7 @@ fn refused(what: String) -> Finding {
 
 /// A field of another program: what there is of it.
 fn foreign(path: &Path, missing: &str) -> (Option<FieldFacts>, Vec<Finding>) {
-    let read = || -> Result<FieldFile, NpzError> { FieldFile::from_arrays(&read_npz(path)?) };
-    let file = match read() {
+    let file = match read_npz(path).and_then(|arrays| FieldFile::from_arrays(&arrays)) {
         Ok(file) => file,
         Err(error) => return (None, vec![refused(error.to_string())]),
     };
@@ -152,9 +151,7 @@ impl FieldFacts {
         let above = |part: f64| move |k: f64| k > 0.0 && k >= part * largest;
         let positive: Vec<f64> = stiffness.iter().copied().filter(|&k| above(ZERO)(k)).collect();
         let stiff = rows.iter().filter(|&&row| above(STIFF)(file.stiffness[row]));
-        let stiff: Vec<&[f64; 3]> = stiff.map(|&row| &file.points[row]).collect();
-        let side = |axis: usize| extremes(stiff.iter().map(|point| point[axis]));
-        let sides: Option<Vec<[f64; 2]>> = (0..3).map(side).collect();
+        let stiff: Vec<[f64; 3]> = stiff.map(|&row| file.points[row]).collect();
         let frames = |counts: &Vec<u32>| {
             quantiles(&rows.iter().map(|&row| f64::from(counts[row])).collect::<Vec<f64>>())
         };
@@ -167,8 +164,7 @@ impl FieldFacts {
             zero_share: 1.0 - positive.len() as f64 / rows.len().max(1) as f64,
             std_n_per_m: file.std.as_ref().and_then(|std| quantiles(&of(std))),
             frames_per_cell: file.counts.as_ref().and_then(frames),
-            stiff_box_m: sides
-                .map(|sides| [0, 1].map(|end| std::array::from_fn(|axis| sides[axis][end]))),
+            stiff_box_m: bounds(&stiff),
             stiff_cells: stiff.len(),
             own: None,
         }

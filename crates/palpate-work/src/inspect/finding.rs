@@ -54,6 +54,20 @@ impl Finding {
         })
     }
 
+    /// A warning of some joints or links, each in words; `None` if there are none. `what` ends before
+    /// them.
+    pub(super) fn of_parts(
+        code: &'static str,
+        parts: &[(&str, String)],
+        what: &str,
+        remedy: &str,
+    ) -> Option<Self> {
+        let (names, told): (Vec<&str>, Vec<&str>) =
+            parts.iter().map(|(name, told)| (*name, told.as_str())).unzip();
+        let what = || format!("{what}: {}", listed(&told));
+        (!parts.is_empty()).then(|| Self::warning(code, what(), remedy).at(&names))
+    }
+
     /// Something that learning takes, but probably not as meant.
     pub(super) fn warning(
         code: &'static str,

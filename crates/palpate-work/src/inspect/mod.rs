@@ -96,16 +96,16 @@ impl<'a> Inspector<'a> {
                 let (facts, findings) = robot::inspect(path, &self.settings.robot)?;
                 (Kind::Robot, facts.map(Holds::Robot), findings)
             }
-            Ok(_) => {
-                let log::LogInspection { log, findings } = self.log(path)?;
-                (Kind::Log, log.map(|facts| Holds::Log(Box::new(facts))), findings)
+            Ok(Kind::Log | Kind::Unknown) => {
+                let (facts, findings) = self.log(path)?;
+                (Kind::Log, facts.map(|facts| Holds::Log(Box::new(facts))), findings)
             }
         };
         findings.sort_by_key(|finding| Reverse(finding.level));
         Ok(Inspection { path: path.to_owned(), kind, holds, findings })
     }
 
-    fn log(&mut self, path: &Path) -> Result<log::LogInspection, WorkError> {
+    fn log(&mut self, path: &Path) -> Result<(Option<log::LogFacts>, Vec<Finding>), WorkError> {
         let settings = self.settings;
         let config = match self.field {
             Some(field) => resume::config(field, settings)?,

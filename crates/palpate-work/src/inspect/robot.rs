@@ -4,14 +4,13 @@
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Point3, Vector3};
 use palpate::Robot;
 use palpate::unstable::{BakeReport, Joint, JointKind, Link};
 use palpate_io::robot_files::LoadedArm;
 use serde::Serialize;
 
 use super::finding::Finding;
-use super::words::{counted, listed, number};
+use super::words::{counted, number};
 use crate::error::WorkError;
 use crate::settings::SettingsError;
 use crate::settings::sections::RobotSettings;
@@ -134,12 +133,10 @@ impl RobotFacts {
         (code, is, remedy): (&'static str, &str, &str),
     ) -> Option<Finding> {
         let odd = self.links.iter().filter(|link| link.moves && odd(link));
-        let names: Vec<&str> = odd.map(|link| link.name.as_str()).collect();
-        (!names.is_empty()).then(|| {
-            let are = if names.len() == 1 { "is" } else { "are" };
-            let what = format!("{} {are} {is}: {}", counted(names.len(), "link"), listed(&names));
-            Finding::warning(code, what, remedy).at(&names)
-        })
+        let odd: Vec<_> = odd.map(|link| (link.name.as_str(), link.name.clone())).collect();
+        let are = if odd.len() == 1 { "is" } else { "are" };
+        let what = format!("{} {are} {is}", counted(odd.len(), "link"));
+        Finding::of_parts(code, &odd, &what, remedy)
     }
 
     /// Links that weigh nothing.
@@ -173,13 +170,11 @@ impl RobotFacts {
     ) -> Option<Finding> {
         let parts =
             self.links.iter().filter_map(|link| Some((link, part(&link.skin.as_ref()?.report))));
-        let doubtful: Vec<(&LinkFacts, f64)> = parts.filter(|(_, part)| *part > DOUBTFUL).collect();
-        let told =
-            |(link, part): &(&LinkFacts, f64)| format!("{} ({:.0} %)", link.name, 100.0 * part);
-        let told: Vec<String> = doubtful.iter().map(told).collect();
-        let names: Vec<&str> = doubtful.iter().map(|(link, _)| link.name.as_str()).collect();
-        (!names.is_empty())
-            .then(|| Finding::warning(code, format!("{are}: {}", listed(&told)), remedy).at(&names))
+        let doubtful = parts.filter(|(_, part)| *part > DOUBTFUL);
+        let told = doubtful.map(|(link, part)| {
+            (link.name.as_str(), format!("{} ({:.0} %)", link.name, 100.0 * part))
+        });
+        Finding::of_parts(code, &told.collect::<Vec<_>>(), are, remedy)
     }
 
     fn open_shells(&self) -> Option<Finding> {
@@ -248,7 +243,9 @@ fn reach_m(loaded: &LoadedArm) -> Option<f64> {
         stretched_m.push(from_base_m);
         if let Some(grid) = &loaded.arm.surfaces[index] {
             let (low, high) = grid.bounds();
-            let part_m = from_base_m + farthest(&low, &high);
+            // The box's farthest corner from the link's origin.
+            let farthest = low.coords.abs().sup(&high.coords.abs());
+            let part_m = from_base_m + farthest.norm();
             reach = Some(reach.map_or(part_m, |reach| reach.max(part_m)));
         }
     }
@@ -262,10 +259,4 @@ fn travel_m(robot: &Robot, link: usize) -> f64 {
     let joint = robot.joints().iter().find(carries);
     let range = joint.and_then(|joint| joint.range).unwrap_or_default();
     range[0].abs().max(range[1].abs())
-}
-
-/// The distance of a box's farthest corner from the link's origin.
-fn farthest(low: &Point3<f64>, high: &Point3<f64>) -> f64 {
-    let corner: Vector3<f64> = low.coords.abs().sup(&high.coords.abs());
-    corner.norm()
 }

@@ -15,43 +15,31 @@ use super::sections::{
     TouchSettings,
 };
 
-/// The sections of a settings file and their keys, as the flags declare them.
-pub(super) struct Keys {
-    /// Section names in the template's order, each with its keys.
-    pub(super) sections: Vec<(&'static str, Vec<Arg>)>,
+/// A section of a settings file, and its keys as the flags declare them.
+pub(super) type Keys = (&'static str, Vec<Arg>);
+
+/// All sections, in the template's order.
+pub(super) fn sections() -> [Keys; 6] {
+    [
+        ("robot", keys_of::<RobotSettings>()),
+        ("log", keys_of::<LogSettings>()),
+        ("touch", keys_of::<TouchSettings>()),
+        ("lattice", keys_of::<LatticeSettings>()),
+        ("contact", keys_of::<ContactSettings>()),
+        ("estimator", keys_of::<EstimatorSettings>()),
+    ]
 }
 
-impl Keys {
-    /// All there are.
-    pub(super) fn all() -> Self {
-        Self {
-            sections: vec![
-                ("robot", keys_of::<RobotSettings>()),
-                ("log", keys_of::<LogSettings>()),
-                ("touch", keys_of::<TouchSettings>()),
-                ("lattice", keys_of::<LatticeSettings>()),
-                ("contact", keys_of::<ContactSettings>()),
-                ("estimator", keys_of::<EstimatorSettings>()),
-            ],
-        }
-    }
-
-    /// What to say to someone who wrote a section that is not known.
-    fn section_remedy(&self, wrong: &str) -> String {
-        nearest(wrong, self.sections.iter().map(|(name, _)| (*name, format!("[{name}]"))))
-    }
-
-    /// What to say to someone who wrote a key that is not known in `section`.
-    fn key_remedy(&self, section: Option<&str>, wrong: &str) -> String {
-        let all = self.sections.iter().flat_map(|(name, args)| {
-            args.iter().map(move |arg| {
-                let key = arg.get_id().as_str();
-                let here = section == Some(name);
-                (key, if here { format!("`{key}`") } else { format!("`{key}` in [{name}]") })
-            })
-        });
-        nearest(wrong, all)
-    }
+/// What to say to someone who wrote a key that is not known in `section`.
+fn key_remedy(all: &[Keys], section: Option<&str>, wrong: &str) -> String {
+    let keys = all.iter().flat_map(|(name, args)| {
+        args.iter().map(move |arg| {
+            let key = arg.get_id().as_str();
+            let here = section == Some(name);
+            (key, if here { format!("`{key}`") } else { format!("`{key}` in [{name}]") })
+        })
+    });
+    nearest(wrong, keys)
 }
 
 /// Suggests the name that is most like the wrong one, if any is.
@@ -124,22 +112,24 @@ struct Unknown {
 
 /// The first key or section of a file that is not known.
 fn first_unknown(text: &str) -> Result<Option<Unknown>, toml::de::Error> {
-    let all = Keys::all();
+    let all = sections();
     let mut unknown = Vec::new();
     for (section, value) in DeTable::parse(text)?.get_ref().iter() {
         let (at, name, keys) =
             (section.span().start, section.get_ref(), value.get_ref().as_table());
-        if let Some((_, known)) = all.sections.iter().find(|(known, _)| **known == **name) {
+        if let Some((_, known)) = all.iter().find(|(known, _)| **known == **name) {
             for key in keys.into_iter().flat_map(|keys| keys.keys()) {
                 let (at, key) = (key.span().start, key.get_ref().to_string());
                 if !known.iter().any(|arg| *arg.get_id() == *key) {
-                    unknown.push(Unknown { at, remedy: all.key_remedy(Some(name), &key), key });
+                    unknown.push(Unknown { at, remedy: key_remedy(&all, Some(name), &key), key });
                 }
             }
         } else {
             let remedy = match keys {
-                Some(_) => all.section_remedy(name),
-                None => all.key_remedy(None, name),
+                Some(_) => {
+                    nearest(name, all.iter().map(|(known, _)| (*known, format!("[{known}]"))))
+                }
+                None => key_remedy(&all, None, name),
             };
             unknown.push(Unknown { at, key: name.to_string(), remedy });
         }
@@ -194,7 +184,7 @@ mod tests {
     fn every_key_is_known_to_the_struct_that_reads_the_file() {
         let settings = Settings::effective(&Settings::default()).unwrap();
         let table = toml::Table::try_from(settings).unwrap();
-        for (section, args) in Keys::all().sections {
+        for (section, args) in sections() {
             for key in table[section].as_table().unwrap().keys() {
                 assert!(args.iter().any(|arg| arg.get_id() == key), "{section}.{key}");
             }

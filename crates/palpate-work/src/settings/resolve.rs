@@ -103,14 +103,7 @@ impl RobotSettings {
 impl LogSettings {
     /// How to open logs.
     pub fn options(&self) -> LogOptions {
-        let mut options = LogOptions {
-            columns: self.columns.clone(),
-            topic: self.topic.clone(),
-            touch_topic: self.touch_topic.clone(),
-            joints: self.joints.clone(),
-            split_gap_s: self.split_gap_s,
-            ..LogOptions::default()
-        };
+        let mut options = LogOptions::default();
         self.set(&mut options);
         options
     }

@@ -13,6 +13,7 @@ use palpate::{
     ContactConfig, EstimatorConfig, EstimatorKind, ExternalTorqueConfig, Gravity, TorqueSign,
 };
 use palpate_io::log::{AngleUnit, CsvColumns, LogOptions};
+use palpate_io::robot_files::ArmOptions;
 use serde::{Deserialize, Serialize};
 
 use super::parse::{TareFrames, columns, counts3, named, vector3};
@@ -54,7 +55,7 @@ impl From<LogSettings> for Settings {
 }
 
 /// A section of the settings.
-pub(super) trait Section: Sized {
+pub(crate) trait Section: Sized {
     /// The configuration of the core that some of the keys are fields of, if there is one.
     type Config;
 
@@ -94,12 +95,12 @@ macro_rules! section {
 
             fn set(&self, config: &mut $config) {
                 $($(if let Some(value) = &self.$key {
-                    config.$($field).+.clone_from(value);
+                    config.$($field).+ = value.clone().into();
                 })?)*
             }
 
             fn take(&mut self, config: &$config) {
-                $($(self.$key = Some(config.$($field).+.to_owned());)?)*
+                $($(self.$key = config.$($field).+.clone().into();)?)*
             }
         }
     };
@@ -108,13 +109,13 @@ macro_rules! section {
 section! {
     /// Which arm it was, and what it carried.
     #[command(next_help_heading = "Robot")]
-    pub struct RobotSettings of () {
+    pub struct RobotSettings of ArmOptions {
         /// URDF file, or the name of a built-in robot [default: kinova_gen3]
         #[arg(long, value_name = "URDF|NAME")]
         pub robot: String,
         /// Folder of ROS packages for `package://` paths of meshes; may be given several times
         #[arg(long, value_name = "DIR")]
-        pub package_path: Vec<PathBuf>,
+        pub package_path: Vec<PathBuf> => package_path,
         /// Folder that keeps baked meshes [default: palpate in the user's cache folder]
         #[arg(long, value_name = "DIR")]
         pub cache_dir: PathBuf,
@@ -126,7 +127,7 @@ section! {
         pub no_cache: bool,
         /// Spacing of baked signed distances, m [default: 0.005]
         #[arg(long, value_name = "M", allow_negative_numbers = true)]
-        pub bake_spacing_m: f64,
+        pub bake_spacing_m: f64 => bake.spacing_m,
         /// Link that carries a payload the URDF does not know of: a gripper, a tool, a camera
         #[arg(long, value_name = "LINK")]
         pub payload_link: String,
@@ -150,18 +151,18 @@ section! {
         /// last two if there are any); in a file columns = { q = ["a", "b"], tau = ["c", "d"],
         /// time = "t" }
         #[arg(long, value_name = "MAP", value_parser = columns)]
-        pub columns: CsvColumns,
+        pub columns: CsvColumns => columns,
         /// Topic of a bag that holds the joints [default: the only one that does]
         #[arg(long, value_name = "TOPIC")]
-        pub topic: String,
+        pub topic: String => topic,
         /// Topic of a bag on which each message starts a touch; text in it names the touch
         /// [default: /palpate/touch, if there is one]
         #[arg(long, value_name = "TOPIC")]
-        pub touch_topic: String,
+        pub touch_topic: String => touch_topic,
         /// Joints of a bag to read, by name; messages without them are left out [default: those of
         /// the message that has most]
         #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-        pub joints: Vec<String>,
+        pub joints: Vec<String> => joints,
         /// Read a bag that breaks off up to there, as if it ended
         #[arg(
             long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
@@ -170,7 +171,7 @@ section! {
         pub until_break: bool => until_break,
         /// Start a new touch wherever two samples lie further apart than this, s
         #[arg(long, value_name = "S", allow_negative_numbers = true)]
-        pub split_gap_s: f64,
+        pub split_gap_s: f64 => split_gap_s,
         /// Start a new touch whenever the arm has stood still for a while and touches nothing
         #[arg(
             long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",

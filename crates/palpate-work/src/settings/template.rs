@@ -4,7 +4,7 @@ use palpate::unstable::PauseConfig;
 use palpate::{Lattice, Tare};
 
 use super::error::SettingsError;
-use super::file::Keys;
+use super::file::sections;
 use super::lattice::corners;
 use super::parse::TareFrames;
 use super::sections::{Section, Settings};
@@ -57,7 +57,7 @@ impl Settings {
             "# Settings of palpate: every key is also a flag, which wins over this file.\n\
              # Use with --settings FILE.toml; what is left out keeps its default.\n",
         );
-        for (section, args) in Keys::all().sections {
+        for (section, args) in sections() {
             text += &format!("\n[{section}]\n");
             for arg in args {
                 let help = arg.get_help().map(ToString::to_string).unwrap_or_default();
@@ -103,7 +103,7 @@ mod tests {
             toml::Table::try_from(settings.effective().unwrap()).unwrap()
         };
         let (map, ekf) = (of(EstimatorKind::Map), of(EstimatorKind::Ekf));
-        for (section, args) in Keys::all().sections {
+        for (section, args) in sections() {
             for arg in args.iter().filter(|arg| arg.get_id() != "estimator") {
                 let default = |table: &toml::Table| {
                     let value = table[section].get(arg.get_id().as_str())?.to_string();

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use palpate::unstable::{TrackedSample, Tracker, is_contact_free};
 use palpate::{Arm, CellId, ExternalTorqueConfig, MIN_TARE_FRAMES, MapperConfig, Robot, Tare};
+use palpate_learn::evaluation::MeanStd;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -12,7 +13,7 @@ use super::farthest;
 use super::reading::Fit;
 use crate::error::WorkError;
 use crate::progress::{Bar, Progress};
-use crate::quantile::{extremes, quantile};
+use crate::quantile::{bounds, extremes, quantile};
 use crate::settings::SettingsError;
 use crate::touched::{Touched, point};
 use crate::touches::RecordedTouch;
@@ -186,6 +187,9 @@ impl Figures {
         let range = |joint: usize| extremes(touch.samples.iter().map(|sample| sample.q[joint]));
         let still_frames = touch.still_frames(self.still_rad);
         let noise = still_frames.min(start_frames) >= MIN_TARE_FRAMES as usize;
+        let noise_at = |joint: usize| {
+            MeanStd::of(raw[..start_frames].iter().map(|row| row[joint])).map_or(0.0, |m| m.std)
+        };
         TouchFacts {
             name: touch.name.clone(),
             frames: touch.frames(),
@@ -193,7 +197,7 @@ impl Figures {
             start_frames,
             still_frames,
             frames_in_contact: touched.frames_in_contact(),
-            noise_std: noise.then(|| std_of(&raw[..start_frames])),
+            noise_std: noise.then(|| joints.clone().map(noise_at).collect()),
             silent: noise.then(|| silent(&raw[..still_frames], touch)),
             peak_external,
             peak_by_joint: joints.clone().map(at_joint).collect(),
@@ -211,11 +215,8 @@ pub(super) fn last_link_box(touches: &[RecordedTouch], robot: &Robot) -> Option<
     let link = robot.joints().last()?.child.index();
     let samples = touches.iter().flat_map(|touch| &touch.samples);
     let poses = samples.filter_map(|sample| robot.forward(&sample.q).ok());
-    let places: Vec<_> =
-        poses.map(|poses| poses.world_from_link[link].translation.vector).collect();
-    let side = |axis: usize| extremes(places.iter().map(|place| place[axis]));
-    let sides = [side(0)?, side(1)?, side(2)?];
-    let [low_m, high_m] = [0, 1].map(|end| point(sides.map(|side| side[end])));
+    let places = poses.map(|poses| poses.world_from_link[link].translation.vector.into());
+    let [low_m, high_m] = bounds(&places.collect::<Vec<[f64; 3]>>())?.map(point);
     Some(format!("the origin of `{}` moves within {low_m} .. {high_m} m", robot.links()[link].name))
 }
 
@@ -250,14 +251,4 @@ fn silent(raw: &[Vec<f64>], touch: &RecordedTouch) -> Vec<bool> {
         change(raw.collect()).min(change(logged.collect())) < NO_NOISE
     };
     (0..raw.first().map_or(0, Vec::len)).map(is_silent).collect()
-}
-
-/// Standard deviation of each column.
-fn std_of(rows: &[Vec<f64>]) -> Vec<f64> {
-    let mean = super::mean(rows, Vec::as_slice);
-    let deviation = |(joint, mean): (usize, &f64)| {
-        let squares: f64 = rows.iter().map(|row| (row[joint] - mean).powi(2)).sum();
-        (squares / (rows.len() - 1) as f64).sqrt()
-    };
-    mean.iter().enumerate().map(deviation).collect()
 }

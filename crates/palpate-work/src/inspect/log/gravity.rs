@@ -1,13 +1,13 @@
 //! What gravity says of a log, in words: sign, convention, order of joints, payload.
 
-use palpate::{ExternalTorqueConfig, Gravity, Payload, Robot};
+use palpate::{ExternalTorqueConfig, Gravity, Payload, Robot, Sample};
 use palpate_io::log::AngleUnit;
 
 use super::super::finding::Finding;
 use super::super::words::{listed, number, word};
 use super::joints::Matching;
 use super::payload;
-use super::reading::{self, Fit, Fits, Reading, Rest};
+use super::reading::{self, Fit, Fits, Reading};
 use crate::touches::RecordedTouch;
 
 /// Reads the log as gravity says: the touches' joints are put into the order that fits.
@@ -43,7 +43,7 @@ pub(super) fn judge(
 }
 
 /// A payload that explains the torques, and the convention under which it does.
-fn payload_of(robot: &Robot, rests: &[Rest], fits: &Fits) -> Option<(Fit, Payload)> {
+fn payload_of(robot: &Robot, rests: &[Sample], fits: &Fits) -> Option<(Fit, Payload)> {
     [&fits.set, &fits.best].into_iter().find_map(|fit| {
         let included = Fit { gravity: Gravity::Included, ..*fit };
         Some((included, payload::explain(robot, rests, &included)?))

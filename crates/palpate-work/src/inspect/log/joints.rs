@@ -8,8 +8,8 @@ use super::super::finding::Finding;
 use super::super::words::listed;
 use crate::recorded::{RecordedTouch, reorder_joints};
 
-/// How the joints of the log became those of the robot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+/// How the joints of the log became those of the robot; of several touches, the last of these.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Matching {
     /// The log names no joints: its order is believed, and checked by gravity.
@@ -35,14 +35,11 @@ pub(super) fn match_joints(
         let Some(names) = &touch.joint_names else { continue };
         match reorder(&joints, names) {
             Ok(order) => {
-                let is_sorted = order.is_sorted();
+                let in_order = order.is_sorted();
                 touch.permute(&order);
                 touch.joint_names = Some(joints.clone());
-                if matching != Matching::Unmatched
-                    && !(is_sorted && matching == Matching::Reordered)
-                {
-                    matching = if is_sorted { Matching::InOrder } else { Matching::Reordered };
-                }
+                let found = if in_order { Matching::InOrder } else { Matching::Reordered };
+                matching = matching.max(found);
             }
             Err(error) => {
                 matching = Matching::Unmatched;

@@ -47,15 +47,6 @@ pub use frames::ClockFacts;
 pub use joints::Matching;
 pub use reading::{Fit, Fits, Reading};
 
-/// What was found out about a log.
-#[derive(Debug, Serialize)]
-pub struct LogInspection {
-    /// What it holds; `None` if nothing of it can be read.
-    pub log: Option<LogFacts>,
-    /// What looks wrong, errors first.
-    pub findings: Vec<Finding>,
-}
-
 /// What a log holds.
 #[derive(Debug, Serialize)]
 pub struct LogFacts {
@@ -81,7 +72,8 @@ pub struct LogFacts {
     pub touches: Vec<TouchFacts>,
 }
 
-/// Looks at a log, or at why it cannot be opened.
+/// Looks at a log, or at why it cannot be opened: what it holds, if anything of it can be read, and
+/// what looks wrong, errors first.
 ///
 /// # Errors
 ///
@@ -91,7 +83,7 @@ pub fn inspect(
     log: Result<Touches, WorkError>,
     (settings, config): (&Settings, &MapperConfig),
     (arm, progress): (&Arc<Arm>, &dyn Progress),
-) -> Result<LogInspection, WorkError> {
+) -> Result<(Option<LogFacts>, Vec<Finding>), WorkError> {
     let mut inspector = LogInspector { settings, config, arm, progress, findings: Vec::new() };
     let log = match log {
         Ok(touches) => inspector.inspect(touches)?,
@@ -102,7 +94,7 @@ pub fn inspect(
     };
     let mut findings = inspector.findings;
     findings.sort_by_key(|finding| Reverse(finding.level));
-    Ok(LogInspection { log, findings })
+    Ok((log, findings))
 }
 
 struct LogInspector<'a> {

@@ -5,9 +5,9 @@
 //! link's origin and one metre beside it.
 
 use nalgebra::{DMatrix, DVector};
-use palpate::{Payload, Robot};
+use palpate::{Payload, Robot, Sample};
 
-use super::reading::{Fit, Rest};
+use super::reading::Fit;
 use crate::quantile::median;
 
 /// The payload must leave less than this part over of what is left over without it.
@@ -20,7 +20,7 @@ const FARTHEST_M: f64 = 0.5;
 const TELLING: f64 = 0.03;
 
 /// The payload at the last link that explains what is left over, if one does.
-pub(super) fn explain(robot: &Robot, rests: &[Rest], fit: &Fit) -> Option<Payload> {
+pub(super) fn explain(robot: &Robot, rests: &[Sample], fit: &Fit) -> Option<Payload> {
     let link = robot.joints().last()?.child;
     let link = &robot.links()[link.index()].name;
     let carrying = |mass_kg: f64, com_link_m: [f64; 3]| {

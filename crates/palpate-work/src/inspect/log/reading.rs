@@ -10,7 +10,7 @@
 //! If no touch begins still, single frames have to do, with contacts in them. What is left over
 //! then says little, but contacts do not follow gravity, so the slope of the torques on it tells.
 
-use palpate::{ExternalTorqueConfig, Gravity, MIN_TARE_FRAMES, Payload, Robot, TorqueSign};
+use palpate::{ExternalTorqueConfig, Gravity, MIN_TARE_FRAMES, Payload, Robot, Sample, TorqueSign};
 use palpate_io::log::AngleUnit;
 use serde::Serialize;
 
@@ -32,17 +32,10 @@ const FRAMES: usize = 200;
 /// How near to 1, 0 or -1 the slope must be to tell by itself.
 const NEAR_SLOPE: f64 = 0.3;
 
-/// One moment at rest.
-#[derive(Debug, Clone)]
-pub(super) struct Rest {
-    pub q: Vec<f64>,
-    pub tau: Vec<f64>,
-}
-
 /// Moments at rest, or any moments if there are none.
 #[derive(Debug, Clone)]
 pub(super) struct Rests {
-    pub all: Vec<Rest>,
+    pub all: Vec<Sample>,
     /// Whether the arm stands still in them.
     pub still: bool,
 }
@@ -136,14 +129,12 @@ impl Fits {
 
 /// The means over the still starts, or some frames if there are none.
 pub(super) fn rests(touches: &[RecordedTouch], still_rad: f64) -> Rests {
-    let starts: Vec<Rest> = (touches.iter())
+    let starts: Vec<Sample> = (touches.iter())
         .filter_map(|touch| {
-            let still = touch.still_frames(still_rad);
-            let rows = &touch.samples[..still];
-            (still >= MIN_TARE_FRAMES as usize).then(|| Rest {
-                q: super::mean(rows, |sample| &sample.q),
-                tau: super::mean(rows, |sample| &sample.tau),
-            })
+            let rows = &touch.samples[..touch.still_frames(still_rad)];
+            let mean = |of: fn(&Sample) -> &[f64]| super::mean(rows, of);
+            let still = rows.len() >= MIN_TARE_FRAMES as usize;
+            still.then(|| Sample::new(None, mean(|row| &row.q), mean(|row| &row.tau)))
         })
         .collect();
     if !starts.is_empty() {
@@ -152,8 +143,7 @@ pub(super) fn rests(touches: &[RecordedTouch], still_rad: f64) -> Rests {
     let frames: usize = touches.iter().map(RecordedTouch::frames).sum();
     let all = touches.iter().flat_map(|touch| &touch.samples);
     let some = all.step_by(frames.div_ceil(FRAMES).max(1));
-    let some = some.map(|sample| Rest { q: sample.q.clone(), tau: sample.tau.clone() });
-    Rests { all: some.collect(), still: false }
+    Rests { all: some.cloned().collect(), still: false }
 }
 
 /// How well the conventions explain what was measured at rest.
@@ -165,7 +155,7 @@ pub(super) fn fits(
 ) -> Fits {
     let pick = |row: &[f64]| order.iter().map(|&place| row[place]).collect::<Vec<f64>>();
     // Torque of gravity and measured torque at each moment, n_joints, N·m.
-    let torques = |rest: &Rest| {
+    let torques = |rest: &Sample| {
         let poses = robot.forward(&pick(&rest.q)).ok()?;
         Some((robot.gravity_torque(&poses).as_slice().to_vec(), pick(&rest.tau)))
     };

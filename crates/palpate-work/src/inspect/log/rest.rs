@@ -174,37 +174,25 @@ impl Figured<'_> {
 
     fn noiseless(&self) -> Option<Finding> {
         let joints = self.robot.joints().iter().enumerate();
-        let names: Vec<&str> = joints
-            .filter(|(j, _)| self.is_silent(*j))
-            .map(|(_, joint)| joint.name.as_str())
-            .collect();
-        (!names.is_empty()).then(|| {
-            let what = format!("the torques at rest have no noise at all: {}", listed(&names));
-            let remedy = "fine if the log is simulated; else they are filtered, estimated or held, \
-                          and lag behind the motion: log the sensors themselves";
-            Finding::warning("no_noise", what, remedy).at(&names)
-        })
+        let silent = joints.filter(|(j, _)| self.is_silent(*j));
+        let silent: Vec<_> =
+            silent.map(|(_, joint)| (joint.name.as_str(), joint.name.clone())).collect();
+        let what = "the torques at rest have no noise at all";
+        let remedy = "fine if the log is simulated; else they are filtered, estimated or held, and \
+                      lag behind the motion: log the sensors themselves";
+        Finding::of_parts("no_noise", &silent, what, remedy)
     }
 
     fn noisy(&self) -> Option<Finding> {
-        let loud = |(j, joint): &(usize, &Joint)| {
-            median(&self.noise(*j)).is_some_and(|std| std > unusual(joint, 0.5, 0.01))
-        };
-        let loud: Vec<(usize, &Joint)> =
-            self.robot.joints().iter().enumerate().filter(loud).collect();
-        let names: Vec<&str> = loud.iter().map(|(_, joint)| joint.name.as_str()).collect();
-        let told = loud.iter().map(|(j, joint)| {
-            format!("{} {} N·m", joint.name, number(median(&self.noise(*j)).unwrap_or_default()))
+        let joints = self.robot.joints().iter().enumerate();
+        let loud = joints.filter_map(|(j, joint)| {
+            let std = median(&self.noise(j)).filter(|std| *std > unusual(joint, 0.5, 0.01))?;
+            Some((joint.name.as_str(), format!("{} {} N·m", joint.name, number(std))))
         });
-        (!names.is_empty()).then(|| {
-            let what = format!(
-                "the torques at rest are noisy (standard deviation): {}",
-                listed(&told.collect::<Vec<_>>())
-            );
-            let remedy = "check brakes, controller and wiring, or raise --torque-std to as much; \
-                          if it is drift, wait before the touch";
-            Finding::warning("noise", what, remedy).at(&names)
-        })
+        let what = "the torques at rest are noisy (standard deviation)";
+        let remedy = "check brakes, controller and wiring, or raise --torque-std to as much; if it \
+                      is drift, wait before the touch";
+        Finding::of_parts("noise", &loud.collect::<Vec<_>>(), what, remedy)
     }
 
     fn weak(&self) -> Option<Finding> {
