@@ -26,6 +26,8 @@ pub struct Touches {
     permutation: Option<Vec<usize>>,
     /// Joints of the touch that was started last, as the log names them.
     named: Option<Vec<String>>,
+    /// The touch that the log is in, and how many of its samples were read.
+    read: (String, u64),
     /// Parts touches at pauses, if that was asked for, and what it has made of them.
     pauses: Option<Pauses>,
     next: VecDeque<TouchEvent>,
@@ -139,7 +141,13 @@ impl Touches {
                 (Some(event), None) => self.next.push_back(event),
                 (Some(event), Some(pauses)) => {
                     let taken = pauses.take(event, &mut self.next);
-                    taken.map_err(|error| self.fault(error))?;
+                    // What pauses hold back was read, and not handed on yet.
+                    taken.map_err(|error| {
+                        let (touch, samples) = &self.read;
+                        let sample = samples.saturating_sub(1);
+                        let place = format!("touch `{touch}`, sample {sample} (from 0)");
+                        WorkError::touch(self.log(), place, error)
+                    })?;
                 }
                 (None, pauses) => {
                     if let Some(pauses) = pauses {
@@ -159,6 +167,7 @@ impl Touches {
                 None => self.current += 1,
                 Some(LogEvent::TouchStarts { name, joint_names }) => {
                     self.named.clone_from(&joint_names);
+                    self.read = (name.clone(), 0);
                     let names = joint_names.filter(|_| !self.joints.is_empty());
                     let order = names.map(|names| reorder(&self.joints, &names)).transpose();
                     self.permutation = order.map_err(|error| {
@@ -167,6 +176,7 @@ impl Touches {
                     return Ok(Some(TouchEvent::Touch(name)));
                 }
                 Some(LogEvent::Sample(mut sample)) => {
+                    self.read.1 += 1;
                     if let Some(order) = &self.permutation {
                         reorder_joints(&mut sample, order);
                     }
@@ -259,4 +269,29 @@ impl Touches {
 /// Whether a log says that its torques are external ones.
 fn is_external((_, log): &&(PathBuf, Box<dyn Log>)) -> bool {
     log.describe().torques == LoggedTorques::External
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate::Sample;
+
+    use super::*;
+    use crate::settings::Settings;
+    use crate::settings::sections::RobotSettings;
+
+    #[test]
+    fn a_sample_held_back_for_a_pause_is_named_as_in_its_log() {
+        let robot = RobotSettings { no_cache: Some(true), ..RobotSettings::default() };
+        let arm = Arc::new(crate::robot::load_with_report(&robot).unwrap().arm);
+        let sample = |joints: usize| Sample::new(None, vec![0.0; joints], vec![0.0; joints]);
+        let samples = vec![sample(7), sample(7), sample(6)];
+        let touch = RecordedTouch { name: "push".to_owned(), samples, ..RecordedTouch::default() };
+        let config = Settings::default().config().unwrap();
+        let place = (config.lattice, config.contact);
+        let settings = LogSettings { split_idle: Some(true), ..LogSettings::default() };
+        let touches = Touches::held("day.csv", vec![touch]);
+        let mut touches = touches.for_arm(&arm, &settings, place).unwrap();
+        let error = touches.advance().err().unwrap().to_string();
+        assert!(error.starts_with("`day.csv`: touch `push`, sample 2 (from 0): "), "{error}");
+    }
 }
