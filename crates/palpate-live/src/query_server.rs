@@ -25,6 +25,7 @@ use std::error::Error;
 use std::fmt::Display;
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
@@ -114,7 +115,10 @@ impl AskSocket {
                 }
                 spawn(scope, "answer", move || {
                     // A client may leave in the middle of a line.
-                    let _ = converse(&stream, server);
+                    let conversation = || drop(converse(&stream, server));
+                    if catch_unwind(AssertUnwindSafe(conversation)).is_err() {
+                        server.shared.note("a question was not answered, by a defect of palpate");
+                    }
                     drop(asker);
                 });
             }

@@ -46,7 +46,8 @@ const REQUESTS: usize = 16;
 /// How long the topics of a network may take to appear before the user reads that there is none.
 const DISCOVERY: Duration = Duration::from_secs(2);
 
-/// Maps what a robot publishes until `stop` is true; returns the session, whose touch has ended.
+/// Maps what a robot publishes until `stop` is true; returns the session, whose touch has ended, and
+/// the defect that ended it before, if one did.
 ///
 /// `report` is called on this thread, and may take its time.
 ///
@@ -60,11 +61,13 @@ pub fn run(
     ask: Option<&AskSocket>,
     stop: impl Fn() -> bool,
     mut report: impl FnMut(News),
-) -> Result<Session, NetworkError> {
+) -> Result<(Session, Option<NetworkError>), NetworkError> {
     let mapper = session.mapper();
     let arm = Arc::clone(mapper.arm());
     let publishers = network.publish(arm.robot.joint_names().map(str::to_owned).collect())?;
-    let Some(topic) = find_topic(&network, config, &stop, &mut report) else { return Ok(session) };
+    let Some(topic) = find_topic(&network, config, &stop, &mut report) else {
+        return Ok((session, None));
+    };
     let subscriber = network.subscribe(&topic)?;
     let how = if topic.reliable { "reliable" } else { "best effort" };
     report(News::Note(format!("listening to `{}` ({how})", topic.name)));
@@ -102,15 +105,17 @@ pub fn run(
         }
         let session = mapper.join();
         drop(stopping);
+        let mut defect = None;
         for thread in threads {
-            let name = thread.thread().name().unwrap_or_default().to_owned();
+            let thread_name = thread.thread().name().unwrap_or_default().to_owned();
             if thread.join().is_err() {
-                report(News::Note(format!(
-                    "the session ended by a defect of palpate, in the thread `{name}`"
-                )));
+                defect = Some(NetworkError::Defect { thread: thread_name });
             }
         }
-        session.map_err(|_| NetworkError::Defect)
+        match session {
+            Ok(session) => Ok((session, defect)),
+            Err(_) => Err(NetworkError::Defect { thread: "mapper".to_owned() }),
+        }
     })
 }
 

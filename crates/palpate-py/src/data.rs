@@ -40,12 +40,6 @@ pub(crate) fn toml_of(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<tom
     if any.is_none() {
         return Ok(None);
     }
-    // Arrays and single numbers of NumPy; paths.
-    for as_plain in ["tolist", "__fspath__"] {
-        if any.hasattr(as_plain)? {
-            return toml_of(&any.call_method0(as_plain)?, name);
-        }
-    }
     let value: toml::Value = if let Ok(truth) = any.cast::<PyBool>() {
         truth.is_true().into()
     } else if any.is_instance_of::<PyInt>() {
@@ -58,6 +52,11 @@ pub(crate) fn toml_of(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<tom
         table_of(mapping, name)?.into()
     } else if let Ok(lattice) = any.cast::<Lattice>() {
         toml::Value::try_from(&lattice.get().inner).expect("its keys are those of the section")
+    } else if any.hasattr("tolist")? {
+        // Arrays and single numbers of NumPy.
+        return toml_of(&any.call_method0("tolist")?, name);
+    } else if any.hasattr("__fspath__")? {
+        return toml_of(&any.call_method0("__fspath__")?, name);
     } else if let Ok(sequence) = any.cast::<PySequence>() {
         let mut values = Vec::new();
         for item in sequence.try_iter()? {

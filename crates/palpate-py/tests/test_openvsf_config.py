@@ -300,6 +300,7 @@ def test_a_datasets_section_alone_will_do(config: Path, tmp_path: Path, dataset:
         ("optimizer: diag_ekf", "optimizer: adam", "`estimator.optimizer` is 'adam'; wanted quad_prog"),
         ("slide_step: 0.002", "slide_step: 2e-3", r"slide_step` is '2e-3'; wanted a number \(YAML takes"),
         ("slide_step: 0.002", "slide_step: -1", r"slide_step` is -1\.0; wanted more than 0"),
+        ("slide_step: 0.002", "slide_step: .nan", r"slide_step` is nan; wanted a finite number"),
         ("sim_slide: true", "sim_slide: 1", "sim_slide` is 1; wanted true or false"),
         ("num_samples: 15", "num_samples: many", "num_samples` is 'many'; wanted a whole number"),
         ("num_samples: 15", "num_samples: 1.5", r"num_samples` is 1\.5; wanted a whole number"),
@@ -367,3 +368,11 @@ def test_files_of_other_kinds_are_told(tmp_path: Path) -> None:
         openvsf.read_config(tmp_path / "a.yaml")
     with pytest.raises(palpate.FileError, match=r"b\.yaml` cannot be read: No such file"):
         openvsf.read_config(tmp_path / "b.yaml")
+
+
+def test_what_yaml_names_often_is_read_once(tmp_path: Path) -> None:
+    levels = [f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]" for n in range(1, 60)]
+    file = tmp_path / "config.yaml"
+    file.write_text("\n".join(["a0: &a0 [1]", *levels]))
+    with pytest.raises(palpate.FileError, match=r"config\.yaml"):
+        openvsf.read_config(file)

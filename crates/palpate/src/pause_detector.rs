@@ -136,7 +136,7 @@ impl PauseDetector {
     /// `None`: the touch under way goes on. `Some`: a new touch begins with these samples, oldest
     /// first, the last of which is the one just given. The others were given before; whoever has
     /// fed them to the touch before feeds them to the new one again, which teaches nothing twice,
-    /// since nothing is touched at them. At most [`MAX_HELD`], at least [`MIN_TARE_FRAMES`].
+    /// since nothing is touched at them. At most 10,000, at least [`MIN_TARE_FRAMES`].
     pub fn push(&mut self, sample: &Sample, contacts: usize) -> Option<Vec<Sample>> {
         self.since += 1;
         self.begun_s = self.begun_s.or(sample.time_s);

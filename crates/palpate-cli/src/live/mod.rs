@@ -206,8 +206,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         checkpoint: args.checkpoint(),
         view: feed,
     };
-    let session = run_live(network, session, &config, ask.as_ref(), stop, |news| shown.tell(news))
-        .map_err(CliError::file)?;
+    let tell = |news| shown.tell(news);
+    let (session, defect) =
+        run_live(network, session, &config, ask.as_ref(), stop, tell).map_err(CliError::file)?;
     shown.clear();
     #[cfg(feature = "viewer")]
     if let Some(viewer) = viewer {
@@ -217,5 +218,6 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         let saved = Saved::of_mapper(session.mapper());
         field::save(path, &saved).map_err(CliError::file)?;
     }
-    shown.end(&session, args.output.as_deref())
+    shown.end(&session, args.output.as_deref())?;
+    defect.map_or(Ok(()), |defect| Err(CliError::file(defect)))
 }

@@ -4,7 +4,7 @@
 const DASHES = { ekf: "dash", uniform: "dot", knn: "dashdot" };
 
 const touch = () => data.touches[chosen("touch")];
-const colour = (method) => data.colours[data.methods.indexOf(method)];
+const colour = (method) => data.colours[data.methods.indexOf(method)] ?? INK;
 
 // In a narrow window the buttons of a plot would lie on its legend.
 const flat = { ...config, displayModeBar: window.innerWidth < 700 ? false : "hover" };

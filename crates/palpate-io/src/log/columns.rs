@@ -31,30 +31,41 @@ pub(super) struct Columns {
     pub(super) touch: Option<usize>,
 }
 
-/// How columns of positions and of torques are called.
-static POSITIONS: LazyLock<[Regex; 3]> =
-    LazyLock::new(|| patterns("(?:joint_)?(?:positions?|angles?|pos)|q"));
-static TORQUES: LazyLock<[Regex; 3]> =
-    LazyLock::new(|| patterns("(?:joint_)?(?:torques?|efforts?)|tau(?:_j)?"));
+/// How columns of positions and of torques are called; of two words in a name, the first here counts.
+static POSITIONS: LazyLock<Vec<Regex>> = LazyLock::new(|| {
+    patterns(
+        "joint_positions|joint_position|joint_angles|joint_angle|joint_pos|positions|position|\
+         angles|angle|pos|q",
+    )
+});
+static TORQUES: LazyLock<Vec<Regex>> = LazyLock::new(|| {
+    patterns(
+        "joint_torques|joint_torque|joint_efforts|joint_effort|torques|torque|efforts|effort|\
+         tau_j|tau",
+    )
+});
 const TIMES: &[&str] = &["time", "t", "stamp", "timestamp", "time_s", "__time"];
 const TOUCHES: &[&str] = &["touch", "sequence", "seq", "episode"];
 
 /// Which of the [`patterns`] has numbers.
 const NUMBERED: usize = 0;
 
-/// Names that hold one of `words`, with the number of a joint behind it, or the joint's name before
+/// Names that hold one of `words`, with the number of a joint behind it, or else the joint's name before
 /// or behind it.
-fn patterns(words: &str) -> [Regex; 3] {
+fn patterns(words: &str) -> Vec<Regex> {
     let between = "[_./:\\- ]";
-    let patterns = [
-        format!(r"^(?:.*/)?(?<word>{words}){between}*[\[(]*(?<number>[0-9]+)[\])]*$"),
-        format!(r"^(?:.*?/)??(?<joint>[^/]+?){between}+(?<word>{words})$"),
-        format!(r"^(?<word>{words}){between}+(?<joint>.+)$"),
-    ];
-    patterns.map(|pattern| {
+    let numbered = format!(r"^(?:.*/)?(?<word>{words}){between}*[\[(]*(?<number>[0-9]+)[\])]*$");
+    let named = words.split('|').flat_map(|word| {
+        [
+            format!(r"^(?:.*?/)??(?<joint>[^/]+?){between}+(?<word>{word})$"),
+            format!(r"^(?<word>{word}){between}+(?<joint>.+)$"),
+        ]
+    });
+    let pattern = |pattern: String| {
         let pattern = RegexBuilder::new(&pattern).case_insensitive(true).build();
         pattern.expect("the words fit a pattern")
-    })
+    };
+    std::iter::once(numbered).chain(named).map(pattern).collect()
 }
 
 impl Columns {
@@ -203,7 +214,7 @@ fn is_gapless(labels: &[&Label]) -> bool {
 }
 
 /// All families of columns whose names fit one of the patterns.
-fn families(header: &[String], patterns: &[Regex; 3]) -> Vec<Family> {
+fn families(header: &[String], patterns: &[Regex]) -> Vec<Family> {
     let mut families: Vec<Family> = Vec::new();
     for (place, name) in header.iter().enumerate() {
         let fit = |(kind, pattern)| Some((kind, classify(base(name), pattern)?));
@@ -269,6 +280,15 @@ mod tests {
             let wanted = Columns { q, tau, joint_names: None, time: Some(0), touch: None };
             assert_eq!(columns, wanted, "{header}");
         }
+    }
+
+    #[test]
+    fn the_name_of_a_joint_may_end_in_another_of_the_words() {
+        let columns =
+            find("position_hip_angle,position_knee_angle,torque_hip_angle,torque_knee_angle");
+        let columns = columns.unwrap();
+        assert_eq!((columns.q, columns.tau), (vec![0, 1], vec![2, 3]));
+        assert_eq!(columns.joint_names.unwrap(), ["hip_angle", "knee_angle"]);
     }
 
     #[test]

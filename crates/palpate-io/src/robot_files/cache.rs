@@ -89,13 +89,16 @@ pub(super) fn key(
     mesh_bytes: impl Fn(&str) -> Hash,
 ) -> Hash {
     let mut hasher = Hasher::new();
-    // As `Debug` writes them: all that there is to a shape, and every number to the last bit.
-    let inputs = format!("{CACHE_VERSION} {BAKE_VERSION} {MESH_VERSION} {config:?} {shapes:?}");
-    hasher.update(inputs.as_bytes());
-    for part in shapes {
-        if let Shape::Mesh { filename, .. } = &part.shape {
+    let mut shapes = shapes.to_vec();
+    for part in &mut shapes {
+        if let Shape::Mesh { filename, .. } = &mut part.shape {
             hasher.update(mesh_bytes(filename).as_bytes());
+            // Of its name only the ending matters, which says how to read it.
+            let ending = Path::new(filename).extension().unwrap_or_default();
+            *filename = ending.to_string_lossy().to_ascii_lowercase();
         }
     }
-    hasher.finalize()
+    // As `Debug` writes them: all that there is to a shape, and every number to the last bit.
+    let inputs = format!("{CACHE_VERSION} {BAKE_VERSION} {MESH_VERSION} {config:?} {shapes:?}");
+    hasher.update(inputs.as_bytes()).finalize()
 }

@@ -67,7 +67,7 @@ impl Knn {
     ///
     /// # Panics
     ///
-    /// Without neighbours.
+    /// Without neighbours, or if the length scale is not positive.
     pub fn with_length_scale(
         frames: &Frames,
         neighbours: usize,
@@ -75,6 +75,7 @@ impl Knn {
     ) -> Result<Self, RegressionError> {
         frames.check()?;
         assert!(neighbours > 0, "a mean of at least one neighbour");
+        assert!(length_scale > 0.0, "a length scale is a length");
         let scale = Scale::of(&frames.q);
         let z = scale.standardised(&frames.q);
         Ok(Self { scale, z, tau: frames.tau.clone(), neighbours, length_scale })

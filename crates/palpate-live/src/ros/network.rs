@@ -55,8 +55,8 @@ pub enum NetworkError {
     #[error("`{topic}` cannot be opened: {why}")]
     Open { topic: String, why: String },
     /// A thread panicked, and has said so.
-    #[error("a part of the live mode has stopped")]
-    Defect,
+    #[error("the session ended by a defect of palpate, in the thread `{thread}`")]
+    Defect { thread: String },
 }
 
 impl NetworkError {

@@ -197,9 +197,9 @@ impl Mapper {
     /// If the sample cannot be used: it does not fit the robot, is not finite, or shows that the
     /// touch has no contact-free start. Nothing is learnt from it.
     pub fn step(&mut self, sample: &Sample) -> Result<StepReport, MapperError> {
-        self.replays.begin_step();
         // Where the arm pushes the points of the field, and by how much (assumption ii).
         let tracked = self.tracker.feed(sample)?;
+        self.replays.begin_step();
         let frame = self.record(sample);
         let contacts = tracked.contacts.len();
         let Some(external) = &tracked.external else {

@@ -111,13 +111,11 @@ impl SampleLog {
     /// that could not be tared is over before it is ended.
     pub(super) fn needed_by(&self, remembered: &[FrameId], under_way: bool) -> Vec<LoggedTouch> {
         let needed = touches_of(remembered);
-        let touches = self.touches.iter().cloned().map(|mut touch| {
-            touch.open &= under_way;
-            touch
-        });
-        touches
-            .filter(|touch| !touch.lost && (touch.open || needed.contains(&touch.touch)))
-            .collect()
+        let is_open = |touch: &LoggedTouch| touch.open && under_way;
+        let keep =
+            |touch: &&LoggedTouch| !touch.lost && (is_open(touch) || needed.contains(&touch.touch));
+        let kept = self.touches.iter().filter(keep);
+        kept.map(|touch| LoggedTouch { open: is_open(touch), ..touch.clone() }).collect()
     }
 }
 

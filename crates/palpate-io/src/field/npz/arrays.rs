@@ -2,6 +2,7 @@
 
 use super::error::NpzError;
 use crate::npy::{Header, Number, signed};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// The numbers of an array in C order.
@@ -45,8 +46,13 @@ impl Data {
     }
 
     /// How many numbers there are.
-    pub(super) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.kind_and_len().1
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
     }
 
     /// numpy's `dtype.str`.
@@ -54,15 +60,15 @@ impl Data {
         self.kind_and_len().0
     }
 
-    /// The numbers as little-endian bytes.
-    pub(super) fn bytes(&self) -> Vec<u8> {
+    /// Writes the numbers as little-endian bytes.
+    pub(super) fn write(&self, out: &mut impl Write) -> io::Result<()> {
         match self {
-            Self::F64(numbers) => numbers.iter().copied().flat_map(f64::to_le_bytes).collect(),
-            Self::F32(numbers) => numbers.iter().copied().flat_map(f32::to_le_bytes).collect(),
-            Self::I64(numbers) => numbers.iter().copied().flat_map(i64::to_le_bytes).collect(),
-            Self::U64(numbers) => numbers.iter().copied().flat_map(u64::to_le_bytes).collect(),
-            Self::U32(numbers) => numbers.iter().copied().flat_map(u32::to_le_bytes).collect(),
-            Self::U8(numbers) => numbers.clone(),
+            Self::F64(numbers) => write_blocks(out, numbers, f64::to_le_bytes),
+            Self::F32(numbers) => write_blocks(out, numbers, f32::to_le_bytes),
+            Self::I64(numbers) => write_blocks(out, numbers, i64::to_le_bytes),
+            Self::U64(numbers) => write_blocks(out, numbers, u64::to_le_bytes),
+            Self::U32(numbers) => write_blocks(out, numbers, u32::to_le_bytes),
+            Self::U8(numbers) => out.write_all(numbers),
         }
     }
 
@@ -80,6 +86,18 @@ impl Data {
             Number::Unsigned(_) => Self::U32(words.map(|word| word as u32).collect()),
         }
     }
+}
+
+/// Writes numbers block by block.
+fn write_blocks<T: Copy, const BYTES: usize>(
+    out: &mut impl Write,
+    numbers: &[T],
+    bytes: fn(T) -> [u8; BYTES],
+) -> io::Result<()> {
+    numbers.chunks(4096).try_for_each(|block| {
+        let block: Vec<u8> = block.iter().copied().flat_map(bytes).collect();
+        out.write_all(&block)
+    })
 }
 
 impl Array {

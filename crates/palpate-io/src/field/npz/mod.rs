@@ -154,7 +154,7 @@ fn pack(out: impl Write, arrays: &Arrays) -> Result<(), ZipError> {
             .large_file(bytes > u64::from(u32::MAX) / 2);
         zip.start_file(format!("{name}.npy"), options)?;
         write_header(&mut zip, array.data.descr(), &array.shape)?;
-        zip.write_all(&array.data.bytes())?;
+        array.data.write(&mut zip)?;
     }
     zip.finish()?;
     Ok(())

@@ -43,7 +43,7 @@ def read(path: Path, within: tuple[Path, ...] = ()) -> Any:
     else:
         raise FileError(f"`{path}` is no configuration: wanted .yaml, .yml or .json")
     try:
-        return _resolved(parse(text), path, within)
+        return _resolved(parse(text), path, within, {})
     except (ValueError, RecursionError) as error:
         raise FileError(f"`{path}` is no {kind}: {error}") from error
 
@@ -67,11 +67,14 @@ def _yaml(text: str) -> Any:
         raise ValueError(error) from error
 
 
-def _resolved(value: Any, path: Path, within: tuple[Path, ...]) -> Any:
-    if isinstance(value, dict):
-        return {key: _resolved(one, path, within) for key, one in value.items()}
-    if isinstance(value, list):
-        return [_resolved(one, path, within) for one in value]
+def _resolved(value: Any, path: Path, within: tuple[Path, ...], known: dict[int, Any]) -> Any:
+    """The same with what it includes; `known` has what is done, since YAML may name a thing often."""
+    if isinstance(value, dict | list):
+        if id(value) not in known:
+            items = value.items() if isinstance(value, dict) else enumerate(value)
+            done = {key: _resolved(one, path, within, known) for key, one in items}
+            known[id(value)] = done if isinstance(value, dict) else list(done.values())
+        return known[id(value)]
     if isinstance(value, str) and value.startswith(("!include ", "!relative_path ")):
         tag, name = value.split(" ", 1)
         file = Path(os.path.normpath(path.parent / name))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from difflib import get_close_matches
+from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -46,11 +47,14 @@ class Section:
     def number(self, key: str) -> float | None:
         value = self.value(key)
         hint = " (YAML takes 1.0e-3 for a number, not 1e-3)" if isinstance(value, str) else ""
-        return float(value) if type(value) is int else self._of_type(key, float, f"a number{hint}")
+        number = float(value) if type(value) is int else self._of_type(key, float, f"a number{hint}")
+        if number is not None and not isfinite(number):
+            raise self.error(key, f"is {number}; wanted a finite number")
+        return number
 
     def positive(self, key: str) -> float | None:
         value = self.number(key)
-        if value is not None and not 0.0 < value < float("inf"):
+        if value is not None and value <= 0.0:
             raise self.error(key, f"is {value}; wanted more than 0")
         return value
 
