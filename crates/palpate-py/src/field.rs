@@ -221,7 +221,7 @@ impl Field {
         Ok(table_of(py, torques.iter().map(|torque| torque.as_slice()), joints))
     }
 
-    /// Predicts the touches of logs and compares with what was felt, as `palpate predict` does.
+    /// Predicts the touches of logs and compares with the measured torque, as `palpate predict` does.
     ///
     /// `truth` compares with the true torques beside simulated touches. The settings may change how
     /// the log is read (`log`) and what its torques mean (`touch`).

@@ -189,7 +189,7 @@ impl Mapper {
         Ok(())
     }
 
-    /// Folds one sample into the field: `q` (n_joints,) rad, `tau` (n_joints,) N·m as logged.
+    /// Learns from one sample: `q` (n_joints,) rad, `tau` (n_joints,) N·m as logged.
     ///
     /// Raises TouchError if the sample cannot be used; it has then taught nothing.
     #[pyo3(signature = (q, tau, time = None))]

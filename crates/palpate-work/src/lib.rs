@@ -9,11 +9,11 @@
 //! | [`mod@pauses`]    | a log parted into touches where the arm pauses in the air         |
 //! | [`mod@prior`]     | a mapper that starts anew, from what a field expects if one is given |
 //! | [`mod@resume`]    | a mapper that goes on from a saved field                          |
-//! | [`mod@learn`]     | touches into a mapper, and what is told of it                     |
-//! | [`mod@predict`]   | every frame of every touch: predicted, felt, and how far apart    |
+//! | [`mod@learn`]     | touches into a mapper, and a summary of what was learned          |
+//! | [`mod@predict`]   | predicted and measured torque of every frame, and the error       |
 //! | [`mod@scored`]    | the four figures of predicted touches                             |
 //! | [`mod@evaluate`]  | methods compared on touches that they have not seen               |
-//! | [`mod@extrapolate`] | from what was touched to what was only seen                     |
+//! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
 //! | [`mod@tune`]      | settings chosen by cross-validation                               |
 //! | [`mod@inspect`]   | what a log, a robot or a field holds, and what looks wrong with it |
 //! | [`mod@touched`]   | what touches displace of the lattice                              |

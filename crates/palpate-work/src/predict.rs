@@ -1,4 +1,4 @@
-//! Every frame of every touch: predicted, felt, and how far apart.
+//! Predicted and measured torque of every frame, and the error.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -46,13 +46,13 @@ struct Asked {
     paths: usize,
     #[serde(skip)]
     handover_ms: Vec<f64>,
-    /// The thinned answer with handing out what it needs, ms; of each path the median counts.
+    /// The coarse answer with handing out what it needs, ms; of each path the median counts.
     #[serde(serialize_with = "extent")]
-    thinned_ms: Vec<f64>,
+    coarse_ms: Vec<f64>,
     /// The answer at every point with every spring, once a path, ms.
     #[serde(serialize_with = "extent")]
     exact_ms: Vec<f64>,
-    /// What a thinned answer is off by in the mean over a path, where that has at least
+    /// What a coarse answer is off by in the mean over a path, where that has at least
     /// [`LARGE_N_M`], relative.
     #[serde(serialize_with = "extent")]
     torque_off: Vec<f64>,
@@ -138,33 +138,33 @@ impl Asked {
         }
         self.paths += 1;
         self.exact_ms.push(exact_ms);
-        let (mut handover_ms, mut thinned_ms, mut answers) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut handover_ms, mut coarse_ms, mut answers) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..TIMES {
             let start = Instant::now();
             let predictor = mapper.coarse_path_predictor(CLUSTER_WEIGHT);
             handover_ms.push(milliseconds(start.elapsed()));
             answers.push(predictor.ask(path, &config)?); // all alike
-            thinned_ms.push(milliseconds(start.elapsed()));
+            coarse_ms.push(milliseconds(start.elapsed()));
         }
         self.handover_ms.extend(median(&handover_ms));
-        self.thinned_ms.extend(median(&thinned_ms));
+        self.coarse_ms.extend(median(&coarse_ms));
         self.torque_off.extend(off_by(&answers[0], &exact, |point| &point.torque));
         self.std_off.extend(off_by(&answers[0], &exact, |point| &point.torque_std));
         Ok(exact)
     }
 }
 
-/// What a thinned answer is off by, relative, in the mean over the points where the exact torque is
+/// What a coarse answer is off by, relative, in the mean over the points where the exact torque is
 /// worth it; `None` where it nowhere is.
 fn off_by(
-    thinned: &PathPrediction,
+    coarse: &PathPrediction,
     exact: &PathPrediction,
     of: fn(&PathPoint) -> &DVector<f64>,
 ) -> Option<f64> {
-    let points = thinned.points.iter().zip(&exact.points);
+    let points = coarse.points.iter().zip(&exact.points);
     let large = points.filter(|(_, exact)| exact.torque.norm() >= LARGE_N_M);
     let off: Vec<f64> =
-        large.map(|(thinned, exact)| (of(thinned) - of(exact)).norm() / of(exact).norm()).collect();
+        large.map(|(coarse, exact)| (of(coarse) - of(exact)).norm() / of(exact).norm()).collect();
     (!off.is_empty()).then(|| off.iter().sum::<f64>() / off.len() as f64)
 }
 
@@ -191,7 +191,7 @@ impl Answers {
         };
         row("handing out the springs".to_owned(), self.handover_ms, (1.0, 2, "ms"));
         for (kind, asked) in [("a whole touch", &self.whole), ("a push", &self.push)] {
-            row(format!("answer about {kind}"), Extent::of(&asked.thinned_ms), (1.0, 1, "ms"));
+            row(format!("answer about {kind}"), Extent::of(&asked.coarse_ms), (1.0, 1, "ms"));
             row(format!("exact answer about {kind}"), Extent::of(&asked.exact_ms), (1.0, 0, "ms"));
             row(
                 "  torque off from that by".to_owned(),

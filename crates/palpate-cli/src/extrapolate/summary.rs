@@ -58,7 +58,7 @@ impl ExtrapolationSummary<'_> {
         let config = &self.work.config;
         let method = format!("{} on {}", config.method.name(), config.features);
         let frames = |(touches, frames)| format!("{touches} touches, {frames} frames in contact");
-        let remembered = self.found.felt.map(|counts| ("remembered", frames(counts)));
+        let remembered = self.found.remembered.map(|counts| ("remembered", frames(counts)));
         std::iter::once(("method", method)).chain(remembered).collect()
     }
 
@@ -114,8 +114,8 @@ impl ExtrapolationSummary<'_> {
             "touched": self.touched(),
             "cells_touched": touched_rows(&self.work.saved.field).count(),
             "cells_expected": self.expected(),
-            "touches": self.found.felt.map(|(touches, _)| touches),
-            "frames": self.found.felt.map(|(_, frames)| frames),
+            "touches": self.found.remembered.map(|(touches, _)| touches),
+            "frames": self.found.remembered.map(|(_, frames)| frames),
             "stiffness": {"q10": soft, "median": median, "q90": stiff},
             "truth": self.orders().map(|[untouched, all]| json!({"untouched": untouched, "all": all})),
             "compare": self.found.rows.as_ref().map(|rows| rows.iter().map(row).collect::<Vec<_>>()),

@@ -127,7 +127,7 @@ fn view(figures: &Figures) -> String {
         ),
         format!("contacts  {contacts} points now, {cells} cells in {touches} touches{checkpoint}"),
         format!(
-            "torque    {} felt, {} predicted; error {} on average (predicting zero: {})",
+            "torque    {} measured, {} predicted; error {} on average (predicting zero: {})",
             torque(figures.external_n_m),
             torque(figures.predicted_n_m),
             torque(figures.avg_error),

@@ -1,4 +1,4 @@
-// Draws the field with the arm that felt it, and the cloud that it was extrapolated to.
+// Draws the field with the arm that touched it, and the cloud that it was extrapolated to.
 
 const { scene, cloud } = data;
 

@@ -294,7 +294,7 @@ class Mapper:
     def begin_touch(self) -> None:
         """Starts a touch: the next samples belong to it, and its start gives the tare."""
     def step(self, q: ArrayLike, tau: ArrayLike, time: float | None = None) -> StepReport:
-        """Folds one sample into the field: `q` (n_joints,) rad, `tau` (n_joints,) N·m as logged.
+        """Learns from one sample: `q` (n_joints,) rad, `tau` (n_joints,) N·m as logged.
 
         Raises TouchError if the sample cannot be used; it has then taught nothing.
         """
@@ -415,7 +415,7 @@ class Field:
         progress: Progress = None,
         **sections: Unpack[FieldSections],
     ) -> Score:
-        """Predicts the touches of logs and compares with what was felt, as `palpate predict` does.
+        """Predicts the touches of logs and compares with the measured torque, as `palpate predict` does.
 
         `truth` compares with the true torques beside simulated touches. The settings may change how
         the log is read (`log`) and what its torques mean (`touch`).

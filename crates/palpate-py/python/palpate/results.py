@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 class Errors(TypedDict):
     """The four figures of the paper's Table I; None where no frame counts.
 
-    The error of a frame is |predicted - felt| over all joints, in N·m; relative is that over |felt|,
-    on frames of at least 1 N·m.
+    The error of a frame is |predicted - measured| over all joints, in N·m; relative is that over
+    |measured|, on frames of at least 1 N·m.
     """
 
     avg_error: float | None
@@ -82,7 +82,7 @@ class ScoredTouch(ScoredFrames):
     predicted: NDArray[np.float64]
     """External torque by the field, N·m, (T, n_joints)."""
     external: NDArray[np.float64]
-    """External torque that was felt, or the true one, N·m, (T, n_joints)."""
+    """Measured external torque, or the true one, N·m, (T, n_joints)."""
 
 
 class Score(TypedDict):

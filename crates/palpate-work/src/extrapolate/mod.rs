@@ -62,7 +62,7 @@ pub struct Found {
     /// Cells of the field's lattice at seen points, each with its expected stiffness, N/m.
     pub cells: Vec<(CellId, f64)>,
     /// Touches and frames in contact that the field remembers.
-    pub felt: Option<(usize, usize)>,
+    pub remembered: Option<(usize, usize)>,
     /// Joint positions of each remembered touch where the torque is largest, rad.
     pub touching: Vec<Vec<f64>>,
     /// The comparison on halves, if one was asked for.
@@ -107,7 +107,7 @@ impl Work<'_> {
         let touching = tracked.iter().flat_map(|tracked| &tracked.touches).filter_map(deepest);
         Ok(Found {
             touching: touching.collect(),
-            felt: tracked.map(|tracked| {
+            remembered: tracked.map(|tracked| {
                 let frames = tracked.touches.iter().map(TrackedTouch::frames_in_contact).sum();
                 (tracked.touches.len(), frames)
             }),
@@ -172,7 +172,7 @@ pub fn method_of(name: &str) -> Result<Method, String> {
     found.ok_or_else(|| "there are torque, cells and knn".to_owned())
 }
 
-/// Where a touch is felt most, rad.
+/// Joint positions where the torque of a touch is largest, rad.
 fn deepest(touch: &TrackedTouch) -> Option<Vec<f64>> {
     let torque = |tau: &[f64]| DVector::from_column_slice(tau).norm();
     let deepest =

@@ -30,7 +30,7 @@ pub struct FieldFacts {
     pub file_bytes: u64,
     /// Those that were touched, which all figures are of.
     pub cells: usize,
-    /// Those of which something is expected and nothing was ever felt.
+    /// Those with a prior mean of their own that were never touched.
     pub expected_cells: usize,
     /// Quantiles 10, 50, 90, 99 and 100 % of the cells above zero, N/m.
     pub stiffness_n_per_m: Option<[f64; 5]>,

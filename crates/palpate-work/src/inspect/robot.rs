@@ -86,7 +86,7 @@ pub fn inspect(
         }
         Err(WorkError::Settings(error @ SettingsError::Payload(_))) => Err(error.into()),
         Err(error) => {
-            let remedy = "put right what the message names; the robot cannot be used before";
+            let remedy = "correct what the message names; the robot cannot be used before";
             let finding = Finding::error("robot", error.to_string(), remedy);
             let facts = tree(path).map(|robot| RobotFacts::new(&robot, None));
             let mut findings = vec![finding];

@@ -77,8 +77,8 @@ fn wrong_convention(fits: &Fits) -> Finding {
         Gravity::Included => (
             "torque_sign",
             format!(
-                "the torques count the other way round: turned, they are {:.2} times those of \
-                 gravity, and {left_over} N·m are left over",
+                "the torques have the opposite sign: with the other one they are {:.2} times those \
+                 of gravity, and {left_over} N·m are left over",
                 best.slope
             ),
         ),
@@ -88,8 +88,8 @@ fn wrong_convention(fits: &Fits) -> Finding {
         false => format!(" (no touch begins still, but the slope on gravity is {:.2})", best.slope),
     };
     let what = format!(
-        "{seen}, of the {gravity_torque} N·m of gravity {when}{slope}; read as set, \
-         {left_over_as_set} N·m are left over"
+        "{seen}, of the {gravity_torque} N·m of gravity {when}{slope}; with the settings \
+         as given, {left_over_as_set} N·m are left over"
     );
     let flags = flags(set, best);
     let remedy = format!("use {}; below, the log is read so", flags.join(" "));

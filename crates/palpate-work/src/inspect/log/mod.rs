@@ -16,7 +16,7 @@
 //! frame of seven joints.
 //!
 //! A defect is told once: where the log seems to be in degrees, or its torques in the other sign,
-//! the rest is looked at as if that had been put right.
+//! the rest is looked at as if that had been corrected.
 
 mod figures;
 mod frames;
@@ -209,7 +209,7 @@ impl LogFacts {
 }
 
 fn unreadable(error: &WorkError) -> Finding {
-    let remedy = "put right what the message names; what could be read before it is told here";
+    let remedy = "correct what the message names; the rest holds only what could be read before it";
     Finding::error("unreadable", error.to_string(), remedy)
 }
 

@@ -243,8 +243,7 @@ impl Figured<'_> {
                 "in {wrong} of {touches} the object would pull the arm in rather than push it \
                  back, with {joules} J in all"
             );
-            let remedy =
-                format!("the torques count the other way round: use --torque-sign {other}");
+            let remedy = format!("the torques have the opposite sign: use --torque-sign {other}");
             Finding::warning("torque_sign", what, remedy).try_flags(&["--torque-sign", other])
         })
     }
