@@ -18,6 +18,7 @@
 pub mod atomic;
 pub mod cloud;
 pub mod field;
+pub mod input;
 pub mod log;
 mod npy;
 pub mod rgbd;

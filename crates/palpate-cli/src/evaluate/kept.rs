@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 
+use palpate_io::input;
 use palpate_learn::evaluate::Part;
 use palpate_learn::tune::Tuned;
 use palpate_work::evaluate::{Keep, Work};
@@ -49,7 +50,8 @@ impl Kept {
 
     /// A piece by its name, if it is there and whole.
     fn one<P: DeserializeOwned>(&self, name: &str) -> Option<P> {
-        let text = std::fs::read_to_string(self.folder.join(format!("{name}.json"))).ok()?;
+        let text =
+            input::read_text(&self.folder.join(format!("{name}.json")), input::LARGEST).ok()?;
         let sealed: Sealed<P> = serde_json::from_str(&text).ok()?;
         (sealed.key == self.key).then_some(sealed.piece)
     }
@@ -65,7 +67,7 @@ impl Kept {
     pub(super) fn remove(&self) {
         let Ok(entries) = self.folder.read_dir() else { return };
         for path in entries.flatten().map(|entry| entry.path()) {
-            let Ok(text) = std::fs::read_to_string(&path) else { continue };
+            let Ok(text) = input::read_text(&path, input::LARGEST) else { continue };
             if serde_json::from_str::<Sealed<IgnoredAny>>(&text).is_ok() {
                 let _ = std::fs::remove_file(&path); // What stays is found, or has another key.
             }

@@ -25,6 +25,7 @@ mod table;
 mod truth;
 mod write;
 
+use crate::input;
 use std::path::Path;
 
 pub use error::CloudError;
@@ -42,8 +43,8 @@ pub use write::{Column, write_pcd, write_ply};
 ///
 /// [`CloudError`]; whatever the bytes are, no panic, and no more memory than they fill.
 pub fn read(path: &Path) -> Result<Reading, CloudError> {
-    let bytes =
-        std::fs::read(path).map_err(|source| CloudError::Io { path: path.to_owned(), source })?;
+    let bytes = input::read(path, input::LARGEST)
+        .map_err(|source| CloudError::Io { path: path.to_owned(), source })?;
     decode(&bytes, path)
 }
 

@@ -1,8 +1,8 @@
 //! What a simulation knows of the points of its cloud; for checking only.
 
 use super::error::CloudError;
+use crate::input;
 use crate::npy::Rows;
-use std::fs::File;
 use std::path::Path;
 
 /// The truth about every point of a cloud, in its order.
@@ -32,7 +32,7 @@ fn numbers(path: &Path, points: usize) -> Result<Vec<f64>, CloudError> {
         let place = "the array".to_owned();
         CloudError::Value { path: path.to_owned(), place, found, wanted }
     };
-    let file = File::open(path);
+    let file = input::open(path);
     let file = file.map_err(|source| CloudError::Io { path: path.to_owned(), source })?;
     let broken = |source| CloudError::Npy { path: path.to_owned(), source };
     let rows = Rows::open(file).map_err(broken)?;

@@ -1,9 +1,10 @@
 //! Files of a folder, in the order in which people count: `seq_2` before `seq_10`; how they begin.
 
 use std::cmp::Ordering;
-use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+
+use crate::input;
 
 /// All that lies right below a folder and is not hidden, in natural order.
 pub(super) fn listed(folder: &Path) -> io::Result<Vec<PathBuf>> {
@@ -26,7 +27,7 @@ pub(super) fn is_file_with(path: &Path, endings: &[&str]) -> bool {
 /// The first bytes of a file, enough to tell its format.
 pub(super) fn beginning(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    File::open(path)?.take(16).read_to_end(&mut bytes)?;
+    input::open(path)?.take(16).read_to_end(&mut bytes)?;
     Ok(bytes)
 }
 

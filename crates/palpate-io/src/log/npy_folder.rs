@@ -21,6 +21,7 @@ use super::error::LogError;
 use super::event::Format;
 use super::files::{FileDescription, TouchFile};
 use super::options::LogOptions;
+use crate::input;
 use crate::npy::Rows;
 
 /// Whether a folder holds a touch.
@@ -109,7 +110,7 @@ pub(super) struct Table {
 
 impl Table {
     pub(super) fn open(path: PathBuf) -> Result<Self, LogError> {
-        let file = File::open(&path).map_err(|source| match source.kind() {
+        let file = input::open(&path).map_err(|source| match source.kind() {
             io::ErrorKind::NotFound => {
                 let remedy = "a touch needs `angles.npy` and `torques.npy`".to_owned();
                 LogError::Missing { path: path.clone(), remedy }

@@ -11,7 +11,6 @@
 //! order. An episode is a touch; without that column, a file is. Lists name no joints: their order
 //! is believed. Only the columns that are needed are read, a batch of rows at a time.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -29,6 +28,7 @@ use super::event::Format;
 use super::files::{FileDescription, TouchFile};
 use super::folder;
 use super::options::LogOptions;
+use crate::input;
 
 const STATES: &[&str] = &["observation.state", "observation.position", "observation.positions"];
 const EFFORTS: &[&str] =
@@ -70,7 +70,7 @@ impl TouchFile for ParquetFile {
     const FORMAT: Format = Format::Parquet;
 
     fn open(path: &Path, options: &LogOptions) -> Result<Self, LogError> {
-        let file = File::open(path).map_err(|source| LogError::reading(path, source))?;
+        let file = input::open(path).map_err(|source| LogError::reading(path, source))?;
         let broken = |error| broken(path, &error);
         let reader = SerializedFileReader::new(file).map_err(broken)?;
         let metadata = reader.metadata().file_metadata();

@@ -13,6 +13,7 @@ use tempfile::TempDir;
 
 use super::folder;
 use super::names::Names;
+use crate::atomic;
 use crate::npy::write_header;
 
 /// Writes touches as a table, with a column for the touch, the time if there is one, positions and
@@ -91,6 +92,7 @@ impl<W: Write> TableWriter<W> {
 pub struct ArraysWriter {
     target: PathBuf,
     hidden: TempDir,
+    _lock: File,
     names: Names,
     touch: Option<Touch>,
 }
@@ -106,11 +108,14 @@ impl ArraysWriter {
             let what = "it exists already; choose another name, or remove it";
             return Err(io::Error::new(io::ErrorKind::AlreadyExists, what));
         }
-        let parent = target.parent().filter(|parent| !parent.as_os_str().is_empty());
-        let hidden = tempfile::Builder::new()
-            .suffix(".partial")
-            .tempdir_in(parent.unwrap_or(Path::new(".")))?;
-        Ok(Self { target: target.to_owned(), hidden, names: Names::default(), touch: None })
+        let (hidden, lock) = atomic::hidden_folder(target)?;
+        Ok(Self {
+            target: target.to_owned(),
+            hidden,
+            _lock: lock,
+            names: Names::default(),
+            touch: None,
+        })
     }
 
     /// Starts a touch.

@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::dropped::Dropped;
+use crate::input;
 
 /// What can be wrong with a picture, its camera, or the two together.
 #[derive(Debug, thiserror::Error)]
@@ -46,5 +47,6 @@ const WANTED_POSE: &str =
 
 /// Reads a whole file.
 pub(super) fn bytes_of(path: &Path) -> Result<Vec<u8>, RgbdError> {
-    std::fs::read(path).map_err(|source| RgbdError::Io { path: path.to_owned(), source })
+    input::read(path, input::LARGEST)
+        .map_err(|source| RgbdError::Io { path: path.to_owned(), source })
 }

@@ -8,6 +8,7 @@
 
 use super::mesh::MESH_VERSION;
 use crate::atomic::{self, IfExists, WriteError};
+use crate::input;
 use blake3::{Hash, Hasher};
 use palpate::BakeConfig;
 use palpate::unstable::{BAKE_VERSION, BakeReport, Collision, DistanceGrid, Shape};
@@ -33,10 +34,7 @@ impl Cache {
     /// The link of that key, if it is there and whole.
     pub(super) fn get(&self, key: &Hash) -> Option<(DistanceGrid, BakeReport)> {
         let path = self.path(key)?;
-        if path.metadata().ok()?.len() > MAX_BYTES {
-            return None;
-        }
-        let bytes = std::fs::read(path).ok()?;
+        let bytes = input::read(&path, MAX_BYTES).ok()?;
         let (content, seal) = bytes.split_last_chunk::<32>()?;
         if blake3::Hash::from_bytes(*seal) != sealed(key, content) {
             return None;

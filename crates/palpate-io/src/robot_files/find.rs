@@ -1,6 +1,7 @@
 //! Where the file is that a URDF calls `package://…`.
 
 use super::xml;
+use crate::input;
 use percent_encoding::percent_decode_str;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -45,9 +46,17 @@ impl Search {
         }
     }
 
+    /// The URDF's folder and those above it, as far as its package and what holds that, if it is in
+    /// one: what lies farther up is none of its business.
+    fn above(&self) -> impl Iterator<Item = &Path> {
+        let mut folders = self.urdf_folder.ancestors();
+        let own = folders.position(|folder| folder.join("package.xml").is_file());
+        self.urdf_folder.ancestors().take(own.map_or(usize::MAX, |own| own + 2))
+    }
+
     /// Where a file of a package might be, the likeliest first.
     fn in_package(&self, package: &str, file: &str) -> Vec<PathBuf> {
-        let above = || self.urdf_folder.ancestors();
+        let above = || self.above();
         let mut candidates = Vec::new();
         for folder in self.packages.iter().map(PathBuf::as_path).chain(above()) {
             if is_package(folder, package) {
@@ -63,15 +72,16 @@ impl Search {
     }
 }
 
+/// Bytes of the largest `package.xml`.
+const MANIFEST: u64 = 1 << 20;
+
 /// Whether a folder is the package of that name: by its own name or by its `package.xml`.
 fn is_package(folder: &Path, package: &str) -> bool {
     if folder.file_name().is_some_and(|name| name == package) {
         return true;
     }
     let manifest = folder.join("package.xml");
-    let is_small = manifest.metadata().is_ok_and(|metadata| metadata.len() < 1 << 20);
-    let text = if is_small { std::fs::read_to_string(manifest) } else { return false };
-    let Ok(text) = text else { return false };
+    let Ok(text) = input::read_text(&manifest, MANIFEST) else { return false };
     let Ok(document) = xml::parse(&text) else { return false };
     let mut children = document.root_element().children();
     let name = children.find(|node| node.has_tag_name("name"));

@@ -15,6 +15,7 @@ mod find;
 mod mesh;
 mod xml;
 
+use crate::input;
 use blake3::Hash;
 use cache::Cache;
 use find::Search;
@@ -168,12 +169,8 @@ fn read_urdf(path: &Path) -> Result<Robot, RobotFileError> {
 
 /// Reads a whole file, unless it is too large for a URDF or a mesh.
 fn read_file(path: &Path) -> Result<Vec<u8>, RobotFileError> {
-    let failed = |source| RobotFileError::Io { path: path.to_owned(), source };
-    let size = path.metadata().map_err(failed)?.len();
-    if size > MAX_FILE_BYTES {
-        return Err(failed(io::ErrorKind::FileTooLarge.into()));
-    }
-    std::fs::read(path).map_err(failed)
+    input::read(path, MAX_FILE_BYTES)
+        .map_err(|source| RobotFileError::Io { path: path.to_owned(), source })
 }
 
 /// Turns links into surfaces.

@@ -1,11 +1,11 @@
 //! Which of log, robot and field a path is, by its name and, where that does not tell, by its
 //! first bytes.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 use palpate::Robot;
+use palpate_io::input;
 use serde::Serialize;
 
 use super::finding::Finding;
@@ -62,7 +62,7 @@ pub(super) fn recognise(path: &Path) -> Result<Kind, Box<Finding>> {
         _ => {}
     }
     let mut bytes = Vec::new();
-    let read = File::open(path).and_then(|file| file.take(4096).read_to_end(&mut bytes));
+    let read = input::open(path).and_then(|file| file.take(4096).read_to_end(&mut bytes));
     if let Err(error) = read {
         return wrong("unreadable", &format!("cannot be read: {error}"), "check its permissions");
     }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use palpate::Robot;
 use palpate::unstable::{BakeReport, Joint, JointKind, Link};
+use palpate_io::input;
 use palpate_io::robot_files::LoadedArm;
 use serde::Serialize;
 
@@ -98,7 +99,7 @@ pub fn inspect(
 
 /// The robot without its skin, if its text can be read.
 fn tree(path: &Path) -> Option<Robot> {
-    Robot::from_urdf(&std::fs::read_to_string(path).ok()?).ok()
+    Robot::from_urdf(&input::read_text(path, input::LARGEST).ok()?).ok()
 }
 
 impl RobotFacts {

@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use clap::{Arg, Args, Command};
+use palpate_io::input;
 use serde::Deserialize;
 use toml::de::DeTable;
 
@@ -56,13 +57,16 @@ fn keys_of<T: Args>() -> Vec<Arg> {
     T::augment_args(Command::new("")).get_arguments().cloned().collect()
 }
 
+/// Bytes of the largest settings file.
+const LARGEST: u64 = 1 << 20;
+
 /// Reads a settings file.
 ///
 /// # Errors
 ///
 /// If it cannot be read, is no TOML, or has a key or a value that means nothing.
 pub fn read(path: &Path) -> Result<Settings, SettingsError> {
-    let text = std::fs::read_to_string(path)
+    let text = input::read_text(path, LARGEST)
         .map_err(|source| SettingsError::Unreadable { path: path.to_owned(), source })?;
     parse(path, &text)
 }

@@ -11,8 +11,8 @@ mod arrays;
 mod error;
 
 use crate::atomic::{self, IfExists};
+use crate::input;
 use crate::npy::{Header, NpyError, write_header};
-use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, Write};
 use std::path::Path;
 use zip::result::ZipError;
@@ -30,7 +30,8 @@ pub use error::{MAX_BYTES, NpzError};
 ///
 /// If the file is missing, broken, truncated or unpacks to more than [`MAX_BYTES`].
 pub fn read_npz(path: &Path) -> Result<Arrays, NpzError> {
-    let file = File::open(path).map_err(|source| NpzError::Io { path: path.to_owned(), source })?;
+    let file =
+        input::open(path).map_err(|source| NpzError::Io { path: path.to_owned(), source })?;
     read(BufReader::new(file), path)
 }
 

@@ -6,9 +6,13 @@ use serde::Deserialize;
 
 use super::topic::{Messages, Topic};
 use super::{mcap, sqlite};
+use crate::input;
 use crate::log::error::{BagError, LogError};
 use crate::log::event::Format;
 use crate::log::folder;
+
+/// Bytes of the largest `metadata.yaml`.
+const METADATA: u64 = 64 << 20;
 
 /// What rosbag2 says of a folder, as far as it matters.
 #[derive(Debug, Deserialize)]
@@ -45,7 +49,8 @@ pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, LogError> {
     if !told.is_file() {
         return Ok(by_ending(path));
     }
-    let text = std::fs::read_to_string(&told).map_err(|source| LogError::reading(&told, source))?;
+    let text =
+        input::read_text(&told, METADATA).map_err(|source| LogError::reading(&told, source))?;
     let refused = |reason: String| BagError::Storage { path: told.clone(), reason };
     let metadata: Metadata = serde_saphyr::from_str(&text)
         .map_err(|error| refused(format!("is not what rosbag2 writes: {error}")))?;

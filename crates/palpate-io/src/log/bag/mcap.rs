@@ -10,6 +10,7 @@ use ::mcap::sans_io::{LinearReaderOptions, SummaryReadEvent, SummaryReader, Summ
 use ::mcap::{Channel, McapError, McapResult, Summary};
 
 use super::topic::{Message, Messages, Topic, Which, merge};
+use crate::input;
 
 /// The largest record that is read, bytes: a picture of hundreds of megapixels.
 const LARGEST_RECORD: usize = 256 << 20;
@@ -54,7 +55,7 @@ pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messa
 }
 
 fn open(path: &Path) -> Result<File, String> {
-    File::open(path).map_err(|error| in_words(&error.into()))
+    input::open(path).map_err(|error| in_words(&error.into()))
 }
 
 /// What went wrong, as half a sentence.

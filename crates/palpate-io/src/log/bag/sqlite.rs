@@ -2,50 +2,86 @@
 
 use std::collections::VecDeque;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
-use rusqlite::{Connection, OpenFlags, Result, params_from_iter};
+use rusqlite::config::DbConfig;
+use rusqlite::limits::Limit;
+use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension, Result, params_from_iter};
 
 use super::topic::{Message, Messages, Topic, Which};
 
 /// Messages read at once: few enough for memory, many enough for the time that a query takes.
 const PAGE: u32 = 256;
 
+/// Bytes of the largest value: a picture of a hundred megapixels.
+const LARGEST: i32 = 256 << 20;
+/// The longest that a query may take: what tables compute may be anything.
+const LONGEST: Duration = Duration::from_secs(30);
+/// Steps of a query between two looks at the time.
+const STEPS: i32 = 10_000;
+
 fn open(path: &Path) -> Result<Connection> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    Connection::open_with_flags(path, flags)
+    let database = Connection::open_with_flags(path, flags)?;
+    // A view can stand for any amount of work and memory, and is no table of rosbag2.
+    database.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW, false)?;
+    database.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
+    database.set_limit(Limit::SQLITE_LIMIT_LENGTH, LARGEST)?;
+    Ok(database)
+}
+
+/// Begins the time that a query may take.
+fn start_clock(database: &mut Connection) -> Result<()> {
+    let started = Instant::now();
+    database.progress_handler(STEPS, Some(move || started.elapsed() > LONGEST))
 }
 
 /// The topics of a file.
 pub(super) fn topics(path: &Path) -> Result<Vec<Topic>> {
-    let database = open(path)?;
+    let mut database = open(path)?;
+    start_clock(&mut database)?;
     // Bags of older releases carry no definitions.
     let known = "SELECT count(*) FROM sqlite_master WHERE name = 'message_definitions'";
     let carried = database.query_row(known, [], |row| row.get::<_, i64>(0))? > 0;
-    let definition = if carried {
-        "(SELECT encoded_message_definition FROM message_definitions \
-         WHERE topic_type = topics.type AND encoding = 'ros2msg' LIMIT 1)"
-    } else {
-        "NULL"
+    let listed: Vec<(i64, String, String)> = {
+        let mut query = database.prepare("SELECT id, name, type FROM topics ORDER BY id")?;
+        let rows = query.query_map([], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))?;
+        rows.collect::<Result<_>>()?
     };
-    let query = format!(
-        "SELECT name, type, (SELECT count(*) FROM messages WHERE topic_id = topics.id), \
-         {definition} FROM topics ORDER BY id"
-    );
-    let mut query = database.prepare(&query)?;
-    let rows = query.query_map([], |row| {
-        Ok(Topic {
-            name: row.get(0)?,
-            kind: row.get(1)?,
-            messages: row.get::<_, i64>(2)?.try_into().ok(),
-            definition: row.get::<_, Option<String>>(3)?.filter(|text| !text.trim().is_empty()),
-        })
-    })?;
-    rows.collect()
+    let topics = listed.into_iter().map(|(id, name, kind)| {
+        start_clock(&mut database)?;
+        let definition = if carried { definition(&database, &kind)? } else { None };
+        let messages = count(&database, id)?;
+        Ok(Topic { name, kind, messages, definition })
+    });
+    topics.collect()
+}
+
+/// The definition of a type, if there is one.
+fn definition(database: &Connection, kind: &str) -> Result<Option<String>> {
+    let query = "SELECT encoded_message_definition FROM message_definitions \
+                 WHERE topic_type = ?1 AND encoding = 'ros2msg' LIMIT 1";
+    let found: Option<Option<String>> =
+        database.query_row(query, [kind], |row| row.get(0)).optional()?;
+    Ok(found.flatten().filter(|text| !text.trim().is_empty()))
+}
+
+/// How many messages a topic has; `None` if counting takes too long.
+fn count(database: &Connection, topic: i64) -> Result<Option<u64>> {
+    let query = "SELECT count(*) FROM messages WHERE topic_id = ?1";
+    match database.query_row(query, [topic], |row| row.get::<_, i64>(0)) {
+        Ok(count) => Ok(count.try_into().ok()),
+        Err(error) if error.sqlite_error_code() == Some(ErrorCode::OperationInterrupted) => {
+            Ok(None)
+        }
+        Err(error) => Err(error),
+    }
 }
 
 /// The messages of the wanted topics, those of samples and of markers, in the order of their time.
 pub(super) fn messages(path: &Path, wanted: &[Option<String>; 2]) -> Result<Messages> {
-    let database = open(path)?;
+    let mut database = open(path)?;
+    start_clock(&mut database)?;
     let numbers = |name: &Option<String>| -> Result<Vec<i64>> {
         let mut query = database.prepare("SELECT id FROM topics WHERE name = ?1")?;
         query.query_map([name], |row| row.get(0))?.collect()
@@ -69,6 +105,7 @@ struct Pages {
 
 impl Pages {
     fn turn_page(&mut self) -> Result<()> {
+        start_clock(&mut self.database)?;
         let ids: Vec<i64> = self.wanted.iter().flatten().copied().collect();
         let marks = vec!["?"; ids.len()].join(", ");
         let mut query = self.database.prepare(&format!(

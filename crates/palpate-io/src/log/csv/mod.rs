@@ -20,6 +20,7 @@ use super::event::Format;
 use super::files::{FileDescription, TouchFile};
 use super::folder;
 use super::options::LogOptions;
+use crate::input;
 use sniff::{MAX_LINE_BYTES, sniff};
 
 /// What the error of unclear columns shows.
@@ -45,7 +46,7 @@ impl TouchFile for CsvFile {
 
     /// Reads the header and finds the columns.
     fn open(path: &Path, options: &LogOptions) -> Result<Self, LogError> {
-        let open = || File::open(path).map_err(|source| LogError::reading(path, source));
+        let open = || input::open(path).map_err(|source| LogError::reading(path, source));
         let dialect = sniff(BufReader::new(open()?))
             .map_err(|source| LogError::reading(path, source))?
             .map_err(|reason| TableError::NotCsv {

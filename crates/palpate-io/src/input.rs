@@ -1,0 +1,114 @@
+//! Files in: only those that have an end.
+//!
+//! A pipe would hang whoever opens it, and a device may never end. So every file that a user names,
+//! or that a file names, is looked at before it is opened.
+
+use std::fs::{File, FileType};
+use std::io::{self, ErrorKind, Read};
+use std::path::Path;
+
+/// Bytes that are read at once at most: of a mesh or a cloud, say.
+pub const LARGEST: u64 = 4 << 30;
+
+/// Opens a file.
+///
+/// # Errors
+///
+/// If it is none but a folder, a pipe, a socket or a device, or as [`File::open`].
+pub fn open(path: &Path) -> io::Result<File> {
+    match kind(path.metadata()?.file_type()) {
+        Some(kind) => {
+            Err(io::Error::new(ErrorKind::InvalidInput, format!("it is {kind}, no file")))
+        }
+        None => File::open(path),
+    }
+}
+
+/// What it is, if it is no file.
+fn kind(file_type: FileType) -> Option<&'static str> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::FileTypeExt;
+        if file_type.is_fifo() {
+            return Some("a pipe");
+        } else if file_type.is_socket() {
+            return Some("a socket");
+        } else if file_type.is_block_device() || file_type.is_char_device() {
+            return Some("a device");
+        }
+    }
+    match (file_type.is_dir(), file_type.is_file()) {
+        (true, _) => Some("a folder"),
+        (false, true) => None,
+        (false, false) => Some("something else"),
+    }
+}
+
+/// Reads a file of at most so many bytes.
+///
+/// # Errors
+///
+/// As [`open`], or if it is larger.
+pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
+    let file = open(path)?;
+    let too_large = || {
+        let what = format!("it has more than {largest} bytes, which is too large for such a file");
+        io::Error::new(ErrorKind::FileTooLarge, what)
+    };
+    let length = file.metadata()?.len();
+    if length > largest {
+        return Err(too_large());
+    }
+    let mut bytes = Vec::with_capacity(length as usize);
+    file.take(largest + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > largest { Err(too_large()) } else { Ok(bytes) }
+}
+
+/// Reads a text of at most so many bytes.
+///
+/// # Errors
+///
+/// As [`read`], or if it is no UTF-8.
+pub fn read_text(path: &Path, largest: u64) -> io::Result<String> {
+    String::from_utf8(read(path, largest)?)
+        .map_err(|error| io::Error::new(ErrorKind::InvalidData, error.utf8_error()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_read_up_to_its_bound() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        std::fs::write(&path, "grün").unwrap();
+        assert_eq!(read(&path, 5).unwrap(), "grün".as_bytes());
+        assert_eq!(read_text(&path, 5).unwrap(), "grün");
+        assert_eq!(read(&path, 4).unwrap_err().kind(), ErrorKind::FileTooLarge);
+        std::fs::write(&path, [0xff]).unwrap();
+        assert_eq!(read_text(&path, 5).unwrap_err().kind(), ErrorKind::InvalidData);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_no_file_is_named_and_not_opened() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink("/dev/zero", &link).unwrap();
+        let socket = folder.path().join("socket");
+        let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+        for (path, words) in [
+            (pipe.as_path(), "it is a pipe"),
+            (&link, "it is a device"),
+            (&socket, "it is a socket"),
+            (folder.path(), "it is a folder"),
+        ] {
+            let error = open(path).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+        assert_eq!(open(&folder.path().join("none")).unwrap_err().kind(), ErrorKind::NotFound);
+    }
+}
