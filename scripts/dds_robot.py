@@ -136,6 +136,7 @@ RECEIVED = {
     "rt/palpate/contacts": PointCloud2,
     "rt/palpate/field": PointCloud2,
     "rt/palpate/stop": Bool,
+    "rt/palpate/guard": DiagnosticArray,
     "rt/diagnostics": DiagnosticArray,
 }
 
@@ -239,8 +240,13 @@ class Flag:
             self.received.append(self.end.recv())
         return self.received
 
-    def is_up(self):
-        return any(up for _, up in self.history())
+    def is_raised(self):
+        return bool(rises(self.history()))
+
+
+def rises(flags):
+    """When the flag went up after it had been down, ns: it is up before the first tare."""
+    return [at_ns for (_, was_up), (at_ns, up) in zip(flags, flags[1:]) if up and not was_up]
 
 
 def play_another_type(domain):
@@ -318,7 +324,7 @@ def play(writer, q, tau, rate, seconds, broken, enough):
 def stop_ms(receiver, flags):
     """From the samples that passed the limit first, by what was predicted and by what was measured, to
     the flag: it follows whichever is earlier, but a prediction waits for the mapper."""
-    ups = [at_ns for at_ns, up in flags if up]
+    ups = rises(flags)
     passed = {which: min(ns) for which, ns in receiver.passed_ns.items() if ns}
     return {which: (ups[0] - ns) * 1e-6 for which, ns in passed.items()} if ups else None
 
@@ -334,7 +340,7 @@ def arguments():
     parser.add_argument(
         "--until-received",
         action="store_true",
-        help="play on until every topic of palpate was received, and with --guard the flag is up",
+        help="play on until every topic of palpate was received, and with --guard the flag was raised",
     )
     parser.add_argument("--break", dest="broken", default="", help="what is wrong: see `spoil`")
     parser.add_argument("--guard", type=float, help="a limit, N·m, to time the flag against")
@@ -356,7 +362,7 @@ def main():
         tare.start()
 
     def enough():
-        received = receiver.every_topic() and (args.guard is None or flag.is_up())
+        received = receiver.every_topic() and (args.guard is None or flag.is_raised())
         return (received or not args.until_received) and (tare is None or tare.is_answered())
 
     qos = BEST_EFFORT if args.best_effort else RELIABLE
@@ -380,7 +386,7 @@ def main():
     print(json.dumps({
         "matched": matched, "sent": sent, "rate_hz": sent / took, "received": receiver.counts,
         "latency_ms": {"median": quantile(0.5), "p99": quantile(0.99)},
-        "stops": [up for _, up in flags],
+        "stops": [up for (_, was_up), (_, up) in zip([(0, None), *flags], flags) if up != was_up],
         "stop_ms": stop_ms(receiver, flags),
         "tare": tare and tare.answers,
         "diagnostics": {v.key: v.value for v in diagnostics.status[0].values} if diagnostics else None,

@@ -27,6 +27,9 @@ pub(crate) enum Command {
     Map(map::Args),
     /// Map beside a running robot, over ROS 2
     Live(live::Args),
+    /// The network process of `palpate live`, which starts it
+    #[command(hide = true)]
+    LiveNetwork,
     /// Predict the torque of motions from a field, and compare it with the measured one
     Predict(predict::Args),
     /// Compare estimators and baselines on touches that they have not seen: the paper's experiment

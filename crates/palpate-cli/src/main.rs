@@ -60,6 +60,9 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
     match command {
         Command::Map(args) => map::run(args, output),
         Command::Live(args) => live::run(args, output),
+        Command::LiveNetwork => palpate_live::ros::run_network().map_err(|error| {
+            CliError::from(format!("`palpate live` runs this command, nobody else: {error}"))
+        }),
         Command::Predict(args) => predict::run(args, output),
         Command::Evaluate(args) => evaluate::run(args, output),
         Command::Tune(args) => tune::run(args, output),

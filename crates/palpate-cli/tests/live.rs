@@ -16,7 +16,7 @@ use std::time::SystemTime;
 
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
-use common::{interrupt, names, palpate, refuse, succeed, wait_until};
+use common::{interrupt, names, palpate, refuse, signal, succeed, wait_until};
 use serde_json::Value;
 
 /// A DDS domain that no other test uses, in this process or another, and no other program.
@@ -190,7 +190,7 @@ fn needs_cyclonedds_every_topic_is_received_and_no_sample_is_lost() {
         |name: &str| robot["received"][format!("rt/palpate/torque_{name}")].as_u64().unwrap();
     let unpaired = torques("predicted").abs_diff(torques("external"));
     assert!(unpaired <= figures["unsent"].as_u64().unwrap(), "{robot}, {figures}");
-    assert_eq!(robot["stops"].as_array().unwrap().last(), Some(&true.into()), "{robot}");
+    assert_eq!(robot["stops"].as_array().unwrap()[..3], [true, false, true], "{robot}");
     assert_eq!(robot["diagnostics"]["samples dropped"], "0");
     assert!(robot["points"]["rt/palpate/field"].as_u64() > Some(0), "{robot}");
     let report = succeed(palpate().arg("inspect").arg(live.path("field.npz")).arg("--json"));
@@ -225,6 +225,48 @@ fn needs_cyclonedds_a_topic_that_is_not_there_is_named_beside_those_that_are() {
     let _robot = Playing::start(robot(&domain, &["--rate", "20", "--seconds", "inf"]));
     live.wait_for("nobody publishes `/joints`");
     live.wait_for("there are /joint_states (sensor_msgs/msg/JointState)");
+}
+
+#[test]
+fn needs_cyclonedds_a_network_process_that_ends_is_replaced_and_the_robot_heard_again() {
+    let domain = Domain::take();
+    let mut live = Live::start(&domain, &["--guard", "50"]);
+    let _robot = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "inf"]));
+    live.wait_for_figures("a flag that is down", |figures| figures["stopped"] == false);
+    let threads = format!("/proc/{}/task", live.child.id());
+    let children =
+        |id: String| fs::read_to_string(format!("{threads}/{id}/children")).unwrap_or_default();
+    let network = || {
+        let found: String = names(Path::new(&threads)).into_iter().map(children).collect();
+        found.trim().to_owned()
+    };
+    let first = network();
+    assert!(Command::new("kill").args(["-KILL", &first]).status().unwrap().success());
+    live.wait_for("another one is started");
+    live.wait_for("STOP: no joint state comes");
+    let heard = live.lines().len();
+    wait_until("joint states from another process", || {
+        let lines = live.lines();
+        let rates = lines[heard..].lines().filter_map(|line| serde_json::from_str(line).ok());
+        rates.skip(1).any(|figures: Value| figures["rate_hz"].as_f64() > Some(50.0))
+    });
+    assert_ne!(network(), first);
+    assert_eq!(live.end()["figures"]["stopped"], true, "nobody has reset the guard");
+}
+
+#[test]
+fn sigterm_saves_the_field_and_leaves_nothing_and_a_second_session_is_refused() {
+    let (domain, folder) = (Domain::take(), tempfile::tempdir().unwrap());
+    let socket = folder.path().join("ask");
+    let mut live = Live::start(&domain, &["--ask", socket.to_str().unwrap()]);
+    wait_until("the socket", || socket.exists());
+    let mut second = palpate();
+    second.args(["live", "--localhost", "-o"]).arg(live.path("field.npz"));
+    refuse(&mut second, 1, &["field.npz", "being written by another palpate"]);
+    signal(&live.child, "-TERM");
+    assert!(live.child.wait().unwrap().success(), "{}", live.lines());
+    assert_eq!(names(live.folder.path()), ["field.npz", "lines.json"]);
+    assert!(names(folder.path()).is_empty(), "the socket is gone");
 }
 
 #[test]
@@ -265,10 +307,10 @@ fn needs_cyclonedds_a_client_of_the_service_gets_its_answer_and_the_tare() {
         assert!(words.as_str().unwrap().contains("hold the arm still"), "{robot}");
     }
     assert_eq!(answers.len(), 2, "{robot}");
-    live.wait_for("taring as asked");
+    live.wait_for("a tare at the next pause");
     live.end();
     // One tare is enough for both if the mapper has not got round to the first.
-    let tares = live.lines().matches("taring as asked").count();
+    let tares = live.lines().matches("a tare at the next pause").count();
     assert!((1..=2).contains(&tares), "{}", live.lines());
 }
 
@@ -305,7 +347,7 @@ fn needs_cyclonedds_questions_are_answered_while_it_maps() {
         ask("{\"path\": [[1, 2]]}\n".to_owned())["error"].as_str().unwrap().contains("point 0")
     );
     assert_eq!(ask("{\"tare\": true}\n".to_owned())["taring"], true);
-    live.wait_for("taring as asked");
+    live.wait_for("a tare at the next pause");
 }
 
 #[test]
@@ -333,7 +375,8 @@ fn needs_cyclonedds_whenever_it_is_killed_it_continues_from_a_whole_checkpoint()
         assert!(now >= cells && now > 0, "round {round}: {now} cells after {cells}");
         cells = now;
         let files = names(live.folder.path());
-        assert!(files.len() <= 3, "the field, the lines, one that was being written: {files:?}");
+        let what = "the field, what holds it, the lines, one that was being written";
+        assert!(files.len() <= 4, "{what}: {files:?}");
         folder = tempfile::tempdir().unwrap();
         fs::copy(&field, folder.path().join("field.npz")).unwrap();
     }

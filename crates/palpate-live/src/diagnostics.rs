@@ -1,7 +1,7 @@
 //! How a session goes, for the tools of ROS that watch robots.
 
 use crate::figures::Figures;
-use crate::message::{DiagnosticArray, DiagnosticStatus, Header, KeyValue};
+use crate::message::{DiagnosticArray, DiagnosticStatus, Header, KeyValue, Stamp};
 use crate::session::State;
 
 const OK: u8 = 0;
@@ -10,8 +10,8 @@ const ERROR: u8 = 2;
 
 /// Figures as a diagnostic message.
 pub fn of(figures: &Figures, robot: &str, header: Header) -> DiagnosticArray {
-    let (level, message) = if figures.stopped {
-        (ERROR, "an external torque has passed the limit".to_owned())
+    let (level, message) = if let Some(cause) = &figures.stop {
+        (ERROR, format!("the robot must stop: {cause}"))
     } else if figures.state == State::Waiting {
         (WARNING, "waiting for the arm to pause, free of the object".to_owned())
     } else if figures.dropped + figures.lost > 0 {
@@ -45,5 +45,22 @@ pub fn of(figures: &Figures, robot: &str, header: Header) -> DiagnosticArray {
         hardware_id: robot.to_owned(),
         values: values.collect(),
     };
+    DiagnosticArray { header, status: vec![status] }
+}
+
+/// The guard's flag, and why it is up, now.
+pub fn of_guard(cause: Option<&str>) -> DiagnosticArray {
+    let (level, message) = match cause {
+        Some(cause) => (ERROR, cause.to_owned()),
+        None => (OK, "no reason to stop the robot".to_owned()),
+    };
+    let status = DiagnosticStatus {
+        level,
+        name: "palpate: guard".to_owned(),
+        message,
+        hardware_id: String::new(),
+        values: vec![KeyValue { key: "stop".to_owned(), value: cause.is_some().to_string() }],
+    };
+    let header = Header { stamp: Stamp::now(), ..Header::default() };
     DiagnosticArray { header, status: vec![status] }
 }

@@ -70,6 +70,8 @@ pub struct Figures {
     pub predicted_n_m: Option<f64>,
     /// Whether the guard's flag is up.
     pub stopped: bool,
+    /// And why.
+    pub stop: Option<String>,
     /// Messages that had no room on the way out.
     pub unsent: u64,
     /// Age of the last checkpoint, s.

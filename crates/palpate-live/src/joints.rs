@@ -78,6 +78,22 @@ impl JointReader {
     ///
     /// Why it cannot be used; the reader is then as before.
     pub fn read(&mut self, state: &JointState, received_s: f64) -> Result<Read, Refusal> {
+        let (q, tau) = self.joints(state)?;
+        for (what, numbers) in [("position", &q), ("effort", &tau)] {
+            self.check_finite(what, numbers)?;
+        }
+        let now_s = state.header.stamp.seconds().unwrap_or(received_s);
+        let set_back = self.tick(now_s)?;
+        Ok(Read { sample: Sample::new(Some(now_s), q, tau), set_back })
+    }
+
+    /// Positions and efforts of a joint state, in the robot's order of joints, whatever its stamp and
+    /// its numbers are.
+    ///
+    /// # Errors
+    ///
+    /// If it does not hold all joints.
+    pub fn joints(&mut self, state: &JointState) -> Result<(Vec<f64>, Vec<f64>), Refusal> {
         let wanted = state.name.len();
         for (what, numbers) in [("positions", &state.position), ("efforts", &state.effort)] {
             if numbers.len() != wanted {
@@ -88,19 +104,15 @@ impl JointReader {
             self.order = reorder(&self.joints, &state.name)?;
             self.names.clone_from(&state.name);
         }
-        let q = self.pick("position", &state.position)?;
-        let tau = self.pick("effort", &state.effort)?;
-        let now_s = state.header.stamp.seconds().unwrap_or(received_s);
-        let set_back = self.tick(now_s)?;
-        Ok(Read { sample: Sample::new(Some(now_s), q, tau), set_back })
+        let pick = |numbers: &[f64]| self.order.iter().map(|&place| numbers[place]).collect();
+        Ok((pick(&state.position), pick(&state.effort)))
     }
 
-    fn pick(&self, what: &'static str, numbers: &[f64]) -> Result<Vec<f64>, Refusal> {
-        let finite = |(&place, joint): (&usize, &String)| match numbers[place] {
-            number if number.is_finite() => Ok(number),
-            found => Err(Refusal::NotFinite { what, joint: joint.clone(), found }),
-        };
-        self.order.iter().zip(&self.joints).map(finite).collect()
+    fn check_finite(&self, what: &'static str, numbers: &[f64]) -> Result<(), Refusal> {
+        match self.joints.iter().zip(numbers).find(|(_, number)| !number.is_finite()) {
+            Some((joint, &found)) => Err(Refusal::NotFinite { what, joint: joint.clone(), found }),
+            None => Ok(()),
+        }
     }
 
     /// Takes the next stamp; whether it was set back.

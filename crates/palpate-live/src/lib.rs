@@ -7,10 +7,12 @@
 //! |------------------|-----------------------------------------------------------------|
 //! | [`session`]      | the mapper, sample by sample: pauses, tares, faults, the guard  |
 //! | [`joints`]       | which joint states are samples                                  |
-//! | [`ros`]          | the network: topics, what is received, what is published        |
+//! | [`ros`]          | the network, in a process of its own: what comes, what goes out |
+//! | [`guard`]        | a flag to stop, up until it is known to be safe                 |
 //! | [`run`]          | starts the threads                                              |
 //! | `mapping`        | the thread that maps                                            |
-//! | `threads`        | the threads that receive and publish, and what all share        |
+//! | `threads`        | the threads that listen and publish, and what all share         |
+//! | `outbox`         | what waits to be published                                      |
 //! | [`AskSocket`]    | questions about planned motions                                 |
 //! | `question`       | their form, and that of the answers                             |
 //! | [`checkpoint`]   | the field on disk, now and then                                 |
@@ -29,6 +31,7 @@ pub mod inbox;
 pub mod joints;
 mod mapping;
 pub mod message;
+mod outbox;
 mod query_server;
 mod question;
 pub mod ros;

@@ -18,9 +18,9 @@ use crate::inbox::Inbox;
 use crate::joints::JointReader;
 use crate::message::Header;
 use crate::query_server::Request;
-use crate::ros::{JointMessage, Torques};
+use crate::ros::{Arrival, Torques};
 use crate::session::{Session, State, StepOutcome};
-use crate::threads::Shared;
+use crate::threads::{JointMessage, Shared};
 use crate::timer::Timer;
 use crate::view_feed::{ViewFeed, ViewFrame};
 
@@ -82,12 +82,11 @@ impl<'a> Mapping<'a> {
 
     /// Maps until the session ends; returns it, whose touch has ended.
     pub(crate) fn run(mut self) -> Session {
-        self.shared.outbox.flag();
         while self.shared.goes_on() {
             if self.shared.tare.swap(false, Ordering::Relaxed) {
                 self.session.tare();
-                self.shared.outbox.flag();
-                self.shared.note("taring as asked: the arm must stand still and free");
+                self.shared
+                    .note("a tare at the next pause, as asked: the arm must stand still, free");
             }
             self.answer_requests();
             // Somebody waits for an answer, but nobody for replays.
@@ -95,7 +94,13 @@ impl<'a> Mapping<'a> {
             let spare = self.session.has_spare() && !answering;
             let patience = if spare { Duration::ZERO } else { PAUSE };
             match self.shared.samples.pop(patience) {
-                Some(message) => self.take(message),
+                Some(message) => {
+                    let came = message.at;
+                    self.take(message);
+                    if let Some(guard) = &self.shared.guard {
+                        guard.taken(came, !self.shared.samples.is_empty());
+                    }
+                }
                 None if spare => self.tally.replayed(self.session.spare()),
                 None => {}
             }
@@ -114,12 +119,12 @@ impl<'a> Mapping<'a> {
     }
 
     /// Maps a joint state, or counts it as one that cannot be used.
-    fn take(&mut self, JointMessage { state, at, at_s }: JointMessage) {
+    fn take(&mut self, JointMessage { state, came, at }: JointMessage) {
         let state = match state {
             Ok(state) => state,
             Err(why) => return self.refuse("broken", &format!("it cannot be decoded: {why}")),
         };
-        let read = match self.reader.read(&state, at_s) {
+        let read = match self.reader.read(&state, came.at_s) {
             Ok(read) => read,
             Err(refusal) => return self.refuse(refusal.name(), &refusal.to_string()),
         };
@@ -131,22 +136,20 @@ impl<'a> Mapping<'a> {
         let started = Instant::now();
         let outcome = self.session.take(&read.sample);
         self.tally.step(&outcome, started.elapsed());
-        if let Some(trip) = &outcome.trip {
-            self.shared.tripped(trip);
-        }
+        self.shared.outbox.wake_for_flag(self.shared.cause().is_some());
         if let Some(view) = &mut self.view {
             let (state, mapper) = (self.session.state(), self.session.mapper());
             view.sample((&read.sample, at), (&outcome, state, mapper));
         }
-        self.publish(outcome, at);
+        self.publish(outcome, came);
     }
 
-    /// Publishes what came of a sample that was received at some time.
-    fn publish(&mut self, outcome: StepOutcome, received: Instant) {
+    /// Publishes what came of a sample.
+    fn publish(&mut self, outcome: StepOutcome, came: Arrival) {
         if let Some((external, predicted)) = outcome.torques {
             self.shared.outbox.torques.push(Torques {
                 header: self.header.clone(),
-                received,
+                came,
                 external_n_m: external.data.into(),
                 predicted_n_m: predicted.data.into(),
             });
@@ -206,15 +209,18 @@ impl<'a> Mapping<'a> {
     }
 
     fn figures(&mut self) -> Figures {
+        let stop = self.shared.cause().map(|cause| cause.to_string());
+        let counts = self.shared.counts();
         Figures {
             state: self.session.state(),
             dropped: self.shared.samples.dropped(),
-            lost: self.shared.lost.load(Ordering::Relaxed),
+            lost: counts.lost,
             cells: self.session.mapper().n_cells(),
-            stopped: self.shared.is_stopped(),
-            unsent: self.shared.outbox.unsent(),
+            stopped: stop.is_some(),
+            stop,
+            unsent: counts.unsent + self.shared.outbox.torques.dropped(),
             checkpoint_s: self.shared.written.age_s(),
-            ..self.tally.figures(self.shared.received.load(Ordering::Relaxed))
+            ..self.tally.figures(counts.received)
         }
     }
 }

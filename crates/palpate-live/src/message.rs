@@ -3,6 +3,8 @@
 //! Serialized by ros2-client as CDR. Only what is read or written here; arrays that palpate does
 //! not look at are still there, since CDR has no names to skip by.
 
+use std::time::{SystemTime, UNIX_EPOCH};
+
 use ros2_client::Message;
 use serde::{Deserialize, Serialize};
 
@@ -16,6 +18,12 @@ pub struct Stamp {
 }
 
 impl Stamp {
+    /// By the system's clock.
+    pub fn now() -> Self {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Self { sec: since.as_secs() as i32, nanosec: since.subsec_nanos() }
+    }
+
     /// As seconds; `None` for zero, which means that nobody stamped the message.
     pub fn seconds(self) -> Option<f64> {
         let seconds = f64::from(self.sec) + f64::from(self.nanosec) * 1e-9;
@@ -131,6 +139,15 @@ pub struct Bool {
 }
 
 impl Message for Bool {}
+
+/// `std_msgs/msg/String`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Text {
+    /// The text.
+    pub data: String,
+}
+
+impl Message for Text {}
 
 /// `diagnostic_msgs/msg/KeyValue`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

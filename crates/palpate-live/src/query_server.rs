@@ -24,25 +24,29 @@
 use std::error::Error;
 use std::fmt::Display;
 use std::io::{self, BufRead, BufReader, Read, Write};
+use std::net::Shutdown;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crossbeam_channel::{Sender, bounded};
+use crossbeam_channel::{RecvTimeoutError, Sender, bounded};
 use palpate::unstable::PathChecker;
 use palpate::{CLUSTER_WEIGHT, PathConfig, PathPredictor};
+use rustix::fs::Mode;
 use serde_json::json;
 
-use crate::question::{PathReply, Question};
+use crate::question::{MOST_POINTS, PathReply, Question};
 use crate::threads::{Shared, spawn};
 
 /// Who may ask at the same time.
 const MOST_ASKERS: usize = 8;
-/// Bytes of the longest line: 100,000 points of 14 joints.
-const LONGEST: u64 = 64 << 20;
+/// Bytes of a number in the longest line, and of what else it holds.
+const NUMBER: usize = 26;
+const REST: usize = 4096;
 /// How long the mapper may take to hand out a path predictor, and an asker to read its answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Between two looks at whether the session goes on.
@@ -93,7 +97,11 @@ impl AskSocket {
             }
             std::fs::remove_file(path)?;
         }
-        let listener = UnixListener::bind(path)?;
+        // For its owner alone, from the moment that it is there.
+        let umask = rustix::process::umask(Mode::RWXG | Mode::RWXO | Mode::XUSR);
+        let listener = UnixListener::bind(path);
+        rustix::process::umask(umask);
+        let listener = listener?;
         listener.set_nonblocking(true)?;
         let file = file_at(path)?;
         Ok(Self { listener, path: path.to_owned(), file })
@@ -101,28 +109,79 @@ impl AskSocket {
 
     /// Answers for as long as the session goes on.
     pub(crate) fn run(&self, server: &QueryServer<'_>) {
-        let askers = &AtomicUsize::new(0);
+        let askers = &Askers::default();
         thread::scope(|scope| {
             while server.shared.goes_on() {
                 let Ok((stream, _)) = self.listener.accept() else {
                     thread::sleep(ACCEPT);
                     continue;
                 };
-                let asker = Counted::among(askers);
-                if askers.load(Ordering::Relaxed) > MOST_ASKERS {
+                let stream = Arc::new(stream);
+                let Some(asker) = askers.admit(&stream) else {
                     let _ = send(&stream, error("too many ask at once; try again"));
                     continue;
-                }
+                };
                 spawn(scope, "answer", move || {
                     // A client may leave in the middle of a line.
-                    let conversation = || drop(converse(&stream, server));
+                    let conversation = || drop(converse(&asker, server));
                     if catch_unwind(AssertUnwindSafe(conversation)).is_err() {
                         server.shared.note("a question was not answered, by a defect of palpate");
                     }
-                    drop(asker);
                 });
             }
         });
+    }
+}
+
+/// Those who are connected.
+#[derive(Default)]
+struct Askers(Mutex<Vec<Seat>>);
+
+/// One of them, as the others see it.
+struct Seat {
+    stream: Arc<UnixStream>,
+    /// Since when it has asked nothing; `None` while it is answered.
+    idle: Option<Instant>,
+}
+
+/// One of them, as its own thread does.
+struct Asker<'a> {
+    askers: &'a Askers,
+    stream: Arc<UnixStream>,
+}
+
+impl Askers {
+    /// Lets somebody in; if there are too many, the one that has asked nothing for longest leaves.
+    fn admit(&self, stream: &Arc<UnixStream>) -> Option<Asker<'_>> {
+        let mut seats = self.seats();
+        if seats.len() >= MOST_ASKERS {
+            let idle = seats.iter().enumerate().filter_map(|(n, seat)| Some((seat.idle?, n)));
+            let (_, longest) = idle.min()?;
+            let seat = seats.swap_remove(longest);
+            let _ = seat.stream.shutdown(Shutdown::Both);
+        }
+        seats.push(Seat { stream: Arc::clone(stream), idle: Some(Instant::now()) });
+        Some(Asker { askers: self, stream: Arc::clone(stream) })
+    }
+
+    fn seats(&self) -> MutexGuard<'_, Vec<Seat>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Asker<'_> {
+    /// Notes whether it waits for an answer.
+    fn set_idle(&self, idle: bool) {
+        let mut seats = self.askers.seats();
+        if let Some(seat) = seats.iter_mut().find(|seat| Arc::ptr_eq(&seat.stream, &self.stream)) {
+            seat.idle = idle.then(Instant::now);
+        }
+    }
+}
+
+impl Drop for Asker<'_> {
+    fn drop(&mut self) {
+        self.askers.seats().retain(|seat| !Arc::ptr_eq(&seat.stream, &self.stream));
     }
 }
 
@@ -159,22 +218,28 @@ fn file_at(path: &Path) -> io::Result<(u64, u64)> {
 }
 
 /// Answers one asker, line by line.
-fn converse(stream: &UnixStream, server: &QueryServer<'_>) -> io::Result<()> {
+fn converse(asker: &Asker<'_>, server: &QueryServer<'_>) -> io::Result<()> {
+    let stream = &*asker.stream;
     stream.set_nonblocking(false)?;
     stream.set_read_timeout(Some(LOOK))?;
     stream.set_write_timeout(Some(PATIENCE))?;
+    let longest = MOST_POINTS * server.checker.n_joints() * NUMBER + REST;
     let mut reader = BufReader::new(stream);
     let mut line = Vec::new();
     while server.shared.goes_on() {
-        let room = LONGEST.saturating_sub(line.len() as u64);
+        let room = longest.saturating_sub(line.len()) as u64;
         match reader.by_ref().take(room).read_until(b'\n', &mut line) {
             Ok(0) if room == 0 => {
-                return send(stream, error("a line of more than 64 MiB; ask in pieces"));
+                let why = format!("a line of more than {longest} bytes; ask in pieces");
+                return send(stream, error(why));
             }
             Ok(0) => return Ok(()),
             Ok(_) if line.ends_with(b"\n") => {
-                send(stream, answer(&line, server))?;
-                line.clear();
+                asker.set_idle(false);
+                let answer = answer(&line, server);
+                line = Vec::new(); // the longest would stay
+                asker.set_idle(true);
+                send(stream, answer)?;
             }
             Ok(_) => {}
             // The rest of the line is still to come.
@@ -219,6 +284,26 @@ fn answer(line: &[u8], server: &QueryServer<'_>) -> String {
 }
 
 impl QueryServer<'_> {
+    /// Works something out on a thread that nobody joins: the session does not wait for it at its end.
+    fn aside<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> Result<T, String> + Send + 'static,
+    ) -> Result<T, String> {
+        let (to_asker, result) = bounded(1);
+        let work = move || {
+            let result = catch_unwind(AssertUnwindSafe(work));
+            let _ = to_asker.send(result); // the asker may have left
+        };
+        thread::Builder::new().name("path".to_owned()).spawn(work).map_err(|e| e.to_string())?;
+        loop {
+            match result.recv_timeout(LOOK) {
+                Ok(result) => return result.map_err(|_| "it met a defect of palpate")?,
+                Err(RecvTimeoutError::Timeout) if self.shared.goes_on() => {}
+                Err(_) => return Err("the session has ended".to_owned()),
+            }
+        }
+    }
+
     /// What torques a path would meet, as a line.
     fn torques(&self, mut question: Question, started: Instant) -> Result<String, Box<dyn Error>> {
         let (path, form) = question.path(self.checker.n_joints())?;
@@ -232,11 +317,15 @@ impl QueryServer<'_> {
         let (to_asker, from_mapper) = bounded(1);
         let request = Request { cluster_weight, to_asker };
         self.mapper.send(request).map_err(|_| "the mapper has stopped")?;
-        let path = self.checker.check(&path, &config)?;
-        let predictor = from_mapper
-            .recv_timeout(PATIENCE)
-            .map_err(|_| "the mapper has no time for an answer now; ask again")?;
-        let answer = predictor.answer(&path)?;
+        let checker = self.checker.clone();
+        let predict = move || {
+            let path = checker.check(&path, &config).map_err(|error| error.to_string())?;
+            let predictor = from_mapper
+                .recv_timeout(PATIENCE)
+                .map_err(|_| "the mapper has no time for an answer now; ask again")?;
+            predictor.answer(&path).map_err(|error| error.to_string())
+        };
+        let answer = self.aside(predict)?;
         Ok(serde_json::to_string(&PathReply::new(&answer, form, started))?)
     }
 }
@@ -245,7 +334,6 @@ impl QueryServer<'_> {
 mod tests {
     use palpate::{Arm, BakeConfig, EstimatorKind, Mapper, MapperConfig, Robot};
     use serde_json::Value;
-    use std::sync::Arc;
 
     use super::*;
 
@@ -307,6 +395,24 @@ mod tests {
             assert_eq!(ask(&mut stream, "{\"tare\": true}\n"), json!({ "taring": true }));
         });
         assert!(tare);
+    }
+
+    #[test]
+    fn who_has_asked_nothing_for_longest_leaves_for_one_more_and_the_socket_is_its_owners() {
+        use std::os::unix::fs::PermissionsExt;
+        served(|path| {
+            let mode = path.metadata().unwrap().permissions().mode();
+            assert_eq!(mode & 0o777, 0o600);
+            let connect = || BufReader::new(UnixStream::connect(path).unwrap());
+            let asks =
+                |stream: &mut BufReader<UnixStream>| ask(stream, "{}\n")["error"].is_string();
+            let mut crowd: Vec<_> = (0..MOST_ASKERS).map(|_| connect()).collect();
+            assert!(crowd.iter_mut().rev().all(asks)); // the last has been idle for longest
+            assert!(asks(&mut connect()));
+            let mut gone = String::new();
+            assert_eq!(crowd.pop().unwrap().read_line(&mut gone).unwrap(), 0);
+            assert!(crowd.iter_mut().all(asks), "the others stay");
+        });
     }
 
     #[test]

@@ -1,18 +1,26 @@
 //! A question about a planned path and its answer, as JSON; [`crate::query_server`] has the table.
 
+use std::fmt::{self, Formatter};
+use std::marker::PhantomData;
 use std::time::Instant;
 
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use nalgebra::DVector;
 use palpate::{PathPoint, PathPrediction};
-use serde::{Deserialize, Serialize};
+use serde::de::{Error, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+
+/// Points of the longest path.
+pub(crate) const MOST_POINTS: usize = 100_000;
+/// Numbers of a point that are read at all; how many joints there are is checked later.
+const MOST_JOINTS: usize = 64;
 
 /// A line that was asked.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Question {
-    path: Option<Vec<Vec<f64>>>,
+    path: Option<Points>,
     path_f64: Option<String>,
     #[serde(default)]
     pub(crate) exact: bool,
@@ -53,7 +61,7 @@ impl Question {
     /// The path that is asked about, and how it is written.
     pub(crate) fn path(&mut self, n_joints: usize) -> Result<(Vec<Vec<f64>>, Form), String> {
         match (self.path.take(), self.path_f64.take()) {
-            (Some(path), None) => Ok((path, Form::Lists)),
+            (Some(path), None) => Ok((path.0, Form::Lists)),
             (None, Some(base64)) => Ok((path_from(&base64, n_joints)?, Form::F64)),
             (None, None) => Err("neither a path nor a tare is asked for".to_owned()),
             (Some(_), Some(_)) => Err("both `path` and `path_f64`; ask about one".to_owned()),
@@ -61,9 +69,61 @@ impl Question {
     }
 }
 
+/// A path of lists, whose memory is bounded while it is read: an empty list takes three bytes of a
+/// line, and ten times as many here.
+#[derive(Debug)]
+struct Points(Vec<Vec<f64>>);
+
+/// A point of a path.
+struct Numbers(Vec<f64>);
+
+impl<'de> Deserialize<'de> for Points {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let points: Vec<Numbers> = deserializer.deserialize_seq(AtMost::new(MOST_POINTS))?;
+        Ok(Self(points.into_iter().map(|point| point.0).collect()))
+    }
+}
+
+impl<'de> Deserialize<'de> for Numbers {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_seq(AtMost::new(MOST_JOINTS)).map(Self)
+    }
+}
+
+/// Reads a list of at most so many.
+struct AtMost<T>(usize, PhantomData<T>);
+
+impl<T> AtMost<T> {
+    fn new(most: usize) -> Self {
+        Self(most, PhantomData)
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Visitor<'de> for AtMost<T> {
+    type Value = Vec<T>;
+
+    fn expecting(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "a list of at most {}", self.0)
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Vec<T>, A::Error> {
+        let mut items = Vec::new();
+        while let Some(item) = seq.next_element()? {
+            if items.len() == self.0 {
+                return Err(A::Error::invalid_length(self.0 + 1, &self));
+            }
+            items.push(item);
+        }
+        Ok(items)
+    }
+}
+
 /// The points of a path whose bytes are given as base64.
 fn path_from(base64: &str, n_joints: usize) -> Result<Vec<Vec<f64>>, String> {
     const WANTED: &str = "wanted the path as float64, little-endian, point by point";
+    if base64.len() / 4 * 3 > MOST_POINTS * 8 * n_joints.max(1) + 2 {
+        return Err(format!("the path has more than {MOST_POINTS} points; ask in pieces"));
+    }
     let bytes = BASE64_STANDARD.decode(base64);
     let bytes = bytes.map_err(|error| format!("`path_f64` is no base64 ({error}); {WANTED}"))?;
     let (numbers, rest) = bytes.as_chunks::<8>();
@@ -125,6 +185,22 @@ fn base64(points: &[PathPoint], of: impl Fn(&PathPoint) -> &DVector<f64>) -> Str
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_path_of_too_many_points_or_numbers_is_refused_while_it_is_read() {
+        let read = |line: String| serde_json::from_str::<Question>(&line).map(|_| ());
+        let path = |count| format!("{{\"path\": [{}[]]}}", "[],".repeat(count));
+        assert!(read(path(MOST_POINTS - 1)).is_ok());
+        let error = read(path(MOST_POINTS)).unwrap_err().to_string();
+        assert!(error.contains("expected a list of at most 100000"), "{error}");
+        let error =
+            read(format!("{{\"path\": [[{}0]]}}", "0,".repeat(64))).unwrap_err().to_string();
+        assert!(error.contains("expected a list of at most 64"), "{error}");
+        let mut all = "A".repeat(MOST_POINTS * 8 * 3 / 3 * 4);
+        assert_eq!(path_from(&all, 3).unwrap().len(), MOST_POINTS);
+        all.push_str("AAAA");
+        assert!(path_from(&all, 3).unwrap_err().contains("more than 100000 points"));
+    }
 
     #[test]
     fn lists_and_bytes_say_the_same() {

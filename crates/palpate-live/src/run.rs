@@ -1,19 +1,18 @@
 //! The threads of a live session.
 //!
 //! ```text
-//! network ──► Subscriber ──► Inbox ──► mapper ──► Outbox ──► Publishers ──► network
-//!             (one thread)      (one thread)   │    (one thread)
-//!                                  ▲           ├──► checkpoints (one thread)
-//!                    questions ────┘           │
-//!                                              ├──► frames for a viewer
-//!                                              └──► news, to the caller
+//! network ──► listen ──► Inbox ──► mapper ──► Outbox ──► publish ──► network
+//! process   (one thread)     (one thread)   │     (one thread)     process
+//!                               ▲           ├──► checkpoints (one thread)
+//!                 questions ────┘           │
+//!                                           ├──► frames for a viewer
+//!                                           └──► news, to the caller
 //! ```
 //!
 //! Nobody waits for a slower thread: every queue is bounded and keeps the newest.
 
 use std::sync::Arc;
 use std::thread::{self, ScopedJoinHandle};
-use std::time::{Duration, Instant};
 
 use crossbeam_channel::bounded;
 
@@ -23,9 +22,9 @@ use crate::guard::Sentry;
 use crate::inbox::Inbox;
 use crate::mapping::Mapping;
 use crate::query_server::{AskSocket, QueryServer};
-use crate::ros::{Network, NetworkError, TopicSeen, choose};
+use crate::ros::{NetworkError, NetworkProcess};
 use crate::session::Session;
-use crate::threads::{LOOK, Shared, publish, receive, spawn};
+use crate::threads::{LOOK, Shared, listen, publish, spawn};
 use crate::view_feed::ViewFrame;
 
 /// How a session is run.
@@ -43,8 +42,6 @@ pub struct LiveConfig {
 
 /// Questions that may wait.
 const REQUESTS: usize = 16;
-/// How long the topics of a network may take to appear before the user reads that there is none.
-const DISCOVERY: Duration = Duration::from_secs(2);
 
 /// Maps what a robot publishes until `stop` is true; returns the session, whose touch has ended, and
 /// the defect that ended it before, if one did.
@@ -53,45 +50,42 @@ const DISCOVERY: Duration = Duration::from_secs(2);
 ///
 /// # Errors
 ///
-/// If the network refuses.
+/// If there is no network process, or it cannot join the network.
 pub fn run(
-    mut network: Network,
+    network: &NetworkProcess,
     session: Session,
     config: &LiveConfig,
     ask: Option<&AskSocket>,
     stop: impl Fn() -> bool,
     mut report: impl FnMut(News),
 ) -> Result<(Session, Option<NetworkError>), NetworkError> {
-    let mapper = session.mapper();
-    let arm = Arc::clone(mapper.arm());
-    let publishers = network.publish(arm.robot.joint_names().map(str::to_owned).collect())?;
-    let Some(topic) = find_topic(&network, config, &stop, &mut report) else {
-        return Ok((session, None));
-    };
-    let subscriber = network.subscribe(&topic)?;
-    let how = if topic.reliable { "reliable" } else { "best effort" };
-    report(News::Note(format!("listening to `{}` ({how})", topic.name)));
-
+    let arm = Arc::clone(session.mapper().arm());
     let guard = session.guard().cloned();
-    let sentry = guard.clone().map(|guard| Sentry::new(guard, arm, mapper.config().touch.clone()));
-    let checker = mapper.path_checker();
-    let shared = Shared::new(config.queue, guard);
-    let (checkpoints, to_write) = config.checkpoint.as_ref().map(Checkpoints::new).unzip();
-    let (to_mapper, requests) = bounded(REQUESTS);
-    let mapping = Mapping::new(&shared, session, checkpoints, config.view.clone(), requests);
+    let shared = Shared::new(config.queue, guard.clone());
+    let listener = network.start()?;
     thread::scope(|scope| {
-        let stopping = StopOnDrop(&shared);
+        let ending = EndOnDrop(&shared);
+        let mapper = session.mapper();
+        let touch = mapper.config().touch.clone();
+        let sentry = guard.map(|guard| Sentry::new(guard, arm, touch));
+        let checker = mapper.path_checker();
+        let (checkpoints, to_write) = config.checkpoint.as_ref().map(Checkpoints::new).unzip();
+        let (to_mapper, requests) = bounded(REQUESTS);
+        let mapping = Mapping::new(&shared, session, checkpoints, config.view.clone(), requests);
+        let topic = config.joint_states.as_deref();
+        let shared = &shared;
         let mut threads = vec![
-            spawn(scope, "subscriber", || receive(subscriber, sentry, &shared)),
-            spawn(scope, "publisher", || publish(&publishers, &shared)),
+            spawn(scope, "publisher", || publish(network, shared)),
+            spawn(scope, "listener", move || listen(network, listener, topic, sentry, shared)),
         ];
         if let (Some(config), Some(to_write)) = (&config.checkpoint, to_write) {
-            threads.push(spawn(scope, "checkpoints", || {
-                checkpoint::write(&config.path, to_write, &shared.written)
+            let written = &shared.written;
+            threads.push(spawn(scope, "checkpoints", move || {
+                checkpoint::write(&config.path, to_write, written)
             }));
         }
         if let Some(ask) = ask {
-            let server = QueryServer { mapper: to_mapper, checker, shared: &shared };
+            let server = QueryServer { mapper: to_mapper, checker, shared };
             threads.push(spawn(scope, "ask", move || ask.run(&server)));
         }
         let mapper = spawn(scope, "mapper", || mapping.run());
@@ -104,7 +98,7 @@ pub fn run(
             }
         }
         let session = mapper.join();
-        drop(stopping);
+        drop(ending);
         let mut defect = None;
         for thread in threads {
             let thread_name = thread.thread().name().unwrap_or_default().to_owned();
@@ -119,34 +113,11 @@ pub fn run(
     })
 }
 
-/// Ends the session when the scope of its threads is left, even by a panic: the scope waits for them.
-struct StopOnDrop<'a>(&'a Shared);
+/// Ends all threads when their scope is left, even by a panic: the scope waits for them.
+struct EndOnDrop<'a>(&'a Shared);
 
-impl Drop for StopOnDrop<'_> {
+impl Drop for EndOnDrop<'_> {
     fn drop(&mut self) {
-        self.0.stop();
+        self.0.end();
     }
-}
-
-/// Waits for the topic to appear.
-fn find_topic(
-    network: &Network,
-    config: &LiveConfig,
-    stop: &impl Fn() -> bool,
-    report: &mut impl FnMut(News),
-) -> Option<TopicSeen> {
-    let started = Instant::now();
-    let mut reported = String::new();
-    while !stop() {
-        match choose(&network.topics(), config.joint_states.as_deref()) {
-            Ok(topic) => return Some(topic),
-            Err(why) if why != reported && started.elapsed() > DISCOVERY => {
-                report(News::Note(format!("waiting: {why}")));
-                reported = why;
-            }
-            Err(_) => {}
-        }
-        thread::sleep(LOOK);
-    }
-    None
 }

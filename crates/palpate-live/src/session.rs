@@ -1,7 +1,7 @@
 //! The mapper beside a running robot, sample by sample, without threads or sockets.
 //!
-//! A touch begins where the arm pauses and touches nothing ([`PauseDetector`]), or when
-//! somebody says so; until then, nothing is learnt. A sample that cannot be used is left out. If a
+//! A touch begins where the arm pauses and touches nothing ([`PauseDetector`]), or at any pause
+//! after somebody says so; until then, nothing is learnt. A sample that cannot be used is left out. If a
 //! touch can no longer be followed (it began without a pause, say), it ends, and the next pause begins
 //! another: nothing that was learnt is lost. An arm that is suddenly elsewhere, faster than its joints
 //! can turn or after a silence, has begun another recording: a touch begins there.
@@ -11,10 +11,12 @@
 
 use nalgebra::DVector;
 use palpate::unstable::{PauseConfig, PauseDetector};
-use palpate::{Mapper, MapperError, ReplayPolicy, Sample, SettingError, StepReport, TrackerError};
+use palpate::{
+    Mapper, MapperError, ReplayPolicy, Sample, SettingError, StepReport, Tare, TrackerError,
+};
 use serde::{Deserialize, Serialize};
 
-use crate::guard::{Guard, Trip};
+use crate::guard::Guard;
 
 /// So many samples of a pause are enough for the first tare; a pause of a second holds a thousand,
 /// and the mapper has other things to do. Those that follow it count as well.
@@ -33,7 +35,7 @@ const FASTEST: f64 = 3.0;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// Waits for the arm to pause, or for a tare that is asked for.
+    /// Waits for the arm to pause.
     #[default]
     Waiting,
     /// Takes the tare.
@@ -50,8 +52,6 @@ pub struct StepOutcome {
     pub torques: Option<(DVector<f64>, DVector<f64>)>,
     /// Points touched.
     pub contacts: usize,
-    /// The limit that it was the first to pass.
-    pub trip: Option<Trip>,
     /// Whether a touch begins with it.
     pub begins: bool,
     /// Why it, or the touch that it belongs to, could not be followed.
@@ -88,6 +88,12 @@ impl Session {
         let _ = mapper.end_touch();
         let no_pauses = PauseDetector::new(pause_config)?;
         let (pauses, state) = (no_pauses.clone(), State::Waiting);
+        if let Some(guard) = &guard
+            && mapper.config().touch.tare == Tare::None
+        {
+            let none = DVector::zeros(mapper.arm().robot.n_joints());
+            guard.tare(&none).expect("nothing is no load");
+        }
         Ok(Self { mapper, pauses, no_pauses, state, last: None, guard })
     }
 
@@ -106,9 +112,33 @@ impl Session {
             }
         }
         if let Some(tare) = self.pauses.push(sample, outcome.contacts) {
-            self.begin(&tare, &mut outcome);
+            let every = tare.len().div_ceil(TARE_SAMPLES).max(1);
+            let tare: Vec<&Sample> = tare.iter().rev().step_by(every).rev().collect();
+            match self.is_loaded(&tare) {
+                true => self.wait(), // until the next pause
+                false => self.begin(&tare, &mut outcome),
+            }
+        }
+        if let Some(guard) = &self.guard {
+            guard.mapped(outcome.torques.as_ref());
         }
         outcome
+    }
+
+    /// Whether the guard refuses these samples of a pause as a tare.
+    fn is_loaded(&self, tare: &[&Sample]) -> bool {
+        let Some(guard) = &self.guard else { return false };
+        let (config, robot) = (&self.mapper.config().touch, &self.mapper.arm().robot);
+        if config.tare == Tare::None {
+            return false;
+        }
+        let untared = |sample: &&Sample| {
+            let poses = robot.forward(&sample.q).ok()?;
+            config.untared(robot, &poses, &sample.tau).ok()
+        };
+        let untared: Vec<DVector<f64>> = tare.iter().filter_map(untared).collect();
+        let sum = untared.iter().fold(DVector::zeros(robot.n_joints()), |sum, next| sum + next);
+        untared.is_empty() || guard.tare(&(sum / untared.len() as f64)).is_err()
     }
 
     /// Whether the arm is elsewhere than at the last sample, and it is unknown which way it has gone.
@@ -132,11 +162,15 @@ impl Session {
             self.state = State::Taring;
             return;
         };
-        self.state = State::Mapping;
-        if let Some(guard) = &self.guard {
-            self.mapper.tare().inspect(|tare| guard.tared(tare));
-            outcome.trip = guard.watch(&external, &predicted);
+        // A touch that began where the arm had jumped has a tare that no pause has given.
+        let tared = self.state == State::Taring && self.mapper.config().touch.tare != Tare::None;
+        if tared
+            && let Some((guard, tare)) = self.guard.as_ref().zip(self.mapper.tare())
+            && guard.tare(tare).is_err()
+        {
+            return self.wait();
         }
+        self.state = State::Mapping;
         outcome.torques = Some((external, predicted));
     }
 
@@ -158,28 +192,21 @@ impl Session {
     }
 
     /// Begins a touch with the samples of a pause, if there are any.
-    fn begin(&mut self, tare: &[Sample], outcome: &mut StepOutcome) {
+    fn begin(&mut self, tare: &[&Sample], outcome: &mut StepOutcome) {
         let _ = self.mapper.end_touch();
         self.mapper.begin_touch();
         (self.state, outcome.begins) = (State::Taring, true);
-        let every = tare.len().div_ceil(TARE_SAMPLES).max(1);
-        for sample in tare.iter().rev().step_by(every).rev() {
+        for sample in tare {
             if let Err(error) = self.mapper.step(sample) {
                 return self.failed(&error, outcome);
             }
         }
     }
 
-    /// Begins a touch with the next sample, because somebody says that the arm stands free, and
-    /// takes the guard's flag back.
+    /// Begins a touch with the next pause, because somebody says that the arm stands free, whatever
+    /// the mapper believes to be touched.
     pub fn tare(&mut self) {
-        let _ = self.mapper.end_touch();
-        self.mapper.begin_touch();
-        self.pauses.begun();
-        self.state = State::Taring;
-        if let Some(guard) = &self.guard {
-            guard.reset();
-        }
+        self.wait();
     }
 
     /// Ends the touch and waits for a pause: what follows does not go on from what came before.

@@ -1,38 +1,66 @@
-//! What the threads of a session share, and those that receive and publish.
+//! What the threads of a session share, and those that hear and tell the network process.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::collections::HashSet;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::thread::{self, Scope, ScopedJoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::checkpoint::Written;
 use crate::figures::News;
-use crate::guard::{Guard, Sentry, Trip};
+use crate::guard::{Cause, Guard, Sentry};
 use crate::inbox::Inbox;
-use crate::ros::{JointMessage, Outbox, Publishers, Received, Subscriber};
+use crate::message::{JointState, TriggerResponse};
+use crate::outbox::Outbox;
+use crate::ros::{
+    Arrival, Counts, FromNetwork, Listener, NetworkProcess, Service, ToNetwork, choose,
+};
+use crate::timer::Timer;
 
 /// How often a thread that waits looks whether the session goes on.
 pub(crate) const LOOK: Duration = Duration::from_millis(20);
 /// News that may wait.
 const NEWS: usize = 64;
+/// Between two messages that say whether the guard's flag is up. Listeners take 50 ms of silence for
+/// a flag that is up.
+const FLAG: Duration = Duration::from_millis(20);
+
+/// How long the topics of a network may take to appear before the user reads that there is none.
+const DISCOVERY: Duration = Duration::from_secs(2);
+/// A network process that hears no joint state for so long is replaced, since it may have gone deaf.
+/// The robot may have stopped to send them as well: then the next one has twice the time, and so on.
+const DEAF: Duration = Duration::from_secs(2);
+const DEAFEST: Duration = Duration::from_secs(30);
+/// Between the starts of two network processes, at least.
+const RESTART: Duration = Duration::from_millis(500);
+
+/// A joint state as it came.
+#[derive(Debug)]
+pub(crate) struct JointMessage {
+    /// What it says, or why it cannot be decoded: it has another shape than its type.
+    pub(crate) state: Result<JointState, String>,
+    /// When it came to the network process, and here.
+    pub(crate) came: Arrival,
+    pub(crate) at: Instant,
+}
 
 /// What the threads share.
 pub(crate) struct Shared {
     /// Joint states on their way to the mapper.
     pub(crate) samples: Inbox<JointMessage>,
     pub(crate) outbox: Outbox,
-    guard: Option<Guard>,
+    pub(crate) guard: Option<Guard>,
     pub(crate) news: Inbox<News>,
     /// From the arrival of a sample to the publishing of its prediction.
     pub(crate) latencies: Inbox<Duration>,
-    /// Messages that came.
-    pub(crate) received: AtomicU64,
-    /// Messages that never came.
-    pub(crate) lost: AtomicU64,
+    /// Of the network processes that have ended, and of the one that runs.
+    counts: Mutex<[Counts; 2]>,
     /// Whether somebody asks for a tare.
     pub(crate) tare: AtomicBool,
     /// Questions whose answers are being computed.
     pub(crate) answering: AtomicUsize,
     stopping: AtomicBool,
+    over: AtomicBool,
     pub(crate) written: Written,
 }
 
@@ -44,11 +72,11 @@ impl Shared {
             guard,
             news: Inbox::new(NEWS),
             latencies: Inbox::new(queue),
-            received: AtomicU64::new(0),
-            lost: AtomicU64::new(0),
+            counts: Mutex::default(),
             tare: AtomicBool::new(false),
             answering: AtomicUsize::new(0),
             stopping: AtomicBool::new(false),
+            over: AtomicBool::new(false),
             written: Written::default(),
         }
     }
@@ -61,22 +89,64 @@ impl Shared {
     /// Ends the session.
     pub(crate) fn stop(&self) {
         self.stopping.store(true, Ordering::Relaxed);
+        self.guard.as_ref().inspect(|guard| guard.end());
     }
 
-    /// Whether the guard's flag is up.
-    pub(crate) fn is_stopped(&self) -> bool {
-        self.guard.as_ref().is_some_and(Guard::is_up)
+    /// Ends those threads too that say that the robot must stop while others end.
+    pub(crate) fn end(&self) {
+        self.stop();
+        self.over.store(true, Ordering::Relaxed);
     }
 
-    /// Publishes that a limit was passed, then reports it.
-    pub(crate) fn tripped(&self, trip: &Trip) {
-        self.outbox.flag();
-        let what = if trip.predicted { "predicted" } else { "measured" };
-        self.note(format!(
-            "STOP: the {what} external torque of joint {} is {:.2} N·m; a new tare takes the flag \
-             back",
-            trip.joint, trip.torque_n_m
-        ));
+    /// Whether all has ended but those who hear and tell the network process.
+    pub(crate) fn is_over(&self) -> bool {
+        self.over.load(Ordering::Relaxed)
+    }
+
+    /// Messages that came, were lost, and could not be sent.
+    pub(crate) fn counts(&self) -> Counts {
+        let [before, now] = *self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        Counts {
+            received: before.received + now.received,
+            lost: before.lost + now.lost,
+            unsent: before.unsent + now.unsent,
+        }
+    }
+
+    /// Takes the counts of the network process that runs; `ends`: and that will be no more.
+    fn count(&self, counts: Option<Counts>, ends: bool) {
+        let all = ends.then(|| self.counts());
+        let mut both = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        match all {
+            Some(all) => *both = [all, Counts::default()],
+            None => both[1] = counts.unwrap_or(both[1]),
+        }
+    }
+
+    /// Why the guard's flag is up, if it is.
+    pub(crate) fn cause(&self) -> Option<Cause> {
+        self.guard.as_ref()?.cause(Instant::now())
+    }
+
+    /// Takes the guard's flag back, if it is safe.
+    fn reset(&self) -> TriggerResponse {
+        let done = match &self.guard {
+            Some(guard) => guard.reset(Instant::now()).map_err(|cause| cause.to_string()),
+            None => Err("there is no guard (--guard)".to_owned()),
+        };
+        TriggerResponse {
+            success: done.is_ok(),
+            message: done.err().unwrap_or_else(|| "the flag is down".to_owned()),
+        }
+    }
+
+    /// Takes a tare at the next pause, which takes the guard's flag back.
+    fn tare(&self) -> TriggerResponse {
+        self.guard.as_ref().inspect(|guard| guard.reset_with_tare());
+        self.tare.store(true, Ordering::Relaxed);
+        let message =
+            "hold the arm still, and free of the object, until it maps or the flag is down";
+        TriggerResponse { success: true, message: message.to_owned() }
     }
 
     pub(crate) fn note(&self, note: impl Into<String>) {
@@ -84,32 +154,149 @@ impl Shared {
     }
 }
 
-/// The thread that receives, and watches the measured torque.
-pub(crate) fn receive(mut subscriber: Subscriber, mut sentry: Option<Sentry>, shared: &Shared) {
-    while shared.goes_on() {
-        subscriber.receive(LOOK, |received| match received {
-            Received::Joints(message) => {
-                if let Some(sentry) = &mut sentry
-                    && let Ok(state) = &message.state
-                    && let Some(trip) = sentry.see(state, message.at_s)
-                {
-                    shared.tripped(&trip);
-                }
-                shared.samples.push(message);
+/// The thread that hears the network process, watches the measured torque, and replaces a process
+/// that has ended or gone deaf.
+pub(crate) fn listen(
+    network: &NetworkProcess,
+    first: Listener<'_>,
+    topic: Option<&str>,
+    sentry: Option<Sentry>,
+    shared: &Shared,
+) {
+    let mut hearing =
+        Hearing { network, topic, sentry, shared, patience: DEAF, told: HashSet::new() };
+    let mut listener = Some(first);
+    while !shared.is_over() {
+        let started = Instant::now();
+        let ended = match listener.take().map_or_else(|| network.start(), Ok) {
+            Ok(mut listener) => {
+                let ended = hearing.hear(&mut listener);
+                let status = listener.end();
+                shared.count(None, true);
+                ended.map(|why| match (why, status) {
+                    (Ended::Deaf, _) => "no joint state comes; listening anew".to_owned(),
+                    (Ended::Gone, Some(status)) => {
+                        format!("the network process has ended ({status}); another one is started")
+                    }
+                    (Ended::Gone, None) => "the network process is replaced".to_owned(),
+                })
             }
-            Received::Tare => shared.tare.store(true, Ordering::Relaxed),
-        });
-        let (received, lost) = subscriber.counts();
-        shared.received.store(received, Ordering::Relaxed);
-        shared.lost.store(lost, Ordering::Relaxed);
+            Err(error) => Some(error.to_string()),
+        };
+        if let Some(why) = ended {
+            hearing.tell(why);
+        }
+        while !shared.is_over() && started.elapsed() < RESTART {
+            thread::sleep(LOOK);
+        }
     }
 }
 
-/// The thread that publishes.
-pub(crate) fn publish(publishers: &Publishers, shared: &Shared) {
-    while shared.goes_on() {
-        let published = |latency| shared.latencies.push(latency);
-        publishers.publish(&shared.outbox, LOOK, || shared.is_stopped(), published);
+/// Why a network process is heard no more.
+enum Ended {
+    Deaf,
+    Gone,
+}
+
+/// What is heard.
+struct Hearing<'a> {
+    network: &'a NetworkProcess,
+    topic: Option<&'a str>,
+    sentry: Option<Sentry>,
+    shared: &'a Shared,
+    /// How long the network process may hear nothing.
+    patience: Duration,
+    /// What the user was told since joint states came last.
+    told: HashSet<String>,
+}
+
+impl Hearing<'_> {
+    /// Hears a network process until it ends or is deaf, or the session ends: then `None`.
+    fn hear(&mut self, listener: &mut Listener<'_>) -> Option<Ended> {
+        let started = Instant::now();
+        let (mut heard, mut subscribed, mut waiting) = (started, false, String::new());
+        while !self.shared.is_over() {
+            match listener.next(LOOK) {
+                Err(_) => return Some(Ended::Gone),
+                Ok(Some(FromNetwork::Joints { state, came })) => {
+                    (heard, self.patience) = (Instant::now(), DEAF);
+                    self.told.clear();
+                    self.take(JointMessage { state, came, at: heard });
+                }
+                Ok(Some(FromNetwork::Topics(topics))) if !subscribed => {
+                    match choose(&topics, self.topic) {
+                        Ok(topic) => {
+                            let how = if topic.reliable { "reliable" } else { "best effort" };
+                            self.tell(format!("listening to `{}` ({how})", topic.name));
+                            subscribed = self.network.tell(&ToNetwork::Subscribe(topic));
+                            heard = Instant::now();
+                        }
+                        Err(why) => waiting = why,
+                    }
+                }
+                Ok(Some(FromNetwork::Asked(asked))) => {
+                    let response = match asked.service {
+                        Service::Tare => self.shared.tare(),
+                        Service::Reset => self.shared.reset(),
+                    };
+                    self.network.tell(&ToNetwork::Answer(asked, response));
+                }
+                Ok(Some(FromNetwork::Counts(counts))) => self.shared.count(Some(counts), false),
+                Ok(Some(FromNetwork::Published(latency))) => self.shared.latencies.push(latency),
+                Ok(Some(FromNetwork::Failed(why))) => {
+                    self.tell(why);
+                    return Some(Ended::Gone);
+                }
+                Ok(Some(FromNetwork::Topics(_)) | None) => {}
+            }
+            if !subscribed && !waiting.is_empty() && started.elapsed() > DISCOVERY {
+                self.tell(format!("waiting: {}", std::mem::take(&mut waiting)));
+            }
+            if subscribed && heard.elapsed() > self.patience {
+                self.patience = (2 * self.patience).min(DEAFEST);
+                return Some(Ended::Deaf);
+            }
+        }
+        None
+    }
+
+    fn take(&mut self, message: JointMessage) {
+        if let Some(sentry) = &mut self.sentry {
+            let state = message.state.as_ref().map_err(String::as_str);
+            sentry.see(state, message.at, message.came.at_s);
+            self.shared.outbox.wake_for_flag(self.shared.cause().is_some());
+        }
+        self.shared.samples.push(message);
+    }
+
+    /// Tells the user something, once while no joint state comes.
+    fn tell(&mut self, what: String) {
+        if self.told.insert(what.clone()) {
+            self.shared.note(what);
+        }
+    }
+}
+
+/// The thread that tells the network process what to publish.
+pub(crate) fn publish(network: &NetworkProcess, shared: &Shared) {
+    let (mut due, mut was_up) = (Timer::new(FLAG), None);
+    while !shared.is_over() {
+        let now = Instant::now();
+        if let Some(guard) = &shared.guard {
+            let cause = guard.cause(now);
+            let changes = was_up != Some(cause.is_some());
+            if due.is_due(now) || changes {
+                shared.outbox.flag(network, cause.as_ref().map(Cause::to_string));
+            }
+            if changes {
+                was_up = Some(cause.is_some());
+                shared.note(match cause {
+                    Some(cause) => format!("STOP: {cause}"),
+                    None => "no reason to stop the robot".to_owned(),
+                });
+            }
+        }
+        shared.outbox.empty(network, due.left(now).min(LOOK));
     }
 }
 

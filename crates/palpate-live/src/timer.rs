@@ -23,6 +23,11 @@ impl Timer {
         }
         due
     }
+
+    /// How long it is until it is due.
+    pub fn left(&self, now: Instant) -> Duration {
+        self.last.map_or(Duration::ZERO, |last| (last + self.every).saturating_duration_since(now))
+    }
 }
 
 #[cfg(test)]
@@ -35,5 +40,7 @@ mod tests {
         let mut timer = Timer::new(Duration::from_secs(2));
         let due = [0, 1, 2, 3, 3, 7].map(|s| timer.is_due(start + Duration::from_secs(s)));
         assert_eq!(due, [true, false, true, false, false, true]);
+        assert_eq!(timer.left(start + Duration::from_secs(8)), Duration::from_secs(1));
+        assert_eq!(timer.left(start + Duration::from_secs(10)), Duration::ZERO);
     }
 }

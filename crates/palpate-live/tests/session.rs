@@ -3,12 +3,13 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use palpate::unstable::PauseConfig;
 use palpate::{Arm, EstimatorKind, Mapper, MapperConfig, Sample};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, CachePlace, load_arm};
-use palpate_live::guard::{Guard, Sentry};
+use palpate_live::guard::{Cause, Guard, GuardConfig, Sentry};
 use palpate_live::message::{Header, JointState, Stamp};
 use palpate_live::session::{Session, State, StepOutcome};
 
@@ -97,36 +98,18 @@ fn nothing_is_learnt_before_the_arm_has_paused_or_somebody_asked_for_a_tare() {
     assert!(play(&mut live, pushing).iter().all(|outcome| outcome.torques.is_none()));
     assert_eq!((live.state(), live.mapper().n_cells()), (State::Waiting, 0));
 
-    // A tare that is asked for while the arm moves through the lattice cannot be taken.
+    // A tare that is asked for while the arm moves through the lattice waits for a pause.
     live.tare();
-    let outcomes = play(&mut live, &touches[0][120..160]);
-    let faults: Vec<&String> =
-        outcomes.iter().filter_map(|outcome| outcome.fault.as_ref()).collect();
-    assert!(faults.len() == 1 && faults[0].contains("no contact-free start"), "{faults:?}");
-    assert_eq!(live.state(), State::Waiting);
-
-    live.tare();
-    let outcomes = play(&mut live, &touches[0]);
-    assert!(outcomes.iter().any(|outcome| outcome.torques.is_some()));
-}
-
-#[test]
-fn the_guard_says_once_which_joint_passed_the_limit_until_a_tare_takes_it_back() {
-    let (arm, touches) = (arm(), touches(1));
-    let mut live = session(&arm, 0, Some(Guard::new(1.5)));
-    let outcomes = play(&mut live, &touches[0]);
-    let first = outcomes.iter().position(|outcome| outcome.trip.is_some()).unwrap();
-    assert_eq!(outcomes.iter().filter(|outcome| outcome.trip.is_some()).count(), 1);
-    assert!(live.guard().unwrap().is_up());
-    let over = |outcome: &StepOutcome| {
-        outcome
-            .torques
-            .as_ref()
-            .is_some_and(|(external, predicted)| external.amax() > 1.5 || predicted.amax() > 1.5)
+    play(&mut live, &touches[0][120..160]);
+    assert_eq!((live.state(), live.mapper().n_cells()), (State::Waiting, 0));
+    let still = |step: u32| {
+        let mut sample = touches[0][160].clone();
+        sample.time_s = sample.time_s.map(|time_s| time_s + 0.01 * f64::from(step));
+        sample
     };
-    assert_eq!(outcomes.iter().position(over), Some(first));
-    live.tare();
-    assert!(!live.guard().unwrap().is_up());
+    let paused: Vec<Sample> = (0..60).map(still).collect();
+    assert!(play(&mut live, &paused).iter().any(|outcome| outcome.begins));
+    assert_eq!(live.state(), State::Taring);
 }
 
 /// A sample as a robot would send it.
@@ -143,27 +126,73 @@ fn joint_state(arm: &Arm, sample: &Sample) -> JointState {
     }
 }
 
+/// A session with its guard, and the sentry before it.
+struct Guarded {
+    live: Session,
+    guard: Guard,
+    sentry: Sentry,
+    start: Instant,
+}
+
+impl Guarded {
+    fn new(arm: &Arc<Arm>, limit_n_m: f64) -> Self {
+        let guard = Guard::new(GuardConfig::new(limit_n_m), arm);
+        let live = session(arm, 0, Some(guard.clone()));
+        let config = live.mapper().config().touch.clone();
+        let sentry = Sentry::new(guard.clone(), Arc::clone(arm), config);
+        Self { live, guard, sentry, start: Instant::now() }
+    }
+
+    /// Takes a sample at its time; why the flag is up before the mapper has it, what came of it, and
+    /// why the flag is up then.
+    fn take(&mut self, sample: &Sample) -> (Option<Cause>, StepOutcome, Option<Cause>) {
+        let now = self.start + Duration::from_secs_f64(sample.time_s.unwrap());
+        let state = joint_state(self.live.mapper().arm(), sample);
+        self.sentry.see(Ok(&state), now, 0.0);
+        let before = self.guard.cause(now);
+        let outcome = self.live.take(sample);
+        self.guard.taken(now, false);
+        (before, outcome, self.guard.cause(now))
+    }
+}
+
 #[test]
-fn a_sentry_sees_the_measured_torque_pass_the_limit_before_the_mapper_has_the_sample() {
+fn the_flag_comes_down_with_the_first_tare_and_the_sentry_raises_it_before_the_mapper_could() {
     let (arm, touches) = (arm(), touches(1));
-    let guard = Guard::new(1.5);
-    let mut live = session(&arm, 0, Some(guard.clone()));
-    let config = live.mapper().config().touch.clone();
-    let mut sentry = Sentry::new(guard, Arc::clone(&arm), config);
+    let mut robot = Guarded::new(&arm, 1.5);
+    let mut was_down = false;
     for sample in &touches[0] {
-        let early = sentry.see(&joint_state(&arm, sample), 0.0);
-        let outcome = live.take(sample);
-        let Some(trip) = early else {
-            assert_eq!(outcome.trip, None, "the sentry was later");
-            continue;
-        };
-        let external = outcome.torques.unwrap().0;
-        assert_eq!((trip.joint, trip.predicted), (external.iamax(), false));
-        assert!(trip.torque_n_m.abs() > 1.5 && trip.torque_n_m == external[trip.joint]);
-        assert_eq!(outcome.trip, None, "one flag is enough");
-        return;
+        let (before, outcome, after) = robot.take(sample);
+        let over = outcome.torques.as_ref().is_some_and(|(external, _)| external.amax() > 1.5);
+        match before {
+            Some(cause) if !was_down => assert_eq!(cause, Cause::Untared),
+            Some(Cause::Limit { joint, torque_n_m, predicted }) => {
+                let external = outcome.torques.unwrap().0;
+                assert!(over && !predicted && torque_n_m.abs() > 1.5);
+                assert_eq!(arm.robot.joint_names().nth(external.iamax()), Some(joint.as_str()));
+                assert!((torque_n_m - external[external.iamax()]).abs() < 0.1, "tares differ");
+                return;
+            }
+            Some(cause) => panic!("{cause}"),
+            None => assert!(!over, "the sentry missed it"),
+        }
+        was_down |= after.is_none();
+        assert!(!was_down || robot.live.state() != State::Waiting);
     }
     panic!("no torque passed the limit");
+}
+
+#[test]
+fn an_arm_that_is_pressed_from_the_start_is_not_tared_and_nothing_is_learnt() {
+    let (arm, touches) = (arm(), touches(1));
+    let mut robot = Guarded::new(&arm, 5.0);
+    for sample in &touches[0] {
+        let mut sample = sample.clone();
+        sample.tau[1] += 30.0;
+        assert!(robot.take(&sample).2.is_some(), "the flag is up all along");
+    }
+    assert!(matches!(robot.guard.cause(Instant::now()), Some(Cause::Loaded { .. })));
+    assert_eq!((robot.live.state(), robot.live.mapper().n_cells()), (State::Waiting, 0));
 }
 
 #[test]

@@ -4,16 +4,19 @@ mod status;
 #[cfg(feature = "viewer")]
 mod viewer;
 
+use std::env::current_exe;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate::unstable::PauseConfig;
 use palpate::{Arm, Mapper};
+use palpate_io::atomic::Hold;
 use palpate_io::field::{self, Saved};
 use palpate_live::checkpoint::CheckpointConfig;
-use palpate_live::guard::Guard;
-use palpate_live::ros::{Network, NetworkConfig, Services};
+use palpate_live::guard::{Guard, GuardConfig};
+use palpate_live::ros::{FlagTopics, NetworkConfig, NetworkProcess, Services};
 use palpate_live::session::Session;
 use palpate_live::{AskSocket, LiveConfig, run as run_live};
 use palpate_work::settings::named;
@@ -45,11 +48,13 @@ sensor_msgs/msg/JointState that holds efforts, and publishes
   /palpate/torque_predicted  the same as predicted, before the sample was learnt from
   /palpate/contacts          points touched, displacements, stiffness (PointCloud2)
   /palpate/field             the field near them
-  /palpate/stop              with --guard: whether a limit was passed (Bool)
+  /palpate/stop              with --guard: whether the robot must stop (Bool, 50 times a second;
+                             silence means stop)
+  /palpate/guard             and why, with the time (DiagnosticArray)
   /diagnostics               how it goes (DiagnosticArray)
 
-and answers /palpate/tare (std_srvs/srv/Trigger). A touch begins where the arm pauses and touches
-nothing, or with a tare. Samples may come at any rate; replays fill the time between them, so that
+and answers /palpate/tare and /palpate/reset (std_srvs/srv/Trigger). A touch begins where the arm
+pauses and touches nothing, or, after a call of /palpate/tare, wherever it pauses. Samples may come at any rate; replays fill the time between them, so that
 the field depends on the speed of the machine. Ctrl-C saves the field and ends.";
 
 /// Flags of `palpate live`.
@@ -71,10 +76,23 @@ pub(crate) struct Args {
     /// Take the prior mean of each cell from a field
     #[arg(long, value_name = "FIELD.npz", conflicts_with = "resume")]
     prior: Option<PathBuf>,
-    /// Publish that the robot must stop as soon as the measured or the predicted external torque of
-    /// a joint passes this, N·m
+    /// Publish that the robot must stop, until it is known that no joint's measured or predicted
+    /// external torque passes this, N·m
     #[arg(long, value_name = "LIMIT", value_parser = number_in(f64::MIN_POSITIVE..=f64::MAX, "a number above 0"))]
     guard: Option<f64>,
+    /// The longest time without a usable joint state before the guard says stop, s
+    #[arg(long, value_name = "S", requires = "guard", default_value = "0.1", value_parser = period())]
+    guard_silence: f64,
+    /// The longest time that joint states may wait for the mapper before the guard says stop, s
+    #[arg(long, value_name = "S", requires = "guard", default_value = "0.25", value_parser = period())]
+    guard_lag: f64,
+    /// The most by which torques at rest may differ from gravity: an arm with more counts as loaded,
+    /// N·m [default: that of --guard]
+    #[arg(long, value_name = "LIMIT", requires = "guard", value_parser = number_in(f64::MIN_POSITIVE..=f64::MAX, "a number above 0"))]
+    guard_bias: Option<f64>,
+    /// Tell MoveIt to stop what it executes when the guard says stop
+    #[arg(long, requires = "guard")]
+    guard_moveit: bool,
     /// Socket on which to ask what torque a motion would meet: a line of JSON each way, such as
     /// {"path": [[0.1, 0.2], [0.1, 0.3]]}
     #[arg(long, value_name = "SOCKET")]
@@ -129,6 +147,14 @@ impl Args {
         }
     }
 
+    fn guard(&self, arm: &Arm) -> Option<Guard> {
+        let mut config = GuardConfig::new(self.guard?);
+        config.silence = Duration::from_secs_f64(self.guard_silence);
+        config.lag = Duration::from_secs_f64(self.guard_lag);
+        config.bias_limit_n_m = self.guard_bias.unwrap_or(config.bias_limit_n_m);
+        Some(Guard::new(config, arm))
+    }
+
     fn checkpoint(&self) -> Option<CheckpointConfig> {
         let every = Duration::from_secs_f64(self.checkpoint);
         self.output.clone().map(|path| CheckpointConfig { path, every })
@@ -155,6 +181,16 @@ impl Args {
     }
 }
 
+/// This program again, as the network process.
+fn network_command() -> Command {
+    // The file may have been replaced by another version.
+    let itself =
+        if cfg!(target_os = "linux") { Ok("/proc/self/exe".into()) } else { current_exe() };
+    let mut command = Command::new(itself.unwrap_or_else(|_| "palpate".into()));
+    command.arg("live-network");
+    command
+}
+
 fn open_socket(path: &Path) -> Result<AskSocket, CliError> {
     AskSocket::bind(path).map_err(|error| {
         CliError::from(format!(
@@ -172,6 +208,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     args.check_places(&settings)?;
     interrupt::listen();
+    let hold = args.output.as_deref().map(Hold::on).transpose().map_err(CliError::file)?;
     let arm = robot::load(&settings.robot, output)?;
     let mapper = args.mapper(&arm, &settings, output)?;
     logs::tell_robot(&arm, &settings, output);
@@ -191,11 +228,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let feed = args.viewer.as_ref().map(|_| Err(view::without_viewer())).transpose()?;
     let mut idle = PauseConfig::default();
     idle.idle_s = args.idle;
-    let session = Session::new(mapper, idle, args.guard.map(Guard::new))
+    let session = Session::new(mapper, idle, args.guard(&arm))
         .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
     let Args { domain, localhost, services, .. } = *args;
     let network = NetworkConfig { domain, localhost, services };
-    let network = Network::join(&network).map_err(CliError::file)?;
+    let flag = args.guard.map(|_| FlagTopics { moveit: args.guard_moveit });
+    let joints = arm.robot.joint_names().map(str::to_owned).collect();
+    let network = NetworkProcess::new(network_command, network, joints, flag);
     let ask = args.ask.as_deref().map(open_socket).transpose()?;
     let ends = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s));
     let stop = || interrupt::pressed() || ends.is_some_and(|ends| Instant::now() >= ends);
@@ -208,7 +247,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     };
     let tell = |news| shown.tell(news);
     let (session, defect) =
-        run_live(network, session, &config, ask.as_ref(), stop, tell).map_err(CliError::file)?;
+        run_live(&network, session, &config, ask.as_ref(), stop, tell).map_err(CliError::file)?;
     shown.clear();
     #[cfg(feature = "viewer")]
     if let Some(viewer) = viewer {
@@ -218,6 +257,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         let saved = Saved::of_mapper(session.mapper());
         field::save(path, &saved).map_err(CliError::file)?;
     }
+    drop(hold);
     shown.end(&session, args.output.as_deref())?;
     defect.map_or(Ok(()), |defect| Err(CliError::file(defect)))
 }

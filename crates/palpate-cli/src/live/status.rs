@@ -94,12 +94,15 @@ impl Shown {
 }
 
 /// What the session does, in a word or some.
-fn state(figures: &Figures) -> &'static str {
-    match figures.state {
-        _ if figures.stopped => "STOP: a limit was passed",
+fn state(figures: &Figures) -> String {
+    let does = match figures.state {
         State::Waiting => "waiting for the arm to pause",
         State::Taring => "taking the tare",
         State::Mapping => "mapping",
+    };
+    match &figures.stop {
+        Some(cause) => format!("STOP: {cause}; {does}"),
+        None => does.to_owned(),
     }
 }
 

@@ -3,13 +3,21 @@
 //! Pure DDS by ros2-client; no ROS needs to be installed. Topics are looked at before one is
 //! subscribed to: which there are, of which type, and whether they are sent reliably, since a
 //! subscriber that asks for more than is offered receives nothing at all.
+//!
+//! All of it runs in a process of its own, the network process.
 
 mod network;
+mod process;
 mod publisher;
 mod subscriber;
+mod supervisor;
 mod topic;
+mod wire;
 
-pub use network::{Network, NetworkConfig, NetworkError, Services};
-pub use publisher::{Outbox, Publishers, Torques};
-pub use subscriber::{JointMessage, Received, Subscriber};
+pub use network::{NetworkConfig, NetworkError, Services};
+pub use process::run as run_network;
+pub use publisher::FlagTopics;
+pub(crate) use supervisor::Listener;
+pub use supervisor::NetworkProcess;
 pub use topic::{TopicSeen, choose};
+pub(crate) use wire::{Arrival, Counts, FromNetwork, Service, ToNetwork, Torques};

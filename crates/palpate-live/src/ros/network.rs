@@ -6,12 +6,12 @@ use std::net::{IpAddr, Ipv4Addr};
 use ros2_client::{Context, Name, Node, NodeName, NodeOptions, ServiceMapping};
 use rustdds::DomainParticipantBuilder;
 use rustdds::policy::Reliability;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::topic::TopicSeen;
 
 /// How to join the network.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NetworkConfig {
     /// DDS domain, as `ROS_DOMAIN_ID`.
     pub domain: u16,
@@ -22,7 +22,7 @@ pub struct NetworkConfig {
 }
 
 /// The two ways in which DDS implementations of ROS 2 carry services.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Services {
     /// As `rmw_fastrtps_cpp` and `rmw_connextdds` do: the request is named beside the data.
@@ -54,19 +54,28 @@ pub enum NetworkError {
     Name { topic: String, why: String },
     #[error("`{topic}` cannot be opened: {why}")]
     Open { topic: String, why: String },
+    /// As the network process says it.
+    #[error("{why}")]
+    Failed { why: String },
+    #[error("the network process cannot be used: {why}")]
+    Process { why: String },
     /// A thread panicked, and has said so.
     #[error("the session ended by a defect of palpate, in the thread `{thread}`")]
     Defect { thread: String },
 }
 
 impl NetworkError {
+    pub(super) fn process(why: &impl Display) -> Self {
+        Self::Process { why: why.to_string() }
+    }
+
     pub(super) fn open(topic: &str, why: &impl Display) -> Self {
         Self::Open { topic: topic.to_owned(), why: why.to_string() }
     }
 }
 
 /// palpate's node.
-pub struct Network {
+pub(super) struct Network {
     context: Context,
     pub(super) node: Node,
     pub(super) services: Services,
@@ -81,7 +90,7 @@ impl Network {
     /// # Errors
     ///
     /// If there is no network, or no such domain.
-    pub fn join(config: &NetworkConfig) -> Result<Self, NetworkError> {
+    pub(super) fn join(config: &NetworkConfig) -> Result<Self, NetworkError> {
         let failed =
             |why: &dyn Display| NetworkError::Join { domain: config.domain, why: why.to_string() };
         if config.domain > MAX_DOMAIN {
@@ -101,7 +110,7 @@ impl Network {
     }
 
     /// The topics that somebody publishes, by name.
-    pub fn topics(&self) -> Vec<TopicSeen> {
+    pub(super) fn topics(&self) -> Vec<TopicSeen> {
         let writers = self.context.domain_participant().discovered_writers();
         let mut topics: Vec<TopicSeen> = Vec::new();
         for writer in writers {

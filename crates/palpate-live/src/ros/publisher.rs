@@ -1,99 +1,58 @@
-//! What palpate publishes: torques, contacts, field and diagnostics, on a thread of its own.
-//!
-//! Nothing here waits for a subscriber. Torques queue up to a bound and the oldest leave; of clouds
-//! and diagnostics only the latest is kept; the flag to stop goes before all of them. A message for
-//! which DDS has no room, since a reliable subscriber does not keep up, is counted and left out.
-
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+//! What palpate publishes. Nothing here waits for a subscriber: a message for which DDS has no room,
+//! since a reliable subscriber does not keep up, is left out.
 
 use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{MessageTypeName, Publisher, QosProfile};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::network::{Network, NetworkError, parse};
-use crate::inbox::Inbox;
-use crate::message::{Bool, DiagnosticArray, Header, JointState, PointCloud2};
+use super::wire::Torques;
+use crate::diagnostics;
+use crate::message::{Bool, DiagnosticArray, JointState, PointCloud2, Text};
 
-/// Torques that may wait.
-const TORQUES: usize = 256;
+/// Where MoveIt listens for those who want it to stop.
+const MOVEIT: &str = "/trajectory_execution_event";
 
-/// The torques of a sample.
-#[derive(Debug, Clone)]
-pub struct Torques {
-    /// Stamp of the sample.
-    pub header: Header,
-    /// When the sample came.
-    pub received: Instant,
-    /// τ_ext, n_joints, N·m.
-    pub external_n_m: Vec<f64>,
-    /// τ̂, n_joints, N·m.
-    pub predicted_n_m: Vec<f64>,
-}
-
-/// What waits to be published.
-#[derive(Debug)]
-pub struct Outbox {
-    /// The torques of samples.
-    pub torques: Inbox<Torques>,
-    /// What the arm touches now.
-    pub contacts: Inbox<PointCloud2>,
-    /// The field near it.
-    pub field: Inbox<PointCloud2>,
-    /// How it goes.
-    pub diagnostics: Inbox<DiagnosticArray>,
-    flag: AtomicBool,
-    unsent: AtomicU64,
-}
-
-impl Default for Outbox {
-    fn default() -> Self {
-        Self {
-            torques: Inbox::new(TORQUES),
-            contacts: Inbox::new(1),
-            field: Inbox::new(1),
-            diagnostics: Inbox::new(1),
-            flag: AtomicBool::new(false),
-            unsent: AtomicU64::new(0),
-        }
-    }
-}
-
-impl Outbox {
-    /// Publishes the flag to stop, which may have changed: at once, whatever else waits.
-    pub fn flag(&self) {
-        self.flag.store(true, Ordering::Release);
-        self.torques.wake();
-    }
-
-    /// Torques, clouds and diagnostics that were left out because there was no room for them.
-    pub fn unsent(&self) -> u64 {
-        self.unsent.load(Ordering::Relaxed) + self.torques.dropped()
-    }
-
-    fn count(&self, sent: bool) {
-        self.unsent.fetch_add(u64::from(!sent), Ordering::Relaxed);
-    }
+/// Where a guard's flag goes, beside palpate's own topics.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FlagTopics {
+    /// To MoveIt as well, which then stops what it executes.
+    pub moveit: bool,
 }
 
 /// palpate's publishers.
-pub struct Publishers {
+pub(super) struct Publishers {
     joints: Vec<String>,
     external: Publisher<JointState>,
     predicted: Publisher<JointState>,
-    stop: Publisher<Bool>,
+    /// The guard's, if there is one.
+    flag: Option<FlagPublishers>,
     contacts: Publisher<PointCloud2>,
     field: Publisher<PointCloud2>,
     diagnostics: Publisher<DiagnosticArray>,
 }
 
+/// Publishers of a flag to stop, and why it is up.
+struct FlagPublishers {
+    stop: Publisher<Bool>,
+    why: Publisher<DiagnosticArray>,
+    /// MoveIt's, if it is to stop what it executes.
+    moveit: Option<Publisher<Text>>,
+    /// Whether the flag was up when it was published last.
+    was_up: bool,
+}
+
 impl Network {
-    /// Begins to publish, for a robot of these joints.
+    /// Begins to publish, for a robot of these joints, with a guard's flag or without.
     ///
     /// # Errors
     ///
     /// If DDS refuses.
-    pub fn publish(&mut self, joints: Vec<String>) -> Result<Publishers, NetworkError> {
+    pub(super) fn publish(
+        &mut self,
+        joints: Vec<String>,
+        flag: Option<FlagTopics>,
+    ) -> Result<Publishers, NetworkError> {
         let qos = QosProfile::publisher_default()
             .reliability_reliable(WhenFull::Fail)
             .history(History::KeepLast { depth: 100 });
@@ -101,15 +60,28 @@ impl Network {
             .clone()
             .durability(Durability::TransientLocal)
             .history(History::KeepLast { depth: 1 });
+        let flag = flag.map(|FlagTopics { moveit }| {
+            let moveit = moveit.then(|| self.publisher(MOVEIT, "std_msgs/String", &qos));
+            Ok(FlagPublishers {
+                stop: self.publisher("/palpate/stop", "std_msgs/Bool", &latched)?,
+                why: self.publisher(
+                    "/palpate/guard",
+                    "diagnostic_msgs/DiagnosticArray",
+                    &latched,
+                )?,
+                moveit: moveit.transpose()?,
+                was_up: true,
+            })
+        });
         Ok(Publishers {
             joints,
+            flag: flag.transpose()?,
             external: self.publisher("/palpate/torque_external", "sensor_msgs/JointState", &qos)?,
             predicted: self.publisher(
                 "/palpate/torque_predicted",
                 "sensor_msgs/JointState",
                 &qos,
             )?,
-            stop: self.publisher("/palpate/stop", "std_msgs/Bool", &latched)?,
             contacts: self.publisher("/palpate/contacts", "sensor_msgs/PointCloud2", &qos)?,
             field: self.publisher("/palpate/field", "sensor_msgs/PointCloud2", &latched)?,
             diagnostics: self.publisher("/diagnostics", "diagnostic_msgs/DiagnosticArray", &qos)?,
@@ -132,35 +104,53 @@ impl Network {
 }
 
 impl Publishers {
-    /// Publishes what waits, the most urgent first, waiting for something for at most so long;
-    /// `stopped` says whether the flag to stop is up, and `published` gets the time from the arrival
-    /// of a sample until its prediction went out.
-    pub fn publish(
-        &self,
-        outbox: &Outbox,
-        patience: Duration,
-        stopped: impl FnOnce() -> bool,
-        published: impl FnOnce(Duration),
-    ) {
-        let torques = outbox.torques.pop(patience);
-        // Asked for after the note that it changed is taken: a change after that leaves another.
-        if outbox.flag.swap(false, Ordering::AcqRel) {
-            outbox.count(self.stop.publish(Bool { data: stopped() }).is_ok());
-        }
-        if let Some(Torques { header, received, external_n_m, predicted_n_m }) = torques {
-            let state = |torques| JointState::of_torques(header.clone(), &self.joints, torques);
-            outbox.count(self.predicted.publish(state(predicted_n_m)).is_ok());
-            published(received.elapsed());
-            outbox.count(self.external.publish(state(external_n_m)).is_ok());
-        }
-        for (cloud, publisher) in [(&outbox.contacts, &self.contacts), (&outbox.field, &self.field)]
+    /// Publishes a guard's flag, with the cause that it is up, and with the time; returns how many
+    /// messages had no room.
+    pub(super) fn flag(&mut self, cause: Option<&str>) -> u64 {
+        let Some(flag) = &mut self.flag else { return 0 };
+        let stop = cause.is_some();
+        let mut sent = vec![
+            flag.stop.publish(Bool { data: stop }).is_ok(),
+            flag.why.publish(diagnostics::of_guard(cause)).is_ok(),
+        ];
+        if stop
+            && !flag.was_up
+            && let Some(moveit) = &flag.moveit
         {
-            if let Some(cloud) = cloud.pop(Duration::ZERO) {
-                outbox.count(publisher.publish(cloud).is_ok());
-            }
+            sent.push(moveit.publish(Text { data: "stop".to_owned() }).is_ok());
         }
-        if let Some(diagnostics) = outbox.diagnostics.pop(Duration::ZERO) {
-            outbox.count(self.diagnostics.publish(diagnostics).is_ok());
-        }
+        flag.was_up = stop;
+        sent.iter().filter(|sent| !**sent).count() as u64
+    }
+
+    /// Publishes what was predicted for a sample; whether there was room.
+    pub(super) fn predicted(&self, torques: &Torques) -> bool {
+        let predicted = torques.predicted_n_m.clone();
+        self.predicted.publish(self.joint_state(torques, predicted)).is_ok()
+    }
+
+    /// Publishes what was measured; whether there was room.
+    pub(super) fn external(&self, torques: &Torques) -> bool {
+        let external = torques.external_n_m.clone();
+        self.external.publish(self.joint_state(torques, external)).is_ok()
+    }
+
+    fn joint_state(&self, torques: &Torques, effort: Vec<f64>) -> JointState {
+        JointState::of_torques(torques.header.clone(), &self.joints, effort)
+    }
+
+    /// Publishes the contacts; whether there was room.
+    pub(super) fn contacts(&self, cloud: PointCloud2) -> bool {
+        self.contacts.publish(cloud).is_ok()
+    }
+
+    /// Publishes the field; whether there was room.
+    pub(super) fn field(&self, cloud: PointCloud2) -> bool {
+        self.field.publish(cloud).is_ok()
+    }
+
+    /// Publishes diagnostics; whether there was room.
+    pub(super) fn diagnostics(&self, array: DiagnosticArray) -> bool {
+        self.diagnostics.publish(array).is_ok()
     }
 }

@@ -1,9 +1,7 @@
-//! What palpate receives: joint states and requests for a tare, on a thread that never waits for the
-//! mapper.
+//! What palpate receives: joint states, and requests for a tare or to take the guard's flag back.
 
 use std::collections::HashMap;
-use std::fmt::Display;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use ros2_client::gid::Gid;
 use ros2_client::qos::WhenFull;
@@ -13,6 +11,7 @@ use rustdds::mio1::{Events, Interest, Poll, Token};
 
 use super::network::{Network, NetworkError, parse};
 use super::topic::TopicSeen;
+use super::wire::{Arrival, Asked, FromNetwork, Service};
 use crate::message::{JointState, TriggerRequest, TriggerResponse};
 
 /// Messages that may wait within DDS before the oldest are lost: two seconds of the fastest arms.
@@ -21,30 +20,11 @@ const DEPTH: usize = 2048;
 /// Broken messages looked at in a row.
 const MOST_BROKEN: u32 = 1000;
 
-/// What was received.
-#[derive(Debug)]
-pub enum Received {
-    /// A joint state.
-    Joints(JointMessage),
-    /// Somebody asks for a tare.
-    Tare,
-}
-
-/// A joint state as it came.
-#[derive(Debug)]
-pub struct JointMessage {
-    /// What it says, or why it cannot be decoded: it has another shape than its type.
-    pub state: Result<JointState, String>,
-    /// When it came.
-    pub at: Instant,
-    /// The same by the system's clock, s.
-    pub at_s: f64,
-}
-
-/// The joint states, and the service that takes a tare.
-pub struct Subscriber {
+/// The joint states, and the services.
+pub(super) struct Subscriber {
     joints: Subscription<JointState>,
     tare: Server<TriggerRequest, TriggerResponse>,
+    reset: Server<TriggerRequest, TriggerResponse>,
     poll: Poll,
     /// Number of the last message of each publisher.
     last: HashMap<Gid, i64>,
@@ -53,12 +33,13 @@ pub struct Subscriber {
 }
 
 impl Network {
-    /// Subscribes to a topic of joint states, and offers the service that takes a tare.
+    /// Subscribes to a topic of joint states, and offers the services that take a tare and reset the
+    /// guard.
     ///
     /// # Errors
     ///
     /// If its name is none, or DDS refuses.
-    pub fn subscribe(&mut self, topic: &TopicSeen) -> Result<Subscriber, NetworkError> {
+    pub(super) fn subscribe(&mut self, topic: &TopicSeen) -> Result<Subscriber, NetworkError> {
         let history = ros2_client::qos::History::KeepLast { depth: DEPTH };
         let mut qos = QosProfile::subscription_default().history(history);
         if topic.reliable {
@@ -71,32 +52,46 @@ impl Network {
             .and_then(|topic| self.node.create_subscription::<JointState>(&topic, Some(qos)));
         let mut joints = opened.map_err(|error| NetworkError::open(&topic.name, &error))?;
 
-        let service = "/palpate/tare";
-        let failed = |error: &dyn Display| NetworkError::open(service, &error);
-        let reliable = QosProfile::publisher_default();
-        let mut tare = self
-            .node
-            .create_server(
-                self.services.mapping(),
-                &parse(service)?,
-                &ServiceTypeName::new("std_srvs", "Trigger"),
-                reliable.clone(),
-                reliable,
-            )
-            .map_err(|error| failed(&error))?;
-        let poll = Poll::new().map_err(|error| failed(&error))?;
+        let mut tare = self.serve("/palpate/tare")?;
+        let mut reset = self.serve("/palpate/reset")?;
+        let failed = |error| NetworkError::open(&topic.name, &error);
+        let poll = Poll::new().map_err(failed)?;
         let registry = poll.registry();
         registry
             .register(&mut joints, Token(0), Interest::READABLE)
             .and_then(|()| registry.register(&mut tare, Token(1), Interest::READABLE))
-            .map_err(|error| failed(&error))?;
-        Ok(Subscriber { joints, tare, poll, last: HashMap::new(), received: 0, lost: 0 })
+            .and_then(|()| registry.register(&mut reset, Token(2), Interest::READABLE))
+            .map_err(failed)?;
+        let last = HashMap::new();
+        Ok(Subscriber { joints, tare, reset, poll, last, received: 0, lost: 0 })
+    }
+
+    /// Offers a service that is asked for nothing but to do it.
+    fn serve(
+        &mut self,
+        service: &str,
+    ) -> Result<Server<TriggerRequest, TriggerResponse>, NetworkError> {
+        let reliable = QosProfile::publisher_default();
+        let served = self.node.create_server(
+            self.services.mapping(),
+            &parse(service)?,
+            &ServiceTypeName::new("std_srvs", "Trigger"),
+            reliable.clone(),
+            reliable,
+        );
+        served.map_err(|error| NetworkError::open(service, &error))
     }
 }
 
 impl Subscriber {
-    /// Waits for at most so long, and hands on all that came meanwhile.
-    pub fn receive(&mut self, patience: Duration, mut hand_on: impl FnMut(Received)) {
+    /// Waits for at most so long, and hands on all that came meanwhile to a process that began at
+    /// `start`.
+    pub(super) fn receive(
+        &mut self,
+        patience: Duration,
+        start: Instant,
+        mut hand_on: impl FnMut(FromNetwork),
+    ) {
         let mut events = Events::with_capacity(4);
         // Interrupted by a signal, it is asked again at once.
         let _ = self.poll.poll(&mut events, Some(patience));
@@ -113,20 +108,29 @@ impl Subscriber {
                     Err(error.to_string())
                 }
             };
-            hand_on(Received::Joints(JointMessage { state, at: Instant::now(), at_s: now_s() }));
+            hand_on(FromNetwork::Joints { state, came: Arrival::now(start) });
         }
-        while let Ok(Some((id, _))) = self.tare.receive_request() {
-            hand_on(Received::Tare);
-            let message = "hold the arm still and free of the object for at least five samples; \
-                           the tare ends when it moves"
-                .to_owned();
-            // The client may have left.
-            let _ = self.tare.send_response(id, TriggerResponse { success: true, message });
+        for service in [Service::Tare, Service::Reset] {
+            while let Ok(Some((id, _))) = self.server(service).receive_request() {
+                hand_on(FromNetwork::Asked(Asked { service, id }));
+            }
+        }
+    }
+
+    /// Answers a request.
+    pub(super) fn answer(&self, Asked { service, id }: Asked, response: TriggerResponse) {
+        let _ = self.server(service).send_response(id, response); // the client may have left
+    }
+
+    fn server(&self, service: Service) -> &Server<TriggerRequest, TriggerResponse> {
+        match service {
+            Service::Tare => &self.tare,
+            Service::Reset => &self.reset,
         }
     }
 
     /// Messages that came, and those that never did although later ones of the same publisher did.
-    pub fn counts(&self) -> (u64, u64) {
+    pub(super) fn counts(&self) -> (u64, u64) {
         (self.received, self.lost)
     }
 
@@ -136,9 +140,4 @@ impl Subscriber {
             self.lost += u64::try_from(number - last - 1).unwrap_or(0);
         }
     }
-}
-
-/// Time of the system's clock, s.
-fn now_s() -> f64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
 }

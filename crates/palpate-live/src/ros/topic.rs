@@ -1,5 +1,7 @@
 //! Which of the topics on a network holds the joint states.
 
+use serde::{Deserialize, Serialize};
+
 /// The type that is looked for.
 const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
 
@@ -7,7 +9,7 @@ const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
 pub(super) const OWN: &str = "/palpate/";
 
 /// A topic that somebody publishes.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TopicSeen {
     /// As ROS names it.
     pub name: String,

@@ -1,0 +1,229 @@
+//! The network process: DDS in a process of its own.
+//!
+//! Whoever reaches the robot's network can send packets that make a DDS implementation allocate all
+//! memory, spin, or go deaf. So it runs with a memory limit, apart from the mapper and the guard; what
+//! goes wrong in it ends it, and [`super::supervisor`] starts another.
+//!
+//! It says stop by itself when palpate no longer says anything about a guard's flag.
+
+use std::io;
+use std::os::fd::AsFd;
+use std::os::unix::net::UnixStream;
+use std::process;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Resource, Rlimit, setrlimit};
+
+use super::network::{Network, NetworkError};
+use super::publisher::Publishers;
+use super::subscriber::Subscriber;
+use super::wire::{Arrival, Asked, Counts, Frames, FromNetwork, ToNetwork, send};
+use crate::message::TriggerResponse;
+use crate::timer::Timer;
+
+/// What the process may allocate. It begins with 20 MiB.
+const MEMORY: u64 = 96 << 20;
+/// Between two looks at whatever else there is to do.
+const LOOK: Duration = Duration::from_millis(20);
+/// A guard that has said nothing for so long has hung.
+const SILENCE: Duration = Duration::from_millis(100);
+/// What the last messages take on their way out.
+const FAREWELL: Duration = Duration::from_millis(60);
+
+/// Runs the process, whose standard input is the socket to palpate, until palpate ends.
+///
+/// # Errors
+///
+/// If it is not palpate that has started it.
+pub fn run() -> io::Result<()> {
+    let stream = UnixStream::from(io::stdin().as_fd().try_clone_to_owned()?);
+    stream.peer_addr()?;
+    let limit = Rlimit { current: Some(MEMORY), maximum: Some(MEMORY) };
+    let _ = setrlimit(Resource::Data, limit); // a system without it has none
+    // Half a process is worse than none.
+    std::panic::set_hook(Box::new(|_| process::exit(101)));
+    let mut frames = Frames::new(stream.try_clone()?);
+    let Some(ToNetwork::Join { config, joints, flag }) = frames.next(Duration::from_secs(10))?
+    else {
+        return Err(io::Error::other("it was not told which network to join"));
+    };
+    let to_palpate = ToPalpate { stream: Arc::new(Mutex::new(stream)), start: Instant::now() };
+    let joined = Network::join(&config).and_then(|mut network| {
+        let publishers = network.publish(joints, flag)?;
+        Ok((network, publishers))
+    });
+    let (network, publishers) = match joined {
+        Ok(joined) => joined,
+        Err(error) => return to_palpate.send(&FromNetwork::Failed(error.to_string())),
+    };
+    let (to_subscriber, orders) = mpsc::channel();
+    let unsent = Arc::new(AtomicU64::new(0));
+    let outgoing = Outgoing {
+        publishers,
+        to_palpate: to_palpate.clone(),
+        to_subscriber,
+        unsent: Arc::clone(&unsent),
+        told: flag.is_some().then(Instant::now),
+    };
+    thread::Builder::new()
+        .name("outgoing".to_owned())
+        .spawn(move || process::exit(outgoing.run(frames)))?;
+    Incoming { network, to_palpate, orders, unsent }.run()
+}
+
+/// What is told to palpate.
+#[derive(Clone)]
+struct ToPalpate {
+    stream: Arc<Mutex<UnixStream>>,
+    start: Instant,
+}
+
+impl ToPalpate {
+    fn send(&self, message: &FromNetwork) -> io::Result<()> {
+        send(&self.stream.lock().unwrap_or_else(PoisonError::into_inner), message)
+    }
+}
+
+/// What the subscriber's thread is told.
+enum Order {
+    Subscribe(super::TopicSeen),
+    Answer(Asked, TriggerResponse),
+}
+
+/// From palpate to the network.
+struct Outgoing {
+    publishers: Publishers,
+    to_palpate: ToPalpate,
+    to_subscriber: Sender<Order>,
+    unsent: Arc<AtomicU64>,
+    /// When palpate last said anything about the flag, if there is a guard.
+    told: Option<Instant>,
+}
+
+impl Outgoing {
+    /// Runs until palpate ends; returns the exit code.
+    fn run(mut self, mut frames: Frames) -> i32 {
+        let mut repeat = Timer::new(LOOK);
+        loop {
+            match frames.next(LOOK) {
+                Ok(Some(message)) => self.take(message),
+                Ok(None) => {}
+                Err(_) => {
+                    self.flag(Some("palpate has ended"));
+                    thread::sleep(FAREWELL);
+                    return 0;
+                }
+            }
+            let now = Instant::now();
+            if self.told.is_some_and(|told| now.saturating_duration_since(told) > SILENCE)
+                && repeat.is_due(now)
+            {
+                self.flag(Some("palpate does not answer"));
+            }
+        }
+    }
+
+    fn take(&mut self, message: ToNetwork) {
+        let publishers = &self.publishers;
+        match message {
+            ToNetwork::Flag(cause) => {
+                self.told = Some(Instant::now());
+                self.flag(cause.as_deref());
+            }
+            ToNetwork::Torques(torques) => {
+                let came = torques.came;
+                self.count(publishers.predicted(&torques));
+                let took = self.to_palpate.start.elapsed().saturating_sub(came.since_start);
+                let _ = self.to_palpate.send(&FromNetwork::Published(took));
+                self.count(publishers.external(&torques));
+            }
+            ToNetwork::Contacts(cloud) => self.count(publishers.contacts(cloud)),
+            ToNetwork::Field(cloud) => self.count(publishers.field(cloud)),
+            ToNetwork::Diagnostics(array) => self.count(publishers.diagnostics(array)),
+            ToNetwork::Subscribe(topic) => drop(self.to_subscriber.send(Order::Subscribe(topic))),
+            ToNetwork::Answer(asked, response) => {
+                let _ = self.to_subscriber.send(Order::Answer(asked, response));
+            }
+            ToNetwork::Join { .. } => {}
+        }
+    }
+
+    fn flag(&mut self, cause: Option<&str>) {
+        let unsent = self.publishers.flag(cause);
+        self.unsent.fetch_add(unsent, Ordering::Relaxed);
+    }
+
+    fn count(&self, sent: bool) {
+        self.unsent.fetch_add(u64::from(!sent), Ordering::Relaxed);
+    }
+}
+
+/// From the network to palpate.
+struct Incoming {
+    network: Network,
+    to_palpate: ToPalpate,
+    orders: Receiver<Order>,
+    unsent: Arc<AtomicU64>,
+}
+
+impl Incoming {
+    /// Runs until palpate does not listen any more.
+    fn run(mut self) -> io::Result<()> {
+        let mut subscriber: Option<Subscriber> = None;
+        let (mut topics, mut counts) = (None, Counts::default());
+        let mut counts_due = Timer::new(5 * LOOK);
+        loop {
+            for order in self.orders.try_iter() {
+                match (order, &mut subscriber) {
+                    (Order::Subscribe(topic), None) => match self.network.subscribe(&topic) {
+                        Ok(opened) => subscriber = Some(opened),
+                        Err(error) => return self.fail(&error),
+                    },
+                    (Order::Answer(asked, response), Some(subscriber)) => {
+                        subscriber.answer(asked, response);
+                    }
+                    _ => {}
+                }
+            }
+            let Some(subscriber) = &mut subscriber else {
+                let seen = self.network.topics();
+                if topics.as_ref() != Some(&seen) {
+                    self.to_palpate.send(&FromNetwork::Topics(seen.clone()))?;
+                    topics = Some(seen);
+                }
+                thread::sleep(LOOK);
+                continue;
+            };
+            let mut sent = Ok(());
+            subscriber.receive(LOOK, self.to_palpate.start, |received| {
+                if sent.is_ok() {
+                    sent = self.to_palpate.send(&received);
+                }
+            });
+            sent?;
+            let (received, lost) = subscriber.counts();
+            let now = Counts { received, lost, unsent: self.unsent.load(Ordering::Relaxed) };
+            if now != counts && counts_due.is_due(Instant::now()) {
+                self.to_palpate.send(&FromNetwork::Counts(now))?;
+                counts = now;
+            }
+        }
+    }
+
+    fn fail(&self, error: &NetworkError) -> io::Result<()> {
+        self.to_palpate.send(&FromNetwork::Failed(error.to_string()))
+    }
+}
+
+impl Arrival {
+    /// Now, in a process that began at `start`.
+    pub(super) fn now(start: Instant) -> Self {
+        let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        let at_s = since.map_or(0.0, |since| since.as_secs_f64());
+        Self { since_start: start.elapsed(), at_s }
+    }
+}

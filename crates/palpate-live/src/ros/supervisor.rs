@@ -1,0 +1,145 @@
+//! palpate's side of the network process: starts it, and another one when it has ended, hung or gone
+//! deaf.
+
+use std::io;
+use std::net::Shutdown;
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use super::network::{NetworkConfig, NetworkError};
+use super::publisher::FlagTopics;
+use super::wire::{Frames, FromNetwork, ToNetwork, send};
+
+/// How long the process may take to join.
+const JOIN: Duration = Duration::from_secs(20);
+/// How long it may take to end, before it is ended.
+const END: Duration = Duration::from_millis(300);
+
+/// How to start the network process, and what it is to do.
+pub struct NetworkProcess {
+    command: Box<dyn Fn() -> Command + Send + Sync>,
+    config: NetworkConfig,
+    joints: Vec<String>,
+    flag: Option<FlagTopics>,
+    link: Mutex<Option<UnixStream>>,
+}
+
+impl NetworkProcess {
+    /// A process that `command` starts: it calls [`super::run_network`]. For a robot of these
+    /// joints, with a guard's flag or without.
+    pub fn new(
+        command: impl Fn() -> Command + Send + Sync + 'static,
+        config: NetworkConfig,
+        joints: Vec<String>,
+        flag: Option<FlagTopics>,
+    ) -> Self {
+        let (command, link) = (Box::new(command), Mutex::default());
+        Self { command, config, joints, flag, link }
+    }
+
+    /// Starts it.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be started, or cannot join.
+    pub(crate) fn start(&self) -> Result<Listener<'_>, NetworkError> {
+        let mut listener = self.spawn().map_err(|error| NetworkError::process(&error))?;
+        match listener.frames.next(JOIN) {
+            Ok(Some(FromNetwork::Failed(why))) => Err(NetworkError::Failed { why }),
+            Ok(Some(first)) => {
+                listener.first = Some(first);
+                Ok(listener)
+            }
+            Ok(None) => Err(NetworkError::process(&"it does not answer")),
+            Err(error) => Err(NetworkError::process(&error)),
+        }
+    }
+
+    fn spawn(&self) -> io::Result<Listener<'_>> {
+        let (ours, theirs) = UnixStream::pair()?;
+        let join = ToNetwork::Join {
+            config: self.config.clone(),
+            joints: self.joints.clone(),
+            flag: self.flag,
+        };
+        let child = (self.command)()
+            .stdin(Stdio::from(OwnedFd::from(theirs)))
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .process_group(0) // Ctrl-C is for palpate
+            .spawn()?;
+        let mut listener =
+            Listener { process: self, child, frames: Frames::new(ours.try_clone()?), first: None };
+        if let Err(error) = send(&ours, &join) {
+            listener.end();
+            return Err(error);
+        }
+        *self.link() = Some(ours);
+        Ok(listener)
+    }
+
+    /// Tells the process something; whether it could be told.
+    pub(crate) fn tell(&self, message: &ToNetwork) -> bool {
+        let mut link = self.link();
+        let told = link.as_ref().is_some_and(|stream| send(stream, message).is_ok());
+        if !told && let Some(stream) = link.take() {
+            let _ = stream.shutdown(Shutdown::Both); // whoever listens sees it end
+        }
+        told
+    }
+
+    fn link(&self) -> MutexGuard<'_, Option<UnixStream>> {
+        self.link.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Hears a network process, which ends with it.
+pub(crate) struct Listener<'a> {
+    process: &'a NetworkProcess,
+    child: Child,
+    frames: Frames,
+    /// What it has said at its start.
+    first: Option<FromNetwork>,
+}
+
+impl Listener<'_> {
+    /// What the process says next, for which it waits for at most so long.
+    ///
+    /// # Errors
+    ///
+    /// If it has ended, or lost its head.
+    pub(crate) fn next(&mut self, patience: Duration) -> io::Result<Option<FromNetwork>> {
+        match self.first.take() {
+            Some(first) => Ok(Some(first)),
+            None => self.frames.next(patience),
+        }
+    }
+
+    /// Ends the process, and says how it has ended.
+    pub(crate) fn end(&mut self) -> Option<ExitStatus> {
+        if let Some(stream) = self.process.link().take() {
+            let _ = stream.shutdown(Shutdown::Both);
+        }
+        let until = Instant::now() + END;
+        while Instant::now() < until {
+            match self.child.try_wait() {
+                Ok(None) => thread::sleep(Duration::from_millis(5)),
+                Ok(status) => return status,
+                Err(_) => break,
+            }
+        }
+        let _ = self.child.kill();
+        self.child.wait().ok()
+    }
+}
+
+impl Drop for Listener<'_> {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
