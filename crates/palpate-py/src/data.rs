@@ -35,8 +35,23 @@ pub(crate) fn given(settings: Value) -> Value {
     }
 }
 
+/// Lists and dicts within each other, at most: one that holds itself has no end.
+pub(crate) const DEEPEST: usize = 32;
+
+/// Refuses what is nested too deep.
+pub(crate) fn check_depth(depth: usize, name: &str) -> PyResult<()> {
+    if depth <= DEEPEST {
+        return Ok(());
+    }
+    let end: String = name.chars().take(40).collect();
+    Err(PyValueError::new_err(format!(
+        "`{end}` is nested more than {DEEPEST} times; does it hold itself?"
+    )))
+}
+
 /// Plain data as TOML, `None` as nothing, a [`Lattice`] as its section; `name` is for errors.
-pub(crate) fn toml_of(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<toml::Value>> {
+fn toml_of(any: &Bound<'_, PyAny>, name: &str, depth: usize) -> PyResult<Option<toml::Value>> {
+    check_depth(depth, name)?;
     if any.is_none() {
         return Ok(None);
     }
@@ -49,18 +64,18 @@ pub(crate) fn toml_of(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<tom
     } else if any.is_instance_of::<PyString>() {
         any.extract::<String>()?.into()
     } else if let Ok(mapping) = any.cast::<PyMapping>() {
-        table_of(mapping, name)?.into()
+        nested_table_of(mapping, name, depth)?.into()
     } else if let Ok(lattice) = any.cast::<Lattice>() {
         toml::Value::try_from(&lattice.get().inner).expect("its keys are those of the section")
     } else if any.hasattr("tolist")? {
         // Arrays and single numbers of NumPy.
-        return toml_of(&any.call_method0("tolist")?, name);
+        return toml_of(&any.call_method0("tolist")?, name, depth + 1);
     } else if any.hasattr("__fspath__")? {
-        return toml_of(&any.call_method0("__fspath__")?, name);
+        return toml_of(&any.call_method0("__fspath__")?, name, depth + 1);
     } else if let Ok(sequence) = any.cast::<PySequence>() {
         let mut values = Vec::new();
         for item in sequence.try_iter()? {
-            values.extend(toml_of(&item?, name)?);
+            values.extend(toml_of(&item?, name, depth + 1)?);
         }
         values.into()
     } else {
@@ -74,13 +89,21 @@ pub(crate) fn toml_of(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<tom
 
 /// A dict as a TOML table.
 pub(crate) fn table_of(mapping: &Bound<'_, PyMapping>, name: &str) -> PyResult<toml::Table> {
+    nested_table_of(mapping, name, 0)
+}
+
+fn nested_table_of(
+    mapping: &Bound<'_, PyMapping>,
+    name: &str,
+    depth: usize,
+) -> PyResult<toml::Table> {
     let mut table = toml::Table::new();
     for entry in mapping.items()? {
         let (key, value): (Bound<'_, PyAny>, Bound<'_, PyAny>) = entry.extract()?;
         let Ok(key) = key.extract::<String>() else {
             return Err(PyTypeError::new_err(format!("`{name}` has the key {key}; wanted names")));
         };
-        if let Some(value) = toml_of(&value, &format!("{name}.{key}"))? {
+        if let Some(value) = toml_of(&value, &format!("{name}.{key}"), depth + 1)? {
             table.insert(key, value);
         }
     }

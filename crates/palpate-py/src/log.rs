@@ -103,6 +103,11 @@ impl Log {
 
 /// The sources that an argument means: a path, a [`Log`], a [`Touch`], or several of them.
 pub(crate) fn sources(any: &Bound<'_, PyAny>) -> PyResult<Vec<Source>> {
+    nested_sources(any, 0)
+}
+
+fn nested_sources(any: &Bound<'_, PyAny>, depth: usize) -> PyResult<Vec<Source>> {
+    data::check_depth(depth, "a list of logs")?;
     let py = any.py();
     if let Ok(log) = any.cast::<Log>() {
         let Log { paths, settings } = log.get().clone();
@@ -122,7 +127,7 @@ pub(crate) fn sources(any: &Bound<'_, PyAny>) -> PyResult<Vec<Source>> {
     };
     let mut all = Vec::new();
     for one in several.try_iter()? {
-        all.extend(sources(&one?)?);
+        all.extend(nested_sources(&one?, depth + 1)?);
     }
     if all.is_empty() {
         return Err(PyValueError::new_err("an empty list of logs; wanted at least one"));

@@ -65,6 +65,17 @@ def test_settings_that_mean_nothing_are_told(
         palpate.Mapper(robot, settings=settings)
 
 
+def test_what_holds_itself_is_refused(robot: palpate.Robot) -> None:
+    settings: dict[str, Any] = {}
+    settings["map"] = settings
+    with pytest.raises(ValueError, match="does it hold itself"):
+        palpate.Mapper(robot, settings=settings)
+    several: list[Any] = []
+    several.append(several)
+    with pytest.raises(ValueError, match="a list of logs"):
+        palpate.Mapper(robot).map(several)
+
+
 def test_unknown_methods_are_told(robot: palpate.Robot, plant: Path) -> None:
     with pytest.raises(ValueError, match='wanted "map" or "ekf"'):
         palpate.Mapper(robot, "magic")
