@@ -3,6 +3,7 @@
 //! Nothing here panics when a pipe is closed: what cannot be written to stdout is an error of the
 //! command, and what cannot be written to stderr has no reader.
 
+use std::borrow::Cow;
 use std::io::{self, Write};
 use std::time::Duration;
 
@@ -24,7 +25,7 @@ impl Output {
     /// Prints a result.
     pub(crate) fn result(&self, text: &str) -> Result<(), CliError> {
         let mut out = io::stdout().lock();
-        let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+        let written = out.write_all(visible(text).as_bytes()).and_then(|()| out.flush());
         written.map_err(|source| CliError::Write { what: "standard output".to_owned(), source })
     }
 
@@ -91,7 +92,7 @@ impl Bar for Shown {
     }
 
     fn at(&self, what: &str) {
-        self.0.set_message(what.to_owned());
+        self.0.set_message(visible(what).into_owned());
     }
 }
 
@@ -103,7 +104,24 @@ impl Drop for Shown {
 
 /// Writes a line to stderr, if anyone reads it.
 pub(crate) fn complain(line: &str) {
-    let _ = writeln!(io::stderr(), "{line}");
+    let _ = writeln!(io::stderr(), "{}", visible(line));
+}
+
+/// A text whose characters a terminal shows and does not obey: names in files may hold anything.
+/// What is replaced is written as in JSON, so that JSON stays what it was.
+pub(crate) fn visible(text: &str) -> Cow<'_, str> {
+    // Controls, and what turns the direction of writing.
+    let obeyed = |c: char| {
+        c.is_control() && c != '\n' && c != '\t'
+            || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    if !text.contains(obeyed) {
+        return Cow::Borrowed(text);
+    }
+    let shown = |c: char| {
+        if obeyed(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() }
+    };
+    Cow::Owned(text.chars().map(shown).collect())
 }
 
 /// Aligned columns under their names: the first to the left, the others to the right.
@@ -147,4 +165,18 @@ pub(crate) fn mib(bytes: usize) -> String {
 /// A duration for people.
 pub(crate) fn seconds(time: Duration) -> String {
     format!("{:.1} s", time.as_secs_f64())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_terminal_obeys_no_name_and_json_means_what_it_did() {
+        let name = "a\u{1b}[31m\u{9b}2J\r\u{202e}gnp.exe";
+        assert_eq!(visible(name), "a\\u001b[31m\\u009b2J\\u000d\\u202egnp.exe");
+        let json = serde_json::to_string(name).unwrap();
+        assert_eq!(serde_json::from_str::<String>(&visible(&json)).unwrap(), name);
+        assert!(matches!(visible("µ, λ\tand\n"), Cow::Borrowed(_)));
+    }
 }

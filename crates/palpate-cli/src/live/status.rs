@@ -11,7 +11,7 @@ use palpate_live::session::{Session, State};
 use serde_json::json;
 
 use crate::error::CliError;
-use crate::output::Output;
+use crate::output::{Output, visible};
 
 /// Between two lines where there is no terminal to draw a view on.
 const LINE: Duration = Duration::from_secs(10);
@@ -51,7 +51,7 @@ impl Shown {
         let every = if self.json { JSON } else { LINE };
         let due = self.last_line.is_none_or(|last| last.elapsed() >= every);
         if self.terminal {
-            self.bar.set_message(view(&figures));
+            self.bar.set_message(visible(&view(&figures)).into_owned());
         } else if due {
             self.last_line = Some(Instant::now());
             if self.json {
