@@ -26,8 +26,8 @@ use super::winding::{WindingTree, area_vector_of};
 use super::{DistanceGrid, SdfError, flood, primitive};
 use crate::robot::Collision;
 
-/// A quarter of a gigabyte of nodes: at 5 mm, a cube of two metres.
-const MAX_NODES: f64 = 64e6;
+/// At 5 mm, a cube of one metre. Baking takes some hundred bytes a node.
+const MAX_NODES: f64 = 8e6;
 
 /// How finely to bake, and how far out.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::topic::{Messages, Topic};
+use super::topic::{Message, Messages, Topic};
 use super::{mcap, sqlite};
 use crate::input;
 use crate::log::error::{BagError, LogError};
@@ -103,7 +103,23 @@ pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messa
         Format::Mcap => mcap::messages(path, wanted),
         _ => sqlite::messages(path, &wanted).map_err(|error| error.to_string()),
     };
-    messages.map_err(|reason| BagError::Storage { path: path.to_owned(), reason }.into())
+    let messages =
+        messages.map_err(|reason| BagError::Storage { path: path.to_owned(), reason })?;
+    Ok(Box::new(messages.map(|message| check_size(message?))))
+}
+
+/// Bytes of the largest message: many of them are held at once.
+const LARGEST_MESSAGE: usize = 4 << 20;
+
+fn check_size(message: Message) -> Result<Message, String> {
+    let found = message.data.len();
+    match found <= LARGEST_MESSAGE {
+        true => Ok(message),
+        false => Err(format!(
+            "it holds a message of {found} bytes in the topic of the joints or of the markers; \
+             wanted at most {LARGEST_MESSAGE}"
+        )),
+    }
 }
 
 fn has_ending(path: &Path) -> bool {
