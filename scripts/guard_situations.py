@@ -108,7 +108,7 @@ class Robot:
 class Scene:
     """A session and its robot, which has moved freely, with the flag down."""
 
-    def __init__(self, args, domain, folder, ready=True):
+    def __init__(self, args, domain, folder, ready=True, more=()):
         self.folder, self.robot = folder, Robot(args.set, domain)
         self.watchdog = Watchdog(domain)
         self.ask = folder / "ask"
@@ -116,7 +116,7 @@ class Scene:
         command = [args.palpate, "live", "--localhost", "--domain", str(domain), "--json-lines", "--guard", "50"]
         command += ["--guard-bias", "50", "--services", "cyclone", "--ask", self.ask, "-o", folder / "field.npz"]
         self.palpate = subprocess.Popen(
-            list(map(str, command)), stdout=self.log.open("wb"), stderr=subprocess.STDOUT
+            [*map(str, command), *more], stdout=self.log.open("wb"), stderr=subprocess.STDOUT
         )
         if not dds.wait_until(self.robot.writer.get_matched_subscriptions):
             sys.exit(f"nobody listens: {self.log.read_text()}")

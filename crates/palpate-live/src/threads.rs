@@ -27,10 +27,11 @@ const FLAG: Duration = Duration::from_millis(20);
 
 /// How long the topics of a network may take to appear before the user reads that there is none.
 const DISCOVERY: Duration = Duration::from_secs(2);
-/// A network process that hears no joint state for so long is replaced, since it may have gone deaf.
-/// The robot may have stopped to send them as well: then the next one has twice the time, and so on.
-const DEAF: Duration = Duration::from_secs(2);
-const DEAFEST: Duration = Duration::from_secs(30);
+/// A network process that hears no joint state for so long is replaced, since it may have gone deaf,
+/// to them or to who publishes them. The robot may have stopped to send them as well: then the next
+/// process has twice the time, and so on.
+const DEAF: Duration = Duration::from_secs(3);
+const DEAFEST: Duration = Duration::from_secs(8);
 /// Between the starts of two network processes, at least.
 const RESTART: Duration = Duration::from_millis(500);
 
@@ -173,12 +174,14 @@ pub(crate) fn listen(
                 let ended = hearing.hear(&mut listener);
                 let status = listener.end();
                 shared.count(None, true);
-                ended.map(|why| match (why, status) {
-                    (Ended::Deaf, _) => "no joint state comes; listening anew".to_owned(),
-                    (Ended::Gone, Some(status)) => {
-                        format!("the network process has ended ({status}); another one is started")
+                ended.and_then(|why| match (why, status) {
+                    (Ended::Deaf { subscribed }, _) => {
+                        subscribed.then(|| "no joint state comes; listening anew".to_owned())
                     }
-                    (Ended::Gone, None) => "the network process is replaced".to_owned(),
+                    (Ended::Gone, Some(status)) => Some(format!(
+                        "the network process has ended ({status}); another one is started"
+                    )),
+                    (Ended::Gone, None) => Some("the network process is replaced".to_owned()),
                 })
             }
             Err(error) => Some(error.to_string()),
@@ -194,7 +197,10 @@ pub(crate) fn listen(
 
 /// Why a network process is heard no more.
 enum Ended {
-    Deaf,
+    /// Nothing was heard of joint states, or of who publishes them.
+    Deaf {
+        subscribed: bool,
+    },
     Gone,
 }
 
@@ -252,9 +258,9 @@ impl Hearing<'_> {
             if !subscribed && !waiting.is_empty() && started.elapsed() > DISCOVERY {
                 self.tell(format!("waiting: {}", std::mem::take(&mut waiting)));
             }
-            if subscribed && heard.elapsed() > self.patience {
+            if heard.elapsed() > self.patience {
                 self.patience = (2 * self.patience).min(DEAFEST);
-                return Some(Ended::Deaf);
+                return Some(Ended::Deaf { subscribed });
             }
         }
         None

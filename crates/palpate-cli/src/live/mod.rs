@@ -183,10 +183,9 @@ impl Args {
 
 /// This program again, as the network process.
 fn network_command() -> Command {
-    // The file may have been replaced by another version.
-    let itself =
-        if cfg!(target_os = "linux") { Ok("/proc/self/exe".into()) } else { current_exe() };
-    let mut command = Command::new(itself.unwrap_or_else(|_| "palpate".into()));
+    // The file may have been replaced by another version, or be gone.
+    let itself = current_exe().ok().filter(|path| path.is_file());
+    let mut command = Command::new(itself.unwrap_or_else(|| "/proc/self/exe".into()));
     command.arg("live-network");
     command
 }

@@ -6,6 +6,7 @@
 //!
 //! All of it runs in a process of its own, the network process.
 
+mod loopback;
 mod network;
 mod process;
 mod publisher;

@@ -8,6 +8,7 @@ use rustdds::DomainParticipantBuilder;
 use rustdds::policy::Reliability;
 use serde::{Deserialize, Serialize};
 
+use super::loopback;
 use super::topic::TopicSeen;
 
 /// How to join the network.
@@ -54,6 +55,8 @@ pub enum NetworkError {
     Name { topic: String, why: String },
     #[error("`{topic}` cannot be opened: {why}")]
     Open { topic: String, why: String },
+    #[error("sockets cannot be bound to the loopback interface (--localhost): {why}")]
+    Localhost { why: String },
     /// As the network process says it.
     #[error("{why}")]
     Failed { why: String },
@@ -79,6 +82,7 @@ pub(super) struct Network {
     context: Context,
     pub(super) node: Node,
     pub(super) services: Services,
+    localhost: bool,
 }
 
 /// Ports of higher domains would lie beyond the last one.
@@ -106,7 +110,19 @@ impl Network {
         let name = NodeName::new("/", "palpate").expect("it is a name");
         let options = NodeOptions::new().enable_rosout(false);
         let node = context.new_node(name, options).map_err(|error| failed(&error))?;
-        Ok(Self { context, node, services: config.services })
+        Ok(Self { context, node, services: config.services, localhost: config.localhost })
+    }
+
+    /// Keeps to the loopback interface all sockets that were opened, if nobody else is to be heard.
+    ///
+    /// # Errors
+    ///
+    /// If the system refuses.
+    pub(super) fn confine(&self) -> Result<(), NetworkError> {
+        if !self.localhost {
+            return Ok(());
+        }
+        loopback::bind_all().map_err(|error| NetworkError::Localhost { why: error.to_string() })
     }
 
     /// The topics that somebody publishes, by name.

@@ -25,8 +25,8 @@ use super::wire::{Arrival, Asked, Counts, Frames, FromNetwork, ToNetwork, send};
 use crate::message::TriggerResponse;
 use crate::timer::Timer;
 
-/// What the process may allocate. It begins with 20 MiB.
-const MEMORY: u64 = 96 << 20;
+/// What the process may allocate. It begins with 14 MiB.
+const MEMORY: u64 = 48 << 20;
 /// Between two looks at whatever else there is to do.
 const LOOK: Duration = Duration::from_millis(20);
 /// A guard that has said nothing for so long has hung.
@@ -54,6 +54,7 @@ pub fn run() -> io::Result<()> {
     let to_palpate = ToPalpate { stream: Arc::new(Mutex::new(stream)), start: Instant::now() };
     let joined = Network::join(&config).and_then(|mut network| {
         let publishers = network.publish(joints, flag)?;
+        network.confine()?;
         Ok((network, publishers))
     });
     let (network, publishers) = match joined {
@@ -179,10 +180,13 @@ impl Incoming {
         loop {
             for order in self.orders.try_iter() {
                 match (order, &mut subscriber) {
-                    (Order::Subscribe(topic), None) => match self.network.subscribe(&topic) {
-                        Ok(opened) => subscriber = Some(opened),
-                        Err(error) => return self.fail(&error),
-                    },
+                    (Order::Subscribe(topic), None) => {
+                        let opened = self.network.subscribe(&topic);
+                        match opened.and_then(|opened| self.network.confine().map(|()| opened)) {
+                            Ok(opened) => subscriber = Some(opened),
+                            Err(error) => return self.fail(&error),
+                        }
+                    }
                     (Order::Answer(asked, response), Some(subscriber)) => {
                         subscriber.answer(asked, response);
                     }

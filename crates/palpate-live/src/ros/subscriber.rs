@@ -17,6 +17,10 @@ use crate::message::{JointState, TriggerRequest, TriggerResponse};
 /// Messages that may wait within DDS before the oldest are lost: two seconds of the fastest arms.
 const DEPTH: usize = 2048;
 
+/// Numbers of the largest joint state, and bytes of the longest name in it: so many may wait.
+const MOST_JOINTS: usize = 1000;
+const LONGEST_NAME: usize = 256;
+
 /// Broken messages looked at in a row.
 const MOST_BROKEN: u32 = 1000;
 
@@ -100,7 +104,7 @@ impl Subscriber {
             let state = match self.joints.take() {
                 Ok(Some((state, info))) => {
                     self.count(info.publisher_gid(), info.sequence_number());
-                    Ok(state)
+                    check_size(state)
                 }
                 Ok(None) => break,
                 Err(error) => {
@@ -140,4 +144,18 @@ impl Subscriber {
             self.lost += u64::try_from(number - last - 1).unwrap_or(0);
         }
     }
+}
+
+/// A joint state without what nobody reads, or why it is none.
+fn check_size(mut state: JointState) -> Result<JointState, String> {
+    let most = state.name.len().max(state.position.len()).max(state.effort.len());
+    if most > MOST_JOINTS || state.name.iter().any(|name| name.len() > LONGEST_NAME) {
+        return Err(format!(
+            "it has {most} numbers or names, of which some may be long; wanted at most \
+             {MOST_JOINTS}, and names of at most {LONGEST_NAME} bytes"
+        ));
+    }
+    state.velocity = Vec::new();
+    state.header.frame_id = String::new();
+    Ok(state)
 }

@@ -14,8 +14,8 @@ use super::publisher::FlagTopics;
 use super::topic::TopicSeen;
 use crate::message::{DiagnosticArray, Header, JointState, PointCloud2, TriggerResponse};
 
-/// Bytes of the largest frame: a cloud of a million points.
-const LARGEST: usize = 64 << 20;
+/// Bytes of the largest frame: a cloud of half a million points.
+const LARGEST: usize = 16 << 20;
 /// A peer that takes nothing for so long has hung.
 const PATIENCE: Duration = Duration::from_millis(500);
 
