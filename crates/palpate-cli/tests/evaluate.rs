@@ -104,7 +104,11 @@ fn the_folder_of_results_holds_a_page_of_its_own_and_every_number() {
     let folder = scene.path("out/e");
     assert_eq!(names(&folder), ["errors.csv", "evaluation.json", "figures", "report.html"]);
     let figures = ["field.svg", "seq_0.svg", "seq_1.svg", "seq_2.svg"];
-    assert_eq!(names(&folder.join("figures")), figures);
+    let mut found = names(&folder.join("figures"));
+    found.retain(|name| name != "index.csv");
+    assert_eq!(found, figures);
+    let index = fs::read_to_string(folder.join("figures/index.csv")).unwrap();
+    assert_eq!(index, "file,touch\nseq_0.svg,seq_0\nseq_1.svg,seq_1\nseq_2.svg,seq_2\n");
     for figure in figures {
         let text = fs::read_to_string(folder.join("figures").join(figure)).unwrap();
         assert!(text.starts_with("<svg"), "{figure}");
@@ -191,7 +195,7 @@ fn touches_of_the_same_name_are_told_apart() {
     touches.dedup();
     assert_eq!(touches.len(), 4, "{touches:?}");
     let figures = names(&scene.path("out/e/figures"));
-    assert_eq!(figures.len(), 5, "one a touch, and the field: {figures:?}");
+    assert_eq!(figures.len(), 6, "one a touch, the field, and the index: {figures:?}");
     let one = json(&mut evaluate(&scene, &logs, &["--json", "--methods", "zero", "--test", &some]));
     assert_eq!(list(&one["touches"]), [&some]);
 }
@@ -202,7 +206,22 @@ fn a_touch_called_field_keeps_its_figure() {
     scene.touch("log/field", 40, 0.3);
     succeed(&mut evaluate(&scene, &["log"], &["--methods", "zero"]));
     let figures = names(&scene.path("out/e/figures"));
-    assert_eq!(figures.len(), 4, "one a touch, and the field: {figures:?}");
+    assert_eq!(figures.len(), 5, "one a touch, the field, and the index: {figures:?}");
+}
+
+#[test]
+fn touches_of_odd_names_get_figures_of_plain_ones_and_an_index() {
+    let scene = Scene::new();
+    for name in ["<img src=x>", "=1+1", &"x".repeat(200), "a\u{1b}[31m"] {
+        scene.touch(&format!("odd/{name}"), 40, 0.3);
+    }
+    succeed(&mut evaluate(&scene, &["odd"], &["--methods", "zero"]));
+    let figures = names(&scene.path("out/e/figures"));
+    let wanted =
+        ["field.svg", "index.csv", "touch#2.svg", "touch#3.svg", "touch#4.svg", "touch.svg"];
+    assert_eq!(figures, wanted);
+    let index = fs::read_to_string(scene.path("out/e/figures/index.csv")).unwrap();
+    assert!(index.contains(",<img src=x>\n") && index.contains(",'=1+1\n"), "{index}");
 }
 
 #[test]

@@ -21,7 +21,7 @@ use crate::output::Output;
 use crate::place::Folder;
 use crate::report::{Page, Report, Scene, errors_csv};
 use crate::settings::{AllSettings, Settings};
-use crate::{interrupt, logs, picture, place};
+use crate::{csv, interrupt, logs, picture, place};
 
 use kept::Kept;
 pub(crate) use summary::EvaluationSummary;
@@ -166,17 +166,32 @@ pub(crate) fn into_folder(
     let what = format!("the folder `{}`", figures.display());
     std::fs::create_dir_all(&figures).map_err(|source| CliError::Write { what, source })?;
     let mut names = vec!["field".to_owned()];
+    let mut index = vec![vec!["file".to_owned(), "touch".to_owned()]];
     for touch in evaluation.touches.iter().filter(|touch| !touch.time_s.is_empty()) {
-        let mut name = touch.name.replace(['/', '\\'], "_");
+        let mut name = plain(&touch.name);
         number(&mut name, &mut names);
         write(&format!("figures/{name}.svg"), &picture::errors(touch)?)?;
+        index.push(vec![format!("{name}.svg"), touch.name.clone()]);
     }
+    write("figures/index.csv", &csv::text(index))?;
     write("figures/field.svg", &picture::field(&field)?)?;
     write("errors.csv", &errors_csv(evaluation))?;
     write("evaluation.json", &serde_json::to_string(evaluation).map_err(CliError::file)?)?;
     write("report.html", &report.render().map_err(CliError::file)?)?;
     summary.tell_oddities(output);
     Ok(summary)
+}
+
+/// A touch's name as that of a file, or "touch" if it would make an odd one: it may be of any length,
+/// and hold anything.
+fn plain(name: &str) -> String {
+    let name = name.replace(['/', '\\'], "_");
+    let is_plain = |c: char| c.is_alphanumeric() || " ._-#()+,".contains(c);
+    let is_odd = name.len() > 100
+        || name.is_empty()
+        || name.starts_with([' ', '.', '-'])
+        || !name.chars().all(is_plain);
+    if is_odd { "touch".to_owned() } else { name }
 }
 
 /// The settings as a file, with those of each fold as remarks.
