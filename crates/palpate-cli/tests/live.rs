@@ -270,6 +270,27 @@ fn sigterm_saves_the_field_and_leaves_nothing_and_a_second_session_is_refused() 
 }
 
 #[test]
+fn a_field_whose_folder_is_gone_at_the_end_is_saved_elsewhere() {
+    let (domain, folder) = (Domain::take(), tempfile::tempdir().unwrap());
+    let (gone, elsewhere) = (folder.path().join("gone"), folder.path().join("elsewhere"));
+    fs::create_dir(&gone).unwrap();
+    fs::create_dir(&elsewhere).unwrap();
+    let mut live = palpate();
+    live.args(["live", "--localhost", "--domain", &domain.number.to_string(), "-o"]);
+    live.arg(gone.join("field.npz")).env("TMPDIR", &elsewhere).stderr(Stdio::piped());
+    let live = live.spawn().unwrap();
+    wait_until("the session", || !names(&gone).is_empty());
+    fs::remove_dir_all(&gone).unwrap();
+    interrupt(&live);
+    let output = live.wait_with_output().unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    let kept = elsewhere.join(&names(&elsewhere)[0]);
+    assert!(told.contains(&format!("the field is in `{}` instead", kept.display())), "{told}");
+    succeed(palpate().arg("inspect").arg(&kept));
+}
+
+#[test]
 fn a_field_that_is_there_is_not_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let field = folder.path().join("field.npz");

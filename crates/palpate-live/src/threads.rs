@@ -32,6 +32,8 @@ const DISCOVERY: Duration = Duration::from_secs(2);
 /// process has twice the time, and so on.
 const DEAF: Duration = Duration::from_secs(3);
 const DEAFEST: Duration = Duration::from_secs(8);
+/// The same before any joint state has come in the session: the robot may not be on yet.
+const PATIENT: Duration = Duration::from_secs(30);
 /// Between the starts of two network processes, at least.
 const RESTART: Duration = Duration::from_millis(500);
 
@@ -165,7 +167,7 @@ pub(crate) fn listen(
     shared: &Shared,
 ) {
     let mut hearing =
-        Hearing { network, topic, sentry, shared, patience: DEAF, told: HashSet::new() };
+        Hearing { network, topic, sentry, shared, patience: PATIENT, told: HashSet::new() };
     let mut listener = Some(first);
     while !shared.is_over() {
         let started = Instant::now();
@@ -259,7 +261,9 @@ impl Hearing<'_> {
                 self.tell(format!("waiting: {}", std::mem::take(&mut waiting)));
             }
             if heard.elapsed() > self.patience {
-                self.patience = (2 * self.patience).min(DEAFEST);
+                if self.patience < PATIENT {
+                    self.patience = (2 * self.patience).min(DEAFEST);
+                }
                 return Some(Ended::Deaf { subscribed });
             }
         }

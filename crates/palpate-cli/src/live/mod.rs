@@ -4,7 +4,7 @@ mod status;
 #[cfg(feature = "viewer")]
 mod viewer;
 
-use std::env::current_exe;
+use std::env::{current_exe, temp_dir};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
@@ -190,6 +190,19 @@ fn network_command() -> Command {
     command
 }
 
+/// Saves the field at the end; where its folder is gone, say, elsewhere.
+fn save(path: &Path, saved: &Saved) -> Result<(), CliError> {
+    let Err(error) = field::save(path, saved) else { return Ok(()) };
+    let elsewhere = temp_dir().join(format!("palpate_{}.npz", std::process::id()));
+    match field::save(&elsewhere, saved) {
+        Ok(()) => Err(CliError::from(format!(
+            "{error}; the field is in `{}` instead",
+            elsewhere.display()
+        ))),
+        Err(_) => Err(CliError::file(error)),
+    }
+}
+
 fn open_socket(path: &Path) -> Result<AskSocket, CliError> {
     AskSocket::bind(path).map_err(|error| {
         CliError::from(format!(
@@ -254,7 +267,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     if let Some(path) = &args.output {
         let saved = Saved::of_mapper(session.mapper());
-        field::save(path, &saved).map_err(CliError::file)?;
+        save(path, &saved)?;
     }
     drop(hold);
     shown.end(&session, args.output.as_deref())?;

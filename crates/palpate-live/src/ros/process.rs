@@ -73,7 +73,9 @@ pub fn run() -> io::Result<()> {
     thread::Builder::new()
         .name("outgoing".to_owned())
         .spawn(move || process::exit(outgoing.run(frames)))?;
-    Incoming { network, to_palpate, orders, unsent }.run()
+    let ended = Incoming { network, to_palpate, orders, unsent }.run();
+    thread::sleep(2 * FAREWELL); // the other thread ends the process before
+    ended
 }
 
 /// What is told to palpate.

@@ -16,7 +16,7 @@ use super::publisher::FlagTopics;
 use super::wire::{Frames, FromNetwork, ToNetwork, send};
 
 /// How long the process may take to join.
-const JOIN: Duration = Duration::from_secs(20);
+const JOIN: Duration = Duration::from_secs(10);
 /// How long it may take to end, before it is ended.
 const END: Duration = Duration::from_millis(300);
 
