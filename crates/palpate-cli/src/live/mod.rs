@@ -218,8 +218,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if !args.resume {
         settings.config()?;
     }
+    interrupt::listen(); // from here on, files come and go
     args.check_places(&settings)?;
-    interrupt::listen();
     let hold = args.output.as_deref().map(Hold::on).transpose().map_err(CliError::file)?;
     let arm = robot::load(&settings.robot, output)?;
     let mapper = args.mapper(&arm, &settings, output)?;
