@@ -14,7 +14,7 @@ use crate::{bench, convert, demo, evaluate, extrapolate, inspect, live, map, pre
 #[derive(Debug, Parser)]
 #[command(name = "palpate", version, max_term_width = 100)]
 pub(crate) struct Cli {
-    /// No progress and no notes on stderr; errors and results only
+    /// No progress and no notes on stderr; results, warnings and errors only
     #[arg(long, short, global = true)]
     pub quiet: bool,
     #[command(subcommand)]

@@ -34,9 +34,11 @@ pub(crate) fn read(
     output: &Output,
 ) -> Result<Vec<RecordedTouch>, CliError> {
     let config = settings.config()?;
-    let mut touches = touches.for_arm(arm, &settings.log, (config.lattice, config.contact))?;
+    let place = (config.lattice, config.contact);
+    let mut touches = touches.for_arm(arm, &settings.log, place.clone())?;
     let recorded = touches.read(most)?;
     touches.tell_warnings(output);
+    touches.check(arm, place, &config.touch).of(&recorded).look(output)?;
     Ok(recorded)
 }
 

@@ -5,6 +5,7 @@
 
 use std::borrow::Cow;
 use std::io::{self, Write};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -20,6 +21,9 @@ pub(crate) struct Output {
     /// No progress and no notes on stderr.
     pub quiet: bool,
 }
+
+/// The bars that are drawn, the newest last: a line of text goes above them.
+static BARS: Mutex<Vec<ProgressBar>> = Mutex::new(Vec::new());
 
 impl Output {
     /// Prints a result.
@@ -65,6 +69,10 @@ impl Progress for Output {
         Self::note(self, text);
     }
 
+    fn warn(&self, text: &str) {
+        complain(&format!("warning: {text}"));
+    }
+
     fn begin(&self, steps: Option<u64>, things: &'static str, doing: &str) -> Box<dyn Bar> {
         if self.quiet {
             return Box::new(Shown(ProgressBar::hidden()));
@@ -75,7 +83,9 @@ impl Progress for Output {
             ),
             None => format!("{{prefix}} {{spinner}} {{pos}} {things}  {{wide_msg}}"),
         };
-        Box::new(Shown(drawn(steps, &template).with_prefix(doing.to_owned())))
+        let bar = drawn(steps, &template).with_prefix(doing.to_owned());
+        bars(|bars| bars.push(bar.clone()));
+        Box::new(Shown(bar))
     }
 
     fn stopped(&self) -> bool {
@@ -99,12 +109,23 @@ impl Bar for Shown {
 impl Drop for Shown {
     fn drop(&mut self) {
         self.0.finish_and_clear();
+        bars(|bars| bars.retain(|bar| !bar.is_finished()));
     }
+}
+
+fn bars<R>(with: impl FnOnce(&mut Vec<ProgressBar>) -> R) -> R {
+    with(&mut BARS.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
 /// Writes a line to stderr, if anyone reads it.
 pub(crate) fn complain(line: &str) {
-    let _ = writeln!(io::stderr(), "{}", visible(line));
+    let write = || {
+        let _ = writeln!(io::stderr(), "{}", visible(line));
+    };
+    match bars(|bars| bars.last().cloned()) {
+        Some(bar) => bar.suspend(write),
+        None => write(),
+    }
 }
 
 /// A text whose characters a terminal shows and does not obey: names in files may hold anything.

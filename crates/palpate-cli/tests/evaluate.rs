@@ -311,12 +311,17 @@ fn a_torque_that_is_no_number_is_met_with_its_sample() {
 }
 
 #[test]
-fn quiet_means_nothing_but_the_result() {
+fn quiet_means_nothing_but_the_result_and_what_looks_wrong() {
     let scene = Scene::new();
+    let quiet = |scene: &Scene| {
+        let output = evaluate(scene, &["log"], &["--quiet"]).output().unwrap();
+        assert!(output.status.success() && !output.stdout.is_empty());
+        stderr(&output)
+    };
+    assert_eq!(quiet(&scene), "");
     scene.arrays("log/still", &[[0.0, 0.3]; 30], &[[0.2, 0.1]; 30]);
-    let output = evaluate(&scene, &["log"], &["--quiet"]).output().unwrap();
-    assert!(output.status.success() && !output.stdout.is_empty());
-    assert_eq!(stderr(&output), "");
+    let told = quiet(&scene);
+    assert!(told.starts_with("warning: ") && told.lines().count() == 1, "{told}");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::fs;
 use std::path::Path;
 
 use palpate::Payload;
-use recording::{Maker, Touch, clean, codes, first, inspect, run, write, write_csv};
+use recording::{Maker, STILL, Touch, clean, codes, first, inspect, run, write, write_csv};
 use serde_json::Value;
 
 /// Inspects touches with some flags.
@@ -21,9 +21,15 @@ fn look(touches: &[Touch], flags: &[&str]) -> (Option<i32>, Value) {
 /// Asserts that one finding, a warning, is all there is, and returns it.
 #[track_caller]
 fn only(touches: &[Touch], flags: &[&str], code: &str) -> Value {
+    only_at("warning", touches, flags, code)
+}
+
+/// The same of another level.
+#[track_caller]
+fn only_at(level: &str, touches: &[Touch], flags: &[&str], code: &str) -> Value {
     let (exit, told) = look(touches, flags);
     assert_eq!((exit, codes(&told)), (Some(0), vec![code]), "{}", told["paths"][0]["findings"]);
-    assert_eq!(first(&told)["level"], "warning");
+    assert_eq!(first(&told)["level"], level);
     first(&told).clone()
 }
 
@@ -244,6 +250,51 @@ fn a_frozen_sensor_is_told() {
 }
 
 #[test]
+fn a_sensor_that_hangs_is_told_and_a_coarse_one_is_not() {
+    let mut touches = clean();
+    let held = touches[2].tau[40][3];
+    touches[2].tau[40..70].iter_mut().for_each(|tau| tau[3] = held);
+    let found = only(&touches, &[], "stuck_torque");
+    says(&found, &["`Actuator4`", "seq_2 rows 40 to 69", "1 stretch:"]);
+    let mut touches = clean();
+    let torques = touches.iter_mut().flat_map(|touch| touch.tau.iter_mut().flatten());
+    torques.for_each(|tau| *tau = (*tau / 0.2).round() * 0.2);
+    let (_, told) = look(&touches, &[]);
+    assert!(!codes(&told).contains(&"stuck_torque"), "{:?}", codes(&told));
+}
+
+#[test]
+fn torques_that_are_cut_off_are_told_once() {
+    let mut touches = clean();
+    let most = touches.iter().flat_map(|touch| &touch.tau).map(|tau| tau[0]).fold(0.0, f64::min);
+    touches.iter_mut().flat_map(|touch| &mut touch.tau).for_each(|tau| {
+        tau[0] = tau[0].max(0.6 * most);
+    });
+    let found = only(&touches, &[], "clipped_torque");
+    says(&found, &["`Actuator1`", "never passes", "seq_0"]);
+}
+
+#[test]
+fn torques_that_come_late_are_told_with_how_late() {
+    let mut touches = clean();
+    for touch in &mut touches {
+        let on_time = touch.tau.clone();
+        for (row, tau) in touch.tau.iter_mut().enumerate() {
+            tau.clone_from(&on_time[row.saturating_sub(8)]);
+        }
+        // What was measured before the log begins has its own noise.
+        for row in 0..8 {
+            touch.tau[row].clone_from(&on_time[STILL - 8 + row]);
+        }
+    }
+    let found = only(&touches, &[], "delay");
+    says(&found, &["3 touches", " s: the arm sets out"]);
+    let what = found["what"].as_str().unwrap();
+    let frames: i32 = what.split(' ').find_map(|word| word.parse().ok()).unwrap();
+    assert!((7..=11).contains(&frames), "{what}");
+}
+
+#[test]
 fn a_jump_is_told_and_a_wrapped_angle_is_none() {
     let mut touches = clean();
     touches[0].q[50..].iter_mut().for_each(|q| q[0] += 0.3);
@@ -282,14 +333,15 @@ fn a_touch_that_begins_under_load_is_told() {
 #[test]
 fn no_noise_and_too_much_of_it_are_told() {
     let silent = Maker { noise: 0.0, ..Maker::new() }.touches();
-    says(&only(&silent, &[], "no_noise"), &["simulated", "Actuator1, Actuator2"]);
+    let found = only_at("note", &silent, &["--strict"], "no_noise");
+    says(&found, &["simulated", "Actuator1, Actuator2"]);
     let mut held = silent.clone();
     for touch in &mut held {
         for row in 1..recording::STILL {
             (touch.q[row], touch.tau[row]) = (touch.q[0].clone(), touch.tau[0].clone());
         }
     }
-    only(&held, &[], "no_noise");
+    only_at("note", &held, &[], "no_noise");
     let loud = Maker { noise: 15.0, ..Maker::new() }.touches();
     let (_, told) = look(&loud, &[]);
     assert!(codes(&told).contains(&"noise"), "{:?}", codes(&told));
@@ -317,7 +369,7 @@ fn a_touch_without_a_still_start_is_an_error_unless_the_tare_is_given() {
 #[test]
 fn touches_that_teach_nothing_are_told() {
     let weak = Maker { contact: 0.1, ..Maker::new() }.touches();
-    says(&only(&weak, &[], "weak_touch"), &["1 N·m", "all 3 touches"]);
+    says(&only_at("note", &weak, &[], "weak_touch"), &["1 N·m", "all 3 touches"]);
     let mut touches = clean();
     let still = touches[1].q[0].clone();
     for q in &mut touches[1].q[1..] {
@@ -338,7 +390,8 @@ fn drift_is_told() {
 
 #[test]
 fn strict_makes_warnings_count() {
-    let touches = Maker { noise: 0.0, ..Maker::new() }.touches();
+    let mut touches = clean();
+    touches[1].tau.iter_mut().for_each(|tau| tau[6] = 0.05);
     assert_eq!(look(&touches, &[]).0, Some(0));
     assert_eq!(look(&touches, &["--strict"]).0, Some(1));
 }

@@ -219,6 +219,16 @@ fn needs_cyclonedds_broken_samples_are_refused_with_a_reason_and_the_others_mapp
 }
 
 #[test]
+fn needs_cyclonedds_a_log_that_looks_wrong_is_told_and_ends_a_strict_session_with_its_field() {
+    let domain = Domain::take();
+    let mut live = Live::start(&domain, &["--torque-sign", "minus", "--strict"]);
+    let _robot = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "inf"]));
+    live.wait_for("looks wrong (torque_sign)");
+    assert_eq!(live.child.wait().unwrap().code(), Some(1), "{}", live.lines());
+    assert!(names(live.folder.path()).contains(&"field.npz".to_owned()));
+}
+
+#[test]
 fn needs_cyclonedds_a_topic_that_is_not_there_is_named_beside_those_that_are() {
     let domain = Domain::take();
     let live = Live::start(&domain, &["--joint-states", "/joints"]);

@@ -161,7 +161,7 @@ fn a_touch_that_meets_no_known_point_is_noted() {
     let scene = Scene::new();
     let away = ["--box-low-m", "5,5,5", "--box-high-m", "6,6,6"];
     let output = scene.map(&["log"], &away).output().unwrap();
-    assert!(common::stderr(&output).contains("touches no point of the lattice"));
+    assert!(common::stderr(&output).contains("0 of 80 frames touch the lattice"));
     let output = scene.predict(&["log"], &[]).output().unwrap();
     assert!(common::stderr(&output).contains("no touch meets a point that the field knows"));
 }

@@ -43,4 +43,4 @@ pub mod view_feed;
 
 pub use figures::News;
 pub use query_server::AskSocket;
-pub use run::{LiveConfig, run};
+pub use run::{LiveConfig, Mapped, run};

@@ -19,10 +19,11 @@ use crate::joints::JointReader;
 use crate::message::Header;
 use crate::query_server::Request;
 use crate::ros::{Arrival, Torques};
+use crate::run::{LiveConfig, Mapped};
 use crate::session::{Session, State, StepOutcome};
 use crate::threads::{JointMessage, Shared};
 use crate::timer::Timer;
-use crate::view_feed::{ViewFeed, ViewFrame};
+use crate::view_feed::ViewFeed;
 
 /// The mapper's wait for a sample, and so the longest that a question waits for the mapper.
 const PAUSE: Duration = Duration::from_millis(2);
@@ -44,6 +45,7 @@ pub(crate) struct Mapping<'a> {
     tally: Tally,
     checkpoints: Option<Checkpoints>,
     view: Option<ViewFeed>,
+    mapped: Option<Arc<Inbox<Mapped>>>,
     requests: Receiver<Request>,
     /// Frame and stamp of the last sample.
     header: Header,
@@ -56,9 +58,8 @@ pub(crate) struct Mapping<'a> {
 impl<'a> Mapping<'a> {
     pub(crate) fn new(
         shared: &'a Shared,
-        session: Session,
+        (session, config): (Session, &LiveConfig),
         checkpoints: Option<Checkpoints>,
-        view: Option<Arc<Inbox<ViewFrame>>>,
         requests: Receiver<Request>,
     ) -> Self {
         let robot = &session.mapper().arm().robot;
@@ -70,7 +71,8 @@ impl<'a> Mapping<'a> {
             reader,
             tally: Tally::default(),
             checkpoints,
-            view: view.map(ViewFeed::new),
+            view: config.view.clone().map(ViewFeed::new),
+            mapped: config.mapped.clone(),
             requests,
             header: Header { frame_id, ..Header::default() },
             figures_due: Timer::new(FIGURES),
@@ -140,6 +142,11 @@ impl<'a> Mapping<'a> {
         if let Some(view) = &mut self.view {
             let (state, mapper) = (self.session.state(), self.session.mapper());
             view.sample((&read.sample, at), (&outcome, state, mapper));
+        }
+        if let Some(mapped) = &self.mapped {
+            let (contacts, begins) = (outcome.contacts, outcome.begins);
+            let state = self.session.state();
+            mapped.push(Mapped { sample: read.sample, contacts, state, begins });
         }
         self.publish(outcome, came);
     }

@@ -15,6 +15,7 @@ use std::sync::Arc;
 use std::thread::{self, ScopedJoinHandle};
 
 use crossbeam_channel::bounded;
+use palpate::Sample;
 
 use crate::checkpoint::{self, CheckpointConfig, Checkpoints};
 use crate::figures::News;
@@ -23,7 +24,7 @@ use crate::inbox::Inbox;
 use crate::mapping::Mapping;
 use crate::query_server::{AskSocket, QueryServer};
 use crate::ros::{NetworkError, NetworkProcess};
-use crate::session::Session;
+use crate::session::{Session, State};
 use crate::threads::{LOOK, Shared, listen, publish, spawn};
 use crate::view_feed::ViewFrame;
 
@@ -38,6 +39,21 @@ pub struct LiveConfig {
     pub checkpoint: Option<CheckpointConfig>,
     /// Where frames for a viewer go, if anywhere.
     pub view: Option<Arc<Inbox<ViewFrame>>>,
+    /// Where samples go once they are mapped, if anywhere.
+    pub mapped: Option<Arc<Inbox<Mapped>>>,
+}
+
+/// A sample, and what the session made of it.
+#[derive(Debug, Clone)]
+pub struct Mapped {
+    /// The sample.
+    pub sample: Sample,
+    /// Points that it touches.
+    pub contacts: usize,
+    /// What the session does since.
+    pub state: State,
+    /// Whether a touch begins with it.
+    pub begins: bool,
 }
 
 /// Questions that may wait.
@@ -71,7 +87,7 @@ pub fn run(
         let checker = mapper.path_checker();
         let (checkpoints, to_write) = config.checkpoint.as_ref().map(Checkpoints::new).unzip();
         let (to_mapper, requests) = bounded(REQUESTS);
-        let mapping = Mapping::new(&shared, session, checkpoints, config.view.clone(), requests);
+        let mapping = Mapping::new(&shared, (session, config), checkpoints, requests);
         let topic = config.joint_states.as_deref();
         let shared = &shared;
         let mut threads = vec![

@@ -20,7 +20,12 @@ create_exception!(
     PalpateError,
     "Settings or a request that cannot be followed."
 );
-create_exception!(palpate, LogError, PalpateError, "A log that cannot be read.");
+create_exception!(
+    palpate,
+    LogError,
+    PalpateError,
+    "A log that cannot be read, or looks wrong where that is to be an error (`strict`)."
+);
 create_exception!(
     palpate,
     FileError,
@@ -64,7 +69,7 @@ impl From<WorkError> for Raised {
         let text = text(&error);
         Self(match error {
             WorkError::Usage(_) | WorkError::Settings(_) => SettingsError::new_err(text),
-            WorkError::Log(_) => LogError::new_err(text),
+            WorkError::Log(_) | WorkError::LooksWrong(_) => LogError::new_err(text),
             WorkError::File(_) | WorkError::Write { .. } => FileError::new_err(text),
             WorkError::Touch { .. } => TouchError::new_err(text),
             WorkError::Interrupted { .. } => PyKeyboardInterrupt::new_err(()),

@@ -62,6 +62,18 @@ def test_touches_in_memory_are_inspected(touch: palpate.Touch, robot: palpate.Ro
     assert inspection["log"]["reading"]["torque_sign"] == "minus"
 
 
+def test_what_looks_wrong_is_a_warning_and_if_strict_an_error(
+    touch: palpate.Touch, robot: palpate.Robot
+) -> None:
+    turned = palpate.Touch(touch.q, -touch.tau, touch.name, touch.time, touch.joint_names)
+    with pytest.warns(palpate.PalpateWarning, match=r"looks wrong \(torque_sign\)"):
+        palpate.Mapper(robot).map(turned)
+    with pytest.raises(palpate.LogError, match=r"looks wrong \(torque_sign\)"):
+        palpate.Mapper(robot, log={"strict": True}).map(turned)
+    with pytest.raises(palpate.LogError, match=r"looks wrong \(torque_sign\)"):
+        palpate.evaluate([turned, turned], robot, methods=["zero"], log={"strict": True})
+
+
 def test_a_touch_of_another_robot_among_others_is_an_error(
     touch: palpate.Touch, robot: palpate.Robot
 ) -> None:

@@ -23,6 +23,9 @@ pub enum WorkError {
     /// A robot, a field or another file that is not what it should be; the message says which.
     #[error("{0}")]
     File(Box<dyn std::error::Error + Send + Sync>),
+    /// A log that looks wrong, where that was to be an error.
+    #[error("{0}")]
+    LooksWrong(String),
     /// Touches that cannot be used.
     #[error("`{}`: {place}: {source}", log.display())]
     Touch { log: PathBuf, place: String, source: Box<MapperError> },

@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use palpate::{Lattice, Mapper, StepReport};
+use palpate::{Mapper, StepReport};
 use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
 use serde_json::json;
 
 use crate::error::WorkError;
+use crate::inspect::log::LogCheck;
 use crate::progress::Progress;
 use crate::touched::Touched;
 use crate::touches::{TouchEvent, Touches};
@@ -135,6 +136,30 @@ pub fn learn(
     after_step: &mut dyn FnMut(&mut Mapper, &StepReport, Instant),
     progress: &dyn Progress,
 ) -> Result<Tally, WorkError> {
+    let config = mapper.config();
+    let place = (config.lattice.clone(), config.contact.clone());
+    let mut check = touches.check(mapper.arm(), place, &config.touch);
+    match learn_from(mapper, touches, after_step, (&mut check, progress)) {
+        Ok(tally) => {
+            touches.tell_warnings(progress);
+            if tally.interrupted.is_none() {
+                check.look(progress)?;
+            }
+            Ok(tally)
+        }
+        Err(error) => {
+            check.explain(progress);
+            Err(error)
+        }
+    }
+}
+
+fn learn_from(
+    mapper: &mut Mapper,
+    touches: &mut Touches,
+    after_step: &mut dyn FnMut(&mut Mapper, &StepReport, Instant),
+    (check, progress): (&mut LogCheck, &dyn Progress),
+) -> Result<Tally, WorkError> {
     let mut tally = Tally::default();
     let bar = progress.begin(touches.samples(), "frames", "learning");
     while let Some(event) = touches.advance()? {
@@ -145,6 +170,7 @@ pub fn learn(
         match event {
             TouchEvent::Touch(name) => {
                 finish_touch(mapper, &tally)?;
+                check.begin(&name, touches, progress)?;
                 mapper.begin_touch();
                 bar.at(&name);
                 let log = touches.log().to_owned();
@@ -154,7 +180,9 @@ pub fn learn(
             }
             TouchEvent::Sample(sample) => {
                 let started = Instant::now();
-                let report = mapper.step(&sample).map_err(|error| touches.fault(error))?;
+                let step = mapper.step(&sample);
+                check.add(&sample, step.as_ref().map_or(0, |report| report.contacts));
+                let report = step.map_err(|error| touches.fault(error))?;
                 after_step(mapper, &report, started);
                 tally.add(&report);
                 bar.step();
@@ -162,9 +190,6 @@ pub fn learn(
         }
     }
     finish_touch(mapper, &tally)?;
-    drop(bar); // warnings come below it
-    touches.tell_warnings(progress);
-    tell_oddities(&tally, &mapper.config().lattice, progress);
     Ok(tally)
 }
 
@@ -175,25 +200,5 @@ fn finish_touch(mapper: &mut Mapper, tally: &Tally) -> Result<(), WorkError> {
             WorkError::touch(&touch.log, format!("touch `{}`", touch.name), source)
         }),
         None => Ok(()),
-    }
-}
-
-fn tell_oddities(tally: &Tally, lattice: &Lattice, progress: &dyn Progress) {
-    if let Some(nothing) = tally.touched.nothing(lattice) {
-        progress.warn(&nothing);
-    }
-    for touch in &tally.touches {
-        let name = &touch.name;
-        if touch.frames_in_contact == 0 {
-            progress.warn(&format!(
-                "touch `{name}` touches no point of the lattice and taught nothing; check \
-                 --robot, the joints' unit and the workspace box"
-            ));
-        } else if touch.tare_frames == touch.frames {
-            progress.warn(&format!(
-                "touch `{name}` never leaves its contact-free start and taught nothing; is the \
-                 arm moving in it?"
-            ));
-        }
     }
 }

@@ -9,6 +9,7 @@ use palpate_io::log::external_truth;
 use palpate_learn::errors::ErrorSum;
 
 use crate::error::WorkError;
+use crate::inspect::log::LogCheck;
 use crate::progress::Progress;
 use crate::settings::SettingsError;
 use crate::touches::{TouchEvent, Touches};
@@ -129,6 +130,27 @@ pub fn score(
     against: Against,
     (touches, progress): (&mut Touches, &dyn Progress),
 ) -> Result<Vec<TouchResult>, WorkError> {
+    let place = (field.lattice.clone(), field.contact.clone());
+    let mut check = touches.check(arm, place, &touch);
+    match score_all(arm, (field, touch, against), (&mut *touches, &mut check), progress) {
+        Ok(results) => {
+            touches.tell_warnings(progress);
+            check.look(progress)?;
+            Ok(results)
+        }
+        Err(error) => {
+            check.explain(progress);
+            Err(error)
+        }
+    }
+}
+
+fn score_all(
+    arm: &Arc<Arm>,
+    (field, touch, against): (&Field, ExternalTorqueConfig, Against),
+    (touches, check): (&mut Touches, &mut LogCheck),
+    progress: &dyn Progress,
+) -> Result<Vec<TouchResult>, WorkError> {
     let mut predictor =
         Predictor::new(Arc::clone(arm), field, touch).map_err(SettingsError::value)?;
     let bar = progress.begin(touches.samples(), "frames", "predicting");
@@ -141,6 +163,7 @@ pub fn score(
         match event {
             TouchEvent::Touch(name) => {
                 end(&mut predictor, results.last())?;
+                check.begin(&name, touches, progress)?;
                 predictor.begin_touch();
                 bar.at(&name);
                 results.push(TouchResult::begin(name, touches.log(), against)?);
@@ -149,6 +172,7 @@ pub fn score(
                 let result = results.last_mut().expect("samples come after a touch's start");
                 let frame = result.frames_in_log;
                 let step = predictor.step(&sample).map_err(|error| touches.fault(error))?;
+                check.add(&sample, step.as_ref().map_or(0, |step| step.contacts));
                 result.frames_in_log += 1;
                 if let Some(step) = step {
                     let external = result.reference(frame, step.external)?;
@@ -166,7 +190,6 @@ pub fn score(
         }
     }
     end(&mut predictor, results.last())?;
-    touches.tell_warnings(progress);
     Ok(results)
 }
 

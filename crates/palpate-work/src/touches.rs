@@ -4,12 +4,13 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate::{Arm, ContactConfig, Gravity, Lattice, MapperError};
+use palpate::{Arm, ContactConfig, ExternalTorqueConfig, Gravity, Lattice, MapperError};
 use palpate_io::log::{
-    self, Log, LogDescription, LogEvent, LogOptions, LogWarning, LoggedTorques, reorder,
+    self, AngleUnit, Log, LogDescription, LogEvent, LogOptions, LogWarning, LoggedTorques, reorder,
 };
 
 use crate::error::WorkError;
+use crate::inspect::log::LogCheck;
 use crate::pauses::Pauses;
 use crate::progress::Progress;
 use crate::recorded::{MemoryLog, reorder_joints};
@@ -33,6 +34,8 @@ pub struct Touches {
     next: VecDeque<TouchEvent>,
     touch: Option<String>,
     sample: u64,
+    /// The unit that angles were said to be in, and whether what looks wrong is an error.
+    checked: (AngleUnit, bool),
 }
 
 impl Touches {
@@ -40,7 +43,7 @@ impl Touches {
     pub fn open(paths: &[PathBuf], options: &LogOptions) -> Result<Self, WorkError> {
         let open = |path: &PathBuf| Ok((path.clone(), log::open(path, options)?));
         let logs = paths.iter().map(open).collect::<Result<Vec<_>, WorkError>>()?;
-        Ok(Self { logs, ..Self::default() })
+        Ok(Self { logs, checked: (options.angle_unit, false), ..Self::default() })
     }
 
     /// Touches that a program holds, after each other, which errors call by this name.
@@ -99,7 +102,18 @@ impl Touches {
         self.joints = arm.robot.joint_names().map(str::to_owned).collect();
         let parted = settings.pauses();
         self.pauses = parted.map(|config| Pauses::new(arm, place, config)).transpose()?;
+        self.checked.1 = settings.strict.unwrap_or_default();
         Ok(self)
+    }
+
+    /// Looks for what is wrong with the touches; `set` is what their torques are said to be.
+    pub fn check(
+        &self,
+        arm: &Arc<Arm>,
+        place: (Lattice, ContactConfig),
+        set: &ExternalTorqueConfig,
+    ) -> LogCheck {
+        LogCheck::new(arm, place, set, self.checked)
     }
 
     /// Whether any log says that its torques are external ones.
@@ -204,8 +218,7 @@ impl Touches {
         while touches.len() < most
             && let Some(TouchEvent::Touch(name)) = self.advance()?
         {
-            let (log, joint_names) = (self.log().to_owned(), self.joint_names());
-            touches.push(RecordedTouch { log, name, joint_names, samples: Vec::new() });
+            touches.push(self.begun(&name));
             while matches!(self.peek()?, Some(TouchEvent::Sample(_)))
                 && let Some(TouchEvent::Sample(sample)) = self.advance()?
             {
@@ -213,6 +226,16 @@ impl Touches {
             }
         }
         Ok(())
+    }
+
+    /// The touch that was started last, without its samples.
+    pub(crate) fn begun(&self, name: &str) -> RecordedTouch {
+        RecordedTouch {
+            log: self.log().to_owned(),
+            name: name.to_owned(),
+            joint_names: self.joint_names(),
+            samples: Vec::new(),
+        }
     }
 
     /// The joints of the samples of the touch that was started last, if the log names them.

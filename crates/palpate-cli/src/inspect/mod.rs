@@ -43,9 +43,6 @@ pub(crate) struct Args {
     /// Print the findings as JSON
     #[arg(long)]
     pub json: bool,
-    /// End with exit code 1 if there is any warning
-    #[arg(long)]
-    pub strict: bool,
     /// Look at logs in the lattice and under the settings of a saved field
     #[arg(long, value_name = "FIELD.npz")]
     pub from: Option<PathBuf>,
@@ -72,7 +69,10 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         let pages: Vec<String> = inspections.iter().map(text_of).collect();
         output.result(&pages.join("\n"))?;
     }
-    let found = [(errors, "error"), (if args.strict { warnings } else { 0 }, "warning")];
+    let found = [
+        (errors, "error"),
+        (if settings.log.strict == Some(true) { warnings } else { 0 }, "warning"),
+    ];
     let found = found.iter().filter(|(count, _)| *count > 0);
     let found: Vec<String> = found.map(|&(count, what)| counted(count, what)).collect();
     if found.is_empty() {
@@ -95,7 +95,7 @@ fn text_of(inspection: &Inspection) -> String {
     for finding in &inspection.findings {
         text += &finding_text(finding);
     }
-    let clean = inspection.findings.is_empty();
+    let clean = inspection.findings.iter().all(|finding| finding.level == Level::Note);
     text + if clean { "  Nothing looks wrong.\n" } else { "" }
 }
 

@@ -1,6 +1,8 @@
 //! `palpate live`: maps beside a running robot.
 
+mod checker;
 mod status;
+mod told;
 #[cfg(feature = "viewer")]
 mod viewer;
 
@@ -30,7 +32,9 @@ use crate::settings::{AllSettings, Settings};
 #[cfg(not(feature = "viewer"))]
 use crate::view;
 use crate::{interrupt, logs};
+use checker::Checker;
 use status::Shown;
+use told::Told;
 #[cfg(feature = "viewer")]
 use viewer::Viewer;
 
@@ -155,6 +159,21 @@ impl Args {
         Some(Guard::new(config, arm))
     }
 
+    fn network(&self, arm: &Arm) -> NetworkProcess {
+        let Self { domain, localhost, services, .. } = *self;
+        let flag = self.guard.map(|_| FlagTopics { moveit: self.guard_moveit });
+        let joints = arm.robot.joint_names().map(str::to_owned).collect();
+        let config = NetworkConfig { domain, localhost, services };
+        NetworkProcess::new(network_command, config, joints, flag)
+    }
+
+    fn session(&self, mapper: Mapper, arm: &Arm) -> Result<Session, CliError> {
+        let mut idle = PauseConfig::default();
+        idle.idle_s = self.idle;
+        Session::new(mapper, idle, self.guard(arm))
+            .map_err(|error| CliError::Usage(format!("--idle: {error}")))
+    }
+
     fn checkpoint(&self) -> Option<CheckpointConfig> {
         let every = Duration::from_secs_f64(self.checkpoint);
         self.output.clone().map(|path| CheckpointConfig { path, every })
@@ -238,28 +257,25 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let feed = viewer.as_ref().map(Viewer::inbox);
     #[cfg(not(feature = "viewer"))]
     let feed = args.viewer.as_ref().map(|_| Err(view::without_viewer())).transpose()?;
-    let mut idle = PauseConfig::default();
-    idle.idle_s = args.idle;
-    let session = Session::new(mapper, idle, args.guard(&arm))
-        .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
-    let Args { domain, localhost, services, .. } = *args;
-    let network = NetworkConfig { domain, localhost, services };
-    let flag = args.guard.map(|_| FlagTopics { moveit: args.guard_moveit });
-    let joints = arm.robot.joint_names().map(str::to_owned).collect();
-    let network = NetworkProcess::new(network_command, network, joints, flag);
+    let (checker, strict) = (Checker::start(&mapper), settings.log.strict.unwrap_or_default());
+    let session = args.session(mapper, &arm)?;
+    let network = args.network(&arm);
     let ask = args.ask.as_deref().map(open_socket).transpose()?;
     let ends = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s));
-    let stop = || interrupt::pressed() || ends.is_some_and(|ends| Instant::now() >= ends);
-    let mut shown = Shown::new(*output, args.json_lines);
+    let told = Told::new(Shown::new(*output, args.json_lines), checker, strict);
+    let over = || interrupt::pressed() || ends.is_some_and(|ends| Instant::now() >= ends);
+    let stop = || told.looks_wrong() || over();
     let config = LiveConfig {
         joint_states: args.joint_states.clone(),
         queue: args.queue as usize,
         checkpoint: args.checkpoint(),
         view: feed,
+        mapped: Some(told.inbox()),
     };
-    let tell = |news| shown.tell(news);
+    let tell = |news| told.tell(news);
     let (session, defect) =
         run_live(&network, session, &config, ask.as_ref(), stop, tell).map_err(CliError::file)?;
+    let (shown, wrong) = told.end();
     shown.clear();
     #[cfg(feature = "viewer")]
     if let Some(viewer) = viewer {
@@ -271,5 +287,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     drop(hold);
     shown.end(&session, args.output.as_deref())?;
-    defect.map_or(Ok(()), |defect| Err(CliError::file(defect)))
+    match (defect, wrong) {
+        (Some(defect), _) => Err(CliError::file(defect)),
+        (None, Some(wrong)) => Err(CliError::from(format!("{wrong} (--strict)"))),
+        (None, None) => Ok(()),
+    }
 }

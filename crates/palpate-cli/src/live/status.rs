@@ -8,6 +8,7 @@ use indicatif::ProgressBar;
 use palpate_live::News;
 use palpate_live::figures::Figures;
 use palpate_live::session::{Session, State};
+use palpate_work::Progress;
 use serde_json::json;
 
 use crate::error::CliError;
@@ -44,6 +45,15 @@ impl Shown {
             }
             News::Note(note) => self.bar.suspend(|| self.output.note(&note)),
             News::Figures(figures) => self.figures(*figures),
+        }
+    }
+
+    /// Says what looks wrong.
+    pub(super) fn warn(&self, warning: &str) {
+        if self.json {
+            let _ = self.output.json_line(&json!({ "warning": warning }));
+        } else {
+            self.bar.suspend(|| self.output.warn(warning));
         }
     }
 

@@ -57,7 +57,7 @@ class SettingsError(PalpateError):
     """Settings or a request that cannot be followed."""
 
 class LogError(PalpateError):
-    """A log that cannot be read."""
+    """A log that cannot be read, or looks wrong where that is to be an error (`strict`)."""
 
 class FileError(PalpateError):
     """A robot, a field or another file that is not what it should be."""
@@ -518,7 +518,7 @@ def inspect(
     `log` is a path, a `Log`, a `Touch`, or several, which are read as one. Torques are held against
     the gravity of the robot; contacts are looked for in the lattice and by the contact model of the
     settings, such as `lattice=Lattice(...)`, as `Mapper.map` would. `findings` have a `level`
-    (warning or error), `what` was seen and the `remedy`, errors first. `log` has the figures: how to
+    (note, warning or error), `what` was seen and the `remedy`, errors first. `log` has the figures: how to
     read the torques (`reading`), what is touched (`touched`) and those of every touch, N·m, s, rad;
     it is None if nothing can be read.
 

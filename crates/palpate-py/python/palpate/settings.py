@@ -40,6 +40,7 @@ class LogSettings(TypedDict, total=False):
     touch_topic: str
     joints: Sequence[str]
     until_break: bool
+    strict: bool
     split_gap_s: float
     split_idle: bool
     idle_s: float

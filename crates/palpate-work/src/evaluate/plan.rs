@@ -133,9 +133,11 @@ pub fn read(
 ) -> Result<(Vec<RecordedTouch>, Vec<Touch>), WorkError> {
     settings.log.check_for(&arm.robot)?;
     let config = settings.config()?;
-    let mut touches = touches.for_arm(arm, &settings.log, (config.lattice, config.contact))?;
+    let place = (config.lattice, config.contact);
+    let mut touches = touches.for_arm(arm, &settings.log, place.clone())?;
     let recorded = touches.read(None)?;
     touches.tell_warnings(progress);
+    touches.check(arm, place, &config.touch).of(&recorded).look(progress)?;
     let touches = as_touches(&recorded, truth)?;
     Ok((recorded, touches))
 }

@@ -8,6 +8,8 @@ use super::words::listed;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
+    /// Learning goes on as meant, and could teach more.
+    Note,
     /// Learning would go on, but probably not as meant.
     Warning,
     /// Learning would refuse it.
@@ -37,6 +39,16 @@ pub struct Finding {
 }
 
 impl Finding {
+    /// In one line: what looks wrong with `log`, and the flags that would set it right.
+    pub fn line(&self, log: &str) -> String {
+        let Self { code, what, flags, .. } = self;
+        let remedy = match flags.is_empty() {
+            true => String::new(),
+            false => format!("; try {}", flags.join(" ")),
+        };
+        format!("{log} looks wrong ({code}): {what}{remedy}")
+    }
+
     /// A warning of what happens at some places, each in a touch; `None` if there are none.
     ///
     /// `what` is told how often it happens, and the places in words.
@@ -77,6 +89,11 @@ impl Finding {
         let (what, remedy) = (what.into(), remedy.into());
         let (touches, parts, flags) = (Vec::new(), Vec::new(), Vec::new());
         Self { level: Level::Warning, code, what, remedy, touches, parts, flags }
+    }
+
+    /// The same, but nothing is wrong: it could teach more.
+    pub(super) fn noted(self) -> Self {
+        Self { level: Level::Note, ..self }
     }
 
     /// Something that learning refuses.

@@ -11,7 +11,7 @@ pub fn word(value: impl Serialize) -> String {
 /// A number of things.
 pub fn counted(count: usize, thing: &str) -> String {
     let plural = match thing {
-        "touch" => "es",
+        "touch" | "stretch" => "es",
         _ => "s",
     };
     format!("{count} {thing}{}", if count == 1 { "" } else { plural })

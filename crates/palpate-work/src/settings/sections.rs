@@ -169,6 +169,12 @@ section! {
             require_equals = true
         )]
         pub until_break: bool => until_break,
+        /// End with an error where a log looks wrong, as `palpate inspect` tells, not with a warning
+        #[arg(
+            long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
+            require_equals = true
+        )]
+        pub strict: bool,
         /// Start a new touch wherever two samples lie further apart than this, s
         #[arg(long, value_name = "S", allow_negative_numbers = true)]
         pub split_gap_s: f64 => split_gap_s,

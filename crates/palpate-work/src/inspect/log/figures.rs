@@ -3,12 +3,14 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
+use nalgebra::DVector;
 use palpate::unstable::{TrackedSample, Tracker, is_contact_free};
-use palpate::{Arm, CellId, ExternalTorqueConfig, MIN_TARE_FRAMES, MapperConfig, Robot, Tare};
+use palpate::{Arm, CellId, ExternalTorqueConfig, MIN_TARE_FRAMES, Robot, Sample, Tare};
 use palpate_learn::evaluation::MeanStd;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::Place;
 use super::farthest;
 use super::reading::Fit;
 use crate::error::WorkError;
@@ -64,6 +66,8 @@ pub struct TouchFacts {
 /// Finds the figures of touches.
 pub(super) struct Figures {
     tracker: Tracker,
+    /// What the torques mean, as they are read.
+    read: ExternalTorqueConfig,
     tare: Tare,
     still_rad: f64,
 }
@@ -84,20 +88,21 @@ impl Figures {
     /// For logs of an arm under a configuration, read under a convention.
     pub(super) fn new(
         arm: &Arc<Arm>,
-        config: &MapperConfig,
+        (lattice, contact): &Place,
         (set, fit): (&ExternalTorqueConfig, Fit),
     ) -> Result<Self, SettingsError> {
         let (tare, still_rad) = (set.tare, set.still_rad);
         let mut set = set.clone();
         // Touches without a contact-free start are followed as well.
         (set.torque_sign, set.gravity, set.tare) = (fit.torque_sign, fit.gravity, Tare::None);
-        let (lattice, contact) = (config.lattice.clone(), &config.contact);
-        let tracker =
-            Tracker::new(Arc::clone(arm), lattice, contact, set).map_err(SettingsError::value)?;
-        Ok(Self { tracker, tare, still_rad })
+        let read = set.clone();
+        let tracker = Tracker::new(Arc::clone(arm), lattice.clone(), contact, set)
+            .map_err(SettingsError::value)?;
+        Ok(Self { tracker, read, tare, still_rad })
     }
 
-    /// The figures of touches with the robot's joints, what all of them touch, and how many cells.
+    /// The figures of touches with the robot's joints, what all of them touch, and how many cells:
+    /// none where somebody knows how many points each frame touches (`contacts`, by touch).
     ///
     /// # Errors
     ///
@@ -105,15 +110,22 @@ impl Figures {
     pub(super) fn of_all(
         &self,
         touches: &[RecordedTouch],
+        contacts: Option<&[Vec<usize>]>,
         progress: &dyn Progress,
     ) -> Result<(Vec<TouchFacts>, Touched, usize), WorkError> {
         let frames = touches.iter().map(RecordedTouch::frames).sum::<usize>();
-        let bar = progress.begin(Some(frames as u64), "frames", "inspecting");
-        let follow = |touch: &RecordedTouch| {
-            let followed = self.follow(touch, (&*bar, progress))?;
+        // Without contacts to look for it is over at once.
+        let bar = match contacts {
+            None => Some(progress.begin(Some(frames as u64), "frames", "inspecting")),
+            Some(_) => None,
+        };
+        let follow = |(number, touch): (usize, &RecordedTouch)| {
+            let known = contacts.map(|contacts| contacts[number].as_slice());
+            let followed = self.follow(touch, known, (bar.as_deref(), progress))?;
             Ok((self.figures(touch, &followed), followed))
         };
-        let found = touches.par_iter().map(follow).collect::<Result<Vec<_>, WorkError>>()?;
+        let found = touches.par_iter().enumerate().map(follow);
+        let found = found.collect::<Result<Vec<_>, WorkError>>()?;
         let (mut touched, mut cells) = (Touched::default(), HashSet::<CellId>::new());
         for (_, followed) in &found {
             touched.join(&followed.touched);
@@ -126,17 +138,27 @@ impl Figures {
     fn follow(
         &self,
         touch: &RecordedTouch,
-        (bar, progress): (&dyn Bar, &dyn Progress),
+        known: Option<&[usize]>,
+        (bar, progress): (Option<&dyn Bar>, &dyn Progress),
     ) -> Result<Followed, WorkError> {
         let mut tracker = self.tracker.clone();
         tracker.begin_touch();
         let (robot, start) = (&self.tracker.arm().robot, &touch.samples[0].q);
+        // Points touched, their cells if they were looked for, and the torque before the tare.
+        let mut feed = |frame: usize, sample: &Sample| match known {
+            Some(contacts) => Some((contacts[frame], Vec::new(), self.untared(sample)?)),
+            None => {
+                let TrackedSample { contacts, untared, .. } = tracker.feed(sample).ok()?;
+                let cells = contacts.links.iter().flat_map(|link| &link.cells).copied();
+                Some((contacts.len(), cells.collect(), untared))
+            }
+        };
         let (mut followed, mut started) = (Followed::default(), false);
         for (frame, sample) in touch.samples.iter().enumerate() {
             if progress.stopped() {
                 return Err(WorkError::Interrupted { kept: String::new() });
             }
-            let Ok(TrackedSample { contacts, untared, .. }) = tracker.feed(sample) else {
+            let Some((contacts, cells, untared)) = feed(frame, sample) else {
                 // The mapper would refuse it.
                 started = true;
                 followed.raw.push(sample.tau.clone());
@@ -144,21 +166,30 @@ impl Figures {
                 continue;
             };
             let at = (start.as_slice(), sample.q.as_slice());
-            started |= !is_contact_free(robot, at, self.still_rad, !contacts.is_empty());
+            started |= !is_contact_free(robot, at, self.still_rad, contacts > 0);
             followed.start_frames += usize::from(!started);
             followed.raw.push(untared.as_slice().to_vec());
-            followed.touched.add(contacts.len());
+            followed.touched.add(contacts);
             let learnt = match self.tare {
                 Tare::None => true,
                 Tare::Auto => started,
                 Tare::Frames(frames) => frame >= frames as usize,
             };
             if learnt {
-                followed.cells.extend(contacts.links.iter().flat_map(|link| &link.cells));
+                followed.cells.extend::<Vec<CellId>>(cells);
             }
-            bar.step();
+            if let Some(bar) = bar {
+                bar.step();
+            }
         }
         Ok(followed)
+    }
+
+    /// Torque of a sample in the sign of external ones, less gravity, N·m; `None` if it is refused.
+    fn untared(&self, sample: &Sample) -> Option<DVector<f64>> {
+        let robot = &self.tracker.arm().robot;
+        let poses = robot.forward(&sample.q).ok()?;
+        self.read.untared(robot, &poses, &sample.tau).ok()
     }
 
     /// The figures of a touch.

@@ -1,11 +1,9 @@
-//! What shows in the frames alone, without knowing the robot: repeated frames, the clock, sensors
-//! that stand still.
+//! What shows in the frames alone, without knowing the robot: repeated frames, the clock.
 
-use palpate::Sample;
 use serde::Serialize;
 
 use super::super::finding::Finding;
-use super::super::words::{counted, listed, number, times};
+use super::super::words::{counted, number, times};
 use crate::quantile::{extremes, median, quantile};
 use crate::touches::RecordedTouch;
 
@@ -15,8 +13,6 @@ pub(super) const NOISELESS_START: usize = 5;
 const GAP: f64 = 3.0;
 /// A median period beyond these is hardly in seconds.
 const BELIEVABLE_PERIOD_S: [f64; 2] = [1e-5, 5.0];
-/// A column must be this long before standing still means anything.
-const FROZEN_FRAMES: usize = 10;
 
 /// The clock of a log.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -53,14 +49,13 @@ fn steps(touches: &[RecordedTouch]) -> impl Iterator<Item = (&RecordedTouch, usi
 }
 
 /// Everything that looks wrong.
-pub(super) fn findings(touches: &[RecordedTouch], joints: &[String]) -> Vec<Finding> {
+pub(super) fn findings(touches: &[RecordedTouch]) -> Vec<Finding> {
     let mut findings = Vec::from_iter(duplicates(touches));
     if let Some(clock) = clock(touches) {
         findings.extend(time_unit(&clock));
         findings.extend(gaps(touches, clock.period_s));
     }
     findings.extend(backwards(touches));
-    findings.extend(frozen(touches, joints));
     findings
 }
 
@@ -133,35 +128,4 @@ fn backwards(touches: &[RecordedTouch]) -> Option<Finding> {
     let remedy = "the order of the rows is believed, not the clock; if rows are out of order or \
                   two recordings were joined, sort or part them";
     Finding::at_places("clock", &places, what, remedy)
-}
-
-/// Torques that never change in a touch although the arm moves.
-fn frozen(touches: &[RecordedTouch], joints: &[String]) -> Vec<Finding> {
-    let constant = |touch: &RecordedTouch, value: &dyn Fn(&Sample) -> f64| {
-        touch.samples.iter().all(|sample| value(sample) == value(&touch.samples[0]))
-    };
-    let alive = |touch: &&RecordedTouch| {
-        let moves = |joint: usize| !constant(touch, &|sample| sample.q[joint]);
-        // A touch of another robot has its own finding.
-        touch.n_joints() == joints.len()
-            && touch.frames() >= FROZEN_FRAMES
-            && (0..touch.n_joints()).any(moves)
-    };
-    let of_joint = |(joint, name): (usize, &String)| {
-        let stuck = |touch: &&RecordedTouch| constant(touch, &|sample| sample.tau[joint]);
-        let stuck: Vec<&RecordedTouch> = touches.iter().filter(alive).filter(stuck).collect();
-        let mut names: Vec<&str> = stuck.iter().map(|touch| touch.name.as_str()).collect();
-        names.dedup();
-        let what = format!(
-            "the torque of joint `{name}` never changes from {} N·m in {} of {}: {}",
-            number(stuck.first()?.samples[0].tau[joint]),
-            names.len(),
-            counted(touches.len(), "touch"),
-            listed(&names)
-        );
-        let remedy = "the sensor is dead or was not recorded, and its torque would count as \
-                      measured; look at the driver, or leave these touches out";
-        Some(Finding::warning("frozen_torque", what, remedy).in_touches(&names).at(&[name]))
-    };
-    joints.iter().enumerate().filter_map(of_joint).collect()
 }

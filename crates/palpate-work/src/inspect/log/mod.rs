@@ -3,14 +3,17 @@
 //! | file      | says                                                        |
 //! |-----------|-------------------------------------------------------------|
 //! | `joints`  | joints matched by name                                      |
-//! | `frames`  | repeated frames, clock, frozen torques                      |
-//! | `motion`  | positions, speeds and torques beyond the robot's limits     |
+//! | `frames`  | repeated frames, clock                                      |
+//! | `sensors` | torques that stand still or are cut off                     |
+//! | `delay`   | torques that come later than positions                      |
+//! | `motion`  | positions and speeds beyond the robot's limits              |
 //! | `unit`    | degrees or radians                                          |
 //! | `reading` | sign, gravity and order of joints that fit best             |
 //! | `gravity` | the same in words                                           |
 //! | `payload` | what weight would explain torques that gravity does not     |
 //! | `figures` | start, tare, noise, push, contacts and end of each touch    |
 //! | `rest`    | what of that looks wrong                                    |
+//! | `check`   | all of it while a log is being learnt from                  |
 //!
 //! What is wrong with a log shows only against all of it, so it is read into memory: 200 bytes a
 //! frame of seven joints.
@@ -18,6 +21,8 @@
 //! A defect is told once: where the log seems to be in degrees, or its torques in the other sign,
 //! the rest is looked at as if that had been corrected.
 
+mod check;
+mod delay;
 mod figures;
 mod frames;
 mod gravity;
@@ -26,13 +31,16 @@ mod motion;
 mod payload;
 mod reading;
 mod rest;
+mod sensors;
 mod unit;
 
 use std::cmp::Reverse;
 use std::sync::Arc;
 
-use palpate::{Arm, ExternalTorqueConfig, Gravity, MapperConfig, Robot, TorqueSign};
-use palpate_io::log::{Format, LogWarning, LoggedTorques};
+use palpate::{
+    Arm, ContactConfig, ExternalTorqueConfig, Gravity, Lattice, MapperConfig, Robot, TorqueSign,
+};
+use palpate_io::log::{AngleUnit, Format, LogWarning, LoggedTorques};
 use serde::Serialize;
 
 use super::field::LatticeFacts;
@@ -42,6 +50,7 @@ use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::touched::TouchedFigures;
 use crate::touches::{RecordedTouch, Touches};
+pub use check::LogCheck;
 pub use figures::TouchFacts;
 pub use frames::ClockFacts;
 pub use joints::Matching;
@@ -121,7 +130,8 @@ impl LogInspector<'_> {
         self.findings.extend(unmatched);
         let mut facts = LogFacts::new(&log, &touches, matching, (robot, self.config));
         if matching == Matching::Unmatched {
-            self.findings.extend(frames::findings(&touches, &facts.joints));
+            self.findings.extend(frames::findings(&touches));
+            self.findings.extend(sensors::findings(&touches, &facts.joints, None));
             return Ok(Some(facts));
         }
         if settings.pauses().is_some() {
@@ -135,7 +145,17 @@ impl LogInspector<'_> {
             if external && self.settings.touch.gravity.is_none() {
                 set.gravity = Gravity::Removed;
             }
-            self.judge(&mut touches, &set, &mut facts)?;
+            let read = Read {
+                arm: self.arm,
+                place: &(self.config.lattice.clone(), self.config.contact.clone()),
+                set: &set,
+                angle_unit: settings.options().angle_unit,
+                matching,
+            };
+            let judged = read.judge(&mut touches, None, self.progress)?;
+            self.findings.extend(judged.findings);
+            (facts.touched, facts.touches) = (Some(judged.touched), judged.touches);
+            facts.reading = Some(judged.reading);
         }
         Ok(Some(facts))
     }
@@ -148,35 +168,63 @@ impl LogInspector<'_> {
         touches.retain(|touch| !touch.samples.is_empty());
         touches
     }
+}
 
-    /// Looks at touches of the robot's joints; `set` is what their torques are said to be.
+/// Where contacts are looked for, and what is one.
+type Place = (Lattice, ContactConfig);
+
+/// How touches with the robot's joints are read.
+struct Read<'a> {
+    arm: &'a Arc<Arm>,
+    place: &'a Place,
+    /// What their torques are said to be.
+    set: &'a ExternalTorqueConfig,
+    /// The unit that their angles were said to be in.
+    angle_unit: AngleUnit,
+    matching: Matching,
+}
+
+/// What touches hold, and what looks wrong.
+struct Judged {
+    reading: Reading,
+    touched: TouchedFigures,
+    touches: Vec<TouchFacts>,
+    findings: Vec<Finding>,
+}
+
+impl Read<'_> {
+    /// Looks at touches, which are then in the unit and the order that they seem to be in. `contacts`
+    /// is how many points each frame touches as it was read, by touch, if that is known.
     fn judge(
-        &mut self,
+        &self,
         touches: &mut [RecordedTouch],
-        set: &ExternalTorqueConfig,
-        facts: &mut LogFacts,
-    ) -> Result<(), WorkError> {
-        let robot = &self.arm.robot;
-        let read_as = self.settings.log.options().angle_unit;
-        let (angle_unit, wrong_unit) = unit::correct(touches, robot, read_as, set);
-        self.findings.extend(wrong_unit);
-        let read_so = (angle_unit, facts.matching);
-        let (reading, by_gravity) = gravity::judge(touches, robot, set, read_so);
-        self.findings.extend(by_gravity);
-        self.findings.extend(frames::findings(touches, &facts.joints));
-        let period_s = facts.clock.map(|clock| clock.period_s);
-        self.findings.extend(motion::findings(touches, robot, period_s));
+        contacts: Option<&[Vec<usize>]>,
+        progress: &dyn Progress,
+    ) -> Result<Judged, WorkError> {
+        let (robot, set) = (&self.arm.robot, self.set);
+        let (angle_unit, wrong_unit) = unit::correct(touches, robot, self.angle_unit, set);
+        let (reading, by_gravity) =
+            gravity::judge(touches, robot, set, (angle_unit, self.matching));
+        let as_read = wrong_unit.is_none() && reading.order.is_none();
+        let contacts = contacts.filter(|_| as_read);
+        let mut findings = Vec::from_iter(wrong_unit);
+        findings.extend(by_gravity);
+        let joints: Vec<String> = robot.joint_names().map(str::to_owned).collect();
+        let clock = frames::clock(touches);
+        let period_s = clock.map(|clock| clock.period_s);
+        findings.extend(frames::findings(touches));
+        findings.extend(sensors::findings(touches, &joints, Some(robot)));
+        findings.extend(motion::findings(touches, robot, period_s));
 
         let fits = &reading.fits;
-        let figures = figures::Figures::new(self.arm, self.config, (set, fits.accepted()))?;
-        let (of_touches, touched, cells) = figures.of_all(touches, self.progress)?;
-        (facts.touched, facts.touches) = (Some(touched.figures(cells)), of_touches);
-        let nothing = touched.nothing(&self.config.lattice);
+        findings.extend(delay::finding(touches, robot, (fits, set.still_rad), period_s));
+        let figures = figures::Figures::new(self.arm, self.place, (set, fits.accepted()))?;
+        let (facts, touched, cells) = figures.of_all(touches, contacts, progress)?;
+        let nothing = touched.nothing(&self.place.0);
         let moves = figures::last_link_box(touches, robot);
-        let figured = rest::Figured { robot, touches: &facts.touches, tare: set.tare, fits };
-        self.findings.extend(figured.findings(nothing, moves));
-        facts.reading = Some(reading);
-        Ok(())
+        let figured = rest::Figured { robot, touches: &facts, tare: set.tare, fits };
+        findings.extend(figured.findings(nothing, moves));
+        Ok(Judged { touched: touched.figures(cells), touches: facts, reading, findings })
     }
 }
 

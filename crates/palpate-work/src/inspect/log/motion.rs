@@ -1,4 +1,4 @@
-//! What the robot's limits say of a motion: positions, speeds, torques beyond them.
+//! What the robot's limits say of a motion: positions and speeds beyond them.
 
 use palpate::unstable::{Joint, JointKind};
 use std::f64::consts::TAU;
@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use palpate::{Robot, Sample};
 
 use super::super::finding::Finding;
-use super::super::words::{counted, listed, number, times};
+use super::super::words::{counted, number, times};
 use crate::quantile::extremes;
 use crate::touches::RecordedTouch;
 
@@ -18,8 +18,6 @@ const JUMP: f64 = 1.5;
 const LEAST_JUMP: f64 = 0.02;
 /// Without clock or speed limit, a jump is as long as this, rad or m.
 const JUMP_ANYWAY: f64 = 0.5;
-/// At this part of the effort limit a sensor may be saturated.
-const SATURATED: f64 = 0.99;
 
 /// Everything that looks wrong.
 pub(super) fn findings(
@@ -30,7 +28,6 @@ pub(super) fn findings(
     let mut findings = Vec::new();
     for joint in 0..robot.n_joints() {
         findings.extend(outside(touches, robot, joint));
-        findings.extend(saturated(touches, robot, joint));
     }
     findings.extend(jumps(touches, robot, period_s));
     findings
@@ -55,30 +52,6 @@ fn outside(touches: &[RecordedTouch], robot: &Robot, joint: usize) -> Option<Fin
         let remedy = "check the robot (--robot), the order of the joints and the unit \
                       (--angle-unit)";
         Finding::warning("joint_limits", what, remedy).at(&[&limits.name])
-    })
-}
-
-/// Torques as large as the joint has.
-fn saturated(touches: &[RecordedTouch], robot: &Robot, joint: usize) -> Option<Finding> {
-    let limits = &robot.joints()[joint];
-    let effort = limits.effort?;
-    let full = |touch: &RecordedTouch| {
-        let full = |sample: &&Sample| sample.tau[joint].abs() >= SATURATED * effort;
-        touch.samples.iter().filter(full).count()
-    };
-    let shown = touches.iter().filter(|touch| full(touch) > 0);
-    let names: Vec<&str> = shown.map(|touch| touch.name.as_str()).collect();
-    (!names.is_empty()).then(|| {
-        let what = format!(
-            "the torque of joint `{}` reaches its limit of {} N·m in {}: {}",
-            limits.name,
-            number(effort),
-            counted(touches.iter().map(full).sum(), "frame"),
-            listed(&names)
-        );
-        let remedy = "what goes beyond is cut off and makes the object look softer; push less, or \
-                      leave these touches out";
-        Finding::warning("saturation", what, remedy).in_touches(&names).at(&[&limits.name])
     })
 }
 

@@ -180,7 +180,7 @@ impl Figured<'_> {
         let what = "the torques at rest have no noise at all";
         let remedy = "fine if the log is simulated; else they are filtered, estimated or held, and \
                       lag behind the motion: log the sensors themselves";
-        Finding::of_parts("no_noise", &silent, what, remedy)
+        Finding::of_parts("no_noise", &silent, what, remedy).map(Finding::noted)
     }
 
     fn noisy(&self) -> Option<Finding> {
@@ -201,7 +201,7 @@ impl Figured<'_> {
                       stiff the object is; push farther";
         let shows =
             |touch: &TouchFacts| touch.start_frames < touch.frames && touch.peak_external < WEAK;
-        self.shown(shows, ("weak_touch", &what, remedy))
+        self.shown(shows, ("weak_touch", &what, remedy)).map(Finding::noted)
     }
 
     /// Torques that stay although the arm is back where it began.

@@ -1,0 +1,56 @@
+//! What the user of a live session is told: news, and what looks wrong.
+
+use std::cell::RefCell;
+use std::sync::Arc;
+
+use palpate_live::inbox::Inbox;
+use palpate_live::{Mapped, News};
+
+use super::checker::Checker;
+use super::status::Shown;
+
+/// Tells it.
+pub(super) struct Told {
+    shown: RefCell<Shown>,
+    checker: Checker,
+    strict: bool,
+    /// What looked wrong first, where that ends the session.
+    wrong: RefCell<Option<String>>,
+}
+
+impl Told {
+    pub(super) fn new(shown: Shown, checker: Checker, strict: bool) -> Self {
+        Self { shown: RefCell::new(shown), checker, strict, wrong: RefCell::default() }
+    }
+
+    /// Where mapped samples go, to be looked at.
+    pub(super) fn inbox(&self) -> Arc<Inbox<Mapped>> {
+        self.checker.inbox()
+    }
+
+    pub(super) fn tell(&self, news: News) {
+        self.shown.borrow_mut().tell(news);
+    }
+
+    /// Warns of what looks wrong, and says whether that ends the session.
+    pub(super) fn looks_wrong(&self) -> bool {
+        self.warn(self.checker.warnings());
+        self.wrong.borrow().is_some()
+    }
+
+    fn warn(&self, warnings: Vec<String>) {
+        for warning in warnings {
+            self.shown.borrow().warn(&warning);
+            if self.strict {
+                self.wrong.borrow_mut().get_or_insert(warning);
+            }
+        }
+    }
+
+    /// Warns of what came last; returns what ends the session with an error, if anything does.
+    pub(super) fn end(mut self) -> (Shown, Option<String>) {
+        let warnings = self.checker.end();
+        self.warn(warnings);
+        (self.shown.into_inner(), self.wrong.into_inner())
+    }
+}

@@ -1,0 +1,98 @@
+//! Whatever reads a log says in a line what `inspect` would say of it, and `--strict` makes that an
+//! error.
+#![allow(clippy::unwrap_used)] // clippy takes only functions marked as tests for tests
+
+mod common;
+mod recording;
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use common::{names, palpate, stderr};
+use recording::{Touch, clean, write};
+use tempfile::TempDir;
+
+/// Small enough that every command takes a moment.
+const COARSE: [&str; 2] = ["--spacing-m", "0.04"];
+
+/// A log, clean or spoilt, and room for results.
+fn scene(spoil: impl Fn(&mut Touch)) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mut touches = clean();
+    touches.iter_mut().for_each(spoil);
+    write(&folder.path().join("log"), &touches);
+    std::fs::create_dir(folder.path().join("out")).unwrap();
+    folder
+}
+
+fn other_sign(touch: &mut Touch) {
+    touch.tau.iter_mut().flatten().for_each(|tau| *tau = -*tau);
+}
+
+/// Every command that learns from a log or predicts it, its results in `out`.
+fn commands(folder: &Path) -> Vec<Command> {
+    let [log, out] = ["log", "out"].map(|name| folder.join(name));
+    let of = |args: &[&str], result: &str| {
+        let mut command = palpate();
+        command.arg(args[0]).arg(&log).arg("-o").arg(out.join(result));
+        command.args(&args[1..]).args(COARSE);
+        command
+    };
+    vec![
+        of(&["map"], "field.npz"),
+        of(&["evaluate", "--methods", "zero"], "evaluation"),
+        of(&["tune", "--candidates", "2"], "settings.toml"),
+    ]
+}
+
+fn warnings(output: &Output) -> Vec<String> {
+    let lines = stderr(output);
+    lines.lines().filter(|line| line.contains("looks wrong (")).map(str::to_owned).collect()
+}
+
+#[test]
+fn each_command_warns_in_one_line_for_each_kind_of_defect_and_of_a_clean_log_not_at_all() {
+    let [good, bad] = [scene(|_| ()), scene(other_sign)];
+    for (mut good, mut bad) in commands(good.path()).into_iter().zip(commands(bad.path())) {
+        let good = good.output().unwrap();
+        assert!(good.status.success() && warnings(&good).is_empty(), "{}", stderr(&good));
+        let told = warnings(&bad.output().unwrap());
+        assert_eq!(told.len(), 1, "{told:?}");
+        let words = ["warning: `", "log` looks wrong (torque_sign): ", "try --torque-sign minus"];
+        words.iter().for_each(|word| assert!(told[0].contains(word), "{told:?}"));
+    }
+}
+
+#[test]
+fn strict_makes_it_an_error_that_leaves_no_result() {
+    let folder = scene(other_sign);
+    for mut command in commands(folder.path()) {
+        let output = command.args(["--strict", "--quiet"]).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+        let told = stderr(&output);
+        assert!(told.starts_with("error: `") && told.contains("(torque_sign)"), "{told}");
+        assert!(names(&folder.path().join("out")).is_empty());
+    }
+}
+
+#[test]
+fn predict_warns_of_the_log_that_it_predicts() {
+    let folder = scene(|_| ());
+    assert!(commands(folder.path())[0].status().unwrap().success());
+    let bad = scene(other_sign);
+    let mut predict = palpate();
+    predict.arg("predict").arg(folder.path().join("out/field.npz")).arg(bad.path().join("log"));
+    let told = warnings(&predict.output().unwrap());
+    assert_eq!(told.len(), 1, "{told:?}");
+    let strict = predict.arg("--strict").output().unwrap();
+    assert_eq!(strict.status.code(), Some(1), "{}", stderr(&strict));
+}
+
+#[test]
+fn what_ends_a_command_is_explained_by_what_looks_wrong() {
+    let folder = scene(|touch| touch.tau[90][2] = 2e6);
+    let output = commands(folder.path())[0].output().unwrap();
+    let told = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.contains("looks wrong (saturation)"), "{told}");
+}

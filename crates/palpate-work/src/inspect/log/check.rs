@@ -1,0 +1,224 @@
+//! What looks wrong with a log, while it is being learnt from: what `inspect` would say of it.
+//!
+//! Whoever follows the touches anyway hands over every sample, with how many points it touches.
+//! What came so far is looked at after three touches, so that hours of work on a log that is misread
+//! do not go by without a word, then each time that there are four times as many, and at the end.
+//! Beside a running robot, a touch that goes on is looked at as well.
+
+use std::cmp::Reverse;
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use palpate::{Arm, ExternalTorqueConfig, Sample};
+use palpate_io::log::AngleUnit;
+
+use super::joints::Matching;
+use super::{Place, Read};
+use crate::error::WorkError;
+use crate::inspect::finding::{Finding, Level};
+use crate::inspect::words::{counted, listed};
+use crate::progress::Progress;
+use crate::touches::{RecordedTouch, Touches};
+
+/// Frames that are kept to be looked at: 50 MB of seven joints. What follows is believed.
+const MOST_FRAMES: usize = 250_000;
+/// After so many touches they are looked at for the first time.
+const FIRST_TOUCHES: usize = 3;
+/// What is wrong with a touch that is over, and tells nothing while it goes on.
+const AT_THE_END: [&str; 4] = ["never_moves", "no_contact", "no_start", "drift"];
+
+/// Touches, as they are followed, to be looked at.
+pub struct LogCheck {
+    arm: Arc<Arm>,
+    place: Place,
+    set: ExternalTorqueConfig,
+    angle_unit: AngleUnit,
+    strict: bool,
+    touches: Vec<RecordedTouch>,
+    /// Points touched in each frame of each touch, if somebody follows them.
+    contacts: Option<Vec<Vec<usize>>>,
+    frames: usize,
+    /// After how many touches they are looked at next.
+    next: usize,
+    /// Touches of a running robot so far.
+    live_touches: usize,
+    told: HashSet<&'static str>,
+}
+
+impl LogCheck {
+    /// Of touches that an arm follows in a lattice by a contact model; `set` is what their torques
+    /// are said to be. If `strict`, what looks wrong is an error.
+    pub fn new(
+        arm: &Arc<Arm>,
+        place: Place,
+        set: &ExternalTorqueConfig,
+        (angle_unit, strict): (AngleUnit, bool),
+    ) -> Self {
+        Self {
+            arm: Arc::clone(arm),
+            place,
+            set: set.clone(),
+            angle_unit,
+            strict,
+            touches: Vec::new(),
+            contacts: Some(Vec::new()),
+            frames: 0,
+            next: FIRST_TOUCHES,
+            live_touches: 0,
+            told: HashSet::new(),
+        }
+    }
+
+    /// The same of touches that were read, and that nobody has followed.
+    #[must_use]
+    pub fn of(mut self, touches: &[RecordedTouch]) -> Self {
+        self.contacts = None;
+        for touch in touches {
+            let frames = touch.samples.len().min(MOST_FRAMES - self.frames);
+            let samples = touch.samples[..frames].to_vec();
+            let RecordedTouch { log, name, joint_names, .. } = touch.clone();
+            self.touches.push(RecordedTouch { log, name, joint_names, samples });
+            self.frames += frames;
+        }
+        self
+    }
+
+    /// The touch begins that was read last.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::look`], at those before it, if it is time.
+    pub fn begin(
+        &mut self,
+        name: &str,
+        touches: &Touches,
+        progress: &dyn Progress,
+    ) -> Result<(), WorkError> {
+        if self.touches.len() == self.next {
+            self.next *= 4;
+            self.look(progress)?;
+        }
+        self.begin_touch(touches.begun(name));
+        Ok(())
+    }
+
+    fn begin_touch(&mut self, touch: RecordedTouch) {
+        self.touches.push(touch);
+        self.contacts.get_or_insert_default().push(Vec::new());
+    }
+
+    /// A touch of a running robot begins, at rest. Of those before it, at most so many frames are
+    /// kept.
+    pub fn begin_live(&mut self, start: &[Sample], most_frames: usize) {
+        if self.frames > most_frames {
+            (self.touches, self.contacts, self.frames) = (Vec::new(), None, 0);
+        }
+        self.live_touches += 1;
+        let name = format!("touch {}", self.live_touches);
+        self.begin_touch(RecordedTouch { name, ..RecordedTouch::default() });
+        start.iter().for_each(|sample| self.add(sample, 0));
+    }
+
+    /// Looks at the touches of a running robot, of which the last goes on: returns a line for each
+    /// kind of thing that looks wrong and was not told yet.
+    pub fn look_live(&mut self, progress: &dyn Progress) -> Vec<String> {
+        let mut found = self.findings(progress).unwrap_or_default();
+        found.retain(|finding| !AT_THE_END.contains(&finding.code));
+        self.told.extend(found.iter().map(|finding| finding.code));
+        lines(&found, "the robot's log")
+    }
+
+    /// A frame of the touch touches so many points.
+    pub fn add(&mut self, sample: &Sample, contacts: usize) {
+        let of_touch = self.contacts.as_mut().and_then(|all| all.last_mut());
+        if let (Some(touch), Some(of_touch)) = (self.touches.last_mut(), of_touch)
+            && self.frames < MOST_FRAMES
+        {
+            touch.samples.push(sample.clone());
+            of_touch.push(contacts);
+            self.frames += 1;
+        }
+    }
+
+    /// Looks at what came so far, and warns of what was not told yet.
+    ///
+    /// # Errors
+    ///
+    /// If that is to be an error, or the progress stops it.
+    pub fn look(&mut self, progress: &dyn Progress) -> Result<(), WorkError> {
+        let (found, log) = (self.findings(progress)?, self.log());
+        let lines = lines(&found, &log);
+        let Some(worst) = lines.first() else { return Ok(()) };
+        if self.strict {
+            let more = match lines.len() - 1 {
+                0 => String::new(),
+                more => format!("; and {more} more"),
+            };
+            let told = "(--strict; `palpate inspect` says more)";
+            return Err(WorkError::LooksWrong(format!("{worst}{more} {told}")));
+        }
+        lines.iter().for_each(|line| progress.warn(line));
+        self.told.extend(found.iter().map(|finding| finding.code));
+        progress.note("`palpate inspect` says more; --strict makes that an error");
+        Ok(())
+    }
+
+    /// Warns of what may be the reason of an error.
+    pub fn explain(mut self, progress: &dyn Progress) {
+        self.strict = false;
+        let _ = self.look(progress);
+    }
+
+    /// What looks wrong and was not told yet, errors first.
+    fn findings(&self, progress: &dyn Progress) -> Result<Vec<Finding>, WorkError> {
+        let with_frames = |touch: &RecordedTouch| !touch.samples.is_empty();
+        let mut touches = self.touches.clone();
+        touches.retain(with_frames);
+        let mut contacts = self.contacts.clone();
+        if let Some(contacts) = &mut contacts {
+            contacts.retain(|touch| !touch.is_empty());
+        }
+        if touches.is_empty() {
+            return Ok(Vec::new());
+        }
+        let named = touches.iter().all(|touch| touch.joint_names.is_some());
+        let matching = if named { Matching::InOrder } else { Matching::Unnamed };
+        let Self { arm, place, set, angle_unit, .. } = self;
+        let read = Read { arm, place, set, angle_unit: *angle_unit, matching };
+        let mut found = read.judge(&mut touches, contacts.as_deref(), progress)?.findings;
+        found.retain(|one| one.level > Level::Note && !self.told.contains(one.code));
+        found.sort_by_key(|finding| Reverse(finding.level));
+        Ok(found)
+    }
+
+    /// What to call the log.
+    fn log(&self) -> String {
+        let mut logs: Vec<_> = self.touches.iter().map(|touch| &touch.log).collect();
+        logs.dedup();
+        let first = logs.first().map_or(String::new(), |log| log.display().to_string());
+        match logs.len() {
+            0 | 1 if first.is_empty() => "the log".to_owned(),
+            0 | 1 => format!("`{first}`"),
+            logs => format!("`{first}`, or what comes after it in {},", counted(logs, "log")),
+        }
+    }
+}
+
+/// A line for each kind of finding, with the other joints that show it.
+fn lines(found: &[Finding], log: &str) -> Vec<String> {
+    let firsts = found
+        .iter()
+        .enumerate()
+        .filter(|(at, one)| !found[..*at].iter().any(|before| before.code == one.code));
+    let line = |(at, first): (usize, &Finding)| {
+        let others = found[at + 1..].iter().filter(|other| other.code == first.code);
+        let parts: Vec<&str> =
+            others.flat_map(|other| other.parts.iter().map(String::as_str)).collect();
+        let more = match parts.is_empty() {
+            true => String::new(),
+            false => format!("; likewise {}", listed(&parts)),
+        };
+        first.line(log) + &more
+    };
+    firsts.map(line).collect()
+}

@@ -1,0 +1,105 @@
+//! Torques that come later than the positions they belong to.
+//!
+//! Gravity tells: where a touch begins still, the torque that gravity has at the logged positions
+//! leaves the noise of that start at some frame, and the logged torque must do so as early. Contacts
+//! and friction can only make it earlier. Without gravity in the torques nothing is known.
+
+use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Sample};
+use palpate_learn::evaluation::MeanStd;
+
+use super::super::finding::Finding;
+use super::super::words::{counted, number};
+use super::mean;
+use super::reading::Fits;
+use super::sensors::is_frozen;
+use crate::quantile::median;
+use crate::touches::RecordedTouch;
+
+/// A torque has left its noise where it is so many standard deviations off for so many frames.
+const LEFT: f64 = 6.0;
+const LEFT_FRAMES: usize = 3;
+/// So far it is by the time that noise lets it stay beyond, on average.
+const FAR: f64 = 7.0;
+/// Sensors have at least this noise, N·m, and models of gravity an error.
+const LEAST_NOISE: f64 = 0.02;
+/// Fewer frames are no delay, but how sensors are read.
+const LEAST_DELAY: f64 = 3.0;
+/// Nor is less, s: what filters of joint torques take.
+const LEAST_DELAY_S: f64 = 0.02;
+/// Fewest touches that must tell.
+const FEWEST: usize = 3;
+
+/// The delay of the torques, if there is one; `period_s` is the log's median time step.
+pub(super) fn finding(
+    touches: &[RecordedTouch],
+    robot: &Robot,
+    (fits, still_rad): (&Fits, f64),
+    period_s: Option<f64>,
+) -> Option<Finding> {
+    let fit = fits.accepted();
+    if !fits.tell() || fit.gravity != Gravity::Included {
+        return None;
+    }
+    let delays: Vec<[f64; 2]> =
+        touches.iter().filter_map(|touch| delay(touch, robot, still_rad)).collect();
+    let [frames, at_least] = [0, 1].map(|which| {
+        median(&delays.iter().map(|delay| delay[which]).collect::<Vec<f64>>()).unwrap_or(0.0)
+    });
+    let delay_s = period_s.map(|period_s| period_s * frames);
+    let is_none = at_least < LEAST_DELAY || delay_s.is_some_and(|s| s < LEAST_DELAY_S);
+    if delays.len() < FEWEST || is_none {
+        return None;
+    }
+    let long = delay_s.map_or(String::new(), |s| format!(", {} s", number(s)));
+    let what = format!(
+        "the torques come about {} later than the positions{long}: the arm sets out in {}, and \
+         gravity shows in the torques so much later than it must",
+        counted(frames as usize, "frame"),
+        counted(delays.len(), "touch")
+    );
+    let remedy = "the object looks softer where the arm pushes and harder where it draws back; log \
+                  positions and torques of one message, or shift the torques by as much";
+    Some(Finding::warning("delay", what, remedy))
+}
+
+/// How many frames gravity shows later in the torques of a touch than in its positions: as seen, and
+/// at least, with all doubt that noise leaves. `None` if the touch does not tell.
+fn delay(touch: &RecordedTouch, robot: &Robot, still_rad: f64) -> Option<[f64; 2]> {
+    let still = touch.still_frames(still_rad);
+    if still < MIN_TARE_FRAMES as usize {
+        return None;
+    }
+    let start = &touch.samples[..still];
+    let stds: Vec<f64> = (0..robot.n_joints())
+        .map(|joint| {
+            let torques = start.iter().map(|sample| sample.tau[joint]);
+            MeanStd::of(torques).map_or(0.0, |torque| torque.std).max(LEAST_NOISE)
+        })
+        .collect();
+    let gravity = |sample: &Sample| {
+        let poses = robot.forward(&sample.q).ok()?;
+        Some(robot.gravity_torque(&poses).as_slice().to_vec())
+    };
+    let at_rest = gravity(&start[0])?;
+    let mean_start = mean(start, |sample| &sample.tau);
+    // A dead sensor is no late one.
+    let alive: Vec<usize> =
+        (0..robot.n_joints()).filter(|joint| !is_frozen(touch, *joint)).collect();
+    let off = |torques: &[f64], rest: &[f64]| {
+        let off = |&joint: &usize| (torques[joint] - rest[joint]).abs() / stds[joint];
+        alive.iter().map(off).fold(0.0, f64::max)
+    };
+    // The first frame from which on the torque is so far off.
+    let leaves = |off: &dyn Fn(&Sample) -> Option<f64>, far: f64| {
+        let mut beyond = 0;
+        touch.samples.iter().position(|sample| {
+            beyond = if off(sample).is_some_and(|off| off > far) { beyond + 1 } else { 0 };
+            beyond == LEFT_FRAMES
+        })
+    };
+    let by_gravity = |sample: &Sample| Some(off(&gravity(sample)?, &at_rest));
+    let by_sensor = |sample: &Sample| Some(off(&sample.tau, &mean_start));
+    let [left, far] = [LEFT, FAR].map(|far| leaves(&by_gravity, far));
+    let measured = leaves(&by_sensor, LEFT)? as f64;
+    Some([measured - left? as f64, measured - far? as f64])
+}

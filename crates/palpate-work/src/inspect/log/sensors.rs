@@ -1,0 +1,176 @@
+//! Torques that a sensor cannot have meant: that stand still while the arm moves, or are cut off.
+
+use std::collections::HashMap;
+
+use palpate::{Robot, Sample};
+
+use super::super::finding::Finding;
+use super::super::words::{counted, listed, number};
+use super::farthest;
+use crate::quantile::{extremes, median, quantile};
+use crate::touches::RecordedTouch;
+
+/// A column must be this long before standing still means anything.
+const FROZEN_FRAMES: usize = 10;
+/// A torque that stood still for so many frames, and for so many times as long as is usual for its
+/// sensor, which may be slower than the log, was stuck.
+const STUCK_FRAMES: usize = 20;
+const STUCK_TIMES: f64 = 10.0;
+/// If meanwhile the arm went as far, rad or m.
+const STUCK_MOVES: f64 = 0.01;
+/// And if it then went on by so many of its usual steps: a coarse sensor takes one.
+const STUCK_JUMP: f64 = 3.0;
+/// Steps in which a torque stays at its largest value to the last bit although the arm moves.
+const CUT_STEPS: usize = 5;
+/// So many times those at any other value, of which a coarse sensor has some.
+const CUT_TIMES: usize = 4;
+/// At this part of the effort limit a sensor may be saturated.
+const SATURATED: f64 = 0.99;
+
+/// Everything that looks wrong; without a robot, joints have no effort limits.
+pub(super) fn findings(
+    touches: &[RecordedTouch],
+    joints: &[String],
+    robot: Option<&Robot>,
+) -> Vec<Finding> {
+    // A touch of another robot has its own finding.
+    let touches: Vec<&RecordedTouch> = touches
+        .iter()
+        .filter(|touch| touch.frames() > 0 && touch.n_joints() == joints.len())
+        .collect();
+    let mut findings = Vec::new();
+    for (joint, name) in joints.iter().enumerate() {
+        let effort = robot.and_then(|robot| robot.joints()[joint].effort);
+        let saturated = effort.and_then(|effort| saturated(&touches, (joint, name), effort));
+        if saturated.is_none() {
+            findings.extend(cut_off(&touches, (joint, name)));
+        }
+        findings.extend(saturated);
+        findings.extend(frozen(&touches, (joint, name)));
+        findings.extend(stuck(&touches, (joint, name)));
+    }
+    findings
+}
+
+/// Torques that never change in a touch although the arm moves.
+fn frozen(touches: &[&RecordedTouch], (joint, name): (usize, &str)) -> Option<Finding> {
+    let frozen: Vec<&RecordedTouch> =
+        touches.iter().copied().filter(|touch| is_frozen(touch, joint)).collect();
+    let mut names: Vec<&str> = frozen.iter().map(|touch| touch.name.as_str()).collect();
+    names.dedup();
+    let what = format!(
+        "the torque of joint `{name}` never changes from {} N·m in {} of {}: {}",
+        number(frozen.first()?.samples[0].tau[joint]),
+        names.len(),
+        counted(touches.len(), "touch"),
+        listed(&names)
+    );
+    let remedy = "the sensor is dead or was not recorded, and its torque would count as measured; \
+                  look at the driver, or leave these touches out";
+    Some(Finding::warning("frozen_torque", what, remedy).in_touches(&names).at(&[name]))
+}
+
+/// Whether a torque never changes in a touch in which the arm moves.
+pub(super) fn is_frozen(touch: &RecordedTouch, joint: usize) -> bool {
+    let constant = |value: &dyn Fn(&Sample) -> f64| {
+        touch.samples.iter().all(|sample| value(sample) == value(&touch.samples[0]))
+    };
+    touch.frames() >= FROZEN_FRAMES
+        && constant(&|sample| sample.tau[joint])
+        && !(0..touch.n_joints()).all(|joint| constant(&|sample| sample.q[joint]))
+}
+
+/// Torques that stand still for a part of a touch although the arm moves.
+fn stuck(touches: &[&RecordedTouch], (joint, name): (usize, &str)) -> Option<Finding> {
+    let mut places: Vec<(&str, String)> = Vec::new();
+    for touch in touches.iter().filter(|touch| !is_frozen(touch, joint)) {
+        let torque = |sample: &Sample| sample.tau[joint];
+        let runs: Vec<&[Sample]> = touch.samples.chunk_by(|a, b| torque(a) == torque(b)).collect();
+        let lengths: Vec<f64> = runs.iter().map(|run| run.len() as f64).collect();
+        let usual = quantile(&lengths, 0.9).unwrap_or(0.0);
+        let least = (STUCK_TIMES * usual).max(STUCK_FRAMES as f64);
+        let step = |pair: &[&[Sample]]| (torque(&pair[1][0]) - torque(&pair[0][0])).abs();
+        let usual_step = median(&runs.windows(2).map(step).collect::<Vec<_>>()).unwrap_or(0.0);
+        let mut row = 0;
+        for (number_of, run) in runs.iter().enumerate() {
+            let moves = run.iter().any(|sample| farthest(&sample.q, &run[0].q) > STUCK_MOVES);
+            let jumps = runs.get(number_of..number_of + 2).map(step);
+            let jumps = jumps.is_none_or(|jump| jump > STUCK_JUMP * usual_step);
+            if run.len() as f64 >= least && moves && jumps {
+                let (to, value) = (row + run.len() - 1, number(torque(&run[0])));
+                let place = format!("{} rows {row} to {to} at {value} N·m", touch.name);
+                places.push((&touch.name, place));
+            }
+            row += run.len();
+        }
+    }
+    let what = |n, rows| {
+        let stretches = counted(n, "stretch");
+        format!(
+            "the torque of joint `{name}` stands still while the arm moves, in {stretches}: \
+                 {rows} (from 0)"
+        )
+    };
+    let remedy = "the sensor hung or the driver repeated what it had, and all of it would count as \
+                  measured; look at the driver, or leave these touches out";
+    Some(Finding::at_places("stuck_torque", &places, what, remedy)?.at(&[name]))
+}
+
+/// Torques as large as the joint has.
+fn saturated(
+    touches: &[&RecordedTouch],
+    (joint, name): (usize, &str),
+    effort: f64,
+) -> Option<Finding> {
+    let is_full = |sample: &Sample| sample.tau[joint].abs() >= SATURATED * effort;
+    let what = format!("reaches its limit of {} N·m", number(effort));
+    capped(touches, name, ("saturation", &what), is_full)
+}
+
+/// Torques that end at one value, below what the joint has.
+fn cut_off(touches: &[&RecordedTouch], (joint, name): (usize, &str)) -> Option<Finding> {
+    let torque = |sample: &Sample| sample.tau[joint];
+    let samples = || touches.iter().flat_map(|touch| &touch.samples);
+    // Steps in which the arm moves and the torque stays, by its value.
+    let mut stays: HashMap<u64, usize> = HashMap::new();
+    for pair in touches.iter().flat_map(|touch| touch.samples.windows(2)) {
+        if torque(&pair[0]) == torque(&pair[1]) && pair[0].q != pair[1].q {
+            *stays.entry(torque(&pair[0]).to_bits()).or_default() += 1;
+        }
+    }
+    let ends = extremes(samples().map(torque)).filter(|[low, high]| low < high)?;
+    let at = |value: f64| stays.get(&value.to_bits()).copied().unwrap_or(0);
+    let others = stays.iter().filter(|(value, _)| !ends.map(f64::to_bits).contains(value));
+    let usual = others.map(|(_, steps)| *steps).max().unwrap_or(0);
+    // Without noise, as in a simulation, a torque stays at that of the start until the arm touches.
+    let starts = |value: f64| touches.iter().any(|touch| torque(&touch.samples[0]) == value);
+    let is_cut = |value: &f64| {
+        let (stays, rests) = (at(*value), *value == 0.0 || starts(*value));
+        !rests && stays >= CUT_STEPS && stays > CUT_TIMES * usual
+    };
+    let cut: Vec<f64> = ends.into_iter().filter(is_cut).collect();
+    let told: Vec<String> = cut.iter().map(|value| number(*value)).collect();
+    let what = format!("never passes {} N·m, and stays there", told.join(" and "));
+    let is_there = |sample: &Sample| cut.contains(&torque(sample));
+    capped(touches, name, ("clipped_torque", &what), is_there)
+}
+
+/// Torques beyond which nothing is measured.
+fn capped(
+    touches: &[&RecordedTouch],
+    name: &str,
+    (code, what): (&'static str, &str),
+    is_capped: impl Fn(&Sample) -> bool,
+) -> Option<Finding> {
+    let capped = |touch: &RecordedTouch| touch.samples.iter().filter(|&one| is_capped(one)).count();
+    let shown = touches.iter().filter(|touch| capped(touch) > 0);
+    let names: Vec<&str> = shown.map(|touch| touch.name.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        let frames = counted(touches.iter().map(|touch| capped(touch)).sum(), "frame");
+        let names_listed = listed(&names);
+        let what = format!("the torque of joint `{name}` {what}, in {frames}: {names_listed}");
+        let remedy = "what goes beyond is cut off and makes the object look softer; push less, or \
+                      leave these touches out";
+        Finding::warning(code, what, remedy).in_touches(&names).at(&[name])
+    })
+}
