@@ -44,6 +44,21 @@ fn kind(file_type: FileType) -> Option<&'static str> {
     }
 }
 
+/// Whether nobody but its owner, who runs this, can change what a path is: it is theirs, and no group
+/// or others may write to it.
+pub fn is_ones_own(path: &Path) -> io::Result<bool> {
+    let found = path.metadata()?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        Ok(found.uid() == rustix::process::geteuid().as_raw() && found.mode() & 0o022 == 0)
+    }
+    #[cfg(not(unix))]
+    {
+        Ok(found.is_dir() || found.is_file())
+    }
+}
+
 /// Reads a file of at most so many bytes.
 ///
 /// # Errors

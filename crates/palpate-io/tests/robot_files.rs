@@ -149,6 +149,25 @@ fn without_a_usable_cache_the_robot_loads_all_the_same() {
     assert!(loaded.warnings[0].contains("could not be kept"));
 }
 
+#[cfg(unix)]
+#[test]
+fn a_cache_that_others_may_write_to_is_not_used_and_said_so() {
+    use std::os::unix::fs::PermissionsExt;
+    let bench = Bench::new("box.stl");
+    bench.put_mesh("box.stl");
+    assert_eq!((bench.cached(), bench.cached()), (vec![false, false], vec![true, true]));
+    let folder = bench.cache_files()[0].parent().unwrap().to_owned();
+    let mode = || folder.metadata().unwrap().permissions().mode() & 0o777;
+    assert_eq!(mode(), 0o700);
+    for (others, used) in [(0o770, false), (0o757, false), (0o755, true)] {
+        fs::set_permissions(&folder, fs::Permissions::from_mode(others)).unwrap();
+        let loaded = bench.load().unwrap();
+        assert!(loaded.links.iter().all(|link| link.cached == used), "{others:o}");
+        let told = loaded.warnings.iter().any(|warning| warning.contains("chmod go-w"));
+        assert_eq!(told, !used, "{others:o}: {:?}", loaded.warnings);
+    }
+}
+
 #[test]
 fn several_processes_may_bake_at_once() {
     let bench = Bench::new("box.stl");

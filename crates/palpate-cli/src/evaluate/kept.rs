@@ -1,19 +1,23 @@
 //! The finished pieces of an evaluation, kept until all of it is finished.
 //!
 //! Every piece lies in a file of its own, which appears whole or not at all, under the *key* of what
-//! made it: robot, settings, touches, folds and version. What has another key is not taken.
+//! made it: robot, settings, touches with their truth, folds and program. What has another key is not
+//! taken; what was changed since, as its *seal* tells, is told and computed again.
 
+use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
-use serde::de::{DeserializeOwned, IgnoredAny};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use palpate_io::input;
 use palpate_learn::evaluate::Part;
 use palpate_learn::tune::Tuned;
+use palpate_work::Progress;
 use palpate_work::evaluate::{Keep, Work};
 
 use crate::error::CliError;
+use crate::output::Output;
 use crate::place;
 
 /// The folder of the pieces.
@@ -21,22 +25,40 @@ pub(super) struct Kept {
     results: PathBuf,
     folder: PathBuf,
     key: String,
+    output: Output,
 }
 
 /// What a file holds.
 #[derive(Serialize, Deserialize)]
-struct Sealed<P> {
+struct Sealed {
     key: String,
-    piece: P,
+    /// A hash of key and piece.
+    seal: String,
+    /// As JSON.
+    piece: String,
+}
+
+impl Sealed {
+    fn new(key: &str, piece: String) -> Self {
+        Self { key: key.to_owned(), seal: seal(key, &piece), piece }
+    }
+}
+
+fn seal(key: &str, piece: &str) -> String {
+    blake3::Hasher::new().update(key.as_bytes()).update(piece.as_bytes()).finalize().to_string()
 }
 
 impl Kept {
     /// The pieces kept in a folder of results.
-    pub(super) fn open(results: &Path, work: &Work<'_>) -> Result<Self, CliError> {
+    pub(super) fn open(
+        results: &Path,
+        work: &Work<'_>,
+        output: Output,
+    ) -> Result<Self, CliError> {
         let folder = results.join("parts");
         let what = format!("the folder `{}`", folder.display());
         std::fs::create_dir_all(&folder).map_err(|source| CliError::Write { what, source })?;
-        Ok(Self { results: results.to_owned(), folder, key: key(work) })
+        Ok(Self { results: results.to_owned(), folder, key: key(work), output })
     }
 
     /// All pieces whose name begins so, if they are whole.
@@ -50,15 +72,28 @@ impl Kept {
 
     /// A piece by its name, if it is there and whole.
     fn one<P: DeserializeOwned>(&self, name: &str) -> Option<P> {
-        let text =
-            input::read_text(&self.folder.join(format!("{name}.json")), input::LARGEST).ok()?;
-        let sealed: Sealed<P> = serde_json::from_str(&text).ok()?;
-        (sealed.key == self.key).then_some(sealed.piece)
+        let path = self.folder.join(format!("{name}.json"));
+        let Sealed { key, seal: found, piece } =
+            serde_json::from_str(&input::read_text(&path, input::LARGEST).ok()?).ok()?;
+        if key != self.key {
+            return None;
+        }
+        if found == seal(&key, &piece)
+            && let Ok(piece) = serde_json::from_str(&piece)
+        {
+            return Some(piece);
+        }
+        self.output.warn(&format!(
+            "`{}` is not as it was kept: what it holds is computed again",
+            path.display()
+        ));
+        None
     }
 
     /// Keeps a piece under a name.
     fn keep<P: Serialize>(&self, name: &str, piece: &P) -> Result<(), CliError> {
-        let sealed = Sealed { key: self.key.clone(), piece };
+        let piece = serde_json::to_string(piece).map_err(CliError::file)?;
+        let sealed = Sealed::new(&self.key, piece);
         let text = serde_json::to_string(&sealed).map_err(CliError::file)?;
         place::write(&self.folder.join(format!("{name}.json")), &text)
     }
@@ -68,7 +103,7 @@ impl Kept {
         let Ok(entries) = self.folder.read_dir() else { return };
         for path in entries.flatten().map(|entry| entry.path()) {
             let Ok(text) = input::read_text(&path, input::LARGEST) else { continue };
-            if serde_json::from_str::<Sealed<IgnoredAny>>(&text).is_ok() {
+            if serde_json::from_str::<Sealed>(&text).is_ok() {
                 let _ = std::fs::remove_file(&path); // What stays is found, or has another key.
             }
         }
@@ -109,16 +144,25 @@ impl Drop for Kept {
 /// A hash of everything that a piece depends on.
 fn key(work: &Work<'_>) -> String {
     let names: Vec<&str> = work.touches.iter().map(|touch| touch.name.as_str()).collect();
-    let (version, arm) = (env!("CARGO_PKG_VERSION"), work.arm.fingerprint());
-    let settings = (version, &work.estimators, &work.folds, work.tune, work.truth, arm, names);
+    let (program, arm) = (program(), work.arm.fingerprint());
+    let settings = (program, &work.estimators, &work.folds, work.tune, work.truth, arm, names);
     let mut hasher = blake3::Hasher::new();
     hasher.update(format!("{settings:?}").as_bytes());
     for touch in work.touches {
         hasher.update(&(touch.samples.len() as u64).to_le_bytes());
         let numbers = touch.samples.iter().flat_map(|sample| sample.q.iter().chain(&sample.tau));
-        numbers.for_each(|number| {
+        let truth = touch.truth.iter().flatten().flatten();
+        let times = touch.samples.iter().filter_map(|sample| sample.time_s.as_ref());
+        numbers.chain(truth).chain(times).for_each(|number| {
             hasher.update(&number.to_bits().to_le_bytes());
         });
     }
     hasher.finalize().to_hex().to_string()
+}
+
+/// What computes: the version, and of a program that somebody builds day by day its file.
+fn program() -> impl Debug {
+    let file = std::env::current_exe().and_then(std::fs::metadata).ok();
+    let built = file.map(|file| (file.len(), file.modified().ok()));
+    (env!("CARGO_PKG_VERSION"), built)
 }

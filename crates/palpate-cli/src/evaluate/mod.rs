@@ -138,7 +138,7 @@ pub(crate) fn into_folder(
     output: &Output,
 ) -> Result<EvaluationSummary, CliError> {
     let (evaluated, field) = {
-        let kept = Kept::open(folder, work)?;
+        let kept = Kept::open(folder, work, *output)?;
         let evaluated = work.evaluate(&kept, output)?;
         let field = work.field(&evaluated, (&kept, output))?;
         kept.remove();

@@ -3,8 +3,9 @@
 //! A file is named by the hash of everything that made it: shapes, bytes of the mesh files, how to
 //! bake, and the versions of the code that does. So a change of any gives another name, and what is
 //! stale is never looked up. Within, a hash of name and content tells what is broken, cut
-//! off or renamed; it is then baked again. Writing is atomic, so that several processes may share
-//! the folder. Nothing is ever removed: the folder may be deleted at any time.
+//! off or renamed; it is then baked again. Whoever may write could seal another link, so that only a
+//! folder of one's own is used. Writing is atomic, so that several processes may share the folder.
+//! Nothing is ever removed: the folder may be deleted at any time.
 
 use super::mesh::MESH_VERSION;
 use crate::atomic::{self, IfExists, WriteError};
@@ -27,6 +28,22 @@ pub(super) struct Cache {
 }
 
 impl Cache {
+    /// The cache in a folder, if others cannot write to it; else the second is why not.
+    pub(super) fn open(folder: Option<PathBuf>) -> (Self, Option<String>) {
+        match folder {
+            Some(folder) if input::is_ones_own(&folder).is_ok_and(|own| !own) => {
+                let why = format!(
+                    "the cache folder `{}` is not used: it belongs to another user, or others may \
+                     write to it; choose another one (--cache-dir), or take their right away \
+                     (chmod go-w)",
+                    folder.display()
+                );
+                (Self { folder: None }, Some(why))
+            }
+            folder => (Self { folder }, None),
+        }
+    }
+
     fn path(&self, key: &Hash) -> Option<PathBuf> {
         Some(self.folder.as_ref()?.join(format!("{}.link", key.to_hex())))
     }
@@ -35,6 +52,9 @@ impl Cache {
     pub(super) fn get(&self, key: &Hash) -> Option<(DistanceGrid, BakeReport)> {
         let path = self.path(key)?;
         let bytes = input::read(&path, MAX_BYTES).ok()?;
+        if !input::is_ones_own(path.parent()?).ok()? {
+            return None; // it was made meanwhile
+        }
         let (content, seal) = bytes.split_last_chunk::<32>()?;
         if blake3::Hash::from_bytes(*seal) != sealed(key, content) {
             return None;
@@ -69,7 +89,10 @@ impl Cache {
 
 fn make_parent(path: &Path) -> Result<(), WriteError> {
     let folder = path.parent().unwrap_or(path);
-    std::fs::create_dir_all(folder).map_err(|source| WriteError::Io {
+    let mut builder = std::fs::DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.recursive(true).create(folder).map_err(|source| WriteError::Io {
         path: folder.to_owned(),
         remedy: "choose another cache folder",
         source,

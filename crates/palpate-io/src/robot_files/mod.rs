@@ -135,11 +135,12 @@ pub fn load_arm(name_or_path: &str, options: &ArmOptions) -> Result<LoadedArm, R
     };
     let folder = urdf.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
     let folder = std::path::absolute(folder.join(".")).unwrap_or_else(|_| folder.to_owned());
+    let (cache, unused) = Cache::open(options.cache.folder());
     let mut baker = Baker {
         search: Search::new(&folder, &options.package_path),
-        cache: Cache { folder: options.cache.folder() },
+        cache,
         config: options.bake,
-        warnings: Vec::new(),
+        warnings: unused.into_iter().collect(),
     };
     let (mut surfaces, mut links) = (Vec::new(), Vec::new());
     for link in robot.links() {
