@@ -369,6 +369,8 @@ def main():
     writer = DataWriter(participant, Topic(participant, "rt/joint_states", JointState), qos)
     q, tau = frames(args.set, round(args.still * args.rate))
     wait_until(writer.get_matched_subscriptions)
+    if args.guard:
+        wait_until(flag.history)  # up, as long as nothing is known
     matched = len(writer.get_matched_subscriptions())
     started = time.perf_counter()
     sent = play(writer, q, tau, args.rate, args.seconds, args.broken, enough)

@@ -17,6 +17,12 @@ pub(crate) struct Cli {
     /// No progress and no notes on stderr; results, warnings and errors only
     #[arg(long, short, global = true)]
     pub quiet: bool,
+    /// Memory that what is read of one file may take at once, GiB [default: 1]
+    #[arg(
+        long, global = true, value_name = "GIB", help_heading = "Files",
+        value_parser = number_in(0.001..=1e6, "a number of GiB from 0.001 to 1000000")
+    )]
+    pub file_memory: Option<f64>,
     #[command(subcommand)]
     pub command: Command,
 }

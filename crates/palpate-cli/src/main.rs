@@ -44,6 +44,9 @@ fn main() -> ExitCode {
     std::panic::set_hook(Box::new(apologise));
     let cli = Cli::parse();
     let output = Output { quiet: cli.quiet };
+    if let Some(gib) = cli.file_memory {
+        palpate_io::input::set_largest((gib * f64::from(1 << 30)) as u64);
+    }
     match run(&cli.command, &output) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

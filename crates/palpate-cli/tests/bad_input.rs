@@ -192,3 +192,39 @@ fn a_closed_pipe_is_no_error_and_a_full_one_is() {
         assert!(stderr(&output).contains("standard output cannot be written"));
     }
 }
+
+#[test]
+fn coordinates_beyond_a_kilometre_are_refused_as_other_units() {
+    let far = ["--box-low-m", "1500,0,0", "--box-high-m", "1500.2,0.2,0.2"];
+    refuse_settings(&far, 2, &["1500", "1000 m", "millimetres"]);
+    refuse_robot(r#"xyz="0.4 0 0""#, r#"xyz="4000 0 0""#, &["elbow", "4000", "millimetres"]);
+    refuse_robot(
+        r#"size="0.4 0.06 0.06""#,
+        r#"size="4000 60 60""#,
+        &["upper", "4000", "millimetres"],
+    );
+}
+
+#[test]
+fn what_wants_more_memory_than_allowed_is_refused_by_name_and_read_if_more_is_allowed() {
+    let scene = Scene::new();
+    scene.touch("log/long", 20_000, 0.0);
+    succeed(&mut scene.map(&["log/long"], &["--replays", "0"]));
+    let bounded = |gib: &str, command: &str, file: &str| {
+        let mut palpate = palpate();
+        palpate
+            .args(["--file-memory", gib, command, "--json"])
+            .arg(scene.path(file))
+            .args(scene.settings());
+        palpate
+    };
+    for file in ["log", "out/field.npz"] {
+        let output = bounded("0.001", "inspect", file).output().unwrap();
+        let told = String::from_utf8(output.stdout).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{told}");
+        for word in [file, "0.001 GiB", "--file-memory GIB"] {
+            assert!(told.contains(word), "`{word}` is not in {told}");
+        }
+        succeed(&mut bounded("0.1", "inspect", file));
+    }
+}

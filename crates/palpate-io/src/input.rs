@@ -1,4 +1,4 @@
-//! Files in: only those that have an end.
+//! Files in: only those that have an end, and no more of them at once than memory can hold.
 //!
 //! A pipe would hang whoever opens it, and a device may never end. So every file that a user names,
 //! or that a file names, is looked at before it is opened.
@@ -6,9 +6,41 @@
 use std::fs::{File, FileType};
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Bytes that are read at once at most: of a mesh or a cloud, say.
-pub const LARGEST: u64 = 4 << 30;
+/// Where the bound on memory is not set otherwise, bytes.
+const USUAL: u64 = 1 << 30;
+/// The bound, bytes; 0 until somebody asks.
+static LARGEST: AtomicU64 = AtomicU64::new(0);
+/// Names the bound, in GiB.
+const VARIABLE: &str = "PALPATE_FILE_MEMORY";
+
+/// Bytes of memory that what is read of one file may take at once: 1 GiB, unless
+/// `PALPATE_FILE_MEMORY` in the environment says how many GiB, or [`set_largest`] did. Files that are
+/// read piece by piece, such as bags, may be of any size.
+pub fn largest() -> u64 {
+    if LARGEST.load(Ordering::Relaxed) == 0 {
+        let named = std::env::var(VARIABLE).ok().and_then(|gib| gib.parse::<f64>().ok());
+        set_largest(named.filter(|gib| *gib > 0.0).map_or(USUAL, |gib| (gib * GIB) as u64));
+    }
+    LARGEST.load(Ordering::Relaxed)
+}
+
+const GIB: f64 = (1_u64 << 30) as f64;
+
+/// Sets [`largest`] for the whole process.
+pub fn set_largest(bytes: u64) {
+    LARGEST.store(bytes.max(1), Ordering::Relaxed);
+}
+
+/// What a file that passes the bound is told: half a sentence.
+pub fn too_large() -> String {
+    let gib = (1e3 * largest() as f64 / GIB).round() / 1e3;
+    format!(
+        "more than {gib} GiB of memory; if that is as it should be, allow more by --file-memory GIB \
+         ({VARIABLE} in the environment)"
+    )
+}
 
 /// Opens a file.
 ///
@@ -59,17 +91,22 @@ pub fn is_ones_own(path: &Path) -> io::Result<bool> {
     }
 }
 
-/// Reads a file of at most so many bytes.
+/// Reads a file of at most so many bytes, and no more than [`largest`].
 ///
 /// # Errors
 ///
 /// As [`open`], or if it is larger.
 pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
     let file = open(path)?;
+    let bound = largest.min(self::largest());
     let too_large = || {
-        let what = format!("it has more than {largest} bytes, which is too large for such a file");
+        let what = match largest <= bound {
+            true => format!("it has more than {largest} bytes, which is too large for such a file"),
+            false => format!("it wants {}", too_large()),
+        };
         io::Error::new(ErrorKind::FileTooLarge, what)
     };
+    let largest = bound;
     let length = file.metadata()?.len();
     if length > largest {
         return Err(too_large());

@@ -26,6 +26,8 @@ pub mod checkpoint;
 pub mod cloud;
 pub mod diagnostics;
 pub mod figures;
+#[doc(hidden)]
+pub mod fuzz;
 pub mod guard;
 pub mod inbox;
 pub mod joints;

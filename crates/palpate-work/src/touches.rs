@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate::{Arm, ContactConfig, ExternalTorqueConfig, Gravity, Lattice, MapperError};
+use palpate::{Arm, ContactConfig, ExternalTorqueConfig, Gravity, Lattice, MapperError, Sample};
+use palpate_io::input;
 use palpate_io::log::{
     self, AngleUnit, Log, LogDescription, LogEvent, LogOptions, LogWarning, LoggedTorques, reorder,
 };
@@ -215,6 +216,7 @@ impl Touches {
         most: Option<u32>,
     ) -> Result<(), WorkError> {
         let most = most.map_or(usize::MAX, |most| most as usize);
+        let mut bytes = 0;
         while touches.len() < most
             && let Some(TouchEvent::Touch(name)) = self.advance()?
         {
@@ -222,6 +224,13 @@ impl Touches {
             while matches!(self.peek()?, Some(TouchEvent::Sample(_)))
                 && let Some(TouchEvent::Sample(sample)) = self.advance()?
             {
+                // Both vectors are allocations of their own.
+                bytes += size_of::<Sample>() + 8 * (sample.q.len() + sample.tau.len()) + 32;
+                if bytes as u64 > input::largest() {
+                    let (log, place) = (self.log().display(), self.place());
+                    let too_large = input::too_large();
+                    return Err(format!("`{log}`: {place}: all touches want {too_large}").into());
+                }
                 touches.last_mut().expect("pushed above").samples.push(sample);
             }
         }

@@ -113,7 +113,7 @@ pub mod unstable {
     pub use crate::contact::{ContactSimulator, LinkContacts};
     pub use crate::ekf::EkfEstimator;
     pub use crate::estimator::{Estimator, EstimatorState, FrameId, RememberedFrame, Replayed};
-    pub use crate::lattice::CellRows;
+    pub use crate::lattice::{CellRows, FARTHEST_M};
     pub use crate::map::MapEstimator;
     pub use crate::mapper::LoggedTouch;
     pub use crate::path_predictor::{CheckedPath, PathChecker};

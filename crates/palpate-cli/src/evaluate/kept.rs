@@ -50,11 +50,7 @@ fn seal(key: &str, piece: &str) -> String {
 
 impl Kept {
     /// The pieces kept in a folder of results.
-    pub(super) fn open(
-        results: &Path,
-        work: &Work<'_>,
-        output: Output,
-    ) -> Result<Self, CliError> {
+    pub(super) fn open(results: &Path, work: &Work<'_>, output: Output) -> Result<Self, CliError> {
         let folder = results.join("parts");
         let what = format!("the folder `{}`", folder.display());
         std::fs::create_dir_all(&folder).map_err(|source| CliError::Write { what, source })?;
@@ -74,7 +70,7 @@ impl Kept {
     fn one<P: DeserializeOwned>(&self, name: &str) -> Option<P> {
         let path = self.folder.join(format!("{name}.json"));
         let Sealed { key, seal: found, piece } =
-            serde_json::from_str(&input::read_text(&path, input::LARGEST).ok()?).ok()?;
+            serde_json::from_str(&input::read_text(&path, u64::MAX).ok()?).ok()?;
         if key != self.key {
             return None;
         }
@@ -102,7 +98,7 @@ impl Kept {
     pub(super) fn remove(&self) {
         let Ok(entries) = self.folder.read_dir() else { return };
         for path in entries.flatten().map(|entry| entry.path()) {
-            let Ok(text) = input::read_text(&path, input::LARGEST) else { continue };
+            let Ok(text) = input::read_text(&path, u64::MAX) else { continue };
             if serde_json::from_str::<Sealed>(&text).is_ok() {
                 let _ = std::fs::remove_file(&path); // What stays is found, or has another key.
             }

@@ -43,7 +43,7 @@ pub use write::{Column, write_pcd, write_ply};
 ///
 /// [`CloudError`]; whatever the bytes are, no panic, and no more memory than they fill.
 pub fn read(path: &Path) -> Result<Reading, CloudError> {
-    let bytes = input::read(path, input::LARGEST)
+    let bytes = input::read(path, u64::MAX)
         .map_err(|source| CloudError::Io { path: path.to_owned(), source })?;
     decode(&bytes, path)
 }

@@ -7,6 +7,7 @@
 use std::path::Path;
 
 use nalgebra::Point3;
+use palpate::unstable::FARTHEST_M;
 
 use super::error::CloudError;
 use super::points::{Cloud, Reading};
@@ -94,6 +95,15 @@ impl Collector {
     pub(super) fn finish(self, path: &Path) -> Result<Reading, CloudError> {
         if self.points.is_empty() {
             return Err(CloudError::Empty { path: path.to_owned(), dropped: self.dropped.len() });
+        }
+        let is_far = |point: &Point3<f64>| point.iter().any(|x| x.abs() > FARTHEST_M);
+        if let Some(far) = self.points.iter().position(is_far) {
+            return Err(CloudError::Value {
+                path: path.to_owned(),
+                place: format!("the finite point {far}, counted from 0,"),
+                found: format!("{:?} m", <[f64; 3]>::from(self.points[far])),
+                wanted: "metres, within a thousand of the origin; are they in millimetres?",
+            });
         }
         let colours = match self.layout.colour {
             Colour::None => None,

@@ -147,6 +147,12 @@ fn points_without_coordinates_are_left_out_by_name() {
 }
 
 #[test]
+fn a_cloud_in_millimetres_is_refused() {
+    let told = failure(TEXT_PLY.replace("0.5", "1000.5").as_bytes());
+    assert!(told.contains("1000.5") && told.contains("in millimetres"), "{told}");
+}
+
+#[test]
 fn a_cloud_of_nothing_is_an_error() {
     let text = TEXT_PLY.replace("0.5", "nan").replace("-8", "-inf");
     assert!(failure(text.as_bytes()).contains("no finite point; 2 that"), "{}", text);

@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::input;
 use crate::npy::NpyError;
 
 /// What can be wrong with a log.
@@ -71,6 +72,9 @@ pub enum TableError {
     /// A file that is not Parquet, or a broken one.
     #[error("`{path}` is no Parquet file, or a broken one: {reason}; copy it again")]
     NotParquet { path: PathBuf, reason: String },
+    /// More than memory may hold.
+    #[error("`{path}`: group {group} of its rows wants {}", input::too_large())]
+    TooLarge { path: PathBuf, group: usize },
     /// Columns that are missing or ambiguous.
     #[error(
         "`{path}`: {reason}. Its columns are {header}. Name those to read in the settings of the \

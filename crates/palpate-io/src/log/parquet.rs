@@ -33,6 +33,8 @@ use crate::input;
 const STATES: &[&str] = &["observation.state", "observation.position", "observation.positions"];
 const EFFORTS: &[&str] =
     &["observation.effort", "observation.efforts", "observation.torque", "observation.torques"];
+/// Bytes of the longest name of a touch.
+const LONGEST_NAME: usize = 4096;
 /// What the error of unclear columns shows.
 const EXAMPLE: &str = ": columns = { q = [\"observation.state\"], tau = [\"observation.effort\"], \
                        time = \"timestamp\", touch = \"episode_index\" }";
@@ -89,6 +91,7 @@ impl TouchFile for ParquetFile {
             .with_fields(fields.collect())
             .build()
             .map_err(broken)?;
+        check_size(path, &reader, &wanted)?;
         let reader =
             RowIter::from_file_into(Box::new(reader)).project(Some(projection)).map_err(broken)?;
         Ok(Self {
@@ -164,6 +167,11 @@ impl ParquetFile {
     /// The name of a touch: a text, or the number of an episode.
     fn touch(&self, row: &Row, place: usize) -> Result<String, TableError> {
         match self.field(row, place) {
+            Some(Field::Str(text)) if text.len() > LONGEST_NAME => {
+                let reason = format!("its name of a touch has {} bytes", text.len());
+                let wanted = format!("{reason}; wanted at most {LONGEST_NAME}");
+                Err(self.refused(&self.header[place], wanted))
+            }
             Some(Field::Str(text)) => Ok(text.clone()),
             Some(field) if number(field).is_some() => Ok(format!("episode_{field}")),
             _ => Err(self.refused(&self.header[place], "it names no touch".to_owned())),
@@ -174,6 +182,27 @@ impl ParquetFile {
         let (path, row) = (self.path.clone(), self.row);
         TableError::Value { path, row, column: column.to_owned(), reason }
     }
+}
+
+/// Refuses columns of which a group of rows unpacks to more than memory may hold: what the file says
+/// of itself, since pages are unpacked one by one and have at most 2 GiB.
+fn check_size(
+    path: &Path,
+    reader: &SerializedFileReader<std::fs::File>,
+    wanted: &[usize],
+) -> Result<(), LogError> {
+    let metadata = reader.metadata();
+    let root = |column: usize| metadata.file_metadata().schema_descr().get_column_root_idx(column);
+    for (number, group) in metadata.row_groups().iter().enumerate() {
+        let columns = group.columns().iter().enumerate();
+        let read = columns.filter(|(column, _)| wanted.contains(&root(*column)));
+        let bytes: u64 =
+            read.map(|(_, chunk)| u64::try_from(chunk.uncompressed_size()).unwrap_or(0)).sum();
+        if bytes > input::largest() {
+            return Err(TableError::TooLarge { path: path.to_owned(), group: number }.into());
+        }
+    }
+    Ok(())
 }
 
 fn broken(path: &Path, error: &ParquetError) -> TableError {

@@ -47,6 +47,5 @@ const WANTED_POSE: &str =
 
 /// Reads a whole file.
 pub(super) fn bytes_of(path: &Path) -> Result<Vec<u8>, RgbdError> {
-    input::read(path, input::LARGEST)
-        .map_err(|source| RgbdError::Io { path: path.to_owned(), source })
+    input::read(path, u64::MAX).map_err(|source| RgbdError::Io { path: path.to_owned(), source })
 }

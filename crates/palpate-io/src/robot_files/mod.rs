@@ -25,9 +25,6 @@ use std::collections::HashMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A URDF or mesh larger than this is none.
-const MAX_FILE_BYTES: u64 = 1 << 30;
-
 /// Where baked links are kept between runs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum CachePlace {
@@ -168,9 +165,9 @@ fn read_urdf(path: &Path) -> Result<Robot, RobotFileError> {
         .map_err(|source| RobotFileError::Urdf { path: path.to_owned(), source })
 }
 
-/// Reads a whole file, unless it is too large for a URDF or a mesh.
+/// Reads a whole file.
 fn read_file(path: &Path) -> Result<Vec<u8>, RobotFileError> {
-    input::read(path, MAX_FILE_BYTES)
+    input::read(path, u64::MAX)
         .map_err(|source| RobotFileError::Io { path: path.to_owned(), source })
 }
 

@@ -40,7 +40,10 @@ pub enum LatticeError {
     #[error("lattice shape is {found:?}; every axis needs at least one point")]
     EmptyAxis { found: [u32; 3] },
     /// A corner that is nowhere.
-    #[error("lattice origin is {found:?} m; all three coordinates must be finite")]
+    #[error(
+        "a corner of the lattice is {found:?} m; all three coordinates must be finite, and within \
+         {FARTHEST_M} m of the world's origin; are they in millimetres?"
+    )]
     Origin { found: [f64; 3] },
     /// More points than a 32-bit cell number can tell apart.
     #[error(
@@ -49,6 +52,10 @@ pub enum LatticeError {
     )]
     TooManyPoints { shape: [u32; 3], points: u128, limit: u64 },
 }
+
+/// How far from the world's origin anything may be that an arm is to touch, m. What is farther is in
+/// other units, or on a map of the Earth, where numbers lose the digits that contacts need.
+pub const FARTHEST_M: f64 = 1000.0;
 
 /// A box of rest points at equal spacing, aligned with the world's axes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -113,6 +120,13 @@ impl Lattice {
         let limit = u64::from(u32::MAX);
         if points > u128::from(limit) {
             return Err(LatticeError::TooManyPoints { shape, points, limit });
+        }
+        let high_m =
+            std::array::from_fn(|axis| origin_m[axis] + f64::from(shape[axis] - 1) * spacing_m);
+        for corner_m in [origin_m, high_m] {
+            if corner_m.iter().any(|x: &f64| x.abs() > FARTHEST_M) {
+                return Err(LatticeError::Origin { found: corner_m });
+            }
         }
         Ok(Self { origin_m: origin_m.into(), spacing_m, shape })
     }

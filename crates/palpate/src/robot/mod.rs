@@ -257,7 +257,7 @@ impl Robot {
             wanted: format!("link `{}`", payload.link),
         })?;
         urdf::check_mass("mass of the payload [kg]", payload.mass_kg)?;
-        urdf::check_finite("centre of mass of the payload [m]", &payload.com_link_m)?;
+        urdf::check_length("centre of mass of the payload [m]", &payload.com_link_m)?;
 
         let link = &mut self.links[id.index()];
         let mass_kg = link.mass_kg + payload.mass_kg;

@@ -13,6 +13,7 @@ use urdf_rs::{Geometry, JointType};
 use super::kinematics::Mover;
 use super::xml::nests_deeper_than;
 use super::{Collision, Joint, JointKind, Link, LinkId, Mount, Robot, RobotError, Shape};
+use crate::lattice::FARTHEST_M;
 
 /// Beyond this, a link index would not fit [`LinkId`].
 const MAX_LINKS: usize = u16::MAX as usize;
@@ -299,7 +300,7 @@ fn link(link: &urdf_rs::Link, parent: Option<LinkId>) -> Result<Link, RobotError
     let name = link.name.clone();
     check_mass(&format!("mass of link `{name}` [kg]"), link.inertial.mass.value)?;
     let com = link.inertial.origin.xyz;
-    check_finite(&format!("centre of mass of link `{name}` [m]"), &*com)?;
+    check_length(&format!("centre of mass of link `{name}` [m]"), &*com)?;
     let collision = (link.collision.iter())
         .map(|collision| {
             let thing = format!("collision shape of link `{name}`");
@@ -314,7 +315,7 @@ fn link(link: &urdf_rs::Link, parent: Option<LinkId>) -> Result<Link, RobotError
 fn shape(thing: &str, geometry: &Geometry) -> Result<Shape, RobotError> {
     let positive = |sizes: &[f64]| match sizes.iter().find(|size| size.is_nan() || **size <= 0.0) {
         Some(bad) => Err(RobotError::number(format!("size of a {thing} [m]"), bad, "above zero")),
-        None => check_finite(&format!("size of a {thing} [m]"), sizes),
+        None => check_length(&format!("size of a {thing} [m]"), sizes),
     };
     Ok(match geometry {
         Geometry::Box { size } => {
@@ -346,7 +347,7 @@ fn shape(thing: &str, geometry: &Geometry) -> Result<Shape, RobotError> {
 }
 
 fn pose(thing: &str, origin: &urdf_rs::Pose) -> Result<Isometry3<f64>, RobotError> {
-    check_finite(&format!("origin xyz of {thing} [m]"), &*origin.xyz)?;
+    check_length(&format!("origin xyz of {thing} [m]"), &*origin.xyz)?;
     check_finite(&format!("origin rpy of {thing} [rad]"), &*origin.rpy)?;
     let [roll, pitch, yaw] = *origin.rpy;
     let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
@@ -358,6 +359,18 @@ pub(super) fn check_mass(thing: &str, mass_kg: f64) -> Result<(), RobotError> {
         return Ok(());
     }
     Err(RobotError::number(thing.to_owned(), mass_kg, "a finite mass of at least zero"))
+}
+
+/// Lengths, m: none is beyond [`FARTHEST_M`].
+pub(super) fn check_length(thing: &str, values_m: &[f64]) -> Result<(), RobotError> {
+    check_finite(thing, values_m)?;
+    match values_m.iter().find(|value_m| value_m.abs() > FARTHEST_M) {
+        Some(bad) => {
+            let wanted = "metres, a thousand at most; is it in millimetres?";
+            Err(RobotError::number(thing.to_owned(), bad, wanted))
+        }
+        None => Ok(()),
+    }
 }
 
 pub(super) fn check_finite(thing: &str, values: &[f64]) -> Result<(), RobotError> {

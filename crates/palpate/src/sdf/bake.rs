@@ -24,6 +24,7 @@ use serde::{Deserialize, Serialize};
 use super::mesh::{Soup, Surface, TriangleMesh};
 use super::winding::{WindingTree, area_vector_of};
 use super::{DistanceGrid, SdfError, flood, primitive};
+use crate::lattice::FARTHEST_M;
 use crate::robot::Collision;
 
 /// At 5 mm, a cube of one metre. Baking takes some hundred bytes a node.
@@ -304,6 +305,11 @@ impl Lattice {
         let n = (high - origin_m).map(|span| ((span + config.margin_m) / spacing_m).ceil() + 1.0);
         if n.product() > MAX_NODES {
             return Err(SdfError::TooLarge { span_m: (high - low).into(), spacing_m });
+        }
+        let far = [low, high].into_iter().flat_map(|corner| [corner.x, corner.y, corner.z]);
+        if let Some(found) = far.into_iter().find(|x| x.abs() > FARTHEST_M) {
+            let wanted = "metres, a thousand at most; is it in millimetres?";
+            return Err(SdfError::Number { thing: "a coordinate of the shape", found, wanted });
         }
         Ok(Lattice { origin_m, spacing_m, shape: [n.x as usize, n.y as usize, n.z as usize] })
     }

@@ -4,10 +4,9 @@ use std::io;
 use std::path::PathBuf;
 
 use crate::atomic::WriteError;
+use crate::input;
 use crate::npy::NpyError;
 
-/// Most bytes that the arrays of one file may take once unpacked.
-pub const MAX_BYTES: u64 = 2 << 30;
 /// Most members that one archive may have.
 pub(super) const MAX_MEMBERS: usize = 1024;
 
@@ -26,8 +25,11 @@ pub enum NpzError {
     #[error("`{path}`: the array `{name}` {source}")]
     Member { path: PathBuf, name: String, source: NpyError },
     /// More than is read.
-    #[error("`{path}` unpacks to more than {MAX_BYTES} bytes or {MAX_MEMBERS} arrays")]
+    #[error("`{path}` wants {}", input::too_large())]
     TooLarge { path: PathBuf },
+    /// More arrays than any field has.
+    #[error("`{path}` holds {found} arrays; wanted at most {MAX_MEMBERS}")]
+    TooMany { path: PathBuf, found: usize },
     /// An array that is needed is not there.
     #[error("`{path}` holds no array `{name}`: {held}")]
     NoArray { path: PathBuf, name: String, held: String },

@@ -2,7 +2,7 @@
 //!
 //! What is written here `numpy.load` reads without pickle. No header is trusted: memory is taken
 //! for the bytes that come out of the archive, never for what a header claims, and all arrays
-//! together stay under [`MAX_BYTES`]. Checksums are verified to the last byte.
+//! together stay under [`input::largest`]. Checksums are verified to the last byte.
 //!
 //! Members that are no plain array of numbers, such as the pickled dictionaries that OpenVSF adds,
 //! are skipped; [`Arrays::skipped`] lists them.
@@ -22,13 +22,13 @@ use zip::{CompressionMethod, ZipArchive, ZipWriter};
 use error::MAX_MEMBERS;
 
 pub use arrays::{Array, Arrays, Data};
-pub use error::{MAX_BYTES, NpzError};
+pub use error::NpzError;
 
 /// Reads all arrays of an npz file.
 ///
 /// # Errors
 ///
-/// If the file is missing, broken, truncated or unpacks to more than [`MAX_BYTES`].
+/// If the file is missing, broken, truncated or unpacks to more than [`input::largest`].
 pub fn read_npz(path: &Path) -> Result<Arrays, NpzError> {
     let file =
         input::open(path).map_err(|source| NpzError::Io { path: path.to_owned(), source })?;
@@ -46,11 +46,11 @@ fn read(input: impl Read + Seek, path: &Path) -> Result<Arrays, NpzError> {
     let too_large = || NpzError::TooLarge { path: path.to_owned() };
     let mut archive = ZipArchive::new(input).map_err(broken)?;
     if archive.len() > MAX_MEMBERS {
-        return Err(too_large());
+        return Err(NpzError::TooMany { path: path.to_owned(), found: archive.len() });
     }
     let mut arrays = Arrays::new();
     path.clone_into(&mut arrays.path);
-    let mut room = MAX_BYTES;
+    let mut room = input::largest();
     for index in 0..archive.len() {
         let mut member = archive.by_index(index).map_err(broken)?;
         let file_name = member.name().map_err(broken)?.into_owned();

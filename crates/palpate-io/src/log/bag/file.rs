@@ -108,16 +108,16 @@ pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messa
     Ok(Box::new(messages.map(|message| check_size(message?))))
 }
 
-/// Bytes of the largest message: many of them are held at once.
-const LARGEST_MESSAGE: usize = 4 << 20;
+/// The part of [`input::largest`] that one message may take, usually 4 MiB: many are held at once.
+const PART: u64 = 256;
 
 fn check_size(message: Message) -> Result<Message, String> {
-    let found = message.data.len();
-    match found <= LARGEST_MESSAGE {
+    let (found, most) = (message.data.len(), input::largest() / PART);
+    match found as u64 <= most {
         true => Ok(message),
         false => Err(format!(
             "it holds a message of {found} bytes in the topic of the joints or of the markers; \
-             wanted at most {LARGEST_MESSAGE}"
+             wanted at most {most}; with a larger --file-memory GIB, larger ones are read"
         )),
     }
 }

@@ -12,8 +12,10 @@ use ::mcap::{Channel, McapError, McapResult, Summary};
 use super::topic::{Message, Messages, Topic, Which, merge};
 use crate::input;
 
-/// The largest record that is read, bytes: a picture of hundreds of megapixels.
-const LARGEST_RECORD: usize = 256 << 20;
+/// Bytes of the largest record that is read, usually 256 MiB: a picture of a hundred megapixels.
+fn largest_record() -> usize {
+    usize::try_from(input::largest() / 4).unwrap_or(usize::MAX)
+}
 
 /// The topics of a file: from its summary, or, if that is missing or broken off, from all of it.
 /// An error is half a sentence.
@@ -76,14 +78,14 @@ fn in_words(error: &McapError) -> String {
 fn reader(file: File) -> MessageReader<BufReader<File>> {
     let options = LinearReaderOptions::default()
         .with_validate_chunk_crcs(true)
-        .with_record_length_limit(LARGEST_RECORD);
+        .with_record_length_limit(largest_record());
     MessageReader::new_with_options(BufReader::new(file), options)
 }
 
 /// The summary at the end of a file, if there is one.
 fn summary(file: &mut File) -> McapResult<Option<Summary>> {
     let size = file.metadata()?.len();
-    let limit = LARGEST_RECORD.min(usize::try_from(size).unwrap_or(usize::MAX));
+    let limit = largest_record().min(usize::try_from(size).unwrap_or(usize::MAX));
     let options =
         SummaryReaderOptions::default().with_file_size(size).with_record_length_limit(limit);
     let mut reader = SummaryReader::new_with_options(options);

@@ -9,12 +9,14 @@ use rusqlite::limits::Limit;
 use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension, Result, params_from_iter};
 
 use super::topic::{Message, Messages, Topic, Which};
+use crate::input;
 
 /// Messages read at once: few enough for memory, many enough for the time that a query takes.
 const PAGE: u32 = 256;
 
-/// Bytes of the largest value: a picture of a hundred megapixels.
-const LARGEST: i32 = 256 << 20;
+/// The part of [`input::largest`] that one value may take: usually 256 MiB, a picture of a hundred
+/// megapixels.
+const PART: u64 = 4;
 /// The longest that a query may take: what tables compute may be anything.
 const LONGEST: Duration = Duration::from_secs(30);
 /// Steps of a query between two looks at the time.
@@ -26,7 +28,8 @@ fn open(path: &Path) -> Result<Connection> {
     // A view can stand for any amount of work and memory, and is no table of rosbag2.
     database.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW, false)?;
     database.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
-    database.set_limit(Limit::SQLITE_LIMIT_LENGTH, LARGEST)?;
+    let largest = i32::try_from(input::largest() / PART).unwrap_or(i32::MAX);
+    database.set_limit(Limit::SQLITE_LIMIT_LENGTH, largest)?;
     Ok(database)
 }
 
