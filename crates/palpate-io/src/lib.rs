@@ -21,6 +21,7 @@ pub mod field;
 pub mod input;
 pub mod log;
 mod npy;
+mod panics;
 pub mod rgbd;
 pub mod robot_files;
 

@@ -145,3 +145,21 @@ fn what_cannot_be_used_is_named() {
     fs::write(at("e.parquet"), &bytes[..bytes.len() - 20]).unwrap();
     refused(&at("e.parquet"), &["e.parquet", "broken"]);
 }
+
+#[test]
+fn no_changed_byte_of_what_a_file_says_of_itself_makes_the_reader_panic() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("changed.parquet");
+    write_lists(&path, &[0, 0, 1]);
+    let bytes = fs::read(&path).unwrap();
+    let length = bytes.len() - 8;
+    let footer = u32::from_le_bytes(bytes[length..length + 4].try_into().unwrap()) as usize;
+    for at in length - footer..length {
+        for flipped in [0x01, 0x80, 0xFF] {
+            let mut bytes = bytes.clone();
+            bytes[at] ^= flipped;
+            fs::write(&path, &bytes).unwrap();
+            let _ = read(&path);
+        }
+    }
+}

@@ -28,7 +28,7 @@ use super::event::Format;
 use super::files::{FileDescription, TouchFile};
 use super::folder;
 use super::options::LogOptions;
-use crate::input;
+use crate::{input, panics};
 
 const STATES: &[&str] = &["observation.state", "observation.position", "observation.positions"];
 const EFFORTS: &[&str] =
@@ -74,7 +74,7 @@ impl TouchFile for ParquetFile {
     fn open(path: &Path, options: &LogOptions) -> Result<Self, LogError> {
         let file = input::open(path).map_err(|source| LogError::reading(path, source))?;
         let broken = |error| broken(path, &error);
-        let reader = SerializedFileReader::new(file).map_err(broken)?;
+        let reader = unbroken(path, || SerializedFileReader::new(file))?;
         let metadata = reader.metadata().file_metadata();
         let (schema, rows) = (metadata.schema(), metadata.num_rows());
         let header: Vec<String> =
@@ -92,8 +92,8 @@ impl TouchFile for ParquetFile {
             .build()
             .map_err(broken)?;
         check_size(path, &reader, &wanted)?;
-        let reader =
-            RowIter::from_file_into(Box::new(reader)).project(Some(projection)).map_err(broken)?;
+        let rows_of = || RowIter::from_file_into(Box::new(reader)).project(Some(projection));
+        let reader = unbroken(path, rows_of)?;
         Ok(Self {
             path: path.to_owned(),
             header,
@@ -113,8 +113,9 @@ impl TouchFile for ParquetFile {
     }
 
     fn next_row(&mut self) -> Result<Option<(Option<String>, Sample)>, LogError> {
-        let Some(row) = self.reader.next() else { return Ok(None) };
-        let row = row.map_err(|error| broken(&self.path, &error))?;
+        let Some(row) = unbroken(&self.path, || self.reader.next().transpose())? else {
+            return Ok(None);
+        };
         let q = self.numbers(&row, &self.columns.q)?;
         let tau = self.numbers(&row, &self.columns.tau)?;
         let joints = *self.joints.get_or_insert(q.len());
@@ -203,6 +204,16 @@ fn check_size(
         }
     }
     Ok(())
+}
+
+/// Work of the library, which panics where sizes or pages contradict each other.
+fn unbroken<T>(
+    path: &Path,
+    work: impl FnOnce() -> Result<T, ParquetError>,
+) -> Result<T, TableError> {
+    panics::caught(work)
+        .unwrap_or_else(|reason| Err(ParquetError::General(reason)))
+        .map_err(|error| broken(path, &error))
 }
 
 fn broken(path: &Path, error: &ParquetError) -> TableError {

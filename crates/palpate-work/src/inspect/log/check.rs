@@ -24,8 +24,10 @@ use crate::touches::{RecordedTouch, Touches};
 const MOST_FRAMES: usize = 250_000;
 /// After so many touches they are looked at for the first time.
 const FIRST_TOUCHES: usize = 3;
-/// What is wrong with a touch that is over, and tells nothing while it goes on.
-const AT_THE_END: [&str; 4] = ["never_moves", "no_contact", "no_start", "drift"];
+/// What tells nothing of a running robot: what is wrong with a touch that is over, and with the
+/// samples' times and repeats, of which a mapper that keeps up takes only some.
+const NOT_LIVE: [&str; 7] =
+    ["never_moves", "no_contact", "no_start", "drift", "duplicate_frames", "gaps", "clock"];
 
 /// Touches, as they are followed, to be looked at.
 pub struct LogCheck {
@@ -123,7 +125,7 @@ impl LogCheck {
     /// kind of thing that looks wrong and was not told yet.
     pub fn look_live(&mut self, progress: &dyn Progress) -> Vec<String> {
         let mut found = self.findings(progress).unwrap_or_default();
-        found.retain(|finding| !AT_THE_END.contains(&finding.code));
+        found.retain(|finding| !NOT_LIVE.contains(&finding.code));
         self.told.extend(found.iter().map(|finding| finding.code));
         lines(&found, "the robot's log")
     }
