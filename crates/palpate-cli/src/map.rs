@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate::{Arm, Mapper, StepReport};
-use palpate_io::field::{self, Saved};
+use palpate_io::field::Saved;
 use palpate_work::learn::{Cells, Tally, learn};
 use palpate_work::{prior, resume};
 use serde_json::json;
@@ -16,7 +16,7 @@ use crate::output::{Output, mib, rows, seconds};
 use crate::pace::{self, Pace, PaceArgs, PaceFigures};
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
-use crate::{interrupt, logs, picture};
+use crate::{interrupt, logs, picture, place};
 
 const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz
@@ -149,7 +149,7 @@ fn save(args: &Args, mapper: &Mapper) -> Result<(), CliError> {
     if args.no_memory {
         saved.snapshot = None;
     }
-    field::save(&args.output, &saved).map_err(CliError::file)
+    place::save(&args.output, &saved)
 }
 
 /// Ends after Ctrl-C: saves if that was asked for, and says what was done.

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use palpate_io::atomic::{self, IfExists};
+use palpate_io::field::{self, Saved};
+use tempfile::Builder;
 
 use crate::error::CliError;
 use crate::settings::{Settings, SettingsArgs};
@@ -161,6 +163,21 @@ fn resolved(path: &Path) -> Option<PathBuf> {
 /// What lies in a folder; nothing if it is none.
 pub(crate) fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
     folder.read_dir().into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()))
+}
+
+/// Saves a field that took long to learn; where its folder is gone, say, or full, elsewhere.
+pub(crate) fn save(path: &Path, saved: &Saved) -> Result<(), CliError> {
+    let Err(error) = field::save(path, saved) else { return Ok(()) };
+    let kept = Builder::new().prefix("palpate_").suffix(".npz").tempfile().ok().and_then(|file| {
+        field::save(file.path(), saved).ok()?;
+        file.into_temp_path().keep().ok()
+    });
+    Err(match kept {
+        Some(kept) => {
+            CliError::from(format!("{error}; the field is in `{}` instead", kept.display()))
+        }
+        None => CliError::file(error),
+    })
 }
 
 /// Writes a text or bytes, whole or not at all.

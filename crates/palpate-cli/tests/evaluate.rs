@@ -354,6 +354,25 @@ fn a_bad_log_leaves_no_folder_and_takes_none_away() {
 }
 
 #[test]
+fn a_report_that_cannot_be_written_still_tells_the_table() {
+    let scene = three();
+    let folder = scene.path("out/e");
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(folder.join("figures"), "in the way").unwrap();
+    let told = evaluate(&scene, &["log"], &["--methods", "zero"]).output().unwrap();
+    assert_eq!(told.status.code(), Some(1));
+    let (table, error) =
+        (String::from_utf8(told.stdout).unwrap(), String::from_utf8(told.stderr).unwrap());
+    assert!(table.contains("\nzero ") && !table.contains("report.html"), "{table}");
+    assert!(error.contains("figures"), "{error}");
+    assert!(names(&folder).contains(&"parts".to_owned()), "what is done is kept");
+
+    fs::remove_file(folder.join("figures")).unwrap();
+    succeed(&mut evaluate(&scene, &["log"], &["--methods", "zero"]));
+    assert!(!names(&folder).contains(&"parts".to_owned()));
+}
+
+#[test]
 fn a_folder_of_the_users_own_called_parts_stays() {
     let scene = Scene::new();
     fs::create_dir_all(scene.path("out/e/parts")).unwrap();

@@ -13,12 +13,14 @@ fn named() -> &'static Target {
     static TARGET: OnceLock<Target> = OnceLock::new();
     TARGET.get_or_init(|| {
         let name = std::env::var("PALPATE_FUZZ").expect("PALPATE_FUZZ names a target");
-        let target = target(&name).expect("PALPATE_FUZZ names a target");
-        if let Some(folder) = std::env::var_os("PALPATE_FUZZ_SEEDS") {
-            write_seeds(&target, Path::new(&folder)).expect("a folder for seeds");
-        }
-        target
+        target(&name).expect("PALPATE_FUZZ names a target")
     })
 }
 
-fuzz_target!(|bytes: &[u8]| (named().run)(bytes));
+fn seed() {
+    if let Some(folder) = std::env::var_os("PALPATE_FUZZ_SEEDS") {
+        write_seeds(named(), Path::new(&folder)).expect("a folder for seeds");
+    }
+}
+
+fuzz_target!(init: seed(), |bytes: &[u8]| (named().run)(bytes));

@@ -130,7 +130,8 @@ fn evaluate_all(
     };
     let logs = vec!["the bundled touches".to_owned()];
     let origin = Origin { simulated: true, logs, settings };
-    evaluate::into_folder(&work, folder, &origin, output)
+    let (summary, written) = evaluate::into_folder(&work, folder, &origin, output)?;
+    written.map(|()| summary)
 }
 
 /// Extrapolates the field to the bundled cloud; writes Fig. 4 and its page.

@@ -6,6 +6,7 @@
 
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -26,6 +27,8 @@ pub(super) struct Kept {
     folder: PathBuf,
     key: String,
     output: Output,
+    /// Whether a piece could not be kept.
+    fails: AtomicBool,
 }
 
 /// What a file holds.
@@ -54,7 +57,8 @@ impl Kept {
         let folder = results.join("parts");
         let what = format!("the folder `{}`", folder.display());
         std::fs::create_dir_all(&folder).map_err(|source| CliError::Write { what, source })?;
-        Ok(Self { results: results.to_owned(), folder, key: key(work), output })
+        let (results, fails) = (results.to_owned(), AtomicBool::new(false));
+        Ok(Self { results, folder, key: key(work), output, fails })
     }
 
     /// All pieces whose name begins so, if they are whole.
@@ -86,8 +90,16 @@ impl Kept {
         None
     }
 
-    /// Keeps a piece under a name.
-    fn keep<P: Serialize>(&self, name: &str, piece: &P) -> Result<(), CliError> {
+    /// Keeps a piece under a name. The evaluation can do without, so that is no error.
+    fn keep<P: Serialize>(&self, name: &str, piece: &P) {
+        if let Err(error) = self.write(name, piece)
+            && !self.fails.swap(true, Ordering::Relaxed)
+        {
+            self.output.warn(&format!("{error}; if this evaluation is broken off, it begins anew"));
+        }
+    }
+
+    fn write<P: Serialize>(&self, name: &str, piece: &P) -> Result<(), CliError> {
         let piece = serde_json::to_string(piece).map_err(CliError::file)?;
         let sealed = Sealed::new(&self.key, piece);
         let text = serde_json::to_string(&sealed).map_err(CliError::file)?;
@@ -116,11 +128,13 @@ impl Keep for Kept {
     }
 
     fn keep_part(&self, part: &Part) -> Result<(), CliError> {
-        self.keep(&format!("part-{}-{}", part.method.name(), part.fold), part)
+        self.keep(&format!("part-{}-{}", part.method.name(), part.fold), part);
+        Ok(())
     }
 
     fn keep_tuned(&self, name: &str, tuned: &Tuned) -> Result<(), CliError> {
-        self.keep(name, tuned)
+        self.keep(name, tuned);
+        Ok(())
     }
 
     fn told(&self) -> String {

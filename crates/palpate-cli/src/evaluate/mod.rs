@@ -7,9 +7,10 @@ mod kept;
 mod summary;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use askama::Template;
-use palpate::MapperConfig;
+use palpate::{Arm, Field, MapperConfig};
 use palpate_io::log::is_simulated;
 use palpate_learn::method::Method;
 use palpate_work::evaluate::{
@@ -116,8 +117,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         logs: args.logs.iter().map(|log| log.display().to_string()).collect(),
         settings,
     };
-    let summary = into_folder(&work, &folder.path, &origin, output)?;
-    if args.json { output.json(&summary.json()) } else { output.result(&summary.text()) }
+    let (summary, written) = into_folder(&work, &folder.path, &origin, output)?;
+    if args.json {
+        output.json(&summary.json())?
+    } else {
+        output.result(&summary.text())?
+    }
+    written
 }
 
 /// Where the touches of an evaluation come from.
@@ -130,36 +136,49 @@ pub(crate) struct Origin {
     pub(crate) settings: Settings,
 }
 
-/// Evaluates, and writes the report and its figures into a folder.
+/// Evaluates, and writes the report and its figures into a folder: returns what came of it, and
+/// whether it could be written, so that hours of work are told in any case.
 pub(crate) fn into_folder(
     work: &Work<'_>,
     folder: &Path,
     origin: &Origin,
     output: &Output,
-) -> Result<EvaluationSummary, CliError> {
-    let (evaluated, field) = {
-        let kept = Kept::open(folder, work, *output)?;
-        let evaluated = work.evaluate(&kept, output)?;
-        let field = work.field(&evaluated, (&kept, output))?;
-        kept.remove();
-        (evaluated, field)
-    };
+) -> Result<(EvaluationSummary, Result<(), CliError>), CliError> {
+    let kept = Kept::open(folder, work, *output)?;
+    let evaluated = work.evaluate(&kept, output)?;
+    let field = work.field(&evaluated, (&kept, output))?;
     let settings_toml = settings_toml(&evaluated, &origin.settings)?;
-    let summary = EvaluationSummary {
+    let mut summary = EvaluationSummary {
         evaluation: evaluated.evaluation,
         simulated: origin.simulated,
         folds: work.folds.len(),
-        folder: folder.to_owned(),
+        folder: Some(folder.to_owned()),
     };
+    summary.tell_oddities(output);
+    let written = write_report(&summary, (work.arm, &field), (origin, &settings_toml), folder);
+    match written {
+        Ok(()) => kept.remove(),
+        Err(_) => summary.folder = None,
+    }
+    Ok((summary, written))
+}
+
+/// Writes the report, and files beside it, into a folder.
+fn write_report(
+    summary: &EvaluationSummary,
+    (arm, field): (&Arc<Arm>, &Field),
+    (origin, settings_toml): (&Origin, &str),
+    folder: &Path,
+) -> Result<(), CliError> {
     let evaluation = &summary.evaluation;
     let robot = origin.settings.robot.name().to_owned();
     let page = Page {
         title: &summary.title(),
         simulated: origin.simulated,
         card: vec![("logs", origin.logs.join(", ")), ("robot", robot)],
-        settings_toml: &settings_toml,
+        settings_toml,
     };
-    let scene = Some(Scene::new(work.arm, &field, evaluation)?);
+    let scene = Some(Scene::new(arm, field, evaluation)?);
     let report = Report { page, evaluation, scene };
     let write = |name: &str, text: &str| place::write(&folder.join(name), text);
     let figures = folder.join("figures");
@@ -174,12 +193,10 @@ pub(crate) fn into_folder(
         index.push(vec![format!("{name}.svg"), touch.name.clone()]);
     }
     write("figures/index.csv", &csv::text(index))?;
-    write("figures/field.svg", &picture::field(&field)?)?;
+    write("figures/field.svg", &picture::field(field)?)?;
     write("errors.csv", &errors_csv(evaluation))?;
     write("evaluation.json", &serde_json::to_string(evaluation).map_err(CliError::file)?)?;
-    write("report.html", &report.render().map_err(CliError::file)?)?;
-    summary.tell_oddities(output);
-    Ok(summary)
+    write("report.html", &report.render().map_err(CliError::file)?)
 }
 
 /// A touch's name as that of a file, or "touch" if it would make an odd one: it may be of any length,

@@ -17,7 +17,8 @@ pub(crate) struct EvaluationSummary {
     pub(crate) evaluation: Evaluation,
     pub(crate) simulated: bool,
     pub(crate) folds: usize,
-    pub(crate) folder: PathBuf,
+    /// Where the report is, if it could be written.
+    pub(crate) folder: Option<PathBuf>,
 }
 
 impl EvaluationSummary {
@@ -80,7 +81,9 @@ impl EvaluationSummary {
         if let Some(ratio) = self.ratio_to_baselines() {
             let _ = writeln!(text, "{ratio}");
         }
-        let _ = writeln!(text, "The report is in `{}`.", self.folder.join("report.html").display());
+        if let Some(folder) = &self.folder {
+            let _ = writeln!(text, "The report is in `{}`.", folder.join("report.html").display());
+        }
         text
     }
 

@@ -6,7 +6,7 @@ mod told;
 #[cfg(feature = "viewer")]
 mod viewer;
 
-use std::env::{current_exe, temp_dir};
+use std::env::current_exe;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use palpate::unstable::PauseConfig;
 use palpate::{Arm, Mapper};
 use palpate_io::atomic::Hold;
-use palpate_io::field::{self, Saved};
+use palpate_io::field::Saved;
 use palpate_live::checkpoint::CheckpointConfig;
 use palpate_live::guard::{Guard, GuardConfig};
 use palpate_live::ros::{FlagTopics, NetworkConfig, NetworkProcess, Services};
@@ -31,7 +31,7 @@ use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
 #[cfg(not(feature = "viewer"))]
 use crate::view;
-use crate::{interrupt, logs};
+use crate::{interrupt, logs, place};
 use checker::Checker;
 use status::Shown;
 use told::Told;
@@ -209,19 +209,6 @@ fn network_command() -> Command {
     command
 }
 
-/// Saves the field at the end; where its folder is gone, say, elsewhere.
-fn save(path: &Path, saved: &Saved) -> Result<(), CliError> {
-    let Err(error) = field::save(path, saved) else { return Ok(()) };
-    let elsewhere = temp_dir().join(format!("palpate_{}.npz", std::process::id()));
-    match field::save(&elsewhere, saved) {
-        Ok(()) => Err(CliError::from(format!(
-            "{error}; the field is in `{}` instead",
-            elsewhere.display()
-        ))),
-        Err(_) => Err(CliError::file(error)),
-    }
-}
-
 fn open_socket(path: &Path) -> Result<AskSocket, CliError> {
     AskSocket::bind(path).map_err(|error| {
         CliError::from(format!(
@@ -283,7 +270,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     if let Some(path) = &args.output {
         let saved = Saved::of_mapper(session.mapper());
-        save(path, &saved)?;
+        place::save(path, &saved)?;
     }
     drop(hold);
     shown.end(&session, args.output.as_deref())?;
