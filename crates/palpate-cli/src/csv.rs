@@ -19,6 +19,26 @@ pub(crate) fn text(rows: impl IntoIterator<Item = Vec<String>>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn any_names_read_back_but_for_the_apostrophe_of_formulas(
+            rows in prop::collection::vec(prop::array::uniform2(".{0,8}|[-=+@,\"\n\r\t1e]{1,6}"), 1..6),
+        ) {
+            let head = ["name", "other"].map(str::to_owned);
+            let written = text([&head].into_iter().chain(&rows).map(|row| row.to_vec()));
+            let mut reader = csv::Reader::from_reader(written.as_bytes());
+            let read: Vec<_> = reader.records().map(Result::unwrap).collect();
+            prop_assert_eq!(read.len(), rows.len());
+            for (read, row) in read.iter().zip(&rows) {
+                prop_assert_eq!(read.len(), row.len());
+                for (read, cell) in read.iter().zip(row) {
+                    prop_assert!(read == cell || read.strip_prefix('\'') == Some(cell));
+                }
+            }
+        }
+    }
 
     #[test]
     fn no_name_is_a_formula_and_numbers_stay() {

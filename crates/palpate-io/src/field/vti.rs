@@ -108,6 +108,47 @@ fn header(
 mod tests {
     use super::*;
     use crate::field::FieldLattice;
+    use proptest::prelude::*;
+    use std::collections::BTreeMap;
+
+    proptest! {
+        #[test]
+        fn every_cell_of_any_field_is_in_its_place_and_nothing_else(
+            cells in prop::collection::btree_map(0u32..120, 1e-3..1e6f32, 1..20),
+        ) {
+            let shape = [4, 5, 6];
+            let lattice = Lattice::new([1.0, 2.0, 3.0], 0.5, shape).unwrap();
+            let places: Vec<_> = cells.keys().map(|&cell| lattice.place(CellId(cell))).collect();
+            let field = FieldFile {
+                points: places.iter().map(|&place| lattice.point_at(place).into()).collect(),
+                stiffness: cells.values().copied().map(f64::from).collect(),
+                std: None,
+                counts: None,
+                prior: None,
+                lattice: Some(FieldLattice { origin_m: [1.0, 2.0, 3.0], spacing_m: 0.5, shape }),
+                cells: Some(cells.keys().copied().collect()),
+            };
+            let mut bytes = Vec::new();
+            fill(&mut bytes, &field).unwrap();
+            let text = String::from_utf8_lossy(&bytes).into_owned();
+            let extent = text.split("WholeExtent=\"").nth(1).unwrap().split('"').next().unwrap();
+            let ends: Vec<u32> = extent.split(' ').map(|end| end.parse().unwrap()).collect();
+            let start = bytes.windows(2).position(|pair| pair == b"\n_").unwrap() + 10;
+            let mut numbers = bytes[start..].as_chunks::<4>().0.iter().map(|raw| f32::from_le_bytes(*raw));
+            let mut found = BTreeMap::new();
+            for z in ends[4]..=ends[5] {
+                for y in ends[2]..=ends[3] {
+                    for x in ends[0]..=ends[1] {
+                        let number = numbers.next().unwrap();
+                        if number != 0.0 {
+                            found.insert(lattice.cell([x, y, z]).0, number);
+                        }
+                    }
+                }
+            }
+            prop_assert_eq!(found, cells);
+        }
+    }
 
     #[test]
     fn numbers_stand_where_their_cells_are_and_zeros_elsewhere() {

@@ -2,7 +2,8 @@
 //!
 //! Both read back as they were, to the last bit: names of touches and joints, times, positions and
 //! torques (arrays name no joints). A folder of arrays appears whole or not at all; its touches
-//! are read in natural order, so they get numbers before their names where that is not theirs.
+//! are read in natural order, so they get numbers before their names where that is not theirs, and
+//! names that no folder can have are changed.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
@@ -29,7 +30,8 @@ pub struct TableWriter<W: Write> {
 impl<W: Write> TableWriter<W> {
     /// A table for samples of these joints, or of joints without names.
     pub fn new(out: W, joints: Option<Vec<String>>) -> Self {
-        let out = ::csv::Writer::from_writer(out);
+        // A touch may be called as comments begin: it is quoted.
+        let out = ::csv::WriterBuilder::new().comment(Some(b'#')).from_writer(out);
         Self { out, joints, names: Names::default(), timed: None }
     }
 
@@ -129,7 +131,8 @@ impl ArraysWriter {
             .chars()
             .map(|c| if c.is_control() || "/\\:".contains(c) { '_' } else { c })
             .collect();
-        let plain = plain.trim_matches(['.', ' ']);
+        // A file system takes 255 bytes, and numbers may come before and behind.
+        let plain = plain[..plain.floor_char_boundary(200)].trim_matches(['.', ' ']);
         self.names.start(if plain.is_empty() { "touch" } else { plain });
         let folder = self.hidden.path().join(self.names.latest());
         fs::create_dir(&folder)?;

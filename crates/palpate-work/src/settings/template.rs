@@ -82,6 +82,7 @@ fn rounded(length_m: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use palpate::EstimatorKind;
+    use proptest::prelude::*;
 
     use super::super::resolve::first_difference;
     use super::super::sections::EstimatorSettings;
@@ -94,6 +95,34 @@ mod tests {
         assert_eq!(read.template().unwrap(), text);
         let (shipped, read) = (Settings::default().config().unwrap(), read.config().unwrap());
         assert_eq!(first_difference(&shipped, &read), None);
+    }
+
+    proptest! {
+        #[test]
+        fn a_template_of_any_settings_reads_back_as_itself(
+            [spacing_m, friction, mean] in prop::array::uniform3(1e-4..1.0f64),
+            torque_std in prop::collection::vec(1e-6..1e3f64, 1..8),
+            [robot, topic, link] in prop::array::uniform3("\\PC{1,12}|.{1,12}"),
+            [strict, no_cache] in any::<[bool; 2]>(),
+            seed in any::<u32>(),
+        ) {
+            let mut settings = Settings::default();
+            (settings.robot.robot, settings.robot.payload_link) = (Some(robot), Some(link));
+            (settings.robot.no_cache, settings.log.strict) = (Some(no_cache), Some(strict));
+            settings.log.topic = Some(topic);
+            settings.lattice.spacing_m = Some(spacing_m);
+            settings.contact.friction = Some(friction);
+            settings.estimator.prior_mean = Some(mean);
+            settings.estimator.torque_std = Some(torque_std);
+            settings.estimator.seed = Some(seed.into());
+            let text = settings.template().unwrap();
+            let read: Settings = toml::from_str(&text).unwrap();
+            prop_assert_eq!(read.template().unwrap(), text);
+            prop_assert_eq!(read.robot.robot, settings.robot.robot);
+            prop_assert_eq!(read.robot.payload_link, settings.robot.payload_link);
+            prop_assert_eq!(read.log.topic, settings.log.topic);
+            prop_assert_eq!(read.estimator.torque_std, settings.estimator.torque_std);
+        }
     }
 
     #[test]

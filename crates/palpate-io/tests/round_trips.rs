@@ -1,0 +1,163 @@
+//! Whatever is written reads back as it was, to the last bit: touches by each of their writers, and
+//! fields. Clouds, arrays and headers have the same tests beside their writers.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use std::fs::File;
+use std::path::Path;
+
+use palpate_io::atomic::IfExists;
+use palpate_io::field::npz::{read_npz, write_npz};
+use palpate_io::field::{FieldFile, FieldLattice};
+use palpate_io::log::bag_write::{Compression, TouchWriter};
+use palpate_io::log::write::{ArraysWriter, TableWriter};
+use palpate_io::log::{self, LogEvent, LogOptions, Sample};
+use proptest::prelude::*;
+
+/// Touches by name.
+type Touches = Vec<(String, Vec<Sample>)>;
+
+/// Any number but infinity.
+fn number() -> impl Strategy<Value = f64> {
+    prop::num::f64::NORMAL | prop::num::f64::SUBNORMAL | prop::num::f64::ZERO
+}
+
+/// One to three touches of one to four joints; times are whole nanoseconds, in order.
+fn touches(name: &'static str) -> impl Strategy<Value = Touches> {
+    (1usize..5).prop_flat_map(move |joints| {
+        let torques = || prop::collection::vec(number(), joints);
+        let samples = prop::collection::vec((torques(), torques(), 1u32..9_000_000), 1..12);
+        prop::collection::vec((name, samples), 1..4).prop_map(|touches| {
+            let mut ns = 1_700_000_000_000_000_000_u64;
+            let mut sample = |(q, tau, later)| {
+                ns += u64::from(later);
+                Sample::new(Some(seconds(ns)), q, tau)
+            };
+            let mut touch = |(name, samples): (String, Vec<_>)| {
+                (name, samples.into_iter().map(&mut sample).collect())
+            };
+            touches.into_iter().map(&mut touch).collect()
+        })
+    })
+}
+
+/// A stamp as the reader of bags understands it.
+fn seconds(ns: u64) -> f64 {
+    (ns / 1_000_000_000) as f64 + (ns % 1_000_000_000) as f64 * 1e-9
+}
+
+fn read(path: &Path) -> Touches {
+    let mut touches = Touches::new();
+    for event in log::open(path, &LogOptions::default()).unwrap() {
+        match event.unwrap() {
+            LogEvent::TouchStarts { name, .. } => touches.push((name, Vec::new())),
+            LogEvent::Sample(sample) => touches.last_mut().unwrap().1.push(sample),
+        }
+    }
+    touches
+}
+
+/// Samples as bits: two zeros differ, and nothing else that is equal.
+fn bits(touches: &Touches) -> Vec<Vec<u64>> {
+    let numbers = |sample: &Sample| {
+        let numbers = sample.q.iter().chain(&sample.tau).chain(&sample.time_s).copied();
+        numbers.map(f64::to_bits).collect()
+    };
+    touches.iter().flat_map(|(_, samples)| samples.iter().map(numbers)).collect()
+}
+
+/// Names with a number behind those that were given before.
+fn unique(touches: &Touches) -> Vec<String> {
+    let mut given: Vec<String> = Vec::new();
+    for (name, _) in touches {
+        let numbered = |n: usize| if n == 1 { name.clone() } else { format!("{name}_{n}") };
+        given.push((1..).map(numbered).find(|name| !given.contains(name)).unwrap());
+    }
+    given
+}
+
+fn names_of(touches: &Touches) -> Vec<String> {
+    touches.iter().map(|(name, _)| name.clone()).collect()
+}
+
+/// A field on a lattice of 5 x 6 x 7 points.
+fn fields() -> impl Strategy<Value = FieldFile> {
+    let row = (number(), number(), any::<u32>(), number());
+    let rows = prop::collection::btree_map(0u32..210, row, 0..30);
+    (rows, prop::array::uniform3(-100.0..100.0), 1e-3..1.0, any::<[bool; 4]>()).prop_map(
+        |(rows, origin_m, spacing_m, has)| {
+            let column = |of: fn(&(f64, f64, u32, f64)) -> f64| rows.values().map(of).collect();
+            FieldFile {
+                points: rows.values().map(|row| [row.0, row.1, row.3]).collect(),
+                stiffness: column(|row| row.0.abs()),
+                std: has[0].then(|| column(|row| row.1.abs())),
+                counts: has[1].then(|| rows.values().map(|row| row.2).collect()),
+                prior: has[2].then(|| column(|row| row.3.abs())),
+                lattice: has[3].then_some(FieldLattice { origin_m, spacing_m, shape: [5, 6, 7] }),
+                cells: has[3].then(|| rows.keys().copied().collect()),
+            }
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn a_table_holds_touches_of_any_name(written in touches(r"[^\pC\s](\PC{0,18}[^\pC\s])?")) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.csv");
+        let mut table = TableWriter::new(File::create(&path).unwrap(), None);
+        for (name, samples) in &written {
+            table.touch(name);
+            samples.iter().for_each(|sample| table.sample(sample).unwrap());
+        }
+        table.finish().unwrap();
+        let found = read(&path);
+        prop_assert_eq!(bits(&found), bits(&written));
+        prop_assert_eq!(names_of(&found), unique(&written));
+    }
+
+    #[test]
+    fn folders_of_arrays_hold_touches_in_their_order_whatever_they_are_called(
+        written in touches("\\PC{0,300}"),
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log");
+        let mut arrays = ArraysWriter::new(&path).unwrap();
+        for (name, samples) in &written {
+            arrays.touch(name).unwrap();
+            samples.iter().for_each(|sample| arrays.sample(sample).unwrap());
+        }
+        arrays.finish().unwrap();
+        let found = read(&path);
+        prop_assert_eq!(bits(&found), bits(&written));
+        prop_assert_eq!(found.len(), written.len());
+    }
+
+    #[test]
+    fn a_bag_holds_touches_of_any_name(
+        written in touches("\\PC{1,300}"),
+        compression in prop::sample::select(&[Compression::None, Compression::Zstd, Compression::Lz4][..]),
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.mcap");
+        let joints = (0..written[0].1[0].q.len()).map(|joint| format!("j{joint}")).collect();
+        let mut bag = TouchWriter::new(File::create(&path).unwrap(), joints, compression).unwrap();
+        for (name, samples) in &written {
+            bag.touch(name);
+            samples.iter().for_each(|sample| bag.sample(sample).unwrap());
+        }
+        bag.finish().unwrap();
+        let found = read(&path);
+        prop_assert_eq!(bits(&found), bits(&written));
+        prop_assert_eq!(names_of(&found), unique(&written));
+    }
+
+    #[test]
+    fn a_field_holds_what_it_knows(field in fields()) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("field.npz");
+        write_npz(&path, &field.to_arrays(), IfExists::Refuse).unwrap();
+        prop_assert_eq!(FieldFile::from_arrays(&read_npz(&path).unwrap()).unwrap(), field);
+    }
+}
