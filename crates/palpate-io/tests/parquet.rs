@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::fs::{self, File};
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -57,7 +58,7 @@ fn write_lists(path: &Path, episodes: &[i64]) {
 /// A table of doubles.
 fn write_columns(path: &Path, columns: &[(&str, &[f64])]) {
     let fields: String =
-        columns.iter().map(|(name, _)| format!("required double {name};")).collect();
+        columns.iter().map(|(name, _)| format!("optional double {name};")).collect();
     let schema = parse_message_type(&format!("message schema {{ {fields} }}")).unwrap();
     let properties = Arc::new(WriterProperties::builder().build());
     let file = File::create(path).unwrap();
@@ -65,11 +66,19 @@ fn write_columns(path: &Path, columns: &[(&str, &[f64])]) {
     let mut rows = writer.next_row_group().unwrap();
     for (_, values) in columns {
         let mut column = rows.next_column().unwrap().unwrap();
-        column.typed::<DoubleType>().write_batch(values, None, None).unwrap();
+        let all_there = vec![1; values.len()];
+        column.typed::<DoubleType>().write_batch(values, Some(&all_there), None).unwrap();
         column.close().unwrap();
     }
     rows.close().unwrap();
     writer.close().unwrap();
+}
+
+/// Where the footer is.
+fn footer_of(bytes: &[u8]) -> Range<usize> {
+    let end = bytes.len() - 8;
+    let length = u32::from_le_bytes(bytes[end..end + 4].try_into().unwrap());
+    end - length as usize..end
 }
 
 fn read(path: &Path) -> Result<Vec<LogEvent>, String> {
@@ -141,6 +150,16 @@ fn what_cannot_be_used_is_named() {
     write_lists(&at("d.parquet"), &[0, 1, 0]);
     refused(&at("d.parquet"), &["goes back to touch `episode_0`"]);
 
+    // A hundred rows, of which the footer makes 8191.
+    let numbers = [0.5; 100];
+    write_columns(&at("f.parquet"), &[("q1", &numbers), ("tau1", &numbers)]);
+    let mut bytes = fs::read(at("f.parquet")).unwrap();
+    let (footer, end) = (footer_of(&bytes), bytes.len());
+    let rows = (footer.start..end).find(|&at| bytes[at..].starts_with(&[0xC8, 0x01])).unwrap();
+    bytes[rows..rows + 2].copy_from_slice(&[0xFE, 0x7F]);
+    fs::write(at("f.parquet"), &bytes).unwrap();
+    refused(&at("f.parquet"), &["f.parquet", "8091 of its 8191 rows are missing"]);
+
     let bytes = fs::read(at("d.parquet")).unwrap();
     fs::write(at("e.parquet"), &bytes[..bytes.len() - 20]).unwrap();
     refused(&at("e.parquet"), &["e.parquet", "broken"]);
@@ -152,9 +171,7 @@ fn no_changed_byte_of_what_a_file_says_of_itself_makes_the_reader_panic() {
     let path = folder.path().join("changed.parquet");
     write_lists(&path, &[0, 0, 1]);
     let bytes = fs::read(&path).unwrap();
-    let length = bytes.len() - 8;
-    let footer = u32::from_le_bytes(bytes[length..length + 4].try_into().unwrap()) as usize;
-    for at in length - footer..length {
+    for at in footer_of(&bytes) {
         for flipped in [0x01, 0x80, 0xFF] {
             let mut bytes = bytes.clone();
             bytes[at] ^= flipped;

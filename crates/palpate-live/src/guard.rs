@@ -153,8 +153,10 @@ impl Guard {
         })
     }
 
-    /// A joint state came that can be used.
+    /// A joint state came that can be used. Nobody may have asked since the one before it, if all of
+    /// palpate had stopped for a while: then the silence counts as well.
     fn usable(&self, now: Instant) {
+        self.cause(now);
         let mut state = self.state();
         (state.usable, state.refused) = (Some(now), None);
         state.waiting.get_or_insert(now);
@@ -502,6 +504,10 @@ mod tests {
         assert_eq!(scene.cause(), None, "250 ms since the first of them");
         scene.now_ms += 1;
         assert_eq!(scene.cause(), Some(Cause::Lag));
+
+        let mut scene = Scene::safe();
+        scene.now_ms += 2000; // nobody asks, as in a process that was stopped
+        assert_eq!(scene.play(10, |_| {}).1, Some(Cause::Silence));
 
         let scene = Scene::safe();
         scene.guard.end();

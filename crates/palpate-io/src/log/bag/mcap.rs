@@ -10,7 +10,7 @@ use ::mcap::sans_io::{LinearReaderOptions, SummaryReadEvent, SummaryReader, Summ
 use ::mcap::{Channel, McapError, McapResult, Summary};
 
 use super::topic::{Message, Messages, Topic, Which, merge};
-use crate::input;
+use crate::{input, panics};
 
 /// Bytes of the largest record that is read, usually 256 MiB: a picture of a hundred megapixels.
 fn largest_record() -> usize {
@@ -21,17 +21,17 @@ fn largest_record() -> usize {
 /// An error is half a sentence.
 pub(super) fn topics(path: &Path) -> Result<Vec<Topic>, String> {
     let mut file = open(path)?;
-    let summary = summary(&mut file).ok().flatten();
+    let summary = panics::caught(|| summary(&mut file)).ok().and_then(Result::ok).flatten();
     if let Some(summary) = summary.filter(|summary| !summary.channels.is_empty()) {
         return Ok(of_summary(&summary));
     }
     let mut topics = Vec::new();
-    for (messages, message) in reader(open(path)?).enumerate() {
+    for (messages, message) in read(open(path)?).enumerate() {
         match message {
             Ok(message) => merge(&mut topics, vec![topic(&message.channel, Some(1))]),
             // What lies before a break can be read; the break shows again when it is.
             Err(_) if messages > 0 => break,
-            Err(error) => return Err(in_words(&error)),
+            Err(why) => return Err(why),
         }
     }
     Ok(topics)
@@ -39,10 +39,10 @@ pub(super) fn topics(path: &Path) -> Result<Vec<Topic>, String> {
 
 /// The messages of the wanted topics in a file. An error is half a sentence.
 pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messages, String> {
-    let wanted_one = move |message: McapResult<::mcap::Message<'static>>| {
+    let wanted_one = move |message: Result<::mcap::Message<'static>, String>| {
         let message = match message {
             Ok(message) => message,
-            Err(error) => return Some(Err(in_words(&error))),
+            Err(why) => return Some(Err(why)),
         };
         let topic = Some(&message.channel.topic);
         let which = match &wanted {
@@ -53,7 +53,7 @@ pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messa
         let time_ns = i64::try_from(message.log_time).unwrap_or(i64::MAX);
         Some(Ok(Message { which, time_ns, data: message.data.into_owned() }))
     };
-    Ok(Box::new(reader(open(path)?).filter_map(wanted_one)))
+    Ok(Box::new(read(open(path)?).filter_map(wanted_one)))
 }
 
 fn open(path: &Path) -> Result<File, String> {
@@ -75,11 +75,20 @@ fn in_words(error: &McapError) -> String {
     }
 }
 
-fn reader(file: File) -> MessageReader<BufReader<File>> {
+/// All messages of a file; what the library panics with, where lengths contradict each other, ends
+/// them as an error does. An error is half a sentence.
+fn read(file: File) -> impl Iterator<Item = Result<::mcap::Message<'static>, String>> + Send {
     let options = LinearReaderOptions::default()
         .with_validate_chunk_crcs(true)
         .with_record_length_limit(largest_record());
-    MessageReader::new_with_options(BufReader::new(file), options)
+    let mut reader = Some(MessageReader::new_with_options(BufReader::new(file), options));
+    std::iter::from_fn(move || match panics::caught(|| reader.as_mut()?.next()) {
+        Ok(message) => message.map(|message| message.map_err(|error| in_words(&error))),
+        Err(why) => {
+            reader = None;
+            Some(Err(why))
+        }
+    })
 }
 
 /// The summary at the end of a file, if there is one.

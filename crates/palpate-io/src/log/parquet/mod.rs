@@ -11,6 +11,9 @@
 //! order. An episode is a touch; without that column, a file is. Lists name no joints: their order
 //! is believed. Only the columns that are needed are read, a batch of rows at a time.
 
+mod sizes;
+
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -21,13 +24,12 @@ use ::parquet::record::{Field, Row};
 use ::parquet::schema::types::Type;
 use palpate::Sample;
 
-use super::MAX_JOINTS;
 use super::columns::Columns;
 use super::error::{LogError, TableError};
 use super::event::Format;
 use super::files::{FileDescription, TouchFile};
-use super::folder;
 use super::options::LogOptions;
+use super::{MAX_JOINTS, folder};
 use crate::{input, panics};
 
 const STATES: &[&str] = &["observation.state", "observation.position", "observation.positions"];
@@ -72,9 +74,12 @@ impl TouchFile for ParquetFile {
     const FORMAT: Format = Format::Parquet;
 
     fn open(path: &Path, options: &LogOptions) -> Result<Self, LogError> {
-        let file = input::open(path).map_err(|source| LogError::reading(path, source))?;
+        let mut file = input::open(path).map_err(|source| LogError::reading(path, source))?;
         let broken = |error| broken(path, &error);
-        let reader = unbroken(path, || SerializedFileReader::new(file))?;
+        let reader = unbroken(path, || {
+            sizes::check_footer(&mut file)?;
+            SerializedFileReader::new(file.try_clone()?)
+        })?;
         let metadata = reader.metadata().file_metadata();
         let (schema, rows) = (metadata.schema(), metadata.num_rows());
         let header: Vec<String> =
@@ -91,7 +96,9 @@ impl TouchFile for ParquetFile {
             .with_fields(fields.collect())
             .build()
             .map_err(broken)?;
-        check_size(path, &reader, &wanted)?;
+        if let Some(group) = unbroken(path, || too_large(&mut file, &reader, &wanted))? {
+            return Err(TableError::TooLarge { path: path.to_owned(), group }.into());
+        }
         let rows_of = || RowIter::from_file_into(Box::new(reader)).project(Some(projection));
         let reader = unbroken(path, rows_of)?;
         Ok(Self {
@@ -114,7 +121,13 @@ impl TouchFile for ParquetFile {
 
     fn next_row(&mut self) -> Result<Option<(Option<String>, Sample)>, LogError> {
         let Some(row) = unbroken(&self.path, || self.reader.next().transpose())? else {
-            return Ok(None);
+            return match self.rows.saturating_sub(self.row) {
+                0 => Ok(None),
+                missing => {
+                    let reason = format!("{missing} of its {} rows are missing", self.rows);
+                    Err(TableError::NotParquet { path: self.path.clone(), reason }.into())
+                }
+            };
         };
         let q = self.numbers(&row, &self.columns.q)?;
         let tau = self.numbers(&row, &self.columns.tau)?;
@@ -185,25 +198,29 @@ impl ParquetFile {
     }
 }
 
-/// Refuses columns of which a group of rows unpacks to more than memory may hold: what the file says
-/// of itself, since pages are unpacked one by one and have at most 2 GiB.
-fn check_size(
-    path: &Path,
-    reader: &SerializedFileReader<std::fs::File>,
+/// The first group of rows of which the wanted columns, or a page of them, unpack to more than memory
+/// may hold, if there is one.
+fn too_large(
+    file: &mut File,
+    reader: &SerializedFileReader<File>,
     wanted: &[usize],
-) -> Result<(), LogError> {
+) -> Result<Option<usize>, ParquetError> {
     let metadata = reader.metadata();
     let root = |column: usize| metadata.file_metadata().schema_descr().get_column_root_idx(column);
     for (number, group) in metadata.row_groups().iter().enumerate() {
         let columns = group.columns().iter().enumerate();
-        let read = columns.filter(|(column, _)| wanted.contains(&root(*column)));
-        let bytes: u64 =
-            read.map(|(_, chunk)| u64::try_from(chunk.uncompressed_size()).unwrap_or(0)).sum();
+        let mut bytes = 0_u64;
+        for (_, chunk) in columns.filter(|(column, _)| wanted.contains(&root(*column))) {
+            let (start, length) = chunk.byte_range();
+            let page = sizes::largest_page(file, start, length)?;
+            let all = u64::try_from(chunk.uncompressed_size()).unwrap_or(0);
+            bytes = bytes.saturating_add(all.max(page));
+        }
         if bytes > input::largest() {
-            return Err(TableError::TooLarge { path: path.to_owned(), group: number }.into());
+            return Ok(Some(number));
         }
     }
-    Ok(())
+    Ok(None)
 }
 
 /// Work of the library, which panics where sizes or pages contradict each other.
