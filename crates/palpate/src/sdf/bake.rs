@@ -272,9 +272,17 @@ fn skin(
         while let Some(piece) = waiting.pop() {
             let [a, b, c] = piece;
             let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(p, q)| nalgebra::center(&p, &q));
-            let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+            let [of_ab, of_bc, of_ca] = [(b - a).norm(), (c - b).norm(), (a - c).norm()];
+            let longest = of_ab.max(of_bc).max(of_ca);
             if longest > 2.0 * spacing_m {
-                waiting.extend([[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]);
+                // A needle is cut across: its quarters would soon be as many as those of a square.
+                let needle = 16.0 * area_vector_of(&piece).norm() < longest.powi(2);
+                waiting.extend(match needle {
+                    false => vec![[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]],
+                    true if longest == of_ab => vec![[a, ab, c], [ab, b, c]],
+                    true if longest == of_bc => vec![[b, bc, a], [bc, c, a]],
+                    true => vec![[c, ca, b], [ca, a, b]],
+                });
                 continue;
             }
             let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
@@ -361,5 +369,29 @@ impl Lattice {
                 cell + (corner >> axis & 1)
             }))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::point;
+
+    use super::*;
+
+    #[test]
+    fn the_skin_of_a_long_needle_is_few_pieces_that_cover_what_is_outside() {
+        let (length_m, width_m, spacing_m) = (80.0, 0.1, 0.05);
+        let corners =
+            [point![0.0, 0.0, 0.0], point![length_m, 0.0, 0.0], point![0.0, width_m, 0.0]];
+        for turn in 0..3 {
+            let mut needle = corners;
+            needle.rotate_left(turn);
+            let outside = |p: &Point3<f64>| p.x < length_m / 2.0;
+            let pieces = skin(Threads::One, &[needle], spacing_m, outside);
+            assert!(pieces.len() < 50_000, "{}", pieces.len());
+            let area: f64 = pieces.iter().map(|piece| area_vector_of(piece).norm()).sum();
+            let expected = length_m * width_m / 2.0 * 0.75;
+            assert!((area / expected - 1.0).abs() < 0.01, "{area} m2 of {expected}");
+        }
     }
 }

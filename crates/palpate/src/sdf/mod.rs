@@ -32,7 +32,7 @@ pub use mesh::TriangleMesh;
 pub use primitive::signed_distance;
 
 /// Changes whenever the same shapes bake to other numbers: part of every cache key.
-pub const BAKE_VERSION: u32 = 1;
+pub const BAKE_VERSION: u32 = 2;
 
 /// What can be wrong with shapes, or with the bytes of a baked one.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
