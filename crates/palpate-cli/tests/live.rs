@@ -12,7 +12,8 @@ use std::net::{Ipv4Addr, UdpSocket};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::SystemTime;
+use std::thread;
+use std::time::{Duration, Instant, SystemTime};
 
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
@@ -262,6 +263,27 @@ fn needs_cyclonedds_a_network_process_that_ends_is_replaced_and_the_robot_heard_
     });
     assert_ne!(network(), first);
     assert_eq!(live.end()["figures"]["stopped"], true, "nobody has reset the guard");
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_session_that_waits_for_a_robot_leaves_the_processor_alone() {
+    let cpu_s = |live: &Live| {
+        let stat = fs::read_to_string(format!("/proc/{}/stat", live.child.id())).unwrap();
+        let after_name = stat.rsplit_once(") ").unwrap().1;
+        // User and system time, in hundredths of a second (man 5 proc).
+        let ticks = after_name.split(' ').skip(11).take(2).map(|ticks| ticks.parse::<f64>());
+        ticks.sum::<Result<f64, _>>().unwrap() / 100.0
+    };
+    for guard in [&[][..], &["--guard", "1"]] {
+        let domain = Domain::take();
+        let live = Live::start(&domain, guard);
+        live.wait_for("waiting: ");
+        let (before_s, start) = (cpu_s(&live), Instant::now());
+        thread::sleep(Duration::from_secs(2));
+        let share = (cpu_s(&live) - before_s) / start.elapsed().as_secs_f64();
+        assert!(share < 0.3, "{share} of a core");
+    }
 }
 
 #[test]

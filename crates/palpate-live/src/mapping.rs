@@ -138,7 +138,7 @@ impl<'a> Mapping<'a> {
         let started = Instant::now();
         let outcome = self.session.take(&read.sample);
         self.tally.step(&outcome, started.elapsed());
-        self.shared.outbox.wake_for_flag(self.shared.cause().is_some());
+        self.shared.wake_for_flag();
         if let Some(view) = &mut self.view {
             let (state, mapper) = (self.session.state(), self.session.mapper());
             view.sample((&read.sample, at), (&outcome, state, mapper));

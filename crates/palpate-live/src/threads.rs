@@ -131,6 +131,13 @@ impl Shared {
         self.guard.as_ref()?.cause(Instant::now())
     }
 
+    /// Wakes the publisher if the guard's flag is not as it was told last.
+    pub(crate) fn wake_for_flag(&self) {
+        if self.guard.is_some() {
+            self.outbox.wake_for_flag(self.cause().is_some());
+        }
+    }
+
     /// Takes the guard's flag back, if it is safe.
     fn reset(&self) -> TriggerResponse {
         let done = match &self.guard {
@@ -274,7 +281,7 @@ impl Hearing<'_> {
         if let Some(sentry) = &mut self.sentry {
             let state = message.state.as_ref().map_err(String::as_str);
             sentry.see(state, message.at, message.came.at_s);
-            self.shared.outbox.wake_for_flag(self.shared.cause().is_some());
+            self.shared.wake_for_flag();
         }
         self.shared.samples.push(message);
     }
@@ -291,7 +298,7 @@ impl Hearing<'_> {
 pub(crate) fn publish(network: &NetworkProcess, shared: &Shared) {
     let (mut due, mut was_up) = (Timer::new(FLAG), None);
     while !shared.is_over() {
-        let now = Instant::now();
+        let (now, mut patience) = (Instant::now(), LOOK);
         if let Some(guard) = &shared.guard {
             let cause = guard.cause(now);
             let changes = was_up != Some(cause.is_some());
@@ -305,8 +312,9 @@ pub(crate) fn publish(network: &NetworkProcess, shared: &Shared) {
                     None => "no reason to stop the robot".to_owned(),
                 });
             }
+            patience = due.left(now).min(LOOK);
         }
-        shared.outbox.empty(network, due.left(now).min(LOOK));
+        shared.outbox.empty(network, patience);
     }
 }
 
