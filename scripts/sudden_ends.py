@@ -36,6 +36,7 @@ import numpy as np
 
 HERE = Path(__file__).parent
 WAYS = ("kill", "term", "full", "gone")
+ENDS = (0, 1, 130, 143, -15)  # the last before the command listens: there is nothing yet to save
 COARSE = ("--spacing-m", "0.03")
 
 
@@ -141,7 +142,7 @@ class Map:
             bench.finish(*self.words)
             self.judge(files(bench.out), None, name + ", run again")
             return
-        if "panicked" in said or "defect" in said or code not in (0, 1, 130, 143):
+        if "panicked" in said or "defect" in said or code not in ENDS:
             bench.fault(f"{name}: exit code {code}, {said!r}")
         left = set(files(bench.out)) if bench.out.exists() else set()
         elsewhere = bench.saved_elsewhere(said)
@@ -196,7 +197,7 @@ class Evaluate:
             if self.found() != self.whole:
                 bench.fault(f"{name}, run again: {sorted(set(self.found()) ^ set(self.whole))} differ")
             return
-        if "panicked" in said or "defect" in said or code not in (0, 1, 130, 143):
+        if "panicked" in said or "defect" in said or code not in ENDS:
             bench.fault(f"{name}: exit code {code}, {said!r}")
         if code == 1 and (printed.splitlines()[:4] != self.table or "error: " not in said):
             bench.fault(f"{name}: the table is lost: {printed!r} {said!r}")
@@ -268,7 +269,7 @@ class Live:
 
     def judge(self, way, name, code, said, figures, ends, struck):
         bench = self.bench
-        if "panicked" in said or "defect" in said or code not in (0, 1, 130, 143, -9):
+        if "panicked" in said or "defect" in said or code not in (*ENDS, -9):
             bench.fault(f"{name}: exit code {code}, {said!r}")
         left = set(files(bench.out)) if bench.out.exists() else set()
         if way == "kill":
