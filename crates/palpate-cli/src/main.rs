@@ -6,6 +6,7 @@
 mod args;
 mod bench;
 mod bundled;
+mod cloud_args;
 mod convert;
 mod csv;
 mod demo;

@@ -57,7 +57,7 @@ impl Plan {
     /// All parts that there are to do, those that take longest first.
     pub fn parts(&self) -> Vec<(Method, usize)> {
         let cost = |method: &Method| match method {
-            Method::Ekf => 0,
+            Method::Elastic | Method::Ekf => 0,
             Method::Map => 1,
             Method::Mlp => 2,
             Method::Gp => 3,
@@ -72,7 +72,7 @@ impl Plan {
     /// The settings of a part.
     pub fn config_of(&self, (method, fold): (Method, usize)) -> &MapperConfig {
         match method {
-            Method::Map => &self.estimators[fold][0],
+            Method::Elastic | Method::Map => &self.estimators[fold][0],
             Method::Ekf => &self.estimators[fold][1],
             Method::Mlp | Method::Gp | Method::Knn | Method::Uniform | Method::Zero => &self.config,
         }

@@ -15,6 +15,8 @@
 //! The crate knows the estimators of the core, but no file.
 #![forbid(unsafe_code)]
 
+pub mod body;
+pub mod elastic;
 mod error;
 pub mod errors;
 pub mod evaluate;

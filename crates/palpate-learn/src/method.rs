@@ -5,6 +5,7 @@ use palpate::unstable::{Cell, Estimator, FrameId, Stiffness};
 use palpate::{Field, MapperConfig};
 use serde::{Deserialize, Serialize};
 
+use crate::elastic;
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::folds::Fold;
 use crate::regression::{Frames, Gp, Knn, Mlp, RegressionError, Regressor};
@@ -14,6 +15,8 @@ use crate::tracked::{Tracked, TrackedFrame};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
+    /// A body that bends, from a picture, and `map` for what is left over ([`crate::elastic`]).
+    Elastic,
     /// The exact maximum a posteriori ([`palpate::EstimatorKind::Map`]).
     Map,
     /// The paper's filter ([`palpate::EstimatorKind::Ekf`]).
@@ -35,12 +38,21 @@ pub type Torques = Vec<Vec<Vec<f64>>>;
 
 impl Method {
     /// All of them, in the order of the table.
-    pub const ALL: [Self; 7] =
-        [Self::Map, Self::Ekf, Self::Mlp, Self::Gp, Self::Knn, Self::Uniform, Self::Zero];
+    pub const ALL: [Self; 8] = [
+        Self::Elastic,
+        Self::Map,
+        Self::Ekf,
+        Self::Mlp,
+        Self::Gp,
+        Self::Knn,
+        Self::Uniform,
+        Self::Zero,
+    ];
 
     /// As it is called in tables and files.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Elastic => "elastic",
             Self::Map => "map",
             Self::Ekf => "ekf",
             Self::Mlp => "mlp",
@@ -63,6 +75,11 @@ impl Method {
     /// # Errors
     ///
     /// If a setting is out of its range, or numbers do not let the method learn.
+    ///
+    /// # Panics
+    ///
+    /// If this is [`Method::Elastic`] and no body was bent along the touches
+    /// ([`Tracked::with_body`]).
     pub fn predict(
         self,
         tracked: &Tracked,
@@ -72,6 +89,7 @@ impl Method {
     ) -> Result<Torques, LearnError> {
         let of_field = |cells: &[Cell]| torques(tracked, fold, |frame| frame.predict(cells));
         match self {
+            Self::Elastic => Ok(elastic::predict(tracked, fold, config, stop)?.torques),
             Self::Map | Self::Ekf => {
                 let estimator = learn(tracked, &fold.train, config, &[], stop)?;
                 Ok(of_field(&tracked.with_stiffness(|row| estimator.stiffness(row))))

@@ -8,11 +8,12 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{
-    Cell, CellRows, Observation, ObservationBuilder, Stiffness, TrackedSample, Tracker,
+    Cell, CellRows, ElasticBody, Observation, ObservationBuilder, Stiffness, TrackedSample, Tracker,
 };
 use palpate::{Arm, CellId, ContactConfig, Lattice, MapperConfig, Sample, Tare};
 use rayon::prelude::*;
 
+use crate::elastic::Bent;
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::regression::Frames;
 
@@ -40,6 +41,8 @@ pub struct Tracked {
     pub points_m: Vec<[f64; 3]>,
     /// Joints of every torque.
     pub n_joints: usize,
+    /// Torques of an elastic body along the touches, if one was bent.
+    pub(crate) bent: Option<Arc<Bent>>,
 }
 
 /// A touch with its contacts.
@@ -107,8 +110,31 @@ impl Tracked {
         Self::track(arm, &config, touches, Some(self), stop)
     }
 
+    /// The same with the torques of a body that the arm bends in every touch, for
+    /// [`crate::method::Method::Elastic`]; `step` is called after each touch with each friction, from any
+    /// thread.
+    ///
+    /// # Errors
+    ///
+    /// On being stopped.
+    ///
+    /// # Panics
+    ///
+    /// If these are not the touches that were tracked.
+    pub fn with_body(
+        mut self,
+        arm: &Arc<Arm>,
+        body: &Arc<ElasticBody>,
+        touches: &[Touch],
+        (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
+    ) -> Result<Self, LearnError> {
+        self.bent = Some(Arc::new(Bent::new(arm, body, (&self, touches), (stop, step))?));
+        Ok(self)
+    }
+
     /// Every n-th frame of each touch, from the first on.
     pub fn thinned(mut self, n: usize) -> Self {
+        self.bent = self.bent.map(|bent| Arc::new(bent.thinned(n)));
         for touch in &mut self.touches {
             let frames = std::mem::take(&mut touch.frames);
             touch.frames = frames.into_iter().step_by(n.max(1)).collect();
@@ -153,6 +179,7 @@ impl Tracked {
             cells: observations.rows().cells().to_vec(),
             points_m: observations.rows().points_m().to_vec(),
             n_joints: arm.robot.n_joints(),
+            bent: like.and_then(|like| like.bent.clone()),
         })
     }
 

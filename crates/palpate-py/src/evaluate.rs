@@ -71,7 +71,7 @@ pub(crate) fn evaluate<'py>(
             PyValueError::new_err(format!("`methods` names {name:?}; {there_are}"))
         })?);
     }
-    let mut methods = each_once(&chosen);
+    let mut methods = each_once(&chosen, false)?;
     if !methods.contains(&Method::Zero) {
         methods.push(Method::Zero); // it stands beside the others in every table
     }
@@ -89,6 +89,7 @@ pub(crate) fn evaluate<'py>(
             estimators: configs(&settings)?,
             tune,
             truth,
+            body: None,
         };
         work.evaluate(&Nowhere, progress)
     })?;

@@ -71,6 +71,7 @@
 mod arm;
 mod contact;
 mod ekf;
+mod elastic;
 mod estimator;
 mod external_torque;
 mod field;
@@ -112,6 +113,9 @@ pub mod unstable {
     pub use crate::arm::{LinkReport, MeshResult, solid};
     pub use crate::contact::{ContactSimulator, LinkContacts};
     pub use crate::ekf::EkfEstimator;
+    pub use crate::elastic::{
+        BodyError, ElasticBody, Equilibrium, Segment, SegmentKind, Settled, TouchConfig,
+    };
     pub use crate::estimator::{Estimator, EstimatorState, FrameId, RememberedFrame, Replayed};
     pub use crate::lattice::{CellRows, FARTHEST_M};
     pub use crate::map::MapEstimator;

@@ -389,3 +389,28 @@ fn surface_points_lie_on_the_surface_and_all_over_it() {
         }
     }
 }
+
+#[test]
+fn the_smooth_slope_is_the_derivative_of_the_smooth_distance_and_near_the_true_one() {
+    let sphere = Collision {
+        shape: Shape::Sphere { radius_m: 0.05 },
+        link_from_shape: nalgebra::Isometry3::identity(),
+    };
+    let solid = Solid { primitives: vec![sphere], meshes: Vec::new() };
+    let (grid, _) = bake(&solid, &BakeConfig::new(0.004, 0.04)).expect("a sphere");
+    for step in 0..200 {
+        let angle = f64::from(step);
+        let direction = nalgebra::vector![angle.sin(), (1.3 * angle).cos(), (0.7 * angle).sin()];
+        let distance = -0.02 + 0.045 * f64::from(step) / 200.0;
+        let point = nalgebra::Point3::from(direction.normalize() * (0.05 + distance));
+        let (smooth, slope) = grid.smooth_distance_and_slope(&point);
+        assert!((smooth - distance).abs() < 3e-4, "{smooth} m, wanted {distance}");
+        for axis in 0..3 {
+            let nudge = nalgebra::Vector3::ith(axis, 1e-6);
+            let ahead = grid.smooth_distance_and_slope(&(point + nudge)).0;
+            let behind = grid.smooth_distance_and_slope(&(point - nudge)).0;
+            let wanted = (ahead - behind) / 2e-6;
+            assert!((slope[axis] - wanted).abs() < 1e-5, "{} and {wanted}", slope[axis]);
+        }
+    }
+}

@@ -12,8 +12,7 @@ use palpate_io::field::{self, Saved};
 use palpate_io::log::LogOptions;
 use palpate_learn::extrapolate::Config;
 use palpate_learn::folds::folds;
-use palpate_learn::method::Method;
-use palpate_work::evaluate::{Work, as_touches, configs};
+use palpate_work::evaluate::{Work, as_touches, configs, each_once};
 use palpate_work::extrapolate::Work as Extrapolating;
 use palpate_work::learn::learn;
 use palpate_work::predict::{Against, TouchResult, score};
@@ -121,12 +120,13 @@ fn evaluate_all(
         arm,
         recorded,
         touches: &touches,
-        methods: Method::ALL.to_vec(),
+        methods: each_once(&[], false)?,
         folds: folds(touches.len(), touches.len()),
         todo: (0..touches.len()).collect(),
         estimators: configs(&settings)?,
         tune: false,
         truth: false,
+        body: None,
     };
     let logs = vec!["the bundled touches".to_owned()];
     let origin = Origin { simulated: true, logs, settings };

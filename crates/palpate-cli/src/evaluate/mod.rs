@@ -10,13 +10,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use askama::Template;
+use palpate::unstable::{ElasticBody, SegmentKind};
 use palpate::{Arm, Field, MapperConfig};
 use palpate_io::log::is_simulated;
+use palpate_learn::body::from_cloud;
 use palpate_learn::method::Method;
 use palpate_work::evaluate::{
     Evaluated, Work, as_touches, configs, each_once, folds, method_of, number,
 };
 
+use crate::cloud_args::CloudArgs;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::place::Folder;
@@ -32,6 +35,7 @@ const NOTES: &str = "Examples:
   palpate evaluate plant_a/ --truth --methods map,knn,zero -o plant_a_evaluation
   palpate evaluate monday/ tuesday/ --robot panda.urdf --gravity removed --folds 5
   palpate evaluate recordings/ --test push_7,push_8
+  palpate evaluate plant_a/ --cloud plant_a/object.ply
 
 Every touch is predicted by methods that have learnt from other touches alone: leave-one-touch-out,
 or --folds groups of touches, or the touches named by --test from all others. The methods are
@@ -40,6 +44,7 @@ or --folds groups of touches, or the touches named by --test from all others. Th
   ekf      the paper's filter                  gp   Gaussian process, RBF kernel
   uniform  one stiffness for all points        knn  50 nearest neighbours, RBF weights
   zero     no torque at all
+  elastic  with --cloud: a body that bends, made from the cloud, and map for what it leaves over
 
 of which mlp, gp and knn see joint angles alone, and choose their hyperparameters on their training
 touches. All of them see the same external torques: gravity and tare taken off.
@@ -70,6 +75,12 @@ pub(crate) struct Args {
     /// What to compare, in this order [default: all]
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = method_of)]
     methods: Vec<Method>,
+    /// Coloured cloud of the object (PLY, PCD), or the folder of a picture with depth, in the world frame:
+    /// adds the method elastic
+    #[arg(long, value_name = "CLOUD")]
+    cloud: Option<PathBuf>,
+    #[command(flatten)]
+    picture: CloudArgs,
     /// Predict the touches in so many groups rather than one by one
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(2..))]
     folds: Option<u32>,
@@ -94,6 +105,8 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
     settings.config()?;
+    let methods = each_once(&args.methods, args.cloud.is_some())?;
+    let body = args.cloud.as_ref().map(|cloud| body(cloud, &args.picture, output)).transpose()?;
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
@@ -105,12 +118,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         arm: &arm,
         recorded: &recorded,
         touches: &touches,
-        methods: each_once(&args.methods),
+        methods,
         todo: (0..folds.len()).collect(),
         folds,
         estimators,
         tune: args.tune,
         truth: args.truth,
+        body,
     };
     let origin = Origin {
         simulated: args.logs.iter().all(|log| is_simulated(log)),
@@ -124,6 +138,29 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         output.result(&summary.text())?
     }
     written
+}
+
+/// The elastic body of a cloud; says what was found.
+fn body(cloud: &Path, picture: &CloudArgs, output: &Output) -> Result<Arc<ElasticBody>, CliError> {
+    let seen = picture.read(cloud, output)?;
+    let colours = seen.colours().expect("read with colours");
+    let body = from_cloud(seen.points(), colours, picture.eye(cloud)?).ok_or_else(|| {
+        let cloud = cloud.display();
+        CliError::from(format!(
+            "no stem or branch was found among the {} points of `{cloud}`, which the method elastic \
+             needs; leave --cloud out, or check the cloud with a viewer",
+            seen.len()
+        ))
+    })?;
+    let of = |kind: SegmentKind| body.segments().iter().filter(move |segment| segment.kind == kind);
+    let length: f64 = of(SegmentKind::Wood).map(|segment| segment.axis().norm()).sum();
+    let branches =
+        of(SegmentKind::Wood).map(|segment| segment.branch).max().map_or(0, |last| last + 1);
+    output.note(&format!(
+        "elastic body: {length:.2} m of wood in {branches} stems and branches, {} leaves",
+        of(SegmentKind::Leaf).count()
+    ));
+    Ok(Arc::new(body))
 }
 
 /// Where the touches of an evaluation come from.

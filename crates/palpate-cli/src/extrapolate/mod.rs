@@ -4,7 +4,6 @@
 //! [`run`] is the command; [`mod@cloud`] reads the camera's points, [`Work`] extrapolates, and
 //! [`summary`] is what it prints and draws.
 
-mod cloud;
 mod summary;
 
 use std::path::{Path, PathBuf};
@@ -19,6 +18,7 @@ use palpate_work::extrapolate::{Chosen, Work, config, filled, method_of, remembe
 use palpate_work::robot;
 
 use crate::args::number_in;
+use crate::cloud_args::CloudArgs;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::picture::Format;
@@ -26,7 +26,6 @@ use crate::place::{Places, entries};
 use crate::settings::{RobotOnlySettings, Settings};
 use crate::{interrupt, place};
 
-use cloud::CloudArgs;
 pub(crate) use summary::ExtrapolationSummary;
 
 const NOTES: &str = "Examples:

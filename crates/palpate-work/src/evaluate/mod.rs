@@ -2,8 +2,10 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use palpate::unstable::ElasticBody;
 use palpate::{Arm, ContactConfig, Field, MapperConfig};
 use palpate_learn::LearnError;
+use palpate_learn::elastic::FRICTIONS;
 use palpate_learn::evaluate::{Part, Plan};
 use palpate_learn::evaluation::Evaluation;
 use palpate_learn::folds::Fold;
@@ -83,6 +85,8 @@ pub struct Work<'a> {
     pub tune: bool,
     /// Whether true torques are to be predicted.
     pub truth: bool,
+    /// What the arm bends, for [`Method::Elastic`].
+    pub body: Option<Arc<ElasticBody>>,
 }
 
 /// What came out.
@@ -117,6 +121,7 @@ impl Work<'_> {
         let config = &self.estimators[0];
         let tracked = Tracked::new(self.arm, config, self.touches, &|| progress.stopped())
             .map_err(|error| self.fault(error, keep))?;
+        let tracked = self.bend(tracked, (keep, progress))?;
         let plan = Plan {
             methods: self.methods.clone(),
             folds: self.folds.clone(),
@@ -149,6 +154,21 @@ impl Work<'_> {
         let learnt = method::learn(tracked, &everything, config, &[], &|| progress.stopped());
         let estimator = learnt.map_err(|error| self.fault(error, keep))?;
         Ok(method::field(tracked, estimator.as_ref(), config))
+    }
+
+    /// Adds the torques of the body, if a method asks for them.
+    fn bend(
+        &self,
+        tracked: Tracked,
+        (keep, progress): (&dyn Keep, &dyn Progress),
+    ) -> Result<Tracked, WorkError> {
+        let wanted = self.methods.contains(&Method::Elastic);
+        let Some(body) = self.body.as_ref().filter(|_| wanted) else { return Ok(tracked) };
+        let steps = (self.touches.len() * FRICTIONS.len()) as u64;
+        let bar = progress.begin(Some(steps), "touches", "bending the body along");
+        let (stop, step) = (|| progress.stopped(), || bar.step());
+        let bent = tracked.with_body(self.arm, body, self.touches, (&stop, &step));
+        bent.map_err(|error| self.fault(error, keep))
     }
 
     /// The estimators' settings in every fold: the given ones, or those that its training touches

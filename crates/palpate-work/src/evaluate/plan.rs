@@ -28,16 +28,28 @@ pub fn method_of(name: &str) -> Result<Method, String> {
     })
 }
 
-/// The methods, each once; all of them if none is given.
-pub fn each_once(given: &[Method]) -> Vec<Method> {
+/// The methods, each once; all of them if none is given, without [`Method::Elastic`] where there is no
+/// body.
+///
+/// # Errors
+///
+/// If `elastic` is given, but no body.
+pub fn each_once(given: &[Method], has_body: bool) -> Result<Vec<Method>, WorkError> {
+    if given.contains(&Method::Elastic) && !has_body {
+        return Err(WorkError::Usage(
+            "the method `elastic` bends a body that it gets from a coloured cloud or a picture with depth \
+             of the object: name that too (`--cloud object.ply` of `palpate evaluate`)"
+                .to_owned(),
+        ));
+    }
     let mut methods: Vec<Method> = Vec::new();
     let all: &[Method] = if given.is_empty() { &Method::ALL } else { given };
     for method in all {
-        if !methods.contains(method) {
+        if !methods.contains(method) && (has_body || *method != Method::Elastic) {
             methods.push(*method);
         }
     }
-    methods
+    Ok(methods)
 }
 
 /// Which touches are predicted from which: one by one, in so many groups, or those of some names

@@ -78,28 +78,11 @@ impl CloudArgs {
         crop: Option<[Point3<f64>; 2]>,
         output: &Output,
     ) -> Result<Cloud, CliError> {
-        let within = folder.join("rgbd");
-        let folder = if within.is_dir() { within.as_path() } else { folder };
-        let find = |what: &str, names: &[&str], endings: &[&str]| {
-            let files = names.iter().flat_map(|name| {
-                endings.iter().map(move |ending| folder.join(format!("{name}.{ending}")))
-            });
-            let tried: Vec<PathBuf> = files.collect();
-            tried.iter().find(|file| file.is_file()).cloned().ok_or_else(|| {
-                let names: Vec<String> = tried
-                    .iter()
-                    .filter_map(|f| Some(f.file_name()?.to_string_lossy().into()))
-                    .collect();
-                let folder = folder.display();
-                CliError::from(format!("`{folder}` holds no {what}: wanted {}", names.join(", ")))
-            })
-        };
-        let colour = find("colour image", &["color", "colour", "rgb"], &["png", "jpg", "jpeg"])?;
-        let depth = find("depth image", &["depth"], &["png", "tif", "tiff", "npy"])?;
-        let camera = match &self.camera {
-            Some(file) => file.clone(),
-            None => find("camera", &["camera", "camera_info"], &["json", "yaml", "yml"])?,
-        };
+        let folder = picture_folder(folder);
+        let colour =
+            find(&folder, "colour image", &["color", "colour", "rgb"], &["png", "jpg", "jpeg"])?;
+        let depth = find(&folder, "depth image", &["depth"], &["png", "tif", "tiff", "npy"])?;
+        let camera = self.camera_file(&folder)?;
         if !(self.depth_unit_m.is_finite() && self.depth_unit_m > 0.0) {
             let found = self.depth_unit_m;
             return Err(CliError::Usage(format!("--depth-unit-m is {found}; wanted a length")));
@@ -137,6 +120,27 @@ impl CloudArgs {
         Ok(found.cloud)
     }
 
+    /// Where the camera stood that saw the cloud of [`CloudArgs::read`], m, world frame, if that is known.
+    pub(crate) fn eye(&self, path: &Path) -> Result<Option<Point3<f64>>, CliError> {
+        let pose = match (self.pose()?, &self.camera) {
+            (Some(pose), _) => Some(pose),
+            (None, None) if !path.is_dir() => None,
+            (None, _) => {
+                let file = self.camera_file(&picture_folder(path))?;
+                rgbd::read_camera(&file).map_err(CliError::file)?.world_from_camera
+            }
+        };
+        Ok(pose.map(|pose| pose.translation.vector.into()))
+    }
+
+    /// The camera's file: the named one, or that beside the picture.
+    fn camera_file(&self, folder: &Path) -> Result<PathBuf, CliError> {
+        match &self.camera {
+            Some(file) => Ok(file.clone()),
+            None => find(folder, "camera", &["camera", "camera_info"], &["json", "yaml", "yml"]),
+        }
+    }
+
     fn pose(&self) -> Result<Option<Isometry3<f64>>, CliError> {
         let Some(given) = &self.camera_pose else { return Ok(None) };
         let path = Path::new(given);
@@ -154,4 +158,24 @@ impl CloudArgs {
         }
         Ok(Some([low.into(), high.into()]))
     }
+}
+
+/// The folder with the images: `rgbd` in the given one, if there is one.
+fn picture_folder(folder: &Path) -> PathBuf {
+    let within = folder.join("rgbd");
+    if within.is_dir() { within } else { folder.to_owned() }
+}
+
+/// The first of some files that a folder holds.
+fn find(folder: &Path, what: &str, names: &[&str], endings: &[&str]) -> Result<PathBuf, CliError> {
+    let files = names
+        .iter()
+        .flat_map(|name| endings.iter().map(move |ending| folder.join(format!("{name}.{ending}"))));
+    let tried: Vec<PathBuf> = files.collect();
+    tried.iter().find(|file| file.is_file()).cloned().ok_or_else(|| {
+        let names: Vec<String> =
+            tried.iter().filter_map(|f| Some(f.file_name()?.to_string_lossy().into())).collect();
+        let folder = folder.display();
+        CliError::from(format!("`{folder}` holds no {what}: wanted {}", names.join(", ")))
+    })
 }

@@ -1,0 +1,91 @@
+//! Points joined to their neighbours: components, and distances along the surface that they lie on.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use nalgebra::Point3;
+
+/// Every point joined to those within a radius.
+pub(super) struct Graph {
+    neighbours: Vec<Vec<(u32, f64)>>,
+}
+
+impl Graph {
+    /// Joins points within `radius_m` of each other that `joins` lets.
+    pub(super) fn new(
+        points: &[Point3<f64>],
+        radius_m: f64,
+        joins: impl Fn(usize, usize) -> bool,
+    ) -> Self {
+        let places: Vec<[f64; 3]> = points.iter().map(|point| (*point).into()).collect();
+        if places.is_empty() {
+            return Self { neighbours: Vec::new() };
+        }
+        let tree: ImmutableKdTree<f64, 3> = ImmutableKdTree::new_from_slice(&places);
+        let around = |(at, place): (usize, &[f64; 3])| {
+            let found = tree.within_unsorted::<SquaredEuclidean>(place, radius_m * radius_m);
+            let mut found: Vec<(u32, f64)> = (found.iter())
+                .map(|near| (near.item as u32, near.distance.sqrt()))
+                .filter(|(other, _)| *other as usize != at && joins(at, *other as usize))
+                .collect();
+            found.sort_unstable_by_key(|(other, _)| *other);
+            found
+        };
+        Self { neighbours: places.iter().enumerate().map(around).collect() }
+    }
+
+    /// Points that a point is joined to, and how far they are, m.
+    pub(super) fn neighbours(&self, point: usize) -> &[(u32, f64)] {
+        &self.neighbours[point]
+    }
+
+    /// The connected pieces of some points, each in rising order, in the order of their first points.
+    pub(super) fn pieces(&self, points: &[u32]) -> Vec<Vec<u32>> {
+        let mut open = vec![false; self.neighbours.len()];
+        points.iter().for_each(|&point| open[point as usize] = true);
+        let mut pieces = Vec::new();
+        for &first in points {
+            if !std::mem::take(&mut open[first as usize]) {
+                continue;
+            }
+            let (mut piece, mut next) = (vec![first], 0);
+            while next < piece.len() {
+                for &(other, _) in self.neighbours(piece[next] as usize) {
+                    if std::mem::take(&mut open[other as usize]) {
+                        piece.push(other);
+                    }
+                }
+                next += 1;
+            }
+            piece.sort_unstable();
+            pieces.push(piece);
+        }
+        pieces
+    }
+
+    /// Length of the shortest way along edges from any of `starts`, m; infinite where there is none.
+    pub(super) fn distances_m(&self, starts: &[u32]) -> Vec<f64> {
+        let mut distances = vec![f64::INFINITY; self.neighbours.len()];
+        // Distances are not negative: their bits are in their order.
+        let mut queue: BinaryHeap<Reverse<(u64, u32)>> = BinaryHeap::new();
+        for &start in starts {
+            distances[start as usize] = 0.0;
+            queue.push(Reverse((0, start)));
+        }
+        while let Some(Reverse((bits, point))) = queue.pop() {
+            let distance = f64::from_bits(bits);
+            if distance > distances[point as usize] {
+                continue;
+            }
+            for &(other, length) in self.neighbours(point as usize) {
+                let through = distance + length;
+                if through < distances[other as usize] {
+                    distances[other as usize] = through;
+                    queue.push(Reverse((through.to_bits(), other)));
+                }
+            }
+        }
+        distances
+    }
+}

@@ -1,0 +1,69 @@
+//! Radii drawn to the taper that branches of an order have in common.
+//!
+//! Bending stiffness grows with the fourth power of the radius, and a branch that is half hidden looks
+//! half as thick: a single width is worth little.
+
+use nalgebra::Vector2;
+
+use super::tubes::{Tube, fit_line};
+
+/// Branches of half this length keep half of their own width, m.
+const HALF_LENGTH_M: f64 = 0.04;
+/// Branches of a stem that are at least this long count as branches, all others as twigs, m.
+const BRANCH_M: f64 = 0.08;
+
+/// What a branch is carried by decides what it has in common with others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Order {
+    Stem,
+    Branch,
+    Twig,
+}
+
+/// Draws the radii of branches and twigs to their common taper; stems keep theirs.
+///
+/// `carriers`: which tube carries each, if any does.
+pub(super) fn draw_together(tubes: &mut [Tube], carriers: &[Option<usize>]) {
+    let arcs: Vec<Vec<f64>> = tubes.iter().map(Tube::arc_m).collect();
+    let length = |at: usize| arcs[at][arcs[at].len() - 1];
+    let order = |at: usize| match carriers[at] {
+        None => Order::Stem,
+        Some(carrier) if carriers[carrier].is_none() && length(at) > BRANCH_M => Order::Branch,
+        Some(_) => Order::Twig,
+    };
+    for wanted in [Order::Branch, Order::Twig] {
+        let these: Vec<usize> = (0..tubes.len()).filter(|&at| order(at) == wanted).collect();
+        if these.is_empty() {
+            continue;
+        }
+        let share = |at: usize, arc: f64| arc / f64::max(length(at), 0.02);
+        let (mut places, mut radii) = (Vec::new(), Vec::new());
+        for &at in &these {
+            places.extend(arcs[at].iter().map(|&arc| share(at, arc)));
+            radii.extend(tubes[at].radii.iter().copied());
+        }
+        let line = robust_line(&places, &radii);
+        for &at in &these {
+            let own = 0.5 * length(at) / (length(at) + HALF_LENGTH_M);
+            for (radius, &arc) in tubes[at].radii.iter_mut().zip(&arcs[at]) {
+                let common = f64::max(line[0] + line[1] * share(at, arc), 0.0016);
+                *radius = (own * radius.ln() + (1.0 - own) * common.ln()).exp();
+            }
+        }
+    }
+}
+
+/// A line through most of the radii.
+fn robust_line(places: &[f64], radii: &[f64]) -> Vector2<f64> {
+    let mut sorted = radii.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let mut line = Vector2::new(sorted[sorted.len() / 2], 0.0);
+    for _ in 0..20 {
+        let weight = |(place, radius): (&f64, &f64)| {
+            1.0 / (1.0 + ((radius - line[0] - line[1] * place) / 8e-4).powi(2))
+        };
+        let weights: Vec<f64> = places.iter().zip(radii).map(weight).collect();
+        line = fit_line(places, radii, &weights);
+    }
+    line
+}

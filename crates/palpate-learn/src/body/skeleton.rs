@@ -1,0 +1,269 @@
+//! The skeleton of the wood: level sets of the distance from the root, pieces joined across gaps.
+
+use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+
+use super::graph::Graph;
+use super::view::View;
+
+/// Points nearer than this hang together, m.
+const JOINED_M: f64 = 0.006;
+/// Height of a level set, m.
+const LEVEL_M: f64 = 0.008;
+/// Widest gap that is bridged, m.
+const WIDEST_GAP_M: f64 = 0.12;
+/// Pieces of fewer points are left out.
+const FEWEST_POINTS: usize = 4;
+/// Pieces that reach down to this above the lowest point stand on the ground, m,
+const GROUND_M: f64 = 0.03;
+/// if no larger one does so within this, m.
+const APART_M: f64 = 0.05;
+/// Branches that end in less than this are left out, m.
+const SHORTEST_M: f64 = 0.012;
+
+/// A level set of a branch.
+#[derive(Debug, Clone)]
+pub(super) struct SkeletonNode {
+    /// Middle of its points, m.
+    pub place: Point3<f64>,
+    /// The node that it hangs from.
+    pub parent: Option<usize>,
+    /// Its points.
+    pub members: Vec<u32>,
+}
+
+/// Nodes of wood points, each after the one that it hangs from.
+pub(super) fn skeleton(points: &[Point3<f64>], view: &View) -> Vec<SkeletonNode> {
+    let graph = Graph::new(points, JOINED_M, |_, _| true);
+    let all: Vec<u32> = (0..points.len() as u32).collect();
+    let mut pieces = graph.pieces(&all);
+    pieces.retain(|piece| piece.len() >= FEWEST_POINTS);
+    let lowest = |piece: &[u32]| {
+        piece.iter().map(|&point| points[point as usize].z).fold(f64::INFINITY, f64::min)
+    };
+    let ground = pieces.iter().map(|piece| lowest(piece)).fold(f64::INFINITY, f64::min);
+    let foot = |piece: &[u32]| -> Vec<u32> {
+        let below = lowest(piece) + 0.004;
+        piece.iter().copied().filter(|&point| points[point as usize].z < below).collect()
+    };
+    pieces.sort_by_key(|piece| std::cmp::Reverse(piece.len()));
+
+    let mut builder = Builder { points, graph: &graph, nodes: Vec::new() };
+    let (mut feet, mut hanging): (Vec<Point3<f64>>, Vec<Vec<u32>>) = (Vec::new(), Vec::new());
+    for piece in pieces {
+        let starts = foot(&piece);
+        let place = middle(points, &starts);
+        let is_apart = |other: &Point3<f64>| (other.xy() - place.xy()).norm() > APART_M;
+        if lowest(&piece) < ground + GROUND_M && feet.iter().all(is_apart) {
+            feet.push(place);
+            builder.add(&piece, &starts, None);
+        } else {
+            hanging.push(piece);
+        }
+    }
+    join(&mut builder, &hanging, view);
+    prune(builder.nodes)
+}
+
+struct Builder<'a> {
+    points: &'a [Point3<f64>],
+    graph: &'a Graph,
+    nodes: Vec<SkeletonNode>,
+}
+
+impl Builder<'_> {
+    /// Adds the level sets of a piece, seen from `starts`, to what hangs from `parent`.
+    fn add(&mut self, piece: &[u32], starts: &[u32], parent: Option<usize>) {
+        let distances = self.graph.distances_m(starts);
+        let level = |point: u32| (distances[point as usize] / LEVEL_M) as usize;
+        let mut by_level: Vec<Vec<u32>> = Vec::new();
+        for &point in piece.iter().filter(|&&point| distances[point as usize].is_finite()) {
+            by_level.resize(by_level.len().max(level(point) + 1), Vec::new());
+            by_level[level(point)].push(point);
+        }
+        let mut node_of = vec![usize::MAX; self.points.len()];
+        for (number, points) in by_level.iter().enumerate() {
+            for members in self.graph.pieces(points) {
+                let parent = if number == 0 { parent } else { self.below(&members, &node_of) };
+                let parent = parent.or_else(|| (number > 0).then(|| self.nearest(&members)));
+                let place = middle(self.points, &members);
+                members.iter().for_each(|&point| node_of[point as usize] = self.nodes.len());
+                self.nodes.push(SkeletonNode { place, parent, members });
+            }
+        }
+    }
+
+    /// The node of the level below that most edges lead to.
+    fn below(&self, members: &[u32], node_of: &[usize]) -> Option<usize> {
+        let edges = members.iter().flat_map(|&point| self.graph.neighbours(point as usize));
+        let mut nodes: Vec<usize> = (edges.map(|(other, _)| node_of[*other as usize]))
+            .filter(|&node| node != usize::MAX)
+            .collect();
+        nodes.sort_unstable();
+        let runs = nodes.chunk_by(|a, b| a == b);
+        runs.max_by_key(|run| run.len()).map(|run| run[0])
+    }
+
+    fn nearest(&self, members: &[u32]) -> usize {
+        let place = middle(self.points, members);
+        let by_distance = |a: &&SkeletonNode, b: &&SkeletonNode| {
+            let distance = |node: &SkeletonNode| (node.place - place).norm_squared();
+            distance(a).total_cmp(&distance(b))
+        };
+        let nearest = self.nodes.iter().enumerate().min_by(|a, b| by_distance(&a.1, &b.1));
+        nearest.expect("level zero was added").0
+    }
+}
+
+fn middle(points: &[Point3<f64>], members: &[u32]) -> Point3<f64> {
+    let sum = members.iter().fold(Vector3::zeros(), |sum, &at| sum + points[at as usize].coords);
+    Point3::from(sum / members.len() as f64)
+}
+
+/// The direction in which some points stretch most, and their spread along it, m.
+fn direction(points: &[Point3<f64>], members: &[u32]) -> (Vector3<f64>, f64) {
+    let centre = middle(points, members);
+    let spread = members.iter().fold(Matrix3::zeros(), |sum, &at| {
+        let apart = points[at as usize] - centre;
+        sum + apart * apart.transpose()
+    }) / members.len() as f64;
+    let eigen = SymmetricEigen::new(spread);
+    let largest = eigen.eigenvalues.imax();
+    (eigen.eigenvectors.column(largest).into_owned(), eigen.eigenvalues[largest].max(0.0).sqrt())
+}
+
+/// The cheapest bridge that was found to a piece.
+#[derive(Clone, Copy)]
+struct Bridge {
+    cost: f64,
+    node: usize,
+    point: u32,
+}
+
+/// Joins pieces to the tree, the cheapest bridge first (Prim): short ones, through space that the camera
+/// has not seen to be free, in the direction of the piece.
+fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], view: &View) {
+    let points = builder.points;
+    let directions: Vec<_> = pieces.iter().map(|piece| direction(points, piece)).collect();
+    let mut best: Vec<Option<Bridge>> = vec![None; pieces.len()];
+    let mut left: Vec<usize> = (0..pieces.len()).collect();
+    let mut looked = 0;
+    loop {
+        for &at in &left {
+            let (along, spread_m) = directions[at];
+            for (node, candidate) in builder.nodes.iter().enumerate().skip(looked) {
+                let nearest = pieces[at].iter().map(|&point| {
+                    (point, (points[point as usize] - candidate.place).norm_squared())
+                });
+                let Some((point, squared)) = nearest.min_by(|a, b| a.1.total_cmp(&b.1)) else {
+                    continue;
+                };
+                let length = squared.sqrt() + 1e-6;
+                if length > WIDEST_GAP_M || best[at].is_some_and(|best| length + 0.004 >= best.cost)
+                {
+                    continue;
+                }
+                let place = points[point as usize];
+                let free =
+                    if length > 0.008 { view.seen_free(&candidate.place, &place) } else { 0.0 };
+                let gap = place - candidate.place;
+                let aligned = if spread_m > 0.008 { gap.dot(&along).abs() / length } else { 0.5 };
+                let cost = length * (1.0 + 3.0 * free) * (2.0 - aligned) + 0.004;
+                if best[at].is_none_or(|best| cost < best.cost) {
+                    best[at] = Some(Bridge { cost, node, point });
+                }
+            }
+        }
+        looked = builder.nodes.len();
+        let next = left.iter().copied().filter_map(|at| Some((at, best[at]?)));
+        let Some((at, bridge)) = next.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost)) else { return };
+        left.retain(|&other| other != at);
+        if bridge.cost > 1.5 * WIDEST_GAP_M {
+            continue;
+        }
+        let place = points[bridge.point as usize];
+        let is_near = |point: &u32| (points[*point as usize] - place).norm() <= 0.004;
+        let starts: Vec<u32> = pieces[at].iter().copied().filter(is_near).collect();
+        builder.add(&pieces[at], &starts, Some(bridge.node));
+    }
+}
+
+/// Leaves out branches that are shorter than what a level set can tell.
+fn prune(mut nodes: Vec<SkeletonNode>) -> Vec<SkeletonNode> {
+    for _ in 0..3 {
+        let branches = branches(&nodes);
+        let mut dropped = vec![false; nodes.len()];
+        for branch in branches.iter().filter(|branch| branch.carried) {
+            let length: f64 = branch
+                .nodes
+                .windows(2)
+                .map(|w| (nodes[w[1]].place - nodes[w[0]].place).norm())
+                .sum();
+            let own = branch.own();
+            let carries =
+                branches.iter().any(|other| other.carried && own.contains(&other.nodes[0]));
+            if length < SHORTEST_M && !carries {
+                own.iter().for_each(|&node| dropped[node] = true);
+            }
+        }
+        if !dropped.contains(&true) {
+            break;
+        }
+        let mut number = vec![usize::MAX; nodes.len()];
+        let mut kept = Vec::new();
+        for (at, node) in nodes.into_iter().enumerate().filter(|(at, _)| !dropped[*at]) {
+            number[at] = kept.len();
+            let parent = node.parent.map(|parent| number[parent]);
+            kept.push(SkeletonNode { parent, ..node });
+        }
+        nodes = kept;
+    }
+    nodes
+}
+
+/// A way through the skeleton from where it begins to a tip.
+#[derive(Debug, Clone)]
+pub(super) struct Branch {
+    /// Its nodes; if it is carried, the first belongs to the branch that carries it.
+    pub nodes: Vec<usize>,
+    /// Whether it hangs from another branch, rather than standing on the ground.
+    pub carried: bool,
+}
+
+impl Branch {
+    /// Its nodes without that of the branch that carries it.
+    pub(super) fn own(&self) -> &[usize] {
+        &self.nodes[usize::from(self.carried)..]
+    }
+}
+
+/// The skeleton as branches, the longest ways first taken: each goes on into the longest of what it
+/// carries.
+pub(super) fn branches(nodes: &[SkeletonNode]) -> Vec<Branch> {
+    let mut children = vec![Vec::new(); nodes.len()];
+    let mut reach = vec![0.0_f64; nodes.len()];
+    for (at, node) in nodes.iter().enumerate().rev() {
+        if let Some(parent) = node.parent {
+            children[parent].push(at);
+            let through = reach[at] + (node.place - nodes[parent].place).norm();
+            reach[parent] = reach[parent].max(through);
+        }
+    }
+    let roots = (0..nodes.len()).filter(|&at| nodes[at].parent.is_none());
+    let mut open: Vec<(Option<usize>, usize)> = roots.map(|at| (None, at)).collect();
+    open.reverse();
+    let mut branches = Vec::new();
+    while let Some((from, at)) = open.pop() {
+        let mut way: Vec<usize> = from.into_iter().chain([at]).collect();
+        let mut end = at;
+        while !children[end].is_empty() {
+            let length = |at: usize| reach[at] + (nodes[at].place - nodes[end].place).norm();
+            let mut next = children[end].clone();
+            next.sort_by(|&a, &b| length(b).total_cmp(&length(a)).then(a.cmp(&b)));
+            open.extend(next[1..].iter().map(|&other| (Some(end), other)));
+            end = next[0];
+            way.push(end);
+        }
+        branches.push(Branch { nodes: way, carried: from.is_some() });
+    }
+    branches
+}

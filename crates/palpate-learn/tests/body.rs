@@ -1,0 +1,152 @@
+//! A plant of known shape, seen from one side, comes back as the body that it is.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use nalgebra::{Point3, Vector3};
+use palpate::unstable::{ElasticBody, Segment, SegmentKind};
+use palpate_learn::body::from_cloud;
+
+const BROWN: [u8; 3] = [110, 65, 30];
+const GREEN: [u8; 3] = [40, 110, 30];
+const EYE: Point3<f64> = Point3::new(-0.5, -0.6, 0.6);
+
+/// A cloud as a camera sees it: only what faces it.
+#[derive(Default)]
+struct Seen {
+    points: Vec<Point3<f64>>,
+    colours: Vec<[u8; 3]>,
+}
+
+impl Seen {
+    /// A tapering rod; what lies between two shares of its length is hidden.
+    fn rod(&mut self, from: [f64; 3], to: [f64; 3], radii: [f64; 2], hidden: [f64; 2]) {
+        let (from, to) = (Point3::from(from), Point3::from(to));
+        let axis = (to - from).normalize();
+        let across = axis.cross(&Vector3::x()).try_normalize(0.1).unwrap_or(Vector3::y());
+        let other = axis.cross(&across);
+        let steps = ((to - from).norm() / 0.0015) as usize;
+        for step in 0..=steps {
+            let share = step as f64 / steps as f64;
+            if (hidden[0]..hidden[1]).contains(&share) {
+                continue;
+            }
+            let radius = radii[0] + (radii[1] - radii[0]) * share;
+            let around = (std::f64::consts::TAU * radius / 0.0012) as usize;
+            for turn in 0..around {
+                let angle = std::f64::consts::TAU * turn as f64 / around as f64;
+                let normal = across * angle.cos() + other * angle.sin();
+                let point = from + (to - from) * share + normal * radius;
+                if normal.dot(&(EYE - point)) > 0.0 {
+                    self.points.push(point);
+                    self.colours.push(BROWN);
+                }
+            }
+        }
+    }
+
+    fn leaf(&mut self, middle: [f64; 3], along: Vector3<f64>, wide: Vector3<f64>) {
+        for i in -70..=70 {
+            for j in -30..=30 {
+                let (a, b) = (f64::from(i) / 70.0, f64::from(j) / 30.0);
+                if a * a + b * b <= 1.0 {
+                    self.points.push(Point3::from(middle) + along * a + wide * b);
+                    self.colours.push(GREEN);
+                }
+            }
+        }
+    }
+
+    fn body(&self, eye: Option<Point3<f64>>) -> ElasticBody {
+        from_cloud(&self.points, &self.colours, eye).unwrap()
+    }
+}
+
+/// A stem of half a metre with one branch, and a leaf that hides a part of it.
+fn plant() -> Seen {
+    let mut seen = Seen::default();
+    seen.rod([0.5, 0.0, 0.1], [0.5, 0.0, 0.6], [0.012, 0.008], [2.0, 3.0]);
+    seen.rod([0.5, 0.0, 0.4], [0.36, -0.14, 0.46], [0.006, 0.004], [0.4, 0.6]);
+    let (middle, along) =
+        (Point3::new(0.43, -0.07, 0.43), Vector3::new(-0.14, -0.14, 0.06).normalize());
+    let towards = (EYE - middle).normalize();
+    let wide = along.cross(&towards).normalize();
+    seen.leaf((middle + 0.03 * towards).into(), 0.035 * along, 0.016 * wide);
+    seen
+}
+
+fn distance_from_rod(point: &Point3<f64>, from: [f64; 3], to: [f64; 3]) -> f64 {
+    let (from, to) = (Point3::from(from), Point3::from(to));
+    let way = to - from;
+    let share = ((point - from).dot(&way) / way.norm_squared()).clamp(0.0, 1.0);
+    (point - (from + way * share)).norm()
+}
+
+fn wood(body: &ElasticBody) -> Vec<&Segment> {
+    body.segments().iter().filter(|segment| segment.kind == SegmentKind::Wood).collect()
+}
+
+#[test]
+fn a_plant_seen_from_one_side_has_its_axes_where_they_are() {
+    let body = plant().body(Some(EYE));
+    let branches: std::collections::BTreeSet<u32> = wood(&body).iter().map(|s| s.branch).collect();
+    assert_eq!(branches.len(), 2, "a stem and a branch");
+    for segment in wood(&body) {
+        for end in [segment.start_m, segment.end_m].map(Point3::from) {
+            let stem = distance_from_rod(&end, [0.5, 0.0, 0.08], [0.5, 0.0, 0.6]);
+            let branch = distance_from_rod(&end, [0.5, 0.0, 0.4], [0.36, -0.14, 0.46]);
+            assert!(stem.min(branch) < 0.006, "{end} is {} m from wood", stem.min(branch));
+        }
+    }
+    let length: f64 = wood(&body).iter().map(|segment| segment.axis().norm()).sum();
+    assert!((length - (0.52 + 0.207)).abs() < 0.04, "{length} m of wood");
+}
+
+#[test]
+fn radii_are_those_of_the_rods() {
+    let body = plant().body(Some(EYE));
+    let stem: Vec<&Segment> = wood(&body).into_iter().filter(|s| s.branch == 0).collect();
+    for segment in &stem[1..] {
+        let share = (0.5 * (segment.start_m[2] + segment.end_m[2]) - 0.1) / 0.5;
+        let wanted = 0.012 - 0.004 * share;
+        let off = segment.radius_m / wanted - 1.0;
+        assert!(off.abs() < 0.12, "{} m at {share}, wanted {wanted}", segment.radius_m);
+    }
+}
+
+#[test]
+fn a_branch_hangs_from_the_stem_across_what_is_hidden_and_the_leaf_from_the_branch() {
+    let body = plant().body(Some(EYE));
+    let segments = body.segments();
+    let first = segments.iter().find(|segment| segment.branch == 1).unwrap();
+    let carrier = &segments[first.parent.unwrap() as usize];
+    assert_eq!(carrier.branch, 0);
+    assert!((first.start_m[2] - 0.4).abs() < 0.015, "it starts at {:?}", first.start_m);
+    let leaves: Vec<&Segment> = segments.iter().filter(|s| s.kind == SegmentKind::Leaf).collect();
+    assert_eq!(leaves.len(), 1);
+    assert_eq!(segments[leaves[0].parent.unwrap() as usize].branch, 1);
+}
+
+#[test]
+fn the_camera_is_found_on_the_side_that_bulges() {
+    let (known, guessed) = (plant().body(Some(EYE)), plant().body(None));
+    assert_eq!(wood(&known).len(), wood(&guessed).len());
+    for (known, guessed) in wood(&known).iter().zip(wood(&guessed)) {
+        let apart = (known.start() - guessed.start()).norm();
+        assert!(apart < 0.006, "{:?} and {:?}", known.start_m, guessed.start_m);
+    }
+}
+
+#[test]
+fn the_same_cloud_gives_the_same_body_to_the_bit() {
+    assert_eq!(plant().body(None), plant().body(None));
+}
+
+#[test]
+fn a_row_of_stems_stands_on_the_ground_each_by_itself() {
+    let mut seen = Seen::default();
+    for y in [-0.1, 0.0, 0.1] {
+        seen.rod([0.5, y, 0.0], [0.5, y, 0.5], [0.01, 0.009], [0.5, 0.55]);
+    }
+    let body = seen.body(Some(EYE));
+    let rooted = body.segments().iter().filter(|segment| segment.parent.is_none());
+    assert_eq!(rooted.count(), 3);
+}

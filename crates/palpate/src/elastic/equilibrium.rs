@@ -1,0 +1,629 @@
+//! Where a body comes to rest against an arm: non-linear statics, warm-started from the sample before.
+//!
+//! The energy is that of the joints' springs, `½ k θ²` with θ the angle of the joint's rotation, and of
+//! the contacts ([`super::contact`]). Newton's method with the curvature of both (that of the springs
+//! without the part that would make it negative), each step solved by [`super::tree`], with a line search.
+//! Rotations are exact: a branch that bends moves on an arc, and that is where the gain over springs by
+//! point comes from.
+
+use std::sync::Arc;
+
+use nalgebra::{DVector, Isometry3, Point3, UnitQuaternion, Vector3, Vector6};
+
+use super::body::ElasticBody;
+use super::contact::{Anchor, PlacedLink, TouchConfig, deepest};
+use super::tree::{self, Node};
+use crate::arm::Arm;
+use crate::robot::{LinkId, Poses};
+
+/// Distance between points of the body that are asked for contact, m.
+const SAMPLE_SPACING_M: f64 = 0.006;
+/// Links farther than this from a segment are not looked at in a sub-step, m.
+const REACH_M: f64 = 0.03;
+/// Longest motion of a link in a sub-step, m.
+const SUBSTEP_M: f64 = 0.004;
+/// Longest motion of a point of the body in an iteration, m: it must not jump through a link.
+const STRIDE_M: f64 = 0.01;
+/// Largest turn of a joint in an iteration, rad.
+const TURN_RAD: f64 = 0.4;
+/// Iterations of a sub-step, at most.
+const ITERATIONS: u32 = 25;
+/// A step that lowers the energy by less than this, J, is the last.
+const SETTLED_J: f64 = 1e-9;
+/// The same as a share of the energy.
+const SETTLED_SHARE: f64 = 1e-6;
+
+/// A point of the body that may meet a link.
+#[derive(Debug, Clone, Copy)]
+struct SurfacePoint {
+    segment: usize,
+    /// From the start of the segment at rest, m.
+    lever_m: Vector3<f64>,
+    radius_m: f64,
+}
+
+/// How a motion went.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Settled {
+    /// Newton steps.
+    pub iterations: u32,
+    /// Sub-steps that had not come to rest when their iterations were used up.
+    pub unsettled: u32,
+}
+
+/// A body against an arm.
+#[derive(Clone)]
+pub struct Equilibrium {
+    arm: Arc<Arm>,
+    body: Arc<ElasticBody>,
+    config: TouchConfig,
+    points: Vec<SurfacePoint>,
+    /// Points of segment `i`: `first[i]..first[i + 1]`.
+    first: Vec<usize>,
+    state: State,
+    /// Where the links were.
+    before: Option<Vec<Isometry3<f64>>>,
+}
+
+#[derive(Clone)]
+struct State {
+    /// Of each joint, in the frame of the segment that carries it.
+    turned: Vec<UnitQuaternion<f64>>,
+    /// By point.
+    anchors: Vec<Option<Anchor>>,
+    /// Points that were in a link when the touch began: the picture or the skin is wrong there.
+    ignored: Vec<bool>,
+}
+
+/// The body in one position.
+struct Posed {
+    world_from_rest: Vec<UnitQuaternion<f64>>,
+    starts: Vec<Point3<f64>>,
+}
+
+impl Posed {
+    fn point(&self, point: &SurfacePoint) -> Point3<f64> {
+        self.starts[point.segment] + self.world_from_rest[point.segment] * point.lever_m
+    }
+}
+
+impl Equilibrium {
+    /// A body at rest.
+    pub fn new(arm: Arc<Arm>, body: Arc<ElasticBody>, config: TouchConfig) -> Self {
+        let (mut points, mut first) = (Vec::new(), vec![0]);
+        for (segment, part) in body.segments().iter().enumerate() {
+            let length = part.axis().norm();
+            let bare = part.bare_m.clamp(0.0, length) / length;
+            let n = ((1.0 - bare) * length / SAMPLE_SPACING_M).ceil().max(1.0);
+            let is_plate = part.half_width().norm() > 0.0;
+            for step in 0..n as usize {
+                let share = (step as f64 + 0.5) / n;
+                // A plate is widest in its middle, as an ellipse.
+                let width = (1.0 - (2.0 * share - 1.0).powi(2)).sqrt();
+                for side in if is_plate { &[-0.7, 0.0, 0.7][..] } else { &[0.0] } {
+                    let along = (bare + share * (1.0 - bare)) * part.axis();
+                    let lever_m = along + *side * width * part.half_width();
+                    points.push(SurfacePoint { segment, lever_m, radius_m: part.radius_m });
+                }
+            }
+            first.push(points.len());
+        }
+        let state = State {
+            turned: vec![UnitQuaternion::identity(); body.segments().len()],
+            anchors: vec![None; points.len()],
+            ignored: vec![false; points.len()],
+        };
+        Self { arm, body, config, points, first, state, before: None }
+    }
+
+    /// The arm that bends it.
+    pub fn arm(&self) -> &Arc<Arm> {
+        &self.arm
+    }
+
+    /// The body that is bent.
+    pub fn body(&self) -> &Arc<ElasticBody> {
+        &self.body
+    }
+
+    /// Puts the body back to rest: a touch begins.
+    pub fn begin_touch(&mut self) {
+        self.state.turned.fill(UnitQuaternion::identity());
+        self.state.anchors.fill(None);
+        self.state.ignored.fill(false);
+        self.before = None;
+    }
+
+    /// Moves the arm on and lets the body come to rest.
+    ///
+    /// The first position of a touch is taken to be free of the body: points of it that are in a link
+    /// there are left out until the next touch.
+    pub fn advance(&mut self, poses: &Poses) -> Settled {
+        let now = &poses.world_from_link;
+        let Some(before) = self.before.replace(now.clone()) else {
+            self.ignore_what_is_in_the_arm(now);
+            return Settled::default();
+        };
+        let substeps = self.substeps(&before, now);
+        let mut settled = Settled::default();
+        for step in 1..=substeps {
+            let share = f64::from(step) / f64::from(substeps);
+            let between: Vec<Isometry3<f64>> = before
+                .iter()
+                .zip(now)
+                .map(|(a, b)| if step == substeps { *b } else { a.lerp_slerp(b, share) })
+                .collect();
+            self.settle(&between, &mut settled);
+        }
+        settled
+    }
+
+    /// The wrench of the body on each link that it presses: force, N, and moment about the world
+    /// origin, N·m, at the present position.
+    pub fn wrenches(&self) -> Vec<(LinkId, Vector6<f64>)> {
+        let Some(links) = &self.before else { return Vec::new() };
+        let placed = self.placed(links);
+        let near = self.near(&placed, &self.posed());
+        let posed = self.posed();
+        let mut wrenches = vec![Vector6::zeros(); links.len()];
+        for (index, point) in self.points.iter().enumerate() {
+            let segment = point.segment;
+            if near[segment].is_empty() || self.state.ignored[index] {
+                continue;
+            }
+            let at = posed.point(point);
+            let Some(pressed) = deepest(&placed, &near[segment], &at, point.radius_m) else {
+                continue;
+            };
+            let (offset, pressed_n) = self.offset(index, &placed, pressed.link, &at);
+            let resistance = self.config.resistance(&pressed, &offset, pressed_n);
+            // The slope of the energy is minus the force on the body: the force on the arm.
+            let force = resistance.slope;
+            let moment = at.coords.cross(&force);
+            wrenches[placed[pressed.link].index] +=
+                Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+        }
+        let links =
+            wrenches.into_iter().enumerate().filter(|(_, wrench)| wrench.norm_squared() > 0.0);
+        links.map(|(link, wrench)| (LinkId(link as u16), wrench)).collect()
+    }
+
+    /// The joint torque of the body on the arm at a stiffness factor of one, `Σ Sᵀ (f, m)` over the
+    /// links, n_joints, N·m. `poses` are those of the last [`Equilibrium::advance`].
+    pub fn torque(&self, poses: &Poses) -> DVector<f64> {
+        let robot = &self.arm.robot;
+        let mut torque = DVector::zeros(robot.n_joints());
+        for (link, wrench) in self.wrenches() {
+            torque += robot.spatial_jacobian(poses, link).transpose() * wrench;
+        }
+        torque
+    }
+
+    /// Start and end of each segment now, m, world frame.
+    pub fn segments_m(&self) -> Vec<[Point3<f64>; 2]> {
+        let posed = self.posed();
+        let ends = self.body.segments().iter().enumerate().map(|(index, segment)| {
+            let start = posed.starts[index];
+            [start, start + posed.world_from_rest[index] * segment.axis()]
+        });
+        ends.collect()
+    }
+
+    fn ignore_what_is_in_the_arm(&mut self, links: &[Isometry3<f64>]) {
+        let placed = self.placed(links);
+        let posed = self.posed();
+        let near = self.near(&placed, &posed);
+        let inside: Vec<bool> = (self.points.iter())
+            .map(|point| {
+                let at = posed.point(point);
+                deepest(&placed, &near[point.segment], &at, point.radius_m).is_some()
+            })
+            .collect();
+        self.state.ignored = inside;
+    }
+
+    /// How many pieces a motion is cut into, so that no corner of a link moves far in one.
+    fn substeps(&self, before: &[Isometry3<f64>], now: &[Isometry3<f64>]) -> u32 {
+        let links = self.arm.surfaces.iter().zip(before).zip(now);
+        let moved = links.filter_map(|((grid, before), now)| {
+            let (low, high) = grid.as_ref()?.bounds();
+            let corner = |at: usize| {
+                let pick = |axis: usize| if at >> axis & 1 == 0 { low[axis] } else { high[axis] };
+                let corner = Point3::new(pick(0), pick(1), pick(2));
+                (now * corner - before * corner).norm()
+            };
+            Some((0..8).map(corner).fold(0.0, f64::max))
+        });
+        let farthest = moved.fold(0.0, f64::max);
+        ((farthest / SUBSTEP_M).ceil() as u32).clamp(1, 1000)
+    }
+
+    fn placed(&self, links: &[Isometry3<f64>]) -> Vec<PlacedLink<'_>> {
+        let links = self.arm.surfaces.iter().zip(links).enumerate();
+        links
+            .filter_map(|(index, (grid, pose))| Some(PlacedLink::new(index, grid.as_ref()?, *pose)))
+            .collect()
+    }
+
+    fn posed(&self) -> Posed {
+        self.pose(&self.state.turned)
+    }
+
+    fn pose(&self, turned: &[UnitQuaternion<f64>]) -> Posed {
+        let n = turned.len();
+        let mut posed =
+            Posed { world_from_rest: Vec::with_capacity(n), starts: Vec::with_capacity(n) };
+        for (segment, turned) in self.body.segments().iter().zip(turned) {
+            let (start, rotation) = match segment.parent {
+                None => (segment.start(), *turned),
+                Some(parent) => {
+                    let parent = parent as usize;
+                    let arm = segment.start() - self.body.segments()[parent].start();
+                    let carried = posed.world_from_rest[parent];
+                    (posed.starts[parent] + carried * arm, carried * turned)
+                }
+            };
+            posed.starts.push(start);
+            posed.world_from_rest.push(rotation);
+        }
+        posed
+    }
+
+    /// For each segment the links, by their place in `placed`, that it could meet in a sub-step.
+    fn near(&self, placed: &[PlacedLink<'_>], posed: &Posed) -> Vec<Vec<u16>> {
+        let segments = self.body.segments().iter().enumerate();
+        let near = segments.map(|(index, segment)| {
+            let half = 0.5 * segment.axis();
+            let middle = posed.starts[index] + posed.world_from_rest[index] * half;
+            let size = half.norm() + segment.half_width().norm() + segment.radius_m + REACH_M;
+            let is_near = |link: &PlacedLink<'_>| link.distance(&middle) < size;
+            (0..placed.len()).filter(|&at| is_near(&placed[at])).map(|at| at as u16).collect()
+        });
+        near.collect()
+    }
+
+    /// How far a point is from its anchor on a link, m, and how hard it was pressed, N.
+    fn offset(
+        &self,
+        point: usize,
+        placed: &[PlacedLink<'_>],
+        link: usize,
+        at: &Point3<f64>,
+    ) -> (Vector3<f64>, f64) {
+        match &self.state.anchors[point] {
+            Some(anchor) if anchor.link == placed[link].index => {
+                (at - placed[link].world_from_link * anchor.place_link, anchor.pressed_n)
+            }
+            _ => (Vector3::zeros(), 0.0),
+        }
+    }
+
+    /// Lets the body come to rest against links that stand still.
+    fn settle(&mut self, links: &[Isometry3<f64>], settled: &mut Settled) {
+        let arm = Arc::clone(&self.arm);
+        let placed: Vec<PlacedLink<'_>> = (arm.surfaces.iter().zip(links).enumerate())
+            .filter_map(|(index, (grid, pose))| Some(PlacedLink::new(index, grid.as_ref()?, *pose)))
+            .collect();
+        let near = self.near(&placed, &self.posed());
+        if near.iter().all(Vec::is_empty) && self.is_at_rest() {
+            return;
+        }
+        let mut settles = false;
+        let mut stuck = 0;
+        for _ in 0..ITERATIONS {
+            settled.iterations += 1;
+            let posed = self.posed();
+            self.look_at_anchors(&placed, &near, &posed);
+            let (mut nodes, energy) = self.model(&placed, &near, &posed);
+            let (steps, decrement) = tree::minimise(&mut nodes);
+            if decrement < SETTLED_J + SETTLED_SHARE * energy {
+                settles = true;
+                break;
+            }
+            let then = self.go(&placed, &near, (&posed, energy), &steps, decrement);
+            stuck = if energy - then < 1e-2 * decrement { stuck + 1 } else { 0 };
+            if stuck == 3 {
+                settles = decrement < 1e-3 * energy;
+                break;
+            }
+        }
+        settled.unsettled += u32::from(!settles);
+        self.slide_anchors(&placed, &near);
+    }
+
+    fn is_at_rest(&self) -> bool {
+        self.state.turned.iter().all(|turned| turned.angle() < 1e-9)
+    }
+
+    /// Takes as much of a Newton step as lowers the energy.
+    fn go(
+        &mut self,
+        placed: &[PlacedLink<'_>],
+        near: &[Vec<u16>],
+        (posed, energy): (&Posed, f64),
+        steps: &[Vector3<f64>],
+        decrement: f64,
+    ) -> f64 {
+        let turn = steps.iter().map(Vector3::norm).fold(0.0, f64::max);
+        let mut share = f64::min(1.0, TURN_RAD / turn);
+        let mut lowest = (f64::INFINITY, self.state.turned.clone());
+        for _ in 0..12 {
+            let turned = self.turn(posed, steps, share);
+            let next = self.pose(&turned);
+            let stride = self.stride(posed, &next);
+            if stride > STRIDE_M {
+                share *= f64::max(0.9 * STRIDE_M / stride, 0.1);
+                continue;
+            }
+            let then = self.energy(placed, near, &turned, &next);
+            if then < lowest.0 {
+                lowest = (then, turned);
+            }
+            if then <= energy - 1e-4 * share * decrement {
+                break;
+            }
+            share *= 0.5;
+        }
+        self.state.turned = lowest.1;
+        lowest.0
+    }
+
+    /// How far the ends of segments move, at most, m.
+    fn stride(&self, from: &Posed, to: &Posed) -> f64 {
+        let ends = self.body.segments().iter().enumerate().map(|(index, segment)| {
+            let axis = segment.axis();
+            let end = |posed: &Posed| posed.starts[index] + posed.world_from_rest[index] * axis;
+            (end(to) - end(from)).norm()
+        });
+        ends.fold(0.0, f64::max)
+    }
+
+    /// The joints after a share of a step, which turns them in the world frame.
+    fn turn(&self, posed: &Posed, steps: &[Vector3<f64>], share: f64) -> Vec<UnitQuaternion<f64>> {
+        let segments = self.body.segments().iter().zip(&self.state.turned).zip(steps);
+        let turned = segments.map(|((segment, turned), step)| {
+            let step = match segment.parent {
+                Some(parent) => posed.world_from_rest[parent as usize].inverse() * (step * share),
+                None => step * share,
+            };
+            UnitQuaternion::from_scaled_axis(step) * turned
+        });
+        turned.collect()
+    }
+
+    /// Takes note of the points that meet or leave a link, and of how hard each is pressed.
+    fn look_at_anchors(&mut self, placed: &[PlacedLink<'_>], near: &[Vec<u16>], posed: &Posed) {
+        for index in 0..self.points.len() {
+            let point = self.points[index];
+            if near[point.segment].is_empty() || self.state.ignored[index] {
+                self.state.anchors[index] = None;
+                continue;
+            }
+            let at = posed.point(&point);
+            let pressed = deepest(placed, &near[point.segment], &at, point.radius_m);
+            self.state.anchors[index] = pressed.map(|pressed| {
+                let link = &placed[pressed.link];
+                let pressed_n = self.config.stiffness_n_per_m * pressed.depth_m;
+                match self.state.anchors[index].filter(|anchor| anchor.link == link.index) {
+                    Some(anchor) => Anchor { pressed_n, ..anchor },
+                    None => {
+                        let place_link = link.link_from_world * at;
+                        Anchor { link: link.index, place_link, pressed_n }
+                    }
+                }
+            });
+        }
+    }
+
+    /// Moves the anchors of points that slipped after them.
+    fn slide_anchors(&mut self, placed: &[PlacedLink<'_>], near: &[Vec<u16>]) {
+        let posed = self.posed();
+        self.look_at_anchors(placed, near, &posed);
+        for (index, point) in self.points.iter().enumerate() {
+            let Some(anchor) = &mut self.state.anchors[index] else { continue };
+            let Some(link) = placed.iter().find(|link| link.index == anchor.link) else { continue };
+            let at = posed.point(point);
+            let (_, slope) = link.grid.smooth_distance_and_slope(&(link.link_from_world * at));
+            let normal = link.world_from_link.rotation * slope;
+            let normal = normal.try_normalize(1e-9).unwrap_or(Vector3::z());
+            let offset = at - link.world_from_link * anchor.place_link;
+            let slip = offset - normal * normal.dot(&offset);
+            let longest = self.config.longest_slip_m(anchor.pressed_n);
+            // The anchor keeps the height of its point: only what is across counts.
+            let kept = if slip.norm() > longest { slip * (longest / slip.norm()) } else { slip };
+            anchor.place_link = link.link_from_world * (at - kept);
+        }
+    }
+
+    /// Energy of springs and contacts, J.
+    fn energy(
+        &self,
+        placed: &[PlacedLink<'_>],
+        near: &[Vec<u16>],
+        turned: &[UnitQuaternion<f64>],
+        posed: &Posed,
+    ) -> f64 {
+        let springs = self.body.segments().iter().zip(turned);
+        let mut energy: f64 =
+            springs.map(|(s, turned)| 0.5 * s.stiffness_n_m_per_rad * turned.angle().powi(2)).sum();
+        self.each_pressed(placed, near, posed, |_, _, resistance| energy += resistance.energy);
+        energy
+    }
+
+    fn each_pressed(
+        &self,
+        placed: &[PlacedLink<'_>],
+        near: &[Vec<u16>],
+        posed: &Posed,
+        mut then: impl FnMut(usize, &Point3<f64>, &super::contact::Resistance),
+    ) {
+        for (segment, near) in near.iter().enumerate().filter(|(_, near)| !near.is_empty()) {
+            for index in self.first[segment]..self.first[segment + 1] {
+                if self.state.ignored[index] {
+                    continue;
+                }
+                let point = &self.points[index];
+                let at = posed.point(point);
+                let Some(pressed) = deepest(placed, near, &at, point.radius_m) else { continue };
+                let (offset, pressed_n) = self.offset(index, placed, pressed.link, &at);
+                then(segment, &at, &self.config.resistance(&pressed, &offset, pressed_n));
+            }
+        }
+    }
+
+    /// The quadratic model of the energy at the present position, and the energy, J.
+    fn model(
+        &self,
+        placed: &[PlacedLink<'_>],
+        near: &[Vec<u16>],
+        posed: &Posed,
+    ) -> (Vec<Node>, f64) {
+        let segments = self.body.segments();
+        let mut energy = 0.0;
+        let mut nodes: Vec<Node> = Vec::with_capacity(segments.len());
+        for (index, segment) in segments.iter().enumerate() {
+            let parent = segment.parent.map(|parent| parent as usize);
+            let arm = parent.map_or(Vector3::zeros(), |p| posed.starts[index] - posed.starts[p]);
+            let k = segment.stiffness_n_m_per_rad;
+            let mut node = Node::free(parent, arm, k);
+            let turned = self.state.turned[index].scaled_axis();
+            let carried = parent.map_or(UnitQuaternion::identity(), |p| posed.world_from_rest[p]);
+            node.joint_slope = carried * (k * turned);
+            energy += 0.5 * k * turned.norm_squared();
+            nodes.push(node);
+        }
+        self.each_pressed(placed, near, posed, |segment, at, resistance| {
+            energy += resistance.energy;
+            let lever = at - posed.starts[segment];
+            nodes[segment].add(&lever, &resistance.slope, &resistance.curvature);
+        });
+        (nodes, energy)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::body::{Segment, SegmentKind};
+    use super::*;
+    use crate::robot::Robot;
+    use crate::sdf::BakeConfig;
+
+    /// A plate of 40 cm by 40 cm that moves down along z, its lower face at z = 0 when q = 0.
+    fn press() -> Arc<Arm> {
+        let urdf = r#"<robot name="press"><link name="base"/><link name="plate"><collision>
+             <origin xyz="0.3 0 0.05"/><geometry><box size="0.4 0.4 0.1"/></geometry></collision></link>
+             <joint name="down" type="prismatic"><parent link="base"/><child link="plate"/>
+             <axis xyz="0 0 -1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"#;
+        let robot = Robot::from_urdf(urdf).expect("a robot");
+        let no_mesh = |_: &str| unreachable!("primitives only");
+        Arc::new(Arm::bake(robot, &BakeConfig::new(0.02, 0.3), no_mesh).expect("an arm").0)
+    }
+
+    const LENGTH_M: f64 = 0.3;
+    const BALL_M: f64 = 0.25;
+
+    /// A rod along x, fixed at the origin, with a bending stiffness of one N·m² and a ball at its end.
+    fn cantilever(pieces: usize) -> Arc<ElasticBody> {
+        let piece = LENGTH_M / pieces as f64;
+        let rod = |at: usize| Segment {
+            parent: at.checked_sub(1).map(|parent| parent as u32),
+            kind: SegmentKind::Wood,
+            start_m: [at as f64 * piece, 0.0, 0.0],
+            end_m: [(at + 1) as f64 * piece, 0.0, 0.0],
+            // The rod itself touches nothing.
+            bare_m: piece - 1e-9,
+            radius_m: 1e-4,
+            half_width_m: [0.0; 3],
+            stiffness_n_m_per_rad: if at == 0 { 2.0 / piece } else { 1.0 / piece },
+            branch: 0,
+        };
+        let mut segments: Vec<Segment> = (0..pieces).map(rod).collect();
+        segments[pieces - 1].radius_m = BALL_M;
+        Arc::new(ElasticBody::new(segments).expect("a body"))
+    }
+
+    /// Force, N, on the plate at each depth of the ball, m.
+    fn pressed(equilibrium: &mut Equilibrium, depths_m: &[f64]) -> Vec<f64> {
+        let arm = Arc::clone(&equilibrium.arm);
+        let force = |&depth: &f64| {
+            let poses = arm.robot.forward(&[depth - BALL_M]).expect("one joint");
+            let settled = equilibrium.advance(&poses);
+            assert_eq!(
+                settled.unsettled, 0,
+                "at {depth} m after {} iterations",
+                settled.iterations
+            );
+            equilibrium.torque(&poses)[0].abs()
+        };
+        depths_m.iter().map(force).collect()
+    }
+
+    fn stiff(friction: f64) -> TouchConfig {
+        TouchConfig { friction, stiffness_n_per_m: 1e5, tangential_share: 0.5 }
+    }
+
+    fn ramp(to_m: f64, steps: usize) -> Vec<f64> {
+        (0..=steps).map(|step| -0.002 + (to_m + 0.002) * step as f64 / steps as f64).collect()
+    }
+
+    #[test]
+    fn a_cantilever_bends_by_the_cube_of_its_length() {
+        let mut equilibrium = Equilibrium::new(press(), cantilever(30), stiff(0.0));
+        let depths = ramp(0.003, 10);
+        let forces = pressed(&mut equilibrium, &depths);
+        let wanted = 3.0 * 0.003 / LENGTH_M.powi(3); // 3 EI δ / L³
+        assert!((forces[10] / wanted - 1.0).abs() < 0.02, "{} N, wanted {wanted}", forces[10]);
+        assert_eq!(forces[0], 0.0, "above the ball");
+    }
+
+    #[test]
+    fn a_cantilever_that_bends_far_follows_the_elastica() {
+        // P L² / EI and the deflection of the end by the length (Mattiasson 1981).
+        for (load, deflection) in [(1.0, 0.30172), (2.0, 0.49346), (5.0, 0.71379)] {
+            let mut equilibrium = Equilibrium::new(press(), cantilever(40), stiff(0.0));
+            let depths = ramp(deflection * LENGTH_M, 100);
+            let force = pressed(&mut equilibrium, &depths)[100];
+            let got = force * LENGTH_M * LENGTH_M;
+            assert!((got / load - 1.0).abs() < 0.02, "{got}, wanted {load}");
+        }
+    }
+
+    #[test]
+    fn without_friction_the_work_of_the_arm_is_the_energy_of_the_springs() {
+        let mut equilibrium = Equilibrium::new(press(), cantilever(20), stiff(0.0));
+        let depths = ramp(0.12, 200);
+        let forces = pressed(&mut equilibrium, &depths);
+        let work: f64 = (1..=200)
+            .map(|i| 0.5 * (forces[i] + forces[i - 1]) * (depths[i] - depths[i - 1]))
+            .sum();
+        let springs = equilibrium.body.segments().iter().zip(&equilibrium.state.turned);
+        let energy: f64 =
+            springs.map(|(s, turned)| 0.5 * s.stiffness_n_m_per_rad * turned.angle().powi(2)).sum();
+        assert!((work / energy - 1.0).abs() < 0.01, "{work} J of work, {energy} J in springs");
+    }
+
+    #[test]
+    fn a_body_goes_back_to_rest_when_the_arm_leaves_and_friction_takes_work() {
+        let mut equilibrium = Equilibrium::new(press(), cantilever(20), stiff(0.5));
+        let down = ramp(0.12, 60);
+        let there = pressed(&mut equilibrium, &down);
+        let up: Vec<f64> = down.iter().rev().copied().collect();
+        let back = pressed(&mut equilibrium, &up);
+        assert!(equilibrium.is_at_rest() && back[60] == 0.0);
+        let work = |forces: &[f64]| forces.iter().sum::<f64>();
+        assert!(work(&back) < 0.98 * work(&there), "{} and {}", work(&back), work(&there));
+    }
+
+    #[test]
+    fn all_springs_twice_as_stiff_push_back_twice_as_hard() {
+        let depths = ramp(0.1, 50);
+        let mut soft = Equilibrium::new(press(), cantilever(10), stiff(0.4));
+        let body = ElasticBody::clone(&cantilever(10)).with_stiffness(|_| 2.0);
+        let hard = TouchConfig { stiffness_n_per_m: 2e5, ..stiff(0.4) };
+        let mut hard = Equilibrium::new(press(), Arc::new(body), hard);
+        let (soft, hard) = (pressed(&mut soft, &depths), pressed(&mut hard, &depths));
+        for (soft, hard) in soft.iter().zip(&hard) {
+            assert!((2.0 * soft - hard).abs() < 1e-3 * hard.max(0.1), "{soft} N and {hard} N");
+        }
+    }
+}
