@@ -5,6 +5,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
+use palpate::unstable::{ElasticBody, Segment, SegmentKind};
 use palpate::{
     Arm, BakeConfig, EstimatorKind, Field, Lattice, Mapper, MapperConfig, Predictor, Robot, Sample,
 };
@@ -49,6 +50,22 @@ fn config(method: EstimatorKind) -> MapperConfig {
     config.estimator.drift_std_n_per_m = 0.1; // so that frames without contact count
     config.estimator.replays = 5;
     config
+}
+
+/// A stem beside the upper link.
+fn stem() -> Arc<ElasticBody> {
+    let piece = |piece: u32| Segment {
+        parent: piece.checked_sub(1),
+        kind: SegmentKind::Wood,
+        start_m: [0.3, 0.08, 0.06 * f64::from(piece) - 0.15],
+        end_m: [0.3, 0.08, 0.06 * f64::from(piece) - 0.09],
+        bare_m: 0.0,
+        radius_m: 0.01,
+        half_width_m: [0.0; 3],
+        stiffness_n_m_per_rad: 5.0,
+        branch: 0,
+    };
+    Arc::new(ElasticBody::new((0..5).map(piece).collect()).unwrap())
 }
 
 /// Still frames, then a swing of the shoulder with the elbow bent, into something springy.
@@ -196,6 +213,7 @@ fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
     };
     let run = || {
         let tracked = tracked(&arm, &config, &touches);
+        let tracked = tracked.with_body(&arm, &stem(), &touches, (NEVER, &|| ())).unwrap();
         let done = Mutex::new(Vec::new());
         plan.run(&tracked, &plan.parts(), NEVER, &|part| done.lock().unwrap().push(part)).unwrap();
         let parts: Vec<Part> = done.into_inner().unwrap();

@@ -79,7 +79,7 @@ def test_what_holds_itself_is_refused(robot: palpate.Robot) -> None:
 def test_unknown_methods_are_told(robot: palpate.Robot, plant: Path) -> None:
     with pytest.raises(ValueError, match='wanted "map" or "ekf"'):
         palpate.Mapper(robot, "magic")
-    with pytest.raises(ValueError, match="there are map, ekf"):
+    with pytest.raises(ValueError, match="there are elastic, map, ekf"):
         palpate.evaluate(plant, robot, methods=["magic"])
 
 
