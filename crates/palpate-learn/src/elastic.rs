@@ -5,8 +5,9 @@
 //! simulated with each of a few frictions ([`FRICTIONS`]); the one that explains the training touches
 //! best is kept. The remaining torque is learnt by `map`.
 //!
-//! Body, field, or both: whatever predicted the later training touches best before they were learnt. So
-//! the result is not much worse than the better of the two.
+//! Field, body, and both are averaged, each with the weight of its error to the power of -4: how well it
+//! predicted the later training touches before they were learnt. So the result is not much worse than the
+//! best of them, also on a touch that is unlike those.
 
 use std::sync::Arc;
 
@@ -131,15 +132,24 @@ fn follow(
     Ok(torques)
 }
 
-/// What predicts a test touch.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Model {
+/// How far each is believed; they add up to one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weights {
     /// The field alone.
-    Field,
+    pub field: f64,
     /// The body alone.
-    Body,
+    pub body: f64,
     /// The body, and the field for what it leaves over.
-    Both,
+    pub both: f64,
+}
+
+impl Weights {
+    /// By the errors of field, body and both.
+    fn of(errors: [f64; 3]) -> Self {
+        let weights = errors.map(|error| f64::max(error, 1e-6).powi(-4));
+        let [field, body, both] = weights.map(|weight| weight / weights.iter().sum::<f64>());
+        Self { field, body, both }
+    }
 }
 
 /// What a fold's training touches say of its test touches.
@@ -150,7 +160,7 @@ pub struct Predicted {
     /// Of the body.
     pub constants: Constants,
     /// What predicted them.
-    pub model: Model,
+    pub weights: Weights,
 }
 
 /// A field that learns what the body leaves over, and how well both predicted touches before they were
@@ -214,7 +224,7 @@ impl<'a> Learner<'a> {
     }
 }
 
-/// Learns a fold's training touches, and predicts its test touches with body, field or both.
+/// Learns a fold's training touches, and predicts its test touches by field and body.
 ///
 /// # Errors
 ///
@@ -244,21 +254,18 @@ pub fn predict(
         field.learn(place, touch, counts, stop)?;
         both.learn(place, touch, counts, stop)?;
     }
-    let model = [(Model::Field, field.error), (Model::Body, body_error), (Model::Both, both.error)]
-        .into_iter()
-        .min_by(|a, b| a.1.total_cmp(&b.1))
-        .map_or(Model::Both, |(model, _)| model);
+    let weights = Weights::of([field.error, body_error, both.error]);
     let cells = [field.cells(), both.cells()];
-    let torque = |touch: usize, frame: usize| match model {
-        Model::Field => field.torque(&cells[0], touch, frame),
-        Model::Body => bent.torque(&constants, touch, frame),
-        Model::Both => both.torque(&cells[1], touch, frame),
+    let torque = |touch: usize, frame: usize| {
+        weights.field * field.torque(&cells[0], touch, frame)
+            + weights.body * bent.torque(&constants, touch, frame)
+            + weights.both * both.torque(&cells[1], touch, frame)
     };
     let frames = |&touch: &usize| {
         let frames = 0..tracked.touches[touch].frames.len();
         frames.map(|frame| torque(touch, frame).as_slice().to_vec()).collect()
     };
-    Ok(Predicted { torques: fold.test.iter().map(frames).collect(), constants, model })
+    Ok(Predicted { torques: fold.test.iter().map(frames).collect(), constants, weights })
 }
 
 /// The average relative error of a touch against what was measured; 0 if it has none.

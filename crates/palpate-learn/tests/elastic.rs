@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use palpate::unstable::{ElasticBody, Equilibrium, Segment, SegmentKind, TouchConfig};
 use palpate::{Arm, BakeConfig, EstimatorKind, Lattice, MapperConfig, Robot, Sample};
-use palpate_learn::elastic::{self, FRICTIONS, Model};
+use palpate_learn::elastic::{self, FRICTIONS};
 use palpate_learn::folds::folds;
 use palpate_learn::tracked::{Touch, Tracked};
 
@@ -91,7 +91,7 @@ fn stiffness_and_friction_of_a_known_body_come_back() {
         assert_eq!(found.constants.friction(), FRICTIONS[2]);
         let factor = found.constants.stiffness_factor;
         assert!((factor / 2.0).ln().abs() < 0.04, "{factor}, wanted 2");
-        assert_ne!(found.model, Model::Field);
+        assert!(found.weights.field < 0.1, "{:?}", found.weights);
         let wanted = &tracked.touches[fold.test[0]].frames;
         let peak = wanted.iter().map(|frame| frame.target[1].abs()).fold(0.0, f64::max);
         assert!(peak > 1.0, "the touch reaches {peak} N·m");
@@ -118,5 +118,8 @@ fn a_body_that_is_not_there_is_not_believed() {
     let fold = &folds(4, 4)[3];
     let found = elastic::predict(&tracked, fold, &config(), NEVER).unwrap();
     let map = palpate_learn::method::Method::Map.predict(&tracked, fold, &config(), NEVER).unwrap();
-    assert_eq!(found.torques, map, "all that is known is the field");
+    assert!(found.weights.body < 0.05, "{:?}", found.weights);
+    for (torque, map) in found.torques[0].iter().zip(&map[0]) {
+        assert!((torque[1] - map[1]).abs() <= 0.05 * map[1].abs() + 1e-9, "{torque:?}, {map:?}");
+    }
 }
