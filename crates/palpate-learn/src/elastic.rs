@@ -12,7 +12,7 @@
 use std::sync::Arc;
 
 use nalgebra::DVector;
-use palpate::unstable::{Cell, ElasticBody, Equilibrium, Estimator, FrameId, TouchConfig};
+use palpate::unstable::{Cell, ElasticBody, ElasticContactConfig, Equilibrium, Estimator, FrameId};
 use palpate::{Arm, MapperConfig, MapperError, RobotError};
 use rayon::prelude::*;
 
@@ -63,7 +63,7 @@ impl Bent {
         let n = touches.len();
         let follow = |job: usize| {
             let (friction, touch) = (FRICTIONS[job / n], job % n);
-            let config = TouchConfig { friction, ..TouchConfig::default() };
+            let config = ElasticContactConfig { friction, ..ElasticContactConfig::default() };
             let equilibrium = Equilibrium::new(Arc::clone(arm), Arc::clone(body), config);
             let torques = follow(equilibrium, (touch, &touches[touch]), tracked, stop);
             step();

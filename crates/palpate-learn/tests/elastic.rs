@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use palpate::unstable::{ElasticBody, Equilibrium, Segment, SegmentKind, TouchConfig};
+use palpate::unstable::{ElasticBody, ElasticContactConfig, Equilibrium, Segment, SegmentKind};
 use palpate::{Arm, BakeConfig, EstimatorKind, Lattice, MapperConfig, Robot, Sample};
 use palpate_learn::elastic::{self, FRICTIONS};
 use palpate_learn::folds::folds;
@@ -57,7 +57,7 @@ fn config() -> MapperConfig {
 /// Touches of a body that is stiffer by a factor, with a friction.
 fn touches(arm: &Arc<Arm>, factor: f64, friction: f64) -> Vec<Touch> {
     let touch = |number: usize| {
-        let config = TouchConfig { friction, ..TouchConfig::default() };
+        let config = ElasticContactConfig { friction, ..ElasticContactConfig::default() };
         let mut equilibrium = Equilibrium::new(Arc::clone(arm), body(), config);
         let sample = |frame: usize| {
             let way = frame.saturating_sub(8) as f64 / 40.0;

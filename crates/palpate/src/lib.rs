@@ -114,7 +114,7 @@ pub mod unstable {
     pub use crate::contact::{ContactSimulator, LinkContacts};
     pub use crate::ekf::EkfEstimator;
     pub use crate::elastic::{
-        BodyError, ElasticBody, Equilibrium, Segment, SegmentKind, Settled, TouchConfig,
+        BodyError, ElasticBody, ElasticContactConfig, Equilibrium, Segment, SegmentKind, Settled,
     };
     pub use crate::estimator::{Estimator, EstimatorState, FrameId, RememberedFrame, Replayed};
     pub use crate::lattice::{CellRows, FARTHEST_M};

@@ -1,11 +1,9 @@
 //! An elastic body at rest: segments that hang from each other on sprung joints.
 
 use nalgebra::{Point3, Vector3};
-use serde::{Deserialize, Serialize};
 
 /// What a segment stands for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SegmentKind {
     /// A piece of a stem, a branch or a twig: a round rod.
     Wood,
@@ -16,8 +14,7 @@ pub enum SegmentKind {
 /// A stiff rod or plate that turns about its start, where a spring holds it.
 ///
 /// Lengths in m, world frame, at rest.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
     /// The segment that carries it; none if it stands on the ground. Parents come first.
     pub parent: Option<u32>,
@@ -57,8 +54,7 @@ impl Segment {
 }
 
 /// A body of segments: one tree or several.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ElasticBody {
     segments: Vec<Segment>,
 }
@@ -114,20 +110,5 @@ impl ElasticBody {
     /// The segments, each after the one that carries it.
     pub fn segments(&self) -> &[Segment] {
         &self.segments
-    }
-
-    /// The same body with the spring of every joint changed by a factor.
-    ///
-    /// # Panics
-    ///
-    /// If a factor is not above zero and finite.
-    #[must_use]
-    pub fn with_stiffness(mut self, factor: impl Fn(&Segment) -> f64) -> Self {
-        for segment in &mut self.segments {
-            let factor = factor(segment);
-            assert!(factor > 0.0 && factor.is_finite(), "springs stay springs");
-            segment.stiffness_n_m_per_rad *= factor;
-        }
-        self
     }
 }

@@ -11,7 +11,7 @@ use crate::sdf::DistanceGrid;
 
 /// How contacts of an elastic body resist.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TouchConfig {
+pub struct ElasticContactConfig {
     /// Sliding friction between arm and body.
     pub friction: f64,
     /// Of a contact point, along the normal, N/m at a stiffness factor of one.
@@ -20,7 +20,7 @@ pub struct TouchConfig {
     pub tangential_share: f64,
 }
 
-impl Default for TouchConfig {
+impl Default for ElasticContactConfig {
     fn default() -> Self {
         Self { friction: 0.3, stiffness_n_per_m: 500.0, tangential_share: 0.5 }
     }
@@ -107,9 +107,9 @@ pub(super) struct Resistance {
     pub curvature: Matrix3<f64>,
 }
 
-impl TouchConfig {
-    /// What resists at a point that is `depth_m` in a link and `slip_m` from its anchor (across the
-    /// normal), where the normal force was `pressed_n`.
+impl ElasticContactConfig {
+    /// What resists at a point in a link that is `offset_m` from its anchor, where the normal force of the
+    /// iteration before was `pressed_n`, N.
     pub(super) fn resistance(
         &self,
         pressed: &Pressed,
@@ -154,7 +154,7 @@ mod tests {
 
     #[test]
     fn the_slope_is_the_derivative_of_the_energy_sticking_and_slipping() {
-        let config = TouchConfig::default();
+        let config = ElasticContactConfig::default();
         let anchor = Vector3::new(0.004, 0.001, -0.002);
         for slip_m in [0.0001, 0.004] {
             let point = anchor + Vector3::new(-0.002, slip_m, 0.5 * slip_m);
@@ -177,7 +177,7 @@ mod tests {
 
     #[test]
     fn friction_is_at_most_its_share_of_the_normal_force() {
-        let config = TouchConfig { friction: 0.3, ..TouchConfig::default() };
+        let config = ElasticContactConfig { friction: 0.3, ..ElasticContactConfig::default() };
         for slip_m in [0.001, 0.01, 0.1] {
             let at = Vector3::new(0.0, slip_m, 0.0);
             let force = -config.resistance(&pressed(&at, 0.004), &at, 2.0).slope;

@@ -11,7 +11,8 @@ use std::sync::Arc;
 use nalgebra::{DVector, Isometry3, Point3, UnitQuaternion, Vector3, Vector6};
 
 use super::body::ElasticBody;
-use super::contact::{Anchor, PlacedLink, TouchConfig, deepest};
+use super::contact::{Anchor, ElasticContactConfig, PlacedLink, Resistance, deepest};
+use super::pose::Pose;
 use super::tree::{self, Node};
 use crate::arm::Arm;
 use crate::robot::{LinkId, Poses};
@@ -56,7 +57,7 @@ pub struct Settled {
 pub struct Equilibrium {
     arm: Arc<Arm>,
     body: Arc<ElasticBody>,
-    config: TouchConfig,
+    config: ElasticContactConfig,
     points: Vec<SurfacePoint>,
     /// Points of segment `i`: `first[i]..first[i + 1]`.
     first: Vec<usize>,
@@ -75,21 +76,9 @@ struct State {
     ignored: Vec<bool>,
 }
 
-/// The body in one position.
-struct Posed {
-    world_from_rest: Vec<UnitQuaternion<f64>>,
-    starts: Vec<Point3<f64>>,
-}
-
-impl Posed {
-    fn point(&self, point: &SurfacePoint) -> Point3<f64> {
-        self.starts[point.segment] + self.world_from_rest[point.segment] * point.lever_m
-    }
-}
-
 impl Equilibrium {
     /// A body at rest.
-    pub fn new(arm: Arc<Arm>, body: Arc<ElasticBody>, config: TouchConfig) -> Self {
+    pub fn new(arm: Arc<Arm>, body: Arc<ElasticBody>, config: ElasticContactConfig) -> Self {
         let (mut points, mut first) = (Vec::new(), vec![0]);
         for (segment, part) in body.segments().iter().enumerate() {
             let length = part.axis().norm();
@@ -121,19 +110,6 @@ impl Equilibrium {
         &self.arm
     }
 
-    /// The body that is bent.
-    pub fn body(&self) -> &Arc<ElasticBody> {
-        &self.body
-    }
-
-    /// Puts the body back to rest: a touch begins.
-    pub fn begin_touch(&mut self) {
-        self.state.turned.fill(UnitQuaternion::identity());
-        self.state.anchors.fill(None);
-        self.state.ignored.fill(false);
-        self.before = None;
-    }
-
     /// Moves the arm on and lets the body come to rest.
     ///
     /// The first position of a touch is taken to be free of the body: points of it that are in a link
@@ -158,64 +134,36 @@ impl Equilibrium {
         settled
     }
 
-    /// The wrench of the body on each link that it presses: force, N, and moment about the world
-    /// origin, N·m, at the present position.
-    pub fn wrenches(&self) -> Vec<(LinkId, Vector6<f64>)> {
-        let Some(links) = &self.before else { return Vec::new() };
-        let placed = self.placed(links);
-        let near = self.near(&placed, &self.posed());
-        let posed = self.posed();
-        let mut wrenches = vec![Vector6::zeros(); links.len()];
-        for (index, point) in self.points.iter().enumerate() {
-            let segment = point.segment;
-            if near[segment].is_empty() || self.state.ignored[index] {
-                continue;
-            }
-            let at = posed.point(point);
-            let Some(pressed) = deepest(&placed, &near[segment], &at, point.radius_m) else {
-                continue;
-            };
-            let (offset, pressed_n) = self.offset(index, &placed, pressed.link, &at);
-            let resistance = self.config.resistance(&pressed, &offset, pressed_n);
-            // The slope of the energy is minus the force on the body: the force on the arm.
-            let force = resistance.slope;
-            let moment = at.coords.cross(&force);
-            wrenches[placed[pressed.link].index] +=
-                Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
-        }
-        let links =
-            wrenches.into_iter().enumerate().filter(|(_, wrench)| wrench.norm_squared() > 0.0);
-        links.map(|(link, wrench)| (LinkId(link as u16), wrench)).collect()
-    }
-
     /// The joint torque of the body on the arm at a stiffness factor of one, `Σ Sᵀ (f, m)` over the
     /// links, n_joints, N·m. `poses` are those of the last [`Equilibrium::advance`].
     pub fn torque(&self, poses: &Poses) -> DVector<f64> {
         let robot = &self.arm.robot;
         let mut torque = DVector::zeros(robot.n_joints());
-        for (link, wrench) in self.wrenches() {
-            torque += robot.spatial_jacobian(poses, link).transpose() * wrench;
+        let Some(links) = &self.before else { return torque };
+        let (placed, posed) = (placed(&self.arm, links), self.posed());
+        let near = self.near(&placed, &posed);
+        // Force, N, and moment about the world's origin, N·m, on each link.
+        let mut wrenches = vec![Vector6::zeros(); placed.len()];
+        self.each_pressed(&placed, &near, &posed, |pressed, at, resistance| {
+            // The slope of the energy is minus the force on the body: the force on the arm.
+            let (force, moment) = (resistance.slope, at.coords.cross(&resistance.slope));
+            wrenches[pressed.link] +=
+                Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+        });
+        for (link, wrench) in placed.iter().zip(wrenches).filter(|(_, w)| w.norm_squared() > 0.0) {
+            let spatial = robot.spatial_jacobian(poses, LinkId(link.index as u16));
+            torque += spatial.transpose() * wrench;
         }
         torque
     }
 
-    /// Start and end of each segment now, m, world frame.
-    pub fn segments_m(&self) -> Vec<[Point3<f64>; 2]> {
-        let posed = self.posed();
-        let ends = self.body.segments().iter().enumerate().map(|(index, segment)| {
-            let start = posed.starts[index];
-            [start, start + posed.world_from_rest[index] * segment.axis()]
-        });
-        ends.collect()
-    }
-
     fn ignore_what_is_in_the_arm(&mut self, links: &[Isometry3<f64>]) {
-        let placed = self.placed(links);
+        let placed = placed(&self.arm, links);
         let posed = self.posed();
         let near = self.near(&placed, &posed);
         let inside: Vec<bool> = (self.points.iter())
             .map(|point| {
-                let at = posed.point(point);
+                let at = posed.point(point.segment, &point.lever_m);
                 deepest(&placed, &near[point.segment], &at, point.radius_m).is_some()
             })
             .collect();
@@ -238,43 +186,16 @@ impl Equilibrium {
         ((farthest / SUBSTEP_M).ceil() as u32).clamp(1, 1000)
     }
 
-    fn placed(&self, links: &[Isometry3<f64>]) -> Vec<PlacedLink<'_>> {
-        let links = self.arm.surfaces.iter().zip(links).enumerate();
-        links
-            .filter_map(|(index, (grid, pose))| Some(PlacedLink::new(index, grid.as_ref()?, *pose)))
-            .collect()
-    }
-
-    fn posed(&self) -> Posed {
-        self.pose(&self.state.turned)
-    }
-
-    fn pose(&self, turned: &[UnitQuaternion<f64>]) -> Posed {
-        let n = turned.len();
-        let mut posed =
-            Posed { world_from_rest: Vec::with_capacity(n), starts: Vec::with_capacity(n) };
-        for (segment, turned) in self.body.segments().iter().zip(turned) {
-            let (start, rotation) = match segment.parent {
-                None => (segment.start(), *turned),
-                Some(parent) => {
-                    let parent = parent as usize;
-                    let arm = segment.start() - self.body.segments()[parent].start();
-                    let carried = posed.world_from_rest[parent];
-                    (posed.starts[parent] + carried * arm, carried * turned)
-                }
-            };
-            posed.starts.push(start);
-            posed.world_from_rest.push(rotation);
-        }
-        posed
+    fn posed(&self) -> Pose {
+        Pose::of(&self.body, &self.state.turned)
     }
 
     /// For each segment the links, by their place in `placed`, that it could meet in a sub-step.
-    fn near(&self, placed: &[PlacedLink<'_>], posed: &Posed) -> Vec<Vec<u16>> {
+    fn near(&self, placed: &[PlacedLink<'_>], posed: &Pose) -> Vec<Vec<u16>> {
         let segments = self.body.segments().iter().enumerate();
         let near = segments.map(|(index, segment)| {
             let half = 0.5 * segment.axis();
-            let middle = posed.starts[index] + posed.world_from_rest[index] * half;
+            let middle = posed.starts[index] + posed.rotations[index] * half;
             let size = half.norm() + segment.half_width().norm() + segment.radius_m + REACH_M;
             let is_near = |link: &PlacedLink<'_>| link.distance(&middle) < size;
             (0..placed.len()).filter(|&at| is_near(&placed[at])).map(|at| at as u16).collect()
@@ -301,9 +222,7 @@ impl Equilibrium {
     /// Lets the body come to rest against links that stand still.
     fn settle(&mut self, links: &[Isometry3<f64>], settled: &mut Settled) {
         let arm = Arc::clone(&self.arm);
-        let placed: Vec<PlacedLink<'_>> = (arm.surfaces.iter().zip(links).enumerate())
-            .filter_map(|(index, (grid, pose))| Some(PlacedLink::new(index, grid.as_ref()?, *pose)))
-            .collect();
+        let placed = placed(&arm, links);
         let near = self.near(&placed, &self.posed());
         if near.iter().all(Vec::is_empty) && self.is_at_rest() {
             return;
@@ -313,14 +232,14 @@ impl Equilibrium {
         for _ in 0..ITERATIONS {
             settled.iterations += 1;
             let posed = self.posed();
-            self.look_at_anchors(&placed, &near, &posed);
+            self.update_anchors(&placed, &near, &posed);
             let (mut nodes, energy) = self.model(&placed, &near, &posed);
             let (steps, decrement) = tree::minimise(&mut nodes);
             if decrement < SETTLED_J + SETTLED_SHARE * energy {
                 settles = true;
                 break;
             }
-            let then = self.go(&placed, &near, (&posed, energy), &steps, decrement);
+            let then = self.line_search(&placed, &near, (&posed, energy), (&steps, decrement));
             stuck = if energy - then < 1e-2 * decrement { stuck + 1 } else { 0 };
             if stuck == 3 {
                 settles = decrement < 1e-3 * energy;
@@ -335,71 +254,49 @@ impl Equilibrium {
         self.state.turned.iter().all(|turned| turned.angle() < 1e-9)
     }
 
-    /// Takes as much of a Newton step as lowers the energy.
-    fn go(
+    /// Takes as much of a Newton step as lowers the energy, or nothing of it; returns the energy then, J.
+    fn line_search(
         &mut self,
         placed: &[PlacedLink<'_>],
         near: &[Vec<u16>],
-        (posed, energy): (&Posed, f64),
-        steps: &[Vector3<f64>],
-        decrement: f64,
+        (posed, energy): (&Pose, f64),
+        (steps, decrement): (&[Vector3<f64>], f64),
     ) -> f64 {
         let turn = steps.iter().map(Vector3::norm).fold(0.0, f64::max);
         let mut share = f64::min(1.0, TURN_RAD / turn);
-        let mut lowest = (f64::INFINITY, self.state.turned.clone());
+        let mut lowest = (energy, None);
         for _ in 0..12 {
-            let turned = self.turn(posed, steps, share);
-            let next = self.pose(&turned);
-            let stride = self.stride(posed, &next);
+            let turned = posed.turned(&self.body, &self.state.turned, (steps, share));
+            let next = Pose::of(&self.body, &turned);
+            let stride = next.farthest_from(posed, &self.body);
             if stride > STRIDE_M {
                 share *= f64::max(0.9 * STRIDE_M / stride, 0.1);
                 continue;
             }
             let then = self.energy(placed, near, &turned, &next);
             if then < lowest.0 {
-                lowest = (then, turned);
+                lowest = (then, Some(turned));
             }
             if then <= energy - 1e-4 * share * decrement {
                 break;
             }
             share *= 0.5;
         }
-        self.state.turned = lowest.1;
+        if let Some(turned) = lowest.1 {
+            self.state.turned = turned;
+        }
         lowest.0
     }
 
-    /// How far the ends of segments move, at most, m.
-    fn stride(&self, from: &Posed, to: &Posed) -> f64 {
-        let ends = self.body.segments().iter().enumerate().map(|(index, segment)| {
-            let axis = segment.axis();
-            let end = |posed: &Posed| posed.starts[index] + posed.world_from_rest[index] * axis;
-            (end(to) - end(from)).norm()
-        });
-        ends.fold(0.0, f64::max)
-    }
-
-    /// The joints after a share of a step, which turns them in the world frame.
-    fn turn(&self, posed: &Posed, steps: &[Vector3<f64>], share: f64) -> Vec<UnitQuaternion<f64>> {
-        let segments = self.body.segments().iter().zip(&self.state.turned).zip(steps);
-        let turned = segments.map(|((segment, turned), step)| {
-            let step = match segment.parent {
-                Some(parent) => posed.world_from_rest[parent as usize].inverse() * (step * share),
-                None => step * share,
-            };
-            UnitQuaternion::from_scaled_axis(step) * turned
-        });
-        turned.collect()
-    }
-
     /// Takes note of the points that meet or leave a link, and of how hard each is pressed.
-    fn look_at_anchors(&mut self, placed: &[PlacedLink<'_>], near: &[Vec<u16>], posed: &Posed) {
+    fn update_anchors(&mut self, placed: &[PlacedLink<'_>], near: &[Vec<u16>], posed: &Pose) {
         for index in 0..self.points.len() {
             let point = self.points[index];
             if near[point.segment].is_empty() || self.state.ignored[index] {
                 self.state.anchors[index] = None;
                 continue;
             }
-            let at = posed.point(&point);
+            let at = posed.point(point.segment, &point.lever_m);
             let pressed = deepest(placed, &near[point.segment], &at, point.radius_m);
             self.state.anchors[index] = pressed.map(|pressed| {
                 let link = &placed[pressed.link];
@@ -418,11 +315,11 @@ impl Equilibrium {
     /// Moves the anchors of points that slipped after them.
     fn slide_anchors(&mut self, placed: &[PlacedLink<'_>], near: &[Vec<u16>]) {
         let posed = self.posed();
-        self.look_at_anchors(placed, near, &posed);
+        self.update_anchors(placed, near, &posed);
         for (index, point) in self.points.iter().enumerate() {
             let Some(anchor) = &mut self.state.anchors[index] else { continue };
             let Some(link) = placed.iter().find(|link| link.index == anchor.link) else { continue };
-            let at = posed.point(point);
+            let at = posed.point(point.segment, &point.lever_m);
             let (_, slope) = link.grid.smooth_distance_and_slope(&(link.link_from_world * at));
             let normal = link.world_from_link.rotation * slope;
             let normal = normal.try_normalize(1e-9).unwrap_or(Vector3::z());
@@ -441,7 +338,7 @@ impl Equilibrium {
         placed: &[PlacedLink<'_>],
         near: &[Vec<u16>],
         turned: &[UnitQuaternion<f64>],
-        posed: &Posed,
+        posed: &Pose,
     ) -> f64 {
         let springs = self.body.segments().iter().zip(turned);
         let mut energy: f64 =
@@ -450,12 +347,13 @@ impl Equilibrium {
         energy
     }
 
+    /// Every point of the body that is in a link: where it is, m, and what resists there.
     fn each_pressed(
         &self,
         placed: &[PlacedLink<'_>],
         near: &[Vec<u16>],
-        posed: &Posed,
-        mut then: impl FnMut(usize, &Point3<f64>, &super::contact::Resistance),
+        posed: &Pose,
+        mut then: impl FnMut(&PressedAt, &Point3<f64>, &Resistance),
     ) {
         for (segment, near) in near.iter().enumerate().filter(|(_, near)| !near.is_empty()) {
             for index in self.first[segment]..self.first[segment + 1] {
@@ -463,10 +361,11 @@ impl Equilibrium {
                     continue;
                 }
                 let point = &self.points[index];
-                let at = posed.point(point);
+                let at = posed.point(point.segment, &point.lever_m);
                 let Some(pressed) = deepest(placed, near, &at, point.radius_m) else { continue };
                 let (offset, pressed_n) = self.offset(index, placed, pressed.link, &at);
-                then(segment, &at, &self.config.resistance(&pressed, &offset, pressed_n));
+                let resistance = self.config.resistance(&pressed, &offset, pressed_n);
+                then(&PressedAt { segment, link: pressed.link }, &at, &resistance);
             }
         }
     }
@@ -476,7 +375,7 @@ impl Equilibrium {
         &self,
         placed: &[PlacedLink<'_>],
         near: &[Vec<u16>],
-        posed: &Posed,
+        posed: &Pose,
     ) -> (Vec<Node>, f64) {
         let segments = self.body.segments();
         let mut energy = 0.0;
@@ -487,18 +386,32 @@ impl Equilibrium {
             let k = segment.stiffness_n_m_per_rad;
             let mut node = Node::free(parent, arm, k);
             let turned = self.state.turned[index].scaled_axis();
-            let carried = parent.map_or(UnitQuaternion::identity(), |p| posed.world_from_rest[p]);
+            let carried = parent.map_or(UnitQuaternion::identity(), |p| posed.rotations[p]);
             node.joint_slope = carried * (k * turned);
             energy += 0.5 * k * turned.norm_squared();
             nodes.push(node);
         }
-        self.each_pressed(placed, near, posed, |segment, at, resistance| {
+        self.each_pressed(placed, near, posed, |PressedAt { segment, .. }, at, resistance| {
             energy += resistance.energy;
-            let lever = at - posed.starts[segment];
-            nodes[segment].add(&lever, &resistance.slope, &resistance.curvature);
+            let lever = at - posed.starts[*segment];
+            nodes[*segment].add(&lever, &resistance.slope, &resistance.curvature);
         });
         (nodes, energy)
     }
+}
+
+/// Which segment is pressed by which of the placed links.
+struct PressedAt {
+    segment: usize,
+    link: usize,
+}
+
+/// The links that have a surface, where they are.
+fn placed<'a>(arm: &'a Arm, links: &[Isometry3<f64>]) -> Vec<PlacedLink<'a>> {
+    let links = arm.surfaces.iter().zip(links).enumerate();
+    links
+        .filter_map(|(index, (grid, pose))| Some(PlacedLink::new(index, grid.as_ref()?, *pose)))
+        .collect()
 }
 
 #[cfg(test)]
@@ -558,8 +471,8 @@ mod tests {
         depths_m.iter().map(force).collect()
     }
 
-    fn stiff(friction: f64) -> TouchConfig {
-        TouchConfig { friction, stiffness_n_per_m: 1e5, tangential_share: 0.5 }
+    fn stiff(friction: f64) -> ElasticContactConfig {
+        ElasticContactConfig { friction, stiffness_n_per_m: 1e5, tangential_share: 0.5 }
     }
 
     fn ramp(to_m: f64, steps: usize) -> Vec<f64> {
@@ -618,8 +531,13 @@ mod tests {
     fn all_springs_twice_as_stiff_push_back_twice_as_hard() {
         let depths = ramp(0.1, 50);
         let mut soft = Equilibrium::new(press(), cantilever(10), stiff(0.4));
-        let body = ElasticBody::clone(&cantilever(10)).with_stiffness(|_| 2.0);
-        let hard = TouchConfig { stiffness_n_per_m: 2e5, ..stiff(0.4) };
+        let twice = |segment: &Segment| Segment {
+            stiffness_n_m_per_rad: 2.0 * segment.stiffness_n_m_per_rad,
+            ..segment.clone()
+        };
+        let body = ElasticBody::new(cantilever(10).segments().iter().map(twice).collect())
+            .expect("a body");
+        let hard = ElasticContactConfig { stiffness_n_per_m: 2e5, ..stiff(0.4) };
         let mut hard = Equilibrium::new(press(), Arc::new(body), hard);
         let (soft, hard) = (pressed(&mut soft, &depths), pressed(&mut hard, &depths));
         for (soft, hard) in soft.iter().zip(&hard) {

@@ -8,6 +8,7 @@
 //! | file          | says                                                                        |
 //! |---------------|-----------------------------------------------------------------------------|
 //! | `body`        | segments at rest                                                             |
+//! | `pose`        | where the segments are, for given turns of the joints                        |
 //! | `tree`        | Newton's equations of a tree, solved in time linear in its segments          |
 //! | `contact`     | what resists where a point of the body is in a link                          |
 //! | `equilibrium` | the search for the position of rest, and the torque there                    |
@@ -18,8 +19,9 @@
 mod body;
 mod contact;
 mod equilibrium;
+mod pose;
 mod tree;
 
 pub use body::{BodyError, ElasticBody, Segment, SegmentKind};
-pub use contact::TouchConfig;
+pub use contact::ElasticContactConfig;
 pub use equilibrium::{Equilibrium, Settled};
