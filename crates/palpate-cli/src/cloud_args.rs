@@ -14,7 +14,8 @@ use crate::output::Output;
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Picture with depth")]
 pub(crate) struct CloudArgs {
-    /// Camera of the picture, where it does not lie beside it as `camera.json` or `.yaml`
+    /// Camera of the picture, where it does not lie beside it as `camera.json` or `.yaml`; or the camera
+    /// that saw a cloud, for its position
     #[arg(long, value_name = "FILE")]
     camera: Option<PathBuf>,
     /// Pose of the camera, `camera_to_world`, where its file has none: a file of a 4 x 4 matrix, or
@@ -39,6 +40,11 @@ pub(crate) struct CloudArgs {
 }
 
 impl CloudArgs {
+    /// Whether a flag names the camera or the box of a cloud.
+    pub(crate) fn is_given(&self) -> bool {
+        self.camera.is_some() || self.camera_pose.is_some() || self.crop_low_m.is_some()
+    }
+
     /// Reads points with colours: a PLY or PCD file, or a folder with colour, depth and camera.
     pub(crate) fn read(&self, path: &Path, output: &Output) -> Result<Cloud, CliError> {
         let crop = self.crop()?;
@@ -53,7 +59,7 @@ impl CloudArgs {
         }
         let Some(colours) = reading.cloud.colours() else {
             return Err(CliError::from(format!(
-                "`{name}` has points but no colours, from which stiffness is extrapolated; export it \
+                "`{name}` has points but no colours, which tell the parts of the object apart; export it \
                  with red, green and blue, or give the folder of the colour and depth images"
             )));
         };
@@ -92,12 +98,7 @@ impl CloudArgs {
             rgbd::read_depth(&depth, self.depth_unit_m).map_err(CliError::file)?,
         );
         let file = rgbd::read_camera(&camera).map_err(CliError::file)?;
-        let camera = file.at(self.pose()?).ok_or_else(|| {
-            let camera = camera.display();
-            CliError::from(format!(
-                "`{camera}` does not say where the camera stands; give --camera-pose"
-            ))
-        })?;
+        let camera = file.at(self.pose()?).ok_or_else(|| without_pose(&camera))?;
         let mut config =
             rgbd::BackProjectionConfig { crop, ..rgbd::BackProjectionConfig::default() };
         if let [near, far] = self.depth_range_m[..] {
@@ -121,13 +122,14 @@ impl CloudArgs {
     }
 
     /// Where the camera stood that saw the cloud of [`CloudArgs::read`], m, world frame, if that is known.
-    pub(crate) fn eye(&self, path: &Path) -> Result<Option<Point3<f64>>, CliError> {
+    pub(crate) fn viewpoint(&self, path: &Path) -> Result<Option<Point3<f64>>, CliError> {
         let pose = match (self.pose()?, &self.camera) {
             (Some(pose), _) => Some(pose),
             (None, None) if !path.is_dir() => None,
             (None, _) => {
                 let file = self.camera_file(&picture_folder(path))?;
-                rgbd::read_camera(&file).map_err(CliError::file)?.world_from_camera
+                let camera = rgbd::read_camera(&file).map_err(CliError::file)?;
+                Some(camera.world_from_camera.ok_or_else(|| without_pose(&file))?)
             }
         };
         Ok(pose.map(|pose| pose.translation.vector.into()))
@@ -158,6 +160,11 @@ impl CloudArgs {
         }
         Ok(Some([low.into(), high.into()]))
     }
+}
+
+fn without_pose(camera: &Path) -> CliError {
+    let camera = camera.display();
+    CliError::from(format!("`{camera}` does not say where the camera stands; give --camera-pose"))
 }
 
 /// The folder with the images: `rgbd` in the given one, if there is one.

@@ -30,9 +30,21 @@ const TORQUE_FLOOR: f64 = 1.0;
 
 /// Torque of a body along every touch.
 #[derive(Debug, Clone)]
-pub(crate) struct Bent {
+pub(crate) struct BodyTorques {
     /// By friction, touch and frame of [`Tracked`]: n_joints, N·m at a stiffness factor of one.
     torques: Vec<Vec<Vec<DVector<f64>>>>,
+    /// Samples, all frictions counted, and those in which the body did not come to rest.
+    pub(crate) settled: Settled,
+}
+
+/// How often the body came to rest.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Settled {
+    /// Samples, each with every friction.
+    pub samples: u64,
+    /// Those in which the iterations were used up before the body was at rest: its torque is that of the
+    /// last iteration.
+    pub unsettled: u64,
 }
 
 /// What the training touches say of a body.
@@ -51,7 +63,7 @@ impl Constants {
     }
 }
 
-impl Bent {
+impl BodyTorques {
     /// Simulates all touches with every friction, several at a time; the result does not depend on how
     /// many. `step` is called after each.
     pub(crate) fn new(
@@ -71,14 +83,19 @@ impl Bent {
         };
         let jobs = (0..n * FRICTIONS.len()).into_par_iter().with_max_len(1);
         let all: Vec<_> = jobs.map(follow).collect::<Result<_, LearnError>>()?;
-        Ok(Self { torques: all.chunks(n.max(1)).map(<[_]>::to_vec).collect() })
+        let settled = all.iter().fold(Settled::default(), |sum, (_, settled)| Settled {
+            samples: sum.samples + settled.samples,
+            unsettled: sum.unsettled + settled.unsettled,
+        });
+        let all: Vec<Vec<DVector<f64>>> = all.into_iter().map(|(torques, _)| torques).collect();
+        Ok(Self { torques: all.chunks(n.max(1)).map(<[_]>::to_vec).collect(), settled })
     }
 
     /// Every n-th frame of each touch, from the first on.
     pub(crate) fn thinned(&self, n: usize) -> Self {
         let touch = |frames: &Vec<DVector<f64>>| frames.iter().step_by(n.max(1)).cloned().collect();
         let touches = |touches: &Vec<Vec<DVector<f64>>>| touches.iter().map(touch).collect();
-        Self { torques: self.torques.iter().map(touches).collect() }
+        Self { torques: self.torques.iter().map(touches).collect(), settled: self.settled }
     }
 
     /// Torque of the body in a frame, n_joints, N·m.
@@ -113,9 +130,10 @@ fn follow(
     (number, touch): (usize, &Touch),
     tracked: &Tracked,
     stop: Stop<'_>,
-) -> Result<Vec<DVector<f64>>, LearnError> {
+) -> Result<(Vec<DVector<f64>>, Settled), LearnError> {
     let frames = &tracked.touches[number].frames;
     let mut torques = Vec::with_capacity(frames.len());
+    let mut settled = Settled { samples: touch.samples.len() as u64, unsettled: 0 };
     for (sample, logged) in touch.samples.iter().enumerate() {
         unless_stopped(stop)?;
         let at = |error: RobotError| {
@@ -123,13 +141,13 @@ fn follow(
             LearnError::Sample { touch: number, sample, source }
         };
         let poses = equilibrium.arm().robot.forward(&logged.q).map_err(at)?;
-        equilibrium.advance(&poses);
+        settled.unsettled += u64::from(equilibrium.advance(&poses).unsettled > 0);
         if frames.get(torques.len()).is_some_and(|frame| frame.sample as usize == sample) {
             torques.push(equilibrium.torque(&poses));
         }
     }
     assert_eq!(torques.len(), frames.len(), "the touches are those that were tracked");
-    Ok(torques)
+    Ok((torques, settled))
 }
 
 /// How far each is believed; they add up to one.
@@ -166,7 +184,7 @@ pub struct Predicted {
 /// A field that learns what the body leaves over, and how well both predicted touches before they were
 /// learnt.
 struct Learner<'a> {
-    bent: &'a Bent,
+    body: &'a BodyTorques,
     tracked: &'a Tracked,
     config: &'a MapperConfig,
     constants: Constants,
@@ -176,12 +194,12 @@ struct Learner<'a> {
 
 impl<'a> Learner<'a> {
     fn new(
-        (bent, tracked): (&'a Bent, &'a Tracked),
+        (body, tracked): (&'a BodyTorques, &'a Tracked),
         config: &'a MapperConfig,
         constants: Constants,
     ) -> Result<Self, LearnError> {
         let estimator = config.estimator(tracked.n_joints)?;
-        Ok(Self { bent, tracked, config, constants, estimator, error: 0.0 })
+        Ok(Self { body, tracked, config, constants, estimator, error: 0.0 })
     }
 
     fn cells(&self) -> Vec<Cell> {
@@ -191,7 +209,7 @@ impl<'a> Learner<'a> {
     /// Torque of body and field in a frame, n_joints, N·m.
     fn torque(&self, cells: &[Cell], touch: usize, frame: usize) -> DVector<f64> {
         let field = self.tracked.touches[touch].frames[frame].predict(cells);
-        self.bent.torque(&self.constants, touch, frame) + DVector::from_vec(field)
+        self.body.torque(&self.constants, touch, frame) + DVector::from_vec(field)
     }
 
     /// Predicts a touch, if it `counts`, and learns it.
@@ -214,7 +232,7 @@ impl<'a> Learner<'a> {
                 continue;
             }
             let left_over =
-                frame.observation.tau() - self.bent.torque(&self.constants, touch, index);
+                frame.observation.tau() - self.body.torque(&self.constants, touch, index);
             let observation = frame.observation.clone().with_tau(&left_over);
             let source = FrameId { touch: place as u32, sample: frame.sample };
             self.estimator.correct(&self.tracked.points_m, observation, source)?;
@@ -232,23 +250,23 @@ impl<'a> Learner<'a> {
 ///
 /// # Panics
 ///
-/// If no body was bent along the touches ([`Tracked::with_body`]).
+/// If the touches were tracked without a body ([`Tracked::with_body`]).
 pub fn predict(
     tracked: &Tracked,
     fold: &Fold,
     config: &MapperConfig,
     stop: Stop<'_>,
 ) -> Result<Predicted, LearnError> {
-    let bent = tracked.bent.as_deref().expect("the caller gave a body");
-    let constants = bent.constants(tracked, &fold.train);
+    let body = tracked.body.as_deref().expect("the caller gave a body");
+    let constants = body.constants(tracked, &fold.train);
     let no_body = Constants { stiffness_factor: 0.0, ..constants };
-    let mut field = Learner::new((bent, tracked), config, no_body)?;
-    let mut both = Learner::new((bent, tracked), config, constants)?;
+    let mut field = Learner::new((body, tracked), config, no_body)?;
+    let mut both = Learner::new((body, tracked), config, constants)?;
     let mut body_error = 0.0;
     for (place, &touch) in fold.train.iter().enumerate() {
         let counts = 2 * place >= fold.train.len();
         if counts {
-            let of_body = |frame: usize| bent.torque(&constants, touch, frame);
+            let of_body = |frame: usize| body.torque(&constants, touch, frame);
             body_error += touch_error(tracked, touch, of_body);
         }
         field.learn(place, touch, counts, stop)?;
@@ -258,7 +276,7 @@ pub fn predict(
     let cells = [field.cells(), both.cells()];
     let torque = |touch: usize, frame: usize| {
         weights.field * field.torque(&cells[0], touch, frame)
-            + weights.body * bent.torque(&constants, touch, frame)
+            + weights.body * body.torque(&constants, touch, frame)
             + weights.both * both.torque(&cells[1], touch, frame)
     };
     let frames = |&touch: &usize| {

@@ -78,7 +78,7 @@ impl Method {
     ///
     /// # Panics
     ///
-    /// If this is [`Method::Elastic`] and no body was bent along the touches
+    /// If this is [`Method::Elastic`] and the touches were tracked without a body
     /// ([`Tracked::with_body`]).
     pub fn predict(
         self,

@@ -13,7 +13,7 @@ use palpate::unstable::{
 use palpate::{Arm, CellId, ContactConfig, Lattice, MapperConfig, Sample, Tare};
 use rayon::prelude::*;
 
-use crate::elastic::Bent;
+use crate::elastic::{BodyTorques, Settled};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::regression::Frames;
 
@@ -41,8 +41,8 @@ pub struct Tracked {
     pub points_m: Vec<[f64; 3]>,
     /// Joints of every torque.
     pub n_joints: usize,
-    /// Torques of an elastic body along the touches, if one was bent.
-    pub(crate) bent: Option<Arc<Bent>>,
+    /// Torques of an elastic body along the touches, if there is one.
+    pub(crate) body: Option<Arc<BodyTorques>>,
 }
 
 /// A touch with its contacts.
@@ -128,13 +128,18 @@ impl Tracked {
         touches: &[Touch],
         (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
     ) -> Result<Self, LearnError> {
-        self.bent = Some(Arc::new(Bent::new(arm, body, (&self, touches), (stop, step))?));
+        self.body = Some(Arc::new(BodyTorques::new(arm, body, (&self, touches), (stop, step))?));
         Ok(self)
+    }
+
+    /// How often the body came to rest, if there is one.
+    pub fn settled(&self) -> Option<Settled> {
+        Some(self.body.as_ref()?.settled)
     }
 
     /// Every n-th frame of each touch, from the first on.
     pub fn thinned(mut self, n: usize) -> Self {
-        self.bent = self.bent.map(|bent| Arc::new(bent.thinned(n)));
+        self.body = self.body.map(|body| Arc::new(body.thinned(n)));
         for touch in &mut self.touches {
             let frames = std::mem::take(&mut touch.frames);
             touch.frames = frames.into_iter().step_by(n.max(1)).collect();
@@ -179,7 +184,7 @@ impl Tracked {
             cells: observations.rows().cells().to_vec(),
             points_m: observations.rows().points_m().to_vec(),
             n_joints: arm.robot.n_joints(),
-            bent: like.and_then(|like| like.bent.clone()),
+            body: like.and_then(|like| like.body.clone()),
         })
     }
 

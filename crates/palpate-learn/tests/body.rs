@@ -141,6 +141,25 @@ fn the_same_cloud_gives_the_same_body_to_the_bit() {
 }
 
 #[test]
+fn clouds_without_a_body_are_none_rather_than_a_panic() {
+    let grid = |n: i32| -> Vec<Point3<f64>> {
+        let place =
+            |at: i32| Point3::new(0.002 * f64::from(at % n), 0.002 * f64::from(at / n), 0.0);
+        (0..n * n).map(place).collect()
+    };
+    let same = vec![Point3::new(0.5, 0.0, 0.3); 2000];
+    let clouds = [vec![], vec![Point3::origin()], vec![EYE; 3], same, grid(60), grid(300)];
+    for points in clouds {
+        for colours in [vec![BROWN; points.len()], vec![GREEN; points.len()]] {
+            for viewpoint in [None, Some(EYE)] {
+                from_cloud(&points, &colours, viewpoint); // A body without meaning is allowed.
+            }
+        }
+    }
+    assert_eq!(from_cloud(&[], &[], None), None);
+}
+
+#[test]
 fn a_row_of_stems_stands_on_the_ground_each_by_itself() {
     let mut seen = Seen::default();
     for y in [-0.1, 0.0, 0.1] {

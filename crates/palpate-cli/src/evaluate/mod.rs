@@ -44,7 +44,7 @@ or --folds groups of touches, or the touches named by --test from all others. Th
   ekf      the paper's filter                  gp   Gaussian process, RBF kernel
   uniform  one stiffness for all points        knn  50 nearest neighbours, RBF weights
   zero     no torque at all
-  elastic  with --cloud: a body that bends, made from the cloud, and map for what it leaves over
+  elastic  with --cloud: an elastic body made from the cloud, and map for the rest of the torque
 
 of which mlp, gp and knn see joint angles alone, and choose their hyperparameters on their training
 touches. All of them see the same external torques: gravity and tare taken off.
@@ -106,6 +106,10 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
     settings.config()?;
     let methods = each_once(&args.methods, args.cloud.is_some())?;
+    if args.cloud.is_none() && args.picture.is_given() {
+        let unused = "--camera, --camera-pose and --crop-* are for a --cloud, which is not given";
+        return Err(CliError::Usage(unused.to_owned()));
+    }
     let body = args.cloud.as_ref().map(|cloud| body(cloud, &args.picture, output)).transpose()?;
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
@@ -144,7 +148,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 fn body(cloud: &Path, picture: &CloudArgs, output: &Output) -> Result<Arc<ElasticBody>, CliError> {
     let seen = picture.read(cloud, output)?;
     let colours = seen.colours().expect("read with colours");
-    let body = from_cloud(seen.points(), colours, picture.eye(cloud)?).ok_or_else(|| {
+    let body = from_cloud(seen.points(), colours, picture.viewpoint(cloud)?).ok_or_else(|| {
         let cloud = cloud.display();
         CliError::from(format!(
             "no stem or branch was found among the {} points of `{cloud}`, which the method elastic \

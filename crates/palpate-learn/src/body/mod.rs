@@ -44,8 +44,8 @@ const THINNED_M: f64 = 0.0015;
 /// The elastic body of an object.
 ///
 /// - `points`: world frame, m; `colours`: sRGB, one for each point;
-/// - `eye`: where the camera stood, m, world frame; guessed from the side to which surfaces bulge if it is
-///   not known.
+/// - `viewpoint`: where the camera stood, m, world frame; guessed from the side to which surfaces bulge if
+///   it is not known.
 ///
 /// Springs are those of round rods of [`WOOD_MODULUS_PA`]: `E π r⁴ / 4` over the length that a joint
 /// stands for. The same cloud gives the same body. Cost: 0.1 s for 30,000 points.
@@ -58,7 +58,7 @@ const THINNED_M: f64 = 0.0015;
 pub fn from_cloud(
     points: &[Point3<f64>],
     colours: &[[u8; 3]],
-    eye: Option<Point3<f64>>,
+    viewpoint: Option<Point3<f64>>,
 ) -> Option<ElasticBody> {
     assert_eq!(points.len(), colours.len(), "a colour for each point");
     let (points, colours) = thinned(points, colours);
@@ -68,7 +68,10 @@ pub fn from_cloud(
         of.map(|((point, colour), _)| (*point, *colour)).unzip()
     };
     let ((wood_points, _), (leaf_points, leaf_colours)) = (part(true), part(false));
-    let view = View::new(&points, eye.unwrap_or_else(|| view::guess_eye(&wood_points)));
+    if wood_points.is_empty() {
+        return None;
+    }
+    let view = View::new(&points, viewpoint.unwrap_or_else(|| view::guess_viewpoint(&wood_points)));
     let nodes = skeleton::skeleton(&wood_points, &view);
     let branches = skeleton::branches(&nodes);
     let mut tubes = tubes::tubes(&wood_points, &view, &nodes, &branches);

@@ -113,7 +113,7 @@ fn seen_widths(points: &[Point3<f64>], view: &View, nodes: &[SkeletonNode], own:
         let members: Vec<Point3<f64>> = (own[before..=after].iter())
             .flat_map(|&node| nodes[node].members.iter().map(|&point| points[point as usize]))
             .collect();
-        let sight = (seen.middle[at] - view.eye).normalize();
+        let sight = (seen.middle[at] - view.viewpoint).normalize();
         let across = tangent.cross(&sight);
         let sine = across.norm();
         let across = across / (sine + 1e-9);
@@ -153,7 +153,8 @@ fn widths(
     let low = along.iter().copied().fold(f64::INFINITY, f64::min);
     let high = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     // Pixels at the edge are covered in part.
-    let pixel = |point: &Point3<f64>| 0.9 * ((point - view.eye).norm() * view.pixel_rad).powi(2);
+    let pixel =
+        |point: &Point3<f64>| 0.9 * ((point - view.viewpoint).norm() * view.pixel_rad).powi(2);
     let area: f64 = members.iter().map(pixel).sum();
     // A pixel's width lies between the outermost points and the edges.
     let length = high - low + (area / n).sqrt();

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 /// A camera's place and what it saw along each direction.
 pub(super) struct View {
-    pub eye: Point3<f64>,
+    pub viewpoint: Point3<f64>,
     /// Angle between neighbouring pixels, rad.
     pub pixel_rad: f64,
     /// Right, down, forward.
@@ -22,17 +22,17 @@ const TOLERANCE_M: f64 = 0.012;
 
 impl View {
     /// A view of points from a place. Points behind it are left out.
-    pub(super) fn new(points: &[Point3<f64>], eye: Point3<f64>) -> Self {
+    pub(super) fn new(points: &[Point3<f64>], viewpoint: Point3<f64>) -> Self {
         let middle = points.iter().fold(Vector3::zeros(), |sum, point| sum + point.coords)
             / points.len().max(1) as f64;
-        let forward = (middle - eye.coords).try_normalize(1e-9).unwrap_or(Vector3::x());
+        let forward = (middle - viewpoint.coords).try_normalize(1e-9).unwrap_or(Vector3::x());
         let up = if forward.z.abs() < 0.9 { Vector3::z() } else { Vector3::x() };
         let right = forward.cross(&up).normalize();
         let axes = [right, forward.cross(&right), forward];
         let (slopes, distances_m): (Vec<[f64; 2]>, Vec<f64>) =
-            points.iter().filter_map(|point| slopes(&axes, &(point - eye))).unzip();
+            points.iter().filter_map(|point| slopes(&axes, &(point - viewpoint))).unzip();
         let seen = ImmutableKdTree::new_from_slice(&slopes);
-        Self { eye, pixel_rad: pixel(&seen, &slopes), axes, seen, distances_m }
+        Self { viewpoint, pixel_rad: pixel(&seen, &slopes), axes, seen, distances_m }
     }
 
     /// Share of the way between two places that the camera saw to be empty: what it saw in that
@@ -42,7 +42,7 @@ impl View {
         let is_free = |step: u32| {
             let share = 0.1 + 0.8 * f64::from(step) / f64::from(PLACES - 1);
             let place = from + (to - from) * share;
-            let Some((slopes, distance)) = slopes(&self.axes, &(place - self.eye)) else {
+            let Some((slopes, distance)) = slopes(&self.axes, &(place - self.viewpoint)) else {
                 return false;
             };
             let near = self.seen.nearest_one::<SquaredEuclidean>(&slopes);
@@ -78,7 +78,7 @@ fn pixel(seen: &ImmutableKdTree<f64, 2>, slopes: &[[f64; 2]]) -> f64 {
 ///
 /// Only the side of a rod that faces the camera is seen, so that normals of curved pieces, oriented by the
 /// sense in which they curve, point to the camera on average. How far it stood cannot be told: two metres.
-pub(super) fn guess_eye(points: &[Point3<f64>]) -> Point3<f64> {
+pub(super) fn guess_viewpoint(points: &[Point3<f64>]) -> Point3<f64> {
     const REACH_M: f64 = 0.008;
     const FEWEST: usize = 12;
     const MOST_PLACES: usize = 4000;

@@ -85,7 +85,7 @@ pub struct Work<'a> {
     pub tune: bool,
     /// Whether true torques are to be predicted.
     pub truth: bool,
-    /// What the arm bends, for [`Method::Elastic`].
+    /// The elastic body of the object, for [`Method::Elastic`].
     pub body: Option<Arc<ElasticBody>>,
 }
 
@@ -165,10 +165,18 @@ impl Work<'_> {
         let wanted = self.methods.contains(&Method::Elastic);
         let Some(body) = self.body.as_ref().filter(|_| wanted) else { return Ok(tracked) };
         let steps = (self.touches.len() * FRICTIONS.len()) as u64;
-        let bar = progress.begin(Some(steps), "touches", "bending the body along");
+        let bar = progress.begin(Some(steps), "touches", "simulating the elastic body");
         let (stop, step) = (|| progress.stopped(), || bar.step());
-        let bent = tracked.with_body(self.arm, body, self.touches, (&stop, &step));
-        bent.map_err(|error| self.fault(error, keep))
+        let tracked = tracked.with_body(self.arm, body, self.touches, (&stop, &step));
+        let tracked = tracked.map_err(|error| self.fault(error, keep))?;
+        if let Some(settled) = tracked.settled().filter(|settled| settled.unsettled > 0) {
+            let percent = 100.0 * settled.unsettled as f64 / settled.samples as f64;
+            progress.note(&format!(
+                "the elastic body did not come to rest in {percent:.1} % of the samples; its torque there \
+                 is that of the last iteration"
+            ));
+        }
+        Ok(tracked)
     }
 
     /// The estimators' settings in every fold: the given ones, or those that its training touches
