@@ -126,7 +126,7 @@ fn a_branch_hangs_from_the_stem_across_what_is_hidden_and_the_leaf_from_the_bran
 }
 
 #[test]
-fn the_camera_is_found_on_the_side_that_bulges() {
+fn a_guessed_camera_gives_nearly_the_same_body() {
     let (known, guessed) = (plant().body(Some(EYE)), plant().body(None));
     assert_eq!(wood(&known).len(), wood(&guessed).len());
     for (known, guessed) in wood(&known).iter().zip(wood(&guessed)) {

@@ -3,7 +3,7 @@
 use std::num::NonZero;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+use nalgebra::{Point3, Vector3};
 
 /// A camera's place and what it saw along each direction.
 pub(super) struct View {
@@ -25,10 +25,7 @@ impl View {
     pub(super) fn new(points: &[Point3<f64>], viewpoint: Point3<f64>) -> Self {
         let middle = points.iter().fold(Vector3::zeros(), |sum, point| sum + point.coords)
             / points.len().max(1) as f64;
-        let forward = (middle - viewpoint.coords).try_normalize(1e-9).unwrap_or(Vector3::x());
-        let up = if forward.z.abs() < 0.9 { Vector3::z() } else { Vector3::x() };
-        let right = forward.cross(&up).normalize();
-        let axes = [right, forward.cross(&right), forward];
+        let axes = camera_axes(&(middle - viewpoint.coords));
         let (slopes, distances_m): (Vec<[f64; 2]>, Vec<f64>) =
             points.iter().filter_map(|point| slopes(&axes, &(point - viewpoint))).unzip();
         let seen = ImmutableKdTree::new_from_slice(&slopes);
@@ -53,6 +50,14 @@ impl View {
     }
 }
 
+/// Right, down and forward of a camera that looks along a direction.
+fn camera_axes(towards: &Vector3<f64>) -> [Vector3<f64>; 3] {
+    let forward = towards.try_normalize(1e-9).unwrap_or(Vector3::x());
+    let up = if forward.z.abs() < 0.9 { Vector3::z() } else { Vector3::x() };
+    let right = forward.cross(&up).normalize();
+    [right, forward.cross(&right), forward]
+}
+
 /// Slopes of a ray across and down, and its length; nothing behind the camera.
 fn slopes(
     [right, down, forward]: &[Vector3<f64>; 3],
@@ -74,40 +79,87 @@ fn pixel(seen: &ImmutableKdTree<f64, 2>, slopes: &[[f64; 2]]) -> f64 {
     gaps.get(gaps.len() / 2).map_or(1e-3, |gap| gap.max(1e-5))
 }
 
-/// Where a camera must have stood that saw these points: on the side to which what was seen bulges.
+/// Where the camera stood that saw these points: a place from which no point hides another.
 ///
-/// Only the side of a rod that faces the camera is seen, so that normals of curved pieces, oriented by the
-/// sense in which they curve, point to the camera on average. How far it stood cannot be told: two metres.
+/// A search over directions and distances, then around the best. Of a cloud put together from several
+/// views, it is a place from which much of it is seen.
 pub(super) fn guess_viewpoint(points: &[Point3<f64>]) -> Point3<f64> {
-    const REACH_M: f64 = 0.008;
-    const FEWEST: usize = 12;
-    const MOST_PLACES: usize = 4000;
-    let places: Vec<[f64; 3]> = points.iter().map(|point| (*point).into()).collect();
-    let n = places.len().max(1) as f64;
+    const DIRECTIONS: u32 = 200;
+    const DISTANCES_M: [f64; 3] = [0.8, 1.2, 2.0];
+    const MOST_POINTS: usize = 15_000;
+    let points: Vec<Point3<f64>> =
+        points.iter().step_by(points.len().div_ceil(MOST_POINTS).max(1)).copied().collect();
+    let n = points.len().max(1) as f64;
     let centre = Point3::from(points.iter().map(|point| point.coords).sum::<Vector3<f64>>() / n);
-    let tree: ImmutableKdTree<f64, 3> = ImmutableKdTree::new_from_slice(&places);
-    let mut bulge = Vector3::zeros();
-    for place in places.iter().step_by(places.len().div_ceil(MOST_PLACES)) {
-        let near = tree.within_unsorted::<SquaredEuclidean>(place, REACH_M * REACH_M);
-        if near.len() < FEWEST {
-            continue;
+    let size_m = points.iter().map(|point| (point - centre).norm()).fold(0.0, f64::max);
+    let hidden = |place: &Point3<f64>| hidden(&points, place, &centre);
+    let candidates = DISTANCES_M.iter().flat_map(|distance_m| {
+        // Directions spread evenly over the sphere (Fibonacci).
+        (0..DIRECTIONS).map(move |number| {
+            let z = 1.0 - (2.0 * f64::from(number) + 1.0) / f64::from(DIRECTIONS);
+            let (sine, cosine) = (2.399_963_229_728_653 * f64::from(number)).sin_cos();
+            let level = (1.0 - z * z).sqrt();
+            centre + (distance_m + size_m) * Vector3::new(level * cosine, level * sine, z)
+        })
+    });
+    let scored = candidates.map(|place| (hidden(&place), place));
+    let Some(mut best) = scored.min_by_key(|(hidden, _)| *hidden) else { return centre };
+    let mut step_m = 0.2;
+    while step_m > 0.01 {
+        let ways =
+            (0..6).map(|way| Vector3::ith(way / 2, if way % 2 == 0 { step_m } else { -step_m }));
+        let near = ways.map(|way| best.1 + way).filter(|place| (place - centre).norm() > size_m);
+        match near.map(|place| (hidden(&place), place)).min_by_key(|(hidden, _)| *hidden) {
+            Some(better) if better.0 < best.0 => best = better,
+            _ => step_m *= 0.5,
         }
-        let near: Vec<Vector3<f64>> =
-            near.iter().map(|near| points[near.item as usize].coords).collect();
-        let count = near.len() as f64;
-        let middle = near.iter().sum::<Vector3<f64>>() / count;
-        let spread =
-            near.iter().map(|at| (at - middle) * (at - middle).transpose()).sum::<Matrix3<f64>>();
-        let eigen = SymmetricEigen::new(spread / count);
-        let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
-        // Where the middle is higher than the rim, the surface bulges along the normal.
-        let height = |at: &Vector3<f64>| (at - middle).dot(&normal);
-        let out = |at: &Vector3<f64>| (at - middle).norm_squared() - height(at).powi(2);
-        let mean_out = near.iter().map(out).sum::<f64>() / count;
-        let falls: f64 =
-            near.iter().map(|at| -height(at) * (out(at) - mean_out)).sum::<f64>() / count;
-        bulge += normal * falls;
     }
-    let towards = bulge.try_normalize(0.0).unwrap_or(-Vector3::x());
-    centre + 2.0 * towards
+    best.1
+}
+
+/// How many points lie behind another one, seen from a place.
+fn hidden(points: &[Point3<f64>], place: &Point3<f64>, centre: &Point3<f64>) -> usize {
+    /// Width of the cells in which points hide each other, at the distance of the centre, m.
+    const CELL_M: f64 = 0.004;
+    let axes = camera_axes(&(centre - place));
+    let cell_rad = CELL_M / (centre - place).norm();
+    let seen: Vec<([i32; 2], f64)> = (points.iter())
+        .filter_map(|point| slopes(&axes, &(point - place)))
+        .map(|(slopes, distance_m)| {
+            (slopes.map(|slope| (slope / cell_rad).floor() as i32), distance_m)
+        })
+        .collect();
+    let bound =
+        |axis: usize, sign: i32| seen.iter().map(|(at, _)| sign * at[axis]).min().unwrap_or(0);
+    let low = [bound(0, 1), bound(1, 1)];
+    let size = [0, 1].map(|axis| (-bound(axis, -1) - low[axis] + 1) as usize);
+    let cell = |at: &[i32; 2]| (at[0] - low[0]) as usize + size[0] * (at[1] - low[1]) as usize;
+    if size[0].saturating_mul(size[1]) > 4_000_000 {
+        return points.len(); // so near that it is in the midst of them
+    }
+    let mut nearest_m = vec![f64::INFINITY; size[0] * size[1]];
+    for (at, distance_m) in &seen {
+        let nearest = &mut nearest_m[cell(at)];
+        *nearest = nearest.min(*distance_m);
+    }
+    let behind =
+        |(at, distance_m): &&([i32; 2], f64)| *distance_m > nearest_m[cell(at)] + TOLERANCE_M;
+    points.len() - seen.len() + seen.iter().filter(behind).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_camera_of_the_bundled_plant_is_found_in_its_cloud() {
+        let cloud = concat!(env!("CARGO_MANIFEST_DIR"), "/../palpate-cli/data/plant_a/object.ply");
+        let cloud = palpate_io::cloud::read(cloud.as_ref()).expect("a cloud").cloud;
+        let centre = cloud.points().iter().map(|point| point.coords).sum::<Vector3<f64>>();
+        let centre = Point3::from(centre / cloud.len() as f64);
+        let camera = Point3::new(-0.33, -0.58, 0.86); // data/plant_a/rgbd/camera.json
+        let guess = guess_viewpoint(cloud.points());
+        let apart = (guess - centre).angle(&(camera - centre)).to_degrees();
+        assert!(apart < 5.0, "{guess} is off by {apart:.1} degrees");
+    }
 }
