@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 use palpate::unstable::{ElasticBody, Segment, SegmentKind};
-use palpate_learn::body::from_cloud;
+use palpate_learn::body::{from_cloud, guess_viewpoint};
 
 const BROWN: [u8; 3] = [110, 65, 30];
 const GREEN: [u8; 3] = [40, 110, 30];
@@ -168,4 +168,16 @@ fn a_row_of_stems_stands_on_the_ground_each_by_itself() {
     let body = seen.body(Some(EYE));
     let rooted = body.segments().iter().filter(|segment| segment.parent.is_none());
     assert_eq!(rooted.count(), 3);
+}
+
+#[test]
+fn the_camera_of_the_bundled_plant_is_found_in_its_cloud() {
+    let cloud = concat!(env!("CARGO_MANIFEST_DIR"), "/../palpate-cli/data/plant_a/object.ply");
+    let cloud = palpate_io::cloud::read(cloud.as_ref()).unwrap().cloud;
+    let centre = cloud.points().iter().map(|point| point.coords).sum::<Vector3<f64>>();
+    let centre = Point3::from(centre / cloud.len() as f64);
+    let camera = Point3::new(-0.33, -0.58, 0.86); // data/plant_a/rgbd/camera.json
+    let guess = guess_viewpoint(cloud.points());
+    let apart = (guess - centre).angle(&(camera - centre)).to_degrees();
+    assert!(apart < 5.0, "{guess} is off by {apart:.1} degrees");
 }

@@ -32,6 +32,7 @@ use palpate::unstable::{ElasticBody, Segment, SegmentKind};
 use self::skeleton::{Branch, SkeletonNode};
 use self::tubes::{Tube, at_arc};
 use self::view::View;
+pub use self::view::guess_viewpoint;
 
 /// Young's modulus of wood before a touch says otherwise, Pa.
 pub const WOOD_MODULUS_PA: f64 = 4.8e8;
@@ -72,7 +73,7 @@ pub fn from_cloud(
     if wood_points.is_empty() {
         return None;
     }
-    let view = View::new(&points, viewpoint.unwrap_or_else(|| view::guess_viewpoint(&points)));
+    let view = View::new(&points, viewpoint.unwrap_or_else(|| guess_viewpoint(&points)));
     let nodes = skeleton::skeleton(&wood_points, &view);
     let branches = skeleton::branches(&nodes);
     let mut tubes = tubes::tubes(&wood_points, &view, &nodes, &branches);

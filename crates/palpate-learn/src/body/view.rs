@@ -81,9 +81,9 @@ fn pixel(seen: &ImmutableKdTree<f64, 2>, slopes: &[[f64; 2]]) -> f64 {
 
 /// Where the camera stood that saw these points: a place from which no point hides another.
 ///
-/// A search over directions and distances, then around the best. Of a cloud put together from several
-/// views, it is a place from which much of it is seen.
-pub(super) fn guess_viewpoint(points: &[Point3<f64>]) -> Point3<f64> {
+/// A search over directions and distances, then around the best; points and the place in m, in the same
+/// frame. Of a cloud put together from several views, it is a place from which much of it is seen.
+pub fn guess_viewpoint(points: &[Point3<f64>]) -> Point3<f64> {
     const DIRECTIONS: u32 = 200;
     const DISTANCES_M: [f64; 3] = [0.8, 1.2, 2.0];
     const MOST_POINTS: usize = 15_000;
@@ -145,21 +145,4 @@ fn hidden(points: &[Point3<f64>], place: &Point3<f64>, centre: &Point3<f64>) -> 
     let behind =
         |(at, distance_m): &&([i32; 2], f64)| *distance_m > nearest_m[cell(at)] + TOLERANCE_M;
     points.len() - seen.len() + seen.iter().filter(behind).count()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_camera_of_the_bundled_plant_is_found_in_its_cloud() {
-        let cloud = concat!(env!("CARGO_MANIFEST_DIR"), "/../palpate-cli/data/plant_a/object.ply");
-        let cloud = palpate_io::cloud::read(cloud.as_ref()).expect("a cloud").cloud;
-        let centre = cloud.points().iter().map(|point| point.coords).sum::<Vector3<f64>>();
-        let centre = Point3::from(centre / cloud.len() as f64);
-        let camera = Point3::new(-0.33, -0.58, 0.86); // data/plant_a/rgbd/camera.json
-        let guess = guess_viewpoint(cloud.points());
-        let apart = (guess - centre).angle(&(camera - centre)).to_degrees();
-        assert!(apart < 5.0, "{guess} is off by {apart:.1} degrees");
-    }
 }
