@@ -335,6 +335,21 @@ fn files_that_are_no_bag_of_ros_2_get_a_remedy() {
     refused(&bag, &options, &["gone.mcap", "does not exist"]);
 }
 
+#[test]
+fn a_text_that_claims_gigabytes_is_refused_before_room_is_made_for_it() {
+    let mut raw = Raw::new();
+    (0..5).for_each(|i| raw.state(i * 10_000_000 + 1, &["a"], &[i as f64], &[0.5]));
+    let (_kept, path) = raw.done();
+    let whole = fs::read(&path).unwrap();
+    let text = |text: &[u8]| whole.windows(text.len()).position(|bytes| bytes == text).unwrap();
+    for text in [text(b"/joint_states"), text(b"sensor_msgs/msg/JointState"), text(b"cdr")] {
+        let mut bytes = whole.clone();
+        bytes[text - 4..text].copy_from_slice(&u32::MAX.to_le_bytes());
+        fs::write(&path, &bytes).unwrap();
+        refused(&path, &LogOptions::default(), &["claims to be longer than what holds it"]);
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
     #[test]

@@ -1,13 +1,15 @@
 //! One file of MCAP: its topics, and the messages of some of them, chunk by chunk.
 
+use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 use std::sync::Arc;
 
-use ::mcap::io::MessageReader;
-use ::mcap::sans_io::{LinearReaderOptions, SummaryReadEvent, SummaryReader, SummaryReaderOptions};
-use ::mcap::{Channel, McapError, McapResult, Summary};
+use ::mcap::read::ChannelAccumulator;
+use ::mcap::records::{MessageHeader, Record, Statistics, op};
+use ::mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use ::mcap::{Channel, McapError, parse_record};
 
 use super::topic::{Message, Messages, Topic, Which, merge};
 use crate::{input, panics};
@@ -21,16 +23,16 @@ fn largest_record() -> usize {
 /// An error is half a sentence.
 pub(super) fn topics(path: &Path) -> Result<Vec<Topic>, String> {
     let mut file = open(path)?;
-    let summary = panics::caught(|| summary(&mut file)).ok().and_then(Result::ok).flatten();
-    if let Some(summary) = summary.filter(|summary| !summary.channels.is_empty()) {
-        return Ok(of_summary(&summary));
+    if let Some(topics) = of_summary(&mut file).ok().flatten().filter(|topics| !topics.is_empty()) {
+        return Ok(topics);
     }
     let mut topics = Vec::new();
-    for (messages, message) in read(open(path)?).enumerate() {
+    let mut records = Records::of_data(open(path)?);
+    while let Some(message) = records.next_message().transpose() {
         match message {
             Ok(message) => merge(&mut topics, vec![topic(&message.channel, Some(1))]),
             // What lies before a break can be read; the break shows again when it is.
-            Err(_) if messages > 0 => break,
+            Err(_) if !topics.is_empty() => break,
             Err(why) => return Err(why),
         }
     }
@@ -39,7 +41,7 @@ pub(super) fn topics(path: &Path) -> Result<Vec<Topic>, String> {
 
 /// The messages of the wanted topics in a file. An error is half a sentence.
 pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messages, String> {
-    let wanted_one = move |message: Result<::mcap::Message<'static>, String>| {
+    let wanted_one = move |message: Result<Logged, String>| {
         let message = match message {
             Ok(message) => message,
             Err(why) => return Some(Err(why)),
@@ -50,10 +52,12 @@ pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messa
             [_, markers] if markers.as_ref() == topic => Which::Marker,
             _ => return None,
         };
-        let time_ns = i64::try_from(message.log_time).unwrap_or(i64::MAX);
-        Some(Ok(Message { which, time_ns, data: message.data.into_owned() }))
+        let time_ns = i64::try_from(message.header.log_time).unwrap_or(i64::MAX);
+        Some(Ok(Message { which, time_ns, data: message.data }))
     };
-    Ok(Box::new(read(open(path)?).filter_map(wanted_one)))
+    let mut records = Records::of_data(open(path)?);
+    let all = std::iter::from_fn(move || records.next_message().transpose());
+    Ok(Box::new(all.filter_map(wanted_one)))
 }
 
 fn open(path: &Path) -> Result<File, String> {
@@ -75,54 +79,161 @@ fn in_words(error: &McapError) -> String {
     }
 }
 
-/// All messages of a file; what the library panics with, where lengths contradict each other, ends
-/// them as an error does. An error is half a sentence.
-fn read(file: File) -> impl Iterator<Item = Result<::mcap::Message<'static>, String>> + Send {
-    let options = LinearReaderOptions::default()
-        .with_validate_chunk_crcs(true)
-        .with_record_length_limit(largest_record());
-    let mut reader = Some(MessageReader::new_with_options(BufReader::new(file), options));
-    std::iter::from_fn(move || match panics::caught(|| reader.as_mut()?.next()) {
-        Ok(message) => message.map(|message| message.map_err(|error| in_words(&error))),
-        Err(why) => {
-            reader = None;
-            Some(Err(why))
-        }
-    })
+/// A message with its channel.
+struct Logged {
+    channel: Arc<Channel<'static>>,
+    header: MessageHeader,
+    data: Vec<u8>,
 }
 
-/// The summary at the end of a file, if there is one.
-fn summary(file: &mut File) -> McapResult<Option<Summary>> {
-    let size = file.metadata()?.len();
-    let limit = largest_record().min(usize::try_from(size).unwrap_or(usize::MAX));
-    let options =
-        SummaryReaderOptions::default().with_file_size(size).with_record_length_limit(limit);
-    let mut reader = SummaryReader::new_with_options(options);
-    while let Some(event) = reader.next_event() {
-        match event? {
-            SummaryReadEvent::ReadRequest(bytes) => {
-                let read = file.read(reader.insert(bytes))?;
-                reader.notify_read(read);
-            }
-            SummaryReadEvent::SeekRequest(to) => {
-                let at = file.seek(to)?;
-                reader.notify_seeked(at);
+/// The records of a file. The library's own reader of messages is not used: it makes room for as many
+/// bytes as a string claims to have, up to 4 GiB, before it looks for them.
+struct Records {
+    source: BufReader<File>,
+    /// Nothing after an error.
+    reader: Option<LinearReader>,
+    known: ChannelAccumulator<'static>,
+}
+
+impl Records {
+    /// From the start of a file.
+    fn of_data(file: File) -> Self {
+        Self::new(file, LinearReaderOptions::default().with_validate_chunk_crcs(true))
+    }
+
+    fn new(file: File, options: LinearReaderOptions) -> Self {
+        let options = options.with_record_length_limit(largest_record());
+        let reader = Some(LinearReader::new_with_options(options));
+        Self { source: BufReader::new(file), reader, known: ChannelAccumulator::default() }
+    }
+
+    /// The next message, nothing at the end. An error is half a sentence.
+    fn next_message(&mut self) -> Result<Option<Logged>, String> {
+        loop {
+            match self.next()? {
+                Some(Record::Message { header, data }) => {
+                    let channel = self.known.get(header.channel_id).ok_or_else(|| {
+                        in_words(&McapError::UnknownChannel(header.sequence, header.channel_id))
+                    })?;
+                    return Ok(Some(Logged { channel, header, data: data.into_owned() }));
+                }
+                Some(_) => {}
+                None => return Ok(None),
             }
         }
     }
-    Ok(reader.finish())
+
+    /// The next schema, channel, message or statistics; schemas and channels are known from then on.
+    /// What the library panics with, where lengths contradict each other, is an error as well, after
+    /// which nothing comes.
+    fn next(&mut self) -> Result<Option<Record<'static>>, String> {
+        let Some(mut reader) = self.reader.take() else { return Ok(None) };
+        let next = panics::caught(|| self.next_of(&mut reader)).and_then(|next| next);
+        if let Ok(Some(_)) = next {
+            self.reader = Some(reader);
+        }
+        next
+    }
+
+    fn next_of(&mut self, reader: &mut LinearReader) -> Result<Option<Record<'static>>, String> {
+        while let Some(event) = reader.next_event() {
+            match event.map_err(|error| in_words(&error))? {
+                LinearReadEvent::ReadRequest(bytes) => {
+                    let read = self.source.read(reader.insert(bytes));
+                    reader.notify_read(read.map_err(|error| in_words(&error.into()))?);
+                }
+                LinearReadEvent::Record { opcode, data } => {
+                    if let Some(record) = self.taken(opcode, data)? {
+                        return Ok(Some(record));
+                    }
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// A record that is of use here.
+    fn taken(&mut self, opcode: u8, data: &[u8]) -> Result<Option<Record<'static>>, String> {
+        let is_of_use = matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE | op::STATISTICS);
+        if !is_of_use {
+            return Ok(None);
+        }
+        if !strings_fit(opcode, data) {
+            return Err("a text in it claims to be longer than what holds it".to_owned());
+        }
+        let mut take = || {
+            let record = parse_record(opcode, data)?.into_owned();
+            match &record {
+                Record::Schema { header, data } => {
+                    self.known.add_schema_from_slice(header.clone(), data)?;
+                }
+                Record::Channel(channel) => self.known.add_channel(channel.clone())?,
+                _ => {}
+            }
+            Ok(record)
+        };
+        take().map(Some).map_err(|error| in_words(&error))
+    }
 }
 
-fn of_summary(summary: &Summary) -> Vec<Topic> {
-    let mut channels: Vec<_> = summary.channels.values().collect();
-    channels.sort_by_key(|channel| channel.id);
+/// Whether the texts of a schema or a channel lie within its record.
+fn strings_fit(opcode: u8, record: &[u8]) -> bool {
+    fn sized<'a>(bytes: &mut &'a [u8]) -> Option<&'a [u8]> {
+        let (size, rest) = bytes.split_first_chunk()?;
+        let (text, rest) = rest.split_at_checked(u32::from_le_bytes(*size) as usize)?;
+        *bytes = rest;
+        Some(text)
+    }
+    let numbers = match opcode {
+        op::SCHEMA => 2,
+        op::CHANNEL => 4,
+        _ => return true,
+    };
+    let fit = || {
+        let mut rest = record.get(numbers..)?;
+        sized(&mut rest)?;
+        sized(&mut rest)?;
+        let mut last = sized(&mut rest)?; // the definition of a schema, the metadata of a channel
+        while opcode == op::CHANNEL && !last.is_empty() {
+            sized(&mut last)?;
+        }
+        Some(())
+    };
+    fit().is_some()
+}
+
+/// The topics that the summary at the end of a file names, if there is one.
+fn of_summary(file: &mut File) -> Result<Option<Vec<Topic>>, String> {
+    const FOOTER: i64 = 20 + 8; // places of the summary and its offsets, its hash, the magic
+    let at = |file: &mut File, to: SeekFrom| file.seek(to).map_err(|error| error.to_string());
+    at(file, SeekFrom::End(-FOOTER))?;
+    let mut start = [0; 8];
+    file.read_exact(&mut start).map_err(|error| error.to_string())?;
+    let start = u64::from_le_bytes(start);
+    if start == 0 {
+        return Ok(None);
+    }
+    at(file, SeekFrom::Start(start))?;
+    let file = file.try_clone().map_err(|error| error.to_string())?;
+    let options = LinearReaderOptions::default().with_skip_start_magic(true);
+    let mut records = Records::new(file, options);
+    let (mut channels, mut statistics) = (BTreeMap::new(), None::<Statistics>);
+    while let Some(record) = records.next()? {
+        match record {
+            Record::Channel(channel) => {
+                channels.extend(records.known.get(channel.id).map(|known| (channel.id, known)));
+            }
+            Record::Statistics(found) => statistics = Some(found),
+            _ => {}
+        }
+    }
     let mut topics = Vec::new();
-    for channel in channels {
-        let counts = summary.stats.as_ref().map(|stats| &stats.channel_message_counts);
-        let messages = counts.map(|counts| counts.get(&channel.id).copied().unwrap_or(0));
+    for (id, channel) in &channels {
+        let counts = statistics.as_ref().map(|statistics| &statistics.channel_message_counts);
+        let messages = counts.map(|counts| counts.get(id).copied().unwrap_or(0));
         merge(&mut topics, vec![topic(channel, messages)]);
     }
-    topics
+    Ok(Some(topics))
 }
 
 fn topic(channel: &Arc<Channel<'_>>, messages: Option<u64>) -> Topic {
