@@ -88,10 +88,10 @@ fn fields() -> impl Strategy<Value = FieldFile> {
             let column = |of: fn(&(f64, f64, u32, f64)) -> f64| rows.values().map(of).collect();
             FieldFile {
                 points: rows.values().map(|row| [row.0, row.1, row.3]).collect(),
-                stiffness: column(|row| row.0.abs()),
-                std: has[0].then(|| column(|row| row.1.abs())),
+                stiffness: column(|row| row.0.abs().min(1e12)),
+                std: has[0].then(|| column(|row| row.1.abs().min(1e12))),
                 counts: has[1].then(|| rows.values().map(|row| row.2).collect()),
-                prior: has[2].then(|| column(|row| row.3.abs())),
+                prior: has[2].then(|| column(|row| row.3.abs().min(1e12))),
                 lattice: has[3].then_some(FieldLattice { origin_m, spacing_m, shape: [5, 6, 7] }),
                 cells: has[3].then(|| rows.keys().copied().collect()),
             }

@@ -62,7 +62,7 @@ impl FieldFile {
     /// # Errors
     ///
     /// If an array that is needed is missing, or one does not fit: its type, its length, a number
-    /// that is not finite, a negative stiffness, a cell outside the lattice or given twice.
+    /// that is not finite, a stiffness below 0 or above 1e12 N/m, a cell outside the lattice or given twice.
     pub fn from_arrays(arrays: &Arrays) -> Result<Self, NpzError> {
         let points = arrays.floats("points", &[None, Some(3)])?.as_chunks::<3>().0.to_vec();
         let n = points.len();
@@ -128,12 +128,17 @@ fn given<'a>(arrays: &Arrays, name: &'a str) -> Option<&'a str> {
     arrays.get(name).map(|_| name)
 }
 
-/// `n` numbers that are not negative; N x 1, as OpenVSF may write them, is as good as N.
+/// No point is stiffer, N/m: a thousand times what a steel rod of a centimetre gives.
+const STIFFEST_N_PER_M: f64 = 1e12;
+
+/// `n` numbers that a spring can have; N x 1, as OpenVSF may write them, is as good as N.
 fn springs(arrays: &Arrays, name: &str, n: usize) -> Result<Vec<f64>, NpzError> {
     let is_column = arrays.get(name).is_some_and(|array| array.shape() == [n, 1]);
     let shape: &[_] = if is_column { &[Some(n), Some(1)] } else { &[Some(n)] };
     let numbers = arrays.floats(name, shape)?;
-    arrays.check(name, &numbers, "numbers from 0 on", |number| number >= 0.0)?;
+    arrays.check(name, &numbers, "numbers from 0 to 1e12", |number| {
+        (0.0..=STIFFEST_N_PER_M).contains(&number)
+    })?;
     Ok(numbers)
 }
 

@@ -25,7 +25,7 @@ pub struct BackProjectionConfig {
 impl Default for BackProjectionConfig {
     fn default() -> Self {
         let flying = Some(FlyingPixels::default());
-        Self { depth_range_m: [0.0, f64::INFINITY], crop: None, flying }
+        Self { depth_range_m: [0.0, 1000.0], crop: None, flying }
     }
 }
 
