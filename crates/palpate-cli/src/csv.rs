@@ -1,13 +1,17 @@
 //! Tables for programs.
 
+use crate::output::visible;
+
 /// Rows as CSV, the head first; names may hold commas, quotes and line breaks. A name that a
-/// spreadsheet would take for a formula gets an apostrophe, which makes it a text there.
+/// spreadsheet would take for a formula gets an apostrophe, which makes it a text there; what a
+/// terminal would obey is written as in JSON.
 pub(crate) fn text(rows: impl IntoIterator<Item = Vec<String>>) -> String {
     let quoted = |cell: &String| {
         let is_formula = cell.starts_with(['=', '+', '-', '@', '\t', '\r']);
         let is_number = cell.parse::<f64>().is_ok();
-        let cell = if is_formula && !is_number { format!("'{cell}") } else { cell.clone() };
-        match cell.contains([',', '"', '\n', '\r']) {
+        let cell = visible(cell);
+        let cell = if is_formula && !is_number { format!("'{cell}") } else { cell.into_owned() };
+        match cell.contains([',', '"', '\n']) {
             true => format!("\"{}\"", cell.replace('"', "\"\"")),
             false => cell,
         }
@@ -23,8 +27,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_names_read_back_but_for_the_apostrophe_of_formulas(
-            rows in prop::collection::vec(prop::array::uniform2(".{0,8}|[-=+@,\"\n\r\t1e]{1,6}"), 1..6),
+        fn any_names_read_back_but_for_controls_and_the_apostrophe_of_formulas(
+            rows in prop::collection::vec(prop::array::uniform2(".{0,8}|[-=+@,\"\n\r\t\u{0}\u{1b}1e]{1,6}"), 1..6),
         ) {
             let head = ["name", "other"].map(str::to_owned);
             let written = text([&head].into_iter().chain(&rows).map(|row| row.to_vec()));
@@ -34,7 +38,8 @@ mod tests {
             for (read, row) in read.iter().zip(&rows) {
                 prop_assert_eq!(read.len(), row.len());
                 for (read, cell) in read.iter().zip(row) {
-                    prop_assert!(read == cell || read.strip_prefix('\'') == Some(cell));
+                    let cell = visible(cell);
+                    prop_assert!(read == cell || read.strip_prefix('\'') == Some(&*cell));
                 }
             }
         }
@@ -48,7 +53,8 @@ mod tests {
 
     #[test]
     fn no_name_breaks_its_row() {
-        let names = ["a,b", "say \"x\"", "one\ntwo", "one\rtwo"].map(str::to_owned);
-        assert_eq!(text([names.to_vec()]), "\"a,b\",\"say \"\"x\"\"\",\"one\ntwo\",\"one\rtwo\"\n");
+        let names = ["a,b", "say \"x\"", "one\ntwo", "one\r\u{1b}two"].map(str::to_owned);
+        let wanted = "\"a,b\",\"say \"\"x\"\"\",\"one\ntwo\",one\\u000d\\u001btwo\n";
+        assert_eq!(text([names.to_vec()]), wanted);
     }
 }
