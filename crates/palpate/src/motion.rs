@@ -18,8 +18,12 @@ use crate::setting::SettingError;
 /// compared to count its sub-steps: short enough for chord and arc to differ by a millimetre.
 const PIECE: f64 = 0.1;
 
-/// Motions longer than this many pieces, or pieces of more sub-steps, are refused.
-const MAX_PARTS: f64 = 1000.0;
+/// Motions of more pieces than this are refused: no arm goes two turns, or twelve metres, from one
+/// sample to the next.
+const MAX_PIECES: f64 = 126.0;
+
+/// Pieces of more sub-steps than this are refused.
+const MAX_SUBSTEPS: f64 = 1000.0;
 
 /// Why the arm cannot be followed.
 #[derive(Debug)]
@@ -148,7 +152,7 @@ impl Substeps {
         self.pieces(from.0, to, |[piece, pieces], piece_end| {
             let travel_m = self.chord_length_m(&start, &piece_end);
             let parts = f64::from(contact::substeps(travel_m, self.substep_m));
-            if parts > MAX_PARTS {
+            if parts > MAX_SUBSTEPS {
                 return Err(self.jump(from.0, to.0));
             }
             for part in 1..parts as u32 {
@@ -174,7 +178,7 @@ impl Substeps {
         let way = self.arm.robot.difference(from, to);
         let longest = way.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
         let pieces = (longest / PIECE).ceil().max(1.0);
-        if pieces > MAX_PARTS {
+        if pieces > MAX_PIECES {
             return Err(self.jump(from, to));
         }
         for piece in 0..pieces as u32 {

@@ -270,7 +270,9 @@ fn a_path_that_cannot_be_followed_is_refused_with_the_place() {
     }
     let error = refused(&path(1e300));
     assert!(matches!(&error, PathError::Jump { point: 2, joint, .. } if joint == "slide0"));
-    assert!(matches!(refused(&path(90.0)), PathError::TooLong { point: 2 }));
+    assert!(matches!(refused(&path(13.0)), PathError::Jump { point: 2, .. }));
+    let far: Vec<Vec<f64>> = (0..10).map(|x| vec![10.0 * f64::from(x), 0.0, 0.0]).collect();
+    assert!(matches!(refused(&far), PathError::TooLong { .. }));
     let error = refused(&vec![vec![0.0; 3]; MAX_POINTS + 1]);
     assert!(matches!(error, PathError::TooManyPoints { found: 100_001 }));
     assert!(matches!(refused(&vec![vec![0.0; 3]; 10_001]), PathError::TooLong { point: 10_000 }));
