@@ -62,6 +62,8 @@ pub enum Cause {
     Silence,
     #[error("the mapper does not keep up with the joint states")]
     Lag,
+    #[error("palpate stood still for a while; is the computer too busy?")]
+    Stalled,
     #[error(
         "the arm stands still but is loaded: the torque of joint `{joint}` differs from gravity by \
          {bias_n_m:.2} N·m, more than {limit_n_m:.2} (--guard-bias)"
@@ -229,6 +231,14 @@ impl Guard {
                 state.raised = None;
                 Ok(())
             }
+        }
+    }
+
+    /// Raises a flag that was down: nobody said so for too long.
+    pub fn stalled(&self) {
+        let mut state = self.state();
+        if state.was_down {
+            state.raised.get_or_insert(Cause::Stalled);
         }
     }
 
@@ -529,6 +539,19 @@ mod tests {
         let (ms, cause) = scene.play(10, |state| state.effort[0] = 7.5);
         assert!(ms == 10 && matches!(cause, Some(Cause::Loaded { .. })), "what was up stays up");
         assert_eq!(scene.guard.reset(scene.now()), Err(limit("one", 5.5, false).unwrap()));
+    }
+
+    #[test]
+    fn having_stood_still_raises_it_unless_it_was_up_and_stays() {
+        let mut scene = Scene::new();
+        scene.guard.stalled();
+        scene.play(50, |_| {});
+        scene.guard.tare(&dvector![0.0, 0.0]).unwrap();
+        assert_eq!(scene.cause(), None, "it was up anyway");
+        scene.guard.stalled();
+        assert_eq!(scene.play(500, |_| {}).1, Some(Cause::Stalled));
+        assert_eq!(scene.guard.reset(scene.now()), Ok(()));
+        assert_eq!(scene.cause(), None);
     }
 
     #[test]

@@ -258,6 +258,9 @@ impl Hearing<'_> {
                 }
                 Ok(Some(FromNetwork::Counts(counts))) => self.shared.count(Some(counts), false),
                 Ok(Some(FromNetwork::Published(latency))) => self.shared.latencies.push(latency),
+                Ok(Some(FromNetwork::Stalled)) => {
+                    self.shared.guard.as_ref().inspect(|guard| guard.stalled());
+                }
                 Ok(Some(FromNetwork::Failed(why))) => {
                     self.tell(why);
                     return Some(Ended::Gone);

@@ -32,6 +32,7 @@ const MEMORY: u64 = 56 << 20;
 const LOOK: Duration = Duration::from_millis(20);
 /// A guard that has said nothing for so long has hung.
 const SILENCE: Duration = Duration::from_millis(100);
+const STALLED: &str = "palpate does not answer";
 /// What the last messages take on their way out.
 const FAREWELL: Duration = Duration::from_millis(60);
 
@@ -70,6 +71,7 @@ pub fn run() -> io::Result<()> {
         to_subscriber,
         unsent: Arc::clone(&unsent),
         told: flag.is_some().then(Instant::now),
+        stalled: false,
     };
     thread::Builder::new()
         .name("outgoing".to_owned())
@@ -106,6 +108,8 @@ struct Outgoing {
     unsent: Arc<AtomicU64>,
     /// When palpate last said anything about the flag, if there is a guard.
     told: Option<Instant>,
+    /// Whether the flag was raised here, which palpate has not confirmed yet.
+    stalled: bool,
 }
 
 impl Outgoing {
@@ -126,7 +130,7 @@ impl Outgoing {
             if self.told.is_some_and(|told| now.saturating_duration_since(told) > SILENCE)
                 && repeat.is_due(now)
             {
-                self.flag(Some("palpate does not answer"));
+                self.stall();
             }
         }
     }
@@ -136,7 +140,11 @@ impl Outgoing {
         match message {
             ToNetwork::Flag(cause) => {
                 self.told = Some(Instant::now());
-                self.flag(cause.as_deref());
+                self.stalled &= cause.is_none();
+                match self.stalled {
+                    true => self.flag(Some(STALLED)),
+                    false => self.flag(cause.as_deref()),
+                }
             }
             ToNetwork::Torques(torques) => {
                 let came = torques.came;
@@ -154,6 +162,16 @@ impl Outgoing {
             }
             ToNetwork::Join { .. } => {}
         }
+    }
+
+    /// Raises the flag until palpate does, which must not take it back by going on as if nothing
+    /// had happened.
+    fn stall(&mut self) {
+        if !self.stalled && self.publishers.flag_is_down() {
+            self.stalled = true;
+            let _ = self.to_palpate.send(&FromNetwork::Stalled);
+        }
+        self.flag(Some(STALLED));
     }
 
     fn flag(&mut self, cause: Option<&str>) {

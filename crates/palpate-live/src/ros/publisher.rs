@@ -56,6 +56,8 @@ impl Network {
         let qos = QosProfile::publisher_default()
             .reliability_reliable(WhenFull::Fail)
             .history(History::KeepLast { depth: 100 });
+        // Clouds are large, and a subscriber that falls behind wants the newest.
+        let clouds = qos.clone().history(History::KeepLast { depth: 4 });
         let latched = qos
             .clone()
             .durability(Durability::TransientLocal)
@@ -82,7 +84,7 @@ impl Network {
                 "sensor_msgs/JointState",
                 &qos,
             )?,
-            contacts: self.publisher("/palpate/contacts", "sensor_msgs/PointCloud2", &qos)?,
+            contacts: self.publisher("/palpate/contacts", "sensor_msgs/PointCloud2", &clouds)?,
             field: self.publisher("/palpate/field", "sensor_msgs/PointCloud2", &latched)?,
             diagnostics: self.publisher("/diagnostics", "diagnostic_msgs/DiagnosticArray", &qos)?,
         })
@@ -121,6 +123,11 @@ impl Publishers {
         }
         flag.was_up = stop;
         sent.iter().filter(|sent| !**sent).count() as u64
+    }
+
+    /// Whether a guard's flag was down when it was published last.
+    pub(super) fn flag_is_down(&self) -> bool {
+        self.flag.as_ref().is_some_and(|flag| !flag.was_up)
     }
 
     /// Publishes what was predicted for a sample; whether there was room.

@@ -54,6 +54,8 @@ pub(crate) enum FromNetwork {
     Counts(Counts),
     /// From the arrival of a sample to the publishing of its prediction.
     Published(Duration),
+    /// Nothing was said about a guard's flag for so long that the process has raised it.
+    Stalled,
 }
 
 /// When a sample came.
