@@ -309,9 +309,10 @@ fn a_field_whose_folder_is_gone_at_the_end_is_saved_elsewhere() {
     fs::create_dir(&elsewhere).unwrap();
     let mut live = palpate();
     live.args(["live", "--localhost", "--domain", &domain.number.to_string(), "-o"]);
-    live.arg(gone.join("field.npz")).env("TMPDIR", &elsewhere).stderr(Stdio::piped());
-    let live = live.spawn().unwrap();
-    wait_until("the session", || !names(&gone).is_empty());
+    let socket = folder.path().join("ask");
+    live.arg(gone.join("field.npz")).arg("--ask").arg(&socket);
+    let live = live.env("TMPDIR", &elsewhere).stderr(Stdio::piped()).spawn().unwrap();
+    wait_until("the session", || socket.exists());
     fs::remove_dir_all(&gone).unwrap();
     interrupt(&live);
     let output = live.wait_with_output().unwrap();
