@@ -79,7 +79,7 @@ impl Method {
     /// # Panics
     ///
     /// If this is [`Method::Elastic`] and the touches were tracked without a body
-    /// ([`Tracked::with_body`]).
+    /// ([`Tracked::with_bodies`]).
     pub fn predict(
         self,
         tracked: &Tracked,

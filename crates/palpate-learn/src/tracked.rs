@@ -110,9 +110,14 @@ impl Tracked {
         Self::track(arm, &config, touches, Some(self), stop)
     }
 
+    /// How often [`Self::with_bodies`] calls `step`.
+    pub fn steps_with_bodies(touches: usize, bodies: usize) -> usize {
+        BodyTorques::steps(touches, bodies)
+    }
+
     /// The same with the torques of a body that the arm bends in every touch, for
-    /// [`crate::method::Method::Elastic`]; `step` is called after each touch with each friction, from any
-    /// thread.
+    /// [`crate::method::Method::Elastic`]. Several bodies are what one object may be, the likeliest first.
+    /// `step` is called after each touch with each contact that is tried, from any thread.
     ///
     /// # Errors
     ///
@@ -120,15 +125,15 @@ impl Tracked {
     ///
     /// # Panics
     ///
-    /// If these are not the touches that were tracked.
-    pub fn with_body(
+    /// If these are not the touches that were tracked, or there is no body.
+    pub fn with_bodies(
         mut self,
         arm: &Arc<Arm>,
-        body: &Arc<ElasticBody>,
+        bodies: &[Arc<ElasticBody>],
         touches: &[Touch],
         (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
     ) -> Result<Self, LearnError> {
-        self.body = Some(Arc::new(BodyTorques::new(arm, body, (&self, touches), (stop, step))?));
+        self.body = Some(Arc::new(BodyTorques::new(arm, bodies, (&self, touches), (stop, step))?));
         Ok(self)
     }
 

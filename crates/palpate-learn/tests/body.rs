@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 use palpate::unstable::{ElasticBody, Segment, SegmentKind};
-use palpate_learn::body::{from_cloud, guess_viewpoint};
+use palpate_learn::body::{from_cloud, guess_viewpoint, readings};
 
 const BROWN: [u8; 3] = [110, 65, 30];
 const GREEN: [u8; 3] = [40, 110, 30];
@@ -180,4 +180,42 @@ fn the_camera_of_the_bundled_plant_is_found_in_its_cloud() {
     let guess = guess_viewpoint(cloud.points());
     let apart = (guess - centre).angle(&(camera - centre)).to_degrees();
     assert!(apart < 5.0, "{guess} is off by {apart:.1} degrees");
+}
+
+#[test]
+fn the_first_reading_is_the_body_and_no_two_are_the_same() {
+    let seen = plant();
+    let bodies = readings(&seen.points, &seen.colours, Some(EYE));
+    assert_eq!(bodies[0], seen.body(Some(EYE)));
+    for (number, body) in bodies.iter().enumerate() {
+        assert!(!bodies[..number].contains(body), "reading {number}");
+    }
+}
+
+#[test]
+fn a_stem_is_wood_whatever_its_colour() {
+    let mut seen = Seen::default();
+    for y in [-0.1, 0.0, 0.1] {
+        seen.rod([0.5, y, 0.0], [0.5, y, 0.5], [0.01, 0.009], [2.0, 3.0]);
+    }
+    for (point, colour) in seen.points.iter().zip(&mut seen.colours) {
+        *colour = if point.y > 0.05 { BROWN } else { GREEN };
+    }
+    let body = seen.body(Some(EYE));
+    assert_eq!(body.n_trees(), 3);
+    assert_eq!(wood(&body).len(), body.segments().len(), "no leaves");
+}
+
+#[test]
+fn a_crown_hangs_on_a_stem_of_which_leaves_hide_much() {
+    let mut seen = Seen::default();
+    seen.rod([0.5, 0.0, 0.0], [0.5, 0.0, 0.8], [0.012, 0.006], [0.1, 0.3]);
+    let towards = (EYE - Point3::new(0.5, 0.0, 0.16)).normalize();
+    let middle = Point3::new(0.5, 0.0, 0.16) + 0.04 * towards;
+    let across = Vector3::z().cross(&towards).normalize();
+    seen.leaf(middle.into(), 0.11 * across.cross(&towards), 0.05 * across);
+    let body = seen.body(Some(EYE));
+    let length: f64 = wood(&body).iter().map(|segment| segment.axis().norm()).sum();
+    assert_eq!(body.n_trees(), 1);
+    assert!((length - 0.8).abs() < 0.05, "{length} m of wood");
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use palpate::unstable::{ElasticBody, ElasticContactConfig, Equilibrium, Segment, SegmentKind};
 use palpate::{Arm, BakeConfig, EstimatorKind, Lattice, MapperConfig, Robot, Sample};
-use palpate_learn::elastic::{self, FRICTIONS};
+use palpate_learn::elastic::{self, CONTACTS};
 use palpate_learn::folds::folds;
 use palpate_learn::tracked::{Touch, Tracked};
 
@@ -56,15 +56,19 @@ fn config() -> MapperConfig {
 
 /// Touches of a body that is stiffer by a factor, with a friction.
 fn touches(arm: &Arc<Arm>, factor: f64, friction: f64) -> Vec<Touch> {
+    touches_of(&body(), arm, factor, friction)
+}
+
+fn touches_of(body: &Arc<ElasticBody>, arm: &Arc<Arm>, factor: f64, friction: f64) -> Vec<Touch> {
     let touch = |number: usize| {
         let config = ElasticContactConfig { friction, ..ElasticContactConfig::default() };
-        let mut equilibrium = Equilibrium::new(Arc::clone(arm), body(), config);
+        let mut equilibrium = Equilibrium::new(Arc::clone(arm), Arc::clone(body), config);
         let sample = |frame: usize| {
             let way = frame.saturating_sub(8) as f64 / 40.0;
             let q = vec![-0.05 * number as f64 + 0.05 * way, 0.5 * way];
             let poses = arm.robot.forward(&q).unwrap();
-            equilibrium.advance(&poses);
-            let tau = equilibrium.torque(&poses) * factor;
+            equilibrium.advance(&poses, 0.0);
+            let tau = equilibrium.torques(&poses).column_sum() * factor;
             Sample::new(None, q, tau.as_slice().to_vec())
         };
         Touch {
@@ -78,18 +82,19 @@ fn touches(arm: &Arc<Arm>, factor: f64, friction: f64) -> Vec<Touch> {
 
 fn tracked(arm: &Arc<Arm>, body: &Arc<ElasticBody>, touches: &[Touch]) -> Tracked {
     let tracked = Tracked::new(arm, &config(), touches, NEVER).unwrap();
-    tracked.with_body(arm, body, touches, (NEVER, &|| ())).unwrap()
+    tracked.with_bodies(arm, std::slice::from_ref(body), touches, (NEVER, &|| ())).unwrap()
 }
 
 #[test]
 fn stiffness_and_friction_of_a_known_body_come_back() {
     let arm = arm();
-    let touches = touches(&arm, 2.0, FRICTIONS[2]);
+    let friction = CONTACTS[1][0];
+    let touches = touches(&arm, 2.0, friction);
     let tracked = tracked(&arm, &body(), &touches);
     for fold in folds(4, 4) {
         let found = elastic::predict(&tracked, &fold, &config(), NEVER).unwrap();
-        assert_eq!(found.constants.friction(), FRICTIONS[2]);
-        let factor = found.constants.stiffness_factor;
+        assert_eq!(found.constants.friction(), friction);
+        let factor = found.constants.stiffness_factor();
         assert!((factor / 2.0).ln().abs() < 0.04, "{factor}, wanted 2");
         assert!(found.weights.field < 0.1, "{:?}", found.weights);
         let wanted = &tracked.touches[fold.test[0]].frames;
@@ -100,6 +105,54 @@ fn stiffness_and_friction_of_a_known_body_come_back() {
             assert!(off < 0.1 * peak, "{} N·m, wanted {}", torque[1], frame.target[1]);
         }
     }
+}
+
+#[test]
+fn trees_of_unlike_stiffness_side_by_side_are_told_apart() {
+    let arm = arm();
+    // The stem in the middle is three times as stiff as the others; a stem knows only its own springs.
+    let stiffer = |segment: &Segment| Segment {
+        stiffness_n_m_per_rad: segment.stiffness_n_m_per_rad
+            * if segment.branch == 1 { 3.0 } else { 1.0 },
+        ..segment.clone()
+    };
+    let true_body: Vec<Segment> = body().segments().iter().map(stiffer).collect();
+    let true_body = Arc::new(ElasticBody::new(true_body).unwrap());
+    let touches = touches_of(&true_body, &arm, 1.0, CONTACTS[1][0]);
+    let tracked = tracked(&arm, &body(), &touches);
+    for fold in folds(4, 4) {
+        let found = elastic::predict(&tracked, &fold, &config(), NEVER).unwrap();
+        let factors = found.constants.by_tree().collect::<Vec<_>>();
+        let [first, middle, last] = factors[..] else { panic!("{factors:?}") };
+        assert!(middle > 1.8 * first && middle > 1.8 * last, "{factors:?}");
+    }
+}
+
+#[test]
+fn what_creeps_forgets_from_where_the_arm_came_and_what_does_not_remembers() {
+    let arm = arm();
+    // Presses the rod into the stems beside the place where it then slides to, and waits there.
+    let force_from = |beside_m: f64, creep_s: f64, waits: usize| {
+        let config = ElasticContactConfig { friction: 5.0, creep_s, ..Default::default() };
+        let mut equilibrium = Equilibrium::new(Arc::clone(&arm), body(), config);
+        let way = (0..40).map(|n| [beside_m, 0.01 * f64::from(n)]);
+        let slide = (0..20).map(|n| [beside_m * (1.0 - f64::from(n) / 19.0), 0.39]);
+        let mut force = 0.0;
+        for (sample, q) in way.chain(slide).chain(vec![[0.0, 0.39]; waits]).enumerate() {
+            let poses = arm.robot.forward(&q).unwrap();
+            equilibrium.advance(&poses, if sample < 60 { 0.0 } else { 0.05 });
+            force = equilibrium.torques(&poses).column_sum()[0];
+        }
+        force
+    };
+    let apart = |creep_s: f64, waits: usize| {
+        (force_from(0.02, creep_s, waits) - force_from(-0.02, creep_s, waits)).abs()
+    };
+    let held = apart(0.0, 1);
+    assert!(held > 0.5, "{held} N");
+    assert!((apart(0.0, 50) / held - 1.0).abs() < 0.01, "{} N, {held} before", apart(0.0, 50));
+    let [soon, late] = [3, 300].map(|waits| apart(1e-3, waits));
+    assert!(late < 0.1 * held && late < 0.5 * soon, "{held}, {soon} and {late} N");
 }
 
 #[test]

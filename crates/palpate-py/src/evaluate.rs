@@ -89,7 +89,7 @@ pub(crate) fn evaluate<'py>(
             estimators: configs(&settings)?,
             tune,
             truth,
-            body: None,
+            bodies: Vec::new(),
         };
         work.evaluate(&Nowhere, progress)
     })?;

@@ -126,7 +126,7 @@ fn evaluate_all(
         estimators: configs(&settings)?,
         tune: false,
         truth: false,
-        body: None,
+        bodies: Vec::new(),
     };
     let logs = vec!["the bundled touches".to_owned()];
     let origin = Origin { simulated: true, logs, settings };

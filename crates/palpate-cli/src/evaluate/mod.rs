@@ -13,7 +13,7 @@ use askama::Template;
 use palpate::unstable::{ElasticBody, SegmentKind};
 use palpate::{Arm, Field, MapperConfig};
 use palpate_io::log::is_simulated;
-use palpate_learn::body::from_cloud;
+use palpate_learn::body::readings;
 use palpate_learn::method::Method;
 use palpate_work::evaluate::{
     Evaluated, Work, as_touches, configs, each_once, folds, method_of, number,
@@ -110,7 +110,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         let unused = "--camera, --camera-pose and --crop-* are for a --cloud, which is not given";
         return Err(CliError::Usage(unused.to_owned()));
     }
-    let body = args.cloud.as_ref().map(|cloud| body(cloud, &args.picture, output)).transpose()?;
+    let bodies =
+        args.cloud.as_ref().map(|cloud| bodies(cloud, &args.picture, output)).transpose()?;
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
@@ -128,7 +129,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         estimators,
         tune: args.tune,
         truth: args.truth,
-        body,
+        bodies: bodies.unwrap_or_default(),
     };
     let origin = Origin {
         simulated: args.logs.iter().all(|log| is_simulated(log)),
@@ -144,11 +145,16 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     written
 }
 
-/// The elastic body of a cloud; says what was found.
-fn body(cloud: &Path, picture: &CloudArgs, output: &Output) -> Result<Arc<ElasticBody>, CliError> {
+/// The elastic bodies that a cloud may be; says what was found.
+fn bodies(
+    cloud: &Path,
+    picture: &CloudArgs,
+    output: &Output,
+) -> Result<Vec<Arc<ElasticBody>>, CliError> {
     let seen = picture.read(cloud, output)?;
     let colours = seen.colours().expect("read with colours");
-    let body = from_cloud(seen.points(), colours, picture.viewpoint(cloud)?).ok_or_else(|| {
+    let bodies = readings(seen.points(), colours, picture.viewpoint(cloud)?);
+    let body = bodies.first().ok_or_else(|| {
         let cloud = cloud.display();
         CliError::from(format!(
             "no stem or branch was found among the {} points of `{cloud}`, which the method elastic \
@@ -161,10 +167,11 @@ fn body(cloud: &Path, picture: &CloudArgs, output: &Output) -> Result<Arc<Elasti
     let branches =
         of(SegmentKind::Wood).map(|segment| segment.branch).max().map_or(0, |last| last + 1);
     output.note(&format!(
-        "elastic body: {length:.2} m of wood in {branches} stems and branches, {} leaves",
-        of(SegmentKind::Leaf).count()
+        "elastic body: {length:.2} m of wood in {branches} stems and branches, {} leaves; read in {} ways",
+        of(SegmentKind::Leaf).count(),
+        bodies.len()
     ));
-    Ok(Arc::new(body))
+    Ok(bodies.into_iter().map(Arc::new).collect())
 }
 
 /// Where the touches of an evaluation come from.

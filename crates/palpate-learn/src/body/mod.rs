@@ -2,7 +2,7 @@
 //!
 //! | file       | does                                                                             |
 //! |------------|----------------------------------------------------------------------------------|
-//! | `wood`     | parts wood from leaves by colour                                                  |
+//! | `wood`     | parts wood from leaves by colour and shape                                        |
 //! | `skeleton` | level sets of the distance from the root; joins pieces across gaps                |
 //! | `tubes`    | axis and radius of each branch: from the seen width, then by least squares         |
 //! | `fit`      | the least squares of one branch                                                    |
@@ -29,7 +29,7 @@ use std::collections::HashSet;
 use nalgebra::{Point3, Vector3};
 use palpate::unstable::{ElasticBody, Segment, SegmentKind};
 
-use self::skeleton::{Branch, SkeletonNode};
+use self::skeleton::{Branch, Joining, SkeletonNode};
 use self::tubes::{Tube, at_arc};
 use self::view::View;
 pub use self::view::guess_viewpoint;
@@ -42,15 +42,7 @@ const SEGMENT_M: f64 = 0.03;
 const MOST_POINTS: usize = 60_000;
 const THINNED_M: f64 = 0.0015;
 
-/// The elastic body of an object.
-///
-/// - `points`: world frame, m; `colours`: sRGB, one for each point;
-/// - `viewpoint`: where the camera stood, m, world frame; if it is not known, a place from which no
-///   point hides another.
-///
-/// Springs are those of round rods of [`WOOD_MODULUS_PA`]: `E π r⁴ / 4` over the length that a joint
-/// stands for. The same cloud gives the same body. Cost: 0.1 s for 30,000 points, and a second
-/// for the search of the camera.
+/// The elastic body of an object, the first of its [`readings`].
 ///
 /// Returns `None` if no branch is found.
 ///
@@ -62,35 +54,90 @@ pub fn from_cloud(
     colours: &[[u8; 3]],
     viewpoint: Option<Point3<f64>>,
 ) -> Option<ElasticBody> {
-    assert_eq!(points.len(), colours.len(), "a colour for each point");
-    let (points, colours) = thinned(points, colours);
-    let is_wood = wood::is_wood(&colours);
-    let part = |wanted: bool| -> (Vec<Point3<f64>>, Vec<[u8; 3]>) {
-        let of = points.iter().zip(&colours).zip(&is_wood).filter(|(_, wood)| **wood == wanted);
-        of.map(|((point, colour), _)| (*point, *colour)).unzip()
-    };
-    let ((wood_points, _), (leaf_points, leaf_colours)) = (part(true), part(false));
-    if wood_points.is_empty() {
-        return None;
-    }
-    let view = View::new(&points, viewpoint.unwrap_or_else(|| guess_viewpoint(&points)));
-    let nodes = skeleton::skeleton(&wood_points, &view);
-    let branches = skeleton::branches(&nodes);
-    let mut tubes = tubes::tubes(&wood_points, &view, &nodes, &branches);
-    radii::draw_together(&mut tubes, &carriers(&nodes, &branches));
+    Cloud::new(points, colours, viewpoint)?.body(&Joining::ALL[0])
+}
 
-    let mut segments = Vec::new();
-    // The segment that carries each node.
-    let mut carrying: Vec<Option<u32>> = vec![None; nodes.len()];
-    for (number, (branch, tube)) in branches.iter().zip(&tubes).enumerate() {
-        let parent = if branch.carried { carrying[branch.nodes[0]] } else { None };
-        cut(tube, parent, number as u32, &mut segments, |node, segment| {
-            carrying[branch.nodes[node]].get_or_insert(segment);
-        });
+/// The elastic bodies that a cloud of an object can be read as. They differ in what hangs together across
+/// gaps: a branch that comes out of hidden space may hang from any of several others, and only touches
+/// tell from which.
+///
+/// - `points`: world frame, m; `colours`: sRGB, one for each point;
+/// - `viewpoint`: where the camera stood, m, world frame; if it is not known, a place from which no
+///   point hides another.
+///
+/// Springs are those of round rods of [`WOOD_MODULUS_PA`]: `E π r⁴ / 4` over the length that a joint
+/// stands for. The same cloud gives the same body. Cost: 0.1 s for 30,000 points, and a second
+/// for the search of the camera.
+///
+/// No two of them are the same; there are none if no branch is found.
+///
+/// # Panics
+///
+/// If there is not one colour for each point.
+pub fn readings(
+    points: &[Point3<f64>],
+    colours: &[[u8; 3]],
+    viewpoint: Option<Point3<f64>>,
+) -> Vec<ElasticBody> {
+    let mut bodies = Vec::new();
+    if let Some(cloud) = Cloud::new(points, colours, viewpoint) {
+        for body in Joining::ALL.iter().filter_map(|joining| cloud.body(joining)) {
+            if !bodies.contains(&body) {
+                bodies.push(body);
+            }
+        }
     }
-    let leaves = leaves::leaves(&leaf_points, &leaf_colours, &segments, &view);
-    segments.extend(leaves);
-    ElasticBody::new(segments).ok()
+    bodies
+}
+
+/// A cloud, parted.
+struct Cloud {
+    wood: Vec<Point3<f64>>,
+    leaves: (Vec<Point3<f64>>, Vec<[u8; 3]>),
+    view: View,
+}
+
+impl Cloud {
+    fn new(
+        points: &[Point3<f64>],
+        colours: &[[u8; 3]],
+        viewpoint: Option<Point3<f64>>,
+    ) -> Option<Self> {
+        assert_eq!(points.len(), colours.len(), "a colour for each point");
+        let (points, colours) = thinned(points, colours);
+        let is_wood = wood::is_wood(&points, &colours);
+        let part = |wanted: bool| -> (Vec<Point3<f64>>, Vec<[u8; 3]>) {
+            let of = points.iter().zip(&colours).zip(&is_wood).filter(|(_, wood)| **wood == wanted);
+            of.map(|((point, colour), _)| (*point, *colour)).unzip()
+        };
+        let ((wood, _), leaves) = (part(true), part(false));
+        if wood.is_empty() {
+            return None;
+        }
+        let view = View::new(&points, viewpoint.unwrap_or_else(|| guess_viewpoint(&points)));
+        Some(Self { wood, leaves, view })
+    }
+
+    /// The body that it is if its pieces hang together in a way.
+    fn body(&self, joining: &Joining) -> Option<ElasticBody> {
+        let nodes = skeleton::skeleton(&self.wood, &self.view, joining);
+        let branches = skeleton::branches(&nodes);
+        let mut tubes = tubes::tubes(&self.wood, &self.view, &nodes, &branches);
+        radii::draw_together(&mut tubes, &carriers(&nodes, &branches));
+
+        let mut segments = Vec::new();
+        // The segment that carries each node.
+        let mut carrying: Vec<Option<u32>> = vec![None; nodes.len()];
+        for (number, (branch, tube)) in branches.iter().zip(&tubes).enumerate() {
+            let parent = if branch.carried { carrying[branch.nodes[0]] } else { None };
+            cut(tube, parent, number as u32, &mut segments, |node, segment| {
+                carrying[branch.nodes[node]].get_or_insert(segment);
+            });
+        }
+        let leaves = leaves::leaves(&self.leaves.0, &self.leaves.1, &segments, &self.view);
+        segments.extend(leaves);
+        ElasticBody::new(segments).ok()
+    }
 }
 
 /// One point, the first, in each small cube of a large cloud.

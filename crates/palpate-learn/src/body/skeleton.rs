@@ -5,14 +5,33 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use super::graph::Graph;
 use super::view::View;
 
-/// Points nearer than this hang together, m.
-const JOINED_M: f64 = 0.006;
+/// What is taken to hang together.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Joining {
+    /// Points nearer than this do, m.
+    near_m: f64,
+    /// Pieces of fewer points are left out.
+    fewest_points: usize,
+    /// What a gap costs by its length if it lies across the direction of its piece; along it, one less.
+    across: f64,
+}
+
+impl Joining {
+    /// The one that is right most often first.
+    pub(super) const ALL: [Self; 4] = [
+        Self { near_m: 0.006, fewest_points: 4, across: 2.0 },
+        Self { near_m: 0.008, fewest_points: 4, across: 2.0 },
+        Self { near_m: 0.006, fewest_points: 10, across: 2.0 },
+        Self { near_m: 0.006, fewest_points: 4, across: 1.3 },
+    ];
+}
+
 /// Height of a level set, m.
 const LEVEL_M: f64 = 0.008;
-/// Widest gap that is bridged, m.
+/// Widest gap that is bridged, m,
 const WIDEST_GAP_M: f64 = 0.12;
-/// Pieces of fewer points are left out.
-const FEWEST_POINTS: usize = 4;
+/// or as a share of the size of the piece: leaves may hide much of a stem.
+const WIDEST_GAP_SHARE: f64 = 0.5;
 /// Pieces that reach down to this above the lowest point stand on the ground, m,
 const GROUND_M: f64 = 0.03;
 /// if no larger one does so within this, m.
@@ -32,11 +51,15 @@ pub(super) struct SkeletonNode {
 }
 
 /// Nodes of wood points, each after the one that it hangs from.
-pub(super) fn skeleton(points: &[Point3<f64>], view: &View) -> Vec<SkeletonNode> {
-    let graph = Graph::new(points, JOINED_M, |_, _| true);
+pub(super) fn skeleton(
+    points: &[Point3<f64>],
+    view: &View,
+    joining: &Joining,
+) -> Vec<SkeletonNode> {
+    let graph = Graph::new(points, joining.near_m, |_, _| true);
     let all: Vec<u32> = (0..points.len() as u32).collect();
     let mut pieces = graph.pieces(&all);
-    pieces.retain(|piece| piece.len() >= FEWEST_POINTS);
+    pieces.retain(|piece| piece.len() >= joining.fewest_points);
     let lowest = |piece: &[u32]| {
         piece.iter().map(|&point| points[point as usize].z).fold(f64::INFINITY, f64::min)
     };
@@ -60,7 +83,7 @@ pub(super) fn skeleton(points: &[Point3<f64>], view: &View) -> Vec<SkeletonNode>
             hanging.push(piece);
         }
     }
-    join(&mut builder, &hanging, view);
+    join(&mut builder, &hanging, view, joining);
     prune(builder.nodes)
 }
 
@@ -119,8 +142,17 @@ fn middle(points: &[Point3<f64>], members: &[u32]) -> Point3<f64> {
     Point3::from(sum / members.len() as f64)
 }
 
-/// The direction in which some points stretch most, and their spread along it, m.
-fn direction(points: &[Point3<f64>], members: &[u32]) -> (Vector3<f64>, f64) {
+/// The diagonal of the box around some points, m.
+fn size_m(points: &[Point3<f64>], members: &[u32]) -> f64 {
+    let places = || members.iter().map(|&at| points[at as usize].coords);
+    let Some(first) = places().next() else { return 0.0 };
+    let (low, high) =
+        places().fold((first, first), |(low, high), at| (low.inf(&at), high.sup(&at)));
+    (high - low).norm()
+}
+
+/// The direction in which some points stretch most, and their spread along it and across, m.
+pub(super) fn direction(points: &[Point3<f64>], members: &[u32]) -> (Vector3<f64>, [f64; 2]) {
     let centre = middle(points, members);
     let spread = members.iter().fold(Matrix3::zeros(), |sum, &at| {
         let apart = points[at as usize] - centre;
@@ -128,7 +160,9 @@ fn direction(points: &[Point3<f64>], members: &[u32]) -> (Vector3<f64>, f64) {
     }) / members.len() as f64;
     let eigen = SymmetricEigen::new(spread);
     let largest = eigen.eigenvalues.imax();
-    (eigen.eigenvectors.column(largest).into_owned(), eigen.eigenvalues[largest].max(0.0).sqrt())
+    let mut spreads_m = eigen.eigenvalues.map(|square| square.max(0.0).sqrt());
+    let along_m = std::mem::take(&mut spreads_m[largest]);
+    (eigen.eigenvectors.column(largest).into_owned(), [along_m, spreads_m.max()])
 }
 
 /// The cheapest bridge that was found to a piece.
@@ -141,15 +175,18 @@ struct Bridge {
 
 /// Joins pieces to the tree, the cheapest bridge first (Prim): short ones, through space that the camera
 /// has not seen to be free, in the direction of the piece.
-fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], view: &View) {
+fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], view: &View, joining: &Joining) {
     let points = builder.points;
+    let widest_m: Vec<f64> = (pieces.iter())
+        .map(|piece| f64::max(WIDEST_GAP_M, WIDEST_GAP_SHARE * size_m(points, piece)))
+        .collect();
     let directions: Vec<_> = pieces.iter().map(|piece| direction(points, piece)).collect();
     let mut best: Vec<Option<Bridge>> = vec![None; pieces.len()];
     let mut left: Vec<usize> = (0..pieces.len()).collect();
     let mut looked = 0;
     loop {
         for &at in &left {
-            let (along, spread_m) = directions[at];
+            let (along, [spread_m, _]) = directions[at];
             for (node, candidate) in builder.nodes.iter().enumerate().skip(looked) {
                 let nearest = pieces[at].iter().map(|&point| {
                     (point, (points[point as usize] - candidate.place).norm_squared())
@@ -158,7 +195,7 @@ fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], view: &View) {
                     continue;
                 };
                 let length = squared.sqrt() + 1e-6;
-                if length > WIDEST_GAP_M || best[at].is_some_and(|best| length + 0.004 >= best.cost)
+                if length > widest_m[at] || best[at].is_some_and(|best| length + 0.004 >= best.cost)
                 {
                     continue;
                 }
@@ -167,7 +204,7 @@ fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], view: &View) {
                     if length > 0.008 { view.seen_free(&candidate.place, &place) } else { 0.0 };
                 let gap = place - candidate.place;
                 let aligned = if spread_m > 0.008 { gap.dot(&along).abs() / length } else { 0.5 };
-                let cost = length * (1.0 + 3.0 * free) * (2.0 - aligned) + 0.004;
+                let cost = length * (1.0 + 3.0 * free) * (joining.across - aligned) + 0.004;
                 if best[at].is_none_or(|best| cost < best.cost) {
                     best[at] = Some(Bridge { cost, node, point });
                 }
@@ -177,7 +214,7 @@ fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], view: &View) {
         let next = left.iter().copied().filter_map(|at| Some((at, best[at]?)));
         let Some((at, bridge)) = next.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost)) else { return };
         left.retain(|&other| other != at);
-        if bridge.cost > 1.5 * WIDEST_GAP_M {
+        if bridge.cost > 1.5 * widest_m[at] {
             continue;
         }
         let place = points[bridge.point as usize];

@@ -1,7 +1,34 @@
-//! Wood against leaf, by colour.
+//! Wood against leaf: by colour, and by shape where a stem has the colour of leaves.
 
-/// Whether each point is wood: redder than it is green, by the threshold that parts the two best (Otsu).
-pub(super) fn is_wood(colours: &[[u8; 3]]) -> Vec<bool> {
+use nalgebra::Point3;
+
+use super::graph::Graph;
+use super::skeleton::direction;
+
+/// Points of a stem hang together across gaps of this, m.
+const JOINED_M: f64 = 0.006;
+/// A piece that is spread by as much as this along it, m (a rod of 17 cm),
+const LONG_M: f64 = 0.05;
+/// and by less than this share of it in any direction across is a rod, whatever its colour.
+const THIN: f64 = 0.12;
+
+/// Whether each point is wood.
+pub(super) fn is_wood(points: &[Point3<f64>], colours: &[[u8; 3]]) -> Vec<bool> {
+    let mut is_wood = is_redder(colours);
+    let leaves: Vec<u32> =
+        (0..points.len() as u32).filter(|&point| !is_wood[point as usize]).collect();
+    let graph = Graph::new(points, JOINED_M, |a, b| is_wood[a] == is_wood[b]);
+    for piece in graph.pieces(&leaves) {
+        let (_, [along_m, across_m]) = direction(points, &piece);
+        if along_m > LONG_M && across_m < THIN * along_m {
+            piece.iter().for_each(|&point| is_wood[point as usize] = true);
+        }
+    }
+    is_wood
+}
+
+/// Whether each colour is redder than it is green, by the threshold that parts the two best (Otsu).
+fn is_redder(colours: &[[u8; 3]]) -> Vec<bool> {
     let redness: Vec<f64> = colours
         .iter()
         .map(|[red, green, _]| {

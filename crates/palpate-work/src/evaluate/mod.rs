@@ -5,7 +5,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use palpate::unstable::ElasticBody;
 use palpate::{Arm, ContactConfig, Field, MapperConfig};
 use palpate_learn::LearnError;
-use palpate_learn::elastic::FRICTIONS;
 use palpate_learn::evaluate::{Part, Plan};
 use palpate_learn::evaluation::Evaluation;
 use palpate_learn::folds::Fold;
@@ -85,8 +84,8 @@ pub struct Work<'a> {
     pub tune: bool,
     /// Whether true torques are to be predicted.
     pub truth: bool,
-    /// The elastic body of the object, for [`Method::Elastic`].
-    pub body: Option<Arc<ElasticBody>>,
+    /// The elastic bodies that the object may be, for [`Method::Elastic`]; none if nobody saw it.
+    pub bodies: Vec<Arc<ElasticBody>>,
 }
 
 /// What came out.
@@ -163,11 +162,13 @@ impl Work<'_> {
         (keep, progress): (&dyn Keep, &dyn Progress),
     ) -> Result<Tracked, WorkError> {
         let wanted = self.methods.contains(&Method::Elastic);
-        let Some(body) = self.body.as_ref().filter(|_| wanted) else { return Ok(tracked) };
-        let steps = (self.touches.len() * FRICTIONS.len()) as u64;
-        let bar = progress.begin(Some(steps), "touches", "simulating the elastic body");
+        if self.bodies.is_empty() || !wanted {
+            return Ok(tracked);
+        }
+        let steps = Tracked::steps_with_bodies(self.touches.len(), self.bodies.len());
+        let bar = progress.begin(Some(steps as u64), "touches", "simulating the elastic body");
         let (stop, step) = (|| progress.stopped(), || bar.step());
-        let tracked = tracked.with_body(self.arm, body, self.touches, (&stop, &step));
+        let tracked = tracked.with_bodies(self.arm, &self.bodies, self.touches, (&stop, &step));
         let tracked = tracked.map_err(|error| self.fault(error, keep))?;
         if let Some(settled) = tracked.settled().filter(|settled| settled.unsettled > 0) {
             let percent = 100.0 * settled.unsettled as f64 / settled.samples as f64;

@@ -2,6 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::mobility::mobilities;
+
 /// What a segment stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SegmentKind {
@@ -57,6 +59,9 @@ impl Segment {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ElasticBody {
     segments: Vec<Segment>,
+    mobilities: Vec<f64>,
+    /// By segment, which of the trees it belongs to.
+    trees: Vec<u32>,
 }
 
 /// What makes a body impossible.
@@ -104,11 +109,33 @@ impl ElasticBody {
             }
             positive("the length", part.axis().norm())?;
         }
-        Ok(Self { segments })
+        let mobilities = mobilities(&segments);
+        let mut trees: Vec<u32> = Vec::with_capacity(segments.len());
+        let mut roots = 0..;
+        for segment in &segments {
+            let above = segment.parent.map(|parent| trees[parent as usize]);
+            trees.extend(above.or_else(|| roots.next()));
+        }
+        Ok(Self { segments, mobilities, trees })
     }
 
     /// The segments, each after the one that carries it.
     pub fn segments(&self) -> &[Segment] {
         &self.segments
+    }
+
+    /// By segment, which tree it belongs to: those that stand on the ground are numbered in their order.
+    pub fn trees(&self) -> &[u32] {
+        &self.trees
+    }
+
+    /// How many trees there are; they do not touch each other.
+    pub fn n_trees(&self) -> usize {
+        self.trees.iter().max().map_or(0, |&last| last as usize + 1)
+    }
+
+    /// By segment, the acceleration of its middle under a unit force, 1/kg.
+    pub(super) fn mobilities(&self) -> &[f64] {
+        &self.mobilities
     }
 }

@@ -18,11 +18,14 @@ pub struct ElasticContactConfig {
     pub stiffness_n_per_m: f64,
     /// Of a contact point across the normal, as a share of the same.
     pub tangential_share: f64,
+    /// How fast a held point creeps, s: its speed is this times its acceleration if nothing else held
+    /// it. So heavy parts stick and light ones slip away; with 0 nothing creeps.
+    pub creep_s: f64,
 }
 
 impl Default for ElasticContactConfig {
     fn default() -> Self {
-        Self { friction: 0.3, stiffness_n_per_m: 500.0, tangential_share: 0.5 }
+        Self { friction: 0.3, stiffness_n_per_m: 500.0, tangential_share: 0.5, creep_s: 0.0 }
     }
 }
 
@@ -109,12 +112,13 @@ pub(super) struct Resistance {
 
 impl ElasticContactConfig {
     /// What resists at a point in a link that is `offset_m` from its anchor, where the normal force of the
-    /// iteration before was `pressed_n`, N.
+    /// iteration before was `pressed_n`, N. The tangential spring is `yields` times as soft as it would be
+    /// if nothing crept.
     pub(super) fn resistance(
         &self,
         pressed: &Pressed,
         offset_m: &Vector3<f64>,
-        pressed_n: f64,
+        (pressed_n, yields): (f64, f64),
     ) -> Resistance {
         let (k, n) = (self.stiffness_n_per_m, pressed.normal());
         let tangent = Matrix3::identity() - n * n.transpose();
@@ -123,7 +127,8 @@ impl ElasticContactConfig {
         let mut curvature = k * pressed.slope * pressed.slope.transpose();
 
         let slip = tangent * offset_m;
-        let (kt, size, limit) = (k * self.tangential_share, slip.norm(), self.friction * pressed_n);
+        let kt = k * self.tangential_share / yields;
+        let (size, limit) = (slip.norm(), self.friction * pressed_n);
         if kt * size <= limit {
             energy += 0.5 * kt * size * size;
             slope += kt * slip;
@@ -135,6 +140,13 @@ impl ElasticContactConfig {
             curvature += limit / size * (tangent - along * along.transpose());
         }
         Resistance { energy, slope, curvature }
+    }
+
+    /// By how much creeping in a time softens the tangential spring of a point of this mobility, 1/kg
+    /// (Maxwell's element, by implicit Euler).
+    pub(super) fn yields(&self, mobility: f64, time_s: f64) -> f64 {
+        let kt = self.stiffness_n_per_m * self.tangential_share;
+        1.0 + time_s * self.creep_s * mobility * kt
     }
 
     /// The longest elastic slip of a point that is pressed so hard, m.
@@ -158,8 +170,9 @@ mod tests {
         let anchor = Vector3::new(0.004, 0.001, -0.002);
         for slip_m in [0.0001, 0.004] {
             let point = anchor + Vector3::new(-0.002, slip_m, 0.5 * slip_m);
-            let resist =
-                |at: Vector3<f64>| config.resistance(&pressed(&at, 0.005), &(at - anchor), 2.0);
+            let resist = |at: Vector3<f64>| {
+                config.resistance(&pressed(&at, 0.005), &(at - anchor), (2.0, 1.5))
+            };
             let here = resist(point);
             for axis in 0..3 {
                 let nudge = Vector3::ith(axis, 1e-7);
@@ -180,7 +193,7 @@ mod tests {
         let config = ElasticContactConfig { friction: 0.3, ..ElasticContactConfig::default() };
         for slip_m in [0.001, 0.01, 0.1] {
             let at = Vector3::new(0.0, slip_m, 0.0);
-            let force = -config.resistance(&pressed(&at, 0.004), &at, 2.0).slope;
+            let force = -config.resistance(&pressed(&at, 0.004), &at, (2.0, 1.0)).slope;
             assert!(force.y < 0.0 && force.y.abs() <= 0.3 * 2.0 + 1e-12, "{} N", force.y);
         }
     }

@@ -6,9 +6,10 @@
 //! Rotations are exact: a branch that bends moves on an arc, and that is where the gain over springs by
 //! point comes from.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::{DVector, Isometry3, Point3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{DMatrix, Isometry3, Point3, UnitQuaternion, Vector3, Vector6};
 
 use super::body::ElasticBody;
 use super::contact::{Anchor, ElasticContactConfig, PlacedLink, Resistance, deepest};
@@ -64,6 +65,8 @@ pub struct Equilibrium {
     state: State,
     /// Where the links were.
     before: Option<Vec<Isometry3<f64>>>,
+    /// How long the sub-step takes that is being made, s; 0 between them.
+    substep_s: f64,
 }
 
 #[derive(Clone)]
@@ -102,7 +105,7 @@ impl Equilibrium {
             anchors: vec![None; points.len()],
             ignored: vec![false; points.len()],
         };
-        Self { arm, body, config, points, first, state, before: None }
+        Self { arm, body, config, points, first, state, before: None, substep_s: 0.0 }
     }
 
     /// The arm that bends it.
@@ -110,11 +113,12 @@ impl Equilibrium {
         &self.arm
     }
 
-    /// Moves the arm on and lets the body come to rest.
+    /// Moves the arm on, which takes a time, s, and lets the body come to rest. The time matters only to
+    /// what creeps.
     ///
     /// The first position of a touch is taken to be free of the body: points of it that are in a link
     /// there are left out until the next touch.
-    pub fn advance(&mut self, poses: &Poses) -> Settled {
+    pub fn advance(&mut self, poses: &Poses, time_s: f64) -> Settled {
         let now = &poses.world_from_link;
         let Some(before) = self.before.replace(now.clone()) else {
             self.ignore_what_is_in_the_arm(now);
@@ -122,6 +126,7 @@ impl Equilibrium {
         };
         let substeps = self.substeps(&before, now);
         let mut settled = Settled::default();
+        self.substep_s = time_s / f64::from(substeps);
         for step in 1..=substeps {
             let share = f64::from(step) / f64::from(substeps);
             let between: Vec<Isometry3<f64>> = before
@@ -131,30 +136,32 @@ impl Equilibrium {
                 .collect();
             self.settle(&between, &mut settled);
         }
+        self.substep_s = 0.0;
         settled
     }
 
     /// The joint torque of the body on the arm at a stiffness factor of one, `Σ Sᵀ (f, m)` over the
-    /// links, n_joints, N·m. `poses` are those of the last [`Equilibrium::advance`].
-    pub fn torque(&self, poses: &Poses) -> DVector<f64> {
+    /// links, n_joints × trees of the body, N·m. `poses` are those of the last [`Equilibrium::advance`].
+    pub fn torques(&self, poses: &Poses) -> DMatrix<f64> {
         let robot = &self.arm.robot;
-        let mut torque = DVector::zeros(robot.n_joints());
-        let Some(links) = &self.before else { return torque };
+        let mut torques = DMatrix::zeros(robot.n_joints(), self.body.n_trees());
+        let Some(links) = &self.before else { return torques };
         let (placed, posed) = (placed(&self.arm, links), self.posed());
         let near = self.near(&placed, &posed);
-        // Force, N, and moment about the world's origin, N·m, on each link.
-        let mut wrenches = vec![Vector6::zeros(); placed.len()];
+        // Force, N, and moment about the world's origin, N·m, on each link by each tree.
+        let mut wrenches: BTreeMap<(usize, u32), Vector6<f64>> = BTreeMap::new();
         self.each_pressed(&placed, &near, &posed, |pressed, at, resistance| {
             // The slope of the energy is minus the force on the body: the force on the arm.
             let (force, moment) = (resistance.slope, at.coords.cross(&resistance.slope));
-            wrenches[pressed.link] +=
+            *wrenches.entry((pressed.link, self.body.trees()[pressed.segment])).or_default() +=
                 Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
         });
-        for (link, wrench) in placed.iter().zip(wrenches).filter(|(_, w)| w.norm_squared() > 0.0) {
-            let spatial = robot.spatial_jacobian(poses, LinkId(link.index as u16));
+        for ((link, tree), wrench) in wrenches {
+            let spatial = robot.spatial_jacobian(poses, LinkId(placed[link].index as u16));
+            let mut torque = torques.column_mut(tree as usize);
             torque += spatial.transpose() * wrench;
         }
-        torque
+        torques
     }
 
     fn ignore_what_is_in_the_arm(&mut self, links: &[Isometry3<f64>]) {
@@ -316,6 +323,7 @@ impl Equilibrium {
     fn slide_anchors(&mut self, placed: &[PlacedLink<'_>], near: &[Vec<u16>]) {
         let posed = self.posed();
         self.update_anchors(placed, near, &posed);
+        let mobilities = self.body.mobilities();
         for (index, point) in self.points.iter().enumerate() {
             let Some(anchor) = &mut self.state.anchors[index] else { continue };
             let Some(link) = placed.iter().find(|link| link.index == anchor.link) else { continue };
@@ -325,6 +333,7 @@ impl Equilibrium {
             let normal = normal.try_normalize(1e-9).unwrap_or(Vector3::z());
             let offset = at - link.world_from_link * anchor.place_link;
             let slip = offset - normal * normal.dot(&offset);
+            let slip = slip / self.config.yields(mobilities[point.segment], self.substep_s);
             let longest = self.config.longest_slip_m(anchor.pressed_n);
             // The anchor keeps the height of its point: only what is across counts.
             let kept = if slip.norm() > longest { slip * (longest / slip.norm()) } else { slip };
@@ -364,7 +373,8 @@ impl Equilibrium {
                 let at = posed.point(point.segment, &point.lever_m);
                 let Some(pressed) = deepest(placed, near, &at, point.radius_m) else { continue };
                 let (offset, pressed_n) = self.offset(index, placed, pressed.link, &at);
-                let resistance = self.config.resistance(&pressed, &offset, pressed_n);
+                let yields = self.config.yields(self.body.mobilities()[segment], self.substep_s);
+                let resistance = self.config.resistance(&pressed, &offset, (pressed_n, yields));
                 then(&PressedAt { segment, link: pressed.link }, &at, &resistance);
             }
         }
@@ -460,19 +470,19 @@ mod tests {
         let arm = Arc::clone(&equilibrium.arm);
         let force = |&depth: &f64| {
             let poses = arm.robot.forward(&[depth - BALL_M]).expect("one joint");
-            let settled = equilibrium.advance(&poses);
+            let settled = equilibrium.advance(&poses, 0.01);
             assert_eq!(
                 settled.unsettled, 0,
                 "at {depth} m after {} iterations",
                 settled.iterations
             );
-            equilibrium.torque(&poses)[0].abs()
+            equilibrium.torques(&poses).sum().abs()
         };
         depths_m.iter().map(force).collect()
     }
 
     fn stiff(friction: f64) -> ElasticContactConfig {
-        ElasticContactConfig { friction, stiffness_n_per_m: 1e5, tangential_share: 0.5 }
+        ElasticContactConfig { friction, stiffness_n_per_m: 1e5, ..ElasticContactConfig::default() }
     }
 
     fn ramp(to_m: f64, steps: usize) -> Vec<f64> {

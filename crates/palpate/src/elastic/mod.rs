@@ -8,17 +8,20 @@
 //! | file          | says                                                                        |
 //! |---------------|-----------------------------------------------------------------------------|
 //! | `body`        | segments at rest                                                             |
+//! | `mobility`    | how easily a segment is set in motion                                        |
 //! | `pose`        | where the segments are, for given turns of the joints                        |
 //! | `tree`        | Newton's equations of a tree, solved in time linear in its segments          |
 //! | `contact`     | what resists where a point of the body is in a link                          |
 //! | `equilibrium` | the search for the position of rest, and the torque there                    |
 //!
-//! Nothing here has mass: gravity is in the shape that the body has at rest, and a branch that snaps free
-//! is at rest in the next sample. The module knows no cloud, and not what was measured.
+//! Nothing here takes time, but for contacts that creep ([`ElasticContactConfig::creep_s`]): gravity is in
+//! the shape that the body has at rest, and a branch that snaps free is at rest in the next sample. The
+//! module knows no cloud, and not what was measured.
 
 mod body;
 mod contact;
 mod equilibrium;
+mod mobility;
 mod pose;
 mod tree;
 

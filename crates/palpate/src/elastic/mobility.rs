@@ -1,0 +1,79 @@
+//! How easily a segment is set in motion: the acceleration of its middle under a unit force, by what it
+//! and all that it hangs from and carries weigh. Springs take no part: they are slower.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::body::{Segment, SegmentKind};
+use super::tree::{self, Node};
+
+/// Of living wood and of leaves, kg/m³.
+const DENSITY: [f64; 2] = [700.0, 250.0];
+/// Of a joint, kg·m²: thin rods turn about themselves too easily otherwise.
+const INERTIA: f64 = 1e-7;
+
+/// By segment, 1/kg, the mean over three directions.
+pub(super) fn mobilities(segments: &[Segment]) -> Vec<f64> {
+    let at_rest: Vec<Node> = segments.iter().map(|segment| node(segment, segments)).collect();
+    let mobility = |index: usize| {
+        let along = |axis: usize| {
+            let mut nodes = at_rest.clone();
+            let (lever, push) = (0.5 * segments[index].axis(), Vector3::ith(axis, 1.0));
+            nodes[index].add(&lever, &push, &Matrix3::zeros());
+            tree::minimise(&mut nodes).1
+        };
+        (0..3).map(along).sum::<f64>() / 3.0
+    };
+    (0..segments.len()).map(mobility).collect()
+}
+
+/// A segment with its weight in place of what resists: half of it at each of two points, which have its
+/// moment of inertia.
+fn node(segment: &Segment, segments: &[Segment]) -> Node {
+    let parent = segment.parent.map(|parent| parent as usize);
+    let arm = parent.map_or(Vector3::zeros(), |at| segment.start() - segments[at].start());
+    let mut node = Node::free(parent, arm, INERTIA);
+    let kg = Matrix3::from_diagonal_element(0.5 * mass_kg(segment));
+    let apart = 0.5 / 3_f64.sqrt();
+    for share in [0.5 - apart, 0.5 + apart] {
+        node.add(&(share * segment.axis()), &Vector3::zeros(), &kg);
+    }
+    node
+}
+
+fn mass_kg(segment: &Segment) -> f64 {
+    let (length_m, radius_m) = (segment.axis().norm(), segment.radius_m);
+    let quarter_turn = std::f64::consts::FRAC_PI_4;
+    match segment.kind {
+        SegmentKind::Wood => DENSITY[0] * 4.0 * quarter_turn * radius_m * radius_m * length_m,
+        // An ellipse of this length and width.
+        SegmentKind::Leaf => {
+            let width_m = 2.0 * segment.half_width().norm();
+            DENSITY[1] * 2.0 * radius_m * quarter_turn * width_m * length_m
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rod_on_a_joint_has_the_mobility_of_a_pendulum() {
+        let rod = Segment {
+            parent: None,
+            kind: SegmentKind::Wood,
+            start_m: [0.0; 3],
+            end_m: [0.2, 0.0, 0.0],
+            bare_m: 0.0,
+            radius_m: 0.01,
+            half_width_m: [0.0; 3],
+            stiffness_n_m_per_rad: 1.0,
+            branch: 0,
+        };
+        // Across in two directions, (L / 2)² over m L² / 3; along it the joint holds.
+        let kg = 700.0 * std::f64::consts::PI * 0.01 * 0.01 * 0.2;
+        let wanted = 2.0 / 3.0 * 0.75 / kg;
+        let found = mobilities(&[rod])[0];
+        assert!((found / wanted - 1.0).abs() < 1e-3, "{found} and {wanted} per kg");
+    }
+}
