@@ -13,6 +13,7 @@ type Figure = fn(&Summary) -> Option<MeanStd>;
 /// What a method is, for readers who do not know its name.
 pub(super) fn gloss(method: &str) -> &'static str {
     match method {
+        "elastic" => "a body that bends, and map for the rest",
         "map" => "stiffness field, exact estimate",
         "ekf" => "stiffness field, the paper's Kalman filter",
         "mlp" => "multilayer perceptron from joint positions",
