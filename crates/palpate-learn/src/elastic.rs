@@ -37,6 +37,10 @@ const TORQUE_FLOOR: f64 = 1.0;
 const TREE_SPREAD: f64 = 1.0;
 /// As many frames of a touch as differ in what they say.
 const FRAMES_THAT_DIFFER: f64 = 3.0;
+/// No body explains torques better than this, relative to them: what does, has learnt by heart.
+const BEST_ERROR: f64 = 0.2;
+/// Bodies are not believed to push harder than this many times the largest torque of a training touch.
+const HARDEST: f64 = 2.0;
 
 /// n_joints × trees of the body, N·m at a stiffness factor of one, by touch and frame of [`Tracked`].
 type Simulated = Vec<Vec<DMatrix<f64>>>;
@@ -69,6 +73,8 @@ pub struct Constants {
     contact: usize,
     /// By body.
     shares: Vec<Share>,
+    /// The largest torque that is believed, N·m over all joints.
+    hardest_n_m: f64,
 }
 
 /// What the training touches say of one of several bodies.
@@ -179,7 +185,11 @@ impl BodyTorques {
     /// Torque in a frame, n_joints, N·m.
     fn torque(&self, constants: &Constants, touch: usize, frame: usize) -> DVector<f64> {
         let bodies = self.bodies(constants.contact).zip(&constants.shares);
-        bodies.map(|(torques, share)| &torques[touch][frame] * &share.factors * share.weight).sum()
+        let torque: DVector<f64> = bodies
+            .map(|(torques, share)| &torques[touch][frame] * &share.factors * share.weight)
+            .sum();
+        let size = torque.norm();
+        if size > constants.hardest_n_m { torque * (constants.hardest_n_m / size) } else { torque }
     }
 
     /// The contact with which the first body explains the measured torques of some touches best, and the
@@ -201,7 +211,9 @@ impl BodyTorques {
         let mut shares: Vec<Share> = shares.collect();
         let sum: f64 = shares.iter().map(|share| share.weight).sum();
         shares.iter_mut().for_each(|share| share.weight /= sum);
-        Constants { contact, shares }
+        let frames = touches.iter().flat_map(|&touch| &tracked.touches[touch].frames);
+        let largest = frames.map(|frame| frame.observation.tau().norm()).fold(0.0, f64::max);
+        Constants { contact, shares, hardest_n_m: HARDEST * largest }
     }
 }
 
@@ -223,14 +235,22 @@ fn factors(torques: &Simulated, tracked: &Tracked, touches: &[usize]) -> (DVecto
         touches.iter().map(error).sum()
     };
     let n_trees = torques.iter().flatten().next().map_or(1, DMatrix::ncols);
-    let tried = (0..FACTORS).map(|factor| {
-        let factor = 0.1 * 100_f64.powf(factor as f64 / (FACTORS - 1) as f64);
+    let tried = (0..FACTORS).map(|number| {
+        let factor = 0.1 * 100_f64.powf(number as f64 / (FACTORS - 1) as f64);
         let factors = DVector::from_element(n_trees, factor);
         let error = error(&factors);
-        (factors, error)
+        (number, factors, error)
     });
-    let common = tried.min_by(|a, b| a.1.total_cmp(&b.1)).expect("there are factors");
-    if n_trees == 1 {
+    let best = tried.min_by(|a, b| a.2.total_cmp(&b.2)).expect("there are factors");
+    if best.0 == 0 || best.0 == FACTORS - 1 {
+        // Still better beyond what is tried: this is not the object.
+        let none = DVector::zeros(n_trees);
+        let error = error(&none);
+        return (none, error);
+    }
+    let common = (best.1, best.2);
+    // More trees than touches would be told apart by heart.
+    if n_trees == 1 || n_trees > touches.len() {
         return common;
     }
     let by_tree = by_tree(torques, tracked, touches, &common.0);
@@ -269,12 +289,12 @@ fn by_tree(
     let mut change = DVector::zeros(n);
     for _ in 0..3 {
         let left_over = left_over + change.dot(&(&curvature * &change - 2.0 * &slope));
-        let noise = left_over.max(0.0) / count.max(1.0) / FRAMES_THAT_DIFFER;
-        let ridge = DMatrix::from_diagonal_element(n, n, noise / TREE_SPREAD.powi(2) + 1e-9);
+        let noise = f64::max(left_over / count.max(1.0), BEST_ERROR.powi(2)) / FRAMES_THAT_DIFFER;
+        let ridge = DMatrix::from_diagonal_element(n, n, noise / TREE_SPREAD.powi(2));
         let Some(held) = (&curvature + ridge).cholesky() else { break };
         change = held.solve(&slope);
     }
-    common.zip_map(&change, |common, change| common * (1.0 + change).max(0.1))
+    common.zip_map(&change, |common, change| common * (1.0 + change).clamp(0.1, 10.0))
 }
 
 /// The body's torque in the frames of a touch.
@@ -426,7 +446,7 @@ pub fn predict(
     let mut both = Learner::new((body, tracked), config, Some(constants.clone()))?;
     let mut body_error = 0.0;
     for (place, &touch) in fold.train.iter().enumerate() {
-        let counts = 2 * place >= fold.train.len();
+        let counts = 2 * place >= fold.train.len() || fold.train.len() == 1;
         if counts {
             let of_body = |frame: usize| body.torque(&constants, touch, frame);
             body_error += touch_error(tracked, touch, of_body);

@@ -176,3 +176,20 @@ fn a_body_that_is_not_there_is_not_believed() {
         assert!((torque[1] - map[1]).abs() <= 0.05 * map[1].abs() + 1e-9, "{torque:?}, {map:?}");
     }
 }
+
+#[test]
+fn a_body_that_would_have_to_be_far_stiffer_is_none_even_after_a_single_touch() {
+    let arm = arm();
+    let touches = touches(&arm, 100.0, 0.4);
+    let tracked = tracked(&arm, &body(), &touches);
+    let mut fold = folds(4, 4)[3].clone();
+    fold.train.truncate(1);
+    let found = elastic::predict(&tracked, &fold, &config(), NEVER).unwrap();
+    let map =
+        palpate_learn::method::Method::Map.predict(&tracked, &fold, &config(), NEVER).unwrap();
+    assert_eq!(found.constants.stiffness_factor(), 0.0);
+    for (torque, map) in found.torques[0].iter().zip(&map[0]) {
+        // A third of it is the body alone, which says nothing.
+        assert!(torque[1].abs() <= map[1].abs() + 1e-9, "{torque:?}, {map:?}");
+    }
+}
