@@ -35,12 +35,12 @@ const TORQUE_FLOOR: f64 = 1.0;
 
 /// Relative spread of the stiffness of trees about their common factor.
 const TREE_SPREAD: f64 = 1.0;
-/// As many frames of a touch as differ in what they say.
+/// Effective number of independent frames in a touch.
 const FRAMES_THAT_DIFFER: f64 = 3.0;
-/// No body explains torques better than this, relative to them: what does, has learnt by heart.
+/// Least relative error of a body that is not overfitted.
 const BEST_ERROR: f64 = 0.2;
-/// Bodies are not believed to push harder than this many times the largest torque of a training touch.
-const HARDEST: f64 = 2.0;
+/// The torque of the bodies is limited to this many times the largest torque of the training touches.
+const TORQUE_LIMIT: f64 = 2.0;
 
 /// n_joints × trees of the body, N·m at a stiffness factor of one, by touch and frame of [`Tracked`].
 type Simulated = Vec<Vec<DMatrix<f64>>>;
@@ -73,8 +73,8 @@ pub struct Constants {
     contact: usize,
     /// By body.
     shares: Vec<Share>,
-    /// The largest torque that is believed, N·m over all joints.
-    hardest_n_m: f64,
+    /// The norm to which the torque of the bodies is limited, N·m over all joints.
+    torque_limit_n_m: f64,
 }
 
 /// What the training touches say of one of several bodies.
@@ -189,7 +189,11 @@ impl BodyTorques {
             .map(|(torques, share)| &torques[touch][frame] * &share.factors * share.weight)
             .sum();
         let size = torque.norm();
-        if size > constants.hardest_n_m { torque * (constants.hardest_n_m / size) } else { torque }
+        if size > constants.torque_limit_n_m {
+            torque * (constants.torque_limit_n_m / size)
+        } else {
+            torque
+        }
     }
 
     /// The contact with which the first body explains the measured torques of some touches best, and the
@@ -213,7 +217,7 @@ impl BodyTorques {
         shares.iter_mut().for_each(|share| share.weight /= sum);
         let frames = touches.iter().flat_map(|&touch| &tracked.touches[touch].frames);
         let largest = frames.map(|frame| frame.observation.tau().norm()).fold(0.0, f64::max);
-        Constants { contact, shares, hardest_n_m: HARDEST * largest }
+        Constants { contact, shares, torque_limit_n_m: TORQUE_LIMIT * largest }
     }
 }
 
@@ -243,13 +247,13 @@ fn factors(torques: &Simulated, tracked: &Tracked, touches: &[usize]) -> (DVecto
     });
     let best = tried.min_by(|a, b| a.2.total_cmp(&b.2)).expect("there are factors");
     if best.0 == 0 || best.0 == FACTORS - 1 {
-        // Still better beyond what is tried: this is not the object.
+        // The best factor lies outside of the range: this body is not the object.
         let none = DVector::zeros(n_trees);
         let error = error(&none);
         return (none, error);
     }
     let common = (best.1, best.2);
-    // More trees than touches would be told apart by heart.
+    // With more trees than touches, factors by tree would be overfitted.
     if n_trees == 1 || n_trees > touches.len() {
         return common;
     }
@@ -285,7 +289,7 @@ fn by_tree(
             slope += by_tree.tr_mul(&off) * each;
         }
     }
-    // What is left over says how much is noise, and that how much is left over.
+    // The residual gives the noise, and the noise the ridge, which changes the residual.
     let mut change = DVector::zeros(n);
     for _ in 0..3 {
         let left_over = left_over + change.dot(&(&curvature * &change - 2.0 * &slope));

@@ -193,3 +193,24 @@ fn a_body_that_would_have_to_be_far_stiffer_is_none_even_after_a_single_touch() 
         assert!(torque[1].abs() <= map[1].abs() + 1e-9, "{torque:?}, {map:?}");
     }
 }
+
+#[test]
+fn a_clock_that_goes_back_or_gives_no_number_counts_as_no_time() {
+    let arm = arm();
+    let torques = |time_s: f64| {
+        let config = ElasticContactConfig { creep_s: 1e-2, ..Default::default() };
+        let mut equilibrium = Equilibrium::new(Arc::clone(&arm), body(), config);
+        let mut torques = Vec::new();
+        for n in 0..40 {
+            let poses = arm.robot.forward(&[0.001 * f64::from(n), 0.01 * f64::from(n)]).unwrap();
+            equilibrium.advance(&poses, time_s);
+            torques.push(equilibrium.torques(&poses));
+        }
+        torques
+    };
+    let still = torques(0.0);
+    assert!(still[39].norm() > 0.5 && still != torques(0.05), "creep matters here");
+    for time_s in [-1.0, f64::NAN, f64::NEG_INFINITY] {
+        assert_eq!(torques(time_s), still, "{time_s} s");
+    }
+}

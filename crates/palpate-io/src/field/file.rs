@@ -128,7 +128,7 @@ fn given<'a>(arrays: &Arrays, name: &'a str) -> Option<&'a str> {
     arrays.get(name).map(|_| name)
 }
 
-/// No point is stiffer, N/m: a thousand times what a steel rod of a centimetre gives.
+/// The largest stiffness of a point that is read, N/m; a steel rod of 1 cm has about 1e8.
 const STIFFEST_N_PER_M: f64 = 1e12;
 
 /// `n` numbers that a spring can have; N x 1, as OpenVSF may write them, is as good as N.

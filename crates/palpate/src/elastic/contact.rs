@@ -18,8 +18,8 @@ pub struct ElasticContactConfig {
     pub stiffness_n_per_m: f64,
     /// Of a contact point across the normal, as a share of the same.
     pub tangential_share: f64,
-    /// How fast a held point creeps, s: its speed is this times its acceleration if nothing else held
-    /// it. So heavy parts stick and light ones slip away; with 0 nothing creeps.
+    /// Creep of held points, s: slip speed = this × tangential force × mobility of the segment (1/kg).
+    /// So heavy parts stick and light parts slip; 0 is Coulomb friction.
     pub creep_s: f64,
 }
 

@@ -114,7 +114,7 @@ impl Equilibrium {
     }
 
     /// Moves the arm on, which takes a time, s, and lets the body come to rest. The time matters only to
-    /// what creeps.
+    /// contacts that creep; clocks that stand, go back or give no number count as no time.
     ///
     /// The first position of a touch is taken to be free of the body: points of it that are in a link
     /// there are left out until the next touch.
@@ -126,7 +126,7 @@ impl Equilibrium {
         };
         let substeps = self.substeps(&before, now);
         let mut settled = Settled::default();
-        self.substep_s = time_s / f64::from(substeps);
+        self.substep_s = f64::max(time_s, 0.0) / f64::from(substeps); // 0 for NaN
         for step in 1..=substeps {
             let share = f64::from(step) / f64::from(substeps);
             let between: Vec<Isometry3<f64>> = before

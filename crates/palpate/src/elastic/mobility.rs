@@ -1,14 +1,18 @@
-//! How easily a segment is set in motion: the acceleration of its middle under a unit force, by what it
-//! and all that it hangs from and carries weigh. Springs take no part: they are slower.
+//! Mobility of a segment: the acceleration of its middle under a unit force. It follows from the masses
+//! of all segments of the tree; springs are left out.
+
+use std::f64::consts::{FRAC_PI_4, PI};
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::body::{Segment, SegmentKind};
 use super::tree::{self, Node};
 
-/// Of living wood and of leaves, kg/m³.
-const DENSITY: [f64; 2] = [700.0, 250.0];
-/// Of a joint, kg·m²: thin rods turn about themselves too easily otherwise.
+/// Density of living wood, kg/m³.
+const WOOD_KG_PER_M3: f64 = 700.0;
+/// Density of leaves, kg/m³.
+const LEAF_KG_PER_M3: f64 = 250.0;
+/// Inertia of a joint, kg·m²: thin rods would turn about their own axis too easily.
 const INERTIA: f64 = 1e-7;
 
 /// By segment, 1/kg, the mean over three directions.
@@ -26,29 +30,28 @@ pub(super) fn mobilities(segments: &[Segment]) -> Vec<f64> {
     (0..segments.len()).map(mobility).collect()
 }
 
-/// A segment with its weight in place of what resists: half of it at each of two points, which have its
-/// moment of inertia.
+/// A segment with masses in place of stiffness: half of its mass at each of two points, so that the
+/// moment of inertia is that of a rod.
 fn node(segment: &Segment, segments: &[Segment]) -> Node {
     let parent = segment.parent.map(|parent| parent as usize);
     let arm = parent.map_or(Vector3::zeros(), |at| segment.start() - segments[at].start());
     let mut node = Node::free(parent, arm, INERTIA);
-    let kg = Matrix3::from_diagonal_element(0.5 * mass_kg(segment));
+    let half = Matrix3::from_diagonal_element(0.5 * mass_kg(segment));
     let apart = 0.5 / 3_f64.sqrt();
     for share in [0.5 - apart, 0.5 + apart] {
-        node.add(&(share * segment.axis()), &Vector3::zeros(), &kg);
+        node.add(&(share * segment.axis()), &Vector3::zeros(), &half);
     }
     node
 }
 
 fn mass_kg(segment: &Segment) -> f64 {
     let (length_m, radius_m) = (segment.axis().norm(), segment.radius_m);
-    let quarter_turn = std::f64::consts::FRAC_PI_4;
     match segment.kind {
-        SegmentKind::Wood => DENSITY[0] * 4.0 * quarter_turn * radius_m * radius_m * length_m,
+        SegmentKind::Wood => WOOD_KG_PER_M3 * PI * radius_m * radius_m * length_m,
         // An ellipse of this length and width.
         SegmentKind::Leaf => {
             let width_m = 2.0 * segment.half_width().norm();
-            DENSITY[1] * 2.0 * radius_m * quarter_turn * width_m * length_m
+            LEAF_KG_PER_M3 * 2.0 * radius_m * FRAC_PI_4 * width_m * length_m
         }
     }
 }
@@ -71,7 +74,7 @@ mod tests {
             branch: 0,
         };
         // Across in two directions, (L / 2)² over m L² / 3; along it the joint holds.
-        let kg = 700.0 * std::f64::consts::PI * 0.01 * 0.01 * 0.2;
+        let kg = 700.0 * PI * 0.01 * 0.01 * 0.2;
         let wanted = 2.0 / 3.0 * 0.75 / kg;
         let found = mobilities(&[rod])[0];
         assert!((found / wanted - 1.0).abs() < 1e-3, "{found} and {wanted} per kg");
