@@ -167,7 +167,7 @@ fn bodies(
     let branches =
         of(SegmentKind::Wood).map(|segment| segment.branch).max().map_or(0, |last| last + 1);
     output.note(&format!(
-        "elastic body: {length:.2} m of wood in {branches} stems and branches, {} leaves; read in {} ways",
+        "elastic body: {length:.2} m of wood in {branches} stems and branches, {} leaves; variants compared: {}",
         of(SegmentKind::Leaf).count(),
         bodies.len()
     ));

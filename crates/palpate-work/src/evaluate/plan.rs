@@ -37,8 +37,8 @@ pub fn method_of(name: &str) -> Result<Method, String> {
 pub fn each_once(given: &[Method], has_body: bool) -> Result<Vec<Method>, WorkError> {
     if given.contains(&Method::Elastic) && !has_body {
         return Err(WorkError::Usage(
-            "the method `elastic` bends a body that it gets from a coloured cloud or a picture with depth \
-             of the object: name that too (`--cloud object.ply` of `palpate evaluate`)"
+            "the method `elastic` needs a coloured cloud, or a picture with depth, of the object: name it \
+             as well (`--cloud object.ply` of `palpate evaluate`)"
                 .to_owned(),
         ));
     }

@@ -1,0 +1,177 @@
+//! A body that bends is what is expected, and a field explains what is left over.
+//!
+//! The torque of an elastic body is in proportion to its stiffness: a touch is simulated once, and the
+//! factor of stiffness is fitted afterwards. Where several trees stand side by side, each has a factor of
+//! its own, drawn to the common one. Friction changes how the body moves, so every touch is
+//! simulated with each of a few kinds of contact ([`CONTACTS`]); the one that explains the training
+//! touches best is kept. Where a cloud can be read in several ways, the torques of its bodies are
+//! averaged, each with the weight of its error on the training touches to the power of -8.
+//! The remaining torque is learnt by `map`.
+//!
+//! Field, body, and both are averaged, each with the weight of its error to the power of -4: how well it
+//! predicted the later training touches before they were learnt. So the result is not much worse than the
+//! best of them, also on a touch that is unlike those.
+//!
+//! | file        | does                                                                  |
+//! |-------------|-----------------------------------------------------------------------|
+//! | `simulated` | torques of the bodies along all touches, with each kind of contact     |
+//! | `stiffness` | contact and stiffness from training touches                            |
+
+mod simulated;
+mod stiffness;
+
+use nalgebra::DVector;
+use palpate::MapperConfig;
+use palpate::unstable::{Cell, Estimator, FrameId};
+
+use self::stiffness::touch_error;
+use crate::error::{LearnError, Stop, unless_stopped};
+use crate::folds::Fold;
+use crate::method::Torques;
+use crate::tracked::Tracked;
+
+pub(crate) use self::simulated::BodyTorques;
+pub use self::simulated::{CONTACTS, Settled};
+pub use self::stiffness::Constants;
+
+/// How far each is believed; they add up to one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weights {
+    /// The field alone.
+    pub field: f64,
+    /// The body alone.
+    pub body: f64,
+    /// The body, and the field for what it leaves over.
+    pub both: f64,
+}
+
+impl Weights {
+    /// By the errors of field, body and both.
+    fn of(errors: [f64; 3]) -> Self {
+        let weights = errors.map(|error| f64::max(error, 1e-6).powi(-4));
+        let [field, body, both] = weights.map(|weight| weight / weights.iter().sum::<f64>());
+        Self { field, body, both }
+    }
+}
+
+/// What a fold's training touches say of its test touches.
+#[derive(Debug, Clone)]
+pub struct Predicted {
+    /// Predicted torques of the test touches.
+    pub torques: Torques,
+    /// Of the body.
+    pub constants: Constants,
+    /// What predicted them.
+    pub weights: Weights,
+}
+
+/// A field that learns what the body leaves over, and how well both predicted touches before they were
+/// learnt.
+struct Learner<'a> {
+    body: &'a BodyTorques,
+    tracked: &'a Tracked,
+    config: &'a MapperConfig,
+    /// Nothing for the field alone.
+    constants: Option<Constants>,
+    estimator: Box<dyn Estimator>,
+    error: f64,
+}
+
+impl<'a> Learner<'a> {
+    fn new(
+        (body, tracked): (&'a BodyTorques, &'a Tracked),
+        config: &'a MapperConfig,
+        constants: Option<Constants>,
+    ) -> Result<Self, LearnError> {
+        let estimator = config.estimator(tracked.n_joints)?;
+        Ok(Self { body, tracked, config, constants, estimator, error: 0.0 })
+    }
+
+    fn cells(&self) -> Vec<Cell> {
+        self.tracked.with_stiffness(|row| self.estimator.stiffness(row))
+    }
+
+    /// Torque of body and field in a frame, n_joints, N·m.
+    fn torque(&self, cells: &[Cell], touch: usize, frame: usize) -> DVector<f64> {
+        let field = self.tracked.touches[touch].frames[frame].predict(cells);
+        DVector::from_vec(field) + self.of_body(touch, frame)
+    }
+
+    fn of_body(&self, touch: usize, frame: usize) -> DVector<f64> {
+        match &self.constants {
+            Some(constants) => self.body.torque(constants, touch, frame),
+            None => DVector::zeros(self.tracked.n_joints),
+        }
+    }
+
+    /// Predicts a touch, if it `counts`, and learns it.
+    fn learn(
+        &mut self,
+        place: usize,
+        touch: usize,
+        counts: bool,
+        stop: Stop<'_>,
+    ) -> Result<(), LearnError> {
+        if counts {
+            let cells = self.cells();
+            self.error +=
+                touch_error(self.tracked, touch, |frame| self.torque(&cells, touch, frame));
+        }
+        for (index, frame) in self.tracked.touches[touch].frames.iter().enumerate() {
+            unless_stopped(stop)?;
+            if frame.observation.n_contacts() == 0 {
+                self.estimator.advance_time();
+                continue;
+            }
+            let left_over = frame.observation.tau() - self.of_body(touch, index);
+            let observation = frame.observation.clone().with_tau(&left_over);
+            let source = FrameId { touch: place as u32, sample: frame.sample };
+            self.estimator.correct(&self.tracked.points_m, observation, source)?;
+            self.estimator.replay(self.config.estimator.replays);
+        }
+        Ok(())
+    }
+}
+
+/// Learns a fold's training touches, and predicts its test touches by field and body.
+///
+/// # Errors
+///
+/// If a setting is out of its range, or a frame cannot be used.
+///
+/// # Panics
+///
+/// If the touches were tracked without a body ([`Tracked::with_bodies`]).
+pub fn predict(
+    tracked: &Tracked,
+    fold: &Fold,
+    config: &MapperConfig,
+    stop: Stop<'_>,
+) -> Result<Predicted, LearnError> {
+    let body = tracked.body.as_deref().expect("the caller gave a body");
+    let constants = body.constants(tracked, &fold.train);
+    let mut field = Learner::new((body, tracked), config, None)?;
+    let mut both = Learner::new((body, tracked), config, Some(constants.clone()))?;
+    let mut body_error = 0.0;
+    for (place, &touch) in fold.train.iter().enumerate() {
+        let counts = 2 * place >= fold.train.len() || fold.train.len() == 1;
+        if counts {
+            let of_body = |frame: usize| body.torque(&constants, touch, frame);
+            body_error += touch_error(tracked, touch, of_body);
+        }
+        field.learn(place, touch, counts, stop)?;
+        both.learn(place, touch, counts, stop)?;
+    }
+    let weights = Weights::of([field.error, body_error, both.error]);
+    let cells = [field.cells(), both.cells()];
+    let torque = |touch: usize, frame: usize| {
+        weights.field * field.torque(&cells[0], touch, frame)
+            + weights.body * body.torque(&constants, touch, frame)
+            + weights.both * both.torque(&cells[1], touch, frame)
+    };
+    let frames = |&touch: &usize| {
+        let frames = 0..tracked.touches[touch].frames.len();
+        frames.map(|frame| torque(touch, frame).as_slice().to_vec()).collect()
+    };
+    Ok(Predicted { torques: fold.test.iter().map(frames).collect(), constants, weights })
+}

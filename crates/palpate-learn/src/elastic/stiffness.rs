@@ -1,0 +1,187 @@
+//! Contact and stiffness that explain the measured torques of some touches best.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::simulated::{BodyTorques, CONTACTS, Simulated};
+use crate::tracked::Tracked;
+
+/// Factors of stiffness that are tried, from a tenth to ten.
+const FACTORS: usize = 81;
+/// Frames below this torque have no relative error, N·m.
+const TORQUE_FLOOR: f64 = 1.0;
+
+/// Relative spread of the stiffness of trees about their common factor.
+const TREE_SPREAD: f64 = 1.0;
+/// Effective number of independent frames in a touch.
+const FRAMES_THAT_DIFFER: f64 = 3.0;
+/// Least relative error of a body that is not overfitted.
+const BEST_ERROR: f64 = 0.2;
+/// The torque of the bodies is limited to this many times the largest torque of the training touches.
+const TORQUE_LIMIT: f64 = 2.0;
+
+/// What the training touches say of a body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Constants {
+    /// Which of [`CONTACTS`].
+    contact: usize,
+    /// By body.
+    shares: Vec<Share>,
+    /// The norm to which the torque of the bodies is limited, N·m over all joints.
+    torque_limit_n_m: f64,
+}
+
+/// What the training touches say of one of several bodies.
+#[derive(Debug, Clone, PartialEq)]
+struct Share {
+    /// How far it is believed; they add up to one.
+    weight: f64,
+    /// Factors on the stiffness of the springs, by tree.
+    factors: DVector<f64>,
+}
+
+impl Constants {
+    /// Sliding friction between arm and body.
+    pub fn friction(&self) -> f64 {
+        CONTACTS[self.contact][0]
+    }
+
+    /// Factors on the stiffness of the springs of each tree, of the body that is believed most.
+    pub fn by_tree(&self) -> impl Iterator<Item = f64> {
+        let most = self.shares.iter().max_by(|a, b| a.weight.total_cmp(&b.weight));
+        most.into_iter().flat_map(|share| share.factors.iter().copied())
+    }
+
+    /// Factor on the stiffness of the springs, the mean of trees and bodies.
+    pub fn stiffness_factor(&self) -> f64 {
+        self.shares.iter().map(|share| share.weight * share.factors.mean()).sum()
+    }
+}
+
+impl BodyTorques {
+    /// Torque in a frame, n_joints, N·m.
+    pub(super) fn torque(&self, constants: &Constants, touch: usize, frame: usize) -> DVector<f64> {
+        let bodies = self.bodies(constants.contact).zip(&constants.shares);
+        let torque: DVector<f64> = bodies
+            .map(|(torques, share)| &torques[touch][frame] * &share.factors * share.weight)
+            .sum();
+        let size = torque.norm();
+        if size > constants.torque_limit_n_m {
+            torque * (constants.torque_limit_n_m / size)
+        } else {
+            torque
+        }
+    }
+
+    /// The contact with which the first body explains the measured torques of some touches best, and the
+    /// sum of its errors.
+    pub(super) fn contact(&self, tracked: &Tracked, touches: &[usize]) -> (usize, f64) {
+        let errors = self.first.iter().map(|torques| factors(torques, tracked, touches).1);
+        let best = errors.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+        best.expect("there are contacts")
+    }
+
+    /// Contact and stiffness that explain the measured torques of some touches best: they have the least
+    /// mean over touches of the average relative error.
+    pub(super) fn constants(&self, tracked: &Tracked, touches: &[usize]) -> Constants {
+        let (contact, _) = self.contact(tracked, touches);
+        let shares = self.bodies(contact).map(|torques| {
+            let (factors, error) = factors(torques, tracked, touches);
+            Share { weight: f64::max(error, 1e-6).powi(-8), factors }
+        });
+        let mut shares: Vec<Share> = shares.collect();
+        let sum: f64 = shares.iter().map(|share| share.weight).sum();
+        shares.iter_mut().for_each(|share| share.weight /= sum);
+        let frames = touches.iter().flat_map(|&touch| &tracked.touches[touch].frames);
+        let largest = frames.map(|frame| frame.observation.tau().norm()).fold(0.0, f64::max);
+        Constants { contact, shares, torque_limit_n_m: TORQUE_LIMIT * largest }
+    }
+}
+
+/// The factors of stiffness that explain the measured torques of some touches best, by tree, and the sum
+/// of the average relative errors.
+fn factors(torques: &Simulated, tracked: &Tracked, touches: &[usize]) -> (DVector<f64>, f64) {
+    let error = |factors: &DVector<f64>| -> f64 {
+        let error =
+            |&touch: &usize| touch_error(tracked, touch, |frame| &torques[touch][frame] * factors);
+        touches.iter().map(error).sum()
+    };
+    let n_trees = torques.iter().flatten().next().map_or(1, DMatrix::ncols);
+    let tried = (0..FACTORS).map(|number| {
+        let factor = 0.1 * 100_f64.powf(number as f64 / (FACTORS - 1) as f64);
+        let factors = DVector::from_element(n_trees, factor);
+        let error = error(&factors);
+        (number, factors, error)
+    });
+    let best = tried.min_by(|a, b| a.2.total_cmp(&b.2)).expect("there are factors");
+    if best.0 == 0 || best.0 == FACTORS - 1 {
+        // The best factor lies outside of the range: this body is not the object.
+        let none = DVector::zeros(n_trees);
+        let error = error(&none);
+        return (none, error);
+    }
+    let common = (best.1, best.2);
+    // With more trees than touches, factors by tree would be overfitted.
+    if n_trees == 1 || n_trees > touches.len() {
+        return common;
+    }
+    let by_tree = by_tree(torques, tracked, touches, &common.0);
+    let then = error(&by_tree);
+    if then < common.1 { (by_tree, then) } else { common }
+}
+
+/// Factors that differ from the common one as far as some touches speak for it: ridge regression on the
+/// relative error of their frames.
+fn by_tree(
+    torques: &Simulated,
+    tracked: &Tracked,
+    touches: &[usize],
+    common: &DVector<f64>,
+) -> DVector<f64> {
+    let n = common.len();
+    let (mut curvature, mut slope) = (DMatrix::zeros(n, n), DVector::zeros(n));
+    let (mut left_over, mut count) = (0.0, 0.0_f64);
+    for &touch in touches {
+        let frames = &tracked.touches[touch].frames;
+        let large = |frame: &usize| frames[*frame].observation.tau().norm() >= TORQUE_FLOOR;
+        let large: Vec<usize> = (0..frames.len()).filter(large).collect();
+        count += if large.is_empty() { 0.0 } else { 1.0 };
+        for &frame in &large {
+            let tau = frames[frame].observation.tau();
+            let each = 1.0 / (large.len() as f64 * tau.norm_squared());
+            let mut by_tree = torques[touch][frame].clone();
+            by_tree.column_iter_mut().zip(common.iter()).for_each(|(mut one, &by)| one *= by);
+            let off = tau - by_tree.column_sum();
+            left_over += each * off.norm_squared();
+            curvature += by_tree.tr_mul(&by_tree) * each;
+            slope += by_tree.tr_mul(&off) * each;
+        }
+    }
+    // The residual gives the noise, and the noise the ridge, which changes the residual.
+    let mut change = DVector::zeros(n);
+    for _ in 0..3 {
+        let left_over = left_over + change.dot(&(&curvature * &change - 2.0 * &slope));
+        let noise = f64::max(left_over / count.max(1.0), BEST_ERROR.powi(2)) / FRAMES_THAT_DIFFER;
+        let ridge = DMatrix::from_diagonal_element(n, n, noise / TREE_SPREAD.powi(2));
+        let Some(held) = (&curvature + ridge).cholesky() else { break };
+        change = held.solve(&slope);
+    }
+    common.zip_map(&change, |common, change| common * (1.0 + change).clamp(0.1, 10.0))
+}
+
+/// The average relative error of a touch against what was measured; 0 if it has none.
+pub(super) fn touch_error(
+    tracked: &Tracked,
+    touch: usize,
+    predict: impl Fn(usize) -> DVector<f64>,
+) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (number, frame) in tracked.touches[touch].frames.iter().enumerate() {
+        let tau = frame.observation.tau();
+        let size = tau.norm();
+        if size >= TORQUE_FLOOR {
+            sum += (predict(number) - tau).norm() / size;
+            count += 1.0;
+        }
+    }
+    if count > 0.0 { sum / count } else { 0.0 }
+}
