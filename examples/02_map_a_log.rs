@@ -49,9 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let field = mapper.field();
     let stiffest = field.stiffness_n_per_m.iter().copied().fold(0.0, f64::max);
     println!("{} cells touched, the stiffest {stiffest:.1} N/m", field.cells.len());
-    let robot = arm.robot.name().to_owned();
-    let (prior_n_per_m, snapshot) = (mapper.prior_n_per_m(), Some(mapper.snapshot()));
-    save(&output, &Saved { field, prior_n_per_m, robot, snapshot })?;
+    save(&output, &Saved::of_mapper(&mapper))?;
     println!("saved to {}", output.display());
     Ok(())
 }

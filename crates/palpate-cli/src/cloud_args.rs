@@ -1,10 +1,13 @@
 //! The cloud that a command is given: a file of points, or a picture with depth.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3};
+use palpate::unstable::ElasticBody;
 use palpate_io::cloud::{self, Cloud};
 use palpate_io::rgbd;
+use palpate_work::elastic;
 use palpate_work::settings::vector3;
 
 use crate::error::CliError;
@@ -40,9 +43,24 @@ pub(crate) struct CloudArgs {
 }
 
 impl CloudArgs {
-    /// Whether a flag names the camera or the box of a cloud.
-    pub(crate) fn is_given(&self) -> bool {
-        self.camera.is_some() || self.camera_pose.is_some() || self.crop_low_m.is_some()
+    /// The elastic bodies that a cloud may be, none without a cloud.
+    pub(crate) fn bodies(
+        &self,
+        cloud: Option<&Path>,
+        output: &Output,
+    ) -> Result<Vec<Arc<ElasticBody>>, CliError> {
+        let Some(cloud) = cloud else {
+            if self.camera.is_some() || self.camera_pose.is_some() || self.crop_low_m.is_some() {
+                let unused =
+                    "--camera, --camera-pose and --crop-* are for a --cloud, which is not given";
+                return Err(CliError::Usage(unused.to_owned()));
+            }
+            return Ok(Vec::new());
+        };
+        let seen = self.read(cloud, output)?;
+        let colours = seen.colours().expect("read with colours");
+        let (viewpoint, name) = (self.viewpoint(cloud)?, cloud.display().to_string());
+        elastic::bodies((seen.points(), colours), viewpoint, &name, output)
     }
 
     /// Reads points with colours: a PLY or PCD file, or a folder with colour, depth and camera.

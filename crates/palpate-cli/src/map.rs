@@ -5,12 +5,15 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate::{Arm, Mapper, StepReport};
-use palpate_io::field::Saved;
+use palpate::unstable::{ElasticBody, ElasticModel, ElasticVariant};
+use palpate::{Arm, EstimatorKind, Mapper, Sample, StepReport};
+use palpate_io::field::{self, Saved};
+use palpate_work::elastic::{self, without_body};
 use palpate_work::learn::{Cells, Tally, learn};
 use palpate_work::{prior, resume};
 use serde_json::json;
 
+use crate::cloud_args::CloudArgs;
 use crate::error::CliError;
 use crate::output::{Output, mib, rows, seconds};
 use crate::pace::{self, Pace, PaceArgs, PaceFigures};
@@ -23,6 +26,7 @@ const EXAMPLES: &str = "Examples:
   palpate map monday/ tuesday/ -o field.npz --robot panda.urdf --gravity removed
   palpate map wednesday/ -o field.npz --from field.npz
   palpate map today/ -o field.npz --prior yesterday.npz
+  palpate map recordings/ -o field.npz --estimator elastic --cloud object.ply
   palpate map recordings/ -o field.npz --rate 17
 
 A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
@@ -33,6 +37,11 @@ from, so that --from goes on exactly where it stopped.
 --prior starts a new field, with the stiffness of another field as the prior mean of each cell: its
 own prior mean (`K_prior`) if it has one, else what it has learnt (`K`). The lattice must be the same.
 
+--cloud makes an elastic body from a picture of the object (estimator `elastic`): the field then
+predicts with a body that bends, and with the field by point for what it leaves over. --from needs no
+cloud: the field holds its body, and the touches that it was learnt from. Without a LOG the body is
+taken to be as stiff as others are.
+
 --rate learns as beside a robot that reports so many times a second: every step spends what is left
 of its time on replays. The field then depends on the speed of the machine, and differs a little
 from run to run; without --rate the same log and settings give the same field.";
@@ -42,7 +51,7 @@ from run to run; without --rate the same log and settings give the same field.";
 #[command(after_long_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Logs to learn from, in this order
-    #[arg(required = true, value_name = "LOG")]
+    #[arg(required_unless_present = "cloud", value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// Where the field goes; an older file there is replaced once the new one is whole
     #[arg(long, short, value_name = "FIELD.npz")]
@@ -53,6 +62,12 @@ pub(crate) struct Args {
     /// Take the prior mean of each cell from a field, in place of one prior mean for all
     #[arg(long, value_name = "FIELD.npz")]
     prior: Option<PathBuf>,
+    /// Coloured cloud of the object (PLY, PCD), or the folder of a picture with depth, in the world frame:
+    /// learn with a body that bends
+    #[arg(long, value_name = "CLOUD", conflicts_with_all = ["from", "prior"])]
+    cloud: Option<PathBuf>,
+    #[command(flatten)]
+    seen: CloudArgs,
     /// Leave out the memory: a smaller file, which --from cannot continue
     #[arg(long)]
     no_memory: bool,
@@ -76,6 +91,7 @@ impl Args {
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         let mut places = Places::read(&self.settings, settings, &self.logs);
         places.input("the prior (--prior)", self.prior.as_deref());
+        places.input("the cloud (--cloud)", self.cloud.as_deref());
         places.output("the field (--output)", Some(&self.output))?;
         // Only the field itself may be replaced by the one that goes on from it.
         places.input("the field to go on from (--from)", self.from.as_deref());
@@ -93,15 +109,19 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
                 .to_owned(),
         ));
     }
-    let mut settings = args.settings.load()?;
+    let mut settings = args.settings.load_elastic()?;
+    if args.cloud.is_some() {
+        settings.estimator.estimator.get_or_insert(EstimatorKind::Elastic);
+    }
     if args.from.is_none() {
         settings.config()?;
     }
     args.check_places(&settings)?;
     let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
+    let mut elastic = Elastic::begin(args, &settings, output)?;
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
-    let (mut mapper, mut pace) = begin(args, &arm, &settings, output)?;
+    let (mut mapper, mut pace) = begin(args, (&arm, &settings), &mut elastic, output)?;
     logs::tell_robot(&arm, &settings, output);
     let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
     let mut touches = touches.for_arm(&arm, &settings.log, place)?;
@@ -110,18 +130,23 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             pace.fill(mapper, report, started);
         }
     };
-    let tally = learn(&mut mapper, &mut touches, &mut fill, output)?;
+    let record = elastic.as_mut().map(|elastic| &mut elastic.touches);
+    let tally = learn(&mut mapper, &mut touches, &mut fill, record, output)?;
     if let Some(place) = &tally.interrupted {
         return Err(stop(args, &mapper, place)?);
     }
 
-    save(args, &mapper)?;
+    let saved = match elastic {
+        Some(Elastic { bodies, touches }) => elastic::taught(&mapper, &bodies, touches, output)?,
+        None => Saved::of_mapper(&mapper),
+    };
+    let saved = save(args, saved)?;
     if let (Some(path), Some(format)) = (&args.picture, format) {
-        format.write(path, &picture::field(&mapper.field())?)?;
+        format.write(path, &picture::field(&saved.field)?)?;
     }
     let pace = pace.as_ref().map(Pace::figures);
-    let cells = Cells::of(&mapper);
-    let summary = Summary { args, mapper: &mapper, tally: &tally, cells, pace };
+    let (cells, body) = (Cells::of(&mapper), saved.field.elastic.as_deref());
+    let summary = Summary { args, mapper: &mapper, tally: &tally, cells, pace, body };
     if args.json {
         output.json(&summary.json(started.elapsed()))
     } else {
@@ -129,33 +154,70 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
 }
 
+/// What a body is learnt from.
+struct Elastic {
+    /// The bodies that the object may be.
+    bodies: Vec<Arc<ElasticBody>>,
+    /// The touches so far.
+    touches: Vec<Vec<Sample>>,
+}
+
+impl Elastic {
+    /// Of a cloud, if there is one.
+    fn begin(args: &Args, settings: &Settings, output: &Output) -> Result<Option<Self>, CliError> {
+        let bodies = args.seen.bodies(args.cloud.as_deref(), output)?;
+        match (settings.estimator.estimator, bodies.is_empty()) {
+            (Some(EstimatorKind::Elastic), true) if args.from.is_none() => {
+                Err(without_body().into())
+            }
+            (Some(EstimatorKind::Elastic) | None, _) => {
+                Ok((!bodies.is_empty()).then_some(Self { bodies, touches: Vec::new() }))
+            }
+            (Some(_), true) => Ok(None),
+            (Some(other), false) => Err(CliError::Usage(format!(
+                "--cloud is for the estimator elastic, and --estimator is {}; leave one of them out",
+                other.name()
+            ))),
+        }
+    }
+}
+
 /// A new mapper, or one that goes on from a field, and its pace if one was asked for.
 fn begin(
     args: &Args,
-    arm: &Arc<Arm>,
-    settings: &Settings,
+    (arm, settings): (&Arc<Arm>, &Settings),
+    elastic: &mut Option<Elastic>,
     output: &Output,
 ) -> Result<(Mapper, Option<Pace>), CliError> {
     let mapper = match &args.from {
-        Some(path) => resume::mapper(path.display(), arm, resume::snapshot(path, settings)?)?,
+        Some(path) => {
+            let mut saved = field::load(path).map_err(CliError::file)?;
+            if let Some(model) = saved.field.elastic.take() {
+                let body = |variant: &ElasticVariant| Arc::new(variant.body.clone());
+                let bodies = model.variants.iter().map(body).collect();
+                *elastic = Some(Elastic { bodies, touches: saved.elastic_touches.split_off(0) });
+            }
+            let name = path.display();
+            resume::mapper(&name, arm, resume::snapshot_of(saved, &name.to_string(), settings)?)?
+        }
         None => prior::mapper(args.prior.as_deref(), arm, settings.config()?, output)?,
     };
     Ok(args.pace.keep(mapper))
 }
 
-/// Saves the field.
-fn save(args: &Args, mapper: &Mapper) -> Result<(), CliError> {
-    let mut saved = Saved::of_mapper(mapper);
+/// Saves the field, and returns what was saved.
+fn save(args: &Args, mut saved: Saved) -> Result<Saved, CliError> {
     if args.no_memory {
-        saved.snapshot = None;
+        (saved.snapshot, saved.elastic_touches) = (None, Vec::new());
     }
-    place::save(&args.output, &saved)
+    place::save(&args.output, &saved)?;
+    Ok(saved)
 }
 
 /// Ends after Ctrl-C: saves if that was asked for, and says what was done.
 fn stop(args: &Args, mapper: &Mapper, place: &str) -> Result<CliError, CliError> {
     let kept = if args.save_on_interrupt {
-        save(args, mapper)?;
+        save(args, Saved::of_mapper(mapper))?;
         format!(" at {place}; the field so far is in `{}`", args.output.display())
     } else {
         format!(" at {place}; nothing was written (--save-on-interrupt saves the field so far)")
@@ -170,6 +232,7 @@ struct Summary<'a> {
     tally: &'a Tally,
     cells: Cells,
     pace: Option<PaceFigures>,
+    body: Option<&'a ElasticModel>,
 }
 
 impl Summary<'_> {
@@ -182,6 +245,14 @@ impl Summary<'_> {
         json["field"] = json!(self.args.output);
         json["seconds"] = json!(elapsed.as_secs_f64());
         json["pace"] = json!(self.pace);
+        json["elastic"] = self.body.map_or(serde_json::Value::Null, |model| {
+            json!({
+                "share": model.share,
+                "friction": model.friction,
+                "creep_s": model.creep_s,
+                "stiffness_factors": model.likeliest().stiffness_factors,
+            })
+        });
         json["next"] = json!(self.next_command());
         json
     }
@@ -203,6 +274,15 @@ impl Summary<'_> {
             found.push(("cells expected by the prior", cells));
         }
         found.push(("frames remembered", format!("{frames_remembered} in {}", mib(bytes))));
+        if let Some(model) = self.body {
+            found.push(("elastic body counts for", format!("{:.0} %", 100.0 * model.share)));
+            let factors = &model.likeliest().stiffness_factors;
+            let factors: Vec<String> =
+                factors.iter().map(|factor| format!("{factor:.2}")).collect();
+            found.push(("its stiffness, of wood of 0.48 GPa", factors.join(", ")));
+            let creep = if model.creep_s > 0.0 { "contacts creep" } else { "no creep" };
+            found.push(("its friction", format!("{}, {creep}", model.friction)));
+        }
         found.push(("time", seconds(elapsed)));
         found.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
         let before = tally.before_learning();

@@ -53,7 +53,7 @@ impl PaceArgs {
 
 fn policy(method: EstimatorKind) -> ReplayPolicy {
     match method {
-        EstimatorKind::Map => ReplayPolicy::SpareTimeUnbounded,
+        EstimatorKind::Map | EstimatorKind::Elastic => ReplayPolicy::SpareTimeUnbounded,
         EstimatorKind::Ekf => ReplayPolicy::SpareTime,
     }
 }

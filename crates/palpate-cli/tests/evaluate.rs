@@ -471,23 +471,3 @@ mod broken_off {
         assert!(!names(&scene.path("out/e")).contains(&"parts".to_owned()), "nothing left over");
     }
 }
-
-#[test]
-fn a_cloud_adds_the_method_elastic_and_without_one_it_is_refused() {
-    let log = |touch: &str| format!("{}/data/plant_a/{touch}", env!("CARGO_MANIFEST_DIR"));
-    let scene = Scene::new();
-    let cloud = log("object.ply");
-    let mut command = palpate();
-    command.arg("evaluate").args(["seq_000", "seq_001", "seq_002"].map(log));
-    command.args(["--methods", "elastic,map,zero", "--cloud", &cloud, "--test", "seq_002"]);
-    command.args(["--replays", "3", "--truth", "--json", "-o", &scene.text("out/e")]);
-    let report = json(&mut command);
-    assert_eq!(list(&report["methods"]), ["elastic", "map", "zero"]);
-    let relative =
-        |method: usize| report["methods"][method]["avg_relative"]["mean"].as_f64().unwrap();
-    assert!(relative(0) < 0.9 * relative(2), "{} beside zero's {}", relative(0), relative(2));
-
-    let scene = three();
-    let words = ["elastic", "--cloud"];
-    refuse_all(&scene, &["log"], &["--methods", "elastic,zero"], 2, &words);
-}

@@ -4,10 +4,13 @@
 
 use std::fs::File;
 use std::path::Path;
+use std::sync::Arc;
 
+use palpate::unstable::{ElasticBody, ElasticModel, ElasticVariant, Segment, SegmentKind};
+use palpate::{CellId, EstimatorKind, Field, MapperConfig};
 use palpate_io::atomic::IfExists;
 use palpate_io::field::npz::{read_npz, write_npz};
-use palpate_io::field::{FieldFile, FieldLattice};
+use palpate_io::field::{FieldFile, FieldLattice, Saved, from_bytes, to_bytes};
 use palpate_io::log::bag_write::{Compression, TouchWriter};
 use palpate_io::log::write::{ArraysWriter, TableWriter};
 use palpate_io::log::{self, LogEvent, LogOptions, Sample};
@@ -160,4 +163,56 @@ proptest! {
         write_npz(&path, &field.to_arrays(), IfExists::Refuse).unwrap();
         prop_assert_eq!(FieldFile::from_arrays(&read_npz(&path).unwrap()).unwrap(), field);
     }
+}
+
+#[test]
+fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
+    let piece = |parent: Option<u32>, z: f64, kind| Segment {
+        parent,
+        kind,
+        start_m: [0.1, 0.2, z],
+        end_m: [0.1 + 1e-3 / 3.0, 0.2, z + 0.06],
+        bare_m: 0.01,
+        radius_m: 0.008,
+        half_width_m: [0.0, 0.01, 0.0],
+        stiffness_n_m_per_rad: 20.0 / 3.0,
+        branch: 0,
+    };
+    let segments =
+        vec![piece(None, 0.0, SegmentKind::Wood), piece(Some(0), 0.06, SegmentKind::Leaf)];
+    let body = ElasticBody::new(segments).unwrap();
+    let variant = ElasticVariant { body, weight: 1.0, stiffness_factors: vec![1.0 / 7.0] };
+    let model = ElasticModel {
+        variants: vec![variant],
+        friction: 0.4,
+        creep_s: 1e-4,
+        torque_limit_n_m: None,
+        share: 1.0 / 3.0,
+        stiffness_n_per_m: vec![0.1, 1.0 / 9.0],
+        untouched_n_per_m: 0.0,
+    };
+    let config = MapperConfig::of(EstimatorKind::Elastic);
+    let mut field = Field::new(config.lattice, config.contact, config.touch, 0.0);
+    field.cells = vec![CellId(3), CellId(1)];
+    (field.stiffness_n_per_m, field.std_n_per_m) = (vec![1.0, 2.0], vec![0.5, 0.5]);
+    (field.counts, field.elastic) = (vec![1, 0], Some(Arc::new(model)));
+    let sample = |time_s| Sample::new(time_s, vec![0.1, 1.0 / 3.0], vec![-1.0, 2.0]);
+    let mut saved = Saved::of_field(field, "arm");
+    saved.elastic_touches = vec![vec![sample(Some(-0.5)), sample(Some(0.5))], vec![sample(None)]];
+    let bytes = to_bytes(&saved);
+    let read = from_bytes(&bytes, "field.npz").unwrap();
+    assert_eq!(read.field, saved.field);
+    assert_eq!(read.elastic_touches, saved.elastic_touches);
+
+    let with = |change: &dyn Fn(&mut ElasticModel)| {
+        let mut broken = saved.clone();
+        change(Arc::make_mut(broken.field.elastic.as_mut().unwrap()));
+        from_bytes(&to_bytes(&broken), "field.npz").unwrap_err().to_string()
+    };
+    let error = with(&|model| model.share = 1.5);
+    assert!(error.contains("share of the elastic model is 1.5"), "{error}");
+    let error = with(&|model| model.variants[0].stiffness_factors.push(1.0));
+    assert!(error.contains("stiffness_factors"), "{error}");
+    let error = with(&|model| model.stiffness_n_per_m.truncate(1));
+    assert!(error.contains("K_elastic"), "{error}");
 }

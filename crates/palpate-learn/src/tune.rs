@@ -53,7 +53,7 @@ impl Effort {
     /// What a few minutes on two cores allow: a visit of `ekf` takes three times as long.
     pub fn of(method: EstimatorKind) -> Self {
         let candidates = match method {
-            EstimatorKind::Map => 24,
+            EstimatorKind::Map | EstimatorKind::Elastic => 24,
             EstimatorKind::Ekf => 12,
         };
         Self { candidates, seed: 0 }
@@ -172,7 +172,7 @@ impl Tuner {
         let of_model = self.tracked.iter().find(|(contact, _)| *contact == config.contact);
         let (_, tracked) = of_model.expect("the contact models of all candidates were simulated");
         let method = match config.method {
-            EstimatorKind::Map => Method::Map,
+            EstimatorKind::Map | EstimatorKind::Elastic => Method::Map,
             EstimatorKind::Ekf => Method::Ekf,
         };
         let mut scores = Vec::new();

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use palpate::unstable::{ElasticBody, ElasticContactConfig, Equilibrium, Segment, SegmentKind};
-use palpate::{Arm, BakeConfig, EstimatorKind, Lattice, MapperConfig, Robot, Sample};
+use palpate::{Arm, BakeConfig, EstimatorKind, Lattice, MapperConfig, Predictor, Robot, Sample};
 use palpate_learn::elastic::{self, CONTACTS};
 use palpate_learn::folds::folds;
 use palpate_learn::tracked::{Touch, Tracked};
@@ -103,6 +103,35 @@ fn stiffness_and_friction_of_a_known_body_come_back() {
         for (torque, frame) in found.torques[0].iter().zip(wanted) {
             let off = (torque[1] - frame.target[1]).abs();
             assert!(off < 0.1 * peak, "{} N·m, wanted {}", torque[1], frame.target[1]);
+        }
+    }
+}
+
+#[test]
+fn a_field_with_its_body_predicts_what_was_predicted_of_the_touch_left_out() {
+    let arm = arm();
+    // Twice as far, so that field, body and both have a share.
+    let mut touches = touches(&arm, 2.0, CONTACTS[1][0]);
+    touches.iter_mut().flat_map(|touch| &mut touch.samples).for_each(|s| s.tau[0] += s.q[1]);
+    let tracked = tracked(&arm, &body(), &touches);
+    let fold = &folds(4, 4)[2];
+    let found = elastic::predict(&tracked, fold, &config(), NEVER).unwrap();
+    let learnt =
+        palpate_learn::method::learn(&tracked, &fold.train, &config(), &[], NEVER).unwrap();
+    let mut field = palpate_learn::method::field(&tracked, learnt.as_ref(), &config());
+    let model = elastic::model(&tracked, &fold.train, &config(), &field.cells, NEVER).unwrap();
+    model.check(field.cells.len()).unwrap();
+    field.elastic = Some(Arc::new(model));
+    let mut predictor = Predictor::new(Arc::clone(&arm), &field, config().touch).unwrap();
+    for again in 0..2 {
+        predictor.begin_touch();
+        let steps = touches[2].samples.iter().map(|sample| predictor.step(sample).unwrap());
+        let predicted: Vec<_> = steps.flatten().collect();
+        assert_eq!(predicted.len(), found.torques[0].len());
+        for (step, wanted) in predicted.iter().zip(&found.torques[0]) {
+            let off = (0..2).map(|joint| (step.predicted[joint] - wanted[joint]).abs());
+            let off = off.fold(0.0, f64::max);
+            assert!(off < 1e-9, "{off} N·m off in round {again}, {wanted:?}");
         }
     }
 }

@@ -1,9 +1,11 @@
 //! A stiffness field, its arrays shared with NumPy.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
-use palpate::{CellId, ContactConfig, ExternalTorqueConfig, Snapshot};
+use palpate::unstable::ElasticModel;
+use palpate::{CellId, ContactConfig, ExternalTorqueConfig, Sample, Snapshot};
 use palpate_io::field::{self, Saved};
 use palpate_work::WorkError;
 use palpate_work::field_arrays::FieldArrays;
@@ -60,12 +62,14 @@ pub(crate) struct Field {
     contact: ContactConfig,
     touch: ExternalTorqueConfig,
     snapshot: Option<Snapshot>,
+    elastic: Option<Arc<ElasticModel>>,
+    elastic_touches: Vec<Vec<Sample>>,
 }
 
 impl Field {
     /// Moves a field's numbers to where NumPy has them.
     pub(crate) fn of(py: Python<'_>, saved: Saved) -> Result<Self> {
-        let Saved { field, prior_n_per_m, robot, snapshot } = saved;
+        let Saved { field, prior_n_per_m, robot, snapshot, elastic_touches } = saved;
         let point = |cell: &CellId| <[f64; 3]>::from(field.lattice.point(*cell));
         let places: Vec<[f64; 3]> = field.cells.iter().map(point).collect();
         Ok(Self {
@@ -81,6 +85,8 @@ impl Field {
             untouched_n_per_m: field.untouched_n_per_m,
             robot,
             snapshot,
+            elastic: field.elastic,
+            elastic_touches,
         })
     }
 
@@ -93,6 +99,7 @@ impl Field {
         field.stiffness_n_per_m = copied(py, &self.stiffness);
         field.std_n_per_m = copied(py, &self.std);
         field.counts = copied(py, &self.counts);
+        field.elastic.clone_from(&self.elastic);
         field
     }
 
@@ -103,6 +110,7 @@ impl Field {
             prior_n_per_m: self.prior.as_ref().map(|prior| copied(py, prior)),
             robot: self.robot.clone(),
             snapshot: self.snapshot.as_ref().filter(|_| memory).cloned(),
+            elastic_touches: if memory { self.elastic_touches.clone() } else { Vec::new() },
         }
     }
 

@@ -6,6 +6,7 @@ use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2};
 use palpate::{EstimatorKind, PathConfig, PathPoint, PathPrediction, Sample};
 use palpate_io::field::{self, Saved};
+use palpate_work::elastic::without_body;
 use palpate_work::error::WorkError;
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::TouchSettings;
@@ -117,6 +118,9 @@ impl Mapper {
                 PyValueError::new_err(message)
             })?;
             settings.estimator.estimator = Some(kind);
+        }
+        if settings.estimator.estimator == Some(EstimatorKind::Elastic) {
+            return Err(WorkError::from(without_body()).into());
         }
         let config = settings.config()?;
         let robot = robot::given(py, robot, &settings.robot)?;
@@ -252,7 +256,7 @@ impl Mapper {
             settings.check_for(&mapper.arm().robot)?;
             let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
             let mut touches = touches.for_arm(&mapper.arm().clone(), settings, place)?;
-            let tally = learn::learn(mapper, &mut touches, &mut |_, _, _| (), progress)?;
+            let tally = learn::learn(mapper, &mut touches, &mut |_, _, _| (), None, progress)?;
             Ok(tally.figures(mapper))
         })?;
         Ok(python(py, &figures)?)

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use palpate::{Mapper, StepReport};
+use palpate::{Mapper, Sample, StepReport};
 use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
 use serde_json::json;
@@ -123,9 +123,13 @@ impl Cells {
     }
 }
 
+/// Called after every sample.
+pub type AfterStep<'a> = &'a mut dyn FnMut(&mut Mapper, &StepReport, Instant);
+
 /// Feeds all touches to the mapper, until the progress stops it.
 ///
-/// `after_step` gets the mapper after every sample, with what the step found and when it began.
+/// `after_step` gets the mapper after every sample, with what the step found and when it began. `record`
+/// gets the samples of every touch.
 ///
 /// # Errors
 ///
@@ -133,13 +137,14 @@ impl Cells {
 pub fn learn(
     mapper: &mut Mapper,
     touches: &mut Touches,
-    after_step: &mut dyn FnMut(&mut Mapper, &StepReport, Instant),
+    after_step: AfterStep<'_>,
+    record: Option<&mut Vec<Vec<Sample>>>,
     progress: &dyn Progress,
 ) -> Result<Tally, WorkError> {
     let config = mapper.config();
     let place = (config.lattice.clone(), config.contact.clone());
     let mut check = touches.check(mapper.arm(), place, &config.touch);
-    match learn_from(mapper, touches, after_step, (&mut check, progress)) {
+    match learn_from(mapper, touches, (after_step, record), (&mut check, progress)) {
         Ok(tally) => {
             touches.tell_warnings(progress);
             if tally.interrupted.is_none() {
@@ -157,7 +162,7 @@ pub fn learn(
 fn learn_from(
     mapper: &mut Mapper,
     touches: &mut Touches,
-    after_step: &mut dyn FnMut(&mut Mapper, &StepReport, Instant),
+    (after_step, mut record): (AfterStep<'_>, Option<&mut Vec<Vec<Sample>>>),
     (check, progress): (&mut LogCheck, &dyn Progress),
 ) -> Result<Tally, WorkError> {
     let mut tally = Tally::default();
@@ -177,6 +182,7 @@ fn learn_from(
                 let touch =
                     TouchTally { name, log, frames: 0, tare_frames: 0, frames_in_contact: 0 };
                 tally.touches.push(touch);
+                record.iter_mut().for_each(|touches| touches.push(Vec::new()));
             }
             TouchEvent::Sample(sample) => {
                 let started = Instant::now();
@@ -185,6 +191,9 @@ fn learn_from(
                 let report = step.map_err(|error| touches.fault(error))?;
                 after_step(mapper, &report, started);
                 tally.add(&report);
+                if let Some(touch) = record.as_mut().and_then(|touches| touches.last_mut()) {
+                    touch.push(sample);
+                }
                 bar.step();
             }
         }

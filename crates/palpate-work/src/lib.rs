@@ -12,6 +12,7 @@
 //! | [`mod@learn`]     | touches into a mapper, and a summary of what was learned          |
 //! | [`mod@predict`]   | predicted and measured torque of every frame, and the error       |
 //! | [`mod@scored`]    | the four figures of predicted touches                             |
+//! | [`mod@elastic`]   | bodies that bend, from a cloud and touches                        |
 //! | [`mod@evaluate`]  | methods compared on touches that they have not seen               |
 //! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
 //! | [`mod@tune`]      | settings chosen by cross-validation                               |
@@ -23,6 +24,7 @@
 //! terminal, a page or Python.
 #![forbid(unsafe_code)]
 
+pub mod elastic;
 pub mod error;
 pub mod evaluate;
 pub mod extrapolate;

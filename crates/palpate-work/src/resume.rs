@@ -26,6 +26,11 @@ pub fn snapshot(path: &Path, settings: &Settings) -> Result<Snapshot, WorkError>
 ///
 /// If it has no memory, or the settings contradict it.
 pub fn snapshot_of(saved: Saved, name: &str, settings: &Settings) -> Result<Snapshot, WorkError> {
+    if saved.field.elastic.is_some() {
+        return Err(WorkError::from(format!(
+            "`{name}` holds an elastic body, with which only `palpate map --from` goes on"
+        )));
+    }
     let Some(snapshot) = saved.snapshot else {
         return Err(WorkError::from(format!(
             "`{name}` cannot be continued: it was saved without its memory; map its logs again \

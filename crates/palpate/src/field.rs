@@ -10,6 +10,7 @@ use nalgebra::DVector;
 
 use crate::arm::Arm;
 use crate::contact::{ContactConfig, Contacts};
+use crate::elastic::{ElasticModel, ElasticTorque, Equilibrium};
 use crate::estimator::CellEstimate;
 use crate::external_torque::{ExternalTorqueConfig, Gravity};
 use crate::lattice::{CellId, CellRows, Lattice};
@@ -41,6 +42,9 @@ pub struct Field {
     pub counts: Vec<u32>,
     /// K of all other cells, N/m.
     pub untouched_n_per_m: f64,
+    /// The object as a body that bends, if a picture of it was given. Predictions then take it and its own
+    /// springs in place of K.
+    pub elastic: Option<Arc<ElasticModel>>,
 }
 
 impl Field {
@@ -60,6 +64,7 @@ impl Field {
             std_n_per_m: Vec::new(),
             counts: Vec::new(),
             untouched_n_per_m,
+            elastic: None,
         }
     }
 
@@ -156,6 +161,7 @@ impl FieldSprings {
 pub struct Predictor {
     tracker: Tracker,
     springs: FieldSprings,
+    elastic: Option<ElasticTorque>,
 }
 
 impl Predictor {
@@ -171,11 +177,15 @@ impl Predictor {
         field: &Field,
         touch: ExternalTorqueConfig,
     ) -> Result<Self, SettingError> {
+        let elastic = field.elastic.as_deref().map(|model| ElasticTorque::new(&arm, model));
+        let (stiffness, untouched) = match field.elastic.as_deref() {
+            Some(model) => (&model.stiffness_n_per_m, model.untouched_n_per_m),
+            None => (&field.stiffness_n_per_m, field.untouched_n_per_m),
+        };
         let tracker = Tracker::new(arm, field.lattice.clone(), &field.contact, touch)?;
         let rows = CellRows::of(field.lattice.clone(), &field.cells);
-        let (stiffness, counts) = (&field.stiffness_n_per_m, field.counts.clone());
-        let springs = FieldSprings::new(rows, stiffness, counts, field.untouched_n_per_m);
-        Ok(Self { tracker, springs })
+        let springs = FieldSprings::new(rows, stiffness, field.counts.clone(), untouched);
+        Ok(Self { tracker, springs, elastic })
     }
 
     /// A predictor of motions that are only planned: nothing was measured, so there is neither
@@ -192,6 +202,7 @@ impl Predictor {
     /// Starts a touch.
     pub fn begin_touch(&mut self) {
         self.tracker.begin_touch();
+        self.elastic.iter_mut().for_each(ElasticTorque::begin_touch);
     }
 
     /// Predicts the torque of the next sample; `None` while its tare is being taken.
@@ -201,13 +212,17 @@ impl Predictor {
     /// As [`Tracker::feed`].
     pub fn step(&mut self, sample: &Sample) -> Result<Option<Prediction>, TrackerError> {
         let frame = self.tracker.feed(sample)?;
+        let arm = self.tracker.arm();
+        let of_body = |body: &mut ElasticTorque| body.advance(arm, &frame.poses, sample.time_s);
+        let of_body = self.elastic.as_mut().map(of_body);
         let Some(external) = frame.external else { return Ok(None) };
-        let robot = &self.tracker.arm().robot;
+        let robot = &arm.robot;
         let springs = &mut self.springs;
         let observation = springs.build(robot, &frame.poses, &frame.contacts, &external);
         let known = observation.rows().filter(|&row| springs.is_known(row)).count();
         let contacts = observation.n_contacts();
         let predicted = springs.predict(&observation);
+        let predicted = of_body.into_iter().fold(predicted, |sum, torque| sum + torque);
         Ok(Some(Prediction { contacts, known, predicted, external }))
     }
 
@@ -223,6 +238,11 @@ impl Predictor {
     /// What the arm displaced in the last sample, for whoever draws it.
     pub fn contacts(&self) -> Contacts {
         self.tracker.contacts()
+    }
+
+    /// The likeliest body where the last sample left it, if the field has one.
+    pub fn body(&self) -> Option<&Equilibrium> {
+        self.elastic.as_ref()?.body()
     }
 
     /// The tare of the touch, n_joints, N·m, once it is known.

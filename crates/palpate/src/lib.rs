@@ -114,7 +114,8 @@ pub mod unstable {
     pub use crate::contact::{ContactSimulator, LinkContacts};
     pub use crate::ekf::EkfEstimator;
     pub use crate::elastic::{
-        BodyError, ElasticBody, ElasticContactConfig, Equilibrium, Segment, SegmentKind, Settled,
+        BodyError, ElasticBody, ElasticContactConfig, ElasticModel, ElasticTorque, ElasticVariant,
+        Equilibrium, Segment, SegmentKind, Settled, limited,
     };
     pub use crate::estimator::{Estimator, EstimatorState, FrameId, RememberedFrame, Replayed};
     pub use crate::lattice::{CellRows, FARTHEST_M};

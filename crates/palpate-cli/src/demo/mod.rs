@@ -76,7 +76,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 
     let arm = robot::load(&RobotSettings::default(), output)?;
     let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(SettingsError::value)?;
-    let tally = learn(&mut mapper, &mut open(&files.touches)?, &mut |_, _, _| (), output)?;
+    let tally = learn(&mut mapper, &mut open(&files.touches)?, &mut |_, _, _| (), None, output)?;
     if tally.interrupted.is_some() {
         return Err(CliError::Interrupted { kept: "; nothing was written".to_owned() });
     }

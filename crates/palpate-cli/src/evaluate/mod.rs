@@ -10,11 +10,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use askama::Template;
-use palpate::unstable::{ElasticBody, SegmentKind};
 use palpate::{Arm, Field, MapperConfig};
 use palpate_io::log::is_simulated;
-use palpate_learn::body::readings;
 use palpate_learn::method::Method;
+use palpate_work::elastic::field_beside;
 use palpate_work::evaluate::{
     Evaluated, Work, as_touches, configs, each_once, folds, method_of, number,
 };
@@ -103,15 +102,11 @@ pub(crate) struct Args {
 
 /// Evaluates all methods and writes the report.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
-    let mut settings = args.settings.load()?;
+    let mut settings = args.settings.load_elastic()?;
+    field_beside(&mut settings, args.cloud.is_some())?;
     settings.config()?;
     let methods = each_once(&args.methods, args.cloud.is_some())?;
-    if args.cloud.is_none() && args.picture.is_given() {
-        let unused = "--camera, --camera-pose and --crop-* are for a --cloud, which is not given";
-        return Err(CliError::Usage(unused.to_owned()));
-    }
-    let bodies =
-        args.cloud.as_ref().map(|cloud| bodies(cloud, &args.picture, output)).transpose()?;
+    let bodies = args.picture.bodies(args.cloud.as_deref(), output)?;
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
@@ -129,7 +124,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         estimators,
         tune: args.tune,
         truth: args.truth,
-        bodies: bodies.unwrap_or_default(),
+        bodies,
     };
     let origin = Origin {
         simulated: args.logs.iter().all(|log| is_simulated(log)),
@@ -143,35 +138,6 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         output.result(&summary.text())?
     }
     written
-}
-
-/// The elastic bodies that a cloud may be; says what was found.
-fn bodies(
-    cloud: &Path,
-    picture: &CloudArgs,
-    output: &Output,
-) -> Result<Vec<Arc<ElasticBody>>, CliError> {
-    let seen = picture.read(cloud, output)?;
-    let colours = seen.colours().expect("read with colours");
-    let bodies = readings(seen.points(), colours, picture.viewpoint(cloud)?);
-    let body = bodies.first().ok_or_else(|| {
-        let cloud = cloud.display();
-        CliError::from(format!(
-            "no stem or branch was found among the {} points of `{cloud}`, which the method elastic \
-             needs; leave --cloud out, or check the cloud with a viewer",
-            seen.len()
-        ))
-    })?;
-    let of = |kind: SegmentKind| body.segments().iter().filter(move |segment| segment.kind == kind);
-    let length: f64 = of(SegmentKind::Wood).map(|segment| segment.axis().norm()).sum();
-    let branches =
-        of(SegmentKind::Wood).map(|segment| segment.branch).max().map_or(0, |last| last + 1);
-    output.note(&format!(
-        "elastic body: {length:.2} m of wood in {branches} stems and branches, {} leaves; variants compared: {}",
-        of(SegmentKind::Leaf).count(),
-        bodies.len()
-    ));
-    Ok(bodies.into_iter().map(Arc::new).collect())
 }
 
 /// Where the touches of an evaluation come from.

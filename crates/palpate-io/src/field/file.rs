@@ -132,7 +132,7 @@ fn given<'a>(arrays: &Arrays, name: &'a str) -> Option<&'a str> {
 const STIFFEST_N_PER_M: f64 = 1e12;
 
 /// `n` numbers that a spring can have; N x 1, as OpenVSF may write them, is as good as N.
-fn springs(arrays: &Arrays, name: &str, n: usize) -> Result<Vec<f64>, NpzError> {
+pub(super) fn springs(arrays: &Arrays, name: &str, n: usize) -> Result<Vec<f64>, NpzError> {
     let is_column = arrays.get(name).is_some_and(|array| array.shape() == [n, 1]);
     let shape: &[_] = if is_column { &[Some(n), Some(1)] } else { &[Some(n)] };
     let numbers = arrays.floats(name, shape)?;

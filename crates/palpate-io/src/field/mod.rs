@@ -16,6 +16,7 @@
 //! are left in [`npz::Arrays`] for the program that wrote them. How a cell's index follows from its
 //! place is the lattice's business, not the file's.
 
+mod elastic;
 mod file;
 pub mod npz;
 mod saved;

@@ -14,19 +14,23 @@
 //! | `log_touch`     | T x 3    | u32  | touch, its samples, whether it is still under way     |
 //! | `log_q`, `log_tau` | S x n | f64  | samples of those touches in a row, as logged          |
 //!
+//! A field with a body that bends has more arrays: [`super::elastic`].
+//!
 //! Everything from `state_mean` on is there only if mapping is to go on from the file. The
 //! remembered contacts are not stored: they are simulated again from the sample log, a
 //! hundredth of their size.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use palpate::unstable::{EstimatorState, FrameId, LoggedTouch, RememberedFrame, RngState};
 use palpate::{
     CellId, ContactConfig, EstimatorKind, ExternalTorqueConfig, Field, Lattice, Mapper,
-    MapperConfig, Snapshot,
+    MapperConfig, Sample, Snapshot,
 };
 use serde::{Deserialize, Serialize};
 
+use super::elastic;
 use super::file::{FieldFile, FieldLattice};
 use super::npz::{Array, Arrays, Data, NpzError, npz_bytes, read_npz, read_npz_bytes, write_npz};
 use crate::atomic::IfExists;
@@ -61,6 +65,8 @@ pub struct Saved {
     pub robot: String,
     /// The mapper, if the file holds it.
     pub snapshot: Option<Snapshot>,
+    /// Samples of the touches that the field's body was learnt from, if it has one and mapping is to go on.
+    pub elastic_touches: Vec<Vec<Sample>>,
 }
 
 impl Saved {
@@ -72,13 +78,15 @@ impl Saved {
             prior_n_per_m: mapper.prior_n_per_m(),
             robot: snapshot.robot.0.clone(),
             snapshot: Some(snapshot),
+            elastic_touches: Vec::new(),
         }
     }
 
     /// A field that came from elsewhere: no mapper goes on from it, and the prior is the same of
     /// all cells.
     pub fn of_field(field: Field, robot: &str) -> Self {
-        Self { field, prior_n_per_m: None, robot: robot.to_owned(), snapshot: None }
+        let (robot, elastic_touches) = (robot.to_owned(), Vec::new());
+        Self { field, prior_n_per_m: None, robot, snapshot: None, elastic_touches }
     }
 }
 
@@ -193,6 +201,9 @@ fn to_arrays(saved: &Saved) -> Arrays {
         insert_state(&mut arrays, &snapshot.state, snapshot.config.method);
         insert_sample_log(&mut arrays, snapshot);
     }
+    if let Some(model) = &field.elastic {
+        elastic::insert(&mut arrays, model, &saved.elastic_touches);
+    }
     arrays
 }
 
@@ -209,7 +220,7 @@ fn insert_state(arrays: &mut Arrays, state: &EstimatorState, method: EstimatorKi
     let width = alphas.len().checked_div(frames).unwrap_or(0);
     arrays.insert("memory_alpha", Array::new(vec![frames, width], Data::F64(alphas)));
     let scored = match method {
-        EstimatorKind::Map => state.remembered.as_slice(),
+        EstimatorKind::Map | EstimatorKind::Elastic => state.remembered.as_slice(),
         EstimatorKind::Ekf => &[], // draws its frames at random only
     };
     let nis = scored.iter().map(|frame| frame.nis).collect();
@@ -263,7 +274,17 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
         let what = format!("cell {} is not in the lattice {:?}", cell.0, field.lattice.shape());
         return Err(contradiction(arrays, what));
     }
-    let mut saved = Saved { field, prior_n_per_m: file.prior, robot: meta.robot, snapshot: None };
+    let mut elastic_touches = Vec::new();
+    if let Some((model, touches)) = elastic::read(arrays, field.cells.len())? {
+        (field.elastic, elastic_touches) = (Some(Arc::new(model)), touches);
+    }
+    let mut saved = Saved {
+        field,
+        prior_n_per_m: file.prior,
+        robot: meta.robot,
+        snapshot: None,
+        elastic_touches,
+    };
     if let Some(mapper) = meta.mapper {
         saved.snapshot = Some(snapshot(arrays, mapper, &saved)?);
     }
@@ -271,7 +292,7 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
 }
 
 /// The error of arrays that contradict each other.
-fn contradiction(arrays: &Arrays, what: String) -> SavedError {
+pub(super) fn contradiction(arrays: &Arrays, what: String) -> SavedError {
     SavedError::Contradiction { path: arrays.path().display().to_string(), what }
 }
 
@@ -307,7 +328,7 @@ fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapsh
     }
     let (n_joints, sample_log) = sample_log(arrays)?;
     let wanted = match mapper.config.method {
-        EstimatorKind::Map => n_joints,
+        EstimatorKind::Map | EstimatorKind::Elastic => n_joints,
         EstimatorKind::Ekf => 0,
     };
     if width != wanted && !state.remembered.is_empty() {

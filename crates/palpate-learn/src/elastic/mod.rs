@@ -20,9 +20,11 @@
 mod simulated;
 mod stiffness;
 
+use std::collections::HashMap;
+
 use nalgebra::DVector;
-use palpate::MapperConfig;
-use palpate::unstable::{Cell, Estimator, FrameId};
+use palpate::unstable::{Cell, ElasticModel, Estimator, FrameId};
+use palpate::{CellId, MapperConfig};
 
 use self::stiffness::touch_error;
 use crate::error::{LearnError, Stop, unless_stopped};
@@ -133,6 +135,43 @@ impl<'a> Learner<'a> {
     }
 }
 
+/// What some touches say of a body, and of the field with it and without.
+struct Lesson<'a> {
+    field: Learner<'a>,
+    both: Learner<'a>,
+    constants: Constants,
+    weights: Weights,
+}
+
+impl<'a> Lesson<'a> {
+    fn learn(
+        tracked: &'a Tracked,
+        touches: &[usize],
+        config: &'a MapperConfig,
+        stop: Stop<'_>,
+    ) -> Result<Self, LearnError> {
+        let body = tracked.body.as_deref().expect("the caller gave a body");
+        let constants = body.constants(tracked, touches);
+        let mut field = Learner::new((body, tracked), config, None)?;
+        let mut both = Learner::new((body, tracked), config, Some(constants.clone()))?;
+        let mut body_error = 0.0;
+        for (place, &touch) in touches.iter().enumerate() {
+            let counts = 2 * place >= touches.len() || touches.len() == 1;
+            if counts {
+                let of_body = |frame: usize| body.torque(&constants, touch, frame);
+                body_error += touch_error(tracked, touch, of_body);
+            }
+            field.learn(place, touch, counts, stop)?;
+            both.learn(place, touch, counts, stop)?;
+        }
+        let weights = match touches.is_empty() {
+            true => Weights { field: 0.0, body: 1.0, both: 0.0 },
+            false => Weights::of([field.error, body_error, both.error]),
+        };
+        Ok(Self { field, both, constants, weights })
+    }
+}
+
 /// Learns a fold's training touches, and predicts its test touches by field and body.
 ///
 /// # Errors
@@ -148,25 +187,12 @@ pub fn predict(
     config: &MapperConfig,
     stop: Stop<'_>,
 ) -> Result<Predicted, LearnError> {
-    let body = tracked.body.as_deref().expect("the caller gave a body");
-    let constants = body.constants(tracked, &fold.train);
-    let mut field = Learner::new((body, tracked), config, None)?;
-    let mut both = Learner::new((body, tracked), config, Some(constants.clone()))?;
-    let mut body_error = 0.0;
-    for (place, &touch) in fold.train.iter().enumerate() {
-        let counts = 2 * place >= fold.train.len() || fold.train.len() == 1;
-        if counts {
-            let of_body = |frame: usize| body.torque(&constants, touch, frame);
-            body_error += touch_error(tracked, touch, of_body);
-        }
-        field.learn(place, touch, counts, stop)?;
-        both.learn(place, touch, counts, stop)?;
-    }
-    let weights = Weights::of([field.error, body_error, both.error]);
+    let Lesson { field, both, constants, weights } =
+        Lesson::learn(tracked, &fold.train, config, stop)?;
     let cells = [field.cells(), both.cells()];
     let torque = |touch: usize, frame: usize| {
         weights.field * field.torque(&cells[0], touch, frame)
-            + weights.body * body.torque(&constants, touch, frame)
+            + weights.body * both.of_body(touch, frame)
             + weights.both * both.torque(&cells[1], touch, frame)
     };
     let frames = |&touch: &usize| {
@@ -174,4 +200,41 @@ pub fn predict(
         frames.map(|frame| torque(touch, frame).as_slice().to_vec()).collect()
     };
     Ok(Predicted { torques: fold.test.iter().map(frames).collect(), constants, weights })
+}
+
+/// Learns some touches, and returns what they say for a field of these cells: its predictions are those
+/// of [`predict`], since torques are linear in the stiffness of both body and springs. Without touches,
+/// the body is taken to be as other objects are.
+///
+/// # Errors
+///
+/// As [`predict`].
+///
+/// # Panics
+///
+/// As [`predict`].
+pub fn model(
+    tracked: &Tracked,
+    touches: &[usize],
+    config: &MapperConfig,
+    cells: &[CellId],
+    stop: Stop<'_>,
+) -> Result<ElasticModel, LearnError> {
+    let Lesson { field, both, constants, weights } = Lesson::learn(tracked, touches, config, stop)?;
+    let rows = tracked.cells.iter().enumerate().map(|(row, cell)| (*cell, row));
+    let rows: HashMap<CellId, usize> = rows.collect();
+    let stiffness = |row: usize| {
+        let of = |learner: &Learner<'_>| f64::max(learner.estimator.stiffness(row), 0.0);
+        weights.field * of(&field) + weights.both * of(&both)
+    };
+    let of_cell = |cell: &CellId| stiffness(rows.get(cell).copied().unwrap_or(usize::MAX));
+    Ok(ElasticModel {
+        variants: both.body.variants(&constants),
+        friction: constants.friction(),
+        creep_s: constants.creep_s(),
+        torque_limit_n_m: constants.torque_limit_n_m(),
+        share: (weights.body + weights.both).min(1.0),
+        stiffness_n_per_m: cells.iter().map(of_cell).collect(),
+        untouched_n_per_m: stiffness(usize::MAX),
+    })
 }

@@ -17,9 +17,14 @@ pub const CONTACTS: [[f64; 2]; 6] =
 /// n_joints × trees of the body, N·m at a stiffness factor of one, by touch and frame of [`Tracked`].
 pub(super) type Simulated = Vec<Vec<DMatrix<f64>>>;
 
+/// Of [`CONTACTS`], that of an object that was not touched yet.
+pub(super) const UNTOUCHED: usize = 4;
+
 /// Torque of an object's bodies along every touch.
 #[derive(Debug, Clone)]
 pub(crate) struct BodyTorques {
+    /// The bodies, the likeliest first.
+    pub(super) bodies: Vec<Arc<ElasticBody>>,
     /// Of the first body, with each of [`CONTACTS`].
     pub(super) first: Vec<Simulated>,
     /// Of the others, with the contacts that may be chosen: those that all touches but one speak for.
@@ -64,9 +69,11 @@ impl BodyTorques {
         let jobs = (0..n * CONTACTS.len()).into_par_iter().with_max_len(1);
         let all = jobs.map(|job| simulate(first, job / n, job % n).inspect(|_| step()));
         let (simulated, mut settled) = gathered(all.collect::<Result<_, LearnError>>()?);
-        let first: Vec<Simulated> = simulated.chunks(n.max(1)).map(<[_]>::to_vec).collect();
+        let of_contact = |contact: usize| simulated[contact * n..(contact + 1) * n].to_vec();
+        let first: Vec<Simulated> = (0..CONTACTS.len()).map(of_contact).collect();
 
-        let mut torques = Self { first, others: Vec::new(), settled };
+        let bodies = bodies.to_vec();
+        let mut torques = Self { bodies, first, others: Vec::new(), settled };
         let all_but = |left_out: usize| (0..n).filter(move |&touch| touch != left_out).collect();
         let contacts = (0..=n).into_par_iter().map(|left_out| {
             let touches: Vec<usize> = all_but(left_out);
@@ -104,14 +111,15 @@ impl BodyTorques {
             by_contact.each_ref().map(|simulated| simulated.as_ref().map(touches))
         };
         Self {
+            bodies: self.bodies.clone(),
             first: self.first.iter().map(touches).collect(),
             others: self.others.iter().map(other).collect(),
             settled: self.settled,
         }
     }
 
-    /// The bodies that were simulated with a contact, the first one first.
-    pub(super) fn bodies(&self, contact: usize) -> impl Iterator<Item = &Simulated> {
+    /// The torques of the bodies with a contact that may be chosen, the first body first.
+    pub(super) fn torques(&self, contact: usize) -> impl Iterator<Item = &Simulated> {
         let others = self.others.iter().filter_map(move |others| others[contact].as_ref());
         std::iter::once(&self.first[contact]).chain(others)
     }

@@ -1,8 +1,11 @@
 //! Contact and stiffness that explain the measured torques of some touches best.
 
-use nalgebra::{DMatrix, DVector};
+use std::sync::Arc;
 
-use super::simulated::{BodyTorques, CONTACTS, Simulated};
+use nalgebra::{DMatrix, DVector};
+use palpate::unstable::{ElasticBody, ElasticVariant, limited};
+
+use super::simulated::{BodyTorques, CONTACTS, Simulated, UNTOUCHED};
 use crate::tracked::Tracked;
 
 /// Factors of stiffness that are tried, from a tenth to ten.
@@ -26,7 +29,7 @@ pub struct Constants {
     contact: usize,
     /// By body.
     shares: Vec<Share>,
-    /// The norm to which the torque of the bodies is limited, N·m over all joints.
+    /// The norm to which the torque of the bodies is limited, N·m over all joints; infinite without a touch.
     torque_limit_n_m: f64,
 }
 
@@ -45,6 +48,16 @@ impl Constants {
         CONTACTS[self.contact][0]
     }
 
+    /// [`palpate::unstable::ElasticContactConfig::creep_s`], s.
+    pub fn creep_s(&self) -> f64 {
+        CONTACTS[self.contact][1]
+    }
+
+    /// The norm to which the torque of the bodies is limited, N·m, if touches say which torques there are.
+    pub(super) fn torque_limit_n_m(&self) -> Option<f64> {
+        self.torque_limit_n_m.is_finite().then_some(self.torque_limit_n_m)
+    }
+
     /// Factors on the stiffness of the springs of each tree, of the body that is believed most.
     pub fn by_tree(&self) -> impl Iterator<Item = f64> {
         let most = self.shares.iter().max_by(|a, b| a.weight.total_cmp(&b.weight));
@@ -60,22 +73,32 @@ impl Constants {
 impl BodyTorques {
     /// Torque in a frame, n_joints, N·m.
     pub(super) fn torque(&self, constants: &Constants, touch: usize, frame: usize) -> DVector<f64> {
-        let bodies = self.bodies(constants.contact).zip(&constants.shares);
+        let bodies = self.torques(constants.contact).zip(&constants.shares);
         let torque: DVector<f64> = bodies
             .map(|(torques, share)| &torques[touch][frame] * &share.factors * share.weight)
             .sum();
-        let size = torque.norm();
-        if size > constants.torque_limit_n_m {
-            torque * (constants.torque_limit_n_m / size)
-        } else {
-            torque
-        }
+        limited(torque, constants.torque_limit_n_m)
+    }
+
+    /// The bodies as touches have taught them.
+    pub(super) fn variants(&self, constants: &Constants) -> Vec<ElasticVariant> {
+        let variant = |(body, share): (&Arc<ElasticBody>, &Share)| ElasticVariant {
+            body: ElasticBody::clone(body),
+            weight: share.weight.min(1.0),
+            stiffness_factors: share.factors.as_slice().to_vec(),
+        };
+        self.bodies.iter().zip(&constants.shares).map(variant).collect()
     }
 
     /// The contact with which the first body explains the measured torques of some touches best, and the
     /// sum of its errors.
     pub(super) fn contact(&self, tracked: &Tracked, touches: &[usize]) -> (usize, f64) {
-        let errors = self.first.iter().map(|torques| factors(torques, tracked, touches).1);
+        if touches.is_empty() {
+            return (UNTOUCHED, 0.0);
+        }
+        let n_trees = self.bodies[0].n_trees();
+        let errors =
+            self.first.iter().map(|torques| factors((torques, n_trees), tracked, touches).1);
         let best = errors.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
         best.expect("there are contacts")
     }
@@ -84,8 +107,9 @@ impl BodyTorques {
     /// mean over touches of the average relative error.
     pub(super) fn constants(&self, tracked: &Tracked, touches: &[usize]) -> Constants {
         let (contact, _) = self.contact(tracked, touches);
-        let shares = self.bodies(contact).map(|torques| {
-            let (factors, error) = factors(torques, tracked, touches);
+        let bodies = self.torques(contact).zip(&self.bodies);
+        let shares = bodies.map(|(torques, body)| {
+            let (factors, error) = factors((torques, body.n_trees()), tracked, touches);
             Share { weight: f64::max(error, 1e-6).powi(-8), factors }
         });
         let mut shares: Vec<Share> = shares.collect();
@@ -93,19 +117,26 @@ impl BodyTorques {
         shares.iter_mut().for_each(|share| share.weight /= sum);
         let frames = touches.iter().flat_map(|&touch| &tracked.touches[touch].frames);
         let largest = frames.map(|frame| frame.observation.tau().norm()).fold(0.0, f64::max);
-        Constants { contact, shares, torque_limit_n_m: TORQUE_LIMIT * largest }
+        let limit = if touches.is_empty() { f64::INFINITY } else { TORQUE_LIMIT * largest };
+        Constants { contact, shares, torque_limit_n_m: limit }
     }
 }
 
 /// The factors of stiffness that explain the measured torques of some touches best, by tree, and the sum
 /// of the average relative errors.
-fn factors(torques: &Simulated, tracked: &Tracked, touches: &[usize]) -> (DVector<f64>, f64) {
+fn factors(
+    (torques, n_trees): (&Simulated, usize),
+    tracked: &Tracked,
+    touches: &[usize],
+) -> (DVector<f64>, f64) {
+    if touches.is_empty() {
+        return (DVector::from_element(n_trees, 1.0), 0.0);
+    }
     let error = |factors: &DVector<f64>| -> f64 {
         let error =
             |&touch: &usize| touch_error(tracked, touch, |frame| &torques[touch][frame] * factors);
         touches.iter().map(error).sum()
     };
-    let n_trees = torques.iter().flatten().next().map_or(1, DMatrix::ncols);
     let tried = (0..FACTORS).map(|number| {
         let factor = 0.1 * 100_f64.powf(number as f64 / (FACTORS - 1) as f64);
         let factors = DVector::from_element(n_trees, factor);

@@ -12,6 +12,7 @@ use palpate_learn::method::{self, Method};
 use palpate_learn::tracked::{Touch, Tracked};
 use palpate_learn::tune::{Effort, Tuned, Tuner};
 
+use crate::elastic::bent;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::touches::RecordedTouch;
@@ -165,19 +166,8 @@ impl Work<'_> {
         if self.bodies.is_empty() || !wanted {
             return Ok(tracked);
         }
-        let steps = Tracked::steps_with_bodies(self.touches.len(), self.bodies.len());
-        let bar = progress.begin(Some(steps as u64), "touches", "simulating the elastic body");
-        let (stop, step) = (|| progress.stopped(), || bar.step());
-        let tracked = tracked.with_bodies(self.arm, &self.bodies, self.touches, (&stop, &step));
-        let tracked = tracked.map_err(|error| self.fault(error, keep))?;
-        if let Some(settled) = tracked.settled().filter(|settled| settled.unsettled > 0) {
-            let percent = 100.0 * settled.unsettled as f64 / settled.samples as f64;
-            progress.note(&format!(
-                "the elastic body did not come to rest in {percent:.1} % of the samples; its torque there \
-                 is that of the last iteration"
-            ));
-        }
-        Ok(tracked)
+        bent(tracked, (self.arm, &self.bodies), self.touches, progress)
+            .map_err(|error| self.fault(error, keep))
     }
 
     /// The estimators' settings in every fold: the given ones, or those that its training touches

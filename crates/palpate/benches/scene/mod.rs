@@ -89,7 +89,9 @@ impl Learner {
         let mut rows = CellRows::new(Lattice::new([-0.3; 3], 0.012, [50; 3]).unwrap());
         let config = EstimatorConfig::of(method);
         let estimator: Box<dyn Estimator> = match method {
-            EstimatorKind::Map => Box::new(MapEstimator::new(&config, 0.012, 7).unwrap()),
+            EstimatorKind::Map | EstimatorKind::Elastic => {
+                Box::new(MapEstimator::new(&config, 0.012, 7).unwrap())
+            }
             EstimatorKind::Ekf => Box::new(EkfEstimator::new(&config, 0.012, 7).unwrap()),
         };
         let mut random_frame = |_| frame(&robot, &mut rows, &mut rng, n_contacts);

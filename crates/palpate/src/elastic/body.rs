@@ -1,11 +1,17 @@
 //! An elastic body at rest: segments that hang from each other on sprung joints.
 
 use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::mobility::mobilities;
+use crate::lattice::FARTHEST_M;
+
+/// Segments of a body at most.
+const MOST_SEGMENTS: usize = 100_000;
 
 /// What a segment stands for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum SegmentKind {
     /// A piece of a stem, a branch or a twig: a round rod.
     Wood,
@@ -16,7 +22,8 @@ pub enum SegmentKind {
 /// A stiff rod or plate that turns about its start, where a spring holds it.
 ///
 /// Lengths in m, world frame, at rest.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Segment {
     /// The segment that carries it; none if it stands on the ground. Parents come first.
     pub parent: Option<u32>,
@@ -56,7 +63,8 @@ impl Segment {
 }
 
 /// A body of segments: one tree or several.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Vec<Segment>", into = "Vec<Segment>")]
 pub struct ElasticBody {
     segments: Vec<Segment>,
     mobilities: Vec<f64>,
@@ -78,6 +86,26 @@ pub enum BodyError {
     /// A number that no segment can have.
     #[error("{thing} of segment {segment} is {found}, wanted {wanted}")]
     Number { segment: usize, thing: &'static str, found: f64, wanted: &'static str },
+    /// More than can be brought to rest in a sample.
+    #[error("the body has {found} segments; wanted at most {MOST_SEGMENTS}")]
+    Many { found: usize },
+    /// What touches are said to have taught of it.
+    #[error("{thing} of the elastic model is {found}, wanted {wanted}")]
+    Model { thing: &'static str, found: f64, wanted: &'static str },
+}
+
+impl TryFrom<Vec<Segment>> for ElasticBody {
+    type Error = BodyError;
+
+    fn try_from(segments: Vec<Segment>) -> Result<Self, BodyError> {
+        Self::new(segments)
+    }
+}
+
+impl From<ElasticBody> for Vec<Segment> {
+    fn from(body: ElasticBody) -> Self {
+        body.segments
+    }
 }
 
 impl ElasticBody {
@@ -90,24 +118,27 @@ impl ElasticBody {
         if segments.is_empty() {
             return Err(BodyError::Empty);
         }
+        if segments.len() > MOST_SEGMENTS {
+            return Err(BodyError::Many { found: segments.len() });
+        }
         for (segment, part) in segments.iter().enumerate() {
             if let Some(parent) = part.parent.filter(|&parent| parent as usize >= segment) {
                 return Err(BodyError::Parent { segment, parent });
             }
-            let wanted = "a finite number above zero";
-            let positive = |thing, found: f64| match found > 0.0 && found.is_finite() {
-                true => Ok(()),
-                false => Err(BodyError::Number { segment, thing, found, wanted }),
+            let check = |thing, found: f64, [low, high]: [f64; 2], wanted| {
+                let fits = (low..=high).contains(&found);
+                if fits { Ok(()) } else { Err(BodyError::Number { segment, thing, found, wanted }) }
             };
-            positive("radius_m", part.radius_m)?;
-            positive("stiffness_n_m_per_rad", part.stiffness_n_m_per_rad)?;
-            let coordinates =
-                part.start_m.iter().chain(part.end_m.iter()).chain(part.half_width_m.iter());
-            if let Some(&found) = coordinates.clone().find(|number| !number.is_finite()) {
-                let (thing, wanted) = ("a coordinate", "a finite number");
-                return Err(BodyError::Number { segment, thing, found, wanted });
+            check("radius_m", part.radius_m, [1e-6, 10.0], "a number from 1e-6 to 10")?;
+            let stiffness = ("stiffness_n_m_per_rad", part.stiffness_n_m_per_rad);
+            check(stiffness.0, stiffness.1, [1e-12, 1e12], "a number from 1e-12 to 1e12")?;
+            check("bare_m", part.bare_m, [0.0, 10.0], "a number from 0 to 10")?;
+            let coordinates = part.start_m.iter().chain(&part.end_m).chain(&part.half_width_m);
+            for &coordinate in coordinates {
+                let far = [-FARTHEST_M, FARTHEST_M];
+                check("a coordinate", coordinate, far, "a number from -1000 to 1000")?;
             }
-            positive("the length", part.axis().norm())?;
+            check("the length", part.axis().norm(), [1e-6, 10.0], "a length from 1e-6 to 10 m")?;
         }
         let mobilities = mobilities(&segments);
         let mut trees: Vec<u32> = Vec::with_capacity(segments.len());

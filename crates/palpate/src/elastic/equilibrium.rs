@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, Isometry3, Point3, UnitQuaternion, Vector3, Vector6};
 
-use super::body::ElasticBody;
+use super::body::{ElasticBody, Segment};
 use super::contact::{Anchor, ElasticContactConfig, PlacedLink, Resistance, deepest};
 use super::pose::Pose;
 use super::tree::{self, Node};
@@ -79,6 +79,16 @@ struct State {
     ignored: Vec<bool>,
 }
 
+impl State {
+    fn at_rest(segments: usize, points: usize) -> Self {
+        Self {
+            turned: vec![UnitQuaternion::identity(); segments],
+            anchors: vec![None; points],
+            ignored: vec![false; points],
+        }
+    }
+}
+
 impl Equilibrium {
     /// A body at rest.
     pub fn new(arm: Arc<Arm>, body: Arc<ElasticBody>, config: ElasticContactConfig) -> Self {
@@ -100,17 +110,33 @@ impl Equilibrium {
             }
             first.push(points.len());
         }
-        let state = State {
-            turned: vec![UnitQuaternion::identity(); body.segments().len()],
-            anchors: vec![None; points.len()],
-            ignored: vec![false; points.len()],
-        };
+        let state = State::at_rest(body.segments().len(), points.len());
         Self { arm, body, config, points, first, state, before: None, substep_s: 0.0 }
+    }
+
+    /// The body.
+    pub fn body(&self) -> &Arc<ElasticBody> {
+        &self.body
     }
 
     /// The arm that bends it.
     pub fn arm(&self) -> &Arc<Arm> {
         &self.arm
+    }
+
+    /// Begins a touch: the body is as it was at first.
+    pub fn begin_touch(&mut self) {
+        self.state = State::at_rest(self.body.segments().len(), self.points.len());
+        self.before = None;
+    }
+
+    /// Where the segments are: start and end of each, m, world frame.
+    pub fn segments_m(&self) -> Vec<[Point3<f64>; 2]> {
+        let posed = self.posed();
+        let ends = |(index, part): (usize, &Segment)| {
+            [posed.starts[index], posed.point(index, &part.axis())]
+        };
+        self.body.segments().iter().enumerate().map(ends).collect()
     }
 
     /// Moves the arm on, which takes a time, s, and lets the body come to rest. The time matters only to

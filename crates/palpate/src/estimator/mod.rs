@@ -74,17 +74,21 @@ pub enum EstimatorKind {
     Map,
     /// The paper's filter ([`crate::unstable::EkfEstimator`]).
     Ekf,
+    /// [`Self::Map`], beside a body that bends ([`crate::unstable::ElasticModel`]), which whoever has a
+    /// picture of the object fits to the same touches.
+    Elastic,
 }
 
 impl EstimatorKind {
     /// All of them.
-    pub const ALL: [Self; 2] = [Self::Map, Self::Ekf];
+    pub const ALL: [Self; 3] = [Self::Map, Self::Ekf, Self::Elastic];
 
     /// Its name in settings, files and tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Map => "map",
             Self::Ekf => "ekf",
+            Self::Elastic => "elastic",
         }
     }
 
@@ -137,7 +141,7 @@ impl EstimatorConfig {
     pub fn of(method: EstimatorKind) -> Self {
         let memory = MemoryLimits { frames: 20_000, bytes: 256 << 20 };
         match method {
-            EstimatorKind::Map => Self {
+            EstimatorKind::Map | EstimatorKind::Elastic => Self {
                 prior: Prior { mean_n_per_m: 0.0, std_n_per_m: 0.76 },
                 torque_std: vec![0.2],
                 replays: 20,

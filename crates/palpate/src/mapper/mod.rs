@@ -72,7 +72,9 @@ impl MapperConfig {
     pub fn estimator(&self, n_joints: usize) -> Result<Box<dyn Estimator>, EstimatorError> {
         let (config, spacing_m) = (&self.estimator, self.lattice.spacing_m());
         Ok(match self.method {
-            EstimatorKind::Map => Box::new(MapEstimator::new(config, spacing_m, n_joints)?),
+            EstimatorKind::Map | EstimatorKind::Elastic => {
+                Box::new(MapEstimator::new(config, spacing_m, n_joints)?)
+            }
             EstimatorKind::Ekf => Box::new(EkfEstimator::new(config, spacing_m, n_joints)?),
         })
     }
@@ -327,6 +329,7 @@ impl Mapper {
             std_n_per_m: of_rows.clone().map(|row| estimator.std(row)).collect(),
             counts: of_rows.map(|row| estimator.count(row)).collect(),
             untouched_n_per_m: estimator.stiffness(usize::MAX),
+            elastic: None,
         }
     }
 

@@ -1,0 +1,101 @@
+//! A field with a body that bends: `map`, `predict` and `evaluate` agree, and mapping goes on.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+mod common;
+
+use std::path::Path;
+
+use common::{Scene, json, palpate, refuse, succeed};
+use palpate_io::field::load;
+use palpate_io::log::{self, LogEvent, LogOptions};
+
+fn bundled(file: &str) -> String {
+    format!("{}/data/plant_a/{file}", env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The first samples of a bundled touch, its still start and the way in.
+fn beginning(scene: &Scene, touch: &str, samples: usize) -> String {
+    let (mut q, mut tau) = (Vec::new(), Vec::new());
+    for event in log::open(Path::new(&bundled(touch)), &LogOptions::default()).unwrap() {
+        if let LogEvent::Sample(sample) = event.unwrap() {
+            q.push(<[f64; 7]>::try_from(sample.q).unwrap());
+            tau.push(<[f64; 7]>::try_from(sample.tau).unwrap());
+        }
+    }
+    let name = format!("log/{touch}");
+    scene.arrays(&name, &q[..samples], &tau[..samples]);
+    scene.text(&name)
+}
+
+#[test]
+fn a_field_with_a_body_predicts_what_evaluate_says_and_goes_on_as_if_learnt_at_once() {
+    let scene = Scene::new();
+    let [a, b, c] = ["seq_000", "seq_001", "seq_002"].map(|name| beginning(&scene, name, 220));
+    let cloud = bundled("object.ply");
+    let map = |logs: &[&str], more: &[&str], to: &str| {
+        let mut command = palpate();
+        command.arg("map").args(logs).args(["--replays", "3", "-o", &scene.text(to)]).args(more);
+        command
+    };
+    let with = ["--estimator", "elastic", "--cloud", &cloud];
+    succeed(&mut map(&[&a, &b], &with, "once.npz"));
+    succeed(&mut map(&[&a], &with[2..], "half.npz"));
+    let mut on = palpate();
+    on.args(["map", &b, "--from", &scene.text("half.npz"), "-o", &scene.text("both.npz")]);
+    let summary = json(on.arg("--json"));
+    assert_eq!(summary["estimator"], "elastic");
+    assert!(summary["elastic"]["share"].as_f64().unwrap() > 0.1, "{summary}");
+    let [once, both] = ["once.npz", "both.npz"].map(|name| load(&scene.path(name)).unwrap());
+    assert!(once.field.elastic.is_some());
+    assert_eq!(once.field, both.field, "the two must agree to the bit");
+    assert_eq!(once.elastic_touches, both.elastic_touches);
+
+    let mut command = palpate();
+    command.args(["evaluate", &a, &b, &c, "--methods", "elastic,map,zero", "--cloud", &cloud]);
+    command.args(["--test", "seq_002", "--replays", "3", "--json", "-o", &scene.text("e")]);
+    let evaluated = json(&mut command);
+    let error = |method: usize, figure: &str| {
+        evaluated["methods"][method][figure]["mean"].as_f64().unwrap()
+    };
+    let [elastic, zero] = [0, 2].map(|method| error(method, "avg_relative"));
+    assert!(elastic < 0.95 * zero, "{elastic} beside zero's {zero}");
+    let mut command = palpate();
+    let predicted = json(command.args(["predict", &scene.text("once.npz"), &c, "--json"]));
+    let predicted = predicted["overall"]["avg_error"].as_f64().unwrap();
+    let wanted = error(0, "avg_error");
+    assert!((predicted / wanted - 1.0).abs() < 1e-6, "{predicted}, evaluate says {wanted}");
+}
+
+#[test]
+fn without_a_touch_a_body_is_taken_as_others_are_and_predicts_more_than_zero() {
+    let scene = Scene::new();
+    let field = scene.text("field.npz");
+    let mut command = palpate();
+    succeed(command.args(["map", "--cloud", &bundled("object.ply"), "-o", &field]));
+    assert!(load(&scene.path("field.npz")).unwrap().field.elastic.unwrap().share == 1.0);
+    let mut command = palpate();
+    let touch = beginning(&scene, "seq_001", 220);
+    let report = json(command.args(["predict", &field, &touch, "--json"]));
+    let [error, zero] = [&report["overall"], &report["overall"]["zero"]]
+        .map(|f| f["avg_relative"].as_f64().unwrap());
+    assert!(error < 0.95 * zero, "{error} beside zero's {zero}");
+}
+
+#[test]
+fn a_body_that_nothing_makes_and_a_cloud_that_nothing_uses_are_refused() {
+    let scene = Scene::new();
+    let cloud = bundled("object.ply");
+    let words = ["elastic", "--cloud"];
+    let mut evaluate = palpate();
+    let (log, out) = (scene.text("log"), scene.text("out/e"));
+    refuse(evaluate.args(["evaluate", &log, "--methods", "elastic,zero", "-o", &out]), 2, &words);
+    assert!(scene.results().is_empty(), "{:?}", scene.results());
+    refuse(&mut scene.map(&["log"], &["--estimator", "elastic"]), 2, &words);
+    let with_ekf = ["--estimator", "ekf", "--cloud", &cloud];
+    refuse(&mut scene.map(&["log"], &with_ekf), 2, &["--cloud", "--estimator is ekf"]);
+    refuse(&mut scene.map(&["log"], &["--camera-pose", "0 0 0 0 0 0 1"]), 2, &["--cloud"]);
+    let mut tune = palpate();
+    let tuned = scene.text("out/t.toml");
+    let args = ["tune", &log, "--estimator", "elastic", "-o", &tuned];
+    refuse(tune.args(args), 2, &words);
+}

@@ -1,0 +1,94 @@
+//! A body that bends, in a field's file.
+//!
+//! | array           | shape | type | unit | meaning                                                    |
+//! |-----------------|-------|------|------|------------------------------------------------------------|
+//! | `elastic`       | bytes | u8   |      | JSON: bodies, friction, creep, and how far each is believed |
+//! | `K_elastic`     | N     | f64  | N/m  | stiffness of the springs beside the body                    |
+//! | `elastic_touch` | T x 2 | u32  |      | samples of each touch it was learnt from, and whether they have times |
+//! | `elastic_time`  | S     | f64  | s    | times of those samples in a row; 0 where there are none     |
+//! | `elastic_q`, `elastic_tau` | S x n | f64 | | positions and torques, as logged                            |
+//!
+//! The touches are there only if mapping is to go on from the file.
+
+use palpate::Sample;
+use palpate::unstable::ElasticModel;
+
+use super::file::springs;
+use super::npz::{Array, Arrays, Data};
+use super::saved::{SavedError, contradiction};
+
+/// Adds a body, and the touches that it was learnt from.
+pub(super) fn insert(arrays: &mut Arrays, model: &ElasticModel, touches: &[Vec<Sample>]) {
+    let json = serde_json::to_string(model).expect("a body is plain data");
+    arrays.insert("elastic", Array::text(&json));
+    arrays.insert("K_elastic", Array::flat(Data::F64(model.stiffness_n_per_m.clone())));
+    let Some(n_joints) = touches.iter().flatten().next().map(|sample| sample.q.len()) else {
+        return;
+    };
+    let of_touch = |touch: &Vec<Sample>| [touch.len() as u32, u32::from(has_times(touch))];
+    let rows = touches.iter().flat_map(of_touch).collect();
+    arrays.insert("elastic_touch", Array::new(vec![touches.len(), 2], Data::U32(rows)));
+    let times = touches.iter().flat_map(|touch| {
+        let has_times = has_times(touch);
+        touch.iter().map(move |sample| sample.time_s.filter(|_| has_times).unwrap_or(0.0))
+    });
+    arrays.insert("elastic_time", Array::flat(Data::F64(times.collect())));
+    let samples: usize = touches.iter().map(Vec::len).sum();
+    let mut table = |name, of: fn(&Sample) -> &Vec<f64>| {
+        let numbers = touches.iter().flatten().flat_map(|sample| of(sample).iter().copied());
+        arrays.insert(name, Array::new(vec![samples, n_joints], Data::F64(numbers.collect())));
+    };
+    table("elastic_q", |sample| &sample.q);
+    table("elastic_tau", |sample| &sample.tau);
+}
+
+fn has_times(touch: &[Sample]) -> bool {
+    touch.iter().all(|sample| sample.time_s.is_some_and(f64::is_finite))
+}
+
+/// A body, and the samples of the touches that it was learnt from.
+type Learnt = (ElasticModel, Vec<Vec<Sample>>);
+
+/// The body of a field of so many cells, and the touches that it was learnt from, if there is one.
+pub(super) fn read(arrays: &Arrays, cells: usize) -> Result<Option<Learnt>, SavedError> {
+    if arrays.get("elastic").is_none() {
+        return Ok(None);
+    }
+    let wrong = |what: String| contradiction(arrays, format!("the array `elastic`: {what}"));
+    let mut model: ElasticModel =
+        serde_json::from_str(&arrays.text("elastic")?).map_err(|error| wrong(error.to_string()))?;
+    model.stiffness_n_per_m = springs(arrays, "K_elastic", cells)?;
+    model.check(cells).map_err(|error| wrong(error.to_string()))?;
+    let touches = match arrays.get("elastic_touch") {
+        Some(_) => touches(arrays)?,
+        None => Vec::new(),
+    };
+    Ok(Some((model, touches)))
+}
+
+fn touches(arrays: &Arrays) -> Result<Vec<Vec<Sample>>, SavedError> {
+    let rows = arrays.small_counts("elastic_touch", &[None, Some(2)])?;
+    let times = arrays.floats("elastic_time", &[None])?;
+    let q = arrays.floats("elastic_q", &[Some(times.len()), None])?;
+    let n_joints = arrays.require("elastic_q")?.shape()[1];
+    let tau = arrays.floats("elastic_tau", &[Some(times.len()), Some(n_joints)])?;
+    let rows = rows.as_chunks::<2>().0;
+    let promised: u64 = rows.iter().map(|row| u64::from(row[0])).sum();
+    if promised != times.len() as u64 {
+        let what = format!(
+            "the array `elastic_touch` promises {promised} samples, `elastic_time` holds {}",
+            times.len()
+        );
+        return Err(contradiction(arrays, what));
+    }
+    let mut all = (0..times.len()).map(|sample| {
+        let of = |table: &[f64]| table[sample * n_joints..(sample + 1) * n_joints].to_vec();
+        Sample::new(Some(times[sample]), of(&q), of(&tau))
+    });
+    let touch = |&[samples, has_times]: &[u32; 2]| {
+        let untimed = |sample: Sample| Sample::new(None, sample.q, sample.tau);
+        let samples = all.by_ref().take(samples as usize);
+        samples.map(|sample| if has_times == 0 { untimed(sample) } else { sample }).collect()
+    };
+    Ok(rows.iter().map(touch).collect())
+}

@@ -1,0 +1,138 @@
+//! Bodies that bend: made from a cloud, and learnt from touches beside a field.
+
+use std::sync::Arc;
+
+use nalgebra::Point3;
+use palpate::unstable::{ElasticBody, SegmentKind};
+use palpate::{Arm, EstimatorKind, Mapper, Sample};
+use palpate_io::field::Saved;
+use palpate_learn::LearnError;
+use palpate_learn::body::readings;
+use palpate_learn::elastic::model;
+use palpate_learn::tracked::{Touch, Tracked};
+
+use crate::error::WorkError;
+use crate::progress::Progress;
+use crate::settings::{Settings, SettingsError};
+
+/// The elastic bodies that a cloud may be, the likeliest first; tells what was found.
+///
+/// Positions are in m in the world frame, colours sRGB; errors call the cloud by `name`.
+///
+/// # Errors
+///
+/// If no stem or branch is found.
+pub fn bodies(
+    (points, colours): (&[Point3<f64>], &[[u8; 3]]),
+    viewpoint: Option<Point3<f64>>,
+    name: &str,
+    progress: &dyn Progress,
+) -> Result<Vec<Arc<ElasticBody>>, WorkError> {
+    let bodies = readings(points, colours, viewpoint);
+    let body = bodies.first().ok_or_else(|| {
+        WorkError::from(format!(
+            "no stem or branch was found among the {} points of `{name}`, which an elastic body needs; \
+             leave the cloud out, or check it with a viewer",
+            points.len()
+        ))
+    })?;
+    progress.note(&format!("{}; variants compared: {}", in_words(body), bodies.len()));
+    Ok(bodies.into_iter().map(Arc::new).collect())
+}
+
+/// What a body is made of.
+pub fn in_words(body: &ElasticBody) -> String {
+    let of = |kind: SegmentKind| body.segments().iter().filter(move |segment| segment.kind == kind);
+    let length: f64 = of(SegmentKind::Wood).map(|segment| segment.axis().norm()).sum();
+    let branches =
+        of(SegmentKind::Wood).map(|segment| segment.branch).max().map_or(0, |last| last + 1);
+    let leaves = of(SegmentKind::Leaf).count();
+    format!("elastic body: {length:.2} m of wood in {branches} stems and branches, {leaves} leaves")
+}
+
+/// Takes the estimator `elastic` out of the settings, where there is a body for it: the field beside the
+/// body is that of `map`.
+///
+/// # Errors
+///
+/// If it is asked for without a body, or a body is given with another estimator.
+pub fn field_beside(settings: &mut Settings, has_body: bool) -> Result<(), SettingsError> {
+    let estimator = &mut settings.estimator.estimator;
+    match (*estimator, has_body) {
+        (Some(EstimatorKind::Elastic), true) => *estimator = Some(EstimatorKind::Map),
+        (Some(EstimatorKind::Elastic), false) => return Err(without_body()),
+        _ => {}
+    }
+    Ok(())
+}
+
+/// The error of an estimator that nothing makes a body for.
+pub fn without_body() -> SettingsError {
+    SettingsError::Together(
+        "the estimator `elastic` needs a coloured cloud, or a picture with depth, of the object, which \
+         `palpate map` and `palpate evaluate` take: name it as well (`--cloud object.ply`)"
+            .to_owned(),
+    )
+}
+
+/// Adds the torques of bodies along all touches; tells how often they did not come to rest.
+///
+/// # Errors
+///
+/// On being stopped.
+pub(crate) fn bent(
+    tracked: Tracked,
+    (arm, bodies): (&Arc<Arm>, &[Arc<ElasticBody>]),
+    touches: &[Touch],
+    progress: &dyn Progress,
+) -> Result<Tracked, LearnError> {
+    let steps = Tracked::steps_with_bodies(touches.len(), bodies.len());
+    let bar = progress.begin(Some(steps as u64), "touches", "simulating the elastic body");
+    let (stop, step) = (|| progress.stopped(), || bar.step());
+    let tracked = tracked.with_bodies(arm, bodies, touches, (&stop, &step))?;
+    if let Some(settled) = tracked.settled().filter(|settled| settled.unsettled > 0) {
+        let percent = 100.0 * settled.unsettled as f64 / settled.samples as f64;
+        progress.note(&format!(
+            "the elastic body did not come to rest in {percent:.1} % of the samples; its torque there \
+             is that of the last iteration"
+        ));
+    }
+    Ok(tracked)
+}
+
+/// What a mapper has learnt, with a body that was learnt from the same touches, and these touches.
+///
+/// # Errors
+///
+/// If a sample cannot be used, or on being stopped.
+pub fn taught(
+    mapper: &Mapper,
+    bodies: &[Arc<ElasticBody>],
+    touches: Vec<Vec<Sample>>,
+    progress: &dyn Progress,
+) -> Result<Saved, WorkError> {
+    let mut saved = Saved::of_mapper(mapper);
+    let (arm, config) = (mapper.arm(), mapper.config());
+    let touch = |(number, samples): (usize, Vec<Sample>)| {
+        let name = format!("touch {number} (from 0)");
+        Touch { name, samples, truth: None }
+    };
+    let touches: Vec<Touch> = touches.into_iter().enumerate().map(touch).collect();
+    let stop = || progress.stopped();
+    let learnt = || {
+        let tracked = Tracked::new(arm, config, &touches, &stop)?;
+        let tracked = bent(tracked, (arm, bodies), &touches, progress)?;
+        progress.note("learning the elastic body");
+        let all: Vec<usize> = (0..touches.len()).collect();
+        model(&tracked, &all, config, &saved.field.cells, &stop)
+    };
+    let learnt = learnt().map_err(|error| match error {
+        LearnError::Stopped => {
+            WorkError::Interrupted { kept: " while the elastic body was learnt".to_owned() }
+        }
+        other => WorkError::file(other),
+    })?;
+    saved.field.elastic = Some(Arc::new(learnt));
+    saved.elastic_touches = touches.into_iter().map(|touch| touch.samples).collect();
+    Ok(saved)
+}

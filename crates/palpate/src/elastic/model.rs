@@ -1,0 +1,171 @@
+//! What touches have taught of an object that bends, and its torque along a motion.
+
+use std::sync::Arc;
+
+use nalgebra::DVector;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::body::{BodyError, ElasticBody};
+use super::contact::ElasticContactConfig;
+use super::equilibrium::Equilibrium;
+use crate::arm::Arm;
+use crate::robot::Poses;
+
+/// What touches have taught of an object that bends.
+///
+/// The predicted torque is `share` times that of the bodies, and that of a field with
+/// `stiffness_n_per_m`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ElasticModel {
+    /// The bodies that the object may be.
+    pub variants: Vec<ElasticVariant>,
+    /// Sliding friction between arm and body.
+    pub friction: f64,
+    /// [`ElasticContactConfig::creep_s`], s.
+    pub creep_s: f64,
+    /// The norm to which the torque of the bodies together is limited, N·m over all joints; none if no
+    /// touch says which torques there are.
+    pub torque_limit_n_m: Option<f64>,
+    /// How much of the bodies' torque counts, 0 to 1.
+    pub share: f64,
+    /// K of the springs beside the bodies, by row of the field, N/m.
+    #[serde(skip)]
+    pub stiffness_n_per_m: Vec<f64>,
+    /// K of all other cells beside the bodies, N/m.
+    pub untouched_n_per_m: f64,
+}
+
+/// One of the bodies that an object may be.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ElasticVariant {
+    /// The body.
+    pub body: ElasticBody,
+    /// How far it is believed; those of all variants add up to one.
+    pub weight: f64,
+    /// Factors on the stiffness of its springs, by tree.
+    pub stiffness_factors: Vec<f64>,
+}
+
+impl ElasticModel {
+    /// Checks that the parts fit each other and a field of so many cells.
+    ///
+    /// # Errors
+    ///
+    /// Says which number was found, and what was wanted.
+    pub fn check(&self, cells: usize) -> Result<(), BodyError> {
+        let refused = |thing, found, wanted| Err(BodyError::Model { thing, found, wanted });
+        let share = "a number from 0 to 1";
+        let factor = "a number from 0 to 1e6";
+        if self.variants.is_empty() {
+            return Err(BodyError::Empty);
+        }
+        for variant in &self.variants {
+            if !(0.0..=1.0).contains(&variant.weight) {
+                return refused("weight", variant.weight, share);
+            }
+            let (n, found) = (variant.body.n_trees(), variant.stiffness_factors.len());
+            if n != found {
+                return refused("the number of stiffness_factors", found as f64, "one by tree");
+            }
+            let odd = variant.stiffness_factors.iter().find(|f| !(0.0..=1e6).contains(*f));
+            if let Some(&found) = odd {
+                return refused("a stiffness factor", found, factor);
+            }
+        }
+        for (thing, found, largest, wanted) in [
+            ("friction", self.friction, 1e3, "a number from 0 to 1000"),
+            ("creep_s", self.creep_s, 1e3, "a number from 0 to 1000"),
+            ("share", self.share, 1.0, share),
+            ("untouched_n_per_m", self.untouched_n_per_m, 1e12, "a number from 0 to 1e12"),
+            (
+                "torque_limit_n_m",
+                self.torque_limit_n_m.unwrap_or(0.0),
+                1e9,
+                "a number from 0 to 1e9",
+            ),
+        ] {
+            if !(0.0..=largest).contains(&found) {
+                return refused(thing, found, wanted);
+            }
+        }
+        match self.stiffness_n_per_m.len() {
+            found if found == cells => Ok(()),
+            found => refused("the number of springs beside the body", found as f64, "one by cell"),
+        }
+    }
+
+    /// The variant that is believed most.
+    pub fn likeliest(&self) -> &ElasticVariant {
+        let by_weight = |a: &&ElasticVariant, b: &&ElasticVariant| a.weight.total_cmp(&b.weight);
+        self.variants.iter().max_by(by_weight).expect("a model has a variant")
+    }
+}
+
+/// The torque of an [`ElasticModel`] along a motion.
+#[derive(Clone)]
+pub struct ElasticTorque {
+    /// Weight times stiffness factors, by tree, and the body against the arm; the likeliest comes first.
+    variants: Vec<(DVector<f64>, Equilibrium)>,
+    torque_limit_n_m: f64,
+    share: f64,
+    before_s: Option<f64>,
+}
+
+impl ElasticTorque {
+    /// The bodies at rest. Those that have no torque are left out.
+    pub fn new(arm: &Arc<Arm>, model: &ElasticModel) -> Self {
+        let config = ElasticContactConfig {
+            friction: model.friction,
+            creep_s: model.creep_s,
+            ..ElasticContactConfig::default()
+        };
+        let mut by_weight: Vec<&ElasticVariant> = model.variants.iter().collect();
+        by_weight.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+        let variants = by_weight.into_iter().filter_map(|variant| {
+            let factors = DVector::from_column_slice(&variant.stiffness_factors) * variant.weight;
+            let body = || Arc::new(variant.body.clone());
+            let counts = factors.amax() > 0.0 && model.share > 0.0;
+            counts.then(|| (factors, Equilibrium::new(Arc::clone(arm), body(), config)))
+        });
+        Self {
+            variants: variants.collect(),
+            torque_limit_n_m: model.torque_limit_n_m.unwrap_or(f64::INFINITY),
+            share: model.share,
+            before_s: None,
+        }
+    }
+
+    /// Begins a touch: the bodies are at rest.
+    pub fn begin_touch(&mut self) {
+        self.before_s = None;
+        self.variants.iter_mut().for_each(|(_, equilibrium)| equilibrium.begin_touch());
+    }
+
+    /// Moves the arm on, and gives the torque there, n_joints, N·m; the time, s, is that of the log.
+    pub fn advance(&mut self, arm: &Arm, poses: &Poses, time_s: Option<f64>) -> DVector<f64> {
+        let passed_s = time_s.zip(self.before_s).map_or(0.0, |(now, before)| now - before);
+        self.before_s = time_s;
+        let of_each = self.variants.par_iter_mut().map(|(factors, equilibrium)| {
+            equilibrium.advance(poses, passed_s);
+            equilibrium.torques(poses) * &*factors
+        });
+        let torques: Vec<DVector<f64>> = of_each.collect();
+        let none = DVector::zeros(arm.robot.n_joints());
+        let torque = torques.into_iter().fold(none, |sum, torque| sum + torque);
+        self.share * limited(torque, self.torque_limit_n_m)
+    }
+
+    /// The likeliest body where it is now, if one counts.
+    pub fn body(&self) -> Option<&Equilibrium> {
+        self.variants.first().map(|(_, equilibrium)| equilibrium)
+    }
+}
+
+/// A torque, n_joints, N·m, shortened to a norm.
+pub fn limited(torque: DVector<f64>, limit_n_m: f64) -> DVector<f64> {
+    let size = torque.norm();
+    if size > limit_n_m { torque * (limit_n_m / size) } else { torque }
+}
