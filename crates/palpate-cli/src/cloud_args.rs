@@ -60,7 +60,7 @@ impl CloudArgs {
         let seen = self.read(cloud, output)?;
         let colours = seen.colours().expect("read with colours");
         let (viewpoint, name) = (self.viewpoint(cloud)?, cloud.display().to_string());
-        elastic::bodies((seen.points(), colours), viewpoint, &name, output)
+        Ok(elastic::bodies((seen.points(), colours), viewpoint, &name, output))
     }
 
     /// Reads points with colours: a PLY or PCD file, or a folder with colour, depth and camera.

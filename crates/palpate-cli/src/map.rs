@@ -167,17 +167,17 @@ impl Elastic {
     fn begin(args: &Args, settings: &Settings, output: &Output) -> Result<Option<Self>, CliError> {
         let bodies = args.seen.bodies(args.cloud.as_deref(), output)?;
         match (settings.estimator.estimator, bodies.is_empty()) {
-            (Some(EstimatorKind::Elastic), true) if args.from.is_none() => {
+            (Some(EstimatorKind::Elastic), true) if args.from.is_none() && args.cloud.is_none() => {
                 Err(without_body().into())
             }
             (Some(EstimatorKind::Elastic) | None, _) => {
                 Ok((!bodies.is_empty()).then_some(Self { bodies, touches: Vec::new() }))
             }
-            (Some(_), true) => Ok(None),
-            (Some(other), false) => Err(CliError::Usage(format!(
+            (Some(other), _) if args.cloud.is_some() => Err(CliError::Usage(format!(
                 "--cloud is for the estimator elastic, and --estimator is {}; leave one of them out",
                 other.name()
             ))),
+            (Some(_), _) => Ok(None),
         }
     }
 }

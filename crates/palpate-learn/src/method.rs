@@ -15,7 +15,8 @@ use crate::tracked::{Tracked, TrackedFrame};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// A body that bends, from a picture, and `map` for what is left over ([`crate::elastic`]).
+    /// A body that bends, from a picture, and `map` for what is left over ([`crate::elastic`]); `map` alone
+    /// if the touches were tracked without a body ([`Tracked::with_bodies`]).
     Elastic,
     /// The exact maximum a posteriori ([`palpate::EstimatorKind::Map`]).
     Map,
@@ -75,11 +76,6 @@ impl Method {
     /// # Errors
     ///
     /// If a setting is out of its range, or numbers do not let the method learn.
-    ///
-    /// # Panics
-    ///
-    /// If this is [`Method::Elastic`] and the touches were tracked without a body
-    /// ([`Tracked::with_bodies`]).
     pub fn predict(
         self,
         tracked: &Tracked,
@@ -89,8 +85,10 @@ impl Method {
     ) -> Result<Torques, LearnError> {
         let of_field = |cells: &[Cell]| torques(tracked, fold, |frame| frame.predict(cells));
         match self {
-            Self::Elastic => Ok(elastic::predict(tracked, fold, config, stop)?.torques),
-            Self::Map | Self::Ekf => {
+            Self::Elastic if tracked.body.is_some() => {
+                Ok(elastic::predict(tracked, fold, config, stop)?.torques)
+            }
+            Self::Elastic | Self::Map | Self::Ekf => {
                 let estimator = learn(tracked, &fold.train, config, &[], stop)?;
                 Ok(of_field(&tracked.with_stiffness(|row| estimator.stiffness(row))))
             }

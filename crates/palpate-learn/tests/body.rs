@@ -160,6 +160,21 @@ fn clouds_without_a_body_are_none_rather_than_a_panic() {
 }
 
 #[test]
+fn what_is_no_plant_has_no_reading_and_a_plant_on_a_table_needs_to_be_cut_out() {
+    let seen = plant();
+    assert!(!readings(&seen.points, &seen.colours, Some(EYE)).is_empty());
+    let table = (0..40_000).map(|at| {
+        Point3::new(0.003 * f64::from(at % 200), 0.003 * f64::from(at / 200) - 0.3, -0.05)
+    });
+    let table: Vec<Point3<f64>> = table.collect();
+    let colours = vec![BROWN; table.len()];
+    assert!(readings(&table, &colours, Some(EYE)).is_empty());
+    let points = [&seen.points[..], &table[..]].concat();
+    let colours = [&seen.colours[..], &colours[..]].concat();
+    assert!(readings(&points, &colours, Some(EYE)).is_empty());
+}
+
+#[test]
 fn a_row_of_stems_stands_on_the_ground_each_by_itself() {
     let mut seen = Seen::default();
     for y in [-0.1, 0.0, 0.1] {

@@ -17,27 +17,26 @@ use crate::settings::{Settings, SettingsError};
 
 /// The elastic bodies that a cloud may be, the likeliest first; tells what was found.
 ///
-/// Positions are in m in the world frame, colours sRGB; errors call the cloud by `name`.
-///
-/// # Errors
-///
-/// If no stem or branch is found.
+/// Positions are in m in the world frame, colours sRGB; the cloud is called `name`. There are none if the
+/// cloud does not show a plant.
 pub fn bodies(
     (points, colours): (&[Point3<f64>], &[[u8; 3]]),
     viewpoint: Option<Point3<f64>>,
     name: &str,
     progress: &dyn Progress,
-) -> Result<Vec<Arc<ElasticBody>>, WorkError> {
+) -> Vec<Arc<ElasticBody>> {
     let bodies = readings(points, colours, viewpoint);
-    let body = bodies.first().ok_or_else(|| {
-        WorkError::from(format!(
-            "no stem or branch was found among the {} points of `{name}`, which an elastic body needs; \
-             leave the cloud out, or check it with a viewer",
+    match bodies.first() {
+        Some(body) => {
+            progress.note(&format!("{}; variants compared: {}", in_words(body), bodies.len()));
+        }
+        None => progress.note(&format!(
+            "no elastic body: most of the {} points of `{name}` lie on no stem, branch or leaf; the field \
+             by point is all there is (--crop-low-m and --crop-high-m cut out a plant)",
             points.len()
-        ))
-    })?;
-    progress.note(&format!("{}; variants compared: {}", in_words(body), bodies.len()));
-    Ok(bodies.into_iter().map(Arc::new).collect())
+        )),
+    }
+    bodies.into_iter().map(Arc::new).collect()
 }
 
 /// What a body is made of.

@@ -8,13 +8,15 @@
 //! | `fit`      | the least squares of one branch                                                    |
 //! | `radii`    | draws radii to the taper that branches of an order have in common                  |
 //! | `leaves`   | flat patches, hung on the nearest wood                                            |
+//! | `explained` | whether the body is what the cloud shows                                       |
 //! | `view`     | where the camera stood, and through which space it looked                          |
 //! | `graph`    | neighbours, connected pieces, distances along a surface                            |
 //!
 //! Only the side that faces the camera is seen. What is hidden, and wood of the colour of leaves, is
-//! missed. Objects without wood (cushions, bags) give a body without meaning: whoever uses it compares
-//! what it predicts with what was measured ([`crate::elastic`]).
+//! missed. Objects without stems and branches (cushions, bags) have no body: one that leaves most of the
+//! cloud unexplained is dropped.
 
+mod explained;
 mod fit;
 mod graph;
 mod leaves;
@@ -29,6 +31,7 @@ use std::collections::HashSet;
 use nalgebra::{Point3, Vector3};
 use palpate::unstable::{ElasticBody, Segment, SegmentKind};
 
+use self::explained::unexplained;
 use self::skeleton::{Branch, Joining, SkeletonNode};
 use self::tubes::{Tube, at_arc};
 use self::view::View;
@@ -41,6 +44,8 @@ const SEGMENT_M: f64 = 0.03;
 /// Larger clouds are thinned to one point in a cube of [`THINNED_M`].
 const MOST_POINTS: usize = 60_000;
 const THINNED_M: f64 = 0.0015;
+/// A body that leaves a larger share of the points unexplained is not what the cloud shows.
+const MOST_UNEXPLAINED: f64 = 0.4;
 
 /// The elastic body of an object, the first of its [`readings`].
 ///
@@ -69,7 +74,8 @@ pub fn from_cloud(
 /// stands for. The same cloud gives the same body. Cost: 0.1 s for 30,000 points, and a second
 /// for the search of the camera.
 ///
-/// No two of them are the same; there are none if no branch is found.
+/// No two of them are the same; there are none if no branch is found, or if stems, branches and leaves
+/// leave two fifths of the points unexplained, as those of a cushion or of a table do.
 ///
 /// # Panics
 ///
@@ -82,7 +88,8 @@ pub fn readings(
     let mut bodies = Vec::new();
     if let Some(cloud) = Cloud::new(points, colours, viewpoint) {
         for body in Joining::ALL.iter().filter_map(|joining| cloud.body(joining)) {
-            if !bodies.contains(&body) {
+            let is_it = unexplained(&body, points) <= MOST_UNEXPLAINED;
+            if is_it && !bodies.contains(&body) {
                 bodies.push(body);
             }
         }

