@@ -43,24 +43,25 @@ pub(crate) struct CloudArgs {
 }
 
 impl CloudArgs {
-    /// The elastic bodies that a cloud may be, none without a cloud.
+    /// The elastic bodies that a cloud may be, none without a cloud; and the cloud.
     pub(crate) fn bodies(
         &self,
         cloud: Option<&Path>,
         output: &Output,
-    ) -> Result<Vec<Arc<ElasticBody>>, CliError> {
+    ) -> Result<(Vec<Arc<ElasticBody>>, Option<Cloud>), CliError> {
         let Some(cloud) = cloud else {
             if self.camera.is_some() || self.camera_pose.is_some() || self.crop_low_m.is_some() {
                 let unused =
                     "--camera, --camera-pose and --crop-* are for a --cloud, which is not given";
                 return Err(CliError::Usage(unused.to_owned()));
             }
-            return Ok(Vec::new());
+            return Ok((Vec::new(), None));
         };
         let seen = self.read(cloud, output)?;
         let colours = seen.colours().expect("read with colours");
         let (viewpoint, name) = (self.viewpoint(cloud)?, cloud.display().to_string());
-        Ok(elastic::bodies((seen.points(), colours), viewpoint, &name, output))
+        let bodies = elastic::bodies((seen.points(), colours), viewpoint, &name, output);
+        Ok((bodies, Some(seen)))
     }
 
     /// Reads points with colours: a PLY or PCD file, or a folder with colour, depth and camera.

@@ -165,7 +165,7 @@ struct Elastic {
 impl Elastic {
     /// Of a cloud, if there is one.
     fn begin(args: &Args, settings: &Settings, output: &Output) -> Result<Option<Self>, CliError> {
-        let bodies = args.seen.bodies(args.cloud.as_deref(), output)?;
+        let (bodies, _) = args.seen.bodies(args.cloud.as_deref(), output)?;
         match (settings.estimator.estimator, bodies.is_empty()) {
             (Some(EstimatorKind::Elastic), true) if args.from.is_none() && args.cloud.is_none() => {
                 Err(without_body().into())

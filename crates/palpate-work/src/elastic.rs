@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use nalgebra::Point3;
-use palpate::unstable::{ElasticBody, SegmentKind};
+use palpate::unstable::{ElasticBody, ElasticModel, SegmentKind};
 use palpate::{Arm, EstimatorKind, Mapper, Sample};
 use palpate_io::field::Saved;
 use palpate_learn::LearnError;
 use palpate_learn::body::readings;
 use palpate_learn::elastic::model;
 use palpate_learn::tracked::{Touch, Tracked};
+use rayon::prelude::*;
 
 use crate::error::WorkError;
 use crate::progress::Progress;
@@ -134,4 +135,52 @@ pub fn taught(
     saved.field.elastic = Some(Arc::new(learnt));
     saved.elastic_touches = touches.into_iter().map(|touch| touch.samples).collect();
     Ok(saved)
+}
+
+/// Where the segments of a body are, start and end of each, m, by frame.
+pub type Bent = Vec<Vec<[Point3<f64>; 2]>>;
+
+/// A path of the arm that starts beside the object.
+#[derive(Debug, Clone, Copy)]
+pub struct Along<'a> {
+    /// Joint positions, frames × n_joints, rad or m.
+    pub q: &'a [Vec<f64>],
+    /// Time of each frame, s.
+    pub times_s: &'a [f64],
+    /// Every how many frames the body is wanted.
+    pub every: usize,
+}
+
+/// How the likeliest body of a field bends along paths of the arm.
+///
+/// # Errors
+///
+/// If positions are not the arm's, or the progress stops it.
+pub fn bent_along(
+    arm: &Arc<Arm>,
+    model: &ElasticModel,
+    paths: &[Along<'_>],
+    progress: &dyn Progress,
+) -> Result<Vec<Bent>, WorkError> {
+    let bar = progress.begin(Some(paths.len() as u64), "touches", "bending the elastic body");
+    let follow = |path: &Along<'_>| -> Result<Bent, WorkError> {
+        let mut equilibrium = model.equilibrium(arm);
+        let mut bent = Vec::new();
+        let mut before_s = None;
+        for (at, (q, &time_s)) in path.q.iter().zip(path.times_s).enumerate() {
+            if progress.stopped() {
+                let kept = " while the elastic body was bent for the report".to_owned();
+                return Err(WorkError::Interrupted { kept });
+            }
+            let poses = arm.robot.forward(q).map_err(WorkError::file)?;
+            equilibrium.advance(&poses, before_s.map_or(0.0, |before_s| time_s - before_s));
+            before_s = Some(time_s);
+            if at % path.every.max(1) == 0 {
+                bent.push(equilibrium.segments_m());
+            }
+        }
+        bar.step();
+        Ok(bent)
+    };
+    paths.par_iter().with_max_len(1).map(follow).collect()
 }

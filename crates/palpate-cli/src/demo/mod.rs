@@ -6,12 +6,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::builder::RangedU64ValueParser;
-use palpate::{Arm, Mapper};
-use palpate_io::cloud;
+use palpate::unstable::ElasticBody;
+use palpate::{Arm, EstimatorKind, Mapper};
+use palpate_io::cloud::{self, Cloud};
 use palpate_io::field::{self, Saved};
 use palpate_io::log::LogOptions;
 use palpate_learn::extrapolate::Config;
 use palpate_learn::folds::folds;
+use palpate_work::elastic::{bodies, field_beside, taught};
 use palpate_work::evaluate::{Work, as_touches, configs, each_once};
 use palpate_work::extrapolate::Work as Extrapolating;
 use palpate_work::learn::learn;
@@ -74,13 +76,20 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let recorded = open(&files.touches)?.read(None)?;
     let held_out = files.touches.remove(args.hold_out);
 
+    let seen = Seen::of(&settings, &files.object, output)?;
     let arm = robot::load(&RobotSettings::default(), output)?;
     let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(SettingsError::value)?;
-    let tally = learn(&mut mapper, &mut open(&files.touches)?, &mut |_, _, _| (), None, output)?;
+    let mut samples = Vec::new();
+    let record = (!seen.bodies.is_empty()).then_some(&mut samples);
+    let tally = learn(&mut mapper, &mut open(&files.touches)?, &mut |_, _, _| (), record, output)?;
     if tally.interrupted.is_some() {
         return Err(CliError::Interrupted { kept: "; nothing was written".to_owned() });
     }
-    let saved = Saved::of_mapper(&mapper);
+    let saved = if seen.bodies.is_empty() {
+        Saved::of_mapper(&mapper)
+    } else {
+        taught(&mapper, &seen.bodies, samples, output)?
+    };
     let (held_out, touch) = (&mut open(&[held_out])?, saved.field.touch.clone());
     let results = score(&arm, &saved.field, touch, Against::Measured, (held_out, output))?;
     fill(&folder.path, &saved, &results)?;
@@ -88,7 +97,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let evaluation = if args.no_report {
         None
     } else {
-        let evaluated = evaluate_all(&arm, &recorded, (&folder.path, settings), output)?;
+        let evaluated = evaluate_all(&arm, &recorded, (&folder.path, settings, seen), output)?;
         extrapolate_all(&arm, &saved, (&files.object, &folder.path), output)?;
         Some(evaluated)
     };
@@ -108,28 +117,50 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
 }
 
+/// What the picture of the object says, for the estimator `elastic`.
+#[derive(Default)]
+struct Seen {
+    bodies: Vec<Arc<ElasticBody>>,
+    cloud: Option<Cloud>,
+}
+
+impl Seen {
+    /// Of the bundled cloud, if the settings ask for it.
+    fn of(settings: &Settings, object: &Path, output: &Output) -> Result<Self, CliError> {
+        if settings.estimator.estimator != Some(EstimatorKind::Elastic) {
+            return Ok(Self::default());
+        }
+        let cloud = cloud::read(object).map_err(CliError::file)?.cloud;
+        let colours = cloud.colours().expect("the bundled cloud has colours");
+        let bodies = bodies((cloud.points(), colours), None, "the bundled cloud", output);
+        Ok(Self { bodies, cloud: Some(cloud) })
+    }
+}
+
 /// The paper's experiment on all touches.
 fn evaluate_all(
     arm: &Arc<Arm>,
     recorded: &[RecordedTouch],
-    (folder, settings): (&Path, Settings),
+    (folder, mut settings, seen): (&Path, Settings, Seen),
     output: &Output,
 ) -> Result<EvaluationSummary, CliError> {
+    let Seen { bodies, cloud } = seen;
+    field_beside(&mut settings, !bodies.is_empty())?;
     let touches = as_touches(recorded, false)?;
     let work = Work {
         arm,
         recorded,
         touches: &touches,
-        methods: each_once(&[], false)?,
+        methods: each_once(&[], !bodies.is_empty())?,
         folds: folds(touches.len(), touches.len()),
         todo: (0..touches.len()).collect(),
         estimators: configs(&settings)?,
         tune: false,
         truth: false,
-        bodies: Vec::new(),
+        bodies,
     };
     let logs = vec!["the bundled touches".to_owned()];
-    let origin = Origin { simulated: true, logs, settings };
+    let origin = Origin { simulated: true, logs, settings, cloud };
     let (summary, written) = evaluate::into_folder(&work, folder, &origin, output)?;
     written.map(|()| summary)
 }

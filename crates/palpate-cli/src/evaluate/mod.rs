@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use askama::Template;
 use palpate::{Arm, Field, MapperConfig};
+use palpate_io::cloud::Cloud;
 use palpate_io::log::is_simulated;
 use palpate_learn::method::Method;
 use palpate_work::elastic::field_beside;
@@ -106,7 +107,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     field_beside(&mut settings, args.cloud.is_some())?;
     settings.config()?;
     let methods = each_once(&args.methods, args.cloud.is_some())?;
-    let bodies = args.picture.bodies(args.cloud.as_deref(), output)?;
+    let (bodies, cloud) = args.picture.bodies(args.cloud.as_deref(), output)?;
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
@@ -130,6 +131,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         simulated: args.logs.iter().all(|log| is_simulated(log)),
         logs: args.logs.iter().map(|log| log.display().to_string()).collect(),
         settings,
+        cloud,
     };
     let (summary, written) = into_folder(&work, &folder.path, &origin, output)?;
     if args.json {
@@ -148,6 +150,8 @@ pub(crate) struct Origin {
     pub(crate) logs: Vec<String>,
     /// The settings as they were given.
     pub(crate) settings: Settings,
+    /// The cloud of the object, if there is one.
+    pub(crate) cloud: Option<Cloud>,
 }
 
 /// Evaluates, and writes the report and its figures into a folder: returns what came of it, and
@@ -169,7 +173,8 @@ pub(crate) fn into_folder(
         folder: Some(folder.to_owned()),
     };
     summary.tell_oddities(output);
-    let written = write_report(&summary, (work.arm, &field), (origin, &settings_toml), folder);
+    let shown = (work.arm, &field);
+    let written = write_report(&summary, shown, (origin, &settings_toml), (folder, output));
     match written {
         Ok(()) => kept.remove(),
         Err(_) => summary.folder = None,
@@ -182,7 +187,7 @@ fn write_report(
     summary: &EvaluationSummary,
     (arm, field): (&Arc<Arm>, &Field),
     (origin, settings_toml): (&Origin, &str),
-    folder: &Path,
+    (folder, output): (&Path, &Output),
 ) -> Result<(), CliError> {
     let evaluation = &summary.evaluation;
     let robot = origin.settings.robot.name().to_owned();
@@ -192,7 +197,9 @@ fn write_report(
         card: vec![("logs", origin.logs.join(", ")), ("robot", robot)],
         settings_toml,
     };
-    let scene = Some(Scene::new(arm, field, evaluation)?);
+    let scene = Scene::new(arm, field, evaluation)?;
+    let cloud = origin.cloud.as_ref();
+    let scene = Some(scene.bending((arm, field), evaluation, cloud, output)?);
     let report = Report { page, evaluation, scene };
     let write = |name: &str, text: &str| place::write(&folder.join(name), text);
     let figures = folder.join("figures");

@@ -157,16 +157,56 @@ function everywhere() {
   return [pointsFrom(0), ...arms];
 }
 
+/** Where the body that bends is while the arm is at the chosen frame: lines of wood, middles of leaves. */
+function bodyNow() {
+  const { goes_on, every, frames } = data.scene.body;
+  const touch = frames[chosen("touch")] ?? [];
+  const numbers = touch[Math.min(Math.floor(chosen("frame") / every), touch.length - 1)] ?? [];
+  const wood = { x: [], y: [], z: [] };
+  const ends = [];
+  let at = 0;
+  const take = () => [0, 1, 2].map(() => unpacked(numbers[at++]));
+  const add = (to, place) => ["x", "y", "z"].forEach((side, axis) => to[side].push(place[axis]));
+  if (numbers.length > 0) {
+    for (const before of goes_on) {
+      add(wood, before < 0 ? take() : ends[before]);
+      ends.push(take());
+      add(wood, ends.at(-1));
+      add(wood, [null, null, null]);
+    }
+  }
+  return { wood, leaves: places(numbers, at / 3) };
+}
+
+/** The body, and the cloud that it was made from, which shows where it is at rest. */
+function bodyTraces() {
+  if (!data.scene.body) return [];
+  const { cloud, colours } = data.scene.body;
+  const { wood, leaves } = bodyNow();
+  const quiet = { type: "scatter3d", hoverinfo: "skip" };
+  return [
+    { ...quiet, ...wood, mode: "lines", name: "wood", connectgaps: false, line: { width: 6, color: "#8a4b14" } },
+    { ...quiet, ...leaves, mode: "markers", name: "leaves", marker: { size: 4, color: "#3c9a2b", symbol: "diamond" } },
+    { ...quiet, ...places(cloud), mode: "markers", name: "cloud", marker: { size: 1.4, color: colours, opacity: 0.55 } },
+  ];
+}
+
 function drawScene() {
   const arm = mesh(armAt(poses()), 1);
   const cells = cellsTrace(pointsFrom(threshold()), Math.log10(stiffest()));
-  const axes = axesAround(everywhere(), "scene");
-  Plotly.react("scene", [arm, cells], space(axes), config);
+  const body = data.scene.body ? [places(data.scene.body.cloud)] : [];
+  const axes = axesAround([...everywhere(), ...body], "scene");
+  Plotly.react("scene", [arm, cells, ...bodyTraces()], space(axes), config);
 }
 
 function moveArm() {
   const { x, y, z } = armAt(poses());
   Plotly.restyle("scene", { x: [x], y: [y], z: [z] }, [0]);
+  if (data.scene.body) {
+    const { wood, leaves } = bodyNow();
+    const both = (side) => [wood[side], leaves[side]];
+    Plotly.restyle("scene", { x: both("x"), y: both("y"), z: both("z") }, [2, 3]);
+  }
   Plotly.relayout("error", { shapes: marker() });
   Plotly.relayout("contacts", { shapes: marker() });
 }

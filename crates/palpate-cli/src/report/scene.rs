@@ -1,19 +1,32 @@
 //! The field and the arm that moves before it, small enough to travel in a page.
 
+use std::sync::Arc;
+
+use nalgebra::Point3;
+use palpate::unstable::{ElasticBody, SegmentKind};
 use palpate::{Arm, Field};
-use palpate_learn::evaluation::Evaluation;
+use palpate_io::cloud::Cloud;
+use palpate_learn::evaluation::{Evaluation, LeftOut};
 use palpate_view::view_model::{LinkShape, touched_rows};
+use palpate_work::elastic::{Along, Bent, bent_along};
 use serde::Serialize;
 
 use crate::error::CliError;
 use crate::extrapolation_view::ExtrapolationView;
 use crate::hull::Hulls;
+use crate::output::Output;
 
-use super::frames::{drawn, frames_per_touch};
+use super::frames::{drawn, frames_per_touch, stride};
 use super::packed::{four_digits, seven, tenths};
 
 /// The stiffest cells of a field, so many at most.
 const POINTS: usize = 20_000;
+/// Frames of a body that bends, in all touches together.
+const BODY_FRAMES: usize = 800;
+/// Points of a cloud at most.
+const CLOUD_POINTS: usize = 4_000;
+/// A piece of wood that starts this close to the end of another goes on from it, m.
+const JOINED_M: f64 = 1e-3;
 
 /// What the 3-D view shows, in the numbers of [`super::packed`].
 #[derive(Serialize)]
@@ -31,6 +44,24 @@ pub(crate) struct Scene {
     /// By touch and drawn frame; of each hull seven numbers: x, y, z, then i, j, k, w of the
     /// quaternion.
     poses: Vec<Vec<Vec<i64>>>,
+    /// The body that bends, if there is one.
+    body: Option<Body>,
+}
+
+/// A body that bends, as lines of wood and middles of leaves.
+#[derive(Serialize)]
+struct Body {
+    /// By piece of wood: from the end of which one it goes on, -1 if its start is given.
+    goes_on: Vec<i64>,
+    /// Every how many drawn frames there is one of the body.
+    every: usize,
+    /// By touch and frame: of each piece of wood its start, if it does not go on, and its end; then the
+    /// middles of leaves.
+    frames: Vec<Vec<Vec<i64>>>,
+    /// Some points of the cloud that it was made from.
+    cloud: Vec<i64>,
+    /// Their colours, as CSS has them.
+    colours: Vec<String>,
 }
 
 /// A link's hull.
@@ -52,6 +83,35 @@ impl Scene {
             drawn(touch.q.len(), per_touch).map(|frame| touch.q[frame].as_slice()).collect()
         });
         Self::with(field, arm, frames)
+    }
+
+    /// The same with the field's body, if it has one, which the arm bends in every touch; and with the
+    /// cloud that it was made from.
+    ///
+    /// # Errors
+    ///
+    /// On being stopped.
+    pub(crate) fn bending<'e>(
+        mut self,
+        (arm, field): (&Arc<Arm>, &Field),
+        evaluation: &'e Evaluation,
+        cloud: Option<&Cloud>,
+        output: &Output,
+    ) -> Result<Self, CliError> {
+        let Some(model) = &field.elastic else { return Ok(self) };
+        let per_touch = frames_per_touch(evaluation);
+        let drawn_frames: usize =
+            evaluation.touches.iter().map(|touch| drawn(touch.q.len(), per_touch).count()).sum();
+        let every = drawn_frames.div_ceil(BODY_FRAMES).max(1);
+        let along = |touch: &'e LeftOut| Along {
+            q: &touch.q,
+            times_s: &touch.time_s,
+            every: every * stride(touch.q.len(), per_touch),
+        };
+        let paths: Vec<Along<'_>> = evaluation.touches.iter().map(along).collect();
+        let bent = bent_along(arm, model, &paths, output)?;
+        self.body = Some(Body::new(&model.likeliest().body, every, &bent, cloud));
+        Ok(self)
     }
 
     /// The field, and the arm in one frame of each touch.
@@ -93,7 +153,56 @@ impl Scene {
             spacing: field.lattice.spacing_m(),
             hulls: hulls.hulls.into_iter().map(link).collect(),
             poses,
+            body: None,
         })
+    }
+}
+
+impl Body {
+    /// The body as it was bent, by touch and frame.
+    fn new(body: &ElasticBody, every: usize, bent: &[Bent], cloud: Option<&Cloud>) -> Self {
+        let wood: Vec<usize> = (0..body.segments().len())
+            .filter(|&at| body.segments()[at].kind == SegmentKind::Wood)
+            .collect();
+        let goes_on = |&at: &usize| {
+            let segment = &body.segments()[at];
+            let parent = segment.parent.map(|parent| parent as usize);
+            let parent = parent.filter(|&parent| {
+                let apart = segment.start() - Point3::from(body.segments()[parent].end_m);
+                apart.norm() < JOINED_M
+            });
+            parent.and_then(|parent| wood.iter().position(|&at| at == parent))
+        };
+        let goes_on: Vec<Option<usize>> = wood.iter().map(goes_on).collect();
+        let frame = |places: &Vec<[Point3<f64>; 2]>| {
+            let mut numbers = Vec::new();
+            for (&at, goes_on) in wood.iter().zip(&goes_on) {
+                let [start, end] = &places[at];
+                numbers.extend(goes_on.is_none().then(|| tenths(start)).into_iter().flatten());
+                numbers.extend(tenths(end));
+            }
+            for (segment, [start, end]) in body.segments().iter().zip(places) {
+                if segment.kind == SegmentKind::Leaf {
+                    numbers.extend(tenths(&nalgebra::center(start, end)));
+                }
+            }
+            numbers
+        };
+        let (mut points, mut colours) = (Vec::new(), Vec::new());
+        if let Some((cloud, seen)) = cloud.and_then(|cloud| Some((cloud, cloud.colours()?))) {
+            let step = cloud.points().len().div_ceil(CLOUD_POINTS).max(1);
+            for (point, [r, g, b]) in cloud.points().iter().zip(seen).step_by(step) {
+                points.extend(tenths(point));
+                colours.push(format!("#{r:02x}{g:02x}{b:02x}"));
+            }
+        }
+        Self {
+            goes_on: goes_on.iter().map(|at| at.map_or(-1, |at| at as i64)).collect(),
+            every,
+            frames: bent.iter().map(|frames| frames.iter().map(frame).collect()).collect(),
+            cloud: points,
+            colours,
+        }
     }
 }
 

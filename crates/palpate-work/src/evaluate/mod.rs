@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use palpate::unstable::ElasticBody;
 use palpate::{Arm, ContactConfig, Field, MapperConfig};
 use palpate_learn::LearnError;
+use palpate_learn::elastic::model;
 use palpate_learn::evaluate::{Part, Plan};
 use palpate_learn::evaluation::Evaluation;
 use palpate_learn::folds::Fold;
@@ -139,7 +140,7 @@ impl Work<'_> {
         Ok(Evaluated { evaluation, tuned, tracked })
     }
 
-    /// What the given settings learn from all touches, for the picture of it.
+    /// What the given settings learn from all touches, for the picture of it, with the body if there is one.
     ///
     /// # Errors
     ///
@@ -153,7 +154,13 @@ impl Work<'_> {
         let everything: Vec<usize> = (0..self.touches.len()).collect();
         let learnt = method::learn(tracked, &everything, config, &[], &|| progress.stopped());
         let estimator = learnt.map_err(|error| self.fault(error, keep))?;
-        Ok(method::field(tracked, estimator.as_ref(), config))
+        let mut field = method::field(tracked, estimator.as_ref(), config);
+        if tracked.settled().is_some() {
+            let stop = || progress.stopped();
+            let model = model(tracked, &everything, config, &field.cells, &stop);
+            field.elastic = Some(Arc::new(model.map_err(|error| self.fault(error, keep))?));
+        }
+        Ok(field)
     }
 
     /// Adds the torques of the body, if a method asks for them.

@@ -97,6 +97,17 @@ impl ElasticModel {
         }
     }
 
+    /// The body that is believed most, at rest beside an arm.
+    pub fn equilibrium(&self, arm: &Arc<Arm>) -> Equilibrium {
+        let body = Arc::new(self.likeliest().body.clone());
+        Equilibrium::new(Arc::clone(arm), body, self.contact())
+    }
+
+    fn contact(&self) -> ElasticContactConfig {
+        let (friction, creep_s) = (self.friction, self.creep_s);
+        ElasticContactConfig { friction, creep_s, ..ElasticContactConfig::default() }
+    }
+
     /// The variant that is believed most.
     pub fn likeliest(&self) -> &ElasticVariant {
         let by_weight = |a: &&ElasticVariant, b: &&ElasticVariant| a.weight.total_cmp(&b.weight);
@@ -117,11 +128,7 @@ pub struct ElasticTorque {
 impl ElasticTorque {
     /// The bodies at rest. Those that have no torque are left out.
     pub fn new(arm: &Arc<Arm>, model: &ElasticModel) -> Self {
-        let config = ElasticContactConfig {
-            friction: model.friction,
-            creep_s: model.creep_s,
-            ..ElasticContactConfig::default()
-        };
+        let config = model.contact();
         let mut by_weight: Vec<&ElasticVariant> = model.variants.iter().collect();
         by_weight.sort_by(|a, b| b.weight.total_cmp(&a.weight));
         let variants = by_weight.into_iter().filter_map(|variant| {
