@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3};
 use palpate::unstable::ElasticBody;
+use palpate_io::body;
 use palpate_io::cloud::{self, Cloud};
 use palpate_io::rgbd;
 use palpate_work::elastic;
@@ -43,24 +44,31 @@ pub(crate) struct CloudArgs {
 }
 
 impl CloudArgs {
-    /// The elastic bodies that a cloud may be, none without a cloud; and the cloud.
+    /// The elastic body in a file, or those that a cloud may be; none without either. And the cloud.
     pub(crate) fn bodies(
         &self,
         cloud: Option<&Path>,
+        file: Option<&Path>,
         output: &Output,
     ) -> Result<(Vec<Arc<ElasticBody>>, Option<Cloud>), CliError> {
+        let given = file.map(body::read).transpose().map_err(CliError::file)?;
         let Some(cloud) = cloud else {
             if self.camera.is_some() || self.camera_pose.is_some() || self.crop_low_m.is_some() {
                 let unused =
                     "--camera, --camera-pose and --crop-* are for a --cloud, which is not given";
                 return Err(CliError::Usage(unused.to_owned()));
             }
-            return Ok((Vec::new(), None));
+            return Ok((given.into_iter().map(Arc::new).collect(), None));
         };
         let seen = self.read(cloud, output)?;
-        let colours = seen.colours().expect("read with colours");
-        let (viewpoint, name) = (self.viewpoint(cloud)?, cloud.display().to_string());
-        let bodies = elastic::bodies((seen.points(), colours), viewpoint, &name, output);
+        let bodies = match given {
+            Some(body) => vec![Arc::new(body)],
+            None => {
+                let colours = seen.colours().expect("read with colours");
+                let (viewpoint, name) = (self.viewpoint(cloud)?, cloud.display().to_string());
+                elastic::bodies((seen.points(), colours), viewpoint, &name, output)
+            }
+        };
         Ok((bodies, Some(seen)))
     }
 

@@ -51,7 +51,7 @@ from run to run; without --rate the same log and settings give the same field.";
 #[command(after_long_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Logs to learn from, in this order
-    #[arg(required_unless_present = "cloud", value_name = "LOG")]
+    #[arg(required_unless_present_any = ["cloud", "body"], value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// Where the field goes; an older file there is replaced once the new one is whole
     #[arg(long, short, value_name = "FIELD.npz")]
@@ -68,6 +68,9 @@ pub(crate) struct Args {
     cloud: Option<PathBuf>,
     #[command(flatten)]
     seen: CloudArgs,
+    /// The elastic body itself, as `palpate convert` writes it and you have corrected it
+    #[arg(long, value_name = "BODY.json", conflicts_with_all = ["from", "prior"])]
+    body: Option<PathBuf>,
     /// Leave out the memory: a smaller file, which --from cannot continue
     #[arg(long)]
     no_memory: bool,
@@ -92,6 +95,7 @@ impl Args {
         let mut places = Places::read(&self.settings, settings, &self.logs);
         places.input("the prior (--prior)", self.prior.as_deref());
         places.input("the cloud (--cloud)", self.cloud.as_deref());
+        places.input("the body (--body)", self.body.as_deref());
         places.output("the field (--output)", Some(&self.output))?;
         // Only the field itself may be replaced by the one that goes on from it.
         places.input("the field to go on from (--from)", self.from.as_deref());
@@ -110,7 +114,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         ));
     }
     let mut settings = args.settings.load_elastic()?;
-    if args.cloud.is_some() {
+    if args.cloud.is_some() || args.body.is_some() {
         settings.estimator.estimator.get_or_insert(EstimatorKind::Elastic);
     }
     if args.from.is_none() {
@@ -165,7 +169,7 @@ struct Elastic {
 impl Elastic {
     /// Of a cloud, if there is one.
     fn begin(args: &Args, settings: &Settings, output: &Output) -> Result<Option<Self>, CliError> {
-        let (bodies, _) = args.seen.bodies(args.cloud.as_deref(), output)?;
+        let (bodies, _) = args.seen.bodies(args.cloud.as_deref(), args.body.as_deref(), output)?;
         match (settings.estimator.estimator, bodies.is_empty()) {
             (Some(EstimatorKind::Elastic), true) if args.from.is_none() && args.cloud.is_none() => {
                 Err(without_body().into())
@@ -173,10 +177,12 @@ impl Elastic {
             (Some(EstimatorKind::Elastic) | None, _) => {
                 Ok((!bodies.is_empty()).then_some(Self { bodies, touches: Vec::new() }))
             }
-            (Some(other), _) if args.cloud.is_some() => Err(CliError::Usage(format!(
-                "--cloud is for the estimator elastic, and --estimator is {}; leave one of them out",
-                other.name()
-            ))),
+            (Some(other), _) if args.cloud.is_some() || args.body.is_some() => {
+                Err(CliError::Usage(format!(
+                    "--cloud and --body are for the estimator elastic, and --estimator is {}; leave one of them out",
+                    other.name()
+                )))
+            }
             (Some(_), _) => Ok(None),
         }
     }

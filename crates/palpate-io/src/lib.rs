@@ -10,12 +10,14 @@
 //! | [`robot_files`]     | URDF, STL, OBJ, DAE, cached grids        | cached grids            |
 //! | [`cloud`]           | coloured clouds: PLY, PCD                | the same, with more columns |
 //! | [`rgbd`]            | colour and depth images, cameras         |                         |
+//! | [`body`]            | a body that bends: JSON                  | the same, MuJoCo XML    |
 //! | [`atomic`]          |                                          | any file, whole or not at all |
 //!
 //! Nothing here knows the method: no contact, no estimator, no gravity.
 #![forbid(unsafe_code)]
 
 pub mod atomic;
+pub mod body;
 pub mod cloud;
 pub mod field;
 pub mod input;

@@ -4,13 +4,15 @@ use std::path::Path;
 
 use nalgebra::Point3;
 use palpate_io::atomic::{self, IfExists};
+use palpate_io::body;
 use palpate_io::cloud::{self, Cloud, Column};
 use palpate_io::field::npz::{read_npz, write_npz};
-use palpate_io::field::{FieldFile, write_vti};
+use palpate_io::field::{self, FieldFile, write_vti};
 use palpate_io::log::bag_write::{Compression, write_field};
 
 use crate::error::CliError;
 use crate::output::Output;
+use crate::place;
 
 /// Frame of the points in a message: that of the robot's base, as ROS calls it.
 const FRAME: &str = "base_link";
@@ -28,16 +30,39 @@ pub(super) fn convert(
         "npz" => write_npz(path, &field.to_arrays(), replace).map_err(CliError::file),
         "ply" => write_ply(path, &field),
         "vti" => write_vti(path, replace, &field).map_err(CliError::file),
+        "json" | "xml" => write_body((input, path), to),
         "mcap" => atomic::write(path, replace, |out| write_field(out, &field, FRAME, compression))
             .map_err(CliError::file),
         _ => Err(CliError::Usage(format!(
-            "`{}`: a field becomes .npz, .ply, .vti or .mcap; give the output one of these endings",
+            "`{}`: a field becomes .npz, .ply, .vti or .mcap, its elastic body .json or .xml; give the output one of these endings",
             path.display()
         ))),
     };
     written?;
+    if ["json", "xml"].contains(&to) {
+        return output.result(&format!("The elastic body is in `{}`.\n", path.display()));
+    }
     let (points, path) = (field.points.len(), path.display());
     output.result(&format!("{points} points are in `{path}`.\n"))
+}
+
+/// Writes the body that is believed most.
+fn write_body((input, path): (&Path, &Path), to: &str) -> Result<(), CliError> {
+    let field = field::load(input).map_err(CliError::file)?.field;
+    let model = field.elastic.ok_or_else(|| {
+        CliError::from(format!(
+            "`{}` has no elastic body; `palpate map --cloud` makes fields that have one",
+            input.display()
+        ))
+    })?;
+    let variant = model.likeliest();
+    place::write(
+        path,
+        &match to {
+            "json" => body::json(&variant.body),
+            _ => body::mujoco_xml(variant, model.friction),
+        },
+    )
 }
 
 fn write_ply(path: &Path, field: &FieldFile) -> Result<(), CliError> {

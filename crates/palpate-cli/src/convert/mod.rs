@@ -19,10 +19,13 @@ const NOTES: &str = "Examples:
   palpate convert recordings/ -o touches.mcap           a bag of ROS 2
   palpate convert day.mcap -o touches.csv --split-idle  a table, parted where the arm pauses
   palpate convert field.npz -o field.vti                an image for ParaView
+  palpate convert field.npz -o body.json                its elastic body, for --body
 
 The ending of the output decides. Of a log: .mcap, .csv, or none for a folder of arrays. Of a field
 (.npz): .npz, .ply with the columns K, K_std and N_obs, .vti (ParaView), or .mcap with a
-PointCloud2 of x y z K K_std.
+PointCloud2 of x y z K K_std. Of the elastic body that a field believes most: .json, which can be
+corrected by hand and given to map and evaluate as --body, its springs those of wood of 0.48 GPa; or
+.xml, a MuJoCo model with the springs that touches have taught.
 
 A bag names the touches on the topic /palpate/touch, which is read again without being asked to.
 Bags need names of joints: where the log has none, they are those of --robot. Times are kept to the

@@ -81,6 +81,9 @@ pub(crate) struct Args {
     cloud: Option<PathBuf>,
     #[command(flatten)]
     picture: CloudArgs,
+    /// The elastic body itself, as `palpate convert` writes it and you have corrected it
+    #[arg(long, value_name = "BODY.json")]
+    body: Option<PathBuf>,
     /// Predict the touches in so many groups rather than one by one
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(2..))]
     folds: Option<u32>,
@@ -104,10 +107,12 @@ pub(crate) struct Args {
 /// Evaluates all methods and writes the report.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load_elastic()?;
-    field_beside(&mut settings, args.cloud.is_some())?;
+    field_beside(&mut settings, args.cloud.is_some() || args.body.is_some())?;
     settings.config()?;
-    let methods = each_once(&args.methods, args.cloud.is_some())?;
-    let (bodies, cloud) = args.picture.bodies(args.cloud.as_deref(), output)?;
+    let has_body = args.cloud.is_some() || args.body.is_some();
+    let methods = each_once(&args.methods, has_body)?;
+    let (bodies, cloud) =
+        args.picture.bodies(args.cloud.as_deref(), args.body.as_deref(), output)?;
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;

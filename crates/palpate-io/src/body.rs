@@ -1,0 +1,209 @@
+//! A body that bends as a file: JSON to look at and to correct by hand, and a MuJoCo model.
+//!
+//! The JSON is `{"segments": [...]}` with one segment a line, those that carry others before them; the
+//! keys are the fields of [`Segment`], lengths in m in the world frame. [`read`] checks every number.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use nalgebra::Vector3;
+use palpate::unstable::{BodyError, ElasticBody, ElasticVariant, Segment, SegmentKind};
+use serde::Deserialize;
+
+use crate::input;
+
+/// Density of what a MuJoCo model is made of, kg/m³; it only damps, since there is no gravity.
+const DENSITY_KG_PER_M3: f64 = 500.0;
+/// Damping of a joint by its stiffness, s.
+const RELAXATION_S: f64 = 0.05;
+
+/// Why a body could not be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum BodyFileError {
+    /// The file cannot be read.
+    #[error("`{}` cannot be read: {source}", path.display())]
+    Unreadable { path: PathBuf, source: std::io::Error },
+    /// Not the JSON of a body; the message says where.
+    #[error("`{}` is no body that bends: {source}", path.display())]
+    Json { path: PathBuf, source: serde_json::Error },
+    /// Segments that make no body.
+    #[error("`{}`: {source} (segments count from 0)", path.display())]
+    Body { path: PathBuf, source: BodyError },
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    segments: Vec<Segment>,
+}
+
+/// Reads the JSON of a body.
+///
+/// # Errors
+///
+/// If the file cannot be read, a key is missing or unknown, or the segments make no body.
+pub fn read(path: &Path) -> Result<ElasticBody, BodyFileError> {
+    let path = path.to_owned();
+    let text = match input::read_text(&path, input::largest()) {
+        Ok(text) => text,
+        Err(source) => return Err(BodyFileError::Unreadable { path, source }),
+    };
+    match serde_json::from_str::<File>(&text) {
+        Ok(file) => {
+            ElasticBody::new(file.segments).map_err(|source| BodyFileError::Body { path, source })
+        }
+        Err(source) => Err(BodyFileError::Json { path, source }),
+    }
+}
+
+/// The JSON of a body, a line for each segment.
+pub fn json(body: &ElasticBody) -> String {
+    let line = |segment| serde_json::to_string(segment).expect("a segment is plain data");
+    let lines: Vec<String> = body.segments().iter().map(line).collect();
+    format!("{{\"segments\": [\n{}\n]}}\n", lines.join(",\n"))
+}
+
+/// A body as a MuJoCo model: ball joints with the springs that touches have taught, capsules and
+/// ellipsoids, no gravity since it is in the shape at rest. Parts that hang together do not collide.
+pub fn mujoco_xml(variant: &ElasticVariant, friction: f64) -> String {
+    let segments = variant.body.segments();
+    let mut children: Vec<Vec<usize>> = vec![Vec::new(); segments.len()];
+    let mut roots = Vec::new();
+    for (index, segment) in segments.iter().enumerate() {
+        match segment.parent {
+            Some(parent) => children[parent as usize].push(index),
+            None => roots.push(index),
+        }
+    }
+    let mut xml = format!(
+        "<mujoco model=\"elastic body\">\n  <compiler angle=\"radian\"/>\n  \
+         <option gravity=\"0 0 0\" integrator=\"implicitfast\"/>\n  <default>\n    \
+         <geom density=\"{DENSITY_KG_PER_M3}\" friction=\"{friction}\" condim=\"3\" contype=\"1\" \
+         conaffinity=\"2\"/>\n  </default>\n  <worldbody>\n"
+    );
+    // Depth first, with a stack of what is still to be opened or closed.
+    let mut left: Vec<(usize, bool)> = roots.iter().rev().map(|&root| (root, false)).collect();
+    while let Some((index, is_open)) = left.pop() {
+        if is_open {
+            xml += "</body>\n";
+            continue;
+        }
+        let tree = variant.body.trees()[index] as usize;
+        xml += &opened(segments, index, variant.stiffness_factors[tree]);
+        left.push((index, true));
+        left.extend(children[index].iter().rev().map(|&child| (child, false)));
+    }
+    xml += "  </worldbody>\n</mujoco>\n";
+    xml
+}
+
+/// The opening of a segment's body, with its joint and its shape.
+fn opened(segments: &[Segment], index: usize, factor: f64) -> String {
+    let segment = &segments[index];
+    let carrier =
+        segment.parent.map_or(Vector3::zeros(), |parent| segments[parent as usize].start().coords);
+    let numbers = |v: Vector3<f64>| format!("{} {} {}", v.x, v.y, v.z);
+    let (axis, radius) = (segment.axis(), segment.radius_m);
+    let stiffness = segment.stiffness_n_m_per_rad * factor;
+    let mut xml = format!(
+        "<body name=\"segment_{index}\" pos=\"{}\">\n<joint type=\"ball\" stiffness=\"{stiffness}\" \
+         damping=\"{}\"/>\n",
+        numbers(segment.start().coords - carrier),
+        stiffness * RELAXATION_S
+    );
+    let way = segment.bare_m.min(axis.norm()) / axis.norm();
+    let _ = match segment.kind {
+        SegmentKind::Wood => writeln!(
+            xml,
+            "<geom type=\"capsule\" fromto=\"{} {}\" size=\"{radius}\" rgba=\"0.5 0.3 0.1 1\"/>",
+            numbers(way * axis),
+            numbers(axis)
+        ),
+        SegmentKind::Leaf => {
+            let (along, across) = ((1.0 - way) * axis, segment.half_width());
+            let across = across - axis * (across.dot(&axis) / axis.norm_squared());
+            writeln!(
+                xml,
+                "<geom type=\"ellipsoid\" pos=\"{}\" size=\"{} {} {radius}\" xyaxes=\"{} {}\" \
+                 rgba=\"0.2 0.6 0.2 1\"/>",
+                numbers(0.5 * (1.0 + way) * axis),
+                0.5 * f64::max(along.norm(), 1e-3),
+                f64::max(across.norm(), 1e-3),
+                numbers(axis),
+                numbers(across.try_normalize(1e-9).unwrap_or_else(|| any_across(&axis)))
+            )
+        }
+    };
+    xml
+}
+
+/// Some direction across an axis.
+fn any_across(axis: &Vector3<f64>) -> Vector3<f64> {
+    let other = if axis.x.abs() < 0.9 * axis.norm() { Vector3::x() } else { Vector3::y() };
+    axis.cross(&other).normalize()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn variant() -> ElasticVariant {
+        let piece = |parent: Option<u32>, z: f64, kind| Segment {
+            parent,
+            kind,
+            start_m: [0.1, 0.2, z],
+            end_m: [0.1 + 1e-3 / 3.0, 0.2, z + 0.06],
+            bare_m: 0.01,
+            radius_m: 0.008,
+            half_width_m: [0.0, 0.01, 0.0],
+            stiffness_n_m_per_rad: 20.0 / 3.0,
+            branch: 0,
+        };
+        let (wood, leaf) = (SegmentKind::Wood, SegmentKind::Leaf);
+        let segments = vec![
+            piece(None, 0.0, wood),
+            piece(Some(0), 0.06, wood),
+            piece(Some(0), 0.05, leaf),
+            piece(None, 0.0, wood),
+        ];
+        let body = ElasticBody::new(segments).unwrap();
+        ElasticVariant { body, weight: 1.0, stiffness_factors: vec![2.0, 3.0] }
+    }
+
+    #[test]
+    fn a_body_reads_back_from_its_json_and_a_broken_one_says_where() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("body.json");
+        let body = variant().body;
+        std::fs::write(&path, json(&body)).unwrap();
+        assert_eq!(read(&path).unwrap(), body);
+        for (from, to, words) in [
+            ("\"radius_m\":0.008", "\"radius_m\":-1", "radius_m of segment 0 is -1"),
+            ("\"parent\":0", "\"parent\":7", "hangs from segment 7"),
+            ("\"radius_m\"", "\"radius\"", "unknown field `radius`"),
+            ("]}", "", "is no body"),
+        ] {
+            std::fs::write(&path, json(&body).replacen(from, to, 1)).unwrap();
+            let error = read(&path).unwrap_err().to_string();
+            assert!(error.contains(words) && error.contains("body.json"), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_mujoco_model_has_the_bodies_joints_and_springs() {
+        let xml = mujoco_xml(&variant(), 0.4);
+        let model = roxmltree::Document::parse(&xml).unwrap();
+        let of = |name: &str| model.descendants().filter(|node| node.has_tag_name(name)).count();
+        assert_eq!((of("body"), of("joint"), of("geom")), (4, 4, 5)); // one geom is the default's
+        let stiffness: Vec<f64> = (model.descendants())
+            .filter_map(|node| node.attribute("stiffness")?.parse().ok())
+            .collect();
+        assert_eq!(stiffness, [40.0 / 3.0, 40.0 / 3.0, 40.0 / 3.0, 20.0]);
+        let second =
+            model.descendants().find(|n| n.attribute("name") == Some("segment_1")).unwrap();
+        assert_eq!(second.parent().unwrap().attribute("name"), Some("segment_0"));
+        assert_eq!(second.attribute("pos"), Some("0 0 0.06"));
+    }
+}
