@@ -7,6 +7,7 @@ use palpate_learn::errors::Errors;
 use palpate_learn::evaluation::{Evaluation, LeftOut, Summary};
 use palpate_learn::method::Method;
 use palpate_learn::tracked::Touch;
+use palpate_work::elastic::field_beside;
 use palpate_work::evaluate::{self as evaluation, Nowhere, Work, configs, each_once, method_of};
 use palpate_work::settings::Settings;
 use palpate_work::touches::RecordedTouch;
@@ -19,6 +20,7 @@ use serde_json::json;
 
 use crate::array::{flat, table_of};
 use crate::data::{given, of_python, python};
+use crate::elastic::reader;
 use crate::error::Result;
 use crate::log::{Source, opened, sources};
 use crate::watch::long;
@@ -38,14 +40,15 @@ fn read(
 
 /// Compares methods on touches that they have not seen, as `palpate evaluate` does.
 ///
-/// `methods` are of map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always stands
-/// beside the others. Every touch is predicted from all others, in `folds` groups, or those named by
+/// `methods` are of elastic, map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always
+/// stands beside the others. elastic needs a `cloud` of the object, with `colours` and `viewpoint` as for
+/// `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
 /// `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold.
 /// `share`, its number from 0 and how many there are, does that share of the folds alone.
 #[pyfunction]
 #[pyo3(signature = (
-    logs, robot = None, *, methods = None, folds = None, test = None, truth = false,
-    tune = false, share = None, settings = None, progress = None, **sections
+    logs, robot = None, *, methods = None, cloud = None, colours = None, viewpoint = None,
+    folds = None, test = None, truth = false, tune = false, share = None, settings = None, progress = None, **sections
 ))]
 #[allow(clippy::too_many_arguments)] // they are keywords
 pub(crate) fn evaluate<'py>(
@@ -53,6 +56,9 @@ pub(crate) fn evaluate<'py>(
     logs: &Bound<'py, PyAny>,
     robot: Option<&Bound<'py, PyAny>>,
     methods: Option<Vec<String>>,
+    cloud: Option<&Bound<'py, PyAny>>,
+    colours: Option<&Bound<'py, PyAny>>,
+    viewpoint: Option<[f64; 3]>,
     folds: Option<u32>,
     test: Option<Vec<String>>,
     truth: bool,
@@ -71,7 +77,9 @@ pub(crate) fn evaluate<'py>(
             PyValueError::new_err(format!("`methods` names {name:?}; {there_are}"))
         })?);
     }
-    let mut methods = each_once(&chosen, false)?;
+    let cloud = cloud.map(|cloud| reader(py, (cloud, colours, viewpoint))).transpose()?;
+    field_beside(&mut settings, cloud.is_some()).map_err(WorkError::from)?;
+    let mut methods = each_once(&chosen, cloud.is_some())?;
     if !methods.contains(&Method::Zero) {
         methods.push(Method::Zero); // it stands beside the others in every table
     }
@@ -89,7 +97,7 @@ pub(crate) fn evaluate<'py>(
             estimators: configs(&settings)?,
             tune,
             truth,
-            bodies: Vec::new(),
+            bodies: cloud.map_or(Vec::new(), |make_bodies| make_bodies(progress)),
         };
         work.evaluate(&Nowhere, progress)
     })?;

@@ -102,7 +102,7 @@ pub(crate) fn extrapolate(
 }
 
 /// A cloud from a file, or from points and their colours; and what errors call it.
-fn read(
+pub(crate) fn read(
     py: Python<'_>,
     any: &Bound<'_, PyAny>,
     colours: Option<&Bound<'_, PyAny>>,
@@ -111,14 +111,14 @@ fn read(
     let Some(colours) = colours else {
         let path: PathBuf = any.extract().map_err(|_| {
             PyValueError::new_err(
-                "`cloud` holds points, and `colours`, by which stiffness is carried over, are \
+                "`cloud` holds points, and `colours`, by which parts of the object are told apart, are \
                  missing: wanted (N, 3) from 0 to 255, or the path of a PLY or PCD file with both",
             )
         })?;
         let cloud = py.detach(|| cloud::read(&path))?.cloud;
         if cloud.colours().is_none() {
             let message = format!(
-                "`{}` has points but no colours, by which stiffness is carried over; export it \
+                "`{}` has points but no colours, by which parts of the object are told apart; export it \
                  with red, green and blue",
                 path.display()
             );

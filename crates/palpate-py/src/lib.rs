@@ -16,6 +16,7 @@
 
 mod array;
 mod data;
+mod elastic;
 mod error;
 mod evaluate;
 mod extrapolate;
@@ -36,6 +37,7 @@ use pyo3::prelude::*;
 mod _palpate {
     #[pymodule_export]
     use crate::{
+        elastic::map_elastic,
         error::{FileError, LogError, PalpateError, PalpateWarning, SettingsError, TouchError},
         evaluate::{evaluate, summarised, tune},
         extrapolate::{Extrapolation, extrapolate},

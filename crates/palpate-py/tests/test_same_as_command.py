@@ -129,6 +129,23 @@ def test_needs_command_an_evaluation_is_the_same(
     assert [row["name"] for row in held_out["methods"]] == ["uniform", "zero"]
 
 
+def test_needs_command_a_field_with_an_elastic_body_is_the_same(
+    command: Path, plant: Path, robot: palpate.Robot, tmp_path: Path
+) -> None:
+    cloud = plant / "object.ply"
+    run(command, "map", "--cloud", cloud, "-o", tmp_path / "theirs.npz", "--json")
+    ours = palpate.map_elastic(None, cloud, robot=robot)
+    ours.save(tmp_path / "ours.npz")
+    assert (tmp_path / "ours.npz").read_bytes() == (tmp_path / "theirs.npz").read_bytes()
+    again = palpate.Field.load(tmp_path / "ours.npz")
+    scores = [field.score(plant / "seq_001", robot)["overall"] for field in (ours, again)]
+    assert scores[0] == scores[1] and scores[0]["avg_error"] < 0.95 * scores[0]["zero"]["avg_error"]
+    with pytest.raises(palpate.SettingsError, match="--cloud"):
+        palpate.Mapper(robot, method="elastic")
+    with pytest.raises(palpate.PalpateError, match="coloured cloud"):
+        palpate.evaluate(plant, robot, methods=["elastic"])
+
+
 def test_needs_command_tuning_chooses_the_same(
     command: Path, plant: Path, robot: palpate.Robot, tmp_path: Path
 ) -> None:

@@ -27,6 +27,7 @@ from ._palpate import (
     evaluate,
     extrapolate,
     inspect,
+    map_elastic,
     open_log,
     tune,
 )
@@ -53,6 +54,7 @@ __all__ = [
     "evaluate",
     "extrapolate",
     "inspect",
+    "map_elastic",
     "open_log",
     "tune",
 ]

@@ -428,6 +428,9 @@ def evaluate(
     robot: Robot | _Path | None = None,
     *,
     methods: Sequence[str] | None = None,
+    cloud: _Path | ArrayLike | None = None,
+    colours: ArrayLike | None = None,
+    viewpoint: Sequence[float] | None = None,
     folds: int | None = None,
     test: Sequence[str] | None = None,
     truth: bool = False,
@@ -439,10 +442,30 @@ def evaluate(
 ) -> Evaluation:
     """Compares methods on touches that they have not seen, as `palpate evaluate` does.
 
-    `methods` are of map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always stands
-    beside the others. Every touch is predicted from all others, in `folds` groups, or those named by
+    `methods` are of elastic, map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always
+    stands beside the others. elastic needs a `cloud` of the object, with `colours` and `viewpoint` as for
+    `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
     `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold.
     `share`, its number from 0 and how many there are, does that share of the folds alone.
+    """
+
+def map_elastic(
+    logs: _Logs | None,
+    cloud: _Path | ArrayLike,
+    colours: ArrayLike | None = None,
+    robot: Robot | _Path | None = None,
+    *,
+    viewpoint: Sequence[float] | None = None,
+    settings: AnySettings | None = None,
+    progress: Progress = None,
+    **sections: Unpack[Sections],
+) -> Field:
+    """Learns a field with an elastic body from a cloud, as `palpate map --cloud` does.
+
+    `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m, world frame, with
+    `colours` (N, 3) from 0 to 255; `viewpoint` is where the camera stood, (3,) m, searched if left out.
+    `logs` may be None: the body is then taken to be as stiff as others. A cloud that shows no plant
+    gives a field without a body.
     """
 
 def tune(

@@ -1,0 +1,86 @@
+//! Objects that bend: fields with a body from a cloud.
+
+use std::sync::Arc;
+
+use nalgebra::Point3;
+use palpate::unstable::ElasticBody;
+use palpate::{EstimatorKind, Mapper};
+use palpate_work::elastic::{bodies, taught};
+use palpate_work::learn::learn;
+use palpate_work::settings::SettingsError;
+use palpate_work::{Progress, WorkError};
+use pyo3::prelude::*;
+use pyo3::types::{PyAny, PyDict};
+
+use crate::error::Result;
+use crate::extrapolate;
+use crate::field::Field;
+use crate::log::{opened, sources};
+use crate::watch::long;
+use crate::{robot, settings};
+
+/// A cloud as an argument: a path, or points, with their colours and the place of the camera.
+pub(crate) type Seen<'a, 'py> =
+    (&'a Bound<'py, PyAny>, Option<&'a Bound<'py, PyAny>>, Option<[f64; 3]>);
+
+/// What makes the bodies of a cloud, once somebody hears of it.
+pub(crate) fn reader(
+    py: Python<'_>,
+    (cloud, colours, viewpoint): Seen<'_, '_>,
+) -> Result<impl FnOnce(&dyn Progress) -> Vec<Arc<ElasticBody>> + Send> {
+    let (name, cloud) = extrapolate::read(py, cloud, colours)?;
+    Ok(move |progress: &dyn Progress| {
+        let colours = cloud.colours().expect("read with colours");
+        let name = name.display().to_string();
+        bodies((cloud.points(), colours), viewpoint.map(Point3::from), &name, progress)
+    })
+}
+
+/// Learns a field with an elastic body from a cloud, as `palpate map --cloud` does.
+///
+/// `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m, world frame, with
+/// `colours` (N, 3) from 0 to 255; `viewpoint` is where the camera stood, (3,) m, searched if left out.
+/// `logs` may be None: the body is then taken to be as stiff as others. A cloud that shows no plant
+/// gives a field without a body.
+#[pyfunction]
+#[pyo3(signature = (
+    logs, cloud, colours = None, robot = None, *, viewpoint = None, settings = None, progress = None,
+    **sections
+))]
+#[allow(clippy::too_many_arguments)] // they are keywords
+pub(crate) fn map_elastic(
+    py: Python<'_>,
+    logs: Option<&Bound<'_, PyAny>>,
+    cloud: &Bound<'_, PyAny>,
+    colours: Option<&Bound<'_, PyAny>>,
+    robot: Option<&Bound<'_, PyAny>>,
+    viewpoint: Option<[f64; 3]>,
+    settings: Option<&Bound<'_, PyAny>>,
+    progress: Option<&Bound<'_, PyAny>>,
+    sections: Option<&Bound<'_, PyDict>>,
+) -> Result<Field> {
+    let mut settings = settings::read(settings, sections)?;
+    settings.estimator.estimator = Some(EstimatorKind::Elastic);
+    let config = settings.config()?;
+    let robot = robot::given(py, robot, &settings.robot)?;
+    let sources = logs.map(sources).transpose()?.unwrap_or_default();
+    let make_bodies = reader(py, (cloud, colours, viewpoint))?;
+    let saved = long(py, progress, |progress| -> Result<_, WorkError> {
+        let bodies = make_bodies(progress);
+        let touches = opened(sources, &settings.log)?;
+        touches.gravity_of_logs(&mut settings.touch, progress)?;
+        settings.log.check_for(&robot.arm.robot)?;
+        let arm = Arc::clone(&robot.arm);
+        let mut mapper = Mapper::new(arm, config).map_err(SettingsError::value)?;
+        let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
+        let mut touches = touches.for_arm(&robot.arm, &settings.log, place)?;
+        let mut samples = Vec::new();
+        let record = Some(&mut samples);
+        learn(&mut mapper, &mut touches, &mut |_, _, _| (), record, progress)?;
+        if bodies.is_empty() {
+            return Ok(palpate_io::field::Saved::of_mapper(&mapper));
+        }
+        taught(&mapper, &bodies, samples, progress)
+    })?;
+    Field::of(py, saved)
+}
