@@ -69,7 +69,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     seen: CloudArgs,
     /// The elastic body itself, as `palpate convert` writes it and you have corrected it
-    #[arg(long, value_name = "BODY.json", conflicts_with_all = ["from", "prior"])]
+    #[arg(long, value_name = "BODY.json", conflicts_with_all = ["from", "prior", "cloud"])]
     body: Option<PathBuf>,
     /// Leave out the memory: a smaller file, which --from cannot continue
     #[arg(long)]
@@ -113,7 +113,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
                 .to_owned(),
         ));
     }
-    let mut settings = args.settings.load_elastic()?;
+    let mut settings = args.settings.load()?;
     if args.cloud.is_some() || args.body.is_some() {
         settings.estimator.estimator.get_or_insert(EstimatorKind::Elastic);
     }
@@ -137,7 +137,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let record = elastic.as_mut().map(|elastic| &mut elastic.touches);
     let tally = learn(&mut mapper, &mut touches, &mut fill, record, output)?;
     if let Some(place) = &tally.interrupted {
-        return Err(stop(args, &mapper, place)?);
+        return Err(stop(args, (&mapper, elastic.is_some()), place)?);
     }
 
     let saved = match elastic {
@@ -221,8 +221,16 @@ fn save(args: &Args, mut saved: Saved) -> Result<Saved, CliError> {
 }
 
 /// Ends after Ctrl-C: saves if that was asked for, and says what was done.
-fn stop(args: &Args, mapper: &Mapper, place: &str) -> Result<CliError, CliError> {
-    let kept = if args.save_on_interrupt {
+///
+/// A field whose body was not learnt yet is not saved: whatever goes on from it would miss the body.
+fn stop(
+    args: &Args,
+    (mapper, has_body): (&Mapper, bool),
+    place: &str,
+) -> Result<CliError, CliError> {
+    let kept = if has_body {
+        format!(" at {place}; nothing was written, since the elastic body was not learnt yet")
+    } else if args.save_on_interrupt {
         save(args, Saved::of_mapper(mapper))?;
         format!(" at {place}; the field so far is in `{}`", args.output.display())
     } else {

@@ -28,17 +28,17 @@ impl<F: Args + Clone + Into<Settings>> SettingsArgs<F> {
         self.path.as_deref()
     }
 
-    /// The flags over the file's values, for a command that makes no body.
-    pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
-        let settings = self.load_elastic()?;
+    /// The flags over the file's values, for a command that starts a mapper and makes no body.
+    pub(crate) fn load_without_body(&self) -> Result<Settings, SettingsError> {
+        let settings = self.load()?;
         match settings.estimator.estimator {
             Some(EstimatorKind::Elastic) => Err(without_body()),
             _ => Ok(settings),
         }
     }
 
-    /// The flags over the file's values, for a command that can make a body.
-    pub(crate) fn load_elastic(&self) -> Result<Settings, SettingsError> {
+    /// The flags over the file's values.
+    pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
         let given = self.flags.clone().into();
         let settings = match &self.path {
             Some(path) => given.over(read(path)?),

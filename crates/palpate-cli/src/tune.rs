@@ -49,7 +49,7 @@ pub(crate) struct Args {
 
 /// Chooses settings and writes them.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
-    let mut settings = args.settings.load()?;
+    let mut settings = args.settings.load_without_body()?;
     settings.config()?;
     let mut places = Places::read(&args.settings, &settings, &args.logs);
     places.output("the settings (--output)", Some(&args.output))?;

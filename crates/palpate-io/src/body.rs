@@ -113,7 +113,7 @@ fn opened(segments: &[Segment], index: usize, factor: f64) -> String {
         numbers(segment.start().coords - carrier),
         stiffness * RELAXATION_S
     );
-    let way = segment.bare_m.min(axis.norm()) / axis.norm();
+    let way = f64::min(segment.bare_m / axis.norm(), 0.9);
     let _ = match segment.kind {
         SegmentKind::Wood => writeln!(
             xml,

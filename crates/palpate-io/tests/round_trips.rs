@@ -198,7 +198,8 @@ fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
     (field.counts, field.elastic) = (vec![1, 0], Some(Arc::new(model)));
     let sample = |time_s| Sample::new(time_s, vec![0.1, 1.0 / 3.0], vec![-1.0, 2.0]);
     let mut saved = Saved::of_field(field, "arm");
-    saved.elastic_touches = vec![vec![sample(Some(-0.5)), sample(Some(0.5))], vec![sample(None)]];
+    saved.elastic_touches =
+        vec![vec![sample(Some(-0.5)), sample(Some(0.5))], vec![], vec![sample(None)]];
     let bytes = to_bytes(&saved);
     let read = from_bytes(&bytes, "field.npz").unwrap();
     assert_eq!(read.field, saved.field);
@@ -211,6 +212,8 @@ fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
     };
     let error = with(&|model| model.share = 1.5);
     assert!(error.contains("share of the elastic model is 1.5"), "{error}");
+    let error = with(&|model| model.variants.push(model.variants[0].clone()));
+    assert!(error.contains("sum of weights of the elastic model is 2"), "{error}");
     let error = with(&|model| model.variants[0].stiffness_factors.push(1.0));
     assert!(error.contains("stiffness_factors"), "{error}");
     let error = with(&|model| model.stiffness_n_per_m.truncate(1));

@@ -137,6 +137,19 @@ fn a_field_with_its_body_predicts_what_was_predicted_of_the_touch_left_out() {
 }
 
 #[test]
+fn touches_that_felt_next_to_nothing_say_no_more_than_no_touch() {
+    let arm = arm();
+    let mut touches = touches(&arm, 2.0, 0.3);
+    touches.iter_mut().flat_map(|touch| &mut touch.samples).for_each(|s| s.tau.fill(0.01));
+    let tracked = tracked(&arm, &body(), &touches);
+    let of = |touches: &[usize]| elastic::model(&tracked, touches, &config(), &[], NEVER).unwrap();
+    let [none, light] = [&[][..], &[0, 1, 2]].map(of);
+    assert_eq!((none.share, &none.variants), (light.share, &light.variants));
+    assert_eq!(none.torque_limit_n_m, light.torque_limit_n_m);
+    assert!(none.variants[0].stiffness_factors.iter().all(|&factor| factor > 0.1));
+}
+
+#[test]
 fn trees_of_unlike_stiffness_side_by_side_are_told_apart() {
     let arm = arm();
     // The stem in the middle is three times as stiff as the others; a stem knows only its own springs.

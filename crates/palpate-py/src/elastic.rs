@@ -9,6 +9,7 @@ use palpate_work::elastic::{bodies, taught};
 use palpate_work::learn::learn;
 use palpate_work::settings::SettingsError;
 use palpate_work::{Progress, WorkError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
 
@@ -60,8 +61,15 @@ pub(crate) fn map_elastic(
     sections: Option<&Bound<'_, PyDict>>,
 ) -> Result<Field> {
     let mut settings = settings::read(settings, sections)?;
+    match settings.estimator.estimator {
+        Some(EstimatorKind::Elastic) | None => {}
+        Some(other) => {
+            let message = format!("`estimator` is {:?}; map_elastic is for elastic", other.name());
+            return Err(PyValueError::new_err(message).into());
+        }
+    }
     settings.estimator.estimator = Some(EstimatorKind::Elastic);
-    let config = settings.config()?;
+    settings.config()?;
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = logs.map(sources).transpose()?.unwrap_or_default();
     let make_bodies = reader(py, (cloud, colours, viewpoint))?;
@@ -71,6 +79,7 @@ pub(crate) fn map_elastic(
         touches.gravity_of_logs(&mut settings.touch, progress)?;
         settings.log.check_for(&robot.arm.robot)?;
         let arm = Arc::clone(&robot.arm);
+        let config = settings.config()?; // after what the logs say of gravity
         let mut mapper = Mapper::new(arm, config).map_err(SettingsError::value)?;
         let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
         let mut touches = touches.for_arm(&robot.arm, &settings.log, place)?;

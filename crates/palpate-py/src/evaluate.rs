@@ -77,6 +77,10 @@ pub(crate) fn evaluate<'py>(
             PyValueError::new_err(format!("`methods` names {name:?}; {there_are}"))
         })?);
     }
+    if cloud.is_none() && (colours.is_some() || viewpoint.is_some()) {
+        let message = "`colours` and `viewpoint` are those of a `cloud`, which is not given";
+        return Err(PyValueError::new_err(message).into());
+    }
     let cloud = cloud.map(|cloud| reader(py, (cloud, colours, viewpoint))).transpose()?;
     field_beside(&mut settings, cloud.is_some()).map_err(WorkError::from)?;
     let mut methods = each_once(&chosen, cloud.is_some())?;

@@ -55,7 +55,7 @@ pub fn in_words(body: &ElasticBody) -> String {
 ///
 /// # Errors
 ///
-/// If it is asked for without a body, or a body is given with another estimator.
+/// If it is asked for without a body.
 pub fn field_beside(settings: &mut Settings, has_body: bool) -> Result<(), SettingsError> {
     let estimator = &mut settings.estimator.estimator;
     match (*estimator, has_body) {
@@ -128,7 +128,8 @@ pub fn taught(
     };
     let learnt = learnt().map_err(|error| match error {
         LearnError::Stopped => {
-            WorkError::Interrupted { kept: " while the elastic body was learnt".to_owned() }
+            let kept = " while the elastic body was learnt; nothing was written".to_owned();
+            WorkError::Interrupted { kept }
         }
         other => WorkError::file(other),
     })?;

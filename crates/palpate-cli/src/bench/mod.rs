@@ -92,7 +92,7 @@ pub(crate) struct Args {
 /// Measures, and prints what was found.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let started = Instant::now();
-    let mut settings = args.settings.load()?;
+    let mut settings = args.settings.load_without_body()?;
     settings.config()?;
     interrupt::listen();
     let figures = Bench::prepare(args, &mut settings, output)?.measure(started, output)?;

@@ -56,6 +56,13 @@ fn write_body((input, path): (&Path, &Path), to: &str) -> Result<(), CliError> {
         ))
     })?;
     let variant = model.likeliest();
+    if to == "xml" && variant.stiffness_factors.iter().all(|&factor| factor == 0.0) {
+        return Err(CliError::from(format!(
+            "the touches of `{}` speak against its elastic body, which has no stiffness left; .json has \
+             the body as it was made",
+            input.display()
+        )));
+    }
     place::write(
         path,
         &match to {

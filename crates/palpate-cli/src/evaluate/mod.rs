@@ -81,7 +81,8 @@ pub(crate) struct Args {
     cloud: Option<PathBuf>,
     #[command(flatten)]
     picture: CloudArgs,
-    /// The elastic body itself, as `palpate convert` writes it and you have corrected it
+    /// The elastic body itself, as `palpate convert` writes it and you have corrected it; a --cloud is then
+    /// only shown
     #[arg(long, value_name = "BODY.json")]
     body: Option<PathBuf>,
     /// Predict the touches in so many groups rather than one by one
@@ -106,7 +107,7 @@ pub(crate) struct Args {
 
 /// Evaluates all methods and writes the report.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
-    let mut settings = args.settings.load_elastic()?;
+    let mut settings = args.settings.load()?;
     field_beside(&mut settings, args.cloud.is_some() || args.body.is_some())?;
     settings.config()?;
     let has_body = args.cloud.is_some() || args.body.is_some();

@@ -220,7 +220,7 @@ fn open_socket(path: &Path) -> Result<AskSocket, CliError> {
 
 /// Maps until Ctrl-C, or until the time is over.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
-    let settings = args.settings.load()?;
+    let settings = args.settings.load_without_body()?;
     if !args.resume {
         settings.config()?;
     }

@@ -70,7 +70,10 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             field.display()
         )));
     }
-    let mut settings = args.settings.load()?;
+    let mut settings = match named.field {
+        Some(_) => args.settings.load()?,
+        None => args.settings.load_without_body()?,
+    };
     if named.field.is_none() {
         settings.config()?;
     }

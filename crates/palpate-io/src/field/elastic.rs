@@ -22,9 +22,10 @@ pub(super) fn insert(arrays: &mut Arrays, model: &ElasticModel, touches: &[Vec<S
     let json = serde_json::to_string(model).expect("a body is plain data");
     arrays.insert("elastic", Array::text(&json));
     arrays.insert("K_elastic", Array::flat(Data::F64(model.stiffness_n_per_m.clone())));
-    let Some(n_joints) = touches.iter().flatten().next().map(|sample| sample.q.len()) else {
+    if touches.is_empty() {
         return;
-    };
+    }
+    let n_joints = touches.iter().flatten().next().map_or(0, |sample| sample.q.len());
     let of_touch = |touch: &Vec<Sample>| [touch.len() as u32, u32::from(has_times(touch))];
     let rows = touches.iter().flat_map(of_touch).collect();
     arrays.insert("elastic_touch", Array::new(vec![touches.len(), 2], Data::U32(rows)));

@@ -286,6 +286,12 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
         elastic_touches,
     };
     if let Some(mapper) = meta.mapper {
+        let (touches, of_body) = (mapper.touches as usize, saved.elastic_touches.len());
+        if saved.field.elastic.is_some() && touches != of_body {
+            let what =
+                format!("the field has learnt {touches} touches, its elastic body {of_body}");
+            return Err(contradiction(arrays, what));
+        }
         saved.snapshot = Some(snapshot(arrays, mapper, &saved)?);
     }
     Ok(saved)

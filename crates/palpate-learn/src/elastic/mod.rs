@@ -26,7 +26,7 @@ use nalgebra::DVector;
 use palpate::unstable::{Cell, ElasticModel, Estimator, FrameId};
 use palpate::{CellId, MapperConfig};
 
-use self::stiffness::touch_error;
+use self::stiffness::{telling, touch_error};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::folds::Fold;
 use crate::method::Torques;
@@ -164,7 +164,7 @@ impl<'a> Lesson<'a> {
             field.learn(place, touch, counts, stop)?;
             both.learn(place, touch, counts, stop)?;
         }
-        let weights = match touches.is_empty() {
+        let weights = match telling(tracked, touches).is_empty() {
             true => Weights { field: 0.0, body: 1.0, both: 0.0 },
             false => Weights::of([field.error, body_error, both.error]),
         };

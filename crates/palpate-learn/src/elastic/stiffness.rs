@@ -13,6 +13,10 @@ const FACTORS: usize = 81;
 /// Frames below this torque have no relative error, N·m.
 const TORQUE_FLOOR: f64 = 1.0;
 
+/// What a contact costs that is without creep, in relative errors of a touch; half of it if only its
+/// friction is unlike. Of five simulated plants, it lowers the mean error after a single touch by 0.004, and
+/// after nine by 0.007.
+const UNLIKE: f64 = 0.1;
 /// Relative spread of the stiffness of trees about their common factor.
 const TREE_SPREAD: f64 = 1.0;
 /// Effective number of independent frames in a touch.
@@ -66,7 +70,7 @@ impl Constants {
 
     /// Factors on the stiffness of the springs of each tree, of the body that is believed most.
     pub fn by_tree(&self) -> impl Iterator<Item = f64> {
-        let most = self.shares.iter().max_by(|a, b| a.weight.total_cmp(&b.weight));
+        let most = self.shares.iter().rev().max_by(|a, b| a.weight.total_cmp(&b.weight));
         most.into_iter().flat_map(|share| share.factors.iter().copied())
     }
 
@@ -99,19 +103,31 @@ impl BodyTorques {
     /// The contact with which the first body explains the measured torques of some touches best, and the
     /// sum of its errors.
     pub(super) fn contact(&self, tracked: &Tracked, touches: &[usize]) -> (usize, f64) {
+        let touches = &telling(tracked, touches)[..];
         if touches.is_empty() {
             return (UNTOUCHED, 0.0);
         }
         let n_trees = self.bodies[0].n_trees();
         let errors =
             self.first.iter().map(|torques| factors((torques, n_trees), tracked, touches).1);
-        let best = errors.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+        // A contact unlike the usual one has to explain the touches better by something.
+        let unlike = |contact: usize| {
+            let [usual, this] = [UNTOUCHED, contact].map(|contact| CONTACTS[contact]);
+            match (this == usual, this[1] == usual[1]) {
+                (true, _) => 0.0,
+                (false, true) => 0.5 * UNLIKE,
+                (false, false) => UNLIKE,
+            }
+        };
+        let cost = |(contact, error): &(usize, f64)| error + unlike(*contact);
+        let best = errors.enumerate().min_by(|a, b| cost(a).total_cmp(&cost(b)));
         best.expect("there are contacts")
     }
 
     /// Contact and stiffness that explain the measured torques of some touches best: they have the least
     /// mean over touches of the average relative error.
     pub(super) fn constants(&self, tracked: &Tracked, touches: &[usize]) -> Constants {
+        let touches = &telling(tracked, touches)[..];
         let (contact, _) = self.contact(tracked, touches);
         let bodies = self.torques(contact).zip(&self.bodies);
         let shares = bodies.map(|(torques, body)| {
@@ -126,6 +142,15 @@ impl BodyTorques {
         let limit = if touches.is_empty() { f64::INFINITY } else { TORQUE_LIMIT * largest };
         Constants { contact, shares, torque_limit_n_m: limit }
     }
+}
+
+/// The touches that say something of a stiffness: those with a frame that has a relative error.
+pub(super) fn telling(tracked: &Tracked, touches: &[usize]) -> Vec<usize> {
+    let tells = |touch: &&usize| {
+        let frames = &tracked.touches[**touch].frames;
+        frames.iter().any(|frame| frame.observation.tau().norm() >= TORQUE_FLOOR)
+    };
+    touches.iter().filter(tells).copied().collect()
 }
 
 /// The factors of stiffness that explain the measured torques of some touches best, by tree, and the sum

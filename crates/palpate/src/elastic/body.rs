@@ -7,7 +7,9 @@ use super::mobility::mobilities;
 use crate::lattice::FARTHEST_M;
 
 /// Segments of a body at most.
-const MOST_SEGMENTS: usize = 100_000;
+const MOST_SEGMENTS: usize = 5_000;
+/// Length of all its segments together at most, m.
+const LONGEST_M: f64 = 200.0;
 
 /// What a segment stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -121,6 +123,7 @@ impl ElasticBody {
         if segments.len() > MOST_SEGMENTS {
             return Err(BodyError::Many { found: segments.len() });
         }
+        let mut total_m = 0.0;
         for (segment, part) in segments.iter().enumerate() {
             if let Some(parent) = part.parent.filter(|&parent| parent as usize >= segment) {
                 return Err(BodyError::Parent { segment, parent });
@@ -138,6 +141,8 @@ impl ElasticBody {
                 let far = [-FARTHEST_M, FARTHEST_M];
                 check("a coordinate", coordinate, far, "a number from -1000 to 1000")?;
             }
+            total_m += part.axis().norm();
+            check("the length of all up to the end", total_m, [0.0, LONGEST_M], "at most 200 m")?;
             check("the length", part.axis().norm(), [1e-6, 10.0], "a length from 1e-6 to 10 m")?;
         }
         let mobilities = mobilities(&segments);

@@ -12,6 +12,9 @@ use super::equilibrium::Equilibrium;
 use crate::arm::Arm;
 use crate::robot::Poses;
 
+/// Bodies that an object may be, at most.
+const MOST_VARIANTS: usize = 16;
+
 /// What touches have taught of an object that bends.
 ///
 /// The predicted torque is `share` times that of the bodies, and that of a field with
@@ -62,6 +65,13 @@ impl ElasticModel {
         if self.variants.is_empty() {
             return Err(BodyError::Empty);
         }
+        if self.variants.len() > MOST_VARIANTS {
+            return refused("the number of variants", self.variants.len() as f64, "at most 16");
+        }
+        let sum: f64 = self.variants.iter().map(|variant| variant.weight).sum();
+        if (sum - 1.0).abs() > 1e-6 {
+            return refused("the sum of weights", sum, "1");
+        }
         for variant in &self.variants {
             if !(0.0..=1.0).contains(&variant.weight) {
                 return refused("weight", variant.weight, share);
@@ -108,10 +118,10 @@ impl ElasticModel {
         ElasticContactConfig { friction, creep_s, ..ElasticContactConfig::default() }
     }
 
-    /// The variant that is believed most.
+    /// The variant that is believed most, the first of equals.
     pub fn likeliest(&self) -> &ElasticVariant {
         let by_weight = |a: &&ElasticVariant, b: &&ElasticVariant| a.weight.total_cmp(&b.weight);
-        self.variants.iter().max_by(by_weight).expect("a model has a variant")
+        self.variants.iter().rev().max_by(by_weight).expect("a model has a variant")
     }
 }
 
