@@ -42,6 +42,7 @@ __all__ = [
     "extrapolate",
     "given_settings",
     "inspect",
+    "map_elastic",
     "open_log",
     "summarised",
     "tune",
