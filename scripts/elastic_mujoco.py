@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """The torques of palpate's elastic bodies beside MuJoCo's, on the same body and the same motions.
 
-A rod on a slide and a hinge pushes three stems with a branch each, in twenty motions, none past its end. palpate predicts its
-torques from the body's file alone (`palpate map --body`); MuJoCo simulates the model that `palpate convert`
-writes, slowly, with the rod as a mocap body, and the torques are those of its contact forces. Contacts are
-as soft as MuJoCo's defaults, or hard with --stiff: palpate's are about as soft as the defaults, and
-in both a hard push goes some millimetres deep. Needs numpy and mujoco (both on PyPI).
+A rod on a slide and a hinge pushes three stems with a branch each, in twenty motions. palpate predicts the
+torques of the two joints from the body's file alone (`palpate map --body`). MuJoCo moves the rod slowly
+through the model that `palpate convert` writes; its torques are those of the contact forces. MuJoCo's
+contacts have its default softness, which is about that of palpate's, or are hard with --stiff. Needs numpy
+and mujoco (both on PyPI).
 
     python scripts/elastic_mujoco.py target/release/palpate [--stiff]
 """

@@ -37,10 +37,9 @@ from, so that --from goes on exactly where it stopped.
 --prior starts a new field, with the stiffness of another field as the prior mean of each cell: its
 own prior mean (`K_prior`) if it has one, else what it has learnt (`K`). The lattice must be the same.
 
---cloud makes an elastic body from a picture of the object (estimator `elastic`): the field then
-predicts with a body that bends, and with the field by point for what it leaves over. --from needs no
-cloud: the field holds its body, and the touches that it was learnt from. Without a LOG the body is
-taken to be as stiff as others are.
+--cloud makes an elastic body from a coloured cloud of the object (estimator `elastic`). The body and
+the field beside it then predict together. --from needs no cloud: the field holds its body and the
+touches that it was learnt from. Without a LOG the body has the typical stiffness of other plants.
 
 --rate learns as beside a robot that reports so many times a second: every step spends what is left
 of its time on replays. The field then depends on the speed of the machine, and differs a little
@@ -63,12 +62,12 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FIELD.npz")]
     prior: Option<PathBuf>,
     /// Coloured cloud of the object (PLY, PCD), or the folder of a picture with depth, in the world frame:
-    /// learn with a body that bends
+    /// learn an elastic body as well
     #[arg(long, value_name = "CLOUD", conflicts_with_all = ["from", "prior"])]
     cloud: Option<PathBuf>,
     #[command(flatten)]
-    seen: CloudArgs,
-    /// The elastic body itself, as `palpate convert` writes it and you have corrected it
+    cloud_args: CloudArgs,
+    /// An elastic body in place of a cloud: the file that `palpate convert` wrote, perhaps corrected by hand
     #[arg(long, value_name = "BODY.json", conflicts_with_all = ["from", "prior", "cloud"])]
     body: Option<PathBuf>,
     /// Leave out the memory: a smaller file, which --from cannot continue
@@ -90,6 +89,11 @@ pub(crate) struct Args {
 }
 
 impl Args {
+    /// Whether there is a picture or a body of the object.
+    fn shows_object(&self) -> bool {
+        self.cloud.is_some() || self.body.is_some()
+    }
+
     /// Refuses results that cannot be written, or would replace what is read or each other.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         let mut places = Places::read(&self.settings, settings, &self.logs);
@@ -114,7 +118,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         ));
     }
     let mut settings = args.settings.load()?;
-    if args.cloud.is_some() || args.body.is_some() {
+    if args.shows_object() {
         settings.estimator.estimator.get_or_insert(EstimatorKind::Elastic);
     }
     if args.from.is_none() {
@@ -141,7 +145,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
 
     let saved = match elastic {
-        Some(Elastic { bodies, touches }) => elastic::taught(&mapper, &bodies, touches, output)?,
+        Some(Elastic { bodies, touches }) => {
+            elastic::learn_body(&mapper, &bodies, touches, output)?
+        }
         None => Saved::of_mapper(&mapper),
     };
     let saved = save(args, saved)?;
@@ -162,29 +168,30 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 struct Elastic {
     /// The bodies that the object may be.
     bodies: Vec<Arc<ElasticBody>>,
-    /// The touches so far.
+    /// Samples of the touches so far.
     touches: Vec<Vec<Sample>>,
 }
 
 impl Elastic {
-    /// Of a cloud, if there is one.
+    /// Of the given cloud or body, if there is one.
     fn begin(args: &Args, settings: &Settings, output: &Output) -> Result<Option<Self>, CliError> {
-        let (bodies, _) = args.seen.bodies(args.cloud.as_deref(), args.body.as_deref(), output)?;
-        match (settings.estimator.estimator, bodies.is_empty()) {
-            (Some(EstimatorKind::Elastic), true) if args.from.is_none() && args.cloud.is_none() => {
-                Err(without_body().into())
+        let is_given = args.shows_object();
+        match settings.estimator.estimator {
+            Some(EstimatorKind::Elastic) if !is_given && args.from.is_none() => {
+                return Err(without_body().into());
             }
-            (Some(EstimatorKind::Elastic) | None, _) => {
-                Ok((!bodies.is_empty()).then_some(Self { bodies, touches: Vec::new() }))
-            }
-            (Some(other), _) if args.cloud.is_some() || args.body.is_some() => {
-                Err(CliError::Usage(format!(
-                    "--cloud and --body are for the estimator elastic, and --estimator is {}; leave one of them out",
+            Some(other) if is_given && other != EstimatorKind::Elastic => {
+                return Err(CliError::Usage(format!(
+                    "--cloud and --body are for the estimator elastic, and --estimator is {}; leave one \
+                     of them out",
                     other.name()
-                )))
+                )));
             }
-            (Some(_), _) => Ok(None),
+            _ => {}
         }
+        let (cloud, body) = (args.cloud.as_deref(), args.body.as_deref());
+        let (bodies, _) = args.cloud_args.bodies(cloud, body, output)?;
+        Ok((!bodies.is_empty()).then_some(Self { bodies, touches: Vec::new() }))
     }
 }
 
@@ -222,7 +229,7 @@ fn save(args: &Args, mut saved: Saved) -> Result<Saved, CliError> {
 
 /// Ends after Ctrl-C: saves if that was asked for, and says what was done.
 ///
-/// A field whose body was not learnt yet is not saved: whatever goes on from it would miss the body.
+/// A field whose body was not learnt yet is not saved: mapping could not go on from it with the body.
 fn stop(
     args: &Args,
     (mapper, has_body): (&Mapper, bool),
@@ -289,11 +296,11 @@ impl Summary<'_> {
         }
         found.push(("frames remembered", format!("{frames_remembered} in {}", mib(bytes))));
         if let Some(model) = self.body {
-            found.push(("elastic body counts for", format!("{:.0} %", 100.0 * model.share)));
+            found.push(("weight of the elastic body", format!("{:.0} %", 100.0 * model.share)));
             let factors = &model.likeliest().stiffness_factors;
             let factors: Vec<String> =
                 factors.iter().map(|factor| format!("{factor:.2}")).collect();
-            found.push(("its stiffness, of wood of 0.48 GPa", factors.join(", ")));
+            found.push(("its stiffness / wood of 0.48 GPa", factors.join(", ")));
             let creep = if model.creep_s > 0.0 { "contacts creep" } else { "no creep" };
             found.push(("its friction", format!("{}, {creep}", model.friction)));
         }

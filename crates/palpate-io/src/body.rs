@@ -1,4 +1,4 @@
-//! A body that bends as a file: JSON to look at and to correct by hand, and a MuJoCo model.
+//! An elastic body as a file: JSON to look at and to correct by hand, and a MuJoCo model.
 //!
 //! The JSON is `{"segments": [...]}` with one segment a line, those that carry others before them; the
 //! keys are the fields of [`Segment`], lengths in m in the world frame. [`read`] checks every number.
@@ -26,7 +26,7 @@ pub enum BodyFileError {
     #[error("`{}` cannot be read: {source}", path.display())]
     Unreadable { path: PathBuf, source: std::io::Error },
     /// Not the JSON of a body; the message says where.
-    #[error("`{}` is no body that bends: {source}", path.display())]
+    #[error("`{}` is not the JSON of an elastic body: {source}", path.display())]
     Json { path: PathBuf, source: serde_json::Error },
     /// Segments that make no body.
     #[error("`{}`: {source} (segments count from 0)", path.display())]
@@ -65,8 +65,8 @@ pub fn json(body: &ElasticBody) -> String {
     format!("{{\"segments\": [\n{}\n]}}\n", lines.join(",\n"))
 }
 
-/// A body as a MuJoCo model: ball joints with the springs that touches have taught, capsules and
-/// ellipsoids, no gravity since it is in the shape at rest. Parts that hang together do not collide.
+/// A body as a MuJoCo model: ball joints with the learnt springs, capsules and ellipsoids. There is no
+/// gravity, since the shape at rest contains its effect, and segments do not collide with each other.
 pub fn mujoco_xml(variant: &ElasticVariant, friction: f64) -> String {
     let segments = variant.body.segments();
     let mut children: Vec<Vec<usize>> = vec![Vec::new(); segments.len()];
@@ -99,7 +99,7 @@ pub fn mujoco_xml(variant: &ElasticVariant, friction: f64) -> String {
     xml
 }
 
-/// The opening of a segment's body, with its joint and its shape.
+/// The start tag of a segment's body, with its joint and its shape.
 fn opened(segments: &[Segment], index: usize, factor: f64) -> String {
     let segment = &segments[index];
     let carrier =
@@ -139,71 +139,8 @@ fn opened(segments: &[Segment], index: usize, factor: f64) -> String {
     xml
 }
 
-/// Some direction across an axis.
+/// A unit vector across an axis.
 fn any_across(axis: &Vector3<f64>) -> Vector3<f64> {
     let other = if axis.x.abs() < 0.9 * axis.norm() { Vector3::x() } else { Vector3::y() };
     axis.cross(&other).normalize()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn variant() -> ElasticVariant {
-        let piece = |parent: Option<u32>, z: f64, kind| Segment {
-            parent,
-            kind,
-            start_m: [0.1, 0.2, z],
-            end_m: [0.1 + 1e-3 / 3.0, 0.2, z + 0.06],
-            bare_m: 0.01,
-            radius_m: 0.008,
-            half_width_m: [0.0, 0.01, 0.0],
-            stiffness_n_m_per_rad: 20.0 / 3.0,
-            branch: 0,
-        };
-        let (wood, leaf) = (SegmentKind::Wood, SegmentKind::Leaf);
-        let segments = vec![
-            piece(None, 0.0, wood),
-            piece(Some(0), 0.06, wood),
-            piece(Some(0), 0.05, leaf),
-            piece(None, 0.0, wood),
-        ];
-        let body = ElasticBody::new(segments).unwrap();
-        ElasticVariant { body, weight: 1.0, stiffness_factors: vec![2.0, 3.0] }
-    }
-
-    #[test]
-    fn a_body_reads_back_from_its_json_and_a_broken_one_says_where() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("body.json");
-        let body = variant().body;
-        std::fs::write(&path, json(&body)).unwrap();
-        assert_eq!(read(&path).unwrap(), body);
-        for (from, to, words) in [
-            ("\"radius_m\":0.008", "\"radius_m\":-1", "radius_m of segment 0 is -1"),
-            ("\"parent\":0", "\"parent\":7", "hangs from segment 7"),
-            ("\"radius_m\"", "\"radius\"", "unknown field `radius`"),
-            ("]}", "", "is no body"),
-        ] {
-            std::fs::write(&path, json(&body).replacen(from, to, 1)).unwrap();
-            let error = read(&path).unwrap_err().to_string();
-            assert!(error.contains(words) && error.contains("body.json"), "{error}");
-        }
-    }
-
-    #[test]
-    fn a_mujoco_model_has_the_bodies_joints_and_springs() {
-        let xml = mujoco_xml(&variant(), 0.4);
-        let model = roxmltree::Document::parse(&xml).unwrap();
-        let of = |name: &str| model.descendants().filter(|node| node.has_tag_name(name)).count();
-        assert_eq!((of("body"), of("joint"), of("geom")), (4, 4, 5)); // one geom is the default's
-        let stiffness: Vec<f64> = (model.descendants())
-            .filter_map(|node| node.attribute("stiffness")?.parse().ok())
-            .collect();
-        assert_eq!(stiffness, [40.0 / 3.0, 40.0 / 3.0, 40.0 / 3.0, 20.0]);
-        let second =
-            model.descendants().find(|n| n.attribute("name") == Some("segment_1")).unwrap();
-        assert_eq!(second.parent().unwrap().attribute("name"), Some("segment_0"));
-        assert_eq!(second.attribute("pos"), Some("0 0 0.06"));
-    }
 }

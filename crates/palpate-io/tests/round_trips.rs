@@ -9,6 +9,7 @@ use std::sync::Arc;
 use palpate::unstable::{ElasticBody, ElasticModel, ElasticVariant, Segment, SegmentKind};
 use palpate::{CellId, EstimatorKind, Field, MapperConfig};
 use palpate_io::atomic::IfExists;
+use palpate_io::body;
 use palpate_io::field::npz::{read_npz, write_npz};
 use palpate_io::field::{FieldFile, FieldLattice, Saved, from_bytes, to_bytes};
 use palpate_io::log::bag_write::{Compression, TouchWriter};
@@ -165,8 +166,8 @@ proptest! {
     }
 }
 
-#[test]
-fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
+/// A stem with a branch and a leaf, and a stem beside it.
+fn variant() -> ElasticVariant {
     let piece = |parent: Option<u32>, z: f64, kind| Segment {
         parent,
         kind,
@@ -178,10 +179,20 @@ fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
         stiffness_n_m_per_rad: 20.0 / 3.0,
         branch: 0,
     };
-    let segments =
-        vec![piece(None, 0.0, SegmentKind::Wood), piece(Some(0), 0.06, SegmentKind::Leaf)];
+    let (wood, leaf) = (SegmentKind::Wood, SegmentKind::Leaf);
+    let segments = vec![
+        piece(None, 0.0, wood),
+        piece(Some(0), 0.06, wood),
+        piece(Some(0), 0.05, leaf),
+        piece(None, 0.0, wood),
+    ];
     let body = ElasticBody::new(segments).unwrap();
-    let variant = ElasticVariant { body, weight: 1.0, stiffness_factors: vec![1.0 / 7.0] };
+    ElasticVariant { body, weight: 1.0, stiffness_factors: vec![2.0, 3.0] }
+}
+
+#[test]
+fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
+    let variant = ElasticVariant { stiffness_factors: vec![1.0 / 7.0, 1.0], ..variant() };
     let model = ElasticModel {
         variants: vec![variant],
         friction: 0.4,
@@ -218,4 +229,38 @@ fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
     assert!(error.contains("stiffness_factors"), "{error}");
     let error = with(&|model| model.stiffness_n_per_m.truncate(1));
     assert!(error.contains("K_elastic"), "{error}");
+}
+
+#[test]
+fn a_body_reads_back_from_its_json_and_a_broken_one_says_where() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("body.json");
+    let written = variant().body;
+    std::fs::write(&path, body::json(&written)).unwrap();
+    assert_eq!(body::read(&path).unwrap(), written);
+    for (from, to, words) in [
+        ("\"radius_m\":0.008", "\"radius_m\":-1", "radius_m of segment 0 is -1"),
+        ("\"parent\":0", "\"parent\":7", "hangs from segment 7"),
+        ("\"radius_m\"", "\"radius\"", "unknown field `radius`"),
+        ("]}", "", "is not the JSON"),
+    ] {
+        std::fs::write(&path, body::json(&written).replacen(from, to, 1)).unwrap();
+        let error = body::read(&path).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("body.json"), "{error}");
+    }
+}
+
+#[test]
+fn a_mujoco_model_has_the_bodies_joints_and_springs() {
+    let xml = body::mujoco_xml(&variant(), 0.4);
+    let model = roxmltree::Document::parse(&xml).unwrap();
+    let of = |name: &str| model.descendants().filter(|node| node.has_tag_name(name)).count();
+    assert_eq!((of("body"), of("joint"), of("geom")), (4, 4, 5)); // one geom is the default's
+    let stiffness: Vec<f64> = (model.descendants())
+        .filter_map(|node| node.attribute("stiffness")?.parse().ok())
+        .collect();
+    assert_eq!(stiffness, [40.0 / 3.0, 40.0 / 3.0, 40.0 / 3.0, 20.0]);
+    let second = model.descendants().find(|n| n.attribute("name") == Some("segment_1")).unwrap();
+    assert_eq!(second.parent().unwrap().attribute("name"), Some("segment_0"));
+    assert_eq!(second.attribute("pos"), Some("0 0 0.06"));
 }

@@ -1,11 +1,11 @@
-//! Objects that bend: fields with a body from a cloud.
+//! Fields with an elastic body from a cloud.
 
 use std::sync::Arc;
 
 use nalgebra::Point3;
 use palpate::unstable::ElasticBody;
 use palpate::{EstimatorKind, Mapper};
-use palpate_work::elastic::{bodies, taught};
+use palpate_work::elastic::{bodies, learn_body};
 use palpate_work::learn::learn;
 use palpate_work::settings::SettingsError;
 use palpate_work::{Progress, WorkError};
@@ -21,13 +21,13 @@ use crate::watch::long;
 use crate::{robot, settings};
 
 /// A cloud as an argument: a path, or points, with their colours and the place of the camera.
-pub(crate) type Seen<'a, 'py> =
+pub(crate) type CloudArgument<'a, 'py> =
     (&'a Bound<'py, PyAny>, Option<&'a Bound<'py, PyAny>>, Option<[f64; 3]>);
 
-/// What makes the bodies of a cloud, once somebody hears of it.
-pub(crate) fn reader(
+/// A function that makes the bodies of a cloud, to be called once there is a progress to note what it finds.
+pub(crate) fn bodies_of(
     py: Python<'_>,
-    (cloud, colours, viewpoint): Seen<'_, '_>,
+    (cloud, colours, viewpoint): CloudArgument<'_, '_>,
 ) -> Result<impl FnOnce(&dyn Progress) -> Vec<Arc<ElasticBody>> + Send> {
     let (name, cloud) = extrapolate::read(py, cloud, colours)?;
     Ok(move |progress: &dyn Progress| {
@@ -41,7 +41,7 @@ pub(crate) fn reader(
 ///
 /// `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m, world frame, with
 /// `colours` (N, 3) from 0 to 255; `viewpoint` is where the camera stood, (3,) m, searched if left out.
-/// `logs` may be None: the body is then taken to be as stiff as others. A cloud that shows no plant
+/// If `logs` is None, the body has the typical stiffness of other plants. A cloud that shows no plant
 /// gives a field without a body.
 #[pyfunction]
 #[pyo3(signature = (
@@ -72,7 +72,7 @@ pub(crate) fn map_elastic(
     settings.config()?;
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = logs.map(sources).transpose()?.unwrap_or_default();
-    let make_bodies = reader(py, (cloud, colours, viewpoint))?;
+    let make_bodies = bodies_of(py, (cloud, colours, viewpoint))?;
     let saved = long(py, progress, |progress| -> Result<_, WorkError> {
         let bodies = make_bodies(progress);
         let touches = opened(sources, &settings.log)?;
@@ -86,10 +86,7 @@ pub(crate) fn map_elastic(
         let mut samples = Vec::new();
         let record = Some(&mut samples);
         learn(&mut mapper, &mut touches, &mut |_, _, _| (), record, progress)?;
-        if bodies.is_empty() {
-            return Ok(palpate_io::field::Saved::of_mapper(&mapper));
-        }
-        taught(&mapper, &bodies, samples, progress)
+        learn_body(&mapper, &bodies, samples, progress)
     })?;
     Field::of(py, saved)
 }

@@ -7,7 +7,7 @@ use palpate_learn::errors::Errors;
 use palpate_learn::evaluation::{Evaluation, LeftOut, Summary};
 use palpate_learn::method::Method;
 use palpate_learn::tracked::Touch;
-use palpate_work::elastic::field_beside;
+use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{self as evaluation, Nowhere, Work, configs, each_once, method_of};
 use palpate_work::settings::Settings;
 use palpate_work::touches::RecordedTouch;
@@ -20,7 +20,7 @@ use serde_json::json;
 
 use crate::array::{flat, table_of};
 use crate::data::{given, of_python, python};
-use crate::elastic::reader;
+use crate::elastic::bodies_of;
 use crate::error::Result;
 use crate::log::{Source, opened, sources};
 use crate::watch::long;
@@ -81,8 +81,8 @@ pub(crate) fn evaluate<'py>(
         let message = "`colours` and `viewpoint` are those of a `cloud`, which is not given";
         return Err(PyValueError::new_err(message).into());
     }
-    let cloud = cloud.map(|cloud| reader(py, (cloud, colours, viewpoint))).transpose()?;
-    field_beside(&mut settings, cloud.is_some()).map_err(WorkError::from)?;
+    let cloud = cloud.map(|cloud| bodies_of(py, (cloud, colours, viewpoint))).transpose()?;
+    replace_elastic_by_map(&mut settings, cloud.is_some()).map_err(WorkError::from)?;
     let mut methods = each_once(&chosen, cloud.is_some())?;
     if !methods.contains(&Method::Zero) {
         methods.push(Method::Zero); // it stands beside the others in every table

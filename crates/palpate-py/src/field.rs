@@ -257,7 +257,7 @@ impl Field {
             let place = (field.lattice.clone(), field.contact.clone());
             let mut touches = touches.for_arm(&robot.arm, &settings.log, place)?;
             let results = score(&robot.arm, &field, touch, against, (&mut touches, progress))?;
-            tell_oddities(&results, progress);
+            tell_oddities(&results, &field, progress);
             Ok(results)
         })?;
         Ok(scored(py, &results, against, robot.arm.robot.n_joints())?)

@@ -1,4 +1,4 @@
-//! Bodies that bend: made from a cloud, and learnt from touches beside a field.
+//! Elastic bodies: made from a cloud, learnt from touches, bent along a path.
 
 use std::sync::Arc;
 
@@ -16,10 +16,10 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::{Settings, SettingsError};
 
-/// The elastic bodies that a cloud may be, the likeliest first; tells what was found.
-///
-/// Positions are in m in the world frame, colours sRGB; the cloud is called `name`. There are none if the
+/// The elastic bodies that a cloud may be, the most likely first; a note says what was found. None if the
 /// cloud does not show a plant.
+///
+/// Positions are in m in the world frame, colours sRGB; notes call the cloud `name`.
 pub fn bodies(
     (points, colours): (&[Point3<f64>], &[[u8; 3]]),
     viewpoint: Option<Point3<f64>>,
@@ -32,8 +32,9 @@ pub fn bodies(
             progress.note(&format!("{}; variants compared: {}", in_words(body), bodies.len()));
         }
         None => progress.note(&format!(
-            "no elastic body: most of the {} points of `{name}` lie on no stem, branch or leaf; the field \
-             by point is all there is (--crop-low-m and --crop-high-m cut out a plant)",
+            "no elastic body: many of the {} points of `{name}` lie on no stem, branch or leaf that was \
+             found, so `map` is used alone; if the cloud shows more than the plant, --crop-low-m and \
+             --crop-high-m cut out the plant",
             points.len()
         )),
     }
@@ -41,7 +42,7 @@ pub fn bodies(
 }
 
 /// What a body is made of.
-pub fn in_words(body: &ElasticBody) -> String {
+fn in_words(body: &ElasticBody) -> String {
     let of = |kind: SegmentKind| body.segments().iter().filter(move |segment| segment.kind == kind);
     let length: f64 = of(SegmentKind::Wood).map(|segment| segment.axis().norm()).sum();
     let branches =
@@ -50,13 +51,15 @@ pub fn in_words(body: &ElasticBody) -> String {
     format!("elastic body: {length:.2} m of wood in {branches} stems and branches, {leaves} leaves")
 }
 
-/// Takes the estimator `elastic` out of the settings, where there is a body for it: the field beside the
-/// body is that of `map`.
+/// Replaces the estimator `elastic` by `map` in the settings of an evaluation, in which both are methods.
 ///
 /// # Errors
 ///
-/// If it is asked for without a body.
-pub fn field_beside(settings: &mut Settings, has_body: bool) -> Result<(), SettingsError> {
+/// If `elastic` is set and there is no body.
+pub fn replace_elastic_by_map(
+    settings: &mut Settings,
+    has_body: bool,
+) -> Result<(), SettingsError> {
     let estimator = &mut settings.estimator.estimator;
     match (*estimator, has_body) {
         (Some(EstimatorKind::Elastic), true) => *estimator = Some(EstimatorKind::Map),
@@ -66,21 +69,21 @@ pub fn field_beside(settings: &mut Settings, has_body: bool) -> Result<(), Setti
     Ok(())
 }
 
-/// The error of an estimator that nothing makes a body for.
+/// The error if `elastic` is set where no body can be made.
 pub fn without_body() -> SettingsError {
     SettingsError::Together(
-        "the estimator `elastic` needs a coloured cloud, or a picture with depth, of the object, which \
-         `palpate map` and `palpate evaluate` take: name it as well (`--cloud object.ply`)"
+        "the estimator `elastic` needs a coloured cloud of the object, or a picture with depth: give \
+         `palpate map` or `palpate evaluate` one with --cloud (other commands do not learn elastic bodies)"
             .to_owned(),
     )
 }
 
-/// Adds the torques of bodies along all touches; tells how often they did not come to rest.
+/// Simulates bodies along all touches; a note says how often they did not come to rest.
 ///
 /// # Errors
 ///
 /// On being stopped.
-pub(crate) fn bent(
+pub(crate) fn simulate_bodies(
     tracked: Tracked,
     (arm, bodies): (&Arc<Arm>, &[Arc<ElasticBody>]),
     touches: &[Touch],
@@ -100,18 +103,22 @@ pub(crate) fn bent(
     Ok(tracked)
 }
 
-/// What a mapper has learnt, with a body that was learnt from the same touches, and these touches.
+/// The field of a mapper, with an elastic body that is learnt from the same touches; the field alone if there
+/// are no bodies. `touches` are the samples of all touches that the mapper has learnt.
 ///
 /// # Errors
 ///
 /// If a sample cannot be used, or on being stopped.
-pub fn taught(
+pub fn learn_body(
     mapper: &Mapper,
     bodies: &[Arc<ElasticBody>],
     touches: Vec<Vec<Sample>>,
     progress: &dyn Progress,
 ) -> Result<Saved, WorkError> {
     let mut saved = Saved::of_mapper(mapper);
+    if bodies.is_empty() {
+        return Ok(saved);
+    }
     let (arm, config) = (mapper.arm(), mapper.config());
     let touch = |(number, samples): (usize, Vec<Sample>)| {
         let name = format!("touch {number} (from 0)");
@@ -121,8 +128,7 @@ pub fn taught(
     let stop = || progress.stopped();
     let learnt = || {
         let tracked = Tracked::new(arm, config, &touches, &stop)?;
-        let tracked = bent(tracked, (arm, bodies), &touches, progress)?;
-        progress.note("learning the elastic body");
+        let tracked = simulate_bodies(tracked, (arm, bodies), &touches, progress)?;
         let all: Vec<usize> = (0..touches.len()).collect();
         model(&tracked, &all, config, &saved.field.cells, &stop)
     };
@@ -138,33 +144,33 @@ pub fn taught(
     Ok(saved)
 }
 
-/// Where the segments of a body are, start and end of each, m, by frame.
-pub type Bent = Vec<Vec<[Point3<f64>; 2]>>;
+/// Start and end of each segment of a body, m, by frame.
+pub type BentFrames = Vec<Vec<[Point3<f64>; 2]>>;
 
-/// A path of the arm that starts beside the object.
+/// A path of the arm that starts without contact.
 #[derive(Debug, Clone, Copy)]
-pub struct Along<'a> {
+pub struct ArmPath<'a> {
     /// Joint positions, frames × n_joints, rad or m.
     pub q: &'a [Vec<f64>],
     /// Time of each frame, s.
     pub times_s: &'a [f64],
-    /// Every how many frames the body is wanted.
+    /// The body is returned for every n-th frame.
     pub every: usize,
 }
 
-/// How the likeliest body of a field bends along paths of the arm.
+/// How the most likely body bends along paths of the arm.
 ///
 /// # Errors
 ///
 /// If positions are not the arm's, or the progress stops it.
-pub fn bent_along(
+pub fn bend_along(
     arm: &Arc<Arm>,
     model: &ElasticModel,
-    paths: &[Along<'_>],
+    paths: &[ArmPath<'_>],
     progress: &dyn Progress,
-) -> Result<Vec<Bent>, WorkError> {
+) -> Result<Vec<BentFrames>, WorkError> {
     let bar = progress.begin(Some(paths.len() as u64), "touches", "bending the elastic body");
-    let follow = |path: &Along<'_>| -> Result<Bent, WorkError> {
+    let follow = |path: &ArmPath<'_>| -> Result<BentFrames, WorkError> {
         let mut equilibrium = model.equilibrium(arm);
         let mut bent = Vec::new();
         let mut before_s = None;

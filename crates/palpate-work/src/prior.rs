@@ -99,7 +99,7 @@ fn expected(
     let array = if prior_n_per_m.is_some() { "K_prior" } else { "K" };
     progress.note(&format!("the prior of {} cells is `{array}` of `{name}`", field.cells.len()));
     if field.elastic.is_some() {
-        progress.note(&format!("the elastic body of `{name}` is not taken over"));
+        progress.note(&format!("the elastic body of `{name}` is not part of the prior"));
     }
     let means = prior_n_per_m.as_ref().unwrap_or(&field.stiffness_n_per_m);
     Ok(field.cells.iter().copied().zip(means.iter().copied()).collect())

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use palpate::Field;
 use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
 
@@ -101,9 +102,11 @@ impl Report {
     }
 }
 
-/// Notes what a reader of the errors should know.
-pub fn tell_oddities(results: &[TouchResult], progress: &dyn Progress) {
-    let meets_known = |touch: &TouchResult| touch.count(|frame| frame.known > 0) > 0;
+/// Notes what a reader of the errors should know. An elastic body predicts torques where no point was
+/// touched, too.
+pub fn tell_oddities(results: &[TouchResult], field: &Field, progress: &dyn Progress) {
+    let has_body = field.elastic.as_ref().is_some_and(|model| model.share > 0.0);
+    let meets_known = |touch: &TouchResult| has_body || touch.count(|frame| frame.known > 0) > 0;
     if !results.iter().any(meets_known) {
         progress.warn(
             "no touch meets a point that the field knows: the predictions are what is expected of \

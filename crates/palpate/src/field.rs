@@ -42,8 +42,8 @@ pub struct Field {
     pub counts: Vec<u32>,
     /// K of all other cells, N/m.
     pub untouched_n_per_m: f64,
-    /// The object as a body that bends, if a picture of it was given. Predictions then take it and its own
-    /// springs in place of K.
+    /// The object as an elastic body, if one was learnt. Predictions then use the body and the springs
+    /// beside it ([`ElasticModel::stiffness_n_per_m`]) in place of K.
     pub elastic: Option<Arc<ElasticModel>>,
 }
 
@@ -212,17 +212,18 @@ impl Predictor {
     /// As [`Tracker::feed`].
     pub fn step(&mut self, sample: &Sample) -> Result<Option<Prediction>, TrackerError> {
         let frame = self.tracker.feed(sample)?;
-        let arm = self.tracker.arm();
-        let of_body = |body: &mut ElasticTorque| body.advance(arm, &frame.poses, sample.time_s);
-        let of_body = self.elastic.as_mut().map(of_body);
+        let elastic = self.elastic.as_mut();
+        let of_body = elastic.map(|elastic| elastic.advance(&frame.poses, sample.time_s));
         let Some(external) = frame.external else { return Ok(None) };
-        let robot = &arm.robot;
+        let robot = &self.tracker.arm().robot;
         let springs = &mut self.springs;
         let observation = springs.build(robot, &frame.poses, &frame.contacts, &external);
         let known = observation.rows().filter(|&row| springs.is_known(row)).count();
         let contacts = observation.n_contacts();
-        let predicted = springs.predict(&observation);
-        let predicted = of_body.into_iter().fold(predicted, |sum, torque| sum + torque);
+        let mut predicted = springs.predict(&observation);
+        if let Some(of_body) = of_body {
+            predicted += of_body;
+        }
         Ok(Some(Prediction { contacts, known, predicted, external }))
     }
 
@@ -240,7 +241,7 @@ impl Predictor {
         self.tracker.contacts()
     }
 
-    /// The likeliest body where the last sample left it, if the field has one.
+    /// The most likely elastic body as the last sample bent it, if the field has one.
     pub fn body(&self) -> Option<&Equilibrium> {
         self.elastic.as_ref()?.body()
     }

@@ -23,6 +23,10 @@ pub(super) fn convert(
     compression: Compression,
     output: &Output,
 ) -> Result<(), CliError> {
+    if ["json", "xml"].contains(&to) {
+        write_body((input, path), to)?;
+        return output.result(&format!("The elastic body is in `{}`.\n", path.display()));
+    }
     let arrays = read_npz(input).map_err(CliError::file)?;
     let field = FieldFile::from_arrays(&arrays).map_err(CliError::file)?;
     let replace = IfExists::Replace;
@@ -30,23 +34,20 @@ pub(super) fn convert(
         "npz" => write_npz(path, &field.to_arrays(), replace).map_err(CliError::file),
         "ply" => write_ply(path, &field),
         "vti" => write_vti(path, replace, &field).map_err(CliError::file),
-        "json" | "xml" => write_body((input, path), to),
         "mcap" => atomic::write(path, replace, |out| write_field(out, &field, FRAME, compression))
             .map_err(CliError::file),
         _ => Err(CliError::Usage(format!(
-            "`{}`: a field becomes .npz, .ply, .vti or .mcap, its elastic body .json or .xml; give the output one of these endings",
+            "`{}`: a field becomes .npz, .ply, .vti or .mcap, its elastic body .json or .xml; give the \
+             output one of these endings",
             path.display()
         ))),
     };
     written?;
-    if ["json", "xml"].contains(&to) {
-        return output.result(&format!("The elastic body is in `{}`.\n", path.display()));
-    }
     let (points, path) = (field.points.len(), path.display());
     output.result(&format!("{points} points are in `{path}`.\n"))
 }
 
-/// Writes the body that is believed most.
+/// Writes the most likely elastic body.
 fn write_body((input, path): (&Path, &Path), to: &str) -> Result<(), CliError> {
     let field = field::load(input).map_err(CliError::file)?.field;
     let model = field.elastic.ok_or_else(|| {
@@ -56,20 +57,17 @@ fn write_body((input, path): (&Path, &Path), to: &str) -> Result<(), CliError> {
         ))
     })?;
     let variant = model.likeliest();
-    if to == "xml" && variant.stiffness_factors.iter().all(|&factor| factor == 0.0) {
+    if to == "json" {
+        return place::write(path, &body::json(&variant.body));
+    }
+    if variant.stiffness_factors.iter().all(|&factor| factor == 0.0) {
         return Err(CliError::from(format!(
-            "the touches of `{}` speak against its elastic body, which has no stiffness left; .json has \
-             the body as it was made",
+            "the touches of `{}` have rejected its elastic body: its stiffness factor is 0; .json has the \
+             body as it was made from the cloud",
             input.display()
         )));
     }
-    place::write(
-        path,
-        &match to {
-            "json" => body::json(&variant.body),
-            _ => body::mujoco_xml(variant, model.friction),
-        },
-    )
+    place::write(path, &body::mujoco_xml(variant, model.friction))
 }
 
 fn write_ply(path: &Path, field: &FieldFile) -> Result<(), CliError> {

@@ -23,9 +23,9 @@ const NOTES: &str = "Examples:
 
 The ending of the output decides. Of a log: .mcap, .csv, or none for a folder of arrays. Of a field
 (.npz): .npz, .ply with the columns K, K_std and N_obs, .vti (ParaView), or .mcap with a
-PointCloud2 of x y z K K_std. Of the elastic body that a field believes most: .json, which can be
-corrected by hand and given to map and evaluate as --body, its springs those of wood of 0.48 GPa; or
-.xml, a MuJoCo model with the springs that touches have taught.
+PointCloud2 of x y z K K_std. Of the most likely elastic body of a field: .json with springs of wood
+of 0.48 GPa, which can be corrected by hand and given to map and evaluate as --body; or .xml, a
+MuJoCo model with the learnt springs.
 
 A bag names the touches on the topic /palpate/touch, which is read again without being asked to.
 Bags need names of joints: where the log has none, they are those of --robot. Times are kept to the

@@ -13,7 +13,7 @@ use palpate_io::field::{self, Saved};
 use palpate_io::log::LogOptions;
 use palpate_learn::extrapolate::Config;
 use palpate_learn::folds::folds;
-use palpate_work::elastic::{bodies, field_beside, taught};
+use palpate_work::elastic::{bodies, learn_body, replace_elastic_by_map};
 use palpate_work::evaluate::{Work, as_touches, configs, each_once};
 use palpate_work::extrapolate::Work as Extrapolating;
 use palpate_work::learn::learn;
@@ -76,28 +76,24 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let recorded = open(&files.touches)?.read(None)?;
     let held_out = files.touches.remove(args.hold_out);
 
-    let seen = Seen::of(&settings, &files.object, output)?;
+    let picture = Picture::of(&settings, &files.object, output)?;
     let arm = robot::load(&RobotSettings::default(), output)?;
     let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(SettingsError::value)?;
     let mut samples = Vec::new();
-    let record = (!seen.bodies.is_empty()).then_some(&mut samples);
+    let record = (!picture.bodies.is_empty()).then_some(&mut samples);
     let tally = learn(&mut mapper, &mut open(&files.touches)?, &mut |_, _, _| (), record, output)?;
     if tally.interrupted.is_some() {
         return Err(CliError::Interrupted { kept: "; nothing was written".to_owned() });
     }
-    let saved = if seen.bodies.is_empty() {
-        Saved::of_mapper(&mapper)
-    } else {
-        taught(&mapper, &seen.bodies, samples, output)?
-    };
+    let saved = learn_body(&mapper, &picture.bodies, samples, output)?;
     let (held_out, touch) = (&mut open(&[held_out])?, saved.field.touch.clone());
     let results = score(&arm, &saved.field, touch, Against::Measured, (held_out, output))?;
     fill(&folder.path, &saved, &results)?;
-    tell_oddities(&results, output);
+    tell_oddities(&results, &saved.field, output);
     let evaluation = if args.no_report {
         None
     } else {
-        let evaluated = evaluate_all(&arm, &recorded, (&folder.path, settings, seen), output)?;
+        let evaluated = evaluate_all(&arm, &recorded, (&folder.path, settings, picture), output)?;
         extrapolate_all(&arm, &saved, (&files.object, &folder.path), output)?;
         Some(evaluated)
     };
@@ -117,15 +113,15 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
 }
 
-/// What the picture of the object says, for the estimator `elastic`.
+/// The bundled cloud and the bodies made from it, for the estimator `elastic`.
 #[derive(Default)]
-struct Seen {
+struct Picture {
     bodies: Vec<Arc<ElasticBody>>,
     cloud: Option<Cloud>,
 }
 
-impl Seen {
-    /// Of the bundled cloud, if the settings ask for it.
+impl Picture {
+    /// Nothing if another estimator is set.
     fn of(settings: &Settings, object: &Path, output: &Output) -> Result<Self, CliError> {
         if settings.estimator.estimator != Some(EstimatorKind::Elastic) {
             return Ok(Self::default());
@@ -141,11 +137,11 @@ impl Seen {
 fn evaluate_all(
     arm: &Arc<Arm>,
     recorded: &[RecordedTouch],
-    (folder, mut settings, seen): (&Path, Settings, Seen),
+    (folder, mut settings, shown): (&Path, Settings, Picture),
     output: &Output,
 ) -> Result<EvaluationSummary, CliError> {
-    let Seen { bodies, cloud } = seen;
-    field_beside(&mut settings, !bodies.is_empty())?;
+    let Picture { bodies, cloud } = shown;
+    replace_elastic_by_map(&mut settings, !bodies.is_empty())?;
     let touches = as_touches(recorded, false)?;
     let work = Work {
         arm,

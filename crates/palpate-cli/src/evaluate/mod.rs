@@ -14,7 +14,7 @@ use palpate::{Arm, Field, MapperConfig};
 use palpate_io::cloud::Cloud;
 use palpate_io::log::is_simulated;
 use palpate_learn::method::Method;
-use palpate_work::elastic::field_beside;
+use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{
     Evaluated, Work, as_touches, configs, each_once, folds, method_of, number,
 };
@@ -81,8 +81,8 @@ pub(crate) struct Args {
     cloud: Option<PathBuf>,
     #[command(flatten)]
     picture: CloudArgs,
-    /// The elastic body itself, as `palpate convert` writes it and you have corrected it; a --cloud is then
-    /// only shown
+    /// An elastic body in place of one from the cloud: the file that `palpate convert` wrote, perhaps
+    /// corrected by hand; --cloud is then only shown in the report
     #[arg(long, value_name = "BODY.json")]
     body: Option<PathBuf>,
     /// Predict the touches in so many groups rather than one by one
@@ -108,9 +108,9 @@ pub(crate) struct Args {
 /// Evaluates all methods and writes the report.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
-    field_beside(&mut settings, args.cloud.is_some() || args.body.is_some())?;
-    settings.config()?;
     let has_body = args.cloud.is_some() || args.body.is_some();
+    replace_elastic_by_map(&mut settings, has_body)?;
+    settings.config()?;
     let methods = each_once(&args.methods, has_body)?;
     let (bodies, cloud) =
         args.picture.bodies(args.cloud.as_deref(), args.body.as_deref(), output)?;

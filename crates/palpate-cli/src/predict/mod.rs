@@ -100,7 +100,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         format.write(path, &picture::torques(&results, against)?)?;
     }
     let report = Report::new(&results, against);
-    tell_oddities(&results, output);
+    tell_oddities(&results, &saved.field, output);
     if args.json { output.json(&report) } else { output.result(&text(&report)) }
 }
 

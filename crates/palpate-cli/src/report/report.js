@@ -157,9 +157,9 @@ function everywhere() {
   return [pointsFrom(0), ...arms];
 }
 
-/** Where the body that bends is while the arm is at the chosen frame: lines of wood, middles of leaves. */
+/** The elastic body at the chosen frame: lines of wood, middles of leaves. */
 function bodyNow() {
-  const { goes_on, every, frames } = data.scene.body;
+  const { joined_to, every, frames } = data.scene.body;
   const touch = frames[chosen("touch")] ?? [];
   const numbers = touch[Math.min(Math.floor(chosen("frame") / every), touch.length - 1)] ?? [];
   const wood = { x: [], y: [], z: [] };
@@ -168,7 +168,7 @@ function bodyNow() {
   const take = () => [0, 1, 2].map(() => unpacked(numbers[at++]));
   const add = (to, place) => ["x", "y", "z"].forEach((side, axis) => to[side].push(place[axis]));
   if (numbers.length > 0) {
-    for (const before of goes_on) {
+    for (const before of joined_to) {
       add(wood, before < 0 ? take() : ends[before]);
       ends.push(take());
       add(wood, ends.at(-1));

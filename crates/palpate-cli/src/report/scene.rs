@@ -8,7 +8,7 @@ use palpate::{Arm, Field};
 use palpate_io::cloud::Cloud;
 use palpate_learn::evaluation::{Evaluation, LeftOut};
 use palpate_view::view_model::{LinkShape, touched_rows};
-use palpate_work::elastic::{Along, Bent, bent_along};
+use palpate_work::elastic::{ArmPath, BentFrames, bend_along};
 use serde::Serialize;
 
 use crate::error::CliError;
@@ -21,11 +21,11 @@ use super::packed::{four_digits, seven, tenths};
 
 /// The stiffest cells of a field, so many at most.
 const POINTS: usize = 20_000;
-/// Frames of a body that bends, in all touches together.
+/// Frames of an elastic body, in all touches together.
 const BODY_FRAMES: usize = 800;
 /// Points of a cloud at most.
 const CLOUD_POINTS: usize = 4_000;
-/// A piece of wood that starts this close to the end of another goes on from it, m.
+/// A segment that starts this close to the end of another is joined to it, m.
 const JOINED_M: f64 = 1e-3;
 
 /// What the 3-D view shows, in the numbers of [`super::packed`].
@@ -44,19 +44,19 @@ pub(crate) struct Scene {
     /// By touch and drawn frame; of each hull seven numbers: x, y, z, then i, j, k, w of the
     /// quaternion.
     poses: Vec<Vec<Vec<i64>>>,
-    /// The body that bends, if there is one.
+    /// The elastic body, if there is one.
     body: Option<Body>,
 }
 
-/// A body that bends, as lines of wood and middles of leaves.
+/// An elastic body, as lines of wood and middles of leaves.
 #[derive(Serialize)]
 struct Body {
-    /// By piece of wood: from the end of which one it goes on, -1 if its start is given.
-    goes_on: Vec<i64>,
-    /// Every how many drawn frames there is one of the body.
+    /// By segment of wood: the segment of wood at whose end it starts, -1 if its own start is given.
+    joined_to: Vec<i64>,
+    /// The body is there for every n-th drawn frame.
     every: usize,
-    /// By touch and frame: of each piece of wood its start, if it does not go on, and its end; then the
-    /// middles of leaves.
+    /// By touch and frame: of each segment of wood its start, unless it is joined, and its end; then the
+    /// middles of the leaves.
     frames: Vec<Vec<Vec<i64>>>,
     /// Some points of the cloud that it was made from.
     cloud: Vec<i64>,
@@ -85,8 +85,8 @@ impl Scene {
         Self::with(field, arm, frames)
     }
 
-    /// The same with the field's body, if it has one, which the arm bends in every touch; and with the
-    /// cloud that it was made from.
+    /// Adds the field's elastic body, if it has one, as the arm bends it in every touch, and the cloud that
+    /// it was made from.
     ///
     /// # Errors
     ///
@@ -103,13 +103,13 @@ impl Scene {
         let drawn_frames: usize =
             evaluation.touches.iter().map(|touch| drawn(touch.q.len(), per_touch).count()).sum();
         let every = drawn_frames.div_ceil(BODY_FRAMES).max(1);
-        let along = |touch: &'e LeftOut| Along {
+        let along = |touch: &'e LeftOut| ArmPath {
             q: &touch.q,
             times_s: &touch.time_s,
             every: every * stride(touch.q.len(), per_touch),
         };
-        let paths: Vec<Along<'_>> = evaluation.touches.iter().map(along).collect();
-        let bent = bent_along(arm, model, &paths, output)?;
+        let paths: Vec<ArmPath<'_>> = evaluation.touches.iter().map(along).collect();
+        let bent = bend_along(arm, model, &paths, output)?;
         self.body = Some(Body::new(&model.likeliest().body, every, &bent, cloud));
         Ok(self)
     }
@@ -160,11 +160,11 @@ impl Scene {
 
 impl Body {
     /// The body as it was bent, by touch and frame.
-    fn new(body: &ElasticBody, every: usize, bent: &[Bent], cloud: Option<&Cloud>) -> Self {
+    fn new(body: &ElasticBody, every: usize, bent: &[BentFrames], cloud: Option<&Cloud>) -> Self {
         let wood: Vec<usize> = (0..body.segments().len())
             .filter(|&at| body.segments()[at].kind == SegmentKind::Wood)
             .collect();
-        let goes_on = |&at: &usize| {
+        let joined_to = |&at: &usize| {
             let segment = &body.segments()[at];
             let parent = segment.parent.map(|parent| parent as usize);
             let parent = parent.filter(|&parent| {
@@ -173,12 +173,12 @@ impl Body {
             });
             parent.and_then(|parent| wood.iter().position(|&at| at == parent))
         };
-        let goes_on: Vec<Option<usize>> = wood.iter().map(goes_on).collect();
+        let joined_to: Vec<Option<usize>> = wood.iter().map(joined_to).collect();
         let frame = |places: &Vec<[Point3<f64>; 2]>| {
             let mut numbers = Vec::new();
-            for (&at, goes_on) in wood.iter().zip(&goes_on) {
+            for (&at, joined_to) in wood.iter().zip(&joined_to) {
                 let [start, end] = &places[at];
-                numbers.extend(goes_on.is_none().then(|| tenths(start)).into_iter().flatten());
+                numbers.extend(joined_to.is_none().then(|| tenths(start)).into_iter().flatten());
                 numbers.extend(tenths(end));
             }
             for (segment, [start, end]) in body.segments().iter().zip(places) {
@@ -197,7 +197,7 @@ impl Body {
             }
         }
         Self {
-            goes_on: goes_on.iter().map(|at| at.map_or(-1, |at| at as i64)).collect(),
+            joined_to: joined_to.iter().map(|at| at.map_or(-1, |at| at as i64)).collect(),
             every,
             frames: bent.iter().map(|frames| frames.iter().map(frame).collect()).collect(),
             cloud: points,

@@ -1,8 +1,8 @@
-//! A body that bends, in a field's file.
+//! The elastic body of a field, in the field's file.
 //!
 //! | array           | shape | type | unit | meaning                                                    |
 //! |-----------------|-------|------|------|------------------------------------------------------------|
-//! | `elastic`       | bytes | u8   |      | JSON: bodies, friction, creep, and how far each is believed |
+//! | `elastic`       | bytes | u8   |      | JSON: bodies and their weights, friction, creep          |
 //! | `K_elastic`     | N     | f64  | N/m  | stiffness of the springs beside the body                    |
 //! | `elastic_touch` | T x 2 | u32  |      | samples of each touch it was learnt from, and whether they have times |
 //! | `elastic_time`  | S     | f64  | s    | times of those samples in a row; 0 where there are none     |

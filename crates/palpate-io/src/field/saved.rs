@@ -14,7 +14,7 @@
 //! | `log_touch`     | T x 3    | u32  | touch, its samples, whether it is still under way     |
 //! | `log_q`, `log_tau` | S x n | f64  | samples of those touches in a row, as logged          |
 //!
-//! A field with a body that bends has more arrays: [`super::elastic`].
+//! A field with an elastic body has more arrays: [`super::elastic`].
 //!
 //! Everything from `state_mean` on is there only if mapping is to go on from the file. The
 //! remembered contacts are not stored: they are simulated again from the sample log, a

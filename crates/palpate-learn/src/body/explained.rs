@@ -1,4 +1,4 @@
-//! Whether a body is what the cloud shows: a plant's points lie on its stems, branches and leaves.
+//! Whether a cloud shows a plant: then its points lie on the stems, branches and leaves that were found.
 
 use nalgebra::Point3;
 use palpate::unstable::{ElasticBody, Segment};
@@ -8,10 +8,10 @@ const NEAR_M: f64 = 0.005;
 /// Points that are looked at, at most.
 const POINTS: usize = 4000;
 
-/// The share of points that lie on no segment of a body, 0 to 1.
+/// Share of the points that lie on no segment of a body, 0 to 1.
 ///
-/// In simulated plants, seen from one side, it was 0 to 0.09; in cushions, of which the wood is only
-/// lines on their surface, 0.73 and 0.77.
+/// Simulated plants seen from one side have 0 to 0.09. Cushions, on whose surface the search for wood finds
+/// some lines, have 0.73 and 0.77.
 pub(super) fn unexplained(body: &ElasticBody, points: &[Point3<f64>]) -> f64 {
     let some = points.iter().step_by(points.len().div_ceil(POINTS).max(1));
     let is_off = |point: &&Point3<f64>| {

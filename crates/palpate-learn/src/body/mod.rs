@@ -13,8 +13,7 @@
 //! | `graph`    | neighbours, connected pieces, distances along a surface                            |
 //!
 //! Only the side that faces the camera is seen. What is hidden, and wood of the colour of leaves, is
-//! missed. Objects without stems and branches (cushions, bags) have no body: one that leaves most of the
-//! cloud unexplained is dropped.
+//! missed. A body that leaves much of the cloud unexplained is dropped, so cushions and bags have none.
 
 mod explained;
 mod fit;
@@ -44,7 +43,7 @@ const SEGMENT_M: f64 = 0.03;
 /// Larger clouds are thinned to one point in a cube of [`THINNED_M`].
 const MOST_POINTS: usize = 60_000;
 const THINNED_M: f64 = 0.0015;
-/// A body that leaves a larger share of the points unexplained is not what the cloud shows.
+/// Largest share of the points that may lie on no segment of a body.
 const MOST_UNEXPLAINED: f64 = 0.4;
 
 /// The elastic body of an object, the first of its [`readings`].
@@ -88,8 +87,8 @@ pub fn readings(
     let mut bodies = Vec::new();
     if let Some(cloud) = Cloud::new(points, colours, viewpoint) {
         for body in Joining::ALL.iter().filter_map(|joining| cloud.body(joining)) {
-            let is_it = unexplained(&body, points) <= MOST_UNEXPLAINED;
-            if is_it && !bodies.contains(&body) {
+            let explains = unexplained(&body, points) <= MOST_UNEXPLAINED;
+            if explains && !bodies.contains(&body) {
                 bodies.push(body);
             }
         }

@@ -1,4 +1,4 @@
-//! A body that bends is what is expected, and a field explains what is left over.
+//! The estimator `elastic`: an elastic body, and a field for the torque that the body does not explain.
 //!
 //! The torque of an elastic body is in proportion to its stiffness: a touch is simulated once, and the
 //! factor of stiffness is fitted afterwards. Where several trees stand side by side, each has a factor of
@@ -26,7 +26,7 @@ use nalgebra::DVector;
 use palpate::unstable::{Cell, ElasticModel, Estimator, FrameId};
 use palpate::{CellId, MapperConfig};
 
-use self::stiffness::{telling, touch_error};
+use self::stiffness::{touch_error, with_torque};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::folds::Fold;
 use crate::method::Torques;
@@ -135,7 +135,7 @@ impl<'a> Learner<'a> {
     }
 }
 
-/// What some touches say of a body, and of the field with it and without.
+/// Field and body, learnt from some touches.
 struct Lesson<'a> {
     field: Learner<'a>,
     both: Learner<'a>,
@@ -164,7 +164,7 @@ impl<'a> Lesson<'a> {
             field.learn(place, touch, counts, stop)?;
             both.learn(place, touch, counts, stop)?;
         }
-        let weights = match telling(tracked, touches).is_empty() {
+        let weights = match with_torque(tracked, touches).is_empty() {
             true => Weights { field: 0.0, body: 1.0, both: 0.0 },
             false => Weights::of([field.error, body_error, both.error]),
         };
@@ -202,9 +202,9 @@ pub fn predict(
     Ok(Predicted { torques: fold.test.iter().map(frames).collect(), constants, weights })
 }
 
-/// Learns some touches, and returns what they say for a field of these cells: its predictions are those
-/// of [`predict`], since torques are linear in the stiffness of both body and springs. Without touches,
-/// the body is taken to be as other objects are.
+/// Learns some touches, and returns the body with the springs beside it for a field of these cells. It
+/// predicts what [`predict`] does, since torques are linear in the stiffness of body and springs. Without
+/// touches, the body has the typical stiffness and contact of other plants.
 ///
 /// # Errors
 ///

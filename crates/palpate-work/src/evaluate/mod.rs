@@ -13,7 +13,7 @@ use palpate_learn::method::{self, Method};
 use palpate_learn::tracked::{Touch, Tracked};
 use palpate_learn::tune::{Effort, Tuned, Tuner};
 
-use crate::elastic::bent;
+use crate::elastic::simulate_bodies;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::touches::RecordedTouch;
@@ -173,7 +173,7 @@ impl Work<'_> {
         if self.bodies.is_empty() || !wanted {
             return Ok(tracked);
         }
-        bent(tracked, (self.arm, &self.bodies), self.touches, progress)
+        simulate_bodies(tracked, (self.arm, &self.bodies), self.touches, progress)
             .map_err(|error| self.fault(error, keep))
     }
 

@@ -78,6 +78,11 @@ impl Work<'_> {
     pub fn run(&self, progress: &dyn Progress) -> Result<Found, WorkError> {
         let colours = self.cloud.colours().expect("a cloud without colours was refused");
         let seen = SeenCloud::new(self.cloud.points(), colours).map_err(WorkError::file)?;
+        if self.saved.field.elastic.is_some() {
+            progress.note(
+                "the field has an elastic body: its predictions use the body, and not the extrapolated K",
+            );
+        }
         let wanted = self.config.method == Method::Torque || self.halves.is_some() || self.drawn;
         let felt = match &self.saved.snapshot {
             Some(snapshot) if wanted && remembers(self.saved) => {

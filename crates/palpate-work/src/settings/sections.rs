@@ -278,8 +278,8 @@ section! {
     /// The estimator, its prior and its memory.
     #[command(next_help_heading = "Estimator")]
     pub struct EstimatorSettings of EstimatorConfig {
-        /// `map`, the exact maximum a posteriori; `ekf`, the paper's filter; or `elastic`, a body made
-        /// from a --cloud with map for the rest. Each has its own defaults for the keys below [default: map]
+        /// `map`, the exact maximum a posteriori; `ekf`, the paper's filter; or `elastic`, an elastic
+        /// body from a --cloud, and map for the torque that it does not explain. Each has its own defaults for the keys below [default: map]
         #[arg(
             long, value_name = "NAME",
             value_parser = named::<EstimatorKind>(&EstimatorKind::ALL.map(EstimatorKind::name))

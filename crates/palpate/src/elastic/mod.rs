@@ -12,7 +12,7 @@
 //! | `pose`        | where the segments are, for given turns of the joints                        |
 //! | `tree`        | Newton's equations of a tree, solved in time linear in its segments          |
 //! | `contact`     | what resists where a point of the body is in a link                          |
-//! | `model`       | what touches have taught of a body, and its torque along a motion           |
+//! | `model`       | a body that was learnt from touches, and its torque along a motion           |
 //! | `equilibrium` | the search for the position of rest, and the torque there                    |
 //!
 //! Nothing here takes time, but for contacts that creep ([`ElasticContactConfig::creep_s`]): gravity is in
@@ -30,4 +30,4 @@ mod tree;
 pub use body::{BodyError, ElasticBody, Segment, SegmentKind};
 pub use contact::ElasticContactConfig;
 pub use equilibrium::{Equilibrium, Settled};
-pub use model::{ElasticModel, ElasticTorque, ElasticVariant, limited};
+pub use model::{ElasticModel, ElasticTorque, ElasticVariant, limit_norm};

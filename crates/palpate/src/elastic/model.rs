@@ -1,4 +1,4 @@
-//! What touches have taught of an object that bends, and its torque along a motion.
+//! An elastic body that was learnt from touches, and its torque along a motion.
 
 use std::sync::Arc;
 
@@ -15,10 +15,10 @@ use crate::robot::Poses;
 /// Bodies that an object may be, at most.
 const MOST_VARIANTS: usize = 16;
 
-/// What touches have taught of an object that bends.
+/// An object as an elastic body, learnt from touches.
 ///
-/// The predicted torque is `share` times that of the bodies, and that of a field with
-/// `stiffness_n_per_m`.
+/// The predicted torque is `share` times the weighted sum over the variants of the body, plus the torque of
+/// a field with the stiffness `stiffness_n_per_m`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ElasticModel {
@@ -28,10 +28,9 @@ pub struct ElasticModel {
     pub friction: f64,
     /// [`ElasticContactConfig::creep_s`], s.
     pub creep_s: f64,
-    /// The norm to which the torque of the bodies together is limited, N·m over all joints; none if no
-    /// touch says which torques there are.
+    /// Largest norm of the weighted sum, N·m over all joints; none without a touch.
     pub torque_limit_n_m: Option<f64>,
-    /// How much of the bodies' torque counts, 0 to 1.
+    /// Weight of the bodies' torque in the prediction, 0 to 1.
     pub share: f64,
     /// K of the springs beside the bodies, by row of the field, N/m.
     #[serde(skip)]
@@ -46,7 +45,7 @@ pub struct ElasticModel {
 pub struct ElasticVariant {
     /// The body.
     pub body: ElasticBody,
-    /// How far it is believed; those of all variants add up to one.
+    /// Weight among the variants; the weights add up to one.
     pub weight: f64,
     /// Factors on the stiffness of its springs, by tree.
     pub stiffness_factors: Vec<f64>,
@@ -107,7 +106,7 @@ impl ElasticModel {
         }
     }
 
-    /// The body that is believed most, at rest beside an arm.
+    /// The most likely body at rest, and the arm that will bend it.
     pub fn equilibrium(&self, arm: &Arc<Arm>) -> Equilibrium {
         let body = Arc::new(self.likeliest().body.clone());
         Equilibrium::new(Arc::clone(arm), body, self.contact())
@@ -118,7 +117,7 @@ impl ElasticModel {
         ElasticContactConfig { friction, creep_s, ..ElasticContactConfig::default() }
     }
 
-    /// The variant that is believed most, the first of equals.
+    /// The variant of the largest weight, the first of equals.
     pub fn likeliest(&self) -> &ElasticVariant {
         let by_weight = |a: &&ElasticVariant, b: &&ElasticVariant| a.weight.total_cmp(&b.weight);
         self.variants.iter().rev().max_by(by_weight).expect("a model has a variant")
@@ -128,7 +127,8 @@ impl ElasticModel {
 /// The torque of an [`ElasticModel`] along a motion.
 #[derive(Clone)]
 pub struct ElasticTorque {
-    /// Weight times stiffness factors, by tree, and the body against the arm; the likeliest comes first.
+    n_joints: usize,
+    /// Weight times stiffness factors, by tree, and the body; the most likely comes first.
     variants: Vec<(DVector<f64>, Equilibrium)>,
     torque_limit_n_m: f64,
     share: f64,
@@ -136,7 +136,7 @@ pub struct ElasticTorque {
 }
 
 impl ElasticTorque {
-    /// The bodies at rest. Those that have no torque are left out.
+    /// The bodies at rest, without those that have no torque.
     pub fn new(arm: &Arc<Arm>, model: &ElasticModel) -> Self {
         let config = model.contact();
         let mut by_weight: Vec<&ElasticVariant> = model.variants.iter().collect();
@@ -148,6 +148,7 @@ impl ElasticTorque {
             counts.then(|| (factors, Equilibrium::new(Arc::clone(arm), body(), config)))
         });
         Self {
+            n_joints: arm.robot.n_joints(),
             variants: variants.collect(),
             torque_limit_n_m: model.torque_limit_n_m.unwrap_or(f64::INFINITY),
             share: model.share,
@@ -162,7 +163,7 @@ impl ElasticTorque {
     }
 
     /// Moves the arm on, and gives the torque there, n_joints, N·m; the time, s, is that of the log.
-    pub fn advance(&mut self, arm: &Arm, poses: &Poses, time_s: Option<f64>) -> DVector<f64> {
+    pub fn advance(&mut self, poses: &Poses, time_s: Option<f64>) -> DVector<f64> {
         let passed_s = time_s.zip(self.before_s).map_or(0.0, |(now, before)| now - before);
         self.before_s = time_s;
         let of_each = self.variants.par_iter_mut().map(|(factors, equilibrium)| {
@@ -170,19 +171,19 @@ impl ElasticTorque {
             equilibrium.torques(poses) * &*factors
         });
         let torques: Vec<DVector<f64>> = of_each.collect();
-        let none = DVector::zeros(arm.robot.n_joints());
-        let torque = torques.into_iter().fold(none, |sum, torque| sum + torque);
-        self.share * limited(torque, self.torque_limit_n_m)
+        let mut torque = DVector::zeros(self.n_joints);
+        torques.iter().for_each(|of_one| torque += of_one);
+        self.share * limit_norm(torque, self.torque_limit_n_m)
     }
 
-    /// The likeliest body where it is now, if one counts.
+    /// The most likely body as it is bent now; none if no body has a torque.
     pub fn body(&self) -> Option<&Equilibrium> {
         self.variants.first().map(|(_, equilibrium)| equilibrium)
     }
 }
 
-/// A torque, n_joints, N·m, shortened to a norm.
-pub fn limited(torque: DVector<f64>, limit_n_m: f64) -> DVector<f64> {
+/// A torque, n_joints, N·m, scaled down to a norm if its own is larger.
+pub fn limit_norm(torque: DVector<f64>, limit_n_m: f64) -> DVector<f64> {
     let size = torque.norm();
     if size > limit_n_m { torque * (limit_n_m / size) } else { torque }
 }

@@ -74,8 +74,8 @@ pub enum EstimatorKind {
     Map,
     /// The paper's filter ([`crate::unstable::EkfEstimator`]).
     Ekf,
-    /// [`Self::Map`], beside a body that bends ([`crate::unstable::ElasticModel`]), which whoever has a
-    /// picture of the object fits to the same touches.
+    /// [`Self::Map`] for a [`crate::Mapper`]; palpate-learn fits an elastic body
+    /// ([`crate::unstable::ElasticModel`]) to the same touches.
     Elastic,
 }
 
