@@ -65,8 +65,6 @@ pub(crate) struct Args {
     /// learn an elastic body as well
     #[arg(long, value_name = "CLOUD", conflicts_with_all = ["from", "prior"])]
     cloud: Option<PathBuf>,
-    #[command(flatten)]
-    cloud_args: CloudArgs,
     /// An elastic body in place of a cloud: the file that `palpate convert` wrote, perhaps corrected by hand
     #[arg(long, value_name = "BODY.json", conflicts_with_all = ["from", "prior", "cloud"])]
     body: Option<PathBuf>,
@@ -82,6 +80,8 @@ pub(crate) struct Args {
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    cloud_args: CloudArgs,
     #[command(flatten)]
     pace: PaceArgs,
     #[command(flatten)]
@@ -300,9 +300,11 @@ impl Summary<'_> {
             let factors = &model.likeliest().stiffness_factors;
             let factors: Vec<String> =
                 factors.iter().map(|factor| format!("{factor:.2}")).collect();
-            found.push(("its stiffness / wood of 0.48 GPa", factors.join(", ")));
+            found.push(("its stiffness factor", factors.join(", ")));
             let creep = if model.creep_s > 0.0 { "contacts creep" } else { "no creep" };
             found.push(("its friction", format!("{}, {creep}", model.friction)));
+        } else if config.method == EstimatorKind::Elastic {
+            found.push(("elastic body", "none, map is used alone".to_owned()));
         }
         found.push(("time", seconds(elapsed)));
         found.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));

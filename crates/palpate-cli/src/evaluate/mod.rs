@@ -79,8 +79,6 @@ pub(crate) struct Args {
     /// adds the method elastic
     #[arg(long, value_name = "CLOUD")]
     cloud: Option<PathBuf>,
-    #[command(flatten)]
-    picture: CloudArgs,
     /// An elastic body in place of one from the cloud: the file that `palpate convert` wrote, perhaps
     /// corrected by hand; --cloud is then only shown in the report
     #[arg(long, value_name = "BODY.json")]
@@ -101,6 +99,8 @@ pub(crate) struct Args {
     /// Print the table as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    picture: CloudArgs,
     #[command(flatten)]
     settings: AllSettings,
 }

@@ -13,7 +13,7 @@ type Figure = fn(&Summary) -> Option<MeanStd>;
 /// What a method is, for readers who do not know its name.
 pub(super) fn gloss(method: &str) -> &'static str {
     match method {
-        "elastic" => "a body that bends, and map for the rest",
+        "elastic" => "elastic body, and map for the rest of the torque",
         "map" => "stiffness field, exact estimate",
         "ekf" => "stiffness field, the paper's Kalman filter",
         "mlp" => "multilayer perceptron from joint positions",
@@ -25,10 +25,12 @@ pub(super) fn gloss(method: &str) -> &'static str {
     }
 }
 
-/// The method that the report is about: `map`, or the first in the table.
+/// The method that the report is about: `elastic` if it was evaluated, else `map`, else the first one.
 pub(super) fn subject(evaluation: &Evaluation) -> Option<usize> {
     let named = |name| evaluation.methods.iter().position(|method| method.name == name);
-    named("map").or_else(|| (!evaluation.methods.is_empty()).then_some(0))
+    named("elastic")
+        .or_else(|| named("map"))
+        .or_else(|| (!evaluation.methods.is_empty()).then_some(0))
 }
 
 fn is_learnt(method: &Summary) -> bool {
