@@ -29,6 +29,7 @@ mod place;
 mod predict;
 mod report;
 mod settings;
+mod shape_args;
 mod tune;
 mod view;
 

@@ -8,17 +8,17 @@ use std::time::{Duration, Instant};
 use palpate::unstable::{ElasticBody, ElasticModel, ElasticVariant};
 use palpate::{Arm, EstimatorKind, Mapper, Sample, StepReport};
 use palpate_io::field::{self, Saved};
-use palpate_work::elastic::{self, without_body};
+use palpate_work::elastic;
 use palpate_work::learn::{Cells, Tally, learn};
 use palpate_work::{prior, resume};
 use serde_json::json;
 
-use crate::cloud_args::CloudArgs;
 use crate::error::CliError;
 use crate::output::{Output, mib, rows, seconds};
 use crate::pace::{self, Pace, PaceArgs, PaceFigures};
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
+use crate::shape_args::ShapeArgs;
 use crate::{interrupt, logs, picture, place};
 
 const EXAMPLES: &str = "Examples:
@@ -39,7 +39,8 @@ own prior mean (`K_prior`) if it has one, else what it has learnt (`K`). The lat
 
 --cloud makes an elastic body from a coloured cloud of the object (estimator `elastic`). The body and
 the field beside it then predict together. --from needs no cloud: the field holds its body and the
-touches that it was learnt from. Without a LOG the body has the typical stiffness of other plants.
+touches that it was learnt from. Without a LOG the body has the typical stiffness of other plants, or,
+with --from, learns the touches that the field of `palpate live` holds and its body has not learnt.
 
 --rate learns as beside a robot that reports so many times a second: every step spends what is left
 of its time on replays. The field then depends on the speed of the machine, and differs a little
@@ -50,24 +51,17 @@ from run to run; without --rate the same log and settings give the same field.";
 #[command(after_long_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Logs to learn from, in this order
-    #[arg(required_unless_present_any = ["cloud", "body"], value_name = "LOG")]
+    #[arg(required_unless_present_any = ["cloud", "body", "from"], value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// Where the field goes; an older file there is replaced once the new one is whole
     #[arg(long, short, value_name = "FIELD.npz")]
     output: PathBuf,
     /// Go on from a saved field, under its settings
-    #[arg(long, value_name = "FIELD.npz")]
+    #[arg(long, value_name = "FIELD.npz", conflicts_with_all = ["cloud", "body"])]
     from: Option<PathBuf>,
     /// Take the prior mean of each cell from a field, in place of one prior mean for all
-    #[arg(long, value_name = "FIELD.npz")]
+    #[arg(long, value_name = "FIELD.npz", conflicts_with_all = ["cloud", "body"])]
     prior: Option<PathBuf>,
-    /// Coloured cloud of the object (PLY, PCD), or the folder of a picture with depth, in the world frame:
-    /// learn an elastic body as well
-    #[arg(long, value_name = "CLOUD", conflicts_with_all = ["from", "prior"])]
-    cloud: Option<PathBuf>,
-    /// An elastic body in place of a cloud: the file that `palpate convert` wrote, perhaps corrected by hand
-    #[arg(long, value_name = "BODY.json", conflicts_with_all = ["from", "prior", "cloud"])]
-    body: Option<PathBuf>,
     /// Leave out the memory: a smaller file, which --from cannot continue
     #[arg(long)]
     no_memory: bool,
@@ -81,7 +75,7 @@ pub(crate) struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    cloud_args: CloudArgs,
+    shape: ShapeArgs,
     #[command(flatten)]
     pace: PaceArgs,
     #[command(flatten)]
@@ -89,17 +83,11 @@ pub(crate) struct Args {
 }
 
 impl Args {
-    /// Whether there is a picture or a body of the object.
-    fn shows_object(&self) -> bool {
-        self.cloud.is_some() || self.body.is_some()
-    }
-
     /// Refuses results that cannot be written, or would replace what is read or each other.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         let mut places = Places::read(&self.settings, settings, &self.logs);
         places.input("the prior (--prior)", self.prior.as_deref());
-        places.input("the cloud (--cloud)", self.cloud.as_deref());
-        places.input("the body (--body)", self.body.as_deref());
+        self.shape.add_to(&mut places);
         places.output("the field (--output)", Some(&self.output))?;
         // Only the field itself may be replaced by the one that goes on from it.
         places.input("the field to go on from (--from)", self.from.as_deref());
@@ -118,16 +106,15 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         ));
     }
     let mut settings = args.settings.load()?;
-    if args.shows_object() {
-        settings.estimator.estimator.get_or_insert(EstimatorKind::Elastic);
-    }
+    args.shape.select(&mut settings, args.from.is_some())?;
     if args.from.is_none() {
         settings.config()?;
     }
     args.check_places(&settings)?;
     let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
-    let mut elastic = Elastic::begin(args, &settings, output)?;
+    let bodies = args.shape.bodies(output)?;
+    let mut elastic = (!bodies.is_empty()).then_some(Elastic { bodies, touches: Vec::new() });
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
     let (mut mapper, mut pace) = begin(args, (&arm, &settings), &mut elastic, output)?;
     logs::tell_robot(&arm, &settings, output);
@@ -172,29 +159,6 @@ struct Elastic {
     touches: Vec<Vec<Sample>>,
 }
 
-impl Elastic {
-    /// Of the given cloud or body, if there is one.
-    fn begin(args: &Args, settings: &Settings, output: &Output) -> Result<Option<Self>, CliError> {
-        let is_given = args.shows_object();
-        match settings.estimator.estimator {
-            Some(EstimatorKind::Elastic) if !is_given && args.from.is_none() => {
-                return Err(without_body().into());
-            }
-            Some(other) if is_given && other != EstimatorKind::Elastic => {
-                return Err(CliError::Usage(format!(
-                    "--cloud and --body are for the estimator elastic, and --estimator is {}; leave one \
-                     of them out",
-                    other.name()
-                )));
-            }
-            _ => {}
-        }
-        let (cloud, body) = (args.cloud.as_deref(), args.body.as_deref());
-        let (bodies, _) = args.cloud_args.bodies(cloud, body, output)?;
-        Ok((!bodies.is_empty()).then_some(Self { bodies, touches: Vec::new() }))
-    }
-}
-
 /// A new mapper, or one that goes on from a field, and its pace if one was asked for.
 fn begin(
     args: &Args,
@@ -211,6 +175,11 @@ fn begin(
                 *elastic = Some(Elastic { bodies, touches: saved.elastic_touches.split_off(0) });
             }
             let name = path.display();
+            if args.logs.is_empty() && elastic.as_ref().is_none_or(|body| body.touches.is_empty()) {
+                return Err(CliError::Usage(format!(
+                    "there is nothing to learn: `{name}` holds no touches for an elastic body; give LOGs"
+                )));
+            }
             resume::mapper(&name, arm, resume::snapshot_of(saved, &name.to_string(), settings)?)?
         }
         None => prior::mapper(args.prior.as_deref(), arm, settings.config()?, output)?,

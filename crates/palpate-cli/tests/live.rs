@@ -18,6 +18,8 @@ use std::time::{Duration, Instant, SystemTime};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use common::{interrupt, names, palpate, refuse, signal, succeed, wait_until};
+use palpate_io::field::load;
+use palpate_io::log::{self, LogEvent, LogOptions};
 use serde_json::Value;
 
 /// A DDS domain that no other test uses, in this process or another, and no other program.
@@ -402,6 +404,61 @@ fn needs_cyclonedds_questions_are_answered_while_it_maps() {
     );
     assert_eq!(ask("{\"tare\": true}\n".to_owned())["taring"], true);
     live.wait_for("a tare at the next pause");
+}
+
+#[test]
+fn needs_cyclonedds_a_body_learns_touch_by_touch_answers_questions_and_goes_on() {
+    let (domain, folder) = (Domain::take(), tempfile::tempdir().unwrap());
+    let socket = folder.path().join("ask");
+    let cloud = concat!(env!("CARGO_MANIFEST_DIR"), "/data/plant_a/object.ply");
+    let arguments = ["--ask", socket.to_str().unwrap(), "--cloud", cloud, "--replays", "2"];
+    let mut live = Live::start(&domain, &arguments);
+    let playing = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "inf"]));
+    let answer = |path: &[Vec<f64>]| -> Value {
+        let mut stream = BufReader::new(UnixStream::connect(&socket).unwrap());
+        let line = format!("{}\n", serde_json::json!({ "path": path }));
+        stream.get_mut().write_all(line.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_line(&mut answer).unwrap();
+        serde_json::from_str(&answer).unwrap()
+    };
+    live.wait_for("\"state\":\"mapping\"");
+    // A push that comes later: nothing of it is known but the body.
+    let touch = concat!(env!("CARGO_MANIFEST_DIR"), "/data/plant_a/seq_003");
+    let log = log::open(Path::new(touch), &LogOptions::default()).unwrap();
+    let q = log.filter_map(|event| match event.unwrap() {
+        LogEvent::Sample(sample) => Some(sample.q),
+        _ => None,
+    });
+    let answer = answer(&q.step_by(10).collect::<Vec<_>>());
+    let torques = answer["torque"].as_array().unwrap_or_else(|| panic!("{answer}"));
+    let largest = torques.iter().flat_map(|row| row.as_array().unwrap());
+    let largest = largest.map(|torque| torque.as_f64().unwrap().abs()).fold(0.0, f64::max);
+    assert!(largest > 1.0, "{answer}");
+    live.wait_for("touches that the elastic body has learnt: 1");
+    drop(playing);
+    live.end();
+    let field = live.path("field.npz");
+    let saved = load(&field).unwrap();
+    let (model, touches) = (saved.field.elastic.unwrap(), saved.elastic_touches.len());
+    assert!(model.share > 0.1 && !model.residual_cells.is_empty(), "{}", model.share);
+    assert!(model.speed_m_per_s > 0.01 && model.speed_m_per_s < 1.0, "{}", model.speed_m_per_s);
+
+    let folder = tempfile::tempdir().unwrap();
+    let again = folder.path().join("field.npz");
+    let mut map = palpate();
+    succeed(map.args(["map", "--from"]).arg(&field).arg("-o").arg(&again));
+    let learnt = load(&again).unwrap();
+    assert_eq!(learnt.elastic_touches.len(), touches);
+    assert_eq!(learnt.field.stiffness_n_per_m, saved.field.stiffness_n_per_m);
+    let mut on = Live::start_in(folder, &domain, &["--resume"]);
+    on.wait_for("waiting: ");
+    on.end();
+    let resumed = load(&on.path("field.npz")).unwrap();
+    assert_eq!(
+        (resumed.field.elastic, resumed.elastic_touches.len()),
+        (learnt.field.elastic, touches)
+    );
 }
 
 #[test]

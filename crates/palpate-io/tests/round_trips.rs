@@ -199,8 +199,10 @@ fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
         creep_s: 1e-4,
         torque_limit_n_m: None,
         share: 1.0 / 3.0,
-        stiffness_n_per_m: vec![0.1, 1.0 / 9.0],
-        untouched_n_per_m: 0.0,
+        speed_m_per_s: 0.3,
+        residual_cells: vec![CellId(7), CellId(3)],
+        residual_n_per_m: vec![0.1, 1.0 / 9.0],
+        untouched_residual_n_per_m: 0.0,
     };
     let config = MapperConfig::of(EstimatorKind::Elastic);
     let mut field = Field::new(config.lattice, config.contact, config.touch, 0.0);
@@ -227,8 +229,12 @@ fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
     assert!(error.contains("sum of weights of the elastic model is 2"), "{error}");
     let error = with(&|model| model.variants[0].stiffness_factors.push(1.0));
     assert!(error.contains("stiffness_factors"), "{error}");
-    let error = with(&|model| model.stiffness_n_per_m.truncate(1));
-    assert!(error.contains("K_elastic"), "{error}");
+    let error = with(&|model| model.residual_n_per_m.truncate(1));
+    assert!(error.contains("K_residual"), "{error}");
+    let error = with(&|model| model.residual_cells[1] = CellId(u32::MAX));
+    assert!(error.contains("a residual cell of the elastic model is 4294967295"), "{error}");
+    let error = with(&|model| model.speed_m_per_s = 0.0);
+    assert!(error.contains("speed_m_per_s of the elastic model is 0"), "{error}");
 }
 
 #[test]

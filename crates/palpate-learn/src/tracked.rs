@@ -13,7 +13,7 @@ use palpate::unstable::{
 use palpate::{Arm, CellId, ContactConfig, Lattice, MapperConfig, Sample, Tare};
 use rayon::prelude::*;
 
-use crate::elastic::{BodyTorques, Settled};
+use crate::elastic::{BodyTorques, ChosenBy, Settled};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::regression::Frames;
 
@@ -54,6 +54,8 @@ pub struct TrackedTouch {
     pub frames: Vec<TrackedFrame>,
     /// Its torques before, bias and all, n_joints, N·m.
     of_tare: Vec<DVector<f64>>,
+    /// How far the arm goes in contact, m, and how long that takes, s; 0 without times.
+    pub(crate) in_contact_m_s: [f64; 2],
 }
 
 /// One frame after the tare.
@@ -110,14 +112,9 @@ impl Tracked {
         Self::track(arm, &config, touches, Some(self), stop)
     }
 
-    /// How often [`Self::with_bodies`] calls `step`.
-    pub fn steps_with_bodies(touches: usize, bodies: usize) -> usize {
-        BodyTorques::steps(touches, bodies)
-    }
-
     /// The same with the torques of a body that the arm bends in every touch, for
     /// [`crate::method::Method::Elastic`]. Several bodies are what one object may be, the likeliest first.
-    /// `step` is called after each touch with each contact that is tried, from any thread.
+    /// `step` is called [`crate::elastic::steps`] times, from any thread.
     ///
     /// # Errors
     ///
@@ -133,7 +130,9 @@ impl Tracked {
         touches: &[Touch],
         (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
     ) -> Result<Self, LearnError> {
-        self.body = Some(Arc::new(BodyTorques::new(arm, bodies, (&self, touches), (stop, step))?));
+        let mut torques = BodyTorques::new(bodies);
+        torques.extend(arm, (&self, touches), ChosenBy::Folds, (stop, step))?;
+        self.body = Some(Arc::new(torques));
         Ok(self)
     }
 
@@ -177,10 +176,11 @@ impl Tracked {
                 if let Some(like) = like {
                     of_tare.clone_from(&like.touches[*number].of_tare);
                 }
+                let in_contact_m_s = in_contact_m_s(arm, &frames, touch);
                 let frames = frames.into_iter();
                 let frames = frames.map(|frame| frame.observed(arm, touch, &mut observations));
-                let frames = frames.collect();
-                tracked.push(TrackedTouch { name: touch.name.clone(), frames, of_tare });
+                let (name, frames) = (touch.name.clone(), frames.collect());
+                tracked.push(TrackedTouch { name, frames, of_tare, in_contact_m_s });
             }
         }
         Ok(Self {
@@ -324,6 +324,22 @@ fn follow(
     }
     tracker.end_touch().map_err(|error| at(touch.samples.len(), error.into()))?;
     Ok((frames, of_tare))
+}
+
+/// How far the arm goes from frame to frame that touch something, m, and how long that takes, s.
+fn in_contact_m_s(arm: &Arm, frames: &[Followed], touch: &Touch) -> [f64; 2] {
+    frames.windows(2).fold([0.0; 2], |[sum_m, sum_s], pair| {
+        let time_s = |of: &Followed| touch.samples[of.sample].time_s;
+        let passed_s = time_s(&pair[1]).zip(time_s(&pair[0])).map(|(now, before)| now - before);
+        let touches = pair.iter().all(|frame| !frame.tracked.contacts.is_empty());
+        match passed_s.filter(|passed_s| touches && *passed_s > 0.0 && passed_s.is_finite()) {
+            Some(passed_s) => {
+                let [from, to] = [0, 1].map(|of| &pair[of].tracked.poses.world_from_link);
+                [sum_m + arm.travel_m(from, to), sum_s + passed_s]
+            }
+            None => [sum_m, sum_s],
+        }
+    })
 }
 
 fn check_truth(touch: &Touch, n_joints: usize) -> Result<(), LearnError> {

@@ -3,9 +3,14 @@
 
 use std::sync::Arc;
 
-use palpate::unstable::{ElasticBody, ElasticContactConfig, Equilibrium, Segment, SegmentKind};
-use palpate::{Arm, BakeConfig, EstimatorKind, Lattice, MapperConfig, Predictor, Robot, Sample};
-use palpate_learn::elastic::{self, CONTACTS};
+use palpate::unstable::{
+    ElasticBody, ElasticContactConfig, ElasticTorque, Equilibrium, Segment, SegmentKind,
+};
+use palpate::{
+    Arm, BakeConfig, EstimatorKind, Lattice, Mapper, MapperConfig, PathConfig, Predictor, Robot,
+    Sample,
+};
+use palpate_learn::elastic::{self, BodyLearner, CONTACTS};
 use palpate_learn::folds::folds;
 use palpate_learn::tracked::{Touch, Tracked};
 
@@ -67,7 +72,7 @@ fn touches_of(body: &Arc<ElasticBody>, arm: &Arc<Arm>, factor: f64, friction: f6
             let way = frame.saturating_sub(8) as f64 / 40.0;
             let q = vec![-0.05 * number as f64 + 0.05 * way, 0.5 * way];
             let poses = arm.robot.forward(&q).unwrap();
-            equilibrium.advance(&poses, 0.0);
+            equilibrium.advance(&poses.world_from_link, Some(0.0));
             let tau = equilibrium.torques(&poses).column_sum() * factor;
             Sample::new(None, q, tau.as_slice().to_vec())
         };
@@ -119,8 +124,8 @@ fn a_field_with_its_body_predicts_what_was_predicted_of_the_touch_left_out() {
     let learnt =
         palpate_learn::method::learn(&tracked, &fold.train, &config(), &[], NEVER).unwrap();
     let mut field = palpate_learn::method::field(&tracked, learnt.as_ref(), &config());
-    let model = elastic::model(&tracked, &fold.train, &config(), &field.cells, NEVER).unwrap();
-    model.check(field.cells.len()).unwrap();
+    let model = elastic::model(&tracked, &fold.train, &config(), NEVER).unwrap();
+    model.check(&field.lattice).unwrap();
     field.elastic = Some(Arc::new(model));
     let mut predictor = Predictor::new(Arc::clone(&arm), &field, config().touch).unwrap();
     for again in 0..2 {
@@ -142,7 +147,7 @@ fn touches_that_felt_next_to_nothing_say_no_more_than_no_touch() {
     let mut touches = touches(&arm, 2.0, 0.3);
     touches.iter_mut().flat_map(|touch| &mut touch.samples).for_each(|s| s.tau.fill(0.01));
     let tracked = tracked(&arm, &body(), &touches);
-    let of = |touches: &[usize]| elastic::model(&tracked, touches, &config(), &[], NEVER).unwrap();
+    let of = |touches: &[usize]| elastic::model(&tracked, touches, &config(), NEVER).unwrap();
     let [none, light] = [&[][..], &[0, 1, 2]].map(of);
     assert_eq!((none.share, &none.variants), (light.share, &light.variants));
     assert_eq!(none.torque_limit_n_m, light.torque_limit_n_m);
@@ -182,7 +187,8 @@ fn what_creeps_forgets_from_where_the_arm_came_and_what_does_not_remembers() {
         let mut force = 0.0;
         for (sample, q) in way.chain(slide).chain(vec![[0.0, 0.39]; waits]).enumerate() {
             let poses = arm.robot.forward(&q).unwrap();
-            equilibrium.advance(&poses, if sample < 60 { 0.0 } else { 0.05 });
+            let passed_s = if sample < 60 { 0.0 } else { 0.05 };
+            equilibrium.advance(&poses.world_from_link, Some(passed_s));
             force = equilibrium.torques(&poses).column_sum()[0];
         }
         force
@@ -197,18 +203,94 @@ fn what_creeps_forgets_from_where_the_arm_came_and_what_does_not_remembers() {
     assert!(late < 0.1 * held && late < 0.5 * soon, "{held}, {soon} and {late} N");
 }
 
+/// The body higher up by so much, m.
+fn raised(by_m: f64) -> Arc<ElasticBody> {
+    let body = body();
+    let raised = body.segments().iter().map(|segment| {
+        let up = |[x, y, z]: [f64; 3]| [x, y, z + by_m];
+        let (start_m, end_m) = (up(segment.start_m), up(segment.end_m));
+        Segment { start_m, end_m, ..segment.clone() }
+    });
+    Arc::new(ElasticBody::new(raised.collect()).unwrap())
+}
+
+#[test]
+fn touches_learnt_one_by_one_give_the_body_of_all_at_once_and_old_ones_are_forgotten() {
+    let arm = arm();
+    let samples: Vec<Vec<Sample>> =
+        touches(&arm, 2.0, CONTACTS[1][0]).into_iter().map(|touch| touch.samples).collect();
+    let bodies = [body(), raised(0.05)];
+    let quietly: (_, &(dyn Fn() + Sync)) = (NEVER, &|| ());
+    let begin = || BodyLearner::new(&arm, &config(), &bodies);
+    let at_once = |touches: &[Vec<Sample>]| begin().learn(touches.to_vec(), quietly).unwrap();
+    let mut learner = begin();
+    for samples in &samples {
+        learner.learn([samples.clone()], quietly).unwrap();
+    }
+    let all = learner.learn([], quietly).unwrap();
+    assert_eq!(all, at_once(&samples));
+    assert!(all.variants[0].weight > 0.5 && all.variants[1].weight > 1e-6, "both were simulated");
+    learner.forget_all_but(2);
+    let newest = learner.learn([samples[0].clone()], quietly).unwrap();
+    let wanted = [&samples[2], &samples[3], &samples[0]].map(Clone::clone);
+    assert_eq!(newest, at_once(&wanted));
+
+    let mut broken = samples[1].clone();
+    broken[20].tau.pop();
+    let error = learner.learn([broken], quietly).unwrap_err().to_string();
+    assert!(error.contains("20"), "{error}");
+    assert_eq!(learner.learn([], quietly).unwrap(), newest, "nothing is lost");
+}
+
+#[test]
+fn a_path_bends_the_body_as_the_same_motion_does_step_by_step() {
+    let arm = arm();
+    let touches = touches(&arm, 2.0, CONTACTS[4][0]);
+    let samples = touches[..3].iter().map(|touch| touch.samples.clone());
+    let model = BodyLearner::new(&arm, &config(), &[body()]).learn(samples, (NEVER, &|| ()));
+    let model = model.unwrap();
+    let mut mapper = Mapper::new(Arc::clone(&arm), config()).unwrap();
+    let mut bent = ElasticTorque::new(&arm, &model);
+    let (before, after) = touches[3].samples.split_at(30);
+    for touch in [&touches[0].samples[..], before] {
+        mapper.begin_touch();
+        bent.begin_touch();
+        for sample in touch {
+            mapper.step(sample).unwrap();
+            bent.advance(&arm.robot.forward(&sample.q).unwrap(), None);
+        }
+    }
+    let mut field = mapper.field();
+    field.elastic = Some(Arc::new(model.clone()));
+    let mut predictor = Predictor::planned(Arc::clone(&arm), &field).unwrap();
+    predictor.begin_touch();
+    let steps = touches[3].samples.iter().map(|sample| predictor.step(sample).unwrap().unwrap());
+    let steps: Vec<_> = steps.map(|step| step.predicted).collect();
+    let peak = steps.iter().map(|torque| torque.norm()).fold(0.0, f64::max);
+    let path = |samples: &[Sample]| samples.iter().map(|s| s.q.clone()).collect::<Vec<_>>();
+    let exact = PathConfig::new(0.0, 1.0);
+    let springs = mapper.path_predictor().ask(&path(after), &exact).unwrap();
+    let asked = mapper.path_predictor().with_body(&model, bent);
+    for (samples, steps, goes_on) in
+        [(after, &steps[30..], true), (&touches[3].samples[..], &steps[..], false)]
+    {
+        let found = asked.ask(&path(samples), &exact).unwrap();
+        assert_eq!(found.goes_on, goes_on);
+        for (point, step) in found.points.iter().zip(steps) {
+            let off = (&point.torque - step).norm();
+            assert!(off < 0.01 * peak, "{} N·m, step by step {step}", point.torque);
+        }
+    }
+    let [body, springs] = [&steps[47], &springs.points.last().unwrap().torque];
+    assert!((body - springs).norm() > 0.1 * peak, "{body}, springs alone {springs}");
+}
+
 #[test]
 fn a_body_that_is_not_there_is_not_believed() {
     let arm = arm();
     let touches = touches(&arm, 1.0, 0.3);
     // A bush above the plane in which the rod moves.
-    let body = body();
-    let elsewhere = body.segments().iter().map(|segment| {
-        let up = |[x, y, z]: [f64; 3]| [x, y, z + 0.6];
-        let (start_m, end_m) = (up(segment.start_m), up(segment.end_m));
-        Segment { start_m, end_m, ..segment.clone() }
-    });
-    let elsewhere = Arc::new(ElasticBody::new(elsewhere.collect()).unwrap());
+    let elsewhere = raised(0.6);
     let tracked = tracked(&arm, &elsewhere, &touches);
     let fold = &folds(4, 4)[3];
     let found = elastic::predict(&tracked, fold, &config(), NEVER).unwrap();
@@ -245,7 +327,7 @@ fn a_clock_that_goes_back_or_gives_no_number_counts_as_no_time() {
         let mut torques = Vec::new();
         for n in 0..40 {
             let poses = arm.robot.forward(&[0.001 * f64::from(n), 0.01 * f64::from(n)]).unwrap();
-            equilibrium.advance(&poses, time_s);
+            equilibrium.advance(&poses.world_from_link, Some(time_s));
             torques.push(equilibrium.torques(&poses));
         }
         torques

@@ -11,6 +11,8 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use palpate_io::field::{self, Saved};
 
+use crate::body::LiveBody;
+
 /// Where checkpoints go, and how often.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CheckpointConfig {
@@ -52,9 +54,14 @@ impl Checkpoints {
     }
 }
 
-/// Writes what is handed over until nobody is left to do so.
-pub(crate) fn write(path: &Path, from_mapper: Receiver<Saved>, written: &Written) {
-    for saved in from_mapper {
+/// Writes what is handed over, with the elastic body if there is one, until nobody is left to do so.
+pub(crate) fn write(
+    path: &Path,
+    (from_mapper, body): (Receiver<Saved>, Option<&LiveBody>),
+    written: &Written,
+) {
+    for mut saved in from_mapper {
+        body.inspect(|body| body.put_into(&mut saved));
         let result = field::save(path, &saved).map(|()| Instant::now());
         *written.lock() = Some(result.map_err(|error| error.to_string()));
     }

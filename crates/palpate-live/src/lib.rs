@@ -15,6 +15,7 @@
 //! | `outbox`         | what waits to be published                                      |
 //! | [`AskSocket`]    | questions about planned motions                                 |
 //! | `question`       | their form, and that of the answers                             |
+//! | [`LiveBody`]     | the object as an elastic body, bent and learnt                  |
 //! | [`checkpoint`]   | the field on disk, now and then                                 |
 //! | [`figures`]      | how it goes                                                     |
 //! | [`view_feed`]    | frames for a viewer                                             |
@@ -22,6 +23,7 @@
 //! The crate knows no terminal and no settings file; `palpate live` is made of it.
 #![deny(unsafe_code)] // but for a line in `ros::loopback`
 
+mod body;
 pub mod checkpoint;
 pub mod cloud;
 pub mod diagnostics;
@@ -43,6 +45,7 @@ mod threads;
 pub mod timer;
 pub mod view_feed;
 
+pub use body::{BentBody, LiveBody};
 pub use figures::News;
 pub use query_server::AskSocket;
 pub use run::{LiveConfig, Mapped, run};

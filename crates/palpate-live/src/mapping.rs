@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::Receiver;
 use palpate_io::field::Saved;
 
+use crate::body::LiveBody;
 use crate::checkpoint::Checkpoints;
 use crate::cloud;
 use crate::diagnostics;
@@ -46,6 +47,7 @@ pub(crate) struct Mapping<'a> {
     checkpoints: Option<Checkpoints>,
     view: Option<ViewFeed>,
     mapped: Option<Arc<Inbox<Mapped>>>,
+    body: Option<Arc<LiveBody>>,
     requests: Receiver<Request>,
     /// Frame and stamp of the last sample.
     header: Header,
@@ -71,8 +73,9 @@ impl<'a> Mapping<'a> {
             reader,
             tally: Tally::default(),
             checkpoints,
-            view: config.view.clone().map(ViewFeed::new),
+            view: config.view.clone().map(|to| ViewFeed::new(to, config.body.clone())),
             mapped: config.mapped.clone(),
+            body: config.body.clone(),
             requests,
             header: Header { frame_id, ..Header::default() },
             figures_due: Timer::new(FIGURES),
@@ -136,17 +139,26 @@ impl<'a> Mapping<'a> {
         }
         self.header.stamp = state.header.stamp;
         let started = Instant::now();
-        let outcome = self.session.take(&read.sample);
+        let mut outcome = self.session.take(&read.sample);
         self.tally.step(&outcome, started.elapsed());
         self.shared.wake_for_flag();
         if let Some(view) = &mut self.view {
             let (state, mapper) = (self.session.state(), self.session.mapper());
             view.sample((&read.sample, at), (&outcome, state, mapper));
         }
-        if let Some(mapped) = &self.mapped {
-            let (contacts, begins) = (outcome.contacts, outcome.begins);
-            let state = self.session.state();
-            mapped.push(Mapped { sample: read.sample, contacts, state, begins });
+        let mapped = Mapped {
+            sample: read.sample,
+            contacts: outcome.contacts,
+            state: self.session.state(),
+            begins: outcome.begins,
+            tare: std::mem::take(&mut outcome.tare),
+            is_usable: outcome.fault.is_none(),
+        };
+        if let Some(body) = &self.body {
+            body.mapped().push(mapped.clone());
+        }
+        if let Some(inbox) = &self.mapped {
+            inbox.push(mapped);
         }
         self.publish(outcome, came);
     }

@@ -39,6 +39,7 @@ use palpate::{CLUSTER_WEIGHT, PathConfig, PathPredictor};
 use rustix::fs::Mode;
 use serde_json::json;
 
+use crate::body::LiveBody;
 use crate::question::{MOST_POINTS, PathReply, Question};
 use crate::threads::{Shared, spawn};
 
@@ -68,6 +69,7 @@ pub(crate) struct QueryServer<'a> {
     /// Whether its path predictors can answer a path.
     pub(crate) checker: PathChecker,
     pub(crate) shared: &'a Shared,
+    pub(crate) body: Option<Arc<LiveBody>>,
 }
 
 /// The socket, which goes away with this.
@@ -317,12 +319,16 @@ impl QueryServer<'_> {
         let (to_asker, from_mapper) = bounded(1);
         let request = Request { cluster_weight, to_asker };
         self.mapper.send(request).map_err(|_| "the mapper has stopped")?;
-        let checker = self.checker.clone();
+        let (checker, body) = (self.checker.clone(), self.body.clone());
         let predict = move || {
             let path = checker.check(&path, &config).map_err(|error| error.to_string())?;
             let predictor = from_mapper
                 .recv_timeout(PATIENCE)
                 .map_err(|_| "the mapper has no time for an answer now; ask again")?;
+            let predictor = match &body {
+                Some(body) => body.with_body(predictor),
+                None => predictor,
+            };
             predictor.answer(&path).map_err(|error| error.to_string())
         };
         let answer = self.aside(predict)?;
@@ -356,7 +362,7 @@ mod tests {
         let socket = AskSocket::bind(&path).unwrap();
         let shared = Shared::new(1, None);
         let (mapper, _requests) = bounded(8);
-        let server = QueryServer { mapper, checker: checker(), shared: &shared };
+        let server = QueryServer { mapper, checker: checker(), shared: &shared, body: None };
         thread::scope(|scope| {
             scope.spawn(|| socket.run(&server));
             test(&path);

@@ -4,7 +4,7 @@
 //! network ──► listen ──► Inbox ──► mapper ──► Outbox ──► publish ──► network
 //! process   (one thread)     (one thread)   │     (one thread)     process
 //!                               ▲           ├──► checkpoints (one thread)
-//!                 questions ────┘           │
+//!                 questions ────┘           ├──► elastic body (two threads)
 //!                                           ├──► frames for a viewer
 //!                                           └──► news, to the caller
 //! ```
@@ -17,6 +17,7 @@ use std::thread::{self, ScopedJoinHandle};
 use crossbeam_channel::bounded;
 use palpate::Sample;
 
+use crate::body::LiveBody;
 use crate::checkpoint::{self, CheckpointConfig, Checkpoints};
 use crate::figures::News;
 use crate::guard::Sentry;
@@ -41,6 +42,8 @@ pub struct LiveConfig {
     pub view: Option<Arc<Inbox<ViewFrame>>>,
     /// Where samples go once they are mapped, if anywhere.
     pub mapped: Option<Arc<Inbox<Mapped>>>,
+    /// The object as an elastic body, if its shape is known.
+    pub body: Option<Arc<LiveBody>>,
 }
 
 /// A sample, and what the session made of it.
@@ -54,6 +57,11 @@ pub struct Mapped {
     pub state: State,
     /// Whether a touch begins with it.
     pub begins: bool,
+    /// The samples of the pause that this touch begins with, it among them; empty if none begins, or without
+    /// a pause.
+    pub tare: Vec<Sample>,
+    /// Whether the session could use it.
+    pub is_usable: bool,
 }
 
 /// Questions that may wait.
@@ -89,7 +97,7 @@ pub fn run(
         let (to_mapper, requests) = bounded(REQUESTS);
         let mapping = Mapping::new(&shared, (session, config), checkpoints, requests);
         let topic = config.joint_states.as_deref();
-        let shared = &shared;
+        let (shared, body) = (&shared, config.body.as_deref());
         let mut threads = vec![
             spawn(scope, "publisher", || publish(network, shared)),
             spawn(scope, "listener", move || listen(network, listener, topic, sentry, shared)),
@@ -97,12 +105,17 @@ pub fn run(
         if let (Some(config), Some(to_write)) = (&config.checkpoint, to_write) {
             let written = &shared.written;
             threads.push(spawn(scope, "checkpoints", move || {
-                checkpoint::write(&config.path, to_write, written)
+                checkpoint::write(&config.path, (to_write, body), written)
             }));
         }
         if let Some(ask) = ask {
-            let server = QueryServer { mapper: to_mapper, checker, shared };
+            let server =
+                QueryServer { mapper: to_mapper, checker, shared, body: config.body.clone() };
             threads.push(spawn(scope, "ask", move || ask.run(&server)));
+        }
+        if let Some(body) = body {
+            threads.push(spawn(scope, "body", move || body.follow(shared)));
+            threads.push(spawn(scope, "body learner", move || body.learn(shared)));
         }
         let mapper = spawn(scope, "mapper", || mapping.run());
         while !mapper.is_finished() {

@@ -54,6 +54,9 @@ pub struct StepOutcome {
     pub contacts: usize,
     /// Whether a touch begins with it.
     pub begins: bool,
+    /// The samples of the pause that this touch begins with, the last one among them; empty if none begins,
+    /// or without a pause.
+    pub tare: Vec<Sample>,
     /// Why it, or the touch that it belongs to, could not be followed.
     pub fault: Option<String>,
 }
@@ -196,6 +199,7 @@ impl Session {
         let _ = self.mapper.end_touch();
         self.mapper.begin_touch();
         (self.state, outcome.begins) = (State::Taring, true);
+        outcome.tare = tare.iter().map(|&sample| sample.clone()).collect();
         for sample in tare {
             if let Err(error) = self.mapper.step(sample) {
                 return self.failed(&error, outcome);

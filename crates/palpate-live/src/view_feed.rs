@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use nalgebra::DVector;
 use palpate::{Contacts, Field, Mapper, Sample};
 
+use crate::body::{BentBody, LiveBody};
 use crate::inbox::Inbox;
 use crate::session::{State, StepOutcome};
 use crate::timer::Timer;
@@ -48,11 +49,14 @@ pub enum What {
     },
     /// The field as it is.
     Field(Box<Field>),
+    /// The elastic body.
+    Body(BentBody),
 }
 
 /// Picks what is drawn.
 pub(crate) struct ViewFeed {
     to: Arc<Inbox<ViewFrame>>,
+    body: Option<Arc<LiveBody>>,
     began: Instant,
     samples: u64,
     arm: Timer,
@@ -60,9 +64,9 @@ pub(crate) struct ViewFeed {
 }
 
 impl ViewFeed {
-    pub(crate) fn new(to: Arc<Inbox<ViewFrame>>) -> Self {
+    pub(crate) fn new(to: Arc<Inbox<ViewFrame>>, body: Option<Arc<LiveBody>>) -> Self {
         let (arm, field) = (Timer::new(ARM), Timer::new(FIELD));
-        Self { to, began: Instant::now(), samples: 0, arm, field }
+        Self { to, body, began: Instant::now(), samples: 0, arm, field }
     }
 
     /// Takes a sample that came at `at`, and what the session made of it.
@@ -85,6 +89,9 @@ impl ViewFeed {
             let contacts =
                 if state == State::Waiting { Contacts::default() } else { mapper.contacts() };
             push(What::Arm { q: sample.q.clone(), contacts, torques: outcome.torques.clone() });
+            if let Some(bent) = self.body.as_ref().and_then(|body| body.bent()) {
+                push(What::Body(bent));
+            }
         }
         if state == State::Mapping && self.field.is_due(at) {
             push(What::Field(Box::new(mapper.field())));

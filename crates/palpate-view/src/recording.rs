@@ -6,6 +6,7 @@
 //! | `world/contacts/at`         | where the drawn contacts are now, m                        |
 //! | `world/contacts/displaced`  | arrows from each one's rest point to there, true to length |
 //! | `world/field`               | the drawn cells, K, its deviation and touches by cell      |
+//! | `world/body/…`              | `wood` and `leaves` of an elastic body, a line a segment   |
 //! | `torque/norm/…`             | norms of `measured`, `predicted` and `error`, N·m          |
 //! | `torque/<joint>/…`          | `measured` and `predicted`, N·m                            |
 //! | `contacts`                  | points touched, drawn or not                               |
@@ -23,12 +24,13 @@ use std::io::Write;
 use std::time::{Duration, Instant};
 
 use nalgebra::{DVector, Isometry3, Point3};
+use palpate::unstable::{ElasticBody, SegmentKind};
 use palpate::{Contacts, Field, Lattice};
 use re_sdk::time::TimeCell;
 use re_sdk::{AsComponents, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 use re_sdk_types::archetypes::{
-    Arrows3D, Mesh3D, Points3D, Scalars, SeriesLines, TextDocument, TextLog, Transform3D,
-    ViewCoordinates,
+    Arrows3D, LineStrips3D, Mesh3D, Points3D, Scalars, SeriesLines, TextDocument, TextLog,
+    Transform3D, ViewCoordinates,
 };
 use re_sdk_types::components::{MediaType, Radius};
 use re_sdk_types::datatypes::{Float32, Quaternion, UInt32};
@@ -49,6 +51,8 @@ const PREDICTED: [u8; 3] = [40, 140, 245];
 const ERROR: [u8; 3] = [235, 80, 60];
 const LINK: [u8; 3] = [190, 196, 205];
 const CONTACT: [u8; 3] = [255, 90, 60];
+const WOOD: [u8; 3] = [150, 105, 70];
+const LEAF: [u8; 3] = [70, 150, 70];
 
 /// What stays as it is throughout a recording.
 #[derive(Debug, Clone)]
@@ -320,6 +324,37 @@ impl<'out> Recording<'out> {
             .with_component_override::<UInt32>("frames_that_touched", "N_obs", cells.counts);
         let both: [&dyn AsComponents; 2] = [&points, &known];
         Ok(self.stream.log("world/field", &both)?)
+    }
+
+    /// Shows an elastic body as it is bent at a sample; until the next one, it stays so. `segments_m` are the
+    /// start and end of each of its segments, m, world frame.
+    ///
+    /// # Errors
+    ///
+    /// If Rerun refuses it.
+    pub fn body(
+        &mut self,
+        (body, segments_m): (&ElasticBody, &[[Point3<f64>; 2]]),
+        sample: u64,
+        time_s: Option<f64>,
+    ) -> Result<(), ViewError> {
+        self.set_time(sample, time_s);
+        for (entity, kind, colour) in [
+            ("world/body/wood", SegmentKind::Wood, WOOD),
+            ("world/body/leaves", SegmentKind::Leaf, LEAF),
+        ] {
+            let segments = body.segments().iter().zip(segments_m);
+            let (radii, lines): (Vec<Radius>, Vec<[[f32; 3]; 2]>) = segments
+                .filter(|(segment, _)| segment.kind == kind)
+                .map(|(segment, ends)| {
+                    let radius = Radius::new_scene_units(segment.radius_m as f32);
+                    (radius, ends.each_ref().map(single))
+                })
+                .unzip();
+            let lines = LineStrips3D::new(lines).with_radii(radii).with_colors([colour]);
+            self.stream.log(entity, &lines)?;
+        }
+        Ok(())
     }
 
     fn set_time(&self, sample: u64, time_s: Option<f64>) {

@@ -8,7 +8,7 @@ use palpate::{Arm, EstimatorKind, Mapper, Sample};
 use palpate_io::field::Saved;
 use palpate_learn::LearnError;
 use palpate_learn::body::readings;
-use palpate_learn::elastic::model;
+use palpate_learn::elastic::{BodyLearner, Settled, steps};
 use palpate_learn::tracked::{Touch, Tracked};
 use rayon::prelude::*;
 
@@ -73,7 +73,7 @@ pub fn replace_elastic_by_map(
 pub fn without_body() -> SettingsError {
     SettingsError::Together(
         "the estimator `elastic` needs a coloured cloud of the object, or a picture with depth: give \
-         `palpate map` or `palpate evaluate` one with --cloud (other commands do not learn elastic bodies)"
+         `palpate map`, `evaluate` or `live` one with --cloud (other commands do not learn elastic bodies)"
             .to_owned(),
     )
 }
@@ -89,18 +89,25 @@ pub(crate) fn simulate_bodies(
     touches: &[Touch],
     progress: &dyn Progress,
 ) -> Result<Tracked, LearnError> {
-    let steps = Tracked::steps_with_bodies(touches.len(), bodies.len());
-    let bar = progress.begin(Some(steps as u64), "touches", "simulating the elastic body");
+    let bar = progress.begin(
+        Some(steps(touches.len(), bodies.len()) as u64),
+        "touches",
+        "simulating the elastic body",
+    );
     let (stop, step) = (|| progress.stopped(), || bar.step());
     let tracked = tracked.with_bodies(arm, bodies, touches, (&stop, &step))?;
-    if let Some(settled) = tracked.settled().filter(|settled| settled.unsettled > 0) {
+    tracked.settled().inspect(|settled| note_unsettled(*settled, progress));
+    Ok(tracked)
+}
+
+fn note_unsettled(settled: Settled, progress: &dyn Progress) {
+    if settled.unsettled > 0 {
         let percent = 100.0 * settled.unsettled as f64 / settled.samples as f64;
         progress.note(&format!(
             "the elastic body did not come to rest in {percent:.1} % of the samples; its torque there \
              is that of the last iteration"
         ));
     }
-    Ok(tracked)
 }
 
 /// The field of a mapper, with an elastic body that is learnt from the same touches; the field alone if there
@@ -119,28 +126,21 @@ pub fn learn_body(
     if bodies.is_empty() {
         return Ok(saved);
     }
-    let (arm, config) = (mapper.arm(), mapper.config());
-    let touch = |(number, samples): (usize, Vec<Sample>)| {
-        let name = format!("touch {number} (from 0)");
-        Touch { name, samples, truth: None }
-    };
-    let touches: Vec<Touch> = touches.into_iter().enumerate().map(touch).collect();
-    let stop = || progress.stopped();
-    let learnt = || {
-        let tracked = Tracked::new(arm, config, &touches, &stop)?;
-        let tracked = simulate_bodies(tracked, (arm, bodies), &touches, progress)?;
-        let all: Vec<usize> = (0..touches.len()).collect();
-        model(&tracked, &all, config, &saved.field.cells, &stop)
-    };
-    let learnt = learnt().map_err(|error| match error {
+    let mut learner = BodyLearner::new(mapper.arm(), mapper.config(), bodies);
+    let expected = steps(touches.len(), bodies.len()) as u64;
+    let bar = progress.begin(Some(expected), "touches", "simulating the elastic body");
+    let (stop, step) = (|| progress.stopped(), || bar.step());
+    let learnt = learner.learn(touches.clone(), (&stop, &step)).map_err(|error| match error {
         LearnError::Stopped => {
             let kept = " while the elastic body was learnt; nothing was written".to_owned();
             WorkError::Interrupted { kept }
         }
         other => WorkError::file(other),
     })?;
+    drop(bar);
+    note_unsettled(learner.settled(), progress);
     saved.field.elastic = Some(Arc::new(learnt));
-    saved.elastic_touches = touches.into_iter().map(|touch| touch.samples).collect();
+    saved.elastic_touches = touches;
     Ok(saved)
 }
 
@@ -180,7 +180,7 @@ pub fn bend_along(
                 return Err(WorkError::Interrupted { kept });
             }
             let poses = arm.robot.forward(q).map_err(WorkError::file)?;
-            equilibrium.advance(&poses, before_s.map_or(0.0, |before_s| time_s - before_s));
+            equilibrium.advance(&poses.world_from_link, before_s.map(|before_s| time_s - before_s));
             before_s = Some(time_s);
             if at % path.every.max(1) == 0 {
                 bent.push(equilibrium.segments_m());

@@ -28,7 +28,8 @@ pub fn snapshot(path: &Path, settings: &Settings) -> Result<Snapshot, WorkError>
 pub fn snapshot_of(saved: Saved, name: &str, settings: &Settings) -> Result<Snapshot, WorkError> {
     if saved.field.elastic.is_some() {
         return Err(WorkError::from(format!(
-            "`{name}` holds an elastic body; only `palpate map --from` can continue from it"
+            "`{name}` holds an elastic body; only `palpate map --from` and `palpate live --resume` can \
+             continue from it"
         )));
     }
     let Some(snapshot) = saved.snapshot else {

@@ -5,6 +5,9 @@
 
 use std::sync::Arc;
 
+use nalgebra::Isometry3;
+
+use crate::contact::travel_m;
 use crate::robot::{Collision, Link, LinkId, Robot, Shape};
 use crate::sdf::{self, BakeConfig, BakeReport, DistanceGrid, SdfError, Solid, TriangleMesh};
 
@@ -48,6 +51,12 @@ pub enum ArmError {
 pub type MeshResult = Result<TriangleMesh, Box<dyn std::error::Error + Send + Sync>>;
 
 impl Arm {
+    /// How far the fastest point of the arm goes, as the crow flies, when its links go from these poses to
+    /// those, m.
+    pub fn travel_m(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
+        travel_m(&self.surfaces, from, to)
+    }
+
     /// Bakes the surfaces of all links.
     ///
     /// `load` is given the filename of a mesh as the URDF spells it, once for each time that it

@@ -42,8 +42,8 @@ pub struct Field {
     pub counts: Vec<u32>,
     /// K of all other cells, N/m.
     pub untouched_n_per_m: f64,
-    /// The object as an elastic body, if one was learnt. Predictions then use the body and the springs
-    /// beside it ([`ElasticModel::stiffness_n_per_m`]) in place of K.
+    /// The object as an elastic body, if one was learnt. Predictions then are those of the body and of
+    /// springs beside it ([`ElasticModel::beside`]).
     pub elastic: Option<Arc<ElasticModel>>,
 }
 
@@ -120,16 +120,22 @@ struct FieldSprings {
 }
 
 impl FieldSprings {
-    /// FieldSprings of the given rows, K in N/m; cells met later are untouched ones.
-    fn new(
-        rows: CellRows,
-        stiffness_n_per_m: &[f64],
-        counts: Vec<u32>,
-        untouched_n_per_m: f64,
-    ) -> Self {
+    /// The springs that a field predicts with: beside its body, if it has one.
+    fn of(field: &Field) -> Self {
+        let mut rows = CellRows::of(field.lattice.clone(), &field.cells);
+        let mut stiffness_n_per_m = field.stiffness_n_per_m.clone();
+        let mut untouched_n_per_m = field.untouched_n_per_m;
+        if let Some(model) = &field.elastic {
+            let residual = rows.by_row(model.residual(), model.untouched_residual_n_per_m);
+            stiffness_n_per_m.resize(residual.len(), field.untouched_n_per_m);
+            let both = stiffness_n_per_m.iter_mut().zip(residual);
+            both.for_each(|(k, residual)| *k = model.beside(*k, residual));
+            untouched_n_per_m = model.beside(untouched_n_per_m, model.untouched_residual_n_per_m);
+        }
         let points_and_k = rows.points_m().iter().zip(stiffness_n_per_m);
-        let cells = points_and_k.map(|(&point, &k)| Cell::new(point, k)).collect();
-        Self { observations: ObservationBuilder::new(rows), cells, counts, untouched_n_per_m }
+        let cells = points_and_k.map(|(&point, k)| Cell::new(point, k)).collect();
+        let (observations, counts) = (ObservationBuilder::new(rows), field.counts.clone());
+        Self { observations, cells, counts, untouched_n_per_m }
     }
 
     /// The observation of a frame: its contacts, and `tau`, n_joints, N·m.
@@ -178,13 +184,8 @@ impl Predictor {
         touch: ExternalTorqueConfig,
     ) -> Result<Self, SettingError> {
         let elastic = field.elastic.as_deref().map(|model| ElasticTorque::new(&arm, model));
-        let (stiffness, untouched) = match field.elastic.as_deref() {
-            Some(model) => (&model.stiffness_n_per_m, model.untouched_n_per_m),
-            None => (&field.stiffness_n_per_m, field.untouched_n_per_m),
-        };
         let tracker = Tracker::new(arm, field.lattice.clone(), &field.contact, touch)?;
-        let rows = CellRows::of(field.lattice.clone(), &field.cells);
-        let springs = FieldSprings::new(rows, stiffness, field.counts.clone(), untouched);
+        let springs = FieldSprings::of(field);
         Ok(Self { tracker, springs, elastic })
     }
 

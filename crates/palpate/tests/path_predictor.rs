@@ -275,7 +275,10 @@ fn a_path_that_cannot_be_followed_is_refused_with_the_place() {
     assert!(matches!(refused(&far), PathError::TooLong { .. }));
     let error = refused(&vec![vec![0.0; 3]; MAX_POINTS + 1]);
     assert!(matches!(error, PathError::TooManyPoints { found: 100_001 }));
-    assert!(matches!(refused(&vec![vec![0.0; 3]; 10_001]), PathError::TooLong { point: 10_000 }));
+    assert!(matches!(
+        refused(&vec![vec![0.0; 3]; 10_001]),
+        PathError::TooLong { point: 10_000, .. }
+    ));
     for found in [f64::NAN, -1.0, 1e9] {
         let config = PathConfig::new(found, 1.0);
         let error = predictor.ask(&path(-0.08), &config).unwrap_err();

@@ -107,7 +107,7 @@ impl Looking {
         }
     }
 
-    fn take(&mut self, Mapped { sample, contacts, state, begins }: Mapped) {
+    fn take(&mut self, Mapped { sample, contacts, state, begins, .. }: Mapped) {
         let due = |kept_s: f64| sample.time_s.is_none_or(|now_s| (now_s - kept_s).abs() >= EVERY_S);
         if !begins && !self.kept_s.is_none_or(due) {
             return;

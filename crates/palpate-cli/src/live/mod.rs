@@ -15,12 +15,12 @@ use std::time::{Duration, Instant};
 use palpate::unstable::PauseConfig;
 use palpate::{Arm, Mapper};
 use palpate_io::atomic::Hold;
-use palpate_io::field::Saved;
+use palpate_io::field::{self, Saved};
 use palpate_live::checkpoint::CheckpointConfig;
 use palpate_live::guard::{Guard, GuardConfig};
 use palpate_live::ros::{FlagTopics, NetworkConfig, NetworkProcess, Services};
 use palpate_live::session::Session;
-use palpate_live::{AskSocket, LiveConfig, run as run_live};
+use palpate_live::{AskSocket, LiveBody, LiveConfig, News, run as run_live};
 use palpate_work::settings::named;
 use palpate_work::{prior, resume, robot};
 
@@ -29,6 +29,7 @@ use crate::error::CliError;
 use crate::output::Output;
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
+use crate::shape_args::ShapeArgs;
 #[cfg(not(feature = "viewer"))]
 use crate::view;
 use crate::{interrupt, logs, place};
@@ -44,6 +45,7 @@ const EXAMPLES: &str = "Examples:
   palpate live -o field.npz --resume --guard 25
   palpate live --localhost --json-lines --duration 60
   palpate live -o field.npz --viewer
+  palpate live -o field.npz --ask palpate.sock --cloud object.ply
 
 No ROS needs to be installed: palpate speaks DDS itself. It listens to a topic of
 sensor_msgs/msg/JointState that holds efforts, and publishes
@@ -59,7 +61,12 @@ sensor_msgs/msg/JointState that holds efforts, and publishes
 
 and answers /palpate/tare and /palpate/reset (std_srvs/srv/Trigger). A touch begins where the arm
 pauses and touches nothing, or, after a call of /palpate/tare, wherever it pauses. Samples may come at any rate; replays fill the time between them, so that
-the field depends on the speed of the machine. Ctrl-C saves the field and ends.";
+the field depends on the speed of the machine. Ctrl-C saves the field and ends.
+
+--cloud makes an elastic body from a coloured cloud of the object (estimator `elastic`), which learns each
+touch once it is over. It is in the field's file, answers questions together with the field, and is shown
+by the viewer. /palpate/torque_predicted and the guard know the field alone: from one sample to the next,
+that is what predicts best.";
 
 /// Flags of `palpate live`.
 #[derive(Debug, clap::Args)]
@@ -78,7 +85,7 @@ pub(crate) struct Args {
     #[arg(long, requires = "output")]
     resume: bool,
     /// Take the prior mean of each cell from a field
-    #[arg(long, value_name = "FIELD.npz", conflicts_with = "resume")]
+    #[arg(long, value_name = "FIELD.npz", conflicts_with_all = ["resume", "cloud", "body"])]
     prior: Option<PathBuf>,
     /// Publish that the robot must stop, until it is known that no joint's measured or predicted
     /// external torque passes this, N·m
@@ -127,6 +134,8 @@ pub(crate) struct Args {
     #[arg(long)]
     json_lines: bool,
     #[command(flatten)]
+    shape: ShapeArgs,
+    #[command(flatten)]
     settings: AllSettings,
 }
 
@@ -140,6 +149,7 @@ impl Args {
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         let mut places = Places::read(&self.settings, settings, &[]);
         places.input("the prior (--prior)", self.prior.as_deref());
+        self.shape.add_to(&mut places);
         places.output("the field (--output)", self.output.as_deref())?;
         match &self.output {
             Some(path) if path.exists() && !self.resume => Err(CliError::Usage(format!(
@@ -179,24 +189,38 @@ impl Args {
         self.output.clone().map(|path| CheckpointConfig { path, every })
     }
 
-    /// A new mapper, or one that continues from the output file.
-    fn mapper(
+    /// The field to go on from, if it is there.
+    fn field(&self) -> Option<&Path> {
+        self.output.as_deref().filter(|path| self.resume && path.exists())
+    }
+
+    /// A new mapper and body, or those of the output file.
+    fn begin(
         &self,
         arm: &Arc<Arm>,
         settings: &Settings,
         output: &Output,
-    ) -> Result<Mapper, CliError> {
-        match self.output.as_deref().filter(|path| self.resume && path.exists()) {
-            Some(path) => {
-                let snapshot = resume::snapshot(path, settings)?;
-                output.note(&format!("going on from `{}`", path.display()));
-                Ok(resume::mapper(path.display(), arm, snapshot)?)
-            }
-            None => {
-                let config = settings.config()?;
-                Ok(prior::mapper(self.prior.as_deref(), arm, config, output)?)
-            }
+    ) -> Result<(Mapper, Option<LiveBody>), CliError> {
+        let Some(path) = self.field() else {
+            let config = settings.config()?;
+            let mapper = prior::mapper(self.prior.as_deref(), arm, config, output)?;
+            let bodies = self.shape.bodies(output)?;
+            let body = (!bodies.is_empty())
+                .then(|| LiveBody::new(arm, mapper.config(), &bodies).map_err(CliError::file));
+            return Ok((mapper, body.transpose()?));
+        };
+        let mut saved = field::load(path).map_err(CliError::file)?;
+        let (model, name) = (saved.field.elastic.take(), path.display().to_string());
+        let touches = std::mem::take(&mut saved.elastic_touches);
+        let mapper = resume::mapper(&name, arm, resume::snapshot_of(saved, &name, settings)?)?;
+        output.note(&format!("going on from `{name}`"));
+        if self.shape.is_given() {
+            output.note(
+                "the field has its own elastic body, or none: --cloud and --body are not used",
+            );
         }
+        let body = model.map(|model| LiveBody::resumed(arm, mapper.config(), model, touches));
+        Ok((mapper, body))
     }
 }
 
@@ -220,7 +244,8 @@ fn open_socket(path: &Path) -> Result<AskSocket, CliError> {
 
 /// Maps until Ctrl-C, or until the time is over.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
-    let settings = args.settings.load_without_body()?;
+    let mut settings = args.settings.load()?;
+    args.shape.select(&mut settings, args.field().is_some())?;
     if !args.resume {
         settings.config()?;
     }
@@ -228,7 +253,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     args.check_places(&settings)?;
     let hold = args.output.as_deref().map(Hold::on).transpose().map_err(CliError::file)?;
     let arm = robot::load(&settings.robot, output)?;
-    let mapper = args.mapper(&arm, &settings, output)?;
+    let (mapper, body) = args.begin(&arm, &settings, output)?;
+    let body = body.map(Arc::new);
     logs::tell_robot(&arm, &settings, output);
     if args.output.is_none() {
         output.note("nothing is kept: --output FIELD.npz saves what is learnt");
@@ -258,19 +284,19 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         checkpoint: args.checkpoint(),
         view: feed,
         mapped: Some(told.inbox()),
+        body: body.clone(),
     };
     let tell = |news| told.tell(news);
     let (session, defect) =
         run_live(&network, session, &config, ask.as_ref(), stop, tell).map_err(CliError::file)?;
-    let (shown, wrong) = told.end();
+    let (mut shown, wrong) = told.end();
     shown.clear();
     #[cfg(feature = "viewer")]
     if let Some(viewer) = viewer {
         viewer.end(output);
     }
     if let Some(path) = &args.output {
-        let saved = Saved::of_mapper(session.mapper());
-        place::save(path, &saved)?;
+        save(path, &session, body.as_deref(), &mut shown)?;
     }
     drop(hold);
     shown.end(&session, args.output.as_deref())?;
@@ -279,4 +305,24 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         (None, Some(wrong)) => Err(CliError::from(format!("{wrong} (--strict)"))),
         (None, None) => Ok(()),
     }
+}
+
+/// Saves the field at the end, with the elastic body if there is one.
+fn save(
+    path: &Path,
+    session: &Session,
+    body: Option<&LiveBody>,
+    shown: &mut Shown,
+) -> Result<(), CliError> {
+    let mut saved = Saved::of_mapper(session.mapper());
+    body.inspect(|body| body.put_into(&mut saved));
+    place::save(path, &saved)?;
+    if let Some(waiting) = body.map(LiveBody::waiting).filter(|waiting| *waiting > 0) {
+        let path = path.display();
+        shown.tell(News::Note(format!(
+            "the elastic body has not learnt the last touches ({waiting}), which the field holds: \
+             palpate map --from {path} -o {path}"
+        )));
+    }
+    Ok(())
 }

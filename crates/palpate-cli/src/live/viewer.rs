@@ -138,6 +138,7 @@ impl Drawer {
                 recording.frame(&Frame { sample, time_s, world_from_link, contacts, torque })
             }
             What::Field(field) => recording.field(field, sample, time_s),
+            What::Body((body, segments_m)) => recording.body((body, segments_m), sample, time_s),
         }
     }
 }

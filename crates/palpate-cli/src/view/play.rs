@@ -239,6 +239,12 @@ impl Player {
                 torque,
             };
             recording.frame(&frame).map_err(failed)?;
+            if let Follower::Predictor(predictor) = &self.follower
+                && let Some(body) = predictor.body()
+            {
+                let bent = (&**body.body(), &body.segments_m()[..]);
+                recording.body(bent, number, time_s).map_err(failed)?;
+            }
             self.played.samples_shown += 1;
         }
         if self.played.samples.is_multiple_of(args.field_every) {

@@ -166,6 +166,10 @@ impl Stage<'_> {
             let world_from_link = &poses;
             let frame = Frame { sample, time_s, world_from_link, contacts: &contacts, torque };
             recording.frame(&frame)?;
+            if let Some(model) = &saved.field.elastic {
+                let body = model.equilibrium(self.arm);
+                recording.body((body.body(), &body.segments_m()), 0, None)?;
+            }
             recording.field(&saved.field, 0, None)
         };
         Ok(to.record(&scene, |recording| show(recording).map_err(failed))?.0)

@@ -2,16 +2,17 @@
 //!
 //! | array           | shape | type | unit | meaning                                                    |
 //! |-----------------|-------|------|------|------------------------------------------------------------|
-//! | `elastic`       | bytes | u8   |      | JSON: bodies and their weights, friction, creep          |
-//! | `K_elastic`     | N     | f64  | N/m  | stiffness of the springs beside the body                    |
+//! | `elastic`       | bytes | u8   |      | JSON: bodies and their weights, friction, creep             |
+//! | `residual_cells` | R    | u32  |      | indices of cells that touches have met                      |
+//! | `K_residual`    | R     | f64  | N/m  | stiffness there that explains what the bodies leave over    |
 //! | `elastic_touch` | T x 2 | u32  |      | samples of each touch it was learnt from, and whether they have times |
 //! | `elastic_time`  | S     | f64  | s    | times of those samples in a row; 0 where there are none     |
 //! | `elastic_q`, `elastic_tau` | S x n | f64 | | positions and torques, as logged                            |
 //!
 //! The touches are there only if mapping is to go on from the file.
 
-use palpate::Sample;
 use palpate::unstable::ElasticModel;
+use palpate::{CellId, Lattice, Sample};
 
 use super::file::springs;
 use super::npz::{Array, Arrays, Data};
@@ -21,7 +22,9 @@ use super::saved::{SavedError, contradiction};
 pub(super) fn insert(arrays: &mut Arrays, model: &ElasticModel, touches: &[Vec<Sample>]) {
     let json = serde_json::to_string(model).expect("a body is plain data");
     arrays.insert("elastic", Array::text(&json));
-    arrays.insert("K_elastic", Array::flat(Data::F64(model.stiffness_n_per_m.clone())));
+    let cells = model.residual_cells.iter().map(|cell| cell.0).collect();
+    arrays.insert("residual_cells", Array::flat(Data::U32(cells)));
+    arrays.insert("K_residual", Array::flat(Data::F64(model.residual_n_per_m.clone())));
     if touches.is_empty() {
         return;
     }
@@ -50,16 +53,19 @@ fn has_times(touch: &[Sample]) -> bool {
 /// A body, and the samples of the touches that it was learnt from.
 type Learnt = (ElasticModel, Vec<Vec<Sample>>);
 
-/// The body of a field of so many cells, and the touches that it was learnt from, if there is one.
-pub(super) fn read(arrays: &Arrays, cells: usize) -> Result<Option<Learnt>, SavedError> {
+/// The body of a field, and the touches that it was learnt from, if there is one.
+pub(super) fn read(arrays: &Arrays, lattice: &Lattice) -> Result<Option<Learnt>, SavedError> {
     if arrays.get("elastic").is_none() {
         return Ok(None);
     }
     let wrong = |what: String| contradiction(arrays, format!("the array `elastic`: {what}"));
-    let mut model: ElasticModel =
-        serde_json::from_str(&arrays.text("elastic")?).map_err(|error| wrong(error.to_string()))?;
-    model.stiffness_n_per_m = springs(arrays, "K_elastic", cells)?;
-    model.check(cells).map_err(|error| wrong(error.to_string()))?;
+    let again = "if an older palpate wrote it, learn the field again with `palpate map`";
+    let mut model: ElasticModel = serde_json::from_str(&arrays.text("elastic")?)
+        .map_err(|error| wrong(format!("{error}; {again}")))?;
+    let cells = arrays.small_counts("residual_cells", &[None])?;
+    model.residual_n_per_m = springs(arrays, "K_residual", cells.len())?;
+    model.residual_cells = cells.into_iter().map(CellId).collect();
+    model.check(lattice).map_err(|error| wrong(error.to_string()))?;
     let touches = match arrays.get("elastic_touch") {
         Some(_) => touches(arrays)?,
         None => Vec::new(),

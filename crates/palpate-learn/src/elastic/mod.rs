@@ -14,17 +14,17 @@
 //!
 //! | file        | does                                                                  |
 //! |-------------|-----------------------------------------------------------------------|
+//! | `learner`   | learns touches that come one by one                                    |
 //! | `simulated` | torques of the bodies along all touches, with each kind of contact     |
 //! | `stiffness` | contact and stiffness from training touches                            |
 
+mod learner;
 mod simulated;
 mod stiffness;
 
-use std::collections::HashMap;
-
 use nalgebra::DVector;
-use palpate::unstable::{Cell, ElasticModel, Estimator, FrameId};
-use palpate::{CellId, MapperConfig};
+use palpate::MapperConfig;
+use palpate::unstable::{Cell, ElasticContactConfig, ElasticModel, Estimator, FrameId};
 
 use self::stiffness::{touch_error, with_torque};
 use crate::error::{LearnError, Stop, unless_stopped};
@@ -32,8 +32,9 @@ use crate::folds::Fold;
 use crate::method::Torques;
 use crate::tracked::Tracked;
 
-pub(crate) use self::simulated::BodyTorques;
-pub use self::simulated::{CONTACTS, Settled};
+pub use self::learner::BodyLearner;
+pub(crate) use self::simulated::{BodyTorques, ChosenBy};
+pub use self::simulated::{CONTACTS, Settled, steps};
 pub use self::stiffness::Constants;
 
 /// How far each is believed; they add up to one.
@@ -202,9 +203,9 @@ pub fn predict(
     Ok(Predicted { torques: fold.test.iter().map(frames).collect(), constants, weights })
 }
 
-/// Learns some touches, and returns the body with the springs beside it for a field of these cells. It
-/// predicts what [`predict`] does, since torques are linear in the stiffness of body and springs. Without
-/// touches, the body has the typical stiffness and contact of other plants.
+/// Learns some touches, and returns the body. With the field of the same touches it predicts what [`predict`]
+/// does, since torques are linear in the stiffness of body and springs. Without touches, the body has the
+/// typical stiffness and contact of other plants.
 ///
 /// # Errors
 ///
@@ -217,24 +218,25 @@ pub fn model(
     tracked: &Tracked,
     touches: &[usize],
     config: &MapperConfig,
-    cells: &[CellId],
     stop: Stop<'_>,
 ) -> Result<ElasticModel, LearnError> {
-    let Lesson { field, both, constants, weights } = Lesson::learn(tracked, touches, config, stop)?;
-    let rows = tracked.cells.iter().enumerate().map(|(row, cell)| (*cell, row));
-    let rows: HashMap<CellId, usize> = rows.collect();
-    let stiffness = |row: usize| {
-        let of = |learner: &Learner<'_>| f64::max(learner.estimator.stiffness(row), 0.0);
-        weights.field * of(&field) + weights.both * of(&both)
+    let Lesson { both, constants, weights, .. } = Lesson::learn(tracked, touches, config, stop)?;
+    let residual = |row: usize| weights.both * f64::max(both.estimator.stiffness(row), 0.0);
+    let of_touches = touches.iter().map(|&touch| tracked.touches[touch].in_contact_m_s);
+    let [way_m, time_s] = of_touches.fold([0.0; 2], |sum, of| [sum[0] + of[0], sum[1] + of[1]]);
+    let speed_m_per_s = match way_m > 0.0 && time_s > 0.0 {
+        true => (way_m / time_s).clamp(1e-3, 10.0),
+        false => ElasticContactConfig::default().speed_m_per_s,
     };
-    let of_cell = |cell: &CellId| stiffness(rows.get(cell).copied().unwrap_or(usize::MAX));
     Ok(ElasticModel {
         variants: both.body.variants(&constants),
         friction: constants.friction(),
         creep_s: constants.creep_s(),
         torque_limit_n_m: constants.torque_limit_n_m(),
         share: (weights.body + weights.both).min(1.0),
-        stiffness_n_per_m: cells.iter().map(of_cell).collect(),
-        untouched_n_per_m: stiffness(usize::MAX),
+        speed_m_per_s,
+        residual_cells: tracked.cells.clone(),
+        residual_n_per_m: (0..tracked.cells.len()).map(residual).collect(),
+        untouched_residual_n_per_m: residual(usize::MAX),
     })
 }

@@ -25,12 +25,20 @@ pub(super) const UNTOUCHED: usize = 4;
 pub(crate) struct BodyTorques {
     /// The bodies, the likeliest first.
     pub(super) bodies: Vec<Arc<ElasticBody>>,
-    /// Of the first body, with each of [`CONTACTS`].
-    pub(super) first: Vec<Simulated>,
-    /// Of the others, with the contacts that may be chosen: those that all touches but one speak for.
-    others: Vec<[Option<Simulated>; CONTACTS.len()]>,
+    /// By contact ([`CONTACTS`]) and body: of the first body with each contact, of the others with those that
+    /// may be chosen.
+    simulated: Vec<Vec<Simulated>>,
     /// Samples, all contacts counted, and those in which the body did not come to rest.
     pub(crate) settled: Settled,
+}
+
+/// What may choose the contact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ChosenBy {
+    /// All touches.
+    All,
+    /// All, and all but any one of them.
+    Folds,
 }
 
 /// How often the body came to rest.
@@ -43,95 +51,109 @@ pub struct Settled {
     pub unsettled: u64,
 }
 
+/// How many steps are counted while so many bodies are simulated along so many touches.
+pub fn steps(touches: usize, bodies: usize) -> usize {
+    touches * (CONTACTS.len() + bodies.saturating_sub(1))
+}
+
 impl BodyTorques {
-    /// How many steps [`Self::new`] counts.
-    pub(crate) fn steps(touches: usize, bodies: usize) -> usize {
-        touches * (CONTACTS.len() + bodies.saturating_sub(1))
+    /// Of these bodies, along no touch.
+    pub(crate) fn new(bodies: &[Arc<ElasticBody>]) -> Self {
+        assert!(!bodies.is_empty(), "the caller gave a body");
+        let simulated = vec![vec![Vec::new(); bodies.len()]; CONTACTS.len()];
+        Self { bodies: bodies.to_vec(), simulated, settled: Settled::default() }
     }
 
-    /// Simulates all touches, several at a time; the result does not depend on how many. `step` is called
-    /// after each.
-    pub(crate) fn new(
+    /// Simulates the touches that are not yet, several at a time; the result does not depend on how many.
+    /// `step` is called [`steps`] times.
+    pub(crate) fn extend(
+        &mut self,
         arm: &Arc<Arm>,
-        bodies: &[Arc<ElasticBody>],
         (tracked, touches): (&Tracked, &[Touch]),
+        chosen_by: ChosenBy,
         (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
-    ) -> Result<Self, LearnError> {
-        let n = touches.len();
-        let simulate = |body: &Arc<ElasticBody>, contact: usize, touch: usize| {
+    ) -> Result<(), LearnError> {
+        let first: Vec<[usize; 2]> = (0..CONTACTS.len()).map(|contact| [contact, 0]).collect();
+        let (bodies, n) = (self.bodies.len(), touches.len());
+        self.simulate(arm, (tracked, touches), &first, (stop, &|_| step()))?;
+        let all_but = |left_out: usize| (0..n).filter(move |&touch| touch != left_out).collect();
+        let left_out = if chosen_by == ChosenBy::Folds { 0..n + 1 } else { n..n + 1 };
+        let chosen = left_out.into_par_iter().map(|left_out| {
+            let touches: Vec<usize> = all_but(left_out);
+            self.contact(tracked, &touches).0
+        });
+        let mut contacts: Vec<usize> = chosen.collect();
+        contacts.sort_unstable();
+        contacts.dedup();
+        let others =
+            contacts.iter().flat_map(|&contact| (1..bodies).map(move |body| [contact, body]));
+        let others: Vec<[usize; 2]> = others.collect();
+        let step = |contact: usize| {
+            if contact == contacts[0] {
+                step()
+            }
+        };
+        self.simulate(arm, (tracked, touches), &others, (stop, &step))
+    }
+
+    /// Simulates what is missing of these contacts and bodies; `step` is told the contact.
+    fn simulate(
+        &mut self,
+        arm: &Arc<Arm>,
+        (tracked, touches): (&Tracked, &[Touch]),
+        wanted: &[[usize; 2]],
+        (stop, step): (Stop<'_>, &(dyn Fn(usize) + Sync)),
+    ) -> Result<(), LearnError> {
+        let missing = |&[contact, body]: &[usize; 2]| {
+            let simulated = self.simulated[contact][body].len();
+            (simulated..touches.len()).map(move |touch| [contact, body, touch])
+        };
+        let jobs: Vec<[usize; 3]> = wanted.iter().flat_map(missing).collect();
+        let simulate = |&[contact, body, touch]: &[usize; 3]| {
             let [friction, creep_s] = CONTACTS[contact];
             let config =
                 ElasticContactConfig { friction, creep_s, ..ElasticContactConfig::default() };
-            let equilibrium = Equilibrium::new(Arc::clone(arm), Arc::clone(body), config);
-            follow(equilibrium, (touch, &touches[touch]), tracked, stop)
+            let body = Arc::clone(&self.bodies[body]);
+            let equilibrium = Equilibrium::new(Arc::clone(arm), body, config);
+            let followed = follow(equilibrium, (touch, &touches[touch]), tracked, stop);
+            followed.inspect(|_| step(contact))
         };
-        let [first, others @ ..] = bodies else { panic!("the caller gave a body") };
-        let jobs = (0..n * CONTACTS.len()).into_par_iter().with_max_len(1);
-        let all = jobs.map(|job| simulate(first, job / n, job % n).inspect(|_| step()));
-        let (simulated, mut settled) = gathered(all.collect::<Result<_, LearnError>>()?);
-        let of_contact = |contact: usize| simulated[contact * n..(contact + 1) * n].to_vec();
-        let first: Vec<Simulated> = (0..CONTACTS.len()).map(of_contact).collect();
-
-        let bodies = bodies.to_vec();
-        let mut torques = Self { bodies, first, others: Vec::new(), settled };
-        let all_but = |left_out: usize| (0..n).filter(move |&touch| touch != left_out).collect();
-        let contacts = (0..=n).into_par_iter().map(|left_out| {
-            let touches: Vec<usize> = all_but(left_out);
-            torques.contact(tracked, &touches).0
-        });
-        let mut contacts: Vec<usize> = contacts.collect();
-        contacts.sort_unstable();
-        contacts.dedup();
-        for body in others {
-            let mut by_contact: [Option<Simulated>; CONTACTS.len()] = Default::default();
-            for (number, &contact) in contacts.iter().enumerate() {
-                let all = (0..n).into_par_iter().with_max_len(1).map(|touch| {
-                    let simulated = simulate(body, contact, touch);
-                    simulated.inspect(|_| {
-                        if number == 0 {
-                            step()
-                        }
-                    })
-                });
-                let (simulated, more) = gathered(all.collect::<Result<_, LearnError>>()?);
-                settled.samples += more.samples;
-                settled.unsettled += more.unsettled;
-                by_contact[contact] = Some(simulated);
-            }
-            torques.others.push(by_contact);
+        let all: Result<Vec<_>, LearnError> =
+            jobs.par_iter().with_max_len(1).map(simulate).collect();
+        for ([contact, body, _], (torques, settled)) in jobs.iter().zip(all?) {
+            self.simulated[*contact][*body].push(torques);
+            self.settled.samples += settled.samples;
+            self.settled.unsettled += settled.unsettled;
         }
-        Ok(Self { settled, ..torques })
+        Ok(())
+    }
+
+    /// Forgets touches from the first on.
+    pub(crate) fn forget(&mut self, touches: usize) {
+        for simulated in self.simulated.iter_mut().flatten() {
+            simulated.drain(..touches.min(simulated.len()));
+        }
     }
 
     /// Every n-th frame of each touch, from the first on.
     pub(crate) fn thinned(&self, n: usize) -> Self {
         let touch = |frames: &Vec<DMatrix<f64>>| frames.iter().step_by(n.max(1)).cloned().collect();
-        let touches = |touches: &Simulated| touches.iter().map(touch).collect();
-        let other = |by_contact: &[Option<Simulated>; CONTACTS.len()]| {
-            by_contact.each_ref().map(|simulated| simulated.as_ref().map(touches))
-        };
-        Self {
-            bodies: self.bodies.clone(),
-            first: self.first.iter().map(touches).collect(),
-            others: self.others.iter().map(other).collect(),
-            settled: self.settled,
+        let mut thinned = self.clone();
+        for simulated in thinned.simulated.iter_mut().flatten() {
+            *simulated = simulated.iter().map(touch).collect();
         }
+        thinned
+    }
+
+    /// The torques of the first body with a contact.
+    pub(super) fn first(&self, contact: usize) -> &Simulated {
+        &self.simulated[contact][0]
     }
 
     /// The torques of the bodies with a contact that may be chosen, the first body first.
-    pub(super) fn torques(&self, contact: usize) -> impl Iterator<Item = &Simulated> {
-        let others = self.others.iter().filter_map(move |others| others[contact].as_ref());
-        std::iter::once(&self.first[contact]).chain(others)
+    pub(super) fn torques(&self, contact: usize) -> &[Simulated] {
+        &self.simulated[contact]
     }
-}
-
-/// Results in their order, and how often bodies came to rest in all of them.
-fn gathered(all: Vec<(Vec<DMatrix<f64>>, Settled)>) -> (Simulated, Settled) {
-    let settled = all.iter().fold(Settled::default(), |sum, (_, settled)| Settled {
-        samples: sum.samples + settled.samples,
-        unsettled: sum.unsettled + settled.unsettled,
-    });
-    (all.into_iter().map(|(torques, _)| torques).collect(), settled)
 }
 
 /// The body's torque in the frames of a touch.
@@ -147,14 +169,15 @@ fn follow(
     let mut before_s: Option<f64> = None;
     for (sample, logged) in touch.samples.iter().enumerate() {
         unless_stopped(stop)?;
-        let time_s = logged.time_s.zip(before_s).map_or(0.0, |(now, before)| now - before);
+        let passed_s = logged.time_s.zip(before_s).map(|(now, before)| now - before);
         before_s = logged.time_s;
         let at = |error: RobotError| {
             let source = MapperError::from(error);
             LearnError::Sample { touch: number, sample, source }
         };
         let poses = equilibrium.arm().robot.forward(&logged.q).map_err(at)?;
-        settled.unsettled += u64::from(equilibrium.advance(&poses, time_s).unsettled > 0);
+        settled.unsettled +=
+            u64::from(equilibrium.advance(&poses.world_from_link, passed_s).unsettled > 0);
         if frames.get(torques.len()).is_some_and(|frame| frame.sample as usize == sample) {
             torques.push(equilibrium.torques(&poses));
         }

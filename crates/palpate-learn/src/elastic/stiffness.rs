@@ -41,7 +41,7 @@ pub struct Constants {
     contact: usize,
     /// By body.
     shares: Vec<Share>,
-    /// The norm to which the torque of the bodies is limit_norm, N·m over all joints; infinite without a touch.
+    /// The norm to which the torque of the bodies is limited, N·m over all joints; infinite without a touch.
     torque_limit_n_m: f64,
 }
 
@@ -65,7 +65,7 @@ impl Constants {
         CONTACTS[self.contact][1]
     }
 
-    /// The norm to which the torque of the bodies is limit_norm, N·m, if touches say which torques there are.
+    /// The norm to which the torque of the bodies is limited, N·m, if touches say which torques there are.
     pub(super) fn torque_limit_n_m(&self) -> Option<f64> {
         self.torque_limit_n_m.is_finite().then_some(self.torque_limit_n_m)
     }
@@ -85,7 +85,7 @@ impl Constants {
 impl BodyTorques {
     /// Torque in a frame, n_joints, N·m.
     pub(super) fn torque(&self, constants: &Constants, touch: usize, frame: usize) -> DVector<f64> {
-        let bodies = self.torques(constants.contact).zip(&constants.shares);
+        let bodies = self.torques(constants.contact).iter().zip(&constants.shares);
         let torque: DVector<f64> = bodies
             .map(|(torques, share)| &torques[touch][frame] * &share.factors * share.weight)
             .sum();
@@ -110,8 +110,7 @@ impl BodyTorques {
             return (UNTOUCHED, 0.0);
         }
         let n_trees = self.bodies[0].n_trees();
-        let errors =
-            self.first.iter().map(|torques| factors((torques, n_trees), tracked, touches).1);
+        let error = |contact| factors((self.first(contact), n_trees), tracked, touches).1;
         let penalty = |contact: usize| {
             let [usual, this] = [UNTOUCHED, contact].map(|contact| CONTACTS[contact]);
             match (this == usual, this[1] == usual[1]) {
@@ -121,7 +120,8 @@ impl BodyTorques {
             }
         };
         let cost = |(contact, error): &(usize, f64)| error + penalty(*contact);
-        let best = errors.enumerate().min_by(|a, b| cost(a).total_cmp(&cost(b)));
+        let errors = (0..CONTACTS.len()).map(|contact| (contact, error(contact)));
+        let best = errors.min_by(|a, b| cost(a).total_cmp(&cost(b)));
         best.expect("there are contacts")
     }
 
@@ -130,7 +130,7 @@ impl BodyTorques {
     pub(super) fn constants(&self, tracked: &Tracked, touches: &[usize]) -> Constants {
         let touches = &with_torque(tracked, touches)[..];
         let (contact, _) = self.contact(tracked, touches);
-        let bodies = self.torques(contact).zip(&self.bodies);
+        let bodies = self.torques(contact).iter().zip(&self.bodies);
         let shares = bodies.map(|(torques, body)| {
             let (factors, error) = factors((torques, body.n_trees()), tracked, touches);
             Share { weight: f64::max(error, 1e-6).powi(-8), factors }

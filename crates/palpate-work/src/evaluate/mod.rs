@@ -157,7 +157,7 @@ impl Work<'_> {
         let mut field = method::field(tracked, estimator.as_ref(), config);
         if tracked.settled().is_some() {
             let stop = || progress.stopped();
-            let model = model(tracked, &everything, config, &field.cells, &stop);
+            let model = model(tracked, &everything, config, &stop);
             field.elastic = Some(Arc::new(model.map_err(|error| self.fault(error, keep))?));
         }
         Ok(field)

@@ -1,7 +1,6 @@
 //! Extrapolated stiffness back into a field: what cells that no touch has reached are expected to be.
 
 use std::collections::HashMap;
-use std::sync::Arc;
 
 use palpate::{CellId, EstimatorKind};
 use palpate_io::field::Saved;
@@ -57,10 +56,6 @@ pub fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
                 state.seen.push(0);
             }
         }
-    }
-    if let Some(model) = field.elastic.as_mut().map(Arc::make_mut) {
-        // What the cloud shows is in the body already.
-        model.stiffness_n_per_m.resize(field.cells.len(), model.untouched_n_per_m);
     }
     if let Some(snapshot) = snapshot {
         snapshot.prior_means_n_per_m.clone_from(&prior);

@@ -78,10 +78,11 @@ impl Work<'_> {
     pub fn run(&self, progress: &dyn Progress) -> Result<Found, WorkError> {
         let colours = self.cloud.colours().expect("a cloud without colours was refused");
         let seen = SeenCloud::new(self.cloud.points(), colours).map_err(WorkError::file)?;
-        if self.saved.field.elastic.is_some() {
-            progress.note(
-                "the field has an elastic body: its predictions use the body, and not the extrapolated K",
-            );
+        if let Some(model) = &self.saved.field.elastic {
+            progress.note(&format!(
+                "the field has an elastic body: in its predictions, K has a weight of {:.0} %",
+                100.0 * (1.0 - model.share)
+            ));
         }
         let wanted = self.config.method == Method::Torque || self.halves.is_some() || self.drawn;
         let felt = match &self.saved.snapshot {

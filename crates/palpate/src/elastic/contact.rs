@@ -21,11 +21,19 @@ pub struct ElasticContactConfig {
     /// Creep of held points, s: slip speed = this × tangential force × mobility of the segment (1/kg).
     /// So heavy parts stick and light parts slip; 0 is Coulomb friction.
     pub creep_s: f64,
+    /// Speed of the arm, its fastest point's, where the time of a motion is not known, m/s.
+    pub speed_m_per_s: f64,
 }
 
 impl Default for ElasticContactConfig {
     fn default() -> Self {
-        Self { friction: 0.3, stiffness_n_per_m: 500.0, tangential_share: 0.5, creep_s: 0.0 }
+        Self {
+            friction: 0.3,
+            stiffness_n_per_m: 500.0,
+            tangential_share: 0.5,
+            creep_s: 0.0,
+            speed_m_per_s: 0.1,
+        }
     }
 }
 

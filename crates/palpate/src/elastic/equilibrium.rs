@@ -54,7 +54,7 @@ pub struct Settled {
 }
 
 /// A body against an arm.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct Equilibrium {
     arm: Arc<Arm>,
     body: Arc<ElasticBody>,
@@ -69,7 +69,7 @@ pub struct Equilibrium {
     substep_s: f64,
 }
 
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 struct State {
     /// Of each joint, in the frame of the segment that carries it.
     turned: Vec<UnitQuaternion<f64>>,
@@ -139,25 +139,27 @@ impl Equilibrium {
         self.body.segments().iter().enumerate().map(ends).collect()
     }
 
-    /// Moves the arm on, which takes a time, s, and lets the body come to rest. The time matters only to
-    /// contacts that creep; clocks that stand, go back or give no number count as no time.
+    /// Moves the arm's links on, which takes a time, s, and lets the body come to rest. The time matters
+    /// only to contacts that creep; clocks that stand, go back or give no number count as no time. If
+    /// nobody knows the time, the arm moves at [`ElasticContactConfig::speed_m_per_s`].
     ///
     /// The first position of a touch is taken to be free of the body: points of it that are in a link
     /// there are left out until the next touch.
-    pub fn advance(&mut self, poses: &Poses, time_s: f64) -> Settled {
-        let now = &poses.world_from_link;
-        let Some(before) = self.before.replace(now.clone()) else {
-            self.ignore_what_is_in_the_arm(now);
+    pub fn advance(&mut self, links: &[Isometry3<f64>], time_s: Option<f64>) -> Settled {
+        let Some(before) = self.before.replace(links.to_vec()) else {
+            self.ignore_what_is_in_the_arm(links);
             return Settled::default();
         };
-        let substeps = self.substeps(&before, now);
+        let travel_m = self.arm.travel_m(&before, links);
+        let substeps = ((travel_m / SUBSTEP_M).ceil() as u32).clamp(1, 1000);
+        let time_s = time_s.unwrap_or(travel_m / self.config.speed_m_per_s);
         let mut settled = Settled::default();
         self.substep_s = f64::max(time_s, 0.0) / f64::from(substeps); // 0 for NaN
         for step in 1..=substeps {
             let share = f64::from(step) / f64::from(substeps);
             let between: Vec<Isometry3<f64>> = before
                 .iter()
-                .zip(now)
+                .zip(links)
                 .map(|(a, b)| if step == substeps { *b } else { a.lerp_slerp(b, share) })
                 .collect();
             self.settle(&between, &mut settled);
@@ -201,22 +203,6 @@ impl Equilibrium {
             })
             .collect();
         self.state.ignored = inside;
-    }
-
-    /// How many pieces a motion is cut into, so that no corner of a link moves far in one.
-    fn substeps(&self, before: &[Isometry3<f64>], now: &[Isometry3<f64>]) -> u32 {
-        let links = self.arm.surfaces.iter().zip(before).zip(now);
-        let moved = links.filter_map(|((grid, before), now)| {
-            let (low, high) = grid.as_ref()?.bounds();
-            let corner = |at: usize| {
-                let pick = |axis: usize| if at >> axis & 1 == 0 { low[axis] } else { high[axis] };
-                let corner = Point3::new(pick(0), pick(1), pick(2));
-                (now * corner - before * corner).norm()
-            };
-            Some((0..8).map(corner).fold(0.0, f64::max))
-        });
-        let farthest = moved.fold(0.0, f64::max);
-        ((farthest / SUBSTEP_M).ceil() as u32).clamp(1, 1000)
     }
 
     fn posed(&self) -> Pose {
@@ -496,7 +482,7 @@ mod tests {
         let arm = Arc::clone(&equilibrium.arm);
         let force = |&depth: &f64| {
             let poses = arm.robot.forward(&[depth - BALL_M]).expect("one joint");
-            let settled = equilibrium.advance(&poses, 0.01);
+            let settled = equilibrium.advance(&poses.world_from_link, Some(0.01));
             assert_eq!(
                 settled.unsettled, 0,
                 "at {depth} m after {} iterations",

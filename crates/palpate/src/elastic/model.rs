@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::DVector;
+use nalgebra::{DVector, Isometry3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -10,6 +10,7 @@ use super::body::{BodyError, ElasticBody};
 use super::contact::ElasticContactConfig;
 use super::equilibrium::Equilibrium;
 use crate::arm::Arm;
+use crate::lattice::{CellId, Lattice};
 use crate::robot::Poses;
 
 /// Bodies that an object may be, at most.
@@ -17,8 +18,8 @@ const MOST_VARIANTS: usize = 16;
 
 /// An object as an elastic body, learnt from touches.
 ///
-/// The predicted torque is `share` times the weighted sum over the variants of the body, plus the torque of
-/// a field with the stiffness `stiffness_n_per_m`.
+/// The predicted torque is `share` times the weighted sum over the variants of the body, plus that of a field
+/// of springs with the stiffness [`ElasticModel::beside`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ElasticModel {
@@ -32,11 +33,16 @@ pub struct ElasticModel {
     pub torque_limit_n_m: Option<f64>,
     /// Weight of the bodies' torque in the prediction, 0 to 1.
     pub share: f64,
-    /// K of the springs beside the bodies, by row of the field, N/m.
+    /// Speed at which the arm touched the object, m/s: that of motions whose times are not known.
+    pub speed_m_per_s: f64,
+    /// Cells that touches have met, each once.
     #[serde(skip)]
-    pub stiffness_n_per_m: Vec<f64>,
-    /// K of all other cells beside the bodies, N/m.
-    pub untouched_n_per_m: f64,
+    pub residual_cells: Vec<CellId>,
+    /// K of these cells that explains what the bodies leave over, times the weight of that, N/m.
+    #[serde(skip)]
+    pub residual_n_per_m: Vec<f64>,
+    /// The same of all other cells, N/m.
+    pub untouched_residual_n_per_m: f64,
 }
 
 /// One of the bodies that an object may be.
@@ -52,12 +58,23 @@ pub struct ElasticVariant {
 }
 
 impl ElasticModel {
-    /// Checks that the parts fit each other and a field of so many cells.
+    /// K that explains what the bodies leave over, by cell, N/m.
+    pub fn residual(&self) -> impl Iterator<Item = (CellId, f64)> {
+        self.residual_cells.iter().copied().zip(self.residual_n_per_m.iter().copied())
+    }
+
+    /// The stiffness of a spring in predictions, N/m: what is left of its K in a field that was learnt from
+    /// the whole torque, and what it adds to the bodies.
+    pub fn beside(&self, field_n_per_m: f64, residual_n_per_m: f64) -> f64 {
+        (1.0 - self.share) * f64::max(field_n_per_m, 0.0) + residual_n_per_m
+    }
+
+    /// Checks that the parts fit each other and a lattice.
     ///
     /// # Errors
     ///
     /// Says which number was found, and what was wanted.
-    pub fn check(&self, cells: usize) -> Result<(), BodyError> {
+    pub fn check(&self, lattice: &Lattice) -> Result<(), BodyError> {
         let refused = |thing, found, wanted| Err(BodyError::Model { thing, found, wanted });
         let share = "a number from 0 to 1";
         let factor = "a number from 0 to 1e6";
@@ -88,7 +105,12 @@ impl ElasticModel {
             ("friction", self.friction, 1e3, "a number from 0 to 1000"),
             ("creep_s", self.creep_s, 1e3, "a number from 0 to 1000"),
             ("share", self.share, 1.0, share),
-            ("untouched_n_per_m", self.untouched_n_per_m, 1e12, "a number from 0 to 1e12"),
+            (
+                "untouched_residual_n_per_m",
+                self.untouched_residual_n_per_m,
+                1e12,
+                "a number from 0 to 1e12",
+            ),
             (
                 "torque_limit_n_m",
                 self.torque_limit_n_m.unwrap_or(0.0),
@@ -100,9 +122,16 @@ impl ElasticModel {
                 return refused(thing, found, wanted);
             }
         }
-        match self.stiffness_n_per_m.len() {
-            found if found == cells => Ok(()),
-            found => refused("the number of springs beside the body", found as f64, "one by cell"),
+        if !(1e-4..=1e3).contains(&self.speed_m_per_s) {
+            return refused("speed_m_per_s", self.speed_m_per_s, "a number from 0.0001 to 1000");
+        }
+        let (cells, found) = (self.residual_cells.len(), self.residual_n_per_m.len());
+        if cells != found {
+            return refused("the number of residual_n_per_m", found as f64, "one by residual cell");
+        }
+        match self.residual_cells.iter().find(|cell| !lattice.contains(**cell)) {
+            Some(cell) => refused("a residual cell", f64::from(cell.0), "one of the lattice"),
+            None => Ok(()),
         }
     }
 
@@ -113,8 +142,8 @@ impl ElasticModel {
     }
 
     fn contact(&self) -> ElasticContactConfig {
-        let (friction, creep_s) = (self.friction, self.creep_s);
-        ElasticContactConfig { friction, creep_s, ..ElasticContactConfig::default() }
+        let Self { friction, creep_s, speed_m_per_s, .. } = *self;
+        ElasticContactConfig { friction, creep_s, speed_m_per_s, ..ElasticContactConfig::default() }
     }
 
     /// The variant of the largest weight, the first of equals.
@@ -125,7 +154,7 @@ impl ElasticModel {
 }
 
 /// The torque of an [`ElasticModel`] along a motion.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct ElasticTorque {
     n_joints: usize,
     /// Weight times stiffness factors, by tree, and the body; the most likely comes first.
@@ -164,12 +193,23 @@ impl ElasticTorque {
 
     /// Moves the arm on, and gives the torque there, n_joints, N·m; the time, s, is that of the log.
     pub fn advance(&mut self, poses: &Poses, time_s: Option<f64>) -> DVector<f64> {
-        let passed_s = time_s.zip(self.before_s).map_or(0.0, |(now, before)| now - before);
+        self.bend(&poses.world_from_link, time_s);
+        self.torque(poses)
+    }
+
+    /// Moves the arm's links on.
+    pub fn bend(&mut self, links: &[Isometry3<f64>], time_s: Option<f64>) {
+        let passed_s = time_s.zip(self.before_s).map(|(now, before)| now - before);
         self.before_s = time_s;
-        let of_each = self.variants.par_iter_mut().map(|(factors, equilibrium)| {
-            equilibrium.advance(poses, passed_s);
-            equilibrium.torques(poses) * &*factors
+        self.variants.par_iter_mut().for_each(|(_, equilibrium)| {
+            equilibrium.advance(links, passed_s);
         });
+    }
+
+    /// The torque where the arm is, n_joints, N·m; `poses` are those of the last [`ElasticTorque::bend`].
+    pub fn torque(&self, poses: &Poses) -> DVector<f64> {
+        let of_each = self.variants.par_iter();
+        let of_each = of_each.map(|(factors, equilibrium)| equilibrium.torques(poses) * factors);
         let torques: Vec<DVector<f64>> = of_each.collect();
         let mut torque = DVector::zeros(self.n_joints);
         torques.iter().for_each(|of_one| torque += of_one);

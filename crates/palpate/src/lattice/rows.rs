@@ -73,6 +73,21 @@ impl CellRows {
         self.rows.get(brick).map(|rows| rows[inside]).filter(|&row| row != NO_ROW)
     }
 
+    /// What is given by cell, by row; cells that have no row get one, and rows of other cells `default`.
+    pub(crate) fn by_row(
+        &mut self,
+        given: impl Iterator<Item = (CellId, f64)>,
+        default: f64,
+    ) -> Vec<f64> {
+        let mut by_row = vec![default; self.len()];
+        for (cell, number) in given {
+            let row = self.row_of(cell) as usize;
+            by_row.resize(self.len(), default);
+            by_row[row] = number;
+        }
+        by_row
+    }
+
     /// The touched cells, by row.
     pub fn cells(&self) -> &[CellId] {
         &self.cells

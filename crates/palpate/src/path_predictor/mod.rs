@@ -36,6 +36,13 @@
 //! those touches; for fields that had, by 1 to 8 %, once by 15 %, and by 3 to 23 %. The field itself is
 //! off by 33 %.
 //!
+//! # Elastic bodies
+//!
+//! With [`PathPredictor::with_body`] a path bends an [`ElasticModel`] as well, waypoint by waypoint, as it is
+//! bent now if the path goes on from there. A path has no times: contacts creep as at the speed of the
+//! touches. The springs beside the body then have the stiffness [`ElasticModel::beside`]; standard deviations
+//! stay those of the field.
+//!
 //! # What the standard deviation means
 //!
 //! It is the torque's standard deviation due to the springs' own, spring by spring ([`crate::map`] says
@@ -61,6 +68,7 @@ pub use self::path::{CheckedPath, PathChecker};
 pub(crate) use self::springs::Springs;
 use crate::arm::Arm;
 use crate::contact::{ContactConfig, ContactState, PathContactSimulator, PosedTrajectory};
+use crate::elastic::{ElasticModel, ElasticTorque};
 use crate::motion::MotionError;
 use crate::robot::RobotError;
 use crate::setting::SettingError;
@@ -98,6 +106,9 @@ pub const MAX_POINTS: usize = 100_000;
 /// Stops and sub-steps of a path at most, each: a few seconds.
 pub const MAX_MOTIONS: usize = 10_000;
 
+/// The same of a path that bends an elastic body: some ten seconds.
+pub const MAX_BODY_MOTIONS: usize = 2_000;
+
 /// The weight of a cluster, in average springs, for fast predictions; see
 /// [`crate::Mapper::coarse_path_predictor`].
 pub const CLUSTER_WEIGHT: f64 = 24.0;
@@ -127,10 +138,10 @@ pub enum PathError {
     Jump { point: usize, joint: String, from: f64, to: f64 },
     /// More motion than one path may have.
     #[error(
-        "up to point {point} the path has more than {MAX_MOTIONS} stops or sub-steps; ask about it in \
-         pieces, or at a coarser resolution"
+        "up to point {point} the path has more than {most} stops or sub-steps; ask about it in pieces, or \
+         at a coarser resolution"
     )]
-    TooLong { point: usize },
+    TooLong { point: usize, most: usize },
 }
 
 impl PathError {
@@ -177,6 +188,8 @@ pub struct PathPredictor {
     /// Joint positions of the arm in a touch, n_joints, and its contacts there.
     current_state: Option<(Vec<f64>, Arc<ContactState>)>,
     springs: Arc<Springs>,
+    /// The object as an elastic body, as the arm bends it where it is.
+    body: Option<ElasticTorque>,
 }
 
 /// Chunks of the points of a short path; always as many, so that sums have the same order.
@@ -200,7 +213,16 @@ impl PathPredictor {
                 .current_state()
                 .map(|(q, contact_state)| (q, Arc::new(contact_state))),
             springs: Arc::new(springs),
+            body: None,
         }
+    }
+
+    /// The same with an elastic body, as the arm bends it where it is.
+    #[must_use]
+    pub fn with_body(mut self, model: &ElasticModel, body: ElasticTorque) -> Self {
+        Arc::make_mut(&mut self.springs).put_beside(model);
+        self.body = Some(body);
+        self
     }
 
     /// Predicts the torque along a path; the predictor stays as it is.
@@ -233,10 +255,14 @@ impl PathPredictor {
         let from = self.current_state.as_ref().filter(|from| self.starts_at(from, path));
         let waypoints = self.waypoints(path, from)?;
         let wrenches = self.wrenches(&waypoints, from.map(|(_, state)| Arc::clone(state)));
+        let of_body = self.torques_of_body(path, &waypoints, from.is_some())?;
         let mut points: Vec<PathPoint> = Vec::new();
         for (number, &stop) in path.stops.iter().enumerate() {
             let first = waypoints.stops.partition_point(|at| *at < waypoints.stops[number]);
-            let reached = wrenches.point(first, &self.arm.robot, path.poses(stop));
+            let mut reached = wrenches.point(first, &self.arm.robot, path.poses(stop));
+            if let Some(torque) = of_body.get(number) {
+                reached.torque += torque;
+            }
             if let Some(left) = points.last().cloned() {
                 let from = points.len() - 1;
                 points.extend((from + 1..stop).map(|point| {
@@ -247,6 +273,30 @@ impl PathPredictor {
             points.push(reached);
         }
         Ok(PathPrediction { points, goes_on: from.is_some(), stops: path.stops.len() })
+    }
+
+    /// Torque of the elastic body at every stop, n_joints, N·m; empty if there is no body.
+    fn torques_of_body(
+        &self,
+        path: &CheckedPath<'_>,
+        waypoints: &Waypoints,
+        goes_on: bool,
+    ) -> Result<Vec<DVector<f64>>, PathError> {
+        let Some(mut body) = self.body.clone() else { return Ok(Vec::new()) };
+        if !goes_on {
+            body.begin_touch();
+        }
+        if let Some(number) = waypoints.stops.iter().position(|at| *at > MAX_BODY_MOTIONS) {
+            return Err(PathError::TooLong { point: path.stops[number], most: MAX_BODY_MOTIONS });
+        }
+        let (mut bent, mut torques) = (0, Vec::with_capacity(path.stops.len()));
+        for (&at, &stop) in waypoints.stops.iter().zip(&path.stops) {
+            // Several stops may share a waypoint.
+            waypoints.poses[bent..=at].iter().for_each(|links| body.bend(links, None));
+            bent = at + 1;
+            torques.push(body.torque(path.poses(stop)));
+        }
+        Ok(torques)
     }
 
     /// Whether a path starts where the arm is.
@@ -281,7 +331,7 @@ impl PathPredictor {
             waypoints.go(here.1);
             waypoints.stops.push(waypoints.poses.len() - 1);
             if waypoints.stops.last() > Some(&(2 * MAX_MOTIONS)) {
-                return Err(PathError::TooLong { point: stop });
+                return Err(PathError::TooLong { point: stop, most: MAX_MOTIONS });
             }
             before = here;
         }

@@ -63,7 +63,7 @@ impl PathChecker {
         checked.stops =
             checked.find_stops(&self.substeps, config.resolution_cells * self.spacing_m);
         match checked.stops.get(MAX_MOTIONS) {
-            Some(&point) => Err(PathError::TooLong { point }),
+            Some(&point) => Err(PathError::TooLong { point, most: MAX_MOTIONS }),
             None => Ok(checked),
         }
     }
@@ -95,7 +95,7 @@ impl<'a> CheckedPath<'a> {
                 substeps.path_length_m(from, to).map_err(|error| PathError::at(point, error))?;
             along_m.push(along_m[point - 1] + path_length_m);
             if along_m[point].is_nan() || along_m[point] > longest_m {
-                return Err(PathError::TooLong { point });
+                return Err(PathError::TooLong { point, most: MAX_MOTIONS });
             }
         }
         Ok(Self { q, poses, along_m, stops: Vec::new(), start_m })

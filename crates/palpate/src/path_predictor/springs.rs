@@ -9,6 +9,7 @@ use std::sync::OnceLock;
 use nalgebra::Vector3;
 
 use super::clusters::Clusters;
+use crate::elastic::ElasticModel;
 use crate::estimator::{CellEstimate, Estimator};
 use crate::lattice::{BRICK_CELLS, BRICK_EDGE, Bricks, CellRows, Lattice, RowsOfBricks};
 
@@ -90,6 +91,27 @@ impl Springs {
         let other = Spring::from(other).times(f64::from(edge.pow(3)));
         let (lattice, rows) = (rows.lattice().clone(), rows.by_brick().clone());
         Self { lattice, rows, known, cluster_weight, groups: OnceLock::new(), other, edge }
+    }
+
+    /// Gives every spring the stiffness that it has beside an elastic body.
+    pub(super) fn put_beside(&mut self, model: &ElasticModel) {
+        let of_untouched = model.untouched_residual_n_per_m;
+        let mut residual = vec![of_untouched; self.known.len()];
+        for (cell, k) in model.residual() {
+            let (brick, inside) = Bricks::<()>::locate(self.lattice.place(cell));
+            let row = self.rows.get(brick).map(|rows| rows[inside] as usize);
+            // Without a row, a cell was met by an earlier session only.
+            if let Some(place) = row.and_then(|row| residual.get_mut(row)) {
+                *place = k;
+            }
+        }
+        for (cell, residual) in self.known.iter_mut().zip(residual) {
+            cell.stiffness_n_per_m = model.beside(cell.stiffness_n_per_m, residual);
+        }
+        let cells = f64::from(self.edge.pow(3));
+        let other = self.other.stiffness_n_per_m / cells;
+        self.other.stiffness_n_per_m = cells * model.beside(other, of_untouched);
+        self.groups = OnceLock::new();
     }
 
     pub(super) fn lattice(&self) -> &Lattice {

@@ -1,0 +1,99 @@
+//! An elastic body that learns touches one by one.
+
+use std::sync::Arc;
+
+use palpate::unstable::{ElasticBody, ElasticModel};
+use palpate::{Arm, MapperConfig, Sample};
+
+use super::model;
+use super::simulated::{BodyTorques, ChosenBy, Settled};
+use crate::error::{LearnError, Stop};
+use crate::tracked::{Touch, Tracked};
+
+/// Learns an object's elastic body from touches, each of which is simulated once.
+#[derive(Debug, Clone)]
+pub struct BodyLearner {
+    arm: Arc<Arm>,
+    config: MapperConfig,
+    touches: Vec<Touch>,
+    torques: Arc<BodyTorques>,
+}
+
+impl BodyLearner {
+    /// A learner of what one of these bodies is, the most likely first, from no touch.
+    ///
+    /// # Panics
+    ///
+    /// Without a body.
+    pub fn new(arm: &Arc<Arm>, config: &MapperConfig, bodies: &[Arc<ElasticBody>]) -> Self {
+        let torques = Arc::new(BodyTorques::new(bodies));
+        Self { arm: Arc::clone(arm), config: config.clone(), touches: Vec::new(), torques }
+    }
+
+    /// The bodies, the most likely first.
+    pub fn bodies(&self) -> &[Arc<ElasticBody>] {
+        &self.torques.bodies
+    }
+
+    /// The touches that were learnt.
+    pub fn n_touches(&self) -> usize {
+        self.touches.len()
+    }
+
+    /// How often the bodies came to rest.
+    pub fn settled(&self) -> Settled {
+        self.torques.settled
+    }
+
+    /// Learns more touches, and returns the body as all touches so far say. After an error it is as before.
+    ///
+    /// `step` is called [`super::steps`] times for the new touches, from any thread.
+    ///
+    /// # Errors
+    ///
+    /// Names the first touch, and its sample, that cannot be used.
+    pub fn learn(
+        &mut self,
+        more: impl IntoIterator<Item = Vec<Sample>>,
+        (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
+    ) -> Result<ElasticModel, LearnError> {
+        let before = self.touches.len();
+        for samples in more {
+            let name = format!("touch {} (from 0)", self.touches.len());
+            self.touches.push(Touch { name, samples, truth: None });
+        }
+        let learnt = self.learn_all((stop, step));
+        if learnt.is_err() {
+            self.touches.truncate(before);
+        }
+        let (model, torques) = learnt?;
+        self.torques = torques;
+        Ok(model)
+    }
+
+    fn learn_all(
+        &self,
+        (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
+    ) -> Result<(ElasticModel, Arc<BodyTorques>), LearnError> {
+        let touches = &self.touches[..];
+        let mut tracked = Tracked::new(&self.arm, &self.config, touches, stop)?;
+        let mut torques = BodyTorques::clone(&self.torques);
+        torques.extend(&self.arm, (&tracked, touches), ChosenBy::All, (stop, step))?;
+        let torques = Arc::new(torques);
+        tracked.body = Some(Arc::clone(&torques));
+        let all: Vec<usize> = (0..touches.len()).collect();
+        Ok((model(&tracked, &all, &self.config, stop)?, torques))
+    }
+
+    /// Forgets the oldest touches, so that no more than so many are left.
+    pub fn forget_all_but(&mut self, newest: usize) {
+        let older = self.touches.len().saturating_sub(newest);
+        self.touches.drain(..older);
+        Arc::make_mut(&mut self.torques).forget(older);
+    }
+
+    /// The samples of the touches that were learnt.
+    pub fn touches(&self) -> impl Iterator<Item = &[Sample]> {
+        self.touches.iter().map(|touch| &touch.samples[..])
+    }
+}
