@@ -99,8 +99,13 @@ def memory_mib(process):
 
 def children(process):
     """Processes that a process has started."""
-    tasks = Path(f"/proc/{process}/task").glob("*/children")
-    return [int(child) for task in tasks for child in task.read_text().split()]
+    found = []
+    for task in Path(f"/proc/{process}/task").glob("*/children"):
+        try:
+            found += map(int, task.read_text().split())
+        except FileNotFoundError:
+            pass  # the thread has ended
+    return found
 
 
 def listen(stream, figures, notes):

@@ -3,8 +3,10 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use palpate::EstimatorKind;
 use palpate::unstable::ElasticBody;
+use palpate_learn::body::Shape;
 use palpate_work::elastic::without_body;
 
 use crate::cloud_args::CloudArgs;
@@ -23,8 +25,20 @@ pub(crate) struct ShapeArgs {
     /// An elastic body in place of a cloud: the file that `palpate convert` wrote, perhaps corrected by hand
     #[arg(long, value_name = "BODY.json", conflicts_with = "cloud")]
     body: Option<PathBuf>,
+    /// What the cloud shows, if palpate does not find it: `plant` (stems, branches, leaves) or `cushion`
+    /// (anything else that gives way)
+    #[arg(long, value_name = "KIND", requires = "cloud", value_parser = object())]
+    object: Option<Shape>,
     #[command(flatten)]
     cloud_args: CloudArgs,
+}
+
+/// A parser of kinds of objects.
+pub(crate) fn object() -> impl TypedValueParser<Value = Shape> {
+    PossibleValuesParser::new(["plant", "cushion"]).map(|name| match &*name {
+        "plant" => Shape::Plant,
+        _ => Shape::Cushion,
+    })
 }
 
 impl ShapeArgs {
@@ -63,6 +77,6 @@ impl ShapeArgs {
     /// The bodies that the object may be; none if the cloud shows none.
     pub(crate) fn bodies(&self, output: &Output) -> Result<Vec<Arc<ElasticBody>>, CliError> {
         let (cloud, body) = (self.cloud.as_deref(), self.body.as_deref());
-        Ok(self.cloud_args.bodies(cloud, body, output)?.0)
+        Ok(self.cloud_args.bodies((cloud, self.object), body, output)?.0)
     }
 }

@@ -7,7 +7,9 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
-use palpate::unstable::{BodyError, ElasticBody, ElasticVariant, Segment, SegmentKind};
+use palpate::unstable::{
+    BLOCK_ALONG, BodyError, ElasticBody, ElasticVariant, Segment, SegmentKind,
+};
 use serde::Deserialize;
 
 use crate::input;
@@ -16,6 +18,8 @@ use crate::input;
 const DENSITY_KG_PER_M3: f64 = 500.0;
 /// Damping of a joint by its stiffness, s.
 const RELAXATION_S: f64 = 0.05;
+/// Half the height of the box that stands for a block, m.
+const BLOCK_DEPTH_M: f64 = 0.025;
 
 /// Why a body could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -95,8 +99,26 @@ pub fn mujoco_xml(variant: &ElasticVariant, friction: f64) -> String {
         left.push((index, true));
         left.extend(children[index].iter().rev().map(|&child| (child, false)));
     }
-    xml += "  </worldbody>\n</mujoco>\n";
+    xml += "  </worldbody>\n";
+    xml += &shear(variant);
+    xml += "</mujoco>\n";
     xml
+}
+
+/// The springs between blocks side by side, as tendons over the difference of their heights.
+fn shear(variant: &ElasticVariant) -> String {
+    let (body, factors) = (&variant.body, &variant.stiffness_factors);
+    let factor = |block: usize| factors[body.trees()[block] as usize];
+    let tendon = |(a, b, k): (usize, usize, f64)| {
+        let stiffness = 0.5 * k * (factor(a) + factor(b));
+        format!(
+            "<fixed springlength=\"0\" stiffness=\"{stiffness}\" damping=\"{}\"><joint joint=\"z_{a}\" \
+             coef=\"1\"/><joint joint=\"z_{b}\" coef=\"-1\"/></fixed>\n",
+            stiffness * RELAXATION_S
+        )
+    };
+    let tendons: String = body.springs_between_blocks().map(tendon).collect();
+    if tendons.is_empty() { tendons } else { format!("  <tendon>\n{tendons}  </tendon>\n") }
 }
 
 /// The start tag of a segment's body, with its joint and its shape.
@@ -107,12 +129,20 @@ fn opened(segments: &[Segment], index: usize, factor: f64) -> String {
     let numbers = |v: Vector3<f64>| format!("{} {} {}", v.x, v.y, v.z);
     let (axis, radius) = (segment.axis(), segment.radius_m);
     let stiffness = segment.stiffness_n_m_per_rad * factor;
-    let mut xml = format!(
-        "<body name=\"segment_{index}\" pos=\"{}\">\n<joint type=\"ball\" stiffness=\"{stiffness}\" \
-         damping=\"{}\"/>\n",
-        numbers(segment.start().coords - carrier),
-        stiffness * RELAXATION_S
-    );
+    let place = numbers(segment.start().coords - carrier);
+    let mut xml = format!("<body name=\"segment_{index}\" pos=\"{place}\">\n");
+    let mut joint = |kind: &str, stiffness: f64| {
+        let damping = stiffness * RELAXATION_S;
+        let _ = writeln!(xml, "<joint {kind} stiffness=\"{stiffness}\" damping=\"{damping}\"/>");
+    };
+    if segment.kind == SegmentKind::Block {
+        for (name, axis, share) in [("x", "1 0 0", 0), ("y", "0 1 0", 1), ("z", "0 0 1", 2)] {
+            let kind = format!("name=\"{name}_{index}\" type=\"slide\" axis=\"{axis}\"");
+            joint(&kind, BLOCK_ALONG[share] * stiffness);
+        }
+    } else {
+        joint("type=\"ball\"", stiffness);
+    }
     let way = f64::min(segment.bare_m / axis.norm(), 0.9);
     let _ = match segment.kind {
         SegmentKind::Wood => writeln!(
@@ -135,6 +165,15 @@ fn opened(segments: &[Segment], index: usize, factor: f64) -> String {
                 numbers(across.try_normalize(1e-9).unwrap_or_else(|| any_across(&axis)))
             )
         }
+        // Its top, and what moves with it.
+        SegmentKind::Block => writeln!(
+            xml,
+            "<geom type=\"box\" pos=\"{}\" size=\"{} {} {}\" rgba=\"0.8 0.6 0.3 1\"/>",
+            numbers(0.5 * axis - (BLOCK_DEPTH_M - radius) * Vector3::z()),
+            0.5 * axis.xy().norm(),
+            f64::max(segment.half_width().xy().norm(), 1e-3),
+            BLOCK_DEPTH_M
+        ),
     };
     xml
 }

@@ -270,3 +270,38 @@ fn a_mujoco_model_has_the_bodies_joints_and_springs() {
     assert_eq!(second.parent().unwrap().attribute("name"), Some("segment_0"));
     assert_eq!(second.attribute("pos"), Some("0 0 0.06"));
 }
+
+#[test]
+fn a_cushion_as_a_mujoco_model_has_three_slides_a_block_and_a_tendon_between_neighbours() {
+    let block = |(at, material): (u32, u32)| Segment {
+        parent: None,
+        kind: SegmentKind::Block,
+        start_m: [0.04 * f64::from(at), 0.0, 0.2],
+        end_m: [0.04 * f64::from(at) + 0.04, 0.0, 0.2],
+        bare_m: 0.0,
+        radius_m: 0.004,
+        half_width_m: [0.0, 0.02, 0.0],
+        stiffness_n_m_per_rad: 10.0,
+        branch: material,
+    };
+    let body = ElasticBody::new([(0, 0), (1, 0), (2, 1)].map(block).to_vec()).unwrap();
+    let json = body::json(&body);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("body.json");
+    std::fs::write(&path, &json).unwrap();
+    assert_eq!(body::read(&path).unwrap(), body);
+
+    let variant = ElasticVariant { body, weight: 1.0, stiffness_factors: vec![2.0, 4.0] };
+    let xml = body::mujoco_xml(&variant, 0.4);
+    let model = roxmltree::Document::parse(&xml).unwrap();
+    let of = |name: &str| -> Vec<f64> {
+        let nodes = model.descendants().filter(|node| node.has_tag_name(name));
+        nodes.filter_map(|node| node.attribute("stiffness")?.parse().ok()).collect()
+    };
+    assert_eq!(of("joint"), [80.0, 80.0, 20.0, 80.0, 80.0, 20.0, 160.0, 160.0, 40.0]);
+    assert_eq!(of("fixed"), [20.0, 30.0]);
+
+    std::fs::write(&path, json.replace("\"parent\":null", "\"parent\":0")).unwrap();
+    let error = body::read(&path).unwrap_err().to_string();
+    assert!(error.contains("segment 0 hangs from segment 0"), "{error}");
+}

@@ -13,7 +13,7 @@ use palpate::unstable::{
 use palpate::{Arm, CellId, ContactConfig, Lattice, MapperConfig, Sample, Tare};
 use rayon::prelude::*;
 
-use crate::elastic::{BodyTorques, ChosenBy, Settled};
+use crate::elastic::{BodyTorques, Settled};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::regression::Frames;
 
@@ -114,7 +114,7 @@ impl Tracked {
 
     /// The same with the torques of a body that the arm bends in every touch, for
     /// [`crate::method::Method::Elastic`]. Several bodies are what one object may be, the likeliest first.
-    /// `step` is called [`crate::elastic::steps`] times, from any thread.
+    /// `training` are the sets of touches, by number, from which the body will be learnt. `step` is called [`crate::elastic::steps`] times, from any thread.
     ///
     /// # Errors
     ///
@@ -127,11 +127,11 @@ impl Tracked {
         mut self,
         arm: &Arc<Arm>,
         bodies: &[Arc<ElasticBody>],
-        touches: &[Touch],
+        (touches, training): (&[Touch], &[Vec<usize>]),
         (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
     ) -> Result<Self, LearnError> {
         let mut torques = BodyTorques::new(bodies);
-        torques.extend(arm, (&self, touches), ChosenBy::Folds, (stop, step))?;
+        torques.extend(arm, (&self, touches), training, (stop, step))?;
         self.body = Some(Arc::new(torques));
         Ok(self)
     }

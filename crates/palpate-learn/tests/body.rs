@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 use palpate::unstable::{ElasticBody, Segment, SegmentKind};
-use palpate_learn::body::{from_cloud, guess_viewpoint, readings};
+use palpate_learn::body::{Shape, from_cloud, guess_viewpoint, readings};
 
 const BROWN: [u8; 3] = [110, 65, 30];
 const GREEN: [u8; 3] = [40, 110, 30];
@@ -160,18 +160,57 @@ fn clouds_without_a_body_are_none_rather_than_a_panic() {
 }
 
 #[test]
-fn what_is_no_plant_has_no_reading_and_a_plant_on_a_table_needs_to_be_cut_out() {
+fn a_table_has_no_reading_and_a_plant_on_it_needs_to_be_cut_out() {
     let seen = plant();
-    assert!(!readings(&seen.points, &seen.colours, Some(EYE)).is_empty());
+    let kinds = |points: &[Point3<f64>], colours: &[[u8; 3]], shape| -> Vec<SegmentKind> {
+        let bodies = readings(points, colours, Some(EYE), shape);
+        let first = bodies.first().map_or(&[][..], |body| body.segments());
+        first.iter().map(|segment| segment.kind).collect()
+    };
+    assert!(kinds(&seen.points, &seen.colours, None).contains(&SegmentKind::Wood));
+    assert!(!kinds(&seen.points, &seen.colours, Some(Shape::Cushion)).contains(&SegmentKind::Wood));
     let table = (0..40_000).map(|at| {
         Point3::new(0.003 * f64::from(at % 200), 0.003 * f64::from(at / 200) - 0.3, -0.05)
     });
     let table: Vec<Point3<f64>> = table.collect();
     let colours = vec![BROWN; table.len()];
-    assert!(readings(&table, &colours, Some(EYE)).is_empty());
+    assert!(kinds(&table, &colours, None).is_empty());
     let points = [&seen.points[..], &table[..]].concat();
     let colours = [&seen.colours[..], &colours[..]].concat();
-    assert!(readings(&points, &colours, Some(EYE)).is_empty());
+    assert!(!kinds(&points, &colours, None).contains(&SegmentKind::Wood));
+    assert!(kinds(&points, &colours, Some(Shape::Plant)).contains(&SegmentKind::Wood));
+}
+
+#[test]
+fn a_cushion_is_blocks_whose_tops_are_where_its_surface_was_seen_in_two_materials() {
+    // A hump of 40 cm by 30 cm, half of it blue.
+    let height = |x: f64, y: f64| 0.2 + 0.05 * (x * 5.0).sin() - 0.3 * y * y;
+    let (mut points, mut colours) = (Vec::new(), Vec::new());
+    for at in 0..12_000 {
+        let (x, y) = (0.004 * f64::from(at % 100), 0.0025 * f64::from(at / 100) - 0.15);
+        points.push(Point3::new(x, y, height(x, y)));
+        colours.push(if x < 0.2 { [40, 70, 180] } else { [220, 190, 90] });
+    }
+    // Its side, down to the ground.
+    points.extend((0..200).map(|at| Point3::new(0.0, -0.15, 0.001 * f64::from(at))));
+    colours.extend([[40, 70, 180]; 200]);
+    let bodies = readings(&points, &colours, None, None);
+    assert_eq!(bodies.len(), 1);
+    let body = &bodies[0];
+    assert!(body.segments().len() > 60, "{} blocks", body.segments().len());
+    assert_eq!(body.n_trees(), 2);
+    for (block, tree) in body.segments().iter().zip(body.trees()) {
+        assert_eq!(block.kind, SegmentKind::Block);
+        let middle = block.start() + 0.5 * block.axis();
+        let off = middle.z + block.radius_m - height(middle.x, middle.y);
+        assert!(off.abs() < 0.004, "{off} m at {middle}");
+        let steep = block.axis().z / block.axis().x - 0.25 * (middle.x * 5.0).cos();
+        // The side that was seen tilts the block at that corner a little.
+        assert!(steep.abs() < 0.1, "{steep} at {middle}");
+        if (middle.x - 0.2).abs() > 0.02 {
+            assert_eq!(*tree == body.trees()[0], middle.x < 0.2, "{middle}");
+        }
+    }
 }
 
 #[test]
@@ -200,7 +239,7 @@ fn the_camera_of_the_bundled_plant_is_found_in_its_cloud() {
 #[test]
 fn the_first_reading_is_the_body_and_no_two_are_the_same() {
     let seen = plant();
-    let bodies = readings(&seen.points, &seen.colours, Some(EYE));
+    let bodies = readings(&seen.points, &seen.colours, Some(EYE), None);
     assert_eq!(bodies[0], seen.body(Some(EYE)));
     for (number, body) in bodies.iter().enumerate() {
         assert!(!bodies[..number].contains(body), "reading {number}");

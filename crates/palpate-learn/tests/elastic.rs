@@ -87,7 +87,8 @@ fn touches_of(body: &Arc<ElasticBody>, arm: &Arc<Arm>, factor: f64, friction: f6
 
 fn tracked(arm: &Arc<Arm>, body: &Arc<ElasticBody>, touches: &[Touch]) -> Tracked {
     let tracked = Tracked::new(arm, &config(), touches, NEVER).unwrap();
-    tracked.with_bodies(arm, std::slice::from_ref(body), touches, (NEVER, &|| ())).unwrap()
+    let (bodies, training) = (std::slice::from_ref(body), [vec![0, 1, 2, 3]]);
+    tracked.with_bodies(arm, bodies, (touches, &training), (NEVER, &|| ())).unwrap()
 }
 
 #[test]
@@ -240,6 +241,35 @@ fn touches_learnt_one_by_one_give_the_body_of_all_at_once_and_old_ones_are_forgo
     let error = learner.learn([broken], quietly).unwrap_err().to_string();
     assert!(error.contains("20"), "{error}");
     assert_eq!(learner.learn([], quietly).unwrap(), newest, "nothing is lost");
+}
+
+#[test]
+fn a_material_that_no_touch_has_met_is_taken_as_before_any_touch() {
+    let arm = arm();
+    // Two blocks, one of them behind the rod.
+    let block = |(material, [x, y]): (u32, [f64; 2])| Segment {
+        parent: None,
+        kind: SegmentKind::Block,
+        start_m: [x - 0.02, y, 0.0],
+        end_m: [x + 0.02, y, 0.0],
+        bare_m: 0.0,
+        radius_m: 0.02,
+        half_width_m: [0.0, 0.02, 0.0],
+        stiffness_n_m_per_rad: 100.0,
+        branch: material,
+    };
+    let blocks = [(0, [0.25, 0.1]), (1, [0.25, -0.4])].map(block);
+    let body = Arc::new(ElasticBody::new(blocks.to_vec()).unwrap());
+    let factors = |touches: &[Touch]| {
+        let samples = touches.iter().map(|touch| touch.samples.clone());
+        let mut learner = BodyLearner::new(&arm, &config(), std::slice::from_ref(&body));
+        let model = learner.learn(samples, (NEVER, &|| ())).unwrap();
+        model.variants[0].stiffness_factors.clone()
+    };
+    let untouched = factors(&[]);
+    let touched = factors(&touches_of(&body, &arm, 2.0, CONTACTS[1][0])[..1]);
+    assert!((touched[0] / 2.0).ln().abs() < 0.1, "{touched:?}, wanted 2");
+    assert_eq!(touched[1], untouched[1]);
 }
 
 #[test]

@@ -213,7 +213,8 @@ fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
     };
     let run = || {
         let tracked = tracked(&arm, &config, &touches);
-        let tracked = tracked.with_bodies(&arm, &[stem()], &touches, (NEVER, &|| ())).unwrap();
+        let seen = (&touches[..], &[vec![0, 1, 2, 3]][..]);
+        let tracked = tracked.with_bodies(&arm, &[stem()], seen, (NEVER, &|| ())).unwrap();
         let done = Mutex::new(Vec::new());
         plan.run(&tracked, &plan.parts(), NEVER, &|part| done.lock().unwrap().push(part)).unwrap();
         let parts: Vec<Part> = done.into_inner().unwrap();

@@ -33,7 +33,7 @@ pub(crate) fn bodies_of(
     Ok(move |progress: &dyn Progress| {
         let colours = cloud.colours().expect("read with colours");
         let name = name.display().to_string();
-        bodies((cloud.points(), colours), viewpoint.map(Point3::from), &name, progress)
+        bodies((cloud.points(), colours), (viewpoint.map(Point3::from), None), &name, progress)
     })
 }
 
@@ -41,8 +41,8 @@ pub(crate) fn bodies_of(
 ///
 /// `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m, world frame, with
 /// `colours` (N, 3) from 0 to 255; `viewpoint` is where the camera stood, (3,) m, searched if left out.
-/// If `logs` is None, the body has the typical stiffness of other plants. A cloud that shows no plant
-/// gives a field without a body.
+/// If `logs` is None, the body has the typical stiffness of other plants. A cloud in which nothing
+/// stands above its lowest point gives a field without a body.
 #[pyfunction]
 #[pyo3(signature = (
     logs, cloud, colours = None, robot = None, *, viewpoint = None, settings = None, progress = None,

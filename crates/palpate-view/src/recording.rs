@@ -6,7 +6,7 @@
 //! | `world/contacts/at`         | where the drawn contacts are now, m                        |
 //! | `world/contacts/displaced`  | arrows from each one's rest point to there, true to length |
 //! | `world/field`               | the drawn cells, K, its deviation and touches by cell      |
-//! | `world/body/…`              | `wood` and `leaves` of an elastic body, a line a segment   |
+//! | `world/body/…`              | `wood`, `leaves`, `blocks` of an elastic body, a line each |
 //! | `torque/norm/…`             | norms of `measured`, `predicted` and `error`, N·m          |
 //! | `torque/<joint>/…`          | `measured` and `predicted`, N·m                            |
 //! | `contacts`                  | points touched, drawn or not                               |
@@ -342,6 +342,7 @@ impl<'out> Recording<'out> {
         for (entity, kind, colour) in [
             ("world/body/wood", SegmentKind::Wood, WOOD),
             ("world/body/leaves", SegmentKind::Leaf, LEAF),
+            ("world/body/blocks", SegmentKind::Block, WOOD),
         ] {
             let segments = body.segments().iter().zip(segments_m);
             let (radii, lines): (Vec<Radius>, Vec<[[f32; 3]; 2]>) = segments

@@ -7,7 +7,7 @@ use palpate::unstable::{ElasticBody, ElasticModel, SegmentKind};
 use palpate::{Arm, EstimatorKind, Mapper, Sample};
 use palpate_io::field::Saved;
 use palpate_learn::LearnError;
-use palpate_learn::body::readings;
+use palpate_learn::body::{Shape, readings};
 use palpate_learn::elastic::{BodyLearner, Settled, steps};
 use palpate_learn::tracked::{Touch, Tracked};
 use rayon::prelude::*;
@@ -16,25 +16,24 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::{Settings, SettingsError};
 
-/// The elastic bodies that a cloud may be, the most likely first; a note says what was found. None if the
-/// cloud does not show a plant.
+/// The elastic bodies that a cloud may be, the most likely first; a note says what was found. None if there
+/// is nothing that could bend.
 ///
 /// Positions are in m in the world frame, colours sRGB; notes call the cloud `name`.
 pub fn bodies(
     (points, colours): (&[Point3<f64>], &[[u8; 3]]),
-    viewpoint: Option<Point3<f64>>,
+    (viewpoint, shape): (Option<Point3<f64>>, Option<Shape>),
     name: &str,
     progress: &dyn Progress,
 ) -> Vec<Arc<ElasticBody>> {
-    let bodies = readings(points, colours, viewpoint);
+    let bodies = readings(points, colours, viewpoint, shape);
     match bodies.first() {
         Some(body) => {
             progress.note(&format!("{}; variants compared: {}", in_words(body), bodies.len()));
         }
         None => progress.note(&format!(
-            "no elastic body: many of the {} points of `{name}` lie on no stem, branch or leaf that was \
-             found, so `map` is used alone; if the cloud shows more than the plant, --crop-low-m and \
-             --crop-high-m cut out the plant",
+            "no elastic body: the {} points of `{name}` show neither stems with branches nor anything that \
+             stands above its lowest point, so `map` is used alone",
             points.len()
         )),
     }
@@ -48,6 +47,14 @@ fn in_words(body: &ElasticBody) -> String {
     let branches =
         of(SegmentKind::Wood).map(|segment| segment.branch).max().map_or(0, |last| last + 1);
     let leaves = of(SegmentKind::Leaf).count();
+    let blocks = of(SegmentKind::Block).count();
+    if blocks > 0 {
+        let materials = body.n_trees();
+        return format!(
+            "elastic body: a cushion of {blocks} blocks, colours of materials told apart: {materials}; for \
+             a plant, cut off other things with --crop-low-m and --crop-high-m, or say --object plant"
+        );
+    }
     format!("elastic body: {length:.2} m of wood in {branches} stems and branches, {leaves} leaves")
 }
 
@@ -78,7 +85,7 @@ pub fn without_body() -> SettingsError {
     )
 }
 
-/// Simulates bodies along all touches; a note says how often they did not come to rest.
+/// Simulates bodies along all touches, to be learnt from these sets of `training` touches; a note says how often they did not come to rest.
 ///
 /// # Errors
 ///
@@ -86,7 +93,7 @@ pub fn without_body() -> SettingsError {
 pub(crate) fn simulate_bodies(
     tracked: Tracked,
     (arm, bodies): (&Arc<Arm>, &[Arc<ElasticBody>]),
-    touches: &[Touch],
+    (touches, training): (&[Touch], &[Vec<usize>]),
     progress: &dyn Progress,
 ) -> Result<Tracked, LearnError> {
     let bar = progress.begin(
@@ -95,7 +102,7 @@ pub(crate) fn simulate_bodies(
         "simulating the elastic body",
     );
     let (stop, step) = (|| progress.stopped(), || bar.step());
-    let tracked = tracked.with_bodies(arm, bodies, touches, (&stop, &step))?;
+    let tracked = tracked.with_bodies(arm, bodies, (touches, training), (&stop, &step))?;
     tracked.settled().inspect(|settled| note_unsettled(*settled, progress));
     Ok(tracked)
 }

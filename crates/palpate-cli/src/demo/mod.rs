@@ -128,7 +128,7 @@ impl Picture {
         }
         let cloud = cloud::read(object).map_err(CliError::file)?.cloud;
         let colours = cloud.colours().expect("the bundled cloud has colours");
-        let bodies = bodies((cloud.points(), colours), None, "the bundled cloud", output);
+        let bodies = bodies((cloud.points(), colours), (None, None), "the bundled cloud", output);
         Ok(Self { bodies, cloud: Some(cloud) })
     }
 }

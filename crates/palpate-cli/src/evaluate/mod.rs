@@ -13,6 +13,7 @@ use askama::Template;
 use palpate::{Arm, Field, MapperConfig};
 use palpate_io::cloud::Cloud;
 use palpate_io::log::is_simulated;
+use palpate_learn::body::Shape;
 use palpate_learn::method::Method;
 use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{
@@ -25,6 +26,7 @@ use crate::output::Output;
 use crate::place::Folder;
 use crate::report::{Page, Report, Scene, errors_csv};
 use crate::settings::{AllSettings, Settings};
+use crate::shape_args::object;
 use crate::{csv, interrupt, logs, picture, place};
 
 use kept::Kept;
@@ -83,6 +85,10 @@ pub(crate) struct Args {
     /// corrected by hand; --cloud is then only shown in the report
     #[arg(long, value_name = "BODY.json")]
     body: Option<PathBuf>,
+    /// What the cloud shows, if palpate does not find it: `plant` (stems, branches, leaves) or `cushion`
+    /// (anything else that gives way)
+    #[arg(long, value_name = "KIND", requires = "cloud", value_parser = object())]
+    object: Option<Shape>,
     /// Predict the touches in so many groups rather than one by one
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(2..))]
     folds: Option<u32>,
@@ -113,7 +119,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     settings.config()?;
     let methods = each_once(&args.methods, has_body)?;
     let (bodies, cloud) =
-        args.picture.bodies(args.cloud.as_deref(), args.body.as_deref(), output)?;
+        args.picture.bodies((args.cloud.as_deref(), args.object), args.body.as_deref(), output)?;
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;

@@ -48,7 +48,7 @@ pub(crate) struct Scene {
     body: Option<Body>,
 }
 
-/// An elastic body, as lines of wood and middles of leaves.
+/// An elastic body, as lines of wood or blocks and middles of leaves.
 #[derive(Serialize)]
 struct Body {
     /// By segment of wood: the segment of wood at whose end it starts, -1 if its own start is given.
@@ -162,7 +162,7 @@ impl Body {
     /// The body as it was bent, by touch and frame.
     fn new(body: &ElasticBody, every: usize, bent: &[BentFrames], cloud: Option<&Cloud>) -> Self {
         let wood: Vec<usize> = (0..body.segments().len())
-            .filter(|&at| body.segments()[at].kind == SegmentKind::Wood)
+            .filter(|&at| body.segments()[at].kind != SegmentKind::Leaf)
             .collect();
         let joined_to = |&at: &usize| {
             let segment = &body.segments()[at];

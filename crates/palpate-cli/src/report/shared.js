@@ -140,7 +140,7 @@ function tellField(caption, arm) {
   const part = stiffness.length < cells ? `the stiffest ${counted(stiffness.length)} of ` : "";
   const hulls = arm ? " Each link of the arm is drawn as its convex hull." : "";
   const body = data.scene.body
-    ? " The elastic body, wood as brown lines and leaves as green diamonds, bends under the arm; small" +
+    ? " The elastic body, wood or blocks as brown lines and leaves as green diamonds, bends under the arm; small" +
       " points are the cloud that it was made from, at rest."
     : "";
   byId(caption).textContent =

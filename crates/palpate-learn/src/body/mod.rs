@@ -2,6 +2,7 @@
 //!
 //! | file       | does                                                                             |
 //! |------------|----------------------------------------------------------------------------------|
+//! | `blocks`   | a cushion: blocks under the seen surface                                          |
 //! | `wood`     | parts wood from leaves by colour and shape                                        |
 //! | `skeleton` | level sets of the distance from the root; joins pieces across gaps                |
 //! | `tubes`    | axis and radius of each branch: from the seen width, then by least squares         |
@@ -13,8 +14,9 @@
 //! | `graph`    | neighbours, connected pieces, distances along a surface                            |
 //!
 //! Only the side that faces the camera is seen. What is hidden, and wood of the colour of leaves, is
-//! missed. A body that leaves much of the cloud unexplained is dropped, so cushions and bags have none.
+//! missed. If stems, branches and leaves leave much of the cloud unexplained, it shows a cushion.
 
+mod blocks;
 mod explained;
 mod fit;
 mod graph;
@@ -73,8 +75,9 @@ pub fn from_cloud(
 /// stands for. The same cloud gives the same body. Cost: 0.1 s for 30,000 points, and a second
 /// for the search of the camera.
 ///
-/// No two of them are the same; there are none if no branch is found, or if stems, branches and leaves
-/// leave two fifths of the points unexplained, as those of a cushion or of a table do.
+/// No two of them are the same. If no branch is found, or stems, branches and leaves leave two fifths of the
+/// points unexplained, the only one is a cushion of blocks; none if nothing stands above the lowest point.
+/// A `shape` that is given is not asked for.
 ///
 /// # Panics
 ///
@@ -83,17 +86,33 @@ pub fn readings(
     points: &[Point3<f64>],
     colours: &[[u8; 3]],
     viewpoint: Option<Point3<f64>>,
+    shape: Option<Shape>,
 ) -> Vec<ElasticBody> {
     let mut bodies = Vec::new();
-    if let Some(cloud) = Cloud::new(points, colours, viewpoint) {
+    if shape != Some(Shape::Cushion)
+        && let Some(cloud) = Cloud::new(points, colours, viewpoint)
+    {
         for body in Joining::ALL.iter().filter_map(|joining| cloud.body(joining)) {
-            let explains = unexplained(&body, points) <= MOST_UNEXPLAINED;
+            let explains =
+                shape == Some(Shape::Plant) || unexplained(&body, points) <= MOST_UNEXPLAINED;
             if explains && !bodies.contains(&body) {
                 bodies.push(body);
             }
         }
     }
+    if bodies.is_empty() && shape != Some(Shape::Plant) {
+        bodies.extend(ElasticBody::new(blocks::blocks(points, colours)));
+    }
     bodies
+}
+
+/// What an object is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shape {
+    /// Stems, branches and leaves.
+    Plant,
+    /// Anything else that gives way: a cushion, a bag, a dense bush.
+    Cushion,
 }
 
 /// A cloud, parted.

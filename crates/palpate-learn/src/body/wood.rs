@@ -41,7 +41,7 @@ fn is_redder(colours: &[[u8; 3]]) -> Vec<bool> {
 }
 
 /// The threshold that leaves most of the variance between the two classes.
-fn otsu(values: &[f64]) -> f64 {
+pub(super) fn otsu(values: &[f64]) -> f64 {
     const BINS: usize = 256;
     let low = values.iter().copied().fold(f64::INFINITY, f64::min);
     let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);

@@ -6,7 +6,7 @@ use palpate::unstable::{ElasticBody, ElasticModel};
 use palpate::{Arm, MapperConfig, Sample};
 
 use super::model;
-use super::simulated::{BodyTorques, ChosenBy, Settled};
+use super::simulated::{BodyTorques, Settled};
 use crate::error::{LearnError, Stop};
 use crate::tracked::{Touch, Tracked};
 
@@ -78,10 +78,11 @@ impl BodyLearner {
         let touches = &self.touches[..];
         let mut tracked = Tracked::new(&self.arm, &self.config, touches, stop)?;
         let mut torques = BodyTorques::clone(&self.torques);
-        torques.extend(&self.arm, (&tracked, touches), ChosenBy::All, (stop, step))?;
+        let all: Vec<usize> = (0..touches.len()).collect();
+        let training = std::slice::from_ref(&all);
+        torques.extend(&self.arm, (&tracked, touches), training, (stop, step))?;
         let torques = Arc::new(torques);
         tracked.body = Some(Arc::clone(&torques));
-        let all: Vec<usize> = (0..touches.len()).collect();
         Ok((model(&tracked, &all, &self.config, stop)?, torques))
     }
 

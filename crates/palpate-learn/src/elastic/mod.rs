@@ -33,7 +33,7 @@ use crate::method::Torques;
 use crate::tracked::Tracked;
 
 pub use self::learner::BodyLearner;
-pub(crate) use self::simulated::{BodyTorques, ChosenBy};
+pub(crate) use self::simulated::BodyTorques;
 pub use self::simulated::{CONTACTS, Settled, steps};
 pub use self::stiffness::Constants;
 

@@ -32,15 +32,6 @@ pub(crate) struct BodyTorques {
     pub(crate) settled: Settled,
 }
 
-/// What may choose the contact.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum ChosenBy {
-    /// All touches.
-    All,
-    /// All, and all but any one of them.
-    Folds,
-}
-
 /// How often the body came to rest.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Settled {
@@ -64,24 +55,19 @@ impl BodyTorques {
         Self { bodies: bodies.to_vec(), simulated, settled: Settled::default() }
     }
 
-    /// Simulates the touches that are not yet, several at a time; the result does not depend on how many.
-    /// `step` is called [`steps`] times.
+    /// Simulates the touches that are not yet, several at a time; the result does not depend on how many. The
+    /// contact is one that a set of `training` touches will choose. `step` is called [`steps`] times.
     pub(crate) fn extend(
         &mut self,
         arm: &Arc<Arm>,
         (tracked, touches): (&Tracked, &[Touch]),
-        chosen_by: ChosenBy,
+        training: &[Vec<usize>],
         (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
     ) -> Result<(), LearnError> {
         let first: Vec<[usize; 2]> = (0..CONTACTS.len()).map(|contact| [contact, 0]).collect();
-        let (bodies, n) = (self.bodies.len(), touches.len());
+        let bodies = self.bodies.len();
         self.simulate(arm, (tracked, touches), &first, (stop, &|_| step()))?;
-        let all_but = |left_out: usize| (0..n).filter(move |&touch| touch != left_out).collect();
-        let left_out = if chosen_by == ChosenBy::Folds { 0..n + 1 } else { n..n + 1 };
-        let chosen = left_out.into_par_iter().map(|left_out| {
-            let touches: Vec<usize> = all_but(left_out);
-            self.contact(tracked, &touches).0
-        });
+        let chosen = training.par_iter().map(|touches| self.contact(tracked, touches).0);
         let mut contacts: Vec<usize> = chosen.collect();
         contacts.sort_unstable();
         contacts.dedup();

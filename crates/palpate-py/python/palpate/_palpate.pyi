@@ -465,8 +465,8 @@ def map_elastic(
 
     `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m, world frame, with
     `colours` (N, 3) from 0 to 255; `viewpoint` is where the camera stood, (3,) m, searched if left out.
-    If `logs` is None, the body has the typical stiffness of other plants. A cloud that shows no plant
-    gives a field without a body.
+    If `logs` is None, the body has the typical stiffness of other plants. A cloud in which nothing
+    stands above its lowest point gives a field without a body.
     """
 
 def tune(

@@ -173,7 +173,11 @@ impl Work<'_> {
         if self.bodies.is_empty() || !wanted {
             return Ok(tracked);
         }
-        simulate_bodies(tracked, (self.arm, &self.bodies), self.touches, progress)
+        let everything = (0..self.touches.len()).collect();
+        let of_folds = self.folds.iter().map(|fold| fold.train.clone());
+        let training: Vec<Vec<usize>> = of_folds.chain([everything]).collect();
+        let touches = (self.touches, &training[..]);
+        simulate_bodies(tracked, (self.arm, &self.bodies), touches, progress)
             .map_err(|error| self.fault(error, keep))
     }
 

@@ -1,8 +1,11 @@
-//! An elastic body at rest: segments that hang from each other on sprung joints.
+//! An elastic body at rest: segments that hang from each other on sprung joints, or blocks side by side.
+
+use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::blocks::Blocks;
 use super::mobility::mobilities;
 use crate::lattice::FARTHEST_M;
 
@@ -19,6 +22,9 @@ pub enum SegmentKind {
     Wood,
     /// A leaf: a light, flat plate.
     Leaf,
+    /// A piece of a cushion: a column that slides, and does not turn. Start, end and half width are those of
+    /// its top. Blocks of one `branch` are of one material.
+    Block,
 }
 
 /// A stiff rod or plate that turns about its start, where a spring holds it.
@@ -41,7 +47,7 @@ pub struct Segment {
     pub radius_m: f64,
     /// Half the width of a plate across start and end, m, world frame; zero for a rod.
     pub half_width_m: [f64; 3],
-    /// Spring of the joint at a stiffness factor of one, N·m/rad.
+    /// Spring of the joint at a stiffness factor of one, N·m/rad; of a block, along z, N/m.
     pub stiffness_n_m_per_rad: f64,
     /// Which stem, branch or twig it is a piece of.
     pub branch: u32,
@@ -72,6 +78,7 @@ pub struct ElasticBody {
     mobilities: Vec<f64>,
     /// By segment, which of the trees it belongs to.
     trees: Vec<u32>,
+    blocks: Blocks,
 }
 
 /// What makes a body impossible.
@@ -85,6 +92,11 @@ pub enum BodyError {
     /// A segment before its parent, or one that carries itself.
     #[error("segment {segment} hangs from segment {parent}; wanted one that comes before it")]
     Parent { segment: usize, parent: u32 },
+    /// A block that is carried, or carries something.
+    #[error(
+        "segment {segment} hangs from segment {parent}, and one of them is a block; wanted blocks that stand alone"
+    )]
+    Block { segment: usize, parent: u32 },
     /// A number that no segment can have.
     #[error("{thing} of segment {segment} is {found}, wanted {wanted}")]
     Number { segment: usize, thing: &'static str, found: f64, wanted: &'static str },
@@ -128,6 +140,12 @@ impl ElasticBody {
             if let Some(parent) = part.parent.filter(|&parent| parent as usize >= segment) {
                 return Err(BodyError::Parent { segment, parent });
             }
+            let is_block = |segment: &Segment| segment.kind == SegmentKind::Block;
+            if let Some(parent) = part.parent
+                && (is_block(part) || is_block(&segments[parent as usize]))
+            {
+                return Err(BodyError::Block { segment, parent });
+            }
             let check = |thing, found: f64, [low, high]: [f64; 2], wanted| {
                 let fits = (low..=high).contains(&found);
                 if fits { Ok(()) } else { Err(BodyError::Number { segment, thing, found, wanted }) }
@@ -147,12 +165,21 @@ impl ElasticBody {
         }
         let mobilities = mobilities(&segments);
         let mut trees: Vec<u32> = Vec::with_capacity(segments.len());
+        let mut materials: BTreeMap<u32, u32> = BTreeMap::new();
         let mut roots = 0..;
         for segment in &segments {
-            let above = segment.parent.map(|parent| trees[parent as usize]);
-            trees.extend(above.or_else(|| roots.next()));
+            let above = match (segment.kind, segment.parent) {
+                (SegmentKind::Block, _) => materials.get(&segment.branch).copied(),
+                (_, parent) => parent.map(|parent| trees[parent as usize]),
+            };
+            let tree = above.or_else(|| roots.next()).expect("numbers do not end");
+            if segment.kind == SegmentKind::Block {
+                materials.insert(segment.branch, tree);
+            }
+            trees.push(tree);
         }
-        Ok(Self { segments, mobilities, trees })
+        let blocks = Blocks::new(&segments);
+        Ok(Self { segments, mobilities, trees, blocks })
     }
 
     /// The segments, each after the one that carries it.
@@ -160,7 +187,8 @@ impl ElasticBody {
         &self.segments
     }
 
-    /// By segment, which tree it belongs to: those that stand on the ground are numbered in their order.
+    /// By segment, which tree it belongs to: those that stand on the ground are numbered in their order. Blocks of
+    /// one material are one.
     pub fn trees(&self) -> &[u32] {
         &self.trees
     }
@@ -168,6 +196,21 @@ impl ElasticBody {
     /// How many trees there are; they do not touch each other.
     pub fn n_trees(&self) -> usize {
         self.trees.iter().max().map_or(0, |&last| last as usize + 1)
+    }
+
+    /// Whether it is made of blocks.
+    pub fn has_blocks(&self) -> bool {
+        self.segments.iter().any(|segment| segment.kind == SegmentKind::Block)
+    }
+
+    /// The springs between blocks side by side: both, and the stiffness at a factor of one, N/m.
+    pub fn springs_between_blocks(&self) -> impl Iterator<Item = (usize, usize, f64)> {
+        self.blocks.between()
+    }
+
+    /// The springs of its blocks.
+    pub(super) fn blocks(&self) -> &Blocks {
+        &self.blocks
     }
 
     /// By segment, the acceleration of its middle under a unit force, 1/kg.

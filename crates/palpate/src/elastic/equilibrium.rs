@@ -11,15 +11,17 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, Isometry3, Point3, UnitQuaternion, Vector3, Vector6};
 
-use super::body::{ElasticBody, Segment};
+use super::body::{ElasticBody, Segment, SegmentKind};
 use super::contact::{Anchor, ElasticContactConfig, PlacedLink, Resistance, deepest};
-use super::pose::Pose;
+use super::pose::{Joints, Pose};
 use super::tree::{self, Node};
 use crate::arm::Arm;
 use crate::robot::{LinkId, Poses};
 
 /// Distance between points of the body that are asked for contact, m.
 const SAMPLE_SPACING_M: f64 = 0.006;
+/// Such points of a block along its side.
+const BLOCK_POINTS: f64 = 3.0;
 /// Links farther than this from a segment are not looked at in a sub-step, m.
 const REACH_M: f64 = 0.03;
 /// Longest motion of a link in a sub-step, m.
@@ -71,8 +73,7 @@ pub struct Equilibrium {
 
 #[derive(Debug, Clone)]
 struct State {
-    /// Of each joint, in the frame of the segment that carries it.
-    turned: Vec<UnitQuaternion<f64>>,
+    joints: Joints,
     /// By point.
     anchors: Vec<Option<Anchor>>,
     /// Points that were in a link when the touch began: the picture or the skin is wrong there.
@@ -82,7 +83,7 @@ struct State {
 impl State {
     fn at_rest(segments: usize, points: usize) -> Self {
         Self {
-            turned: vec![UnitQuaternion::identity(); segments],
+            joints: Joints::at_rest(segments),
             anchors: vec![None; points],
             ignored: vec![false; points],
         }
@@ -96,13 +97,21 @@ impl Equilibrium {
         for (segment, part) in body.segments().iter().enumerate() {
             let length = part.axis().norm();
             let bare = part.bare_m.clamp(0.0, length) / length;
-            let n = ((1.0 - bare) * length / SAMPLE_SPACING_M).ceil().max(1.0);
             let is_plate = part.half_width().norm() > 0.0;
+            let is_block = part.kind == SegmentKind::Block;
+            let spacing_m = if is_block { length / BLOCK_POINTS } else { SAMPLE_SPACING_M };
+            let n = ((1.0 - bare) * length / spacing_m).ceil().max(1.0);
             for step in 0..n as usize {
                 let share = (step as f64 + 0.5) / n;
-                // A plate is widest in its middle, as an ellipse.
-                let width = (1.0 - (2.0 * share - 1.0).powi(2)).sqrt();
-                for side in if is_plate { &[-0.7, 0.0, 0.7][..] } else { &[0.0] } {
+                let (width, sides) = match (is_plate, is_block) {
+                    (_, true) => (1.0, &[-0.67, 0.0, 0.67][..]),
+                    // A plate is widest in its middle, as an ellipse.
+                    (true, _) => {
+                        ((1.0 - (2.0 * share - 1.0).powi(2)).sqrt(), &[-0.7, 0.0, 0.7][..])
+                    }
+                    (false, _) => (0.0, &[0.0][..]),
+                };
+                for side in sides {
                     let along = (bare + share * (1.0 - bare)) * part.axis();
                     let lever_m = along + *side * width * part.half_width();
                     points.push(SurfacePoint { segment, lever_m, radius_m: part.radius_m });
@@ -206,7 +215,7 @@ impl Equilibrium {
     }
 
     fn posed(&self) -> Pose {
-        Pose::of(&self.body, &self.state.turned)
+        Pose::of(&self.body, &self.state.joints)
     }
 
     /// For each segment the links, by their place in `placed`, that it could meet in a sub-step.
@@ -243,7 +252,7 @@ impl Equilibrium {
         let arm = Arc::clone(&self.arm);
         let placed = placed(&arm, links);
         let near = self.near(&placed, &self.posed());
-        if near.iter().all(Vec::is_empty) && self.is_at_rest() {
+        if near.iter().all(Vec::is_empty) && self.state.joints.are_at_rest() {
             return;
         }
         let mut settles = false;
@@ -269,10 +278,6 @@ impl Equilibrium {
         self.slide_anchors(&placed, &near);
     }
 
-    fn is_at_rest(&self) -> bool {
-        self.state.turned.iter().all(|turned| turned.angle() < 1e-9)
-    }
-
     /// Takes as much of a Newton step as lowers the energy, or nothing of it; returns the energy then, J.
     fn line_search(
         &mut self,
@@ -281,28 +286,30 @@ impl Equilibrium {
         (posed, energy): (&Pose, f64),
         (steps, decrement): (&[Vector3<f64>], f64),
     ) -> f64 {
-        let turn = steps.iter().map(Vector3::norm).fold(0.0, f64::max);
+        let turns = self.body.segments().iter().zip(steps);
+        let turns = turns.filter(|(segment, _)| segment.kind != SegmentKind::Block);
+        let turn = turns.map(|(_, step)| step.norm()).fold(0.0, f64::max);
         let mut share = f64::min(1.0, TURN_RAD / turn);
         let mut lowest = (energy, None);
         for _ in 0..12 {
-            let turned = posed.turned(&self.body, &self.state.turned, (steps, share));
-            let next = Pose::of(&self.body, &turned);
+            let joints = posed.stepped(&self.body, &self.state.joints, (steps, share));
+            let next = Pose::of(&self.body, &joints);
             let stride = next.farthest_from(posed, &self.body);
             if stride > STRIDE_M {
                 share *= f64::max(0.9 * STRIDE_M / stride, 0.1);
                 continue;
             }
-            let then = self.energy(placed, near, &turned, &next);
+            let then = self.energy(placed, near, &joints, &next);
             if then < lowest.0 {
-                lowest = (then, Some(turned));
+                lowest = (then, Some(joints));
             }
             if then <= energy - 1e-4 * share * decrement {
                 break;
             }
             share *= 0.5;
         }
-        if let Some(turned) = lowest.1 {
-            self.state.turned = turned;
+        if let Some(joints) = lowest.1 {
+            self.state.joints = joints;
         }
         lowest.0
     }
@@ -358,12 +365,13 @@ impl Equilibrium {
         &self,
         placed: &[PlacedLink<'_>],
         near: &[Vec<u16>],
-        turned: &[UnitQuaternion<f64>],
+        joints: &Joints,
         posed: &Pose,
     ) -> f64 {
-        let springs = self.body.segments().iter().zip(turned);
+        let springs = self.body.segments().iter().zip(&joints.turned);
         let mut energy: f64 =
             springs.map(|(s, turned)| 0.5 * s.stiffness_n_m_per_rad * turned.angle().powi(2)).sum();
+        energy += self.body.blocks().energy(&joints.slid_m);
         self.each_pressed(placed, near, posed, |_, _, resistance| energy += resistance.energy);
         energy
     }
@@ -407,12 +415,20 @@ impl Equilibrium {
             let arm = parent.map_or(Vector3::zeros(), |p| posed.starts[index] - posed.starts[p]);
             let k = segment.stiffness_n_m_per_rad;
             let mut node = Node::free(parent, arm, k);
-            let turned = self.state.turned[index].scaled_axis();
+            if segment.kind == SegmentKind::Block {
+                let slid_m = &self.state.joints.slid_m;
+                node.slides = Some(self.body.blocks().stiffness(index));
+                node.joint_slope = self.body.blocks().slope(index, slid_m);
+                nodes.push(node);
+                continue;
+            }
+            let turned = self.state.joints.turned[index].scaled_axis();
             let carried = parent.map_or(UnitQuaternion::identity(), |p| posed.rotations[p]);
             node.joint_slope = carried * (k * turned);
             energy += 0.5 * k * turned.norm_squared();
             nodes.push(node);
         }
+        energy += self.body.blocks().energy(&self.state.joints.slid_m);
         self.each_pressed(placed, near, posed, |PressedAt { segment, .. }, at, resistance| {
             energy += resistance.energy;
             let lever = at - posed.starts[*segment];
@@ -531,7 +547,7 @@ mod tests {
         let work: f64 = (1..=200)
             .map(|i| 0.5 * (forces[i] + forces[i - 1]) * (depths[i] - depths[i - 1]))
             .sum();
-        let springs = equilibrium.body.segments().iter().zip(&equilibrium.state.turned);
+        let springs = equilibrium.body.segments().iter().zip(&equilibrium.state.joints.turned);
         let energy: f64 =
             springs.map(|(s, turned)| 0.5 * s.stiffness_n_m_per_rad * turned.angle().powi(2)).sum();
         assert!((work / energy - 1.0).abs() < 0.01, "{work} J of work, {energy} J in springs");
@@ -544,7 +560,7 @@ mod tests {
         let there = pressed(&mut equilibrium, &down);
         let up: Vec<f64> = down.iter().rev().copied().collect();
         let back = pressed(&mut equilibrium, &up);
-        assert!(equilibrium.is_at_rest() && back[60] == 0.0);
+        assert!(equilibrium.state.joints.are_at_rest() && back[60] == 0.0);
         let work = |forces: &[f64]| forces.iter().sum::<f64>();
         assert!(work(&back) < 0.98 * work(&there), "{} and {}", work(&back), work(&there));
     }
@@ -565,5 +581,57 @@ mod tests {
         for (soft, hard) in soft.iter().zip(&hard) {
             assert!((2.0 * soft - hard).abs() < 1e-3 * hard.max(0.1), "{soft} N and {hard} N");
         }
+    }
+
+    /// Three by three blocks of 4 cm under the plate, their tops at z = 0; those of one row are higher up.
+    fn cushion(k_n_per_m: f64, higher_m: f64) -> Arc<ElasticBody> {
+        let block = |at: usize| {
+            let (x, y) = (0.26 + 0.04 * (at / 3) as f64, -0.04 + 0.04 * (at % 3) as f64);
+            let z = -0.004 + if at % 3 == 1 { higher_m } else { 0.0 };
+            Segment {
+                parent: None,
+                kind: SegmentKind::Block,
+                start_m: [x - 0.02, y, z],
+                end_m: [x + 0.02, y, z],
+                bare_m: 0.0,
+                radius_m: 0.004,
+                half_width_m: [0.0, 0.02, 0.0],
+                stiffness_n_m_per_rad: k_n_per_m,
+                branch: 0,
+            }
+        };
+        Arc::new(ElasticBody::new((0..9).map(block).collect()).expect("a body"))
+    }
+
+    /// Force, N, on the plate when it has gone down to this height, m.
+    fn press_down(body: Arc<ElasticBody>, to_m: f64) -> f64 {
+        let arm = press();
+        let config = ElasticContactConfig { stiffness_n_per_m: 2e4, ..stiff(0.0) };
+        let mut equilibrium = Equilibrium::new(Arc::clone(&arm), body, config);
+        let mut force = 0.0;
+        for step in 0..=40 {
+            let down = -0.1 + (0.1 + to_m) * f64::from(step) / 40.0;
+            let poses = arm.robot.forward(&[down]).expect("one joint");
+            let settled = equilibrium.advance(&poses.world_from_link, Some(0.01));
+            assert_eq!(settled.unsettled, 0, "at {down} m");
+            force = equilibrium.torques(&poses).sum().abs();
+        }
+        force
+    }
+
+    #[test]
+    fn a_cushion_pressed_flat_resists_as_all_its_blocks_do() {
+        let force = press_down(cushion(20.0, 0.0), 0.02);
+        let wanted = 9.0 * 20.0 * 0.02;
+        assert!((force / wanted - 1.0).abs() < 0.01, "{force} N, wanted {wanted}");
+    }
+
+    #[test]
+    fn a_row_that_is_pressed_alone_takes_its_neighbours_with_it() {
+        // Each block of the row has two neighbours of its own stiffness k, each sheared with k and held with k:
+        // they follow by half. So the row resists with 3 k (1 + 2 · ½).
+        let force = press_down(cushion(20.0, 0.05), -0.02);
+        let wanted = 3.0 * 20.0 * 0.03 * 2.0;
+        assert!((force / wanted - 1.0).abs() < 0.02, "{force} N, wanted {wanted}");
     }
 }

@@ -12,6 +12,9 @@ use super::tree::{self, Node};
 const WOOD_KG_PER_M3: f64 = 700.0;
 /// Density of leaves, kg/m³.
 const LEAF_KG_PER_M3: f64 = 250.0;
+/// Density of a cushion, kg/m³, and how high the part of a block is that moves with its top, m.
+const FOAM_KG_PER_M3: f64 = 50.0;
+const MOVED_M: f64 = 0.05;
 /// Inertia of a joint, kg·m²: thin rods would turn about their own axis too easily.
 const INERTIA: f64 = 1e-7;
 
@@ -19,6 +22,9 @@ const INERTIA: f64 = 1e-7;
 pub(super) fn mobilities(segments: &[Segment]) -> Vec<f64> {
     let at_rest: Vec<Node> = segments.iter().map(|segment| node(segment, segments)).collect();
     let mobility = |index: usize| {
+        if segments[index].kind == SegmentKind::Block {
+            return 1.0 / mass_kg(&segments[index]);
+        }
         let along = |axis: usize| {
             let mut nodes = at_rest.clone();
             let (lever, push) = (0.5 * segments[index].axis(), Vector3::ith(axis, 1.0));
@@ -52,6 +58,10 @@ fn mass_kg(segment: &Segment) -> f64 {
         SegmentKind::Leaf => {
             let width_m = 2.0 * segment.half_width().norm();
             LEAF_KG_PER_M3 * 2.0 * radius_m * FRAC_PI_4 * width_m * length_m
+        }
+        SegmentKind::Block => {
+            let width_m = 2.0 * f64::max(segment.half_width().norm(), radius_m);
+            FOAM_KG_PER_M3 * MOVED_M * width_m * length_m
         }
     }
 }

@@ -8,6 +8,7 @@
 //! | file          | says                                                                        |
 //! |---------------|-----------------------------------------------------------------------------|
 //! | `body`        | segments at rest                                                             |
+//! | `blocks`      | the springs of blocks, of which cushions are made                            |
 //! | `mobility`    | how easily a segment is set in motion                                        |
 //! | `pose`        | where the segments are, for given turns of the joints                        |
 //! | `tree`        | Newton's equations of a tree, solved in time linear in its segments          |
@@ -19,6 +20,7 @@
 //! the shape that the body has at rest, and a branch that snaps free is at rest in the next sample. The
 //! module knows no cloud, and not what was measured.
 
+mod blocks;
 mod body;
 mod contact;
 mod equilibrium;
@@ -27,6 +29,7 @@ mod model;
 mod pose;
 mod tree;
 
+pub use blocks::BLOCK_ALONG;
 pub use body::{BodyError, ElasticBody, Segment, SegmentKind};
 pub use contact::ElasticContactConfig;
 pub use equilibrium::{Equilibrium, Settled};

@@ -2,7 +2,32 @@
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-use super::body::ElasticBody;
+use super::body::{ElasticBody, SegmentKind};
+
+/// How far joints have turned, and blocks have slid.
+#[derive(Debug, Clone)]
+pub(super) struct Joints {
+    /// Of each joint, in the frame of the segment that carries it.
+    pub turned: Vec<UnitQuaternion<f64>>,
+    /// Of each block, m; zero for other segments.
+    pub slid_m: Vec<Vector3<f64>>,
+}
+
+impl Joints {
+    /// Of so many segments at rest.
+    pub(super) fn at_rest(segments: usize) -> Self {
+        Self {
+            turned: vec![UnitQuaternion::identity(); segments],
+            slid_m: vec![Vector3::zeros(); segments],
+        }
+    }
+
+    /// Whether none has turned or slid.
+    pub(super) fn are_at_rest(&self) -> bool {
+        self.turned.iter().all(|turned| turned.angle() < 1e-9)
+            && self.slid_m.iter().all(|slid| slid.norm() < 1e-9)
+    }
+}
 
 /// The body in one position.
 pub(super) struct Pose {
@@ -13,13 +38,14 @@ pub(super) struct Pose {
 }
 
 impl Pose {
-    /// The position of a body whose joints are `turned`, each in the frame of the carrying segment.
-    pub(super) fn of(body: &ElasticBody, turned: &[UnitQuaternion<f64>]) -> Self {
-        let n = turned.len();
+    /// The position of a body whose joints have turned and slid so.
+    pub(super) fn of(body: &ElasticBody, joints: &Joints) -> Self {
+        let n = joints.turned.len();
         let mut pose = Self { rotations: Vec::with_capacity(n), starts: Vec::with_capacity(n) };
-        for (segment, turned) in body.segments().iter().zip(turned) {
+        let moved = joints.turned.iter().zip(&joints.slid_m);
+        for (segment, (turned, slid_m)) in body.segments().iter().zip(moved) {
             let (start, rotation) = match segment.parent {
-                None => (segment.start(), *turned),
+                None => (segment.start() + slid_m, *turned),
                 Some(parent) => {
                     let parent = parent as usize;
                     let arm = segment.start() - body.segments()[parent].start();
@@ -38,22 +64,27 @@ impl Pose {
         self.starts[segment] + self.rotations[segment] * lever_m
     }
 
-    /// The turns of the joints after a share of a step, which turns each in the world frame, rad.
-    pub(super) fn turned(
+    /// The joints after a share of a step, which turns each in the world frame, rad, and slides blocks, m.
+    pub(super) fn stepped(
         &self,
         body: &ElasticBody,
-        turned: &[UnitQuaternion<f64>],
+        joints: &Joints,
         (steps, share): (&[Vector3<f64>], f64),
-    ) -> Vec<UnitQuaternion<f64>> {
-        let segments = body.segments().iter().zip(turned).zip(steps);
-        let turned = segments.map(|((segment, turned), step)| {
+    ) -> Joints {
+        let mut joints = joints.clone();
+        for (index, (segment, step)) in body.segments().iter().zip(steps).enumerate() {
+            if segment.kind == SegmentKind::Block {
+                joints.slid_m[index] += step * share;
+                continue;
+            }
             let step = match segment.parent {
                 Some(parent) => self.rotations[parent as usize].inverse() * (step * share),
                 None => step * share,
             };
-            UnitQuaternion::from_scaled_axis(step) * turned
-        });
-        turned.collect()
+            let turned = &mut joints.turned[index];
+            *turned = UnitQuaternion::from_scaled_axis(step) * *turned;
+        }
+        joints
     }
 
     /// How far the ends of segments are from those of another position, at most, m.

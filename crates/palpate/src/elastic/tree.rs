@@ -10,6 +10,8 @@
 //! ```text
 //! ½ Σ wᵢᵀ kᵢ wᵢ + gᵢᵀ wᵢ  +  Σ ½ vᵢᵀ Aᵢ vᵢ + bᵢᵀ vᵢ ,    vᵢ = (translation of the start, rotation)
 //! ```
+//!
+//! A block slides and does not turn: `wᵢ` is then its translation, and nothing hangs from it.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -22,8 +24,10 @@ pub(super) struct Node {
     pub arm_m: Vector3<f64>,
     /// Stiffness of the joint, N·m/rad.
     pub joint_stiffness: f64,
-    /// Slope of the joint's energy, N·m.
+    /// Slope of the joint's energy, N·m; of a block, N.
     pub joint_slope: Vector3<f64>,
+    /// Of a block: stiffness by axis, N/m.
+    pub slides: Option<Vector3<f64>>,
     /// A: translation by translation, N/m.
     pub tt: Matrix3<f64>,
     /// A: translation by rotation, N.
@@ -44,6 +48,7 @@ impl Node {
             arm_m,
             joint_stiffness,
             joint_slope: Vector3::zeros(),
+            slides: None,
             tt: Matrix3::zeros(),
             tr: Matrix3::zeros(),
             rr: Matrix3::zeros(),
@@ -70,7 +75,7 @@ impl Node {
     }
 }
 
-/// The rotation of every joint that minimises the model, rad, and half of what it lowers the energy by
+/// The rotation of every joint that minimises the model, rad, or the translation of a block, m; and half of what it lowers the energy by
 /// according to the model times two: the Newton decrement `−slope · step`, J.
 ///
 /// Overwrites the nodes with what they are seen from their parents. Parents come first.
@@ -78,6 +83,11 @@ pub(super) fn minimise(nodes: &mut [Node]) -> (Vec<Vector3<f64>>, f64) {
     let mut inverses = vec![Matrix3::zeros(); nodes.len()];
     for index in (0..nodes.len()).rev() {
         let node = nodes[index];
+        if let Some(stiffness) = node.slides {
+            let held = node.tt + Matrix3::from_diagonal(&stiffness);
+            inverses[index] = held.try_inverse().unwrap_or_else(Matrix3::zeros);
+            continue;
+        }
         let k = node.joint_stiffness;
         let held = node.rr + Matrix3::from_diagonal_element(k);
         // Positive definite: k is, and curvatures are not negative.
@@ -107,6 +117,14 @@ pub(super) fn minimise(nodes: &mut [Node]) -> (Vec<Vector3<f64>>, f64) {
     let mut motions: Vec<(Vector3<f64>, Vector3<f64>)> = Vec::with_capacity(nodes.len());
     let mut decrement = 0.0;
     for (node, inverse) in nodes.iter().zip(&inverses) {
+        if node.slides.is_some() {
+            let pull = node.joint_slope + node.slope_t;
+            let step = -(inverse * pull);
+            decrement -= pull.dot(&step);
+            motions.push((step, Vector3::zeros()));
+            steps.push(step);
+            continue;
+        }
         let (shift, turn) = node.parent.map_or_else(
             || (Vector3::zeros(), Vector3::zeros()),
             |parent| {

@@ -1,0 +1,126 @@
+//! A cushion, a bag, a bush that is too dense to resolve: blocks of elastic material under the seen surface,
+//! held where they rest and by each other.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+use palpate::unstable::{Segment, SegmentKind};
+
+use super::wood::otsu;
+
+/// Young's modulus of a soft cushion before a touch says otherwise, Pa.
+const FOAM_MODULUS_PA: f64 = 2e3;
+/// Width of a block, m, unless there were more than [`MOST_BLOCKS`].
+const WIDTH_M: f64 = 0.04;
+const MOST_BLOCKS: f64 = 400.0;
+/// A block needs this share of the points that the block in the middle of all has.
+const FEWEST: f64 = 0.2;
+/// The top of a block: its points down to this below its highest, m.
+const TOP_M: f64 = 0.03;
+/// Lower blocks are the ground, m.
+const LOWEST_M: f64 = 0.02;
+/// Steepest slope of a top.
+const STEEPEST: f64 = 1.0;
+/// Edges are as round as this, m.
+const EDGE_M: f64 = 0.004;
+/// Colours are of two materials if those explain this share of their variance,
+const TWO_COLOURS: f64 = 0.75;
+/// and each has this share of the blocks.
+const FEWEST_OF_COLOUR: f64 = 0.1;
+
+/// Blocks over the lowest seen height, those of one material in one `branch`; none if nothing stands above it.
+pub(super) fn blocks(points: &[Point3<f64>], colours: &[[u8; 3]]) -> Vec<Segment> {
+    let Some(first) = points.first() else { return Vec::new() };
+    let (low, high) = points.iter().fold((first.coords, first.coords), |(low, high), point| {
+        (low.inf(&point.coords), high.sup(&point.coords))
+    });
+    let area = (high.x - low.x) * (high.y - low.y);
+    let width_m = f64::max(WIDTH_M, (area / MOST_BLOCKS).sqrt());
+    let mut columns: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
+    for (number, point) in points.iter().enumerate() {
+        let place = [point.x - low.x, point.y - low.y].map(|way| (way / width_m) as i64);
+        columns.entry(place).or_default().push(number);
+    }
+    let mut counts: Vec<usize> = columns.values().map(Vec::len).collect();
+    counts.sort_unstable();
+    let fewest = f64::max(FEWEST * counts[counts.len() / 2] as f64, 4.0);
+    columns.retain(|_, members| members.len() as f64 >= fewest);
+
+    let half = 0.5 * width_m;
+    let (mut blocks, mut shades) = (Vec::new(), Vec::new());
+    for ([i, j], members) in columns {
+        let [x, y] = [(i, low.x), (j, low.y)].map(|(at, low)| low + (at as f64 + 0.5) * width_m);
+        let (height, [along, across]) = top(points, &members, [x, y]);
+        if height - low.z < LOWEST_M {
+            continue;
+        }
+        let shade = members.iter().map(|&number| Vector3::from(colours[number].map(f64::from)));
+        shades.push(shade.sum::<Vector3<f64>>() / members.len() as f64);
+        blocks.push(Segment {
+            parent: None,
+            kind: SegmentKind::Block,
+            start_m: [x - half, y, height - half * along - EDGE_M],
+            end_m: [x + half, y, height + half * along - EDGE_M],
+            bare_m: 0.0,
+            radius_m: EDGE_M,
+            half_width_m: [0.0, half, half * across],
+            stiffness_n_m_per_rad: FOAM_MODULUS_PA * width_m * width_m / (height - low.z),
+            branch: 0,
+        });
+    }
+    for (block, material) in blocks.iter_mut().zip(materials(&shades)) {
+        block.branch = material;
+    }
+    blocks
+}
+
+/// Height of the top of a column over its middle, m, and the slopes along x and y.
+fn top(points: &[Point3<f64>], members: &[usize], [x, y]: [f64; 2]) -> (f64, [f64; 2]) {
+    let mut heights: Vec<f64> = members.iter().map(|&number| points[number].z).collect();
+    heights.sort_by(f64::total_cmp);
+    let highest = heights[(heights.len() * 9) / 10];
+    let upper = members.iter().map(|&number| points[number]).filter(|p| p.z > highest - TOP_M);
+    // z = c + a x + b y by least squares; the slopes are drawn a little to level.
+    let (mut normal, mut right) =
+        (Matrix3::from_diagonal(&Vector3::new(0.0, 1e-3, 1e-3)), Vector3::zeros());
+    for point in upper {
+        let row = Vector3::new(1.0, point.x - x, point.y - y);
+        normal += row * row.transpose();
+        right += row * point.z;
+    }
+    match normal.cholesky() {
+        Some(held) => {
+            let plane = held.solve(&right);
+            (
+                plane[0].min(heights[heights.len() - 1]),
+                [plane[1], plane[2]].map(|slope| slope.clamp(-STEEPEST, STEEPEST)),
+            )
+        }
+        None => (highest, [0.0; 2]),
+    }
+}
+
+/// By block, of which material it is: two if its colours are plainly two, else one.
+fn materials(shades: &[Vector3<f64>]) -> Vec<u32> {
+    let one = vec![0; shades.len()];
+    let n = shades.len().max(1) as f64;
+    let mean = shades.iter().sum::<Vector3<f64>>() / n;
+    let spread = shades
+        .iter()
+        .map(|shade| (shade - mean) * (shade - mean).transpose())
+        .sum::<Matrix3<f64>>();
+    let eigen = SymmetricEigen::new(spread);
+    let axis = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+    let along: Vec<f64> = shades.iter().map(|shade| (shade - mean).dot(&axis)).collect();
+    let threshold = otsu(&along);
+    let classes: Vec<u32> = along.iter().map(|&along| u32::from(along > threshold)).collect();
+    let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);
+    for (&class, along) in classes.iter().zip(&along) {
+        sums[class as usize] += along;
+        counts[class as usize] += 1.0;
+    }
+    let total: f64 = along.iter().map(|along| along * along).sum();
+    let between: f64 = [0, 1].map(|c| sums[c] * sums[c] / f64::max(counts[c], 1.0)).iter().sum();
+    let are_two = between > TWO_COLOURS * total && counts.iter().all(|&c| c > FEWEST_OF_COLOUR * n);
+    if are_two { classes } else { one }
+}
