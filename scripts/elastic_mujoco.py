@@ -37,7 +37,7 @@ def body(rng):
         length = np.linalg.norm(np.subtract(end, start))
         segments.append(dict(parent=parent, kind="wood", start_m=list(map(float, start)), end_m=list(map(float, end)),
                              bare_m=0.0, radius_m=radius, half_width_m=[0.0, 0.0, 0.0],
-                             stiffness_n_m_per_rad=4.8e8 * np.pi / 4 * radius**4 / length, branch=branch))
+                             joint_stiffness=4.8e8 * np.pi / 4 * radius**4 / length, branch=branch))
         return len(segments) - 1
 
     branch = 0

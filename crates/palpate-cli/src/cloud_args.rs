@@ -8,7 +8,7 @@ use palpate::unstable::ElasticBody;
 use palpate_io::body;
 use palpate_io::cloud::{self, Cloud};
 use palpate_io::rgbd;
-use palpate_learn::body::Shape;
+use palpate_learn::body::ObjectKind;
 use palpate_work::elastic;
 use palpate_work::settings::vector3;
 
@@ -48,7 +48,7 @@ impl CloudArgs {
     /// The elastic body in a file, or those that a cloud may be; none without either. And the cloud.
     pub(crate) fn bodies(
         &self,
-        (cloud, shape): (Option<&Path>, Option<Shape>),
+        (cloud, kind): (Option<&Path>, Option<ObjectKind>),
         file: Option<&Path>,
         output: &Output,
     ) -> Result<(Vec<Arc<ElasticBody>>, Option<Cloud>), CliError> {
@@ -67,7 +67,7 @@ impl CloudArgs {
             None => {
                 let colours = seen.colours().expect("read with colours");
                 let (viewpoint, name) = (self.viewpoint(cloud)?, cloud.display().to_string());
-                elastic::bodies((seen.points(), colours), (viewpoint, shape), &name, output)
+                elastic::bodies((seen.points(), colours), (viewpoint, kind), &name, output)
             }
         };
         Ok((bodies, Some(seen)))

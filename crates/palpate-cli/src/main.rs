@@ -22,6 +22,7 @@ mod interrupt;
 mod live;
 mod logs;
 mod map;
+mod object_args;
 mod output;
 mod pace;
 mod picture;
@@ -29,7 +30,6 @@ mod place;
 mod predict;
 mod report;
 mod settings;
-mod shape_args;
 mod tune;
 mod view;
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate::unstable::{ElasticBody, ElasticModel, ElasticVariant};
+use palpate::unstable::{ElasticBody, ElasticModel};
 use palpate::{Arm, EstimatorKind, Mapper, Sample, StepReport};
 use palpate_io::field::{self, Saved};
 use palpate_work::elastic;
@@ -14,11 +14,11 @@ use palpate_work::{prior, resume};
 use serde_json::json;
 
 use crate::error::CliError;
+use crate::object_args::ObjectArgs;
 use crate::output::{Output, mib, rows, seconds};
 use crate::pace::{self, Pace, PaceArgs, PaceFigures};
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
-use crate::shape_args::ShapeArgs;
 use crate::{interrupt, logs, picture, place};
 
 const EXAMPLES: &str = "Examples:
@@ -75,7 +75,7 @@ pub(crate) struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    shape: ShapeArgs,
+    object: ObjectArgs,
     #[command(flatten)]
     pace: PaceArgs,
     #[command(flatten)]
@@ -87,7 +87,7 @@ impl Args {
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         let mut places = Places::read(&self.settings, settings, &self.logs);
         places.input("the prior (--prior)", self.prior.as_deref());
-        self.shape.add_to(&mut places);
+        self.object.add_to(&mut places);
         places.output("the field (--output)", Some(&self.output))?;
         // Only the field itself may be replaced by the one that goes on from it.
         places.input("the field to go on from (--from)", self.from.as_deref());
@@ -106,14 +106,14 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         ));
     }
     let mut settings = args.settings.load()?;
-    args.shape.select(&mut settings, args.from.is_some())?;
+    args.object.select(&mut settings, args.from.is_some())?;
     if args.from.is_none() {
         settings.config()?;
     }
     args.check_places(&settings)?;
     let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
-    let bodies = args.shape.bodies(output)?;
+    let (bodies, _) = args.object.bodies(output)?;
     let mut elastic = (!bodies.is_empty()).then_some(Elastic { bodies, touches: Vec::new() });
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
     let (mut mapper, mut pace) = begin(args, (&arm, &settings), &mut elastic, output)?;
@@ -170,17 +170,17 @@ fn begin(
         Some(path) => {
             let mut saved = field::load(path).map_err(CliError::file)?;
             if let Some(model) = saved.field.elastic.take() {
-                let body = |variant: &ElasticVariant| Arc::new(variant.body.clone());
-                let bodies = model.variants.iter().map(body).collect();
+                let bodies = model.bodies();
                 *elastic = Some(Elastic { bodies, touches: saved.elastic_touches.split_off(0) });
             }
             let name = path.display();
+            let snapshot = resume::snapshot_of(saved, &name.to_string(), settings)?;
             if args.logs.is_empty() && elastic.as_ref().is_none_or(|body| body.touches.is_empty()) {
                 return Err(CliError::Usage(format!(
                     "there is nothing to learn: `{name}` holds no touches for an elastic body; give LOGs"
                 )));
             }
-            resume::mapper(&name, arm, resume::snapshot_of(saved, &name.to_string(), settings)?)?
+            resume::mapper(&name, arm, snapshot)?
         }
         None => prior::mapper(args.prior.as_deref(), arm, settings.config()?, output)?,
     };

@@ -365,9 +365,6 @@ fn needs_cyclonedds_a_client_of_the_service_gets_its_answer_and_the_tare() {
     assert_eq!(answers.len(), 2, "{robot}");
     live.wait_for("a tare at the next pause");
     live.end();
-    // One tare is enough for both if the mapper has not got round to the first.
-    let tares = live.lines().matches("a tare at the next pause").count();
-    assert!((1..=2).contains(&tares), "{}", live.lines());
 }
 
 #[test]

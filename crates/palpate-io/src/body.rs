@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use palpate::unstable::{
-    BLOCK_ALONG, BodyError, ElasticBody, ElasticVariant, Segment, SegmentKind,
+    BLOCK_STIFFNESS_SHARES, BodyError, ElasticBody, ElasticVariant, Segment, SegmentKind,
 };
 use serde::Deserialize;
 
@@ -69,7 +69,8 @@ pub fn json(body: &ElasticBody) -> String {
     format!("{{\"segments\": [\n{}\n]}}\n", lines.join(",\n"))
 }
 
-/// A body as a MuJoCo model: ball joints with the learnt springs, capsules and ellipsoids. There is no
+/// A body as a MuJoCo model: ball joints with the learnt springs, capsules and ellipsoids; of a cushion, boxes on
+/// slides, and tendons between neighbours. There is no
 /// gravity, since the shape at rest contains its effect, and segments do not collide with each other.
 pub fn mujoco_xml(variant: &ElasticVariant, friction: f64) -> String {
     let segments = variant.body.segments();
@@ -108,9 +109,14 @@ pub fn mujoco_xml(variant: &ElasticVariant, friction: f64) -> String {
 /// The springs between blocks side by side, as tendons over the difference of their heights.
 fn shear(variant: &ElasticVariant) -> String {
     let (body, factors) = (&variant.body, &variant.stiffness_factors);
-    let factor = |block: usize| factors[body.trees()[block] as usize];
+    let own = |block: usize| {
+        let factor = factors[body.trees()[block] as usize];
+        (body.segments()[block].joint_stiffness, factor)
+    };
     let tendon = |(a, b, k): (usize, usize, f64)| {
-        let stiffness = 0.5 * k * (factor(a) + factor(b));
+        // The mean of both, each with its own factor.
+        let ((of_a, factor_a), (of_b, factor_b)) = (own(a), own(b));
+        let stiffness = k * (of_a * factor_a + of_b * factor_b) / (of_a + of_b);
         format!(
             "<fixed springlength=\"0\" stiffness=\"{stiffness}\" damping=\"{}\"><joint joint=\"z_{a}\" \
              coef=\"1\"/><joint joint=\"z_{b}\" coef=\"-1\"/></fixed>\n",
@@ -128,7 +134,7 @@ fn opened(segments: &[Segment], index: usize, factor: f64) -> String {
         segment.parent.map_or(Vector3::zeros(), |parent| segments[parent as usize].start().coords);
     let numbers = |v: Vector3<f64>| format!("{} {} {}", v.x, v.y, v.z);
     let (axis, radius) = (segment.axis(), segment.radius_m);
-    let stiffness = segment.stiffness_n_m_per_rad * factor;
+    let stiffness = segment.joint_stiffness * factor;
     let place = numbers(segment.start().coords - carrier);
     let mut xml = format!("<body name=\"segment_{index}\" pos=\"{place}\">\n");
     let mut joint = |kind: &str, stiffness: f64| {
@@ -138,7 +144,7 @@ fn opened(segments: &[Segment], index: usize, factor: f64) -> String {
     if segment.kind == SegmentKind::Block {
         for (name, axis, share) in [("x", "1 0 0", 0), ("y", "0 1 0", 1), ("z", "0 0 1", 2)] {
             let kind = format!("name=\"{name}_{index}\" type=\"slide\" axis=\"{axis}\"");
-            joint(&kind, BLOCK_ALONG[share] * stiffness);
+            joint(&kind, BLOCK_STIFFNESS_SHARES[share] * stiffness);
         }
     } else {
         joint("type=\"ball\"", stiffness);

@@ -176,7 +176,7 @@ fn variant() -> ElasticVariant {
         bare_m: 0.01,
         radius_m: 0.008,
         half_width_m: [0.0, 0.01, 0.0],
-        stiffness_n_m_per_rad: 20.0 / 3.0,
+        joint_stiffness: 20.0 / 3.0,
         branch: 0,
     };
     let (wood, leaf) = (SegmentKind::Wood, SegmentKind::Leaf);
@@ -199,6 +199,7 @@ fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
         creep_s: 1e-4,
         torque_limit_n_m: None,
         share: 1.0 / 3.0,
+        n_touches: 2,
         speed_m_per_s: 0.3,
         residual_cells: vec![CellId(7), CellId(3)],
         residual_n_per_m: vec![0.1, 1.0 / 9.0],
@@ -281,7 +282,7 @@ fn a_cushion_as_a_mujoco_model_has_three_slides_a_block_and_a_tendon_between_nei
         bare_m: 0.0,
         radius_m: 0.004,
         half_width_m: [0.0, 0.02, 0.0],
-        stiffness_n_m_per_rad: 10.0,
+        joint_stiffness: 10.0,
         branch: material,
     };
     let body = ElasticBody::new([(0, 0), (1, 0), (2, 1)].map(block).to_vec()).unwrap();

@@ -54,8 +54,17 @@ pub struct TrackedTouch {
     pub frames: Vec<TrackedFrame>,
     /// Its torques before, bias and all, n_joints, N·m.
     of_tare: Vec<DVector<f64>>,
-    /// How far the arm goes in contact, m, and how long that takes, s; 0 without times.
-    pub(crate) in_contact_m_s: [f64; 2],
+    /// The motion of the arm while it touches something.
+    pub(crate) in_contact: Motion,
+}
+
+/// How far the arm goes, and how long that takes; 0 without times.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Motion {
+    /// Of the fastest point of the arm, m.
+    pub(crate) path_m: f64,
+    /// s.
+    pub(crate) time_s: f64,
 }
 
 /// One frame after the tare.
@@ -141,9 +150,9 @@ impl Tracked {
         Some(self.body.as_ref()?.settled)
     }
 
-    /// Every n-th frame of each touch, from the first on.
+    /// Every n-th frame of each touch, from the first on, without a body.
     pub fn thinned(mut self, n: usize) -> Self {
-        self.body = self.body.map(|body| Arc::new(body.thinned(n)));
+        self.body = None;
         for touch in &mut self.touches {
             let frames = std::mem::take(&mut touch.frames);
             touch.frames = frames.into_iter().step_by(n.max(1)).collect();
@@ -176,11 +185,11 @@ impl Tracked {
                 if let Some(like) = like {
                     of_tare.clone_from(&like.touches[*number].of_tare);
                 }
-                let in_contact_m_s = in_contact_m_s(arm, &frames, touch);
+                let in_contact = in_contact(arm, &frames, touch);
                 let frames = frames.into_iter();
                 let frames = frames.map(|frame| frame.observed(arm, touch, &mut observations));
                 let (name, frames) = (touch.name.clone(), frames.collect());
-                tracked.push(TrackedTouch { name, frames, of_tare, in_contact_m_s });
+                tracked.push(TrackedTouch { name, frames, of_tare, in_contact });
             }
         }
         Ok(Self {
@@ -326,18 +335,19 @@ fn follow(
     Ok((frames, of_tare))
 }
 
-/// How far the arm goes from frame to frame that touch something, m, and how long that takes, s.
-fn in_contact_m_s(arm: &Arm, frames: &[Followed], touch: &Touch) -> [f64; 2] {
-    frames.windows(2).fold([0.0; 2], |[sum_m, sum_s], pair| {
+/// The motion of the arm from frame to frame that touch something.
+fn in_contact(arm: &Arm, frames: &[Followed], touch: &Touch) -> Motion {
+    frames.windows(2).fold(Motion::default(), |sum, pair| {
         let time_s = |of: &Followed| touch.samples[of.sample].time_s;
         let passed_s = time_s(&pair[1]).zip(time_s(&pair[0])).map(|(now, before)| now - before);
         let touches = pair.iter().all(|frame| !frame.tracked.contacts.is_empty());
         match passed_s.filter(|passed_s| touches && *passed_s > 0.0 && passed_s.is_finite()) {
             Some(passed_s) => {
                 let [from, to] = [0, 1].map(|of| &pair[of].tracked.poses.world_from_link);
-                [sum_m + arm.travel_m(from, to), sum_s + passed_s]
+                let path_m = sum.path_m + arm.travel_m(from, to);
+                Motion { path_m, time_s: sum.time_s + passed_s }
             }
-            None => [sum_m, sum_s],
+            None => sum,
         }
     })
 }

@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 use palpate::unstable::{ElasticBody, Segment, SegmentKind};
-use palpate_learn::body::{Shape, from_cloud, guess_viewpoint, readings};
+use palpate_learn::body::{ObjectKind, from_cloud, guess_viewpoint, readings};
 
 const BROWN: [u8; 3] = [110, 65, 30];
 const GREEN: [u8; 3] = [40, 110, 30];
@@ -168,7 +168,9 @@ fn a_table_has_no_reading_and_a_plant_on_it_needs_to_be_cut_out() {
         first.iter().map(|segment| segment.kind).collect()
     };
     assert!(kinds(&seen.points, &seen.colours, None).contains(&SegmentKind::Wood));
-    assert!(!kinds(&seen.points, &seen.colours, Some(Shape::Cushion)).contains(&SegmentKind::Wood));
+    assert!(
+        !kinds(&seen.points, &seen.colours, Some(ObjectKind::Cushion)).contains(&SegmentKind::Wood)
+    );
     let table = (0..40_000).map(|at| {
         Point3::new(0.003 * f64::from(at % 200), 0.003 * f64::from(at / 200) - 0.3, -0.05)
     });
@@ -178,7 +180,7 @@ fn a_table_has_no_reading_and_a_plant_on_it_needs_to_be_cut_out() {
     let points = [&seen.points[..], &table[..]].concat();
     let colours = [&seen.colours[..], &colours[..]].concat();
     assert!(!kinds(&points, &colours, None).contains(&SegmentKind::Wood));
-    assert!(kinds(&points, &colours, Some(Shape::Plant)).contains(&SegmentKind::Wood));
+    assert!(kinds(&points, &colours, Some(ObjectKind::Plant)).contains(&SegmentKind::Wood));
 }
 
 #[test]

@@ -44,7 +44,7 @@ fn body() -> Arc<ElasticBody> {
                 bare_m: 0.0,
                 radius_m: 0.008,
                 half_width_m: [0.0; 3],
-                stiffness_n_m_per_rad: 20.0,
+                joint_stiffness: 20.0,
                 branch: stem,
             });
         }
@@ -160,8 +160,7 @@ fn trees_of_unlike_stiffness_side_by_side_are_told_apart() {
     let arm = arm();
     // The stem in the middle is three times as stiff as the others; a stem knows only its own springs.
     let stiffer = |segment: &Segment| Segment {
-        stiffness_n_m_per_rad: segment.stiffness_n_m_per_rad
-            * if segment.branch == 1 { 3.0 } else { 1.0 },
+        joint_stiffness: segment.joint_stiffness * if segment.branch == 1 { 3.0 } else { 1.0 },
         ..segment.clone()
     };
     let true_body: Vec<Segment> = body().segments().iter().map(stiffer).collect();
@@ -255,7 +254,7 @@ fn a_material_that_no_touch_has_met_is_taken_as_before_any_touch() {
         bare_m: 0.0,
         radius_m: 0.02,
         half_width_m: [0.0, 0.02, 0.0],
-        stiffness_n_m_per_rad: 100.0,
+        joint_stiffness: 100.0,
         branch: material,
     };
     let blocks = [(0, [0.25, 0.1]), (1, [0.25, -0.4])].map(block);

@@ -62,7 +62,7 @@ fn stem() -> Arc<ElasticBody> {
         bare_m: 0.0,
         radius_m: 0.01,
         half_width_m: [0.0; 3],
-        stiffness_n_m_per_rad: 5.0,
+        joint_stiffness: 5.0,
         branch: 0,
     };
     Arc::new(ElasticBody::new((0..5).map(piece).collect()).unwrap())

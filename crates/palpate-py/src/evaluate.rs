@@ -41,13 +41,13 @@ fn read(
 /// Compares methods on touches that they have not seen, as `palpate evaluate` does.
 ///
 /// `methods` are of elastic, map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always
-/// stands beside the others. elastic needs a `cloud` of the object, with `colours` and `viewpoint` as for
-/// `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
+/// stands beside the others. elastic needs a `cloud` of the object, with `colours`, `viewpoint` and
+/// `object_kind` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
 /// `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold.
 /// `share`, its number from 0 and how many there are, does that share of the folds alone.
 #[pyfunction]
 #[pyo3(signature = (
-    logs, robot = None, *, methods = None, cloud = None, colours = None, viewpoint = None,
+    logs, robot = None, *, methods = None, cloud = None, colours = None, viewpoint = None, object_kind = None,
     folds = None, test = None, truth = false, tune = false, share = None, settings = None, progress = None, **sections
 ))]
 #[allow(clippy::too_many_arguments)] // they are keywords
@@ -59,6 +59,7 @@ pub(crate) fn evaluate<'py>(
     cloud: Option<&Bound<'py, PyAny>>,
     colours: Option<&Bound<'py, PyAny>>,
     viewpoint: Option<[f64; 3]>,
+    object_kind: Option<&str>,
     folds: Option<u32>,
     test: Option<Vec<String>>,
     truth: bool,
@@ -77,11 +78,14 @@ pub(crate) fn evaluate<'py>(
             PyValueError::new_err(format!("`methods` names {name:?}; {there_are}"))
         })?);
     }
-    if cloud.is_none() && (colours.is_some() || viewpoint.is_some()) {
-        let message = "`colours` and `viewpoint` are those of a `cloud`, which is not given";
+    let of_cloud = colours.is_some() || viewpoint.is_some() || object_kind.is_some();
+    if cloud.is_none() && of_cloud {
+        let message =
+            "`colours`, `viewpoint` and `object_kind` are those of a `cloud`, which is not given";
         return Err(PyValueError::new_err(message).into());
     }
-    let cloud = cloud.map(|cloud| bodies_of(py, (cloud, colours, viewpoint))).transpose()?;
+    let cloud = cloud.map(|cloud| bodies_of(py, (cloud, colours, viewpoint, object_kind)));
+    let cloud = cloud.transpose()?;
     replace_elastic_by_map(&mut settings, cloud.is_some()).map_err(WorkError::from)?;
     let mut methods = each_once(&chosen, cloud.is_some())?;
     if !methods.contains(&Method::Zero) {

@@ -142,6 +142,11 @@ def test_needs_command_a_field_with_an_elastic_body_is_the_same(
     assert scores[0] == scores[1]
     error, zero = scores[0]["avg_error"], scores[0]["zero"]["avg_error"]
     assert error is not None and zero is not None and error < 0.95 * zero
+    run(command, "map", "--cloud", cloud, "--object-kind", "cushion", "-o", tmp_path / "blocks.npz", "--json")
+    palpate.map_elastic(None, cloud, robot=robot, object_kind="cushion").save(tmp_path / "ours.npz")
+    assert (tmp_path / "ours.npz").read_bytes() == (tmp_path / "blocks.npz").read_bytes()
+    with pytest.raises(ValueError, match="`object_kind` is \"tree\""):
+        palpate.map_elastic(None, cloud, robot=robot, object_kind="tree")  # type: ignore[arg-type]
     with pytest.raises(palpate.SettingsError, match="--cloud"):
         palpate.Mapper(robot, method="elastic")
     with pytest.raises(palpate.PalpateError, match="coloured cloud"):

@@ -6,10 +6,10 @@ use nalgebra::Point3;
 use palpate::unstable::{ElasticBody, ElasticModel, SegmentKind};
 use palpate::{Arm, EstimatorKind, Mapper, Sample};
 use palpate_io::field::Saved;
-use palpate_learn::LearnError;
-use palpate_learn::body::{Shape, readings};
+use palpate_learn::body::{ObjectKind, readings};
 use palpate_learn::elastic::{BodyLearner, Settled, steps};
 use palpate_learn::tracked::{Touch, Tracked};
+use palpate_learn::{LearnError, Stop};
 use rayon::prelude::*;
 
 use crate::error::WorkError;
@@ -22,20 +22,34 @@ use crate::settings::{Settings, SettingsError};
 /// Positions are in m in the world frame, colours sRGB; notes call the cloud `name`.
 pub fn bodies(
     (points, colours): (&[Point3<f64>], &[[u8; 3]]),
-    (viewpoint, shape): (Option<Point3<f64>>, Option<Shape>),
+    (viewpoint, kind): (Option<Point3<f64>>, Option<ObjectKind>),
     name: &str,
     progress: &dyn Progress,
 ) -> Vec<Arc<ElasticBody>> {
-    let bodies = readings(points, colours, viewpoint, shape);
+    let bodies = readings(points, colours, viewpoint, kind);
     match bodies.first() {
         Some(body) => {
-            progress.note(&format!("{}; variants compared: {}", in_words(body), bodies.len()));
+            let or_plant = body.has_blocks() && kind.is_none();
+            let hint = if or_plant {
+                "; if it is a plant, cut off what else the cloud shows, or say so with --object-kind plant"
+            } else {
+                ""
+            };
+            let n = bodies.len();
+            progress.note(&format!("{}; variants compared: {n}{hint}", in_words(body)));
         }
-        None => progress.note(&format!(
-            "no elastic body: the {} points of `{name}` show neither stems with branches nor anything that \
-             stands above its lowest point, so `map` is used alone",
-            points.len()
-        )),
+        None => {
+            let missing = match kind {
+                None => "neither a stem with branches nor a surface above its lowest point",
+                Some(ObjectKind::Plant) => "no stem with branches",
+                Some(ObjectKind::Cushion) => "no surface above its lowest point",
+            };
+            progress.note(&format!(
+                "no elastic body: palpate found {missing} in `{name}` ({} points; lengths are taken as m), \
+                 so `map` is used alone",
+                points.len()
+            ));
+        }
     }
     bodies.into_iter().map(Arc::new).collect()
 }
@@ -51,8 +65,7 @@ fn in_words(body: &ElasticBody) -> String {
     if blocks > 0 {
         let materials = body.n_trees();
         return format!(
-            "elastic body: a cushion of {blocks} blocks, colours of materials told apart: {materials}; for \
-             a plant, cut off other things with --crop-low-m and --crop-high-m, or say --object plant"
+            "elastic body: a cushion of {blocks} blocks, number of materials {materials}"
         );
     }
     format!("elastic body: {length:.2} m of wood in {branches} stems and branches, {leaves} leaves")
@@ -85,7 +98,7 @@ pub fn without_body() -> SettingsError {
     )
 }
 
-/// Simulates bodies along all touches, to be learnt from these sets of `training` touches; a note says how often they did not come to rest.
+/// Simulates bodies along all touches, to be learnt from these sets of `training` touches.
 ///
 /// # Errors
 ///
@@ -96,18 +109,24 @@ pub(crate) fn simulate_bodies(
     (touches, training): (&[Touch], &[Vec<usize>]),
     progress: &dyn Progress,
 ) -> Result<Tracked, LearnError> {
-    let bar = progress.begin(
-        Some(steps(touches.len(), bodies.len()) as u64),
-        "touches",
-        "simulating the elastic body",
-    );
-    let (stop, step) = (|| progress.stopped(), || bar.step());
-    let tracked = tracked.with_bodies(arm, bodies, (touches, training), (&stop, &step))?;
-    tracked.settled().inspect(|settled| note_unsettled(*settled, progress));
-    Ok(tracked)
+    simulating((touches.len(), bodies.len()), progress, |stop_and_step| {
+        let tracked = tracked.with_bodies(arm, bodies, (touches, training), stop_and_step)?;
+        let settled = tracked.settled().unwrap_or_default();
+        Ok((tracked, settled))
+    })
 }
 
-fn note_unsettled(settled: Settled, progress: &dyn Progress) {
+/// Shows how far so many bodies are simulated along so many touches; a note says how often they did not come
+/// to rest.
+fn simulating<T>(
+    (touches, bodies): (usize, usize),
+    progress: &dyn Progress,
+    simulate: impl FnOnce((Stop<'_>, &(dyn Fn() + Sync))) -> Result<(T, Settled), LearnError>,
+) -> Result<T, LearnError> {
+    let expected = steps(touches, bodies) as u64;
+    let bar = progress.begin(Some(expected), "touches", "simulating the elastic body");
+    let (simulated, settled) = simulate((&|| progress.stopped(), &|| bar.step()))?;
+    drop(bar);
     if settled.unsettled > 0 {
         let percent = 100.0 * settled.unsettled as f64 / settled.samples as f64;
         progress.note(&format!(
@@ -115,6 +134,7 @@ fn note_unsettled(settled: Settled, progress: &dyn Progress) {
              is that of the last iteration"
         ));
     }
+    Ok(simulated)
 }
 
 /// The field of a mapper, with an elastic body that is learnt from the same touches; the field alone if there
@@ -134,18 +154,17 @@ pub fn learn_body(
         return Ok(saved);
     }
     let mut learner = BodyLearner::new(mapper.arm(), mapper.config(), bodies);
-    let expected = steps(touches.len(), bodies.len()) as u64;
-    let bar = progress.begin(Some(expected), "touches", "simulating the elastic body");
-    let (stop, step) = (|| progress.stopped(), || bar.step());
-    let learnt = learner.learn(touches.clone(), (&stop, &step)).map_err(|error| match error {
+    let learnt = simulating((touches.len(), bodies.len()), progress, |stop_and_step| {
+        let model = learner.learn(touches.clone(), stop_and_step)?;
+        Ok((model, learner.settled()))
+    });
+    let learnt = learnt.map_err(|error| match error {
         LearnError::Stopped => {
             let kept = " while the elastic body was learnt; nothing was written".to_owned();
             WorkError::Interrupted { kept }
         }
         other => WorkError::file(other),
     })?;
-    drop(bar);
-    note_unsettled(learner.settled(), progress);
     saved.field.elastic = Some(Arc::new(learnt));
     saved.elastic_touches = touches;
     Ok(saved)

@@ -10,17 +10,8 @@ use palpate_io::field::{self, Saved};
 use crate::error::WorkError;
 use crate::settings::{Settings, first_difference};
 
-/// What a field says of the mapper that learnt it; settings that were given must agree with it.
-///
-/// # Errors
-///
-/// If the file is no field, or as [`snapshot_of`].
-pub fn snapshot(path: &Path, settings: &Settings) -> Result<Snapshot, WorkError> {
-    let saved = field::load(path).map_err(WorkError::file)?;
-    snapshot_of(saved, &path.display().to_string(), settings)
-}
-
-/// The same of a field that was read, and that errors call by this name.
+/// What a field says of the mapper that learnt it; settings that were given must agree with it. Errors call
+/// the field by this name.
 ///
 /// # Errors
 ///

@@ -51,8 +51,8 @@ pub enum ArmError {
 pub type MeshResult = Result<TriangleMesh, Box<dyn std::error::Error + Send + Sync>>;
 
 impl Arm {
-    /// How far the fastest point of the arm goes, as the crow flies, when its links go from these poses to
-    /// those, m.
+    /// How far the fastest point of the arm goes in a straight line when its links go from these poses to those,
+    /// m.
     pub fn travel_m(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
         travel_m(&self.surfaces, from, to)
     }

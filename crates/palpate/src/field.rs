@@ -43,7 +43,7 @@ pub struct Field {
     /// K of all other cells, N/m.
     pub untouched_n_per_m: f64,
     /// The object as an elastic body, if one was learnt. Predictions then are those of the body and of
-    /// springs beside it ([`ElasticModel::beside`]).
+    /// springs beside it ([`ElasticModel::spring_n_per_m`]).
     pub elastic: Option<Arc<ElasticModel>>,
 }
 
@@ -129,8 +129,9 @@ impl FieldSprings {
             let residual = rows.by_row(model.residual(), model.untouched_residual_n_per_m);
             stiffness_n_per_m.resize(residual.len(), field.untouched_n_per_m);
             let both = stiffness_n_per_m.iter_mut().zip(residual);
-            both.for_each(|(k, residual)| *k = model.beside(*k, residual));
-            untouched_n_per_m = model.beside(untouched_n_per_m, model.untouched_residual_n_per_m);
+            both.for_each(|(k, residual)| *k = model.spring_n_per_m(*k, residual));
+            untouched_n_per_m =
+                model.spring_n_per_m(untouched_n_per_m, model.untouched_residual_n_per_m);
         }
         let points_and_k = rows.points_m().iter().zip(stiffness_n_per_m);
         let cells = points_and_k.map(|(&point, k)| Cell::new(point, k)).collect();

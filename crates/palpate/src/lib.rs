@@ -114,8 +114,8 @@ pub mod unstable {
     pub use crate::contact::{ContactSimulator, LinkContacts};
     pub use crate::ekf::EkfEstimator;
     pub use crate::elastic::{
-        BLOCK_ALONG, BodyError, ElasticBody, ElasticContactConfig, ElasticModel, ElasticTorque,
-        ElasticVariant, Equilibrium, Segment, SegmentKind, Settled, limit_norm,
+        BLOCK_STIFFNESS_SHARES, BodyError, ElasticBody, ElasticContactConfig, ElasticModel,
+        ElasticTorque, ElasticVariant, Equilibrium, Segment, SegmentKind, Settled, limit_norm,
     };
     pub use crate::estimator::{Estimator, EstimatorState, FrameId, RememberedFrame, Replayed};
     pub use crate::lattice::{CellRows, FARTHEST_M};

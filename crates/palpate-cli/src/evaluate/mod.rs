@@ -13,20 +13,18 @@ use askama::Template;
 use palpate::{Arm, Field, MapperConfig};
 use palpate_io::cloud::Cloud;
 use palpate_io::log::is_simulated;
-use palpate_learn::body::Shape;
 use palpate_learn::method::Method;
 use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{
     Evaluated, Work, as_touches, configs, each_once, folds, method_of, number,
 };
 
-use crate::cloud_args::CloudArgs;
 use crate::error::CliError;
+use crate::object_args::ObjectArgs;
 use crate::output::Output;
 use crate::place::Folder;
 use crate::report::{Page, Report, Scene, errors_csv};
 use crate::settings::{AllSettings, Settings};
-use crate::shape_args::object;
 use crate::{csv, interrupt, logs, picture, place};
 
 use kept::Kept;
@@ -77,18 +75,6 @@ pub(crate) struct Args {
     /// What to compare, in this order [default: all]
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = method_of)]
     methods: Vec<Method>,
-    /// Coloured cloud of the object (PLY, PCD), or the folder of a picture with depth, in the world frame:
-    /// adds the method elastic
-    #[arg(long, value_name = "CLOUD")]
-    cloud: Option<PathBuf>,
-    /// An elastic body in place of one from the cloud: the file that `palpate convert` wrote, perhaps
-    /// corrected by hand; --cloud is then only shown in the report
-    #[arg(long, value_name = "BODY.json")]
-    body: Option<PathBuf>,
-    /// What the cloud shows, if palpate does not find it: `plant` (stems, branches, leaves) or `cushion`
-    /// (anything else that gives way)
-    #[arg(long, value_name = "KIND", requires = "cloud", value_parser = object())]
-    object: Option<Shape>,
     /// Predict the touches in so many groups rather than one by one
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(2..))]
     folds: Option<u32>,
@@ -106,7 +92,7 @@ pub(crate) struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    picture: CloudArgs,
+    object: ObjectArgs,
     #[command(flatten)]
     settings: AllSettings,
 }
@@ -114,12 +100,11 @@ pub(crate) struct Args {
 /// Evaluates all methods and writes the report.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
-    let has_body = args.cloud.is_some() || args.body.is_some();
+    let has_body = args.object.is_given();
     replace_elastic_by_map(&mut settings, has_body)?;
     settings.config()?;
     let methods = each_once(&args.methods, has_body)?;
-    let (bodies, cloud) =
-        args.picture.bodies((args.cloud.as_deref(), args.object), args.body.as_deref(), output)?;
+    let (bodies, cloud) = args.object.bodies(output)?;
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;

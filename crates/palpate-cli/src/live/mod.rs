@@ -26,10 +26,10 @@ use palpate_work::{prior, resume, robot};
 
 use crate::args::number_in;
 use crate::error::CliError;
+use crate::object_args::ObjectArgs;
 use crate::output::Output;
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
-use crate::shape_args::ShapeArgs;
 #[cfg(not(feature = "viewer"))]
 use crate::view;
 use crate::{interrupt, logs, place};
@@ -60,13 +60,12 @@ sensor_msgs/msg/JointState that holds efforts, and publishes
   /diagnostics               how it goes (DiagnosticArray)
 
 and answers /palpate/tare and /palpate/reset (std_srvs/srv/Trigger). A touch begins where the arm
-pauses and touches nothing, or, after a call of /palpate/tare, wherever it pauses. Samples may come at any rate; replays fill the time between them, so that
-the field depends on the speed of the machine. Ctrl-C saves the field and ends.
+pauses and touches nothing, or, after a call of /palpate/tare, wherever it pauses. Samples may come
+at any rate; replays fill the time between them, so that the field depends on the speed of the machine. Ctrl-C saves the field and ends.
 
---cloud makes an elastic body from a coloured cloud of the object (estimator `elastic`), which learns each
-touch once it is over. It is in the field's file, answers questions together with the field, and is shown
-by the viewer. /palpate/torque_predicted and the guard know the field alone: from one sample to the next,
-that is what predicts best.";
+--cloud makes an elastic body from a coloured cloud of the object (estimator `elastic`). The body learns
+each touch once it is over. The field's file holds it, answers to questions use it together with the field,
+and the viewer shows it. /palpate/torque_predicted and the guard use the field alone.";
 
 /// Flags of `palpate live`.
 #[derive(Debug, clap::Args)]
@@ -134,7 +133,7 @@ pub(crate) struct Args {
     #[arg(long)]
     json_lines: bool,
     #[command(flatten)]
-    shape: ShapeArgs,
+    object: ObjectArgs,
     #[command(flatten)]
     settings: AllSettings,
 }
@@ -149,7 +148,7 @@ impl Args {
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         let mut places = Places::read(&self.settings, settings, &[]);
         places.input("the prior (--prior)", self.prior.as_deref());
-        self.shape.add_to(&mut places);
+        self.object.add_to(&mut places);
         places.output("the field (--output)", self.output.as_deref())?;
         match &self.output {
             Some(path) if path.exists() && !self.resume => Err(CliError::Usage(format!(
@@ -204,7 +203,7 @@ impl Args {
         let Some(path) = self.field() else {
             let config = settings.config()?;
             let mapper = prior::mapper(self.prior.as_deref(), arm, config, output)?;
-            let bodies = self.shape.bodies(output)?;
+            let (bodies, _) = self.object.bodies(output)?;
             let body = (!bodies.is_empty())
                 .then(|| LiveBody::new(arm, mapper.config(), &bodies).map_err(CliError::file));
             return Ok((mapper, body.transpose()?));
@@ -214,7 +213,7 @@ impl Args {
         let touches = std::mem::take(&mut saved.elastic_touches);
         let mapper = resume::mapper(&name, arm, resume::snapshot_of(saved, &name, settings)?)?;
         output.note(&format!("going on from `{name}`"));
-        if self.shape.is_given() {
+        if self.object.is_given() {
             output.note(
                 "the field has its own elastic body, or none: --cloud and --body are not used",
             );
@@ -245,7 +244,7 @@ fn open_socket(path: &Path) -> Result<AskSocket, CliError> {
 /// Maps until Ctrl-C, or until the time is over.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
-    args.shape.select(&mut settings, args.field().is_some())?;
+    args.object.select(&mut settings, args.field().is_some())?;
     if !args.resume {
         settings.config()?;
     }

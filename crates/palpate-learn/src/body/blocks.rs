@@ -6,14 +6,14 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use palpate::unstable::{Segment, SegmentKind};
 
-use super::wood::otsu;
+use super::otsu::otsu;
 
 /// Young's modulus of a soft cushion before a touch says otherwise, Pa.
 const FOAM_MODULUS_PA: f64 = 2e3;
 /// Width of a block, m, unless there were more than [`MOST_BLOCKS`].
 const WIDTH_M: f64 = 0.04;
 const MOST_BLOCKS: f64 = 400.0;
-/// A block needs this share of the points that the block in the middle of all has.
+/// A block needs this share of the median number of points per block.
 const FEWEST: f64 = 0.2;
 /// The top of a block: its points down to this below its highest, m.
 const TOP_M: f64 = 0.03;
@@ -23,9 +23,10 @@ const LOWEST_M: f64 = 0.02;
 const STEEPEST: f64 = 1.0;
 /// Edges are as round as this, m.
 const EDGE_M: f64 = 0.004;
-/// Colours are of two materials if those explain this share of their variance,
-const TWO_COLOURS: f64 = 0.75;
-/// and each has this share of the blocks.
+/// There are two materials if two groups of colours explain this share of the variance of colours. A gradient,
+/// as from light that falls from one side, cut in two explains 0.75.
+const TWO_COLOURS: f64 = 0.85;
+/// Each material has this share of the blocks, at least.
 const FEWEST_OF_COLOUR: f64 = 0.1;
 
 /// Blocks over the lowest seen height, those of one material in one `branch`; none if nothing stands above it.
@@ -54,8 +55,9 @@ pub(super) fn blocks(points: &[Point3<f64>], colours: &[[u8; 3]]) -> Vec<Segment
         if height - low.z < LOWEST_M {
             continue;
         }
-        let shade = members.iter().map(|&number| Vector3::from(colours[number].map(f64::from)));
-        shades.push(shade.sum::<Vector3<f64>>() / members.len() as f64);
+        let colour = members.iter().map(|&number| Vector3::from(colours[number].map(f64::from)));
+        let colour = colour.sum::<Vector3<f64>>();
+        shades.push(colour / f64::max(colour.sum(), 1.0)); // without its brightness
         blocks.push(Segment {
             parent: None,
             kind: SegmentKind::Block,
@@ -64,7 +66,7 @@ pub(super) fn blocks(points: &[Point3<f64>], colours: &[[u8; 3]]) -> Vec<Segment
             bare_m: 0.0,
             radius_m: EDGE_M,
             half_width_m: [0.0, half, half * across],
-            stiffness_n_m_per_rad: FOAM_MODULUS_PA * width_m * width_m / (height - low.z),
+            joint_stiffness: FOAM_MODULUS_PA * width_m * width_m / (height - low.z),
             branch: 0,
         });
     }

@@ -107,7 +107,7 @@ fn hang(patch: &Patch, start: Point3<f64>, parent: u32, wood: &[Segment]) -> Seg
         bare_m: (reach - patch.half_length_m).max(0.0),
         radius_m: HALF_THICKNESS_M,
         half_width_m: (normal.cross(&along) * patch.half_width_m).into(),
-        stiffness_n_m_per_rad: STALK_N_M_PER_RAD,
+        joint_stiffness: STALK_N_M_PER_RAD,
         branch: wood[parent as usize].branch,
     }
 }

@@ -4,6 +4,7 @@
 //! |------------|----------------------------------------------------------------------------------|
 //! | `blocks`   | a cushion: blocks under the seen surface                                          |
 //! | `wood`     | parts wood from leaves by colour and shape                                        |
+//! | `otsu`     | the threshold between two classes of numbers                                      |
 //! | `skeleton` | level sets of the distance from the root; joins pieces across gaps                |
 //! | `tubes`    | axis and radius of each branch: from the seen width, then by least squares         |
 //! | `fit`      | the least squares of one branch                                                    |
@@ -21,6 +22,7 @@ mod explained;
 mod fit;
 mod graph;
 mod leaves;
+mod otsu;
 mod radii;
 mod skeleton;
 mod tubes;
@@ -31,6 +33,7 @@ use std::collections::HashSet;
 
 use nalgebra::{Point3, Vector3};
 use palpate::unstable::{ElasticBody, Segment, SegmentKind};
+use serde::Deserialize;
 
 use self::explained::unexplained;
 use self::skeleton::{Branch, Joining, SkeletonNode};
@@ -77,7 +80,7 @@ pub fn from_cloud(
 ///
 /// No two of them are the same. If no branch is found, or stems, branches and leaves leave two fifths of the
 /// points unexplained, the only one is a cushion of blocks; none if nothing stands above the lowest point.
-/// A `shape` that is given is not asked for.
+/// If the `kind` of the object is given, only such bodies are made.
 ///
 /// # Panics
 ///
@@ -86,33 +89,39 @@ pub fn readings(
     points: &[Point3<f64>],
     colours: &[[u8; 3]],
     viewpoint: Option<Point3<f64>>,
-    shape: Option<Shape>,
+    kind: Option<ObjectKind>,
 ) -> Vec<ElasticBody> {
     let mut bodies = Vec::new();
-    if shape != Some(Shape::Cushion)
+    if kind != Some(ObjectKind::Cushion)
         && let Some(cloud) = Cloud::new(points, colours, viewpoint)
     {
         for body in Joining::ALL.iter().filter_map(|joining| cloud.body(joining)) {
             let explains =
-                shape == Some(Shape::Plant) || unexplained(&body, points) <= MOST_UNEXPLAINED;
+                kind == Some(ObjectKind::Plant) || unexplained(&body, points) <= MOST_UNEXPLAINED;
             if explains && !bodies.contains(&body) {
                 bodies.push(body);
             }
         }
     }
-    if bodies.is_empty() && shape != Some(Shape::Plant) {
+    if bodies.is_empty() && kind != Some(ObjectKind::Plant) {
         bodies.extend(ElasticBody::new(blocks::blocks(points, colours)));
     }
     bodies
 }
 
 /// What an object is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Shape {
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ObjectKind {
     /// Stems, branches and leaves.
     Plant,
     /// Anything else that gives way: a cushion, a bag, a dense bush.
     Cushion,
+}
+
+impl ObjectKind {
+    /// The words for them.
+    pub const WORDS: [&str; 2] = ["plant", "cushion"];
 }
 
 /// A cloud, parted.
@@ -232,7 +241,7 @@ fn cut(
             bare_m: 0.0,
             radius_m: radius(0.5 * (at(number) + at(number + 1))),
             half_width_m: [0.0; 3],
-            stiffness_n_m_per_rad: WOOD_MODULUS_PA * inertia / bends,
+            joint_stiffness: WOOD_MODULUS_PA * inertia / bends,
             branch,
         });
         let own = segments.len() as u32 - 1;

@@ -10,7 +10,7 @@ use super::simulated::{BodyTorques, Settled};
 use crate::error::{LearnError, Stop};
 use crate::tracked::{Touch, Tracked};
 
-/// Learns an object's elastic body from touches, each of which is simulated once.
+/// Learns an object's elastic body from touches. What was simulated is kept for the next ones.
 #[derive(Debug, Clone)]
 pub struct BodyLearner {
     arm: Arc<Arm>,
@@ -30,11 +30,6 @@ impl BodyLearner {
         Self { arm: Arc::clone(arm), config: config.clone(), touches: Vec::new(), torques }
     }
 
-    /// The bodies, the most likely first.
-    pub fn bodies(&self) -> &[Arc<ElasticBody>] {
-        &self.torques.bodies
-    }
-
     /// The touches that were learnt.
     pub fn n_touches(&self) -> usize {
         self.touches.len()
@@ -45,9 +40,11 @@ impl BodyLearner {
         self.torques.settled
     }
 
-    /// Learns more touches, and returns the body as all touches so far say. After an error it is as before.
+    /// Learns more touches, and returns the body that explains all touches so far. After an error it is as
+    /// before.
     ///
-    /// `step` is called [`super::steps`] times for the new touches, from any thread.
+    /// `step` is called after each simulated touch, from any thread: [`super::steps`] times for the new
+    /// touches, and again for older ones if another contact than before explains all best.
     ///
     /// # Errors
     ///
@@ -65,25 +62,23 @@ impl BodyLearner {
         let learnt = self.learn_all((stop, step));
         if learnt.is_err() {
             self.touches.truncate(before);
+            Arc::make_mut(&mut self.torques).truncate(before);
         }
-        let (model, torques) = learnt?;
-        self.torques = torques;
-        Ok(model)
+        learnt
     }
 
     fn learn_all(
-        &self,
+        &mut self,
         (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
-    ) -> Result<(ElasticModel, Arc<BodyTorques>), LearnError> {
+    ) -> Result<ElasticModel, LearnError> {
         let touches = &self.touches[..];
         let mut tracked = Tracked::new(&self.arm, &self.config, touches, stop)?;
-        let mut torques = BodyTorques::clone(&self.torques);
         let all: Vec<usize> = (0..touches.len()).collect();
+        let torques = Arc::make_mut(&mut self.torques);
         let training = std::slice::from_ref(&all);
         torques.extend(&self.arm, (&tracked, touches), training, (stop, step))?;
-        let torques = Arc::new(torques);
-        tracked.body = Some(Arc::clone(&torques));
-        Ok((model(&tracked, &all, &self.config, stop)?, torques))
+        tracked.body = Some(Arc::clone(&self.torques));
+        model(&tracked, &all, &self.config, stop)
     }
 
     /// Forgets the oldest touches, so that no more than so many are left.
@@ -91,10 +86,5 @@ impl BodyLearner {
         let older = self.touches.len().saturating_sub(newest);
         self.touches.drain(..older);
         Arc::make_mut(&mut self.torques).forget(older);
-    }
-
-    /// The samples of the touches that were learnt.
-    pub fn touches(&self) -> impl Iterator<Item = &[Sample]> {
-        self.touches.iter().map(|touch| &touch.samples[..])
     }
 }

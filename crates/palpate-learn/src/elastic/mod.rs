@@ -222,10 +222,11 @@ pub fn model(
 ) -> Result<ElasticModel, LearnError> {
     let Lesson { both, constants, weights, .. } = Lesson::learn(tracked, touches, config, stop)?;
     let residual = |row: usize| weights.both * f64::max(both.estimator.stiffness(row), 0.0);
-    let of_touches = touches.iter().map(|&touch| tracked.touches[touch].in_contact_m_s);
-    let [way_m, time_s] = of_touches.fold([0.0; 2], |sum, of| [sum[0] + of[0], sum[1] + of[1]]);
-    let speed_m_per_s = match way_m > 0.0 && time_s > 0.0 {
-        true => (way_m / time_s).clamp(1e-3, 10.0),
+    let of_touches = || touches.iter().map(|&touch| &tracked.touches[touch].in_contact);
+    let path_m: f64 = of_touches().map(|motion| motion.path_m).sum();
+    let time_s: f64 = of_touches().map(|motion| motion.time_s).sum();
+    let speed_m_per_s = match path_m > 0.0 && time_s > 0.0 {
+        true => (path_m / time_s).clamp(1e-3, 10.0),
         false => ElasticContactConfig::default().speed_m_per_s,
     };
     Ok(ElasticModel {
@@ -234,6 +235,7 @@ pub fn model(
         creep_s: constants.creep_s(),
         torque_limit_n_m: constants.torque_limit_n_m(),
         share: (weights.body + weights.both).min(1.0),
+        n_touches: touches.len(),
         speed_m_per_s,
         residual_cells: tracked.cells.clone(),
         residual_n_per_m: (0..tracked.cells.len()).map(residual).collect(),

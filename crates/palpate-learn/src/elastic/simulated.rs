@@ -114,21 +114,16 @@ impl BodyTorques {
         Ok(())
     }
 
+    /// Keeps so many touches from the first on.
+    pub(crate) fn truncate(&mut self, touches: usize) {
+        self.simulated.iter_mut().flatten().for_each(|simulated| simulated.truncate(touches));
+    }
+
     /// Forgets touches from the first on.
     pub(crate) fn forget(&mut self, touches: usize) {
         for simulated in self.simulated.iter_mut().flatten() {
             simulated.drain(..touches.min(simulated.len()));
         }
-    }
-
-    /// Every n-th frame of each touch, from the first on.
-    pub(crate) fn thinned(&self, n: usize) -> Self {
-        let touch = |frames: &Vec<DMatrix<f64>>| frames.iter().step_by(n.max(1)).cloned().collect();
-        let mut thinned = self.clone();
-        for simulated in thinned.simulated.iter_mut().flatten() {
-            *simulated = simulated.iter().map(touch).collect();
-        }
-        thinned
     }
 
     /// The torques of the first body with a contact.

@@ -1,7 +1,7 @@
 """The compiled part of `palpate`."""
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias, final
+from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -432,6 +432,7 @@ def evaluate(
     cloud: _Path | ArrayLike | None = None,
     colours: ArrayLike | None = None,
     viewpoint: Sequence[float] | None = None,
+    object_kind: Literal["plant", "cushion"] | None = None,
     folds: int | None = None,
     test: Sequence[str] | None = None,
     truth: bool = False,
@@ -444,8 +445,8 @@ def evaluate(
     """Compares methods on touches that they have not seen, as `palpate evaluate` does.
 
     `methods` are of elastic, map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always
-    stands beside the others. elastic needs a `cloud` of the object, with `colours` and `viewpoint` as for
-    `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
+    stands beside the others. elastic needs a `cloud` of the object, with `colours`, `viewpoint` and
+    `object_kind` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
     `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold.
     `share`, its number from 0 and how many there are, does that share of the folds alone.
     """
@@ -457,6 +458,7 @@ def map_elastic(
     robot: Robot | _Path | None = None,
     *,
     viewpoint: Sequence[float] | None = None,
+    object_kind: Literal["plant", "cushion"] | None = None,
     settings: AnySettings | None = None,
     progress: Progress = None,
     **sections: Unpack[Sections],
@@ -464,7 +466,9 @@ def map_elastic(
     """Learns a field with an elastic body from a cloud, as `palpate map --cloud` does.
 
     `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m, world frame, with
-    `colours` (N, 3) from 0 to 255; `viewpoint` is where the camera stood, (3,) m, searched if left out.
+    `colours` (N, 3) from 0 to 255; `viewpoint` is where the camera stood, (3,) m, searched if left out;
+    `object_kind` is "plant" (stems, branches, leaves) or "cushion" (anything else that gives way), found from the
+    cloud if left out.
     If `logs` is None, the body has the typical stiffness of other plants. A cloud in which nothing
     stands above its lowest point gives a field without a body.
     """

@@ -12,7 +12,7 @@ use super::body::{Segment, SegmentKind};
 /// A block that moves sideways presses its two neighbours together. With a displacement that grows linearly
 /// over the height h, that is `2/3 (h/w)²` of the stiffness `E w²/h` along z: 5 for blocks of 4 cm in a layer
 /// of 11 cm, less where they are wider.
-pub const BLOCK_ALONG: [f64; 3] = [4.0, 4.0, 1.0];
+pub const BLOCK_STIFFNESS_SHARES: [f64; 3] = [4.0, 4.0, 1.0];
 /// Stiffness between neighbours along z, as a share of the mean of theirs: `G h / 3` over `E w²/h`, 1 for the
 /// same blocks.
 const SHEAR: f64 = 1.0;
@@ -35,7 +35,7 @@ impl Blocks {
             return Self::default();
         }
         let stiffness = |segment: &Segment| match is_block(segment) {
-            true => segment.stiffness_n_m_per_rad,
+            true => segment.joint_stiffness,
             false => 0.0,
         };
         let own: Vec<f64> = segments.iter().map(stiffness).collect();
@@ -63,10 +63,9 @@ impl Blocks {
 
     /// Energy of all springs, J; `slid_m` by segment.
     pub(super) fn energy(&self, slid_m: &[Vector3<f64>]) -> f64 {
-        let held =
-            self.own.iter().zip(slid_m).map(|(&own, slid)| {
-                own * slid.component_mul(slid).dot(&Vector3::from(BLOCK_ALONG))
-            });
+        let held = self.own.iter().zip(slid_m).map(|(&own, slid)| {
+            own * slid.component_mul(slid).dot(&Vector3::from(BLOCK_STIFFNESS_SHARES))
+        });
         let sheared = self.beside.iter().zip(slid_m).flat_map(|(beside, slid)| {
             // Each spring comes twice.
             beside.iter().map(|&(other, k)| 0.5 * k * (slid.z - slid_m[other as usize].z).powi(2))
@@ -77,7 +76,7 @@ impl Blocks {
     /// Slope of the energy by the place of a block, N.
     pub(super) fn slope(&self, block: usize, slid_m: &[Vector3<f64>]) -> Vector3<f64> {
         let slid = slid_m[block];
-        let own = self.own[block] * slid.component_mul(&Vector3::from(BLOCK_ALONG));
+        let own = self.own[block] * slid.component_mul(&Vector3::from(BLOCK_STIFFNESS_SHARES));
         let apart = |&(other, k): &(u32, f64)| k * (slid.z - slid_m[other as usize].z);
         own + Vector3::z() * self.beside[block].iter().map(apart).sum::<f64>()
     }
@@ -85,6 +84,6 @@ impl Blocks {
     /// Curvature of the energy by the place of a block while its neighbours stay, by axis, N/m.
     pub(super) fn stiffness(&self, block: usize) -> Vector3<f64> {
         let beside: f64 = self.beside[block].iter().map(|(_, k)| k).sum();
-        self.own[block] * Vector3::from(BLOCK_ALONG) + beside * Vector3::z()
+        self.own[block] * Vector3::from(BLOCK_STIFFNESS_SHARES) + beside * Vector3::z()
     }
 }

@@ -48,7 +48,8 @@ pub struct Segment {
     /// Half the width of a plate across start and end, m, world frame; zero for a rod.
     pub half_width_m: [f64; 3],
     /// Spring of the joint at a stiffness factor of one, N·m/rad; of a block, along z, N/m.
-    pub stiffness_n_m_per_rad: f64,
+    #[serde(alias = "stiffness_n_m_per_rad")] // as older files call it
+    pub joint_stiffness: f64,
     /// Which stem, branch or twig it is a piece of.
     pub branch: u32,
 }
@@ -151,7 +152,7 @@ impl ElasticBody {
                 if fits { Ok(()) } else { Err(BodyError::Number { segment, thing, found, wanted }) }
             };
             check("radius_m", part.radius_m, [1e-6, 10.0], "a number from 1e-6 to 10")?;
-            let stiffness = ("stiffness_n_m_per_rad", part.stiffness_n_m_per_rad);
+            let stiffness = ("joint_stiffness", part.joint_stiffness);
             check(stiffness.0, stiffness.1, [1e-12, 1e12], "a number from 1e-12 to 1e12")?;
             check("bare_m", part.bare_m, [0.0, 10.0], "a number from 0 to 10")?;
             let coordinates = part.start_m.iter().chain(&part.end_m).chain(&part.half_width_m);

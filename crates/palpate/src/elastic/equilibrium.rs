@@ -370,7 +370,7 @@ impl Equilibrium {
     ) -> f64 {
         let springs = self.body.segments().iter().zip(&joints.turned);
         let mut energy: f64 =
-            springs.map(|(s, turned)| 0.5 * s.stiffness_n_m_per_rad * turned.angle().powi(2)).sum();
+            springs.map(|(s, turned)| 0.5 * s.joint_stiffness * turned.angle().powi(2)).sum();
         energy += self.body.blocks().energy(&joints.slid_m);
         self.each_pressed(placed, near, posed, |_, _, resistance| energy += resistance.energy);
         energy
@@ -413,7 +413,7 @@ impl Equilibrium {
         for (index, segment) in segments.iter().enumerate() {
             let parent = segment.parent.map(|parent| parent as usize);
             let arm = parent.map_or(Vector3::zeros(), |p| posed.starts[index] - posed.starts[p]);
-            let k = segment.stiffness_n_m_per_rad;
+            let k = segment.joint_stiffness;
             let mut node = Node::free(parent, arm, k);
             if segment.kind == SegmentKind::Block {
                 let slid_m = &self.state.joints.slid_m;
@@ -485,7 +485,7 @@ mod tests {
             bare_m: piece - 1e-9,
             radius_m: 1e-4,
             half_width_m: [0.0; 3],
-            stiffness_n_m_per_rad: if at == 0 { 2.0 / piece } else { 1.0 / piece },
+            joint_stiffness: if at == 0 { 2.0 / piece } else { 1.0 / piece },
             branch: 0,
         };
         let mut segments: Vec<Segment> = (0..pieces).map(rod).collect();
@@ -549,7 +549,7 @@ mod tests {
             .sum();
         let springs = equilibrium.body.segments().iter().zip(&equilibrium.state.joints.turned);
         let energy: f64 =
-            springs.map(|(s, turned)| 0.5 * s.stiffness_n_m_per_rad * turned.angle().powi(2)).sum();
+            springs.map(|(s, turned)| 0.5 * s.joint_stiffness * turned.angle().powi(2)).sum();
         assert!((work / energy - 1.0).abs() < 0.01, "{work} J of work, {energy} J in springs");
     }
 
@@ -570,7 +570,7 @@ mod tests {
         let depths = ramp(0.1, 50);
         let mut soft = Equilibrium::new(press(), cantilever(10), stiff(0.4));
         let twice = |segment: &Segment| Segment {
-            stiffness_n_m_per_rad: 2.0 * segment.stiffness_n_m_per_rad,
+            joint_stiffness: 2.0 * segment.joint_stiffness,
             ..segment.clone()
         };
         let body = ElasticBody::new(cantilever(10).segments().iter().map(twice).collect())
@@ -596,7 +596,7 @@ mod tests {
                 bare_m: 0.0,
                 radius_m: 0.004,
                 half_width_m: [0.0, 0.02, 0.0],
-                stiffness_n_m_per_rad: k_n_per_m,
+                joint_stiffness: k_n_per_m,
                 branch: 0,
             }
         };

@@ -80,7 +80,7 @@ mod tests {
             bare_m: 0.0,
             radius_m: 0.01,
             half_width_m: [0.0; 3],
-            stiffness_n_m_per_rad: 1.0,
+            joint_stiffness: 1.0,
             branch: 0,
         };
         // Across in two directions, (L / 2)² over m L² / 3; along it the joint holds.

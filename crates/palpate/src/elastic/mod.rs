@@ -29,7 +29,7 @@ mod model;
 mod pose;
 mod tree;
 
-pub use blocks::BLOCK_ALONG;
+pub use blocks::BLOCK_STIFFNESS_SHARES;
 pub use body::{BodyError, ElasticBody, Segment, SegmentKind};
 pub use contact::ElasticContactConfig;
 pub use equilibrium::{Equilibrium, Settled};

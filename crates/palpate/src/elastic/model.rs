@@ -19,7 +19,7 @@ const MOST_VARIANTS: usize = 16;
 /// An object as an elastic body, learnt from touches.
 ///
 /// The predicted torque is `share` times the weighted sum over the variants of the body, plus that of a field
-/// of springs with the stiffness [`ElasticModel::beside`].
+/// of springs with the stiffness [`ElasticModel::spring_n_per_m`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ElasticModel {
@@ -33,6 +33,8 @@ pub struct ElasticModel {
     pub torque_limit_n_m: Option<f64>,
     /// Weight of the bodies' torque in the prediction, 0 to 1.
     pub share: f64,
+    /// Touches that it was learnt from.
+    pub n_touches: usize,
     /// Speed at which the arm touched the object, m/s: that of motions whose times are not known.
     pub speed_m_per_s: f64,
     /// Cells that touches have met, each once.
@@ -58,6 +60,11 @@ pub struct ElasticVariant {
 }
 
 impl ElasticModel {
+    /// The bodies that the object may be.
+    pub fn bodies(&self) -> Vec<Arc<ElasticBody>> {
+        self.variants.iter().map(|variant| Arc::new(variant.body.clone())).collect()
+    }
+
     /// K that explains what the bodies leave over, by cell, N/m.
     pub fn residual(&self) -> impl Iterator<Item = (CellId, f64)> {
         self.residual_cells.iter().copied().zip(self.residual_n_per_m.iter().copied())
@@ -65,7 +72,7 @@ impl ElasticModel {
 
     /// The stiffness of a spring in predictions, N/m: what is left of its K in a field that was learnt from
     /// the whole torque, and what it adds to the bodies.
-    pub fn beside(&self, field_n_per_m: f64, residual_n_per_m: f64) -> f64 {
+    pub fn spring_n_per_m(&self, field_n_per_m: f64, residual_n_per_m: f64) -> f64 {
         (1.0 - self.share) * f64::max(field_n_per_m, 0.0) + residual_n_per_m
     }
 

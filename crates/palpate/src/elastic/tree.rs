@@ -11,7 +11,9 @@
 //! ½ Σ wᵢᵀ kᵢ wᵢ + gᵢᵀ wᵢ  +  Σ ½ vᵢᵀ Aᵢ vᵢ + bᵢᵀ vᵢ ,    vᵢ = (translation of the start, rotation)
 //! ```
 //!
-//! A block slides and does not turn: `wᵢ` is then its translation, and nothing hangs from it.
+//! A block slides and does not turn: `wᵢ` is then its translation, and nothing hangs from it. Springs between
+//! blocks are in the slopes and on the diagonal alone, as if the neighbours stood still; so a cushion takes
+//! more iterations than a tree.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -75,8 +77,8 @@ impl Node {
     }
 }
 
-/// The rotation of every joint that minimises the model, rad, or the translation of a block, m; and half of what it lowers the energy by
-/// according to the model times two: the Newton decrement `−slope · step`, J.
+/// The rotation of every joint that minimises the model, rad, or the translation of a block, m; and the Newton
+/// decrement `−slope · step`, J.
 ///
 /// Overwrites the nodes with what they are seen from their parents. Parents come first.
 pub(super) fn minimise(nodes: &mut [Node]) -> (Vec<Vector3<f64>>, f64) {

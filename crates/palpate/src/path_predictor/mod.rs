@@ -40,7 +40,7 @@
 //!
 //! With [`PathPredictor::with_body`] a path bends an [`ElasticModel`] as well, waypoint by waypoint, as it is
 //! bent now if the path goes on from there. A path has no times: contacts creep as at the speed of the
-//! touches. The springs beside the body then have the stiffness [`ElasticModel::beside`]; standard deviations
+//! touches. The springs beside the body then have the stiffness [`ElasticModel::spring_n_per_m`]; standard deviations
 //! stay those of the field.
 //!
 //! # What the standard deviation means
@@ -106,7 +106,7 @@ pub const MAX_POINTS: usize = 100_000;
 /// Stops and sub-steps of a path at most, each: a few seconds.
 pub const MAX_MOTIONS: usize = 10_000;
 
-/// The same of a path that bends an elastic body: some ten seconds.
+/// Waypoints (stops and sub-steps together) at most of a path that bends an elastic body: some ten seconds.
 pub const MAX_BODY_MOTIONS: usize = 2_000;
 
 /// The weight of a cluster, in average springs, for fast predictions; see
@@ -220,7 +220,7 @@ impl PathPredictor {
     /// The same with an elastic body, as the arm bends it where it is.
     #[must_use]
     pub fn with_body(mut self, model: &ElasticModel, body: ElasticTorque) -> Self {
-        Arc::make_mut(&mut self.springs).put_beside(model);
+        Arc::make_mut(&mut self.springs).add_residual(model);
         self.body = Some(body);
         self
     }
@@ -254,8 +254,13 @@ impl PathPredictor {
     pub fn answer(&self, path: &CheckedPath<'_>) -> Result<PathPrediction, PathError> {
         let from = self.current_state.as_ref().filter(|from| self.starts_at(from, path));
         let waypoints = self.waypoints(path, from)?;
+        if let Some(number) = waypoints.stops.iter().position(|at| *at > MAX_BODY_MOTIONS)
+            && self.body.is_some()
+        {
+            return Err(PathError::TooLong { point: path.stops[number], most: MAX_BODY_MOTIONS });
+        }
         let wrenches = self.wrenches(&waypoints, from.map(|(_, state)| Arc::clone(state)));
-        let of_body = self.torques_of_body(path, &waypoints, from.is_some())?;
+        let of_body = self.torques_of_body(path, &waypoints, from.is_some());
         let mut points: Vec<PathPoint> = Vec::new();
         for (number, &stop) in path.stops.iter().enumerate() {
             let first = waypoints.stops.partition_point(|at| *at < waypoints.stops[number]);
@@ -281,13 +286,10 @@ impl PathPredictor {
         path: &CheckedPath<'_>,
         waypoints: &Waypoints,
         goes_on: bool,
-    ) -> Result<Vec<DVector<f64>>, PathError> {
-        let Some(mut body) = self.body.clone() else { return Ok(Vec::new()) };
+    ) -> Vec<DVector<f64>> {
+        let Some(mut body) = self.body.clone() else { return Vec::new() };
         if !goes_on {
             body.begin_touch();
-        }
-        if let Some(number) = waypoints.stops.iter().position(|at| *at > MAX_BODY_MOTIONS) {
-            return Err(PathError::TooLong { point: path.stops[number], most: MAX_BODY_MOTIONS });
         }
         let (mut bent, mut torques) = (0, Vec::with_capacity(path.stops.len()));
         for (&at, &stop) in waypoints.stops.iter().zip(&path.stops) {
@@ -296,7 +298,7 @@ impl PathPredictor {
             bent = at + 1;
             torques.push(body.torque(path.poses(stop)));
         }
-        Ok(torques)
+        torques
     }
 
     /// Whether a path starts where the arm is.

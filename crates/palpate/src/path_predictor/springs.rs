@@ -93,24 +93,24 @@ impl Springs {
         Self { lattice, rows, known, cluster_weight, groups: OnceLock::new(), other, edge }
     }
 
-    /// Gives every spring the stiffness that it has beside an elastic body.
-    pub(super) fn put_beside(&mut self, model: &ElasticModel) {
+    /// Gives every spring the stiffness that it has beside an elastic body. Cells that only the body's own,
+    /// thinned samples have met have no row here, and stay as untouched ones.
+    pub(super) fn add_residual(&mut self, model: &ElasticModel) {
         let of_untouched = model.untouched_residual_n_per_m;
         let mut residual = vec![of_untouched; self.known.len()];
         for (cell, k) in model.residual() {
             let (brick, inside) = Bricks::<()>::locate(self.lattice.place(cell));
             let row = self.rows.get(brick).map(|rows| rows[inside] as usize);
-            // Without a row, a cell was met by an earlier session only.
             if let Some(place) = row.and_then(|row| residual.get_mut(row)) {
                 *place = k;
             }
         }
         for (cell, residual) in self.known.iter_mut().zip(residual) {
-            cell.stiffness_n_per_m = model.beside(cell.stiffness_n_per_m, residual);
+            cell.stiffness_n_per_m = model.spring_n_per_m(cell.stiffness_n_per_m, residual);
         }
         let cells = f64::from(self.edge.pow(3));
         let other = self.other.stiffness_n_per_m / cells;
-        self.other.stiffness_n_per_m = cells * model.beside(other, of_untouched);
+        self.other.stiffness_n_per_m = cells * model.spring_n_per_m(other, of_untouched);
         self.groups = OnceLock::new();
     }
 
