@@ -8,8 +8,8 @@ use palpate::unstable::ElasticBody;
 use palpate_io::body;
 use palpate_io::cloud::{self, Cloud};
 use palpate_io::rgbd;
-use palpate_learn::body::ObjectKind;
-use palpate_work::elastic;
+use palpate_learn::body::ObjectHints;
+use palpate_work::elastic::{self, SeenCloud};
 use palpate_work::settings::vector3;
 
 use crate::error::CliError;
@@ -45,32 +45,43 @@ pub(crate) struct CloudArgs {
 }
 
 impl CloudArgs {
-    /// The elastic body in a file, or those that a cloud may be; none without either. And the cloud.
+    /// The elastic body in a file, or those that clouds may be; none without either. And all points.
     pub(crate) fn bodies(
         &self,
-        (cloud, kind): (Option<&Path>, Option<ObjectKind>),
+        (clouds, hints): (&[PathBuf], &ObjectHints),
         file: Option<&Path>,
         output: &Output,
     ) -> Result<(Vec<Arc<ElasticBody>>, Option<Cloud>), CliError> {
         let given = file.map(body::read).transpose().map_err(CliError::file)?;
-        let Some(cloud) = cloud else {
-            if self.camera.is_some() || self.camera_pose.is_some() || self.crop_low_m.is_some() {
+        let of_camera = self.camera.is_some() || self.camera_pose.is_some();
+        if clouds.is_empty() {
+            if of_camera || self.crop_low_m.is_some() {
                 let unused =
                     "--camera, --camera-pose and --crop-* are for a --cloud, which is not given";
                 return Err(CliError::Usage(unused.to_owned()));
             }
             return Ok((given.into_iter().map(Arc::new).collect(), None));
-        };
-        let seen = self.read(cloud, output)?;
+        }
+        if clouds.len() > 1 && of_camera {
+            let ambiguous = "--camera and --camera-pose are of one picture, and there are several --cloud; \
+                             give folders that hold their camera each";
+            return Err(CliError::Usage(ambiguous.to_owned()));
+        }
+        let seen = clouds.iter().map(|path| Ok((self.read(path, output)?, self.viewpoint(path)?)));
+        let seen: Vec<SeenCloud> = seen.collect::<Result<_, CliError>>()?;
         let bodies = match given {
             Some(body) => vec![Arc::new(body)],
             None => {
-                let colours = seen.colours().expect("read with colours");
-                let (viewpoint, name) = (self.viewpoint(cloud)?, cloud.display().to_string());
-                elastic::bodies((seen.points(), colours), (viewpoint, kind), &name, output)
+                let names: Vec<String> =
+                    clouds.iter().map(|path| path.display().to_string()).collect();
+                elastic::bodies(&seen, hints, &names.join("`, `"), output)
             }
         };
-        Ok((bodies, Some(seen)))
+        let points = seen.iter().flat_map(|(cloud, _)| cloud.points());
+        let colours =
+            seen.iter().flat_map(|(cloud, _)| cloud.colours().expect("read with colours"));
+        let all = Cloud::new(points.copied().collect(), Some(colours.copied().collect()));
+        Ok((bodies, Some(all)))
     }
 
     /// Reads points with colours: a PLY or PCD file, or a folder with colour, depth and camera.

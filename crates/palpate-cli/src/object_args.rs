@@ -6,9 +6,9 @@ use std::sync::Arc;
 use palpate::EstimatorKind;
 use palpate::unstable::ElasticBody;
 use palpate_io::cloud::Cloud;
-use palpate_learn::body::ObjectKind;
+use palpate_learn::body::{ObjectHints, ObjectKind};
 use palpate_work::elastic::without_body;
-use palpate_work::settings::named;
+use palpate_work::settings::{named, vector3};
 
 use crate::cloud_args::CloudArgs;
 use crate::error::CliError;
@@ -20,9 +20,9 @@ use crate::settings::Settings;
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct ObjectArgs {
     /// Coloured cloud of the object (PLY, PCD), or the folder of a picture with depth, in the world frame:
-    /// learn an elastic body as well
-    #[arg(long, value_name = "CLOUD")]
-    cloud: Option<PathBuf>,
+    /// learn an elastic body as well. Again for each other camera
+    #[arg(id = "cloud", long, value_name = "CLOUD")]
+    clouds: Vec<PathBuf>,
     /// An elastic body in place of one from the cloud: the file that `palpate convert` wrote, perhaps
     /// corrected by hand. `evaluate` also takes both, and shows the cloud in its report
     #[arg(long, value_name = "BODY.json")]
@@ -31,26 +31,39 @@ pub(crate) struct ObjectArgs {
     /// way) [default: found from the cloud]
     #[arg(long, value_name = "KIND", requires = "cloud", conflicts_with = "body", value_parser = named::<ObjectKind>(&ObjectKind::WORDS))]
     object_kind: Option<ObjectKind>,
+    /// Where a plant is held, m, world frame; again for each other tree [default: where stems meet the
+    /// ground]
+    #[arg(id = "root", long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true, requires = "cloud", conflicts_with = "body")]
+    roots_m: Vec<[f64; 3]>,
     #[command(flatten)]
     cloud_args: CloudArgs,
+}
+
+/// Three numbers of at most a kilometre, m.
+fn place(text: &str) -> Result<[f64; 3], String> {
+    let place = vector3(text)?;
+    let is_near = place.iter().all(|along| along.abs() <= 1000.0);
+    is_near.then_some(place).ok_or_else(|| "wanted numbers of at most 1000 m".to_owned())
 }
 
 impl ObjectArgs {
     /// Whether there is one.
     pub(crate) fn is_given(&self) -> bool {
-        self.cloud.is_some() || self.body.is_some()
+        !self.clouds.is_empty() || self.body.is_some()
     }
 
     /// Adds what is read.
     pub(crate) fn add_to(&self, places: &mut Places) {
-        places.input("the cloud (--cloud)", self.cloud.as_deref());
+        for cloud in &self.clouds {
+            places.input("the cloud (--cloud)", Some(cloud));
+        }
         places.input("the body (--body)", self.body.as_deref());
     }
 
     /// Selects the estimator `elastic` if an object is given; refuses it without one, unless a `field` to go on
     /// from may bring its body.
     pub(crate) fn select(&self, settings: &mut Settings, field: bool) -> Result<(), CliError> {
-        if self.cloud.is_some() && self.body.is_some() {
+        if !self.clouds.is_empty() && self.body.is_some() {
             let both = "--cloud and --body both say what the body is; leave one of them out";
             return Err(CliError::Usage(both.to_owned()));
         }
@@ -77,7 +90,10 @@ impl ObjectArgs {
         &self,
         output: &Output,
     ) -> Result<(Vec<Arc<ElasticBody>>, Option<Cloud>), CliError> {
-        let cloud = (self.cloud.as_deref(), self.object_kind);
-        self.cloud_args.bodies(cloud, self.body.as_deref(), output)
+        let hints = ObjectHints {
+            kind: self.object_kind,
+            roots_m: self.roots_m.iter().map(|&root| root.into()).collect(),
+        };
+        self.cloud_args.bodies((&self.clouds, &hints), self.body.as_deref(), output)
     }
 }

@@ -8,6 +8,7 @@ use std::path::Path;
 use common::{Scene, json, palpate, refuse, succeed};
 use palpate_io::field::load;
 use palpate_io::log::{self, LogEvent, LogOptions};
+use serde_json::Value;
 
 fn bundled(file: &str) -> String {
     format!("{}/data/plant_a/{file}", env!("CARGO_MANIFEST_DIR"))
@@ -79,6 +80,30 @@ fn without_a_touch_a_body_is_taken_as_others_are_and_predicts_more_than_zero() {
     let [error, zero] = [&report["overall"], &report["overall"]["zero"]]
         .map(|f| f["avg_relative"].as_f64().unwrap());
     assert!(error < 0.95 * zero, "{error} beside zero's {zero}");
+}
+
+#[test]
+fn a_plant_of_several_pictures_is_held_at_its_root() {
+    let scene = Scene::new();
+    let (field, body) = (scene.text("field.npz"), scene.text("body.json"));
+    let (cloud, root) = (bundled("object.ply"), [0.55, 0.0, 0.1]);
+    let mut map = palpate();
+    map.args(["map", "--cloud", &cloud, "--cloud", &bundled("rgbd"), "--root", "0.55,0,0.1"]);
+    map.args(["--crop-low-m=0.2,-0.4,0.02", "--crop-high-m=1,0.4,1"]);
+    succeed(map.args(["-o", &field]));
+    succeed(palpate().args(["convert", &field, "-o", &body]));
+    let body: Value = serde_json::from_slice(&std::fs::read(&body).unwrap()).unwrap();
+    let rooted = body["segments"].as_array().unwrap().iter().filter(|s| s["parent"].is_null());
+    let starts: Vec<&Value> = rooted.map(|segment| &segment["start_m"]).collect();
+    assert_eq!(starts, [&serde_json::json!(root)]);
+
+    let usage = |with: &[&str], words: &[&str]| {
+        refuse(palpate().args(["map", "-o", &field]).args(with), 2, words);
+    };
+    usage(&["--root", "0,0,0"], &["--cloud"]);
+    usage(&["--cloud", &cloud, "--root", "0,0,nan"], &["--root", "1000 m"]);
+    let two_cameras = ["--cloud", &cloud, "--cloud", &cloud, "--camera-pose", "0 0 0 0 0 0 1"];
+    usage(&two_cameras, &["--camera", "several"]);
 }
 
 #[test]

@@ -3,17 +3,27 @@
 
 use nalgebra::{Point3, Vector3};
 use palpate::unstable::{ElasticBody, Segment, SegmentKind};
-use palpate_learn::body::{ObjectKind, from_cloud, guess_viewpoint, readings};
+use palpate_learn::body::{ObjectHints, ObjectKind, Picture, guess_viewpoint, readings};
 
 const BROWN: [u8; 3] = [110, 65, 30];
 const GREEN: [u8; 3] = [40, 110, 30];
 const EYE: Point3<f64> = Point3::new(-0.5, -0.6, 0.6);
 
 /// A cloud as a camera sees it: only what faces it.
-#[derive(Default)]
 struct Seen {
+    eye: Point3<f64>,
     points: Vec<Point3<f64>>,
     colours: Vec<[u8; 3]>,
+}
+
+impl Default for Seen {
+    fn default() -> Self {
+        Self { eye: EYE, points: Vec::new(), colours: Vec::new() }
+    }
+}
+
+fn of_kind(kind: ObjectKind) -> ObjectHints {
+    ObjectHints { kind: Some(kind), ..ObjectHints::default() }
 }
 
 impl Seen {
@@ -35,7 +45,7 @@ impl Seen {
                 let angle = std::f64::consts::TAU * turn as f64 / around as f64;
                 let normal = across * angle.cos() + other * angle.sin();
                 let point = from + (to - from) * share + normal * radius;
-                if normal.dot(&(EYE - point)) > 0.0 {
+                if normal.dot(&(self.eye - point)) > 0.0 {
                     self.points.push(point);
                     self.colours.push(BROWN);
                 }
@@ -55,8 +65,12 @@ impl Seen {
         }
     }
 
-    fn body(&self, eye: Option<Point3<f64>>) -> ElasticBody {
-        from_cloud(&self.points, &self.colours, eye).unwrap()
+    fn picture(&self, viewpoint: Option<Point3<f64>>) -> Picture<'_> {
+        Picture { points: &self.points, colours: &self.colours, viewpoint }
+    }
+
+    fn body(&self, viewpoint: Option<Point3<f64>>) -> ElasticBody {
+        readings(&[self.picture(viewpoint)], &of_kind(ObjectKind::Plant)).remove(0)
     }
 }
 
@@ -149,21 +163,73 @@ fn clouds_without_a_body_are_none_rather_than_a_panic() {
     };
     let same = vec![Point3::new(0.5, 0.0, 0.3); 2000];
     let clouds = [vec![], vec![Point3::origin()], vec![EYE; 3], same, grid(60), grid(300)];
+    let plants = of_kind(ObjectKind::Plant);
     for points in clouds {
         for colours in [vec![BROWN; points.len()], vec![GREEN; points.len()]] {
             for viewpoint in [None, Some(EYE)] {
-                from_cloud(&points, &colours, viewpoint); // A body without meaning is allowed.
+                // A body without meaning is allowed.
+                readings(&[Picture { points: &points, colours: &colours, viewpoint }], &plants);
             }
         }
     }
-    assert_eq!(from_cloud(&[], &[], None), None);
+    assert_eq!(readings(&[], &plants), []);
+    assert_eq!(readings(&[], &ObjectHints::default()), []);
+}
+
+#[test]
+fn two_cameras_see_a_stem_from_both_sides_and_it_is_as_thick_as_it_is() {
+    let eyes = [EYE, Point3::new(1.5, 0.6, 0.6)];
+    let seen = eyes.map(|eye| {
+        let mut seen = Seen { eye, ..Seen::default() };
+        seen.rod([0.5, 0.0, 0.1], [0.5, 0.0, 0.6], [0.012, 0.008], [2.0, 3.0]);
+        seen.rod([0.5, 0.0, 0.4], [0.4, -0.1, 0.44], [0.006, 0.004], [2.0, 3.0]);
+        seen
+    });
+    let pictures = [seen[0].picture(Some(eyes[0])), seen[1].picture(Some(eyes[1]))];
+    let bodies = readings(&pictures, &ObjectHints::default());
+    let guessed = [seen[0].picture(None), seen[1].picture(None)];
+    for body in [&bodies[0], &readings(&guessed, &ObjectHints::default())[0]] {
+        let stem = wood(body).into_iter().filter(|segment| segment.branch == 0);
+        for segment in stem.filter(|segment| segment.start_m[2] > 0.11) {
+            let off = distance_from_rod(&segment.start(), [0.5, 0.0, 0.08], [0.5, 0.0, 0.6]);
+            assert!(off < 0.002, "{} is {off} m from the axis", segment.start());
+            let radius = 0.012 - 0.008 * (segment.start_m[2] + 0.03 - 0.1);
+            assert!(
+                (segment.radius_m / radius - 1.0).abs() < 0.15,
+                "{} m, not {radius}",
+                segment.radius_m
+            );
+        }
+        let branches: std::collections::BTreeSet<u32> =
+            wood(body).iter().map(|segment| segment.branch).collect();
+        assert_eq!(branches.len(), 2, "a stem and a branch, as from one side");
+    }
+}
+
+#[test]
+fn a_plant_hangs_from_its_root_wherever_that_is() {
+    let seen = plant();
+    for (root, segment_from) in [([0.5, 0.0, 0.65], 0.65), ([0.5, 0.0, 0.6], 0.6)] {
+        let hints = ObjectHints { roots_m: vec![root.into()], ..ObjectHints::default() };
+        let body = &readings(&[seen.picture(Some(EYE))], &hints)[0];
+        let rooted = body.segments().iter().filter(|segment| segment.parent.is_none());
+        let rooted: Vec<&Segment> = rooted.collect();
+        assert_eq!(rooted.len(), 1);
+        assert!((rooted[0].start_m[2] - segment_from).abs() < 0.01, "{:?}", rooted[0].start_m);
+        assert!(rooted[0].end_m[2] < rooted[0].start_m[2], "it hangs down");
+    }
+    // Far from all wood: held there all the same.
+    let hints = ObjectHints { roots_m: vec![[0.5, 0.0, 0.0].into()], ..ObjectHints::default() };
+    let body = &readings(&[seen.picture(Some(EYE))], &hints)[0];
+    assert_eq!(body.segments()[0].start_m, [0.5, 0.0, 0.0]);
 }
 
 #[test]
 fn a_table_has_no_reading_and_a_plant_on_it_needs_to_be_cut_out() {
     let seen = plant();
-    let kinds = |points: &[Point3<f64>], colours: &[[u8; 3]], shape| -> Vec<SegmentKind> {
-        let bodies = readings(points, colours, Some(EYE), shape);
+    let kinds = |points: &[Point3<f64>], colours: &[[u8; 3]], kind| -> Vec<SegmentKind> {
+        let picture = Picture { points, colours, viewpoint: Some(EYE) };
+        let bodies = readings(&[picture], &ObjectHints { kind, ..ObjectHints::default() });
         let first = bodies.first().map_or(&[][..], |body| body.segments());
         first.iter().map(|segment| segment.kind).collect()
     };
@@ -196,7 +262,8 @@ fn a_cushion_is_blocks_whose_tops_are_where_its_surface_was_seen_in_two_material
     // Its side, down to the ground.
     points.extend((0..200).map(|at| Point3::new(0.0, -0.15, 0.001 * f64::from(at))));
     colours.extend([[40, 70, 180]; 200]);
-    let bodies = readings(&points, &colours, None, None);
+    let picture = Picture { points: &points, colours: &colours, viewpoint: None };
+    let bodies = readings(&[picture], &ObjectHints::default());
     assert_eq!(bodies.len(), 1);
     let body = &bodies[0];
     assert!(body.segments().len() > 60, "{} blocks", body.segments().len());
@@ -241,7 +308,7 @@ fn the_camera_of_the_bundled_plant_is_found_in_its_cloud() {
 #[test]
 fn the_first_reading_is_the_body_and_no_two_are_the_same() {
     let seen = plant();
-    let bodies = readings(&seen.points, &seen.colours, Some(EYE), None);
+    let bodies = readings(&[seen.picture(Some(EYE))], &ObjectHints::default());
     assert_eq!(bodies[0], seen.body(Some(EYE)));
     for (number, body) in bodies.iter().enumerate() {
         assert!(!bodies[..number].contains(body), "reading {number}");

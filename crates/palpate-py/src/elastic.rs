@@ -1,18 +1,20 @@
 //! Fields with an elastic body from a cloud.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use nalgebra::Point3;
 use palpate::unstable::ElasticBody;
 use palpate::{EstimatorKind, Mapper};
-use palpate_learn::body::ObjectKind;
-use palpate_work::elastic::{bodies, learn_body};
+use palpate_io::cloud::Cloud;
+use palpate_learn::body::{ObjectHints, ObjectKind};
+use palpate_work::elastic::{SeenCloud, bodies, learn_body};
 use palpate_work::learn::learn;
 use palpate_work::settings::SettingsError;
 use palpate_work::{Progress, WorkError};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyAny, PyDict};
+use pyo3::types::{PyAny, PyDict, PyList};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::{Error as ValueError, StrDeserializer};
@@ -24,15 +26,82 @@ use crate::log::{opened, sources};
 use crate::watch::long;
 use crate::{robot, settings};
 
-/// A cloud as an argument: a path, or points, with their colours, the place of the camera, and the kind of the
-/// object.
-pub(crate) type CloudArgument<'a, 'py> =
-    (&'a Bound<'py, PyAny>, Option<&'a Bound<'py, PyAny>>, Option<[f64; 3]>, Option<&'a str>);
+/// What shows an object, as arguments: a cloud is a path, or points with their colours; there may be a list of
+/// them, each with the place of its camera.
+#[derive(Default)]
+pub(crate) struct ObjectArguments<'a, 'py> {
+    pub colours: Option<&'a Bound<'py, PyAny>>,
+    pub viewpoint: Option<Places>,
+    pub kind: Option<&'a str>,
+    pub root: Option<Places>,
+}
+
+impl ObjectArguments<'_, '_> {
+    pub(crate) fn is_given(&self) -> bool {
+        let Self { colours, viewpoint, kind, root } = self;
+        colours.is_some() || viewpoint.is_some() || kind.is_some() || root.is_some()
+    }
+}
+
+/// A place, or several, m.
+#[derive(FromPyObject)]
+pub(crate) enum Places {
+    One([f64; 3]),
+    Several(Vec<[f64; 3]>),
+}
+
+impl Places {
+    /// All of them, each finite.
+    fn all(places: Option<Self>, name: &str) -> Result<Vec<Point3<f64>>> {
+        let places = match places {
+            None => Vec::new(),
+            Some(Self::One(place)) => vec![place],
+            Some(Self::Several(places)) => places,
+        };
+        if let Some(place) = places.iter().flatten().find(|along| !along.is_finite()) {
+            let message = format!("`{name}` holds {place}; wanted finite numbers, m");
+            return Err(PyValueError::new_err(message).into());
+        }
+        Ok(places.into_iter().map(Point3::from).collect())
+    }
+}
+
+/// The clouds of a list of paths or of arrays, or the only one; and what errors call each.
+fn clouds(
+    py: Python<'_>,
+    cloud: &Bound<'_, PyAny>,
+    colours: Option<&Bound<'_, PyAny>>,
+) -> Result<Vec<(PathBuf, Cloud)>> {
+    let is_cloud = |one: &Bound<'_, PyAny>| {
+        let of_points = one.getattr("ndim").and_then(|ndim| ndim.extract::<usize>());
+        one.extract::<PathBuf>().is_ok() || of_points.is_ok_and(|ndim| ndim == 2)
+    };
+    let several: Option<Vec<Bound<'_, PyAny>>> = match cloud.is_instance_of::<PyList>() {
+        true => Some(cloud.extract()?),
+        false => None,
+    };
+    let Some(several) = several.filter(|several| several.first().is_some_and(is_cloud)) else {
+        return Ok(vec![extrapolate::read(py, cloud, colours)?]);
+    };
+    let colours: Vec<Option<Bound<'_, PyAny>>> = match colours {
+        None => vec![None; several.len()],
+        Some(colours) => colours.extract::<Vec<_>>()?.into_iter().map(Some).collect(),
+    };
+    if colours.len() != several.len() {
+        let (n, found) = (several.len(), colours.len());
+        let message =
+            format!("`cloud` lists {n} clouds and `colours` {found}; wanted one for each");
+        return Err(PyValueError::new_err(message).into());
+    }
+    let pairs = several.iter().zip(&colours);
+    pairs.map(|(cloud, colours)| extrapolate::read(py, cloud, colours.as_ref())).collect()
+}
 
 /// A function that makes the bodies of a cloud, to be called once there is a progress to note what it finds.
 pub(crate) fn bodies_of(
     py: Python<'_>,
-    (cloud, colours, viewpoint, kind): CloudArgument<'_, '_>,
+    cloud: &Bound<'_, PyAny>,
+    ObjectArguments { colours, viewpoint, kind, root }: ObjectArguments<'_, '_>,
 ) -> Result<impl FnOnce(&dyn Progress) -> Vec<Arc<ElasticBody>> + Send> {
     let kind = kind.map(|word| {
         let known: StrDeserializer<'_, ValueError> = word.into_deserializer();
@@ -43,12 +112,19 @@ pub(crate) fn bodies_of(
         })
     });
     let kind = kind.transpose()?;
-    let (name, cloud) = extrapolate::read(py, cloud, colours)?;
-    Ok(move |progress: &dyn Progress| {
-        let colours = cloud.colours().expect("read with colours");
-        let name = name.display().to_string();
-        bodies((cloud.points(), colours), (viewpoint.map(Point3::from), kind), &name, progress)
-    })
+    let hints = ObjectHints { kind, roots_m: Places::all(root, "root")? };
+    let viewpoints = Places::all(viewpoint, "viewpoint")?;
+    let (names, clouds): (Vec<PathBuf>, Vec<Cloud>) =
+        clouds(py, cloud, colours)?.into_iter().unzip();
+    if !viewpoints.is_empty() && viewpoints.len() != clouds.len() {
+        let (n, found) = (clouds.len(), viewpoints.len());
+        let message = format!("`viewpoint` holds {found} places; wanted one for each cloud: {n}");
+        return Err(PyValueError::new_err(message).into());
+    }
+    let viewpoints = viewpoints.into_iter().map(Some).chain(std::iter::repeat(None));
+    let seen: Vec<SeenCloud> = clouds.into_iter().zip(viewpoints).collect();
+    let names: Vec<String> = names.iter().map(|name| name.display().to_string()).collect();
+    Ok(move |progress: &dyn Progress| bodies(&seen, &hints, &names.join("`, `"), progress))
 }
 
 /// Learns a field with an elastic body from a cloud, as `palpate map --cloud` does.
@@ -56,13 +132,15 @@ pub(crate) fn bodies_of(
 /// `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m, world frame, with
 /// `colours` (N, 3) from 0 to 255; `viewpoint` is where the camera stood, (3,) m, searched if left out;
 /// `object_kind` is "plant" (stems, branches, leaves) or "cushion" (anything else that gives way), found from the
-/// cloud if left out.
+/// cloud if left out; `root` is where a plant is held, (3,) or one a tree, (R, 3) m, where it meets the ground if
+/// left out. Clouds of several cameras are a list of paths, or lists of arrays for `cloud` and `colours`, with
+/// `viewpoint` (C, 3).
 /// If `logs` is None, the body has the typical stiffness of other plants. A cloud in which nothing
 /// stands above its lowest point gives a field without a body.
 #[pyfunction]
 #[pyo3(signature = (
-    logs, cloud, colours = None, robot = None, *, viewpoint = None, object_kind = None, settings = None,
-    progress = None, **sections
+    logs, cloud, colours = None, robot = None, *, viewpoint = None, object_kind = None, root = None,
+    settings = None, progress = None, **sections
 ))]
 #[allow(clippy::too_many_arguments)] // they are keywords
 pub(crate) fn map_elastic(
@@ -71,8 +149,9 @@ pub(crate) fn map_elastic(
     cloud: &Bound<'_, PyAny>,
     colours: Option<&Bound<'_, PyAny>>,
     robot: Option<&Bound<'_, PyAny>>,
-    viewpoint: Option<[f64; 3]>,
+    viewpoint: Option<Places>,
     object_kind: Option<&str>,
+    root: Option<Places>,
     settings: Option<&Bound<'_, PyAny>>,
     progress: Option<&Bound<'_, PyAny>>,
     sections: Option<&Bound<'_, PyDict>>,
@@ -89,7 +168,8 @@ pub(crate) fn map_elastic(
     settings.config()?;
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = logs.map(sources).transpose()?.unwrap_or_default();
-    let make_bodies = bodies_of(py, (cloud, colours, viewpoint, object_kind))?;
+    let make_bodies =
+        bodies_of(py, cloud, ObjectArguments { colours, viewpoint, kind: object_kind, root })?;
     let saved = long(py, progress, |progress| -> Result<_, WorkError> {
         let bodies = make_bodies(progress);
         let touches = opened(sources, &settings.log)?;

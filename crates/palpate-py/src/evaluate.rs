@@ -20,7 +20,7 @@ use serde_json::json;
 
 use crate::array::{flat, table_of};
 use crate::data::{given, of_python, python};
-use crate::elastic::bodies_of;
+use crate::elastic::{ObjectArguments, Places, bodies_of};
 use crate::error::Result;
 use crate::log::{Source, opened, sources};
 use crate::watch::long;
@@ -41,14 +41,14 @@ fn read(
 /// Compares methods on touches that they have not seen, as `palpate evaluate` does.
 ///
 /// `methods` are of elastic, map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always
-/// stands beside the others. elastic needs a `cloud` of the object, with `colours`, `viewpoint` and
-/// `object_kind` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
+/// stands beside the others. elastic needs a `cloud` of the object, with `colours`, `viewpoint`,
+/// `object_kind` and `root` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
 /// `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold.
 /// `share`, its number from 0 and how many there are, does that share of the folds alone.
 #[pyfunction]
 #[pyo3(signature = (
     logs, robot = None, *, methods = None, cloud = None, colours = None, viewpoint = None, object_kind = None,
-    folds = None, test = None, truth = false, tune = false, share = None, settings = None, progress = None, **sections
+    root = None, folds = None, test = None, truth = false, tune = false, share = None, settings = None, progress = None, **sections
 ))]
 #[allow(clippy::too_many_arguments)] // they are keywords
 pub(crate) fn evaluate<'py>(
@@ -58,8 +58,9 @@ pub(crate) fn evaluate<'py>(
     methods: Option<Vec<String>>,
     cloud: Option<&Bound<'py, PyAny>>,
     colours: Option<&Bound<'py, PyAny>>,
-    viewpoint: Option<[f64; 3]>,
+    viewpoint: Option<Places>,
     object_kind: Option<&str>,
+    root: Option<Places>,
     folds: Option<u32>,
     test: Option<Vec<String>>,
     truth: bool,
@@ -78,13 +79,13 @@ pub(crate) fn evaluate<'py>(
             PyValueError::new_err(format!("`methods` names {name:?}; {there_are}"))
         })?);
     }
-    let of_cloud = colours.is_some() || viewpoint.is_some() || object_kind.is_some();
-    if cloud.is_none() && of_cloud {
+    let object = ObjectArguments { colours, viewpoint, kind: object_kind, root };
+    if cloud.is_none() && object.is_given() {
         let message =
-            "`colours`, `viewpoint` and `object_kind` are those of a `cloud`, which is not given";
+            "`colours`, `viewpoint`, `object_kind` and `root` are of a `cloud`, which is not given";
         return Err(PyValueError::new_err(message).into());
     }
-    let cloud = cloud.map(|cloud| bodies_of(py, (cloud, colours, viewpoint, object_kind)));
+    let cloud = cloud.map(|cloud| bodies_of(py, cloud, object));
     let cloud = cloud.transpose()?;
     replace_elastic_by_map(&mut settings, cloud.is_some()).map_err(WorkError::from)?;
     let mut methods = each_once(&chosen, cloud.is_some())?;

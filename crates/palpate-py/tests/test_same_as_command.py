@@ -145,6 +145,14 @@ def test_needs_command_a_field_with_an_elastic_body_is_the_same(
     run(command, "map", "--cloud", cloud, "--object-kind", "cushion", "-o", tmp_path / "blocks.npz", "--json")
     palpate.map_elastic(None, cloud, robot=robot, object_kind="cushion").save(tmp_path / "ours.npz")
     assert (tmp_path / "ours.npz").read_bytes() == (tmp_path / "blocks.npz").read_bytes()
+    twice = ["--cloud", cloud, "--cloud", cloud, "--root", "0.55,0,0.1"]
+    run(command, "map", *twice, "-o", tmp_path / "two.npz", "--json")
+    palpate.map_elastic(None, [cloud, cloud], robot=robot, root=(0.55, 0, 0.1)).save(tmp_path / "ours.npz")
+    assert (tmp_path / "ours.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
+    with pytest.raises(ValueError, match="`viewpoint` holds 1 places"):
+        palpate.map_elastic(None, [cloud, cloud], robot=robot, viewpoint=(0, 0, 1))
+    with pytest.raises(ValueError, match="`root` holds nan"):
+        palpate.map_elastic(None, cloud, robot=robot, root=(0.5, 0, float("nan")))
     with pytest.raises(ValueError, match="`object_kind` is \"tree\""):
         palpate.map_elastic(None, cloud, robot=robot, object_kind="tree")  # type: ignore[arg-type]
     with pytest.raises(palpate.SettingsError, match="--cloud"):

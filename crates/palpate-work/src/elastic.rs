@@ -5,8 +5,9 @@ use std::sync::Arc;
 use nalgebra::Point3;
 use palpate::unstable::{ElasticBody, ElasticModel, SegmentKind};
 use palpate::{Arm, EstimatorKind, Mapper, Sample};
+use palpate_io::cloud::Cloud;
 use palpate_io::field::Saved;
-use palpate_learn::body::{ObjectKind, readings};
+use palpate_learn::body::{ObjectHints, ObjectKind, Picture, readings};
 use palpate_learn::elastic::{BodyLearner, Settled, steps};
 use palpate_learn::tracked::{Touch, Tracked};
 use palpate_learn::{LearnError, Stop};
@@ -16,17 +17,29 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::{Settings, SettingsError};
 
-/// The elastic bodies that a cloud may be, the most likely first; a note says what was found. None if there
-/// is nothing that could bend.
+/// A cloud that one camera saw, and where that stood, m, world frame, if it is known.
+pub type SeenCloud = (Cloud, Option<Point3<f64>>);
+
+/// The elastic bodies that clouds of an object may be, the most likely first; a note says what was found. None
+/// if there is nothing that could bend. Notes call the clouds `name`.
 ///
-/// Positions are in m in the world frame, colours sRGB; notes call the cloud `name`.
+/// # Panics
+///
+/// If a cloud has no colours.
 pub fn bodies(
-    (points, colours): (&[Point3<f64>], &[[u8; 3]]),
-    (viewpoint, kind): (Option<Point3<f64>>, Option<ObjectKind>),
+    clouds: &[SeenCloud],
+    hints: &ObjectHints,
     name: &str,
     progress: &dyn Progress,
 ) -> Vec<Arc<ElasticBody>> {
-    let bodies = readings(points, colours, viewpoint, kind);
+    let pictures = clouds.iter().map(|(cloud, viewpoint)| Picture {
+        points: cloud.points(),
+        colours: cloud.colours().expect("the caller gave colours"),
+        viewpoint: *viewpoint,
+    });
+    let pictures: Vec<Picture<'_>> = pictures.collect();
+    let bodies = readings(&pictures, hints);
+    let kind = hints.kind;
     match bodies.first() {
         Some(body) => {
             let or_plant = body.has_blocks() && kind.is_none();
@@ -47,7 +60,7 @@ pub fn bodies(
             progress.note(&format!(
                 "no elastic body: palpate found {missing} in `{name}` ({} points; lengths are taken as m), \
                  so `map` is used alone",
-                points.len()
+                clouds.iter().map(|(cloud, _)| cloud.len()).sum::<usize>()
             ));
         }
     }

@@ -11,6 +11,7 @@ use palpate::{Arm, EstimatorKind, Mapper};
 use palpate_io::cloud::{self, Cloud};
 use palpate_io::field::{self, Saved};
 use palpate_io::log::LogOptions;
+use palpate_learn::body::ObjectHints;
 use palpate_learn::extrapolate::Config;
 use palpate_learn::folds::folds;
 use palpate_work::elastic::{bodies, learn_body, replace_elastic_by_map};
@@ -126,10 +127,10 @@ impl Picture {
         if settings.estimator.estimator != Some(EstimatorKind::Elastic) {
             return Ok(Self::default());
         }
-        let cloud = cloud::read(object).map_err(CliError::file)?.cloud;
-        let colours = cloud.colours().expect("the bundled cloud has colours");
-        let bodies = bodies((cloud.points(), colours), (None, None), "the bundled cloud", output);
-        Ok(Self { bodies, cloud: Some(cloud) })
+        let seen = (cloud::read(object).map_err(CliError::file)?.cloud, None);
+        let hints = ObjectHints::default();
+        let bodies = bodies(std::slice::from_ref(&seen), &hints, "the bundled cloud", output);
+        Ok(Self { bodies, cloud: Some(seen.0) })
     }
 }
 

@@ -20,6 +20,8 @@ const LENGTH_STD_M: f64 = 0.002;
 const RADIUS_STD_M: f64 = 0.0006;
 /// Growth of the radius towards the tip, m.
 const GROWTH_STD_M: f64 = 0.0002;
+/// Longer branches are not fitted: plants have none, and the time goes with the cube of the length, m.
+const LONGEST_M: f64 = 3.0;
 /// Most points for ten centimetres of a branch.
 const MOST_POINTS: f64 = 350.0;
 /// Steps, at most, and the change that ends them, m.
@@ -39,7 +41,7 @@ pub(super) fn fit(
 ) -> Option<Vec<(Point3<f64>, f64)>> {
     let arc = arc_m(start);
     let length = arc[arc.len() - 1];
-    if points.len() < 8 || length < 0.01 {
+    if points.len() < 8 || !(0.01..LONGEST_M).contains(&length) {
         return None;
     }
     let most = (MOST_POINTS * f64::max(1.0, length / 0.1)) as usize;

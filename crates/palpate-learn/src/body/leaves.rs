@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use palpate::unstable::{Segment, SegmentKind};
 
 use super::graph::Graph;
-use super::view::View;
+use super::view::Views;
 
 /// Spring of a leaf's stalk, N·m/rad, where wood has the modulus of [`super::WOOD_MODULUS_PA`].
 const STALK_N_M_PER_RAD: f64 = 0.006;
@@ -64,7 +64,7 @@ pub(super) fn leaves(
     points: &[Point3<f64>],
     colours: &[[u8; 3]],
     wood: &[Segment],
-    view: &View,
+    views: &Views,
 ) -> Vec<Segment> {
     let mut places: Vec<([f64; 3], u32)> = Vec::new();
     for (number, segment) in wood.iter().enumerate() {
@@ -82,7 +82,7 @@ pub(super) fn leaves(
         let bridges = ends.map(|end| {
             let near = tree.nearest_one::<kiddo::SquaredEuclidean>(&end.into());
             let (place, distance) = (Point3::from(only[near.item as usize]), near.distance.sqrt());
-            let free = if distance > 0.012 { view.seen_free(&place, &end) } else { 0.0 };
+            let free = if distance > 0.012 { views.seen_free(&place, &end) } else { 0.0 };
             (distance * (1.0 + 2.0 * free), distance, near.item as usize)
         });
         let [first, second] = bridges;

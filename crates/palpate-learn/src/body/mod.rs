@@ -1,4 +1,4 @@
-//! From a coloured cloud to an elastic body: stems, branches and leaves of what a camera saw.
+//! From coloured clouds to an elastic body: stems, branches and leaves of what cameras saw.
 //!
 //! | file       | does                                                                             |
 //! |------------|----------------------------------------------------------------------------------|
@@ -11,10 +11,10 @@
 //! | `radii`    | draws radii to the taper that branches of an order have in common                  |
 //! | `leaves`   | flat patches, hung on the nearest wood                                            |
 //! | `explained` | whether the body is what the cloud shows                                       |
-//! | `view`     | where the camera stood, and through which space it looked                          |
+//! | `view`     | where the cameras stood, and through which space they looked                       |
 //! | `graph`    | neighbours, connected pieces, distances along a surface                            |
 //!
-//! Only the side that faces the camera is seen. What is hidden, and wood of the colour of leaves, is
+//! Only what faces a camera is seen. What is hidden, and wood of the colour of leaves, is
 //! missed. If stems, branches and leaves leave much of the cloud unexplained, it shows a cushion.
 
 mod blocks;
@@ -38,8 +38,8 @@ use serde::Deserialize;
 use self::explained::unexplained;
 use self::skeleton::{Branch, Joining, SkeletonNode};
 use self::tubes::{Tube, at_arc};
-use self::view::View;
 pub use self::view::guess_viewpoint;
+use self::view::{View, Views};
 
 /// Young's modulus of wood before a touch says otherwise, Pa.
 pub const WOOD_MODULUS_PA: f64 = 4.8e8;
@@ -48,63 +48,65 @@ const SEGMENT_M: f64 = 0.03;
 /// Larger clouds are thinned to one point in a cube of [`THINNED_M`].
 const MOST_POINTS: usize = 60_000;
 const THINNED_M: f64 = 0.0015;
+/// A tube that begins nearer than this to its root begins at it, m.
+const NO_LEAD_M: f64 = 0.005;
 /// Largest share of the points that may lie on no segment of a body.
 const MOST_UNEXPLAINED: f64 = 0.4;
 
-/// The elastic body of an object, the first of its [`readings`].
-///
-/// Returns `None` if no branch is found.
-///
-/// # Panics
-///
-/// If there is not one colour for each point.
-pub fn from_cloud(
-    points: &[Point3<f64>],
-    colours: &[[u8; 3]],
-    viewpoint: Option<Point3<f64>>,
-) -> Option<ElasticBody> {
-    Cloud::new(points, colours, viewpoint)?.body(&Joining::ALL[0])
+/// What one camera saw of an object.
+#[derive(Debug, Clone, Copy)]
+pub struct Picture<'a> {
+    /// World frame, m.
+    pub points: &'a [Point3<f64>],
+    /// sRGB, one for each point.
+    pub colours: &'a [[u8; 3]],
+    /// Where the camera stood, m, world frame; if it is not known, a place from which no point hides another.
+    pub viewpoint: Option<Point3<f64>>,
 }
 
-/// The elastic bodies that a cloud of an object can be read as. They differ in what hangs together across
+/// What is known of an object besides its pictures.
+#[derive(Debug, Clone, Default)]
+pub struct ObjectHints {
+    /// What it is; found from the pictures if left out.
+    pub kind: Option<ObjectKind>,
+    /// Where a plant is held, one for each tree, m, world frame; where it meets the ground if there is none.
+    pub roots_m: Vec<Point3<f64>>,
+}
+
+/// The elastic bodies that pictures of an object can be read as. They differ in what hangs together across
 /// gaps: a branch that comes out of hidden space may hang from any of several others, and only touches
 /// tell from which.
 ///
-/// - `points`: world frame, m; `colours`: sRGB, one for each point;
-/// - `viewpoint`: where the camera stood, m, world frame; if it is not known, a place from which no
-///   point hides another.
-///
 /// Springs are those of round rods of [`WOOD_MODULUS_PA`]: `E π r⁴ / 4` over the length that a joint
-/// stands for. The same cloud gives the same body. Cost: 0.1 s for 30,000 points, and a second
-/// for the search of the camera.
+/// stands for. The same pictures give the same bodies. Cost: 0.1 s for 30,000 points, and a second
+/// for the search of a camera.
 ///
 /// No two of them are the same. If no branch is found, or stems, branches and leaves leave two fifths of the
 /// points unexplained, the only one is a cushion of blocks; none if nothing stands above the lowest point.
-/// If the `kind` of the object is given, only such bodies are made.
+/// If the kind of the object is given, only such bodies are made.
 ///
 /// # Panics
 ///
-/// If there is not one colour for each point.
-pub fn readings(
-    points: &[Point3<f64>],
-    colours: &[[u8; 3]],
-    viewpoint: Option<Point3<f64>>,
-    kind: Option<ObjectKind>,
-) -> Vec<ElasticBody> {
+/// If a picture has not one colour for each point.
+pub fn readings(pictures: &[Picture<'_>], hints: &ObjectHints) -> Vec<ElasticBody> {
+    let all: Vec<SeenPoint> = seen_points(pictures);
+    let points: Vec<Point3<f64>> = all.iter().map(|seen| seen.place).collect();
+    let kind = hints.kind;
     let mut bodies = Vec::new();
     if kind != Some(ObjectKind::Cushion)
-        && let Some(cloud) = Cloud::new(points, colours, viewpoint)
+        && let Some(cloud) = Cloud::new(pictures, &all)
     {
-        for body in Joining::ALL.iter().filter_map(|joining| cloud.body(joining)) {
+        for body in Joining::ALL.iter().filter_map(|how| cloud.body(how, &hints.roots_m)) {
             let explains =
-                kind == Some(ObjectKind::Plant) || unexplained(&body, points) <= MOST_UNEXPLAINED;
+                kind == Some(ObjectKind::Plant) || unexplained(&body, &points) <= MOST_UNEXPLAINED;
             if explains && !bodies.contains(&body) {
                 bodies.push(body);
             }
         }
     }
     if bodies.is_empty() && kind != Some(ObjectKind::Plant) {
-        bodies.extend(ElasticBody::new(blocks::blocks(points, colours)));
+        let colours: Vec<[u8; 3]> = all.iter().map(|seen| seen.colour).collect();
+        bodies.extend(ElasticBody::new(blocks::blocks(&points, &colours)));
     }
     bodies
 }
@@ -124,65 +126,100 @@ impl ObjectKind {
     pub const WORDS: [&str; 2] = ["plant", "cushion"];
 }
 
-/// A cloud, parted.
+/// A point of a picture.
+#[derive(Debug, Clone, Copy)]
+struct SeenPoint {
+    place: Point3<f64>,
+    colour: [u8; 3],
+    picture: usize,
+}
+
+fn seen_points(pictures: &[Picture<'_>]) -> Vec<SeenPoint> {
+    let of_picture = |(number, picture): (usize, &Picture<'_>)| -> Vec<SeenPoint> {
+        assert_eq!(picture.points.len(), picture.colours.len(), "a colour for each point");
+        let points = picture.points.iter().zip(picture.colours);
+        points.map(|(&place, &colour)| SeenPoint { place, colour, picture: number }).collect()
+    };
+    pictures.iter().enumerate().flat_map(of_picture).collect()
+}
+
+/// All points, parted.
 struct Cloud {
     wood: Vec<Point3<f64>>,
     leaves: (Vec<Point3<f64>>, Vec<[u8; 3]>),
-    view: View,
+    views: Views,
 }
 
 impl Cloud {
-    fn new(
-        points: &[Point3<f64>],
-        colours: &[[u8; 3]],
-        viewpoint: Option<Point3<f64>>,
-    ) -> Option<Self> {
-        assert_eq!(points.len(), colours.len(), "a colour for each point");
-        let (points, colours) = thinned(points, colours);
+    fn new(pictures: &[Picture<'_>], all: &[SeenPoint]) -> Option<Self> {
+        let kept = thinned(all);
+        let (points, colours): (Vec<_>, Vec<_>) =
+            kept.iter().map(|seen| (seen.place, seen.colour)).unzip();
         let is_wood = wood::is_wood(&points, &colours);
-        let part = |wanted: bool| -> (Vec<Point3<f64>>, Vec<[u8; 3]>) {
-            let of = points.iter().zip(&colours).zip(&is_wood).filter(|(_, wood)| **wood == wanted);
-            of.map(|((point, colour), _)| (*point, *colour)).unzip()
+        let part = |wanted: bool| {
+            let of = kept.iter().zip(&is_wood).filter(move |(_, wood)| **wood == wanted);
+            of.map(|(seen, _)| *seen)
         };
-        let ((wood, _), leaves) = (part(true), part(false));
+        let (wood, of_wood): (Vec<_>, Vec<_>) =
+            part(true).map(|seen| (seen.place, seen.picture)).unzip();
         if wood.is_empty() {
             return None;
         }
-        let view = View::new(&points, viewpoint.unwrap_or_else(|| guess_viewpoint(&points)));
-        Some(Self { wood, leaves, view })
+        let view = |(number, picture): (usize, &Picture<'_>)| {
+            let own = kept.iter().filter(|seen| seen.picture == number).map(|seen| seen.place);
+            let own: Vec<Point3<f64>> = own.collect();
+            View::new(&own, picture.viewpoint.unwrap_or_else(|| guess_viewpoint(&own)))
+        };
+        let views = Views { all: pictures.iter().enumerate().map(view).collect(), of_wood };
+        let leaves = part(false).map(|seen| (seen.place, seen.colour)).unzip();
+        Some(Self { wood, leaves, views })
     }
 
     /// The body that it is if its pieces hang together in a way.
-    fn body(&self, joining: &Joining) -> Option<ElasticBody> {
-        let nodes = skeleton::skeleton(&self.wood, &self.view, joining);
+    fn body(&self, joining: &Joining, roots_m: &[Point3<f64>]) -> Option<ElasticBody> {
+        let nodes = skeleton::skeleton(&self.wood, &self.views, (joining, roots_m));
         let branches = skeleton::branches(&nodes);
-        let mut tubes = tubes::tubes(&self.wood, &self.view, &nodes, &branches);
+        let mut tubes = tubes::tubes(&self.wood, &self.views, &nodes, &branches);
         radii::draw_together(&mut tubes, &carriers(&nodes, &branches));
 
         let mut segments = Vec::new();
         // The segment that carries each node.
         let mut carrying: Vec<Option<u32>> = vec![None; nodes.len()];
-        for (number, (branch, tube)) in branches.iter().zip(&tubes).enumerate() {
+        for (number, (branch, tube)) in branches.iter().zip(&mut tubes).enumerate() {
             let parent = if branch.carried { carrying[branch.nodes[0]] } else { None };
-            cut(tube, parent, number as u32, &mut segments, |node, segment| {
+            let ahead = usize::from(!tube.carried && lead_to_root(tube, roots_m));
+            cut(tube, (parent, ahead), number as u32, &mut segments, |node, segment| {
                 carrying[branch.nodes[node]].get_or_insert(segment);
             });
         }
-        let leaves = leaves::leaves(&self.leaves.0, &self.leaves.1, &segments, &self.view);
+        let leaves = leaves::leaves(&self.leaves.0, &self.leaves.1, &segments, &self.views);
         segments.extend(leaves);
         ElasticBody::new(segments).ok()
     }
 }
 
 /// One point, the first, in each small cube of a large cloud.
-fn thinned(points: &[Point3<f64>], colours: &[[u8; 3]]) -> (Vec<Point3<f64>>, Vec<[u8; 3]>) {
-    let all = points.iter().copied().zip(colours.iter().copied());
-    if points.len() <= MOST_POINTS {
-        return all.unzip();
+fn thinned(all: &[SeenPoint]) -> Vec<SeenPoint> {
+    if all.len() <= MOST_POINTS {
+        return all.to_vec();
     }
     let mut taken = HashSet::new();
-    let cube = |point: &Point3<f64>| point.coords.map(|along| (along / THINNED_M).floor() as i64);
-    all.filter(|(point, _)| taken.insert(cube(point))).unzip()
+    let cube = |seen: &SeenPoint| seen.place.coords.map(|along| (along / THINNED_M).floor() as i64);
+    all.iter().copied().filter(|seen| taken.insert(cube(seen))).collect()
+}
+
+/// Puts a place before the first of a tube that stands by itself: its root, or one in the ground below the
+/// lowest point that was seen. Returns whether it did: a tube may begin at its root.
+fn lead_to_root(tube: &mut Tube, roots_m: &[Point3<f64>]) -> bool {
+    let first = tube.axis[0];
+    let apart = |root: &Point3<f64>| (root - first).norm();
+    let nearest = roots_m.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)));
+    if nearest.is_some_and(|root| apart(root) < NO_LEAD_M) {
+        return false;
+    }
+    tube.axis.insert(0, nearest.copied().unwrap_or(first - 0.02 * Vector3::z()));
+    tube.radii.insert(0, tube.radii[0]);
+    true
 }
 
 /// The branch that carries each branch, if one does.
@@ -194,21 +231,15 @@ fn carriers(nodes: &[SkeletonNode], branches: &[Branch]) -> Vec<Option<usize>> {
     branches.iter().map(|branch| branch.carried.then(|| branch_of[branch.nodes[0]])).collect()
 }
 
-/// Cuts a tube into straight segments; `carries` is told which segment each node of the tube lies on.
+/// Cuts a tube into straight segments; `carries` is told which segment each node of the tube lies on. So many
+/// places `ahead` of its nodes are none.
 fn cut(
     tube: &Tube,
-    mut parent: Option<u32>,
+    (mut parent, ahead): (Option<u32>, usize),
     branch: u32,
     segments: &mut Vec<Segment>,
     mut carries: impl FnMut(usize, u32),
 ) {
-    let mut tube = tube.clone();
-    let ground = usize::from(!tube.carried);
-    if ground == 1 {
-        // It goes on into the ground below the lowest point that was seen.
-        tube.axis.insert(0, tube.axis[0] - 0.02 * Vector3::z());
-        tube.radii.insert(0, tube.radii[0]);
-    }
     let arc = tube.arc_m();
     let length = arc[arc.len() - 1];
     if length < 0.004 {
@@ -217,7 +248,7 @@ fn cut(
         }
         return;
     }
-    let piece = if ground == 1 { 2.0 * SEGMENT_M } else { SEGMENT_M };
+    let piece = if !tube.carried { 2.0 * SEGMENT_M } else { SEGMENT_M };
     let pieces = ((length / piece).round() as usize).max(1);
     let at = |piece: usize| length * piece as f64 / pieces as f64;
     let radius = |way: f64| {
@@ -247,7 +278,7 @@ fn cut(
         let own = segments.len() as u32 - 1;
         parent = Some(own);
         let piece = at(number) - 1e-9..=at(number + 1) + 1e-9;
-        for (node, way) in arc[ground..].iter().enumerate() {
+        for (node, way) in arc[ahead..].iter().enumerate() {
             if piece.contains(way) {
                 carries(node, own);
             }

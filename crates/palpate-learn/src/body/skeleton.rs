@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 use super::graph::Graph;
-use super::view::View;
+use super::view::Views;
 
 /// What is taken to hang together.
 #[derive(Debug, Clone, Copy)]
@@ -50,11 +50,12 @@ pub(super) struct SkeletonNode {
     pub members: Vec<u32>,
 }
 
-/// Nodes of wood points, each after the one that it hangs from.
+/// Nodes of wood points, each after the one that it hangs from. Trees begin at the roots, or on the ground
+/// where none is given.
 pub(super) fn skeleton(
     points: &[Point3<f64>],
-    view: &View,
-    joining: &Joining,
+    views: &Views,
+    (joining, roots_m): (&Joining, &[Point3<f64>]),
 ) -> Vec<SkeletonNode> {
     let graph = Graph::new(points, joining.near_m, |_, _| true);
     let all: Vec<u32> = (0..points.len() as u32).collect();
@@ -72,6 +73,20 @@ pub(super) fn skeleton(
 
     let mut builder = Builder { points, graph: &graph, nodes: Vec::new() };
     let (mut feet, mut hanging): (Vec<Point3<f64>>, Vec<Vec<u32>>) = (Vec::new(), Vec::new());
+    for root in roots_m {
+        let apart = |&point: &u32| (points[point as usize] - root).norm();
+        let nearest = |piece: &[u32]| piece.iter().map(apart).fold(f64::INFINITY, f64::min);
+        let by_distance = |a: &(usize, f64), b: &(usize, f64)| a.1.total_cmp(&b.1);
+        let pieces_by = pieces.iter().map(|piece| nearest(piece)).enumerate();
+        let Some((at, distance_m)) = pieces_by.min_by(by_distance) else { break };
+        let piece = pieces.remove(at);
+        let is_start = |point: &u32| apart(point) < distance_m + 0.004;
+        let starts: Vec<u32> = piece.iter().copied().filter(is_start).collect();
+        builder.add(&piece, &starts, None);
+    }
+    if !roots_m.is_empty() {
+        hanging = std::mem::take(&mut pieces);
+    }
     for piece in pieces {
         let starts = foot(&piece);
         let place = middle(points, &starts);
@@ -83,7 +98,7 @@ pub(super) fn skeleton(
             hanging.push(piece);
         }
     }
-    join(&mut builder, &hanging, view, joining);
+    join(&mut builder, &hanging, views, joining);
     prune(builder.nodes)
 }
 
@@ -175,7 +190,7 @@ struct Bridge {
 
 /// Joins pieces to the tree, the cheapest bridge first (Prim): short ones, through space that the camera
 /// has not seen to be free, in the direction of the piece.
-fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], view: &View, joining: &Joining) {
+fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], views: &Views, joining: &Joining) {
     let points = builder.points;
     let widest_m: Vec<f64> = (pieces.iter())
         .map(|piece| f64::max(WIDEST_GAP_M, WIDEST_GAP_SHARE * size_m(points, piece)))
@@ -201,7 +216,7 @@ fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], view: &View, joining: &J
                 }
                 let place = points[point as usize];
                 let free =
-                    if length > 0.008 { view.seen_free(&candidate.place, &place) } else { 0.0 };
+                    if length > 0.008 { views.seen_free(&candidate.place, &place) } else { 0.0 };
                 let gap = place - candidate.place;
                 let aligned = if spread_m > 0.008 { gap.dot(&along).abs() / length } else { 0.5 };
                 let cost = length * (1.0 + 3.0 * free) * (joining.across - aligned) + 0.004;

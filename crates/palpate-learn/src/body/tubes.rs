@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
 use super::fit::fit;
 use super::skeleton::{Branch, SkeletonNode};
-use super::view::View;
+use super::view::{View, Views};
 
 /// Thinnest and thickest radius, m.
 pub(super) const RADIUS_M: [f64; 2] = [0.0018, 0.018];
@@ -41,7 +41,7 @@ pub(super) fn arc_m(places: &[Point3<f64>]) -> Vec<f64> {
 /// The tubes of all branches, in their order: parents come first.
 pub(super) fn tubes(
     points: &[Point3<f64>],
-    view: &View,
+    views: &Views,
     nodes: &[SkeletonNode],
     branches: &[Branch],
 ) -> Vec<Tube> {
@@ -49,11 +49,11 @@ pub(super) fn tubes(
     let mut radius = vec![RADIUS_M[0]; nodes.len()];
     for branch in branches {
         let own = branch.own();
-        let seen = seen_widths(points, view, nodes, own);
+        let seen = seen_widths(points, views, nodes, own);
         let radii = taper(&arc_m(&own.iter().map(|&node| axis[node]).collect::<Vec<_>>()), &seen);
         for (at, &node) in own.iter().enumerate() {
             radius[node] = radii[at];
-            // The seen side lies a quarter of the circumference's mean before the axis.
+            // The side that one camera saw lies a quarter of the circumference's mean before the axis.
             axis[node] =
                 seen.middle[at] + seen.away[at] * (std::f64::consts::FRAC_PI_4 * radii[at]);
         }
@@ -82,19 +82,25 @@ pub(super) fn tubes(
     branches.iter().map(tube).collect()
 }
 
-/// What the camera saw of each node of a branch.
+/// What the cameras saw of each node of a branch.
 struct Seen {
-    /// Half the width across the line of sight, m.
+    /// Half the width across the line of sight of the camera that saw most, m.
     half_width: Vec<f64>,
     /// How far it can be believed.
     weight: Vec<f64>,
     /// Smoothed middle of the points, m.
     middle: Vec<Point3<f64>>,
-    /// Away from the camera, across the branch; shorter the more the camera looks along it.
+    /// Away from the camera, across the branch; shorter the more the camera looks along it. The mean over the
+    /// points: nothing if half of them were seen from each side.
     away: Vec<Vector3<f64>>,
 }
 
-fn seen_widths(points: &[Point3<f64>], view: &View, nodes: &[SkeletonNode], own: &[usize]) -> Seen {
+fn seen_widths(
+    points: &[Point3<f64>],
+    views: &Views,
+    nodes: &[SkeletonNode],
+    own: &[usize],
+) -> Seen {
     let n = own.len();
     let mean = |from: usize, to: usize| {
         let places = own[from..to].iter().map(|&node| nodes[node].place.coords);
@@ -110,18 +116,27 @@ fn seen_widths(points: &[Point3<f64>], view: &View, nodes: &[SkeletonNode], own:
             _ => seen.middle[after] - seen.middle[before],
         };
         let tangent = tangent.try_normalize(1e-9).unwrap_or(Vector3::z());
-        let members: Vec<Point3<f64>> = (own[before..=after].iter())
-            .flat_map(|&node| nodes[node].members.iter().map(|&point| points[point as usize]))
-            .collect();
-        let sight = (seen.middle[at] - view.viewpoint).normalize();
-        let across = tangent.cross(&sight);
+        let mut by_view: Vec<Vec<Point3<f64>>> = vec![Vec::new(); views.all.len()];
+        for &point in own[before..=after].iter().flat_map(|&node| &nodes[node].members) {
+            by_view[views.of_wood[point as usize]].push(points[point as usize]);
+        }
+        let n_members: usize = by_view.iter().map(Vec::len).sum();
+        let sight = |view: &View| (seen.middle[at] - view.viewpoint).normalize();
+        let pairs = views.all.iter().zip(&by_view);
+        let away = pairs.clone().map(|(view, members)| {
+            let sight = sight(view);
+            (sight - tangent * sight.dot(&tangent)) * (members.len() as f64 / n_members as f64)
+        });
+        seen.away.push(away.sum());
+        let (view, members) =
+            pairs.rev().max_by_key(|(_, members)| members.len()).expect("there is a picture");
+        let across = tangent.cross(&sight(view));
         let sine = across.norm();
         let across = across / (sine + 1e-9);
         let (half_width, area_half_width) =
-            widths(&members, (&seen.middle[at], &tangent, &across), view, sine.max(0.3));
+            widths(members, (&seen.middle[at], &tangent, &across), view, sine.max(0.3));
         seen.half_width.push(half_width.min(area_half_width));
         seen.weight.push(members.len() as f64 * f64::from(u8::from(sine > 0.3)) + 1e-3);
-        seen.away.push(sight - tangent * sight.dot(&tangent));
     }
     seen
 }

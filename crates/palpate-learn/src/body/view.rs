@@ -32,19 +32,32 @@ impl View {
         Self { viewpoint, pixel_rad: pixel(&seen, &slopes), axes, seen, distances_m }
     }
 
-    /// Share of the way between two places that the camera saw to be empty: what it saw in that
-    /// direction, if anything, lies behind.
+    /// Whether the camera saw a place to be empty: what it saw in that direction, if anything, lies behind.
+    fn is_free(&self, place: &Point3<f64>) -> bool {
+        let Some((slopes, distance)) = slopes(&self.axes, &(place - self.viewpoint)) else {
+            return false;
+        };
+        let near = self.seen.nearest_one::<SquaredEuclidean>(&slopes);
+        let is_seen = near.distance.sqrt() < 0.75 * self.pixel_rad;
+        !is_seen || self.distances_m[near.item as usize] > distance + TOLERANCE_M
+    }
+}
+
+/// The views of all pictures.
+pub(super) struct Views {
+    pub all: Vec<View>,
+    /// Which of them saw each point of the wood.
+    pub of_wood: Vec<usize>,
+}
+
+impl Views {
+    /// Share of the way between two places that any camera saw to be empty.
     pub(super) fn seen_free(&self, from: &Point3<f64>, to: &Point3<f64>) -> f64 {
         const PLACES: u32 = 9;
         let is_free = |step: u32| {
             let share = 0.1 + 0.8 * f64::from(step) / f64::from(PLACES - 1);
             let place = from + (to - from) * share;
-            let Some((slopes, distance)) = slopes(&self.axes, &(place - self.viewpoint)) else {
-                return false;
-            };
-            let near = self.seen.nearest_one::<SquaredEuclidean>(&slopes);
-            let is_seen = near.distance.sqrt() < 0.75 * self.pixel_rad;
-            !is_seen || self.distances_m[near.item as usize] > distance + TOLERANCE_M
+            self.all.iter().any(|view| view.is_free(&place))
         };
         (0..PLACES).filter(|&step| is_free(step)).count() as f64 / f64::from(PLACES)
     }
@@ -82,7 +95,8 @@ fn pixel(seen: &ImmutableKdTree<f64, 2>, slopes: &[[f64; 2]]) -> f64 {
 /// Where the camera stood that saw these points: a place from which no point hides another.
 ///
 /// A search over directions and distances, then around the best; points and the place in m, in the same
-/// frame. Of a cloud put together from several views, it is a place from which much of it is seen.
+/// frame. Of a cloud put together from several views, it is a place from which much of it is seen: give
+/// each view as a picture of its own.
 pub fn guess_viewpoint(points: &[Point3<f64>]) -> Point3<f64> {
     const DIRECTIONS: u32 = 200;
     const DISTANCES_M: [f64; 3] = [0.8, 1.2, 2.0];

@@ -429,10 +429,11 @@ def evaluate(
     robot: Robot | _Path | None = None,
     *,
     methods: Sequence[str] | None = None,
-    cloud: _Path | ArrayLike | None = None,
-    colours: ArrayLike | None = None,
-    viewpoint: Sequence[float] | None = None,
+    cloud: _Path | ArrayLike | Sequence[_Path] | Sequence[ArrayLike] | None = None,
+    colours: ArrayLike | Sequence[ArrayLike] | None = None,
+    viewpoint: ArrayLike | None = None,
     object_kind: Literal["plant", "cushion"] | None = None,
+    root: ArrayLike | None = None,
     folds: int | None = None,
     test: Sequence[str] | None = None,
     truth: bool = False,
@@ -445,20 +446,21 @@ def evaluate(
     """Compares methods on touches that they have not seen, as `palpate evaluate` does.
 
     `methods` are of elastic, map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always
-    stands beside the others. elastic needs a `cloud` of the object, with `colours`, `viewpoint` and
-    `object_kind` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
+    stands beside the others. elastic needs a `cloud` of the object, with `colours`, `viewpoint`,
+    `object_kind` and `root` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
     `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold.
     `share`, its number from 0 and how many there are, does that share of the folds alone.
     """
 
 def map_elastic(
     logs: _Logs | None,
-    cloud: _Path | ArrayLike,
-    colours: ArrayLike | None = None,
+    cloud: _Path | ArrayLike | Sequence[_Path] | Sequence[ArrayLike],
+    colours: ArrayLike | Sequence[ArrayLike] | None = None,
     robot: Robot | _Path | None = None,
     *,
-    viewpoint: Sequence[float] | None = None,
+    viewpoint: ArrayLike | None = None,
     object_kind: Literal["plant", "cushion"] | None = None,
+    root: ArrayLike | None = None,
     settings: AnySettings | None = None,
     progress: Progress = None,
     **sections: Unpack[Sections],
@@ -468,7 +470,9 @@ def map_elastic(
     `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m, world frame, with
     `colours` (N, 3) from 0 to 255; `viewpoint` is where the camera stood, (3,) m, searched if left out;
     `object_kind` is "plant" (stems, branches, leaves) or "cushion" (anything else that gives way), found from the
-    cloud if left out.
+    cloud if left out; `root` is where a plant is held, (3,) or one a tree, (R, 3) m, where it meets the ground if
+    left out. Clouds of several cameras are a list of paths, or lists of arrays for `cloud` and `colours`, with
+    `viewpoint` (C, 3).
     If `logs` is None, the body has the typical stiffness of other plants. A cloud in which nothing
     stands above its lowest point gives a field without a body.
     """
