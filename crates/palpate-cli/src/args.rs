@@ -8,7 +8,9 @@ use clap_complete::Shell;
 use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::AllSettings;
-use crate::{bench, convert, demo, evaluate, extrapolate, inspect, live, map, predict, tune, view};
+use crate::{
+    bench, convert, demo, evaluate, extrapolate, inspect, live, map, predict, study, tune, view,
+};
 
 /// Learns where an object is stiff from the joint torques of a robot arm that touches it.
 #[derive(Debug, Parser)]
@@ -42,6 +44,8 @@ pub(crate) enum Command {
     Evaluate(evaluate::Args),
     /// Choose settings by cross-validation on one's own touches
     Tune(tune::Args),
+    /// Compare settings over several objects, each chosen on the others
+    Study(study::Args),
     /// Extrapolate stiffness to the points that a camera saw and no touch reached
     Extrapolate(extrapolate::Args),
     /// Map and predict bundled, simulated touches: a first look, without any data of your own

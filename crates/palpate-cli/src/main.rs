@@ -30,6 +30,7 @@ mod place;
 mod predict;
 mod report;
 mod settings;
+mod study;
 mod tune;
 mod view;
 
@@ -71,6 +72,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
         Command::Predict(args) => predict::run(args, output),
         Command::Evaluate(args) => evaluate::run(args, output),
         Command::Tune(args) => tune::run(args, output),
+        Command::Study(args) => study::run(args, output),
         Command::Extrapolate(args) => extrapolate::run(args, output),
         Command::Demo(args) => demo::run(args, output),
         Command::Inspect(args) => inspect::run(args, output),

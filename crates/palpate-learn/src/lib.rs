@@ -9,6 +9,7 @@
 //! | [`mod@evaluate`]    | all methods on all folds                                        |
 //! | [`mod@evaluation`]  | its result                                                      |
 //! | [`mod@tune`]        | settings from training touches alone                            |
+//! | [`mod@study`]       | settings over several objects                                   |
 //! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
 //! | [`mod@errors`]      | the four figures of Table I                                     |
 //!
@@ -25,6 +26,7 @@ pub mod extrapolate;
 pub mod folds;
 pub mod method;
 pub mod regression;
+pub mod study;
 pub mod tracked;
 pub mod tune;
 

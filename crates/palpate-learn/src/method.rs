@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 use palpate::unstable::{Cell, Estimator, FrameId, Stiffness};
-use palpate::{Field, MapperConfig};
+use palpate::{EstimatorKind, Field, MapperConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::elastic;
@@ -49,6 +49,14 @@ impl Method {
         Self::Uniform,
         Self::Zero,
     ];
+
+    /// The method that an estimator is, without an elastic body.
+    pub(crate) fn of(estimator: EstimatorKind) -> Self {
+        match estimator {
+            EstimatorKind::Map | EstimatorKind::Elastic => Self::Map,
+            EstimatorKind::Ekf => Self::Ekf,
+        }
+    }
 
     /// As it is called in tables and files.
     pub fn name(self) -> &'static str {

@@ -24,6 +24,7 @@ use crate::errors::ErrorSum;
 use crate::evaluation::MeanStd;
 use crate::folds::{Fold, folds};
 use crate::method::Method;
+use crate::study::for_thinned;
 use crate::tracked::{Touch, Tracked};
 
 /// Contact distances and frictions, as multiples of the given ones: each pair is simulated.
@@ -166,15 +167,10 @@ impl Tuner {
         folds: &[Fold],
         stop: Stop<'_>,
     ) -> Result<f64, LearnError> {
-        let mut config = config.clone();
-        let shrink = (self.every as f64).sqrt().recip();
-        config.estimator.torque_std.iter_mut().for_each(|std| *std *= shrink);
+        let config = for_thinned(config, self.every);
         let of_model = self.tracked.iter().find(|(contact, _)| *contact == config.contact);
         let (_, tracked) = of_model.expect("the contact models of all candidates were simulated");
-        let method = match config.method {
-            EstimatorKind::Map | EstimatorKind::Elastic => Method::Map,
-            EstimatorKind::Ekf => Method::Ekf,
-        };
+        let method = Method::of(config.method);
         let mut scores = Vec::new();
         for fold in folds {
             let torques = method.predict(tracked, fold, &config, stop)?;

@@ -16,6 +16,7 @@
 //! | [`mod@evaluate`]  | methods compared on touches that they have not seen               |
 //! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
 //! | [`mod@tune`]      | settings chosen by cross-validation                               |
+//! | [`mod@study`]     | settings compared over several objects                            |
 //! | [`mod@inspect`]   | what a log, a robot or a field holds, and what looks wrong with it |
 //! | [`mod@touched`]   | what touches displace of the lattice                              |
 //! | [`mod@quantile`]  | medians and the like                                              |
@@ -41,6 +42,7 @@ pub mod resume;
 pub mod robot;
 pub mod scored;
 pub mod settings;
+pub mod study;
 pub mod touched;
 pub mod touches;
 pub mod tune;

@@ -1,0 +1,81 @@
+//! `palpate study`, seen from outside.
+
+mod common;
+
+use common::{Scene, palpate, refuse, succeed};
+use serde_json::Value;
+use std::process::Command;
+
+fn study(scene: &Scene, objects: &[&str], more: &[&str]) -> Command {
+    let mut command = palpate();
+    command.arg("study").args(objects.iter().map(|object| scene.path(object)));
+    command.args(scene.settings()).args(["--spacing-m", "0.03"]).args(more);
+    command
+}
+
+fn two_objects() -> Scene {
+    let scene = Scene::new();
+    scene.touch("log/seq_2", 40, -0.2);
+    scene.touch("other/seq_0", 40, 0.3);
+    scene.touch("other/seq_1", 50, 0.1);
+    scene
+}
+
+#[test]
+fn a_study_finds_what_an_evaluation_of_each_object_finds() {
+    let scene = two_objects();
+    let grid = ["--frictions", "0.1,0.3", "--distances-m", "0.02", "--curve", "--json"];
+    let found = succeed(&mut study(&scene, &["log", "other"], &grid));
+    let found: Value = serde_json::from_str(&found).unwrap();
+    let settings = found["settings"].as_array().unwrap();
+    assert_eq!(settings.len(), 3, "the given ones and two more: {settings:?}");
+    for (name, object) in ["log", "other"].iter().zip(found["objects"].as_array().unwrap()) {
+        assert_eq!(object["name"], *name);
+        for (number, of_study) in object["avg_relative"].as_array().unwrap().iter().enumerate() {
+            let contact = &settings[number]["contact"];
+            let [friction, distance] = ["friction", "contact_distance_m"]
+                .map(|key| contact[key].as_f64().unwrap().to_string());
+            let mut evaluate = palpate();
+            evaluate.arg("evaluate").arg(scene.path(name)).args(scene.settings());
+            evaluate.args(["--spacing-m", "0.03", "--methods", "map", "--json"]);
+            evaluate.args(["--friction", &friction, "--contact-distance-m", &distance, "-o"]);
+            let evaluation = succeed(evaluate.arg(scene.path(&format!("out/{name}{number}"))));
+            let evaluation: Value = serde_json::from_str(&evaluation).unwrap();
+            let relative = evaluation["methods"][0]["avg_relative"]["mean"].as_f64().unwrap();
+            assert!(
+                (of_study.as_f64().unwrap() / relative - 1.0).abs() < 1e-12,
+                "{of_study} {relative}"
+            );
+        }
+    }
+    // With two touches, one learnt is leave-one-touch-out.
+    let other = &found["objects"][1];
+    let curve = &other["by_touches_learnt"];
+    assert_eq!(curve[0][0], 1);
+    assert_eq!(curve[0][1], other["avg_relative"][0]);
+}
+
+#[test]
+fn the_table_has_a_row_for_what_was_chosen_on_the_others() {
+    let scene = two_objects();
+    let text =
+        succeed(&mut study(&scene, &["log", "other"], &["--frictions", "0.1", "--every", "2"]));
+    let rows = ["log", "other", "best of each", "chosen on the others", "worst touch"];
+    assert!(rows.iter().all(|row| text.contains(row)), "{text}");
+    assert!(!text.contains("touches learnt"), "{text}");
+}
+
+#[test]
+fn what_cannot_be_studied_is_refused() {
+    let scene = two_objects();
+    scene.touch("single/seq_0", 40, 0.0);
+    refuse(&mut study(&scene, &["log", "single"], &[]), 1, &["single", "1 touch", "at least two"]);
+    refuse(
+        &mut study(&scene, &["log"], &["--distances-m", "0.02,0.5"]),
+        2,
+        &["contact_distance_m", "0.5"],
+    );
+    refuse(&mut study(&scene, &["log"], &["--prior-stds=-1"]), 2, &["prior", "-1"]);
+    refuse(&mut study(&scene, &["log", "nowhere"], &[]), 1, &["nowhere"]);
+    refuse(&mut study(&scene, &["log"], &["--truth"]), 1, &["truth"]);
+}

@@ -1,0 +1,235 @@
+//! Objects under several settings: which settings hold for objects that they were not chosen on.
+//!
+//! Each touch of an object is predicted from its others under each of the settings. Contacts are simulated
+//! once for all settings that share a contact model. Of frames that were thinned, each counts for as many as
+//! it stands for, by that much less noise.
+
+use std::sync::Arc;
+
+use palpate::{Arm, MapperConfig};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::error::{LearnError, Stop};
+use crate::errors::ErrorSum;
+use crate::evaluation::MeanStd;
+use crate::folds::{Fold, folds};
+use crate::method::Method;
+use crate::tracked::{Touch, Tracked, TrackedTouch};
+
+/// Torques that say whether the arm loads the object are so many frames apart.
+const BEFORE: usize = 5;
+
+/// How well a touch was predicted that was not learnt from.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TouchScore {
+    /// Its name.
+    pub touch: String,
+    /// Average relative error; `None` if it never reaches 1 N·m.
+    pub relative: Option<f64>,
+    /// The same where the torque grows, and where it does not.
+    pub loading: Option<f64>,
+    /// See `loading`.
+    pub unloading: Option<f64>,
+    /// The same where at least half of the points in contact were met by touches that were learnt, and where
+    /// fewer were.
+    pub met: Option<f64>,
+    /// See `met`.
+    pub unmet: Option<f64>,
+    /// Root mean square of the error by joint, N·m.
+    pub joint_error_n_m: Vec<f64>,
+    /// The same of predicting zero, N·m.
+    pub joint_torque_n_m: Vec<f64>,
+}
+
+/// What is studied of an object.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ObjectScores {
+    /// By setting, by touch.
+    pub settings: Vec<Vec<TouchScore>>,
+    /// Mean relative error under the first settings, by how many touches were learnt: 1, 2, 4 and so on.
+    pub by_touches_learnt: Vec<(usize, f64)>,
+}
+
+impl ObjectScores {
+    /// Mean over touches of the average relative error under each of the settings.
+    pub fn relative(&self) -> Vec<Option<f64>> {
+        self.settings.iter().map(|touches| mean(touches, |score| score.relative)).collect()
+    }
+}
+
+/// Mean over the touches that have it.
+pub fn mean(touches: &[TouchScore], of: impl Fn(&TouchScore) -> Option<f64>) -> Option<f64> {
+    MeanStd::of(touches.iter().filter_map(of)).map(|figure| figure.mean)
+}
+
+/// Predicts each touch of an object from its others, under each of `settings`.
+///
+/// Every `every`-th frame is used. If a `curve` is wanted, each touch is also predicted from the 1, 2, 4, …
+/// touches after it, under the first settings. `done` is called once for each contact model.
+///
+/// # Errors
+///
+/// If settings are out of their range, a sample cannot be used, or on being stopped.
+///
+/// # Panics
+///
+/// If there are no settings.
+pub fn study(
+    (arm, touches): (&Arc<Arm>, &[Touch]),
+    settings: &[MapperConfig],
+    (every, curve): (usize, bool),
+    (stop, done): (Stop<'_>, &dyn Fn()),
+) -> Result<ObjectScores, LearnError> {
+    let given = &settings[0];
+    let base = Tracked::new(arm, given, touches, stop)?;
+    let one_by_one = folds(touches.len(), touches.len());
+    let mut scores: Vec<Vec<TouchScore>> = vec![Vec::new(); settings.len()];
+    let mut by_touches_learnt = Vec::new();
+    while let Some(first) = scores.iter().position(Vec::is_empty) {
+        let contact = &settings[first].contact;
+        let tracked = match first {
+            0 => base.clone(),
+            _ => base.under(contact, arm, given, touches, stop)?,
+        };
+        let tracked = tracked.thinned(every);
+        let alike: Vec<usize> =
+            (0..settings.len()).filter(|&number| settings[number].contact == *contact).collect();
+        let parts =
+            alike.iter().flat_map(|&number| one_by_one.iter().map(move |fold| (number, fold)));
+        let parts: Vec<(usize, &Fold)> = parts.collect();
+        let scored: Result<Vec<TouchScore>, LearnError> = parts
+            .par_iter()
+            .map(|(number, fold)| {
+                score(&tracked, fold, &for_thinned(&settings[*number], every), stop)
+            })
+            .collect();
+        for ((number, _), score) in parts.iter().zip(scored?) {
+            scores[*number].push(score);
+        }
+        if first == 0 && curve {
+            by_touches_learnt = learning_curve(&tracked, &for_thinned(given, every), stop)?;
+        }
+        done();
+    }
+    Ok(ObjectScores { settings: scores, by_touches_learnt })
+}
+
+/// Settings under which every `every`-th frame says as much as all of them under these.
+pub(crate) fn for_thinned(config: &MapperConfig, every: usize) -> MapperConfig {
+    let (mut config, shrink) = (config.clone(), (every as f64).sqrt().recip());
+    config.estimator.torque_std.iter_mut().for_each(|std| *std *= shrink);
+    config
+}
+
+/// For each object, the settings that are best on average over all others; `None` where no other has a figure.
+///
+/// `relative`: by object, by setting.
+pub fn chosen_on_others(relative: &[Vec<Option<f64>>]) -> Vec<Option<usize>> {
+    let chosen = |object: usize| {
+        let others = || relative.iter().enumerate().filter(move |(other, _)| *other != object);
+        let of_setting = |number: usize| {
+            MeanStd::of(others().filter_map(|(_, scores)| scores[number])).map(|mean| mean.mean)
+        };
+        let settings = 0..relative[object].len();
+        let scored = settings.filter_map(|number| Some((number, of_setting(number)?)));
+        scored.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(number, _)| number)
+    };
+    (0..relative.len()).map(chosen).collect()
+}
+
+fn learning_curve(
+    tracked: &Tracked,
+    config: &MapperConfig,
+    stop: Stop<'_>,
+) -> Result<Vec<(usize, f64)>, LearnError> {
+    let n = tracked.touches.len();
+    let counts = std::iter::successors(Some(1), |count| Some(2 * count));
+    let of_count = |count: usize| {
+        let after = |touch: usize| (1..=count).map(move |step| (touch + step) % n).collect();
+        let folds = (0..n).map(|touch| Fold { test: vec![touch], train: after(touch) });
+        let folds: Vec<Fold> = folds.collect();
+        let scores = folds.par_iter().map(|fold| score(tracked, fold, config, stop));
+        let scores: Vec<TouchScore> = scores.collect::<Result<_, _>>()?;
+        Ok(mean(&scores, |score| score.relative).map(|relative| (count, relative)))
+    };
+    let figures: Result<Vec<_>, LearnError> =
+        counts.take_while(|&count| count < n).map(of_count).collect();
+    Ok(figures?.into_iter().flatten().collect())
+}
+
+/// Predicts the one touch that a fold tests.
+fn score(
+    tracked: &Tracked,
+    fold: &Fold,
+    config: &MapperConfig,
+    stop: Stop<'_>,
+) -> Result<TouchScore, LearnError> {
+    let method = Method::of(config.method);
+    let predicted = method.predict(tracked, fold, config, stop)?.swap_remove(0);
+    let touch = &tracked.touches[fold.test[0]];
+    let met = tracked.rows_met(&fold.train);
+    let (loading, is_met) = (loading(touch), frames_met(touch, &met));
+    let targets = || touch.frames.iter().map(|frame| &frame.target);
+    let relative = |wanted: &dyn Fn(usize) -> bool| {
+        let mut sum = ErrorSum::default();
+        for (at, (predicted, target)) in predicted.iter().zip(targets()).enumerate() {
+            if wanted(at) {
+                sum.add(predicted, target);
+            }
+        }
+        sum.errors()?.avg_relative
+    };
+    let frames = touch.frames.len().max(1) as f64;
+    let by_joint = |of: &dyn Fn(f64, f64) -> f64| {
+        let joint = |joint: usize| {
+            let pairs = predicted.iter().zip(targets());
+            let square = |(p, t): (&Vec<f64>, &Vec<f64>)| of(p[joint], t[joint]).powi(2);
+            (pairs.map(square).sum::<f64>() / frames).sqrt()
+        };
+        (0..tracked.n_joints).map(joint).collect()
+    };
+    Ok(TouchScore {
+        touch: touch.name.clone(),
+        relative: relative(&|_| true),
+        loading: relative(&|at| loading[at]),
+        unloading: relative(&|at| !loading[at]),
+        met: relative(&|at| is_met[at]),
+        unmet: relative(&|at| !is_met[at]),
+        joint_error_n_m: by_joint(&|predicted, target| predicted - target),
+        joint_torque_n_m: by_joint(&|_, target| target),
+    })
+}
+
+/// By frame, whether the torque to predict is larger than some frames before.
+fn loading(touch: &TrackedTouch) -> Vec<bool> {
+    let size = |at: usize| touch.frames[at].target.iter().map(|t| t * t).sum::<f64>();
+    (0..touch.frames.len()).map(|at| size(at) > size(at.saturating_sub(BEFORE))).collect()
+}
+
+/// By frame, whether at least half of the points in contact are of rows that were met.
+fn frames_met(touch: &TrackedTouch, met: &[bool]) -> Vec<bool> {
+    let is_met = |rows: &mut dyn Iterator<Item = usize>| {
+        let (mut of_met, mut all) = (0, 0);
+        rows.for_each(|row| {
+            of_met += usize::from(met[row]);
+            all += 1;
+        });
+        2 * of_met >= all
+    };
+    touch.frames.iter().map(|frame| is_met(&mut frame.observation.rows())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_are_chosen_on_the_other_objects_alone() {
+        let relative = [[0.9, 0.5], [0.6, 0.8], [0.5, 0.6]].map(|scores| scores.map(Some).to_vec());
+        // Without the first: 0.55 and 0.7. Without the second: 0.7 and 0.55. Without the third: 0.75 and 0.65.
+        assert_eq!(chosen_on_others(&relative), [Some(0), Some(1), Some(1)]);
+        assert_eq!(chosen_on_others(&relative[..1]), [None]);
+        assert_eq!(chosen_on_others(&[]), []);
+    }
+}

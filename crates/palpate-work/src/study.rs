@@ -1,0 +1,63 @@
+//! Settings compared over several objects.
+
+use std::sync::Arc;
+
+use palpate::{Arm, MapperConfig};
+use palpate_learn::study::{self, ObjectScores};
+use palpate_learn::tracked::Touch;
+
+use crate::error::WorkError;
+use crate::evaluate::fault;
+use crate::inspect::counted;
+use crate::progress::Progress;
+use crate::touches::RecordedTouch;
+
+/// An object that is studied: the touches of it.
+#[derive(Clone, Copy)]
+pub struct StudiedObject<'a> {
+    /// What errors call it.
+    pub name: &'a str,
+    /// The robot.
+    pub arm: &'a Arc<Arm>,
+    /// As read, for errors that name the log.
+    pub recorded: &'a [RecordedTouch],
+    /// As they are predicted.
+    pub touches: &'a [Touch],
+}
+
+impl StudiedObject<'_> {
+    /// Predicts each touch from the others under each of `settings`; see [`study::study`].
+    ///
+    /// # Errors
+    ///
+    /// If there are fewer than two touches, a setting is out of its range, a sample cannot be used, or on being
+    /// stopped.
+    pub fn study(
+        &self,
+        settings: &[MapperConfig],
+        of: (usize, bool),
+        progress: &dyn Progress,
+    ) -> Result<ObjectScores, WorkError> {
+        if self.touches.len() < 2 {
+            return Err(WorkError::from(format!(
+                "`{}` holds {}; a study needs at least two of each object, one to learn from and one to predict",
+                self.name,
+                counted(self.touches.len(), "touch")
+            )));
+        }
+        let mut models: Vec<_> = Vec::new();
+        for config in settings {
+            if !models.contains(&&config.contact) {
+                models.push(&config.contact);
+            }
+        }
+        let bar = progress.begin(Some(models.len() as u64), "contact models", self.name);
+        study::study(
+            (self.arm, self.touches),
+            settings,
+            of,
+            (&|| progress.stopped(), &|| bar.step()),
+        )
+        .map_err(|error| fault(self.recorded, error, "; nothing was written".to_owned()))
+    }
+}
