@@ -64,7 +64,7 @@ impl CloudArgs {
         }
         if clouds.len() > 1 && of_camera {
             let ambiguous = "--camera and --camera-pose are of one picture, and there are several --cloud; \
-                             give folders that hold their camera each";
+                             leave them out (palpate searches the cameras), or give folders that hold theirs";
             return Err(CliError::Usage(ambiguous.to_owned()));
         }
         let seen = clouds.iter().map(|path| Ok((self.read(path, output)?, self.viewpoint(path)?)));
@@ -74,7 +74,7 @@ impl CloudArgs {
             None => {
                 let names: Vec<String> =
                     clouds.iter().map(|path| path.display().to_string()).collect();
-                elastic::bodies(&seen, hints, &names.join("`, `"), output)
+                elastic::bodies(&seen, hints, &names.join("`, `"), output)?
             }
         };
         let points = seen.iter().flat_map(|(cloud, _)| cloud.points());

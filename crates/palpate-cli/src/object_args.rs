@@ -39,11 +39,11 @@ pub(crate) struct ObjectArgs {
     cloud_args: CloudArgs,
 }
 
-/// Three numbers of at most a kilometre, m.
+/// Three finite numbers.
 fn place(text: &str) -> Result<[f64; 3], String> {
     let place = vector3(text)?;
-    let is_near = place.iter().all(|along| along.abs() <= 1000.0);
-    is_near.then_some(place).ok_or_else(|| "wanted numbers of at most 1000 m".to_owned())
+    let is_finite = place.iter().all(|along| along.is_finite());
+    is_finite.then_some(place).ok_or_else(|| "wanted finite numbers, m".to_owned())
 }
 
 impl ObjectArgs {

@@ -4,15 +4,14 @@ use std::path::PathBuf;
 
 use palpate::MapperConfig;
 use palpate_learn::study::{ObjectScores, TouchScore, chosen_on_others, mean};
-use palpate_work::evaluate::as_touches;
-use palpate_work::study::StudiedObject;
+use palpate_work::evaluate::{as_touches, number};
+use palpate_work::study::{StudiedObject, at_least_two};
 use serde_json::json;
 
 use crate::error::CliError;
 use crate::output::{Output, figure, table};
-use crate::place::Places;
 use crate::settings::AllSettings;
-use crate::{interrupt, logs};
+use crate::{interrupt, logs, place};
 
 const NOTES: &str = "Examples:
   palpate study plant_a/ plant_b/ cushion/ --truth
@@ -42,6 +41,9 @@ pub(crate) struct Args {
     /// Friction coefficients to try
     #[arg(long, value_name = "MU", value_delimiter = ',')]
     frictions: Vec<f64>,
+    /// Means of the prior to try, N/m
+    #[arg(long, value_name = "MEAN", value_delimiter = ',')]
+    prior_means: Vec<f64>,
     /// Standard deviations of the prior to try, N/m
     #[arg(long, value_name = "STD", value_delimiter = ',')]
     prior_stds: Vec<f64>,
@@ -71,21 +73,26 @@ struct Studied {
     scores: ObjectScores,
 }
 
-/// Studies all objects, one after the other.
+/// Reads all objects, then studies one after the other.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings = args.settings.load_without_body()?;
     args.grid(&settings.config()?)?;
-    drop(Places::read(&args.settings, &settings, &args.objects));
+    args.check_objects()?;
     interrupt::listen();
-    let mut studied = Vec::new();
+    let mut names = Vec::new();
+    let mut read = Vec::new();
     for object in &args.objects {
+        let mut name = place::last_part(object);
+        number(&mut name, &mut names);
         let mut settings = settings.clone();
-        let log = std::slice::from_ref(object);
-        let (touches, arm) = logs::open(log, &mut settings, output)?;
+        let (touches, arm) = logs::open(std::slice::from_ref(object), &mut settings, output)?;
         let recorded = logs::read(touches, &arm, &settings, None, output)?;
         let touches = as_touches(&recorded, args.truth)?;
-        let configs = args.grid(&settings.config()?)?;
-        let name = object.file_name().unwrap_or(object.as_os_str()).to_string_lossy().into_owned();
+        at_least_two(&name, &touches)?;
+        read.push((name, arm, recorded, touches, args.grid(&settings.config()?)?));
+    }
+    let mut studied = Vec::new();
+    for (name, arm, recorded, touches, configs) in read {
         let (recorded, touches) = (&recorded[..], &touches[..]);
         let of = StudiedObject { name: &name, arm: &arm, recorded, touches };
         let scores = of.study(&configs, (args.every as usize, args.curve), output)?;
@@ -116,38 +123,62 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 impl Args {
     /// The given settings, then all combinations of those listed.
     fn grid(&self, given: &MapperConfig) -> Result<Vec<MapperConfig>, CliError> {
-        let listed = |list: &[f64], given: f64| {
-            if list.is_empty() { vec![given] } else { list.to_vec() }
-        };
-        let (contact, prior) = (&given.contact, &given.estimator.prior);
-        let mut grid = vec![given.clone()];
-        for &distance_m in &listed(&self.distances_m, contact.contact_distance_m) {
-            for &friction in &listed(&self.frictions, contact.friction) {
-                for &prior_std in &listed(&self.prior_stds, prior.std_n_per_m) {
-                    for &noise in &listed(&self.torque_noise, 1.0) {
-                        let mut config = given.clone();
-                        config.contact.contact_distance_m = distance_m;
-                        config.contact.friction = friction;
-                        config.estimator.prior.std_n_per_m = prior_std;
-                        config.estimator.torque_std.iter_mut().for_each(|std| *std *= noise);
-                        config
-                            .contact
-                            .check()
-                            .map_err(|error| CliError::Usage(error.to_string()))?;
-                        drop(
-                            config
-                                .estimator(1)
-                                .map_err(|error| CliError::Usage(error.to_string()))?,
-                        );
-                        if !grid.contains(&config) {
-                            grid.push(config);
-                        }
-                    }
-                }
+        let grid = vec![given.clone()];
+        let grid = vary(grid, &self.distances_m, |config, m| config.contact.contact_distance_m = m);
+        let grid =
+            vary(grid, &self.frictions, |config, friction| config.contact.friction = friction);
+        let grid = vary(grid, &self.prior_means, |config, mean| {
+            config.estimator.prior.mean_n_per_m = mean;
+        });
+        let grid =
+            vary(grid, &self.prior_stds, |config, std| config.estimator.prior.std_n_per_m = std);
+        let grid = vary(grid, &self.torque_noise, |config, factor| {
+            config.estimator.torque_std.iter_mut().for_each(|std| *std *= factor);
+        });
+        let mut each_once = vec![given.clone()];
+        for config in grid {
+            config.contact.check().map_err(|error| CliError::Usage(error.to_string()))?;
+            let n_joints = config.estimator.torque_std.len(); // of the arm, or one for all
+            drop(config.estimator(n_joints).map_err(|error| CliError::Usage(error.to_string()))?);
+            if !each_once.contains(&config) {
+                each_once.push(config);
             }
         }
-        Ok(grid)
+        Ok(each_once)
     }
+
+    /// Refuses an object that is given twice: it would choose its own settings.
+    fn check_objects(&self) -> Result<(), CliError> {
+        let mut seen = Vec::new();
+        for object in &self.objects {
+            let real = object.canonicalize().unwrap_or_else(|_| object.clone());
+            if seen.contains(&real) {
+                let twice = object.display();
+                return Err(CliError::Usage(format!(
+                    "`{twice}` is given twice; wanted each object once"
+                )));
+            }
+            seen.push(real);
+        }
+        Ok(())
+    }
+}
+
+/// Each of the settings with each of the values; as they are without a value.
+fn vary(
+    grid: Vec<MapperConfig>,
+    values: &[f64],
+    set: impl Fn(&mut MapperConfig, f64),
+) -> Vec<MapperConfig> {
+    if values.is_empty() {
+        return grid;
+    }
+    let with = |config: &MapperConfig, value: f64| {
+        let mut config = config.clone();
+        set(&mut config, value);
+        config
+    };
+    grid.iter().flat_map(|config| values.iter().map(|&value| with(config, value))).collect()
 }
 
 /// The tables.
@@ -167,7 +198,7 @@ fn text(studied: &[Studied], relative: &[Vec<Option<f64>>], chosen: &[Option<usi
     let mut rows: Vec<Vec<String>> = (settings.iter().enumerate())
         .map(|(number, config)| row(label(config), of_setting(number)))
         .collect();
-    if settings.len() > 1 {
+    if settings.len() > 1 && studied.len() > 1 {
         let best =
             |scores: &Vec<Option<f64>>| scores.iter().copied().flatten().min_by(f64::total_cmp);
         rows.push(row("best of each".to_owned(), relative.iter().map(best).collect()));
@@ -193,9 +224,10 @@ fn label(config: &MapperConfig) -> String {
     let (contact, estimator) = (&config.contact, &config.estimator);
     let stds = &estimator.torque_std;
     format!(
-        "{:.0} mm, friction {}, prior std {}, noise {:.2}",
-        1000.0 * contact.contact_distance_m,
+        "{} mm, friction {}, prior {} ± {} N/m, noise {:.3} N·m",
+        (1e5 * contact.contact_distance_m).round() / 100.0,
         contact.friction,
+        estimator.prior.mean_n_per_m,
         estimator.prior.std_n_per_m,
         stds.iter().sum::<f64>() / stds.len() as f64
     )

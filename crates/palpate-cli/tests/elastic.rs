@@ -101,7 +101,10 @@ fn a_plant_of_several_pictures_is_held_at_its_root() {
         refuse(palpate().args(["map", "-o", &field]).args(with), 2, words);
     };
     usage(&["--root", "0,0,0"], &["--cloud"]);
-    usage(&["--cloud", &cloud, "--root", "0,0,nan"], &["--root", "1000 m"]);
+    usage(&["--cloud", &cloud, "--root", "0,0,nan"], &["--root", "finite"]);
+    usage(&["--cloud", &cloud, "--root", "550,0,100"], &["root 550,0,100", "m from the nearest"]);
+    let of_cushion = ["--cloud", &cloud, "--object-kind", "cushion", "--root", "0.55,0,0.1"];
+    usage(&of_cushion, &["root", "cushion"]);
     let two_cameras = ["--cloud", &cloud, "--cloud", &cloud, "--camera-pose", "0 0 0 0 0 0 1"];
     usage(&two_cameras, &["--camera", "several"]);
 }

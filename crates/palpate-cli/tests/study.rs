@@ -24,7 +24,7 @@ fn two_objects() -> Scene {
 #[test]
 fn a_study_finds_what_an_evaluation_of_each_object_finds() {
     let scene = two_objects();
-    let grid = ["--frictions", "0.1,0.3", "--distances-m", "0.02", "--curve", "--json"];
+    let grid = ["--frictions", "0.1,0.3,0.1", "--distances-m", "0.02", "--curve", "--json"];
     let found = succeed(&mut study(&scene, &["log", "other"], &grid));
     let found: Value = serde_json::from_str(&found).unwrap();
     let settings = found["settings"].as_array().unwrap();
@@ -63,6 +63,9 @@ fn the_table_has_a_row_for_what_was_chosen_on_the_others() {
     let rows = ["log", "other", "best of each", "chosen on the others", "worst touch"];
     assert!(rows.iter().all(|row| text.contains(row)), "{text}");
     assert!(!text.contains("touches learnt"), "{text}");
+    let by_joint = ["--torque-std", "0.2,0.1"];
+    let text = succeed(&mut study(&scene, &["log"], &by_joint));
+    assert!(text.contains("noise 0.150 N·m") && !text.contains("best of each"), "{text}");
 }
 
 #[test]
@@ -77,5 +80,6 @@ fn what_cannot_be_studied_is_refused() {
     );
     refuse(&mut study(&scene, &["log"], &["--prior-stds=-1"]), 2, &["prior", "-1"]);
     refuse(&mut study(&scene, &["log", "nowhere"], &[]), 1, &["nowhere"]);
+    refuse(&mut study(&scene, &["log", "other", "log"], &[]), 2, &["log", "twice"]);
     refuse(&mut study(&scene, &["log"], &["--truth"]), 1, &["truth"]);
 }

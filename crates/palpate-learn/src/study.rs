@@ -15,9 +15,9 @@ use crate::errors::ErrorSum;
 use crate::evaluation::MeanStd;
 use crate::folds::{Fold, folds};
 use crate::method::Method;
-use crate::tracked::{Touch, Tracked, TrackedTouch};
+use crate::tracked::{Touch, Tracked, TrackedFrame};
 
-/// Torques that say whether the arm loads the object are so many frames apart.
+/// Torques that say whether the arm loads the object are so many frames apart, before frames are thinned.
 const BEFORE: usize = 5;
 
 /// How well a touch was predicted that was not learnt from.
@@ -31,8 +31,8 @@ pub struct TouchScore {
     pub loading: Option<f64>,
     /// See `loading`.
     pub unloading: Option<f64>,
-    /// The same where at least half of the points in contact were met by touches that were learnt, and where
-    /// fewer were.
+    /// The same where points are in contact and at least half of them were met by touches that were learnt, and
+    /// where fewer were.
     pub met: Option<f64>,
     /// See `met`.
     pub unmet: Option<f64>,
@@ -74,13 +74,14 @@ pub fn mean(touches: &[TouchScore], of: impl Fn(&TouchScore) -> Option<f64>) -> 
 ///
 /// # Panics
 ///
-/// If there are no settings.
+/// If there are no settings or no touches.
 pub fn study(
     (arm, touches): (&Arc<Arm>, &[Touch]),
     settings: &[MapperConfig],
     (every, curve): (usize, bool),
     (stop, done): (Stop<'_>, &dyn Fn()),
 ) -> Result<ObjectScores, LearnError> {
+    assert!(!touches.is_empty(), "there are touches");
     let given = &settings[0];
     let base = Tracked::new(arm, given, touches, stop)?;
     let one_by_one = folds(touches.len(), touches.len());
@@ -100,15 +101,13 @@ pub fn study(
         let parts: Vec<(usize, &Fold)> = parts.collect();
         let scored: Result<Vec<TouchScore>, LearnError> = parts
             .par_iter()
-            .map(|(number, fold)| {
-                score(&tracked, fold, &for_thinned(&settings[*number], every), stop)
-            })
+            .map(|(number, fold)| score(&tracked, fold, (&settings[*number], every), stop))
             .collect();
         for ((number, _), score) in parts.iter().zip(scored?) {
             scores[*number].push(score);
         }
         if first == 0 && curve {
-            by_touches_learnt = learning_curve(&tracked, &for_thinned(given, every), stop)?;
+            by_touches_learnt = learning_curve(&tracked, (given, every), stop)?;
         }
         done();
     }
@@ -140,7 +139,7 @@ pub fn chosen_on_others(relative: &[Vec<Option<f64>>]) -> Vec<Option<usize>> {
 
 fn learning_curve(
     tracked: &Tracked,
-    config: &MapperConfig,
+    of: (&MapperConfig, usize),
     stop: Stop<'_>,
 ) -> Result<Vec<(usize, f64)>, LearnError> {
     let n = tracked.touches.len();
@@ -149,7 +148,7 @@ fn learning_curve(
         let after = |touch: usize| (1..=count).map(move |step| (touch + step) % n).collect();
         let folds = (0..n).map(|touch| Fold { test: vec![touch], train: after(touch) });
         let folds: Vec<Fold> = folds.collect();
-        let scores = folds.par_iter().map(|fold| score(tracked, fold, config, stop));
+        let scores = folds.par_iter().map(|fold| score(tracked, fold, of, stop));
         let scores: Vec<TouchScore> = scores.collect::<Result<_, _>>()?;
         Ok(mean(&scores, |score| score.relative).map(|relative| (count, relative)))
     };
@@ -158,19 +157,21 @@ fn learning_curve(
     Ok(figures?.into_iter().flatten().collect())
 }
 
-/// Predicts the one touch that a fold tests.
+/// Predicts the one touch that a fold tests, of which every `every`-th frame is left.
 fn score(
     tracked: &Tracked,
     fold: &Fold,
-    config: &MapperConfig,
+    (config, every): (&MapperConfig, usize),
     stop: Stop<'_>,
 ) -> Result<TouchScore, LearnError> {
-    let method = Method::of(config.method);
-    let predicted = method.predict(tracked, fold, config, stop)?.swap_remove(0);
+    let config = for_thinned(config, every);
+    let predicted = Method::of(config.method).predict(tracked, fold, &config, stop)?.swap_remove(0);
     let touch = &tracked.touches[fold.test[0]];
     let met = tracked.rows_met(&fold.train);
-    let (loading, is_met) = (loading(touch), frames_met(touch, &met));
     let targets = || touch.frames.iter().map(|frame| &frame.target);
+    let loading = loading(&targets().collect::<Vec<_>>(), BEFORE.div_ceil(every));
+    let is_met = |frame: &TrackedFrame| mostly_met(frame.observation.rows(), &met);
+    let is_met: Vec<Option<bool>> = touch.frames.iter().map(is_met).collect();
     let relative = |wanted: &dyn Fn(usize) -> bool| {
         let mut sum = ErrorSum::default();
         for (at, (predicted, target)) in predicted.iter().zip(targets()).enumerate() {
@@ -194,35 +195,40 @@ fn score(
         relative: relative(&|_| true),
         loading: relative(&|at| loading[at]),
         unloading: relative(&|at| !loading[at]),
-        met: relative(&|at| is_met[at]),
-        unmet: relative(&|at| !is_met[at]),
+        met: relative(&|at| is_met[at] == Some(true)),
+        unmet: relative(&|at| is_met[at] == Some(false)),
         joint_error_n_m: by_joint(&|predicted, target| predicted - target),
         joint_torque_n_m: by_joint(&|_, target| target),
     })
 }
 
-/// By frame, whether the torque to predict is larger than some frames before.
-fn loading(touch: &TrackedTouch) -> Vec<bool> {
-    let size = |at: usize| touch.frames[at].target.iter().map(|t| t * t).sum::<f64>();
-    (0..touch.frames.len()).map(|at| size(at) > size(at.saturating_sub(BEFORE))).collect()
+/// By frame, whether its torque is larger than so many frames before.
+fn loading(torques: &[&Vec<f64>], before: usize) -> Vec<bool> {
+    let size = |at: usize| torques[at].iter().map(|t| t * t).sum::<f64>();
+    (0..torques.len()).map(|at| size(at) > size(at.saturating_sub(before))).collect()
 }
 
-/// By frame, whether at least half of the points in contact are of rows that were met.
-fn frames_met(touch: &TrackedTouch, met: &[bool]) -> Vec<bool> {
-    let is_met = |rows: &mut dyn Iterator<Item = usize>| {
-        let (mut of_met, mut all) = (0, 0);
-        rows.for_each(|row| {
-            of_met += usize::from(met[row]);
-            all += 1;
-        });
-        2 * of_met >= all
-    };
-    touch.frames.iter().map(|frame| is_met(&mut frame.observation.rows())).collect()
+/// Whether at least half of some rows were met; `None` without any.
+fn mostly_met(rows: impl Iterator<Item = usize>, met: &[bool]) -> Option<bool> {
+    let (of_met, all) =
+        rows.fold((0, 0), |(of_met, all), row| (of_met + usize::from(met[row]), all + 1));
+    (all > 0).then_some(2 * of_met >= all)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_push_loads_on_its_way_in_and_frames_without_contact_are_neither_met_nor_unmet() {
+        let torques: Vec<Vec<f64>> = [0, 1, 2, 3, 2, 1, 0].map(|t| vec![0.0, f64::from(-t)]).into();
+        let loads = loading(&torques.iter().collect::<Vec<_>>(), 1);
+        assert_eq!(loads, [false, true, true, true, false, false, false]);
+        let met = [true, false, false];
+        assert_eq!(mostly_met([0, 1].into_iter(), &met), Some(true));
+        assert_eq!(mostly_met([0, 1, 2].into_iter(), &met), Some(false));
+        assert_eq!(mostly_met([].into_iter(), &met), None);
+    }
 
     #[test]
     fn settings_are_chosen_on_the_other_objects_alone() {

@@ -207,6 +207,24 @@ fn two_cameras_see_a_stem_from_both_sides_and_it_is_as_thick_as_it_is() {
 }
 
 #[test]
+fn a_camera_that_looked_elsewhere_changes_nothing() {
+    let seen = plant();
+    let alone = readings(&[seen.picture(Some(EYE))], &ObjectHints::default());
+    let empty = Picture { points: &[], colours: &[], viewpoint: Some(Point3::new(1.0, 1.0, 1.0)) };
+    let with_empty = readings(&[seen.picture(Some(EYE)), empty], &ObjectHints::default());
+    assert_eq!(alone, with_empty);
+    // A close-up of the foot says nothing about what hides behind the leaf above.
+    let mut foot = Seen { eye: Point3::new(0.5, -0.3, 0.12), ..Seen::default() };
+    foot.rod([0.5, 0.0, 0.1], [0.5, 0.0, 0.14], [0.012, 0.01168], [2.0, 3.0]);
+    let with_foot = [seen.picture(Some(EYE)), foot.picture(Some(foot.eye))];
+    let with_foot = readings(&with_foot, &ObjectHints::default());
+    let branches = |bodies: &[ElasticBody]| -> std::collections::BTreeSet<u32> {
+        wood(&bodies[0]).iter().map(|segment| segment.branch).collect()
+    };
+    assert_eq!(branches(&alone), branches(&with_foot));
+}
+
+#[test]
 fn a_plant_hangs_from_its_root_wherever_that_is() {
     let seen = plant();
     for (root, segment_from) in [([0.5, 0.0, 0.65], 0.65), ([0.5, 0.0, 0.6], 0.6)] {
@@ -218,6 +236,15 @@ fn a_plant_hangs_from_its_root_wherever_that_is() {
         assert!((rooted[0].start_m[2] - segment_from).abs() < 0.01, "{:?}", rooted[0].start_m);
         assert!(rooted[0].end_m[2] < rooted[0].start_m[2], "it hangs down");
     }
+    // Two roots at one piece: both hold it, and nothing else does.
+    let roots_m = vec![[0.5, 0.0, 0.1].into(), [0.5, 0.0, 0.6].into()];
+    let hints = ObjectHints { roots_m, ..ObjectHints::default() };
+    let body = &readings(&[seen.picture(Some(EYE))], &hints)[0];
+    let rooted = body.segments().iter().filter(|segment| segment.parent.is_none());
+    let mut heights: Vec<f64> = rooted.map(|segment| segment.start_m[2]).collect();
+    heights.sort_by(f64::total_cmp);
+    assert_eq!(heights.len(), 2, "{heights:?}");
+    assert!((heights[0] - 0.1).abs() < 0.01 && (heights[1] - 0.6).abs() < 0.01, "{heights:?}");
     // Far from all wood: held there all the same.
     let hints = ObjectHints { roots_m: vec![[0.5, 0.0, 0.0].into()], ..ObjectHints::default() };
     let body = &readings(&[seen.picture(Some(EYE))], &hints)[0];

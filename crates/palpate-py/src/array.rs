@@ -88,6 +88,16 @@ pub(crate) fn points(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3
     }
 }
 
+/// A point or several, (3,) or (N, 3).
+pub(crate) fn places(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3]>> {
+    let wanted = "(3,) or (N, 3)";
+    let Numbers { values, shape } = numbers(any, name, wanted)?;
+    match shape[..] {
+        [3] | [_, 3] => Ok(values.as_chunks::<3>().0.to_vec()),
+        _ => Err(wrong_shape(name, &shape, wanted)),
+    }
+}
+
 /// Counts, each a whole number from 0 on that 32 bits hold.
 pub(crate) fn counts(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<u32>> {
     whole(&row(any, name, None)?, 1, name, u32::MAX)

@@ -14,11 +14,12 @@ use palpate_work::settings::SettingsError;
 use palpate_work::{Progress, WorkError};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyAny, PyDict, PyList};
+use pyo3::types::{PyAny, PyDict, PyList, PyTuple};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::{Error as ValueError, StrDeserializer};
 
+use crate::array;
 use crate::error::Result;
 use crate::extrapolate;
 use crate::field::Field;
@@ -31,9 +32,9 @@ use crate::{robot, settings};
 #[derive(Default)]
 pub(crate) struct ObjectArguments<'a, 'py> {
     pub colours: Option<&'a Bound<'py, PyAny>>,
-    pub viewpoint: Option<Places>,
+    pub viewpoint: Option<&'a Bound<'py, PyAny>>,
     pub kind: Option<&'a str>,
-    pub root: Option<Places>,
+    pub root: Option<&'a Bound<'py, PyAny>>,
 }
 
 impl ObjectArguments<'_, '_> {
@@ -43,27 +44,15 @@ impl ObjectArguments<'_, '_> {
     }
 }
 
-/// A place, or several, m.
-#[derive(FromPyObject)]
-pub(crate) enum Places {
-    One([f64; 3]),
-    Several(Vec<[f64; 3]>),
-}
-
-impl Places {
-    /// All of them, each finite.
-    fn all(places: Option<Self>, name: &str) -> Result<Vec<Point3<f64>>> {
-        let places = match places {
-            None => Vec::new(),
-            Some(Self::One(place)) => vec![place],
-            Some(Self::Several(places)) => places,
-        };
-        if let Some(place) = places.iter().flatten().find(|along| !along.is_finite()) {
-            let message = format!("`{name}` holds {place}; wanted finite numbers, m");
-            return Err(PyValueError::new_err(message).into());
-        }
-        Ok(places.into_iter().map(Point3::from).collect())
+/// A place or several, (3,) or (N, 3), each finite, m.
+fn places(given: Option<&Bound<'_, PyAny>>, name: &str) -> Result<Vec<Point3<f64>>> {
+    let Some(given) = given else { return Ok(Vec::new()) };
+    let places = array::places(given, name)?;
+    if let Some(place) = places.iter().flatten().find(|along| !along.is_finite()) {
+        let message = format!("`{name}` holds {place}; wanted finite numbers, m");
+        return Err(PyValueError::new_err(message).into());
     }
+    Ok(places.into_iter().map(Point3::from).collect())
 }
 
 /// The clouds of a list of paths or of arrays, or the only one; and what errors call each.
@@ -76,10 +65,8 @@ fn clouds(
         let of_points = one.getattr("ndim").and_then(|ndim| ndim.extract::<usize>());
         one.extract::<PathBuf>().is_ok() || of_points.is_ok_and(|ndim| ndim == 2)
     };
-    let several: Option<Vec<Bound<'_, PyAny>>> = match cloud.is_instance_of::<PyList>() {
-        true => Some(cloud.extract()?),
-        false => None,
-    };
+    let is_several = cloud.is_instance_of::<PyList>() || cloud.is_instance_of::<PyTuple>();
+    let several: Option<Vec<Bound<'_, PyAny>>> = is_several.then(|| cloud.extract()).transpose()?;
     let Some(several) = several.filter(|several| several.first().is_some_and(is_cloud)) else {
         return Ok(vec![extrapolate::read(py, cloud, colours)?]);
     };
@@ -97,12 +84,29 @@ fn clouds(
     pairs.map(|(cloud, colours)| extrapolate::read(py, cloud, colours.as_ref())).collect()
 }
 
-/// A function that makes the bodies of a cloud, to be called once there is a progress to note what it finds.
-pub(crate) fn bodies_of(
+/// What shows an object, read.
+pub(crate) struct SeenObject {
+    clouds: Vec<SeenCloud>,
+    hints: ObjectHints,
+    name: String,
+}
+
+impl SeenObject {
+    /// The bodies that it may be; notes what was found.
+    pub(crate) fn bodies(
+        &self,
+        progress: &dyn Progress,
+    ) -> std::result::Result<Vec<Arc<ElasticBody>>, WorkError> {
+        bodies(&self.clouds, &self.hints, &self.name, progress)
+    }
+}
+
+/// Reads what shows an object.
+pub(crate) fn seen_object(
     py: Python<'_>,
     cloud: &Bound<'_, PyAny>,
     ObjectArguments { colours, viewpoint, kind, root }: ObjectArguments<'_, '_>,
-) -> Result<impl FnOnce(&dyn Progress) -> Vec<Arc<ElasticBody>> + Send> {
+) -> Result<SeenObject> {
     let kind = kind.map(|word| {
         let known: StrDeserializer<'_, ValueError> = word.into_deserializer();
         ObjectKind::deserialize(known).map_err(|_| {
@@ -112,8 +116,8 @@ pub(crate) fn bodies_of(
         })
     });
     let kind = kind.transpose()?;
-    let hints = ObjectHints { kind, roots_m: Places::all(root, "root")? };
-    let viewpoints = Places::all(viewpoint, "viewpoint")?;
+    let hints = ObjectHints { kind, roots_m: places(root, "root")? };
+    let viewpoints = places(viewpoint, "viewpoint")?;
     let (names, clouds): (Vec<PathBuf>, Vec<Cloud>) =
         clouds(py, cloud, colours)?.into_iter().unzip();
     if !viewpoints.is_empty() && viewpoints.len() != clouds.len() {
@@ -122,9 +126,9 @@ pub(crate) fn bodies_of(
         return Err(PyValueError::new_err(message).into());
     }
     let viewpoints = viewpoints.into_iter().map(Some).chain(std::iter::repeat(None));
-    let seen: Vec<SeenCloud> = clouds.into_iter().zip(viewpoints).collect();
+    let clouds: Vec<SeenCloud> = clouds.into_iter().zip(viewpoints).collect();
     let names: Vec<String> = names.iter().map(|name| name.display().to_string()).collect();
-    Ok(move |progress: &dyn Progress| bodies(&seen, &hints, &names.join("`, `"), progress))
+    Ok(SeenObject { clouds, hints, name: names.join("`, `") })
 }
 
 /// Learns a field with an elastic body from a cloud, as `palpate map --cloud` does.
@@ -149,9 +153,9 @@ pub(crate) fn map_elastic(
     cloud: &Bound<'_, PyAny>,
     colours: Option<&Bound<'_, PyAny>>,
     robot: Option<&Bound<'_, PyAny>>,
-    viewpoint: Option<Places>,
+    viewpoint: Option<&Bound<'_, PyAny>>,
     object_kind: Option<&str>,
-    root: Option<Places>,
+    root: Option<&Bound<'_, PyAny>>,
     settings: Option<&Bound<'_, PyAny>>,
     progress: Option<&Bound<'_, PyAny>>,
     sections: Option<&Bound<'_, PyDict>>,
@@ -168,10 +172,10 @@ pub(crate) fn map_elastic(
     settings.config()?;
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = logs.map(sources).transpose()?.unwrap_or_default();
-    let make_bodies =
-        bodies_of(py, cloud, ObjectArguments { colours, viewpoint, kind: object_kind, root })?;
+    let object =
+        seen_object(py, cloud, ObjectArguments { colours, viewpoint, kind: object_kind, root })?;
     let saved = long(py, progress, |progress| -> Result<_, WorkError> {
-        let bodies = make_bodies(progress);
+        let bodies = object.bodies(progress)?;
         let touches = opened(sources, &settings.log)?;
         touches.gravity_of_logs(&mut settings.touch, progress)?;
         settings.log.check_for(&robot.arm.robot)?;

@@ -20,7 +20,7 @@ use serde_json::json;
 
 use crate::array::{flat, table_of};
 use crate::data::{given, of_python, python};
-use crate::elastic::{ObjectArguments, Places, bodies_of};
+use crate::elastic::{ObjectArguments, seen_object};
 use crate::error::Result;
 use crate::log::{Source, opened, sources};
 use crate::watch::long;
@@ -58,9 +58,9 @@ pub(crate) fn evaluate<'py>(
     methods: Option<Vec<String>>,
     cloud: Option<&Bound<'py, PyAny>>,
     colours: Option<&Bound<'py, PyAny>>,
-    viewpoint: Option<Places>,
+    viewpoint: Option<&Bound<'py, PyAny>>,
     object_kind: Option<&str>,
-    root: Option<Places>,
+    root: Option<&Bound<'py, PyAny>>,
     folds: Option<u32>,
     test: Option<Vec<String>>,
     truth: bool,
@@ -85,7 +85,7 @@ pub(crate) fn evaluate<'py>(
             "`colours`, `viewpoint`, `object_kind` and `root` are of a `cloud`, which is not given";
         return Err(PyValueError::new_err(message).into());
     }
-    let cloud = cloud.map(|cloud| bodies_of(py, cloud, object));
+    let cloud = cloud.map(|cloud| seen_object(py, cloud, object));
     let cloud = cloud.transpose()?;
     replace_elastic_by_map(&mut settings, cloud.is_some()).map_err(WorkError::from)?;
     let mut methods = each_once(&chosen, cloud.is_some())?;
@@ -106,7 +106,7 @@ pub(crate) fn evaluate<'py>(
             estimators: configs(&settings)?,
             tune,
             truth,
-            bodies: cloud.map_or(Vec::new(), |make_bodies| make_bodies(progress)),
+            bodies: cloud.map(|object| object.bodies(progress)).transpose()?.unwrap_or_default(),
         };
         work.evaluate(&Nowhere, progress)
     })?;

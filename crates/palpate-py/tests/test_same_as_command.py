@@ -151,7 +151,7 @@ def test_needs_command_a_field_with_an_elastic_body_is_the_same(
     assert (tmp_path / "ours.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
     with pytest.raises(ValueError, match="`viewpoint` holds 1 places"):
         palpate.map_elastic(None, [cloud, cloud], robot=robot, viewpoint=(0, 0, 1))
-    with pytest.raises(ValueError, match="`root` holds nan"):
+    with pytest.raises(ValueError, match="`root` holds NaN"):
         palpate.map_elastic(None, cloud, robot=robot, root=(0.5, 0, float("nan")))
     with pytest.raises(ValueError, match="`object_kind` is \"tree\""):
         palpate.map_elastic(None, cloud, robot=robot, object_kind="tree")  # type: ignore[arg-type]

@@ -17,11 +17,18 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::{Settings, SettingsError};
 
+/// A root is no farther from what was seen of its plant, m.
+const FARTHEST_ROOT_M: f64 = 1.0;
+
 /// A cloud that one camera saw, and where that stood, m, world frame, if it is known.
 pub type SeenCloud = (Cloud, Option<Point3<f64>>);
 
 /// The elastic bodies that clouds of an object may be, the most likely first; a note says what was found. None
 /// if there is nothing that could bend. Notes call the clouds `name`.
+///
+/// # Errors
+///
+/// If a root is far from all that was seen, or is given of a cushion.
 ///
 /// # Panics
 ///
@@ -31,7 +38,8 @@ pub fn bodies(
     hints: &ObjectHints,
     name: &str,
     progress: &dyn Progress,
-) -> Vec<Arc<ElasticBody>> {
+) -> Result<Vec<Arc<ElasticBody>>, WorkError> {
+    check_roots(clouds, hints)?;
     let pictures = clouds.iter().map(|(cloud, viewpoint)| Picture {
         points: cloud.points(),
         colours: cloud.colours().expect("the caller gave colours"),
@@ -39,7 +47,7 @@ pub fn bodies(
     });
     let pictures: Vec<Picture<'_>> = pictures.collect();
     let bodies = readings(&pictures, hints);
-    let kind = hints.kind;
+    let kind = hints.kind();
     match bodies.first() {
         Some(body) => {
             let or_plant = body.has_blocks() && kind.is_none();
@@ -64,7 +72,28 @@ pub fn bodies(
             ));
         }
     }
-    bodies.into_iter().map(Arc::new).collect()
+    Ok(bodies.into_iter().map(Arc::new).collect())
+}
+
+/// Refuses roots that are those of nothing seen.
+fn check_roots(clouds: &[SeenCloud], hints: &ObjectHints) -> Result<(), WorkError> {
+    if hints.kind == Some(ObjectKind::Cushion) && !hints.roots_m.is_empty() {
+        let message = "a root is where a plant is held, and the object is said to be a cushion; leave one of \
+                       them out";
+        return Err(WorkError::Usage(message.to_owned()));
+    }
+    for root in &hints.roots_m {
+        let points = clouds.iter().flat_map(|(cloud, _)| cloud.points());
+        let nearest_m = points.map(|point| (point - root).norm()).fold(f64::INFINITY, f64::min);
+        if nearest_m > FARTHEST_ROOT_M {
+            let [x, y, z] = [root.x, root.y, root.z];
+            return Err(WorkError::Usage(format!(
+                "the root {x},{y},{z} is {nearest_m:.3} m from the nearest point that was seen; wanted at most \
+                 {FARTHEST_ROOT_M} m (lengths are taken as m)"
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// What a body is made of.

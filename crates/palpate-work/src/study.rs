@@ -30,21 +30,17 @@ impl StudiedObject<'_> {
     ///
     /// # Errors
     ///
-    /// If there are fewer than two touches, a setting is out of its range, a sample cannot be used, or on being
-    /// stopped.
+    /// If a setting is out of its range, a sample cannot be used, or on being stopped.
+    ///
+    /// # Panics
+    ///
+    /// If there are no settings or no touches; see [`at_least_two`].
     pub fn study(
         &self,
         settings: &[MapperConfig],
         of: (usize, bool),
         progress: &dyn Progress,
     ) -> Result<ObjectScores, WorkError> {
-        if self.touches.len() < 2 {
-            return Err(WorkError::from(format!(
-                "`{}` holds {}; a study needs at least two of each object, one to learn from and one to predict",
-                self.name,
-                counted(self.touches.len(), "touch")
-            )));
-        }
         let mut models: Vec<_> = Vec::new();
         for config in settings {
             if !models.contains(&&config.contact) {
@@ -60,4 +56,19 @@ impl StudiedObject<'_> {
         )
         .map_err(|error| fault(self.recorded, error, "; nothing was written".to_owned()))
     }
+}
+
+/// Refuses an object with too few touches.
+///
+/// # Errors
+///
+/// If there are fewer than two.
+pub fn at_least_two(name: &str, touches: &[Touch]) -> Result<(), WorkError> {
+    if touches.len() >= 2 {
+        return Ok(());
+    }
+    Err(WorkError::from(format!(
+        "`{name}` holds {}; a study needs at least two of each object, one to learn from and one to predict",
+        counted(touches.len(), "touch")
+    )))
 }

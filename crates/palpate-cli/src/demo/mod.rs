@@ -129,7 +129,7 @@ impl Picture {
         }
         let seen = (cloud::read(object).map_err(CliError::file)?.cloud, None);
         let hints = ObjectHints::default();
-        let bodies = bodies(std::slice::from_ref(&seen), &hints, "the bundled cloud", output);
+        let bodies = bodies(std::slice::from_ref(&seen), &hints, "the bundled cloud", output)?;
         Ok(Self { bodies, cloud: Some(seen.0) })
     }
 }

@@ -73,6 +73,13 @@ pub struct ObjectHints {
     pub roots_m: Vec<Point3<f64>>,
 }
 
+impl ObjectHints {
+    /// What the object is said to be: what has roots is a plant.
+    pub fn kind(&self) -> Option<ObjectKind> {
+        self.kind.or((!self.roots_m.is_empty()).then_some(ObjectKind::Plant))
+    }
+}
+
 /// The elastic bodies that pictures of an object can be read as. They differ in what hangs together across
 /// gaps: a branch that comes out of hidden space may hang from any of several others, and only touches
 /// tell from which.
@@ -83,7 +90,7 @@ pub struct ObjectHints {
 ///
 /// No two of them are the same. If no branch is found, or stems, branches and leaves leave two fifths of the
 /// points unexplained, the only one is a cushion of blocks; none if nothing stands above the lowest point.
-/// If the kind of the object is given, only such bodies are made.
+/// If the kind of the object is given, only such bodies are made; what has roots is a plant.
 ///
 /// # Panics
 ///
@@ -91,7 +98,7 @@ pub struct ObjectHints {
 pub fn readings(pictures: &[Picture<'_>], hints: &ObjectHints) -> Vec<ElasticBody> {
     let all: Vec<SeenPoint> = seen_points(pictures);
     let points: Vec<Point3<f64>> = all.iter().map(|seen| seen.place).collect();
-    let kind = hints.kind;
+    let kind = hints.kind();
     let mut bodies = Vec::new();
     if kind != Some(ObjectKind::Cushion)
         && let Some(cloud) = Cloud::new(pictures, &all)
@@ -198,14 +205,14 @@ impl Cloud {
     }
 }
 
-/// One point, the first, in each small cube of a large cloud.
+/// One point of each picture, the first, in each small cube of large clouds.
 fn thinned(all: &[SeenPoint]) -> Vec<SeenPoint> {
     if all.len() <= MOST_POINTS {
         return all.to_vec();
     }
     let mut taken = HashSet::new();
     let cube = |seen: &SeenPoint| seen.place.coords.map(|along| (along / THINNED_M).floor() as i64);
-    all.iter().copied().filter(|seen| taken.insert(cube(seen))).collect()
+    all.iter().copied().filter(|seen| taken.insert((seen.picture, cube(seen)))).collect()
 }
 
 /// Puts a place before the first of a tube that stands by itself: its root, or one in the ground below the

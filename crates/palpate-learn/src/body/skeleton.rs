@@ -1,5 +1,7 @@
 //! The skeleton of the wood: level sets of the distance from the root, pieces joined across gaps.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 use super::graph::Graph;
@@ -73,25 +75,17 @@ pub(super) fn skeleton(
 
     let mut builder = Builder { points, graph: &graph, nodes: Vec::new() };
     let (mut feet, mut hanging): (Vec<Point3<f64>>, Vec<Vec<u32>>) = (Vec::new(), Vec::new());
-    for root in roots_m {
-        let apart = |&point: &u32| (points[point as usize] - root).norm();
-        let nearest = |piece: &[u32]| piece.iter().map(apart).fold(f64::INFINITY, f64::min);
-        let by_distance = |a: &(usize, f64), b: &(usize, f64)| a.1.total_cmp(&b.1);
-        let pieces_by = pieces.iter().map(|piece| nearest(piece)).enumerate();
-        let Some((at, distance_m)) = pieces_by.min_by(by_distance) else { break };
-        let piece = pieces.remove(at);
-        let is_start = |point: &u32| apart(point) < distance_m + 0.004;
-        let starts: Vec<u32> = piece.iter().copied().filter(is_start).collect();
-        builder.add(&piece, &starts, None);
+    let starts_of = rooted(points, &pieces, roots_m);
+    for (&piece, starts) in &starts_of {
+        builder.add(&pieces[piece], starts, None);
     }
-    if !roots_m.is_empty() {
-        hanging = std::mem::take(&mut pieces);
-    }
-    for piece in pieces {
+    let left = pieces.into_iter().enumerate().filter(|(piece, _)| !starts_of.contains_key(piece));
+    for (_, piece) in left {
         let starts = foot(&piece);
         let place = middle(points, &starts);
         let is_apart = |other: &Point3<f64>| (other.xy() - place.xy()).norm() > APART_M;
-        if lowest(&piece) < ground + GROUND_M && feet.iter().all(is_apart) {
+        let stands = roots_m.is_empty() && lowest(&piece) < ground + GROUND_M;
+        if stands && feet.iter().all(is_apart) {
             feet.push(place);
             builder.add(&piece, &starts, None);
         } else {
@@ -100,6 +94,27 @@ pub(super) fn skeleton(
     }
     join(&mut builder, &hanging, views, joining);
     prune(builder.nodes)
+}
+
+/// The pieces nearest to the roots, with their points that are nearest to each.
+fn rooted(
+    points: &[Point3<f64>],
+    pieces: &[Vec<u32>],
+    roots_m: &[Point3<f64>],
+) -> BTreeMap<usize, Vec<u32>> {
+    let mut starts_of: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
+    for root in roots_m {
+        let apart = |&point: &u32| (points[point as usize] - root).norm();
+        let nearest = |piece: &Vec<u32>| piece.iter().map(apart).fold(f64::INFINITY, f64::min);
+        let by_piece = pieces.iter().map(nearest).enumerate();
+        let Some((at, nearest_m)) = by_piece.min_by(|a, b| a.1.total_cmp(&b.1)) else { break };
+        let starts = starts_of.entry(at).or_default();
+        let is_start = |point: &&u32| apart(point) < nearest_m + 0.004;
+        starts.extend(pieces[at].iter().filter(is_start));
+        starts.sort_unstable();
+        starts.dedup();
+    }
+    starts_of
 }
 
 struct Builder<'a> {

@@ -15,6 +15,8 @@ pub(super) struct View {
     /// Directions of the seen points, and how far each is, m.
     seen: ImmutableKdTree<f64, 2>,
     distances_m: Vec<f64>,
+    /// Lowest and highest slopes of these directions: the camera may not have looked beyond them.
+    window: [[f64; 2]; 2],
 }
 
 /// Behind the nearest point by less than this, space is not said to be seen, m.
@@ -29,14 +31,23 @@ impl View {
         let (slopes, distances_m): (Vec<[f64; 2]>, Vec<f64>) =
             points.iter().filter_map(|point| slopes(&axes, &(point - viewpoint))).unzip();
         let seen = ImmutableKdTree::new_from_slice(&slopes);
-        Self { viewpoint, pixel_rad: pixel(&seen, &slopes), axes, seen, distances_m }
+        let bound = |of: fn(f64, f64) -> f64, start: f64| {
+            [0, 1].map(|axis| slopes.iter().map(|slopes| slopes[axis]).fold(start, of))
+        };
+        let window = [bound(f64::min, f64::INFINITY), bound(f64::max, f64::NEG_INFINITY)];
+        Self { viewpoint, pixel_rad: pixel(&seen, &slopes), axes, seen, distances_m, window }
     }
 
-    /// Whether the camera saw a place to be empty: what it saw in that direction, if anything, lies behind.
+    /// Whether the camera saw a place to be empty: it looked there, and what it saw in that direction, if anything,
+    /// lies behind.
     fn is_free(&self, place: &Point3<f64>) -> bool {
         let Some((slopes, distance)) = slopes(&self.axes, &(place - self.viewpoint)) else {
             return false;
         };
+        let [low, high] = self.window;
+        if (0..2).any(|axis| !(low[axis]..=high[axis]).contains(&slopes[axis])) {
+            return false;
+        }
         let near = self.seen.nearest_one::<SquaredEuclidean>(&slopes);
         let is_seen = near.distance.sqrt() < 0.75 * self.pixel_rad;
         !is_seen || self.distances_m[near.item as usize] > distance + TOLERANCE_M
