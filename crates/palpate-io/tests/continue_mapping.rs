@@ -211,6 +211,28 @@ fn a_touch_numbered_below_zero_or_beyond_32_bits_is_refused_with_its_row() {
 }
 
 #[test]
+fn a_state_whose_prediction_could_not_be_finite_is_refused_with_its_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("field.npz");
+    let mut mapper = Mapper::new(arm(), config(EstimatorKind::Map)).unwrap();
+    mapper.begin_touch();
+    go_on(&mut mapper, &touches(1)[0]);
+    mapper.end_touch().unwrap();
+    save(&path, &Saved::of_mapper(&mapper)).unwrap();
+    let whole = npz::read_npz(&path).unwrap();
+    for name in ["state_mean", "state_variance", "memory_alpha"] {
+        let shape = whole.require(name).unwrap().shape().to_vec();
+        let mut numbers = whole.floats(name, &vec![None; shape.len()]).unwrap();
+        numbers[0] = 1e308;
+        let mut arrays = whole.clone();
+        arrays.insert(name, npz::Array::new(shape, npz::Data::F64(numbers)));
+        npz::write_npz(&path, &arrays, IfExists::Replace).unwrap();
+        let error = load(&path).unwrap_err().to_string();
+        assert!(error.contains(&format!("`{name}` holds")) && error.contains("1e24"), "{error}");
+    }
+}
+
+#[test]
 fn another_robot_or_a_broken_file_is_told_apart() {
     let (arm, touches) = (arm(), touches(1));
     let mut mapper = Mapper::new(Arc::clone(&arm), config(EstimatorKind::Map)).unwrap();

@@ -306,7 +306,7 @@ pub(super) fn contradiction(arrays: &Arrays, what: String) -> SavedError {
 fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapshot, SavedError> {
     let frames = arrays.small_counts(name_in(arrays, "memory_frame"), &[None, Some(2)])?;
     let frames = frames.as_chunks::<2>().0;
-    let alphas = arrays.floats("memory_alpha", &[Some(frames.len()), None])?;
+    let alphas = within(arrays, "memory_alpha", &[Some(frames.len()), None])?;
     let width = alphas.len().checked_div(frames.len()).unwrap_or(0);
     let nis = match arrays.get(name_in(arrays, "memory_nis")) {
         Some(_) => arrays.floats(name_in(arrays, "memory_nis"), &[None])?,
@@ -318,8 +318,8 @@ fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapsh
         nis: nis.get(frame).copied().unwrap_or_default(),
     });
     let state = EstimatorState {
-        mean: arrays.floats("state_mean", &[None])?,
-        variance: arrays.floats("state_variance", &[None])?,
+        mean: within(arrays, "state_mean", &[None])?,
+        variance: within(arrays, "state_variance", &[None])?,
         counts: saved.field.counts.clone(),
         seen: arrays.counts("state_seen", &[None])?,
         step: mapper.step,
@@ -358,6 +358,13 @@ fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapsh
         state,
         (mapper.touches, sample_log),
     ))
+}
+
+/// Numbers of an estimator's state, none so large that what follows from it would not be finite.
+fn within(arrays: &Arrays, name: &str, shape: &[Option<usize>]) -> Result<Vec<f64>, SavedError> {
+    let numbers = arrays.floats(name, shape)?;
+    arrays.check(name, &numbers, "numbers from -1e24 to 1e24", |number| number.abs() <= 1e24)?;
+    Ok(numbers)
 }
 
 /// The logged touches, and the number of joints of their samples.
