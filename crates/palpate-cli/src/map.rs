@@ -10,6 +10,8 @@ use palpate::{Arm, EstimatorKind, Mapper, Sample, StepReport};
 use palpate_io::field::{self, Saved};
 use palpate_work::elastic;
 use palpate_work::learn::{Cells, Tally, learn};
+use palpate_work::touches::Touches;
+use palpate_work::tune::{Choice, chosen};
 use palpate_work::{prior, resume};
 use serde_json::json;
 
@@ -31,7 +33,7 @@ const EXAMPLES: &str = "Examples:
 
 A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
 a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. Without --settings and flags the shipped
-defaults hold; `palpate settings` prints them. The field holds the memory of what it was learnt
+defaults hold; `palpate settings` prints them; --choose takes those that fit these touches. The field holds the memory of what it was learnt
 from, so that --from goes on exactly where it stopped.
 
 --prior starts a new field, with the stiffness of another field as the prior mean of each cell: its
@@ -116,7 +118,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let (bodies, _) = args.object.bodies(output)?;
     let mut elastic = (!bodies.is_empty()).then_some(Elastic { bodies, touches: Vec::new() });
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
-    let (mut mapper, mut pace) = begin(args, (&arm, &settings), &mut elastic, output)?;
+    let (mut mapper, mut pace) = begin(args, (&arm, &mut settings), &mut elastic, output)?;
     logs::tell_robot(&arm, &settings, output);
     let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
     let mut touches = touches.for_arm(&arm, &settings.log, place)?;
@@ -162,7 +164,7 @@ struct Elastic {
 /// A new mapper, or one that goes on from a field, and its pace if one was asked for.
 fn begin(
     args: &Args,
-    (arm, settings): (&Arc<Arm>, &Settings),
+    (arm, settings): (&Arc<Arm>, &mut Settings),
     elastic: &mut Option<Elastic>,
     output: &Output,
 ) -> Result<(Mapper, Option<Pace>), CliError> {
@@ -182,7 +184,15 @@ fn begin(
             }
             resume::mapper(&name, arm, snapshot)?
         }
-        None => prior::mapper(args.prior.as_deref(), arm, settings.config()?, output)?,
+        None => {
+            let mut config = settings.config()?;
+            let is_plain = args.prior.is_none() && elastic.is_none();
+            if is_plain && Choice::of(settings, false) == Choice::Quick {
+                let touches = Touches::open(&args.logs, &settings.log.options());
+                config = chosen(touches, (arm, settings, &config), output)?;
+            }
+            prior::mapper(args.prior.as_deref(), arm, config, output)?
+        }
     };
     Ok(args.pace.keep(mapper))
 }

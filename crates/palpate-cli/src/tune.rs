@@ -20,7 +20,7 @@ const NOTES: &str = "Examples:
   palpate tune recordings/ --estimator ekf --candidates 40 -o tuned_ekf.toml
   palpate map recordings/ --settings tuned.toml -o field.npz
 
-Contact distance, friction, prior, torque noise and replays are chosen by cross-validation: touches
+Contact distance, friction, prior, torque noise, replays and trust are chosen by cross-validation: touches
 are predicted from other touches under candidate settings around the given ones, and successive
 halving keeps the better third of them, then the best. Measured torques decide; truth/ is not read.
 
@@ -40,6 +40,9 @@ pub(crate) struct Args {
     /// Settings to try, of which those given are the first [default: 24, 12 for ekf]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1000))]
     candidates: Option<u32>,
+    /// Choose among few settings in seconds, as `palpate map --choose` does
+    #[arg(long, conflicts_with = "candidates")]
+    quick: bool,
     /// Print the evidence as JSON
     #[arg(long)]
     json: bool,
@@ -59,7 +62,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let recorded = logs::read(touches, &arm, &settings, None, output)?;
     let touches = as_touches(&recorded, false)?;
     let tuned = Tuning { arm: &arm, recorded: &recorded, touches: &touches, config: &config };
-    let tuned = tuned.run(args.candidates, output)?;
+    let tuned =
+        if args.quick { tuned.quick(output)? } else { tuned.run(args.candidates, output)? };
 
     place::write(&args.output, &toml(&tuned, &settings)?)?;
     if args.json {
@@ -89,7 +93,8 @@ fn evidence(tuned: &Tuned, given: &MapperConfig) -> String {
                     relative\nerror after each round, of thinned frames; few folds, more folds, \
                     leave-one-touch-out.\n\n"
         .to_owned();
-    let settings = ["distance m", "friction", "prior mean", "prior std", "torque std", "replays"];
+    let settings =
+        ["distance m", "friction", "prior mean", "prior std", "torque std", "replays", "trust"];
     let head = [&settings[..], &["round 1", "round 2", "round 3", ""]].concat();
     let rows = tuned.trials.iter().map(|trial| {
         let (contact, estimator) = (&trial.config.contact, &trial.config.estimator);
@@ -102,9 +107,12 @@ fn evidence(tuned: &Tuned, given: &MapperConfig) -> String {
             format!("{:.2}", estimator.prior.std_n_per_m),
             format!("{std:.3}"),
             estimator.replays.to_string(),
+            format!("{:.2}", estimator.trust),
         ];
         row.extend((0..3).map(|round| figure(trial.scores.get(round).copied(), 4)));
-        row.push(if trial.config == *given { "given" } else { "" }.to_owned());
+        let mut as_given = trial.config.clone();
+        as_given.estimator.trust = given.estimator.trust;
+        row.push(if as_given == *given { "given" } else { "" }.to_owned());
         row
     });
     text + &table(&head, rows)

@@ -23,7 +23,7 @@ pub struct Plan {
     pub folds: Vec<Fold>,
     /// Numbers of the folds that are done here, in rising order.
     pub todo: Vec<usize>,
-    /// Settings of everything, and of `map` where it has none of its own.
+    /// Settings of everything but `map` and `ekf`.
     pub config: MapperConfig,
     /// Settings of the estimators in each fold: of `map`, then of `ekf`. They differ from `config`
     /// in estimator and contact model alone.
@@ -72,9 +72,10 @@ impl Plan {
     /// The settings of a part.
     pub fn config_of(&self, (method, fold): (Method, usize)) -> &MapperConfig {
         match method {
-            Method::Elastic | Method::Map => &self.estimators[fold][0],
+            Method::Map => &self.estimators[fold][0],
             Method::Ekf => &self.estimators[fold][1],
-            Method::Mlp | Method::Gp | Method::Knn | Method::Uniform | Method::Zero => &self.config,
+            // What a field beside a body must explain is not what settings were chosen on.
+            _ => &self.config,
         }
     }
 

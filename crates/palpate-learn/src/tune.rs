@@ -1,11 +1,12 @@
 //! Settings chosen by cross-validation inside training touches.
 //!
-//! Candidates are drawn once, at random from a seed: contact distance δ, friction μ, prior, torque
-//! noise and replays, all around the shipped ones, which are a candidate themselves. Successive
-//! halving then finds the best: every candidate is tried on few inner folds, the better third of
-//! them on more, and the best few on all, leave-one-touch-out. What a candidate is judged by are
-//! measured torques of training touches that it has not learnt from; the touch under test is never
-//! looked at.
+//! Candidates are made once, the given settings among them: a few contact models with a few prior means
+//! ([`Search::quick`]), or contact distance δ, friction μ, prior, torque noise and replays drawn at random from a
+//! seed ([`Search::thorough`]). Successive halving then finds the best: every candidate is tried on few inner
+//! folds, the better third of them on more, and in a thorough search the best few on all, leave-one-touch-out.
+//! What a candidate is judged by are measured torques of training touches that it has not learnt from; the
+//! touch under test is never looked at. The same torques tell what share of its stiffness to believe
+//! ([`palpate::EstimatorConfig::trust`]): that with the smallest error.
 //!
 //! Frames are thinned for this; every one that is left then counts for as many as it stands for, by
 //! that much less noise, so that evidence and prior keep their balance. A contact model is simulated
@@ -27,19 +28,30 @@ use crate::method::Method;
 use crate::study::for_thinned;
 use crate::tracked::{Touch, Tracked};
 
-/// Contact distances and frictions, as multiples of the given ones: each pair is simulated.
-const DISTANCES: [f64; 5] = [0.7, 0.85, 1.0, 1.15, 1.35];
-const FRICTIONS: [f64; 5] = [0.6, 0.8, 1.0, 1.3, 1.6];
+/// Contact distances and frictions, as multiples of the given ones: each pair is simulated. Objects differ most
+/// in these: of seven simulated ones, three are best at a sixth of the shipped friction, one at a third, three at
+/// all of it.
+const DISTANCES: [f64; 3] = [1.0, 1.25, 1.5];
+const FRICTIONS: [f64; 3] = [1.0 / 6.0, 1.0 / 3.0, 1.0];
+/// Means of the prior above the given one, as multiples of its standard deviation.
+const PRIOR_MEANS: [f64; 4] = [0.0, 0.013, 0.026, 0.066];
+/// Contact models of a quick search, distance and friction, as multiples of the given ones, and its means of the
+/// prior above the given one, as multiples of its standard deviation.
+const QUICK_CONTACTS: [(f64, f64); 4] =
+    [(1.0, 1.0), (1.25, 1.0 / 6.0), (1.5, 1.0 / 6.0), (1.5, 1.0)];
+const QUICK_MEANS: [f64; 4] = [0.0, 0.016, 0.04, 0.08];
 /// Other settings, as multiples of the given ones.
 const PRIOR_STDS: [f64; 5] = [0.5, 1.0, 1.5, 2.0, 4.0];
-const PRIOR_MEANS: [f64; 3] = [0.5, 1.0, 2.0];
 const TORQUE_STDS: [f64; 3] = [0.7, 1.0, 1.4];
 const REPLAYS: [u32; 3] = [10, 20, 40];
 
 /// Frames of all touches together that a candidate learns and predicts, about.
 const FRAMES: usize = 1_200;
+const QUICK_FRAMES: usize = 300;
 /// Inner folds of the first rounds; the last one is leave-one-touch-out.
 const INNER: usize = 4;
+/// Shares of the stiffness that may be believed, in parts of this.
+const TRUSTS: u32 = 20;
 
 /// How thorough to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,6 +70,45 @@ impl Effort {
             EstimatorKind::Ekf => 12,
         };
         Self { candidates, seed: 0 }
+    }
+}
+
+/// Candidates, and how closely they are looked at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Search {
+    candidates: Vec<MapperConfig>,
+    /// Frames that a candidate learns and predicts, about.
+    frames: usize,
+    /// Whether the best few are compared leave-one-touch-out.
+    one_by_one: bool,
+}
+
+impl Search {
+    /// Few candidates around the given settings: seconds for ten touches.
+    pub fn quick(config: &MapperConfig) -> Self {
+        let of = |(distance, friction): (f64, f64)| {
+            QUICK_MEANS.map(|mean| {
+                let mut candidate = config.clone();
+                candidate.contact.contact_distance_m *= distance;
+                candidate.contact.friction *= friction;
+                let prior = &mut candidate.estimator.prior;
+                prior.mean_n_per_m += mean * prior.std_n_per_m;
+                candidate
+            })
+        };
+        let candidates = QUICK_CONTACTS.into_iter().flat_map(of);
+        let candidates = candidates.filter(|candidate| candidate.contact.check().is_ok()).collect();
+        Self { candidates, frames: QUICK_FRAMES, one_by_one: false }
+    }
+
+    /// Candidates drawn at random around the given settings: minutes for ten touches.
+    pub fn thorough(config: &MapperConfig, effort: Effort) -> Self {
+        Self { candidates: draw(config, effort), frames: FRAMES, one_by_one: true }
+    }
+
+    /// How many candidates there are.
+    pub fn candidates(&self) -> usize {
+        self.candidates.len()
     }
 }
 
@@ -82,7 +133,7 @@ pub struct Trial {
 
 /// Candidates with their contacts, for any set of training touches.
 pub struct Tuner {
-    candidates: Vec<MapperConfig>,
+    search: Search,
     /// The touches under each contact model.
     tracked: Vec<(ContactConfig, Tracked)>,
     /// Frames that each frame of `tracked` stands for.
@@ -90,9 +141,10 @@ pub struct Tuner {
 }
 
 impl Tuner {
-    /// Draws candidates around `config` and simulates their contact models.
+    /// Simulates the contact models of the candidates.
     ///
-    /// `base` are the touches tracked under `config`; `done` is told after every contact model.
+    /// `base` are the touches tracked under some settings, of which `config` has the lattice; `done` is told
+    /// after every candidate.
     ///
     /// # Errors
     ///
@@ -100,23 +152,22 @@ impl Tuner {
     pub fn new(
         (arm, touches, base): (&Arc<Arm>, &[Touch], &Tracked),
         config: &MapperConfig,
-        effort: Effort,
+        search: Search,
         stop: Stop<'_>,
         done: &dyn Fn(),
     ) -> Result<Self, LearnError> {
         drop(config.estimator(base.n_joints)?); // refused before anything is simulated
-        let candidates = draw(config, effort);
         let frames: usize = base.touches.iter().map(|touch| touch.frames.len()).sum();
-        let every = frames.div_ceil(FRAMES).max(1);
+        let every = frames.div_ceil(search.frames).max(1);
         let mut tracked: Vec<(ContactConfig, Tracked)> = Vec::new();
-        for MapperConfig { contact, .. } in &candidates {
+        for MapperConfig { contact, .. } in &search.candidates {
             if tracked.iter().all(|(model, _)| model != contact) {
                 let frames = base.under(contact, arm, config, touches, stop)?.thinned(every);
                 tracked.push((contact.clone(), frames));
             }
             done();
         }
-        Ok(Self { candidates, tracked, every })
+        Ok(Self { search, tracked, every })
     }
 
     /// Chooses the settings for some training touches.
@@ -131,13 +182,15 @@ impl Tuner {
         let all = inner(train, train.len());
         let some = inner(train, INNER.min(train.len()));
         let few = &some[..some.len().div_ceil(2)];
-        for (round, folds) in [few, &some, &all].into_iter().enumerate() {
-            let scored: Result<Vec<f64>, LearnError> = trials[..left]
+        let rounds = if self.search.one_by_one { 3 } else { 2 };
+        for (round, folds) in [few, &some, &all].into_iter().enumerate().take(rounds) {
+            let scored: Result<Vec<(f64, f64)>, LearnError> = trials[..left]
                 .par_iter()
                 .map(|trial| self.score(&trial.config, folds, stop))
                 .collect();
-            for (trial, score) in trials.iter_mut().zip(scored?) {
+            for (trial, (score, trust)) in trials.iter_mut().zip(scored?) {
                 trial.scores.push(score);
+                trial.config.estimator.trust = trust;
             }
             // Stable: equal ones stay in the order of the round before, at first that of the draw.
             trials[..left].sort_by(|a, b| a.scores[round].total_cmp(&b.scores[round]));
@@ -150,7 +203,7 @@ impl Tuner {
     /// touch nothing; but for the given settings, which stay as they are.
     fn with_noise_of(&self, train: &[usize]) -> Vec<MapperConfig> {
         let noise_std = self.tracked[0].1.noise_std(train);
-        let mut candidates = self.candidates.clone();
+        let mut candidates = self.search.candidates.clone();
         for candidate in &mut candidates[1..] {
             let given = &candidate.estimator.torque_std;
             let given = |joint: usize| given[joint.min(given.len() - 1)];
@@ -160,28 +213,39 @@ impl Tuner {
         candidates
     }
 
-    /// The mean score of a candidate over the touches that some folds test.
+    /// The mean score of a candidate over the touches that some folds test, and the trust that has it.
     fn score(
         &self,
         config: &MapperConfig,
         folds: &[Fold],
         stop: Stop<'_>,
-    ) -> Result<f64, LearnError> {
-        let config = for_thinned(config, self.every);
+    ) -> Result<(f64, f64), LearnError> {
+        let mut config = for_thinned(config, self.every);
+        config.estimator.trust = 1.0;
         let of_model = self.tracked.iter().find(|(contact, _)| *contact == config.contact);
         let (_, tracked) = of_model.expect("the contact models of all candidates were simulated");
         let method = Method::of(config.method);
-        let mut scores = Vec::new();
+        let trusts = if method == Method::Map { 1..=TRUSTS } else { TRUSTS..=TRUSTS };
+        let trusts: Vec<f64> =
+            trusts.rev().map(|part| f64::from(part) / f64::from(TRUSTS)).collect();
+        let mut scores: Vec<Vec<f64>> = vec![Vec::new(); trusts.len()];
         for fold in folds {
             let torques = method.predict(tracked, fold, &config, stop)?;
             for (&touch, predicted) in fold.test.iter().zip(torques) {
                 let frames = &tracked.touches[touch].frames;
                 let measured = frames.iter().map(|frame| frame.observation.tau());
                 let measured: Vec<Vec<f64>> = measured.map(|tau| tau.as_slice().to_vec()).collect();
-                scores.extend(score_of(&predicted, &measured));
+                for (scores, trust) in scores.iter_mut().zip(&trusts) {
+                    let share = |tau: &Vec<f64>| tau.iter().map(|tau| trust * tau).collect();
+                    let believed: Vec<Vec<f64>> = predicted.iter().map(share).collect();
+                    scores.extend(score_of(&believed, &measured));
+                }
             }
         }
-        Ok(MeanStd::of(scores).map_or(f64::INFINITY, |score| score.mean))
+        let mean = |scores| MeanStd::of(scores).map_or(f64::INFINITY, |score| score.mean);
+        let scored = scores.into_iter().map(mean).zip(trusts);
+        // Of equal ones the largest, which comes first.
+        Ok(scored.min_by(|a, b| a.0.total_cmp(&b.0)).expect("there are trusts"))
     }
 }
 
@@ -215,8 +279,9 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
         contact.contact_distance_m *= DISTANCES[pick(DISTANCES.len())];
         contact.friction *= FRICTIONS[pick(FRICTIONS.len())];
         let estimator = &mut candidate.estimator;
+        let above = PRIOR_MEANS[pick(PRIOR_MEANS.len())] * estimator.prior.std_n_per_m;
+        estimator.prior.mean_n_per_m += above;
         estimator.prior.std_n_per_m *= PRIOR_STDS[pick(PRIOR_STDS.len())];
-        estimator.prior.mean_n_per_m *= PRIOR_MEANS[pick(PRIOR_MEANS.len())];
         let scale = TORQUE_STDS[pick(TORQUE_STDS.len())];
         estimator.torque_std.iter_mut().for_each(|std| *std *= scale);
         estimator.replays = REPLAYS[pick(REPLAYS.len())];

@@ -14,7 +14,7 @@ use palpate_learn::evaluation::Prediction;
 use palpate_learn::folds::{Fold, folds};
 use palpate_learn::method::{self, Method, Torques};
 use palpate_learn::tracked::{Touch, Tracked, TrackedFrame};
-use palpate_learn::tune::{Effort, Tuned, Tuner};
+use palpate_learn::tune::{Effort, Search, Trial, Tuned, Tuner};
 
 /// Two links that swing about vertical axes, so that gravity does not reach the joints.
 const URDF: &str = r#"<robot name="tiny">
@@ -359,8 +359,8 @@ const CANDIDATES: usize = 10;
 
 fn tuned(arm: &Arc<Arm>, config: &MapperConfig, touches: &[Touch], train: &[usize]) -> Tuned {
     let base = tracked(arm, config, touches);
-    let effort = Effort { candidates: CANDIDATES, seed: 3 };
-    Tuner::new((arm, touches, &base), config, effort, NEVER, &|| ())
+    let search = Search::thorough(config, Effort { candidates: CANDIDATES, seed: 3 });
+    Tuner::new((arm, touches, &base), config, search, NEVER, &|| ())
         .unwrap()
         .tune(train, NEVER)
         .unwrap()
@@ -371,9 +371,32 @@ fn tuning_refuses_settings_that_no_estimator_can_have() {
     let (arm, touches, mut config) = (arm(), touches(3), config(EstimatorKind::Map));
     let base = tracked(&arm, &config, &touches);
     config.estimator.torque_std.clear();
-    let effort = Effort { candidates: 2, seed: 0 };
-    let tuner = Tuner::new((&arm, &touches, &base), &config, effort, NEVER, &|| ());
+    let search = Search::thorough(&config, Effort { candidates: 2, seed: 0 });
+    let tuner = Tuner::new((&arm, &touches, &base), &config, search, NEVER, &|| ());
     assert!(tuner.is_err_and(|error| error.to_string().contains("torque_std has 0 values")));
+}
+
+#[test]
+fn a_quick_search_believes_less_of_a_model_that_predicts_too_much() {
+    let (arm, config) = (arm(), config(EstimatorKind::Map));
+    let mut touches = touches(4);
+    let chosen = |touches: &[Touch]| {
+        let base = tracked(&arm, &config, touches);
+        let search = Search::quick(&config);
+        let tuner = Tuner::new((&arm, touches, &base), &config, search, NEVER, &|| ()).unwrap();
+        tuner.tune(&[0, 1, 2, 3], NEVER).unwrap()
+    };
+    let alike = chosen(&touches);
+    assert_eq!(alike.trials.len(), Search::quick(&config).candidates());
+    assert!(alike.trials[0].scores.len() == 2 && alike.config == alike.trials[0].config);
+    assert_eq!(alike, chosen(&touches), "nothing is left to chance");
+    // Every other touch meets nothing: what the others teach says too much of it.
+    for number in [1, 3] {
+        let still = touches[number].samples[0].tau.clone();
+        touches[number].samples.iter_mut().for_each(|sample| sample.tau.clone_from(&still));
+    }
+    let doubted = chosen(&touches).config.estimator.trust;
+    assert!(doubted < alike.config.estimator.trust, "{doubted}");
 }
 
 #[test]
@@ -394,7 +417,12 @@ fn tuning_chooses_the_lowest_score_of_the_last_round_and_tries_what_was_given() 
         let config = config(method);
         let Tuned { config: chosen, trials } = tuned(&arm, &config, &touches, &[0, 1, 3]);
         assert_eq!(trials.len(), CANDIDATES);
-        assert!(trials.iter().any(|trial| trial.config == config), "the given settings are tried");
+        let as_given = |trial: &Trial| {
+            let mut tried = trial.config.clone();
+            tried.estimator.trust = config.estimator.trust;
+            tried == config
+        };
+        assert!(trials.iter().any(as_given), "the given settings are tried");
         let last = trials.iter().filter(|trial| trial.scores.len() == 3);
         let last: Vec<(f64, &MapperConfig)> =
             last.map(|trial| (trial.scores[2], &trial.config)).collect();

@@ -11,7 +11,7 @@ use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{self as evaluation, Nowhere, Work, configs, each_once, method_of};
 use palpate_work::settings::Settings;
 use palpate_work::touches::RecordedTouch;
-use palpate_work::tune::{Tuning, trials, tuned_settings};
+use palpate_work::tune::{Choice, Tuning, trials, tuned_settings};
 use palpate_work::{Progress, WorkError};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -104,7 +104,7 @@ pub(crate) fn evaluate<'py>(
             folds,
             methods,
             estimators: configs(&settings)?,
-            tune,
+            choice: Choice::of(&settings, tune),
             truth,
             bodies: cloud.map(|object| object.bodies(progress)).transpose()?.unwrap_or_default(),
         };
@@ -166,11 +166,12 @@ fn left_out<'py>(py: Python<'py>, touch: &LeftOut, joints: usize) -> PyResult<Bo
 
 /// Chooses settings by cross-validation on at least three touches, as `palpate tune` does.
 ///
-/// `candidates` are from 2 to 1000, 24 if left out (12 for ekf). Give the `settings` of the result to
+/// `candidates` are from 2 to 1000, 24 if left out (12 for ekf); `quick` chooses among few, as
+/// `palpate map --choose` does. Give the `settings` of the result to
 /// other calls.
 #[pyfunction]
 #[pyo3(signature = (
-    logs, robot = None, *, candidates = None, settings = None, progress = None, **sections
+    logs, robot = None, *, candidates = None, quick = false, settings = None, progress = None, **sections
 ))]
 #[allow(clippy::too_many_arguments)] // they are keywords
 pub(crate) fn tune<'py>(
@@ -178,12 +179,16 @@ pub(crate) fn tune<'py>(
     logs: &Bound<'py, PyAny>,
     robot: Option<&Bound<'py, PyAny>>,
     candidates: Option<u32>,
+    quick: bool,
     settings: Option<&Bound<'py, PyAny>>,
     progress: Option<&Bound<'py, PyAny>>,
     sections: Option<&Bound<'py, PyDict>>,
 ) -> Result<Bound<'py, PyAny>> {
     if candidates.is_some_and(|n| !(2..=1000).contains(&n)) {
         return Err(PyValueError::new_err("`candidates` must be from 2 to 1000").into());
+    }
+    if quick && candidates.is_some() {
+        return Err(PyValueError::new_err("`quick` has its own candidates: leave one out").into());
     }
     let mut settings = settings::read(settings, sections)?;
     let robot = robot::given(py, robot, &settings.robot)?;
@@ -193,7 +198,7 @@ pub(crate) fn tune<'py>(
         let (recorded, touches) = read(sources, &mut settings, arm, (false, progress))?;
         let config = settings.config()?;
         let tuning = Tuning { arm, recorded: &recorded, touches: &touches, config: &config };
-        tuning.run(candidates, progress)
+        if quick { tuning.quick(progress) } else { tuning.run(candidates, progress) }
     })?;
     let chosen = tuned_settings(&tuned, &settings);
     let (toml, trials) = (chosen.template()?, trials(&tuned));

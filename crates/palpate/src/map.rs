@@ -21,6 +21,9 @@
 //! and its share of z stays. z is kept in `f64`, where the rounding of millions of visits stays
 //! far below a millionth of a newton per metre; a test holds it to that.
 //!
+//! K is told, and predicted with, as a share of this: [`EstimatorConfig::trust`], which touches that were not
+//! learnt speak for. What is learnt does not depend on it.
+//!
 //! m₀ may differ from cell to cell ([`Estimator::set_prior_means`]): z starts there, and no visit uses m₀
 //! again.
 //!
@@ -58,6 +61,8 @@ const TRIES: u32 = 8;
 pub struct MapEstimator {
     /// The unknown of a cell is its z.
     belief: Belief,
+    /// What K is multiplied by where it is told or predicted with.
+    trust: f64,
     memory: ReplayMemory<Observation>,
 }
 
@@ -79,7 +84,7 @@ impl MapEstimator {
     ) -> Result<Self, EstimatorError> {
         let belief = Belief::new(config, spacing_m, n_joints)?;
         let memory = ReplayMemory::new(config.memory, config.seed);
-        Ok(Self { belief, memory })
+        Ok(Self { belief, trust: config.trust, memory })
     }
 
     /// Takes back all that was learnt from a remembered frame, as if it had never been measured.
@@ -172,11 +177,11 @@ fn add(belief: &mut Belief, observation: &Observation, d: &[f64], prefetch: &mut
 
 impl Estimator for MapEstimator {
     fn stiffness(&self, row: usize) -> f64 {
-        self.belief.unknown(row).max(0.0)
+        self.trust * self.belief.unknown(row).max(0.0)
     }
 
     fn std(&self, row: usize) -> f64 {
-        self.belief.variance(row).sqrt()
+        self.trust * self.belief.variance(row).sqrt()
     }
 
     fn count(&self, row: usize) -> u32 {
@@ -210,7 +215,7 @@ impl Estimator for MapEstimator {
         add(belief, &observation, alpha.as_slice(), &mut Prefetch::nothing());
         let nis = innovation.dot(&alpha);
         self.remember(observation, id, alpha.as_slice(), (&inverse, nis));
-        Ok(predicted)
+        Ok(predicted * self.trust)
     }
 
     fn advance_time(&mut self) {

@@ -18,6 +18,7 @@ use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{
     Evaluated, Work, as_touches, configs, each_once, folds, method_of, number,
 };
+use palpate_work::tune::Choice;
 
 use crate::error::CliError;
 use crate::object_args::ObjectArgs;
@@ -85,7 +86,8 @@ pub(crate) struct Args {
     /// measured
     #[arg(long)]
     truth: bool,
-    /// Choose the settings of map and ekf anew in every fold, from its training touches alone
+    /// Choose the settings of map and ekf among many in every fold, from its training touches alone; without
+    /// this, those of map among few (`--choose`)
     #[arg(long)]
     tune: bool,
     /// Print the table as JSON
@@ -120,7 +122,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         todo: (0..folds.len()).collect(),
         folds,
         estimators,
-        tune: args.tune,
+        choice: Choice::of(&settings, args.tune),
         truth: args.truth,
         bodies,
     };
@@ -246,12 +248,13 @@ fn tuned_line(config: &MapperConfig) -> String {
     let stds: Vec<String> = estimator.torque_std.iter().map(|std| format!("{std:.3}")).collect();
     format!(
         "contact_distance_m = {:.4}, friction = {:.3}, prior_mean = {:.4}, prior_std = {:.3}, \
-         torque_std = [{}], replays = {}",
+         torque_std = [{}], trust = {:.2}, replays = {}",
         contact.contact_distance_m,
         contact.friction,
         estimator.prior.mean_n_per_m,
         estimator.prior.std_n_per_m,
         stds.join(", "),
+        estimator.trust,
         estimator.replays
     )
 }

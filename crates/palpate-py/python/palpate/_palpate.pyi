@@ -482,14 +482,15 @@ def tune(
     robot: Robot | _Path | None = None,
     *,
     candidates: int | None = None,
+    quick: bool = False,
     settings: AnySettings | None = None,
     progress: Progress = None,
     **sections: Unpack[Sections],
 ) -> Tuned:
     """Chooses settings by cross-validation on at least three touches, as `palpate tune` does.
 
-    `candidates` are from 2 to 1000, 24 if left out (12 for ekf). Give the `settings` of the result to
-    other calls.
+    `candidates` are from 2 to 1000, 24 if left out (12 for ekf); `quick` chooses among few, as
+    `palpate map --choose` does. Give the `settings` of the result to other calls.
     """
 
 @final

@@ -85,6 +85,8 @@ class EstimatorSettings(TypedDict, total=False):
     prior_std: float
     torque_std: ArrayLike
     drift_std: float
+    trust: float
+    choose: bool
     replays: int
     memory_frames: int
     memory_mib: int

@@ -11,12 +11,13 @@ use palpate_learn::evaluation::Evaluation;
 use palpate_learn::folds::Fold;
 use palpate_learn::method::{self, Method};
 use palpate_learn::tracked::{Touch, Tracked};
-use palpate_learn::tune::{Effort, Tuned, Tuner};
+use palpate_learn::tune::{Effort, Search, Tuned, Tuner};
 
 use crate::elastic::simulate_bodies;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::touches::RecordedTouch;
+use crate::tune::{Choice, FEWEST};
 
 mod plan;
 
@@ -82,8 +83,8 @@ pub struct Work<'a> {
     pub todo: Vec<usize>,
     /// Settings of `map` and of `ekf`.
     pub estimators: [MapperConfig; 2],
-    /// Whether these are tuned in every fold.
-    pub tune: bool,
+    /// How these are found in every fold.
+    pub choice: Choice,
     /// Whether true torques are to be predicted.
     pub truth: bool,
     /// The elastic bodies that the object may be, for [`Method::Elastic`]; none if nobody saw it.
@@ -94,7 +95,7 @@ pub struct Work<'a> {
 pub struct Evaluated {
     /// All figures and torques.
     pub evaluation: Evaluation,
-    /// The estimators' settings in every fold that was done, if they were tuned.
+    /// The estimators' settings in every fold that was done, if they were chosen.
     pub tuned: Option<Vec<[MapperConfig; 2]>>,
     /// The touches, followed under the given settings.
     tracked: Tracked,
@@ -136,7 +137,7 @@ impl Work<'_> {
         let against = if self.truth { "truth" } else { "measured" };
         let evaluation = plan.gather(&tracked, &parts, joints, against);
         let in_fold = |&fold: &usize| plan.estimators[fold].clone();
-        let tuned = self.tune.then(|| self.todo.iter().map(in_fold).collect());
+        let tuned = (self.choice != Choice::Given).then(|| self.todo.iter().map(in_fold).collect());
         Ok(Evaluated { evaluation, tuned, tracked })
     }
 
@@ -191,22 +192,31 @@ impl Work<'_> {
         let stop = || progress.stopped();
         let mut in_folds = vec![self.estimators.clone(); self.folds.len()];
         for (index, method) in [Method::Map, Method::Ekf].into_iter().enumerate() {
-            if !self.tune || !self.methods.contains(&method) {
-                continue;
-            }
+            let search = match (self.choice, method) {
+                _ if !self.methods.contains(&method) => continue,
+                (Choice::Given, _) | (Choice::Quick, Method::Ekf) => continue,
+                (Choice::Quick, _) => Search::quick(&self.estimators[index]),
+                (Choice::Thorough, _) => {
+                    let effort = Effort::of(self.estimators[index].method);
+                    Search::thorough(&self.estimators[index], effort)
+                }
+            };
             let name = |fold: usize| format!("tuned-{}-{fold}", method.name());
             let mut tuner = None;
-            let effort = Effort::of(self.estimators[index].method);
-            let steps = Some((effort.candidates + self.todo.len()) as u64);
-            let bar = progress.begin(steps, "steps", &format!("tuning {}", method.name()));
-            for &fold in &self.todo {
+            let steps = Some((search.candidates() + self.todo.len()) as u64);
+            let bar = progress.begin(steps, "steps", &format!("settings of {}", method.name()));
+            let enough = |fold: usize| {
+                self.choice == Choice::Thorough || self.folds[fold].train.len() >= FEWEST
+            };
+            for &fold in self.todo.iter().filter(|&&fold| enough(fold)) {
                 let tuned = match keep.tuned(&name(fold)) {
                     Some(tuned) => tuned,
                     None => {
                         if tuner.is_none() {
                             let base = (self.arm, self.touches, tracked);
                             let config = &self.estimators[index];
-                            let made = Tuner::new(base, config, effort, &stop, &|| bar.step());
+                            let made =
+                                Tuner::new(base, config, search.clone(), &stop, &|| bar.step());
                             tuner = Some(made.map_err(|error| self.fault(error, keep))?);
                         }
                         let tuner = tuner.as_ref().expect("made above");
