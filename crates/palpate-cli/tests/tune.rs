@@ -56,3 +56,20 @@ fn too_few_touches_are_refused_and_nothing_is_written() {
     refuse(&mut tune(&scene, &["nowhere"], &[]), 1, &["nowhere"]);
     assert!(scene.results().is_empty());
 }
+
+#[test]
+fn a_map_that_chooses_learns_what_a_quick_search_found_and_says_so() {
+    let scene = Scene::new();
+    scene.touch("log/seq_2", 40, -0.2);
+    let chosen = scene.map(&["log"], &["--choose"]).output().unwrap();
+    let told = String::from_utf8_lossy(&chosen.stderr).into_owned();
+    assert!(chosen.status.success() && told.contains("chosen by touches that were not"), "{told}");
+    let field = || std::fs::read(scene.path("out/field.npz")).unwrap();
+    let by_itself = field();
+
+    let mut quick = palpate();
+    quick.arg("tune").arg(scene.path("log")).args(scene.settings()).args(["--spacing-m", "0.03"]);
+    succeed(quick.args(["--quick", "-o"]).arg(scene.path("out/tuned.toml")));
+    succeed(&mut scene.map(&["log"], &["--settings", &scene.text("out/tuned.toml")]));
+    assert!(by_itself == field(), "the two fields differ");
+}
