@@ -167,8 +167,7 @@ fn left_out<'py>(py: Python<'py>, touch: &LeftOut, joints: usize) -> PyResult<Bo
 /// Chooses settings by cross-validation on at least three touches, as `palpate tune` does.
 ///
 /// `candidates` are from 2 to 1000, 24 if left out (12 for ekf); `quick` chooses among few, as
-/// `palpate map --choose` does. Give the `settings` of the result to
-/// other calls.
+/// `palpate map --choose` does. Give the `settings` of the result to other calls.
 #[pyfunction]
 #[pyo3(signature = (
     logs, robot = None, *, candidates = None, quick = false, settings = None, progress = None, **sections
