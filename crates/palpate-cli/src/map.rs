@@ -11,7 +11,7 @@ use palpate_io::field::{self, Saved};
 use palpate_work::elastic;
 use palpate_work::learn::{Cells, Tally, learn};
 use palpate_work::touches::Touches;
-use palpate_work::tune::{Choice, chosen};
+use palpate_work::tune::quickly_tuned;
 use palpate_work::{prior, resume};
 use serde_json::json;
 
@@ -25,6 +25,7 @@ use crate::{interrupt, logs, picture, place};
 
 const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz
+  palpate map recordings/ -o field.npz --tune
   palpate map monday/ tuesday/ -o field.npz --robot panda.urdf --gravity removed
   palpate map wednesday/ -o field.npz --from field.npz
   palpate map today/ -o field.npz --prior yesterday.npz
@@ -33,8 +34,9 @@ const EXAMPLES: &str = "Examples:
 
 A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
 a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. Without --settings and flags the shipped
-defaults hold; `palpate settings` prints them; --choose takes those that fit these touches. The field holds the memory of what it was learnt
-from, so that --from goes on exactly where it stopped.
+defaults hold; `palpate settings` prints them. --tune tries some around them and takes those that
+predict best the touches that were not learnt: 20 seconds for eleven touches on two cores. The field holds
+the memory of what it was learnt from, so that --from goes on exactly where it stopped.
 
 --prior starts a new field, with the stiffness of another field as the prior mean of each cell: its
 own prior mean (`K_prior`) if it has one, else what it has learnt (`K`). The lattice must be the same.
@@ -64,6 +66,10 @@ pub(crate) struct Args {
     /// Take the prior mean of each cell from a field, in place of one prior mean for all
     #[arg(long, value_name = "FIELD.npz", conflicts_with_all = ["cloud", "body"])]
     prior: Option<PathBuf>,
+    /// Choose contact distance, friction, prior mean and stiffness scale by cross-validation on the first 16
+    /// touches, of at least three; the given ones are tried as well
+    #[arg(long, conflicts_with_all = ["from", "prior", "cloud", "body"])]
+    tune: bool,
     /// Leave out the memory: a smaller file, which --from cannot continue
     #[arg(long)]
     no_memory: bool,
@@ -118,7 +124,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let (bodies, _) = args.object.bodies(output)?;
     let mut elastic = (!bodies.is_empty()).then_some(Elastic { bodies, touches: Vec::new() });
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
-    let (mut mapper, mut pace) = begin(args, (&arm, &mut settings), &mut elastic, output)?;
+    let (mut mapper, mut pace) = begin(args, (&arm, &settings), &mut elastic, output)?;
     logs::tell_robot(&arm, &settings, output);
     let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
     let mut touches = touches.for_arm(&arm, &settings.log, place)?;
@@ -164,7 +170,7 @@ struct Elastic {
 /// A new mapper, or one that goes on from a field, and its pace if one was asked for.
 fn begin(
     args: &Args,
-    (arm, settings): (&Arc<Arm>, &mut Settings),
+    (arm, settings): (&Arc<Arm>, &Settings),
     elastic: &mut Option<Elastic>,
     output: &Output,
 ) -> Result<(Mapper, Option<Pace>), CliError> {
@@ -186,10 +192,9 @@ fn begin(
         }
         None => {
             let mut config = settings.config()?;
-            let is_plain = args.prior.is_none() && elastic.is_none();
-            if is_plain && Choice::of(settings, false) == Choice::Quick {
-                let touches = Touches::open(&args.logs, &settings.log.options());
-                config = chosen(touches, (arm, settings, &config), output)?;
+            if args.tune {
+                let touches = Touches::open(&args.logs, &settings.log.options())?;
+                config = quickly_tuned(touches, (arm, settings, &config), output)?;
             }
             prior::mapper(args.prior.as_deref(), arm, config, output)?
         }

@@ -20,9 +20,9 @@ const NOTES: &str = "Examples:
   palpate tune recordings/ --estimator ekf --candidates 40 -o tuned_ekf.toml
   palpate map recordings/ --settings tuned.toml -o field.npz
 
-Contact distance, friction, prior, torque noise, replays and trust are chosen by cross-validation: touches
-are predicted from other touches under candidate settings around the given ones, and successive
-halving keeps the better third of them, then the best. Measured torques decide; truth/ is not read.
+Contact distance, friction, prior, torque noise, replays and stiffness scale are chosen by
+cross-validation: touches are predicted from other touches under candidate settings around the given
+ones, and successive halving keeps the better third of them, then the best. Measured torques decide; truth/ is not read.
 
 To know how well tuned settings predict touches that they were not chosen on, use
 `palpate evaluate --tune`, which chooses them anew in every fold.";
@@ -40,7 +40,7 @@ pub(crate) struct Args {
     /// Settings to try, of which those given are the first [default: 24, 12 for ekf]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1000))]
     candidates: Option<u32>,
-    /// Choose among few settings in seconds, as `palpate map --choose` does
+    /// Choose among few settings in seconds, as `palpate map --tune` does
     #[arg(long, conflicts_with = "candidates")]
     quick: bool,
     /// Print the evidence as JSON
@@ -63,7 +63,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let touches = as_touches(&recorded, false)?;
     let tuned = Tuning { arm: &arm, recorded: &recorded, touches: &touches, config: &config };
     let tuned =
-        if args.quick { tuned.quick(output)? } else { tuned.run(args.candidates, output)? };
+        if args.quick { tuned.quick(output)? } else { tuned.thorough(args.candidates, output)? };
 
     place::write(&args.output, &toml(&tuned, &settings)?)?;
     if args.json {
@@ -94,7 +94,7 @@ fn evidence(tuned: &Tuned, given: &MapperConfig) -> String {
                     leave-one-touch-out.\n\n"
         .to_owned();
     let settings =
-        ["distance m", "friction", "prior mean", "prior std", "torque std", "replays", "trust"];
+        ["distance m", "friction", "prior mean", "prior std", "torque std", "replays", "scale"];
     let head = [&settings[..], &["round 1", "round 2", "round 3", ""]].concat();
     let rows = tuned.trials.iter().map(|trial| {
         let (contact, estimator) = (&trial.config.contact, &trial.config.estimator);
@@ -107,11 +107,11 @@ fn evidence(tuned: &Tuned, given: &MapperConfig) -> String {
             format!("{:.2}", estimator.prior.std_n_per_m),
             format!("{std:.3}"),
             estimator.replays.to_string(),
-            format!("{:.2}", estimator.trust),
+            format!("{:.2}", estimator.stiffness_scale),
         ];
         row.extend((0..3).map(|round| figure(trial.scores.get(round).copied(), 4)));
         let mut as_given = trial.config.clone();
-        as_given.estimator.trust = given.estimator.trust;
+        as_given.estimator.stiffness_scale = given.estimator.stiffness_scale;
         row.push(if as_given == *given { "given" } else { "" }.to_owned());
         row
     });

@@ -58,12 +58,15 @@ fn too_few_touches_are_refused_and_nothing_is_written() {
 }
 
 #[test]
-fn a_map_that_chooses_learns_what_a_quick_search_found_and_says_so() {
+fn a_map_that_tunes_learns_what_a_quick_search_found_and_says_so() {
     let scene = Scene::new();
     scene.touch("log/seq_2", 40, -0.2);
-    let chosen = scene.map(&["log"], &["--choose"]).output().unwrap();
+    let chosen = scene.map(&["log"], &["--tune"]).output().unwrap();
     let told = String::from_utf8_lossy(&chosen.stderr).into_owned();
-    assert!(chosen.status.success() && told.contains("chosen by touches that were not"), "{told}");
+    assert!(
+        chosen.status.success() && told.contains("tuned by cross-validation on 3 touches"),
+        "{told}"
+    );
     let field = || std::fs::read(scene.path("out/field.npz")).unwrap();
     let by_itself = field();
 
@@ -72,4 +75,12 @@ fn a_map_that_chooses_learns_what_a_quick_search_found_and_says_so() {
     succeed(quick.args(["--quick", "-o"]).arg(scene.path("out/tuned.toml")));
     succeed(&mut scene.map(&["log"], &["--settings", &scene.text("out/tuned.toml")]));
     assert!(by_itself == field(), "the two fields differ");
+
+    let ekf = ["--tune", "--estimator", "ekf"];
+    refuse(&mut scene.map(&["log"], &ekf), 2, &["for the estimator `map`, not for `ekf`"]);
+    refuse(
+        &mut scene.map(&["log/seq_0", "log/seq_1"], &["--tune"]),
+        1,
+        &["at least three touches"],
+    );
 }

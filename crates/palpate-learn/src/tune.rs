@@ -5,8 +5,8 @@
 //! seed ([`Search::thorough`]). Successive halving then finds the best: every candidate is tried on few inner
 //! folds, the better third of them on more, and in a thorough search the best few on all, leave-one-touch-out.
 //! What a candidate is judged by are measured torques of training touches that it has not learnt from; the
-//! touch under test is never looked at. The same torques tell what share of its stiffness to believe
-//! ([`palpate::EstimatorConfig::trust`]): that with the smallest error.
+//! touch under test is never looked at. The same torques give the candidate's
+//! [`palpate::EstimatorConfig::stiffness_scale`]: that with the smallest error.
 //!
 //! Frames are thinned for this; every one that is left then counts for as many as it stands for, by
 //! that much less noise, so that evidence and prior keep their balance. A contact model is simulated
@@ -34,12 +34,10 @@ use crate::tracked::{Touch, Tracked};
 const DISTANCES: [f64; 3] = [1.0, 1.25, 1.5];
 const FRICTIONS: [f64; 3] = [1.0 / 6.0, 1.0 / 3.0, 1.0];
 /// Means of the prior above the given one, as multiples of its standard deviation.
-const PRIOR_MEANS: [f64; 4] = [0.0, 0.013, 0.026, 0.066];
-/// Contact models of a quick search, distance and friction, as multiples of the given ones, and its means of the
-/// prior above the given one, as multiples of its standard deviation.
+const PRIOR_MEANS: [f64; 4] = [0.0, 0.016, 0.04, 0.08];
+/// Contact distances with frictions of a quick search, as multiples of the given ones.
 const QUICK_CONTACTS: [(f64, f64); 4] =
     [(1.0, 1.0), (1.25, 1.0 / 6.0), (1.5, 1.0 / 6.0), (1.5, 1.0)];
-const QUICK_MEANS: [f64; 4] = [0.0, 0.016, 0.04, 0.08];
 /// Other settings, as multiples of the given ones.
 const PRIOR_STDS: [f64; 5] = [0.5, 1.0, 1.5, 2.0, 4.0];
 const TORQUE_STDS: [f64; 3] = [0.7, 1.0, 1.4];
@@ -50,8 +48,8 @@ const FRAMES: usize = 1_200;
 const QUICK_FRAMES: usize = 300;
 /// Inner folds of the first rounds; the last one is leave-one-touch-out.
 const INNER: usize = 4;
-/// Shares of the stiffness that may be believed, in parts of this.
-const TRUSTS: u32 = 20;
+/// Stiffness scales that are compared, evenly from 1 down, without 0.
+const SCALES: u32 = 20;
 
 /// How thorough to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,7 +85,7 @@ impl Search {
     /// Few candidates around the given settings: seconds for ten touches.
     pub fn quick(config: &MapperConfig) -> Self {
         let of = |(distance, friction): (f64, f64)| {
-            QUICK_MEANS.map(|mean| {
+            PRIOR_MEANS.map(|mean| {
                 let mut candidate = config.clone();
                 candidate.contact.contact_distance_m *= distance;
                 candidate.contact.friction *= friction;
@@ -188,9 +186,9 @@ impl Tuner {
                 .par_iter()
                 .map(|trial| self.score(&trial.config, folds, stop))
                 .collect();
-            for (trial, (score, trust)) in trials.iter_mut().zip(scored?) {
+            for (trial, (score, scale)) in trials.iter_mut().zip(scored?) {
                 trial.scores.push(score);
-                trial.config.estimator.trust = trust;
+                trial.config.estimator.stiffness_scale = scale;
             }
             // Stable: equal ones stay in the order of the round before, at first that of the draw.
             trials[..left].sort_by(|a, b| a.scores[round].total_cmp(&b.scores[round]));
@@ -213,7 +211,7 @@ impl Tuner {
         candidates
     }
 
-    /// The mean score of a candidate over the touches that some folds test, and the trust that has it.
+    /// The mean score of a candidate over the touches that some folds test, and the stiffness scale that has it.
     fn score(
         &self,
         config: &MapperConfig,
@@ -221,31 +219,31 @@ impl Tuner {
         stop: Stop<'_>,
     ) -> Result<(f64, f64), LearnError> {
         let mut config = for_thinned(config, self.every);
-        config.estimator.trust = 1.0;
+        config.estimator.stiffness_scale = 1.0;
         let of_model = self.tracked.iter().find(|(contact, _)| *contact == config.contact);
         let (_, tracked) = of_model.expect("the contact models of all candidates were simulated");
         let method = Method::of(config.method);
-        let trusts = if method == Method::Map { 1..=TRUSTS } else { TRUSTS..=TRUSTS };
-        let trusts: Vec<f64> =
-            trusts.rev().map(|part| f64::from(part) / f64::from(TRUSTS)).collect();
-        let mut scores: Vec<Vec<f64>> = vec![Vec::new(); trusts.len()];
+        let scales = if method == Method::Map { SCALES } else { 1 };
+        let scale = |part: u32| f64::from(SCALES - part) / f64::from(SCALES);
+        let scales: Vec<f64> = (0..scales).map(scale).collect();
+        let mut scores: Vec<Vec<f64>> = vec![Vec::new(); scales.len()];
         for fold in folds {
             let torques = method.predict(tracked, fold, &config, stop)?;
             for (&touch, predicted) in fold.test.iter().zip(torques) {
                 let frames = &tracked.touches[touch].frames;
                 let measured = frames.iter().map(|frame| frame.observation.tau());
                 let measured: Vec<Vec<f64>> = measured.map(|tau| tau.as_slice().to_vec()).collect();
-                for (scores, trust) in scores.iter_mut().zip(&trusts) {
-                    let share = |tau: &Vec<f64>| tau.iter().map(|tau| trust * tau).collect();
-                    let believed: Vec<Vec<f64>> = predicted.iter().map(share).collect();
-                    scores.extend(score_of(&believed, &measured));
+                for (scores, scale) in scores.iter_mut().zip(&scales) {
+                    let scaled = |tau: &Vec<f64>| tau.iter().map(|tau| scale * tau).collect();
+                    let predicted: Vec<Vec<f64>> = predicted.iter().map(scaled).collect();
+                    scores.extend(score_of(&predicted, &measured));
                 }
             }
         }
         let mean = |scores| MeanStd::of(scores).map_or(f64::INFINITY, |score| score.mean);
-        let scored = scores.into_iter().map(mean).zip(trusts);
+        let scored = scores.into_iter().map(mean).zip(scales);
         // Of equal ones the largest, which comes first.
-        Ok(scored.min_by(|a, b| a.0.total_cmp(&b.0)).expect("there are trusts"))
+        Ok(scored.min_by(|a, b| a.0.total_cmp(&b.0)).expect("1 is one of them"))
     }
 }
 

@@ -377,7 +377,7 @@ fn tuning_refuses_settings_that_no_estimator_can_have() {
 }
 
 #[test]
-fn a_quick_search_believes_less_of_a_model_that_predicts_too_much() {
+fn a_quick_search_scales_down_a_model_that_predicts_too_much() {
     let (arm, config) = (arm(), config(EstimatorKind::Map));
     let mut touches = touches(4);
     let chosen = |touches: &[Touch]| {
@@ -395,8 +395,8 @@ fn a_quick_search_believes_less_of_a_model_that_predicts_too_much() {
         let still = touches[number].samples[0].tau.clone();
         touches[number].samples.iter_mut().for_each(|sample| sample.tau.clone_from(&still));
     }
-    let doubted = chosen(&touches).config.estimator.trust;
-    assert!(doubted < alike.config.estimator.trust, "{doubted}");
+    let scale = chosen(&touches).config.estimator.stiffness_scale;
+    assert!(scale < alike.config.estimator.stiffness_scale, "{scale}");
 }
 
 #[test]
@@ -419,7 +419,7 @@ fn tuning_chooses_the_lowest_score_of_the_last_round_and_tries_what_was_given() 
         assert_eq!(trials.len(), CANDIDATES);
         let as_given = |trial: &Trial| {
             let mut tried = trial.config.clone();
-            tried.estimator.trust = config.estimator.trust;
+            tried.estimator.stiffness_scale = config.estimator.stiffness_scale;
             tried == config
         };
         assert!(trials.iter().any(as_given), "the given settings are tried");

@@ -175,6 +175,26 @@ def test_needs_command_tuning_chooses_the_same(
     assert chosen["contact"] == ours["trials"][0]["settings"]["contact"]
 
 
+def test_needs_command_quick_tuning_chooses_the_same_in_map_and_evaluate(
+    command: Path, plant: Path, robot: palpate.Robot, tmp_path: Path
+) -> None:
+    logs = [plant / f"seq_00{number}" for number in range(4)]
+    out = tmp_path / "field.npz"
+    run(command, "map", *logs, "--tune", "-o", out, "--json")
+    chosen = palpate.tune(logs, robot, quick=True)["settings"]
+    mapper = palpate.Mapper(robot, settings=chosen)
+    mapper.map(logs)
+    mapper.save(tmp_path / "ours.npz")
+    assert (tmp_path / "ours.npz").read_bytes() == out.read_bytes()
+    theirs = run(command, "evaluate", *logs, "--methods", "map", "--tune=quick", "-o", tmp_path / "report", "--json")
+    ours = palpate.evaluate(logs, robot, methods=["map"], tune="quick")
+    assert ours["methods"][0]["avg_error"] == theirs["methods"][0]["avg_error"]
+    with pytest.raises(ValueError, match='wanted a bool or "quick"'):
+        palpate.evaluate(logs, robot, tune="slow")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="leave one out"):
+        palpate.tune(logs, robot, quick=True, candidates=3)
+
+
 def test_needs_command_an_extrapolation_is_the_same(
     command: Path, of_command: Any, plant: Path, field: palpate.Field, robot: palpate.Robot, tmp_path: Path
 ) -> None:

@@ -13,35 +13,20 @@ use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::touches::{RecordedTouch, TouchEvent, Touches};
 
-/// Touches that settings are chosen from where nobody asked for more, and samples of them: the first ones.
+/// Touches that [`quickly_tuned`] looks at, and samples of them: the first ones.
 const QUICK_TOUCHES: usize = 16;
 const QUICK_SAMPLES: usize = 20_000;
 
 /// Fewest touches that settings are chosen from.
-pub(crate) const FEWEST: usize = 3;
+const FEWEST: usize = 3;
 
-/// How the settings of `map` are found.
+/// How settings are chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Choice {
-    /// As given.
-    Given,
-    /// Chosen among few, in seconds.
+pub enum Tune {
+    /// Those of `map`, among few, in seconds.
     Quick,
-    /// Chosen among many, those of `ekf` too.
+    /// Those of `map` and of `ekf`, among many, in minutes.
     Thorough,
-}
-
-impl Choice {
-    /// What the settings ask for; `tune` asks for the thorough one.
-    pub fn of(settings: &Settings, tune: bool) -> Self {
-        let estimator = &settings.estimator;
-        let is_map = estimator.estimator != Some(EstimatorKind::Ekf);
-        match (tune, estimator.choose) {
-            (true, _) => Self::Thorough,
-            (false, Some(true)) if is_map => Self::Quick,
-            (false, _) => Self::Given,
-        }
-    }
 }
 
 /// What settings are chosen for.
@@ -58,12 +43,18 @@ pub struct Tuning<'a> {
 }
 
 impl Tuning<'_> {
-    /// Chooses among few candidates.
+    /// Chooses among few candidates, for `map`.
     ///
     /// # Errors
     ///
-    /// If there are fewer than three touches, a sample cannot be used, or on being stopped.
+    /// If it is another estimator, there are fewer than three touches, a sample cannot be used, or on being stopped.
     pub fn quick(&self, progress: &dyn Progress) -> Result<Tuned, WorkError> {
+        if self.config.method != EstimatorKind::Map {
+            return Err(WorkError::Usage(format!(
+                "quick tuning is for the estimator `map`, not for `{}`; `palpate tune` without --quick is for both",
+                self.config.method.name()
+            )));
+        }
         self.search(Search::quick(self.config), progress)
     }
 
@@ -72,7 +63,7 @@ impl Tuning<'_> {
     /// # Errors
     ///
     /// If there are fewer than three touches, a sample cannot be used, or on being stopped.
-    pub fn run(
+    pub fn thorough(
         &self,
         candidates: Option<u32>,
         progress: &dyn Progress,
@@ -105,35 +96,23 @@ impl Tuning<'_> {
     }
 }
 
-/// The configuration to learn `touches` with: `config` with what its first touches speak for, or as given if they
-/// are fewer than three, or cannot be read: learning them tells what is wrong.
+/// `config` with the settings that cross-validation on the first of these touches chooses; reports them in a line.
 ///
 /// # Errors
 ///
-/// On being stopped.
-pub fn chosen(
-    touches: Result<Touches, WorkError>,
+/// If `config` is not of `map`, there are fewer than three touches, a log is broken, a sample cannot be used, or on
+/// being stopped.
+pub fn quickly_tuned(
+    touches: Touches,
     (arm, settings, config): (&Arc<Arm>, &Settings, &MapperConfig),
     progress: &dyn Progress,
 ) -> Result<MapperConfig, WorkError> {
-    let read = || {
-        let place = (config.lattice.clone(), config.contact.clone());
-        let recorded = first_of(touches?.for_arm(arm, &settings.log, place)?)?;
-        let touches = as_touches(&recorded, false)?;
-        if touches.len() < FEWEST {
-            return Ok(None);
-        }
-        let tuning = Tuning { arm, recorded: &recorded, touches: &touches, config };
-        tuning.quick(progress).map(Some)
-    };
-    match read() {
-        Ok(Some(tuned)) => {
-            progress.note(&told(&tuned));
-            Ok(tuned.config)
-        }
-        Err(stopped @ WorkError::Interrupted { .. }) => Err(stopped),
-        Ok(None) | Err(_) => Ok(config.clone()),
-    }
+    let place = (config.lattice.clone(), config.contact.clone());
+    let recorded = first_of(touches.for_arm(arm, &settings.log, place)?)?;
+    let touches = as_touches(&recorded, false)?;
+    let tuned = Tuning { arm, recorded: &recorded, touches: &touches, config }.quick(progress)?;
+    progress.note(&summary(&tuned, touches.len()));
+    Ok(tuned.config)
 }
 
 /// The first touches, as far as settings are chosen from them.
@@ -158,17 +137,17 @@ fn first_of(mut touches: Touches) -> Result<Vec<RecordedTouch>, WorkError> {
     Ok(recorded)
 }
 
-/// What was chosen and why, in a line.
-fn told(tuned: &Tuned) -> String {
+/// The settings and their error, in a line.
+fn summary(tuned: &Tuned, touches: usize) -> String {
     let (contact, estimator) = (&tuned.config.contact, &tuned.config.estimator);
     let score = tuned.trials[0].scores.last().copied().unwrap_or(f64::NAN);
     format!(
-        "chosen by touches that were not learnt (relative error {score:.2}): contact distance {:.0} mm, \
-         friction {:.2}, prior mean {:.3} N/m, trust {:.2}",
+        "tuned by cross-validation on {touches} touches (relative error {score:.2}): contact distance {:.0} mm, \
+         friction {:.2}, prior mean {:.3} N/m, stiffness scale {:.2}",
         1e3 * contact.contact_distance_m,
         contact.friction,
         estimator.prior.mean_n_per_m,
-        estimator.trust,
+        estimator.stiffness_scale,
     )
 }
 
@@ -189,7 +168,6 @@ pub fn tuned_settings(tuned: &Tuned, given: &Settings) -> Settings {
     estimator.prior_std = Some(config.estimator.prior.std_n_per_m);
     estimator.torque_std = Some(config.estimator.torque_std.clone());
     estimator.replays = Some(config.estimator.replays);
-    estimator.trust = Some(config.estimator.trust);
-    estimator.choose = Some(false);
+    estimator.stiffness_scale = Some(config.estimator.stiffness_scale);
     settings
 }

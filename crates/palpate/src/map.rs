@@ -21,8 +21,8 @@
 //! and its share of z stays. z is kept in `f64`, where the rounding of millions of visits stays
 //! far below a millionth of a newton per metre; a test holds it to that.
 //!
-//! K is told, and predicted with, as a share of this: [`EstimatorConfig::trust`], which touches that were not
-//! learnt speak for. What is learnt does not depend on it.
+//! Where K is shown or predicted with, it is multiplied by [`EstimatorConfig::stiffness_scale`]; z does not
+//! depend on that factor.
 //!
 //! m₀ may differ from cell to cell ([`Estimator::set_prior_means`]): z starts there, and no visit uses m₀
 //! again.
@@ -61,8 +61,7 @@ const TRIES: u32 = 8;
 pub struct MapEstimator {
     /// The unknown of a cell is its z.
     belief: Belief,
-    /// What K is multiplied by where it is told or predicted with.
-    trust: f64,
+    stiffness_scale: f64,
     memory: ReplayMemory<Observation>,
 }
 
@@ -84,7 +83,7 @@ impl MapEstimator {
     ) -> Result<Self, EstimatorError> {
         let belief = Belief::new(config, spacing_m, n_joints)?;
         let memory = ReplayMemory::new(config.memory, config.seed);
-        Ok(Self { belief, trust: config.trust, memory })
+        Ok(Self { belief, stiffness_scale: config.stiffness_scale, memory })
     }
 
     /// Takes back all that was learnt from a remembered frame, as if it had never been measured.
@@ -177,11 +176,11 @@ fn add(belief: &mut Belief, observation: &Observation, d: &[f64], prefetch: &mut
 
 impl Estimator for MapEstimator {
     fn stiffness(&self, row: usize) -> f64 {
-        self.trust * self.belief.unknown(row).max(0.0)
+        self.stiffness_scale * self.belief.unknown(row).max(0.0)
     }
 
     fn std(&self, row: usize) -> f64 {
-        self.trust * self.belief.variance(row).sqrt()
+        self.stiffness_scale * self.belief.variance(row).sqrt()
     }
 
     fn count(&self, row: usize) -> u32 {
@@ -215,7 +214,7 @@ impl Estimator for MapEstimator {
         add(belief, &observation, alpha.as_slice(), &mut Prefetch::nothing());
         let nis = innovation.dot(&alpha);
         self.remember(observation, id, alpha.as_slice(), (&inverse, nis));
-        Ok(predicted * self.trust)
+        Ok(predicted * self.stiffness_scale)
     }
 
     fn advance_time(&mut self) {

@@ -141,11 +141,11 @@ fn ends_at_the_optimum(rows: &CellRows, frames: &[Observation], expected: &[f64]
 }
 
 #[test]
-fn trust_scales_what_is_told_and_predicted_and_nothing_that_is_learnt() {
+fn the_stiffness_scale_changes_what_is_told_and_predicted_and_nothing_that_is_learnt() {
     let (rows, frames) = frames(3, 12);
     let given = config(EstimatorKind::Map, 0.1, 1.0, 0.1);
     let mut half = given.clone();
-    half.trust = 0.5;
+    half.stiffness_scale = 0.5;
     let (whole, halved) = (learn(&given, &rows, &frames), learn(&half, &rows, &frames));
     assert_eq!(stiffness(&whole, &rows) * 0.5, stiffness(&halved, &rows));
     assert_eq!(whole.std(0) * 0.5, halved.std(0));
@@ -154,8 +154,8 @@ fn trust_scales_what_is_told_and_predicted_and_nothing_that_is_learnt() {
         map.correct(rows.points_m(), frames[0].clone(), source(99)).unwrap()
     };
     assert_eq!(predict(whole) * 0.5, predict(halved));
-    half.trust = 1.5;
-    assert!(half.torque_variance(1).unwrap_err().to_string().contains("trust"));
+    half.stiffness_scale = 1.5;
+    assert!(half.torque_variance(1).unwrap_err().to_string().contains("stiffness_scale"));
 }
 
 #[test]

@@ -22,7 +22,6 @@ use palpate_work::predict::{Against, TouchResult, score};
 use palpate_work::robot;
 use palpate_work::scored::{Report, tell_oddities};
 use palpate_work::touches::{RecordedTouch, Touches};
-use palpate_work::tune::{Choice, chosen};
 use serde::Serialize;
 
 use crate::error::CliError;
@@ -80,13 +79,6 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 
     let picture = Picture::of(&settings, &files.object, output)?;
     let arm = robot::load(&RobotSettings::default(), output)?;
-    let config = match Choice::of(&settings, false) {
-        Choice::Quick if picture.bodies.is_empty() => {
-            let touches = Touches::open(&files.touches, &LogOptions::default());
-            chosen(touches, (&arm, &settings, &config), output)?
-        }
-        _ => config,
-    };
     let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(SettingsError::value)?;
     let mut samples = Vec::new();
     let record = (!picture.bodies.is_empty()).then_some(&mut samples);
@@ -160,7 +152,7 @@ fn evaluate_all(
         folds: folds(touches.len(), touches.len()),
         todo: (0..touches.len()).collect(),
         estimators: configs(&settings)?,
-        choice: Choice::of(&settings, false),
+        tune: None,
         truth: false,
         bodies,
     };

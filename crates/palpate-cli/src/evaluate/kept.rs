@@ -156,7 +156,7 @@ fn key(work: &Work<'_>) -> String {
     let names: Vec<&str> = work.touches.iter().map(|touch| touch.name.as_str()).collect();
     let (program, arm) = (program(), work.arm.fingerprint());
     let settings =
-        (program, &work.estimators, &work.folds, work.choice, work.truth, arm, names, &work.bodies);
+        (program, &work.estimators, &work.folds, work.tune, work.truth, arm, names, &work.bodies);
     let mut hasher = blake3::Hasher::new();
     hasher.update(format!("{settings:?}").as_bytes());
     for touch in work.touches {

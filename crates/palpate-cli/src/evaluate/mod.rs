@@ -18,7 +18,7 @@ use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{
     Evaluated, Work, as_touches, configs, each_once, folds, method_of, number,
 };
-use palpate_work::tune::Choice;
+use palpate_work::tune::Tune;
 
 use crate::error::CliError;
 use crate::object_args::ObjectArgs;
@@ -86,10 +86,13 @@ pub(crate) struct Args {
     /// measured
     #[arg(long)]
     truth: bool,
-    /// Choose the settings of map and ekf among many in every fold, from its training touches alone; without
-    /// this, those of map among few (`--choose`)
-    #[arg(long)]
-    tune: bool,
+    /// Choose the settings of map and ekf anew in every fold, from its training touches alone; `quick` chooses
+    /// those of map as `palpate map --tune` does
+    #[arg(
+        long, value_name = "HOW", num_args = 0..=1, default_missing_value = "thorough",
+        require_equals = true, value_parser = thoroughness
+    )]
+    tune: Option<Tune>,
     /// Print the table as JSON
     #[arg(long)]
     json: bool,
@@ -97,6 +100,15 @@ pub(crate) struct Args {
     object: ObjectArgs,
     #[command(flatten)]
     settings: AllSettings,
+}
+
+/// `quick` or `thorough`.
+fn thoroughness(name: &str) -> Result<Tune, String> {
+    match name {
+        "quick" => Ok(Tune::Quick),
+        "thorough" => Ok(Tune::Thorough),
+        _ => Err("wanted quick or thorough".to_owned()),
+    }
 }
 
 /// Evaluates all methods and writes the report.
@@ -122,7 +134,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         todo: (0..folds.len()).collect(),
         folds,
         estimators,
-        choice: Choice::of(&settings, args.tune),
+        tune: args.tune,
         truth: args.truth,
         bodies,
     };
@@ -248,13 +260,13 @@ fn tuned_line(config: &MapperConfig) -> String {
     let stds: Vec<String> = estimator.torque_std.iter().map(|std| format!("{std:.3}")).collect();
     format!(
         "contact_distance_m = {:.4}, friction = {:.3}, prior_mean = {:.4}, prior_std = {:.3}, \
-         torque_std = [{}], trust = {:.2}, replays = {}",
+         torque_std = [{}], stiffness_scale = {:.2}, replays = {}",
         contact.contact_distance_m,
         contact.friction,
         estimator.prior.mean_n_per_m,
         estimator.prior.std_n_per_m,
         stds.join(", "),
-        estimator.trust,
+        estimator.stiffness_scale,
         estimator.replays
     )
 }

@@ -85,8 +85,7 @@ class EstimatorSettings(TypedDict, total=False):
     prior_std: float
     torque_std: ArrayLike
     drift_std: float
-    trust: float
-    choose: bool
+    stiffness_scale: float
     replays: int
     memory_frames: int
     memory_mib: int

@@ -17,7 +17,7 @@ use crate::elastic::simulate_bodies;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::touches::RecordedTouch;
-use crate::tune::{Choice, FEWEST};
+use crate::tune::Tune;
 
 mod plan;
 
@@ -83,8 +83,8 @@ pub struct Work<'a> {
     pub todo: Vec<usize>,
     /// Settings of `map` and of `ekf`.
     pub estimators: [MapperConfig; 2],
-    /// How these are found in every fold.
-    pub choice: Choice,
+    /// How these are chosen in every fold; `None` leaves them as given.
+    pub tune: Option<Tune>,
     /// Whether true torques are to be predicted.
     pub truth: bool,
     /// The elastic bodies that the object may be, for [`Method::Elastic`]; none if nobody saw it.
@@ -137,7 +137,7 @@ impl Work<'_> {
         let against = if self.truth { "truth" } else { "measured" };
         let evaluation = plan.gather(&tracked, &parts, joints, against);
         let in_fold = |&fold: &usize| plan.estimators[fold].clone();
-        let tuned = (self.choice != Choice::Given).then(|| self.todo.iter().map(in_fold).collect());
+        let tuned = self.tune.is_some().then(|| self.todo.iter().map(in_fold).collect());
         Ok(Evaluated { evaluation, tuned, tracked })
     }
 
@@ -192,29 +192,23 @@ impl Work<'_> {
         let stop = || progress.stopped();
         let mut in_folds = vec![self.estimators.clone(); self.folds.len()];
         for (index, method) in [Method::Map, Method::Ekf].into_iter().enumerate() {
-            let search = match (self.choice, method) {
+            let config = &self.estimators[index];
+            let search = match (self.tune, method) {
                 _ if !self.methods.contains(&method) => continue,
-                (Choice::Given, _) | (Choice::Quick, Method::Ekf) => continue,
-                (Choice::Quick, _) => Search::quick(&self.estimators[index]),
-                (Choice::Thorough, _) => {
-                    let effort = Effort::of(self.estimators[index].method);
-                    Search::thorough(&self.estimators[index], effort)
-                }
+                (None, _) | (Some(Tune::Quick), Method::Ekf) => continue,
+                (Some(Tune::Quick), _) => Search::quick(config),
+                (Some(Tune::Thorough), _) => Search::thorough(config, Effort::of(config.method)),
             };
             let name = |fold: usize| format!("tuned-{}-{fold}", method.name());
             let mut tuner = None;
             let steps = Some((search.candidates() + self.todo.len()) as u64);
-            let bar = progress.begin(steps, "steps", &format!("settings of {}", method.name()));
-            let enough = |fold: usize| {
-                self.choice == Choice::Thorough || self.folds[fold].train.len() >= FEWEST
-            };
-            for &fold in self.todo.iter().filter(|&&fold| enough(fold)) {
+            let bar = progress.begin(steps, "steps", &format!("tuning {}", method.name()));
+            for &fold in &self.todo {
                 let tuned = match keep.tuned(&name(fold)) {
                     Some(tuned) => tuned,
                     None => {
                         if tuner.is_none() {
                             let base = (self.arm, self.touches, tracked);
-                            let config = &self.estimators[index];
                             let made =
                                 Tuner::new(base, config, search.clone(), &stop, &|| bar.step());
                             tuner = Some(made.map_err(|error| self.fault(error, keep))?);

@@ -300,16 +300,9 @@ section! {
         /// How much a cell of 1 cm may change in a step, N/m; `ekf` only [default: 0.0]
         #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
         pub drift_std: f64 => drift_std_n_per_m,
-        /// Share of the learnt stiffness that is believed, from 0 to 1; `map` only [default: 1.0]
-        #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
-        pub trust: f64 => trust,
-        /// Choose contact distance, friction, prior mean and trust, around those given, by touches that were
-        /// not learnt, where there are at least three; `map` only
-        #[arg(
-            long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
-            require_equals = true
-        )]
-        pub choose: bool,
+        /// Factor of the stiffness where it is shown or predicted with, from 0 to 1; `map` only [default: 1.0]
+        #[arg(long, value_name = "SCALE", allow_negative_numbers = true)]
+        pub stiffness_scale: f64 => stiffness_scale,
         /// Remembered frames visited again after each new one [default: 20]
         #[arg(long, value_name = "N")]
         pub replays: u32 => replays,

@@ -125,10 +125,10 @@ pub struct EstimatorConfig {
     /// σ_τ, N·m: one value for all joints, or one per joint. Stands for all that the model leaves
     /// unexplained, not for the sensor's noise alone.
     pub torque_std: Vec<f64>,
-    /// Share of the learnt stiffness that is believed, 0 to 1; used by `map` alone. What touches that were not
-    /// learnt say of it ([`crate::Mapper`] leaves it as given).
-    #[serde(default = "all")]
-    pub trust: f64,
+    /// Factor of K, learnt or prior, where it is shown or predicted with, 0 to 1; used by `map` alone. Below 1
+    /// where the predictions of touches that were not learnt are too large.
+    #[serde(default = "unscaled")]
+    pub stiffness_scale: f64,
     /// Remembered frames visited again after each new one.
     pub replays: u32,
     /// Standard deviation of the drift ε of Eq. 4, N/m per step for a cell of 1 cm; used by `ekf` alone. 0
@@ -140,8 +140,8 @@ pub struct EstimatorConfig {
     pub seed: u64,
 }
 
-/// All of it: what fields hold that were saved without a trust.
-fn all() -> f64 {
+/// The scale of fields that were saved without one.
+fn unscaled() -> f64 {
     1.0
 }
 
@@ -153,7 +153,7 @@ impl EstimatorConfig {
             EstimatorKind::Map | EstimatorKind::Elastic => Self {
                 prior: Prior { mean_n_per_m: 0.0, std_n_per_m: 0.76 },
                 torque_std: vec![0.2],
-                trust: 1.0,
+                stiffness_scale: 1.0,
                 replays: 20,
                 drift_std_n_per_m: 0.0,
                 memory,
@@ -163,7 +163,7 @@ impl EstimatorConfig {
                 prior: Prior { mean_n_per_m: 0.006, std_n_per_m: 0.76 },
                 // Replays count a measurement again and again; the noise is larger by as much.
                 torque_std: vec![1.5],
-                trust: 1.0,
+                stiffness_scale: 1.0,
                 replays: 20,
                 drift_std_n_per_m: 0.0,
                 memory,
@@ -191,8 +191,10 @@ impl EstimatorConfig {
             let wanted = "from 1e-9 to 1e9 N/m";
             return Err(SettingError::new("prior std", found, wanted).into());
         }
-        if !(0.0..=1.0).contains(&self.trust) {
-            return Err(SettingError::new("trust", self.trust, "from 0 to 1").into());
+        if !(0.0..=1.0).contains(&self.stiffness_scale) {
+            return Err(
+                SettingError::new("stiffness_scale", self.stiffness_scale, "from 0 to 1").into()
+            );
         }
         if self.torque_std.len() != 1 && self.torque_std.len() != n_joints {
             let got = self.torque_std.len();
