@@ -35,8 +35,9 @@ const EXAMPLES: &str = "Examples:
 A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
 a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. Without --settings and flags the shipped
 defaults hold; `palpate settings` prints them. --tune tries some around them and takes those that
-predict best the touches that were not learnt: 20 seconds for eleven touches on two cores. The field holds
-the memory of what it was learnt from, so that --from goes on exactly where it stopped.
+predict best the touches that were not learnt: 20 seconds for eleven touches on two cores.
+
+The field holds the memory of what it was learnt from, so that --from goes on exactly where it stopped.
 
 --prior starts a new field, with the stiffness of another field as the prior mean of each cell: its
 own prior mean (`K_prior`) if it has one, else what it has learnt (`K`). The lattice must be the same.

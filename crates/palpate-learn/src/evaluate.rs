@@ -14,6 +14,9 @@ use crate::folds::Fold;
 use crate::method::{Method, Torques};
 use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
 
+/// No torque that a part predicts is larger, N·m.
+const LARGEST_N_M: f64 = 1e12;
+
 /// What is evaluated.
 #[derive(Debug, Clone)]
 pub struct Plan {
@@ -77,6 +80,22 @@ impl Plan {
             // What a field beside a body must explain is not what settings were chosen on.
             _ => &self.config,
         }
+    }
+
+    /// Whether a part, perhaps read from a file, can be one of this plan: it has a finite torque for every joint
+    /// and frame of the touches that its fold tests.
+    pub fn has(&self, part: &Part, tracked: &Tracked) -> bool {
+        let is_torque = |torque: &Vec<f64>| {
+            torque.len() == tracked.n_joints && torque.iter().all(|tau| tau.abs() <= LARGEST_N_M)
+        };
+        let predicts = |(torques, &touch): (&Vec<Vec<f64>>, &usize)| {
+            torques.len() == tracked.touches[touch].frames.len() && torques.iter().all(is_torque)
+        };
+        let fold = self.folds.get(part.fold).filter(|_| self.methods.contains(&part.method));
+        fold.is_some_and(|fold| {
+            part.torques.len() == fold.test.len()
+                && part.torques.iter().zip(&fold.test).all(predicts)
+        })
     }
 
     /// Does some parts that share the contact model of `tracked`, as many at a time as there are

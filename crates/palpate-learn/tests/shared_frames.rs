@@ -234,6 +234,39 @@ fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
     }
 }
 
+#[test]
+fn a_part_of_another_shape_or_without_finite_torques_is_none_of_the_plan() {
+    let (arm, touches) = (arm(), touches(3));
+    let config = config(EstimatorKind::Map);
+    let plan = Plan {
+        todo: vec![0, 1, 2],
+        methods: vec![Method::Zero],
+        folds: folds(3, 3),
+        config: config.clone(),
+        estimators: vec![[config.clone(), self::config(EstimatorKind::Ekf)]; 3],
+    };
+    let tracked = tracked(&arm, &config, &touches);
+    let done = Mutex::new(Vec::new());
+    plan.run(&tracked, &[(Method::Zero, 0)], NEVER, &|part| done.lock().unwrap().push(part))
+        .unwrap();
+    let part: Part = done.into_inner().unwrap().remove(0);
+    assert!(plan.has(&part, &tracked));
+    let wrong: [fn(&mut Part); 7] = [
+        |part| part.fold = 99,
+        |part| part.method = Method::Knn,
+        |part| part.torques.clear(),
+        |part| part.torques[0].truncate(5),
+        |part| part.torques[0][3].truncate(1),
+        |part| part.torques[0][3][0] = f64::NAN,
+        |part| part.torques[0][3][0] = 1e300,
+    ];
+    for (number, make) in wrong.iter().enumerate() {
+        let mut part = part.clone();
+        make(&mut part);
+        assert!(!plan.has(&part, &tracked), "change {number}");
+    }
+}
+
 /// Number, positions, unwrapped positions, torques and targets of a frame.
 type Measured = (u32, Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>);
 

@@ -113,12 +113,6 @@ impl Work<'_> {
         keep: &dyn Keep,
         progress: &dyn Progress,
     ) -> Result<Evaluated, WorkError> {
-        let mut parts: Vec<Part> = keep.parts();
-        parts.retain(|part| self.methods.contains(&part.method));
-        if !parts.is_empty() {
-            let done = parts.len();
-            progress.note(&format!("{done} parts were done before, and are taken as found"));
-        }
         progress.note("following the touches");
         let config = &self.estimators[0];
         let tracked = Tracked::new(self.arm, config, self.touches, &|| progress.stopped())
@@ -131,6 +125,12 @@ impl Work<'_> {
             config: config.clone(),
             estimators: self.in_folds(&tracked, (keep, progress))?,
         };
+        let mut parts: Vec<Part> = keep.parts();
+        parts.retain(|part| plan.has(part, &tracked));
+        if !parts.is_empty() {
+            let done = parts.len();
+            progress.note(&format!("{done} parts were done before, and are taken as found"));
+        }
         self.do_parts(&plan, &tracked, (keep, progress), &mut parts)?;
 
         let joints = self.arm.robot.joint_names().map(str::to_owned).collect();
