@@ -11,7 +11,7 @@ use palpate_io::field::{self, Saved};
 use palpate_work::elastic;
 use palpate_work::learn::{Cells, Tally, learn};
 use palpate_work::touches::Touches;
-use palpate_work::tune::quickly_tuned;
+use palpate_work::tune::{Tune, quickly_tuned};
 use palpate_work::{prior, resume};
 use serde_json::json;
 
@@ -25,7 +25,7 @@ use crate::{interrupt, logs, picture, place};
 
 const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz
-  palpate map recordings/ -o field.npz --tune
+  palpate map recordings/ -o field.npz --friction 0.2 --tune=off
   palpate map monday/ tuesday/ -o field.npz --robot panda.urdf --gravity removed
   palpate map wednesday/ -o field.npz --from field.npz
   palpate map today/ -o field.npz --prior yesterday.npz
@@ -33,9 +33,12 @@ const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz --rate 17
 
 A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
-a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. Without --settings and flags the shipped
-defaults hold; `palpate settings` prints them. --tune tries some around them and takes those that
-predict best the touches that were not learnt: 20 seconds for eleven touches on two cores.
+a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet.
+
+`map` chooses contact distance, friction, prior and stiffness scale by cross-validation on the first 16
+touches, as far as neither a flag nor --settings gives them. It needs three touches for that, and ten
+seconds for eleven touches on two cores. With fewer touches, with --tune=off, and for all other settings the
+defaults hold; `palpate settings` prints them.
 
 The field holds the memory of what it was learnt from, so that --from goes on exactly where it stopped.
 
@@ -67,10 +70,13 @@ pub(crate) struct Args {
     /// Take the prior mean of each cell from a field, in place of one prior mean for all
     #[arg(long, value_name = "FIELD.npz", conflicts_with_all = ["cloud", "body"])]
     prior: Option<PathBuf>,
-    /// Choose contact distance, friction, prior mean and stiffness scale by cross-validation on the first 16
-    /// touches, of at least three; the given ones are tried as well
-    #[arg(long, conflicts_with_all = ["from", "prior", "cloud", "body"])]
-    tune: bool,
+    /// Whether settings that are not given are chosen by cross-validation: `quick` or `off` [default: quick; off with
+    /// --from, --prior, --cloud or --estimator ekf]
+    #[arg(
+        long, value_name = "HOW", num_args = 0..=1, default_missing_value = "quick",
+        require_equals = true, value_parser = quick_or_off
+    )]
+    tune: Option<Tune>,
     /// Leave out the memory: a smaller file, which --from cannot continue
     #[arg(long)]
     no_memory: bool,
@@ -89,6 +95,12 @@ pub(crate) struct Args {
     pace: PaceArgs,
     #[command(flatten)]
     settings: AllSettings,
+}
+
+/// `quick` or `off`.
+fn quick_or_off(name: &str) -> Result<Tune, String> {
+    let tune = Tune::named(name).ok().filter(|tune| *tune != Tune::Thorough);
+    tune.ok_or_else(|| "wanted quick or off; `palpate tune` is more thorough".to_owned())
 }
 
 impl Args {
@@ -118,6 +130,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     args.object.select(&mut settings, args.from.is_some())?;
     if args.from.is_none() {
         settings.config()?;
+    }
+    let own = [args.from.is_some(), args.prior.is_some(), args.object.is_given()];
+    if args.tune == Some(Tune::Quick) && own.contains(&true) {
+        return Err(CliError::Usage(
+            "settings are not chosen with --from, --prior, --cloud or --body; leave out --tune"
+                .to_owned(),
+        ));
     }
     args.check_places(&settings)?;
     let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
@@ -193,7 +212,10 @@ fn begin(
         }
         None => {
             let mut config = settings.config()?;
-            if args.tune {
+            let has_own =
+                args.prior.is_some() || elastic.is_some() || config.method != EstimatorKind::Map;
+            let tune = args.tune.unwrap_or(if has_own { Tune::Off } else { Tune::Quick });
+            if tune != Tune::Off {
                 let touches = Touches::open(&args.logs, &settings.log.options())?;
                 config = quickly_tuned(touches, (arm, settings, &config), output)?;
             }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use palpate::MapperConfig;
 use palpate_learn::tune::Tuned;
 use palpate_work::evaluate::as_touches;
-use palpate_work::tune::{Tuning, trials, tuned_settings};
+use palpate_work::tune::{Tuning, given, trials, tuned_settings};
 use serde_json::json;
 
 use crate::error::CliError;
@@ -40,7 +40,7 @@ pub(crate) struct Args {
     /// Settings to try, of which those given are the first [default: 24, 12 for ekf]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1000))]
     candidates: Option<u32>,
-    /// Choose among few settings in seconds, as `palpate map --tune` does
+    /// Choose what is not given among few settings, in seconds, as `palpate map` does
     #[arg(long, conflicts_with = "candidates")]
     quick: bool,
     /// Print the evidence as JSON
@@ -62,8 +62,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let recorded = logs::read(touches, &arm, &settings, None, output)?;
     let touches = as_touches(&recorded, false)?;
     let tuned = Tuning { arm: &arm, recorded: &recorded, touches: &touches, config: &config };
-    let tuned =
-        if args.quick { tuned.quick(output)? } else { tuned.thorough(args.candidates, output)? };
+    let tuned = if args.quick {
+        tuned.quick(given(&settings), output)?
+    } else {
+        tuned.thorough(args.candidates, output)?
+    };
 
     place::write(&args.output, &toml(&tuned, &settings)?)?;
     if args.json {

@@ -201,7 +201,7 @@ fn half_of_the_bundled_touches_tell_something_about_the_other_half() {
         let mut map = palpate();
         map.arg("map").args(touches.map(|touch| data.join(touch))).args(more);
         map.args(["--json", "--no-cache", "--bake-spacing-m", "0.01", "--spacing-m", "0.024"]);
-        json(map.args(["--replays", "3", "-o", &scene.text(to)]))
+        json(map.args(["--replays", "3", "--tune=off", "-o", &scene.text(to)]))
     };
     map(["seq_000", "seq_002", "seq_004"], "out/half.npz", &[]);
     let others = ["seq_001", "seq_003", "seq_005"];

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Scene, palpate, refuse, succeed};
+use common::{Scene, palpate, refuse, stderr, succeed};
 use std::process::Command;
 
 fn tune(scene: &Scene, logs: &[&str], more: &[&str]) -> Command {
@@ -58,29 +58,64 @@ fn too_few_touches_are_refused_and_nothing_is_written() {
 }
 
 #[test]
-fn a_map_that_tunes_learns_what_a_quick_search_found_and_says_so() {
+fn a_map_learns_under_what_a_quick_search_finds_and_says_so() {
     let scene = Scene::new();
     scene.touch("log/seq_2", 40, -0.2);
-    let chosen = scene.map(&["log"], &["--tune"]).output().unwrap();
-    let told = String::from_utf8_lossy(&chosen.stderr).into_owned();
-    assert!(
-        chosen.status.success() && told.contains("tuned by cross-validation on 3 touches"),
-        "{told}"
-    );
-    let field = || std::fs::read(scene.path("out/field.npz")).unwrap();
-    let by_itself = field();
+    let field = |logs: &[&str], flags: &[&str], told: &str| {
+        let output = scene.map(logs, flags).output().unwrap();
+        let said = stderr(&output);
+        assert!(output.status.success() && said.contains(told), "{said}");
+        std::fs::read(scene.path("out/field.npz")).unwrap()
+    };
+    let chosen = "chosen by cross-validation on 3 touches";
+    let by_itself = field(&["log"], &[], chosen);
+    assert!(by_itself != field(&["log"], &["--tune=off"], ""), "nothing was chosen");
 
     let mut quick = palpate();
     quick.arg("tune").arg(scene.path("log")).args(scene.settings()).args(["--spacing-m", "0.03"]);
     succeed(quick.args(["--quick", "-o"]).arg(scene.path("out/tuned.toml")));
     succeed(&mut scene.map(&["log"], &["--settings", &scene.text("out/tuned.toml")]));
-    assert!(by_itself == field(), "the two fields differ");
+    let again = std::fs::read(scene.path("out/field.npz")).unwrap();
+    assert!(by_itself == again, "the two fields differ");
 
-    let ekf = ["--tune", "--estimator", "ekf"];
+    // With two touches there is nothing to choose by.
+    let two = ["log/seq_0", "log/seq_1"];
+    let defaults = field(&two, &[], "needs 3 touches, and there are 2");
+    assert!(defaults == field(&two, &["--tune=off"], ""), "something was chosen");
+    let ekf = ["--tune=quick", "--estimator", "ekf"];
     refuse(&mut scene.map(&["log"], &ekf), 2, &["for the estimator `map`, not for `ekf`"]);
-    refuse(
-        &mut scene.map(&["log/seq_0", "log/seq_1"], &["--tune"]),
-        1,
-        &["at least three touches"],
-    );
+    refuse(&mut scene.map(&["log"], &["--tune=thorough"]), 2, &["wanted quick or off"]);
+}
+
+#[test]
+fn what_is_given_is_not_chosen() {
+    let scene = Scene::new();
+    scene.touch("log/seq_2", 40, -0.2);
+    let flags = [
+        ["--contact-distance-m", "0.033"],
+        ["--friction", "0.25"],
+        ["--prior-mean", "3"],
+        ["--prior-std", "300"],
+        ["--torque-std", "0.3"],
+        ["--stiffness-scale", "0.75"],
+    ];
+    let of = |scene: &Scene| {
+        palpate_io::field::load(&scene.path("out/field.npz")).unwrap().snapshot.unwrap().config
+    };
+    let given = |flag: usize| {
+        succeed(&mut scene.map(&["log"], &flags[flag]));
+        of(&scene)
+    };
+    assert_eq!(given(0).contact.contact_distance_m, 0.033);
+    assert_eq!(given(1).contact.friction, 0.25);
+    assert_eq!(given(2).estimator.prior.mean_n_per_m, 3.0);
+    assert_eq!(given(3).estimator.prior.std_n_per_m, 300.0);
+    assert_eq!(given(4).estimator.torque_std, [0.3]);
+    assert_eq!(given(5).estimator.stiffness_scale, 0.75);
+    // With all given, the map is as if none were chosen.
+    let all = flags.concat();
+    succeed(&mut scene.map(&["log"], &all));
+    let config = of(&scene);
+    succeed(&mut scene.map(&["log"], &[&all[..], &["--tune=off"]].concat()));
+    assert_eq!(config, of(&scene));
 }

@@ -90,10 +90,9 @@ pub fn study(
     while let Some(first) = scores.iter().position(Vec::is_empty) {
         let contact = &settings[first].contact;
         let tracked = match first {
-            0 => base.clone(),
-            _ => base.under(contact, arm, given, touches, stop)?,
+            0 => base.thinned(every),
+            _ => base.under(contact, arm, given, (touches, every), stop)?,
         };
-        let tracked = tracked.thinned(every);
         let alike: Vec<usize> =
             (0..settings.len()).filter(|&number| settings[number].contact == *contact).collect();
         let parts =

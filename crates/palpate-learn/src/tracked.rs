@@ -99,10 +99,10 @@ impl Tracked {
         stop: Stop<'_>,
     ) -> Result<Self, LearnError> {
         touches.iter().try_for_each(|touch| check_truth(touch, arm.robot.n_joints()))?;
-        Self::track(arm, config, touches, None, stop)
+        Self::track(arm, config, touches, (None, 1), stop)
     }
 
-    /// The same frames with the same torques under another contact model.
+    /// Every n-th of the frames, with the same torques, under another contact model.
     ///
     /// # Errors
     ///
@@ -112,13 +112,13 @@ impl Tracked {
         contact: &ContactConfig,
         arm: &Arc<Arm>,
         config: &MapperConfig,
-        touches: &[Touch],
+        (touches, n): (&[Touch], usize),
         stop: Stop<'_>,
     ) -> Result<Self, LearnError> {
         let mut config = config.clone();
         config.contact = contact.clone();
         config.touch.tare = Tare::None; // The torques are known, with their tare taken off.
-        Self::track(arm, &config, touches, Some(self), stop)
+        Self::track(arm, &config, touches, (Some(self), n), stop)
     }
 
     /// The same with the torques of a body that the arm bends in every touch, for
@@ -151,20 +151,28 @@ impl Tracked {
     }
 
     /// Every n-th frame of each touch, from the first on, without a body.
-    pub fn thinned(mut self, n: usize) -> Self {
-        self.body = None;
-        for touch in &mut self.touches {
-            let frames = std::mem::take(&mut touch.frames);
-            touch.frames = frames.into_iter().step_by(n.max(1)).collect();
+    pub fn thinned(&self, n: usize) -> Self {
+        let touch = |touch: &TrackedTouch| TrackedTouch {
+            name: touch.name.clone(),
+            frames: touch.frames.iter().step_by(n.max(1)).cloned().collect(),
+            of_tare: touch.of_tare.clone(),
+            in_contact: touch.in_contact,
+        };
+        Self {
+            touches: self.touches.iter().map(touch).collect(),
+            lattice: self.lattice.clone(),
+            cells: self.cells.clone(),
+            points_m: self.points_m.clone(),
+            n_joints: self.n_joints,
+            body: None,
         }
-        self
     }
 
     fn track(
         arm: &Arc<Arm>,
         config: &MapperConfig,
         touches: &[Touch],
-        like: Option<&Self>,
+        (like, every): (Option<&Self>, usize),
         stop: Stop<'_>,
     ) -> Result<Self, LearnError> {
         let (contact, touch) = (config.contact.clone(), config.touch.clone());
@@ -172,7 +180,7 @@ impl Tracked {
         let first = touches.iter().flat_map(|touch| &touch.samples).map(|sample| &sample.q).next();
         let track = |(number, touch): (usize, &Touch)| {
             let like = like.map(|like| like.touches[number].frames.as_slice());
-            follow(tracker.clone(), (number, touch), (first, like), stop)
+            follow(tracker.clone(), (number, touch), (first, like, every.max(1)), stop)
         };
         let mut observations = ObservationBuilder::new(CellRows::new(config.lattice.clone()));
         let mut tracked = Vec::with_capacity(touches.len());
@@ -198,7 +206,7 @@ impl Tracked {
             cells: observations.rows().cells().to_vec(),
             points_m: observations.rows().points_m().to_vec(),
             n_joints: arm.robot.n_joints(),
-            body: like.and_then(|like| like.body.clone()),
+            body: like.filter(|_| every == 1).and_then(|like| like.body.clone()),
         })
     }
 
@@ -295,18 +303,18 @@ impl Followed {
     }
 }
 
-/// The frames of a touch from the tare on, or those of `like` with their torques; and the torques,
-/// bias and all, of those before.
+/// Every n-th of the frames of a touch from the tare on, or of those of `like` with their torques; and the torques,
+/// bias and all, of those before the end of the tare.
 fn follow(
     mut tracker: Tracker,
     (number, touch): (usize, &Touch),
-    (first, like): (Option<&Vec<f64>>, Option<&[TrackedFrame]>),
+    (first, like, every): (Option<&Vec<f64>>, Option<&[TrackedFrame]>, usize),
     stop: Stop<'_>,
 ) -> Result<(Vec<Followed>, Vec<DVector<f64>>), LearnError> {
     let at = |sample, source| LearnError::Sample { touch: number, sample, source };
     let arm = Arc::clone(tracker.arm());
     tracker.begin_touch();
-    let (mut frames, mut of_tare) = (Vec::new(), Vec::new());
+    let (mut frames, mut of_tare, mut n_frames) = (Vec::new(), Vec::new(), 0);
     // A first sample of another robot is refused where it stands.
     let first = first.filter(|q| q.len() == arm.robot.n_joints());
     let mut before = first.or(touch.samples.first().map(|sample| &sample.q)).cloned();
@@ -320,13 +328,16 @@ fn follow(
         let external = match like {
             None => frame.external.take(),
             Some(like) => {
-                let known = like.get(frames.len()).filter(|known| known.sample == index as u32);
+                let known = like.get(n_frames).filter(|known| known.sample == index as u32);
                 known.map(|known| known.observation.tau().into_owned())
             }
         };
         if let Some(external) = external {
-            let unwrapped = unwrapped.clone();
-            frames.push(Followed { sample: index, unwrapped, tracked: frame, external });
+            if n_frames.is_multiple_of(every) {
+                let unwrapped = unwrapped.clone();
+                frames.push(Followed { sample: index, unwrapped, tracked: frame, external });
+            }
+            n_frames += 1;
         } else {
             of_tare.push(frame.untared);
         }

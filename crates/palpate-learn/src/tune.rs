@@ -35,9 +35,12 @@ const DISTANCES: [f64; 3] = [1.0, 1.25, 1.5];
 const FRICTIONS: [f64; 3] = [1.0 / 6.0, 1.0 / 3.0, 1.0];
 /// Means of the prior above the given one, as multiples of its standard deviation.
 const PRIOR_MEANS: [f64; 4] = [0.0, 0.016, 0.04, 0.08];
-/// Contact distances with frictions of a quick search, as multiples of the given ones.
-const QUICK_CONTACTS: [(f64, f64); 4] =
-    [(1.0, 1.0), (1.25, 1.0 / 6.0), (1.5, 1.0 / 6.0), (1.5, 1.0)];
+/// Contact distances, m, with frictions of a quick search.
+const QUICK_CONTACTS: [(f64, f64); 4] = [(0.024, 0.3), (0.030, 0.05), (0.036, 0.05), (0.036, 0.3)];
+/// Means above the given one, and standard deviations, of the priors of a quick search, as multiples of the given
+/// standard deviation.
+const QUICK_PRIORS: [(f64, f64); 6] =
+    [(0.0, 1.0), (0.016, 1.0), (0.04, 1.0), (0.08, 1.0), (0.0, 2.0), (0.0, 4.0)];
 /// Other settings, as multiples of the given ones.
 const PRIOR_STDS: [f64; 5] = [0.5, 1.0, 1.5, 2.0, 4.0];
 const TORQUE_STDS: [f64; 3] = [0.7, 1.0, 1.4];
@@ -71,10 +74,28 @@ impl Effort {
     }
 }
 
+/// Settings that a quick search leaves as given.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Keep {
+    /// Contact distance δ.
+    pub contact_distance: bool,
+    /// Friction μ.
+    pub friction: bool,
+    /// Mean of the prior.
+    pub prior_mean: bool,
+    /// Standard deviation of the prior.
+    pub prior_std: bool,
+    /// Torque noise.
+    pub torque_std: bool,
+    /// Stiffness scale.
+    pub stiffness_scale: bool,
+}
+
 /// Candidates, and how closely they are looked at.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Search {
     candidates: Vec<MapperConfig>,
+    keep: Keep,
     /// Frames that a candidate learns and predicts, about.
     frames: usize,
     /// Whether the best few are compared leave-one-touch-out.
@@ -82,26 +103,38 @@ pub struct Search {
 }
 
 impl Search {
-    /// Few candidates around the given settings: seconds for ten touches.
-    pub fn quick(config: &MapperConfig) -> Self {
-        let of = |(distance, friction): (f64, f64)| {
-            PRIOR_MEANS.map(|mean| {
+    /// Few candidates beside the given settings, from which they differ in what is not to be kept: seconds for ten
+    /// touches.
+    pub fn quick(config: &MapperConfig, keep: Keep) -> Self {
+        let mut candidates = vec![config.clone()];
+        for (distance_m, friction) in QUICK_CONTACTS {
+            for (mean, std) in QUICK_PRIORS {
                 let mut candidate = config.clone();
-                candidate.contact.contact_distance_m *= distance;
-                candidate.contact.friction *= friction;
-                let prior = &mut candidate.estimator.prior;
-                prior.mean_n_per_m += mean * prior.std_n_per_m;
-                candidate
-            })
-        };
-        let candidates = QUICK_CONTACTS.into_iter().flat_map(of);
-        let candidates = candidates.filter(|candidate| candidate.contact.check().is_ok()).collect();
-        Self { candidates, frames: QUICK_FRAMES, one_by_one: false }
+                let (contact, prior) = (&mut candidate.contact, &mut candidate.estimator.prior);
+                if !keep.contact_distance {
+                    contact.contact_distance_m = distance_m;
+                }
+                if !keep.friction {
+                    contact.friction = friction;
+                }
+                if !keep.prior_mean {
+                    prior.mean_n_per_m += mean * prior.std_n_per_m;
+                }
+                if !keep.prior_std {
+                    prior.std_n_per_m *= std;
+                }
+                if contact.check().is_ok() && !candidates.contains(&candidate) {
+                    candidates.push(candidate);
+                }
+            }
+        }
+        Self { candidates, keep, frames: QUICK_FRAMES, one_by_one: false }
     }
 
     /// Candidates drawn at random around the given settings: minutes for ten touches.
     pub fn thorough(config: &MapperConfig, effort: Effort) -> Self {
-        Self { candidates: draw(config, effort), frames: FRAMES, one_by_one: true }
+        let (candidates, keep) = (draw(config, effort), Keep::default());
+        Self { candidates, keep, frames: FRAMES, one_by_one: true }
     }
 
     /// How many candidates there are.
@@ -141,8 +174,8 @@ pub struct Tuner {
 impl Tuner {
     /// Simulates the contact models of the candidates.
     ///
-    /// `base` are the touches tracked under some settings, of which `config` has the lattice; `done` is told
-    /// after every candidate.
+    /// `base` are the touches tracked under the contact model and the lattice of `config`; `done` is called after
+    /// every candidate.
     ///
     /// # Errors
     ///
@@ -160,7 +193,11 @@ impl Tuner {
         let mut tracked: Vec<(ContactConfig, Tracked)> = Vec::new();
         for MapperConfig { contact, .. } in &search.candidates {
             if tracked.iter().all(|(model, _)| model != contact) {
-                let frames = base.under(contact, arm, config, touches, stop)?.thinned(every);
+                let frames = if *contact == config.contact {
+                    base.thinned(every)
+                } else {
+                    base.under(contact, arm, config, (touches, every), stop)?
+                };
                 tracked.push((contact.clone(), frames));
             }
             done();
@@ -202,6 +239,9 @@ impl Tuner {
     fn with_noise_of(&self, train: &[usize]) -> Vec<MapperConfig> {
         let noise_std = self.tracked[0].1.noise_std(train);
         let mut candidates = self.search.candidates.clone();
+        if self.search.keep.torque_std {
+            return candidates;
+        }
         for candidate in &mut candidates[1..] {
             let given = &candidate.estimator.torque_std;
             let given = |joint: usize| given[joint.min(given.len() - 1)];
@@ -219,13 +259,16 @@ impl Tuner {
         stop: Stop<'_>,
     ) -> Result<(f64, f64), LearnError> {
         let mut config = for_thinned(config, self.every);
+        let given = config.estimator.stiffness_scale;
         config.estimator.stiffness_scale = 1.0;
         let of_model = self.tracked.iter().find(|(contact, _)| *contact == config.contact);
         let (_, tracked) = of_model.expect("the contact models of all candidates were simulated");
         let method = Method::of(config.method);
-        let scales = if method == Method::Map { SCALES } else { 1 };
         let scale = |part: u32| f64::from(SCALES - part) / f64::from(SCALES);
-        let scales: Vec<f64> = (0..scales).map(scale).collect();
+        let scales: Vec<f64> = match method {
+            Method::Map if !self.search.keep.stiffness_scale => (0..SCALES).map(scale).collect(),
+            _ => vec![given],
+        };
         let mut scores: Vec<Vec<f64>> = vec![Vec::new(); scales.len()];
         for fold in folds {
             let torques = method.predict(tracked, fold, &config, stop)?;

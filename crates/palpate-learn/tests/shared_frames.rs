@@ -14,7 +14,7 @@ use palpate_learn::evaluation::Prediction;
 use palpate_learn::folds::{Fold, folds};
 use palpate_learn::method::{self, Method, Torques};
 use palpate_learn::tracked::{Touch, Tracked, TrackedFrame};
-use palpate_learn::tune::{Effort, Search, Trial, Tuned, Tuner};
+use palpate_learn::tune::{Effort, Keep, Search, Trial, Tuned, Tuner};
 
 /// Two links that swing about vertical axes, so that gravity does not reach the joints.
 const URDF: &str = r#"<robot name="tiny">
@@ -287,7 +287,7 @@ fn under_the_same_contact_model_frames_are_the_same() {
     touches[1].truth = Some(vec![vec![0.5, -0.5]; FRAMES]);
     let config = config(EstimatorKind::Map);
     let tracked = tracked(&arm, &config, &touches);
-    let again = tracked.under(&config.contact, &arm, &config, &touches, NEVER).unwrap();
+    let again = tracked.under(&config.contact, &arm, &config, (&touches, 1), NEVER).unwrap();
     assert_eq!(all_measured(&tracked), all_measured(&again));
     assert_eq!(tracked.noise_std(&[0, 2]), again.noise_std(&[0, 2]));
     for fold in folds(3, 3) {
@@ -305,7 +305,7 @@ fn under_another_contact_model_contacts_change_and_torques_do_not() {
     for contact_distance_m in [0.6 * given, 1.5 * given] {
         let mut contact = config.contact.clone();
         contact.contact_distance_m = contact_distance_m;
-        let other = tracked.under(&contact, &arm, &config, &touches, NEVER).unwrap();
+        let other = tracked.under(&contact, &arm, &config, (&touches, 1), NEVER).unwrap();
         assert_eq!(all_measured(&tracked), all_measured(&other));
         assert_eq!(tracked.noise_std(&[0, 2]), other.noise_std(&[0, 2]));
         let contacts = |tracked: &Tracked| -> usize {
@@ -415,12 +415,12 @@ fn a_quick_search_scales_down_a_model_that_predicts_too_much() {
     let mut touches = touches(4);
     let chosen = |touches: &[Touch]| {
         let base = tracked(&arm, &config, touches);
-        let search = Search::quick(&config);
+        let search = Search::quick(&config, Keep::default());
         let tuner = Tuner::new((&arm, touches, &base), &config, search, NEVER, &|| ()).unwrap();
         tuner.tune(&[0, 1, 2, 3], NEVER).unwrap()
     };
     let alike = chosen(&touches);
-    assert_eq!(alike.trials.len(), Search::quick(&config).candidates());
+    assert_eq!(alike.trials.len(), Search::quick(&config, Keep::default()).candidates());
     assert!(alike.trials[0].scores.len() == 2 && alike.config == alike.trials[0].config);
     assert_eq!(alike, chosen(&touches), "nothing is left to chance");
     // Every other touch meets nothing: what the others teach says too much of it.

@@ -11,7 +11,7 @@ use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{self as evaluation, Nowhere, Work, configs, each_once, method_of};
 use palpate_work::settings::Settings;
 use palpate_work::touches::RecordedTouch;
-use palpate_work::tune::{Tune, Tuning, trials, tuned_settings};
+use palpate_work::tune::{Tune, Tuning, given as given_settings, trials, tuned_settings};
 use palpate_work::{Progress, WorkError};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -43,8 +43,8 @@ fn read(
 /// `methods` are of elastic, map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always
 /// stands beside the others. elastic needs a `cloud` of the object, with `colours`, `viewpoint`,
 /// `object_kind` and `root` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
-/// `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold,
-/// and `tune="quick"` those of map in seconds.
+/// `test` from all others. `truth` compares with true torques. In every fold, the settings of map that are not given
+/// are chosen among few (`tune="quick"`, if left out), those of map and ekf among many (True), or none (False).
 /// `share`, its number from 0 and how many there are, does that share of the folds alone.
 #[pyfunction]
 #[pyo3(signature = (
@@ -86,7 +86,7 @@ pub(crate) fn evaluate<'py>(
             "`colours`, `viewpoint`, `object_kind` and `root` are of a `cloud`, which is not given";
         return Err(PyValueError::new_err(message).into());
     }
-    let tune = tune.map_or(Ok(None), thoroughness)?;
+    let tune = tune.map_or(Ok(Tune::default()), thoroughness)?;
     let cloud = cloud.map(|cloud| seen_object(py, cloud, object));
     let cloud = cloud.transpose()?;
     replace_elastic_by_map(&mut settings, cloud.is_some()).map_err(WorkError::from)?;
@@ -107,6 +107,7 @@ pub(crate) fn evaluate<'py>(
             methods,
             estimators: configs(&settings)?,
             tune,
+            given: given_settings(&settings),
             truth,
             bodies: cloud.map(|object| object.bodies(progress)).transpose()?.unwrap_or_default(),
         };
@@ -122,12 +123,12 @@ pub(crate) fn evaluate<'py>(
 }
 
 /// What `tune` asks for: a bool, or "quick".
-fn thoroughness(tune: &Bound<'_, PyAny>) -> PyResult<Option<Tune>> {
+fn thoroughness(tune: &Bound<'_, PyAny>) -> PyResult<Tune> {
     if let Ok(tune) = tune.extract::<bool>() {
-        return Ok(tune.then_some(Tune::Thorough));
+        return Ok(if tune { Tune::Thorough } else { Tune::Off });
     }
     match tune.extract::<&str>() {
-        Ok("quick") => Ok(Some(Tune::Quick)),
+        Ok("quick") => Ok(Tune::Quick),
         _ => Err(PyValueError::new_err(format!("`tune` is {tune}; wanted a bool or \"quick\""))),
     }
 }
@@ -180,7 +181,7 @@ fn left_out<'py>(py: Python<'py>, touch: &LeftOut, joints: usize) -> PyResult<Bo
 /// Chooses settings by cross-validation on at least three touches, as `palpate tune` does.
 ///
 /// `candidates` are from 2 to 1000, 24 if left out (12 for ekf); `quick` chooses among few, as
-/// `palpate map --tune` does. Give the `settings` of the result to other calls.
+/// `palpate map` does. Give the `settings` of the result to other calls.
 #[pyfunction]
 #[pyo3(signature = (
     logs, robot = None, *, candidates = None, quick = false, settings = None, progress = None, **sections
@@ -210,7 +211,11 @@ pub(crate) fn tune<'py>(
         let (recorded, touches) = read(sources, &mut settings, arm, (false, progress))?;
         let config = settings.config()?;
         let tuning = Tuning { arm, recorded: &recorded, touches: &touches, config: &config };
-        if quick { tuning.quick(progress) } else { tuning.thorough(candidates, progress) }
+        if quick {
+            tuning.quick(given_settings(&settings), progress)
+        } else {
+            tuning.thorough(candidates, progress)
+        }
     })?;
     let chosen = tuned_settings(&tuned, &settings);
     let (toml, trials) = (chosen.template()?, trials(&tuned));

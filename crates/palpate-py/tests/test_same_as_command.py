@@ -30,7 +30,7 @@ def said(command: Path, *args: object) -> str:
 @pytest.fixture(scope="module")
 def of_command(command: Path, plant: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
     path = tmp_path_factory.mktemp("command") / "field.npz"
-    return path, run(command, "map", plant, "-o", path, "--json")
+    return path, run(command, "map", plant, "--tune=off", "-o", path, "--json")
 
 
 def test_needs_command_the_field_is_the_same_to_the_bit(
@@ -180,14 +180,14 @@ def test_needs_command_quick_tuning_chooses_the_same_in_map_and_evaluate(
 ) -> None:
     logs = [plant / f"seq_00{number}" for number in range(4)]
     out = tmp_path / "field.npz"
-    run(command, "map", *logs, "--tune", "-o", out, "--json")
+    run(command, "map", *logs, "-o", out, "--json")
     chosen = palpate.tune(logs, robot, quick=True)["settings"]
     mapper = palpate.Mapper(robot, settings=chosen)
     mapper.map(logs)
     mapper.save(tmp_path / "ours.npz")
     assert (tmp_path / "ours.npz").read_bytes() == out.read_bytes()
-    theirs = run(command, "evaluate", *logs, "--methods", "map", "--tune=quick", "-o", tmp_path / "report", "--json")
-    ours = palpate.evaluate(logs, robot, methods=["map"], tune="quick")
+    theirs = run(command, "evaluate", *logs, "--methods", "map", "-o", tmp_path / "report", "--json")
+    ours = palpate.evaluate(logs, robot, methods=["map"])
     assert ours["methods"][0]["avg_error"] == theirs["methods"][0]["avg_error"]
     with pytest.raises(ValueError, match='wanted a bool or "quick"'):
         palpate.evaluate(logs, robot, tune="slow")  # type: ignore[arg-type]

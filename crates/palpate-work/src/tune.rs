@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use palpate::{Arm, EstimatorKind, MapperConfig};
 use palpate_learn::tracked::{Touch, Tracked};
-use palpate_learn::tune::{Effort, Search, Trial, Tuned, Tuner};
+use palpate_learn::tune::{Effort, Keep, Search, Trial, Tuned, Tuner};
 use serde_json::json;
 
 use crate::error::WorkError;
 use crate::evaluate::{as_touches, fault};
 use crate::progress::Progress;
-use crate::settings::Settings;
+use crate::settings::{Settings, SettingsError};
 use crate::touches::{RecordedTouch, TouchEvent, Touches};
 
 /// Touches that [`quickly_tuned`] looks at, and samples of them: the first ones.
@@ -18,15 +18,47 @@ const QUICK_TOUCHES: usize = 16;
 const QUICK_SAMPLES: usize = 20_000;
 
 /// Fewest touches that settings are chosen from.
-const FEWEST: usize = 3;
+pub const FEWEST: usize = 3;
 
 /// How settings are chosen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Tune {
-    /// Those of `map`, among few, in seconds.
+    /// They are those given, or shipped.
+    Off,
+    /// Those of `map` that are not given, among few, in seconds.
+    #[default]
     Quick,
-    /// Those of `map` and of `ekf`, among many, in minutes.
+    /// Those of `map` and of `ekf`, among many around those given, in minutes.
     Thorough,
+}
+
+impl Tune {
+    /// `off`, `quick` or `thorough`.
+    ///
+    /// # Errors
+    ///
+    /// If it is none of them.
+    pub fn named(name: &str) -> Result<Self, String> {
+        match name {
+            "off" => Ok(Self::Off),
+            "quick" => Ok(Self::Quick),
+            "thorough" => Ok(Self::Thorough),
+            _ => Err("wanted off, quick or thorough".to_owned()),
+        }
+    }
+}
+
+/// The settings that a quick search leaves alone, since they are given.
+pub fn given(settings: &Settings) -> Keep {
+    let (contact, estimator) = (&settings.contact, &settings.estimator);
+    Keep {
+        contact_distance: contact.contact_distance_m.is_some(),
+        friction: contact.friction.is_some(),
+        prior_mean: estimator.prior_mean.is_some(),
+        prior_std: estimator.prior_std.is_some(),
+        torque_std: estimator.torque_std.is_some(),
+        stiffness_scale: estimator.stiffness_scale.is_some(),
+    }
 }
 
 /// What settings are chosen for.
@@ -43,19 +75,19 @@ pub struct Tuning<'a> {
 }
 
 impl Tuning<'_> {
-    /// Chooses among few candidates, for `map`.
+    /// Chooses among few candidates, for `map`, what is not to be kept.
     ///
     /// # Errors
     ///
     /// If it is another estimator, there are fewer than three touches, a sample cannot be used, or on being stopped.
-    pub fn quick(&self, progress: &dyn Progress) -> Result<Tuned, WorkError> {
+    pub fn quick(&self, keep: Keep, progress: &dyn Progress) -> Result<Tuned, WorkError> {
         if self.config.method != EstimatorKind::Map {
             return Err(WorkError::Usage(format!(
                 "quick tuning is for the estimator `map`, not for `{}`; `palpate tune` without --quick is for both",
                 self.config.method.name()
             )));
         }
-        self.search(Search::quick(self.config), progress)
+        self.search(Search::quick(self.config, keep), progress)
     }
 
     /// Chooses among so many candidates, or as many as a few minutes allow.
@@ -96,28 +128,53 @@ impl Tuning<'_> {
     }
 }
 
-/// `config` with the settings that cross-validation on the first of these touches chooses; reports them in a line.
+/// `config` with the settings that cross-validation on the first of these touches chooses, as far as they were not
+/// given; reports them in a line. With fewer than three touches it stays as it is.
 ///
 /// # Errors
 ///
-/// If `config` is not of `map`, there are fewer than three touches, a log is broken, a sample cannot be used, or on
-/// being stopped.
+/// If `config` is not of `map`, a log is broken, a sample cannot be used, or on being stopped.
 pub fn quickly_tuned(
     touches: Touches,
     (arm, settings, config): (&Arc<Arm>, &Settings, &MapperConfig),
     progress: &dyn Progress,
 ) -> Result<MapperConfig, WorkError> {
+    config.estimator(arm.robot.n_joints()).map_err(SettingsError::value)?;
     let place = (config.lattice.clone(), config.contact.clone());
-    let recorded = first_of(touches.for_arm(arm, &settings.log, place)?)?;
-    let touches = as_touches(&recorded, false)?;
-    let tuned = Tuning { arm, recorded: &recorded, touches: &touches, config }.quick(progress)?;
-    progress.note(&summary(&tuned, touches.len()));
-    Ok(tuned.config)
+    let mut touches = touches.for_arm(arm, &settings.log, place.clone())?;
+    let mut recorded = Vec::new();
+    let tuned = first_of(&mut touches, &mut recorded).and_then(|()| {
+        if recorded.len() < FEWEST {
+            return Ok(None);
+        }
+        let touches = as_touches(&recorded, false)?;
+        let tuning = Tuning { arm, recorded: &recorded, touches: &touches, config };
+        tuning.quick(given(settings), progress).map(Some)
+    });
+    match tuned {
+        Ok(Some(tuned)) => {
+            progress.note(&summary(&tuned, recorded.len()));
+            Ok(tuned.config)
+        }
+        Ok(None) => {
+            let n = recorded.len();
+            progress.note(&format!(
+                "default settings: choosing them needs {FEWEST} touches, and there are {n}"
+            ));
+            Ok(config.clone())
+        }
+        Err(error) => {
+            if !matches!(error, WorkError::Interrupted { .. }) {
+                touches.check(arm, place, &config.touch).of(&recorded).explain(progress);
+            }
+            Err(error)
+        }
+    }
 }
 
-/// The first touches, as far as settings are chosen from them.
-fn first_of(mut touches: Touches) -> Result<Vec<RecordedTouch>, WorkError> {
-    let (mut recorded, mut samples): (Vec<RecordedTouch>, usize) = (Vec::new(), 0);
+/// Reads the first touches, as far as settings are chosen from them.
+fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<(), WorkError> {
+    let mut samples = 0;
     while let Some(event) = touches.advance()? {
         match event {
             TouchEvent::Touch(name) if recorded.len() < QUICK_TOUCHES => {
@@ -134,7 +191,7 @@ fn first_of(mut touches: Touches) -> Result<Vec<RecordedTouch>, WorkError> {
             }
         }
     }
-    Ok(recorded)
+    Ok(())
 }
 
 /// The settings and their error, in a line.
@@ -142,11 +199,12 @@ fn summary(tuned: &Tuned, touches: usize) -> String {
     let (contact, estimator) = (&tuned.config.contact, &tuned.config.estimator);
     let score = tuned.trials[0].scores.last().copied().unwrap_or(f64::NAN);
     format!(
-        "tuned by cross-validation on {touches} touches (relative error {score:.2}): contact distance {:.0} mm, \
-         friction {:.2}, prior mean {:.3} N/m, stiffness scale {:.2}",
+        "chosen by cross-validation on {touches} touches (relative error {score:.2}): contact distance {:.0} mm, \
+         friction {:.2}, prior {:.3} ± {:.3} N/m, stiffness scale {:.2}",
         1e3 * contact.contact_distance_m,
         contact.friction,
         estimator.prior.mean_n_per_m,
+        estimator.prior.std_n_per_m,
         estimator.stiffness_scale,
     )
 }

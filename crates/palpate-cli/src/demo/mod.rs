@@ -22,6 +22,7 @@ use palpate_work::predict::{Against, TouchResult, score};
 use palpate_work::robot;
 use palpate_work::scored::{Report, tell_oddities};
 use palpate_work::touches::{RecordedTouch, Touches};
+use palpate_work::tune::{Tune, given, quickly_tuned};
 use serde::Serialize;
 
 use crate::error::CliError;
@@ -68,7 +69,7 @@ fn of_bundled() -> RangedU64ValueParser<usize> {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings = Settings { estimator: args.estimator.clone(), ..Settings::default() };
     settings.check()?;
-    let config = settings.config()?;
+    let mut config = settings.config()?;
     let folder = Folder::make(&args.output, "field.npz")?;
     interrupt::listen();
 
@@ -79,6 +80,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 
     let picture = Picture::of(&settings, &files.object, output)?;
     let arm = robot::load(&RobotSettings::default(), output)?;
+    if config.method == EstimatorKind::Map {
+        config = quickly_tuned(open(&files.touches)?, (&arm, &settings, &config), output)?;
+    }
     let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(SettingsError::value)?;
     let mut samples = Vec::new();
     let record = (!picture.bodies.is_empty()).then_some(&mut samples);
@@ -152,7 +156,8 @@ fn evaluate_all(
         folds: folds(touches.len(), touches.len()),
         todo: (0..touches.len()).collect(),
         estimators: configs(&settings)?,
-        tune: None,
+        tune: Tune::default(),
+        given: given(&settings),
         truth: false,
         bodies,
     };

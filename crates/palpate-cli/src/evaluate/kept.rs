@@ -155,8 +155,9 @@ impl Drop for Kept {
 fn key(work: &Work<'_>) -> String {
     let names: Vec<&str> = work.touches.iter().map(|touch| touch.name.as_str()).collect();
     let (program, arm) = (program(), work.arm.fingerprint());
+    let tune = (work.tune, work.given);
     let settings =
-        (program, &work.estimators, &work.folds, work.tune, work.truth, arm, names, &work.bodies);
+        (program, &work.estimators, &work.folds, tune, work.truth, arm, names, &work.bodies);
     let mut hasher = blake3::Hasher::new();
     hasher.update(format!("{settings:?}").as_bytes());
     for touch in work.touches {

@@ -18,7 +18,7 @@ use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{
     Evaluated, Work, as_touches, configs, each_once, folds, method_of, number,
 };
-use palpate_work::tune::Tune;
+use palpate_work::tune::{Tune, given};
 
 use crate::error::CliError;
 use crate::object_args::ObjectArgs;
@@ -86,11 +86,12 @@ pub(crate) struct Args {
     /// measured
     #[arg(long)]
     truth: bool,
-    /// Choose the settings of map and ekf anew in every fold, from its training touches alone; `quick` chooses
-    /// those of map as `palpate map --tune` does
+    /// How settings are chosen in every fold, from its training touches alone: `quick`, those of map that are not
+    /// given, as `palpate map` does; `thorough`, those of map and ekf, in many minutes; `off`, not at all
+    /// [default: quick]
     #[arg(
         long, value_name = "HOW", num_args = 0..=1, default_missing_value = "thorough",
-        require_equals = true, value_parser = thoroughness
+        require_equals = true, value_parser = Tune::named
     )]
     tune: Option<Tune>,
     /// Print the table as JSON
@@ -100,15 +101,6 @@ pub(crate) struct Args {
     object: ObjectArgs,
     #[command(flatten)]
     settings: AllSettings,
-}
-
-/// `quick` or `thorough`.
-fn thoroughness(name: &str) -> Result<Tune, String> {
-    match name {
-        "quick" => Ok(Tune::Quick),
-        "thorough" => Ok(Tune::Thorough),
-        _ => Err("wanted quick or thorough".to_owned()),
-    }
 }
 
 /// Evaluates all methods and writes the report.
@@ -134,7 +126,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         todo: (0..folds.len()).collect(),
         folds,
         estimators,
-        tune: args.tune,
+        tune: args.tune.unwrap_or_default(),
+        given: given(&settings),
         truth: args.truth,
         bodies,
     };
@@ -174,8 +167,8 @@ pub(crate) fn into_folder(
     output: &Output,
 ) -> Result<(EvaluationSummary, Result<(), CliError>), CliError> {
     let kept = Kept::open(folder, work, *output)?;
-    let evaluated = work.evaluate(&kept, output)?;
-    let field = work.field(&evaluated, (&kept, output))?;
+    let mut evaluated = work.evaluate(&kept, output)?;
+    let field = work.field(&mut evaluated, (&kept, output))?;
     let settings_toml = settings_toml(&evaluated, &origin.settings)?;
     let mut summary = EvaluationSummary {
         evaluation: evaluated.evaluation,

@@ -448,8 +448,8 @@ def evaluate(
     `methods` are of elastic, map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always
     stands beside the others. elastic needs a `cloud` of the object, with `colours`, `viewpoint`,
     `object_kind` and `root` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
-    `test` from all others. `truth` compares with true torques; `tune` chooses settings in every fold,
-    and `tune="quick"` those of map in seconds.
+    `test` from all others. `truth` compares with true torques. In every fold, the settings of map that are not given
+    are chosen among few (`tune="quick"`, if left out), those of map and ekf among many (True), or none (False).
     `share`, its number from 0 and how many there are, does that share of the folds alone.
     """
 
@@ -491,7 +491,7 @@ def tune(
     """Chooses settings by cross-validation on at least three touches, as `palpate tune` does.
 
     `candidates` are from 2 to 1000, 24 if left out (12 for ekf); `quick` chooses among few, as
-    `palpate map --tune` does. Give the `settings` of the result to other calls.
+    `palpate map` does. Give the `settings` of the result to other calls.
     """
 
 @final

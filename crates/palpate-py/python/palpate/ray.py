@@ -72,7 +72,7 @@ def evaluate(
     folds: int | None = None,
     test: Sequence[str] | None = None,
     truth: bool = False,
-    tune: bool | Literal["quick"] = False,
+    tune: bool | Literal["quick"] | None = None,
     shares: int = 1,
     keep: _Path | None = None,
     cluster: str | bool | None = None,

@@ -11,13 +11,13 @@ use palpate_learn::evaluation::Evaluation;
 use palpate_learn::folds::Fold;
 use palpate_learn::method::{self, Method};
 use palpate_learn::tracked::{Touch, Tracked};
-use palpate_learn::tune::{Effort, Search, Tuned, Tuner};
+use palpate_learn::tune::{Effort, Keep as KeepSettings, Search, Tuned, Tuner};
 
 use crate::elastic::simulate_bodies;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::touches::RecordedTouch;
-use crate::tune::Tune;
+use crate::tune::{FEWEST, Tune};
 
 mod plan;
 
@@ -83,8 +83,10 @@ pub struct Work<'a> {
     pub todo: Vec<usize>,
     /// Settings of `map` and of `ekf`.
     pub estimators: [MapperConfig; 2],
-    /// How these are chosen in every fold; `None` leaves them as given.
-    pub tune: Option<Tune>,
+    /// How these are chosen in every fold.
+    pub tune: Tune,
+    /// Those that a quick choice leaves as they are.
+    pub given: KeepSettings,
     /// Whether true torques are to be predicted.
     pub truth: bool,
     /// The elastic bodies that the object may be, for [`Method::Elastic`]; none if nobody saw it.
@@ -99,6 +101,8 @@ pub struct Evaluated {
     pub tuned: Option<Vec<[MapperConfig; 2]>>,
     /// The touches, followed under the given settings.
     tracked: Tracked,
+    /// What chooses the settings of `map`, if it did.
+    tuner: Option<Tuner>,
 }
 
 impl Work<'_> {
@@ -118,12 +122,13 @@ impl Work<'_> {
         let tracked = Tracked::new(self.arm, config, self.touches, &|| progress.stopped())
             .map_err(|error| self.fault(error, keep))?;
         let tracked = self.bend(tracked, (keep, progress))?;
+        let (estimators, tuner) = self.in_folds(&tracked, (keep, progress))?;
         let plan = Plan {
             methods: self.methods.clone(),
             folds: self.folds.clone(),
             todo: self.todo.clone(),
             config: config.clone(),
-            estimators: self.in_folds(&tracked, (keep, progress))?,
+            estimators,
         };
         let mut parts: Vec<Part> = keep.parts();
         parts.retain(|part| plan.has(part, &tracked));
@@ -137,27 +142,42 @@ impl Work<'_> {
         let against = if self.truth { "truth" } else { "measured" };
         let evaluation = plan.gather(&tracked, &parts, joints, against);
         let in_fold = |&fold: &usize| plan.estimators[fold].clone();
-        let tuned = self.tune.is_some().then(|| self.todo.iter().map(in_fold).collect());
-        Ok(Evaluated { evaluation, tuned, tracked })
+        let is_tuned = self.tune != Tune::Off;
+        let tuned = is_tuned.then(|| self.todo.iter().map(in_fold).collect());
+        Ok(Evaluated { evaluation, tuned, tracked, tuner })
     }
 
-    /// What the given settings learn from all touches, for the picture of it, with the body if there is one.
+    /// What `map` learns from all touches under the settings that they choose, for the picture of it; under the
+    /// given ones, with the body, if there is one.
     ///
     /// # Errors
     ///
     /// If they cannot learn, or on being stopped; `keep` is what holds the parts then.
     pub fn field(
         &self,
-        evaluated: &Evaluated,
+        evaluated: &mut Evaluated,
         (keep, progress): (&dyn Keep, &dyn Progress),
     ) -> Result<Field, WorkError> {
-        let (tracked, config) = (&evaluated.tracked, &self.estimators[0]);
+        let (mut tracked, mut config) = (&evaluated.tracked, &self.estimators[0]);
         let everything: Vec<usize> = (0..self.touches.len()).collect();
-        let learnt = method::learn(tracked, &everything, config, &[], &|| progress.stopped());
+        let stop = || progress.stopped();
+        let (tuned, other);
+        let is_tuned = self.search(Method::Map).is_some() && everything.len() >= FEWEST;
+        if is_tuned && tracked.settled().is_none() {
+            let (tuner, train) = (&mut evaluated.tuner, ("tuned-map-all", &everything[..]));
+            tuned = self.tuned(tuner, train, tracked, (Method::Map, &|| ()), (keep, progress))?;
+            let given = std::mem::replace(&mut config, &tuned);
+            if config.contact != given.contact {
+                other = tracked
+                    .under(&config.contact, self.arm, given, (self.touches, 1), &stop)
+                    .map_err(|error| self.fault(error, keep))?;
+                tracked = &other;
+            }
+        }
+        let learnt = method::learn(tracked, &everything, config, &[], &stop);
         let estimator = learnt.map_err(|error| self.fault(error, keep))?;
         let mut field = method::field(tracked, estimator.as_ref(), config);
         if tracked.settled().is_some() {
-            let stop = || progress.stopped();
             let model = model(tracked, &everything, config, &stop);
             field.elastic = Some(Arc::new(model.map_err(|error| self.fault(error, keep))?));
         }
@@ -183,48 +203,73 @@ impl Work<'_> {
     }
 
     /// The estimators' settings in every fold: the given ones, or those that its training touches
-    /// speak for.
+    /// speak for; and what chose those of `map`.
     fn in_folds(
         &self,
         tracked: &Tracked,
         (keep, progress): (&dyn Keep, &dyn Progress),
-    ) -> Result<Vec<[MapperConfig; 2]>, WorkError> {
-        let stop = || progress.stopped();
+    ) -> Result<(Vec<[MapperConfig; 2]>, Option<Tuner>), WorkError> {
+        let mut of_map = None;
         let mut in_folds = vec![self.estimators.clone(); self.folds.len()];
         for (index, method) in [Method::Map, Method::Ekf].into_iter().enumerate() {
-            let config = &self.estimators[index];
-            let search = match (self.tune, method) {
-                _ if !self.methods.contains(&method) => continue,
-                (None, _) | (Some(Tune::Quick), Method::Ekf) => continue,
-                (Some(Tune::Quick), _) => Search::quick(config),
-                (Some(Tune::Thorough), _) => Search::thorough(config, Effort::of(config.method)),
-            };
-            let name = |fold: usize| format!("tuned-{}-{fold}", method.name());
-            let mut tuner = None;
-            let steps = Some((search.candidates() + self.todo.len()) as u64);
+            let Some(search) = self.search(method) else { continue };
+            let can_tune = |fold: &&usize| self.folds[**fold].train.len() >= FEWEST;
+            let todo: Vec<usize> = self.todo.iter().filter(can_tune).copied().collect();
+            let steps = Some((search.candidates() + todo.len()) as u64);
             let bar = progress.begin(steps, "steps", &format!("tuning {}", method.name()));
-            for &fold in &self.todo {
-                let tuned = match keep.tuned(&name(fold)) {
-                    Some(tuned) => tuned,
-                    None => {
-                        if tuner.is_none() {
-                            let base = (self.arm, self.touches, tracked);
-                            let made =
-                                Tuner::new(base, config, search.clone(), &stop, &|| bar.step());
-                            tuner = Some(made.map_err(|error| self.fault(error, keep))?);
-                        }
-                        let tuner = tuner.as_ref().expect("made above");
-                        let tuned = tuner.tune(&self.folds[fold].train, &stop);
-                        let tuned = tuned.map_err(|error| self.fault(error, keep))?;
-                        keep.keep_tuned(&name(fold), &tuned)?;
-                        tuned
-                    }
-                };
+            let mut tuner = None;
+            for fold in todo {
+                let name = format!("tuned-{}-{fold}", method.name());
+                let train = (&*name, &self.folds[fold].train[..]);
+                let step = || bar.step();
+                let tuned =
+                    self.tuned(&mut tuner, train, tracked, (method, &step), (keep, progress))?;
                 bar.step();
-                in_folds[fold][index] = tuned.config;
+                in_folds[fold][index] = tuned;
+            }
+            if method == Method::Map {
+                of_map = tuner;
             }
         }
-        Ok(in_folds)
+        Ok((in_folds, of_map))
+    }
+
+    /// What chooses the settings of an estimator, if anything does.
+    fn search(&self, method: Method) -> Option<Search> {
+        let config = &self.estimators[usize::from(method == Method::Ekf)];
+        match (self.tune, method) {
+            _ if !self.methods.contains(&method) => None,
+            (Tune::Off, _) | (Tune::Quick, Method::Ekf) => None,
+            (Tune::Quick, _) => Some(Search::quick(config, self.given)),
+            (Tune::Thorough, _) => Some(Search::thorough(config, Effort::of(config.method))),
+        }
+    }
+
+    /// The settings that some training touches speak for, which `keep` has under a name or gets.
+    fn tuned(
+        &self,
+        tuner: &mut Option<Tuner>,
+        (name, train): (&str, &[usize]),
+        tracked: &Tracked,
+        (method, done): (Method, &dyn Fn()),
+        (keep, progress): (&dyn Keep, &dyn Progress),
+    ) -> Result<MapperConfig, WorkError> {
+        if let Some(tuned) = keep.tuned(name) {
+            return Ok(tuned.config);
+        }
+        let (stop, fault) = (|| progress.stopped(), |error| self.fault(error, keep));
+        let tuner = match tuner {
+            Some(tuner) => tuner,
+            None => {
+                let config = &self.estimators[usize::from(method == Method::Ekf)];
+                let search = self.search(method).expect("asked for what is tuned");
+                let base = (self.arm, self.touches, tracked);
+                tuner.insert(Tuner::new(base, config, search, &stop, done).map_err(fault)?)
+            }
+        };
+        let tuned = tuner.tune(train, &stop).map_err(fault)?;
+        keep.keep_tuned(name, &tuned)?;
+        Ok(tuned.config)
     }
 
     /// Does the parts that are left, one contact model after another.
@@ -254,7 +299,7 @@ impl Work<'_> {
                 tracked
             } else {
                 other = tracked
-                    .under(contact, self.arm, &plan.config, self.touches, &stop)
+                    .under(contact, self.arm, &plan.config, (self.touches, 1), &stop)
                     .map_err(|error| self.fault(error, keep))?;
                 &other
             };

@@ -1,13 +1,17 @@
 //! `palpate settings`: what holds, as a commented file to start from.
 
 use palpate::unstable::PauseConfig;
-use palpate::{Lattice, Tare};
+use palpate::{EstimatorKind, Lattice, Tare};
 
 use super::error::SettingsError;
 use super::file::sections;
 use super::lattice::corners;
 use super::parse::TareFrames;
 use super::sections::{Section, Settings};
+
+/// Keys that `map` and `evaluate` choose a value for, unless one is given.
+const CHOSEN: [&str; 6] =
+    ["contact_distance_m", "friction", "prior_mean", "prior_std", "torque_std", "stiffness_scale"];
 
 impl Settings {
     /// The same settings with every default filled in.
@@ -48,15 +52,23 @@ impl Settings {
         Ok(all)
     }
 
-    /// The effective settings as TOML, each key under its help; those without a value commented.
+    /// The effective settings as TOML, each key under its help; commented are those without a value, and
+    /// those that would be chosen, which a value in the file would forbid.
     pub fn template(&self) -> Result<String, SettingsError> {
         let broken = |error: toml::ser::Error| {
             SettingsError::Together(format!("the settings cannot be written as TOML: {error}"))
         };
+        let given = toml::Table::try_from(self).map_err(broken)?;
         let values = toml::Table::try_from(self.effective()?).map_err(broken)?;
+        let is_map = self.config()?.method == EstimatorKind::Map;
+        let is_chosen = |section, key: &str| {
+            let given = given.get(section).is_some_and(|table| table.get(key).is_some());
+            is_map && !given && CHOSEN.contains(&key)
+        };
         let mut text = String::from(
             "# Settings of palpate: every key is also a flag, which wins over this file.\n\
-             # Use with --settings FILE.toml; what is left out keeps its default.\n",
+             # Use with --settings FILE.toml; what is left out keeps its default. `map` and `evaluate` choose\n\
+             # values for the keys that say so, if neither this file nor a flag gives one.\n",
         );
         for (section, args) in sections() {
             text += &format!("\n[{section}]\n");
@@ -65,6 +77,11 @@ impl Settings {
                 text += &format!("# {}\n", help.replace('\n', "\n# "));
                 let key = arg.get_id().as_str();
                 text += &match values.get(section).and_then(|table| table.get(key)) {
+                    Some(value) if is_chosen(section, key) => {
+                        format!(
+                            "# Chosen by `map` and `evaluate`, if left out.\n# {key} = {value}\n"
+                        )
+                    }
                     Some(value) => format!("{key} = {value}\n"),
                     None => format!("# {key} =\n"),
                 };
@@ -81,7 +98,6 @@ fn rounded(length_m: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use palpate::EstimatorKind;
     use proptest::prelude::*;
 
     use super::super::resolve::first_difference;
