@@ -96,8 +96,16 @@ fn evidence(tuned: &Tuned, given: &MapperConfig) -> String {
                     relative\nerror after each round, of thinned frames; few folds, more folds, \
                     leave-one-touch-out.\n\n"
         .to_owned();
-    let settings =
-        ["distance m", "friction", "prior mean", "prior std", "torque std", "replays", "scale"];
+    let settings = [
+        "distance m",
+        "friction",
+        "drag",
+        "prior mean",
+        "prior std",
+        "torque std",
+        "replays",
+        "scale",
+    ];
     let head = [&settings[..], &["round 1", "round 2", "round 3", ""]].concat();
     let rows = tuned.trials.iter().map(|trial| {
         let (contact, estimator) = (&trial.config.contact, &trial.config.estimator);
@@ -106,6 +114,7 @@ fn evidence(tuned: &Tuned, given: &MapperConfig) -> String {
         let mut row = vec![
             format!("{:.4}", contact.contact_distance_m),
             format!("{:.2}", contact.friction),
+            format!("{:.2}", contact.drag),
             format!("{:.4}", estimator.prior.mean_n_per_m),
             format!("{:.2}", estimator.prior.std_n_per_m),
             format!("{std:.3}"),

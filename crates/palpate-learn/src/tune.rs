@@ -28,15 +28,18 @@ use crate::method::Method;
 use crate::study::for_thinned;
 use crate::tracked::{Touch, Tracked};
 
-/// Contact distances and frictions, as multiples of the given ones: each pair is simulated. Objects differ most
-/// in these: of seven simulated ones, three are best at a sixth of the shipped friction, one at a third, three at
-/// all of it.
-const DISTANCES: [f64; 3] = [1.0, 1.25, 1.5];
-const FRICTIONS: [f64; 3] = [1.0 / 6.0, 1.0 / 3.0, 1.0];
+/// Contact distances, m, frictions and drags that are tried beside the given ones. Objects differ most in these. Chosen
+/// on 18 simulated objects: the shipped one, the two that are best by themselves, and those that then add most.
+const CONTACTS: [[f64; 3]; 6] = [
+    [0.024, 0.3, 0.0],
+    [0.030, 0.05, 0.3],
+    [0.030, 0.3, 0.0],
+    [0.036, 0.05, 0.0],
+    [0.036, 0.05, 0.3],
+    [0.036, 0.3, 0.0],
+];
 /// Means of the prior above the given one, as multiples of its standard deviation.
 const PRIOR_MEANS: [f64; 4] = [0.0, 0.016, 0.04, 0.08];
-/// Contact distances, m, with frictions of a quick search.
-const QUICK_CONTACTS: [(f64, f64); 4] = [(0.024, 0.3), (0.030, 0.05), (0.036, 0.05), (0.036, 0.3)];
 /// Means above the given one, and standard deviations, of the priors of a quick search, as multiples of the given
 /// standard deviation.
 const QUICK_PRIORS: [(f64, f64); 6] =
@@ -81,6 +84,8 @@ pub struct Keep {
     pub contact_distance: bool,
     /// Friction μ.
     pub friction: bool,
+    /// Drag.
+    pub drag: bool,
     /// Mean of the prior.
     pub prior_mean: bool,
     /// Standard deviation of the prior.
@@ -107,7 +112,7 @@ impl Search {
     /// touches.
     pub fn quick(config: &MapperConfig, keep: Keep) -> Self {
         let mut candidates = vec![config.clone()];
-        for (distance_m, friction) in QUICK_CONTACTS {
+        for [distance_m, friction, drag] in CONTACTS {
             for (mean, std) in QUICK_PRIORS {
                 let mut candidate = config.clone();
                 let (contact, prior) = (&mut candidate.contact, &mut candidate.estimator.prior);
@@ -116,6 +121,9 @@ impl Search {
                 }
                 if !keep.friction {
                     contact.friction = friction;
+                }
+                if !keep.drag {
+                    contact.drag = drag;
                 }
                 if !keep.prior_mean {
                     prior.mean_n_per_m += mean * prior.std_n_per_m;
@@ -316,9 +324,11 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
             break;
         }
         let mut candidate = config.clone();
-        let contact = &mut candidate.contact;
-        contact.contact_distance_m *= DISTANCES[pick(DISTANCES.len())];
-        contact.friction *= FRICTIONS[pick(FRICTIONS.len())];
+        if let Some(&[distance_m, friction, drag]) = CONTACTS.get(pick(CONTACTS.len() + 1)) {
+            let contact = &mut candidate.contact;
+            contact.contact_distance_m = distance_m;
+            (contact.friction, contact.drag) = (friction, drag);
+        }
         let estimator = &mut candidate.estimator;
         let above = PRIOR_MEANS[pick(PRIOR_MEANS.len())] * estimator.prior.std_n_per_m;
         estimator.prior.mean_n_per_m += above;

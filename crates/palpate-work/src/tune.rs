@@ -54,6 +54,7 @@ pub fn given(settings: &Settings) -> Keep {
     Keep {
         contact_distance: contact.contact_distance_m.is_some(),
         friction: contact.friction.is_some(),
+        drag: contact.drag.is_some(),
         prior_mean: estimator.prior_mean.is_some(),
         prior_std: estimator.prior_std.is_some(),
         torque_std: estimator.torque_std.is_some(),
@@ -200,9 +201,10 @@ fn summary(tuned: &Tuned, touches: usize) -> String {
     let score = tuned.trials[0].scores.last().copied().unwrap_or(f64::NAN);
     format!(
         "chosen by cross-validation on {touches} touches (relative error {score:.2}): contact distance {:.0} mm, \
-         friction {:.2}, prior {:.3} ± {:.3} N/m, stiffness scale {:.2}",
+         friction {:.2}, drag {:.2}, prior {:.3} ± {:.3} N/m, stiffness scale {:.2}",
         1e3 * contact.contact_distance_m,
         contact.friction,
+        contact.drag,
         estimator.prior.mean_n_per_m,
         estimator.prior.std_n_per_m,
         estimator.stiffness_scale,
@@ -220,6 +222,7 @@ pub fn tuned_settings(tuned: &Tuned, given: &Settings) -> Settings {
     let (mut settings, config) = (given.clone(), &tuned.config);
     settings.contact.contact_distance_m = Some(config.contact.contact_distance_m);
     settings.contact.friction = Some(config.contact.friction);
+    settings.contact.drag = Some(config.contact.drag);
     let estimator = &mut settings.estimator;
     estimator.estimator = Some(config.method);
     estimator.prior_mean = Some(config.estimator.prior.mean_n_per_m);

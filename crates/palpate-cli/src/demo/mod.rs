@@ -12,11 +12,10 @@ use palpate_io::cloud::{self, Cloud};
 use palpate_io::field::{self, Saved};
 use palpate_io::log::LogOptions;
 use palpate_learn::body::ObjectHints;
-use palpate_learn::extrapolate::Config;
 use palpate_learn::folds::folds;
 use palpate_work::elastic::{bodies, learn_body, replace_elastic_by_map};
 use palpate_work::evaluate::{Work, as_touches, configs, each_once};
-use palpate_work::extrapolate::Work as Extrapolating;
+use palpate_work::extrapolate::{Chosen, Work as Extrapolating, config};
 use palpate_work::learn::learn;
 use palpate_work::predict::{Against, TouchResult, score};
 use palpate_work::robot;
@@ -181,7 +180,7 @@ fn extrapolate_all(
         saved,
         names,
         cloud: &cloud,
-        config: Config::default(),
+        config: config(&Chosen::default(), saved, output),
         halves: Some(HALVES),
         drawn: true,
         kept: "all but what the camera saw is written",

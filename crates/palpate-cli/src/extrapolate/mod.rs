@@ -81,9 +81,10 @@ pub(crate) struct Args {
     /// What points are compared by [default: chroma; rgb for knn]
     #[arg(long, value_name = "NAMES")]
     features: Option<Features>,
-    /// How far, in cells, a cell may be from the seen point that it lies at
-    #[arg(long, value_name = "CELLS", default_value_t = Config::default().reach_cells)]
-    reach_cells: f64,
+    /// How far, in cells, a cell may be from the seen point that it lies at [default: the field's contact distance and
+    /// a cell more; 1.25 for knn]
+    #[arg(long, value_name = "CELLS")]
+    reach_cells: Option<f64>,
     /// How far apart features must be to say nothing of each other, in standard deviations
     #[arg(long, value_name = "STD", default_value_t = Config::default().length_scale)]
     length_scale: f64,
@@ -208,7 +209,7 @@ impl Args {
         Chosen {
             method: self.method,
             features: self.features,
-            reach_cells: Some(self.reach_cells),
+            reach_cells: self.reach_cells,
             length_scale: Some(self.length_scale),
         }
     }

@@ -30,6 +30,9 @@ impl Method {
     }
 }
 
+/// The smallest and the largest [`Config::reach_cells`].
+pub const REACH_CELLS: [f64; 2] = [0.5, 4.0];
+
 /// Settings of the extrapolation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Config {
@@ -75,7 +78,7 @@ impl Config {
     ///
     /// Names the first setting out of range.
     pub fn check(&self) -> Result<(), ExtrapolateError> {
-        let reach = ("from 0.5 to 4", 0.5..=4.0);
+        let reach = ("from 0.5 to 4", REACH_CELLS[0]..=REACH_CELLS[1]);
         let any = ("from 1e-6 to 1e6", 1e-6..=1e6);
         for (setting, found, (wanted, range)) in [
             ("reach_cells", self.reach_cells, &reach),

@@ -27,7 +27,7 @@ mod rank;
 mod torque_evidence;
 
 pub use cloud::SeenCloud;
-pub use config::{Config, Method};
+pub use config::{Config, Method, REACH_CELLS};
 pub use error::ExtrapolateError;
 pub use extrapolation::{Extrapolation, extrapolate};
 pub use features::{Colour, Features};

@@ -8,7 +8,9 @@ use palpate::{Arm, CellId, MapperConfig};
 use palpate_io::cloud::Cloud;
 use palpate_io::field::Saved;
 use palpate_learn::extrapolate::compare::{CompareError, Plan, Row};
-use palpate_learn::extrapolate::{Config, Extrapolation, Features, Method, SeenCloud, extrapolate};
+use palpate_learn::extrapolate::{
+    Config, Extrapolation, Features, Method, REACH_CELLS, SeenCloud, extrapolate,
+};
 use palpate_learn::tracked::{Tracked, TrackedTouch};
 
 mod back;
@@ -162,9 +164,19 @@ pub fn config(given: &Chosen, saved: &Saved, progress: &dyn Progress) -> Config 
         _ => Features::default(),
     });
     let mut config = Config { method, features, ..Config::default() };
-    config.reach_cells = given.reach_cells.unwrap_or(config.reach_cells);
+    config.reach_cells = given.reach_cells.unwrap_or(match method {
+        Method::Knn => config.reach_cells,
+        Method::Torque | Method::Cells => reach_cells(saved),
+    });
     config.length_scale = given.length_scale.unwrap_or(config.length_scale);
     config
+}
+
+/// How far in front of a surface its stiffness lies in a field, in cells: links take hold of points within the contact
+/// distance, and a cell more.
+fn reach_cells(saved: &Saved) -> f64 {
+    let (contact, lattice) = (&saved.field.contact, &saved.field.lattice);
+    (contact.contact_distance_m / lattice.spacing_m() + 1.0).clamp(REACH_CELLS[0], REACH_CELLS[1])
 }
 
 /// A method by its name.

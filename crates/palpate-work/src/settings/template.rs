@@ -10,8 +10,15 @@ use super::parse::TareFrames;
 use super::sections::{Section, Settings};
 
 /// Keys that `map` and `evaluate` choose a value for, unless one is given.
-const CHOSEN: [&str; 6] =
-    ["contact_distance_m", "friction", "prior_mean", "prior_std", "torque_std", "stiffness_scale"];
+const CHOSEN: [&str; 7] = [
+    "contact_distance_m",
+    "friction",
+    "drag",
+    "prior_mean",
+    "prior_std",
+    "torque_std",
+    "stiffness_scale",
+];
 
 impl Settings {
     /// The same settings with every default filled in.

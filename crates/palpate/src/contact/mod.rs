@@ -6,6 +6,7 @@
 //! | uᵢ    | [`LinkContacts::displacements_m`]   | anchor − rest point, world frame | m    |
 //! | δ     | [`ContactConfig::contact_distance_m`] | inflation of the links         | m    |
 //! | μ     | [`ContactConfig::friction`]         | cone of sticking                 | –    |
+//! |       | [`ContactConfig::drag`]             | friction force over normal force | –    |
 //! | λ     | [`ContactConfig::slip_step_m`]      | longest slip of one iteration    | m    |
 //!
 //! Contacts follow from the arm's motion alone: no torque and no stiffness comes in here, so a
@@ -14,7 +15,7 @@
 //!
 //! | file                | says                                                                  |
 //! |---------------------|-----------------------------------------------------------------------|
-//! | `rules`             | enter, deepest link, known empty, stick, slip, release                |
+//! | `rules`             | enter, deepest link, known empty, stick, slip, drag, release          |
 //! | `simulator`         | scheduler of all points, for motions that come one by one             |
 //! | `broad_phase`       | which of them a link may have reached                                 |
 //! | `path_simulator`    | scheduler of chosen points along a known trajectory                   |
@@ -52,6 +53,9 @@ pub struct ContactConfig {
     pub contact_distance_m: f64,
     /// μ: tangential over normal displacement at which a point begins to slip.
     pub friction: f64,
+    /// Coulomb friction between link and object: tangential over normal force, against the link's motion past the
+    /// object. With 0, the force across the normal is that of the point's spring.
+    pub drag: f64,
     /// λ: the farthest that a point slips in one iteration.
     pub slip_step_m: f64,
     /// Slip iterations of one sub-step; with 0 points never slip, they stick until they are released.
@@ -67,6 +71,7 @@ impl Default for ContactConfig {
         Self {
             contact_distance_m: 0.024,
             friction: 0.3,
+            drag: 0.0,
             slip_step_m: 0.006,
             slip_iterations: 10,
             substep_cells: 0.5,
@@ -95,9 +100,10 @@ impl ContactConfig {
                 return Err(SettingError::new(setting, found, wanted));
             }
         }
-        if !(self.friction >= 0.0 && self.friction.is_finite()) {
-            let wanted = "zero or more, and finite";
-            return Err(SettingError::new("friction", self.friction, wanted));
+        for (setting, found) in [("friction", self.friction), ("drag", self.drag)] {
+            if !(found >= 0.0 && found.is_finite()) {
+                return Err(SettingError::new(setting, found, "zero or more, and finite"));
+            }
         }
         Ok(())
     }
@@ -110,7 +116,8 @@ pub struct LinkContacts {
     pub link: LinkId,
     /// The points' cells, in the order in which they were touched.
     pub cells: Vec<CellId>,
-    /// Their displacements in the same order: anchor − rest point, world frame, m.
+    /// Their displacements in the same order: anchor − rest point, world frame, m; with
+    /// [`ContactConfig::drag`], the part of it along the normal, and friction across, as a displacement.
     pub displacements_m: Vec<[f32; 3]>,
 }
 
