@@ -35,8 +35,8 @@ const EXAMPLES: &str = "Examples:
 A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
 a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet.
 
-`map` chooses contact distance, friction, prior and stiffness scale by cross-validation on the first 16
-touches, as far as neither a flag nor --settings gives them. It needs three touches for that, and ten
+`map` chooses contact distance, friction, drag, prior and stiffness scale by cross-validation on the first 16
+touches, as far as neither a flag nor --settings gives them. It needs three touches for that, and 12
 seconds for eleven touches on two cores. With fewer touches, with --tune=off, and for all other settings the
 defaults hold; `palpate settings` prints them.
 
