@@ -109,12 +109,12 @@ impl ContactRules {
         placed: &Placed,
         (points, slipping): (&mut [HeldPoint], &mut Vec<u32>),
     ) {
+        if self.drag > 0.0 {
+            points.iter_mut().for_each(HeldPoint::remember_rest);
+        }
         slipping.clear();
         for (index, point) in points.iter_mut().enumerate() {
-            let moved = point.stick(placed);
-            if self.drag > 0.0 {
-                point.dragged_link += moved * PRESLIDING;
-            }
+            point.stick(placed);
             if self.slip_iterations > 0 && point.slip(self) {
                 slipping.push(index as u32);
             }
@@ -130,7 +130,10 @@ impl ContactRules {
                 slipping.retain(|&index| points[index as usize].slip(self));
             }
         }
-        points.iter_mut().for_each(|point| point.finish(placed, self.drag));
+        points.iter_mut().for_each(|point| point.finish(placed));
+        if self.drag > 0.0 {
+            points.iter_mut().for_each(|point| point.drag(placed, self.drag));
+        }
     }
 }
 
@@ -181,11 +184,9 @@ impl HeldPoint {
         point
     }
 
-    /// *Stick*: the anchor stays where it is on the link, so the rest point moves in its frame; returns by how
-    /// much the link has moved past it there.
-    fn stick(&mut self, placed: &Placed) -> Vector3<f64> {
-        let before = std::mem::replace(&mut self.rest_link, placed.in_link(&self.rest));
-        before - self.rest_link
+    /// *Stick*: the anchor stays where it is on the link, so the rest point moves in its frame.
+    fn stick(&mut self, placed: &Placed) {
+        self.rest_link = placed.in_link(&self.rest);
     }
 
     /// *Release*: a link holds a point only as long as this is true of u·n, the part of u along
@@ -227,26 +228,31 @@ impl HeldPoint {
         }
     }
 
+    /// Releases the point if its spring would have to pull, and turns u into the world frame.
+    fn finish(&mut self, placed: &Placed) {
+        let displacement = self.anchor_link - self.rest_link;
+        self.held &= Self::pushes(displacement.dot(&self.normal_link));
+        self.displacement_m = (placed.rotation * displacement).cast::<f32>().into();
+    }
+
+    /// Before the link moves: [`HeldPoint::drag`] takes the difference.
+    fn remember_rest(&mut self) {
+        self.dragged_link += self.rest_link.coords * PRESLIDING;
+    }
+
     /// *Drag*: u with Coulomb friction in place of its part across the normal. Friction follows the link's motion
     /// across the normal, and ends at `drag` times the normal force: it turns round soon after the link does, whatever
     /// way the point has come.
-    fn drag(&mut self, along_m: f64, drag: f64) -> Vector3<f64> {
-        self.dragged_link -= self.normal_link * self.dragged_link.dot(&self.normal_link);
-        let (most_m, dragged_m) = (drag * along_m.max(0.0), self.dragged_link.norm());
+    fn drag(&mut self, placed: &Placed, drag: f64) {
+        let along_m = (self.anchor_link - self.rest_link).dot(&self.normal_link);
+        let mut dragged = self.dragged_link - self.rest_link.coords * PRESLIDING;
+        dragged -= self.normal_link * dragged.dot(&self.normal_link);
+        let (most_m, dragged_m) = (drag * along_m.max(0.0), dragged.norm());
         if dragged_m > most_m {
-            self.dragged_link *= most_m / dragged_m;
+            dragged *= most_m / dragged_m;
         }
-        self.normal_link * along_m + self.dragged_link
-    }
-
-    /// Releases the point if its spring would have to pull, and turns u into the world frame.
-    fn finish(&mut self, placed: &Placed, drag: f64) {
-        let mut displacement = self.anchor_link - self.rest_link;
-        let along_m = displacement.dot(&self.normal_link);
-        self.held &= Self::pushes(along_m);
-        if drag > 0.0 {
-            displacement = self.drag(along_m, drag);
-        }
+        self.dragged_link = dragged;
+        let displacement = self.normal_link * along_m + dragged;
         self.displacement_m = (placed.rotation * displacement).cast::<f32>().into();
     }
 }
