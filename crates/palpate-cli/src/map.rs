@@ -35,7 +35,7 @@ const EXAMPLES: &str = "Examples:
 A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
 a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet.
 
-`map` chooses contact distance, friction, drag, prior and stiffness scale by cross-validation on the first 16
+`map` chooses contact distance, friction, Coulomb friction, prior and stiffness scale by cross-validation on the first 16
 touches, as far as neither a flag nor --settings gives them. It needs three touches for that, and 12
 seconds for eleven touches on two cores. With fewer touches, with --tune=off, and for all other settings the
 defaults hold; `palpate settings` prints them.
@@ -104,6 +104,19 @@ fn quick_or_off(name: &str) -> Result<Tune, String> {
 }
 
 impl Args {
+    /// Whether settings are chosen.
+    fn is_tuned(&self, settings: &Settings) -> Result<bool, CliError> {
+        let begins_with = self.from.is_some() || self.prior.is_some() || self.object.is_given();
+        match self.tune {
+            Some(Tune::Quick) if begins_with => Err(CliError::Usage(
+                "settings are not chosen with --from, --prior, --cloud or --body; leave out --tune"
+                    .to_owned(),
+            )),
+            Some(tune) => Ok(tune == Tune::Quick),
+            None => Ok(!begins_with && settings.config()?.method == EstimatorKind::Map),
+        }
+    }
+
     /// Refuses results that cannot be written, or would replace what is read or each other.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         let mut places = Places::read(&self.settings, settings, &self.logs);
@@ -131,20 +144,14 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if args.from.is_none() {
         settings.config()?;
     }
-    let own = [args.from.is_some(), args.prior.is_some(), args.object.is_given()];
-    if args.tune == Some(Tune::Quick) && own.contains(&true) {
-        return Err(CliError::Usage(
-            "settings are not chosen with --from, --prior, --cloud or --body; leave out --tune"
-                .to_owned(),
-        ));
-    }
+    let is_tuned = args.is_tuned(&settings)?;
     args.check_places(&settings)?;
     let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
     let (bodies, _) = args.object.bodies(output)?;
     let mut elastic = (!bodies.is_empty()).then_some(Elastic { bodies, touches: Vec::new() });
     let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
-    let (mut mapper, mut pace) = begin(args, (&arm, &settings), &mut elastic, output)?;
+    let (mut mapper, mut pace) = begin(args, (&arm, &settings, is_tuned), &mut elastic, output)?;
     logs::tell_robot(&arm, &settings, output);
     let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
     let mut touches = touches.for_arm(&arm, &settings.log, place)?;
@@ -190,7 +197,7 @@ struct Elastic {
 /// A new mapper, or one that goes on from a field, and its pace if one was asked for.
 fn begin(
     args: &Args,
-    (arm, settings): (&Arc<Arm>, &Settings),
+    (arm, settings, is_tuned): (&Arc<Arm>, &Settings, bool),
     elastic: &mut Option<Elastic>,
     output: &Output,
 ) -> Result<(Mapper, Option<Pace>), CliError> {
@@ -212,10 +219,7 @@ fn begin(
         }
         None => {
             let mut config = settings.config()?;
-            let has_own =
-                args.prior.is_some() || elastic.is_some() || config.method != EstimatorKind::Map;
-            let tune = args.tune.unwrap_or(if has_own { Tune::Off } else { Tune::Quick });
-            if tune != Tune::Off {
+            if is_tuned {
                 let touches = Touches::open(&args.logs, &settings.log.options())?;
                 config = quickly_tuned(touches, (arm, settings, &config), output)?;
             }

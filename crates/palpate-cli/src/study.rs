@@ -41,9 +41,9 @@ pub(crate) struct Args {
     /// Friction coefficients to try
     #[arg(long, value_name = "MU", value_delimiter = ',')]
     frictions: Vec<f64>,
-    /// Drags to try
+    /// Coefficients of Coulomb friction to try
     #[arg(long, value_name = "MU", value_delimiter = ',')]
-    drags: Vec<f64>,
+    coulomb_frictions: Vec<f64>,
     /// Means of the prior to try, N/m
     #[arg(long, value_name = "MEAN", value_delimiter = ',')]
     prior_means: Vec<f64>,
@@ -130,7 +130,9 @@ impl Args {
         let grid = vary(grid, &self.distances_m, |config, m| config.contact.contact_distance_m = m);
         let grid =
             vary(grid, &self.frictions, |config, friction| config.contact.friction = friction);
-        let grid = vary(grid, &self.drags, |config, drag| config.contact.drag = drag);
+        let grid = vary(grid, &self.coulomb_frictions, |config, coulomb| {
+            config.contact.coulomb_friction = coulomb;
+        });
         let grid = vary(grid, &self.prior_means, |config, mean| {
             config.estimator.prior.mean_n_per_m = mean;
         });
@@ -228,10 +230,10 @@ fn label(config: &MapperConfig) -> String {
     let (contact, estimator) = (&config.contact, &config.estimator);
     let stds = &estimator.torque_std;
     format!(
-        "{} mm, friction {}, drag {}, prior {} ± {} N/m, noise {:.3} N·m",
+        "{} mm, friction {}, Coulomb {}, prior {} ± {} N/m, noise {:.3} N·m",
         (1e5 * contact.contact_distance_m).round() / 100.0,
         contact.friction,
-        contact.drag,
+        contact.coulomb_friction,
         estimator.prior.mean_n_per_m,
         estimator.prior.std_n_per_m,
         stds.iter().sum::<f64>() / stds.len() as f64

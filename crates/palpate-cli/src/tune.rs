@@ -99,7 +99,7 @@ fn evidence(tuned: &Tuned, given: &MapperConfig) -> String {
     let settings = [
         "distance m",
         "friction",
-        "drag",
+        "Coulomb",
         "prior mean",
         "prior std",
         "torque std",
@@ -114,7 +114,7 @@ fn evidence(tuned: &Tuned, given: &MapperConfig) -> String {
         let mut row = vec![
             format!("{:.4}", contact.contact_distance_m),
             format!("{:.2}", contact.friction),
-            format!("{:.2}", contact.drag),
+            format!("{:.2}", contact.coulomb_friction),
             format!("{:.4}", estimator.prior.mean_n_per_m),
             format!("{:.2}", estimator.prior.std_n_per_m),
             format!("{std:.3}"),

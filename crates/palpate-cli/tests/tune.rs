@@ -80,7 +80,7 @@ fn a_map_learns_under_what_a_quick_search_finds_and_says_so() {
 
     // With two touches there is nothing to choose by.
     let two = ["log/seq_0", "log/seq_1"];
-    let defaults = field(&two, &[], "needs 3 touches, and there are 2");
+    let defaults = field(&two, &[], "needs 3 touches and there are 2");
     assert!(defaults == field(&two, &["--tune=off"], ""), "something was chosen");
     let ekf = ["--tune=quick", "--estimator", "ekf"];
     refuse(&mut scene.map(&["log"], &ekf), 2, &["for the estimator `map`, not for `ekf`"]);
@@ -94,6 +94,7 @@ fn what_is_given_is_not_chosen() {
     let flags = [
         ["--contact-distance-m", "0.033"],
         ["--friction", "0.25"],
+        ["--coulomb-friction", "0.1"],
         ["--prior-mean", "3"],
         ["--prior-std", "300"],
         ["--torque-std", "0.3"],
@@ -108,10 +109,11 @@ fn what_is_given_is_not_chosen() {
     };
     assert_eq!(given(0).contact.contact_distance_m, 0.033);
     assert_eq!(given(1).contact.friction, 0.25);
-    assert_eq!(given(2).estimator.prior.mean_n_per_m, 3.0);
-    assert_eq!(given(3).estimator.prior.std_n_per_m, 300.0);
-    assert_eq!(given(4).estimator.torque_std, [0.3]);
-    assert_eq!(given(5).estimator.stiffness_scale, 0.75);
+    assert_eq!(given(2).contact.coulomb_friction, 0.1);
+    assert_eq!(given(3).estimator.prior.mean_n_per_m, 3.0);
+    assert_eq!(given(4).estimator.prior.std_n_per_m, 300.0);
+    assert_eq!(given(5).estimator.torque_std, [0.3]);
+    assert_eq!(given(6).estimator.stiffness_scale, 0.75);
     // With all given, the map is as if none were chosen.
     let all = flags.concat();
     succeed(&mut scene.map(&["log"], &all));

@@ -1,8 +1,8 @@
 //! Settings chosen by cross-validation inside training touches.
 //!
-//! Candidates are made once, the given settings among them: a few contact models with a few prior means
-//! ([`Search::quick`]), or contact distance δ, friction μ, prior, torque noise and replays drawn at random from a
-//! seed ([`Search::thorough`]). Successive halving then finds the best: every candidate is tried on few inner
+//! Candidates are made once, the given settings among them: a few contact models, each with a few priors
+//! ([`Search::quick`]), or contact model, prior, torque noise and replays drawn at random from a seed
+//! ([`Search::thorough`]). Successive halving then finds the best: every candidate is tried on few inner
 //! folds, the better third of them on more, and in a thorough search the best few on all, leave-one-touch-out.
 //! What a candidate is judged by are measured torques of training touches that it has not learnt from; the
 //! touch under test is never looked at. The same torques give the candidate's
@@ -28,8 +28,9 @@ use crate::method::Method;
 use crate::study::for_thinned;
 use crate::tracked::{Touch, Tracked};
 
-/// Contact distances, m, frictions and drags that are tried beside the given ones. Objects differ most in these. Chosen
-/// on 18 simulated objects: the shipped one, the two that are best by themselves, and those that then add most.
+/// Contact distance, m, friction and Coulomb friction of the contact models that are tried beside the given one. Objects
+/// differ most in these. Chosen on 18 simulated objects: the default, the two with the smallest mean error, and those
+/// that then add most.
 const CONTACTS: [[f64; 3]; 6] = [
     [0.024, 0.3, 0.0],
     [0.030, 0.05, 0.3],
@@ -77,15 +78,15 @@ impl Effort {
     }
 }
 
-/// Settings that a quick search leaves as given.
+/// Which settings the user has given: a quick search does not change them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Keep {
+pub struct Given {
     /// Contact distance δ.
     pub contact_distance: bool,
     /// Friction μ.
     pub friction: bool,
-    /// Drag.
-    pub drag: bool,
+    /// Coulomb friction.
+    pub coulomb_friction: bool,
     /// Mean of the prior.
     pub prior_mean: bool,
     /// Standard deviation of the prior.
@@ -100,7 +101,7 @@ pub struct Keep {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Search {
     candidates: Vec<MapperConfig>,
-    keep: Keep,
+    given: Given,
     /// Frames that a candidate learns and predicts, about.
     frames: usize,
     /// Whether the best few are compared leave-one-touch-out.
@@ -108,27 +109,26 @@ pub struct Search {
 }
 
 impl Search {
-    /// Few candidates beside the given settings, from which they differ in what is not to be kept: seconds for ten
-    /// touches.
-    pub fn quick(config: &MapperConfig, keep: Keep) -> Self {
+    /// Few candidates, which differ in the settings that are not given: seconds for ten touches.
+    pub fn quick(config: &MapperConfig, given: Given) -> Self {
         let mut candidates = vec![config.clone()];
-        for [distance_m, friction, drag] in CONTACTS {
+        for [distance_m, friction, coulomb_friction] in CONTACTS {
             for (mean, std) in QUICK_PRIORS {
                 let mut candidate = config.clone();
                 let (contact, prior) = (&mut candidate.contact, &mut candidate.estimator.prior);
-                if !keep.contact_distance {
+                if !given.contact_distance {
                     contact.contact_distance_m = distance_m;
                 }
-                if !keep.friction {
+                if !given.friction {
                     contact.friction = friction;
                 }
-                if !keep.drag {
-                    contact.drag = drag;
+                if !given.coulomb_friction {
+                    contact.coulomb_friction = coulomb_friction;
                 }
-                if !keep.prior_mean {
+                if !given.prior_mean {
                     prior.mean_n_per_m += mean * prior.std_n_per_m;
                 }
-                if !keep.prior_std {
+                if !given.prior_std {
                     prior.std_n_per_m *= std;
                 }
                 if contact.check().is_ok() && !candidates.contains(&candidate) {
@@ -136,13 +136,13 @@ impl Search {
                 }
             }
         }
-        Self { candidates, keep, frames: QUICK_FRAMES, one_by_one: false }
+        Self { candidates, given, frames: QUICK_FRAMES, one_by_one: false }
     }
 
     /// Candidates drawn at random around the given settings: minutes for ten touches.
     pub fn thorough(config: &MapperConfig, effort: Effort) -> Self {
-        let (candidates, keep) = (draw(config, effort), Keep::default());
-        Self { candidates, keep, frames: FRAMES, one_by_one: true }
+        let (candidates, given) = (draw(config, effort), Given::default());
+        Self { candidates, given, frames: FRAMES, one_by_one: true }
     }
 
     /// How many candidates there are.
@@ -247,7 +247,7 @@ impl Tuner {
     fn with_noise_of(&self, train: &[usize]) -> Vec<MapperConfig> {
         let noise_std = self.tracked[0].1.noise_std(train);
         let mut candidates = self.search.candidates.clone();
-        if self.search.keep.torque_std {
+        if self.search.given.torque_std {
             return candidates;
         }
         for candidate in &mut candidates[1..] {
@@ -274,7 +274,7 @@ impl Tuner {
         let method = Method::of(config.method);
         let scale = |part: u32| f64::from(SCALES - part) / f64::from(SCALES);
         let scales: Vec<f64> = match method {
-            Method::Map if !self.search.keep.stiffness_scale => (0..SCALES).map(scale).collect(),
+            Method::Map if !self.search.given.stiffness_scale => (0..SCALES).map(scale).collect(),
             _ => vec![given],
         };
         let mut scores: Vec<Vec<f64>> = vec![Vec::new(); scales.len()];
@@ -324,10 +324,10 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
             break;
         }
         let mut candidate = config.clone();
-        if let Some(&[distance_m, friction, drag]) = CONTACTS.get(pick(CONTACTS.len() + 1)) {
+        if let Some(&[distance_m, friction, coulomb]) = CONTACTS.get(pick(CONTACTS.len() + 1)) {
             let contact = &mut candidate.contact;
             contact.contact_distance_m = distance_m;
-            (contact.friction, contact.drag) = (friction, drag);
+            (contact.friction, contact.coulomb_friction) = (friction, coulomb);
         }
         let estimator = &mut candidate.estimator;
         let above = PRIOR_MEANS[pick(PRIOR_MEANS.len())] * estimator.prior.std_n_per_m;

@@ -14,7 +14,7 @@ use palpate_learn::evaluation::Prediction;
 use palpate_learn::folds::{Fold, folds};
 use palpate_learn::method::{self, Method, Torques};
 use palpate_learn::tracked::{Touch, Tracked, TrackedFrame};
-use palpate_learn::tune::{Effort, Keep, Search, Trial, Tuned, Tuner};
+use palpate_learn::tune::{Effort, Given, Search, Trial, Tuned, Tuner};
 
 /// Two links that swing about vertical axes, so that gravity does not reach the joints.
 const URDF: &str = r#"<robot name="tiny">
@@ -415,12 +415,12 @@ fn a_quick_search_scales_down_a_model_that_predicts_too_much() {
     let mut touches = touches(4);
     let chosen = |touches: &[Touch]| {
         let base = tracked(&arm, &config, touches);
-        let search = Search::quick(&config, Keep::default());
+        let search = Search::quick(&config, Given::default());
         let tuner = Tuner::new((&arm, touches, &base), &config, search, NEVER, &|| ()).unwrap();
         tuner.tune(&[0, 1, 2, 3], NEVER).unwrap()
     };
     let alike = chosen(&touches);
-    assert_eq!(alike.trials.len(), Search::quick(&config, Keep::default()).candidates());
+    assert_eq!(alike.trials.len(), Search::quick(&config, Given::default()).candidates());
     assert!(alike.trials[0].scores.len() == 2 && alike.config == alike.trials[0].config);
     assert_eq!(alike, chosen(&touches), "nothing is left to chance");
     // Every other touch meets nothing: what the others teach says too much of it.

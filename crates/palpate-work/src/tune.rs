@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use palpate::{Arm, EstimatorKind, MapperConfig};
 use palpate_learn::tracked::{Touch, Tracked};
-use palpate_learn::tune::{Effort, Keep, Search, Trial, Tuned, Tuner};
+use palpate_learn::tune::{Effort, Given, Search, Trial, Tuned, Tuner};
 use serde_json::json;
 
 use crate::error::WorkError;
@@ -23,7 +23,7 @@ pub const FEWEST: usize = 3;
 /// How settings are chosen.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Tune {
-    /// They are those given, or shipped.
+    /// Not at all.
     Off,
     /// Those of `map` that are not given, among few, in seconds.
     #[default]
@@ -48,13 +48,24 @@ impl Tune {
     }
 }
 
-/// The settings that a quick search leaves alone, since they are given.
-pub fn given(settings: &Settings) -> Keep {
+/// Keys of the settings in [`Given`].
+pub(crate) const CHOSEN: [&str; 7] = [
+    "contact_distance_m",
+    "friction",
+    "coulomb_friction",
+    "prior_mean",
+    "prior_std",
+    "torque_std",
+    "stiffness_scale",
+];
+
+/// Which settings a file or a flag gives; a quick search chooses the others.
+pub fn given(settings: &Settings) -> Given {
     let (contact, estimator) = (&settings.contact, &settings.estimator);
-    Keep {
+    Given {
         contact_distance: contact.contact_distance_m.is_some(),
         friction: contact.friction.is_some(),
-        drag: contact.drag.is_some(),
+        coulomb_friction: contact.coulomb_friction.is_some(),
         prior_mean: estimator.prior_mean.is_some(),
         prior_std: estimator.prior_std.is_some(),
         torque_std: estimator.torque_std.is_some(),
@@ -76,19 +87,19 @@ pub struct Tuning<'a> {
 }
 
 impl Tuning<'_> {
-    /// Chooses among few candidates, for `map`, what is not to be kept.
+    /// Chooses the settings of `map` that are not given, among few candidates.
     ///
     /// # Errors
     ///
     /// If it is another estimator, there are fewer than three touches, a sample cannot be used, or on being stopped.
-    pub fn quick(&self, keep: Keep, progress: &dyn Progress) -> Result<Tuned, WorkError> {
+    pub fn quick(&self, given: Given, progress: &dyn Progress) -> Result<Tuned, WorkError> {
         if self.config.method != EstimatorKind::Map {
             return Err(WorkError::Usage(format!(
                 "quick tuning is for the estimator `map`, not for `{}`; `palpate tune` without --quick is for both",
                 self.config.method.name()
             )));
         }
-        self.search(Search::quick(self.config, keep), progress)
+        self.search(Search::quick(self.config, given), progress)
     }
 
     /// Chooses among so many candidates, or as many as a few minutes allow.
@@ -160,7 +171,7 @@ pub fn quickly_tuned(
         Ok(None) => {
             let n = recorded.len();
             progress.note(&format!(
-                "default settings: choosing them needs {FEWEST} touches, and there are {n}"
+                "the default settings are used, since choosing settings needs {FEWEST} touches and there are {n}"
             ));
             Ok(config.clone())
         }
@@ -201,10 +212,10 @@ fn summary(tuned: &Tuned, touches: usize) -> String {
     let score = tuned.trials[0].scores.last().copied().unwrap_or(f64::NAN);
     format!(
         "chosen by cross-validation on {touches} touches (relative error {score:.2}): contact distance {:.0} mm, \
-         friction {:.2}, drag {:.2}, prior {:.3} ± {:.3} N/m, stiffness scale {:.2}",
+         friction {:.2}, Coulomb friction {:.2}, prior {:.3} ± {:.3} N/m, stiffness scale {:.2}",
         1e3 * contact.contact_distance_m,
         contact.friction,
-        contact.drag,
+        contact.coulomb_friction,
         estimator.prior.mean_n_per_m,
         estimator.prior.std_n_per_m,
         estimator.stiffness_scale,
@@ -222,7 +233,7 @@ pub fn tuned_settings(tuned: &Tuned, given: &Settings) -> Settings {
     let (mut settings, config) = (given.clone(), &tuned.config);
     settings.contact.contact_distance_m = Some(config.contact.contact_distance_m);
     settings.contact.friction = Some(config.contact.friction);
-    settings.contact.drag = Some(config.contact.drag);
+    settings.contact.coulomb_friction = Some(config.contact.coulomb_friction);
     let estimator = &mut settings.estimator;
     estimator.estimator = Some(config.method);
     estimator.prior_mean = Some(config.estimator.prior.mean_n_per_m);

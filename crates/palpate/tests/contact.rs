@@ -118,31 +118,32 @@ fn points_inside_the_links_at_the_start_are_never_contacts_of_that_touch() {
 
 #[test]
 fn friction_is_a_share_of_the_normal_force_and_turns_round_with_the_link() {
-    let (arm, drag) = (gantry(BLOCK), 0.5);
-    let config = with(|config| (config.friction, config.drag) = (0.0, drag as f64));
+    let (arm, coefficient) = (gantry(BLOCK), 0.5);
+    let config =
+        with(|config| (config.friction, config.coulomb_friction) = (0.0, f64::from(coefficient)));
     let mut world = World::new(&arm, column(), &config, [0.0; 3]);
     let mut across = |from: [f64; 3], to: [f64; 3]| -> Vec<[f32; 3]> {
         world.go(from, to).links[0].displacements_m.clone()
     };
     let is_near = |a: f32, b: f32| (a - b).abs() < 2e-5;
-    // Pressed straight in, nothing is dragged.
+    // Pressed straight in, there is no friction.
     let pressed = across([0.0; 3], [0.03, 0.0, 0.0]);
     assert!(pressed.iter().all(|u| u[1].abs() < 1e-5 && u[2].abs() < 1e-5));
     // Slid far enough, friction pulls every point along by its share.
     let slid = across([0.03, 0.0, 0.0], [0.03, 0.02, 0.0]);
-    assert!(slid.iter().all(|u| is_near(u[1], drag * u[0])), "{slid:?}");
+    assert!(slid.iter().all(|u| is_near(u[1], coefficient * u[0])), "{slid:?}");
     // On the way back it fades by three times the way, and then pulls back.
     let back = across([0.03, 0.02, 0.0], [0.03, 0.019, 0.0]);
     assert!(
-        back.iter().all(|u| is_near(u[1], (drag * u[0] - 0.003).max(-drag * u[0]))),
+        back.iter().all(|u| is_near(u[1], (coefficient * u[0] - 0.003).max(-coefficient * u[0]))),
         "{back:?}"
     );
     let back = across([0.03, 0.019, 0.0], [0.03, 0.0, 0.0]);
-    assert!(back.iter().all(|u| is_near(u[1], -drag * u[0])), "{back:?}");
+    assert!(back.iter().all(|u| is_near(u[1], -coefficient * u[0])), "{back:?}");
     // Diagonally, it has the direction of the motion, and no larger a force.
     let aside = across([0.03, 0.0, 0.0], [0.03, 0.02, 0.02]);
     for u in aside {
-        assert!(is_near(u[1].hypot(u[2]), drag * u[0]) && u[1] > 0.9 * u[2], "{u:?}");
+        assert!(is_near(u[1].hypot(u[2]), coefficient * u[0]) && u[1] > 0.9 * u[2], "{u:?}");
     }
 }
 

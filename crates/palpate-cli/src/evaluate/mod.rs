@@ -252,11 +252,11 @@ fn tuned_line(config: &MapperConfig) -> String {
     let (contact, estimator) = (&config.contact, &config.estimator);
     let stds: Vec<String> = estimator.torque_std.iter().map(|std| format!("{std:.3}")).collect();
     format!(
-        "contact_distance_m = {:.4}, friction = {:.3}, drag = {:.3}, prior_mean = {:.4}, prior_std = {:.3}, \
+        "contact_distance_m = {:.4}, friction = {:.3}, coulomb_friction = {:.3}, prior_mean = {:.4}, prior_std = {:.3}, \
          torque_std = [{}], stiffness_scale = {:.2}, replays = {}",
         contact.contact_distance_m,
         contact.friction,
-        contact.drag,
+        contact.coulomb_friction,
         estimator.prior.mean_n_per_m,
         estimator.prior.std_n_per_m,
         stds.join(", "),

@@ -71,7 +71,7 @@ class ContactSettings(TypedDict, total=False):
 
     contact_distance_m: float
     friction: float
-    drag: float
+    coulomb_friction: float
     slip_step_m: float
     slip_iterations: int
     substep_cells: float

@@ -11,7 +11,7 @@ use palpate_learn::evaluation::Evaluation;
 use palpate_learn::folds::Fold;
 use palpate_learn::method::{self, Method};
 use palpate_learn::tracked::{Touch, Tracked};
-use palpate_learn::tune::{Effort, Keep as KeepSettings, Search, Tuned, Tuner};
+use palpate_learn::tune::{Effort, Given, Search, Tuned, Tuner};
 
 use crate::elastic::simulate_bodies;
 use crate::error::WorkError;
@@ -85,8 +85,8 @@ pub struct Work<'a> {
     pub estimators: [MapperConfig; 2],
     /// How these are chosen in every fold.
     pub tune: Tune,
-    /// Those that a quick choice leaves as they are.
-    pub given: KeepSettings,
+    /// Those that the user has given, which a quick search does not change.
+    pub given: Given,
     /// Whether true torques are to be predicted.
     pub truth: bool,
     /// The elastic bodies that the object may be, for [`Method::Elastic`]; none if nobody saw it.
@@ -215,6 +215,9 @@ impl Work<'_> {
             let Some(search) = self.search(method) else { continue };
             let can_tune = |fold: &&usize| self.folds[**fold].train.len() >= FEWEST;
             let todo: Vec<usize> = self.todo.iter().filter(can_tune).copied().collect();
+            if todo.is_empty() {
+                continue;
+            }
             let steps = Some((search.candidates() + todo.len()) as u64);
             let bar = progress.begin(steps, "steps", &format!("tuning {}", method.name()));
             let mut tuner = None;
@@ -234,7 +237,7 @@ impl Work<'_> {
         Ok((in_folds, of_map))
     }
 
-    /// What chooses the settings of an estimator, if anything does.
+    /// The candidates for the settings of an estimator, if they are to be chosen.
     fn search(&self, method: Method) -> Option<Search> {
         let config = &self.estimators[usize::from(method == Method::Ekf)];
         match (self.tune, method) {
@@ -245,7 +248,7 @@ impl Work<'_> {
         }
     }
 
-    /// The settings that some training touches speak for, which `keep` has under a name or gets.
+    /// The settings chosen on some training touches: those that `keep` has under a name, or new ones, which it then keeps.
     fn tuned(
         &self,
         tuner: &mut Option<Tuner>,

@@ -259,10 +259,10 @@ section! {
         /// Tangential over normal displacement at which a point begins to slip [default: 0.3]
         #[arg(long, value_name = "MU", allow_negative_numbers = true)]
         pub friction: f64 => friction,
-        /// Friction force over normal force, against the motion of a link past the object; 0 leaves the force across the
-        /// normal to the point's spring [default: 0.0]
+        /// Coefficient of Coulomb friction: tangential over normal force, against the motion of the link. With 0, the
+        /// tangential force is that of the spring [default: 0.0]
         #[arg(long, value_name = "MU", allow_negative_numbers = true)]
-        pub drag: f64 => drag,
+        pub coulomb_friction: f64 => coulomb_friction,
         /// Farthest that a point slips in one iteration, m [default: 0.006]
         #[arg(long, value_name = "M", allow_negative_numbers = true)]
         pub slip_step_m: f64 => slip_step_m,

@@ -8,17 +8,7 @@ use super::file::sections;
 use super::lattice::corners;
 use super::parse::TareFrames;
 use super::sections::{Section, Settings};
-
-/// Keys that `map` and `evaluate` choose a value for, unless one is given.
-const CHOSEN: [&str; 7] = [
-    "contact_distance_m",
-    "friction",
-    "drag",
-    "prior_mean",
-    "prior_std",
-    "torque_std",
-    "stiffness_scale",
-];
+use crate::tune::CHOSEN;
 
 impl Settings {
     /// The same settings with every default filled in.
@@ -59,8 +49,8 @@ impl Settings {
         Ok(all)
     }
 
-    /// The effective settings as TOML, each key under its help; commented are those without a value, and
-    /// those that would be chosen, which a value in the file would forbid.
+    /// The effective settings as TOML, each key under its help. Keys without a value are commented out, and
+    /// so are those that `map` would choose: with a value in the file it would not.
     pub fn template(&self) -> Result<String, SettingsError> {
         let broken = |error: toml::ser::Error| {
             SettingsError::Together(format!("the settings cannot be written as TOML: {error}"))
@@ -86,7 +76,7 @@ impl Settings {
                 text += &match values.get(section).and_then(|table| table.get(key)) {
                     Some(value) if is_chosen(section, key) => {
                         format!(
-                            "# Chosen by `map` and `evaluate`, if left out.\n# {key} = {value}\n"
+                            "# `map` and `evaluate` choose a value, if none is given.\n# {key} = {value}\n"
                         )
                     }
                     Some(value) => format!("{key} = {value}\n"),

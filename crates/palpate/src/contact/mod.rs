@@ -6,7 +6,7 @@
 //! | uᵢ    | [`LinkContacts::displacements_m`]   | anchor − rest point, world frame | m    |
 //! | δ     | [`ContactConfig::contact_distance_m`] | inflation of the links         | m    |
 //! | μ     | [`ContactConfig::friction`]         | cone of sticking                 | –    |
-//! |       | [`ContactConfig::drag`]             | friction force over normal force | –    |
+//! |       | [`ContactConfig::coulomb_friction`] | friction force over normal force | –    |
 //! | λ     | [`ContactConfig::slip_step_m`]      | longest slip of one iteration    | m    |
 //!
 //! Contacts follow from the arm's motion alone: no torque and no stiffness comes in here, so a
@@ -15,7 +15,7 @@
 //!
 //! | file                | says                                                                  |
 //! |---------------------|-----------------------------------------------------------------------|
-//! | `rules`             | enter, deepest link, known empty, stick, slip, drag, release          |
+//! | `rules`             | enter, deepest link, known empty, stick, slip, rub, release           |
 //! | `simulator`         | scheduler of all points, for motions that come one by one             |
 //! | `broad_phase`       | which of them a link may have reached                                 |
 //! | `path_simulator`    | scheduler of chosen points along a known trajectory                   |
@@ -53,9 +53,9 @@ pub struct ContactConfig {
     pub contact_distance_m: f64,
     /// μ: tangential over normal displacement at which a point begins to slip.
     pub friction: f64,
-    /// Coulomb friction between link and object: tangential over normal force, against the link's motion past the
-    /// object. With 0, the force across the normal is that of the point's spring.
-    pub drag: f64,
+    /// Coefficient of Coulomb friction between link and object: tangential over normal force, against the link's motion
+    /// across the normal. With 0, the tangential force is that of the point's spring.
+    pub coulomb_friction: f64,
     /// λ: the farthest that a point slips in one iteration.
     pub slip_step_m: f64,
     /// Slip iterations of one sub-step; with 0 points never slip, they stick until they are released.
@@ -71,7 +71,7 @@ impl Default for ContactConfig {
         Self {
             contact_distance_m: 0.024,
             friction: 0.3,
-            drag: 0.0,
+            coulomb_friction: 0.0,
             slip_step_m: 0.006,
             slip_iterations: 10,
             substep_cells: 0.5,
@@ -100,7 +100,9 @@ impl ContactConfig {
                 return Err(SettingError::new(setting, found, wanted));
             }
         }
-        for (setting, found) in [("friction", self.friction), ("drag", self.drag)] {
+        let coefficients =
+            [("friction", self.friction), ("coulomb_friction", self.coulomb_friction)];
+        for (setting, found) in coefficients {
             if !(found >= 0.0 && found.is_finite()) {
                 return Err(SettingError::new(setting, found, "zero or more, and finite"));
             }
@@ -116,8 +118,8 @@ pub struct LinkContacts {
     pub link: LinkId,
     /// The points' cells, in the order in which they were touched.
     pub cells: Vec<CellId>,
-    /// Their displacements in the same order: anchor − rest point, world frame, m; with
-    /// [`ContactConfig::drag`], the part of it along the normal, and friction across, as a displacement.
+    /// Their displacements in the same order: anchor − rest point, world frame, m. With
+    /// [`ContactConfig::coulomb_friction`], its part along the normal, and friction divided by the stiffness.
     pub displacements_m: Vec<[f32; 3]>,
 }
 

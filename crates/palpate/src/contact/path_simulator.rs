@@ -346,8 +346,9 @@ mod tests {
     #[test]
     fn both_schedulers_find_the_same_contacts_to_the_bit() {
         let waypoints = wander(800);
-        for (known_empty, drag) in [(false, 0.0), (true, 0.0), (true, 0.4)] {
-            let config = ContactConfig { known_empty, drag, ..ContactConfig::default() };
+        for (known_empty, coulomb_friction) in [(false, 0.0), (true, 0.0), (true, 0.4)] {
+            let config =
+                ContactConfig { known_empty, coulomb_friction, ..ContactConfig::default() };
             let trajectory = |contact_state, waypoints: &[_]| {
                 PosedTrajectory::new(
                     lattice(),
