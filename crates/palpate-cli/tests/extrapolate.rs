@@ -128,6 +128,31 @@ fn untouched_cells_get_a_prior_mean_from_which_mapping_continues() {
 }
 
 #[test]
+fn without_a_method_touches_held_out_choose_it() {
+    let out = tempfile::tempdir().unwrap();
+    let path = |name: &str| out.path().join(name);
+    let touches = ["seq_001", "seq_002", "seq_005", "seq_008"];
+    let mut map = palpate();
+    map.arg("map").args(touches.map(|touch| plant().join(touch)));
+    succeed(map.args(["--replays", "2", "--tune=off", "-o"]).arg(path("four.npz")));
+    let of_four = |more: &[&str]| {
+        let mut command = palpate();
+        command.arg("extrapolate").arg(path("four.npz")).arg(plant().join("object.ply"));
+        command.arg("-o").arg(path("seen.npz")).args(["--json", "--compare"]).args(more);
+        json(command.arg("--field").arg(path("filled.npz")))
+    };
+    let chosen = of_four(&[]);
+    let [with, without] = ["with", "without"].map(|key| chosen["held_out"][key].as_f64().unwrap());
+    let mean = |row: usize| chosen["compare"][row]["avg_relative"]["mean"].as_f64().unwrap();
+    assert_eq!([without, with], [mean(1), mean(3)], "the comparison begins with the chosen method");
+    let cells = chosen["cells_expected"].as_u64().unwrap();
+    assert_eq!(cells > 0, with <= 1.01 * without, "{chosen}");
+
+    let given = of_four(&["--method", "torque"]);
+    assert!(given["held_out"].is_null() && given["cells_expected"].as_u64() > Some(0), "{given}");
+}
+
+#[test]
 fn a_second_cloud_keeps_the_prior_means_of_the_first() {
     let out = tempfile::tempdir().unwrap();
     let path = |name: &str| out.path().join(name);

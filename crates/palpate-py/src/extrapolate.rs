@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use numpy::{PyArray1, PyArray2};
 use palpate_io::cloud::{self, Cloud};
 use palpate_learn::extrapolate::Features;
-use palpate_work::extrapolate::{Chosen, Work, config, filled, method_of};
+use palpate_work::extrapolate::{Chosen, Work, filled, method_of};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyAny;
@@ -45,8 +45,10 @@ impl Extrapolation {
 /// Carries the stiffness of a field over to all that a camera saw, as `palpate extrapolate` does.
 ///
 /// `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m with `colours` (N, 3)
-/// from 0 to 255. `method` is torque (if the field has its memory), cells or knn; `features` are a
-/// colour (chroma, rgb, oklab), height and shape, joined by `+`.
+/// from 0 to 255. `method` is torque (if the field has its memory), cells or knn; without it, torque or
+/// cells, whichever predicts random halves of the remembered touches better, and `field` is as it was, with
+/// a warning, where both predict worse than none. `features` are a colour (chroma, rgb, oklab), height and
+/// shape, joined by `+`.
 #[pyfunction]
 #[pyo3(signature = (
     field, cloud, colours = None, robot = None, *, method = None, features = None,
@@ -72,22 +74,21 @@ pub(crate) fn extrapolate(
     let method = method.map(method_of).transpose().map_err(|told| wrong("method", &told))?;
     let features = features.map(str::parse::<Features>).transpose();
     let features = features.map_err(|told| wrong("features", &told.to_string()))?;
-    let chosen = Chosen { method, features, reach_cells, length_scale };
+    let given = Chosen { method, features, reach_cells, length_scale };
     let saved = field.saved(py, true);
-    let (found, config) = long(py, progress, |progress| -> Result<_> {
-        let config = config(&chosen, &saved, progress);
-        config.check()?;
+    let found = long(py, progress, |progress| -> Result<_> {
         let work = Work {
             arm: &robot.arm,
             saved: &saved,
             names: [Path::new("field"), name.as_path()],
             cloud: &cloud,
-            config: config.clone(),
+            given,
             halves: None,
             drawn: false,
+            fills: true,
             kept: "nothing was kept",
         };
-        Ok((work.run(progress)?, config))
+        Ok(work.run(progress)?)
     })?;
     let places: Vec<[f64; 3]> = cloud.points().iter().map(|&point| point.into()).collect();
     Ok(Extrapolation {
@@ -96,8 +97,8 @@ pub(crate) fn extrapolate(
         std: flat(py, found.extrapolation.std_n_per_m),
         touched: flat(py, found.extrapolation.touched),
         field: Py::new(py, Field::of(py, filled(saved, &found.cells))?)?,
-        method: config.method.name(),
-        features: config.features.to_string(),
+        method: found.config.method.name(),
+        features: found.config.features.to_string(),
     })
 }
 

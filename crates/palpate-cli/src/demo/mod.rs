@@ -15,7 +15,7 @@ use palpate_learn::body::ObjectHints;
 use palpate_learn::folds::folds;
 use palpate_work::elastic::{bodies, learn_body, replace_elastic_by_map};
 use palpate_work::evaluate::{Work, as_touches, configs, each_once};
-use palpate_work::extrapolate::{Chosen, Work as Extrapolating, config};
+use palpate_work::extrapolate::{Chosen, Work as Extrapolating};
 use palpate_work::learn::learn;
 use palpate_work::predict::{Against, TouchResult, score};
 use palpate_work::robot;
@@ -180,9 +180,10 @@ fn extrapolate_all(
         saved,
         names,
         cloud: &cloud,
-        config: config(&Chosen::default(), saved, output),
+        given: Chosen::default(),
         halves: Some(HALVES),
         drawn: true,
+        fills: false,
         kept: "all but what the camera saw is written",
     };
     let found = work.run(output)?;

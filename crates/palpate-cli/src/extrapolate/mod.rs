@@ -14,7 +14,7 @@ use palpate_io::cloud::{self as clouds, Cloud, Column};
 use palpate_io::field;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
 use palpate_learn::extrapolate::{Config, Extrapolation, Features, Method};
-use palpate_work::extrapolate::{Chosen, Work, config, filled, method_of, remembers};
+use palpate_work::extrapolate::{Chosen, Work, filled, method_of, remembers};
 use palpate_work::robot;
 
 use crate::args::number_in;
@@ -45,6 +45,10 @@ Points that look alike are assumed to be equally stiff:
   cells   the same, learnt from the stiffness of touched cells
   knn     the paper's: the 50 touched points nearest in features, RBF weights
 
+Without --method, palpate takes torque or cells, whichever predicts random halves of the remembered touches
+better from the other half; where both predict worse than the field alone, --field adds nothing to the
+field, with a warning.
+
 Features are a colour (chroma: without brightness; rgb; oklab), height and shape, joined by `+`.
 The stiffness of a point is that of a cell of the field's lattice, as in the field itself. K_std is
 the uncertainty of the regression; single points differ more.
@@ -74,8 +78,8 @@ pub(crate) struct Args {
     /// Where the field goes, with a prior mean for the untouched cells at the cloud's points
     #[arg(long, value_name = "FIELD.npz")]
     field: Option<PathBuf>,
-    /// How stiffness is extrapolated: torque, cells or knn [default: torque if the field has its
-    /// memory, else knn]
+    /// How stiffness is extrapolated: torque, cells or knn [default: if the field has its memory, torque or cells,
+    /// by random halves of its touches; else knn]
     #[arg(long, value_name = "NAME", value_parser = method_of)]
     method: Option<Method>,
     /// What points are compared by [default: chroma; rgb for knn]
@@ -133,15 +137,16 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let cloud = args.depth.read(&args.cloud, output)?;
     let truth = args.truth.as_deref().map(|folder| clouds::read_point_truth(folder, cloud.len()));
     let truth = truth.transpose().map_err(CliError::file)?;
-    let config = config(&args.chosen(), &saved, output);
-    config.check().map_err(|error| CliError::Usage(error.to_string()))?;
     let arm = robot::load(&settings.robot, output)?;
     let names = [args.from.as_path(), args.cloud.as_path()];
     let halves = args.compare.then_some(args.halves);
     let drawn = args.picture.is_some() || args.report.is_some();
     let kept = "nothing was written";
-    let work = Work { arm: &arm, saved: &saved, names, cloud: &cloud, config, halves, drawn, kept };
-    if args.compare && !remembers(&saved) {
+    let given = args.given();
+    let fills = args.field.is_some();
+    let (arm, saved, cloud) = (&arm, &saved, &cloud);
+    let work = Work { arm, saved, names, cloud, given, halves, drawn, fills, kept };
+    if args.compare && !remembers(saved) {
         return Err(CliError::from(format!(
             "`{}` remembers no touch to compare on; map its logs again without --no-memory",
             args.from.display()
@@ -154,7 +159,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let summary = ExtrapolationSummary { work: &work, found: &found, truth, simulated };
     let drawing = picture.map(|_| summary.picture(args.threshold)).transpose()?;
     let page = args.report.as_ref().map(|_| summary.page()).transpose()?;
-    write(&args.output, &cloud, &found.extrapolation)?;
+    write(&args.output, cloud, &found.extrapolation)?;
     if let Some(path) = &args.field {
         field::save(path, &filled(saved.clone(), &found.cells)).map_err(CliError::file)?;
     }
@@ -205,7 +210,7 @@ impl Args {
         places.output("the report (--report)", self.report.as_deref())
     }
 
-    fn chosen(&self) -> Chosen {
+    fn given(&self) -> Chosen {
         Chosen {
             method: self.method,
             features: self.features,

@@ -10,7 +10,7 @@ use palpate_io::cloud::PointTruth;
 use palpate_learn::extrapolate::compare::Row;
 use palpate_learn::extrapolate::{area_under_roc, spearman};
 use palpate_view::view_model::touched_rows;
-use palpate_work::extrapolate::{Found, Work};
+use palpate_work::extrapolate::{Found, HeldOut, Work};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -55,11 +55,16 @@ impl ExtrapolationSummary<'_> {
 
     /// How the stiffness was extrapolated, and from what.
     fn method(&self) -> Vec<(&'static str, String)> {
-        let config = &self.work.config;
+        let config = &self.found.config;
         let method = format!("{} on {}", config.method.name(), config.features);
         let frames = |(touches, frames)| format!("{touches} touches, {frames} frames in contact");
         let remembered = self.found.remembered.map(|counts| ("remembered", frames(counts)));
-        std::iter::once(("method", method)).chain(remembered).collect()
+        let errors = |HeldOut { with, without, relative }| {
+            let unit = if relative { "of zero's error" } else { "N·m" };
+            format!("{with:.3} {unit} with it, {without:.3} without (random halves)")
+        };
+        let held_out = self.found.held_out.map(|found| ("touches held out", errors(found)));
+        std::iter::once(("method", method)).chain(remembered).chain(held_out).collect()
     }
 
     /// Cells at seen points that no touch has reached.
@@ -108,14 +113,17 @@ impl ExtrapolationSummary<'_> {
         json!({
             "cloud": cloud,
             "field": field,
-            "method": self.work.config.method.name(),
-            "features": self.work.config.features,
+            "method": self.found.config.method.name(),
+            "features": self.found.config.features,
             "points": self.found.seen.len(),
             "touched": self.touched(),
             "cells_touched": touched_rows(&self.work.saved.field).count(),
             "cells_expected": self.expected(),
             "touches": self.found.remembered.map(|(touches, _)| touches),
             "frames": self.found.remembered.map(|(_, frames)| frames),
+            "held_out": self.found.held_out.map(|HeldOut { with, without, relative }| {
+                json!({"with": with, "without": without, "relative": relative})
+            }),
             "stiffness": {"q10": soft, "median": median, "q90": stiff},
             "truth": self.orders().map(|[untouched, all]| json!({"untouched": untouched, "all": all})),
             "compare": self.found.rows.as_ref().map(|rows| rows.iter().map(row).collect::<Vec<_>>()),
@@ -165,7 +173,7 @@ impl ExtrapolationSummary<'_> {
             title: &format!("What {field} says of {cloud}"),
             simulated: self.simulated,
             card: self.card(),
-            settings_toml: &toml::to_string(&self.work.config).map_err(CliError::file)?,
+            settings_toml: &toml::to_string(&self.found.config).map_err(CliError::file)?,
         };
         let (seen, verdict, tables) = (&self.seen(), self.verdict(), self.tables());
         let page = ExtrapolationPage { page, verdict, seen, scene: Scene::seen(seen)?, tables };

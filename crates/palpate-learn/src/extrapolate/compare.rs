@@ -79,6 +79,14 @@ impl Plan {
         Self { variants, halves: 5 }
     }
 
+    /// The two methods that learn what features are worth, the configured one first.
+    pub fn methods(config: &Config) -> Self {
+        let mut methods = vec![Method::Torque, Method::Cells];
+        methods.sort_by_key(|&method| method != config.method);
+        let variant = |method| Config { method, ..config.clone() };
+        Self { variants: methods.into_iter().map(variant).collect(), halves: 5 }
+    }
+
     /// The halves: of an odd number of touches, the smaller half is learnt from.
     pub fn folds(&self, touches: usize) -> Vec<Fold> {
         let mut rng = ChaCha8Rng::seed_from_u64(SEED);

@@ -535,8 +535,10 @@ def extrapolate(
     """Carries the stiffness of a field over to all that a camera saw, as `palpate extrapolate` does.
 
     `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m with `colours` (N, 3)
-    from 0 to 255. `method` is torque (if the field has its memory), cells or knn; `features` are a
-    colour (chroma, rgb, oklab), height and shape, joined by `+`.
+    from 0 to 255. `method` is torque (if the field has its memory), cells or knn; without it, torque or
+    cells, whichever predicts random halves of the remembered touches better, and `field` is as it was, with
+    a warning, where both predict worse than none. `features` are a colour (chroma, rgb, oklab), height and
+    shape, joined by `+`.
     """
 
 def inspect(

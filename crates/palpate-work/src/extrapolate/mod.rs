@@ -7,16 +7,18 @@ use nalgebra::DVector;
 use palpate::{Arm, CellId, MapperConfig};
 use palpate_io::cloud::Cloud;
 use palpate_io::field::Saved;
-use palpate_learn::extrapolate::compare::{CompareError, Plan, Row};
+use palpate_learn::extrapolate::compare::{Plan, Row};
 use palpate_learn::extrapolate::{
     Config, Extrapolation, Features, Method, REACH_CELLS, SeenCloud, extrapolate,
 };
 use palpate_learn::tracked::{Tracked, TrackedTouch};
 
 mod back;
+mod held_out;
 mod torque_evidence;
 
 pub use back::filled;
+pub use held_out::HeldOut;
 pub use torque_evidence::remembers;
 
 use crate::error::WorkError;
@@ -45,12 +47,14 @@ pub struct Work<'a> {
     pub names: [&'a Path; 2],
     /// What was seen, with colours.
     pub cloud: &'a Cloud,
-    /// The settings.
-    pub config: Config,
+    /// The settings that are given.
+    pub given: Chosen,
     /// Random halves to compare on, if any.
     pub halves: Option<u32>,
     /// Whether the arm is to be drawn in its touches.
     pub drawn: bool,
+    /// Whether the field is to get what is expected of its untouched cells.
+    pub fills: bool,
     /// What is said to be kept on Ctrl-C.
     pub kept: &'a str,
 }
@@ -59,9 +63,14 @@ pub struct Work<'a> {
 pub struct Found {
     /// What was seen.
     pub seen: SeenCloud,
+    /// The settings, those included that were not given.
+    pub config: Config,
+    /// What the extrapolation is worth on touches held out, if they decided how it is done.
+    pub held_out: Option<HeldOut>,
     /// The stiffness of every point.
     pub extrapolation: Extrapolation,
-    /// Cells of the field's lattice at seen points, each with its expected stiffness, N/m.
+    /// Cells of the field's lattice at seen points, each with its expected stiffness, N/m; none where the field
+    /// predicts better without.
     pub cells: Vec<(CellId, f64)>,
     /// Touches and frames in contact that the field remembers.
     pub remembered: Option<(usize, usize)>,
@@ -76,41 +85,54 @@ impl Work<'_> {
     ///
     /// # Errors
     ///
-    /// If the field was learnt with another robot, or the cloud is not where it was learnt.
+    /// If a setting is out of its range, the field was learnt with another robot, or the cloud is not where it was
+    /// learnt.
     pub fn run(&self, progress: &dyn Progress) -> Result<Found, WorkError> {
         let colours = self.cloud.colours().expect("a cloud without colours was refused");
         let seen = SeenCloud::new(self.cloud.points(), colours).map_err(WorkError::file)?;
-        if let Some(model) = &self.saved.field.elastic {
-            progress.note(&format!(
-                "the field has an elastic body: in its predictions, K has a weight of {:.0} %",
-                100.0 * (1.0 - model.share)
-            ));
-        }
-        let wanted = self.config.method == Method::Torque || self.halves.is_some() || self.drawn;
-        let felt = match &self.saved.snapshot {
-            Some(snapshot) if wanted && remembers(self.saved) => {
-                let recalled =
-                    torque_evidence::recalled(snapshot, self.names[0], self.arm, progress);
-                unless_stopped(self.kept, progress)?;
-                Some(recalled?)
-            }
-            _ => None,
-        };
+        let mut config = config(&self.given, self.saved, progress);
+        config.check().map_err(|error| WorkError::Usage(error.to_string()))?;
+        let felt = self.felt(&config, progress)?;
         let tracked = felt.as_ref().map(|(tracked, _)| tracked);
-        let fault = |error: &dyn std::error::Error| {
-            let [field, cloud] = self.names.map(Path::display);
-            WorkError::from(format!("`{field}` and `{cloud}`: {error}"))
+        let carry = |config: &Config| {
+            let carried = extrapolate(&seen, &self.saved.field, tracked, config);
+            carried.map_err(|error| self.fault(&error))
         };
-        let extrapolation = extrapolate(&seen, &self.saved.field, tracked, &self.config);
-        let extrapolation = extrapolation.map_err(|error| fault(&error))?;
+        // Faults of field and cloud come before any comparison.
+        let mut extrapolation = carry(&config)?;
         unless_stopped(self.kept, progress)?;
-        let rows = match (self.halves, &felt) {
-            (Some(halves), Some((tracked, mapper))) => {
-                let compared = self.compared(halves, (tracked, mapper), &seen, progress);
-                unless_stopped(self.kept, progress)?;
-                Some(compared.map_err(|error| fault(&error))?)
+        let compare = |plan: &Plan, label: &str| {
+            let Some((tracked, mapper)) = &felt else { return Ok(None) };
+            let bar = progress.begin(Some(u64::from(plan.halves)), "halves", label);
+            let rows = plan.run(tracked, &seen, mapper, &|| progress.stopped(), &|| bar.step());
+            unless_stopped(self.kept, progress)?;
+            rows.map(Some).map_err(|error| self.fault(&error))
+        };
+        let mut held_out = None;
+        let touches = tracked.map_or(0, |tracked| tracked.touches.len());
+        if self.given.method.is_none() && touches >= held_out::FEWEST_TOUCHES {
+            let plan = Plan::methods(&config);
+            let rows = compare(&plan, "choosing the method")?;
+            if let Some((method, found)) = rows.and_then(|rows| HeldOut::of(&plan, &rows)) {
+                if method != config.method {
+                    config.method = method;
+                    extrapolation = carry(&config)?;
+                }
+                held_out = Some(found);
             }
-            _ => None,
+        }
+        let cells = match held_out.filter(|found| !found.helps()) {
+            None => extrapolation.cells(&seen, &self.saved.field.lattice, &config),
+            Some(found) => {
+                if self.fills {
+                    progress.warn(&found.to_string());
+                }
+                Vec::new()
+            }
+        };
+        let rows = match self.halves {
+            Some(halves) => compare(&Plan { halves, ..Plan::of(&config) }, "comparing")?,
+            None => None,
         };
         let touching = tracked.iter().flat_map(|tracked| &tracked.touches).filter_map(deepest);
         Ok(Found {
@@ -119,24 +141,41 @@ impl Work<'_> {
                 let frames = tracked.touches.iter().map(TrackedTouch::frames_in_contact).sum();
                 (tracked.touches.len(), frames)
             }),
-            cells: extrapolation.cells(&seen, &self.saved.field.lattice, &self.config),
+            cells,
             seen,
+            config,
+            held_out,
             extrapolation,
             rows,
         })
     }
 
-    /// The comparison on halves, with a bar.
-    fn compared(
+    /// The touches that the field remembers, tracked, with their settings, if they are needed and there are some.
+    fn felt(
         &self,
-        halves: u32,
-        (tracked, mapper): (&Tracked, &MapperConfig),
-        seen: &SeenCloud,
+        config: &Config,
         progress: &dyn Progress,
-    ) -> Result<Vec<Row>, CompareError> {
-        let plan = Plan { halves, ..Plan::of(&self.config) };
-        let bar = progress.begin(Some(u64::from(halves)), "halves", "comparing");
-        plan.run(tracked, seen, mapper, &|| progress.stopped(), &|| bar.step())
+    ) -> Result<Option<(Tracked, MapperConfig)>, WorkError> {
+        if let Some(model) = &self.saved.field.elastic {
+            progress.note(&format!(
+                "the field has an elastic body: in its predictions, K has a weight of {:.0} %",
+                100.0 * (1.0 - model.share)
+            ));
+        }
+        let wanted = config.method == Method::Torque || self.halves.is_some() || self.drawn;
+        let Some(snapshot) =
+            self.saved.snapshot.as_ref().filter(|_| wanted && remembers(self.saved))
+        else {
+            return Ok(None);
+        };
+        let recalled = torque_evidence::recalled(snapshot, self.names[0], self.arm, progress);
+        unless_stopped(self.kept, progress)?;
+        recalled.map(Some)
+    }
+
+    fn fault(&self, error: &dyn std::error::Error) -> WorkError {
+        let [field, cloud] = self.names.map(Path::display);
+        WorkError::from(format!("`{field}` and `{cloud}`: {error}"))
     }
 }
 
@@ -150,7 +189,7 @@ fn unless_stopped(kept: &str, progress: &dyn Progress) -> Result<(), WorkError> 
 
 /// The settings that hold where some are not given: what the field remembers decides the method,
 /// and the method the features.
-pub fn config(given: &Chosen, saved: &Saved, progress: &dyn Progress) -> Config {
+fn config(given: &Chosen, saved: &Saved, progress: &dyn Progress) -> Config {
     let method = given.method.unwrap_or_else(|| {
         if remembers(saved) {
             return Method::Torque;

@@ -1,0 +1,112 @@
+//! What an extrapolation is worth on touches that it was not learnt from, which decides how it is done.
+
+use std::fmt;
+
+use palpate_learn::extrapolate::Method;
+use palpate_learn::extrapolate::compare::{Plan, Row};
+
+/// Halves of fewer touches say nothing.
+pub(super) const FEWEST_TOUCHES: usize = 4;
+
+/// By how much another method must be better than the first one, and worse with any than without one.
+const MARGIN: f64 = 0.02;
+
+/// Error of torques of one half of the touches, predicted from the other half: means over random halves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeldOut {
+    /// By the field alone.
+    pub without: f64,
+    /// With the extrapolated stiffness in cells that the field has not met.
+    pub with: f64,
+    /// Whether these are relative errors, of which predicting zero has 1, or N·m.
+    pub relative: bool,
+}
+
+impl HeldOut {
+    /// The method that predicts best, and how well, of a comparison by [`Plan::methods`]; the first one where none
+    /// helps.
+    pub(super) fn of(plan: &Plan, rows: &[Row]) -> Option<(Method, Self)> {
+        let relative = rows.iter().all(|row| row.means().0.is_some());
+        let error = |row: &Row| if relative { row.means().0 } else { Some(row.means().1) };
+        let errors: Vec<f64> = rows.iter().filter_map(error).collect();
+        let [_zero, without, _again, with_each @ ..] = &errors[..] else { return None };
+        let mut found: Option<(Method, f64)> = None;
+        for (variant, &error) in plan.variants.iter().zip(with_each) {
+            if found.is_none_or(|(_, best)| error < (1.0 - MARGIN) * best) {
+                found = Some((variant.method, error));
+            }
+        }
+        let (method, with) = found?;
+        let best = Self { without: *without, with, relative };
+        if !best.helps() {
+            let first = plan.variants.first()?.method;
+            return Some((first, Self { with: *with_each.first()?, ..best }));
+        }
+        Some((method, best))
+    }
+
+    /// Whether a field predicts as well with it as without.
+    pub fn helps(&self) -> bool {
+        self.with <= (1.0 + MARGIN / 2.0) * self.without
+    }
+}
+
+impl fmt::Display for HeldOut {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { without, with, relative } = self;
+        let unit = if *relative { " of that of predicting zero" } else { " N·m" };
+        write!(
+            f,
+            "with the extrapolated stiffness, one half of the touches, predicted from the other, has an error of \
+             {with:.3}{unit}, and without it {without:.3}: the field gets none of it (with --method it does)"
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_learn::extrapolate::Config;
+
+    use super::*;
+
+    /// Rows of predicting zero, without, learnt again, and with each method.
+    fn rows(errors: [f64; 5]) -> Vec<Row> {
+        let row =
+            |error| Row { name: String::new(), avg_error: vec![error], avg_relative: vec![error] };
+        errors.map(row).to_vec()
+    }
+
+    #[test]
+    fn the_first_method_is_left_only_for_one_that_is_clearly_better() {
+        let plan = Plan::methods(&Config::default());
+        for (errors, method, with) in [
+            ([1.0, 0.8, 0.5, 0.600, 0.595], Method::Torque, 0.600),
+            ([1.0, 0.8, 0.5, 0.600, 0.580], Method::Cells, 0.580),
+            ([1.0, 0.8, 0.5, 0.600, 0.900], Method::Torque, 0.600),
+        ] {
+            let (chosen, found) = HeldOut::of(&plan, &rows(errors)).unwrap();
+            assert_eq!((chosen, found.with, found.without), (method, with, 0.8));
+        }
+    }
+
+    #[test]
+    fn what_predicts_worse_than_the_field_alone_does_not_help() {
+        let plan = Plan::methods(&Config::default());
+        for (without, method, helps) in
+            [(0.9, Method::Cells, true), (0.6, Method::Cells, true), (0.5, Method::Torque, false)]
+        {
+            let (chosen, found) = HeldOut::of(&plan, &rows([1.0, without, 0.1, 0.7, 0.6])).unwrap();
+            assert_eq!((chosen, found.helps()), (method, helps), "{without}");
+        }
+    }
+
+    #[test]
+    fn faint_touches_are_compared_by_their_errors_in_newton_metres() {
+        let plan = Plan::methods(&Config::default());
+        let mut faint = rows([0.4, 0.3, 0.2, 0.2, 0.1]);
+        faint.iter_mut().for_each(|row| row.avg_relative.clear());
+        let (method, found) = HeldOut::of(&plan, &faint).unwrap();
+        assert_eq!((method, found.relative, found.with), (Method::Cells, false, 0.1));
+        assert!(found.to_string().contains("0.100 N·m"), "{found}");
+    }
+}
