@@ -6,22 +6,24 @@ use std::sync::Arc;
 
 use palpate::Arm;
 use palpate_work::robot;
+pub(crate) use palpate_work::touches::Undecided;
 use palpate_work::touches::{RecordedTouch, Touches};
 
 use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::Settings;
 
-/// Opens logs and loads their arm; what the logs say of gravity goes into the settings.
+/// Opens logs and loads their arm; how the torques count, as the logs tell, goes into the settings.
 pub(crate) fn open(
     logs: &[PathBuf],
     settings: &mut Settings,
+    undecided: Undecided,
     output: &Output,
 ) -> Result<(Touches, Arc<Arm>), CliError> {
-    let touches = Touches::open(logs, &settings.log.options())?;
-    touches.gravity_of_logs(&mut settings.touch, output)?;
+    let mut touches = Touches::open(logs, &settings.log.options())?;
     let arm = robot::load(&settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
+    touches.conventions(&arm, &mut settings.touch, undecided, output)?;
     Ok((touches, arm))
 }
 

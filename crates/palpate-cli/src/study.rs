@@ -88,7 +88,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         let mut name = place::last_part(object);
         number(&mut name, &mut names);
         let mut settings = settings.clone();
-        let (touches, arm) = logs::open(std::slice::from_ref(object), &mut settings, output)?;
+        let (touches, arm) = logs::open(
+            std::slice::from_ref(object),
+            &mut settings,
+            logs::Undecided::IsAnError,
+            output,
+        )?;
         let recorded = logs::read(touches, &arm, &settings, None, output)?;
         let touches = as_touches(&recorded, args.truth)?;
         at_least_two(&name, &touches)?;

@@ -40,6 +40,21 @@ fn nothing(touches: &[Touch], flags: &[&str]) {
     assert_eq!((exit, codes(&told)), (Some(0), vec![]), "{}", told["paths"][0]["findings"]);
 }
 
+/// Asserts how the torques are read.
+#[track_caller]
+fn read(told: &Value, sign: &str, gravity: &str) {
+    let reading = &told["paths"][0]["reading"];
+    let read = [&reading["torque_sign"], &reading["gravity"]];
+    assert_eq!(read, [sign, gravity], "{reading}");
+}
+
+/// Asserts that the torques are read so, and nothing looks wrong, if no flag says how.
+#[track_caller]
+fn read_without_flags(touches: &[Touch], sign: &str, gravity: &str) {
+    nothing(touches, &[]);
+    read(&look(touches, &[]).1, sign, gravity);
+}
+
 #[track_caller]
 fn says(finding: &Value, words: &[&str]) {
     let text = finding.to_string();
@@ -84,7 +99,7 @@ fn the_text_holds_the_facts_and_marks_the_findings() {
     let mut touches = clean();
     touches.iter_mut().for_each(|touch| touch.tau.iter_mut().flatten().for_each(|t| *t = -*t));
     write(folder.path(), &touches);
-    let text = common::succeed(inspect().arg(folder.path()));
+    let text = common::succeed(inspect().arg(folder.path()).args(["--torque-sign", "plus"]));
     for word in ["20.0 Hz", "Actuator7", "seq_2", "Tare", "WARNING", "-> use --torque-sign minus"] {
         assert!(text.contains(word), "`{word}` is not in {text}");
     }
@@ -94,15 +109,17 @@ fn the_text_holds_the_facts_and_marks_the_findings() {
 fn torques_of_the_other_sign_are_recognised_by_gravity() {
     let mut touches = clean();
     touches.iter_mut().for_each(|touch| touch.tau.iter_mut().flatten().for_each(|t| *t = -*t));
-    assert_eq!(flags(&only(&touches, &[], "torque_sign")), ["--torque-sign", "minus"]);
-    nothing(&touches, &["--torque-sign", "minus"]);
+    let plus = ["--torque-sign", "plus"];
+    assert_eq!(flags(&only(&touches, &plus, "torque_sign")), ["--torque-sign", "minus"]);
+    read_without_flags(&touches, "minus", "included");
 }
 
 #[test]
 fn torques_without_gravity_are_recognised() {
     let touches = Maker { gravity: 0.0, ..Maker::new() }.touches();
-    assert_eq!(flags(&only(&touches, &[], "gravity")), ["--gravity", "removed"]);
-    nothing(&touches, &["--gravity", "removed"]);
+    let included = ["--gravity", "included", "--torque-sign", "plus"];
+    assert_eq!(flags(&only(&touches, &included, "gravity")), ["--gravity", "removed"]);
+    read_without_flags(&touches, "plus", "removed");
     let back = only(&clean(), &["--gravity", "removed"], "gravity");
     assert_eq!(flags(&back), ["--gravity", "included"]);
 }
@@ -110,19 +127,23 @@ fn torques_without_gravity_are_recognised() {
 #[test]
 fn the_sign_of_torques_without_gravity_shows_in_the_work() {
     let touches = Maker { gravity: 0.0, contact: -1.0, ..Maker::new() }.touches();
-    let found = only(&touches, &["--gravity", "removed"], "torque_sign");
-    assert_eq!(flags(&found), ["--torque-sign", "minus"]);
+    let plus = ["--gravity", "removed", "--torque-sign", "plus"];
+    assert_eq!(flags(&only(&touches, &plus, "torque_sign")), ["--torque-sign", "minus"]);
+    read_without_flags(&touches, "minus", "removed");
 }
 
 #[test]
 fn gravity_tells_even_if_no_touch_begins_still() {
     let moving = Maker { still: 0, ..Maker::new() };
     let touches = Maker { gravity: -1.0, contact: -1.0, ..moving.clone() }.touches();
-    let (_, told) = look(&touches, &["--no-tare"]);
+    let plus = ["--no-tare", "--torque-sign", "plus", "--gravity", "included"];
+    let (_, told) = look(&touches, &plus);
     assert_eq!(flags(first(&told)), ["--torque-sign", "minus"], "{}", first(&told));
+    read(&look(&touches, &["--no-tare"]).1, "minus", "included");
     let touches = Maker { gravity: 0.0, ..moving }.touches();
-    let (_, told) = look(&touches, &["--no-tare"]);
+    let (_, told) = look(&touches, &plus);
     assert_eq!(flags(first(&told)), ["--gravity", "removed"], "{}", first(&told));
+    read(&look(&touches, &["--no-tare"]).1, "plus", "removed");
 }
 
 #[test]

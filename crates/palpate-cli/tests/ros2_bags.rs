@@ -71,7 +71,10 @@ fn needs_rosbags_touches_written_by_rosbags_give_the_field_of_the_arrays_bit_for
 #[test]
 fn needs_rosbags_robot_states_of_franka_are_followed_by_their_definition_and_hold_no_gravity() {
     let bags = bags("franka");
-    let arrays = field(&root().join("data/plant_a/seq_000"), &["--gravity", "removed"]);
+    let arrays = field(
+        &root().join("data/plant_a/seq_000"),
+        &["--gravity", "removed", "--torque-sign", "minus"],
+    );
     for layout in ["franka_new", "franka_old"] {
         assert!(field(&bags.path().join(layout), &[]) == arrays, "{layout}");
         let mut map = palpate();

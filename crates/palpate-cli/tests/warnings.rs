@@ -12,8 +12,8 @@ use common::{names, palpate, stderr};
 use recording::{Touch, clean, write};
 use tempfile::TempDir;
 
-/// Small enough that every command takes a moment.
-const COARSE: [&str; 2] = ["--spacing-m", "0.04"];
+/// Small enough that every command takes a moment, and with a convention that may be wrong.
+const FLAGS: [&str; 4] = ["--spacing-m", "0.04", "--torque-sign", "plus"];
 
 /// A log, clean or spoilt, and room for results.
 fn scene(spoil: impl Fn(&mut Touch)) -> TempDir {
@@ -35,7 +35,7 @@ fn commands(folder: &Path) -> Vec<Command> {
     let of = |args: &[&str], result: &str| {
         let mut command = palpate();
         command.arg(args[0]).arg(&log).arg("-o").arg(out.join(result));
-        command.args(&args[1..]).args(COARSE);
+        command.args(&args[1..]).args(FLAGS);
         command
     };
     vec![
@@ -82,6 +82,9 @@ fn predict_warns_of_the_log_that_it_predicts() {
     let bad = scene(other_sign);
     let mut predict = palpate();
     predict.arg("predict").arg(folder.path().join("out/field.npz")).arg(bad.path().join("log"));
+    let found = predict.output().unwrap();
+    assert!(found.status.success() && warnings(&found).is_empty(), "{}", stderr(&found));
+    predict.args(["--torque-sign", "plus"]);
     let told = warnings(&predict.output().unwrap());
     assert_eq!(told.len(), 1, "{told:?}");
     let strict = predict.arg("--strict").output().unwrap();

@@ -11,6 +11,7 @@ use palpate_learn::body::{ObjectHints, ObjectKind};
 use palpate_work::elastic::{SeenCloud, bodies, learn_body};
 use palpate_work::learn::learn;
 use palpate_work::settings::SettingsError;
+use palpate_work::touches::Undecided;
 use palpate_work::{Progress, WorkError};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -176,11 +177,11 @@ pub(crate) fn map_elastic(
         seen_object(py, cloud, ObjectArguments { colours, viewpoint, kind: object_kind, root })?;
     let saved = long(py, progress, |progress| -> Result<_, WorkError> {
         let bodies = object.bodies(progress)?;
-        let touches = opened(sources, &settings.log)?;
-        touches.gravity_of_logs(&mut settings.touch, progress)?;
+        let mut touches = opened(sources, &settings.log)?;
         settings.log.check_for(&robot.arm.robot)?;
         let arm = Arc::clone(&robot.arm);
-        let config = settings.config()?; // after what the logs say of gravity
+        touches.conventions(&arm, &mut settings.touch, Undecided::IsAnError, progress)?;
+        let config = settings.config()?;
         let mut mapper = Mapper::new(arm, config).map_err(SettingsError::value)?;
         let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
         let mut touches = touches.for_arm(&robot.arm, &settings.log, place)?;

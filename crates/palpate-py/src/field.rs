@@ -12,6 +12,7 @@ use palpate_work::field_arrays::FieldArrays;
 use palpate_work::predict::{Against, FrameResult, TouchResult, planned, score};
 use palpate_work::scored::{Report, tell_oddities};
 use palpate_work::settings::sections::RobotSettings;
+use palpate_work::touches::Undecided;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyBytes, PyDict};
 use serde_json::json;
@@ -250,9 +251,14 @@ impl Field {
         let (sources, field) = (sources(log)?, self.core(py));
         let against = if truth { Against::Truth } else { Against::Measured };
         let results = long(py, progress, |progress| -> Result<_, WorkError> {
-            let touches = opened(sources, &settings.log)?;
-            touches.gravity_of_logs(&mut settings.touch, progress)?;
+            let mut touches = opened(sources, &settings.log)?;
             settings.log.check_for(&robot.arm.robot)?;
+            touches.conventions(
+                &robot.arm,
+                &mut settings.touch,
+                Undecided::LeavesThem,
+                progress,
+            )?;
             let touch = settings.touch.over_config(&field.touch);
             let place = (field.lattice.clone(), field.contact.clone());
             let mut touches = touches.for_arm(&robot.arm, &settings.log, place)?;

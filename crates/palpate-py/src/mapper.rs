@@ -8,8 +8,9 @@ use palpate::{EstimatorKind, PathConfig, PathPoint, PathPrediction, Sample};
 use palpate_io::field::{self, Saved};
 use palpate_work::elastic::without_body;
 use palpate_work::error::WorkError;
-use palpate_work::settings::Settings;
 use palpate_work::settings::sections::TouchSettings;
+use palpate_work::settings::{OrAuto, Settings};
+use palpate_work::touches::Undecided;
 use palpate_work::{learn, prior, resume};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -249,10 +250,14 @@ impl Mapper {
         *in_touch = false; // a touch under way ends where the next one begins
         let settings = &self.settings.log;
         let figures = long(py, progress, |progress| -> Result<_, WorkError> {
-            let touches = opened(sources, settings)?;
-            let gravity = Some(mapper.config().touch.gravity);
-            let mut torques = TouchSettings { gravity, ..TouchSettings::default() };
-            touches.gravity_of_logs(&mut torques, progress)?;
+            let mut touches = opened(sources, settings)?;
+            let set = &mapper.config().touch;
+            let mut torques = TouchSettings {
+                torque_sign: Some(OrAuto::Is(set.torque_sign)),
+                gravity: Some(OrAuto::Is(set.gravity)),
+                ..TouchSettings::default()
+            };
+            touches.conventions(mapper.arm(), &mut torques, Undecided::LeavesThem, progress)?;
             settings.check_for(&mapper.arm().robot)?;
             let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
             let mut touches = touches.for_arm(&mapper.arm().clone(), settings, place)?;

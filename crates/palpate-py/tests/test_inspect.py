@@ -9,7 +9,7 @@ import pytest
 
 import palpate
 from palpate.results import Inspection
-from palpate.settings import LatticeSettings
+from palpate.settings import LatticeSettings, LogSettings, TouchSettings
 
 
 def of_command(command: Path, *args: object) -> Any:
@@ -55,7 +55,10 @@ def test_figures_are_those_of_the_map(plant: Path, robot: palpate.Robot) -> None
 
 def test_touches_in_memory_are_inspected(touch: palpate.Touch, robot: palpate.Robot) -> None:
     turned = palpate.Touch(touch.q, -touch.tau, touch.name, touch.time, touch.joint_names)
-    inspection = palpate.inspect(turned, robot)
+    found = palpate.inspect(turned, robot)
+    assert codes(found) == [] and found["log"] is not None and found["log"]["reading"] is not None
+    assert found["log"]["reading"]["torque_sign"] == "minus"
+    inspection = palpate.inspect(turned, robot, touch={"torque_sign": "plus"})
     assert codes(inspection) == ["torque_sign"]
     assert inspection["findings"][0]["flags"] == ["--torque-sign", "minus"]
     assert inspection["log"] is not None and inspection["log"]["reading"] is not None
@@ -71,7 +74,9 @@ def test_what_looks_wrong_is_a_warning_and_if_strict_an_error(
     with pytest.raises(palpate.LogError, match=r"looks wrong \(torque_sign\)"):
         palpate.Mapper(robot, log={"strict": True}).map(turned)
     with pytest.raises(palpate.LogError, match=r"looks wrong \(torque_sign\)"):
-        palpate.evaluate([turned, turned], robot, methods=["zero"], log={"strict": True})
+        strict: LogSettings = {"strict": True}
+        touch_settings: TouchSettings = {"torque_sign": "plus"}
+        palpate.evaluate([turned, turned], robot, methods=["zero"], log=strict, touch=touch_settings)
 
 
 def test_a_touch_of_another_robot_among_others_is_an_error(

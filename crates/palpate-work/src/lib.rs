@@ -25,6 +25,7 @@
 //! terminal, a page or Python.
 #![forbid(unsafe_code)]
 
+mod conventions;
 pub mod elastic;
 pub mod error;
 pub mod evaluate;

@@ -4,26 +4,49 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate::{Arm, ContactConfig, ExternalTorqueConfig, Gravity, Lattice, MapperError, Sample};
+use palpate::{
+    Arm, ContactConfig, ExternalTorqueConfig, Gravity, Lattice, MapperError, Sample, TorqueSign,
+};
 use palpate_io::input;
 use palpate_io::log::{
-    self, AngleUnit, Log, LogDescription, LogEvent, LogOptions, LogWarning, LoggedTorques, reorder,
+    self, AngleUnit, Log, LogDescription, LogError, LogEvent, LogOptions, LogWarning,
+    LoggedTorques, reorder,
 };
 
+use crate::conventions::{self, Evidence, Given};
 use crate::error::WorkError;
+use crate::inspect::is_misread;
 use crate::inspect::log::LogCheck;
 use crate::pauses::Pauses;
 use crate::progress::Progress;
 use crate::recorded::{MemoryLog, reorder_joints};
+use crate::settings::OrAuto;
 use crate::settings::sections::{LogSettings, TouchSettings};
 
 pub use crate::recorded::{RecordedTouch, TouchEvent};
+
+/// Samples that are read ahead to find out how torques count: 20 MB of seven joints.
+const AHEAD: usize = 100_000;
+
+/// What to do where data fit two conventions of torques alike.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Undecided {
+    /// Nobody else says which it is.
+    IsAnError,
+    /// A field says which it is.
+    LeavesThem,
+}
 
 /// Logs that are read as one.
 #[derive(Default)]
 pub struct Touches {
     logs: Vec<(PathBuf, Box<dyn Log>)>,
+    /// The log that was read from last, and that of the event that was handed on last.
+    reading: usize,
     current: usize,
+    /// What was read and not handed on yet, with the log that it is of, and the error behind it.
+    ahead: VecDeque<(usize, LogEvent)>,
+    failed: Option<(usize, LogError)>,
     joints: Vec<String>,
     permutation: Option<Vec<usize>>,
     /// Joints of the touch that was started last, as the log names them.
@@ -62,34 +85,153 @@ impl Touches {
         self
     }
 
-    /// Takes from the logs what the settings leave open: torques that are external ones hold no
-    /// gravity.
-    pub fn gravity_of_logs(
+    /// Takes from the logs what the settings leave open of the torques: what a type of message says, else what the
+    /// data tell, of which a note says why.
+    ///
+    /// # Errors
+    ///
+    /// If the settings contradict what the logs say, or the data fit two conventions alike and `undecided` is an
+    /// error; else it is left open.
+    pub fn conventions(
+        &mut self,
+        arm: &Arm,
+        settings: &mut TouchSettings,
+        undecided: Undecided,
+        progress: &dyn Progress,
+    ) -> Result<(), WorkError> {
+        self.conventions_of_messages(settings, progress)?;
+        let (torque_sign, gravity) = (settings.torque_sign_given(), settings.gravity_given());
+        if torque_sign.is_some() && gravity.is_some() {
+            return Ok(());
+        }
+        self.look_ahead();
+        let path =
+            self.logs.first().map(|(path, _)| path.display().to_string()).unwrap_or_default();
+        let set = settings.over_config(&ExternalTorqueConfig::default());
+        let Some(mut touches) = self.touches_ahead(arm) else { return Ok(()) };
+        let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
+        let Some(evidence) = Evidence::of(&arm.robot, &samples, set.still_rad) else {
+            return Ok(());
+        };
+        if is_misread(&mut touches, &arm.robot, (self.checked.0, &set)) {
+            return Ok(()); // which is warned of
+        }
+        match evidence.decide(Given { torque_sign, gravity }) {
+            Ok(found) => {
+                progress.note(&format!("`{path}`: {found}"));
+                settings.torque_sign = Some(OrAuto::Is(found.torque_sign));
+                settings.gravity = Some(OrAuto::Is(found.gravity));
+            }
+            // What is given is wrong, which is warned of.
+            Err(_) if evidence.decide(Given::default()).is_ok() => {}
+            Err(told @ conventions::Undecided::Nothing(_)) => {
+                progress.warn(&format!("`{path}`: {told}"));
+            }
+            Err(told) => match undecided {
+                Undecided::IsAnError => return Err(WorkError::Usage(format!("`{path}`: {told}"))),
+                Undecided::LeavesThem => progress.note(&format!("`{path}`: {told}")),
+            },
+        }
+        Ok(())
+    }
+
+    /// Torques that a type of message says are external ones hold no gravity, and count as the motors' do:
+    /// libfranka's `tau_ext_hat_filtered` is what the motors exert beyond the model.
+    fn conventions_of_messages(
         &self,
         settings: &mut TouchSettings,
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
         let Some((path, _)) = self.logs.iter().find(is_external) else { return Ok(()) };
         let path = path.display();
-        match settings.gravity {
-            Some(Gravity::Removed) => return Ok(()),
+        match settings.gravity_given() {
+            Some(Gravity::Removed) => {}
             Some(Gravity::Included) => {
                 return Err(WorkError::Usage(format!(
                     "`{path}` holds external torques, out of which the robot has taken gravity; \
                      say --gravity removed, or leave it out"
                 )));
             }
-            None => {}
+            None if !self.logs.iter().all(|log| is_external(&log)) => {
+                return Err(WorkError::Usage(format!(
+                    "`{path}` holds external torques, without gravity, and other logs do not say so; \
+                     give --gravity if it holds for all, or read them one after the other"
+                )));
+            }
+            None => {
+                progress.note(&format!(
+                    "`{path}` holds external torques: gravity is not taken off them"
+                ));
+                settings.gravity = Some(OrAuto::Is(Gravity::Removed));
+            }
         }
-        if !self.logs.iter().all(|log| is_external(&log)) {
-            return Err(WorkError::Usage(format!(
-                "`{path}` holds external torques, without gravity, and other logs do not say so; \
-                 give --gravity if it holds for all, or read them one after the other"
-            )));
+        let told = "external torques of a Franka count as the motors' do";
+        match settings.torque_sign_given() {
+            None if self.logs.iter().all(|log| is_external(&log)) => {
+                progress.note(&format!("{told}: their sign is minus"));
+                settings.torque_sign = Some(OrAuto::Is(TorqueSign::Minus));
+            }
+            Some(TorqueSign::Plus) => {
+                progress.warn(&format!("`{path}`: {told}, and --torque-sign is plus"));
+            }
+            _ => {}
         }
-        progress.note(&format!("`{path}` holds external torques: gravity is not taken off them"));
-        settings.gravity = Some(Gravity::Removed);
         Ok(())
+    }
+
+    /// Reads what comes next without handing it on.
+    fn look_ahead(&mut self) {
+        let mut samples = 0;
+        while samples < AHEAD && self.failed.is_none() {
+            match self.next_of_logs() {
+                Ok(Some((log, event))) => {
+                    samples += usize::from(matches!(event, LogEvent::Sample(_)));
+                    self.ahead.push_back((log, event));
+                }
+                Ok(None) => break,
+                Err(failed) => self.failed = Some(failed),
+            }
+        }
+    }
+
+    /// What was read ahead, joints in the arm's order; `None` if they are not the arm's.
+    fn touches_ahead(&self, arm: &Arm) -> Option<Vec<RecordedTouch>> {
+        let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
+        let mut touches: Vec<RecordedTouch> = Vec::new();
+        let mut order = None;
+        for (_, event) in &self.ahead {
+            match event {
+                LogEvent::TouchStarts { joint_names, .. } => {
+                    let names = joint_names.as_ref().map(|names| reorder(&joints, names));
+                    order = names.transpose().ok()?;
+                    touches.push(RecordedTouch::default());
+                }
+                LogEvent::Sample(sample) => {
+                    let mut sample = sample.clone();
+                    if let Some(order) = &order {
+                        reorder_joints(&mut sample, order);
+                    }
+                    if sample.q.len() != joints.len() || sample.tau.len() != joints.len() {
+                        return None;
+                    }
+                    touches.last_mut()?.samples.push(sample);
+                }
+            }
+        }
+        touches.retain(|touch| !touch.samples.is_empty());
+        Some(touches)
+    }
+
+    /// The next event of the logs, and which log it is of.
+    fn next_of_logs(&mut self) -> Result<Option<(usize, LogEvent)>, (usize, LogError)> {
+        while let Some((_, log)) = self.logs.get_mut(self.reading) {
+            match log.next().transpose() {
+                Ok(None) => self.reading += 1,
+                Ok(Some(event)) => return Ok(Some((self.reading, event))),
+                Err(error) => return Err((self.reading, error)),
+            }
+        }
+        Ok(None)
     }
 
     /// The same touches for an arm: joints in its order, and parted where it pauses in this box,
@@ -177,29 +319,40 @@ impl Touches {
 
     /// What the logs say next.
     fn read_on(&mut self) -> Result<Option<TouchEvent>, WorkError> {
-        while let Some((path, log)) = self.logs.get_mut(self.current) {
-            match log.next().transpose()? {
-                None => self.current += 1,
-                Some(LogEvent::TouchStarts { name, joint_names }) => {
-                    self.named.clone_from(&joint_names);
-                    self.read = (name.clone(), 0);
-                    let names = joint_names.filter(|_| !self.joints.is_empty());
-                    let order = names.map(|names| reorder(&self.joints, &names)).transpose();
-                    self.permutation = order.map_err(|error| {
-                        format!("`{}`: touch `{name}`: {error}", path.display())
-                    })?;
-                    return Ok(Some(TouchEvent::Touch(name)));
+        let next = match (self.ahead.pop_front(), self.failed.take()) {
+            (Some(next), failed) => {
+                self.failed = failed;
+                Ok(Some(next))
+            }
+            (None, Some(failed)) => Err(failed),
+            (None, None) => self.next_of_logs(),
+        };
+        match next {
+            Ok(None) => Ok(None),
+            Err((log, error)) => {
+                self.current = log;
+                Err(error.into())
+            }
+            Ok(Some((log, LogEvent::TouchStarts { name, joint_names }))) => {
+                self.current = log;
+                self.named.clone_from(&joint_names);
+                self.read = (name.clone(), 0);
+                let names = joint_names.filter(|_| !self.joints.is_empty());
+                let order = names.map(|names| reorder(&self.joints, &names)).transpose();
+                self.permutation = order.map_err(|error| {
+                    format!("`{}`: touch `{name}`: {error}", self.log().display())
+                })?;
+                Ok(Some(TouchEvent::Touch(name)))
+            }
+            Ok(Some((log, LogEvent::Sample(mut sample)))) => {
+                self.current = log;
+                self.read.1 += 1;
+                if let Some(order) = &self.permutation {
+                    reorder_joints(&mut sample, order);
                 }
-                Some(LogEvent::Sample(mut sample)) => {
-                    self.read.1 += 1;
-                    if let Some(order) = &self.permutation {
-                        reorder_joints(&mut sample, order);
-                    }
-                    return Ok(Some(TouchEvent::Sample(sample)));
-                }
+                Ok(Some(TouchEvent::Sample(sample)))
             }
         }
-        Ok(None)
     }
 
     /// Reads all touches, or the first so many.

@@ -3,12 +3,13 @@
 //! Sensors drift between touches, so every touch has a tare of its own: the mean of what the sign and
 //! gravity leave of the logged torque over the contact-free frames at its start. A frame counts as
 //! contact-free while the arm stands still, or while the simulator finds it touching no point of the
-//! lattice; the start ends at the first frame that is neither.
+//! lattice; the start ends at the first frame that is neither. Without such a start, torques out of which the
+//! robot has taken gravity are external ones as they are; others need one.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
-use crate::external_torque::ExternalTorqueConfig;
+use crate::external_torque::{ExternalTorqueConfig, Gravity};
 use crate::robot::Robot;
 use crate::tracker::TrackerError;
 
@@ -85,7 +86,7 @@ impl TouchTare {
     ///
     /// # Errors
     ///
-    /// If the contact-free start is over before there were frames enough.
+    /// If the contact-free start is over before there were frames enough, and the torques hold gravity.
     pub(crate) fn subtract(
         &mut self,
         (robot, config): (&Robot, &ExternalTorqueConfig),
@@ -104,6 +105,11 @@ impl TouchTare {
             }
             let wanted = if config.tare == Tare::Auto { MIN_TARE_FRAMES } else { 1 };
             if *frames < wanted {
+                if config.tare == Tare::Auto && config.gravity == Gravity::Removed {
+                    let none = DVector::zeros(untared.len());
+                    self.state = State::Known(none);
+                    return Ok(Some(untared.clone()));
+                }
                 return Err(TrackerError::NoContactFreeStart { found: *frames, wanted });
             }
             self.state = State::Known(&*sum / f64::from(*frames));

@@ -92,10 +92,23 @@ fn a_mapper_saved_between_any_two_steps_continues_to_the_bit() {
 }
 
 #[test]
+fn external_torques_without_a_free_start_are_taken_as_they_are() {
+    let with_tare_given = mapper(EstimatorKind::Map, ReplayPolicy::SameThread);
+    let mut config = with_tare_given.config().clone();
+    (config.touch.tare, config.touch.gravity) = (Tare::Auto, Gravity::Removed);
+    let mut mapper = Mapper::new(Arc::clone(with_tare_given.arm()), config).unwrap();
+    mapper.begin_touch();
+    let at = |x: f64| Sample::new(None, vec![x, 0.0, 0.0], vec![2.0, 0.0, -1.0]);
+    assert!(mapper.step(&at(0.0)).unwrap().external.is_none(), "it may be a start yet");
+    let external = mapper.step(&at(0.08)).unwrap().external.unwrap();
+    assert_eq!(external.as_slice(), [2.0, 0.0, -1.0]);
+}
+
+#[test]
 fn a_touch_without_a_tare_is_over_in_a_mapper_that_was_saved_and_continued_too() {
     let with_tare_given = mapper(EstimatorKind::Map, ReplayPolicy::SameThread);
     let mut config = with_tare_given.config().clone();
-    config.touch.tare = Tare::Auto;
+    (config.touch.tare, config.touch.gravity) = (Tare::Auto, Gravity::Included);
     let mut first = Mapper::new(Arc::clone(with_tare_given.arm()), config).unwrap();
     first.begin_touch();
     let at = |x: f64| Sample::new(None, vec![x, 0.0, 0.0], vec![0.0; 3]);

@@ -41,7 +41,7 @@ use viewer::Viewer;
 
 const EXAMPLES: &str = "Examples:
   palpate live -o field.npz
-  palpate live --robot panda.urdf --gravity removed --joint-states /franka/joint_states -o field.npz
+  palpate live --robot panda.urdf --torque-sign minus --joint-states /franka/joint_states -o field.npz
   palpate live -o field.npz --resume --guard 25
   palpate live --localhost --json-lines --duration 60
   palpate live -o field.npz --viewer

@@ -84,7 +84,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let picture = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
-    let (touches, arm) = logs::open(&args.logs, &mut settings, output)?;
+    let (touches, arm) =
+        logs::open(&args.logs, &mut settings, logs::Undecided::LeavesThem, output)?;
     tell_other_robot(&saved, &arm, output);
 
     let touch = settings.touch.over_config(&saved.field.touch);

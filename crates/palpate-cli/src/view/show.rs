@@ -80,7 +80,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     args.check_places(&named, &settings)?;
     interrupt::listen();
     let saved = named.field.map(field::load).transpose().map_err(CliError::file)?;
-    let (touches, arm) = logs::open(&named.logs, &mut settings, output)?;
+    let (touches, arm) =
+        logs::open(&named.logs, &mut settings, logs::Undecided::LeavesThem, output)?;
     if let Some(saved) = &saved {
         tell_other_robot(saved, &arm, output);
     }

@@ -214,6 +214,8 @@ class Fits(TypedDict):
     """Torque of gravity at rest, N·m over all joints."""
     at_rest: bool
     """Whether the arm ever rests; if not, these are figures of any frames."""
+    by_work: bool
+    """Whether the sign of `best` is that of torques that take work from the arm, and not that of `set`."""
 
 
 class PayloadEstimate(TypedDict):

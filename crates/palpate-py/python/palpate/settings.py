@@ -49,8 +49,8 @@ class LogSettings(TypedDict, total=False):
 class TouchSettings(TypedDict, total=False):
     """What logged torques mean."""
 
-    torque_sign: Literal["plus", "minus"]
-    gravity: Literal["included", "removed"]
+    torque_sign: Literal["auto", "plus", "minus"]
+    gravity: Literal["auto", "included", "removed"]
     tare_frames: int | Literal["auto"]
     no_tare: bool
     still_rad: float

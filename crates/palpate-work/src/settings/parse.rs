@@ -55,6 +55,37 @@ pub(super) fn columns(text: &str) -> Result<CsvColumns, String> {
     }
 }
 
+/// A setting that is found from the data unless it is given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum OrAuto<T> {
+    /// Found from the data.
+    Auto(Auto),
+    /// Given.
+    Is(T),
+}
+
+/// The word for a setting that is found from the data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Auto {
+    /// `auto`.
+    Auto,
+}
+
+impl<T> OrAuto<T> {
+    /// To be found.
+    pub const AUTO: Self = Self::Auto(Auto::Auto);
+
+    /// What is given, if anything is.
+    pub fn given(self) -> Option<T> {
+        match self {
+            Self::Auto(_) => None,
+            Self::Is(value) => Some(value),
+        }
+    }
+}
+
 /// How many frames the tare is the mean of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "toml::Value", into = "toml::Value")]

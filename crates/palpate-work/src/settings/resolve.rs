@@ -3,13 +3,16 @@
 //! The base is the shipped one of the chosen estimator, or that of a saved field.
 
 use palpate::unstable::{JointKind, PauseConfig};
-use palpate::{EstimatorConfig, ExternalTorqueConfig, Lattice, MapperConfig, Payload, Robot, Tare};
+use palpate::{
+    EstimatorConfig, ExternalTorqueConfig, Gravity, Lattice, MapperConfig, Payload, Robot, Tare,
+    TorqueSign,
+};
 use palpate_io::log::{AngleUnit, LogOptions};
 use serde::Serialize;
 
 use super::error::SettingsError;
 use super::lattice::{lattice_in_words, same_lattice};
-use super::parse::TareFrames;
+use super::parse::{OrAuto, TareFrames};
 use super::sections::{LogSettings, RobotSettings, Section, Settings, TouchSettings};
 
 /// Baked coarser than this, m, a link loses its shape.
@@ -146,10 +149,22 @@ impl LogSettings {
 }
 
 impl TouchSettings {
+    /// The sign of the torques, unless it is to be found.
+    pub fn torque_sign_given(&self) -> Option<TorqueSign> {
+        self.torque_sign.and_then(OrAuto::given)
+    }
+
+    /// Whether the torques hold gravity, unless it is to be found.
+    pub fn gravity_given(&self) -> Option<Gravity> {
+        self.gravity.and_then(OrAuto::given)
+    }
+
     /// These over another configuration.
     pub fn over_config(&self, base: &ExternalTorqueConfig) -> ExternalTorqueConfig {
         let mut config = base.clone();
         self.set(&mut config);
+        config.torque_sign = self.torque_sign_given().unwrap_or(base.torque_sign);
+        config.gravity = self.gravity_given().unwrap_or(base.gravity);
         config.tare = match (self.no_tare, self.tare_frames) {
             (Some(true), _) => Tare::None,
             (_, Some(TareFrames::First(frames))) => Tare::Frames(frames),

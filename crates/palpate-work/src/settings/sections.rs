@@ -16,7 +16,7 @@ use palpate_io::log::{AngleUnit, CsvColumns, LogOptions};
 use palpate_io::robot_files::ArmOptions;
 use serde::{Deserialize, Serialize};
 
-use super::parse::{TareFrames, columns, counts3, named, vector3};
+use super::parse::{OrAuto, TareFrames, columns, counts3, named, vector3};
 
 /// All that can be set; what was not given is `None`.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
@@ -196,14 +196,15 @@ section! {
     #[command(next_help_heading = "Torques")]
     pub struct TouchSettings of ExternalTorqueConfig {
         /// Sign of logged torques: `plus` if they are what gravity and the object exert on the
-        /// joints, `minus` if they are what the motors exert [default: plus]
-        #[arg(long, value_name = "SIGN", value_parser = named::<TorqueSign>(&["plus", "minus"]))]
-        pub torque_sign: TorqueSign => torque_sign,
-        /// Whether logged torques still hold gravity [default: included]
+        /// joints, `minus` if they are what the motors exert, `auto` to find out from the log [default: auto]
+        #[arg(long, value_name = "SIGN", value_parser = named::<OrAuto<TorqueSign>>(&["auto", "plus", "minus"]))]
+        pub torque_sign: OrAuto<TorqueSign>,
+        /// Whether logged torques still hold gravity; `auto` to find out from the log [default: auto]
         #[arg(
-            long, value_name = "STATE", value_parser = named::<Gravity>(&["included", "removed"])
+            long, value_name = "STATE",
+            value_parser = named::<OrAuto<Gravity>>(&["auto", "included", "removed"])
         )]
-        pub gravity: Gravity => gravity,
+        pub gravity: OrAuto<Gravity>,
         /// Frames at the start of each touch whose mean torque is taken off, or `auto` to find the
         /// contact-free start [default: auto]
         #[arg(long, value_name = "N|auto")]

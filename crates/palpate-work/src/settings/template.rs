@@ -6,7 +6,7 @@ use palpate::{EstimatorKind, Lattice, Tare};
 use super::error::SettingsError;
 use super::file::sections;
 use super::lattice::corners;
-use super::parse::TareFrames;
+use super::parse::{OrAuto, TareFrames};
 use super::sections::{Section, Settings};
 use crate::tune::CHOSEN;
 
@@ -22,6 +22,8 @@ impl Settings {
         all.log.idle_s.get_or_insert(PauseConfig::default().idle_s);
 
         all.touch.take(&config.touch);
+        all.touch.torque_sign.get_or_insert(OrAuto::AUTO);
+        all.touch.gravity.get_or_insert(OrAuto::AUTO);
         all.touch.no_tare = Some(config.touch.tare == Tare::None);
         all.touch.tare_frames = match config.touch.tare {
             Tare::Auto => Some(TareFrames::Auto),

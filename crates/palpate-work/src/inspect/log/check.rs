@@ -14,6 +14,7 @@ use palpate_io::log::AngleUnit;
 
 use super::joints::Matching;
 use super::{Place, Read};
+use crate::conventions::Given;
 use crate::error::WorkError;
 use crate::inspect::finding::{Finding, Level};
 use crate::inspect::words::{counted, listed};
@@ -186,7 +187,8 @@ impl LogCheck {
         let named = touches.iter().all(|touch| touch.joint_names.is_some());
         let matching = if named { Matching::InOrder } else { Matching::Unnamed };
         let Self { arm, place, set, angle_unit, .. } = self;
-        let read = Read { arm, place, set, angle_unit: *angle_unit, matching };
+        let given = Given::of(set);
+        let read = Read { arm, place, set, given, angle_unit: *angle_unit, matching };
         let mut found = read.judge(&mut touches, contacts.as_deref(), progress)?.findings;
         found.retain(|one| one.level > Level::Note && !self.told.contains(one.code));
         found.sort_by_key(|finding| Reverse(finding.level));

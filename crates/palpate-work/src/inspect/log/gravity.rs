@@ -8,13 +8,14 @@ use super::super::words::{listed, number, word};
 use super::joints::Matching;
 use super::payload;
 use super::reading::{self, Fit, Fits, Reading};
+use crate::conventions::{Evidence, Given};
 use crate::touches::RecordedTouch;
 
 /// Reads the log as gravity says: the touches' joints are put into the order that fits.
 pub(super) fn judge(
     touches: &mut [RecordedTouch],
     robot: &Robot,
-    set: &ExternalTorqueConfig,
+    (set, given): (&ExternalTorqueConfig, Given),
     (angle_unit, matching): (AngleUnit, Matching),
 ) -> (Reading, Vec<Finding>) {
     let mut rests = reading::rests(touches, set.still_rad);
@@ -27,6 +28,15 @@ pub(super) fn judge(
         rests = reading::rests(touches, set.still_rad);
         (fits, order) = (better, Some(other));
     }
+    let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
+    let evidence = Evidence::of(robot, &samples, set.still_rad);
+    let decided = evidence.map(|evidence| evidence.decide(given));
+    if let Some(Ok(found)) = decided {
+        let mut set = set.clone();
+        (set.torque_sign, set.gravity) = (found.torque_sign, found.gravity);
+        fits = reading::fits(robot, &rests, &straight, &set);
+    }
+    fits = fits.with_sign_by_work(evidence.and_then(|evidence| evidence.sign_by_work()));
     let mut payload = None;
     if fits.contradict() {
         findings.push(wrong_convention(&fits));
@@ -34,6 +44,10 @@ pub(super) fn judge(
         let heavier = payload_of(robot, &rests.all, &fits);
         findings.push(misfit(&fits, heavier.as_ref()));
         payload = heavier.map(|(_, payload)| payload);
+    } else if let Some(Err(told)) = decided {
+        let remedy =
+            "give the flags that it names; below, the log is read as if they were left out";
+        findings.push(Finding::warning("undecided", told.to_string(), remedy));
     }
     let Fit { torque_sign, gravity, left_over, .. } = fits.accepted();
     let unexplained_share = fits.tell().then(|| left_over / fits.gravity_torque);
@@ -67,6 +81,13 @@ fn wrong_convention(fits: &Fits) -> Finding {
     let when = if fits.at_rest { "at rest" } else { "on average" };
     let [left_over, left_over_as_set, gravity_torque] =
         [best.left_over, set.left_over, fits.gravity_torque].map(number);
+    if fits.by_work {
+        let what = "the torques have the opposite sign: so they do work on the arm as it moves, more than they take, \
+                    as only motors can";
+        let flags = flags(set, best);
+        let remedy = format!("use {}; below, the log is read so", flags.join(" "));
+        return Finding::warning("torque_sign", what.to_owned(), remedy).try_flags(&flags);
+    }
     let (code, seen) = match best.gravity {
         Gravity::Removed => {
             ("gravity", format!("the log holds no gravity: {when} it measures {left_over} N·m"))

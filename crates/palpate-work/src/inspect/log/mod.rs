@@ -45,6 +45,7 @@ use serde::Serialize;
 
 use super::field::LatticeFacts;
 use super::finding::Finding;
+use crate::conventions::Given;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::Settings;
@@ -140,15 +141,16 @@ impl LogInspector<'_> {
             touches = self.read(&mut whole.for_arm(self.arm, settings, place)?);
         }
         if !touches.is_empty() {
-            let mut set = self.config.touch.clone();
             let external = log.describe().torques == LoggedTorques::External;
-            if external && self.settings.touch.gravity.is_none() {
-                set.gravity = Gravity::Removed;
-            }
+            let given = self.given(external);
+            let mut set = self.config.touch.clone();
+            set.torque_sign = given.torque_sign.unwrap_or(set.torque_sign);
+            set.gravity = given.gravity.unwrap_or(set.gravity);
             let read = Read {
                 arm: self.arm,
                 place: &(self.config.lattice.clone(), self.config.contact.clone()),
                 set: &set,
+                given,
                 angle_unit: settings.options().angle_unit,
                 matching,
             };
@@ -158,6 +160,16 @@ impl LogInspector<'_> {
             facts.reading = Some(judged.reading);
         }
         Ok(Some(facts))
+    }
+
+    /// What is given of how the torques count, or said by the type of message.
+    fn given(&self, external: bool) -> Given {
+        let touch = &self.settings.touch;
+        let (sign, gravity) = (touch.torque_sign_given(), touch.gravity_given());
+        Given {
+            torque_sign: sign.or(external.then_some(TorqueSign::Minus)),
+            gravity: gravity.or(external.then_some(Gravity::Removed)),
+        }
     }
 
     /// Reads the touches that have frames, to the end or to where it breaks off.
@@ -177,8 +189,9 @@ type Place = (Lattice, ContactConfig);
 struct Read<'a> {
     arm: &'a Arc<Arm>,
     place: &'a Place,
-    /// What their torques are said to be.
+    /// What their torques are said to be, or taken to be where that is to be found.
     set: &'a ExternalTorqueConfig,
+    given: Given,
     /// The unit that their angles were said to be in.
     angle_unit: AngleUnit,
     matching: Matching,
@@ -204,7 +217,7 @@ impl Read<'_> {
         let (robot, set) = (&self.arm.robot, self.set);
         let (angle_unit, wrong_unit) = unit::correct(touches, robot, self.angle_unit, set);
         let (reading, by_gravity) =
-            gravity::judge(touches, robot, set, (angle_unit, self.matching));
+            gravity::judge(touches, robot, (set, self.given), (angle_unit, self.matching));
         let as_read = wrong_unit.is_none() && reading.order.is_none();
         let contacts = contacts.filter(|_| as_read);
         let mut findings = Vec::from_iter(wrong_unit);
@@ -226,6 +239,21 @@ impl Read<'_> {
         findings.extend(figured.findings(nothing, moves));
         Ok(Judged { touched: touched.figures(cells), touches: facts, reading, findings })
     }
+}
+
+/// Whether touches seem to be in another unit or another order of joints than they are said to be.
+pub(crate) fn is_misread(
+    touches: &mut [RecordedTouch],
+    robot: &Robot,
+    (unit, set): (AngleUnit, &ExternalTorqueConfig),
+) -> bool {
+    if unit::correct(touches, robot, unit, set).1.is_some() {
+        return true;
+    }
+    let rests = reading::rests(touches, set.still_rad);
+    let straight: Vec<usize> = (0..robot.n_joints()).collect();
+    let fits = reading::fits(robot, &rests, &straight, set);
+    reading::other_order(robot, &rests, set, &fits).is_some()
 }
 
 impl LogFacts {
@@ -297,7 +325,7 @@ fn farthest(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// The mean of each column of some rows.
-fn mean<T>(rows: &[T], of: impl Fn(&T) -> &[f64]) -> Vec<f64> {
+pub(crate) fn mean<T>(rows: &[T], of: impl Fn(&T) -> &[f64]) -> Vec<f64> {
     let columns = rows.first().map_or(0, |row| of(row).len());
     let mean = |j: usize| rows.iter().map(|row| of(row)[j]).sum::<f64>() / rows.len() as f64;
     (0..columns).map(mean).collect()

@@ -64,6 +64,9 @@ pub struct Fits {
     pub gravity_torque: f64,
     /// Whether there are moments at rest; if not, these are figures of any frames.
     pub at_rest: bool,
+    /// Whether the sign of `best` is that of torques without gravity that take work from the arm, and not the one
+    /// that is set.
+    pub by_work: bool,
     #[serde(skip)]
     n_joints: usize,
 }
@@ -109,6 +112,18 @@ impl Fits {
         self.at_rest && self.tell() && self.best.left_over > most
     }
 
+    /// Takes the sign that the work of torques without gravity tells.
+    pub(super) fn with_sign_by_work(mut self, sign: Option<TorqueSign>) -> Self {
+        let both = [self.set, self.best];
+        let without_gravity = both.iter().all(|fit| fit.gravity == Gravity::Removed);
+        let tells = without_gravity || !self.tell();
+        if let Some(torque_sign) = sign.filter(|sign| tells && *sign != self.set.torque_sign) {
+            self.best = Fit { torque_sign, ..self.set };
+            self.by_work = true;
+        }
+        self
+    }
+
     /// Whether another convention is right than the one that is set.
     pub(super) fn contradict(&self) -> bool {
         let other =
@@ -118,7 +133,7 @@ impl Fits {
         } else {
             self.best.off_slope() < NEAR_SLOPE
         };
-        self.tell() && !self.misfit() && other && better
+        self.by_work || self.tell() && !self.misfit() && other && better
     }
 
     /// The convention that the log should be read under.
@@ -186,7 +201,7 @@ pub(super) fn fits(
     let off = |fit: &Fit| if rests.still { fit.left_over } else { fit.off_slope() };
     let best = all.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(all[0]);
     let (gravity_torque, n_joints) = (left_over(0.0, 1.0), order.len());
-    Fits { set: all[0], best, gravity_torque, at_rest: rests.still, n_joints }
+    Fits { set: all[0], best, gravity_torque, at_rest: rests.still, by_work: false, n_joints }
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

@@ -2,7 +2,7 @@
 //! ends.
 
 use palpate::unstable::{Joint, JointKind};
-use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Tare, TorqueSign};
+use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Tare};
 
 use super::super::finding::Finding;
 use super::super::words::{counted, listed, number};
@@ -12,8 +12,6 @@ use crate::quantile::median;
 
 /// A touch below this says little, N·m over all joints.
 const WEAK: f64 = 1.0;
-/// Work below this tells no sign, J.
-const LEAST_WORK_J: f64 = 0.005;
 
 /// What is looked at.
 pub(super) struct Figured<'a> {
@@ -52,7 +50,6 @@ impl Figured<'_> {
         findings.extend(self.noiseless());
         findings.extend(self.noisy());
         findings.extend(self.drift());
-        findings.extend(self.work());
         findings
     }
 
@@ -101,12 +98,20 @@ impl Figured<'_> {
 
     fn no_start(&self) -> Option<Finding> {
         let fewest = MIN_TARE_FRAMES as usize;
-        let what =
-            format!("no contact-free start: the arm moves before {fewest} frames are over, in");
+        let early = format!("the arm moves before {fewest} frames are over");
+        let shows = |touch: &TouchFacts| self.tare == Tare::Auto && touch.start_frames < fewest;
+        if self.fits.accepted().gravity == Gravity::Removed {
+            let what = format!(
+                "no contact-free start ({early}): external torques are taken as they are in"
+            );
+            let remedy = "the sensors' bias is still in them; start the log earlier, with the arm still \
+                          and free, and it is taken off";
+            return self.shown(shows, ("no_start", &what, remedy));
+        }
+        let what = format!("no contact-free start: {early}, in");
         let remedy = "start the log earlier, with the arm still and free; or use --tare-frames N \
                       to take the tare from the first N frames as they are, or --no-tare if the \
                       torques are external ones already";
-        let shows = |touch: &TouchFacts| self.tare == Tare::Auto && touch.start_frames < fewest;
         self.shown(shows, ("no_start", &what, remedy)).map(Finding::refused)
     }
 
@@ -220,31 +225,5 @@ impl Figured<'_> {
                       moved and still leans on the arm";
         let drift = self.shown(|touch| left(touch).is_some(), ("drift", what, remedy))?;
         Some(Finding { what: format!("{} ({})", drift.what, listed(&told)), ..drift })
-    }
-
-    /// Without gravity, the sign shows in who does the work: the arm pushes, the object yields.
-    fn work(&self) -> Option<Finding> {
-        let fit = self.fits.accepted();
-        if self.fits.tell() && fit.gravity == Gravity::Included {
-            return None; // Gravity tells the sign.
-        }
-        // Without a free start the arm may be on its way out.
-        let free = |touch: &&TouchFacts| touch.start_frames >= MIN_TARE_FRAMES as usize;
-        let work = self.judged().filter(free).map(|touch| touch.work_until_peak_j);
-        let work: Vec<f64> = work.filter(|work| work.abs() > LEAST_WORK_J).collect();
-        let wrong = work.iter().filter(|work| **work > 0.0).count();
-        (!work.is_empty() && wrong * 5 >= work.len() * 4).then(|| {
-            let other = match fit.torque_sign {
-                TorqueSign::Plus => "minus",
-                TorqueSign::Minus => "plus",
-            };
-            let (touches, joules) = (counted(work.len(), "touch"), number(work.iter().sum()));
-            let what = format!(
-                "in {wrong} of {touches} the object would pull the arm in rather than push it \
-                 back, with {joules} J in all"
-            );
-            let remedy = format!("the torques have the opposite sign: use --torque-sign {other}");
-            Finding::warning("torque_sign", what, remedy).try_flags(&["--torque-sign", other])
-        })
     }
 }

@@ -1,0 +1,362 @@
+//! How logged torques count, found from the data: which way, and whether gravity is in them.
+//!
+//! Two things are known beforehand of any arm. Gravity: under the right convention `s·τ − a·τ_gravity(q)`, s = ±1,
+//! a = 0 or 1, leaves little over. And that nothing gives an arm work that the arm did not give before: from a free
+//! start on, `∫ τ_ext·dq` of friction and of contacts that yield is never positive. So torques without gravity that
+//! do work on the arm count as the motors' do.
+//!
+//! All of the motion counts, not its start alone: an arm that begins upright feels no gravity there.
+
+use std::fmt;
+
+use palpate::{ExternalTorqueConfig, Gravity, MIN_TARE_FRAMES, Robot, Sample, TorqueSign};
+
+use crate::inspect::{mean, number, word};
+use crate::quantile::median;
+
+/// Frames whose gravity is looked at, about.
+const FRAMES: usize = 2_000;
+/// With less gravity than this, N·m, it tells nothing, and whether it is in the torques hardly matters.
+const LEAST_GRAVITY: f64 = 1.0;
+/// Torques below this, N·m, say nothing and do nothing.
+const LEAST_TORQUE: f64 = 0.05;
+/// The best convention leaves less than this part of what any other leaves.
+const BETTER: f64 = 0.5;
+/// Or the slope of the torques on gravity is so near to what it says.
+const NEAR_SLOPE: f64 = 0.3;
+/// Torques of which gravity explains more are proportional to it, if the slope is not that of a small error of the
+/// robot's masses.
+const EXPLAINED: f64 = 0.7;
+const LEAST_SLOPE: f64 = 0.05;
+/// Work below this tells nothing, J.
+const LEAST_WORK_J: f64 = 0.005;
+/// The work that goes the wrong way may be so large a part of the other.
+const MOST_BACK: f64 = 0.3;
+/// Frames at the start that give a tare, if the arm stands still in them.
+const LEAST_TARE: usize = MIN_TARE_FRAMES as usize;
+
+/// What the torques of a log are like, under any convention.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Evidence {
+    /// Median over frames of the torque that is logged, and of gravity's, N·m over all joints.
+    torque: f64,
+    gravity: f64,
+    /// Median of what is left over of the torques, as they are and turned round, after gravity, N·m.
+    after_gravity: [f64; 2],
+    /// Slope of the torques on gravity.
+    slope: f64,
+    /// The same where touches begin, and how much of the torques' square it explains there.
+    slope_at_start: f64,
+    explained_at_start: f64,
+    work: Work,
+}
+
+/// Slope of torques on gravity, and how much of their square it explains; gravity comes first.
+fn slope(torques: &[(Vec<f64>, Vec<f64>)]) -> (f64, f64) {
+    let sum = |of: fn(&f64, &f64) -> f64| -> f64 {
+        torques.iter().flat_map(|(g, tau)| g.iter().zip(tau)).map(|(g, tau)| of(g, tau)).sum()
+    };
+    let (square, cross, of_torques) =
+        (sum(|g, _| g * g), sum(|g, tau| g * tau), sum(|_, tau| tau * tau));
+    if square > 0.0 && of_torques > 0.0 {
+        (cross / square, cross * cross / square / of_torques)
+    } else {
+        (0.0, 0.0)
+    }
+}
+
+/// Work that torques do on an arm, summed from the start of each touch, J.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Work {
+    /// The most that they have done at any time.
+    done: f64,
+    /// The most that they have taken.
+    taken: f64,
+}
+
+/// Why no convention could be chosen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Undecided {
+    /// With and without gravity fit alike, or neither sign does.
+    Alike(Evidence),
+    /// There is no gravity in the torques, and they do as much work as they take.
+    Sign(Evidence),
+    /// No convention fits: another unit, another robot, a payload, contacts throughout.
+    Nothing(Evidence),
+}
+
+/// What is said of how the torques count; the rest is to be found.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Given {
+    pub(crate) torque_sign: Option<TorqueSign>,
+    pub(crate) gravity: Option<Gravity>,
+}
+
+impl Given {
+    /// Nothing is to be found.
+    pub(crate) fn of(set: &ExternalTorqueConfig) -> Self {
+        Self { torque_sign: Some(set.torque_sign), gravity: Some(set.gravity) }
+    }
+}
+
+/// What was decided, and why.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Convention {
+    pub(crate) torque_sign: TorqueSign,
+    pub(crate) gravity: Gravity,
+    evidence: Evidence,
+}
+
+impl Evidence {
+    /// Of the samples of some touches, joints in the robot's order; `None` without any.
+    pub(crate) fn of(robot: &Robot, touches: &[&[Sample]], still_rad: f64) -> Option<Self> {
+        let samples: usize = touches.iter().map(|touch| touch.len()).sum();
+        let every = samples.div_ceil(FRAMES).max(1);
+        let some = touches.iter().copied().flatten().step_by(every);
+        let with_gravity = |Sample { q, tau, .. }: &Sample| {
+            let poses = robot.forward(q).ok()?;
+            let finite = tau.iter().all(|tau| tau.is_finite());
+            finite.then(|| (robot.gravity_torque(&poses).as_slice().to_vec(), tau.clone()))
+        };
+        let torques: Vec<(Vec<f64>, Vec<f64>)> = some.filter_map(with_gravity).collect();
+        // The median of |sign·τ − part·τ_gravity|.
+        let left_over = |sign: f64, part: f64| {
+            let norm = |(gravity, tau): &(Vec<f64>, Vec<f64>)| {
+                let joints = tau.iter().zip(gravity);
+                joints.map(|(tau, g)| (sign * tau - part * g).powi(2)).sum::<f64>().sqrt()
+            };
+            median(&torques.iter().map(norm).collect::<Vec<_>>())
+        };
+        let starts = touches.iter().filter_map(|touch| touch.first());
+        let starts: Vec<(Vec<f64>, Vec<f64>)> = starts.filter_map(with_gravity).collect();
+        let ((slope, _), (slope_at_start, explained_at_start)) = (slope(&torques), slope(&starts));
+        Some(Self {
+            torque: left_over(1.0, 0.0)?,
+            gravity: left_over(0.0, 1.0)?,
+            after_gravity: [left_over(1.0, 1.0)?, left_over(-1.0, 1.0)?],
+            slope,
+            slope_at_start,
+            explained_at_start,
+            work: Work::of(robot, touches, still_rad),
+        })
+    }
+
+    /// The sign of torques that hold no gravity, if their work tells it.
+    pub(crate) fn sign_by_work(&self) -> Option<TorqueSign> {
+        if self.torque < LEAST_TORQUE {
+            return None;
+        }
+        self.work.sign()
+    }
+
+    /// Whether the torques begin as a part of gravity's: currents do, and contacts do not.
+    fn is_proportional(&self) -> bool {
+        self.explained_at_start > EXPLAINED && self.slope_at_start.abs() > LEAST_SLOPE
+    }
+
+    /// The convention, of which a part may be given.
+    pub(crate) fn decide(self, given: Given) -> Result<Convention, Undecided> {
+        let Given { torque_sign: sign, gravity } = given;
+        let found = |torque_sign, gravity| Convention { torque_sign, gravity, evidence: self };
+        if let (Some(torque_sign), Some(gravity)) = (sign, gravity) {
+            return Ok(found(torque_sign, gravity));
+        }
+        if self.torque < LEAST_TORQUE {
+            let set = ExternalTorqueConfig::default();
+            return Ok(found(sign.unwrap_or(set.torque_sign), gravity.unwrap_or(set.gravity)));
+        }
+        let removed = |gravity| {
+            let sign = sign.or(self.sign_by_work()).ok_or(Undecided::Sign(self))?;
+            Ok(found(sign, gravity))
+        };
+        if self.gravity < LEAST_GRAVITY {
+            return removed(gravity.unwrap_or_default());
+        }
+        if gravity == Some(Gravity::Removed) {
+            return removed(Gravity::Removed);
+        }
+        let [plus, minus] = self.after_gravity;
+        let mut candidates = vec![
+            (plus, 1.0, TorqueSign::Plus, Gravity::Included),
+            (minus, -1.0, TorqueSign::Minus, Gravity::Included),
+        ];
+        candidates.retain(|(_, _, of, _)| sign.is_none_or(|sign| sign == *of));
+        if gravity.is_none() {
+            candidates.push((self.torque, 0.0, TorqueSign::Plus, Gravity::Removed));
+        }
+        candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (left_over, slope, torque_sign, held) = candidates[0];
+        let near = (self.slope - slope).abs() < NEAR_SLOPE;
+        let clear = candidates.get(1).is_none_or(|other| left_over < BETTER * other.0);
+        match held {
+            _ if !near && left_over > BETTER * self.gravity => Err(Undecided::Nothing(self)),
+            _ if !near && !clear => Err(Undecided::Alike(self)),
+            Gravity::Included => Ok(found(torque_sign, held)),
+            Gravity::Removed if self.is_proportional() => Err(Undecided::Nothing(self)),
+            Gravity::Removed => removed(held),
+        }
+    }
+}
+
+impl fmt::Display for Convention {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Evidence { torque, gravity, after_gravity, slope, work, .. } = self.evidence;
+        let sign = word(self.torque_sign);
+        let [torque, gravity] = [torque, gravity].map(number);
+        if self.evidence.torque < LEAST_TORQUE {
+            return write!(f, "the torques are near zero throughout");
+        }
+        if self.gravity == Gravity::Included && self.evidence.gravity >= LEAST_GRAVITY {
+            let left_over =
+                number(after_gravity[usize::from(self.torque_sign == TorqueSign::Minus)]);
+            return write!(
+                f,
+                "the torques hold gravity, and their sign is {sign}: they are {slope:.2} times gravity's \
+                 {gravity} N·m, which leaves {left_over} N·m"
+            );
+        }
+        write!(
+            f,
+            "the torques hold no gravity, and their sign is {sign}: they are {torque} N·m where gravity's are \
+             {gravity} N·m, take up to {} J of work from the arm, and do up to {} J",
+            number(work.taken),
+            number(work.done)
+        )
+    }
+}
+
+impl fmt::Display for Undecided {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (Self::Alike(of) | Self::Sign(of) | Self::Nothing(of)) = self;
+        let Evidence { torque, gravity, after_gravity: [plus, minus], slope, work, .. } = of;
+        let [torque, gravity, plus, minus, taken, done] =
+            [*torque, *gravity, *plus, *minus, work.taken, work.done].map(number);
+        match self {
+            Self::Alike(_) => write!(
+                f,
+                "whether the torques hold gravity does not show: they are {torque} N·m where gravity's are {gravity} \
+                 N·m, and without it {plus} N·m (sign plus) or {minus} N·m (minus); say --gravity included or removed, \
+                 and --torque-sign"
+            ),
+            Self::Sign(_) => write!(
+                f,
+                "the torques hold no gravity ({torque} N·m where gravity's are {gravity} N·m), so it does not tell \
+                 which way they count, and neither does their work (up to {taken} J taken from the arm, {done} J done); say --torque-sign \
+                 plus if they are what the object exerts on the joints, minus if they are what the motors exert"
+            ),
+            Self::Nothing(_) => write!(
+                f,
+                "no convention explains the torques: they are {torque} N·m, {slope:.2} times gravity's {gravity} N·m; \
+                 a unit, the robot, a payload or an order of joints may be wrong, and motor currents are no torques"
+            ),
+        }
+    }
+}
+
+impl Work {
+    /// Of the torques of some touches, less their tare where the arm begins still.
+    fn of(robot: &Robot, touches: &[&[Sample]], still_rad: f64) -> Self {
+        let mut sum = Self::default();
+        for touch in touches {
+            let Some(start) = touch.first() else { continue };
+            let stays = |sample: &&Sample| {
+                let way = robot.difference(&start.q, &sample.q);
+                way.iter().all(|way| way.abs() <= still_rad)
+            };
+            let still = touch.iter().take_while(stays).count();
+            let tare = match still {
+                0..LEAST_TARE => vec![0.0; start.tau.len()],
+                _ => mean(&touch[..still], |sample| &sample.tau),
+            };
+            let mut work = 0.0;
+            let [mut most, mut least] = [0.0_f64; 2];
+            for pair in touch.windows(2) {
+                let way = robot.difference(&pair[0].q, &pair[1].q);
+                let torques = pair[0].tau.iter().zip(&pair[1].tau).zip(&tare);
+                let mean = torques.map(|((a, b), tare)| f64::midpoint(*a, *b) - tare);
+                let step: f64 = mean.zip(way).map(|(tau, way)| tau * way).sum();
+                work += if step.is_finite() { step } else { 0.0 };
+                (most, least) = (most.max(work), least.min(work));
+            }
+            sum.done += most;
+            sum.taken -= least;
+        }
+        sum
+    }
+
+    /// The sign under which the arm never gets back what it did not give, nearly.
+    fn sign(self) -> Option<TorqueSign> {
+        let Self { done, taken } = self;
+        let (more, less) = (done.max(taken), done.min(taken));
+        let clear = more > LEAST_WORK_J && less <= MOST_BACK * more;
+        clear.then_some(if taken > done { TorqueSign::Plus } else { TorqueSign::Minus })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A touch of the built-in arm: still, then the shoulder turns to and fro against a spring with friction.
+    fn touch(sign: f64, gravity: f64, [spring, friction]: [f64; 2]) -> Vec<Sample> {
+        let robot = Robot::built_in("kinova_gen3").unwrap();
+        let at = |step: usize| {
+            let angle = 0.6 * (0.03 * step.saturating_sub(20) as f64).sin().abs();
+            vec![0.2, 0.5 + angle, 0.1, 1.2, 0.3, 0.4, 0.0]
+        };
+        let sample = |step: usize| {
+            let (q, before) = (at(step), at(step.saturating_sub(1)));
+            let mut tau = robot.gravity_torque(&robot.forward(&q).unwrap()) * gravity;
+            let speed = q[1] - before[1];
+            tau[1] +=
+                -spring * (q[1] - 0.5) - if speed == 0.0 { 0.0 } else { friction * speed.signum() };
+            Sample::new(None, q, tau.iter().map(|tau| sign * tau).collect())
+        };
+        (0..300).map(sample).collect()
+    }
+
+    fn decide(touch: &[Sample], given: Given) -> Result<(TorqueSign, Gravity), Undecided> {
+        let robot = Robot::built_in("kinova_gen3").unwrap();
+        let found = Evidence::of(&robot, &[touch], 0.002).unwrap().decide(given)?;
+        Ok((found.torque_sign, found.gravity))
+    }
+
+    #[test]
+    fn every_convention_is_found_from_the_data() {
+        for (sign, torque_sign) in [(1.0, TorqueSign::Plus), (-1.0, TorqueSign::Minus)] {
+            for (part, gravity) in [(1.0, Gravity::Included), (0.0, Gravity::Removed)] {
+                for contact in [[8.0, 0.0], [8.0, 1.0], [0.0, 1.0]] {
+                    let found = decide(&touch(sign, part, contact), Given::default());
+                    assert_eq!(found, Ok((torque_sign, gravity)), "{contact:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_does_not_show_is_said_and_not_guessed() {
+        // A torque that stands still does no work.
+        let mut silent = touch(1.0, 0.0, [0.0, 0.0]);
+        silent.iter_mut().skip(25).for_each(|sample| sample.tau[0] = 2.0);
+        let found = decide(&silent, Given::default());
+        assert!(matches!(found, Err(Undecided::Sign(_))), "{found:?}");
+        let minus = Given { torque_sign: Some(TorqueSign::Minus), gravity: None };
+        assert_eq!(decide(&silent, minus), Ok((TorqueSign::Minus, Gravity::Removed)));
+        // A motor's current follows gravity, and is no torque.
+        let found = decide(&touch(-1.0, 0.12, [0.0, 0.05]), Given::default());
+        assert!(matches!(found, Err(Undecided::Nothing(_))), "{found:?}");
+        // Half of gravity could be either.
+        let found = decide(&touch(1.0, 0.5, [0.0, 0.05]), Given::default());
+        assert!(matches!(found, Err(Undecided::Alike(_))), "{found:?}");
+    }
+
+    #[test]
+    fn what_is_given_is_kept_and_the_rest_is_found() {
+        let given = Given { torque_sign: None, gravity: Some(Gravity::Removed) };
+        let found = decide(&touch(-1.0, 0.0, [8.0, 1.0]), given);
+        assert_eq!(found, Ok((TorqueSign::Minus, Gravity::Removed)));
+        let given = Given { torque_sign: Some(TorqueSign::Minus), gravity: None };
+        let found = decide(&touch(-1.0, 1.0, [8.0, 1.0]), given);
+        assert_eq!(found, Ok((TorqueSign::Minus, Gravity::Included)));
+    }
+}
