@@ -22,6 +22,7 @@ pub(crate) fn open(
 ) -> Result<(Touches, Arc<Arm>), CliError> {
     let mut touches = Touches::open(logs, &settings.log.options())?;
     let arm = robot::load(&settings.robot, output)?;
+    let arm = touches.arm_of_logs(arm, &mut settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
     touches.conventions(&arm, &mut settings.touch, undecided, output)?;
     Ok((touches, arm))

@@ -202,6 +202,50 @@ fn named_joints_are_matched_and_unknown_names_told() {
 }
 
 #[test]
+fn fingers_that_are_not_in_a_log_stand_still_and_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let arm = Path::new(env!("CARGO_MANIFEST_DIR")).join("../palpate/src/robot/kinova_gen3.urdf");
+    let finger = r#"<link name="left_finger"><inertial><origin xyz="0 0 0.02"/><mass value="0.01"/>
+        <inertia ixx="1e-6" ixy="0" ixz="0" iyy="1e-6" iyz="0" izz="1e-6"/></inertial></link>
+        <joint name="finger_joint" type="prismatic"><parent link="EndEffector_Link"/>
+        <child link="left_finger"/><axis xyz="1 0 0"/>
+        <limit lower="0" upper="0.08" effort="20" velocity="1"/></joint></robot>"#;
+    let with_finger = fs::read_to_string(arm).unwrap().replace("</robot>", finger);
+    fs::write(path("gripper.urdf"), with_finger).unwrap();
+    let look = |log: &Path, more: &[&str]| {
+        let mut command = inspect();
+        command.arg(log).arg("--robot").arg(path("gripper.urdf")).args(more);
+        command.output().unwrap()
+    };
+    write(&path("arrays"), &clean());
+    let touch = &clean()[0];
+    let joints = [1, 2, 3, 4, 5, 6, 7].map(|joint| format!("gen3_Actuator{joint}"));
+    write_csv(&path("named.csv"), touch, &joints.each_ref().map(String::as_str));
+    for log in ["arrays", "named.csv"] {
+        let told = look(&path(log), &["--strict"]);
+        let note = common::stderr(&told);
+        assert!(told.status.success(), "{note}");
+        assert!(note.contains("--hold finger_joint=0.04") && note.contains("7 joints"), "{note}");
+        let held = look(&path(log), &["--strict", "--hold", "finger_joint=0.01"]);
+        let note = common::stderr(&held);
+        assert!(held.status.success() && !note.contains("finger_joint"), "{note}");
+        let matched = note.contains("`gen3_Actuator1` is `Actuator1`");
+        assert_eq!(matched, log == "named.csv", "{note}");
+    }
+    let refused = look(&path("arrays"), &["--hold", "nose=1"]);
+    let told = common::stderr(&refused);
+    assert!(refused.status.code() == Some(2) && told.contains("`nose`"), "{told}");
+
+    // A wrist that goes by another name is no finger.
+    let mut joints = joints;
+    joints[6] = "gen3_wrist".to_owned();
+    write_csv(&path("named.csv"), touch, &joints.each_ref().map(String::as_str));
+    let told = look(&path("named.csv"), &["--hold", "finger_joint=0.01", "--json"]);
+    assert!(String::from_utf8(told.stdout).unwrap().contains("`Actuator7` is not in the log"));
+}
+
+#[test]
 fn another_number_of_joints_is_an_error() {
     let mut touches = clean();
     touches.iter_mut().for_each(|touch| touch.each_row(|row| row.truncate(6)));

@@ -10,6 +10,7 @@ use palpate_io::field::{self, Saved};
 use palpate_work::WorkError;
 use palpate_work::field_arrays::FieldArrays;
 use palpate_work::predict::{Against, FrameResult, TouchResult, planned, score};
+use palpate_work::robot::of_field;
 use palpate_work::scored::{Report, tell_oddities};
 use palpate_work::settings::sections::RobotSettings;
 use palpate_work::touches::Undecided;
@@ -22,7 +23,7 @@ use crate::data::python;
 use crate::error::Result;
 use crate::lattice::Lattice;
 use crate::log::{opened, sources};
-use crate::watch::long;
+use crate::watch::{long, unshown};
 use crate::{robot, settings};
 
 /// What a field returns of places: stiffness, std and counts.
@@ -130,7 +131,12 @@ impl Field {
         any: Option<&Bound<'_, PyAny>>,
     ) -> Result<robot::Robot> {
         let own = RobotSettings { robot: Some(self.robot.clone()), ..RobotSettings::default() };
-        robot::given(py, any, &own)
+        let robot = robot::given(py, any, &own)?;
+        let snapshot = self.snapshot.as_ref();
+        let arm = unshown(py, |progress| {
+            Ok::<_, WorkError>(of_field(Arc::clone(&robot.arm), snapshot, progress))
+        })?;
+        Ok(robot::Robot { arm, settings: robot.settings })
     }
 }
 

@@ -41,6 +41,8 @@ pub(crate) struct Evidence {
     /// Median over frames of the torque that is logged, and of gravity's, N·m over all joints.
     torque: f64,
     gravity: f64,
+    /// The largest torque of a joint, N·m.
+    largest: f64,
     /// Median of what is left over of the torques, as they are and turned round, after gravity, N·m.
     after_gravity: [f64; 2],
     /// Slope of the torques on gravity.
@@ -130,7 +132,9 @@ impl Evidence {
         let starts = touches.iter().filter_map(|touch| touch.first());
         let starts: Vec<(Vec<f64>, Vec<f64>)> = starts.filter_map(with_gravity).collect();
         let ((slope, _), (slope_at_start, explained_at_start)) = (slope(&torques), slope(&starts));
+        let joints = torques.iter().flat_map(|(_, tau)| tau);
         Some(Self {
+            largest: joints.fold(0.0, |largest, tau| tau.abs().max(largest)),
             torque: left_over(1.0, 0.0)?,
             gravity: left_over(0.0, 1.0)?,
             after_gravity: [left_over(1.0, 1.0)?, left_over(-1.0, 1.0)?],
@@ -143,10 +147,7 @@ impl Evidence {
 
     /// The sign of torques that hold no gravity, if their work tells it.
     pub(crate) fn sign_by_work(&self) -> Option<TorqueSign> {
-        if self.torque < LEAST_TORQUE {
-            return None;
-        }
-        self.work.sign()
+        self.work.sign().filter(|_| self.largest >= LEAST_TORQUE)
     }
 
     /// Whether the torques begin as a part of gravity's: currents do, and contacts do not.
@@ -161,7 +162,7 @@ impl Evidence {
         if let (Some(torque_sign), Some(gravity)) = (sign, gravity) {
             return Ok(found(torque_sign, gravity));
         }
-        if self.torque < LEAST_TORQUE {
+        if self.largest < LEAST_TORQUE {
             let set = ExternalTorqueConfig::default();
             return Ok(found(sign.unwrap_or(set.torque_sign), gravity.unwrap_or(set.gravity)));
         }
@@ -203,7 +204,7 @@ impl fmt::Display for Convention {
         let Evidence { torque, gravity, after_gravity, slope, work, .. } = self.evidence;
         let sign = word(self.torque_sign);
         let [torque, gravity] = [torque, gravity].map(number);
-        if self.evidence.torque < LEAST_TORQUE {
+        if self.evidence.largest < LEAST_TORQUE {
             return write!(f, "the torques are near zero throughout");
         }
         if self.gravity == Gravity::Included && self.evidence.gravity >= LEAST_GRAVITY {
@@ -348,6 +349,19 @@ mod tests {
         // Half of gravity could be either.
         let found = decide(&touch(1.0, 0.5, [0.0, 0.05]), Given::default());
         assert!(matches!(found, Err(Undecided::Alike(_))), "{found:?}");
+    }
+
+    #[test]
+    fn pauses_without_any_torque_do_not_hide_the_rest() {
+        let mut touch = touch(-1.0, 0.0, [8.0, 1.0]);
+        let silent = |sample: &Sample| Sample::new(None, sample.q.clone(), vec![0.0; 7]);
+        let end = silent(touch.last().unwrap());
+        touch.extend(std::iter::repeat_n(end, 400));
+        let found = decide(&touch, Given::default());
+        assert_eq!(found, Ok((TorqueSign::Minus, Gravity::Removed)));
+        let silent: Vec<Sample> = touch.iter().map(silent).collect();
+        let set = ExternalTorqueConfig::default();
+        assert_eq!(decide(&silent, Given::default()), Ok((set.torque_sign, set.gravity)));
     }
 
     #[test]

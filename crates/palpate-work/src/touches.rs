@@ -20,8 +20,9 @@ use crate::inspect::log::LogCheck;
 use crate::pauses::Pauses;
 use crate::progress::Progress;
 use crate::recorded::{MemoryLog, reorder_joints};
+use crate::robot;
 use crate::settings::OrAuto;
-use crate::settings::sections::{LogSettings, TouchSettings};
+use crate::settings::sections::{LogSettings, RobotSettings, TouchSettings};
 
 pub use crate::recorded::{RecordedTouch, TouchEvent};
 
@@ -85,6 +86,45 @@ impl Touches {
         self
     }
 
+    /// The arm with those joints standing still that the logs do not hold, which a note names; they go into the settings.
+    ///
+    /// # Errors
+    ///
+    /// Never of logs that do not serve the arm, which shows where they are read.
+    pub fn arm_of_logs(
+        &mut self,
+        arm: Arc<Arm>,
+        settings: &mut RobotSettings,
+        progress: &dyn Progress,
+    ) -> Result<Arc<Arm>, WorkError> {
+        self.look_ahead(1);
+        let mut names = None;
+        let mut count = None;
+        for (_, event) in &self.ahead {
+            match event {
+                LogEvent::TouchStarts { joint_names, .. } => names = joint_names.as_deref(),
+                LogEvent::Sample(sample) => {
+                    count = Some(sample.q.len());
+                    break;
+                }
+            }
+        }
+        let Some(count) = count else { return Ok(arm) };
+        if let Some((log, own)) = names.and_then(|names| robot::other_prefix(&arm.robot, names)) {
+            progress.note(&format!(
+                "joints are matched without what their names begin with: `{log}` is `{own}`, and so on"
+            ));
+        }
+        let held = robot::not_in_log(&arm.robot, names, count);
+        if held.is_empty() {
+            return Ok(arm);
+        }
+        let arm = Arc::new(robot::holding(&arm, &held)?);
+        robot::tell_held(&arm, &held, "the log", progress);
+        settings.hold.get_or_insert_default().extend(held);
+        Ok(arm)
+    }
+
     /// Takes from the logs what the settings leave open of the torques: what a type of message says, else what the
     /// data tell, of which a note says why.
     ///
@@ -104,7 +144,7 @@ impl Touches {
         if torque_sign.is_some() && gravity.is_some() {
             return Ok(());
         }
-        self.look_ahead();
+        self.look_ahead(AHEAD);
         let path =
             self.logs.first().map(|(path, _)| path.display().to_string()).unwrap_or_default();
         let set = settings.over_config(&ExternalTorqueConfig::default());
@@ -180,12 +220,13 @@ impl Touches {
     }
 
     /// Reads what comes next without handing it on.
-    fn look_ahead(&mut self) {
-        let mut samples = 0;
-        while samples < AHEAD && self.failed.is_none() {
+    fn look_ahead(&mut self, most: usize) {
+        let is_sample = |event: &LogEvent| matches!(event, LogEvent::Sample(_));
+        let mut samples = self.ahead.iter().filter(|(_, event)| is_sample(event)).count();
+        while samples < most && self.failed.is_none() {
             match self.next_of_logs() {
                 Ok(Some((log, event))) => {
-                    samples += usize::from(matches!(event, LogEvent::Sample(_)));
+                    samples += usize::from(is_sample(&event));
                     self.ahead.push_back((log, event));
                 }
                 Ok(None) => break,

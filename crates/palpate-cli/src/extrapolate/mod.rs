@@ -138,6 +138,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let truth = args.truth.as_deref().map(|folder| clouds::read_point_truth(folder, cloud.len()));
     let truth = truth.transpose().map_err(CliError::file)?;
     let arm = robot::load(&settings.robot, output)?;
+    let arm = robot::of_field(arm, saved.snapshot.as_ref(), output);
     let names = [args.from.as_path(), args.cloud.as_path()];
     let halves = args.compare.then_some(args.halves);
     let drawn = args.picture.is_some() || args.report.is_some();

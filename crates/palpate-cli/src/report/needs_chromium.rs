@@ -92,17 +92,20 @@ impl Page {
         self.until(&format!("{eye}.z > 1.4"));
         self.ask("document.querySelector('[data-view=oblique]').click()");
         self.until(&format!("{eye}.z < 1.0"));
-        self.ask(&format!("document.getElementById('{plot}').scrollIntoView({{block: 'center'}})"));
-        let place = self.ask(&format!(
-            "(() => {{ const box = document.querySelector('#{plot} canvas')\
-             .getBoundingClientRect(); return [box.x + box.width / 2, box.y + box.height / 2]; \
-             }})()"
-        ));
-        let [x, y] = [0, 1].map(|axis| place[axis].as_f64().unwrap());
-        // On a busy machine what the buttons began may end, in the other plot too, only now, and
-        // sets the view back.
-        let turned = (0..4).any(|_| {
-            let before = self.ask(&eye);
+        // On a busy machine the page may still move, and what the buttons began end only now and set the
+        // view back, in the other plot too.
+        let place = format!(
+            "(() => {{ const canvas = document.querySelector('#{plot} canvas'); \
+             canvas.scrollIntoView({{block: 'center', behavior: 'instant'}}); \
+             const box = canvas.getBoundingClientRect(); \
+             return [box.x + box.width / 2, box.y + box.height / 2]; }})()"
+        );
+        let turned = (0..6).any(|_| {
+            self.ask(
+                "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))",
+            );
+            let (before, at) = (self.ask(&eye), self.ask(&place));
+            let [x, y] = [0, 1].map(|axis| at[axis].as_f64().unwrap());
             self.mouse("mouseMoved", [x, y], 0);
             self.mouse("mousePressed", [x, y], 1);
             for step in 1..=10 {
@@ -112,7 +115,11 @@ impl Page {
             self.mouse("mouseReleased", [x + 120.0, y + 30.0], 0);
             self.comes(&format!("Math.abs({eye}.x - ({})) > 0.2", before["x"]), PATIENCE / 16)
         });
-        assert!(turned, "the mouse never turned {plot}; {:#?}", self.complaints());
+        let there = self.ask(&format!(
+            "(([x, y]) => [x, y, innerWidth, innerHeight, document.elementFromPoint(x, y)?.outerHTML\
+             .slice(0, 200)])({place})"
+        ));
+        assert!(turned, "the mouse never turned {plot}, at {there}; {:#?}", self.complaints());
     }
 
     /// How many colours a plot in space shows.

@@ -15,7 +15,9 @@ pub enum JointNameError {
 
 /// Where each joint of the robot stands in the log: `q_robot[i] = q_log[permutation[i]]`.
 ///
-/// Joints of the log that the robot does not have, such as a gripper's, are left out.
+/// Joints of the log that the robot does not have, such as a gripper's, are left out. Names that differ in what all
+/// names of a side begin with, up to `_` or `/`, are taken for the same: `fr3_joint1` and `panda_joint1`, or `/left/j1`
+/// and `j1`.
 ///
 /// # Errors
 ///
@@ -29,6 +31,48 @@ pub enum JointNameError {
 /// assert_eq!(palpate_io::log::reorder(&robot, &log), Ok(vec![2, 1]));
 /// ```
 pub fn reorder(robot: &[String], log: &[String]) -> Result<Vec<usize>, JointNameError> {
+    let exact = reorder_exactly(robot, log);
+    if !matches!(exact, Err(JointNameError::Missing { .. })) {
+        return exact;
+    }
+    reorder_exactly(&bare(robot), &bare(log)).map_err(|error| {
+        match unmatched(robot, log).0.first() {
+            Some(&joint) => {
+                JointNameError::Missing { joint: robot[joint].clone(), log: log.to_vec() }
+            }
+            None => error,
+        }
+    })
+}
+
+/// The joints of the robot, by number, that are not in the log, and how many names of the log are none of the
+/// robot's; names are taken for the same as [`reorder`] does, if more are the same then.
+pub fn unmatched(robot: &[String], log: &[String]) -> (Vec<usize>, usize) {
+    let of = |robot: &[String], log: &[String]| {
+        let missing: Vec<usize> =
+            (0..robot.len()).filter(|joint| !log.contains(&robot[*joint])).collect();
+        (missing, log.iter().filter(|name| !robot.contains(name)).count())
+    };
+    let (exact, alike) = (of(robot, log), of(&bare(robot), &bare(log)));
+    if alike.0.len() < exact.0.len() { alike } else { exact }
+}
+
+/// Names without what all of them begin with.
+fn bare(names: &[String]) -> Vec<String> {
+    let prefix = common_prefix(names);
+    names.iter().map(|name| name[prefix..].to_owned()).collect()
+}
+
+/// Bytes that all names begin with, up to the last `_` or `/` among them; none of a single name.
+fn common_prefix(names: &[String]) -> usize {
+    let [first, others @ ..] = names else { return 0 };
+    let common =
+        |other: &String| first.bytes().zip(other.bytes()).take_while(|(a, b)| a == b).count();
+    let bytes = others.iter().map(common).min().unwrap_or(0);
+    first.as_bytes()[..bytes].iter().rposition(|byte| b"_/".contains(byte)).map_or(0, |at| at + 1)
+}
+
+fn reorder_exactly(robot: &[String], log: &[String]) -> Result<Vec<usize>, JointNameError> {
     let place = |joint: &String| {
         let mut places = log.iter().enumerate().filter(|(_, name)| *name == joint);
         match (places.next(), places.next()) {
@@ -43,6 +87,23 @@ pub fn reorder(robot: &[String], log: &[String]) -> Result<Vec<usize>, JointName
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn prefixes_of_all_names_do_not_matter() {
+        let arm = |prefix: &str| (1..=3).map(|j| format!("{prefix}joint{j}")).collect::<Vec<_>>();
+        for (robot, log) in [("fr3_", "panda_"), ("", "panda_"), ("lbr_", ""), ("a_", "/left/b_")] {
+            let mut log = arm(log);
+            log.reverse();
+            assert_eq!(reorder(&arm(robot), &log), Ok(vec![2, 1, 0]), "{robot}, {log:?}");
+        }
+        let mut with_finger = arm("panda_");
+        with_finger.insert(0, "panda_finger_joint1".to_owned());
+        assert_eq!(reorder(&arm("fer_"), &with_finger), Ok(vec![1, 2, 3]));
+        // What only some names have is no prefix.
+        let two_arms = [arm("left_"), arm("right_")].concat();
+        assert!(reorder(&arm("fr3_"), &two_arms).is_err());
+        assert_eq!(reorder(&arm("right_"), &two_arms), Ok(vec![3, 4, 5]));
+    }
 
     #[test]
     fn a_missing_or_doubled_joint_is_named() {

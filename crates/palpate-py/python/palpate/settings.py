@@ -26,6 +26,7 @@ class RobotSettings(TypedDict, total=False):
     cache_dir: Path
     no_cache: bool
     bake_spacing_m: float
+    hold: Sequence[str]
     payload_link: str
     payload_mass_kg: float
     payload_com_m: ArrayLike

@@ -55,6 +55,43 @@ pub(super) fn columns(text: &str) -> Result<CsvColumns, String> {
     }
 }
 
+/// A joint that stands still, and where: `JOINT=POSITION`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Held {
+    /// Its name.
+    pub joint: String,
+    /// Where it stands, rad or m.
+    pub position: f64,
+}
+
+impl FromStr for Held {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wanted =
+            || format!("found `{text}`; wanted JOINT=POSITION, rad or m, such as finger=0.04");
+        let (joint, position) = text.split_once('=').ok_or_else(wanted)?;
+        let position: f64 = position.trim().parse().map_err(|_| wanted())?;
+        let is_held = !joint.trim().is_empty() && position.is_finite();
+        is_held.then(|| Self { joint: joint.trim().to_owned(), position }).ok_or_else(wanted)
+    }
+}
+
+impl TryFrom<String> for Held {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<Held> for String {
+    fn from(held: Held) -> Self {
+        format!("{}={}", held.joint, held.position)
+    }
+}
+
 /// A setting that is found from the data unless it is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(untagged)]

@@ -16,7 +16,7 @@ use palpate_io::log::{AngleUnit, CsvColumns, LogOptions};
 use palpate_io::robot_files::ArmOptions;
 use serde::{Deserialize, Serialize};
 
-use super::parse::{OrAuto, TareFrames, columns, counts3, named, vector3};
+use super::parse::{Held, OrAuto, TareFrames, columns, counts3, named, vector3};
 
 /// All that can be set; what was not given is `None`.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
@@ -128,6 +128,10 @@ section! {
         /// Spacing of baked signed distances, m [default: 0.005]
         #[arg(long, value_name = "M", allow_negative_numbers = true)]
         pub bake_spacing_m: f64 => bake.spacing_m,
+        /// Joints that stand still and are not in the logs, and where, rad or m [default: fingers that a log has not,
+        /// in the middle of their range]
+        #[arg(long, value_name = "JOINT=POSITION", value_delimiter = ',')]
+        pub hold: Vec<Held>,
         /// Link that carries a payload the URDF does not know of: a gripper, a tool, a camera
         #[arg(long, value_name = "LINK")]
         pub payload_link: String,

@@ -39,7 +39,7 @@ pub(super) struct Mover {
 
 impl Mover {
     /// The motion that the joint adds between its origin and the link.
-    fn motion(&self, q: &[f64]) -> Isometry3<f64> {
+    pub(super) fn motion(&self, q: &[f64]) -> Isometry3<f64> {
         let position = self.multiplier * q[self.source] + self.offset;
         if self.prismatic {
             Translation3::from(self.axis_link.into_inner() * position).into()

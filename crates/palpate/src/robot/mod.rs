@@ -246,6 +246,65 @@ impl Robot {
         links.chain(movers)
     }
 
+    /// The same robot with a joint that stands still at a position, rad or m: joint vectors are an entry shorter, and
+    /// a joint that mimics it stands still as well.
+    ///
+    /// # Errors
+    ///
+    /// An unknown joint, the only one, or a position that is not finite.
+    pub fn holding(mut self, joint: &str, position: f64) -> Result<Robot, RobotError> {
+        let place = self.joints.iter().position(|own| own.name == joint);
+        let held =
+            place.filter(|_| self.joints.len() > 1).ok_or_else(|| RobotError::Undeclared {
+                user: "what stands still".into(),
+                wanted: format!("joint `{joint}`, beside another one that moves"),
+            })?;
+        urdf::check_finite(&format!("position of joint `{joint}`"), &[position])?;
+        let mut q = vec![0.0; self.joints.len()];
+        q[held] = position;
+        let mut now: Vec<Option<usize>> = Vec::with_capacity(self.movers.len());
+        let mut movers = Vec::with_capacity(self.movers.len());
+        for mover in std::mem::take(&mut self.movers) {
+            let stands = mover.source == held;
+            now.push((!stands).then_some(movers.len()));
+            if stands {
+                self.mounts[mover.child].parent_from_link *= mover.motion(&q);
+            } else {
+                let source = mover.source - usize::from(mover.source > held);
+                movers.push(Mover { source, ..mover });
+            }
+        }
+        for mount in &mut self.mounts {
+            mount.mover = mount.mover.and_then(|mover| now[mover]);
+            let carriers = mount.carriers.iter().filter_map(|carrier| now[usize::from(*carrier)]);
+            mount.carriers = carriers.map(|carrier| carrier as u16).collect(); // none is larger
+        }
+        self.movers = movers;
+        self.joints.remove(held);
+        Ok(self)
+    }
+
+    /// Where a joint stands if nobody says where: in the middle of its range, or at 0.
+    pub fn middle(joint: &Joint) -> f64 {
+        joint
+            .range
+            .filter(|range| range.iter().all(|end| end.is_finite()))
+            .map_or(0.0, |[low, high]| f64::midpoint(low, high))
+    }
+
+    /// Whether a joint carries a link: the link, or one that it hangs from, is the joint's.
+    pub fn carries(&self, joint: &Joint, mut link: LinkId) -> bool {
+        loop {
+            if link == joint.child {
+                return true;
+            }
+            match self.links[link.index()].parent {
+                Some(parent) => link = parent,
+                None => return false,
+            }
+        }
+    }
+
     /// The same robot carrying `payload` as well; may be called again for a second one.
     ///
     /// # Errors

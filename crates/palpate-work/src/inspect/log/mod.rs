@@ -94,7 +94,15 @@ pub fn inspect(
     (settings, config): (&Settings, &MapperConfig),
     (arm, progress): (&Arc<Arm>, &dyn Progress),
 ) -> Result<(Option<LogFacts>, Vec<Finding>), WorkError> {
-    let mut inspector = LogInspector { settings, config, arm, progress, findings: Vec::new() };
+    let mut log = log;
+    let arm = match &mut log {
+        Ok(touches) => {
+            touches.arm_of_logs(Arc::clone(arm), &mut settings.robot.clone(), progress)?
+        }
+        Err(_) => Arc::clone(arm),
+    };
+    let mut inspector =
+        LogInspector { settings, config, arm: &arm, progress, findings: Vec::new() };
     let log = match log {
         Ok(touches) => inspector.inspect(touches)?,
         Err(error) => {
