@@ -254,11 +254,14 @@ impl Robot {
     /// An unknown joint, the only one, or a position that is not finite.
     pub fn holding(mut self, joint: &str, position: f64) -> Result<Robot, RobotError> {
         let place = self.joints.iter().position(|own| own.name == joint);
-        let held =
-            place.filter(|_| self.joints.len() > 1).ok_or_else(|| RobotError::Undeclared {
-                user: "what stands still".into(),
-                wanted: format!("joint `{joint}`, beside another one that moves"),
-            })?;
+        let held = place.ok_or_else(|| RobotError::Undeclared {
+            user: "a joint that stands still".into(),
+            wanted: format!("joint `{joint}`"),
+        })?;
+        if self.joints.len() == 1 {
+            let thing = format!("moving joints beside `{joint}`");
+            return Err(RobotError::number(thing, 0, "at least 1"));
+        }
         urdf::check_finite(&format!("position of joint `{joint}`"), &[position])?;
         let mut q = vec![0.0; self.joints.len()];
         q[held] = position;
