@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use palpate::Arm;
 use palpate_work::robot;
-pub(crate) use palpate_work::touches::Undecided;
+pub(crate) use palpate_work::touches::IfUndecided;
 use palpate_work::touches::{RecordedTouch, Touches};
 
 use crate::error::CliError;
@@ -17,14 +17,14 @@ use crate::settings::Settings;
 pub(crate) fn open(
     logs: &[PathBuf],
     settings: &mut Settings,
-    undecided: Undecided,
+    if_undecided: IfUndecided,
     output: &Output,
 ) -> Result<(Touches, Arc<Arm>), CliError> {
     let mut touches = Touches::open(logs, &settings.log.options())?;
     let arm = robot::load(&settings.robot, output)?;
     let arm = touches.arm_of_logs(arm, &mut settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
-    touches.conventions(&arm, &mut settings.touch, undecided, output)?;
+    touches.conventions(&arm, &mut settings.touch, if_undecided, output)?;
     Ok((touches, arm))
 }
 

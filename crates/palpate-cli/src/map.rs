@@ -150,9 +150,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let (bodies, _) = args.object.bodies(output)?;
     let mut elastic = (!bodies.is_empty()).then_some(Elastic { bodies, touches: Vec::new() });
-    let undecided =
-        if args.from.is_some() { logs::Undecided::LeavesThem } else { logs::Undecided::IsAnError };
-    let (touches, arm) = logs::open(&args.logs, &mut settings, undecided, output)?;
+    let if_undecided =
+        if args.from.is_some() { logs::IfUndecided::LeaveOpen } else { logs::IfUndecided::Refuse };
+    let (touches, arm) = logs::open(&args.logs, &mut settings, if_undecided, output)?;
     let (mut mapper, mut pace) = begin(args, (&arm, &settings, is_tuned), &mut elastic, output)?;
     logs::tell_robot(&arm, &settings, output);
     let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());

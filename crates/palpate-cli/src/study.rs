@@ -91,7 +91,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         let (touches, arm) = logs::open(
             std::slice::from_ref(object),
             &mut settings,
-            logs::Undecided::IsAnError,
+            logs::IfUndecided::Refuse,
             output,
         )?;
         let recorded = logs::read(touches, &arm, &settings, None, output)?;

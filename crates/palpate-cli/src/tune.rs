@@ -57,7 +57,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut places = Places::read(&args.settings, &settings, &args.logs);
     places.output("the settings (--output)", Some(&args.output))?;
     interrupt::listen();
-    let (touches, arm) = logs::open(&args.logs, &mut settings, logs::Undecided::IsAnError, output)?;
+    let (touches, arm) = logs::open(&args.logs, &mut settings, logs::IfUndecided::Refuse, output)?;
     let config = settings.config()?;
     let recorded = logs::read(touches, &arm, &settings, None, output)?;
     let touches = as_touches(&recorded, false)?;

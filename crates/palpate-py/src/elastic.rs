@@ -11,7 +11,7 @@ use palpate_learn::body::{ObjectHints, ObjectKind};
 use palpate_work::elastic::{SeenCloud, bodies, learn_body};
 use palpate_work::learn::learn;
 use palpate_work::settings::SettingsError;
-use palpate_work::touches::Undecided;
+use palpate_work::touches::IfUndecided;
 use palpate_work::{Progress, WorkError};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -180,7 +180,7 @@ pub(crate) fn map_elastic(
         let mut touches = opened(sources, &settings.log)?;
         settings.log.check_for(&robot.arm.robot)?;
         let arm = Arc::clone(&robot.arm);
-        touches.conventions(&arm, &mut settings.touch, Undecided::IsAnError, progress)?;
+        touches.conventions(&arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
         let config = settings.config()?;
         let mut mapper = Mapper::new(arm, config).map_err(SettingsError::value)?;
         let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());

@@ -10,7 +10,7 @@ use palpate_learn::tracked::Touch;
 use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{self as evaluation, Nowhere, Work, configs, each_once, method_of};
 use palpate_work::settings::Settings;
-use palpate_work::touches::{RecordedTouch, Undecided};
+use palpate_work::touches::{IfUndecided, RecordedTouch};
 use palpate_work::tune::{Tune, Tuning, given as given_settings, trials, tuned_settings};
 use palpate_work::{Progress, WorkError};
 use pyo3::exceptions::PyValueError;
@@ -34,7 +34,7 @@ fn read(
     (truth, progress): (bool, &dyn Progress),
 ) -> Result<(Vec<RecordedTouch>, Vec<Touch>), WorkError> {
     let mut touches = opened(sources, &settings.log)?;
-    touches.conventions(arm, &mut settings.touch, Undecided::IsAnError, progress)?;
+    touches.conventions(arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
     evaluation::read(touches, (arm, settings), truth, progress)
 }
 

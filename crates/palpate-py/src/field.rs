@@ -9,11 +9,11 @@ use palpate::{CellId, ContactConfig, ExternalTorqueConfig, Sample, Snapshot};
 use palpate_io::field::{self, Saved};
 use palpate_work::WorkError;
 use palpate_work::field_arrays::FieldArrays;
+use palpate_work::held_joints::of_field;
 use palpate_work::predict::{Against, FrameResult, TouchResult, planned, score};
-use palpate_work::robot::of_field;
 use palpate_work::scored::{Report, tell_oddities};
 use palpate_work::settings::sections::RobotSettings;
-use palpate_work::touches::Undecided;
+use palpate_work::touches::IfUndecided;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyBytes, PyDict};
 use serde_json::json;
@@ -262,7 +262,7 @@ impl Field {
             touches.conventions(
                 &robot.arm,
                 &mut settings.touch,
-                Undecided::LeavesThem,
+                IfUndecided::LeaveOpen,
                 progress,
             )?;
             let touch = settings.touch.over_config(&field.touch);

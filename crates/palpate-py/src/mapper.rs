@@ -10,7 +10,7 @@ use palpate_work::elastic::without_body;
 use palpate_work::error::WorkError;
 use palpate_work::settings::sections::TouchSettings;
 use palpate_work::settings::{OrAuto, Settings};
-use palpate_work::touches::Undecided;
+use palpate_work::touches::IfUndecided;
 use palpate_work::{learn, prior, resume};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -257,7 +257,7 @@ impl Mapper {
                 gravity: Some(OrAuto::Is(set.gravity)),
                 ..TouchSettings::default()
             };
-            touches.conventions(mapper.arm(), &mut torques, Undecided::LeavesThem, progress)?;
+            touches.conventions(mapper.arm(), &mut torques, IfUndecided::LeaveOpen, progress)?;
             settings.check_for(&mapper.arm().robot)?;
             let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
             let mut touches = touches.for_arm(&mapper.arm().clone(), settings, place)?;

@@ -12,6 +12,7 @@
 //! | [`mod@learn`]     | touches into a mapper, and a summary of what was learned          |
 //! | [`mod@predict`]   | predicted and measured torque of every frame, and the error       |
 //! | [`mod@scored`]    | the four figures of predicted touches                             |
+//! | [`mod@held_joints`] | joints that are not in a log, and stand still                   |
 //! | [`mod@elastic`]   | bodies that bend, from a cloud and touches                        |
 //! | [`mod@evaluate`]  | methods compared on touches that they have not seen               |
 //! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
@@ -31,6 +32,7 @@ pub mod error;
 pub mod evaluate;
 pub mod extrapolate;
 pub mod field_arrays;
+pub mod held_joints;
 pub mod inspect;
 pub mod learn;
 pub mod pauses;

@@ -3,9 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::unstable::{Joint, JointKind, LinkId};
-use palpate::{Arm, Robot, Snapshot};
-use palpate_io::log::{reorder, unmatched};
+use palpate::Arm;
 use palpate_io::robot_files::{ArmOptions, CachePlace, LoadedArm, load_arm};
 
 use crate::error::WorkError;
@@ -34,87 +32,6 @@ pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError
             held.map_err(|error| WorkError::Usage(format!("--hold {joint}: {error}")))?;
     }
     Ok(loaded)
-}
-
-/// Whether a joint seems to be a gripper's.
-fn is_finger(joint: &Joint) -> bool {
-    let name = joint.name.to_lowercase();
-    let parts = ["finger", "gripper", "knuckle", "jaw", "claw", "thumb"];
-    joint.kind == JointKind::Prismatic || parts.iter().any(|part| name.contains(part))
-}
-
-/// A name of the log, and that of the robot that it is taken for, if they differ in what all names begin with.
-pub(crate) fn other_prefix(robot: &Robot, log: &[String]) -> Option<(String, String)> {
-    let own: Vec<String> = robot.joint_names().map(str::to_owned).collect();
-    let missing = unmatched(&own, log).0;
-    let in_log = own.into_iter().enumerate().filter(|(joint, _)| !missing.contains(joint));
-    let own: Vec<String> = in_log.map(|(_, name)| name).collect();
-    let order = reorder(&own, log).ok()?;
-    let (log, own) = (&log[*order.first()?], own.first()?);
-    (log != own).then(|| (log.clone(), own.clone()))
-}
-
-/// Joints that are not in a log and can stand still in it, at the middles of their ranges; none if the log's joints
-/// do not serve the robot otherwise.
-///
-/// Joints at the tips can, of which the log holds no part: fingers; or any, if the log has no name that the robot
-/// does not know, which could be theirs. A log without names is taken to begin with the arm, and may lack fingers.
-pub(crate) fn not_in_log(robot: &Robot, names: Option<&[String]>, count: usize) -> Vec<Held> {
-    let joints = robot.joints();
-    let own: Vec<String> = robot.joint_names().map(str::to_owned).collect();
-    let (missing, unknown) = match names {
-        Some(names) => unmatched(&own, names),
-        None => ((count.min(joints.len())..joints.len()).collect(), 1),
-    };
-    let present = (0..joints.len()).filter(|joint| !missing.contains(joint));
-    let links: Vec<LinkId> = present.map(|joint| joints[joint].child).collect();
-    let can_stand = |&joint: &usize| {
-        let joint = &joints[joint];
-        let at_tip = !links.iter().any(|link| robot.carries(joint, *link));
-        at_tip && (unknown == 0 || is_finger(joint))
-    };
-    if links.is_empty() || !missing.iter().all(can_stand) {
-        return Vec::new();
-    }
-    let held = |&joint: &usize| Held {
-        joint: joints[joint].name.clone(),
-        position: Robot::middle(&joints[joint]),
-    };
-    missing.iter().map(held).collect()
-}
-
-/// The arm that a field was learnt with, if it is this one with fingers that stand still; else this one.
-pub fn of_field(arm: Arc<Arm>, snapshot: Option<&Snapshot>, progress: &dyn Progress) -> Arc<Arm> {
-    let Some(snapshot) = snapshot else { return arm };
-    let held = not_in_log(&arm.robot, None, snapshot.n_joints);
-    match holding(&arm, &held).ok().filter(|_| !held.is_empty()) {
-        Some(other) if other.fingerprint() == snapshot.robot.1 => {
-            tell_held(&other, &held, "the field", progress);
-            Arc::new(other)
-        }
-        _ => arm,
-    }
-}
-
-/// The arm with joints that stand still.
-pub(crate) fn holding(arm: &Arm, held: &[Held]) -> Result<Arm, WorkError> {
-    let mut arm = arm.clone();
-    for Held { joint, position } in held {
-        arm.robot = arm.robot.holding(joint, *position).map_err(WorkError::file)?;
-    }
-    Ok(arm)
-}
-
-/// Says which joints stand still, and where.
-pub(crate) fn tell_held(arm: &Arm, held: &[Held], of: &str, progress: &dyn Progress) {
-    let flags: Vec<String> = held.iter().cloned().map(String::from).collect();
-    progress.note(&format!(
-        "{of} has no joint {}: taken to stand still in the middle of its range (--hold {} says so, or where else); \
-         {} joints are left",
-        held.iter().map(|held| format!("`{}`", held.joint)).collect::<Vec<_>>().join(", "),
-        flags.join(","),
-        arm.robot.n_joints()
-    ));
 }
 
 impl RobotSettings {

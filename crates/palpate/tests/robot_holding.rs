@@ -42,7 +42,7 @@ fn a_held_joint_leaves_poses_jacobians_and_gravity_as_they_are_there() {
             }
         }
     }
-    assert_eq!(Robot::middle(&whole.joints()[2]), 0.04);
+    assert_eq!(whole.joints()[2].middle(), 0.04);
     let [turn, finger] = [0, 2].map(|joint| &whole.joints()[joint]);
     let left = whole.link_id("left").unwrap();
     assert!(whole.carries(turn, left) && whole.carries(finger, left));

@@ -120,7 +120,7 @@ impl<'a> Bench<'a> {
             }
             given => given,
         };
-        let (touches, arm) = logs::open(paths, settings, logs::Undecided::IsAnError, output)?;
+        let (touches, arm) = logs::open(paths, settings, logs::IfUndecided::Refuse, output)?;
         let recording = logs::read(touches, &arm, settings, args.touches, output)?;
         let asked = Touches::open(&args.answers, &settings.log.options())?;
         let asked = logs::read(asked, &arm, settings, None, output)?;

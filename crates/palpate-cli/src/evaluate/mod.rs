@@ -113,7 +113,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let (bodies, cloud) = args.object.bodies(output)?;
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
-    let (touches, arm) = logs::open(&args.logs, &mut settings, logs::Undecided::IsAnError, output)?;
+    let (touches, arm) = logs::open(&args.logs, &mut settings, logs::IfUndecided::Refuse, output)?;
     let estimators = configs(&settings)?;
     let recorded = logs::read(touches, &arm, &settings, None, output)?;
     let touches = as_touches(&recorded, args.truth)?;

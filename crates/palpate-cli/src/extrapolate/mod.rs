@@ -15,7 +15,7 @@ use palpate_io::field;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
 use palpate_learn::extrapolate::{Config, Extrapolation, Features, Method};
 use palpate_work::extrapolate::{Chosen, Work, filled, method_of, remembers};
-use palpate_work::robot;
+use palpate_work::{held_joints, robot};
 
 use crate::args::number_in;
 use crate::cloud_args::CloudArgs;
@@ -138,7 +138,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let truth = args.truth.as_deref().map(|folder| clouds::read_point_truth(folder, cloud.len()));
     let truth = truth.transpose().map_err(CliError::file)?;
     let arm = robot::load(&settings.robot, output)?;
-    let arm = robot::of_field(arm, saved.snapshot.as_ref(), output);
+    let arm = held_joints::of_field(arm, saved.snapshot.as_ref(), output);
     let names = [args.from.as_path(), args.cloud.as_path()];
     let halves = args.compare.then_some(args.halves);
     let drawn = args.picture.is_some() || args.report.is_some();

@@ -85,7 +85,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
     let (touches, arm) =
-        logs::open(&args.logs, &mut settings, logs::Undecided::LeavesThem, output)?;
+        logs::open(&args.logs, &mut settings, logs::IfUndecided::LeaveOpen, output)?;
     tell_other_robot(&saved, &arm, output);
 
     let touch = settings.touch.over_config(&saved.field.touch);

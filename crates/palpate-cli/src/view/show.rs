@@ -81,7 +81,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let saved = named.field.map(field::load).transpose().map_err(CliError::file)?;
     let (touches, arm) =
-        logs::open(&named.logs, &mut settings, logs::Undecided::LeavesThem, output)?;
+        logs::open(&named.logs, &mut settings, logs::IfUndecided::LeaveOpen, output)?;
     if let Some(saved) = &saved {
         tell_other_robot(saved, &arm, output);
     }

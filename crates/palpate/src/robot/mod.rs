@@ -151,6 +151,14 @@ pub struct Joint {
     pub velocity: Option<f64>,
 }
 
+impl Joint {
+    /// Where it stands if nobody says where: in the middle of its range, or at 0; rad or m.
+    pub fn middle(&self) -> f64 {
+        let range = self.range.filter(|range| range.iter().all(|end| end.is_finite()));
+        range.map_or(0.0, |[low, high]| f64::midpoint(low, high))
+    }
+}
+
 /// What the position of a joint means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -285,14 +293,6 @@ impl Robot {
         self.movers = movers;
         self.joints.remove(held);
         Ok(self)
-    }
-
-    /// Where a joint stands if nobody says where: in the middle of its range, or at 0.
-    pub fn middle(joint: &Joint) -> f64 {
-        joint
-            .range
-            .filter(|range| range.iter().all(|end| end.is_finite()))
-            .map_or(0.0, |[low, high]| f64::midpoint(low, high))
     }
 
     /// Whether a joint carries a link: the link, or one that it hangs from, is the joint's.

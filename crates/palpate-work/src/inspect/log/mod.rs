@@ -90,11 +90,10 @@ pub struct LogFacts {
 /// If a setting is out of its range, or the progress stops it. What is wrong with the log itself is
 /// a finding.
 pub fn inspect(
-    log: Result<Touches, WorkError>,
+    mut log: Result<Touches, WorkError>,
     (settings, config): (&Settings, &MapperConfig),
     (arm, progress): (&Arc<Arm>, &dyn Progress),
 ) -> Result<(Option<LogFacts>, Vec<Finding>), WorkError> {
-    let mut log = log;
     let arm = match &mut log {
         Ok(touches) => {
             touches.arm_of_logs(Arc::clone(arm), &mut settings.robot.clone(), progress)?

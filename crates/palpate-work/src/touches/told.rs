@@ -1,0 +1,195 @@
+//! What logs tell before they are used, so that nobody has to say it: which joints are not in them, and how their
+//! torques count.
+
+use std::sync::Arc;
+
+use palpate::{Arm, ExternalTorqueConfig, Gravity, Sample, TorqueSign};
+use palpate_io::log::{LogEvent, reorder};
+
+use super::{RecordedTouch, Touches, is_external};
+use crate::conventions::{Evidence, Given, Undecided};
+use crate::error::WorkError;
+use crate::held_joints;
+use crate::inspect::is_misread;
+use crate::progress::Progress;
+use crate::recorded::reorder_joints;
+use crate::settings::OrAuto;
+use crate::settings::sections::{RobotSettings, TouchSettings};
+
+/// Samples that are read ahead to find out how torques count: 20 MB of seven joints.
+const AHEAD: usize = 100_000;
+
+/// What to do where data fit two conventions of torques alike.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum IfUndecided {
+    /// Nobody else says which it is: an error.
+    Refuse,
+    /// A field says which it is.
+    LeaveOpen,
+}
+
+impl Touches {
+    /// The arm with those joints standing still that the logs do not hold, which a note names; they go into the settings.
+    ///
+    /// # Errors
+    ///
+    /// Never of logs that do not serve the arm, which shows where they are read.
+    pub fn arm_of_logs(
+        &mut self,
+        arm: Arc<Arm>,
+        settings: &mut RobotSettings,
+        progress: &dyn Progress,
+    ) -> Result<Arc<Arm>, WorkError> {
+        let mut names = None;
+        let mut count = None;
+        for event in self.logs.look_ahead(1) {
+            match event {
+                LogEvent::TouchStarts { joint_names, .. } => names = joint_names.as_deref(),
+                LogEvent::Sample(sample) => {
+                    count = Some(sample.q.len());
+                    break;
+                }
+            }
+        }
+        let Some(count) = count else { return Ok(arm) };
+        if let Some((log, own)) =
+            names.and_then(|names| held_joints::other_prefix(&arm.robot, names))
+        {
+            progress.note(&format!(
+                "joints are matched without what their names begin with: `{log}` is `{own}`, and so on"
+            ));
+        }
+        let held = held_joints::not_in_log(&arm.robot, names, count);
+        if held.is_empty() {
+            return Ok(arm);
+        }
+        let arm = Arc::new(held_joints::holding(&arm, &held)?);
+        held_joints::tell(&arm, &held, "the log", progress);
+        settings.hold.get_or_insert_default().extend(held);
+        Ok(arm)
+    }
+
+    /// Takes from the logs what the settings leave open of the torques: what a type of message says, else what the
+    /// data tell, of which a note says why.
+    ///
+    /// # Errors
+    ///
+    /// If the settings contradict what the logs say, or the data fit two conventions alike and that is to be
+    /// refused.
+    pub fn conventions(
+        &mut self,
+        arm: &Arm,
+        settings: &mut TouchSettings,
+        if_undecided: IfUndecided,
+        progress: &dyn Progress,
+    ) -> Result<(), WorkError> {
+        self.conventions_of_messages(settings, progress)?;
+        let (torque_sign, gravity) = (settings.torque_sign_given(), settings.gravity_given());
+        if torque_sign.is_some() && gravity.is_some() {
+            return Ok(());
+        }
+        let path =
+            self.logs.all().next().map_or(String::new(), |(path, _)| path.display().to_string());
+        let set = settings.over_config(&ExternalTorqueConfig::default());
+        let Some(mut touches) = touches_of(self.logs.look_ahead(AHEAD), arm) else { return Ok(()) };
+        let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
+        let Some(evidence) = Evidence::of(&arm.robot, &samples, set.still_rad) else {
+            return Ok(());
+        };
+        if is_misread(&mut touches, &arm.robot, (self.checked.0, &set)) {
+            return Ok(()); // which is warned of
+        }
+        match evidence.decide(Given { torque_sign, gravity }) {
+            Ok(found) => {
+                progress.note(&format!("`{path}`: {found}"));
+                settings.torque_sign = Some(OrAuto::Is(found.torque_sign));
+                settings.gravity = Some(OrAuto::Is(found.gravity));
+            }
+            // What is given is wrong, which is warned of.
+            Err(_) if evidence.decide(Given::default()).is_ok() => {}
+            Err(told @ Undecided::Nothing(_)) => {
+                progress.warn(&format!("`{path}`: {told}"));
+            }
+            Err(told) => match if_undecided {
+                IfUndecided::Refuse => return Err(WorkError::Usage(format!("`{path}`: {told}"))),
+                IfUndecided::LeaveOpen => progress.note(&format!("`{path}`: {told}")),
+            },
+        }
+        Ok(())
+    }
+
+    /// Torques that a type of message says are external ones hold no gravity, and count as the motors' do:
+    /// libfranka's `tau_ext_hat_filtered` is what the motors exert beyond the model.
+    fn conventions_of_messages(
+        &self,
+        settings: &mut TouchSettings,
+        progress: &dyn Progress,
+    ) -> Result<(), WorkError> {
+        let Some((path, _)) = self.logs.all().find(is_external) else { return Ok(()) };
+        let path = path.display();
+        match settings.gravity_given() {
+            Some(Gravity::Removed) => {}
+            Some(Gravity::Included) => {
+                return Err(WorkError::Usage(format!(
+                    "`{path}` holds external torques, out of which the robot has taken gravity; \
+                     say --gravity removed, or leave it out"
+                )));
+            }
+            None if !self.logs.all().all(|log| is_external(&log)) => {
+                return Err(WorkError::Usage(format!(
+                    "`{path}` holds external torques, without gravity, and other logs do not say so; \
+                     give --gravity if it holds for all, or read them one after the other"
+                )));
+            }
+            None => {
+                progress.note(&format!(
+                    "`{path}` holds external torques: gravity is not taken off them"
+                ));
+                settings.gravity = Some(OrAuto::Is(Gravity::Removed));
+            }
+        }
+        let told = "external torques of a Franka count as the motors' do";
+        match settings.torque_sign_given() {
+            None if self.logs.all().all(|log| is_external(&log)) => {
+                progress.note(&format!("{told}: their sign is minus"));
+                settings.torque_sign = Some(OrAuto::Is(TorqueSign::Minus));
+            }
+            Some(TorqueSign::Plus) => {
+                progress.warn(&format!("`{path}`: {told}, and --torque-sign is plus"));
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// Events as touches, joints in the arm's order; `None` if they are not the arm's.
+fn touches_of<'a>(
+    events: impl Iterator<Item = &'a LogEvent>,
+    arm: &Arm,
+) -> Option<Vec<RecordedTouch>> {
+    let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
+    let mut touches: Vec<RecordedTouch> = Vec::new();
+    let mut order = None;
+    for event in events {
+        match event {
+            LogEvent::TouchStarts { joint_names, .. } => {
+                let names = joint_names.as_ref().map(|names| reorder(&joints, names));
+                order = names.transpose().ok()?;
+                touches.push(RecordedTouch::default());
+            }
+            LogEvent::Sample(sample) => {
+                let mut sample = sample.clone();
+                if let Some(order) = &order {
+                    reorder_joints(&mut sample, order);
+                }
+                if sample.q.len() != joints.len() || sample.tau.len() != joints.len() {
+                    return None;
+                }
+                touches.last_mut()?.samples.push(sample);
+            }
+        }
+    }
+    touches.retain(|touch| !touch.samples.is_empty());
+    Some(touches)
+}
