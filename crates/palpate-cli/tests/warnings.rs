@@ -92,6 +92,18 @@ fn predict_warns_of_the_log_that_it_predicts() {
 }
 
 #[test]
+fn a_log_of_another_robot_is_told_by_its_number_of_joints() {
+    let folder = scene(|touch| touch.each_row(|row| row.truncate(6)));
+    for mut command in commands(folder.path()) {
+        let output = command.output().unwrap();
+        let told = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{told}");
+        assert!(told.contains("joint") && !told.contains("defect"), "{told}");
+        assert!(told.contains("6 joint") && told.contains("has 7"), "{told}");
+    }
+}
+
+#[test]
 fn what_ends_a_command_is_explained_by_what_looks_wrong() {
     let folder = scene(|touch| touch.tau[90][2] = 2e6);
     let output = commands(folder.path())[0].output().unwrap();

@@ -163,8 +163,9 @@ impl Evidence {
             return Ok(found(torque_sign, gravity));
         }
         if self.largest < LEAST_TORQUE {
-            let set = ExternalTorqueConfig::default();
-            return Ok(found(sign.unwrap_or(set.torque_sign), gravity.unwrap_or(set.gravity)));
+            let has_gravity = self.gravity >= LEAST_GRAVITY;
+            let held = if has_gravity { Gravity::Removed } else { Gravity::Included };
+            return Ok(found(sign.unwrap_or_default(), gravity.unwrap_or(held)));
         }
         let removed = |gravity| {
             let sign = sign.or(self.sign_by_work()).ok_or(Undecided::Sign(self))?;
@@ -360,8 +361,8 @@ mod tests {
         let found = decide(&touch, Given::default());
         assert_eq!(found, Ok((TorqueSign::Minus, Gravity::Removed)));
         let silent: Vec<Sample> = touch.iter().map(silent).collect();
-        let set = ExternalTorqueConfig::default();
-        assert_eq!(decide(&silent, Given::default()), Ok((set.torque_sign, set.gravity)));
+        let found = decide(&silent, Given::default());
+        assert_eq!(found, Ok((TorqueSign::Plus, Gravity::Removed)));
     }
 
     #[test]

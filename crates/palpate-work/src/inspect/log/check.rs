@@ -12,7 +12,7 @@ use std::sync::Arc;
 use palpate::{Arm, ExternalTorqueConfig, Sample};
 use palpate_io::log::AngleUnit;
 
-use super::joints::Matching;
+use super::joints::{Matching, miscounted};
 use super::{Place, Read};
 use crate::conventions::Given;
 use crate::error::WorkError;
@@ -183,6 +183,10 @@ impl LogCheck {
         }
         if touches.is_empty() {
             return Ok(Vec::new());
+        }
+        let robot = &self.arm.robot;
+        if let Some(finding) = touches.iter().find_map(|touch| miscounted(touch, robot)) {
+            return Ok(vec![finding]); // nothing that needs the robot can be looked at
         }
         let named = touches.iter().all(|touch| touch.joint_names.is_some());
         let matching = if named { Matching::InOrder } else { Matching::Unnamed };

@@ -58,7 +58,8 @@ pub(super) fn match_joints(
     (matching, findings)
 }
 
-fn miscounted(touch: &RecordedTouch, robot: &Robot) -> Option<Finding> {
+/// What is said of a touch with another number of joints than the robot.
+pub(super) fn miscounted(touch: &RecordedTouch, robot: &Robot) -> Option<Finding> {
     let (found, wanted) = (touch.n_joints(), robot.n_joints());
     (found != wanted).then(|| {
         let names: Vec<&str> = robot.joint_names().collect();
