@@ -126,7 +126,7 @@ pub mod unstable {
     pub use crate::prior_means::PriorMeansError;
     pub use crate::replay::RngState;
     pub use crate::robot::{
-        Collision, Joint, JointKind, Link, LinkId, Poses, Shape, nests_deeper_than,
+        BODY_PARAMETERS, Collision, Joint, JointKind, Link, LinkId, Poses, Shape, nests_deeper_than,
     };
     pub use crate::sdf::{
         BAKE_VERSION, BakeReport, DistanceGrid, SdfError, Solid, TriangleMesh, bake, bake_serial,

@@ -62,10 +62,10 @@ impl Mover {
 }
 
 /// Velocity of a rigid body per unit joint speed, seen at the world origin.
-#[derive(Debug, Clone, Copy)]
-struct Twist {
-    linear: Vector3<f64>,
-    angular: Vector3<f64>,
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Twist {
+    pub(super) linear: Vector3<f64>,
+    pub(super) angular: Vector3<f64>,
 }
 
 /// Where every link stands, for one joint vector.
@@ -210,7 +210,7 @@ impl Robot {
         torque
     }
 
-    fn carrier(&self, poses: &Poses, carrier: u16) -> (&Mover, Twist) {
+    pub(super) fn carrier(&self, poses: &Poses, carrier: u16) -> (&Mover, Twist) {
         (&self.movers[usize::from(carrier)], poses.twists[usize::from(carrier)])
     }
 }

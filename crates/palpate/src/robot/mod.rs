@@ -15,23 +15,26 @@
 //! |--------------|----------------------------------------------------------|
 //! | `urdf`       | XML → checked tree                                       |
 //! | `kinematics` | poses, Jacobians, gravity torque                         |
+//! | `dynamics`   | inverse dynamics, linear in the inertial parameters      |
 //! | `error`      | what can be wrong                                        |
 //!
 //! Link shapes are only described here: [`crate::sdf`] turns them into distances, and mesh files
 //! are read elsewhere, since the core opens no file.
 
+mod dynamics;
 mod error;
 mod interpolate;
 mod kinematics;
 mod urdf;
 mod xml;
 
+pub use dynamics::BODY_PARAMETERS;
 pub use error::RobotError;
 pub use kinematics::Poses;
 pub use xml::nests_deeper_than;
 
 use kinematics::Mover;
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Robots that are compiled in: name and URDF. This is the only place to add one.
@@ -86,6 +89,8 @@ pub struct Link {
     pub mass_kg: f64,
     /// Centre of mass in the link frame.
     pub com_link_m: Point3<f64>,
+    /// Inertia about the centre of mass, axes of the link frame.
+    pub inertia_com_kg_m2: Matrix3<f64>,
 }
 
 /// One shape of a link.
@@ -308,7 +313,7 @@ impl Robot {
         }
     }
 
-    /// The same robot carrying `payload` as well; may be called again for a second one.
+    /// The same robot carrying `payload`, a point mass, as well; may be called again for a second one.
     ///
     /// # Errors
     ///
@@ -324,9 +329,11 @@ impl Robot {
         let link = &mut self.links[id.index()];
         let mass_kg = link.mass_kg + payload.mass_kg;
         if mass_kg > 0.0 {
-            let moment = link.mass_kg * link.com_link_m.coords
-                + payload.mass_kg * Vector3::from(payload.com_link_m);
-            link.com_link_m = Point3::from(moment / mass_kg);
+            let (own, added) = (link.com_link_m.coords, Vector3::from(payload.com_link_m));
+            let com = (link.mass_kg * own + payload.mass_kg * added) / mass_kg;
+            link.inertia_com_kg_m2 += link.mass_kg * dynamics::about(&(own - com))
+                + payload.mass_kg * dynamics::about(&(added - com));
+            link.com_link_m = Point3::from(com);
             link.mass_kg = mass_kg;
         }
         Ok(self)

@@ -3,11 +3,11 @@
 //! `urdf-rs` reads the XML and ignores elements that it does not know (`<klampt>`, `<gazebo>`,
 //! `<transmission>`). It checks no meaning: names, the shape of the tree, mimic chains and every
 //! number are checked here. `rpy` is roll, pitch, yaw about the fixed axes x, y, z; a missing
-//! `<axis>` is x; an inertial frame's rotation does not move its centre of mass, so it is ignored.
+//! `<axis>` is x. Inertia is turned into the axes of its link.
 
 use std::collections::HashMap;
 
-use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use urdf_rs::{Geometry, JointType};
 
 use super::kinematics::Mover;
@@ -308,8 +308,20 @@ fn link(link: &urdf_rs::Link, parent: Option<LinkId>) -> Result<Link, RobotError
             Ok(Collision { link_from_shape, shape: shape(&thing, &collision.geometry)? })
         })
         .collect::<Result<_, RobotError>>()?;
-    let com_link_m = Point3::from(*com);
-    Ok(Link { name, parent, collision, mass_kg: link.inertial.mass.value, com_link_m })
+    let inertia_com_kg_m2 = inertia(&name, &link.inertial)?;
+    let (mass_kg, com_link_m) = (link.inertial.mass.value, Point3::from(*com));
+    Ok(Link { name, parent, collision, mass_kg, com_link_m, inertia_com_kg_m2 })
+}
+
+/// Inertia about the centre of mass in the axes of the link.
+fn inertia(link: &str, inertial: &urdf_rs::Inertial) -> Result<Matrix3<f64>, RobotError> {
+    let tensor = &inertial.inertia;
+    let (xx, xy, xz) = (tensor.ixx, tensor.ixy, tensor.ixz);
+    let (yy, yz, zz) = (tensor.iyy, tensor.iyz, tensor.izz);
+    check_finite(&format!("inertia of link `{link}` [kg·m²]"), &[xx, xy, xz, yy, yz, zz])?;
+    let frame = pose(&format!("inertia of link `{link}`"), &inertial.origin)?;
+    let rotation = frame.rotation.to_rotation_matrix();
+    Ok(rotation * Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) * rotation.transpose())
 }
 
 fn shape(thing: &str, geometry: &Geometry) -> Result<Shape, RobotError> {
