@@ -40,14 +40,17 @@ FINE_HZ, LEAD_S = 4000.0, 0.05  # rate of the simulated friction, and how long b
 RISE_S, HOLD_S, GAP_S = 0.2, 0.5, 1.0  # of a push (it falls as it rises), and the least time between two
 FIRST_PUSH_S = 2.0
 FAULTS = ["payload", "links", "friction", "bias", "delay", "gain", "noise"]
-text = lambda numbers: " ".join(f"{x:.17g}" for x in np.atleast_1d(numbers))
+
+
+def text(numbers):
+    return " ".join(f"{x:.17g}" for x in np.atleast_1d(numbers))
 
 
 class Arm:
     """The moving joints of a URDF in MuJoCo: without shapes, friction and rotor inertia, gravity along -z."""
 
     def __init__(self, path, links=None, payload=None):
-        """`links`: by name (mass factor, shift of the centre [m], inertia factor); `payload`: (link, kg, centre [m])."""
+        """`links`: by name, (mass factor, shift of the centre [m], inertia factor); `payload`: (link, kg, [m])."""
         robot = ElementTree.parse(path).getroot()
         for part in list(robot):
             if part.tag not in ("link", "joint"):
@@ -55,15 +58,15 @@ class Arm:
             for detail in list(part):
                 if detail.tag in ("visual", "collision", "dynamics", "mimic"):
                     part.remove(detail)
-        self.links = [link.get("name") for link in robot.findall("link") if link.find("inertial") is not None]
+        self.links = [link.get("name") for link in robot.findall("link[inertial]")]
         for name, errors in (links or {}).items():
-            spoil(robot.find(f"link[@name='{name}']/inertial"), *errors)
-        moving = [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
+            add_errors(robot.find(f"link[@name='{name}']/inertial"), *errors)
+        moving = {joint.get("name"): joint for joint in robot.findall("joint") if joint.get("type") != "fixed"}
         children = {}
         for joint in robot.findall("joint"):
             children.setdefault(joint.find("parent").get("link"), []).append(joint)
         if payload and payload[1] > 0:
-            carry(robot, *payload)
+            add_payload(robot, *payload)
         # By itself MuJoCo would merge links that do not move against each other.
         keep = dict(fusestatic="false", balanceinertia="false", discardvisual="true", strippath="true")
         ElementTree.SubElement(ElementTree.SubElement(robot, "mujoco"), "compiler", keep)
@@ -77,7 +80,6 @@ class Arm:
         masses = sum(float(mass.get("value")) for mass in robot.iter("mass"))
         assert np.isclose(self.model.body_mass.sum(), masses), "MuJoCo has left out the mass of a link"
         self.names = [self.model.joint(j).name for j in range(n)]
-        moving = {joint.get("name"): joint for joint in moving}
         self.link = moving[self.names[-1]].find("child").get("link")
         while self.link in children:  # on through fixed joints, to the tip
             self.link = children[self.link][0].find("child").get("link")
@@ -86,7 +88,8 @@ class Arm:
         self.effort, self.speed = column("effort", BIG_N_M), column("velocity", 1.0)
         # Joints without limits turn by half a turn either way.
         turns = np.array([moving[name].get("type") == "continuous" for name in self.names])
-        self.lower, self.upper = (np.where(turns, s * np.pi, column(k, s * np.pi)) for k, s in (("lower", -1), ("upper", 1)))
+        self.lower = np.where(turns, -np.pi, column("lower", -np.pi))
+        self.upper = np.where(turns, np.pi, column("upper", np.pi))
 
     def motor(self, q, v, a):
         """Motor torques of the rigid arm, T x n, N·m."""
@@ -111,7 +114,7 @@ class Arm:
         return jacobian.T @ force
 
 
-def spoil(inertial, mass_factor, shift_m, inertia_factor):
+def add_errors(inertial, mass_factor, shift_m, inertia_factor):
     mass, inertia, origin = inertial.find("mass"), inertial.find("inertia"), inertial.find("origin")
     if origin is None:
         origin = ElementTree.SubElement(inertial, "origin")
@@ -121,7 +124,7 @@ def spoil(inertial, mass_factor, shift_m, inertia_factor):
         inertia.set(key, text(float(inertia.get(key)) * inertia_factor))
 
 
-def carry(robot, link, mass_kg, centre_m, radius_m=0.04):
+def add_payload(robot, link, mass_kg, centre_m, radius_m=0.04):
     """Fixes a solid sphere to a link."""
     inertial = ElementTree.SubElement(ElementTree.SubElement(robot, "link", name="payload"), "inertial")
     moment = text(0.4 * mass_kg * radius_m**2)
@@ -148,7 +151,7 @@ class Motion:
         self.waves = rng.normal(size=(2, HARMONICS, n)) / np.arange(1, HARMONICS + 1)[:, None]
         q, v, _ = self.at(np.arange(0, seconds, 1e-3))
         reach = np.minimum(self.centre - arm.lower, arm.upper - self.centre) - (1 - RANGE_SHARE) / 2 * span
-        most = np.minimum(reach / np.ptp(q, axis=0), SPEED_SHARE * arm.speed / np.abs(v).max(axis=0))
+        most = np.minimum(reach / np.abs(q - self.centre).max(axis=0), SPEED_SHARE * arm.speed / np.abs(v).max(axis=0))
         self.waves *= rng.uniform(0.6, 1.0, n) * most
 
     def at(self, t):
@@ -204,7 +207,8 @@ def friction(rng, motion, faults, t):
     level = np.stack([np.interp(t, fine, column) for column in (stretch / limit).T], axis=1)
     v = motion.at(t)[1]
     coulomb = faults["coulomb"] * (1 + np.sign(level) * faults["asymmetry"] / 2)
-    return level * coulomb * (1 + faults["breakaway"] * np.exp(-((v / faults["stribeck"]) ** 2))) + faults["viscous"] * v
+    breakaway = faults["breakaway"] * np.exp(-((v / faults["stribeck"]) ** 2))
+    return level * coulomb * (1 + breakaway) + faults["viscous"] * v
 
 
 def draw_pushes(rng, args):
@@ -235,13 +239,14 @@ def write_draw(folder, number, args):
     faults = draw_faults(stream(0), Arm(args.robot), args)
     link = Arm(args.robot).link
     arm = Arm(args.robot, faults["links"], (link, faults["mass_kg"], faults["centre_m"]))
-    told = []
+    drawn = []
     for m in range(args.motions):
         motion, pushes = Motion(stream(1, m), arm, args.seconds), draw_pushes(stream(2, m), args)
         t = np.arange(round(args.seconds * args.rate_hz)) / args.rate_hz
         late, noise = t - faults["delay"], stream(3, m)
         moved, q = motion.at(late), motion.at(t)[0]
-        motor = arm.motor(*moved) + friction(stream(4, m), motion, faults, late) - external(arm, moved[0], late, pushes)[0]
+        motor = arm.motor(*moved) + friction(stream(4, m), motion, faults, late)
+        motor -= external(arm, moved[0], late, pushes)[0]
         torques = (-1 if args.torque_sign == "plus" else 1) * faults["gain"] * motor
         torques += faults["bias"] + faults["offset"][m] + np.outer(t / args.seconds - 0.5, faults["drift"][m])
         torques += noise.normal(size=q.shape) * faults["noise"][m]
@@ -250,33 +255,37 @@ def write_draw(folder, number, args):
         if args.angle_step_rad > 0:
             q = np.round(q / args.angle_step_rad) * args.angle_step_rad
         log = folder / "log" / f"seq_{m:03}"
-        log.mkdir(parents=True, exist_ok=True)
+        log.mkdir(parents=True)
         for name, values in dict(angles=q, torques=torques, time=t).items():
             np.save(log / f"{name}.npy", values)
         if args.contact:
             (folder / "truth").mkdir(exist_ok=True)
             np.save(folder / "truth" / f"seq_{m:03}_external.npy", truth)
             np.save(folder / "truth" / f"seq_{m:03}_contact.npy", contact)
-        told.append(dict(zip(("start_s", "force_n"), map(np.ndarray.tolist, pushes))))
+        drawn.append(dict(zip(("start_s", "force_n"), map(np.ndarray.tolist, pushes))))
     options = {**vars(args), "out": args.out.name, "robot": Path(args.robot).name}
-    (folder / "truth.json").write_text(json.dumps(told_truth(arm, faults, told) | {"options": options}, indent=1))
+    (folder / "truth.json").write_text(json.dumps(truth_json(arm, faults, drawn) | {"options": options}, indent=1))
 
 
-def told_truth(arm, faults, pushes):
-    value = lambda x: {"value": float(x)}
+def truth_json(arm, faults, pushes):
+    """What was injected; a payload of no mass has no centre."""
+    value = lambda x: {"value": None if x is None else float(x)}
     joints = [
         {
-            "name": name, "coulomb_n_m": value(faults["coulomb"][j]), "viscous_n_m_s_per_rad": value(faults["viscous"][j]),
+            "name": name, "coulomb_n_m": value(faults["coulomb"][j]),
+            "viscous_n_m_s_per_rad": value(faults["viscous"][j]),
             # The mean of the motions; each has an offset of its own, and a drift of mean zero.
             "bias_n_m": value(faults["bias"][j] + faults["offset"][:, j].mean()), "gain": value(faults["gain"][j]),
             "asymmetry": faults["asymmetry"][j], "stribeck_breakaway": faults["breakaway"][j],
             "stribeck_rad_per_s": faults["stribeck"][j], "presliding_rad": faults["presliding"][j],
-            "offset_by_motion_n_m": faults["offset"][:, j].tolist(), "drift_by_motion_n_m": faults["drift"][:, j].tolist(),
+            "offset_by_motion_n_m": faults["offset"][:, j].tolist(),
+            "drift_by_motion_n_m": faults["drift"][:, j].tolist(),
         }
         for j, name in enumerate(arm.names)
     ]  # fmt: skip
     links = {k: dict(mass_factor=m, shift_m=list(c), inertia_factor=i) for k, (m, c, i) in faults["links"].items()}
-    payload = {"link": arm.link, "mass_kg": value(faults["mass_kg"]), "com_m": [value(x) for x in faults["centre_m"]]}
+    payload = {"link": arm.link, "mass_kg": value(faults["mass_kg"])}
+    payload["com_m"] = [value(x if faults["mass_kg"] > 0 else None) for x in faults["centre_m"]]
     return {"payload": payload, "joints": joints, "delay_s": value(faults["delay"]), "link_errors": links,
             "noise_by_motion_n_m": faults["noise"].tolist(), "pushes_by_motion": pushes}  # fmt: skip
 
@@ -317,11 +326,12 @@ def in_last_link(arm, found):
 def score(args):
     # Name, unit, key, and how errors are printed from (value, truth, rate of the log).
     relative = lambda x, truth, rate: 100 * np.abs(x - truth) / np.where(truth > 0, truth, np.nan)
+    absolute = lambda x, truth, rate: np.abs(x - truth)
     rows = [
-        ("payload mass", "%", "mass", relative), ("Coulomb friction", "%", "coulomb", relative),
+        ("payload mass", "%", "mass", relative),
         ("payload centre", "cm", "centre", lambda x, truth, rate: [100 * np.linalg.norm(x - truth)]),
-        ("viscous friction", "%", "viscous", relative), ("bias", "N·m", "bias", lambda x, truth, rate: np.abs(x - truth)),
-        ("gain", "%", "gain", lambda x, truth, rate: 100 * np.abs(x - truth)),
+        ("Coulomb friction", "%", "coulomb", relative), ("viscous friction", "%", "viscous", relative),
+        ("bias", "N·m", "bias", absolute), ("gain", "1", "gain", absolute),
         ("delay", "samples", "delay", lambda x, truth, rate: rate * np.abs(x - truth)),
     ]  # fmt: skip
     table, arm, draws = {row[2]: ([], [], []) for row in rows}, Arm(args.robot), sorted(args.out.glob("draw_*"))
@@ -335,15 +345,16 @@ def score(args):
         for _, _, key, error in rows:
             true, (value, std) = truth[key][0], found[key]
             by_urdf = np.ones_like(true) if key == "gain" else np.zeros_like(true)
-            inside = np.where(np.isnan(value), np.nan, np.abs(value - true) <= 1.96 * std)
+            inside = np.where(np.isnan(value - true), np.nan, np.abs(value - true) <= 1.96 * std)
             for cell, more in zip(table[key], (error(value, true, rate), inside, error(by_urdf, true, rate))):
                 cell.extend(more)
-    print(f"{done} of {len(draws)} draws\n{'':27}  median  95th percentile  covered by 95 %   URDF alone: median  95th")
+    print(f"{done} of {len(draws)} draws\n{'':27}  median  95th percentile  covered by 95 %  by the URDF: median  95th")
     for name, unit, key, _ in rows:
         errors, inside, plain = (np.array(cell)[np.isfinite(cell)] for cell in table[key])
         if len(errors):
             (median, most), (was, was_most) = (np.percentile(x, [50, 95]) for x in (errors, plain))
-            print(f"{name:16} {f'[{unit}]':>10}  {median:6.2f}  {most:15.2f}  {inside.mean():15.0%}  {was:19.2f} {was_most:5.2f}")
+            print(f"{name:16} {f'[{unit}]':>10}  {median:6.3f}  {most:15.3f}  {inside.mean():15.0%}  "
+                  f"{was:19.3f} {was_most:6.3f}")  # fmt: skip
 
 
 def main():
@@ -356,7 +367,7 @@ def main():
     parser.add_argument("--robot", default=GEN3, help="URDF whose moving joints are one chain")
     if scoring:
         return score(parser.parse_args())
-    number = lambda name, default, what, **more: parser.add_argument(name, type=type(default), default=default, help=what, **more)
+    number = lambda name, default, what: parser.add_argument(name, type=type(default), default=default, help=what)
     number("--seed", 0, "of everything")
     number("--draws", 20, "number of fault sets")
     number("--motions", 3, "motions of a draw")
@@ -375,6 +386,8 @@ def main():
     args = parser.parse_args()
     if args.seconds < STILL_S + 2 * RAMP_S + END_S or args.max_delay_ms * 1e-3 > LEAD_S:
         sys.exit(f"motions last {STILL_S + 2 * RAMP_S + END_S} s or more, and delays are {LEAD_S * 1e3:.0f} ms or less")
+    if args.out.exists():
+        sys.exit(f"{args.out} exists already")
     for number in range(args.draws):
         write_draw(args.out / f"draw_{number:03}", number, args)
 

@@ -9,7 +9,8 @@ use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::AllSettings;
 use crate::{
-    bench, convert, demo, evaluate, extrapolate, inspect, live, map, predict, study, tune, view,
+    bench, convert, demo, evaluate, extrapolate, identify, inspect, live, map, predict, study,
+    tune, view,
 };
 
 /// Learns where an object is stiff from the joint torques of a robot arm that touches it.
@@ -50,6 +51,8 @@ pub(crate) enum Command {
     Extrapolate(extrapolate::Args),
     /// Map and predict bundled, simulated touches: a first look, without any data of your own
     Demo(demo::Args),
+    /// Find payload, friction, bias and delay of an arm from logs of it in free motion
+    Identify(identify::Args),
     /// Show what a log, a robot or a field holds, and what looks wrong with it
     Inspect(inspect::Args),
     /// Watch the arm, its contacts, the field and the torques in the Rerun viewer

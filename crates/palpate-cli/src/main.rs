@@ -17,6 +17,7 @@ mod example;
 mod extrapolate;
 mod extrapolation_view;
 mod hull;
+mod identify;
 mod inspect;
 mod interrupt;
 mod live;
@@ -75,6 +76,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
         Command::Study(args) => study::run(args, output),
         Command::Extrapolate(args) => extrapolate::run(args, output),
         Command::Demo(args) => demo::run(args, output),
+        Command::Identify(args) => identify::run(args, output),
         Command::Inspect(args) => inspect::run(args, output),
         Command::View(args) => view::run(args, output),
         Command::Convert(args) => convert::run(args, output),

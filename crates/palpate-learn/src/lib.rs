@@ -12,6 +12,7 @@
 //! | [`mod@study`]       | settings over several objects                                   |
 //! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
 //! | [`mod@errors`]      | the four figures of Table I                                     |
+//! | [`mod@identify`]    | payload, friction, bias and delay of an arm in free motion      |
 //!
 //! The crate knows the estimators of the core, but no file.
 #![forbid(unsafe_code)]
@@ -24,6 +25,7 @@ pub mod evaluate;
 pub mod evaluation;
 pub mod extrapolate;
 pub mod folds;
+pub mod identify;
 pub mod method;
 pub mod regression;
 pub mod study;

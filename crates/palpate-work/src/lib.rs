@@ -18,6 +18,8 @@
 //! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
 //! | [`mod@tune`]      | settings chosen by cross-validation                               |
 //! | [`mod@study`]     | settings compared over several objects                            |
+//! | [`mod@identify`]  | payload, friction, bias and delay of an arm, from free motion     |
+//! | [`mod@arm_file`]  | the file of an identified arm                                     |
 //! | [`mod@inspect`]   | what a log, a robot or a field holds, and what looks wrong with it |
 //! | [`mod@touched`]   | what touches displace of the lattice                              |
 //! | [`mod@quantile`]  | medians and the like                                              |
@@ -26,6 +28,7 @@
 //! terminal, a page or Python.
 #![forbid(unsafe_code)]
 
+pub mod arm_file;
 mod conventions;
 pub mod elastic;
 pub mod error;
@@ -33,6 +36,7 @@ pub mod evaluate;
 pub mod extrapolate;
 pub mod field_arrays;
 pub mod held_joints;
+pub mod identify;
 pub mod inspect;
 pub mod learn;
 pub mod pauses;

@@ -88,6 +88,7 @@ mod sdf;
 mod setting;
 mod tare;
 mod torque;
+mod torque_model;
 mod tracker;
 
 pub use arm::{Arm, ArmError};
@@ -106,6 +107,10 @@ pub use robot::{Payload, Robot, RobotError};
 pub use sdf::BakeConfig;
 pub use setting::SettingError;
 pub use tare::{MIN_TARE_FRAMES, Tare};
+pub use torque_model::{
+    Alarm, Detector, ExternalTorque, Friction, JointModel, TorqueModel, TorqueNoise,
+    external_torques,
+};
 pub use tracker::{Sample, TrackerError};
 
 /// What palpate's own crates build on: not stable, any of it may change or go in any release.
@@ -134,5 +139,9 @@ pub mod unstable {
     };
     pub use crate::tare::is_contact_free;
     pub use crate::torque::{Cell, Observation, ObservationBuilder, Stiffness, lever};
+    pub use crate::torque_model::{
+        Explained, Fit, FrictionState, LocalPolynomial, Motion, NoiseFactors, Side, TouchMotion,
+        explain,
+    };
     pub use crate::tracker::{TrackedSample, Tracker};
 }

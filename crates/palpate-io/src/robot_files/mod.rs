@@ -5,6 +5,7 @@
 //! | `find`  | where the file is that a URDF calls `package://` |
 //! | `mesh`  | triangles of STL, OBJ and, by `dae`, COLLADA     |
 //! | `xml`   | documents of bounded depth                       |
+//! | `inertia` | a URDF with other masses                       |
 //! | `cache` | baked links kept between runs                    |
 //!
 //! What the numbers of a URDF mean and how a shape is baked is the core's business.
@@ -12,6 +13,7 @@
 mod cache;
 mod dae;
 mod find;
+mod inertia;
 mod mesh;
 mod xml;
 
@@ -19,6 +21,7 @@ use crate::input;
 use blake3::Hash;
 use cache::Cache;
 use find::Search;
+pub use inertia::with_inertia;
 use palpate::unstable::{BakeReport, DistanceGrid, Link, Shape, bake, solid};
 use palpate::{Arm, ArmError, BakeConfig, Robot, RobotError};
 use std::collections::HashMap;

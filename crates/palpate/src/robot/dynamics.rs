@@ -11,7 +11,7 @@
 //! Velocities and accelerations are twists at the world origin as in [`super::kinematics`]; gravity is an acceleration
 //! of the base, upwards. At rest, `τ` is minus [`Robot::gravity_torque`].
 
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Matrix3xX, Vector3};
 
 use super::kinematics::{GRAVITY_M_PER_S2, Twist};
 use super::{Link, LinkId, Poses, Robot};
@@ -34,9 +34,12 @@ impl Robot {
     pub fn inertial_parameters(&self) -> DVector<f64> {
         let mut parameters = DVector::zeros(BODY_PARAMETERS * self.movers.len());
         for (index, link) in self.links.iter().enumerate() {
-            let Some(body) = self.body_of(LinkId(index as u16)) else { continue };
-            let (rotation, origin) = self.body_from_link(body, index);
-            let com = rotation * link.com_link_m.coords + origin;
+            let id = LinkId(index as u16);
+            let (Some(body), Some(pose)) = (self.body_of(id), self.body_from_link(id)) else {
+                continue;
+            };
+            let rotation = pose.rotation.to_rotation_matrix();
+            let com = (pose * link.com_link_m).coords;
             let about_com = rotation * link.inertia_com_kg_m2 * rotation.transpose();
             let about_origin = about_com + link.mass_kg * about(&com);
             let mut own = parameters.rows_mut(BODY_PARAMETERS * body, BODY_PARAMETERS);
@@ -127,14 +130,15 @@ impl Robot {
         self.regressor(poses, speed, acceleration) * self.inertial_parameters()
     }
 
-    /// Rotation and origin of a link in the frame of its body: the joints between are fixed.
-    fn body_from_link(&self, body: usize, mut link: usize) -> (Matrix3<f64>, Vector3<f64>) {
-        let mut pose = nalgebra::Isometry3::identity();
-        while link != self.movers[body].child {
+    /// Pose of a link in the frame of its body: the joints between are fixed. `None` if nothing moves it.
+    pub fn body_from_link(&self, link: LinkId) -> Option<Isometry3<f64>> {
+        let first = self.movers[self.body_of(link)?].child;
+        let (mut pose, mut link) = (Isometry3::identity(), link.index());
+        while link != first {
             pose = self.mounts[link].parent_from_link * pose;
             link = self.links[link].parent.expect("a body's links hang from its first").index();
         }
-        (pose.rotation.to_rotation_matrix().into_inner(), pose.translation.vector)
+        Some(pose)
     }
 }
 
@@ -155,7 +159,7 @@ impl Twist {
 
 /// Force and moment about the world origin that a body needs, as matrices that its ten parameters are multiplied by.
 fn wrench_regressor(
-    pose: &nalgebra::Isometry3<f64>,
+    pose: &Isometry3<f64>,
     velocity: &Twist,
     change: &Twist,
 ) -> (Matrix3xX<f64>, Matrix3xX<f64>) {

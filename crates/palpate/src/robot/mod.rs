@@ -206,6 +206,11 @@ impl Robot {
         Some(Robot::from_urdf(xml).expect("built-in robots are parsed by the tests"))
     }
 
+    /// The text of its URDF.
+    pub fn built_in_urdf(name: &str) -> Option<&'static str> {
+        BUILT_IN.iter().find(|(known, _)| *known == name).map(|(_, xml)| *xml)
+    }
+
     /// Names that [`Robot::built_in`] knows.
     pub fn built_in_names() -> impl Iterator<Item = &'static str> {
         BUILT_IN.iter().map(|(name, _)| *name)

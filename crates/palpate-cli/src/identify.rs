@@ -1,0 +1,201 @@
+//! `palpate identify`: payload, friction, bias and delay of one's own arm, from logs of it in free motion.
+
+use std::path::PathBuf;
+
+use palpate::Robot;
+use palpate_io::robot_files::with_inertia;
+use palpate_learn::identify::{Identified, Value};
+use palpate_work::arm_file;
+use palpate_work::identify::{self, IdentifySettings};
+use serde_json::json;
+
+use crate::error::CliError;
+use crate::output::{Output, table};
+use crate::place::Places;
+use crate::settings::RobotAndLogSettings;
+use crate::{interrupt, logs, place};
+
+const NOTES: &str = "Examples:
+  palpate identify free_motion/ --robot robot.urdf -o arm.toml
+  palpate identify monday.mcap tuesday.mcap --robot ur10e.urdf --tool-link tool0 --currents -o arm.toml
+  palpate map recordings/ --robot robot.urdf --arm arm.toml -o field.npz
+
+The arm moves freely in the logs, every joint both ways, some of it slowly; `palpate excite` writes such a
+motion. What is found is held to the URDF as far as the logs do not say otherwise. Errors are told on
+motion that was held out: whole touches, or quarters of them if there are fewer than three.
+
+Payload: --json has it with standard deviations, and as libfranka's setLoad and URScript's set_payload
+take it.";
+
+/// Flags of `palpate identify`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = NOTES)]
+pub(crate) struct Args {
+    /// Logs of free motion
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Where the arm goes, for --arm of other commands
+    #[arg(long, short, value_name = "ARM.toml")]
+    output: Option<PathBuf>,
+    /// Where the URDF goes, with the masses that were found
+    #[arg(long, value_name = "FILE.urdf")]
+    urdf: Option<PathBuf>,
+    /// Link in whose frame the payload is told [default: the one that the last joint carries]
+    #[arg(long, value_name = "LINK")]
+    tool_link: Option<String>,
+    /// The logged torques are the drives' currents: find their gains as well
+    #[arg(long)]
+    currents: bool,
+    /// Print all that was found as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    settings: RobotAndLogSettings,
+}
+
+/// Identifies and tells.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let mut settings = args.settings.load()?;
+    let mut places = Places::read(&args.settings, &settings, &args.logs);
+    places.output("the arm (--output)", args.output.as_deref())?;
+    places.output("the URDF (--urdf)", args.urdf.as_deref())?;
+    interrupt::listen();
+    let (touches, arm) = logs::open(&args.logs, &mut settings, logs::IfUndecided::Refuse, output)?;
+    let config = settings.config()?;
+    let mut touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
+    let recorded = touches.read(None)?;
+    touches.tell_warnings(output);
+    let wanted = IdentifySettings { tool_link: args.tool_link.clone(), currents: args.currents };
+    let found = identify::run(&arm, &recorded, &config.touch, &wanted)?;
+
+    let text = text(&found);
+    if let Some(path) = &args.output {
+        place::write(path, &arm_file::text(&arm.robot, &found.model, &text))?;
+    }
+    if let Some(path) = &args.urdf {
+        place::write(path, &urdf_of(&settings, &arm.robot, &found)?)?;
+    }
+    for note in &found.notes {
+        output.note(note);
+    }
+    if args.json {
+        let (libfranka, urscript) = (set_load(&found), set_payload(&found));
+        return output.json(&json!({
+            "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
+            "base_parameters": found.base_parameters,
+            "base_parameters_told": found.base_parameters_told,
+            "delay_s": found.delay_s, "held_out": found.held_out, "model": found.model,
+            "notes": found.notes, "libfranka": libfranka, "urscript": urscript,
+        }));
+    }
+    output.result(&text)?;
+    let written = [("The arm", &args.output), ("The URDF", &args.urdf)];
+    for (what, path) in written {
+        if let Some(path) = path {
+            output.result(&format!("{what} is in `{}`.\n", path.display()))?;
+        }
+    }
+    if let Some(path) = &args.output {
+        output.result(&format!("Next: palpate torque LOG --arm {}\n", path.display()))?;
+    }
+    Ok(())
+}
+
+/// The URDF that was given, with the masses that were found.
+fn urdf_of(
+    settings: &crate::settings::Settings,
+    robot: &Robot,
+    found: &Identified,
+) -> Result<String, CliError> {
+    let name = settings.robot.name();
+    let text = match Robot::built_in_urdf(name) {
+        Some(text) => text.to_owned(),
+        None => std::fs::read_to_string(name)
+            .map_err(|error| CliError::from(format!("`{name}` cannot be read: {error}")))?,
+    };
+    let parameters = found.model.inertial.clone().into();
+    with_inertia(&text, &robot.clone().with_inertial_parameters(&parameters))
+        .map_err(|what| CliError::from(format!("`{name}` {what}")))
+}
+
+/// A value with its standard deviation, for people.
+fn pm(value: Value, digits: usize) -> String {
+    format!("{:.digits$} ± {:.digits$}", value.value, value.std)
+}
+
+fn text(found: &Identified) -> String {
+    let payload = &found.payload;
+    let mut text = if payload.is_told {
+        let com = payload.com_m.map(|axis| pm(axis, 3)).join(", ");
+        format!("Payload on `{}`: {} kg, centre {com} m.\n", payload.link, pm(payload.mass_kg, 2))
+    } else {
+        let mass = pm(payload.mass_kg, 2);
+        format!("Payload on `{}`: none that is told from zero ({mass} kg).\n", payload.link)
+    };
+    text += &format!(
+        "Torques are logged {} ms after positions. {} of {} combinations of masses that motion can tell \
+         are told.\n\n",
+        pm(Value { value: 1e3 * found.delay_s.value, std: 1e3 * found.delay_s.std }, 1),
+        found.base_parameters_told,
+        found.base_parameters
+    );
+    let head =
+        ["joint", "Coulomb N·m", "viscous N·m·s", "breakaway", "bias N·m", "gain", "moved rad"];
+    let rows = found.joints.iter().map(|joint| {
+        vec![
+            joint.name.clone(),
+            pm(joint.coulomb_n_m, 2),
+            pm(joint.viscous_n_m_s, 2),
+            pm(joint.breakaway_n_m, 2),
+            pm(joint.bias_n_m, 2),
+            pm(joint.gain, 3),
+            format!("{:.2}", joint.moved),
+        ]
+    });
+    text += &table(&head, rows);
+    let total = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
+    let held_out = &found.held_out;
+    text += &format!(
+        "\nLeft over of the measured torque on motion that was held out, root mean square over all joints, N·m;\n\
+         slow: means over {:.2} s, in which speeds are known:\n\n",
+        2.0 * found.model.window_s
+    );
+    let row = |what: &str, all: &[f64], slow: &[f64]| {
+        let each = all.iter().map(|own| format!("{own:.2}"));
+        let mut row =
+            vec![what.to_owned(), format!("{:.2}", total(all)), format!("{:.2}", total(slow))];
+        row.extend(each);
+        row
+    };
+    let mut head = vec!["after", "all", "slow"];
+    head.extend(found.joints.iter().map(|joint| joint.name.as_str()));
+    let [gravity, urdf, identified] = &held_out.slow;
+    text + &table(
+        &head,
+        [
+            row("gravity of the URDF", &held_out.gravity, gravity),
+            row("inverse dynamics of the URDF", &held_out.urdf, urdf),
+            row("the identified arm", &held_out.identified, identified),
+        ]
+        .into_iter(),
+    )
+}
+
+/// What libfranka's `setLoad` takes: mass, centre in the flange's frame, inertia about the centre column by column.
+fn set_load(found: &Identified) -> String {
+    let payload = &found.payload;
+    let [x, y, z] = payload.com_m.map(|axis| axis.value);
+    let inertia = payload.inertia_kg_m2.map(|row| row.map(|own| format!("{own:.6}")).join(", "));
+    let inertia = inertia.join(", ");
+    format!("setLoad({:.4}, {{{x:.4}, {y:.4}, {z:.4}}}, {{{inertia}}})", payload.mass_kg.value)
+}
+
+/// What URScript's `set_payload` takes: mass, centre in the flange's frame, inertia xx, yy, zz, xy, xz, yz.
+fn set_payload(found: &Identified) -> String {
+    let payload = &found.payload;
+    let [x, y, z] = payload.com_m.map(|axis| axis.value);
+    let i = payload.inertia_kg_m2;
+    let inertia = [i[0][0], i[1][1], i[2][2], i[0][1], i[0][2], i[1][2]];
+    let inertia = inertia.map(|own| format!("{own:.6}")).join(", ");
+    format!("set_payload({:.4}, [{x:.4}, {y:.4}, {z:.4}], [{inertia}])", payload.mass_kg.value)
+}

@@ -1,0 +1,190 @@
+//! Masses that a body can have: the pseudo-inertia of each is positive definite (Wensing, Kim and Slotine 2018), which
+//! says that it is a sum of point masses.
+//!
+//! ```text
+//! J = [ ½ tr(I)·1 − I    m·c ]
+//!     [    (m·c)ᵀ         m  ]
+//! ```
+//!
+//! The most probable parameters are moved by the barrier `− WEIGHT · log det J`, which no step leaves, and which hardly
+//! matters where the data know better. Newton's method starts from the URDF under a barrier that is much higher, and
+//! follows the optimum as it is lowered.
+
+use nalgebra::{DMatrix, DVector, Matrix4};
+use palpate::unstable::BODY_PARAMETERS;
+
+/// Of the barrier, in units of the log likelihood.
+const WEIGHT: f64 = 0.05;
+/// That to start with, by what it is lowered each time, and steps of Newton's method for each.
+const FIRST_WEIGHT: f64 = 1e6;
+const LOWER: f64 = 0.3;
+const STEPS: usize = 20;
+
+/// The pseudo-inertia of ten parameters; it is linear in them.
+fn pseudo_inertia(parameters: &[f64]) -> Matrix4<f64> {
+    let &[m, x, y, z, xx, xy, xz, yy, yz, zz] = parameters else {
+        unreachable!("ten numbers a body")
+    };
+    let half = 0.5 * (xx + yy + zz);
+    Matrix4::new(half - xx, -xy, -xz, x, -xy, half - yy, -yz, y, -xz, -yz, half - zz, z, x, y, z, m)
+}
+
+/// Whether a body can have ten parameters.
+pub(super) fn is_possible(parameters: &[f64]) -> bool {
+    pseudo_inertia(parameters).cholesky().is_some()
+}
+
+/// Ten parameters of a ball of a mass and a radius around a centre.
+fn ball(mass: f64, radius: f64, center: [f64; 3]) -> [f64; BODY_PARAMETERS] {
+    let [x, y, z] = center;
+    let own = 0.4 * mass * radius * radius;
+    [
+        mass,
+        mass * x,
+        mass * y,
+        mass * z,
+        own + mass * (y * y + z * z),
+        -mass * x * y,
+        -mass * x * z,
+        own + mass * (x * x + z * z),
+        -mass * y * z,
+        own + mass * (x * x + y * y),
+    ]
+}
+
+/// The possible parameters that are most probable: changes of the bodies' parameters and a payload's ten, with mean and
+/// precision; the URDF's parameters with their scales.
+pub(super) fn nearest(
+    mean: &DVector<f64>,
+    precision: &DMatrix<f64>,
+    urdf: &DVector<f64>,
+    scales: &DVector<f64>,
+) -> DVector<f64> {
+    let n = urdf.len();
+    // What a body must at least be: a URDF may have bodies without mass, or with impossible ones.
+    let mut base = DVector::zeros(mean.len());
+    base.rows_mut(0, n).copy_from(urdf);
+    for body in 0..n / BODY_PARAMETERS {
+        let at = BODY_PARAMETERS * body;
+        let (mass, square) = (scales[at], scales[at + 4] / scales[at]);
+        let speck = ball(1e-4 * mass, square.sqrt(), [0.0; 3]);
+        let mut more = 1.0;
+        while !is_possible(base.rows(at, BODY_PARAMETERS).as_slice()) && more < 1e6 {
+            for (k, part) in speck.iter().enumerate() {
+                base[at + k] = urdf[at + k] + more * part;
+            }
+            more *= 2.0;
+        }
+    }
+    let mut now = DVector::zeros(mean.len());
+    now.rows_mut(n, BODY_PARAMETERS).copy_from_slice(&ball(0.05, 0.05, [0.0; 3]));
+    let units: Vec<Matrix4<f64>> = (0..BODY_PARAMETERS)
+        .map(|k| {
+            let mut unit = [0.0; BODY_PARAMETERS];
+            unit[k] = 1.0;
+            pseudo_inertia(&unit)
+        })
+        .collect();
+    let mut weight = FIRST_WEIGHT;
+    loop {
+        now = lower(now, weight, (mean, precision, &base), &units);
+        if weight <= WEIGHT {
+            return now;
+        }
+        weight = (weight * LOWER).max(WEIGHT);
+    }
+}
+
+/// The optimum under a barrier of some weight, from a point inside.
+fn lower(
+    mut now: DVector<f64>,
+    weight: f64,
+    (mean, precision, base): (&DVector<f64>, &DMatrix<f64>, &DVector<f64>),
+    units: &[Matrix4<f64>],
+) -> DVector<f64> {
+    let blocks = mean.len() / BODY_PARAMETERS;
+    let body = |at: &DVector<f64>, block: usize| {
+        let own = BODY_PARAMETERS * block..BODY_PARAMETERS * (block + 1);
+        pseudo_inertia(&own.map(|k| base[k] + at[k]).collect::<Vec<_>>())
+    };
+    let cost = |at: &DVector<f64>| -> Option<f64> {
+        let off = at - mean;
+        let mut cost = 0.5 * off.dot(&(precision * &off));
+        for block in 0..blocks {
+            let factor = body(at, block).cholesky()?;
+            cost -= weight * 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
+        }
+        Some(cost)
+    };
+    let Some(mut best) = cost(&now) else { return now };
+    for _ in 0..STEPS {
+        let mut gradient = precision * (&now - mean);
+        let mut hessian = precision.clone();
+        for block in 0..blocks {
+            let at = BODY_PARAMETERS * block;
+            let Some(inverse) = body(&now, block).try_inverse() else { return now };
+            let turned: Vec<Matrix4<f64>> = units.iter().map(|unit| inverse * unit).collect();
+            for a in 0..BODY_PARAMETERS {
+                gradient[at + a] -= weight * turned[a].trace();
+                for b in 0..BODY_PARAMETERS {
+                    hessian[(at + a, at + b)] += weight * (turned[a] * turned[b]).trace();
+                }
+            }
+        }
+        let Some(factor) = hessian.cholesky() else { return now };
+        let step = factor.solve(&gradient);
+        let decrement = gradient.dot(&step);
+        let mut length = 1.0;
+        while length > 1e-6 {
+            let next = &now - length * &step;
+            if let Some(less) = cost(&next).filter(|less| *less < best) {
+                (now, best) = (next, less);
+                break;
+            }
+            length *= 0.5;
+        }
+        if decrement < 1e-6 * weight.max(1.0) || length <= 1e-6 {
+            break;
+        }
+    }
+    now
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn masses_that_are_possible_and_known_stay() {
+        let body = ball(2.0, 0.1, [0.1, 0.0, -0.05]);
+        let urdf = DVector::from_column_slice(&body);
+        let scales = DVector::from_fn(10, |k, _| {
+            if k == 0 {
+                2.0
+            } else if k < 4 {
+                0.3
+            } else {
+                0.05
+            }
+        });
+        let mut mean = DVector::zeros(20);
+        mean.rows_mut(10, 10).copy_from_slice(&ball(1.0, 0.05, [0.0, 0.02, 0.1]));
+        let found = nearest(&mean, &(DMatrix::identity(20, 20) * 1e10), &urdf, &scales);
+        assert!((&found - &mean).amax() < 1e-5, "{found}");
+    }
+
+    #[test]
+    fn a_negative_mass_becomes_a_small_one() {
+        let urdf = DVector::from_column_slice(&ball(2.0, 0.1, [0.1, 0.0, -0.05]));
+        let scales = DVector::from_element(10, 0.1);
+        let mut mean = DVector::zeros(20);
+        (mean[0], mean[10]) = (-2.5, -0.3);
+        let found = nearest(&mean, &(DMatrix::identity(20, 20) * 1e4), &urdf, &scales);
+        let whole = &urdf + found.rows(0, 10);
+        assert!(
+            is_possible(whole.as_slice())
+                && is_possible(found.rows(10, 10).into_owned().as_slice())
+        );
+        assert!(whole[0] > 0.0 && whole[0] < 0.1, "{whole}");
+    }
+}

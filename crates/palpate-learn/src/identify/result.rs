@@ -1,0 +1,332 @@
+//! What was identified, in the units that people read, with standard deviations.
+
+use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, Vector3};
+use palpate::unstable::BODY_PARAMETERS;
+use palpate::{Friction, JointModel, Robot, TorqueModel, TorqueNoise};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use serde::Serialize;
+
+use super::held_out::{Found, HeldOut};
+use super::posterior::Posterior;
+use super::rows::{FRICTION, Rows, Settings};
+use super::{IdentifyConfig, LEAST_MOTION};
+
+/// A value with its standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Value {
+    /// The most probable one.
+    pub value: f64,
+    /// Standard deviation.
+    pub std: f64,
+}
+
+/// What was found out about an arm.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Identified {
+    /// For other commands.
+    pub model: TorqueModel,
+    /// What it carries beyond the URDF.
+    pub payload: PayloadEstimate,
+    /// By joint.
+    pub joints: Vec<JointEstimate>,
+    /// By body.
+    pub bodies: Vec<BodyEstimate>,
+    /// Combinations of inertial parameters that motion can tell at all, and those that these logs tell better than the
+    /// URDF.
+    pub base_parameters: usize,
+    /// See `base_parameters`.
+    pub base_parameters_told: usize,
+    /// How much later torques are than positions, s.
+    pub delay_s: Value,
+    /// What is left over of held-out motion.
+    pub held_out: HeldOut,
+    /// What could not be told, and why.
+    pub notes: Vec<String>,
+}
+
+/// What an arm carries beyond what the URDF says of the link, point by point.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PayloadEstimate {
+    /// The link in whose frame it is told.
+    pub link: String,
+    /// Mass, kg.
+    pub mass_kg: Value,
+    /// Centre of mass, m.
+    pub com_m: [Value; 3],
+    /// Inertia about the centre of mass in the link's axes, kg·m².
+    pub inertia_kg_m2: [[f64; 3]; 3],
+    /// Whether its mass is told apart from none: it is twice its standard deviation.
+    pub is_told: bool,
+}
+
+/// What was found out about a joint.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct JointEstimate {
+    /// Its name.
+    pub name: String,
+    /// How far it moved, rad or m.
+    pub moved: f64,
+    /// Coulomb friction, mean of both directions, N·m.
+    pub coulomb_n_m: Value,
+    /// Half the difference between the directions, N·m.
+    pub asymmetry_n_m: Value,
+    /// What friction is larger by at the slowest, N·m.
+    pub breakaway_n_m: Value,
+    /// Viscous friction, N·m·s/rad.
+    pub viscous_n_m_s: Value,
+    /// Inertia of the drive, kg·m².
+    pub rotor_inertia_kg_m2: Value,
+    /// Constant part of the bias, N·m.
+    pub bias_n_m: Value,
+    /// Measured over true torque.
+    pub gain: Value,
+    /// How far it moves until friction is that of its direction, rad.
+    pub presliding_rad: f64,
+    /// What no friction of this kind explains while the joint turns round, N·m.
+    pub hysteresis_n_m: f64,
+}
+
+/// What was found out about the links that move together.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BodyEstimate {
+    /// The first of the links.
+    pub link: String,
+    /// Mass, kg; mass times centre of mass, kg·m; inertia about the origin xx, xy, xz, yy, yz, zz, kg·m². Payload
+    /// included.
+    pub parameters: [Value; BODY_PARAMETERS],
+    /// How much of the URDF's uncertainty each lost, 0 (nothing) to 1.
+    pub told: [f64; BODY_PARAMETERS],
+}
+
+/// The model that a posterior says, its noise not yet known.
+pub(super) fn model(robot: &Robot, settings: &Settings, posterior: &Posterior) -> TorqueModel {
+    let joints = robot.joint_names().enumerate().map(|(j, name)| {
+        let at = posterior.joint(j);
+        let (own, gain) = (|k: usize| posterior.mean[at + 1 + k], posterior.gain(j));
+        // Of what is at least zero: a negative estimate is one of zero.
+        let positive = |k: usize| (own(k) / gain).max(0.0);
+        JointModel {
+            name: name.to_owned(),
+            gain,
+            bias: [
+                posterior.mean_bias(j).iter().map(|(k, slope)| slope * posterior.mean[*k]).sum(),
+                -own(FRICTION + 1),
+                -own(FRICTION + 2),
+            ],
+            rotor_inertia: positive(4),
+            friction: Friction {
+                coulomb: positive(0),
+                asymmetry: own(1) / gain,
+                breakaway: own(2) / gain,
+                viscous: positive(3),
+                presliding: settings.turning[j].presliding,
+                stribeck: settings.turning[j].stribeck,
+            },
+            noise: TorqueNoise { still: 1.0, turning: 0.0, by_speed: 0.0, by_inertia: 0.0 },
+        }
+    });
+    TorqueModel {
+        delay_s: settings.delay_s + posterior.delay().0,
+        window_s: settings.window_s,
+        joints: joints.collect(),
+        inertial: posterior.parameters().as_slice().to_vec(),
+        alarm: None,
+    }
+}
+
+pub(super) fn of(
+    robot: &Robot,
+    config: &IdentifyConfig,
+    (rows, settings): (&Rows, &Settings),
+    posterior: &Posterior,
+    (found, moved): (Found, Vec<f64>),
+) -> Identified {
+    let mut model = model(robot, settings, posterior);
+    for (joint, noise) in model.joints.iter_mut().zip(&found.noise) {
+        joint.noise = *noise;
+    }
+    model.alarm = found.alarm;
+    let joints: Vec<JointEstimate> = (0..posterior.n_joints())
+        .map(|j| {
+            let at = posterior.joint(j);
+            let gain = posterior.gain(j);
+            let by_gain = |k: usize| {
+                let value = posterior.mean[at + 1 + k] / gain;
+                value_of(posterior, &[(at + 1 + k, 1.0 / gain), (at, -value / gain)], value)
+            };
+            // The mean of the logs': what each has of its own beside the constant.
+            let bias = posterior.mean_bias(j);
+            JointEstimate {
+                name: model.joints[j].name.clone(),
+                moved: moved[j],
+                coulomb_n_m: by_gain(0),
+                asymmetry_n_m: by_gain(1),
+                breakaway_n_m: by_gain(2),
+                viscous_n_m_s: by_gain(3),
+                rotor_inertia_kg_m2: by_gain(4),
+                bias_n_m: value_of(posterior, &bias, model.joints[j].bias[0]),
+                gain: value_of(posterior, &[(at, 1.0)], gain),
+                presliding_rad: settings.turning[j].presliding,
+                hysteresis_n_m: found.noise[j].turning,
+            }
+        })
+        .collect();
+    let payload = payload(robot, config, posterior);
+    let (all, told) = base_parameters(robot, posterior);
+    let (delay, std) = posterior.delay();
+    let mut identified = Identified {
+        bodies: bodies(robot, posterior),
+        payload,
+        joints,
+        base_parameters: all,
+        base_parameters_told: told,
+        delay_s: Value { value: settings.delay_s + delay, std },
+        held_out: found.held_out,
+        notes: Vec::new(),
+        model,
+    };
+    identified.notes = notes(&identified, rows.timed, robot);
+    identified
+}
+
+/// A value with the standard deviation of a combination of what was solved for.
+fn value_of(posterior: &Posterior, slopes: &[(usize, f64)], value: f64) -> Value {
+    let variance: f64 = (slopes.iter())
+        .flat_map(|a| slopes.iter().map(move |b| (a, b)))
+        .map(|((a, by_a), (b, by_b))| by_a * by_b * posterior.covariance[(*a, *b)])
+        .sum();
+    Value { value, std: variance.max(0.0).sqrt() }
+}
+
+fn payload(robot: &Robot, config: &IdentifyConfig, posterior: &Posterior) -> PayloadEstimate {
+    let link = config.payload_link;
+    let pose = robot.body_from_link(link).unwrap_or_else(Isometry3::identity).inverse();
+    let at = posterior.shared() - 1 - BODY_PARAMETERS;
+    let own: Vec<f64> = (0..BODY_PARAMETERS).map(|k| posterior.mean[at + k]).collect();
+    let mass = own[0];
+    let mass_kg = value_of(posterior, &[(at, 1.0)], mass);
+    let com = Vector3::new(own[1], own[2], own[3]) / mass;
+    let rotation = pose.rotation.to_rotation_matrix();
+    let com_link = pose * Point3::from(com);
+    let com_m = [0, 1, 2].map(|axis| {
+        let row = rotation.matrix().row(axis);
+        let mut slopes: Vec<(usize, f64)> = (0..3).map(|k| (at + 1 + k, row[k] / mass)).collect();
+        slopes.push((at, -(0..3).map(|k| row[k] * com[k]).sum::<f64>() / mass));
+        value_of(posterior, &slopes, com_link[axis])
+    });
+    let origin =
+        Matrix3::new(own[4], own[5], own[6], own[5], own[7], own[8], own[6], own[8], own[9]);
+    let about_com =
+        origin - mass * (Matrix3::identity() * com.norm_squared() - com * com.transpose());
+    let turned = rotation * about_com * rotation.transpose();
+    PayloadEstimate {
+        link: robot.links()[link.index()].name.clone(),
+        is_told: mass > 2.0 * mass_kg.std,
+        mass_kg,
+        com_m,
+        inertia_kg_m2: [0, 1, 2].map(|row| [0, 1, 2].map(|column| turned[(row, column)])),
+    }
+}
+
+fn bodies(robot: &Robot, posterior: &Posterior) -> Vec<BodyEstimate> {
+    let parameters = posterior.parameters();
+    let payload = posterior.shared() - 1 - BODY_PARAMETERS;
+    (robot.bodies().enumerate())
+        .map(|(body, link)| {
+            let value = |k: usize| {
+                let at = BODY_PARAMETERS * body + k;
+                let mut slopes = vec![(at, 1.0)];
+                if body == posterior.payload_body() {
+                    slopes.push((payload + k, 1.0));
+                }
+                value_of(posterior, &slopes, parameters[at])
+            };
+            let told = |k: usize| {
+                let at = BODY_PARAMETERS * body + k;
+                1.0 - (posterior.covariance[(at, at)] / posterior.prior_variance[at]).min(1.0)
+            };
+            BodyEstimate {
+                link: robot.links()[link.index()].name.clone(),
+                parameters: std::array::from_fn(value),
+                told: std::array::from_fn(told),
+            }
+        })
+        .collect()
+}
+
+/// How many combinations of inertial parameters any motion tells, and how many these logs tell better than the URDF.
+fn base_parameters(robot: &Robot, posterior: &Posterior) -> (usize, usize) {
+    let size = posterior.prior_variance.len().min(BODY_PARAMETERS * robot.bodies().len());
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let mut uniform = |half: f64| -> Vec<f64> {
+        let one = |_| (f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0) * half;
+        (0..robot.n_joints()).map(one).collect()
+    };
+    let scales = posterior.prior_variance.rows(0, size).map(f64::sqrt);
+    let mut gram = DMatrix::zeros(size, size);
+    for _ in 0..2 * size {
+        let (q, speed, acceleration) = (uniform(2.5), uniform(1.0), uniform(3.0));
+        let Ok(poses) = robot.forward(&q) else { continue };
+        let regressor =
+            robot.regressor(&poses, &speed, &acceleration) * DMatrix::from_diagonal(&scales);
+        gram += regressor.transpose() * regressor;
+    }
+    let eigenvalues = gram.symmetric_eigenvalues();
+    let largest = eigenvalues.max();
+    let all = eigenvalues.iter().filter(|value| **value > 1e-9 * largest).count();
+
+    let covariance = posterior.covariance.view((0, 0), (size, size));
+    let relative = DMatrix::from_fn(size, size, |a, b| covariance[(a, b)] / scales[a] / scales[b]);
+    // Half of the prior's variance or less is left.
+    let told = relative.symmetric_eigenvalues().iter().filter(|left| **left < 0.5).count();
+    (all, told.min(all))
+}
+
+/// What could not be told, and why.
+fn notes(identified: &Identified, timed: bool, robot: &Robot) -> Vec<String> {
+    let mut notes = Vec::new();
+    if !timed {
+        notes.push(
+            "the log has no clock, or one too slow to tell speeds: viscous friction, inertia and delay are not identified"
+                .to_owned(),
+        );
+    }
+    let still: Vec<&str> = (identified.joints.iter())
+        .filter(|joint| joint.moved < LEAST_MOTION)
+        .map(|joint| joint.name.as_str())
+        .collect();
+    if !still.is_empty() {
+        notes.push(format!(
+            "{} moved by less than {LEAST_MOTION} rad: nothing is known of {} friction, and its bias and gravity are \
+             not told apart; move every joint both ways, as `palpate excite` does",
+            still.join(", "),
+            if still.len() == 1 { "its" } else { "their" }
+        ));
+    }
+    let parameters = robot.inertial_parameters();
+    if parameters.iter().all(|parameter| *parameter == 0.0) {
+        notes.push(
+            "the URDF has no masses: all of them are found from the logs, as far as they tell"
+                .to_owned(),
+        );
+    }
+    let payload = &identified.payload;
+    if payload.mass_kg.std > 0.5 * payload.mass_kg.value.abs().max(1.0) {
+        notes.push(format!(
+            "the payload is not told: its mass has a standard deviation of {:.2} kg; gravity must change at the joints \
+             before it, which vertical axes and poses that are alike do not do",
+            payload.mass_kg.std
+        ));
+    }
+    let total = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
+    let held_out = &identified.held_out;
+    let (urdf, own) = (total(&held_out.urdf), total(&held_out.identified));
+    if own > 0.9 * urdf.min(total(&held_out.gravity)) {
+        notes.push(format!(
+            "on motion that was held out the model leaves {own:.2} N·m over, the URDF alone {urdf:.2} N·m: it is no better; \
+             the motion is too short or too much alike, something was touched, or the robot is another one"
+        ));
+    }
+    notes
+}

@@ -1,0 +1,365 @@
+//! Samples as rows of the regression: for each joint the torque that its motor gives, and what that is made of.
+//!
+//! A row of joint j holds, in this order,
+//!
+//! ```text
+//! [ Y_j (10 · n_bodies) | −dτ/dt | coulomb asymmetry breakaway viscous rotor | 1 cos q sin q | slopes | offset, drift by touch | τ ]
+//! ```
+//!
+//! The slopes are what friction changes by with its presliding distance and with the speed at which breakaway is over:
+//! both are searched for, so what is left of them is small, but what is not known of them is in the standard deviations.
+//!
+//! Rows are summed up as products with themselves, by joint and by fold, which is all that the posterior needs.
+
+use nalgebra::{DMatrix, DVector};
+use palpate::unstable::{
+    BODY_PARAMETERS, FrictionState, LocalPolynomial, Motion, Side, TouchMotion,
+};
+use palpate::{Friction, Robot, Sample, TorqueSign};
+
+use super::IdentifyError;
+use super::posterior::Posterior;
+
+/// Rows at most, of each joint.
+const MOST_ROWS: usize = 4_000;
+/// Folds of held-out motion.
+pub(super) const FOLDS: usize = 4;
+/// Touches that have an offset and a drift of their own; more share the last one's.
+const MOST_OFFSETS: usize = 12;
+/// Where friction is less known than this, a row of that joint is left out.
+const MOST_UNKNOWN: f64 = 0.1;
+/// Presliding distances that are tried, rad, and speeds at which breakaway is over, rad/s.
+const PRESLIDING: [f64; 7] = [2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2];
+const STRIBECK: [f64; 5] = [0.01, 0.017, 0.03, 0.05, 0.1];
+/// Presliding distances near the one that was found last, in parts of it.
+const NEAR: [f64; 6] = [0.7, 0.85, 0.95, 1.05, 1.2, 1.4];
+/// Coefficients of friction and drive: coulomb, asymmetry, breakaway, viscous, rotor.
+pub(super) const FRICTION: usize = 5;
+/// Coefficients of the bias: constant, cosine, sine.
+pub(super) const BIAS: usize = 3;
+/// Slopes of friction: with presliding distance, with the speed of breakaway.
+pub(super) const SLOPES: usize = 2;
+/// The slopes' steps, in parts.
+const SLOPE_STEP: f64 = 0.25;
+
+/// What the rows are computed with.
+#[derive(Debug, Clone)]
+pub(super) struct Settings {
+    pub(super) window_s: f64,
+    pub(super) delay_s: f64,
+    /// By joint, rad and rad/s.
+    pub(super) turning: Vec<Turning>,
+}
+
+/// How the friction of a joint turns round.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Turning {
+    pub(super) presliding: f64,
+    pub(super) stribeck: f64,
+}
+
+/// One moment of a touch.
+struct Row {
+    fold: usize,
+    touch: usize,
+    /// Time of the motion, s.
+    time_s: f64,
+    /// How far the touch has gone, −0.5 to 0.5.
+    part: f64,
+    motion: Motion,
+    /// Y, n_joints × (10 · n_bodies).
+    regressor: DMatrix<f64>,
+    /// States of friction with a presliding distance that is a step longer.
+    longer: Vec<f64>,
+    /// Motors' torques as logged, n_joints, and their change, per second.
+    torque: Vec<f64>,
+    change: Vec<f64>,
+}
+
+/// All rows.
+pub(super) struct Rows {
+    rows: Vec<Row>,
+    /// Positions and states of friction of each touch.
+    motions: Vec<TouchMotion>,
+    n_joints: usize,
+    pub(super) n_parameters: usize,
+    pub(super) offsets: usize,
+    /// Whether speeds can be told.
+    pub(super) timed: bool,
+    turning: Vec<Turning>,
+    /// By fold and joint.
+    sums: Vec<Vec<Sum>>,
+}
+
+/// Rows of a joint, summed up.
+#[derive(Debug, Clone)]
+pub(super) struct Sum {
+    pub(super) rows: f64,
+    pub(super) gram: DMatrix<f64>,
+}
+
+impl Rows {
+    pub(super) fn of(
+        robot: &Robot,
+        touches: &[&[Sample]],
+        sign: TorqueSign,
+        settings: &Settings,
+    ) -> Result<Self, IdentifyError> {
+        let presliding: Vec<f64> = settings.turning.iter().map(|own| own.presliding).collect();
+        let motions: Vec<TouchMotion> =
+            touches.iter().map(|samples| TouchMotion::of(robot, samples, &presliding)).collect();
+        let timed = motions.iter().all(|motion| motion.is_timed(settings.window_s));
+        let samples: usize = touches.iter().map(|touch| touch.len()).sum();
+        let stride = samples.div_ceil(MOST_ROWS);
+        let motor = if sign == TorqueSign::Minus { 1.0 } else { -1.0 };
+
+        let mut rows = Vec::new();
+        for (index, (samples, motion)) in touches.iter().zip(&motions).enumerate() {
+            let times = motion.times_s();
+            let torques: Vec<Vec<f64>> = samples
+                .iter()
+                .map(|sample| sample.tau.iter().map(|tau| motor * tau).collect())
+                .collect();
+            let change = LocalPolynomial::new(times, &torques, settings.window_s, Side::Around);
+            let (first, last) = (times[0], times[times.len() - 1]);
+            let longer: Vec<Vec<FrictionState>> = (presliding.iter().enumerate())
+                .map(|(j, own)| motion.friction_of(j, (1.0 + SLOPE_STEP) * own))
+                .collect();
+            for chunk in (0..samples.len()).collect::<Vec<_>>().chunks(stride) {
+                let mean = |of: &dyn Fn(usize) -> f64| {
+                    chunk.iter().map(|k| of(*k)).sum::<f64>() / chunk.len() as f64
+                };
+                let time = mean(&|k| times[k]);
+                let own = motion.at(time - settings.delay_s, settings.window_s, Side::Around);
+                let poses = robot.forward(&own.q).map_err(palpate::TrackerError::from)?;
+                let regressor = robot.regressor(&poses, &own.speed, &own.acceleration);
+                let torque = (0..robot.n_joints()).map(|j| mean(&|k| torques[k][j])).collect();
+                let part = if last > first { (time - first) / (last - first) - 0.5 } else { 0.0 };
+                let change =
+                    if timed { change.at(time).first } else { vec![0.0; robot.n_joints()] };
+                let fold = fold(touches.len(), index, part);
+                let (touch, time_s) = (index, time - settings.delay_s);
+                let (before, after, way) = motion.between(time_s);
+                let longer = longer.iter().map(|states| {
+                    let (from, to) = (states[before].middle(), states[after].middle());
+                    from + way * (to - from)
+                });
+                let longer = longer.collect();
+                let motion = own;
+                rows.push(Row {
+                    fold,
+                    touch,
+                    time_s,
+                    part,
+                    motion,
+                    regressor,
+                    longer,
+                    torque,
+                    change,
+                });
+            }
+        }
+        let mut all = Self {
+            rows,
+            motions,
+            n_joints: robot.n_joints(),
+            n_parameters: BODY_PARAMETERS * robot.bodies().len(),
+            offsets: touches.len().min(MOST_OFFSETS),
+            timed,
+            turning: settings.turning.clone(),
+            sums: Vec::new(),
+        };
+        all.sums =
+            (0..FOLDS).map(|fold| (0..all.n_joints).map(|j| all.sum(fold, j)).collect()).collect();
+        Ok(all)
+    }
+
+    /// Numbers in a row, τ among them.
+    pub(super) fn width(&self) -> usize {
+        self.n_parameters + 1 + FRICTION + BIAS + SLOPES + 2 * self.offsets + 1
+    }
+
+    pub(super) fn n_joints(&self) -> usize {
+        self.n_joints
+    }
+
+    fn numbers(&self, row: &Row, j: usize) -> DVector<f64> {
+        let mut numbers = DVector::zeros(self.width());
+        let own = &row.motion;
+        for (to, from) in numbers.iter_mut().zip(row.regressor.row(j).iter()) {
+            *to = *from;
+        }
+        let at = self.n_parameters;
+        numbers[at] = -row.change[j];
+        if self.timed {
+            let factors =
+                Friction::factors(own.friction[j], own.speed[j], self.turning[j].stribeck);
+            factors.iter().enumerate().for_each(|(k, factor)| numbers[at + 1 + k] = *factor);
+            numbers[at + FRICTION] = own.acceleration[j];
+        } else {
+            numbers[at + 1] = own.friction[j];
+        }
+        let at = at + 1 + FRICTION;
+        numbers[at] = 1.0;
+        numbers[at + 1] = own.q[j].cos();
+        numbers[at + 2] = own.q[j].sin();
+        if self.timed {
+            let (z, longer, speed) = (own.friction[j], row.longer[j], own.speed[j]);
+            let stribeck = self.turning[j].stribeck;
+            let falls = |stribeck: f64| z * (-speed.abs() / stribeck).exp();
+            numbers[at + BIAS] = longer - z;
+            numbers[at + BIAS + 1] = falls((1.0 + SLOPE_STEP) * stribeck) - falls(stribeck);
+        }
+        let offset = at + BIAS + SLOPES + 2 * row.touch.min(MOST_OFFSETS - 1);
+        numbers[offset] = 1.0;
+        numbers[offset + 1] = row.part;
+        numbers[self.width() - 1] = row.torque[j];
+        numbers
+    }
+
+    /// The rows that tell something of a joint: those in which its friction is known, if there are any.
+    fn of_joint(&self, j: usize) -> impl Iterator<Item = &Row> {
+        let is_known = move |row: &Row| row.motion.unknown[j] <= MOST_UNKNOWN;
+        let any = self.rows.iter().any(is_known);
+        self.rows.iter().filter(move |row| !any || is_known(row))
+    }
+
+    fn sum(&self, fold: usize, j: usize) -> Sum {
+        let rows = self.of_joint(j).filter(|row| row.fold == fold);
+        let own: Vec<DVector<f64>> = rows.map(|row| self.numbers(row, j)).collect();
+        let width = self.width();
+        if own.is_empty() {
+            return Sum { rows: 0.0, gram: DMatrix::zeros(width, width) };
+        }
+        let matrix = DMatrix::from_columns(&own);
+        Sum { rows: own.len() as f64, gram: &matrix * matrix.transpose() }
+    }
+
+    /// All rows of each joint.
+    pub(super) fn all(&self) -> Vec<Sum> {
+        self.without(usize::MAX)
+    }
+
+    /// All rows of each joint but those of a fold.
+    pub(super) fn without(&self, fold: usize) -> Vec<Sum> {
+        let width = self.width();
+        (0..self.n_joints)
+            .map(|j| {
+                let mut sum = Sum { rows: 0.0, gram: DMatrix::zeros(width, width) };
+                for (index, sums) in self.sums.iter().enumerate() {
+                    if index != fold {
+                        sum.rows += sums[j].rows;
+                        sum.gram += &sums[j].gram;
+                    }
+                }
+                sum
+            })
+            .collect()
+    }
+
+    /// How many rows that follow each other say the same, by joint: `1 + 2 Σ ρ_k` of what is left over, summed as far
+    /// as the correlations ρ_k are positive (Sokal 1997).
+    pub(super) fn correlated(&self, posterior: &Posterior) -> Vec<f64> {
+        (0..self.n_joints)
+            .map(|j| {
+                let coefficients = posterior.row_coefficients(j);
+                let own: Vec<(usize, f64)> = (self.of_joint(j))
+                    .map(|row| (row.touch, self.numbers(row, j).dot(&coefficients)))
+                    .collect();
+                let product = |lag: usize| -> f64 {
+                    let pairs = own.iter().zip(&own[lag.min(own.len())..]);
+                    pairs.filter(|(a, b)| a.0 == b.0).map(|(a, b)| a.1 * b.1).sum()
+                };
+                let power = product(0);
+                let mut factor = 1.0;
+                for lag in 1..own.len() / 4 {
+                    let correlation = if power > 0.0 { product(lag) / power } else { 0.0 };
+                    if correlation < 0.05 {
+                        break;
+                    }
+                    factor += 2.0 * correlation;
+                }
+                factor
+            })
+            .collect()
+    }
+
+    /// How the friction of each joint turns round, as explains most of what the rest of the model leaves over.
+    pub(super) fn best_turning(&self, posterior: &Posterior) -> Vec<Turning> {
+        (0..self.n_joints)
+            .map(|j| {
+                let mut coefficients = posterior.row_coefficients(j);
+                // All but friction.
+                coefficients.rows_mut(self.n_parameters + 1, 3).fill(0.0);
+                let slopes = self.n_parameters + 1 + FRICTION + BIAS;
+                coefficients.rows_mut(slopes, SLOPES).fill(0.0);
+                let left: Vec<(&Row, f64)> = (self.rows.iter())
+                    .map(|row| (row, self.numbers(row, j).dot(&coefficients)))
+                    .collect();
+                let now = self.turning[j];
+                let near = NEAR.map(|factor| factor * now.presliding);
+                let tried = PRESLIDING.iter().chain(&near).chain([&now.presliding]);
+                let tried = tried.map(|presliding| {
+                    let states = self.states(&left, j, *presliding);
+                    let costs = STRIBECK.map(|stribeck| {
+                        let cost = self.cost(&left, (&states, j), stribeck);
+                        (cost, Turning { presliding: *presliding, stribeck })
+                    });
+                    costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).expect("there are some")
+                });
+                let best = tried.min_by(|a, b| a.0.total_cmp(&b.0)).expect("there are some");
+                if best.0.is_finite() { best.1 } else { now }
+            })
+            .collect()
+    }
+
+    /// States of friction at rows, with another presliding distance; `None` where it is not known.
+    fn states(&self, rows: &[(&Row, f64)], j: usize, presliding: f64) -> Vec<Option<f64>> {
+        let states: Vec<_> =
+            self.motions.iter().map(|motion| motion.friction_of(j, presliding)).collect();
+        let at = |row: &Row| {
+            let (before, after, part) = self.motions[row.touch].between(row.time_s);
+            let (from, to) = (states[row.touch][before], states[row.touch][after]);
+            let mix = |a: f64, b: f64| a + part * (b - a);
+            let is_known = mix(from.unknown(), to.unknown()) <= MOST_UNKNOWN;
+            is_known.then(|| mix(from.middle(), to.middle()))
+        };
+        rows.iter().map(|(row, _)| at(row)).collect()
+    }
+
+    /// Mean square that Coulomb friction in these states, its asymmetry and breakaway leave over.
+    fn cost(
+        &self,
+        left: &[(&Row, f64)],
+        (states, j): (&[Option<f64>], usize),
+        stribeck: f64,
+    ) -> f64 {
+        let mut gram = nalgebra::Matrix3::<f64>::zeros();
+        let mut right = nalgebra::Vector3::<f64>::zeros();
+        let (mut power, mut rows) = (0.0, 0.0);
+        for ((row, over), z) in left.iter().zip(states) {
+            let Some(z) = *z else { continue };
+            let factors = Friction::factors(z, row.motion.speed[j], stribeck);
+            let own = nalgebra::Vector3::new(factors[0], factors[1], factors[2]);
+            gram += own * own.transpose();
+            right += own * *over;
+            power += over * over;
+            rows += 1.0;
+        }
+        if rows < 10.0 {
+            return f64::INFINITY;
+        }
+        gram += nalgebra::Matrix3::identity() * (1e-3 * rows);
+        let explained = gram.cholesky().map_or(0.0, |factor| right.dot(&factor.solve(&right)));
+        (power - explained) / rows
+    }
+}
+
+/// The fold of a moment: whole touches, or parts of them if there are fewer than three.
+pub(super) fn fold(touches: usize, touch: usize, part: f64) -> usize {
+    if touches >= 3 {
+        touch % FOLDS
+    } else {
+        (((part + 0.5) * FOLDS as f64) as usize).min(FOLDS - 1)
+    }
+}

@@ -1,0 +1,57 @@
+//! Identifying an arm from logs of it in free motion.
+
+use palpate::unstable::LinkId;
+use palpate::{Arm, ExternalTorqueConfig, Robot, Sample};
+use palpate_learn::identify::{Identified, IdentifyConfig, identify};
+
+use crate::error::WorkError;
+use crate::touches::RecordedTouch;
+
+/// What to identify.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct IdentifySettings {
+    /// The link in whose frame the payload is told; else the one that the last joint carries.
+    pub tool_link: Option<String>,
+    /// The torques are the drives' currents.
+    pub currents: bool,
+}
+
+/// Identifies an arm.
+///
+/// # Errors
+///
+/// A link that is not there, or logs that do not serve.
+pub fn run(
+    arm: &Arm,
+    touches: &[RecordedTouch],
+    torques: &ExternalTorqueConfig,
+    settings: &IdentifySettings,
+) -> Result<Identified, WorkError> {
+    let robot = &arm.robot;
+    let payload_link = match &settings.tool_link {
+        Some(name) => {
+            robot.link_id(name).filter(|link| robot.body_of(*link).is_some()).ok_or_else(|| {
+                let known = moved_links(robot).join(", ");
+                WorkError::Usage(format!(
+                    "no joint moves a link `{name}` (--tool-link); there are {known}"
+                ))
+            })?
+        }
+        None => robot.bodies().last().expect("a robot has moving joints"),
+    };
+    let samples: Vec<&[Sample]> =
+        touches.iter().map(|touch| &touch.samples[..]).filter(|touch| !touch.is_empty()).collect();
+    let config = IdentifyConfig { payload_link, currents: settings.currents };
+    identify(robot, &samples, torques, &config).map_err(|error| {
+        let logs: Vec<String> =
+            touches.iter().map(|touch| format!("`{}`", touch.log.display())).collect();
+        let mut logs = logs;
+        logs.dedup();
+        WorkError::Usage(format!("{}: {error}", logs.join(", ")))
+    })
+}
+
+fn moved_links(robot: &Robot) -> Vec<&str> {
+    let moved = |(index, _): &(usize, _)| robot.body_of(LinkId(*index as u16)).is_some();
+    robot.links().iter().enumerate().filter(moved).map(|(_, link)| link.name.as_str()).collect()
+}

@@ -1,0 +1,110 @@
+//! When something is touched: the largest external torque of any joint, over its standard deviation, passes a
+//! threshold that contact-free motion passes so many times an hour.
+//!
+//! The largest of each second of contact-free motion gives the threshold: above the level that a tenth of the seconds
+//! pass, excesses are taken as exponential (the tail of most distributions, Pickands 1975 with a shape of 0).
+
+use serde::{Deserialize, Serialize};
+
+use super::ExternalTorque;
+
+/// What share of seconds sets the level from which on excesses count.
+const TAIL: f64 = 0.1;
+/// Seconds of contact-free motion from which a tail can be told.
+const LEAST_SECONDS: usize = 5;
+
+/// The tail of the statistic on contact-free motion, second by second.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Alarm {
+    /// Level that a tenth of the seconds pass, standard deviations.
+    pub level: f64,
+    /// Mean excess over it.
+    pub excess: f64,
+    /// Seconds that were looked at.
+    pub seconds: f64,
+}
+
+impl Alarm {
+    /// Of the statistic in touches without contact, at times, s; `None` if they last less than five seconds.
+    pub fn of(touches: &[Vec<(f64, f64)>]) -> Option<Self> {
+        let mut largest: Vec<f64> = Vec::new();
+        for touch in touches {
+            let Some((start, _)) = touch.first() else { continue };
+            let second = |time: f64| (time - start).max(0.0) as usize;
+            let seconds = touch.last().map_or(0, |(time, _)| second(*time));
+            let offset = largest.len();
+            largest.resize(offset + seconds, 0.0);
+            for (time, statistic) in touch {
+                if second(*time) < seconds {
+                    let own = &mut largest[offset + second(*time)];
+                    *own = own.max(*statistic);
+                }
+            }
+        }
+        if largest.len() < LEAST_SECONDS {
+            return None;
+        }
+        largest.sort_by(f64::total_cmp);
+        let tail = ((largest.len() as f64 * TAIL).ceil() as usize).max(2);
+        let (below, above) = largest.split_at(largest.len() - tail);
+        let level = below.last().copied().unwrap_or(0.0);
+        let excess = above.iter().map(|value| value - level).sum::<f64>() / tail as f64;
+        Some(Self { level, excess: excess.max(1e-6), seconds: largest.len() as f64 })
+    }
+
+    /// The threshold that contact-free motion passes so many times an hour, standard deviations.
+    pub fn threshold(&self, false_alarms_per_hour: f64) -> f64 {
+        // A second passes the level with a chance of TAIL, and a threshold with that times the exponential.
+        self.level + self.excess * (TAIL * 3600.0 / false_alarms_per_hour).ln().max(0.0)
+    }
+}
+
+/// Tells contacts from external torques, sample by sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Detector {
+    threshold: f64,
+}
+
+impl Detector {
+    /// With a threshold, standard deviations.
+    pub fn new(threshold: f64) -> Self {
+        Self { threshold }
+    }
+
+    /// The statistic: the largest of |torque| over its standard deviation.
+    pub fn statistic(external: &ExternalTorque) -> f64 {
+        let joints = external.torque.iter().zip(&external.std);
+        joints.map(|(torque, std)| (torque / std).abs()).fold(0.0, f64::max)
+    }
+
+    /// Whether something is touched.
+    pub fn is_touched(self, external: &ExternalTorque) -> bool {
+        Self::statistic(external) > self.threshold
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exponential_noise_passes_the_threshold_as_often_as_is_asked() {
+        // Quantiles of an exponential distribution of mean 2, one a second, shuffled by a step that is coprime.
+        let n = 100_000;
+        let quantile = |k: usize| -2.0 * (1.0 - (k as f64 + 0.5) / n as f64).ln();
+        let touch: Vec<(f64, f64)> = (0..=n).map(|k| (k as f64, quantile(k * 7_919 % n))).collect();
+        let alarm = Alarm::of(&[touch]).unwrap();
+        for per_hour in [1.0, 10.0, 100.0] {
+            let threshold = alarm.threshold(per_hour);
+            let passed = (0..n).filter(|k| quantile(*k) > threshold).count() as f64;
+            let wanted = per_hour * n as f64 / 3600.0;
+            assert!((passed / wanted - 1.0).abs() < 0.1, "{passed} of {wanted}");
+        }
+    }
+
+    #[test]
+    fn short_motions_tell_no_tail() {
+        assert_eq!(Alarm::of(&[vec![(0.0, 1.0), (3.0, 2.0)]]), None);
+    }
+}

@@ -1,0 +1,129 @@
+//! Friction of a joint.
+//!
+//! Coulomb friction with the hysteresis that it has at turns: its state is a *stop operator*, which moves with the joint
+//! and is held between −1 and 1, so that friction goes from one direction to the other over twice the presliding
+//! distance, and stays where it is while the joint stands still (Dahl's model with an exponent of 0). Beyond that,
+//! friction that falls with speed from breakaway on (Stribeck), a viscous part, and a part that both directions have
+//! in common:
+//!
+//! ```text
+//! F = z (coulomb + breakaway · exp(−|q̇| / stribeck)) + asymmetry · |z| + viscous · q̇
+//! ```
+//!
+//! What the state is where a log begins nobody knows: it is followed from both ends, which meet when the joint has
+//! moved far enough.
+
+use serde::{Deserialize, Serialize};
+
+/// Friction of a joint, N·m (N where prismatic) and s/rad.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Friction {
+    /// Coulomb friction, mean of both directions.
+    pub coulomb: f64,
+    /// Half of the difference between the directions.
+    pub asymmetry: f64,
+    /// What friction is larger by at the slowest.
+    pub breakaway: f64,
+    /// Speed at which that has fallen to 1/e.
+    pub stribeck: f64,
+    /// By speed.
+    pub viscous: f64,
+    /// How far the joint moves until friction is that of its direction, rad; 0 is at once.
+    pub presliding: f64,
+}
+
+impl Default for Friction {
+    fn default() -> Self {
+        Self {
+            coulomb: 0.0,
+            asymmetry: 0.0,
+            breakaway: 0.0,
+            stribeck: 0.03,
+            viscous: 0.0,
+            presliding: 0.0,
+        }
+    }
+}
+
+/// The state of the friction of a joint: bounds of the stop operator.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FrictionState {
+    low: f64,
+    high: f64,
+}
+
+impl Default for FrictionState {
+    fn default() -> Self {
+        Self { low: -1.0, high: 1.0 }
+    }
+}
+
+impl FrictionState {
+    /// Moves with the joint by a way, rad.
+    pub fn advance(&mut self, way: f64, presliding: f64) {
+        let step = if presliding > 0.0 { way / presliding } else { way.signum() * 2.0 };
+        if way != 0.0 {
+            self.low = (self.low + step).clamp(-1.0, 1.0);
+            self.high = (self.high + step).clamp(-1.0, 1.0);
+        }
+    }
+
+    /// The middle of what the state can be, −1 to 1.
+    pub fn middle(self) -> f64 {
+        f64::midpoint(self.low, self.high)
+    }
+
+    /// Half of the distance between the bounds, 0 to 1: what is not known of the state.
+    pub fn unknown(self) -> f64 {
+        0.5 * (self.high - self.low)
+    }
+}
+
+impl Friction {
+    /// What the four coefficients are multiplied by: `coulomb, asymmetry, breakaway, viscous`.
+    pub fn factors(z: f64, speed: f64, stribeck: f64) -> [f64; 4] {
+        [z, z.abs(), z * (-speed.abs() / stribeck).exp(), speed]
+    }
+
+    /// Torque that the motor needs against it in a state and at a speed.
+    pub fn torque(&self, z: f64, speed: f64) -> f64 {
+        let own = [self.coulomb, self.asymmetry, self.breakaway, self.viscous];
+        own.iter()
+            .zip(Self::factors(z, speed, self.stribeck))
+            .map(|(own, factor)| own * factor)
+            .sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_of_the_state_hold_every_start_and_meet() {
+        let ways = [0.3, -0.1, -0.4, 0.2, -0.9, 0.05, -2.5, 0.3];
+        let mut bounds = FrictionState::default();
+        let mut starts: Vec<f64> = (-10..=10).map(|z| f64::from(z) / 10.0).collect();
+        for way in ways {
+            bounds.advance(way, 1.0);
+            for z in &mut starts {
+                *z = (*z + way).clamp(-1.0, 1.0);
+                assert!((bounds.low..=bounds.high).contains(z));
+            }
+        }
+        assert_eq!((bounds.unknown(), bounds.middle()), (0.0, starts[0]));
+    }
+
+    #[test]
+    fn a_joint_that_turns_round_crosses_over_twice_the_presliding_distance() {
+        let mut state = FrictionState::default();
+        state.advance(1.0, 0.01);
+        state.advance(-0.01, 0.01);
+        assert_eq!(state.middle(), 0.0);
+        state.advance(0.0, 0.01);
+        assert_eq!(state.middle(), 0.0, "it stays while the joint stands still");
+        let friction = Friction { coulomb: 2.0, viscous: 3.0, ..Friction::default() };
+        assert_eq!(friction.torque(-1.0, -0.1), -2.3);
+    }
+}

@@ -1,0 +1,166 @@
+//! Position, speed and acceleration of joints from the positions that a log has, by a polynomial that is fitted to the
+//! samples of a window around each time (Savitzky and Golay 1964, with weights that fall to zero at the window's ends,
+//! and samples at any times).
+
+use nalgebra::{DMatrix, SMatrix, SVector};
+
+/// Where the window of a fit lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// Around the time; at the ends of the log as near to that as can be.
+    Around,
+    /// Before the time: what is known beside a running robot.
+    Before,
+}
+
+/// Values at a time, with their first and second derivatives.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fit {
+    /// Values.
+    pub value: Vec<f64>,
+    /// Per second.
+    pub first: Vec<f64>,
+    /// Per second squared.
+    pub second: Vec<f64>,
+}
+
+/// Values at times, some at each, of which a polynomial is fitted to those near a time.
+#[derive(Debug, Clone)]
+pub struct LocalPolynomial<'a> {
+    times_s: &'a [f64],
+    values: &'a [Vec<f64>],
+    half_s: f64,
+    side: Side,
+}
+
+impl<'a> LocalPolynomial<'a> {
+    /// Of values at rising times, s, with windows of `2 · half_s`.
+    ///
+    /// # Panics
+    ///
+    /// If there are no values, or not as many as times.
+    pub fn new(times_s: &'a [f64], values: &'a [Vec<f64>], half_s: f64, side: Side) -> Self {
+        assert!(!times_s.is_empty() && times_s.len() == values.len(), "as many values as times");
+        Self { times_s, values, half_s, side }
+    }
+
+    /// The polynomial's value and derivatives at a time, s: of the third degree inside the log, of the second at its
+    /// ends. Fewer samples than it takes give a lower degree.
+    pub fn at(&self, time_s: f64) -> Fit {
+        let (first, last) = (self.times_s[0], self.times_s[self.times_s.len() - 1]);
+        let room = |low: f64, high: f64| low >= first && high <= last;
+        let wide = 2.0 * self.half_s;
+        let (mut low, mut high) = match self.side {
+            Side::Around => (time_s - self.half_s, time_s + self.half_s),
+            Side::Before => (time_s - wide, time_s.max(last.min(time_s))),
+        };
+        let inside = self.side == Side::Around && room(low, high);
+        if self.side == Side::Around && !inside {
+            low = low.min(last - wide).max(first);
+            high = high.max(first + wide).min(last);
+        }
+        let degree = if inside { 3 } else { 2 };
+        // A rounding error of a clock is no reason to lose a sample.
+        let slack = 1e-9 * wide;
+        let start = self.times_s.partition_point(|time| *time < low - slack);
+        let end = self.times_s.partition_point(|time| *time <= high + slack);
+        self.fit(time_s, start, end, degree)
+    }
+
+    fn fit(&self, time_s: f64, mut start: usize, mut end: usize, degree: usize) -> Fit {
+        let wanted = degree + 2;
+        while end - start < wanted
+            && (start > 0 || (end < self.times_s.len() && self.side == Side::Around))
+        {
+            start = start.saturating_sub(1);
+            if self.side == Side::Around {
+                end = (end + 1).min(self.times_s.len());
+            }
+        }
+        if end <= start {
+            end = start + 1;
+        }
+        let distance = |index: usize| self.times_s[index] - time_s;
+        let scale = distance(start).abs().max(distance(end - 1).abs()).max(1e-9) * 1.001;
+        let n = self.values[0].len();
+        let mut gram = SMatrix::<f64, 4, 4>::zeros();
+        let mut right = DMatrix::<f64>::zeros(4, n);
+        for index in start..end {
+            let at = distance(index) / scale;
+            let weight = (1.0 - at * at).powf(1.5);
+            let powers = SVector::<f64, 4>::new(1.0, at, at * at, at * at * at);
+            gram += weight * powers * powers.transpose();
+            for (mut column, value) in right.column_iter_mut().zip(&self.values[index]) {
+                column += weight * value * powers;
+            }
+        }
+        let degree = degree.min((end - start).saturating_sub(1));
+        let solution = solve(&gram, &right, degree);
+        let row = |row: usize, factor: f64| -> Vec<f64> {
+            (0..n).map(|column| factor * solution[(row, column)]).collect()
+        };
+        Fit { value: row(0, 1.0), first: row(1, 1.0 / scale), second: row(2, 2.0 / scale / scale) }
+    }
+}
+
+/// Coefficients of a polynomial of this degree, or of the largest that the samples allow.
+fn solve(gram: &SMatrix<f64, 4, 4>, right: &DMatrix<f64>, degree: usize) -> DMatrix<f64> {
+    for degree in (0..=degree).rev() {
+        let mut lower = *gram;
+        for power in degree + 1..4 {
+            lower.row_mut(power).fill(0.0);
+            lower.column_mut(power).fill(0.0);
+            lower[(power, power)] = 1.0;
+        }
+        let mut known = right.clone();
+        known.rows_mut(degree + 1, 3 - degree).fill(0.0);
+        if let Some(factor) = lower.cholesky()
+            && (0..=degree).all(|power| factor.l_dirty()[(power, power)] > 1e-6)
+        {
+            return factor.solve(&known);
+        }
+    }
+    DMatrix::zeros(4, right.ncols())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cubic_is_recovered_from_uneven_samples() {
+        let times: Vec<f64> =
+            (0..60).map(|k| 0.01 * f64::from(k) + 0.002 * f64::from(k % 3)).collect();
+        let cubic = |t: f64| 1.0 - 2.0 * t + 3.0 * t * t - 4.0 * t * t * t;
+        let values: Vec<Vec<f64>> =
+            times.iter().map(|t| vec![cubic(*t), 2.0 * cubic(*t)]).collect();
+        let fit = LocalPolynomial::new(&times, &values, 0.05, Side::Around).at(0.31);
+        let (first, second) = (-2.0 + 6.0 * 0.31 - 12.0 * 0.31 * 0.31, 6.0 - 24.0 * 0.31);
+        assert!((fit.value[0] - cubic(0.31)).abs() < 1e-12 && (fit.first[0] - first).abs() < 1e-9);
+        assert!((fit.second[1] - 2.0 * second).abs() < 1e-6, "{fit:?}");
+    }
+
+    #[test]
+    fn a_parabola_is_recovered_at_the_ends_and_from_before() {
+        let times: Vec<f64> = (0..60).map(|k| 0.01 * f64::from(k)).collect();
+        let values: Vec<Vec<f64>> = times.iter().map(|t| vec![1.0 + t * t]).collect();
+        for (side, at) in [(Side::Around, 0.0), (Side::Around, 0.59), (Side::Before, 0.3)] {
+            let fit = LocalPolynomial::new(&times, &values, 0.05, side).at(at);
+            assert!((fit.value[0] - 1.0 - at * at).abs() < 1e-12, "{side:?} {at}");
+            assert!((fit.first[0] - 2.0 * at).abs() < 1e-9 && (fit.second[0] - 2.0).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn too_few_samples_give_what_they_can() {
+        let fit = |values: &[f64]| {
+            let times: Vec<f64> = (0..values.len()).map(|k| k as f64).collect();
+            let values: Vec<Vec<f64>> = values.iter().map(|value| vec![*value]).collect();
+            LocalPolynomial::new(&times, &values, 0.1, Side::Around).at(0.0)
+        };
+        let alone = fit(&[2.0]);
+        assert_eq!((alone.value[0], alone.first[0], alone.second[0]), (2.0, 0.0, 0.0));
+        let two = fit(&[2.0, 5.0]);
+        assert!((two.value[0] - 2.0).abs() < 1e-9 && (two.first[0] - 3.0).abs() < 1e-6, "{two:?}");
+    }
+}

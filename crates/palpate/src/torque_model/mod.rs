@@ -1,0 +1,197 @@
+//! What an arm's torque sensors hold besides external torque, as `palpate identify` finds it.
+//!
+//! ```text
+//! s·τ_measured(t) = gain · (τ_ext − Y(q, q̇, q̈) π − F(q̇))  + bias(q)        at the motion of t − delay
+//! ```
+//!
+//! `s` is the sign of [`crate::ExternalTorqueConfig`], `Y π` the inverse dynamics of the robot
+//! (`Robot::inverse_dynamics`), `F` friction and the inertia of the drives. Solved for `τ_ext`, this is an estimate of
+//! the external torque at every sample; its standard deviation is that of what the model left over on motions that it
+//! was not identified on.
+//!
+//! | file               | says                                                                  |
+//! |--------------------|-----------------------------------------------------------------------|
+//! | `friction`         | Coulomb, viscous and breakaway friction, with hysteresis at turns     |
+//! | `local_polynomial` | position, speed and acceleration from logged positions                |
+//! | `external`         | external torques of a touch, with their standard deviations           |
+//! | `alarm`            | when something is touched, at a rate of false alarms                  |
+
+mod alarm;
+mod external;
+mod friction;
+mod local_polynomial;
+
+pub use alarm::{Alarm, Detector};
+pub use external::{
+    Explained, ExternalTorque, Motion, NoiseFactors, TouchMotion, explain, external_torques,
+};
+pub use friction::{Friction, FrictionState};
+pub use local_polynomial::{Fit, LocalPolynomial, Side};
+
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
+
+use crate::robot::Robot;
+
+/// Model of the torques that an arm measures, joint by joint.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TorqueModel {
+    /// How much later than positions torques are logged, s.
+    pub delay_s: f64,
+    /// Half of the time window out of which speeds and accelerations are computed, s.
+    pub window_s: f64,
+    /// In the robot's order.
+    #[serde(rename = "joint")]
+    pub joints: Vec<JointModel>,
+    /// Ten inertial parameters for each body (`Robot::inertial_parameters`); empty: as in the URDF.
+    #[serde(default)]
+    pub inertial: Vec<f64>,
+    /// What statistics of contact-free motion allow to detect.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alarm: Option<Alarm>,
+}
+
+/// The model of one joint's torque.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointModel {
+    /// Name of the joint.
+    pub name: String,
+    /// Measured over true torque; where a drive's current is logged, the inverse of its torque constant.
+    pub gain: f64,
+    /// Measured torque where there is none, N·m; its parts with cos q and sin q.
+    pub bias: [f64; 3],
+    /// Inertia of the drive beyond the link's, seen at the joint, kg·m².
+    pub rotor_inertia: f64,
+    /// Friction.
+    pub friction: Friction,
+    /// What is left over.
+    pub noise: TorqueNoise,
+}
+
+/// Variance of what a model leaves over of a joint's external torque: a sum of squares, each of a part that grows with how
+/// the joint moves.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TorqueNoise {
+    /// Always, N·m.
+    pub still: f64,
+    /// While the joint turns round and its friction is between two directions, N·m.
+    pub turning: f64,
+    /// By speed, N·m·s/rad.
+    pub by_speed: f64,
+    /// By the part of the torque that inertia takes.
+    pub by_inertia: f64,
+}
+
+impl TorqueNoise {
+    /// Standard deviation, N·m, of a joint whose friction is `between` two directions (0 to 1), at a speed and with a
+    /// torque of inertia.
+    pub fn std(&self, between: f64, speed: f64, inertia: f64) -> f64 {
+        let parts =
+            [self.still, self.turning * between, self.by_speed * speed, self.by_inertia * inertia];
+        parts.iter().map(|part| part * part).sum::<f64>().sqrt()
+    }
+}
+
+impl TorqueModel {
+    /// What is assumed of an arm that nobody has identified: masses as in its URDF, no friction, and a standard
+    /// deviation that is a guess: 0.5 % of the joint's effort limit at rest, 1.5 % while it moves.
+    pub fn of_urdf(robot: &Robot) -> Self {
+        let joints = robot.joints().iter().map(|joint| {
+            let effort = joint.effort.unwrap_or(40.0);
+            JointModel {
+                name: joint.name.clone(),
+                gain: 1.0,
+                bias: [0.0; 3],
+                rotor_inertia: 0.0,
+                friction: Friction::default(),
+                noise: TorqueNoise {
+                    still: 0.005 * effort,
+                    turning: 0.015 * effort,
+                    by_speed: 0.015 * effort,
+                    by_inertia: 0.1,
+                },
+            }
+        });
+        Self {
+            delay_s: 0.0,
+            window_s: 0.1,
+            joints: joints.collect(),
+            inertial: vec![],
+            alarm: None,
+        }
+    }
+
+    /// Inertial parameters of the robot's bodies: the model's, or the robot's own.
+    ///
+    /// # Errors
+    ///
+    /// A model of another number of joints or bodies, or of joints with other names, or a number that cannot be, as a
+    /// sentence.
+    pub fn check(&self, robot: &Robot) -> Result<DVector<f64>, String> {
+        let own: Vec<&str> = robot.joint_names().collect();
+        let names: Vec<&str> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
+        if own != names {
+            return Err(format!(
+                "it is of an arm with the joints {}; the robot has {}",
+                names.join(", "),
+                own.join(", ")
+            ));
+        }
+        for joint in &self.joints {
+            let JointModel { name, gain, bias, rotor_inertia, friction, noise } = joint;
+            let at_least_zero = [
+                ("rotor_inertia", *rotor_inertia),
+                ("coulomb", friction.coulomb),
+                ("viscous", friction.viscous),
+                ("presliding", friction.presliding),
+                ("turning", noise.turning),
+                ("by_speed", noise.by_speed),
+                ("by_inertia", noise.by_inertia),
+            ];
+            if let Some((key, value)) =
+                at_least_zero.iter().find(|(_, v)| !(*v >= 0.0 && v.is_finite()))
+            {
+                return Err(format!("joint `{name}`: {key} is {value}; wanted 0 or more"));
+            }
+            if !(noise.still > 0.0 && noise.still.is_finite()) {
+                let still = noise.still;
+                return Err(format!(
+                    "joint `{name}`: the noise is {still} at rest; wanted more than 0"
+                ));
+            }
+            if !(gain.abs() > 1e-6 && gain.is_finite()) {
+                return Err(format!(
+                    "joint `{name}`: gain is {gain}; wanted a number that is not 0"
+                ));
+            }
+            if !(friction.stribeck > 0.0) {
+                let stribeck = friction.stribeck;
+                return Err(format!("joint `{name}`: stribeck is {stribeck}; wanted more than 0"));
+            }
+            let numbers = [friction.asymmetry, friction.breakaway, bias[0], bias[1], bias[2]];
+            if let Some(number) = numbers.iter().find(|number| !number.is_finite()) {
+                return Err(format!("joint `{name}`: found {number}; wanted finite numbers"));
+            }
+        }
+        if !(self.delay_s.abs() < 1.0) {
+            return Err(format!("delay_s is {}; wanted less than 1 s", self.delay_s));
+        }
+        if !(self.window_s > 0.0 && self.window_s < 10.0) {
+            return Err(format!(
+                "window_s is {}; wanted more than 0 and less than 10 s",
+                self.window_s
+            ));
+        }
+        let of_robot = robot.inertial_parameters();
+        match self.inertial.len() {
+            0 => Ok(of_robot),
+            n if n == of_robot.len() && self.inertial.iter().all(|own| own.is_finite()) => {
+                Ok(DVector::from_column_slice(&self.inertial))
+            }
+            n => Err(format!("inertial has {n} numbers; wanted {} finite ones", of_robot.len())),
+        }
+    }
+}
