@@ -10,7 +10,7 @@ use crate::output::Output;
 use crate::settings::AllSettings;
 use crate::{
     bench, convert, demo, evaluate, extrapolate, identify, inspect, live, map, predict, study,
-    tune, view,
+    torque, tune, view,
 };
 
 /// Learns where an object is stiff from the joint torques of a robot arm that touches it.
@@ -53,6 +53,8 @@ pub(crate) enum Command {
     Demo(demo::Args),
     /// Find payload, friction, bias and delay of an arm from logs of it in free motion
     Identify(identify::Args),
+    /// External torques with standard deviations, and when something is touched
+    Torque(torque::Args),
     /// Show what a log, a robot or a field holds, and what looks wrong with it
     Inspect(inspect::Args),
     /// Watch the arm, its contacts, the field and the torques in the Rerun viewer

@@ -24,7 +24,8 @@ pub(crate) fn open(
     let arm = robot::load(&settings.robot, output)?;
     let arm = touches.arm_of_logs(arm, &mut settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
-    touches.conventions(&arm, &mut settings.touch, if_undecided, output)?;
+    let place = (&settings.robot, &mut settings.touch);
+    touches.external(&arm, place, if_undecided, output)?;
     Ok((touches, arm))
 }
 

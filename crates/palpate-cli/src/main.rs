@@ -32,6 +32,7 @@ mod predict;
 mod report;
 mod settings;
 mod study;
+mod torque;
 mod tune;
 mod view;
 
@@ -77,6 +78,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
         Command::Extrapolate(args) => extrapolate::run(args, output),
         Command::Demo(args) => demo::run(args, output),
         Command::Identify(args) => identify::run(args, output),
+        Command::Torque(args) => torque::run(args, output),
         Command::Inspect(args) => inspect::run(args, output),
         Command::View(args) => view::run(args, output),
         Command::Convert(args) => convert::run(args, output),

@@ -26,5 +26,6 @@ mod npy;
 mod panics;
 pub mod rgbd;
 pub mod robot_files;
+pub mod torques;
 
 pub use npy::NpyError;

@@ -155,7 +155,8 @@ pub fn learn(
                 continue;
             }
             let source = FrameId { touch: number as u32, sample: frame.sample };
-            estimator.correct(&tracked.points_m, frame.observation.clone(), source)?;
+            let observation = frame.weighted(frame.observation.clone());
+            estimator.correct(&tracked.points_m, observation, source)?;
             estimator.replay(config.estimator.replays);
         }
     }

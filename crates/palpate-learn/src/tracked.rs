@@ -80,6 +80,8 @@ pub struct TrackedFrame {
     pub unwrapped: Vec<f64>,
     /// Contacts, and the measured external torque.
     pub observation: Observation,
+    /// How much the torque of each joint counts, if not all alike.
+    weights: Option<Vec<f64>>,
     /// The external torque that is to be predicted, n_joints, N·m: true or measured.
     pub target: Vec<f64>,
 }
@@ -267,6 +269,14 @@ impl TrackedTouch {
 }
 
 impl TrackedFrame {
+    /// What an estimator learns from: an observation of this frame, with the weights of its torques.
+    pub(crate) fn weighted(&self, observation: Observation) -> Observation {
+        match &self.weights {
+            Some(weights) => observation.weighted(weights),
+            None => observation,
+        }
+    }
+
     /// `τ̂ = Σ wᵢ Kᵢ` (Eq. 5) of cells by row, of which none counts as negative, n_joints, N·m.
     pub(crate) fn predict(&self, cells: &[Cell]) -> Vec<f64> {
         self.observation.predict(cells, Stiffness::Positive).as_slice().to_vec()
@@ -298,6 +308,7 @@ impl Followed {
             q: q.clone(),
             unwrapped: self.unwrapped,
             observation: observations.build(&arm.robot, poses, contacts, &self.external),
+            weights: self.tracked.weights(),
             target: truth.unwrap_or_else(|| self.external.as_slice().to_vec()),
         }
     }

@@ -6,36 +6,25 @@ use std::path::Path;
 
 use palpate::{Robot, TorqueModel};
 use palpate_io::input;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use crate::error::WorkError;
 
 /// Bytes of the largest file.
 const LARGEST: u64 = 1 << 20;
 
-/// What is in the file.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ArmFile {
-    /// Version of this format.
-    version: u32,
-    /// Name of the robot, as its URDF says.
-    robot: String,
-    #[serde(flatten)]
-    model: toml::Table,
-}
-
 /// Version of the format.
-const VERSION: u32 = 1;
+const VERSION: i64 = 1;
 
 /// The text of the file, with remarks on top.
 pub fn text(robot: &Robot, model: &TorqueModel, remarks: &str) -> String {
     let remarks = remarks.lines().map(|line| format!("# {line}").trim_end().to_owned() + "\n");
     let remarks: String = remarks.collect();
-    let model = toml::Table::try_from(model).expect("a model has numbers and names");
-    let file = ArmFile { version: VERSION, robot: robot.name().to_owned(), model };
-    let body = toml::to_string(&file).expect("a model has numbers and names");
-    format!("{remarks}\n{body}")
+    let mut head = toml::Table::new();
+    head.insert("version".to_owned(), VERSION.into());
+    head.insert("robot".to_owned(), robot.name().into());
+    let model = toml::to_string(model).expect("a model has numbers and names");
+    format!("{remarks}\n{head}\n{model}")
 }
 
 /// Reads the file, and checks that it is one of this robot.
@@ -49,12 +38,17 @@ pub fn read(path: &Path, robot: &Robot) -> Result<TorqueModel, WorkError> {
     let broken = |error: toml::de::Error| {
         wrong(&format!("this is no file of `palpate identify`: {}", error.to_string().trim_end()))
     };
-    let file: ArmFile = toml::from_str(&text).map_err(broken)?;
-    if file.version != VERSION {
-        let version = file.version;
-        return Err(wrong(&format!("it has version {version}; this palpate reads {VERSION}")));
+    let mut file: toml::Table = toml::from_str(&text).map_err(broken)?;
+    match file.remove("version").and_then(|version| version.as_integer()) {
+        Some(VERSION) => {}
+        found => {
+            let found = found.map_or("none".to_owned(), |version| version.to_string());
+            let wanted = format!("version {VERSION} of a file of `palpate identify` is wanted");
+            return Err(wrong(&format!("{wanted}, and it has {found}")));
+        }
     }
-    let model = TorqueModel::deserialize(file.model).map_err(broken)?;
+    file.remove("robot");
+    let model = TorqueModel::deserialize(file).map_err(broken)?;
     model.check(robot).map_err(|what| wrong(&what))?;
     Ok(model)
 }

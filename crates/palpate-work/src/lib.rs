@@ -21,6 +21,7 @@
 //! | [`mod@identify`]  | payload, friction, bias and delay of an arm, from free motion     |
 //! | [`mod@arm_file`]  | the file of an identified arm                                     |
 //! | [`mod@inspect`]   | what a log, a robot or a field holds, and what looks wrong with it |
+//! | [`mod@torque`]    | external torques with standard deviations, and contacts           |
 //! | [`mod@touched`]   | what touches displace of the lattice                              |
 //! | [`mod@quantile`]  | medians and the like                                              |
 //!
@@ -50,6 +51,7 @@ pub mod robot;
 pub mod scored;
 pub mod settings;
 pub mod study;
+pub mod torque;
 pub mod touched;
 pub mod touches;
 pub mod tune;

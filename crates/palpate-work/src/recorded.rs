@@ -39,7 +39,7 @@ impl RecordedTouch {
 
 /// Puts the joints of a sample into another order.
 pub(crate) fn reorder_joints(sample: &mut Sample, order: &[usize]) {
-    for values in [&mut sample.q, &mut sample.tau] {
+    for values in [&mut sample.q, &mut sample.tau].into_iter().chain(&mut sample.tau_std) {
         *values = order.iter().map(|&place| values[place]).collect();
     }
 }

@@ -223,7 +223,7 @@ mod tests {
     const PERIOD_S: f64 = 0.02;
 
     fn sample(i: usize, q: f64) -> Sample {
-        Sample { time_s: Some(i as f64 * PERIOD_S), q: vec![0.5, q], tau: vec![0.0; 2] }
+        Sample::new(Some(i as f64 * PERIOD_S), vec![0.5, q], vec![0.0; 2])
     }
 
     /// A split, and which samples (by number) each touch of a motion starts with.

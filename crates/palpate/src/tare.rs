@@ -4,7 +4,8 @@
 //! gravity leave of the logged torque over the contact-free frames at its start. A frame counts as
 //! contact-free while the arm stands still, or while the simulator finds it touching no point of the
 //! lattice; the start ends at the first frame that is neither. Without such a start, torques out of which the
-//! robot has taken gravity are external ones as they are; others need one.
+//! robot has taken gravity are external ones as they are; others need one. Of an identified arm, whose torques have a
+//! standard deviation, the start ends as well where they are more than that explains.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -29,6 +30,9 @@ pub enum Tare {
 /// The fewest contact-free frames that give a tare.
 pub const MIN_TARE_FRAMES: u32 = 5;
 
+/// Standard deviations that the torques of an identified arm may be away from zero while nothing is touched.
+const MOST_STDS: f64 = 4.0;
+
 /// Whether a frame belongs to the contact-free start of a touch, if all before it do: the arm
 /// stands where the touch began, or touches no point of the lattice.
 ///
@@ -40,6 +44,12 @@ pub fn is_contact_free(
     touches: bool,
 ) -> bool {
     !touches || robot.difference(q_start, q).iter().all(|way| way.abs() <= still_rad)
+}
+
+/// Whether the torques of an identified arm are no more than its model leaves over: an arm that stands still while it
+/// is loaded is not tared into silence.
+fn is_explained(untared: &DVector<f64>, std: &[f64]) -> bool {
+    untared.iter().zip(std).all(|(torque, std)| torque.abs() <= MOST_STDS * std)
 }
 
 /// The tare of one touch, as far as it has come.
@@ -90,13 +100,16 @@ impl TouchTare {
     pub(crate) fn subtract(
         &mut self,
         (robot, config): (&Robot, &ExternalTorqueConfig),
-        (q, in_contact): (&[f64], bool),
+        (q, in_contact, tau_std): (&[f64], bool, Option<&[f64]>),
         untared: &DVector<f64>,
     ) -> Result<Option<DVector<f64>>, TrackerError> {
         if let State::Open { sum, frames } = &mut self.state {
             let goes_on = match config.tare {
                 Tare::Frames(wanted) => *frames < wanted,
-                _ => is_contact_free(robot, (&self.q_start, q), config.still_rad, in_contact),
+                _ => {
+                    is_contact_free(robot, (&self.q_start, q), config.still_rad, in_contact)
+                        && tau_std.is_none_or(|std| is_explained(untared, std))
+                }
             };
             if goes_on {
                 *sum += untared;

@@ -28,12 +28,15 @@ pub struct Sample {
     pub q: Vec<f64>,
     /// Joint torques as logged, n_joints, N·m or N.
     pub tau: Vec<f64>,
+    /// Standard deviation of the torques, n_joints, if it is known for this sample: of an identified arm. It comes on
+    /// top of what the estimator's settings allow.
+    pub tau_std: Option<Vec<f64>>,
 }
 
 impl Sample {
     /// A sample: time, s, if there is one; positions, rad or m, and torques, N·m or N, a joint.
     pub fn new(time_s: Option<f64>, q: Vec<f64>, tau: Vec<f64>) -> Self {
-        Self { time_s, q, tau }
+        Self { time_s, q, tau, tau_std: None }
     }
 }
 
@@ -45,6 +48,11 @@ pub enum TrackerError {
     /// The wrong number of joint torques.
     #[error("got {got} joint torques, the robot has {expected} moving joints")]
     TorqueCount { expected: usize, got: usize },
+    /// A standard deviation that is none.
+    #[error(
+        "the standard deviations of the torques are {found:?}; wanted {expected} of at least 0 N·m"
+    )]
+    TorqueStd { expected: usize, found: Vec<f64> },
     /// A torque that is no number, or none of this world.
     #[error("the torque of joint `{joint}` is {found}; wanted a number of N·m below {MAX_TORQUE}")]
     Torque { joint: String, found: f64 },
@@ -92,6 +100,20 @@ pub struct TrackedSample {
     pub untared: DVector<f64>,
     /// τ_ext, n_joints, N·m; `None` while the tare is being taken.
     pub external: Option<DVector<f64>>,
+    /// Standard deviation of that, n_joints, if the sample has one.
+    pub tau_std: Option<Vec<f64>>,
+}
+
+/// A standard deviation of torques for which a frame counts half, N·m: what the estimator `map` allows by default.
+const WEIGHED_STD: f64 = 0.2;
+
+impl TrackedSample {
+    /// Weights of the joints' torques for [`crate::unstable::Observation::weighted`], `None` if the sample has no
+    /// standard deviation: an estimator that allows `torque_std` then allows `torque_std · √(1 + (σ / 0.2 N·m)²)`.
+    pub fn weights(&self) -> Option<Vec<f64>> {
+        let weight = |std: &f64| 1.0 / (1.0 + (std / WEIGHED_STD).powi(2)).sqrt();
+        Some(self.tau_std.as_ref()?.iter().map(weight).collect())
+    }
 }
 
 /// Follows one touch after another.
@@ -169,12 +191,21 @@ impl Tracker {
         }
         let poses = self.arm().robot.forward(&sample.q)?;
         let untared = self.config.untared(&self.arm().robot, &poses, &sample.tau)?;
+        if let Some(std) = &sample.tau_std
+            && (std.len() != sample.q.len()
+                || !std.iter().all(|std| (0.0..=MAX_TORQUE).contains(std)))
+        {
+            let (expected, found) = (sample.q.len(), std.clone());
+            return Err(TrackerError::TorqueStd { expected, found });
+        }
         let contacts = self.motion.go(&sample.q, &poses)?;
         let tare = self.tare.get_or_insert_with(|| TouchTare::begin(&sample.q, self.config.tare));
         let settings = (&self.motion.arm().robot, &self.config);
-        let external = tare.subtract(settings, (&sample.q, !contacts.is_empty()), &untared);
+        let tau_std = sample.tau_std.clone();
+        let now = (&sample.q[..], !contacts.is_empty(), tau_std.as_deref());
+        let external = tare.subtract(settings, now, &untared);
         self.begun = external.is_ok();
-        Ok(TrackedSample { poses, contacts, untared, external: external? })
+        Ok(TrackedSample { poses, contacts, untared, external: external?, tau_std })
     }
 
     /// The tare of the touch, n_joints, N·m, once it is known.

@@ -13,6 +13,7 @@
 //! | `memory_nis`    | F or 0   | f64  | `map`: normalised innovation squared at its last visit (0 for `ekf`) |
 //! | `log_touch`     | T x 3    | u32  | touch, its samples, whether it is still under way     |
 //! | `log_q`, `log_tau` | S x n | f64  | samples of those touches in a row, as logged          |
+//! | `log_tau_std`   | S x n    | f64  | standard deviations of those torques, of an identified arm only |
 //!
 //! A field with an elastic body has more arrays: [`super::elastic`].
 //!
@@ -240,6 +241,13 @@ fn insert_sample_log(arrays: &mut Arrays, snapshot: &Snapshot) {
     arrays.insert("log_q", Array::new(vec![rows, n_joints], Data::F64(q)));
     let tau = snapshot.sample_log.iter().flat_map(|touch| touch.tau.iter().copied()).collect();
     arrays.insert("log_tau", Array::new(vec![rows, n_joints], Data::F64(tau)));
+    if snapshot.sample_log.iter().any(|touch| !touch.tau_std.is_empty()) {
+        let std = snapshot.sample_log.iter().flat_map(|touch| {
+            let none = touch.tau.len() - touch.tau_std.len();
+            touch.tau_std.iter().copied().chain(std::iter::repeat_n(0.0, none))
+        });
+        arrays.insert("log_tau_std", Array::new(vec![rows, n_joints], Data::F64(std.collect())));
+    }
 }
 
 /// The field that named arrays hold.
@@ -374,6 +382,12 @@ fn sample_log(arrays: &Arrays) -> Result<(usize, Vec<LoggedTouch>), SavedError> 
     let q = arrays.floats(name_in(arrays, "log_q"), &[None, None])?;
     let tau = arrays.floats(name_in(arrays, "log_tau"), &[None, None])?;
     let n_joints = arrays.require(name_in(arrays, "log_q"))?.shape()[1];
+    let std = match arrays.get("log_tau_std") {
+        Some(_) => {
+            arrays.floats("log_tau_std", &[Some(q.len() / n_joints.max(1)), Some(n_joints)])?
+        }
+        None => Vec::new(),
+    };
     let samples: u64 = touches.iter().map(|touch| u64::from(touch[1])).sum();
     if q.len() != tau.len() || samples.saturating_mul(n_joints as u64) != q.len() as u64 {
         let what = format!(
@@ -394,6 +408,7 @@ fn sample_log(arrays: &Arrays) -> Result<(usize, Vec<LoggedTouch>), SavedError> 
             lost: false,
             q: q[start..end].to_vec(),
             tau: tau[start..end].to_vec(),
+            tau_std: std.get(start..end).unwrap_or_default().to_vec(),
         });
         start = end;
     }

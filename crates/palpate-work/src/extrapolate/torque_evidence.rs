@@ -61,9 +61,16 @@ pub(super) fn recalled(
 
 fn of(logged: &LoggedTouch, n_joints: usize) -> Touch {
     let samples = logged.q.chunks(n_joints).zip(logged.tau.chunks(n_joints));
+    let stds = logged.tau_std.chunks(n_joints).map(|std| Some(std.to_vec()));
+    let stds = stds.chain(std::iter::repeat(None));
+    let sample = |q: &[f64], tau: &[f64], tau_std| {
+        let mut sample = Sample::new(None, q.to_vec(), tau.to_vec());
+        sample.tau_std = tau_std;
+        sample
+    };
     Touch {
         name: format!("touch {}", logged.touch),
-        samples: samples.map(|(q, tau)| Sample::new(None, q.to_vec(), tau.to_vec())).collect(),
+        samples: samples.zip(stds).map(|((q, tau), tau_std)| sample(q, tau, tau_std)).collect(),
         truth: None,
     }
 }

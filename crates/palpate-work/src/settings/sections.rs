@@ -132,6 +132,10 @@ section! {
         /// in the middle of their range]
         #[arg(long, value_name = "JOINT=POSITION", value_delimiter = ',')]
         pub hold: Vec<Held>,
+        /// The arm as `palpate identify` has found it: its masses, friction and bias are taken off the torques, whose
+        /// noise is known then
+        #[arg(long, value_name = "ARM.toml")]
+        pub arm: PathBuf,
         /// Link that carries a payload the URDF does not know of: a gripper, a tool, a camera
         #[arg(long, value_name = "LINK")]
         pub payload_link: String,

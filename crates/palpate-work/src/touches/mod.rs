@@ -3,8 +3,10 @@
 //! | file   | says                                                                   |
 //! |--------|------------------------------------------------------------------------|
 //! | `logs` | the logs' events, which can be read ahead                              |
+//! | `identified` | external torques of an arm that was identified                  |
 //! | `told` | what the logs tell before they are used: joints that are not in them, and how their torques count |
 
+mod identified;
 mod logs;
 mod told;
 
@@ -24,6 +26,7 @@ use crate::pauses::Pauses;
 use crate::progress::Progress;
 use crate::recorded::{MemoryLog, reorder_joints};
 use crate::settings::sections::LogSettings;
+use identified::Identified;
 use logs::Logs;
 
 pub use crate::recorded::{RecordedTouch, TouchEvent};
@@ -46,6 +49,8 @@ pub struct Touches {
     next: VecDeque<TouchEvent>,
     touch: Option<String>,
     sample: u64,
+    /// Makes torques external ones, if the arm was identified.
+    identified: Option<Identified>,
     /// The unit that angles were said to be in, and whether what looks wrong is an error.
     checked: (AngleUnit, bool),
 }
@@ -133,7 +138,7 @@ impl Touches {
     /// The event that [`Self::advance`] gives next.
     fn peek(&mut self) -> Result<Option<&TouchEvent>, WorkError> {
         while self.next.is_empty() {
-            let (event, pauses) = (self.read_on()?, &mut self.pauses);
+            let (event, pauses) = (self.read_external()?, &mut self.pauses);
             match (event, pauses) {
                 (Some(event), None) => self.next.push_back(event),
                 (Some(event), Some(pauses)) => {

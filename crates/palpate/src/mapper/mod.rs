@@ -234,7 +234,12 @@ impl Mapper {
         let (poses, contacts) = (&tracked.poses, &tracked.contacts);
         let observation = self.observations.build(robot, poses, contacts, external);
         let points_m = self.observations.rows().points_m();
-        self.replays.estimator().correct(points_m, observation, frame)
+        let Some(weights) = tracked.weights() else {
+            return self.replays.estimator().correct(points_m, observation, frame);
+        };
+        let weighted = observation.weighted(&weights);
+        let predicted = self.replays.estimator().correct(points_m, weighted, frame)?;
+        Ok(predicted.component_div(&DVector::from_vec(weights)))
     }
 
     /// Lets the belief age by a step in which nothing is touched; the prediction is zero.

@@ -24,6 +24,8 @@ pub struct LoggedTouch {
     pub q: Vec<f64>,
     /// Logged torques, samples × n_joints.
     pub tau: Vec<f64>,
+    /// Their standard deviations, as many, where a sample has them, else 0; empty if none has.
+    pub tau_std: Vec<f64>,
 }
 
 /// The logged touches, the one under way last.
@@ -72,7 +74,14 @@ impl SampleLog {
         let touch = self.touches.last_mut().expect("the tracker refuses samples before a touch");
         if !touch.lost {
             touch.q.extend_from_slice(&sample.q);
+            if let Some(std) = &sample.tau_std {
+                touch.tau_std.resize(touch.tau.len(), 0.0);
+                touch.tau_std.extend_from_slice(std);
+            }
             touch.tau.extend_from_slice(&sample.tau);
+            if !touch.tau_std.is_empty() {
+                touch.tau_std.resize(touch.tau.len(), 0.0);
+            }
         }
         self.samples += 1;
         FrameId { touch: touch.touch, sample: self.samples - 1 }
@@ -88,7 +97,7 @@ impl SampleLog {
             let oldest = &mut self.touches[0];
             if oldest.open {
                 oldest.lost = true;
-                (oldest.q, oldest.tau) = (Vec::new(), Vec::new());
+                (oldest.q, oldest.tau, oldest.tau_std) = Default::default();
             } else {
                 dropped.push(self.touches.remove(0).touch);
             }
@@ -98,7 +107,9 @@ impl SampleLog {
 
     /// Bytes of the logged samples.
     pub(super) fn bytes(&self) -> usize {
-        let numbers: usize = self.touches.iter().map(|touch| touch.q.len() + touch.tau.len()).sum();
+        let numbers: usize = (self.touches.iter())
+            .map(|touch| touch.q.len() + touch.tau.len() + touch.tau_std.len())
+            .sum();
         numbers * size_of::<f64>()
     }
 

@@ -118,15 +118,17 @@ impl Mapper {
         let ids = state.remembered.iter().enumerate().map(|(index, frame)| (frame.id, index));
         let index_of: HashMap<FrameId, usize> = ids.collect();
         let mut learnt = false;
-        for LoggedTouch { touch, open, q, tau, .. } in sample_log {
-            if q.len() != tau.len() || q.len() % n_joints != 0 {
+        for LoggedTouch { touch, open, q, tau, tau_std, .. } in sample_log {
+            let stds = tau_std.len();
+            if q.len() != tau.len() || q.len() % n_joints != 0 || (stds != 0 && stds != q.len()) {
                 return Err(inconsistent(format!(
                     "the log of touch {touch} is not n × {n_joints}"
                 )));
             }
             self.tracker.begin_touch();
             for (number, (q, tau)) in q.chunks(n_joints).zip(tau.chunks(n_joints)).enumerate() {
-                let sample = Sample { time_s: None, q: q.to_vec(), tau: tau.to_vec() };
+                let std = tau_std.chunks(n_joints).nth(number).map(<[f64]>::to_vec);
+                let sample = Sample { tau_std: std, ..Sample::new(None, q.to_vec(), tau.to_vec()) };
                 let tracked = self.tracker.feed(&sample)?;
                 learnt = *open && tracked.external.is_some() && !tracked.contacts.is_empty();
                 let frame = FrameId { touch: *touch, sample: number as u32 };
@@ -134,7 +136,10 @@ impl Mapper {
                     let robot = &self.tracker.arm().robot;
                     let (poses, contacts) = (&tracked.poses, &tracked.contacts);
                     let observation = self.observations.build(robot, poses, contacts, external);
-                    found[index] = Some(observation);
+                    found[index] = Some(match tracked.weights() {
+                        Some(weights) => observation.weighted(&weights),
+                        None => observation,
+                    });
                 }
             }
         }

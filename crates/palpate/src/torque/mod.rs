@@ -279,6 +279,30 @@ impl Observation {
         self
     }
 
+    /// The same observation with the torque of each joint counting less: τ_j and the joint's column of every Jacobian,
+    /// times a weight. An estimator that takes σ_j for the noise of a torque so takes σ_j / weight_j for this one's.
+    ///
+    /// # Panics
+    ///
+    /// If there is not one weight for each joint.
+    pub fn weighted(mut self, weights: &[f64]) -> Self {
+        let n = self.n_joints;
+        assert_eq!(weights.len(), n, "one weight a joint");
+        for (tau, weight) in self.stream.iter_mut().zip(weights) {
+            *tau *= weight;
+        }
+        let mut at = n;
+        while at < self.n_measured {
+            let n_contacts = self.stream[at] as usize;
+            let spatial = &mut self.stream[at + 1..at + 1 + 6 * n];
+            for (column, weight) in spatial.chunks_mut(6).zip(weights) {
+                column.iter_mut().for_each(|entry| *entry *= weight);
+            }
+            at += 1 + 6 * n + BLOCK * n_contacts.div_ceil(LANES);
+        }
+        self
+    }
+
     /// τ: the external torque to explain, n_joints, N·m.
     pub fn tau(&self) -> DVectorView<'_, f64> {
         DVectorView::from_slice(&self.stream[..self.n_joints], self.n_joints)

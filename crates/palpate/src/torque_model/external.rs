@@ -235,12 +235,14 @@ impl TorqueModel {
             let (z, unknown) = (motion.friction[j], motion.unknown[j]);
             let inertia = all[j] - at_rest[j] + joint.rotor_inertia * motion.acceleration[j];
             let bias = joint.bias[0] + joint.bias[1] * q.cos() + joint.bias[2] * q.sin();
-            // What the robot takes off by itself holds gravity and inertia, and friction as it knows it.
-            let taken = match config.gravity {
-                Gravity::Included => at_rest[j] + inertia + joint.friction.torque(z, speed),
-                Gravity::Removed => 0.0,
+            external[j] = match config.gravity {
+                Gravity::Included => {
+                    let taken = at_rest[j] + inertia + joint.friction.torque(z, speed);
+                    (sign * tau[j] - bias) / joint.gain + taken
+                }
+                // The robot has taken all of that off, as it knows it.
+                Gravity::Removed => sign * tau[j],
             };
-            external[j] = (sign * tau[j] - bias) / joint.gain + taken;
             factors.push(NoiseFactors {
                 between: unknown.max(1.0 - z.abs()),
                 unknown,

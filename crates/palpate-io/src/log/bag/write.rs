@@ -69,6 +69,21 @@ uint8 datatype
 uint32 count
 ";
 
+const ARRAY: &str = "MultiArrayLayout layout
+float64[] data
+";
+const ARRAY_LAYOUT: &str =
+    "================================================================================
+MSG: std_msgs/MultiArrayLayout
+MultiArrayDimension[] dim
+uint32 data_offset
+================================================================================
+MSG: std_msgs/MultiArrayDimension
+string label
+uint32 size
+uint32 stride
+";
+
 /// A bag, message by message.
 struct Bag<W: Write + Seek> {
     writer: Writer<W>,
@@ -126,8 +141,12 @@ impl<W: Write + Seek> TouchWriter<W> {
     ///
     /// If the beginning cannot be written.
     pub fn new(out: W, joints: Vec<String>, compression: Compression) -> io::Result<Self> {
+        Self::on("/joint_states", out, joints, compression)
+    }
+
+    fn on(topic: &str, out: W, joints: Vec<String>, compression: Compression) -> io::Result<Self> {
         let mut bag = Bag::new(out, compression)?;
-        let samples = bag.channel("/joint_states", "sensor_msgs/msg/JointState", &joint_state())?;
+        let samples = bag.channel(topic, "sensor_msgs/msg/JointState", &joint_state())?;
         let markers = bag.channel(TOUCH_TOPIC, "std_msgs/msg/String", "string data\n")?;
         let (name, shift_ns) = (String::new(), None);
         Ok(Self { bag, joints, samples, markers, latest_ns: 0, shift_ns, name })
@@ -194,6 +213,68 @@ impl<W: Write + Seek> TouchWriter<W> {
                 values.iter().for_each(|&value| out.write_f64(value));
             }
         })
+    }
+}
+
+/// Writes external torques with their standard deviations, one sample after another: [`crate::torques`].
+pub struct TorqueWriter<W: Write + Seek> {
+    torques: TouchWriter<W>,
+    stds: u16,
+    touched: u16,
+}
+
+impl<W: Write + Seek> TorqueWriter<W> {
+    /// A bag for torques of these joints.
+    ///
+    /// # Errors
+    ///
+    /// If the beginning cannot be written.
+    pub fn new(out: W, joints: Vec<String>) -> io::Result<Self> {
+        let topic = "/palpate/external_torque";
+        let mut torques = TouchWriter::on(topic, out, joints, Compression::Zstd)?;
+        let array = [ARRAY, ARRAY_LAYOUT].concat();
+        let kind = "std_msgs/msg/Float64MultiArray";
+        let stds = torques.bag.channel("/palpate/external_torque_std", kind, &array)?;
+        let touched =
+            torques.bag.channel("/palpate/touched", "std_msgs/msg/Bool", "bool data\n")?;
+        Ok(Self { torques, stds, touched })
+    }
+
+    /// Starts a touch.
+    pub fn touch(&mut self, name: &str) {
+        self.torques.touch(name);
+    }
+
+    /// Writes a sample: time, positions and torques; standard deviations; whether something is touched.
+    ///
+    /// # Errors
+    ///
+    /// As [`TouchWriter::sample`].
+    pub fn torque(
+        &mut self,
+        (time_s, q, torque): (Option<f64>, &[f64], &[f64]),
+        std: &[f64],
+        touched: bool,
+    ) -> io::Result<()> {
+        self.torques.sample(&Sample::new(time_s, q.to_vec(), torque.to_vec()))?;
+        let (bag, now_ns) = (&mut self.torques.bag, self.torques.latest_ns);
+        let stds = message(|out| {
+            out.write_sequence_length(0); // dimensions
+            out.write_u32(0); // offset of the data
+            out.write_sequence_length(std.len());
+            std.iter().for_each(|&std| out.write_f64(std));
+        });
+        bag.put(self.stds, now_ns, &stds)?;
+        bag.put(self.touched, now_ns, &message(|out| out.write_bool(touched)))
+    }
+
+    /// Ends the bag.
+    ///
+    /// # Errors
+    ///
+    /// If the end cannot be written.
+    pub fn finish(self) -> io::Result<()> {
+        self.torques.finish()
     }
 }
 

@@ -1,0 +1,236 @@
+//! `palpate torque`: the external torque of every joint with its standard deviation, and when something is touched.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use palpate::{Arm, TorqueModel};
+use palpate_io::torques::{TorqueFormat, TorqueRow, write};
+use palpate_work::torque::{
+    Contact, TorqueSettings, TouchTorques, contacts, side, threshold, torques,
+};
+use palpate_work::touches::Touches;
+use palpate_work::{arm_file, robot};
+use serde_json::json;
+
+use crate::args::number_in;
+use crate::error::CliError;
+use crate::output::{Output, table};
+use crate::place::{self, Places};
+use crate::settings::{RobotAndLogSettings, Settings, TareFrames};
+use crate::{interrupt, logs};
+
+const NOTES: &str = "Examples:
+  palpate torque recordings/ --robot robot.urdf --arm arm.toml -o torques.csv
+  palpate torque push.mcap --robot fr3.urdf --arm arm.toml --free free.mcap --false-alarms 0.1 -o torques.mcap
+  palpate torque push.mcap --robot fr3.urdf --arm arm.toml --wrench-link fr3_hand_tcp -o torques.parquet
+
+Without --arm, of `palpate identify`, masses are the URDF's, friction is not known, and the standard
+deviation is a guess from the effort limits.
+
+Something counts as touched where the largest torque of any joint, over its standard deviation, passes a
+threshold that contact-free motion passes --false-alarms times an hour: that of --free, or what was held
+out in identification.";
+
+/// Flags of `palpate torque`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = NOTES)]
+pub(crate) struct Args {
+    /// Logs
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Where the torques go
+    #[arg(long, short, value_name = "FILE.csv|.parquet|.mcap")]
+    output: Option<PathBuf>,
+    /// Logs in which nothing is touched: how often they pass the threshold sets it
+    #[arg(long, value_name = "LOG")]
+    free: Vec<PathBuf>,
+    /// False alarms an hour [default: 1]
+    #[arg(long, value_name = "PER_HOUR", value_parser = number_in(1e-6..=3600.0, "a number of alarms an hour above 0, 3600 at most"))]
+    false_alarms: Option<f64>,
+    /// Low-pass of the first order for the torques, Hz [default: none]
+    #[arg(long, value_name = "HZ", value_parser = number_in(1e-3..=1e5, "a frequency from 0.001 to 100000 Hz"))]
+    bandwidth_hz: Option<f64>,
+    /// Use only what is known at each sample's time, as `palpate live` does
+    #[arg(long)]
+    causal: bool,
+    /// Link at whose origin the force and moment are told that explain the torques best, in base axes
+    #[arg(long, value_name = "LINK")]
+    wrench_link: Option<String>,
+    /// Print contacts and noise as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    settings: RobotAndLogSettings,
+}
+
+/// Computes and tells.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let mut settings = args.settings.load()?;
+    let mut places = Places::read(&args.settings, &settings, &args.logs);
+    places.input("the arm (--arm)", settings.robot.arm.as_deref());
+    places.output("the torques (--output)", args.output.as_deref())?;
+    let format = |path: &PathBuf| {
+        let formats = [
+            ("csv", TorqueFormat::Csv),
+            ("parquet", TorqueFormat::Parquet),
+            ("mcap", TorqueFormat::Mcap),
+        ];
+        place::format_of(path, "file of torques", &formats)
+    };
+    let format = args.output.as_ref().map(format).transpose()?;
+    interrupt::listen();
+    let opened = Opened::of(&args.logs, &mut settings, args.causal, output)?;
+    let (arm, model) = (Arc::clone(&opened.arm), opened.model.clone());
+    let wrench_link = match &args.wrench_link {
+        Some(name) => Some(arm.robot.link_id(name).ok_or_else(|| {
+            CliError::Usage(format!("the robot has no link `{name}` (--wrench-link)"))
+        })?),
+        None => None,
+    };
+    let tare_frames = match settings.touch.tare_frames {
+        Some(TareFrames::First(frames)) => frames as usize,
+        _ => 0,
+    };
+    let how = TorqueSettings { bandwidth_hz: args.bandwidth_hz, tare_frames, wrench_link };
+    let found = opened.read(&settings, &how, output)?;
+    let free = if args.free.is_empty() {
+        None
+    } else {
+        let mut settings = args.settings.load()?;
+        let opened = Opened::of(&args.free, &mut settings, args.causal, output)?;
+        Some(opened.read(&settings, &how, output)?)
+    };
+    let per_hour = args.false_alarms.unwrap_or(1.0);
+    let (threshold, from) = threshold(&model, free.as_deref(), per_hour)?;
+    let contacts = contacts(&found, threshold);
+
+    let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
+    if let (Some(path), Some(format)) = (&args.output, format) {
+        write(path, format, &joints, &rows(&found, threshold)).map_err(CliError::file)?;
+    }
+    if args.json {
+        let rms = |of: &dyn Fn(&TouchTorques) -> Vec<f64>| found.iter().map(of).collect::<Vec<_>>();
+        return output.json(&json!({
+            "threshold": threshold, "threshold_from": from, "false_alarms_per_hour": per_hour,
+            "contacts": contacts, "joints": joints,
+            "touches": found.iter().map(|touch| &touch.name).collect::<Vec<_>>(),
+            "rms_n_m": rms(&|touch| root_mean_square(touch, |frame| frame.external.torque.as_slice())),
+            "std_n_m": rms(&|touch| root_mean_square(touch, |frame| frame.external.std.as_slice())),
+        }));
+    }
+    output.result(&text(&found, &joints, &contacts, (threshold, from, per_hour)))?;
+    match &args.output {
+        Some(path) => output.result(&format!("The torques are in `{}`.\n", path.display())),
+        None => Ok(()),
+    }
+}
+
+/// Logs with their arm, their torques external ones.
+struct Opened {
+    touches: Touches,
+    arm: Arc<Arm>,
+    model: TorqueModel,
+}
+
+impl Opened {
+    fn of(
+        paths: &[PathBuf],
+        settings: &mut Settings,
+        causal: bool,
+        output: &Output,
+    ) -> Result<Self, CliError> {
+        let mut touches = Touches::open(paths, &settings.log.options())?;
+        let arm = robot::load(&settings.robot, output)?;
+        let arm = touches.arm_of_logs(arm, &mut settings.robot, output)?;
+        settings.log.check_for(&arm.robot)?;
+        let model = match &settings.robot.arm {
+            Some(path) => arm_file::read(path, &arm.robot)?,
+            None => {
+                output.note(
+                    "no --arm: friction is not known, and the standard deviation is a guess; `palpate identify` \
+                     finds both from free motion",
+                );
+                TorqueModel::of_urdf(&arm.robot)
+            }
+        };
+        touches.conventions(&arm, &mut settings.touch, logs::IfUndecided::Refuse, output)?;
+        touches.identified(&arm, model.clone(), side(causal), &mut settings.touch);
+        Ok(Self { touches, arm, model })
+    }
+
+    fn read(
+        self,
+        settings: &Settings,
+        how: &TorqueSettings,
+        output: &Output,
+    ) -> Result<Vec<TouchTorques>, CliError> {
+        let config = settings.config()?;
+        let place = (config.lattice, config.contact);
+        let mut touches = self.touches.for_arm(&self.arm, &settings.log, place)?;
+        let recorded = touches.read(None)?;
+        touches.tell_warnings(output);
+        Ok(torques(&self.arm, &recorded, how)?)
+    }
+}
+
+fn rows(found: &[TouchTorques], threshold: f64) -> Vec<TorqueRow<'_>> {
+    let rows = found.iter().flat_map(|touch| {
+        touch.frames.iter().map(move |frame| TorqueRow {
+            touch: &touch.name,
+            time_s: frame.time_s,
+            q: &frame.q,
+            torque: frame.external.torque.as_slice(),
+            std: frame.external.std.as_slice(),
+            statistic: frame.statistic,
+            touched: frame.statistic > threshold,
+            wrench: frame.wrench.map(|wrench| wrench.into()),
+        })
+    });
+    rows.collect()
+}
+
+/// By joint, N·m.
+fn root_mean_square(
+    touch: &TouchTorques,
+    of: fn(&palpate_work::torque::TorqueFrame) -> &[f64],
+) -> Vec<f64> {
+    let n = touch.frames.first().map_or(0, |frame| of(frame).len());
+    let count = touch.frames.len().max(1) as f64;
+    let mean =
+        |j: usize| touch.frames.iter().map(|frame| of(frame)[j].powi(2)).sum::<f64>() / count;
+    (0..n).map(|j| mean(j).sqrt()).collect()
+}
+
+fn text(
+    found: &[TouchTorques],
+    joints: &[String],
+    contacts: &[Contact],
+    (threshold, from, per_hour): (f64, &str, f64),
+) -> String {
+    let mut head = vec!["touch", "samples"];
+    head.extend(joints.iter().map(String::as_str));
+    let rows = found.iter().map(|touch| {
+        let torque = root_mean_square(touch, |frame| frame.external.torque.as_slice());
+        let std = root_mean_square(touch, |frame| frame.external.std.as_slice());
+        let each = torque.iter().zip(std).map(|(torque, std)| format!("{torque:.2} ({std:.2})"));
+        [touch.name.clone(), touch.frames.len().to_string()].into_iter().chain(each).collect()
+    });
+    let mut text =
+        "External torque, root mean square, N·m (in brackets: its standard deviation)\n\n"
+            .to_owned();
+    text += &table(&head, rows);
+    text += &format!(
+        "\nTouched: above {threshold:.1} standard deviations, {per_hour} false alarms an hour by {from}.\n"
+    );
+    if contacts.is_empty() {
+        return text + "Nothing was touched.\n";
+    }
+    let rows = contacts.iter().map(|contact| {
+        let [from, to] = contact.time_s.unwrap_or(contact.samples.map(|sample| sample as f64));
+        let largest = format!("{:.2}", contact.largest_n_m);
+        vec![contact.touch.clone(), format!("{from:.2}"), format!("{to:.2}"), largest]
+    });
+    let unit = if contacts[0].time_s.is_some() { "s" } else { "sample" };
+    let (from, to) = (format!("from {unit}"), format!("to {unit}"));
+    text + "\n" + &table(&["touched in", &from, &to, "largest N·m"], rows)
+}

@@ -1,0 +1,220 @@
+//! External torques of logs, sample by sample, with their standard deviations, and when something is touched.
+
+use std::path::PathBuf;
+
+use nalgebra::{DMatrix, DVector, Vector6};
+use palpate::unstable::{LinkId, Poses, Side};
+use palpate::{Alarm, Arm, Detector, ExternalTorque, Robot, TorqueModel, TrackerError};
+use serde::Serialize;
+
+use crate::error::WorkError;
+use crate::touches::RecordedTouch;
+
+/// Standard deviations from which on something counts as touched where no contact-free motion says it.
+const USUAL_THRESHOLD: f64 = 6.0;
+
+/// How far apart two contacts are at least.
+const APART_S: f64 = 0.25;
+const APART_SAMPLES: usize = 10;
+
+/// What to do with the torques.
+#[derive(Debug, Clone, Copy)]
+pub struct TorqueSettings {
+    /// First-order low-pass of the external torques, Hz.
+    pub bandwidth_hz: Option<f64>,
+    /// Samples at the start of each touch whose mean is taken off.
+    pub tare_frames: usize,
+    /// Link at whose origin the wrench is told.
+    pub wrench_link: Option<LinkId>,
+}
+
+/// External torques of a touch.
+#[derive(Debug, Clone)]
+pub struct TouchTorques {
+    /// The log that it is in.
+    pub log: PathBuf,
+    /// Its name.
+    pub name: String,
+    /// Sample by sample.
+    pub frames: Vec<TorqueFrame>,
+}
+
+/// External torque at a sample.
+#[derive(Debug, Clone)]
+pub struct TorqueFrame {
+    /// By the log's clock, s.
+    pub time_s: Option<f64>,
+    /// Joint positions, n_joints, rad or m.
+    pub q: Vec<f64>,
+    /// With its standard deviation, n_joints, N·m.
+    pub external: ExternalTorque,
+    /// The largest |torque| over its standard deviation.
+    pub statistic: f64,
+    /// Force, N, and moment, N·m, at the origin of a link in the robot's base axes, that explain the torque best.
+    pub wrench: Option<Vector6<f64>>,
+}
+
+/// A stretch of time in which something is touched.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Contact {
+    /// The touch of the log.
+    pub touch: String,
+    /// First and last sample.
+    pub samples: [usize; 2],
+    /// Their times, s.
+    pub time_s: Option<[f64; 2]>,
+    /// The largest torque of all joints in it, norm, N·m.
+    pub largest_n_m: f64,
+}
+
+/// External torques of touches whose samples hold external torques with standard deviations
+/// (`Touches::identified`).
+///
+/// # Errors
+///
+/// If a sample does not fit the robot.
+pub fn torques(
+    arm: &Arm,
+    touches: &[RecordedTouch],
+    settings: &TorqueSettings,
+) -> Result<Vec<TouchTorques>, WorkError> {
+    let of_touch = |touch: &RecordedTouch| {
+        let n = arm.robot.n_joints();
+        let first = &touch.samples[..settings.tare_frames.min(touch.samples.len())];
+        let mut tare = DVector::zeros(n);
+        for sample in first {
+            tare += DVector::from_column_slice(&sample.tau) / first.len() as f64;
+        }
+        let mut slow: Option<(DVector<f64>, Option<f64>)> = None;
+        let frames = touch.samples.iter().enumerate().map(|(number, sample)| {
+            let fault = |error: TrackerError| {
+                touch.fault(
+                    format!("touch `{}`, sample {number} (from 0)", touch.name),
+                    error.into(),
+                )
+            };
+            let raw = DVector::from_column_slice(&sample.tau) - &tare;
+            let torque = match (&slow, settings.bandwidth_hz) {
+                (Some((last, then)), Some(bandwidth_hz)) => {
+                    let passed_s = sample.time_s.zip(*then).map_or(0.0, |(now, then)| now - then);
+                    let part =
+                        1.0 - (-std::f64::consts::TAU * bandwidth_hz * passed_s.max(0.0)).exp();
+                    last + part * (raw - last)
+                }
+                _ => raw,
+            };
+            slow = Some((torque.clone(), sample.time_s));
+            let std =
+                DVector::from_vec(sample.tau_std.clone().unwrap_or_else(|| vec![f64::NAN; n]));
+            let external = ExternalTorque { torque, std };
+            let wrench = match settings.wrench_link {
+                Some(link) => {
+                    let poses = arm.robot.forward(&sample.q).map_err(TrackerError::from);
+                    Some(wrench(&arm.robot, &poses.map_err(fault)?, link, &external))
+                }
+                None => None,
+            };
+            let statistic = Detector::statistic(&external);
+            Ok(TorqueFrame {
+                time_s: sample.time_s,
+                q: sample.q.clone(),
+                external,
+                statistic,
+                wrench,
+            })
+        });
+        let frames = frames.collect::<Result<_, WorkError>>()?;
+        Ok(TouchTorques { log: touch.log.clone(), name: touch.name.clone(), frames })
+    };
+    touches.iter().map(of_touch).collect()
+}
+
+/// The wrench at a link's origin that explains torques best, each weighed by its standard deviation; what no torque
+/// tells of it is zero.
+fn wrench(robot: &Robot, poses: &Poses, link: LinkId, external: &ExternalTorque) -> Vector6<f64> {
+    let origin = poses.world_from_link[link.index()].translation.vector;
+    let spatial = robot.spatial_jacobian(poses, link);
+    let mut at_link: DMatrix<f64> = DMatrix::zeros(6, spatial.ncols());
+    for (j, column) in spatial.column_iter().enumerate() {
+        let angular = column.fixed_rows::<3>(3).into_owned();
+        let linear = column.fixed_rows::<3>(0) + angular.cross(&origin);
+        at_link.fixed_view_mut::<3, 1>(0, j).copy_from(&linear);
+        at_link.fixed_view_mut::<3, 1>(3, j).copy_from(&angular);
+    }
+    let weights = external.std.map(|std| 1.0 / std);
+    let weighted = DMatrix::from_diagonal(&weights) * at_link.transpose();
+    let torque = external.torque.component_mul(&weights);
+    let decomposed = weighted.svd(true, true);
+    let smallest = 1e-3 * decomposed.singular_values.max();
+    let found = decomposed.solve(&torque, smallest).unwrap_or_else(|_| DVector::zeros(6));
+    Vector6::from_column_slice(found.as_slice())
+}
+
+/// The threshold that contact-free motion passes so many times an hour, and what says it.
+pub fn threshold(
+    model: &TorqueModel,
+    free: Option<&[TouchTorques]>,
+    false_alarms_per_hour: f64,
+) -> Result<(f64, &'static str), WorkError> {
+    let Some(free) = free else {
+        return Ok(match &model.alarm {
+            Some(alarm) => {
+                (alarm.threshold(false_alarms_per_hour), "motion held out in identification")
+            }
+            None => (USUAL_THRESHOLD, "nothing: it is a guess; give contact-free logs as --free"),
+        });
+    };
+    let timed = |touch: &TouchTorques| -> Vec<(f64, f64)> {
+        touch.frames.iter().filter_map(|frame| Some((frame.time_s?, frame.statistic))).collect()
+    };
+    let alarm = Alarm::of(&free.iter().map(timed).collect::<Vec<_>>()).ok_or_else(|| {
+        WorkError::Usage(
+            "the contact-free logs (--free) last less than 5 s by their clock: too short to tell how often \
+             they pass a threshold"
+                .to_owned(),
+        )
+    })?;
+    Ok((alarm.threshold(false_alarms_per_hour), "the contact-free logs"))
+}
+
+/// Stretches of time in which the threshold is passed; those that are less than 0.25 s (or samples without a time 10)
+/// apart are one.
+pub fn contacts(touches: &[TouchTorques], threshold: f64) -> Vec<Contact> {
+    let mut contacts: Vec<Contact> = Vec::new();
+    for touch in touches {
+        let before = contacts.len();
+        for (sample, frame) in touch.frames.iter().enumerate() {
+            if frame.statistic <= threshold {
+                continue;
+            }
+            let largest_n_m = frame.external.torque.norm();
+            let last = contacts[before..].last_mut().filter(|last| {
+                let then = touch.frames[last.samples[1]].time_s;
+                match then.zip(frame.time_s) {
+                    Some((then, now)) => now - then < APART_S,
+                    None => sample - last.samples[1] < APART_SAMPLES,
+                }
+            });
+            let time_s = frame.time_s;
+            match last {
+                Some(last) => {
+                    last.samples[1] = sample;
+                    last.time_s = last.time_s.zip(time_s).map(|([from, _], to)| [from, to]);
+                    last.largest_n_m = last.largest_n_m.max(largest_n_m);
+                }
+                None => contacts.push(Contact {
+                    touch: touch.name.clone(),
+                    samples: [sample, sample],
+                    time_s: time_s.map(|time_s| [time_s, time_s]),
+                    largest_n_m,
+                }),
+            }
+        }
+    }
+    contacts
+}
+
+/// Whether the time from the last sample is causal or not.
+pub fn side(causal: bool) -> Side {
+    if causal { Side::Before } else { Side::Around }
+}
