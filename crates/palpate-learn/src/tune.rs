@@ -50,6 +50,8 @@ const PRIOR_STDS: [f64; 5] = [0.5, 1.0, 1.5, 2.0, 4.0];
 const TORQUE_STDS: [f64; 3] = [0.7, 1.0, 1.4];
 const REPLAYS: [u32; 3] = [10, 20, 40];
 
+/// A mean relative error of held-out touches beyond which they tell nothing of each other.
+pub const NOTHING_TOLD: f64 = 0.95;
 /// Frames of all touches together that a candidate learns and predicts, about.
 const FRAMES: usize = 1_200;
 const QUICK_FRAMES: usize = 300;
@@ -239,7 +241,28 @@ impl Tuner {
             trials[..left].sort_by(|a, b| a.scores[round].total_cmp(&b.scores[round]));
             left = [left.div_ceil(3), left.div_ceil(3), 1][round];
         }
-        Ok(Tuned { config: trials[0].config.clone(), trials })
+        let mut config = trials[0].config.clone();
+        let score = trials[0].scores.last().copied().unwrap_or_default();
+        if score > NOTHING_TOLD
+            && !self.search.given.torque_std
+            && config.method == EstimatorKind::Map
+        {
+            config.estimator.torque_std = self.all_noise(train);
+        }
+        Ok(Tuned { config, trials })
+    }
+
+    /// Torque noise where touches tell nothing of each other: all of their torque is noise, which the frames of a touch
+    /// share, so that a touch counts as one measurement; n_joints, N·m.
+    fn all_noise(&self, train: &[usize]) -> Vec<f64> {
+        let tracked = &self.tracked[0].1;
+        let frames = || train.iter().flat_map(|&touch| tracked.touches[touch].in_contact());
+        let count = (frames().count() * self.every).max(1) as f64;
+        let per_touch = (count / train.len().max(1) as f64).max(1.0);
+        let square =
+            |j: usize| frames().map(|frame| frame.observation.tau()[j].powi(2)).sum::<f64>();
+        let mean = |j: usize| square(j) * self.every as f64 / count;
+        (0..tracked.n_joints).map(|j| (mean(j) * per_touch).sqrt().max(0.2)).collect()
     }
 
     /// The candidates with the sensors' noise as a floor, as it is seen where the training touches
