@@ -139,6 +139,12 @@ RECEIVED = {
     "rt/palpate/guard": DiagnosticArray,
     "rt/diagnostics": DiagnosticArray,
 }
+# Beside an arm that was identified, which maps nothing.
+IDENTIFIED = {
+    "rt/palpate/torque_external": JointState,
+    "rt/palpate/torque_std": JointState,
+    "rt/palpate/touched": Bool,
+}
 
 
 def frames(folder, still):
@@ -166,13 +172,14 @@ def wait_until(condition, deadline_s=DEADLINE_S):
 class Receiver(threading.Thread):
     """Reads all that palpate publishes."""
 
-    def __init__(self, participant, limit):
+    def __init__(self, participant, limit, kinds=RECEIVED):
         super().__init__(daemon=True)
+        self.kinds = kinds
         self.readers = {
             name: DataReader(participant, Topic(participant, name, kind), RELIABLE)
-            for name, kind in RECEIVED.items()
+            for name, kind in kinds.items()
         }
-        self.counts = dict.fromkeys(RECEIVED, 0)
+        self.counts = dict.fromkeys(kinds, 0)
         self.latencies_ms, self.last = [], {}
         self.limit, self.passed_ns = limit, {"predicted": [], "external": []}
         self.going = True
@@ -181,7 +188,7 @@ class Receiver(threading.Thread):
         while self.going:
             for name, reader in self.readers.items():
                 for message in reader.take(N=500):
-                    if not isinstance(message, RECEIVED[name]):
+                    if not isinstance(message, self.kinds[name]):
                         continue  # a writer that left
                     self.receive(name, message)
             time.sleep(0.0005)
@@ -192,7 +199,8 @@ class Receiver(threading.Thread):
 
     def both_torques(self):
         """Whether as many predicted as external torques have come: a sample has one of each."""
-        return self.counts["rt/palpate/torque_predicted"] == self.counts["rt/palpate/torque_external"]
+        other = "rt/palpate/torque_std" if self.kinds is IDENTIFIED else "rt/palpate/torque_predicted"
+        return self.counts[other] == self.counts["rt/palpate/torque_external"]
 
     def receive(self, name, message):
         self.counts[name] += 1
@@ -349,6 +357,7 @@ def arguments():
     )
     parser.add_argument("--break", dest="broken", default="", help="what is wrong: see `spoil`")
     parser.add_argument("--guard", type=float, help="a limit, N·m, to time the flag against")
+    parser.add_argument("--identified", action="store_true", help="the arm was identified: see IDENTIFIED")
     parser.add_argument("--another-type", action="store_true", help="publish only that, on the same topic")
     parser.add_argument("--tare", action="store_true", help="call the service, and play on until it answers")
     return parser.parse_args()
@@ -360,7 +369,7 @@ def main():
         play_another_type(args.domain)
     flag = Flag(args.domain)
     participant = DomainParticipant(args.domain)
-    receiver = Receiver(participant, args.guard)
+    receiver = Receiver(participant, args.guard, IDENTIFIED if args.identified else RECEIVED)
     receiver.start()
     tare = Tare(participant) if args.tare else None
     if tare:

@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
 """Logs of a simulated arm in free motion with known faults, to judge `palpate identify` by.
 
-    scripts/simulated_arm_logs.py OUT --seed 1 --draws 20 [--contact 4] [--without friction delay ...]
+    scripts/simulated_arm_logs.py OUT --seed 1 --draws 20 [--motion-seed 2] [--contact 4] [--without friction ...]
     scripts/simulated_arm_logs.py score OUT --command "target/release/palpate identify"
 
 The first form writes OUT/draw_000/log/seq_000/{angles,torques,time}.npy (T x n rad, T x n N·m, T s), some motions
 a draw, and everything injected into OUT/draw_000/truth.json, in the keys of the command's JSON. The torques come
 from MuJoCo's inverse dynamics, which share no code with palpate. Injected are a payload, errors of the URDF's
 masses, friction, bias and drift, a delay of the torques, gains of the drives, and noise. One seed gives the same
-motions and faults whatever is left out, with contact or without. --contact pushes the last link; the true external
-torques (environment on robot, N·m, without delay) and the times of contact are then in OUT/draw_000/truth/.
+motions and faults whatever is left out, with contact or without; --motion-seed gives other motions of the same arms.
+--contact pushes the last link; the true external torques (environment on robot, N·m, without delay) and the times of
+contact are then in OUT/draw_000/truth/.
 
 With --torque-sign plus the torques are those that gravity and the environment exert, as in palpate's data sets:
 
@@ -235,8 +236,11 @@ def external(arm, q, t, pushes):
 
 
 def write_draw(folder, number, args):
-    stream = lambda *purpose: np.random.default_rng([args.seed, number, *purpose])
-    faults = draw_faults(stream(0), Arm(args.robot), args)
+    seed = args.seed if args.motion_seed is None else args.motion_seed
+    stream = lambda *purpose: np.random.default_rng([seed, number, *purpose])
+    faults = draw_faults(np.random.default_rng([args.seed, number, 0]), Arm(args.robot), args)
+    of_motions = draw_faults(stream(0), Arm(args.robot), args)
+    faults |= {fault: of_motions[fault] for fault in ("offset", "drift", "noise")}
     link = Arm(args.robot).link
     arm = Arm(args.robot, faults["links"], (link, faults["mass_kg"], faults["centre_m"]))
     drawn = []
@@ -369,8 +373,9 @@ def main():
         return score(parser.parse_args())
     number = lambda name, default, what: parser.add_argument(name, type=type(default), default=default, help=what)
     number("--seed", 0, "of everything")
+    parser.add_argument("--motion-seed", type=int, help="of motions, pushes, and faults of single motions (as --seed)")
     number("--draws", 20, "number of fault sets")
-    number("--motions", 3, "motions of a draw")
+    number("--motions", 3, "motions of a draw; another number gives other arms, too")
     number("--seconds", 20.0, "length of a motion")
     number("--rate-hz", 100.0, "samples a second")
     parser.add_argument("--noise-n-m", type=float, nargs=2, default=[0.05, 0.1], metavar=("LOW", "HIGH"),

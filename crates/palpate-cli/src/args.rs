@@ -9,8 +9,8 @@ use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::AllSettings;
 use crate::{
-    bench, convert, demo, evaluate, extrapolate, identify, inspect, live, map, predict, study,
-    torque, tune, view,
+    bench, convert, demo, evaluate, excite, extrapolate, identify, inspect, live, map, predict,
+    study, torque, tune, view,
 };
 
 /// Learns where an object is stiff from the joint torques of a robot arm that touches it.
@@ -51,6 +51,8 @@ pub(crate) enum Command {
     Extrapolate(extrapolate::Args),
     /// Map and predict bundled, simulated touches: a first look, without any data of your own
     Demo(demo::Args),
+    /// Write a motion from which `palpate identify` tells an arm's masses and friction
+    Excite(excite::Args),
     /// Find payload, friction, bias and delay of an arm from logs of it in free motion
     Identify(identify::Args),
     /// External torques with standard deviations, and when something is touched

@@ -176,8 +176,7 @@ fn text(found: &Identified) -> String {
             row("gravity of the URDF", &held_out.gravity, gravity),
             row("inverse dynamics of the URDF", &held_out.urdf, urdf),
             row("the identified arm", &held_out.identified, identified),
-        ]
-        .into_iter(),
+        ],
     )
 }
 

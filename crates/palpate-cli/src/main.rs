@@ -14,6 +14,7 @@ mod error;
 mod evaluate;
 #[cfg(test)]
 mod example;
+mod excite;
 mod extrapolate;
 mod extrapolation_view;
 mod hull;
@@ -77,6 +78,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
         Command::Study(args) => study::run(args, output),
         Command::Extrapolate(args) => extrapolate::run(args, output),
         Command::Demo(args) => demo::run(args, output),
+        Command::Excite(args) => excite::run(args, output),
         Command::Identify(args) => identify::run(args, output),
         Command::Torque(args) => torque::run(args, output),
         Command::Inspect(args) => inspect::run(args, output),

@@ -5,9 +5,7 @@ use std::sync::Arc;
 
 use palpate::{Arm, TorqueModel};
 use palpate_io::torques::{TorqueFormat, TorqueRow, write};
-use palpate_work::torque::{
-    Contact, TorqueSettings, TouchTorques, contacts, side, threshold, torques,
-};
+use palpate_work::torque::{Contact, TorqueSettings, TouchTorques, contacts, threshold, torques};
 use palpate_work::touches::Touches;
 use palpate_work::{arm_file, robot};
 use serde_json::json;
@@ -154,7 +152,8 @@ impl Opened {
             }
         };
         touches.conventions(&arm, &mut settings.touch, logs::IfUndecided::Refuse, output)?;
-        touches.identified(&arm, model.clone(), side(causal), &mut settings.touch);
+        touches.identified(&arm, model.clone(), causal, &mut settings.touch);
+        let model = if causal { model.causal() } else { model };
         Ok(Self { touches, arm, model })
     }
 
@@ -169,7 +168,7 @@ impl Opened {
         let mut touches = self.touches.for_arm(&self.arm, &settings.log, place)?;
         let recorded = touches.read(None)?;
         touches.tell_warnings(output);
-        Ok(torques(&self.arm, &recorded, how)?)
+        torques(&self.arm, &recorded, how)
     }
 }
 

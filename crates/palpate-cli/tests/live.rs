@@ -18,8 +18,10 @@ use std::time::{Duration, Instant, SystemTime};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use common::{interrupt, names, palpate, refuse, signal, succeed, wait_until};
+use palpate::{Robot, TorqueModel};
 use palpate_io::field::load;
 use palpate_io::log::{self, LogEvent, LogOptions};
+use palpate_work::arm_file;
 use serde_json::Value;
 
 /// A DDS domain that no other test uses, in this process or another, and no other program.
@@ -74,13 +76,13 @@ impl Live {
 
     fn start_in(folder: tempfile::TempDir, domain: &Domain, arguments: &[&str]) -> Self {
         let lines = fs::File::create(folder.path().join("lines.json")).unwrap();
+        let output = ["--output".into(), folder.path().join("field.npz").into_os_string()];
         let child = palpate()
             .args(["live", "--localhost", "--domain", &domain.number.to_string(), "--json-lines"])
             // Samples wait on a busy machine; none is dropped.
             .args(["--queue", "1000000"])
             .args(arguments)
-            .arg("--output")
-            .arg(folder.path().join("field.npz"))
+            .args(if arguments.contains(&"--no-map") { &[][..] } else { &output })
             .stdout(lines)
             .stderr(Stdio::null())
             .spawn()
@@ -198,6 +200,33 @@ fn needs_cyclonedds_every_topic_is_received_and_no_sample_is_lost() {
     assert!(robot["points"]["rt/palpate/field"].as_u64() > Some(0), "{robot}");
     let report = succeed(palpate().arg("inspect").arg(live.path("field.npz")).arg("--json"));
     assert!(report.contains("kinova_gen3"), "{report}");
+}
+
+#[test]
+fn needs_cyclonedds_an_identified_arm_publishes_how_sure_its_torques_are_with_a_map_and_without() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, robot_of_file) = (folder.path().join("arm.toml"), "kinova_gen3");
+    let model = TorqueModel::of_urdf(&Robot::built_in(robot_of_file).unwrap());
+    let text = arm_file::text(&Robot::built_in(robot_of_file).unwrap(), &model, "");
+    fs::write(&path, text).unwrap();
+    let arm = ["--arm", path.to_str().unwrap()];
+    for (more, is_mapped) in [(&[][..], true), (&["--no-map"], false)] {
+        let domain = Domain::take();
+        let mut live = Live::start(&domain, &[&arm, more].concat());
+        let arguments = ["--rate", "100", "--seconds", "6", "--until-received", "--identified"];
+        let robot = result(&mut robot(&domain, &arguments));
+        live.wait_for_figures("all samples", |figures| figures["mapped"] == robot["sent"]);
+        let received = |topic: &str| robot["received"][format!("rt/palpate/{topic}")].as_u64();
+        assert!(received("torque_std") > Some(0), "{robot}");
+        assert_eq!(received("torque_std"), received("touched"), "{robot}");
+        live.end();
+        let lines = live.lines();
+        let mut lines = lines.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+        let touches = lines.any(|line| line["contacts"].as_u64() > Some(0));
+        assert_eq!(touches, is_mapped, "{}", live.lines());
+    }
+    let arguments = ["live", "--guard", "5", "--localhost", "--arm", arm[1]];
+    refuse(palpate().args(arguments), 2, &["leave out --guard"]);
 }
 
 #[test]

@@ -25,6 +25,9 @@ pub enum LearnError {
     Estimator(#[from] EstimatorError),
     #[error(transparent)]
     Regression(#[from] RegressionError),
+    /// A motion that cannot be.
+    #[error("{0}")]
+    Excite(String),
     /// Asked to stop.
     #[error("stopped")]
     Stopped,

@@ -12,6 +12,7 @@
 //! | [`mod@study`]       | settings over several objects                                   |
 //! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
 //! | [`mod@errors`]      | the four figures of Table I                                     |
+//! | [`mod@excite`]      | a motion that tells an arm's masses and friction                |
 //! | [`mod@identify`]    | payload, friction, bias and delay of an arm in free motion      |
 //!
 //! The crate knows the estimators of the core, but no file.
@@ -23,6 +24,7 @@ mod error;
 pub mod errors;
 pub mod evaluate;
 pub mod evaluation;
+pub mod excite;
 pub mod extrapolate;
 pub mod folds;
 pub mod identify;

@@ -139,15 +139,19 @@ impl<'a> Mapping<'a> {
         }
         self.header.stamp = state.header.stamp;
         let started = Instant::now();
-        let mut outcome = self.session.take(&read.sample);
+        let sample = match self.session.external(read.sample) {
+            Ok(sample) => sample,
+            Err(error) => return self.refuse("not followed", &error.to_string()),
+        };
+        let mut outcome = self.session.take(&sample);
         self.tally.step(&outcome, started.elapsed());
         self.shared.wake_for_flag();
         if let Some(view) = &mut self.view {
             let (state, mapper) = (self.session.state(), self.session.mapper());
-            view.sample((&read.sample, at), (&outcome, state, mapper));
+            view.sample((&sample, at), (&outcome, state, mapper));
         }
         let mapped = Mapped {
-            sample: read.sample,
+            sample,
             contacts: outcome.contacts,
             state: self.session.state(),
             begins: outcome.begins,
@@ -171,6 +175,7 @@ impl<'a> Mapping<'a> {
                 came,
                 external_n_m: external.data.into(),
                 predicted_n_m: predicted.data.into(),
+                std: outcome.std,
             });
         }
         if let Some(fault) = outcome.fault

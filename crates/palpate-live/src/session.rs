@@ -12,7 +12,8 @@
 use nalgebra::DVector;
 use palpate::unstable::{PauseConfig, PauseDetector};
 use palpate::{
-    Mapper, MapperError, ReplayPolicy, Sample, SettingError, StepReport, Tare, TrackerError,
+    Detector, ExternalTorque, Mapper, MapperError, ReplayPolicy, Sample, SettingError, StepReport,
+    Tare, TorqueStream, TrackerError,
 };
 use serde::{Deserialize, Serialize};
 
@@ -57,6 +58,9 @@ pub struct StepOutcome {
     /// The samples of the pause that this touch begins with, the last one among them; empty if none begins,
     /// or without a pause.
     pub tare: Vec<Sample>,
+    /// Standard deviation of the external torque, n_joints, N·m, and whether something is touched, of an arm that was
+    /// identified.
+    pub std: Option<(Vec<f64>, bool)>,
     /// Why it, or the touch that it belongs to, could not be followed.
     pub fault: Option<String>,
 }
@@ -71,6 +75,15 @@ pub struct Session {
     /// The sample before.
     last: Option<Sample>,
     guard: Option<Guard>,
+    identified: Option<Identified>,
+}
+
+/// An arm that was identified.
+struct Identified {
+    torques: TorqueStream,
+    detector: Detector,
+    /// Whether external torques are all that is wanted.
+    alone: bool,
 }
 
 impl Session {
@@ -97,12 +110,43 @@ impl Session {
             let none = DVector::zeros(mapper.arm().robot.n_joints());
             guard.tare(&none).expect("nothing is no load");
         }
-        Ok(Self { mapper, pauses, no_pauses, state, last: None, guard })
+        Ok(Self { mapper, pauses, no_pauses, state, last: None, guard, identified: None })
+    }
+
+    /// The same session of an arm that was identified: its samples hold external torques with a standard deviation
+    /// ([`Session::external`]), by which contacts are told. With `alone`, nothing is mapped.
+    #[must_use]
+    pub fn identified(mut self, torques: TorqueStream, detector: Detector, alone: bool) -> Self {
+        self.identified = Some(Identified { torques, detector, alone });
+        self
+    }
+
+    /// What a sample of the robot is to [`Session::take`]: with its external torque, if the arm was identified.
+    ///
+    /// # Errors
+    ///
+    /// If the sample does not fit the robot, or holds a value that is no number.
+    pub fn external(&mut self, sample: Sample) -> Result<Sample, TrackerError> {
+        match &mut self.identified {
+            Some(identified) => identified.torques.external(&sample),
+            None => Ok(sample),
+        }
     }
 
     /// Takes the next sample of the robot.
     pub fn take(&mut self, sample: &Sample) -> StepOutcome {
         let mut outcome = StepOutcome::default();
+        if let (Some(identified), Some(std)) = (&self.identified, &sample.tau_std) {
+            let torque = DVector::from_column_slice(&sample.tau);
+            let external = ExternalTorque { torque, std: DVector::from_column_slice(std) };
+            outcome.std = Some((std.clone(), identified.detector.is_touched(&external)));
+            if identified.alone {
+                self.state = State::Mapping;
+                let nothing = DVector::zeros(external.torque.len());
+                outcome.torques = Some((external.torque, nothing));
+                return outcome;
+            }
+        }
         if self.has_jumped(sample) {
             self.begin(&[], &mut outcome);
             self.pauses.begun();

@@ -34,7 +34,8 @@ fn read(
     (truth, progress): (bool, &dyn Progress),
 ) -> Result<(Vec<RecordedTouch>, Vec<Touch>), WorkError> {
     let mut touches = opened(sources, &settings.log)?;
-    touches.conventions(arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
+    let torques = (&settings.robot.clone(), &mut settings.touch);
+    touches.external(arm, torques, IfUndecided::Refuse, progress)?;
     evaluation::read(touches, (arm, settings), truth, progress)
 }
 
@@ -73,6 +74,7 @@ pub(crate) fn evaluate<'py>(
 ) -> Result<Bound<'py, PyAny>> {
     let mut settings = settings::read(settings, sections)?;
     let robot = robot::given(py, robot, &settings.robot)?;
+    settings.robot.arm.clone_from(&robot.settings.arm);
     let sources = sources(logs)?;
     let mut chosen = Vec::new();
     for name in methods.iter().flatten() {
@@ -205,6 +207,7 @@ pub(crate) fn tune<'py>(
     }
     let mut settings = settings::read(settings, sections)?;
     let robot = robot::given(py, robot, &settings.robot)?;
+    settings.robot.arm.clone_from(&robot.settings.arm);
     let sources = sources(logs)?;
     let tuned = long(py, progress, |progress| -> Result<_, WorkError> {
         let arm = &robot.arm;

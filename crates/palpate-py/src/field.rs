@@ -259,12 +259,8 @@ impl Field {
         let results = long(py, progress, |progress| -> Result<_, WorkError> {
             let mut touches = opened(sources, &settings.log)?;
             settings.log.check_for(&robot.arm.robot)?;
-            touches.conventions(
-                &robot.arm,
-                &mut settings.touch,
-                IfUndecided::LeaveOpen,
-                progress,
-            )?;
+            let torques = (&robot.settings, &mut settings.touch);
+            touches.external(&robot.arm, torques, IfUndecided::LeaveOpen, progress)?;
             let touch = settings.touch.over_config(&field.touch);
             let place = (field.lattice.clone(), field.contact.clone());
             let mut touches = touches.for_arm(&robot.arm, &settings.log, place)?;

@@ -21,6 +21,7 @@ mod error;
 mod evaluate;
 mod extrapolate;
 mod field;
+mod identify;
 mod inspect;
 mod lattice;
 mod log;
@@ -42,6 +43,8 @@ mod _palpate {
         evaluate::{evaluate, summarised, tune},
         extrapolate::{Extrapolation, extrapolate},
         field::{Field, unpickled_field},
+        identify::external_torques,
+        identify::identify,
         inspect::inspect,
         lattice::Lattice,
         log::{Log, Touch, TouchIterator, open_log},

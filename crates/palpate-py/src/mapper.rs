@@ -1,17 +1,21 @@
 //! Learning: samples in, a field out.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2};
-use palpate::{EstimatorKind, PathConfig, PathPoint, PathPrediction, Sample};
+use palpate::{
+    EstimatorKind, ExternalTorqueConfig, Gravity, MapperError, PathConfig, PathPoint,
+    PathPrediction, Sample, TorqueSign, TorqueStream,
+};
 use palpate_io::field::{self, Saved};
 use palpate_work::elastic::without_body;
 use palpate_work::error::WorkError;
 use palpate_work::settings::sections::TouchSettings;
 use palpate_work::settings::{OrAuto, Settings};
 use palpate_work::touches::IfUndecided;
-use palpate_work::{learn, prior, resume};
+use palpate_work::{arm_file, learn, prior, resume};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
@@ -45,6 +49,8 @@ pub(crate) struct Mapper {
 
 struct State {
     mapper: palpate::Mapper,
+    /// Makes torques external ones, of an arm that was identified.
+    stream: Option<TorqueStream>,
     /// Whether a touch was begun and not ended.
     in_touch: bool,
 }
@@ -80,9 +86,18 @@ pub(crate) struct Answer {
 }
 
 impl Mapper {
-    fn of(mapper: palpate::Mapper, robot: Robot, settings: Settings) -> Self {
+    fn of(mapper: palpate::Mapper, robot: Robot, settings: Settings) -> Result<Self> {
         let in_touch = false;
-        Self { state: Shared::new(State { mapper, in_touch }), robot, settings }
+        let stream = match &robot.settings.arm {
+            Some(path) => {
+                let model = arm_file::read(path, &robot.arm.robot)?;
+                let torques = settings.touch.over_config(&ExternalTorqueConfig::default());
+                let stream = TorqueStream::new(Arc::clone(&robot.arm), model, torques);
+                Some(stream.map_err(WorkError::Usage)?)
+            }
+            None => None,
+        };
+        Ok(Self { state: Shared::new(State { mapper, stream, in_touch }), robot, settings })
     }
 
     /// A mapper that goes on from a field.
@@ -96,7 +111,7 @@ impl Mapper {
             let snapshot = resume::snapshot_of(saved, name, &settings)?;
             resume::mapper(name, &robot.arm, snapshot)
         })?;
-        Ok(Self::of(mapper, robot, settings))
+        Self::of(mapper, robot, settings)
     }
 }
 
@@ -123,14 +138,17 @@ impl Mapper {
         if settings.estimator.estimator == Some(EstimatorKind::Elastic) {
             return Err(WorkError::from(without_body()).into());
         }
-        let config = settings.config()?;
+        let mut config = settings.config()?;
         let robot = robot::given(py, robot, &settings.robot)?;
+        if robot.settings.arm.is_some() {
+            (config.touch.torque_sign, config.touch.gravity) = (TorqueSign::Plus, Gravity::Removed);
+        }
         let prior = prior.map(|prior| prior.get().saved(py, false));
         let mapper = unshown(py, |progress| {
             let prior = prior.as_ref().map(|prior| (prior, "prior"));
             prior::mapper_from(prior, &robot.arm, config, progress)
         })?;
-        Ok(Self::of(mapper, robot, settings))
+        Self::of(mapper, robot, settings)
     }
 
     /// Goes on from a field that `save` or `palpate map` wrote, as if it had never stopped.
@@ -190,6 +208,9 @@ impl Mapper {
         let state = self.state.take(py)?;
         let mut state = state.borrow_mut();
         state.mapper.begin_touch();
+        if let Some(stream) = &mut state.stream {
+            stream.begin();
+        }
         state.in_touch = true;
         Ok(())
     }
@@ -213,8 +234,14 @@ impl Mapper {
             let message = "there is no touch that this sample belongs to; call begin_touch() first";
             return Err(PalpateError::new_err(message).into());
         }
-        let mapper = &mut state.mapper;
-        let report = py.detach(|| mapper.step(&sample))?;
+        let State { mapper, stream, .. } = &mut *state;
+        let report = py.detach(|| {
+            let sample = match stream {
+                Some(stream) => stream.external(&sample).map_err(MapperError::from)?,
+                None => sample,
+            };
+            mapper.step(&sample)
+        })?;
         let array = |torque: DVector<f64>| flat(py, torque.as_slice().to_vec());
         Ok(StepReport {
             contacts: report.contacts,
@@ -246,7 +273,7 @@ impl Mapper {
     ) -> Result<Bound<'py, PyAny>> {
         let sources = sources(log)?;
         let state = self.state.take(py)?;
-        let State { mapper, in_touch } = &mut *state.borrow_mut();
+        let State { mapper, in_touch, .. } = &mut *state.borrow_mut();
         *in_touch = false; // a touch under way ends where the next one begins
         let settings = &self.settings.log;
         let figures = long(py, progress, |progress| -> Result<_, WorkError> {
@@ -257,7 +284,12 @@ impl Mapper {
                 gravity: Some(OrAuto::Is(set.gravity)),
                 ..TouchSettings::default()
             };
-            touches.conventions(mapper.arm(), &mut torques, IfUndecided::LeaveOpen, progress)?;
+            let arm = mapper.arm().clone();
+            if self.robot.settings.arm.is_some() {
+                torques = self.settings.touch.clone();
+            }
+            let torques = (&self.robot.settings, &mut torques);
+            touches.external(&arm, torques, IfUndecided::LeaveOpen, progress)?;
             settings.check_for(&mapper.arm().robot)?;
             let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
             let mut touches = touches.for_arm(&mapper.arm().clone(), settings, place)?;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use nalgebra::{DMatrix, DVector, Vector6};
-use palpate::unstable::{LinkId, Poses, Side};
+use palpate::unstable::{LinkId, Poses};
 use palpate::{Alarm, Arm, Detector, ExternalTorque, Robot, TorqueModel, TrackerError};
 use serde::Serialize;
 
@@ -212,9 +212,4 @@ pub fn contacts(touches: &[TouchTorques], threshold: f64) -> Vec<Contact> {
         }
     }
     contacts
-}
-
-/// Whether the time from the last sample is causal or not.
-pub fn side(causal: bool) -> Side {
-    if causal { Side::Before } else { Side::Around }
 }

@@ -54,6 +54,7 @@
 //! | place the field           | [`Lattice`] of cells ([`CellId`]); [`LatticeError`]                |
 //! | set the contact model     | [`ContactConfig`]                                                  |
 //! | say what logged torques are | [`ExternalTorqueConfig`]: [`TorqueSign`], [`Gravity`], [`Tare`]  |
+//! | know the arm's own torque   | [`TorqueModel`] of [`JointModel`]s with [`Friction`] and [`TorqueNoise`]: [`external_torques`] of a log, an [`ExternalTorque`] a sample, or a [`TorqueStream`]; contacts by a [`Detector`] with the threshold of an [`Alarm`] |
 //! | choose the estimator      | [`EstimatorKind`] with an [`EstimatorConfig`]: [`Prior`], [`MemoryLimits`] |
 //! | learn from samples        | [`Mapper`] with a [`MapperConfig`] and a [`ReplayPolicy`]; [`Sample`] in, [`StepReport`] out, [`Snapshot`] to go on later; [`MapperError`], [`TrackerError`], [`EstimatorError`], [`SettingError`] |
 //! | look at the result        | [`Field`], a [`CellEstimate`] for each cell; [`Contacts`] now      |
@@ -108,8 +109,8 @@ pub use sdf::BakeConfig;
 pub use setting::SettingError;
 pub use tare::{MIN_TARE_FRAMES, Tare};
 pub use torque_model::{
-    Alarm, Detector, ExternalTorque, Friction, JointModel, TorqueModel, TorqueNoise,
-    external_torques,
+    Alarm, Causal, Detector, ExternalTorque, Friction, JointModel, TorqueModel, TorqueNoise,
+    TorqueStream, external_torques,
 };
 pub use tracker::{Sample, TrackerError};
 

@@ -13,7 +13,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate::unstable::PauseConfig;
-use palpate::{Arm, Mapper};
+use palpate::{
+    Arm, Detector, ExternalTorqueConfig, Gravity, Mapper, TorqueModel, TorqueSign, TorqueStream,
+};
 use palpate_io::atomic::Hold;
 use palpate_io::field::{self, Saved};
 use palpate_live::checkpoint::CheckpointConfig;
@@ -21,13 +23,14 @@ use palpate_live::guard::{Guard, GuardConfig};
 use palpate_live::ros::{FlagTopics, NetworkConfig, NetworkProcess, Services};
 use palpate_live::session::Session;
 use palpate_live::{AskSocket, LiveBody, LiveConfig, News, run as run_live};
-use palpate_work::settings::named;
-use palpate_work::{prior, resume, robot};
+use palpate_work::settings::{OrAuto, named};
+use palpate_work::torque::threshold;
+use palpate_work::{arm_file, prior, resume, robot};
 
 use crate::args::number_in;
 use crate::error::CliError;
 use crate::object_args::ObjectArgs;
-use crate::output::Output;
+use crate::output::{Output, complain};
 use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
 #[cfg(not(feature = "viewer"))]
@@ -44,6 +47,7 @@ const EXAMPLES: &str = "Examples:
   palpate live --robot panda.urdf --torque-sign minus --joint-states /franka/joint_states -o field.npz
   palpate live -o field.npz --resume --guard 25
   palpate live --localhost --json-lines --duration 60
+  palpate live --robot fr3.urdf --torque-sign minus --arm arm.toml --no-map
   palpate live -o field.npz --viewer
   palpate live -o field.npz --ask palpate.sock --cloud object.ply
 
@@ -52,6 +56,8 @@ sensor_msgs/msg/JointState that holds efforts, and publishes
 
   /palpate/torque_external   what the object exerts on the joints (JointState)
   /palpate/torque_predicted  the same as predicted, before the sample was learnt from
+  /palpate/torque_std        with --arm or --no-map: standard deviation of the external torque
+  /palpate/touched           and whether something is touched (Bool)
   /palpate/contacts          points touched, displacements, stiffness (PointCloud2)
   /palpate/field             the field near them
   /palpate/stop              with --guard: whether the robot must stop (Bool, 50 times a second;
@@ -129,6 +135,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "URL", num_args = 0..=1, require_equals = true)]
     #[allow(clippy::option_option)] // not asked for, or asked for with or without an address
     viewer: Option<Option<String>>,
+    /// Map nothing: publish external torques, their standard deviations and whether something is touched
+    #[arg(long, conflicts_with_all = ["output", "resume", "prior", "ask", "viewer", "guard", "cloud", "body"])]
+    no_map: bool,
     /// Print figures and notes as JSON, a line a second, in place of the view
     #[arg(long)]
     json_lines: bool,
@@ -137,6 +146,15 @@ pub(crate) struct Args {
     #[command(flatten)]
     settings: AllSettings,
 }
+
+/// An arm that was identified, and how its torques are logged.
+struct Identified {
+    model: TorqueModel,
+    torques: ExternalTorqueConfig,
+}
+
+/// How often contact-free motion may be told as touched.
+const FALSE_ALARMS_PER_HOUR: f64 = 1.0;
 
 /// A parser of periods, s.
 fn period() -> impl Fn(&str) -> Result<f64, String> + Clone {
@@ -176,11 +194,57 @@ impl Args {
         NetworkProcess::new(network_command, config, joints, flag)
     }
 
-    fn session(&self, mapper: Mapper, arm: &Arm) -> Result<Session, CliError> {
+    fn session(
+        &self,
+        mapper: Mapper,
+        arm: &Arc<Arm>,
+        identified: Option<Identified>,
+    ) -> Result<Session, CliError> {
         let mut idle = PauseConfig::default();
         idle.idle_s = self.idle;
-        Session::new(mapper, idle, self.guard(arm))
-            .map_err(|error| CliError::Usage(format!("--idle: {error}")))
+        let session = Session::new(mapper, idle, self.guard(arm))
+            .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
+        let Some(Identified { model, torques }) = identified else { return Ok(session) };
+        let (threshold, from) = threshold(&model.clone().causal(), None, FALSE_ALARMS_PER_HOUR)?;
+        let detector = Detector::new(threshold);
+        let stream = TorqueStream::new(Arc::clone(arm), model, torques).map_err(CliError::Usage)?;
+        if from.starts_with("nothing") {
+            complain(
+                "warning: what counts as touched is a guess; identify the arm with `palpate identify`",
+            );
+        }
+        Ok(session.identified(stream, detector, self.no_map))
+    }
+
+    /// The arm that was identified, and how its torques are logged; the settings then say that they are external.
+    fn identified(
+        &self,
+        arm: &Arm,
+        settings: &mut Settings,
+        output: &Output,
+    ) -> Result<Option<Identified>, CliError> {
+        let model = match &settings.robot.arm {
+            Some(path) => arm_file::read(path, &arm.robot)?,
+            None if self.no_map => {
+                output.note(
+                    "no --arm: friction is not known, and the standard deviation is a guess; `palpate identify` \
+                     finds both from free motion",
+                );
+                TorqueModel::of_urdf(&arm.robot)
+            }
+            None => return Ok(None),
+        };
+        if self.guard.is_some() {
+            return Err(CliError::Usage(
+                "the guard looks at torques as they are measured, not at those of an identified arm: leave out --guard, \
+                 or --arm and --no-map"
+                    .to_owned(),
+            ));
+        }
+        let torques = settings.touch.over_config(&ExternalTorqueConfig::default());
+        settings.touch.torque_sign = Some(OrAuto::Is(TorqueSign::Plus));
+        settings.touch.gravity = Some(OrAuto::Is(Gravity::Removed));
+        Ok(Some(Identified { model, torques }))
     }
 
     fn checkpoint(&self) -> Option<CheckpointConfig> {
@@ -199,14 +263,14 @@ impl Args {
         arm: &Arc<Arm>,
         settings: &Settings,
         output: &Output,
-    ) -> Result<(Mapper, Option<LiveBody>), CliError> {
+    ) -> Result<(Mapper, Option<Arc<LiveBody>>), CliError> {
         let Some(path) = self.field() else {
             let config = settings.config()?;
             let mapper = prior::mapper(self.prior.as_deref(), arm, config, output)?;
             let (bodies, _) = self.object.bodies(output)?;
             let body = (!bodies.is_empty())
                 .then(|| LiveBody::new(arm, mapper.config(), &bodies).map_err(CliError::file));
-            return Ok((mapper, body.transpose()?));
+            return Ok((mapper, body.transpose()?.map(Arc::new)));
         };
         let mut saved = field::load(path).map_err(CliError::file)?;
         let (model, name) = (saved.field.elastic.take(), path.display().to_string());
@@ -219,7 +283,7 @@ impl Args {
             );
         }
         let body = model.map(|model| LiveBody::resumed(arm, mapper.config(), model, touches));
-        Ok((mapper, body))
+        Ok((mapper, body.map(Arc::new)))
     }
 }
 
@@ -252,10 +316,10 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     args.check_places(&settings)?;
     let hold = args.output.as_deref().map(Hold::on).transpose().map_err(CliError::file)?;
     let arm = robot::load(&settings.robot, output)?;
+    let identified = args.identified(&arm, &mut settings, output)?;
     let (mapper, body) = args.begin(&arm, &settings, output)?;
-    let body = body.map(Arc::new);
     logs::tell_robot(&arm, &settings, output);
-    if args.output.is_none() {
+    if args.output.is_none() && !args.no_map {
         output.note("nothing is kept: --output FIELD.npz saves what is learnt");
     }
 
@@ -270,7 +334,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     #[cfg(not(feature = "viewer"))]
     let feed = args.viewer.as_ref().map(|_| Err(view::without_viewer())).transpose()?;
     let (checker, strict) = (Checker::start(&mapper), settings.log.strict.unwrap_or_default());
-    let session = args.session(mapper, &arm)?;
+    let session = args.session(mapper, &arm, identified)?;
     let network = args.network(&arm);
     let ask = args.ask.as_deref().map(open_socket).transpose()?;
     let ends = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s));

@@ -1,13 +1,15 @@
 //! What a model leaves over of torques on motion that it was not identified on: whole touches, or quarters of them if
 //! there are fewer than three. Bias and drift of a touch are not known beforehand, so they are in it.
 
-use palpate::unstable::{NoiseFactors, Side, explain};
+use palpate::unstable::{NoiseFactors, explain};
 use palpate::{
-    Alarm, Detector, ExternalTorque, ExternalTorqueConfig, Robot, Sample, TorqueModel, TorqueNoise,
+    Alarm, Causal, Detector, ExternalTorque, ExternalTorqueConfig, Robot, Sample, TorqueModel,
+    TorqueNoise,
 };
 use serde::Serialize;
 
-use super::posterior::{Posterior, Start};
+use super::posterior::Posterior;
+use super::prior::Start;
 use super::rows::{FOLDS, Rows, Settings, fold};
 use super::{IdentifyError, result};
 
@@ -29,16 +31,19 @@ pub(super) struct Found {
     pub(super) held_out: HeldOut,
     pub(super) noise: Vec<TorqueNoise>,
     pub(super) alarm: Option<Alarm>,
+    pub(super) causal: Option<Causal>,
 }
 
 /// One sample that was held out.
 struct Left {
     time_s: f64,
     gravity: Vec<f64>,
-    urdf: Vec<f64>,
     identified: Vec<f64>,
     factors: Vec<NoiseFactors>,
 }
+
+/// Half windows that are tried for speeds beside a running robot, s.
+const CAUSAL_WINDOWS_S: [f64; 5] = [0.05, 0.1, 0.15, 0.25, 0.4];
 
 pub(super) fn of(
     robot: &Robot,
@@ -47,7 +52,6 @@ pub(super) fn of(
     (rows, settings): (&Rows, &Settings),
     start: &Start,
 ) -> Result<Found, IdentifyError> {
-    let urdf = TorqueModel { window_s: settings.window_s, ..TorqueModel::of_urdf(robot) };
     let mut models: Vec<Option<TorqueModel>> = Vec::with_capacity(FOLDS);
     for fold in 0..FOLDS {
         let sums = rows.without(fold);
@@ -56,43 +60,82 @@ pub(super) fn of(
         let posterior = if any { Posterior::of(rows, &sums, start) } else { None };
         models.push(posterior.map(|posterior| result::model(robot, settings, &posterior)));
     }
-    let mut left: Vec<Vec<Left>> = Vec::new();
-    for (touch, samples) in touches.iter().enumerate() {
-        let by_urdf = explain(robot, &urdf, torques, samples, Side::Around)?;
-        let by_fold = models.iter().map(|model| {
-            let model = model.as_ref()?;
-            Some(explain(robot, model, torques, samples, Side::Around))
-        });
-        let by_fold: Vec<_> = by_fold.map(Option::transpose).collect::<Result<_, _>>()?;
-        let n = samples.len();
-        let mut own = Vec::with_capacity(n);
-        for (k, sample) in samples.iter().enumerate() {
-            let time = |k: usize| samples[k].time_s.unwrap_or(k as f64);
-            let span = time(n - 1) - time(0);
-            let part = if span > 0.0 { (time(k) - time(0)) / span - 0.5 } else { 0.0 };
-            let Some(found) = &by_fold[fold(touches.len(), touch, part)] else { continue };
+    let read = |models: &[Option<TorqueModel>], causal: bool| {
+        let each = touches.iter().enumerate();
+        each.map(|touch| left_of(robot, (touches.len(), touch), torques, models, causal))
+            .collect::<Result<Vec<_>, _>>()
+    };
+    let n = robot.n_joints();
+    let noise = |left: &[Vec<Left>]| (0..n).map(|j| noise_of(left, j)).collect::<Vec<_>>();
+    let left = read(&models, false)?;
+    let own_noise = noise(&left);
+    let alarm = rows.timed.then(|| alarm_of(&left, &own_noise)).flatten();
+
+    let mut causal: Option<(f64, Causal)> = None;
+    for window_s in CAUSAL_WINDOWS_S.into_iter().filter(|window_s| rows.is_timed(*window_s)) {
+        let other = |model: &Option<TorqueModel>| {
+            model.as_ref().map(|model| TorqueModel { window_s, ..model.clone() })
+        };
+        let left = read(&models.iter().map(other).collect::<Vec<_>>(), true)?;
+        let part =
+            |j: usize| root_mean_square(&left, |left| left.identified[j], 0.0) / start.efforts[j];
+        let left_over = (0..n).map(|j| part(j).powi(2)).sum::<f64>();
+        if causal.as_ref().is_none_or(|(least, _)| left_over < *least) {
+            let noise = noise(&left);
+            let alarm = alarm_of(&left, &noise);
+            causal = Some((left_over, Causal { window_s, noise, alarm }));
+        }
+    }
+
+    let urdf = TorqueModel { window_s: settings.window_s, ..TorqueModel::of_urdf(robot) };
+    let of_urdf = read(&vec![Some(urdf); FOLDS], false)?;
+    type Of = fn(&Left) -> &Vec<f64>;
+    let each: [(&[Vec<Left>], Of); 3] = [
+        (&left, |left| &left.gravity),
+        (&of_urdf, |left| &left.identified),
+        (&left, |left| &left.identified),
+    ];
+    let rms = |half_s: f64| {
+        each.map(|(left, of)| {
+            (0..n).map(|j| root_mean_square(left, |left| of(left)[j], half_s)).collect()
+        })
+    };
+    let [gravity, urdf, identified] = rms(0.0);
+    let held_out = HeldOut { gravity, urdf, identified, slow: rms(settings.window_s) };
+    Ok(Found { held_out, noise: own_noise, alarm, causal: causal.map(|(_, causal)| causal) })
+}
+
+/// What the model of its fold leaves over of each sample of a touch.
+fn left_of(
+    robot: &Robot,
+    (touches, (touch, samples)): (usize, (usize, &&[Sample])),
+    torques: &ExternalTorqueConfig,
+    models: &[Option<TorqueModel>],
+    causal: bool,
+) -> Result<Vec<Left>, IdentifyError> {
+    let time = |k: usize| samples[k].time_s.unwrap_or(k as f64);
+    let span = time(samples.len() - 1) - time(0);
+    let fold_of = |k: usize| {
+        let part = if span > 0.0 { (time(k) - time(0)) / span - 0.5 } else { 0.0 };
+        fold(touches, touch, part)
+    };
+    let mut left = Vec::with_capacity(samples.len());
+    for (number, model) in models.iter().enumerate() {
+        let Some(model) = model else { continue };
+        let which = |k: usize| fold_of(k) == number;
+        for (k, found) in explain(robot, model, torques, (samples, &which), causal)? {
+            let sample = &samples[k];
             let poses = robot.forward(&sample.q).map_err(palpate::TrackerError::from)?;
-            own.push(Left {
+            left.push(Left {
                 time_s: time(k),
                 gravity: torques.untared(robot, &poses, &sample.tau)?.as_slice().to_vec(),
-                urdf: by_urdf[k].external.as_slice().to_vec(),
-                identified: found[k].external.as_slice().to_vec(),
-                factors: found[k].factors.clone(),
+                identified: found.external.as_slice().to_vec(),
+                factors: found.factors,
             });
         }
-        left.push(own);
     }
-    let n = robot.n_joints();
-    let rms = |of: fn(&Left) -> &Vec<f64>, half_s: f64| -> Vec<f64> {
-        (0..n).map(|j| root_mean_square(&left, |left| of(left)[j], half_s)).collect()
-    };
-    let each: [fn(&Left) -> &Vec<f64>; 3] =
-        [|left| &left.gravity, |left| &left.urdf, |left| &left.identified];
-    let [gravity, of_urdf, identified] = each.map(|of| rms(of, 0.0));
-    let slow = each.map(|of| rms(of, settings.window_s));
-    let noise: Vec<TorqueNoise> = (0..n).map(|j| noise_of(&left, j)).collect();
-    let alarm = rows.timed.then(|| alarm_of(&left, &noise)).flatten();
-    Ok(Found { held_out: HeldOut { gravity, urdf: of_urdf, identified, slow }, noise, alarm })
+    left.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    Ok(left)
 }
 
 /// Of means over windows of `2 · half_s` around each sample.

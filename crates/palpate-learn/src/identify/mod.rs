@@ -10,7 +10,8 @@
 //! | file         | says                                                              |
 //! |--------------|-------------------------------------------------------------------|
 //! | `rows`       | samples as rows of the regression, summed up by joint and fold    |
-//! | `posterior`  | prior, evidence, posterior                                        |
+//! | `prior`      | how far what is sought may lie from what is assumed               |
+//! | `posterior`  | what the data say                                                 |
 //! | `possible`   | inertias that are physically possible                             |
 //! | `held_out`   | what is left over on motion that was not used                     |
 //! | `result`     | values with standard deviations, in the units that people read    |
@@ -18,6 +19,7 @@
 mod held_out;
 mod possible;
 mod posterior;
+mod prior;
 mod result;
 mod rows;
 
@@ -27,7 +29,8 @@ pub use result::{BodyEstimate, Identified, JointEstimate, PayloadEstimate, Value
 use palpate::unstable::LinkId;
 use palpate::{ExternalTorqueConfig, Gravity, Robot, Sample};
 
-use posterior::{Posterior, Start};
+use posterior::Posterior;
+use prior::Start;
 use rows::{Rows, Settings, Turning};
 
 /// What to identify.

@@ -1,4 +1,4 @@
-//! Prior, evidence and posterior of the regression.
+//! Posterior of the regression.
 //!
 //! What is solved for, in this order:
 //!
@@ -6,85 +6,17 @@
 //! [ Δπ (10 · n_bodies) | payload (10) | delay | by joint: gain − 1, friction and drive, bias, slopes, offset and drift by touch ]
 //! ```
 //!
-//! All have Gaussian priors around zero (gains of currents: around their first estimate). Those of one *group* have one
-//! unknown width, relative to scales that are the arm's: it, and the noise of each joint, are set to what makes the
-//! data most probable, by the fixed point of MacKay (1992).
+//! with the priors of [`super::prior`]. Gains multiply the masses' torque, so each step is linear at the last one's result.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use palpate::Robot;
+use nalgebra::{DMatrix, DVector};
 use palpate::unstable::BODY_PARAMETERS;
 
 use super::possible;
+use super::prior::{Prior, Start, of_joint};
 use super::rows::{BIAS, FRICTION, Rows, SLOPES, Sum};
 
 /// Steps of the fixed point.
 const STEPS: usize = 25;
-/// Joints of which nobody knows the largest torque are taken to have this one, N·m.
-const USUAL_EFFORT: f64 = 40.0;
-
-/// Groups of coefficients that share a width, with that to start from and its bounds.
-const GROUPS: [(f64, [f64; 2]); 8] = [
-    (0.05, [0.003, 0.5]),  // masses of links
-    (0.02, [1e-3, 0.5]),   // Coulomb friction
-    (0.01, [1e-4, 0.3]),   // asymmetry, breakaway
-    (0.02, [1e-4, 0.5]),   // viscous friction
-    (0.005, [1e-4, 0.1]),  // drives' inertia
-    (0.01, [1e-4, 0.3]),   // bias
-    (0.003, [1e-5, 0.1]),  // bias by pose, offsets and drifts
-    (0.01, [0.002, 0.05]), // gains
-];
-const LINKS: usize = 0;
-const GAIN: usize = 7;
-/// Group of each coefficient of a joint after its gain: friction and drive, bias.
-const OF_JOINT: [usize; FRICTION + BIAS + SLOPES] = [1, 2, 2, 3, 4, 5, 6, 6, SLOPE, SLOPE];
-/// Not a group: how much of the Coulomb friction the slopes' coefficients may be.
-const SLOPE: usize = usize::MAX - 1;
-const SLOPE_N_M: f64 = 0.01;
-const OF_TOUCH: usize = 6;
-
-/// Widths that are not estimated: payload, kg and m; delay, s.
-const PAYLOAD_KG: f64 = 5.0;
-const PAYLOAD_M: f64 = 0.2;
-const DELAY_S: f64 = 0.05;
-
-/// What the regression starts from.
-pub(super) struct Start {
-    /// π of the URDF.
-    pub(super) parameters: DVector<f64>,
-    /// Scale of each of them.
-    scales: DVector<f64>,
-    /// Largest torques, N·m.
-    efforts: Vec<f64>,
-    pub(super) payload_body: usize,
-    currents: bool,
-}
-
-impl Start {
-    pub(super) fn of(robot: &Robot, payload_body: usize, currents: bool) -> Self {
-        let parameters = robot.inertial_parameters();
-        let bodies = robot.bodies().len();
-        let mean_mass =
-            (0..bodies).map(|body| parameters[BODY_PARAMETERS * body]).sum::<f64>() / bodies as f64;
-        let mut scales = DVector::zeros(parameters.len());
-        for body in 0..bodies {
-            let own = parameters.rows(BODY_PARAMETERS * body, BODY_PARAMETERS);
-            let mass = own[0].max(0.1 * mean_mass).max(1e-3);
-            let length = (0.5 * (own[4] + own[7] + own[9]).max(0.0) / mass).sqrt() + 0.03;
-            let by = [mass, mass * length, mass * length * length];
-            for k in 0..BODY_PARAMETERS {
-                scales[BODY_PARAMETERS * body + k] = by[match k {
-                    0 => 0,
-                    1..=3 => 1,
-                    _ => 2,
-                }];
-            }
-        }
-        let efforts =
-            robot.joints().iter().map(|joint| joint.effort.unwrap_or(USUAL_EFFORT)).collect();
-        Self { parameters, scales, efforts, payload_body, currents }
-    }
-}
-
 /// What the data say.
 pub(super) struct Posterior {
     n_parameters: usize,
@@ -116,125 +48,72 @@ impl Posterior {
     }
 
     fn with(rows: &Rows, sums: &[Sum], start: &Start, correlated: Vec<f64>) -> Option<Self> {
-        let (n, width) = (rows.n_joints(), rows.width());
-        let of_joint = 1 + FRICTION + BIAS + SLOPES + 2 * rows.offsets;
-        let shared = rows.n_parameters + BODY_PARAMETERS + 1;
-        let size = shared + n * of_joint;
-
-        // Width of each prior: of a group, or fixed; gains of currents are relative to a first estimate.
-        let gains = start.first_gains(rows, sums);
-        let mut group = vec![usize::MAX; size];
-        let mut scale = DVector::zeros(size);
-        for k in 0..rows.n_parameters {
-            (group[k], scale[k]) = (LINKS, start.scales[k]);
-        }
-        for k in 0..BODY_PARAMETERS {
-            scale[rows.n_parameters + k] =
-                PAYLOAD_KG * PAYLOAD_M.powi([0, 1, 1, 1, 2, 2, 2, 2, 2, 2][k]);
-        }
-        scale[shared - 1] = DELAY_S;
-        for j in 0..n {
-            let at = shared + j * of_joint;
-            (group[at], scale[at]) = (GAIN, gains[j].abs());
-            for k in 0..FRICTION + BIAS + SLOPES + 2 * rows.offsets {
-                group[at + 1 + k] = OF_JOINT.get(k).copied().unwrap_or(OF_TOUCH);
-                let slope = if group[at + 1 + k] == SLOPE { SLOPE_N_M } else { 1.0 };
-                scale[at + 1 + k] = slope * start.efforts[j] * gains[j].abs();
-            }
-        }
-        let mut widths = GROUPS.map(|(width, _)| width);
-        if start.currents {
-            widths[GAIN] = 0.3;
-        }
-        let mut center = DVector::zeros(size);
-        gains.iter().enumerate().for_each(|(j, gain)| center[shared + j * of_joint] = gain - 1.0);
-
+        let mut prior = Prior::new(rows, sums, start);
+        let efforts: Vec<f64> = prior.efforts.clone();
         let mut posterior = Self {
             n_parameters: rows.n_parameters,
-            n_joints: n,
-            of_joint,
+            n_joints: rows.n_joints(),
+            of_joint: of_joint(rows),
             start_parameters: start.parameters.clone(),
             payload_body: start.payload_body,
-            mean: center.clone(),
+            mean: prior.center.clone(),
             covariance: DMatrix::zeros(0, 0),
-            noise: start
-                .efforts
-                .iter()
-                .zip(&gains)
-                .map(|(effort, gain)| 0.01 * effort * gain.abs())
-                .collect(),
-            efforts: start
-                .efforts
-                .iter()
-                .zip(&gains)
-                .map(|(effort, gain)| effort * gain.abs())
-                .collect(),
+            noise: efforts.iter().map(|effort| 0.01 * effort).collect(),
+            efforts,
             correlated,
-            prior_variance: DVector::zeros(size),
+            prior_variance: prior.variance(),
         };
-        let mut is_zero = vec![false; size];
         for step in 0..STEPS {
             if step == STEPS / 2 || step == 3 * STEPS / 4 {
-                // Friction and inertia of a drive are never below zero.
-                for (j, k) in (0..n).flat_map(|j| [0, 3, 4].map(|k| (j, k))) {
-                    let at = shared + j * of_joint + 1 + k;
-                    is_zero[at] |= posterior.mean[at] * gains[j] < 0.0;
-                }
+                prior.hold_at_zero(&posterior);
             }
-            for k in 0..size {
-                let width = widths.get(group[k]).copied().unwrap_or(1.0);
-                let width = if is_zero[k] { 1e-3 * width } else { width };
-                posterior.prior_variance[k] = (width * scale[k]).powi(2);
-            }
-            let mut precision = DMatrix::from_diagonal(&posterior.prior_variance.map(|v| 1.0 / v));
-            let mut right = center.component_div(&posterior.prior_variance);
-            let designs: Vec<DMatrix<f64>> = (0..n).map(|j| posterior.design(j, width)).collect();
-            let mut grams = Vec::with_capacity(n);
-            for j in 0..n {
-                let gram = &designs[j] * &sums[j].gram * designs[j].transpose();
-                let weight = 1.0 / (posterior.noise[j].powi(2) * posterior.correlated[j]);
-                posterior.add(j, &gram, weight, (&mut precision, &mut right));
-                grams.push(gram);
-            }
-            let factor: Cholesky<f64, Dyn> = precision.cholesky()?;
-            posterior.mean = factor.solve(&right);
-            posterior.covariance = factor.inverse();
-
-            // Noise: what is left over, and what the uncertain coefficients may leave over.
-            for j in 0..n {
-                let own = posterior.own(j);
-                let mut with_target = DVector::zeros(own.len() + 1);
-                own.iter().enumerate().for_each(|(k, at)| with_target[k] = -posterior.mean[*at]);
-                with_target[own.len()] = 1.0;
-                let squares = with_target.dot(&(&grams[j] * &with_target));
-                let told: f64 = (0..own.len())
-                    .map(|a| {
-                        let row = (0..own.len())
-                            .map(|b| grams[j][(a, b)] * posterior.covariance[(own[a], own[b])]);
-                        row.sum::<f64>()
-                    })
-                    .sum();
-                if sums[j].rows > 0.0 {
-                    let variance = (squares.max(0.0) + told) / sums[j].rows;
-                    posterior.noise[j] = variance.sqrt().max(1e-5 * posterior.efforts[j]).max(1e-9);
-                }
-            }
-            for (index, (_, bounds)) in GROUPS.iter().enumerate() {
-                let members = || (0..size).filter(|k| group[*k] == index && !is_zero[*k]);
-                // MacKay's: what the coefficients are, by how many of them the data tell.
-                let square: f64 =
-                    members().map(|k| ((posterior.mean[k] - center[k]) / scale[k]).powi(2)).sum();
-                let told: f64 = members()
-                    .map(|k| 1.0 - posterior.covariance[(k, k)] / posterior.prior_variance[k])
-                    .sum();
-                if told > 0.1 && !(index == GAIN && start.currents) {
-                    let found = (square / told).sqrt().clamp(bounds[0], bounds[1]);
-                    widths[index] = (widths[index] * found).sqrt();
-                }
-            }
+            posterior.prior_variance = prior.variance();
+            posterior.solve(sums, &prior.center)?;
+            prior.adapt(&posterior);
         }
         posterior.make_possible(start)?;
         posterior.mean.iter().all(|value| value.is_finite()).then_some(posterior)
+    }
+
+    /// A step of Gauss and Newton: the most probable coefficients, linearised at the last ones, and the noise.
+    fn solve(&mut self, sums: &[Sum], center: &DVector<f64>) -> Option<()> {
+        let mut precision = DMatrix::from_diagonal(&self.prior_variance.map(|v| 1.0 / v));
+        let mut right = center.component_div(&self.prior_variance);
+        let mut grams = Vec::with_capacity(self.n_joints);
+        for (j, sum) in sums.iter().enumerate() {
+            let design = self.design(j, sum.gram.ncols());
+            let gram = &design * &sum.gram * design.transpose();
+            let weight = 1.0 / (self.noise[j].powi(2) * self.correlated[j]);
+            let own = self.own(j);
+            for (a, row) in own.iter().enumerate() {
+                for (b, column) in own.iter().enumerate() {
+                    precision[(*row, *column)] += weight * gram[(a, b)];
+                }
+                right[*row] += weight * gram[(a, own.len())];
+            }
+            grams.push(gram);
+        }
+        let factor = precision.cholesky()?;
+        self.mean = factor.solve(&right);
+        self.covariance = factor.inverse();
+
+        // Noise: what is left over, and what the uncertain coefficients may leave over.
+        for (j, (gram, sum)) in grams.iter().zip(sums).enumerate() {
+            if sum.rows == 0.0 {
+                continue;
+            }
+            let own = self.own(j);
+            let mut with_target = DVector::zeros(own.len() + 1);
+            own.iter().enumerate().for_each(|(k, at)| with_target[k] = -self.mean[*at]);
+            with_target[own.len()] = 1.0;
+            let squares = with_target.dot(&(gram * &with_target)).max(0.0);
+            let pairs = (0..own.len()).flat_map(|a| (0..own.len()).map(move |b| (a, b)));
+            let uncertain: f64 =
+                pairs.map(|(a, b)| gram[(a, b)] * self.covariance[(own[a], own[b])]).sum();
+            let variance = (squares + uncertain) / sum.rows;
+            self.noise[j] = variance.sqrt().max(1e-5 * self.efforts[j]).max(1e-9);
+        }
+        Some(())
     }
 
     /// Where the coefficients of a joint's rows are: shared ones and its own.
@@ -321,22 +200,6 @@ impl Posterior {
         coefficients
     }
 
-    fn add(
-        &self,
-        j: usize,
-        gram: &DMatrix<f64>,
-        weight: f64,
-        to: (&mut DMatrix<f64>, &mut DVector<f64>),
-    ) {
-        let own = self.own(j);
-        for (a, row) in own.iter().enumerate() {
-            for (b, column) in own.iter().enumerate() {
-                to.0[(*row, *column)] += weight * gram[(a, b)];
-            }
-            to.1[*row] += weight * gram[(a, own.len())];
-        }
-    }
-
     /// Moves the masses to where they are possible, and all else to where it is most probable then.
     fn make_possible(&mut self, start: &Start) -> Option<()> {
         let count = self.n_parameters + BODY_PARAMETERS;
@@ -356,32 +219,5 @@ impl Posterior {
 
     pub(super) fn n_joints(&self) -> usize {
         self.n_joints
-    }
-}
-
-impl Start {
-    /// Gains to start from: 1, or, of currents, the slope on what the URDF says.
-    fn first_gains(&self, rows: &Rows, sums: &[Sum]) -> Vec<f64> {
-        if !self.currents {
-            return vec![1.0; sums.len()];
-        }
-        let (last, one) = (rows.width() - 1, rows.n_parameters + 1 + FRICTION);
-        let slope = |sum: &Sum| {
-            let mut urdf = DVector::zeros(rows.width());
-            urdf.rows_mut(0, rows.n_parameters).copy_from(&self.parameters);
-            let with = &sum.gram * &urdf;
-            let count = sum.rows.max(1.0);
-            let covariance = with[last] - with[one] * sum.gram[(last, one)] / count;
-            let variance = urdf.dot(&with) - with[one] * with[one] / count;
-            // A joint that gravity hardly moves tells nothing.
-            (variance > 0.01 * count).then(|| covariance / variance)
-        };
-        let slopes: Vec<Option<f64>> = sums.iter().map(slope).collect();
-        let known: Vec<f64> =
-            slopes.iter().flatten().copied().filter(|slope| slope.abs() > 1e-4).collect();
-        let mean =
-            if known.is_empty() { 1.0 } else { known.iter().sum::<f64>() / known.len() as f64 };
-        let gain = |slope: Option<f64>| slope.filter(|slope| slope.abs() > 1e-4).unwrap_or(mean);
-        slopes.into_iter().map(gain).collect()
     }
 }

@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::held_out::{Found, HeldOut};
 use super::posterior::Posterior;
+use super::prior::NEVER_NEGATIVE;
 use super::rows::{FRICTION, Rows, Settings};
 use super::{IdentifyConfig, LEAST_MOTION};
 
@@ -132,6 +133,7 @@ pub(super) fn model(robot: &Robot, settings: &Settings, posterior: &Posterior) -
         joints: joints.collect(),
         inertial: posterior.parameters().as_slice().to_vec(),
         alarm: None,
+        causal: None,
     }
 }
 
@@ -147,12 +149,15 @@ pub(super) fn of(
         joint.noise = *noise;
     }
     model.alarm = found.alarm;
+    model.causal = found.causal;
     let joints: Vec<JointEstimate> = (0..posterior.n_joints())
         .map(|j| {
             let at = posterior.joint(j);
             let gain = posterior.gain(j);
             let by_gain = |k: usize| {
                 let value = posterior.mean[at + 1 + k] / gain;
+                // As in the model.
+                let value = if NEVER_NEGATIVE.contains(&k) { value.max(0.0) } else { value };
                 value_of(posterior, &[(at + 1 + k, 1.0 / gain), (at, -value / gain)], value)
             };
             // The mean of the logs': what each has of its own beside the constant.

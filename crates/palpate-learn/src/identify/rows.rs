@@ -98,6 +98,63 @@ pub(super) struct Sum {
     pub(super) gram: DMatrix<f64>,
 }
 
+/// How touches become rows.
+struct Reading<'a> {
+    robot: &'a Robot,
+    settings: &'a Settings,
+    sign: TorqueSign,
+    timed: bool,
+    /// Samples of a row.
+    stride: usize,
+    touches: usize,
+}
+
+impl Reading<'_> {
+    /// Adds the rows of a touch.
+    fn read(
+        &self,
+        touch: usize,
+        samples: &[Sample],
+        states: &TouchMotion,
+        rows: &mut Vec<Row>,
+    ) -> Result<(), IdentifyError> {
+        let Self { robot, settings, timed, .. } = *self;
+        let n = robot.n_joints();
+        let times = states.times_s();
+        let motor = if self.sign == TorqueSign::Minus { 1.0 } else { -1.0 };
+        let torques =
+            samples.iter().map(|sample| sample.tau.iter().map(|tau| motor * tau).collect());
+        let torques: Vec<Vec<f64>> = torques.collect();
+        let change = LocalPolynomial::new(times, &torques, settings.window_s, Side::Around);
+        let longer: Vec<Vec<FrictionState>> = (settings.turning.iter().enumerate())
+            .map(|(j, own)| states.friction_of(j, (1.0 + SLOPE_STEP) * own.presliding))
+            .collect();
+        let (first, last) = (times[0], times[times.len() - 1]);
+        for start in (0..samples.len()).step_by(self.stride) {
+            let chunk = start..(start + self.stride).min(samples.len());
+            let mean =
+                |of: &dyn Fn(usize) -> f64| chunk.clone().map(of).sum::<f64>() / chunk.len() as f64;
+            let time = mean(&|k| times[k]);
+            let time_s = time - settings.delay_s;
+            let motion = states.at(time_s, settings.window_s, Side::Around);
+            let poses = robot.forward(&motion.q).map_err(palpate::TrackerError::from)?;
+            let regressor = robot.regressor(&poses, &motion.speed, &motion.acceleration);
+            let torque = (0..n).map(|j| mean(&|k| torques[k][j])).collect();
+            let change = if timed { change.at(time).first } else { vec![0.0; n] };
+            let part = if last > first { (time - first) / (last - first) - 0.5 } else { 0.0 };
+            let fold = fold(self.touches, touch, part);
+            let (before, after, way) = states.between(time_s);
+            let between = |states: &Vec<FrictionState>| {
+                let (from, to) = (states[before].middle(), states[after].middle());
+                from + way * (to - from)
+            };
+            let longer = longer.iter().map(between).collect();
+            rows.push(Row { fold, touch, time_s, part, motion, regressor, longer, torque, change });
+        }
+        Ok(())
+    }
+}
+
 impl Rows {
     pub(super) fn of(
         robot: &Robot,
@@ -111,53 +168,11 @@ impl Rows {
         let timed = motions.iter().all(|motion| motion.is_timed(settings.window_s));
         let samples: usize = touches.iter().map(|touch| touch.len()).sum();
         let stride = samples.div_ceil(MOST_ROWS);
-        let motor = if sign == TorqueSign::Minus { 1.0 } else { -1.0 };
 
+        let how = Reading { robot, settings, sign, timed, stride, touches: touches.len() };
         let mut rows = Vec::new();
         for (index, (samples, motion)) in touches.iter().zip(&motions).enumerate() {
-            let times = motion.times_s();
-            let torques: Vec<Vec<f64>> = samples
-                .iter()
-                .map(|sample| sample.tau.iter().map(|tau| motor * tau).collect())
-                .collect();
-            let change = LocalPolynomial::new(times, &torques, settings.window_s, Side::Around);
-            let (first, last) = (times[0], times[times.len() - 1]);
-            let longer: Vec<Vec<FrictionState>> = (presliding.iter().enumerate())
-                .map(|(j, own)| motion.friction_of(j, (1.0 + SLOPE_STEP) * own))
-                .collect();
-            for chunk in (0..samples.len()).collect::<Vec<_>>().chunks(stride) {
-                let mean = |of: &dyn Fn(usize) -> f64| {
-                    chunk.iter().map(|k| of(*k)).sum::<f64>() / chunk.len() as f64
-                };
-                let time = mean(&|k| times[k]);
-                let own = motion.at(time - settings.delay_s, settings.window_s, Side::Around);
-                let poses = robot.forward(&own.q).map_err(palpate::TrackerError::from)?;
-                let regressor = robot.regressor(&poses, &own.speed, &own.acceleration);
-                let torque = (0..robot.n_joints()).map(|j| mean(&|k| torques[k][j])).collect();
-                let part = if last > first { (time - first) / (last - first) - 0.5 } else { 0.0 };
-                let change =
-                    if timed { change.at(time).first } else { vec![0.0; robot.n_joints()] };
-                let fold = fold(touches.len(), index, part);
-                let (touch, time_s) = (index, time - settings.delay_s);
-                let (before, after, way) = motion.between(time_s);
-                let longer = longer.iter().map(|states| {
-                    let (from, to) = (states[before].middle(), states[after].middle());
-                    from + way * (to - from)
-                });
-                let longer = longer.collect();
-                let motion = own;
-                rows.push(Row {
-                    fold,
-                    touch,
-                    time_s,
-                    part,
-                    motion,
-                    regressor,
-                    longer,
-                    torque,
-                    change,
-                });
-            }
+            how.read(index, samples, motion, &mut rows)?;
         }
         let mut all = Self {
             rows,
@@ -172,6 +187,11 @@ impl Rows {
         all.sums =
             (0..FOLDS).map(|fold| (0..all.n_joints).map(|j| all.sum(fold, j)).collect()).collect();
         Ok(all)
+    }
+
+    /// Whether speeds can be told out of windows of twice this, s.
+    pub(super) fn is_timed(&self, window_s: f64) -> bool {
+        self.motions.iter().all(|motion| motion.is_timed(window_s))
     }
 
     /// Numbers in a row, τ among them.

@@ -25,6 +25,9 @@ pub(super) struct Publishers {
     joints: Vec<String>,
     external: Publisher<JointState>,
     predicted: Publisher<JointState>,
+    /// Of arms that were identified.
+    std: Publisher<JointState>,
+    touched: Publisher<Bool>,
     /// The guard's, if there is one.
     flag: Option<FlagPublishers>,
     contacts: Publisher<PointCloud2>,
@@ -84,6 +87,8 @@ impl Network {
                 "sensor_msgs/JointState",
                 &qos,
             )?,
+            std: self.publisher("/palpate/torque_std", "sensor_msgs/JointState", &qos)?,
+            touched: self.publisher("/palpate/touched", "std_msgs/Bool", &qos)?,
             contacts: self.publisher("/palpate/contacts", "sensor_msgs/PointCloud2", &clouds)?,
             field: self.publisher("/palpate/field", "sensor_msgs/PointCloud2", &latched)?,
             diagnostics: self.publisher("/diagnostics", "diagnostic_msgs/DiagnosticArray", &qos)?,
@@ -140,6 +145,13 @@ impl Publishers {
     pub(super) fn external(&self, torques: &Torques) -> bool {
         let external = torques.external_n_m.clone();
         self.external.publish(self.joint_state(torques, external)).is_ok()
+    }
+
+    /// Publishes how sure that is, and whether something is touched, if it is known; whether there was room.
+    pub(super) fn std(&self, torques: &Torques) -> bool {
+        let Some((std, touched)) = &torques.std else { return true };
+        let std = self.std.publish(self.joint_state(torques, std.clone())).is_ok();
+        self.touched.publish(Bool { data: *touched }).is_ok() && std
     }
 
     fn joint_state(&self, torques: &Torques, effort: Vec<f64>) -> JointState {

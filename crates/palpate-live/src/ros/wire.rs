@@ -78,6 +78,8 @@ pub(crate) struct Torques {
     pub(crate) external_n_m: Vec<f64>,
     /// τ̂, n_joints, N·m.
     pub(crate) predicted_n_m: Vec<f64>,
+    /// Standard deviation of τ_ext, n_joints, N·m, and whether something is touched, of an arm that was identified.
+    pub(crate) std: Option<(Vec<f64>, bool)>,
 }
 
 /// A request that waits for an answer.

@@ -8,7 +8,17 @@ from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Unpack
 
 from ._progress import Progress
-from .results import Errors, Evaluation, Inspection, MapReport, MethodRow, Score, Tuned
+from .results import (
+    Errors,
+    Evaluation,
+    Identified,
+    Inspection,
+    MapReport,
+    MethodRow,
+    Score,
+    TouchTorques,
+    Tuned,
+)
 from .settings import (
     AnySettings,
     FieldSections,
@@ -39,8 +49,10 @@ __all__ = [
     "TouchIterator",
     "default_settings",
     "evaluate",
+    "external_torques",
     "extrapolate",
     "given_settings",
+    "identify",
     "inspect",
     "map_elastic",
     "open_log",
@@ -559,6 +571,47 @@ def inspect(
     it is None if nothing can be read.
 
     Raises SettingsError or FileError; what is wrong with the log itself is a finding.
+    """
+
+def identify(
+    log: _Logs,
+    robot: Robot | _Path | None = None,
+    *,
+    tool_link: str | None = None,
+    currents: bool = False,
+    settings: AnySettings | None = None,
+    progress: Progress = None,
+    **sections: Unpack[LearningSections],
+) -> Identified:
+    """Finds payload, friction, bias and delay of an arm from logs of it in free motion, as `palpate identify` does.
+
+    `log` is a path, a `Log`, a `Touch`, or several. `tool_link` names the link in whose frame the payload is told, the
+    last joint's if left out; with `currents`, torques are the drives' currents. Returns a dict as the command's JSON:
+    `payload`, `joints`, `bodies`, `delay_s` with values and standard deviations, `held_out` with what is left over,
+    N·m; `text` is the file for `Robot(..., arm="arm.toml")` and the command's --arm.
+
+    Raises SettingsError, FileError or PalpateError if the logs do not serve.
+    """
+
+def external_torques(
+    log: _Logs,
+    robot: Robot | _Path | None = None,
+    *,
+    causal: bool = False,
+    bandwidth_hz: float | None = None,
+    false_alarms_per_hour: float = 1.0,
+    settings: AnySettings | None = None,
+    progress: Progress = None,
+    **sections: Unpack[LearningSections],
+) -> list[TouchTorques]:
+    """External torques of logs with their standard deviations, as `palpate torque` tells them.
+
+    `log` is a path, a `Log`, a `Touch`, or several; `robot` an arm that was identified, `Robot(..., arm="arm.toml")`, or
+    any other, whose standard deviations are a guess. Returns a dict for each touch: `name`, `time` (T,) s or None, `torque`
+    and `std` (T, n_joints) N·m, `statistic` (T,): the largest |torque| over its std, and `threshold`, which contact-free
+    motion passes `false_alarms_per_hour` times an hour; None if nothing says it.
+
+    Raises SettingsError, FileError or TouchError.
     """
 
 def default_settings(

@@ -310,3 +310,81 @@ class Inspection(TypedDict):
     """None if nothing of it can be read."""
     findings: list[Finding]
     """Errors first."""
+
+
+class Uncertain(TypedDict):
+    """A value with its standard deviation."""
+
+    value: float
+    std: float
+
+
+class IdentifiedPayload(TypedDict):
+    """What an arm carries beyond its URDF."""
+
+    link: str
+    mass_kg: Uncertain
+    com_m: list[Uncertain]
+    inertia_kg_m2: list[list[float]]
+    is_told: bool
+    """Whether the mass is more than twice its standard deviation."""
+
+
+class IdentifiedJoint(TypedDict):
+    """What was found out about a joint."""
+
+    name: str
+    moved: float
+    coulomb_n_m: Uncertain
+    asymmetry_n_m: Uncertain
+    breakaway_n_m: Uncertain
+    viscous_n_m_s: Uncertain
+    rotor_inertia_kg_m2: Uncertain
+    bias_n_m: Uncertain
+    gain: Uncertain
+    presliding_rad: float
+    hysteresis_n_m: float
+
+
+class IdentifiedBody(TypedDict):
+    """Links that move together: ten inertial parameters, and how much of the URDF's uncertainty each lost."""
+
+    link: str
+    parameters: list[Uncertain]
+    told: list[float]
+
+
+class HeldOutTorque(TypedDict):
+    """Root mean squares of what is left over on motion that was not used, N·m by joint."""
+
+    gravity: list[float]
+    urdf: list[float]
+    identified: list[float]
+    slow: list[list[float]]
+    """The same three of means over the time window of speeds."""
+
+
+class Identified(TypedDict):
+    """What `identify` found out about an arm."""
+
+    payload: IdentifiedPayload
+    joints: list[IdentifiedJoint]
+    bodies: list[IdentifiedBody]
+    base_parameters: int
+    base_parameters_told: int
+    delay_s: Uncertain
+    held_out: HeldOutTorque
+    notes: list[str]
+    text: str
+    """The file for `Robot(..., arm=...)`."""
+
+
+class TouchTorques(TypedDict):
+    """External torques of a touch of T frames."""
+
+    name: str
+    time: NDArray[np.float64] | None
+    torque: NDArray[np.float64]
+    std: NDArray[np.float64]
+    statistic: NDArray[np.float64]
+    threshold: float | None

@@ -4,7 +4,6 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use palpate::unstable::Side;
 use palpate::{
     Arm, ExternalTorqueConfig, Gravity, Sample, TorqueModel, TorqueSign, external_torques,
 };
@@ -21,7 +20,7 @@ use crate::settings::sections::{RobotSettings, TouchSettings};
 pub(super) struct Identified {
     arm: Arc<Arm>,
     model: TorqueModel,
-    side: Side,
+    causal: bool,
     torques: ExternalTorqueConfig,
     /// Events of the touch under way.
     ready: VecDeque<TouchEvent>,
@@ -46,22 +45,23 @@ impl Touches {
         };
         let model = arm_file::read(path, &arm.robot)?;
         self.conventions(arm, touch, IfUndecided::Refuse, progress)?;
-        self.identified(arm, model, Side::Around, touch);
+        self.identified(arm, model, false, touch);
         Ok(())
     }
 
     /// Makes the torques external ones, as far as a model knows the arm; the settings say so then. Speeds are computed
-    /// out of windows around each sample, or before it.
+    /// out of what lies around each sample, or, with `causal`, before it.
     pub fn identified(
         &mut self,
         arm: &Arc<Arm>,
         model: TorqueModel,
-        side: Side,
+        causal: bool,
         touch: &mut TouchSettings,
     ) {
         let torques = touch.over_config(&ExternalTorqueConfig::default());
+        let model = if causal { model.causal() } else { model };
         let (arm, ready) = (Arc::clone(arm), VecDeque::new());
-        self.identified = Some(Identified { arm, model, side, torques, ready });
+        self.identified = Some(Identified { arm, model, causal, torques, ready });
         touch.torque_sign = Some(OrAuto::Is(TorqueSign::Plus));
         touch.gravity = Some(OrAuto::Is(Gravity::Removed));
     }
@@ -79,7 +79,7 @@ impl Touches {
                 samples.push(sample);
             }
         }
-        let Some(Identified { arm, model, side, torques, .. }) = &self.identified else {
+        let Some(Identified { arm, model, causal, torques, .. }) = &self.identified else {
             unreachable!("it was there above")
         };
         for (number, sample) in samples.iter().enumerate() {
@@ -90,7 +90,7 @@ impl Touches {
                 return Err(WorkError::touch(self.log(), place, fault));
             }
         }
-        let found = external_torques(&arm.robot, model, torques, &samples, *side)
+        let found = external_torques(&arm.robot, model, torques, &samples, *causal)
             .map_err(|error| WorkError::touch(self.log(), self.place(), error))?;
         let events = samples.into_iter().zip(found).map(|(mut sample, found)| {
             sample.tau = found.torque.as_slice().to_vec();

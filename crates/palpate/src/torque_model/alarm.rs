@@ -2,7 +2,8 @@
 //! threshold that contact-free motion passes so many times an hour.
 //!
 //! The largest of each second of contact-free motion gives the threshold: above the level that a tenth of the seconds
-//! pass, excesses are taken as exponential (the tail of most distributions, Pickands 1975 with a shape of 0).
+//! pass, excesses are taken as exponential (the tail of most distributions, Pickands 1975 with a shape of 0). Few seconds
+//! tell their mean badly, so what counts is two standard deviations above it.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,7 +20,7 @@ const LEAST_SECONDS: usize = 5;
 pub struct Alarm {
     /// Level that a tenth of the seconds pass, standard deviations.
     pub level: f64,
-    /// Mean excess over it.
+    /// Mean excess over it, two of its standard deviations higher than it was found.
     pub excess: f64,
     /// Seconds that were looked at.
     pub seconds: f64,
@@ -50,6 +51,8 @@ impl Alarm {
         let (below, above) = largest.split_at(largest.len() - tail);
         let level = below.last().copied().unwrap_or(0.0);
         let excess = above.iter().map(|value| value - level).sum::<f64>() / tail as f64;
+        // The mean of n exponential values has a standard deviation of 1/√n of it.
+        let excess = excess * (1.0 + 2.0 / (tail as f64).sqrt());
         Some(Self { level, excess: excess.max(1e-6), seconds: largest.len() as f64 })
     }
 

@@ -1,12 +1,15 @@
 //! External torque of every sample of a touch: what is measured, less what the model says the arm itself takes.
 //!
-//! The motion is computed at the time of the torque less the delay, so beside a running robot some of the window lies
-//! after it. Where a log has no clock, or one that is slower than the window, speeds are not known: gravity, bias and
+//! The motion is computed at the time of the torque less the delay. Beside a running robot the window ends now, so some
+//! of it lies after that time. Where a log has no clock, or one that is slower than the window, speeds are not known: gravity, bias and
 //! Coulomb friction are taken off, and the rest is in the standard deviation.
+
+use std::sync::Arc;
 
 use nalgebra::DVector;
 
 use super::{FrictionState, LocalPolynomial, Side, TorqueModel};
+use crate::arm::Arm;
 use crate::external_torque::{ExternalTorqueConfig, Gravity, TorqueSign};
 use crate::robot::Robot;
 use crate::tracker::{Sample, TrackerError};
@@ -163,7 +166,8 @@ pub struct NoiseFactors {
     pub inertia: f64,
 }
 
-/// External torques of the samples of a touch, as far as a model knows the arm.
+/// External torques of the samples of a touch, as far as a model knows the arm; with `causal`, out of what came before
+/// each sample alone, for which the model is to be [`TorqueModel::causal`].
 ///
 /// The tare is not taken off: the model has the bias, as far as it was the same when the arm was identified.
 ///
@@ -179,13 +183,17 @@ pub fn external_torques(
     model: &TorqueModel,
     config: &ExternalTorqueConfig,
     samples: &[Sample],
-    side: Side,
+    causal: bool,
 ) -> Result<Vec<ExternalTorque>, TrackerError> {
-    let explained = explain(robot, model, config, samples, side)?;
-    Ok(explained.iter().map(|explained| explained.with_std(model)).collect())
+    for sample in samples {
+        let poses = robot.forward(&sample.q)?;
+        config.untared(robot, &poses, &sample.tau)?;
+    }
+    let explained = explain(robot, model, config, (samples, &|_| true), causal)?;
+    Ok(explained.iter().map(|(_, explained)| explained.with_std(model)).collect())
 }
 
-/// What a model makes of each sample of a touch, and how uncertain that is.
+/// What a model makes of some samples of a touch, by number, and how uncertain that is.
 ///
 /// # Errors and panics
 ///
@@ -194,22 +202,21 @@ pub fn explain(
     robot: &Robot,
     model: &TorqueModel,
     config: &ExternalTorqueConfig,
-    samples: &[Sample],
-    side: Side,
-) -> Result<Vec<Explained>, TrackerError> {
+    (samples, which): (&[Sample], &dyn Fn(usize) -> bool),
+    causal: bool,
+) -> Result<Vec<(usize, Explained)>, TrackerError> {
     let presliding: Vec<f64> = model.joints.iter().map(|joint| joint.friction.presliding).collect();
-    for sample in samples {
-        let poses = robot.forward(&sample.q)?;
-        config.untared(robot, &poses, &sample.tau)?;
-    }
     let motion = TouchMotion::of(robot, samples, &presliding);
     let parameters = model.check(robot).expect("models are checked before");
-    let each = samples.iter().zip(motion.times_s());
-    each.map(|(sample, time_s)| {
-        let now = motion.at(time_s - model.delay_s, model.window_s, side);
-        model.explain(robot, &parameters, config, &now, &sample.tau)
-    })
-    .collect()
+    let times = motion.times_s().iter().enumerate().filter(|(number, _)| which(*number));
+    times
+        .map(|(number, now_s)| {
+            let side = if causal { Side::UpTo { now_s: *now_s } } else { Side::Around };
+            let now = motion.at(now_s - model.delay_s, model.window_s, side);
+            let tau = &samples[number].tau;
+            Ok((number, model.explain(robot, &parameters, config, &now, tau)?))
+        })
+        .collect()
 }
 
 impl TorqueModel {
@@ -265,5 +272,74 @@ impl Explained {
         });
         let std = DVector::from_iterator(self.factors.len(), std);
         ExternalTorque { torque: self.external.clone(), std }
+    }
+}
+
+/// External torques beside a running robot, sample by sample, out of what came before each.
+#[derive(Debug, Clone)]
+pub struct TorqueStream {
+    arm: Arc<Arm>,
+    model: TorqueModel,
+    parameters: DVector<f64>,
+    config: ExternalTorqueConfig,
+    presliding: Vec<f64>,
+    motion: TouchMotion,
+}
+
+impl TorqueStream {
+    /// Of an arm that was identified, whose torques are logged as `config` says.
+    ///
+    /// # Errors
+    ///
+    /// A model of another arm, as a sentence.
+    pub fn new(
+        arm: Arc<Arm>,
+        model: TorqueModel,
+        config: ExternalTorqueConfig,
+    ) -> Result<Self, String> {
+        let parameters = model.check(&arm.robot)?;
+        let model = model.causal();
+        let presliding = model.joints.iter().map(|joint| joint.friction.presliding).collect();
+        Ok(Self { arm, model, parameters, config, presliding, motion: TouchMotion::default() })
+    }
+
+    /// Forgets what came before: the next sample does not go on from it.
+    pub fn begin(&mut self) {
+        self.motion = TouchMotion::default();
+    }
+
+    /// The sample with its external torque, and the standard deviation of that, in place of the measured one.
+    ///
+    /// A clock that goes back begins anew.
+    ///
+    /// # Errors
+    ///
+    /// If the sample does not fit the robot, or holds a value that is no number; it is left out then.
+    pub fn external(&mut self, sample: &Sample) -> Result<Sample, TrackerError> {
+        let poses = self.arm.robot.forward(&sample.q)?;
+        self.config.untared(&self.arm.robot, &poses, &sample.tau)?;
+        let last_s = self.motion.times_s().last().copied();
+        if let (Some(now_s), Some(last_s)) = (sample.time_s, last_s)
+            && now_s < last_s
+        {
+            self.begin();
+        }
+        self.motion.push(&self.arm.robot, sample, &self.presliding);
+        let now_s = *self.motion.times_s().last().expect("it was pushed above");
+        let (model, robot) = (&self.model, &self.arm.robot);
+        let side = Side::UpTo { now_s };
+        let motion = self.motion.at(now_s - model.delay_s, model.window_s, side);
+        let found = model.explain(robot, &self.parameters, &self.config, &motion, &sample.tau)?;
+        let found = found.with_std(model);
+        if sample.time_s.is_some() {
+            // One more window is left for samples that are late.
+            self.motion.forget_before(now_s - model.delay_s.abs() - 4.0 * model.window_s);
+        }
+        Ok(Sample {
+            time_s: sample.time_s,
+            q: sample.q.clone(),
+            tau: found.torque.as_slice().to_vec(),
+            tau_std: Some(found.std.as_slice().to_vec()),
+        })
     }
 }

@@ -5,12 +5,15 @@
 use nalgebra::{DMatrix, SMatrix, SVector};
 
 /// Where the window of a fit lies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Side {
     /// Around the time; at the ends of the log as near to that as can be.
     Around,
-    /// Before the time: what is known beside a running robot.
-    Before,
+    /// Up to now, which may be later than the time: what is known beside a running robot.
+    UpTo {
+        /// Now, s.
+        now_s: f64,
+    },
 }
 
 /// Values at a time, with their first and second derivatives.
@@ -44,17 +47,17 @@ impl<'a> LocalPolynomial<'a> {
         Self { times_s, values, half_s, side }
     }
 
-    /// The polynomial's value and derivatives at a time, s: of the third degree inside the log, of the second at its
-    /// ends. Fewer samples than it takes give a lower degree.
+    /// The polynomial's value and derivatives at a time, s: of the third degree, at the ends of a log of the second.
+    /// Fewer samples than it takes give a lower degree.
     pub fn at(&self, time_s: f64) -> Fit {
         let (first, last) = (self.times_s[0], self.times_s[self.times_s.len() - 1]);
         let room = |low: f64, high: f64| low >= first && high <= last;
         let wide = 2.0 * self.half_s;
         let (mut low, mut high) = match self.side {
             Side::Around => (time_s - self.half_s, time_s + self.half_s),
-            Side::Before => (time_s - wide, time_s.max(last.min(time_s))),
+            Side::UpTo { now_s } => (now_s - wide, now_s),
         };
-        let inside = self.side == Side::Around && room(low, high);
+        let inside = room(low, high);
         if self.side == Side::Around && !inside {
             low = low.min(last - wide).max(first);
             high = high.max(first + wide).min(last);
@@ -141,10 +144,11 @@ mod tests {
     }
 
     #[test]
-    fn a_parabola_is_recovered_at_the_ends_and_from_before() {
+    fn a_parabola_is_recovered_at_the_ends_and_from_what_came_before() {
         let times: Vec<f64> = (0..60).map(|k| 0.01 * f64::from(k)).collect();
         let values: Vec<Vec<f64>> = times.iter().map(|t| vec![1.0 + t * t]).collect();
-        for (side, at) in [(Side::Around, 0.0), (Side::Around, 0.59), (Side::Before, 0.3)] {
+        let now = Side::UpTo { now_s: 0.32 };
+        for (side, at) in [(Side::Around, 0.0), (Side::Around, 0.59), (now, 0.3)] {
             let fit = LocalPolynomial::new(&times, &values, 0.05, side).at(at);
             assert!((fit.value[0] - 1.0 - at * at).abs() < 1e-12, "{side:?} {at}");
             assert!((fit.first[0] - 2.0 * at).abs() < 1e-9 && (fit.second[0] - 2.0).abs() < 1e-6);

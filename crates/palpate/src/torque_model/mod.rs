@@ -23,7 +23,8 @@ mod local_polynomial;
 
 pub use alarm::{Alarm, Detector};
 pub use external::{
-    Explained, ExternalTorque, Motion, NoiseFactors, TouchMotion, explain, external_torques,
+    Explained, ExternalTorque, Motion, NoiseFactors, TorqueStream, TouchMotion, explain,
+    external_torques,
 };
 pub use friction::{Friction, FrictionState};
 pub use local_polynomial::{Fit, LocalPolynomial, Side};
@@ -50,6 +51,35 @@ pub struct TorqueModel {
     /// What statistics of contact-free motion allow to detect.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub alarm: Option<Alarm>,
+    /// The same beside a running robot, where nothing is known of what comes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub causal: Option<Causal>,
+}
+
+/// What is different beside a running robot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Causal {
+    /// Half of the time before now out of which speeds and accelerations are computed, s.
+    pub window_s: f64,
+    /// What is left over, in the robot's order.
+    pub noise: Vec<TorqueNoise>,
+    /// What that allows to detect.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alarm: Option<Alarm>,
+}
+
+impl Causal {
+    /// Whether it is one window and one noise for each joint.
+    fn fits(&self, joints: usize) -> bool {
+        let is = |own: f64, least: f64| own >= least && own.is_finite();
+        let is_noise = |own: &TorqueNoise| {
+            let parts = [own.turning, own.by_speed, own.by_inertia];
+            is(own.still, 1e-12) && parts.iter().all(|own| is(*own, 0.0))
+        };
+        let has_window = self.window_s > 0.0 && self.window_s < 10.0;
+        has_window && self.noise.len() == joints && self.noise.iter().all(is_noise)
+    }
 }
 
 /// The model of one joint's torque.
@@ -95,6 +125,38 @@ impl TorqueNoise {
     }
 }
 
+impl JointModel {
+    /// What of it cannot be, as a sentence without its name.
+    fn check(&self) -> Result<(), String> {
+        let Self { gain, bias, rotor_inertia, friction, noise, .. } = self;
+        let is = |value: f64, wanted: bool| value.is_finite() && wanted;
+        let at_least_zero = [
+            ("rotor_inertia", *rotor_inertia),
+            ("coulomb", friction.coulomb),
+            ("viscous", friction.viscous),
+            ("presliding", friction.presliding),
+            ("turning", noise.turning),
+            ("by_speed", noise.by_speed),
+            ("by_inertia", noise.by_inertia),
+        ];
+        if let Some((key, value)) = at_least_zero.iter().find(|(_, v)| !is(*v, *v >= 0.0)) {
+            return Err(format!("{key} is {value}; wanted 0 or more"));
+        }
+        let above_zero = [("still", noise.still), ("stribeck", friction.stribeck)];
+        if let Some((key, value)) = above_zero.iter().find(|(_, v)| !is(*v, *v > 0.0)) {
+            return Err(format!("{key} is {value}; wanted more than 0"));
+        }
+        if !is(*gain, gain.abs() > 1e-6) {
+            return Err(format!("gain is {gain}; wanted a number that is not 0"));
+        }
+        let numbers = [friction.asymmetry, friction.breakaway, bias[0], bias[1], bias[2]];
+        match numbers.iter().find(|number| !number.is_finite()) {
+            Some(number) => Err(format!("found {number}; wanted finite numbers")),
+            None => Ok(()),
+        }
+    }
+}
+
 impl TorqueModel {
     /// What is assumed of an arm that nobody has identified: masses as in its URDF, no friction, and a standard
     /// deviation that is a guess: 0.5 % of the joint's effort limit at rest, 1.5 % while it moves.
@@ -121,7 +183,20 @@ impl TorqueModel {
             joints: joints.collect(),
             inertial: vec![],
             alarm: None,
+            causal: None,
         }
+    }
+
+    /// The model as it holds beside a running robot.
+    #[must_use]
+    pub fn causal(mut self) -> Self {
+        if let Some(Causal { window_s, noise, alarm }) = self.causal.take() {
+            (self.window_s, self.alarm) = (window_s, alarm);
+            for (joint, noise) in self.joints.iter_mut().zip(noise) {
+                joint.noise = noise;
+            }
+        }
+        self
     }
 
     /// Inertial parameters of the robot's bodies: the model's, or the robot's own.
@@ -141,43 +216,13 @@ impl TorqueModel {
             ));
         }
         for joint in &self.joints {
-            let JointModel { name, gain, bias, rotor_inertia, friction, noise } = joint;
-            let at_least_zero = [
-                ("rotor_inertia", *rotor_inertia),
-                ("coulomb", friction.coulomb),
-                ("viscous", friction.viscous),
-                ("presliding", friction.presliding),
-                ("turning", noise.turning),
-                ("by_speed", noise.by_speed),
-                ("by_inertia", noise.by_inertia),
-            ];
-            if let Some((key, value)) =
-                at_least_zero.iter().find(|(_, v)| !(*v >= 0.0 && v.is_finite()))
-            {
-                return Err(format!("joint `{name}`: {key} is {value}; wanted 0 or more"));
-            }
-            if !(noise.still > 0.0 && noise.still.is_finite()) {
-                let still = noise.still;
-                return Err(format!(
-                    "joint `{name}`: the noise is {still} at rest; wanted more than 0"
-                ));
-            }
-            if !(gain.abs() > 1e-6 && gain.is_finite()) {
-                return Err(format!(
-                    "joint `{name}`: gain is {gain}; wanted a number that is not 0"
-                ));
-            }
-            if !(friction.stribeck > 0.0) {
-                let stribeck = friction.stribeck;
-                return Err(format!("joint `{name}`: stribeck is {stribeck}; wanted more than 0"));
-            }
-            let numbers = [friction.asymmetry, friction.breakaway, bias[0], bias[1], bias[2]];
-            if let Some(number) = numbers.iter().find(|number| !number.is_finite()) {
-                return Err(format!("joint `{name}`: found {number}; wanted finite numbers"));
-            }
+            joint.check().map_err(|what| format!("joint `{}`: {what}", joint.name))?;
         }
-        if !(self.delay_s.abs() < 1.0) {
+        if self.delay_s.is_nan() || self.delay_s.abs() >= 1.0 {
             return Err(format!("delay_s is {}; wanted less than 1 s", self.delay_s));
+        }
+        if self.causal.as_ref().is_some_and(|causal| !causal.fits(self.joints.len())) {
+            return Err("[causal] is to have one window and one noise for each joint".to_owned());
         }
         if !(self.window_s > 0.0 && self.window_s < 10.0) {
             return Err(format!(

@@ -1,0 +1,164 @@
+//! `palpate excite`: a motion for `palpate identify`.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use palpate::Robot;
+use palpate_learn::excite::{Excitation, ExciteConfig, excite};
+use palpate_work::{Progress, robot};
+use serde_json::json;
+
+use crate::args::number_in;
+use crate::error::CliError;
+use crate::output::Output;
+use crate::place::{self, Places};
+use crate::settings::{RobotOnlySettings, Settings};
+use crate::{csv, interrupt};
+
+const NOTES: &str = "Examples:
+  palpate excite --robot fr3.urdf --start 0,-0.785,0,-2.356,0,1.571,0.785 -o motion.csv
+  palpate excite --robot ur10e.urdf --ground-m 0.1 --speed 0.3 -o motion.yaml
+  ros2 topic pub -1 /joint_trajectory_controller/joint_trajectory \\
+    trajectory_msgs/msg/JointTrajectory \"$(cat motion.yaml)\"
+
+The motion begins and ends at rest where --start says, and keeps to the joints' ranges, speeds and
+torques, clear of the ground and of the arm itself. It knows nothing else of the room: play it slowly
+first, with a hand on the stop. Other motions: another --seed. Log it, and give the log to `palpate
+identify`; three of them, of other seeds, tell more than one.";
+
+/// Flags of `palpate excite`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = NOTES)]
+pub(crate) struct Args {
+    /// Where the motion goes: a table, or a trajectory_msgs/JointTrajectory
+    #[arg(long, short, value_name = "FILE.csv|.yaml")]
+    output: PathBuf,
+    /// Joint positions where it begins and ends, rad or m [default: the middle of each range]
+    #[arg(long, value_name = "Q1,Q2,…", value_delimiter = ',', allow_hyphen_values = true)]
+    start: Option<Vec<f64>>,
+    /// How long it takes, s [default: 20]
+    #[arg(long, value_name = "S", value_parser = number_in(5.0..=600.0, "a number of seconds from 5 to 600"))]
+    duration: Option<f64>,
+    /// Points a second [default: 100]
+    #[arg(long, value_name = "HZ", value_parser = number_in(5.0..=2000.0, "a rate from 5 to 2000 Hz"))]
+    rate_hz: Option<f64>,
+    /// Largest speed of a joint, in parts of its limit [default: 0.5]
+    #[arg(long, value_name = "PART", value_parser = number_in(0.01..=1.0, "a part from 0.01 to 1"))]
+    speed: Option<f64>,
+    /// Largest torque of a joint, in parts of its limit [default: 0.8]
+    #[arg(long, value_name = "PART", value_parser = number_in(0.01..=1.0, "a part from 0.01 to 1"))]
+    torque: Option<f64>,
+    /// Height that the arm stays above, m in the base frame, or `none` [default: 0.05]
+    #[arg(long, value_name = "M|none", allow_hyphen_values = true)]
+    ground_m: Option<String>,
+    /// Largest way of a joint from the start, rad or m [default: 1.2]
+    #[arg(long, value_name = "RAD", value_parser = number_in(0.01..=6.3, "a way from 0.01 to 6.3 rad"))]
+    reach: Option<f64>,
+    /// Seed of the draws [default: 0]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Print what it takes of the limits as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    settings: RobotOnlySettings,
+}
+
+/// What a file of a motion looks like.
+#[derive(Debug, Clone, Copy)]
+enum Format {
+    Csv,
+    Yaml,
+}
+
+/// Finds the motion and writes it.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let settings: Settings = args.settings.load()?;
+    let formats = [("csv", Format::Csv), ("yaml", Format::Yaml), ("yml", Format::Yaml)];
+    let format = place::format_of(&args.output, "file of a motion", &formats)?;
+    let mut places = Places::read(&args.settings, &settings, &[]);
+    places.output("the motion (--output)", Some(&args.output))?;
+    interrupt::listen();
+    let arm = robot::load(&settings.robot, output)?;
+    let mut config = ExciteConfig { around: args.start.clone(), ..ExciteConfig::default() };
+    config.duration_s = args.duration.unwrap_or(config.duration_s);
+    config.rate_hz = args.rate_hz.unwrap_or(config.rate_hz);
+    config.speed_share = args.speed.unwrap_or(config.speed_share);
+    config.torque_share = args.torque.unwrap_or(config.torque_share);
+    config.reach = args.reach.unwrap_or(config.reach);
+    config.seed = args.seed.unwrap_or_default();
+    config.ground_m = match args.ground_m.as_deref() {
+        None => config.ground_m,
+        Some("none") => None,
+        Some(height) => Some(
+            height.parse().ok().filter(|height: &f64| height.is_finite()).ok_or_else(|| {
+                CliError::Usage(format!("--ground-m is `{height}`; wanted a height in m, or none"))
+            })?,
+        ),
+    };
+    let bar = output.begin(Some(config.tries as u64), "motions", "trying");
+    let stop = || interrupt::pressed();
+    let found = excite(&arm, &config, &stop, &|| bar.step())
+        .map_err(|error| CliError::from(error.to_string()))?;
+    drop(bar);
+    let text = match format {
+        Format::Csv => table(&arm.robot, &found),
+        Format::Yaml => trajectory(&arm.robot, &found),
+    };
+    place::write(&args.output, &text)?;
+    let Excitation { condition: [condition, first], shares: [speed, torque], .. } = found;
+    if args.json {
+        return output.json(&json!({
+            "output": args.output, "condition": condition, "condition_of_first": first,
+            "speed_share": speed, "torque_share": torque, "lowest_m": found.lowest_m,
+            "nearest_m": found.nearest_m, "points": found.points.len(),
+        }));
+    }
+    output.result(&format!(
+        "{} points over {:.0} s are in `{}`.\nCondition number {condition:.0} (of the first motion that kept to the \
+         limits: {first:.0}); it takes {:.0} % of the joints' speed and {:.0} % of their torque, and stays {:.2} m \
+         above the base's zero and {:.2} m from itself.\nNext: play it, log it, and palpate identify LOG\n",
+        found.points.len(),
+        config.duration_s,
+        args.output.display(),
+        100.0 * speed,
+        100.0 * torque,
+        found.lowest_m,
+        found.nearest_m,
+    ))
+}
+
+/// A row a point: time, positions, speeds, accelerations.
+fn table(robot: &Robot, found: &Excitation) -> String {
+    let column =
+        |what: &'static str| robot.joint_names().map(move |joint| format!("{joint}_{what}"));
+    let head = ["time".to_owned()].into_iter();
+    let head =
+        head.chain(column("position")).chain(column("velocity")).chain(column("acceleration"));
+    let rows = found.times_s.iter().zip(&found.points).map(|(time, point)| {
+        let numbers = point.iter().flatten().map(|number| format!("{number:.9}"));
+        [format!("{time:.6}")].into_iter().chain(numbers).collect()
+    });
+    csv::text(std::iter::once(head.collect()).chain(rows))
+}
+
+/// A `trajectory_msgs/JointTrajectory` as YAML.
+fn trajectory(robot: &Robot, found: &Excitation) -> String {
+    let list = |numbers: &[f64]| {
+        let each: Vec<String> = numbers.iter().map(|number| format!("{number:.9}")).collect();
+        format!("[{}]", each.join(", "))
+    };
+    let names: Vec<String> = robot.joint_names().map(|name| json!(name).to_string()).collect();
+    let mut text = format!("joint_names: [{}]\npoints:\n", names.join(", "));
+    for (time_s, [q, speed, acceleration]) in found.times_s.iter().zip(&found.points) {
+        let (sec, nanosec) = (time_s.floor(), (time_s.fract() * 1e9).round().min(999_999_999.0));
+        let _ = writeln!(
+            text,
+            "- positions: {}\n  velocities: {}\n  accelerations: {}\n  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}",
+            list(q),
+            list(speed),
+            list(acceleration)
+        );
+    }
+    text
+}

@@ -1,0 +1,410 @@
+//! A motion that tells an arm's masses and friction: a Fourier series for each joint, which begins and ends at rest,
+//! inside the joints' limits, clear of the ground and of itself, whose coefficients make the regression of
+//! [`crate::identify`] well conditioned (Swevers et al. 1997).
+//!
+//! ```text
+//! q_j(t) = c_j + e(t) Σ_k [ a_jk sin(k ω t) + b_jk cos(k ω t) ]        e: from 0 to 1 and back, twice differentiable
+//! ```
+//!
+//! Coefficients are drawn from a seed, shrunk until every limit holds, and then changed one joint at a time as long as
+//! the condition number falls.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{DMatrix, Point3};
+use palpate::Arm;
+use palpate::unstable::BODY_PARAMETERS;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+use crate::error::{LearnError, Stop, unless_stopped};
+
+/// What a motion is to keep to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExciteConfig {
+    /// Joint positions where it begins and ends, rad or m; those in the middle of the ranges if not given.
+    pub around: Option<Vec<f64>>,
+    /// How long it takes, s.
+    pub duration_s: f64,
+    /// Points a second.
+    pub rate_hz: f64,
+    /// Largest speeds and torques, in parts of the URDF's.
+    pub speed_share: f64,
+    /// See `speed_share`.
+    pub torque_share: f64,
+    /// Height above which all of the arm but its first link stays, m in the base frame; `None`: no ground.
+    pub ground_m: Option<f64>,
+    /// Least distance between links that are not neighbours, m.
+    pub clearance_m: f64,
+    /// Largest way of a joint from where it begins, rad or m.
+    pub reach: f64,
+    /// Seed of the draws, and how many motions are tried.
+    pub seed: u64,
+    /// See `seed`.
+    pub tries: usize,
+}
+
+impl Default for ExciteConfig {
+    fn default() -> Self {
+        Self {
+            around: None,
+            duration_s: 20.0,
+            rate_hz: 100.0,
+            speed_share: 0.5,
+            torque_share: 0.8,
+            ground_m: Some(0.05),
+            clearance_m: 0.03,
+            reach: 1.2,
+            seed: 0,
+            tries: 150,
+        }
+    }
+}
+
+/// A motion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Excitation {
+    /// Times, s.
+    pub times_s: Vec<f64>,
+    /// Positions, speeds and accelerations at them, n_joints each.
+    pub points: Vec<[Vec<f64>; 3]>,
+    /// Condition number of the regression, and that of the first motion that kept to the limits.
+    pub condition: [f64; 2],
+    /// Largest part of the speed limit and of the torque limit that it takes; 0 where none is known.
+    pub shares: [f64; 2],
+    /// Lowest point of the moving arm, m, and least distance between links that are not neighbours, m.
+    pub lowest_m: f64,
+    /// See `lowest_m`.
+    pub nearest_m: f64,
+}
+
+/// Harmonics of the series, and seconds of its longest period.
+const HARMONICS: usize = 5;
+const PERIOD_S: f64 = 10.0;
+/// How long it takes to come to full size, and to rest again, s.
+const RAMP_S: f64 = 2.0;
+/// Points at which limits and condition are looked at while the motion is sought, and when it is found.
+const COARSE: usize = 100;
+const FINE: usize = 600;
+/// Points of a link's surface that are looked at.
+const SURFACE: usize = 150;
+/// What is left free at each end of a joint's range, in parts of it.
+const RANGE_MARGIN: f64 = 0.05;
+/// Speed of a joint of which the URDF says none, rad/s.
+const USUAL_SPEED: f64 = 1.0;
+
+/// Coefficients: by joint, harmonic, sine and cosine.
+type Series = Vec<[[f64; 2]; HARMONICS]>;
+
+/// Finds a motion.
+///
+/// # Errors
+///
+/// If the start is out of the joints' ranges, already too near the ground or itself, or no motion around it keeps to
+/// the limits; or on being stopped.
+pub fn excite(
+    arm: &Arm,
+    config: &ExciteConfig,
+    stop: Stop<'_>,
+    done: &dyn Fn(),
+) -> Result<Excitation, LearnError> {
+    let search = Search::new(arm, config)?;
+    let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
+    let mut best: Option<(f64, Series)> = None;
+    let mut first = f64::NAN;
+    for attempt in 0..config.tries {
+        unless_stopped(stop)?;
+        done();
+        let mut series = match &best {
+            // Drawn anew at first, then changed.
+            Some((_, series)) if attempt > config.tries / 4 => series.clone(),
+            _ => vec![[[0.0; 2]; HARMONICS]; arm.robot.n_joints()],
+        };
+        let fresh = series.iter().flatten().flatten().all(|own| *own == 0.0);
+        let joint = (rng.next_u32() as usize) % series.len();
+        for (j, own) in series.iter_mut().enumerate() {
+            if fresh || j == joint {
+                search.draw(j, own, &mut rng);
+            }
+        }
+        let Some(series) = search.shrunk(series, COARSE) else { continue };
+        let condition = search.condition(&series);
+        if first.is_nan() {
+            first = condition;
+        }
+        if best.as_ref().is_none_or(|(least, _)| condition < *least) {
+            best = Some((condition, series));
+        }
+    }
+    let none = || {
+        LearnError::Excite(
+            "no motion around the start keeps to the limits; give another start".to_owned(),
+        )
+    };
+    let (_, series) = best.ok_or_else(none)?;
+    let series = search.shrunk(series, FINE).ok_or_else(none)?;
+    Ok(search.motion(&series, first))
+}
+
+struct Search<'a> {
+    arm: &'a Arm,
+    config: &'a ExciteConfig,
+    around: Vec<f64>,
+    /// Points of each link's surface.
+    surfaces: Vec<Vec<Point3<f64>>>,
+    /// Pairs of links that may meet.
+    pairs: Vec<(usize, usize)>,
+    /// Scales of the inertial parameters, for the condition number.
+    scales: Vec<f64>,
+}
+
+impl<'a> Search<'a> {
+    fn new(arm: &'a Arm, config: &'a ExciteConfig) -> Result<Self, LearnError> {
+        let robot = &arm.robot;
+        let wrong = |what: String| Err(LearnError::Excite(what));
+        let middle = || robot.joints().iter().map(|joint| joint.middle()).collect();
+        let around: Vec<f64> = config.around.clone().unwrap_or_else(middle);
+        if around.len() != robot.n_joints() {
+            let (found, wanted) = (around.len(), robot.n_joints());
+            return wrong(format!("the start has {found} joint positions; the robot has {wanted}"));
+        }
+        for (joint, at) in robot.joints().iter().zip(&around) {
+            if let Some([low, high]) = joint.range
+                && !(low..=high).contains(at)
+            {
+                let name = &joint.name;
+                return wrong(format!(
+                    "the start of joint `{name}` is {at}; its range is {low} to {high}"
+                ));
+            }
+        }
+        let surfaces: Vec<Vec<Point3<f64>>> = (arm.surfaces.iter())
+            .map(|surface| {
+                let points =
+                    surface.as_ref().map(|surface| surface.surface_points()).unwrap_or_default();
+                let every = points.len().div_ceil(SURFACE).max(1);
+                points.into_iter().step_by(every).collect()
+            })
+            .collect();
+        let scales = (robot.inertial_parameters().as_slice().chunks(BODY_PARAMETERS))
+            .flat_map(|body| {
+                let mass = body[0].max(0.1);
+                let length = (0.5 * (body[4] + body[7] + body[9]).max(0.0) / mass).sqrt() + 0.03;
+                [mass, mass * length, mass * length * length].into_iter().zip([1, 3, 6])
+            })
+            .flat_map(|(scale, times)| std::iter::repeat_n(scale, times))
+            .collect();
+        let mut search = Self { arm, config, around, surfaces, pairs: Vec::new(), scales };
+        // Links that touch where it begins are neighbours: shells of one housing overlap.
+        let links = 0..robot.links().len();
+        let pairs: Vec<(usize, usize)> = links
+            .clone()
+            .flat_map(|a| links.clone().map(move |b| (a, b)))
+            .filter(|(a, b)| a != b)
+            .collect();
+        let poses =
+            robot.forward(&search.around).map_err(|error| LearnError::Excite(error.to_string()))?;
+        search.pairs = pairs
+            .into_iter()
+            .filter(|(a, b)| search.moves_apart(*a, *b))
+            .filter(|pair| search.distance(&poses.world_from_link, *pair) > config.clearance_m)
+            .collect();
+        if let Some(ground_m) = config.ground_m
+            && search.lowest(&poses.world_from_link) < ground_m
+        {
+            let lowest = search.lowest(&poses.world_from_link);
+            return wrong(format!(
+                "at the start the arm reaches down to {lowest:.3} m, and is to stay above {ground_m} m; give another \
+                 start, or another height of the ground"
+            ));
+        }
+        Ok(search)
+    }
+
+    /// Whether two joints or more lie between links: those next to each other never meet.
+    fn moves_apart(&self, a: usize, b: usize) -> bool {
+        let robot = &self.arm.robot;
+        let bodies = [a, b].map(|link| robot.body_of(palpate::unstable::LinkId(link as u16)));
+        let place = |body: Option<usize>| body.map_or(0, |body| body + 1);
+        place(bodies[0]).abs_diff(place(bodies[1])) >= 2
+    }
+
+    /// Least distance of the surface points of one link from another.
+    fn distance(&self, poses: &[nalgebra::Isometry3<f64>], (a, b): (usize, usize)) -> f64 {
+        let Some(surface) = &self.arm.surfaces[b] else { return f64::INFINITY };
+        let to_b = poses[b].inverse() * poses[a];
+        let each = self.surfaces[a].iter().map(|point| surface.distance(&(to_b * point)));
+        each.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Lowest point of the arm, but for links that no joint moves and the first that one does.
+    fn lowest(&self, poses: &[nalgebra::Isometry3<f64>]) -> f64 {
+        let robot = &self.arm.robot;
+        let links = self.surfaces.iter().zip(poses).enumerate().filter(|(link, _)| {
+            robot.body_of(palpate::unstable::LinkId(*link as u16)).is_some_and(|body| body > 0)
+        });
+        let heights =
+            links.flat_map(|(_, (points, pose))| points.iter().map(move |point| (pose * point).z));
+        heights.fold(f64::INFINITY, f64::min)
+    }
+
+    /// How far a joint may go from the start, down and up.
+    fn room(&self, j: usize) -> f64 {
+        let joint = &self.arm.robot.joints()[j];
+        let Some([low, high]) = joint.range else { return self.config.reach };
+        let margin = RANGE_MARGIN * (high - low);
+        let at = self.around[j];
+        (at - low - margin).min(high - margin - at).clamp(0.0, self.config.reach)
+    }
+
+    fn draw(&self, j: usize, own: &mut [[f64; 2]; HARMONICS], rng: &mut ChaCha8Rng) {
+        let mut uniform = || f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0;
+        for (k, harmonic) in own.iter_mut().enumerate() {
+            // Slow ones are large, fast ones small: speeds of the same size.
+            *harmonic = [uniform(), uniform()].map(|part| part * self.room(j) / (k as f64 + 1.0));
+        }
+    }
+
+    /// Position, speed and acceleration of all joints at a time.
+    fn at(&self, series: &Series, time_s: f64) -> [Vec<f64>; 3] {
+        let (envelope, slope, bend) = envelope(time_s, self.config.duration_s);
+        let omega = TAU / PERIOD_S;
+        let mut point = [Vec::new(), Vec::new(), Vec::new()];
+        for (own, around) in series.iter().zip(&self.around) {
+            let [mut value, mut speed, mut acceleration] = [0.0; 3];
+            for (k, [a, b]) in own.iter().enumerate() {
+                let w = omega * (k as f64 + 1.0);
+                let (sin, cos) = (w * time_s).sin_cos();
+                value += a * sin + b * cos;
+                speed += w * (a * cos - b * sin);
+                acceleration -= w * w * (a * sin + b * cos);
+            }
+            point[0].push(around + envelope * value);
+            point[1].push(envelope * speed + slope * value);
+            point[2].push(envelope * acceleration + 2.0 * slope * speed + bend * value);
+        }
+        point
+    }
+
+    fn times(&self, points: usize) -> impl Iterator<Item = f64> {
+        let step = self.config.duration_s / (points - 1) as f64;
+        (0..points).map(move |k| k as f64 * step)
+    }
+
+    /// The series made smaller until it keeps to the limits: each joint to its range and speed, then all of them to
+    /// torques, ground and clearance. `None` if a tenth of it still does not.
+    fn shrunk(&self, mut series: Series, points: usize) -> Option<Series> {
+        let motion: Vec<[Vec<f64>; 3]> =
+            self.times(points).map(|time| self.at(&series, time)).collect();
+        for (j, own) in series.iter_mut().enumerate() {
+            let joint = &self.arm.robot.joints()[j];
+            let fastest = self.config.speed_share * joint.velocity.unwrap_or(USUAL_SPEED);
+            let largest = |of: usize, less: f64| {
+                motion.iter().map(|point| (point[of][j] - less).abs()).fold(1e-12, f64::max)
+            };
+            let factor =
+                (self.room(j) / largest(0, self.around[j])).min(fastest / largest(1, 0.0)).min(1.0);
+            scale(own, factor);
+        }
+        for _ in 0..12 {
+            if self.keeps_to_limits(&series, points) {
+                return Some(series);
+            }
+            series.iter_mut().for_each(|own| scale(own, 0.82));
+        }
+        None
+    }
+
+    fn keeps_to_limits(&self, series: &Series, points: usize) -> bool {
+        let robot = &self.arm.robot;
+        self.times(points).all(|time| {
+            let [q, speed, acceleration] = self.at(series, time);
+            let Ok(poses) = robot.forward(&q) else { return false };
+            let torque = robot.inverse_dynamics(&poses, &speed, &acceleration);
+            let is_weak = robot.joints().iter().zip(torque.iter()).all(|(joint, torque)| {
+                joint.effort.is_none_or(|most| torque.abs() <= self.config.torque_share * most)
+            });
+            let poses = &poses.world_from_link;
+            is_weak
+                && self.config.ground_m.is_none_or(|ground_m| self.lowest(poses) >= ground_m)
+                && self
+                    .pairs
+                    .iter()
+                    .all(|pair| self.distance(poses, *pair) >= self.config.clearance_m)
+        })
+    }
+
+    /// Condition number of the regression of masses, over the combinations that motion can tell.
+    fn condition(&self, series: &Series) -> f64 {
+        let robot = &self.arm.robot;
+        let size = self.scales.len();
+        let mut gram = DMatrix::zeros(size, size);
+        for time in self.times(COARSE) {
+            let [q, speed, acceleration] = self.at(series, time);
+            let Ok(poses) = robot.forward(&q) else { continue };
+            let mut regressor = robot.regressor(&poses, &speed, &acceleration);
+            for (mut column, scale) in regressor.column_iter_mut().zip(&self.scales) {
+                column *= *scale;
+            }
+            gram += regressor.transpose() * regressor;
+        }
+        let mut eigenvalues: Vec<f64> = gram.symmetric_eigenvalues().iter().copied().collect();
+        eigenvalues.sort_by(|a, b| b.total_cmp(a));
+        let told = eigenvalues.iter().take_while(|value| **value > 1e-10 * eigenvalues[0]).count();
+        (eigenvalues[0] / eigenvalues[told.max(1) - 1]).sqrt()
+    }
+
+    fn motion(&self, series: &Series, first: f64) -> Excitation {
+        let robot = &self.arm.robot;
+        let count = (self.config.duration_s * self.config.rate_hz).round() as usize + 1;
+        let times_s: Vec<f64> = self.times(count.max(2)).collect();
+        let points: Vec<[Vec<f64>; 3]> =
+            times_s.iter().map(|time| self.at(series, *time)).collect();
+        let mut found = Excitation {
+            condition: [self.condition(series), first],
+            shares: [0.0; 2],
+            lowest_m: f64::INFINITY,
+            nearest_m: f64::INFINITY,
+            times_s,
+            points,
+        };
+        for [q, speed, acceleration] in &found.points {
+            let Ok(poses) = robot.forward(q) else { continue };
+            let torque = robot.inverse_dynamics(&poses, speed, acceleration);
+            for ((joint, speed), torque) in robot.joints().iter().zip(speed).zip(torque.iter()) {
+                let share = |most: Option<f64>, of: f64| most.map_or(0.0, |most| of.abs() / most);
+                found.shares[0] = found.shares[0].max(share(joint.velocity, *speed));
+                found.shares[1] = found.shares[1].max(share(joint.effort, *torque));
+            }
+        }
+        for [q, ..] in found.points.iter().step_by((count / FINE).max(1)) {
+            let Ok(poses) = robot.forward(q) else { continue };
+            found.lowest_m = found.lowest_m.min(self.lowest(&poses.world_from_link));
+            let apart = self.pairs.iter().map(|pair| self.distance(&poses.world_from_link, *pair));
+            found.nearest_m = apart.fold(found.nearest_m, f64::min);
+        }
+        found
+    }
+}
+
+fn scale(own: &mut [[f64; 2]; HARMONICS], factor: f64) {
+    own.iter_mut().flatten().for_each(|part| *part *= factor);
+}
+
+/// From 0 at the ends to 1 inside, over [`RAMP_S`], with its first and second derivative.
+fn envelope(time_s: f64, duration_s: f64) -> (f64, f64, f64) {
+    let ramp = RAMP_S.min(0.5 * duration_s);
+    let smooth = |t: f64| {
+        let x = (t / ramp).clamp(0.0, 1.0);
+        let value = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x);
+        let slope = 30.0 * x * x * (1.0 - x) * (1.0 - x) / ramp;
+        let bend = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / ramp / ramp;
+        (value, slope, bend)
+    };
+    if time_s < 0.5 * duration_s {
+        smooth(time_s)
+    } else {
+        let (value, slope, bend) = smooth(duration_s - time_s);
+        (value, -slope, bend)
+    }
+}

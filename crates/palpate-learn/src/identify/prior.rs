@@ -1,0 +1,214 @@
+//! Priors of what the regression solves for, in the order of [`super::posterior`].
+//!
+//! All are Gaussian around zero (gains of currents: around their first estimate). Those of one *group* have one unknown
+//! width, relative to scales that are the arm's: it is set to what makes the data most probable, by the fixed point of
+//! MacKay (1992).
+
+use nalgebra::DVector;
+use palpate::Robot;
+use palpate::unstable::BODY_PARAMETERS;
+
+use super::posterior::Posterior;
+use super::rows::{BIAS, FRICTION, Rows, SLOPES, Sum};
+
+/// Joints of which nobody knows the largest torque are taken to have this one, N·m.
+const USUAL_EFFORT: f64 = 40.0;
+
+/// Groups of coefficients that share a width, with that to start from and its bounds.
+const GROUPS: [(f64, [f64; 2]); 8] = [
+    (0.05, [0.003, 0.5]),  // masses of links
+    (0.02, [1e-3, 0.5]),   // Coulomb friction
+    (0.01, [1e-4, 0.3]),   // asymmetry, breakaway
+    (0.02, [1e-4, 0.5]),   // viscous friction
+    (0.005, [1e-4, 0.1]),  // drives' inertia
+    (0.01, [1e-4, 0.3]),   // bias
+    (0.003, [1e-5, 0.1]),  // bias by pose, offsets and drifts
+    (0.01, [0.002, 0.05]), // gains
+];
+const LINKS: usize = 0;
+const GAIN: usize = 7;
+/// Group of each coefficient of a joint after its gain: friction and drive, bias.
+const OF_JOINT: [usize; FRICTION + BIAS + SLOPES] = [1, 2, 2, 3, 4, 5, 6, 6, SLOPE, SLOPE];
+/// Not a group: how much of the Coulomb friction the slopes' coefficients may be.
+const SLOPE: usize = usize::MAX - 1;
+/// Neither: a width that is not estimated.
+const FIXED: usize = usize::MAX;
+/// Of the coefficients after the gain, those that are never below zero: Coulomb, viscous, drive.
+pub(super) const NEVER_NEGATIVE: [usize; 3] = [0, 3, 4];
+/// Coefficients of a group that the data must tell, in sum, to say its width.
+const LEAST_TOLD: f64 = 0.1;
+const SLOPE_N_M: f64 = 0.01;
+const OF_TOUCH: usize = 6;
+
+/// Widths that are not estimated: payload, kg and m; delay, s.
+const PAYLOAD_KG: f64 = 5.0;
+const PAYLOAD_M: f64 = 0.2;
+const DELAY_S: f64 = 0.05;
+
+/// What the regression starts from.
+pub(super) struct Start {
+    /// π of the URDF.
+    pub(super) parameters: DVector<f64>,
+    /// Scale of each of them.
+    pub(super) scales: DVector<f64>,
+    /// Largest torques, N·m.
+    pub(super) efforts: Vec<f64>,
+    pub(super) payload_body: usize,
+    currents: bool,
+}
+
+impl Start {
+    pub(super) fn of(robot: &Robot, payload_body: usize, currents: bool) -> Self {
+        let parameters = robot.inertial_parameters();
+        let bodies = robot.bodies().len();
+        let mean_mass =
+            (0..bodies).map(|body| parameters[BODY_PARAMETERS * body]).sum::<f64>() / bodies as f64;
+        let mut scales = DVector::zeros(parameters.len());
+        for body in 0..bodies {
+            let own = parameters.rows(BODY_PARAMETERS * body, BODY_PARAMETERS);
+            let mass = own[0].max(0.1 * mean_mass).max(1e-3);
+            let length = (0.5 * (own[4] + own[7] + own[9]).max(0.0) / mass).sqrt() + 0.03;
+            let by = [mass, mass * length, mass * length * length];
+            for k in 0..BODY_PARAMETERS {
+                scales[BODY_PARAMETERS * body + k] = by[match k {
+                    0 => 0,
+                    1..=3 => 1,
+                    _ => 2,
+                }];
+            }
+        }
+        let efforts =
+            robot.joints().iter().map(|joint| joint.effort.unwrap_or(USUAL_EFFORT)).collect();
+        Self { parameters, scales, efforts, payload_body, currents }
+    }
+}
+
+/// Coefficients of a joint: its gain, friction and drive, bias, slopes, offset and drift by touch.
+pub(super) fn of_joint(rows: &Rows) -> usize {
+    1 + FRICTION + BIAS + SLOPES + 2 * rows.offsets
+}
+
+/// Priors of all coefficients.
+pub(super) struct Prior {
+    pub(super) center: DVector<f64>,
+    /// Largest torques in the units that are logged.
+    pub(super) efforts: Vec<f64>,
+    group: Vec<usize>,
+    scale: DVector<f64>,
+    widths: [f64; GROUPS.len()],
+    /// Gains are found by their slope on the masses' torque, and keep their width.
+    currents: bool,
+    /// Coefficients that would be below zero, and cannot be.
+    is_zero: Vec<bool>,
+    joints: Vec<usize>,
+}
+
+impl Prior {
+    pub(super) fn new(rows: &Rows, sums: &[Sum], start: &Start) -> Self {
+        let of_joint = of_joint(rows);
+        let shared = rows.n_parameters + BODY_PARAMETERS + 1;
+        let size = shared + rows.n_joints() * of_joint;
+        let gains = start.first_gains(rows, sums);
+        let efforts: Vec<f64> =
+            start.efforts.iter().zip(&gains).map(|(effort, gain)| effort * gain.abs()).collect();
+        let mut prior = Self {
+            center: DVector::zeros(size),
+            group: vec![FIXED; size],
+            scale: DVector::zeros(size),
+            widths: GROUPS.map(|(width, _)| width),
+            currents: start.currents,
+            is_zero: vec![false; size],
+            joints: (0..gains.len()).map(|j| shared + j * of_joint).collect(),
+            efforts,
+        };
+        if start.currents {
+            prior.widths[GAIN] = 0.3;
+        }
+        for k in 0..rows.n_parameters {
+            (prior.group[k], prior.scale[k]) = (LINKS, start.scales[k]);
+        }
+        for k in 0..BODY_PARAMETERS {
+            let power = [0, 1, 1, 1, 2, 2, 2, 2, 2, 2][k];
+            prior.scale[rows.n_parameters + k] = PAYLOAD_KG * PAYLOAD_M.powi(power);
+        }
+        prior.scale[shared - 1] = DELAY_S;
+        for (j, gain) in gains.iter().enumerate() {
+            let at = prior.joints[j];
+            prior.center[at] = gain - 1.0;
+            (prior.group[at], prior.scale[at]) = (GAIN, gain.abs());
+            for k in 1..of_joint {
+                let group = OF_JOINT.get(k - 1).copied().unwrap_or(OF_TOUCH);
+                let slope = if group == SLOPE { SLOPE_N_M } else { 1.0 };
+                (prior.group[at + k], prior.scale[at + k]) = (group, slope * prior.efforts[j]);
+            }
+        }
+        prior
+    }
+
+    /// Variance of each coefficient.
+    pub(super) fn variance(&self) -> DVector<f64> {
+        DVector::from_fn(self.scale.len(), |k, _| {
+            let width = self.widths.get(self.group[k]).copied().unwrap_or(1.0);
+            let width = if self.is_zero[k] { 1e-3 * width } else { width };
+            (width * self.scale[k]).powi(2)
+        })
+    }
+
+    /// Friction and inertia of a drive are never below zero: where they would be, they are zero from now on.
+    pub(super) fn hold_at_zero(&mut self, posterior: &Posterior) {
+        for at in &self.joints {
+            let sign = (1.0 + self.center[*at]).signum();
+            for k in NEVER_NEGATIVE {
+                self.is_zero[at + 1 + k] |= posterior.mean[at + 1 + k] * sign < 0.0;
+            }
+        }
+    }
+
+    /// Sets the widths to what a posterior says of them: how large the coefficients are, by how many of them the data
+    /// tell.
+    pub(super) fn adapt(&mut self, posterior: &Posterior) {
+        let variance = self.variance();
+        for (index, (_, [least, most])) in GROUPS.iter().enumerate() {
+            if index == GAIN && self.currents {
+                continue;
+            }
+            let (mut square, mut told) = (0.0, 0.0);
+            for k in (0..self.scale.len()).filter(|k| self.group[*k] == index && !self.is_zero[*k])
+            {
+                square += ((posterior.mean[k] - self.center[k]) / self.scale[k]).powi(2);
+                told += 1.0 - posterior.covariance[(k, k)] / variance[k];
+            }
+            if told > LEAST_TOLD {
+                let found = f64::sqrt(square / told).clamp(*least, *most);
+                self.widths[index] = (self.widths[index] * found).sqrt();
+            }
+        }
+    }
+}
+
+impl Start {
+    /// Gains to start from: 1, or, of currents, the slope on what the URDF says.
+    fn first_gains(&self, rows: &Rows, sums: &[Sum]) -> Vec<f64> {
+        if !self.currents {
+            return vec![1.0; sums.len()];
+        }
+        let (last, one) = (rows.width() - 1, rows.n_parameters + 1 + FRICTION);
+        let slope = |sum: &Sum| {
+            let mut urdf = DVector::zeros(rows.width());
+            urdf.rows_mut(0, rows.n_parameters).copy_from(&self.parameters);
+            let with = &sum.gram * &urdf;
+            let count = sum.rows.max(1.0);
+            let covariance = with[last] - with[one] * sum.gram[(last, one)] / count;
+            let variance = urdf.dot(&with) - with[one] * with[one] / count;
+            // A joint that gravity hardly moves tells nothing.
+            (variance > 0.01 * count).then(|| covariance / variance)
+        };
+        let slopes: Vec<Option<f64>> = sums.iter().map(slope).collect();
+        let known: Vec<f64> =
+            slopes.iter().flatten().copied().filter(|slope| slope.abs() > 1e-4).collect();
+        let mean =
+            if known.is_empty() { 1.0 } else { known.iter().sum::<f64>() / known.len() as f64 };
+        let gain = |slope: Option<f64>| slope.filter(|slope| slope.abs() > 1e-4).unwrap_or(mean);
+        slopes.into_iter().map(gain).collect()
+    }
+}

@@ -1,0 +1,138 @@
+//! An arm identified from free motion, and external torques of logs.
+
+use palpate::{Alarm, TorqueModel};
+use palpate_work::identify::{self as identification, IdentifySettings};
+use palpate_work::settings::Settings;
+use palpate_work::torque::{self, TorqueSettings};
+use palpate_work::touches::{IfUndecided, RecordedTouch};
+use palpate_work::{Progress, WorkError, arm_file};
+use pyo3::prelude::*;
+use pyo3::types::{PyAny, PyDict, PyList};
+use serde_json::json;
+
+use crate::array::{flat, table_of};
+use crate::data::python;
+use crate::error::Result;
+use crate::log::{Source, opened, sources};
+use crate::robot::{self, Robot};
+use crate::settings;
+use crate::watch::long;
+
+/// Finds payload, friction, bias and delay of an arm from logs of it in free motion, as `palpate identify` does.
+///
+/// `log` is a path, a `Log`, a `Touch`, or several. `tool_link` names the link in whose frame the payload is told, the
+/// last joint's if left out; with `currents`, torques are the drives' currents. Returns a dict as the command's JSON:
+/// `payload`, `joints`, `bodies`, `delay_s` with values and standard deviations, `held_out` with what is left over,
+/// N·m; `text` is the file for `Robot(..., arm="arm.toml")` and the command's --arm.
+///
+/// Raises SettingsError, FileError or PalpateError if the logs do not serve.
+#[pyfunction]
+#[pyo3(signature = (log, robot = None, *, tool_link = None, currents = false, settings = None, progress = None, **sections))]
+#[allow(clippy::too_many_arguments)] // of Python
+pub(crate) fn identify<'py>(
+    py: Python<'py>,
+    log: &Bound<'py, PyAny>,
+    robot: Option<&Bound<'py, PyAny>>,
+    tool_link: Option<String>,
+    currents: bool,
+    settings: Option<&Bound<'py, PyAny>>,
+    progress: Option<&Bound<'py, PyAny>>,
+    sections: Option<&Bound<'py, PyDict>>,
+) -> Result<Bound<'py, PyAny>> {
+    let mut settings = settings::read(settings, sections)?;
+    let robot = robot::given(py, robot, &settings.robot)?;
+    let sources = sources(log)?;
+    let wanted = IdentifySettings { tool_link, currents };
+    let found = long(py, progress, |progress| -> Result<_, WorkError> {
+        let recorded = read(sources, (&robot, &mut settings), None, progress)?;
+        let torques = settings.config()?.touch;
+        identification::run(&robot.arm, &recorded, &torques, &wanted)
+    })?;
+    let text = arm_file::text(&robot.arm.robot, &found.model, "");
+    Ok(python(
+        py,
+        &json!({
+            "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
+            "base_parameters": found.base_parameters, "base_parameters_told": found.base_parameters_told,
+            "delay_s": found.delay_s, "held_out": found.held_out, "notes": found.notes, "text": text,
+        }),
+    )?)
+}
+
+/// External torques of logs with their standard deviations, as `palpate torque` tells them.
+///
+/// `log` is a path, a `Log`, a `Touch`, or several; `robot` an arm that was identified, `Robot(..., arm="arm.toml")`, or
+/// any other, whose standard deviations are a guess. Returns a dict for each touch: `name`, `time` (T,) s or None, `torque`
+/// and `std` (T, n_joints) N·m, `statistic` (T,): the largest |torque| over its std, and `threshold`, which contact-free
+/// motion passes `false_alarms_per_hour` times an hour; None if nothing says it.
+///
+/// Raises SettingsError, FileError or TouchError.
+#[pyfunction]
+#[pyo3(signature = (log, robot = None, *, causal = false, bandwidth_hz = None, false_alarms_per_hour = 1.0, settings = None, progress = None, **sections))]
+#[allow(clippy::too_many_arguments)] // of Python
+pub(crate) fn external_torques<'py>(
+    py: Python<'py>,
+    log: &Bound<'py, PyAny>,
+    robot: Option<&Bound<'py, PyAny>>,
+    causal: bool,
+    bandwidth_hz: Option<f64>,
+    false_alarms_per_hour: f64,
+    settings: Option<&Bound<'py, PyAny>>,
+    progress: Option<&Bound<'py, PyAny>>,
+    sections: Option<&Bound<'py, PyDict>>,
+) -> Result<Bound<'py, PyList>> {
+    let mut settings = settings::read(settings, sections)?;
+    let robot = robot::given(py, robot, &settings.robot)?;
+    let sources = sources(log)?;
+    let (found, alarm) = long(py, progress, |progress| -> Result<_, WorkError> {
+        let model = match &robot.settings.arm {
+            Some(path) => arm_file::read(path, &robot.arm.robot)?,
+            None => TorqueModel::of_urdf(&robot.arm.robot),
+        };
+        let model = if causal { model.causal() } else { model };
+        let alarm = model.alarm;
+        let recorded = read(sources, (&robot, &mut settings), Some((model, causal)), progress)?;
+        let how = TorqueSettings { bandwidth_hz, tare_frames: 0, wrench_link: None };
+        Ok((torque::torques(&robot.arm, &recorded, &how)?, alarm))
+    })?;
+    let threshold = alarm.map(|alarm: Alarm| alarm.threshold(false_alarms_per_hour));
+    let list = PyList::empty(py);
+    for touch in &found {
+        let dict = PyDict::new(py);
+        let frames = &touch.frames;
+        let times: Option<Vec<f64>> = frames.iter().map(|frame| frame.time_s).collect();
+        dict.set_item("name", &touch.name)?;
+        dict.set_item("time", times.map(|times| flat(py, times)))?;
+        let n = robot.arm.robot.n_joints();
+        let torques = frames.iter().map(|frame| frame.external.torque.as_slice());
+        dict.set_item("torque", table_of(py, torques, n))?;
+        let stds = frames.iter().map(|frame| frame.external.std.as_slice());
+        dict.set_item("std", table_of(py, stds, n))?;
+        let statistics: Vec<f64> = frames.iter().map(|frame| frame.statistic).collect();
+        dict.set_item("statistic", flat(py, statistics))?;
+        dict.set_item("threshold", threshold)?;
+        list.append(dict)?;
+    }
+    Ok(list)
+}
+
+/// Reads logs whole, joints in the robot's order; with a model, torques are external ones.
+fn read(
+    sources: Vec<Source>,
+    (robot, settings): (&Robot, &mut Settings),
+    model: Option<(TorqueModel, bool)>,
+    progress: &dyn Progress,
+) -> Result<Vec<RecordedTouch>, WorkError> {
+    let mut touches = opened(sources, &settings.log)?;
+    settings.log.check_for(&robot.arm.robot)?;
+    touches.conventions(&robot.arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
+    if let Some((model, causal)) = model {
+        touches.identified(&robot.arm, model, causal, &mut settings.touch);
+    }
+    let config = settings.config()?;
+    let mut touches =
+        touches.for_arm(&robot.arm, &settings.log, (config.lattice, config.contact))?;
+    let recorded = touches.read(None)?;
+    touches.tell_warnings(progress);
+    Ok(recorded)
+}

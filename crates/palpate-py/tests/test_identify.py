@@ -1,0 +1,89 @@
+"""An arm that was identified from touches in free motion, and its external torques."""
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import palpate
+from palpate.settings import TouchSettings
+
+RATE_HZ = 50.0
+TORQUES: TouchSettings = {"torque_sign": "plus", "gravity": "included"}
+
+
+def free_motion(seed: int) -> palpate.Touch:
+    """A motion whose torques are those of gravity, inertia, Coulomb friction and a bias."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(500) / RATE_HZ
+    waves = rng.uniform(-0.4, 0.4, (7, 3))
+    omega = 2 * np.pi * 0.1 * np.arange(1, 4)
+    q = np.einsum("jk,tk->tj", waves, np.sin(np.outer(time, omega)))
+    # Friction goes from one direction to the other over 0.02 rad.
+    friction = np.zeros(q.shape)
+    for k in range(1, len(q)):
+        friction[k] = np.clip(friction[k - 1] + (q[k] - q[k - 1]) / 0.01, -1, 1)
+    tau = -0.5 * friction + 0.2 + rng.normal(0, 0.02, q.shape)
+    # Without any torque, what is left over is what the arm takes.
+    nothing = palpate.Touch(q, np.zeros(q.shape), time=time)
+    tau -= palpate.external_torques(nothing, progress=False, touch=TORQUES)[0]["torque"]
+    return palpate.Touch(q, tau, time=time, name=f"free {seed}")
+
+
+@pytest.fixture(scope="module")
+def touches() -> list[palpate.Touch]:
+    return [free_motion(seed) for seed in range(3)]
+
+
+def test_friction_and_bias_are_found_and_taken_off(touches: list[palpate.Touch], tmp_path: Path) -> None:
+    found = palpate.identify(touches, progress=False, touch=TORQUES)
+    for joint in found["joints"]:
+        assert abs(joint["coulomb_n_m"]["value"] - 0.5) < 0.05, joint
+        assert abs(joint["bias_n_m"]["value"] - 0.2) < 0.1, joint
+    assert abs(found["payload"]["mass_kg"]["value"]) < 0.1
+
+    (tmp_path / "arm.toml").write_text(found["text"])
+    arm = palpate.Robot(arm=tmp_path / "arm.toml")
+    for touch in palpate.external_torques(touches, arm, progress=False):
+        assert touch["torque"].shape == touch["std"].shape == (500, 7)
+        assert touch["time"] is not None and touch["threshold"] is not None
+        assert np.sqrt((touch["torque"] ** 2).mean()) < 0.15
+        assert (np.abs(touch["torque"]) < 3 * touch["std"]).mean() > 0.95
+
+    mapper = palpate.Mapper(arm)
+    mapper.begin_touch()
+    first = touches[0]
+    assert first.time is not None
+    reports = [mapper.step(*sample) for sample in zip(first.q, first.tau, first.time)]
+    external = np.array([report.external for report in reports if report.external is not None])
+    assert len(external) > 100 and np.sqrt((external**2).mean()) < 0.3
+
+
+def test_needs_command_torques_are_the_commands(
+    command: Path, touches: list[palpate.Touch], tmp_path: Path
+) -> None:
+    for number, touch in enumerate(touches):
+        folder = tmp_path / "log" / f"seq_{number:03}"
+        folder.mkdir(parents=True)
+        np.save(folder / "angles.npy", touch.q)
+        np.save(folder / "torques.npy", touch.tau)
+        np.save(folder / "time.npy", np.asarray(touch.time))
+    flags = ["--torque-sign", "plus", "--gravity", "included", "--json"]
+    run = [command, "--quiet", "identify", tmp_path / "log", "-o", tmp_path / "arm.toml", *flags]
+    told: Any = json.loads(subprocess.run([*map(str, run)], capture_output=True, text=True, check=True).stdout)
+    found: Any = palpate.identify(tmp_path / "log", progress=False, touch=TORQUES)
+    for key in ("payload", "joints", "delay_s", "held_out"):
+        assert told[key] == found[key], key
+
+
+def test_logs_that_cannot_serve_say_why(touches: list[palpate.Touch]) -> None:
+    still = palpate.Touch(np.zeros((100, 7)), np.ones((100, 7)), time=np.arange(100) / 50.0)
+    with pytest.raises(palpate.PalpateError, match="no joint moves"):
+        palpate.identify(still, progress=False, touch=TORQUES)
+    with pytest.raises(palpate.PalpateError, match="hold no gravity"):
+        palpate.identify(touches, progress=False, touch={"torque_sign": "plus", "gravity": "removed"})
+    with pytest.raises(palpate.PalpateError, match="no joint moves a link `nowhere`"):
+        palpate.identify(touches, tool_link="nowhere", progress=False, touch=TORQUES)
