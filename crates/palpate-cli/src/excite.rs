@@ -17,13 +17,14 @@ use crate::{csv, interrupt};
 
 const NOTES: &str = "Examples:
   palpate excite --robot fr3.urdf --start 0,-0.785,0,-2.356,0,1.571,0.785 -o motion.csv
-  palpate excite --robot ur10e.urdf --ground-m 0.1 --speed 0.3 -o motion.yaml
+  palpate excite --robot ur10e.urdf --ground-m 0.1 --speed 0.3 --rate-hz 10 -o motion.yaml
   ros2 topic pub -1 /joint_trajectory_controller/joint_trajectory \\
     trajectory_msgs/msg/JointTrajectory \"$(cat motion.yaml)\"
 
 The motion begins and ends at rest where --start says, and keeps to the joints' ranges, speeds and
-torques, clear of the ground and of the arm itself. It knows nothing else of the room: play it slowly
-first, with a hand on the stop. Other motions: another --seed. Log it, and give the log to `palpate
+torques, clear of the ground and of the arm itself; links that are nearer than 3 cm to each other where
+it begins are taken for neighbours, and not looked at. It knows nothing else of the room: play it slowly
+first, with a hand on the stop. A shell takes 128 kB as an argument: 10 Hz fit. Other motions: another --seed. Log it, and give the log to `palpate
 identify`; three of them, of other seeds, tell more than one.";
 
 /// Flags of `palpate excite`.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use palpate::Robot;
 use palpate_io::robot_files::with_inertia;
-use palpate_learn::identify::{Identified, Value};
+use palpate_learn::identify::{Identified, JointEstimate, LEAST_MOTION, Value};
 use palpate_work::arm_file;
 use palpate_work::identify::{self, IdentifySettings};
 use serde_json::json;
@@ -24,8 +24,8 @@ The arm moves freely in the logs, every joint both ways, some of it slowly; `pal
 motion. What is found is held to the URDF as far as the logs do not say otherwise. Errors are told on
 motion that was held out: whole touches, or quarters of them if there are fewer than three.
 
-Payload: --json has it with standard deviations, and as libfranka's setLoad and URScript's set_payload
-take it.";
+Payload: --json has it with standard deviations, and, with --tool-link of the flange, as libfranka's
+setLoad and URScript's set_target_payload take it. The tare's flags mean nothing here: bias is found.";
 
 /// Flags of `palpate identify`.
 #[derive(Debug, clap::Args)]
@@ -56,6 +56,12 @@ pub(crate) struct Args {
 /// Identifies and tells.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
+    if settings.robot.arm.take().is_some() {
+        return Err(CliError::Usage(
+            "--arm is what this command finds: leave it out, for torques are to be as they were measured"
+                .to_owned(),
+        ));
+    }
     let mut places = Places::read(&args.settings, &settings, &args.logs);
     places.output("the arm (--output)", args.output.as_deref())?;
     places.output("the URDF (--urdf)", args.urdf.as_deref())?;
@@ -79,7 +85,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         output.note(note);
     }
     if args.json {
-        let (libfranka, urscript) = (set_load(&found), set_payload(&found));
+        // Both count from the flange, which only the user knows.
+        let is_told = args.tool_link.is_some() && found.payload.is_told;
+        let (libfranka, urscript) = if is_told {
+            (Some(set_load(&found)), Some(set_payload(&found)))
+        } else {
+            (None, None)
+        };
         return output.json(&json!({
             "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
             "base_parameters": found.base_parameters,
@@ -118,44 +130,70 @@ fn urdf_of(
         .map_err(|what| CliError::from(format!("`{name}` {what}")))
 }
 
-/// A value with its standard deviation, for people.
-fn pm(value: Value, digits: usize) -> String {
+/// A value with its standard deviation, for people; a dash where the logs say nothing of it.
+fn pm(value: Value, digits: usize, is_found: bool) -> String {
+    if !is_found {
+        return "-".to_owned();
+    }
     format!("{:.digits$} ± {:.digits$}", value.value, value.std)
 }
 
 fn text(found: &Identified) -> String {
     let payload = &found.payload;
     let mut text = if payload.is_told {
-        let com = payload.com_m.map(|axis| pm(axis, 3)).join(", ");
-        format!("Payload on `{}`: {} kg, centre {com} m.\n", payload.link, pm(payload.mass_kg, 2))
+        let com = payload.com_m.map(|axis| pm(axis, 3, true)).join(", ");
+        let mass = pm(payload.mass_kg, 2, true);
+        format!("Payload in the frame of `{}`: {mass} kg, centre {com} m.\n", payload.link)
     } else {
-        let mass = pm(payload.mass_kg, 2);
-        format!("Payload on `{}`: none that is told from zero ({mass} kg).\n", payload.link)
+        let mass = pm(payload.mass_kg, 2, true);
+        format!("Payload: none that can be distinguished from zero ({mass} kg).\n")
     };
     text += &format!(
-        "Torques are logged {} ms after positions. {} of {} combinations of masses that motion can tell \
-         are told.\n\n",
-        pm(Value { value: 1e3 * found.delay_s.value, std: 1e3 * found.delay_s.std }, 1),
+        "Delay of the torques behind the positions: {} ms. Base parameters (combinations of masses): {} of {} are \
+         known better than from the URDF.\n\n",
+        pm(
+            Value { value: 1e3 * found.delay_s.value, std: 1e3 * found.delay_s.std },
+            1,
+            found.timed
+        ),
         found.base_parameters_told,
         found.base_parameters
     );
-    let head =
-        ["joint", "Coulomb N·m", "viscous N·m·s", "breakaway", "bias N·m", "gain", "moved rad"];
+    text += &joints(found);
+    text + &left_over(found)
+}
+
+/// A row a joint.
+fn joints(found: &Identified) -> String {
+    let head = [
+        "joint",
+        "Coulomb N·m",
+        "viscous N·m·s/rad",
+        "breakaway N·m",
+        "bias N·m",
+        "gain",
+        "moved rad",
+    ];
+    let told = |joint: &JointEstimate| joint.moved >= LEAST_MOTION;
     let rows = found.joints.iter().map(|joint| {
         vec![
             joint.name.clone(),
-            pm(joint.coulomb_n_m, 2),
-            pm(joint.viscous_n_m_s, 2),
-            pm(joint.breakaway_n_m, 2),
-            pm(joint.bias_n_m, 2),
-            pm(joint.gain, 3),
+            pm(joint.coulomb_n_m, 2, told(joint)),
+            pm(joint.viscous_n_m_s, 2, found.timed && told(joint)),
+            pm(joint.breakaway_n_m, 2, found.timed && told(joint)),
+            pm(joint.bias_n_m, 2, true),
+            pm(joint.gain, 3, true),
             format!("{:.2}", joint.moved),
         ]
     });
-    text += &table(&head, rows);
+    table(&head, rows)
+}
+
+/// What is left over of held-out motion.
+fn left_over(found: &Identified) -> String {
     let total = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
     let held_out = &found.held_out;
-    text += &format!(
+    let text = format!(
         "\nLeft over of the measured torque on motion that was held out, root mean square over all joints, N·m;\n\
          slow: means over {:.2} s, in which speeds are known:\n\n",
         2.0 * found.model.window_s
@@ -189,12 +227,15 @@ fn set_load(found: &Identified) -> String {
     format!("setLoad({:.4}, {{{x:.4}, {y:.4}, {z:.4}}}, {{{inertia}}})", payload.mass_kg.value)
 }
 
-/// What URScript's `set_payload` takes: mass, centre in the flange's frame, inertia xx, yy, zz, xy, xz, yz.
+/// What URScript's `set_target_payload` takes: mass, centre in the flange's frame, inertia xx, yy, zz, xy, xz, yz.
 fn set_payload(found: &Identified) -> String {
     let payload = &found.payload;
     let [x, y, z] = payload.com_m.map(|axis| axis.value);
     let i = payload.inertia_kg_m2;
     let inertia = [i[0][0], i[1][1], i[2][2], i[0][1], i[0][2], i[1][2]];
     let inertia = inertia.map(|own| format!("{own:.6}")).join(", ");
-    format!("set_payload({:.4}, [{x:.4}, {y:.4}, {z:.4}], [{inertia}])", payload.mass_kg.value)
+    format!(
+        "set_target_payload({:.4}, [{x:.4}, {y:.4}, {z:.4}], [{inertia}])",
+        payload.mass_kg.value
+    )
 }

@@ -48,7 +48,7 @@ pub(crate) struct Args {
     /// Low-pass of the first order for the torques, Hz [default: none]
     #[arg(long, value_name = "HZ", value_parser = number_in(1e-3..=1e5, "a frequency from 0.001 to 100000 Hz"))]
     bandwidth_hz: Option<f64>,
-    /// Use only what is known at each sample's time, as `palpate live` does
+    /// Use the past alone at each sample, as `palpate live` does
     #[arg(long)]
     causal: bool,
     /// Link at whose origin the force and moment are told that explain the torques best, in base axes
@@ -219,7 +219,7 @@ fn text(
             .to_owned();
     text += &table(&head, rows);
     text += &format!(
-        "\nTouched: above {threshold:.1} standard deviations, {per_hour} false alarms an hour by {from}.\n"
+        "\nTouched: above {threshold:.1} standard deviations; {from} {per_hour} times an hour.\n"
     );
     if contacts.is_empty() {
         return text + "Nothing was touched.\n";

@@ -70,7 +70,9 @@ fn strict_makes_it_an_error_that_leaves_no_result() {
         let output = command.args(["--strict", "--quiet"]).output().unwrap();
         assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
         let told = stderr(&output);
-        assert!(told.starts_with("error: `") && told.contains("(torque_sign)"), "{told}");
+        // Touches whose torques are turned round hardly predict each other, of which a warning may stand before.
+        let error = told.lines().find(|line| line.starts_with("error: `"));
+        assert!(error.is_some_and(|error| error.contains("(torque_sign)")), "{told}");
         assert!(names(&folder.path().join("out")).is_empty());
     }
 }

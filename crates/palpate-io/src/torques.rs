@@ -1,7 +1,7 @@
 //! External torques of logs, out: as CSV, Parquet or MCAP.
 //!
-//! A table has the columns `touch, time, <joint>_torque…, <joint>_std…, statistic, touched`, and the six of a wrench if
-//! there is one. A bag has these topics, each message with the sample's time:
+//! A table has the columns `touch, time, <joint>_torque…, <joint>_std…, statistic`, the six of a wrench if there is one,
+//! and `touched`. A bag has these topics, each message with the sample's time:
 //!
 //! | topic                         | type                         | holds                                       |
 //! |-------------------------------|------------------------------|---------------------------------------------|

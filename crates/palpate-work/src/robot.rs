@@ -9,7 +9,7 @@ use palpate_io::robot_files::{ArmOptions, CachePlace, LoadedArm, load_arm};
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::sections::{RobotSettings, Section};
-use crate::settings::{Held, SettingsError};
+use crate::settings::{Held, Renamed, SettingsError};
 
 /// Loads the robot with its payload, and says what was odd about it.
 pub fn load(settings: &RobotSettings, progress: &dyn Progress) -> Result<Arc<Arm>, WorkError> {
@@ -25,6 +25,11 @@ pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError
     if let Some(payload) = payload {
         loaded.arm.robot =
             loaded.arm.robot.with_payload(&payload).map_err(SettingsError::Payload)?;
+    }
+    for Renamed { in_log, in_urdf } in settings.rename.iter().flatten() {
+        let renamed = loaded.arm.robot.renaming(in_urdf, in_log);
+        loaded.arm.robot = renamed
+            .map_err(|error| WorkError::Usage(format!("--rename {in_log}={in_urdf}: {error}")))?;
     }
     for Held { joint, position } in settings.hold.iter().flatten() {
         let held = loaded.arm.robot.holding(joint, *position);

@@ -158,10 +158,11 @@ pub fn threshold(
 ) -> Result<(f64, &'static str), WorkError> {
     let Some(free) = free else {
         return Ok(match &model.alarm {
-            Some(alarm) => {
-                (alarm.threshold(false_alarms_per_hour), "motion held out in identification")
-            }
-            None => (USUAL_THRESHOLD, "nothing: it is a guess; give contact-free logs as --free"),
+            Some(alarm) => (
+                alarm.threshold(false_alarms_per_hour),
+                "motion like that of the identification passes it",
+            ),
+            None => (USUAL_THRESHOLD, "a guess: contact-free logs (--free) tell what passes it"),
         });
     };
     let timed = |touch: &TouchTorques| -> Vec<(f64, f64)> {
@@ -174,7 +175,10 @@ pub fn threshold(
                 .to_owned(),
         )
     })?;
-    Ok((alarm.threshold(false_alarms_per_hour), "the contact-free logs"))
+    Ok((
+        alarm.threshold(false_alarms_per_hour),
+        "motion like that of the contact-free logs passes it",
+    ))
 }
 
 /// Stretches of time in which the threshold is passed; those that are less than 0.25 s (or samples without a time 10)

@@ -54,7 +54,7 @@
 //! | place the field           | [`Lattice`] of cells ([`CellId`]); [`LatticeError`]                |
 //! | set the contact model     | [`ContactConfig`]                                                  |
 //! | say what logged torques are | [`ExternalTorqueConfig`]: [`TorqueSign`], [`Gravity`], [`Tare`]  |
-//! | know the arm's own torque   | [`TorqueModel`] of [`JointModel`]s with [`Friction`] and [`TorqueNoise`]: [`external_torques`] of a log, an [`ExternalTorque`] a sample, or a [`TorqueStream`]; contacts by a [`Detector`] with the threshold of an [`Alarm`] |
+//! | know the arm's own torque   | [`TorqueModel`] of [`JointModel`]s with [`Friction`], [`Ripple`] and [`TorqueNoise`]: [`external_torques`] of a log, an [`ExternalTorque`] a sample, or a [`TorqueStream`]; contacts by a [`Detector`] with the threshold of an [`Alarm`] |
 //! | choose the estimator      | [`EstimatorKind`] with an [`EstimatorConfig`]: [`Prior`], [`MemoryLimits`] |
 //! | learn from samples        | [`Mapper`] with a [`MapperConfig`] and a [`ReplayPolicy`]; [`Sample`] in, [`StepReport`] out, [`Snapshot`] to go on later; [`MapperError`], [`TrackerError`], [`EstimatorError`], [`SettingError`] |
 //! | look at the result        | [`Field`], a [`CellEstimate`] for each cell; [`Contacts`] now      |
@@ -109,8 +109,8 @@ pub use sdf::BakeConfig;
 pub use setting::SettingError;
 pub use tare::{MIN_TARE_FRAMES, Tare};
 pub use torque_model::{
-    Alarm, Causal, Detector, ExternalTorque, Friction, JointModel, TorqueModel, TorqueNoise,
-    TorqueStream, external_torques,
+    Alarm, Causal, Detector, ExternalTorque, Friction, JointModel, Ripple, TorqueModel,
+    TorqueNoise, TorqueStream, external_torques,
 };
 pub use tracker::{Sample, TrackerError};
 
@@ -141,8 +141,8 @@ pub mod unstable {
     pub use crate::tare::is_contact_free;
     pub use crate::torque::{Cell, Observation, ObservationBuilder, Stiffness, lever};
     pub use crate::torque_model::{
-        Explained, Fit, FrictionState, LocalPolynomial, Motion, NoiseFactors, Side, TouchMotion,
-        explain,
+        Explained, Fit, FrictionState, LocalPolynomial, Motion, NoiseFactors, RIPPLE_COEFFICIENTS,
+        Side, TouchMotion, explain,
     };
     pub use crate::tracker::{TrackedSample, Tracker};
 }

@@ -205,10 +205,12 @@ impl Args {
         let session = Session::new(mapper, idle, self.guard(arm))
             .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
         let Some(Identified { model, torques }) = identified else { return Ok(session) };
-        let (threshold, from) = threshold(&model.clone().causal(), None, FALSE_ALARMS_PER_HOUR)?;
+        let causal = model.clone().causal();
+        let (threshold, _) = threshold(&causal, None, FALSE_ALARMS_PER_HOUR)?;
+        let model_alarm = causal.alarm;
         let detector = Detector::new(threshold);
         let stream = TorqueStream::new(Arc::clone(arm), model, torques).map_err(CliError::Usage)?;
-        if from.starts_with("nothing") {
+        if model_alarm.is_none() {
             complain(
                 "warning: what counts as touched is a guess; identify the arm with `palpate identify`",
             );

@@ -3,15 +3,15 @@
 
 use palpate::unstable::{NoiseFactors, explain};
 use palpate::{
-    Alarm, Causal, Detector, ExternalTorque, ExternalTorqueConfig, Robot, Sample, TorqueModel,
-    TorqueNoise,
+    Alarm, Causal, Detector, ExternalTorque, ExternalTorqueConfig, Ripple, Robot, Sample,
+    TorqueModel, TorqueNoise,
 };
 use serde::Serialize;
 
 use super::posterior::Posterior;
 use super::prior::Start;
 use super::rows::{FOLDS, Rows, Settings, fold};
-use super::{IdentifyError, result};
+use super::{IdentifyError, result, ripple};
 
 /// Root mean squares of what is left over of the measured torques, N·m, by joint.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -30,6 +30,8 @@ pub struct HeldOut {
 pub(super) struct Found {
     pub(super) held_out: HeldOut,
     pub(super) noise: Vec<TorqueNoise>,
+    /// By joint.
+    pub(super) ripple: Vec<Vec<Ripple>>,
     pub(super) alarm: Option<Alarm>,
     pub(super) causal: Option<Causal>,
 }
@@ -37,6 +39,7 @@ pub(super) struct Found {
 /// One sample that was held out.
 struct Left {
     time_s: f64,
+    fold: usize,
     gravity: Vec<f64>,
     identified: Vec<f64>,
     factors: Vec<NoiseFactors>,
@@ -67,7 +70,11 @@ pub(super) fn of(
     };
     let n = robot.n_joints();
     let noise = |left: &[Vec<Left>]| (0..n).map(|j| noise_of(left, j)).collect::<Vec<_>>();
-    let left = read(&models, false)?;
+    let mut left = read(&models, false)?;
+    // By joint and fold, out of the other folds; and out of all of them.
+    let ripples: Vec<Option<[Vec<Ripple>; FOLDS + 1]>> =
+        (0..n).map(|j| ripples(&left, j)).collect();
+    take_off(&mut left, &ripples);
     let own_noise = noise(&left);
     let alarm = rows.timed.then(|| alarm_of(&left, &own_noise)).flatten();
 
@@ -76,7 +83,8 @@ pub(super) fn of(
         let other = |model: &Option<TorqueModel>| {
             model.as_ref().map(|model| TorqueModel { window_s, ..model.clone() })
         };
-        let left = read(&models.iter().map(other).collect::<Vec<_>>(), true)?;
+        let mut left = read(&models.iter().map(other).collect::<Vec<_>>(), true)?;
+        take_off(&mut left, &ripples);
         let part =
             |j: usize| root_mean_square(&left, |left| left.identified[j], 0.0) / start.efforts[j];
         let left_over = (0..n).map(|j| part(j).powi(2)).sum::<f64>();
@@ -102,7 +110,46 @@ pub(super) fn of(
     };
     let [gravity, urdf, identified] = rms(0.0);
     let held_out = HeldOut { gravity, urdf, identified, slow: rms(settings.window_s) };
-    Ok(Found { held_out, noise: own_noise, alarm, causal: causal.map(|(_, causal)| causal) })
+    let of_all = |own: Option<[Vec<Ripple>; FOLDS + 1]>| own.map_or(Vec::new(), |[.., all]| all);
+    let ripple = ripples.into_iter().map(of_all).collect();
+    let causal = causal.map(|(_, causal)| causal);
+    Ok(Found { held_out, noise: own_noise, ripple, alarm, causal })
+}
+
+/// The part of what is left over that a ripple must explain on held-out motion.
+const LEAST_RIPPLE: f64 = 0.05;
+
+/// The ripple of a joint as each fold's others say it, and all of them; `None` if that explains too little.
+fn ripples(left: &[Vec<Left>], j: usize) -> Option<[Vec<Ripple>; FOLDS + 1]> {
+    let samples = |which: &dyn Fn(usize) -> bool| -> Vec<ripple::Sample> {
+        let those = left.iter().flatten().filter(|left| which(left.fold));
+        those.map(|left| sample_of(left, j)).collect()
+    };
+    let fits: [Vec<Ripple>; FOLDS + 1] =
+        std::array::from_fn(|fold| ripple::fit(&samples(&|own| own != fold)));
+    let (mut before, mut after) = (0.0, 0.0);
+    for left in left.iter().flatten() {
+        let sample = sample_of(left, j);
+        before += sample.2 * sample.2;
+        after += ripple::left_over(&fits[left.fold], sample).powi(2);
+    }
+    (after < (1.0 - LEAST_RIPPLE) * before).then_some(fits)
+}
+
+fn sample_of(left: &Left, j: usize) -> ripple::Sample {
+    let factors = &left.factors[j];
+    (factors.q, factors.speed, left.identified[j])
+}
+
+/// Takes ripple off what is left over.
+fn take_off(left: &mut [Vec<Left>], ripples: &[Option<[Vec<Ripple>; FOLDS + 1]>]) {
+    for left in left.iter_mut().flatten() {
+        for (j, ripples) in ripples.iter().enumerate() {
+            if let Some(ripples) = ripples {
+                left.identified[j] = ripple::left_over(&ripples[left.fold], sample_of(left, j));
+            }
+        }
+    }
 }
 
 /// What the model of its fold leaves over of each sample of a touch.
@@ -128,6 +175,7 @@ fn left_of(
             let poses = robot.forward(&sample.q).map_err(palpate::TrackerError::from)?;
             left.push(Left {
                 time_s: time(k),
+                fold: number,
                 gravity: torques.untared(robot, &poses, &sample.tau)?.as_slice().to_vec(),
                 identified: found.external.as_slice().to_vec(),
                 factors: found.factors,

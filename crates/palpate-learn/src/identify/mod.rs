@@ -13,6 +13,7 @@
 //! | `prior`      | how far what is sought may lie from what is assumed               |
 //! | `posterior`  | what the data say                                                 |
 //! | `possible`   | inertias that are physically possible                             |
+//! | `ripple`     | torque that comes back with the teeth of the gears                |
 //! | `held_out`   | what is left over on motion that was not used                     |
 //! | `result`     | values with standard deviations, in the units that people read    |
 
@@ -21,6 +22,7 @@ mod possible;
 mod posterior;
 mod prior;
 mod result;
+mod ripple;
 mod rows;
 
 pub use held_out::HeldOut;
@@ -148,12 +150,12 @@ pub fn identify(
     Ok(result::of(robot, config, (&rows, &settings), &posterior, (held_out, moved)))
 }
 
-/// Checks what can be checked beforehand; how far each joint moves.
+/// Checks what can be checked beforehand; how far each joint moves, and how much the torques vary, N·m.
 fn check(
     robot: &Robot,
     touches: &[&[Sample]],
     torques: &ExternalTorqueConfig,
-) -> Result<Vec<f64>, IdentifyError> {
+) -> Result<(Vec<f64>, f64), IdentifyError> {
     if torques.gravity == Gravity::Removed {
         return Err(IdentifyError::GravityRemoved);
     }
@@ -180,5 +182,12 @@ fn check(
     if (0..robot.n_joints()).all(|joint| range(|sample| &sample.tau, joint) == 0.0) {
         return Err(IdentifyError::NoTorque(samples().next().map_or(0.0, |sample| sample.tau[0])));
     }
-    Ok(moved)
+    let count = found as f64;
+    let mean = |joint: usize| samples().map(|sample| sample.tau[joint]).sum::<f64>() / count;
+    let square = |joint: usize| {
+        let mean = mean(joint);
+        samples().map(|sample| (sample.tau[joint] - mean).powi(2)).sum::<f64>() / count
+    };
+    let variation = (0..robot.n_joints()).map(square).sum::<f64>().sqrt();
+    Ok((moved, variation))
 }

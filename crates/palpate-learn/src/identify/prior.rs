@@ -14,16 +14,16 @@ use super::rows::{BIAS, FRICTION, Rows, SLOPES, Sum};
 /// Joints of which nobody knows the largest torque are taken to have this one, N·m.
 const USUAL_EFFORT: f64 = 40.0;
 
-/// Groups of coefficients that share a width, with that to start from and its bounds.
+/// Groups of coefficients that share a width (no URDF is better than 1 %, no gain better than 0.5 %), with that to start from and its bounds.
 const GROUPS: [(f64, [f64; 2]); 8] = [
-    (0.05, [0.003, 0.5]),  // masses of links
+    (0.05, [0.01, 0.5]),   // masses of links
     (0.02, [1e-3, 0.5]),   // Coulomb friction
     (0.01, [1e-4, 0.3]),   // asymmetry, breakaway
     (0.02, [1e-4, 0.5]),   // viscous friction
     (0.005, [1e-4, 0.1]),  // drives' inertia
     (0.01, [1e-4, 0.3]),   // bias
     (0.003, [1e-5, 0.1]),  // bias by pose, offsets and drifts
-    (0.01, [0.002, 0.05]), // gains
+    (0.01, [0.005, 0.05]), // gains
 ];
 const LINKS: usize = 0;
 const GAIN: usize = 7;

@@ -40,6 +40,8 @@ pub struct Identified {
     pub base_parameters_told: usize,
     /// How much later torques are than positions, s.
     pub delay_s: Value,
+    /// Whether the logs have a clock that tells speeds.
+    pub timed: bool,
     /// What is left over of held-out motion.
     pub held_out: HeldOut,
     /// What could not be told, and why.
@@ -84,6 +86,8 @@ pub struct JointEstimate {
     pub gain: Value,
     /// How far it moves until friction is that of its direction, rad.
     pub presliding_rad: f64,
+    /// How often its gears' ripple comes back in a turn, the strongest order first; empty if none is found.
+    pub ripple_orders: Vec<f64>,
     /// What no friction of this kind explains while the joint turns round, N·m.
     pub hysteresis_n_m: f64,
 }
@@ -124,6 +128,7 @@ pub(super) fn model(robot: &Robot, settings: &Settings, posterior: &Posterior) -
                 presliding: settings.turning[j].presliding,
                 stribeck: settings.turning[j].stribeck,
             },
+            ripple: Vec::new(),
             noise: TorqueNoise { still: 1.0, turning: 0.0, by_speed: 0.0, by_inertia: 0.0 },
         }
     });
@@ -142,11 +147,14 @@ pub(super) fn of(
     config: &IdentifyConfig,
     (rows, settings): (&Rows, &Settings),
     posterior: &Posterior,
-    (found, moved): (Found, Vec<f64>),
+    (found, moved): (Found, (Vec<f64>, f64)),
 ) -> Identified {
     let mut model = model(robot, settings, posterior);
     for (joint, noise) in model.joints.iter_mut().zip(&found.noise) {
         joint.noise = *noise;
+    }
+    for (joint, ripple) in model.joints.iter_mut().zip(&found.ripple) {
+        joint.ripple.clone_from(ripple);
     }
     model.alarm = found.alarm;
     model.causal = found.causal;
@@ -164,7 +172,7 @@ pub(super) fn of(
             let bias = posterior.mean_bias(j);
             JointEstimate {
                 name: model.joints[j].name.clone(),
-                moved: moved[j],
+                moved: moved.0[j],
                 coulomb_n_m: by_gain(0),
                 asymmetry_n_m: by_gain(1),
                 breakaway_n_m: by_gain(2),
@@ -173,6 +181,7 @@ pub(super) fn of(
                 bias_n_m: value_of(posterior, &bias, model.joints[j].bias[0]),
                 gain: value_of(posterior, &[(at, 1.0)], gain),
                 presliding_rad: settings.turning[j].presliding,
+                ripple_orders: model.joints[j].ripple.iter().map(|own| own.order).collect(),
                 hysteresis_n_m: found.noise[j].turning,
             }
         })
@@ -186,12 +195,16 @@ pub(super) fn of(
         joints,
         base_parameters: all,
         base_parameters_told: told,
-        delay_s: Value { value: settings.delay_s + delay, std },
+        delay_s: Value {
+            value: settings.delay_s + delay,
+            std: (INFLATION * std).hypot(BETWEEN_SAMPLES * rows.interval_s()),
+        },
+        timed: rows.timed,
         held_out: found.held_out,
         notes: Vec::new(),
         model,
     };
-    identified.notes = notes(&identified, rows.timed, robot);
+    identified.notes = notes(&identified, moved.1, robot);
     identified
 }
 
@@ -201,8 +214,14 @@ fn value_of(posterior: &Posterior, slopes: &[(usize, f64)], value: f64) -> Value
         .flat_map(|a| slopes.iter().map(move |b| (a, b)))
         .map(|((a, by_a), (b, by_b))| by_a * by_b * posterior.covariance[(*a, *b)])
         .sum();
-    Value { value, std: variance.max(0.0).sqrt() }
+    Value { value, std: INFLATION * variance.max(0.0).sqrt() }
 }
+
+/// Reported standard deviations over those of the posterior, which takes widths, noise and correlations for known:
+/// found on 200 simulated arms, where it alone covers 76 to 93 % of the truths with what are to be 95 %.
+const INFLATION: f64 = 1.25;
+/// What is not known of the delay for want of positions between the samples, in parts of the interval.
+const BETWEEN_SAMPLES: f64 = 0.02;
 
 fn payload(robot: &Robot, config: &IdentifyConfig, posterior: &Posterior) -> PayloadEstimate {
     let link = config.payload_link;
@@ -288,10 +307,13 @@ fn base_parameters(robot: &Robot, posterior: &Posterior) -> (usize, usize) {
     (all, told.min(all))
 }
 
+/// What may be left over of the torques' variation at most, before something is wrong.
+const MOST_LEFT_OVER: f64 = 0.5;
+
 /// What could not be told, and why.
-fn notes(identified: &Identified, timed: bool, robot: &Robot) -> Vec<String> {
+fn notes(identified: &Identified, variation: f64, robot: &Robot) -> Vec<String> {
     let mut notes = Vec::new();
-    if !timed {
+    if !identified.timed {
         notes.push(
             "the log has no clock, or one too slow to tell speeds: viscous friction, inertia and delay are not identified"
                 .to_owned(),
@@ -327,7 +349,12 @@ fn notes(identified: &Identified, timed: bool, robot: &Robot) -> Vec<String> {
     let total = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
     let held_out = &identified.held_out;
     let (urdf, own) = (total(&held_out.urdf), total(&held_out.identified));
-    if own > 0.9 * urdf.min(total(&held_out.gravity)) {
+    if own > MOST_LEFT_OVER * variation {
+        notes.push(format!(
+            "on motion that was held out {own:.2} N·m are left over of torques that vary by {variation:.2} N·m: is it \
+             another robot, are its joints in another order, or the torques in another unit?"
+        ));
+    } else if own > 0.9 * urdf.min(total(&held_out.gravity)) {
         notes.push(format!(
             "on motion that was held out the model leaves {own:.2} N·m over, the URDF alone {urdf:.2} N·m: it is no better; \
              the motion is too short or too much alike, something was touched, or the robot is another one"

@@ -189,6 +189,14 @@ impl Rows {
         Ok(all)
     }
 
+    /// Mean time between samples, s; 0 without a clock.
+    pub(super) fn interval_s(&self) -> f64 {
+        let ends = |times: &[f64]| times.last().zip(times.first()).map_or(0.0, |(b, a)| b - a);
+        let span: f64 = self.motions.iter().map(|motion| ends(motion.times_s())).sum();
+        let steps: usize = self.motions.iter().map(|motion| motion.times_s().len() - 1).sum();
+        if self.timed && steps > 0 { span / steps as f64 } else { 0.0 }
+    }
+
     /// Whether speeds can be told out of windows of twice this, s.
     pub(super) fn is_timed(&self, window_s: f64) -> bool {
         self.motions.iter().all(|motion| motion.is_timed(window_s))

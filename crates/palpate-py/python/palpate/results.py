@@ -343,6 +343,7 @@ class IdentifiedJoint(TypedDict):
     bias_n_m: Uncertain
     gain: Uncertain
     presliding_rad: float
+    ripple_orders: list[float]
     hysteresis_n_m: float
 
 

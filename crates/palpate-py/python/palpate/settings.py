@@ -27,6 +27,7 @@ class RobotSettings(TypedDict, total=False):
     no_cache: bool
     bake_spacing_m: float
     hold: Sequence[str]
+    rename: Sequence[str]
     arm: Path
     payload_link: str
     payload_mass_kg: float

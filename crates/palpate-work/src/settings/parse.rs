@@ -92,6 +92,46 @@ impl From<Held> for String {
     }
 }
 
+/// What a log calls a joint, and what the robot does: `LOG=ROBOT`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Renamed {
+    /// Its name in the log.
+    pub in_log: String,
+    /// Its name in the URDF.
+    pub in_urdf: String,
+}
+
+impl FromStr for Renamed {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let names = text.split_once('=').map(|(log, urdf)| (log.trim(), urdf.trim()));
+        match names {
+            Some((in_log, in_urdf)) if !in_log.is_empty() && !in_urdf.is_empty() => {
+                Ok(Self { in_log: in_log.to_owned(), in_urdf: in_urdf.to_owned() })
+            }
+            _ => {
+                Err(format!("found `{text}`; wanted NAME_IN_LOG=NAME_IN_URDF, such as j1=joint_1"))
+            }
+        }
+    }
+}
+
+impl TryFrom<String> for Renamed {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<Renamed> for String {
+    fn from(renamed: Renamed) -> Self {
+        format!("{}={}", renamed.in_log, renamed.in_urdf)
+    }
+}
+
 /// A setting that is found from the data unless it is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(untagged)]

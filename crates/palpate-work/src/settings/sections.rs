@@ -16,7 +16,7 @@ use palpate_io::log::{AngleUnit, CsvColumns, LogOptions};
 use palpate_io::robot_files::ArmOptions;
 use serde::{Deserialize, Serialize};
 
-use super::parse::{Held, OrAuto, TareFrames, columns, counts3, named, vector3};
+use super::parse::{Held, OrAuto, Renamed, TareFrames, columns, counts3, named, vector3};
 
 /// All that can be set; what was not given is `None`.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
@@ -132,6 +132,9 @@ section! {
         /// in the middle of their range]
         #[arg(long, value_name = "JOINT=POSITION", value_delimiter = ',')]
         pub hold: Vec<Held>,
+        /// Names of joints in the logs, where they are not those of the URDF; what comes out has the logs' names
+        #[arg(long, value_name = "LOG=URDF", value_delimiter = ',')]
+        pub rename: Vec<Renamed>,
         /// The arm as `palpate identify` has found it: its masses, friction and bias are taken off the torques, whose
         /// noise is known then
         #[arg(long, value_name = "ARM.toml")]

@@ -305,6 +305,24 @@ impl Robot {
         Ok(self)
     }
 
+    /// The same robot with a joint of another name: what a log calls it.
+    ///
+    /// # Errors
+    ///
+    /// An unknown joint, or a name that another joint has.
+    pub fn renaming(mut self, joint: &str, name: &str) -> Result<Robot, RobotError> {
+        if self.joints.iter().any(|own| own.name == name && own.name != joint) {
+            return Err(RobotError::Duplicate { thing: format!("joint `{name}`") });
+        }
+        let found = self.joints.iter_mut().find(|own| own.name == joint);
+        let found = found.ok_or_else(|| RobotError::Undeclared {
+            user: format!("the name `{name}`"),
+            wanted: format!("joint `{joint}`"),
+        })?;
+        name.clone_into(&mut found.name);
+        Ok(self)
+    }
+
     /// Whether a joint carries a link: the link, or one that it hangs from, is the joint's.
     pub fn carries(&self, joint: &Joint, mut link: LinkId) -> bool {
         loop {

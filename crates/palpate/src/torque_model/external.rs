@@ -156,6 +156,8 @@ pub struct Explained {
 /// What the noise of a joint's torque grows with.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseFactors {
+    /// Position, rad.
+    pub q: f64,
     /// How far friction is between two directions, 0 to 1.
     pub between: f64,
     /// What is not known of its state, 0 to 1.
@@ -244,13 +246,15 @@ impl TorqueModel {
             let bias = joint.bias[0] + joint.bias[1] * q.cos() + joint.bias[2] * q.sin();
             external[j] = match config.gravity {
                 Gravity::Included => {
-                    let taken = at_rest[j] + inertia + joint.friction.torque(z, speed);
+                    let ripple: f64 = joint.ripple.iter().map(|own| own.torque(q, speed)).sum();
+                    let taken = at_rest[j] + inertia + joint.friction.torque(z, speed) + ripple;
                     (sign * tau[j] - bias) / joint.gain + taken
                 }
                 // The robot has taken all of that off, as it knows it.
                 Gravity::Removed => sign * tau[j],
             };
             factors.push(NoiseFactors {
+                q,
                 between: unknown.max(1.0 - z.abs()),
                 unknown,
                 speed,
@@ -265,7 +269,7 @@ impl Explained {
     /// With the standard deviation that the model says.
     pub fn with_std(&self, model: &TorqueModel) -> ExternalTorque {
         let std = self.factors.iter().zip(&model.joints).map(|(factors, joint)| {
-            let &NoiseFactors { between, unknown, speed, inertia } = factors;
+            let &NoiseFactors { between, unknown, speed, inertia, .. } = factors;
             // A state that can be anything between two bounds is uniform between them.
             let friction = joint.friction.coulomb * unknown / 3_f64.sqrt();
             joint.noise.std(between, speed, inertia).hypot(friction)

@@ -13,6 +13,7 @@
 //! |--------------------|-----------------------------------------------------------------------|
 //! | `friction`         | Coulomb, viscous and breakaway friction, with hysteresis at turns     |
 //! | `local_polynomial` | position, speed and acceleration from logged positions                |
+//! | `ripple`           | torque that comes back with the teeth of a gear                       |
 //! | `external`         | external torques of a touch, with their standard deviations           |
 //! | `alarm`            | when something is touched, at a rate of false alarms                  |
 
@@ -20,6 +21,7 @@ mod alarm;
 mod external;
 mod friction;
 mod local_polynomial;
+mod ripple;
 
 pub use alarm::{Alarm, Detector};
 pub use external::{
@@ -28,6 +30,7 @@ pub use external::{
 };
 pub use friction::{Friction, FrictionState};
 pub use local_polynomial::{Fit, LocalPolynomial, Side};
+pub use ripple::{RIPPLE_COEFFICIENTS, Ripple};
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -96,6 +99,9 @@ pub struct JointModel {
     pub rotor_inertia: f64,
     /// Friction.
     pub friction: Friction,
+    /// Ripple of its gears.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub ripple: Vec<Ripple>,
     /// What is left over.
     pub noise: TorqueNoise,
 }
@@ -128,7 +134,7 @@ impl TorqueNoise {
 impl JointModel {
     /// What of it cannot be, as a sentence without its name.
     fn check(&self) -> Result<(), String> {
-        let Self { gain, bias, rotor_inertia, friction, noise, .. } = self;
+        let Self { gain, bias, rotor_inertia, friction, noise, ripple, .. } = self;
         let is = |value: f64, wanted: bool| value.is_finite() && wanted;
         let at_least_zero = [
             ("rotor_inertia", *rotor_inertia),
@@ -150,7 +156,11 @@ impl JointModel {
             return Err(format!("gain is {gain}; wanted a number that is not 0"));
         }
         let numbers = [friction.asymmetry, friction.breakaway, bias[0], bias[1], bias[2]];
-        match numbers.iter().find(|number| !number.is_finite()) {
+        if ripple.iter().any(|own| own.coefficients.len() != RIPPLE_COEFFICIENTS) {
+            return Err(format!("a ripple has {RIPPLE_COEFFICIENTS} coefficients"));
+        }
+        let of_ripple = ripple.iter().flat_map(|own| own.coefficients.iter().chain([&own.order]));
+        match numbers.iter().chain(of_ripple).find(|number| !number.is_finite()) {
             Some(number) => Err(format!("found {number}; wanted finite numbers")),
             None => Ok(()),
         }
@@ -169,6 +179,7 @@ impl TorqueModel {
                 bias: [0.0; 3],
                 rotor_inertia: 0.0,
                 friction: Friction::default(),
+                ripple: Vec::new(),
                 noise: TorqueNoise {
                     still: 0.005 * effort,
                     turning: 0.015 * effort,

@@ -1,0 +1,227 @@
+//! `palpate identify`, `torque` and `excite` on simulated logs, and what they say of logs that do not serve.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+mod common;
+
+use std::f64::consts::TAU;
+use std::fs;
+use std::path::Path;
+
+use common::{Scene, json, npy, palpate, refuse, succeed};
+use palpate::unstable::FrictionState;
+use palpate::{Payload, Robot};
+use palpate_io::log::{self, LogEvent, LogOptions};
+
+const RATE_HZ: f64 = 50.0;
+const FRAMES: usize = 500;
+
+/// Writes a log of free motion of the Gen3 with 1 kg on its last link, 0.4 N·m of Coulomb friction and 0.2 N·m of
+/// bias, in three touches; for `pushed`, 3 N·m act on all joints in a second of the last one.
+fn write_logs(folder: &Path, pushed: bool) {
+    let robot = Robot::built_in("kinova_gen3").unwrap();
+    let link = robot.links()[robot.bodies().last().unwrap().index()].name.clone();
+    let robot = robot.with_payload(&Payload::new(link, 1.0, [0.0, 0.02, -0.1])).unwrap();
+    let n = robot.n_joints();
+    for touch in 0..3 {
+        let (mut angles, mut torques, mut times) = (Vec::new(), Vec::new(), Vec::new());
+        let mut friction = vec![FrictionState::default(); n];
+        let mut last: Option<Vec<f64>> = None;
+        for frame in 0..FRAMES {
+            let t = frame as f64 / RATE_HZ;
+            let wave = |j: usize, k: usize| {
+                let w = TAU * 0.07 * (k + 1) as f64;
+                let phase = (1 + j * 3 + k * 5 + touch * 7) as f64;
+                (0.3 / (k + 1) as f64, w, w * t + phase)
+            };
+            let sum = |of: fn((f64, f64, f64)) -> f64| -> Vec<f64> {
+                (0..n).map(|j| (0..3).map(|k| of(wave(j, k))).sum()).collect()
+            };
+            let q: Vec<f64> = sum(|(a, _, x)| a * x.sin()).iter().map(|q| q + 0.4).collect();
+            let speed = sum(|(a, w, x)| a * w * x.cos());
+            let acceleration = sum(|(a, w, x)| -a * w * w * x.sin());
+            let motor = robot.inverse_dynamics(&robot.forward(&q).unwrap(), &speed, &acceleration);
+            for j in 0..n {
+                friction[j].advance(q[j] - last.as_ref().map_or(q[j], |last| last[j]), 2e-3);
+                let push =
+                    if pushed && touch == 2 && (200..250).contains(&frame) { 3.0 } else { 0.0 };
+                // Noise without a generator: a chaotic sequence.
+                let noise = 0.03 * ((frame * 7919 + j * 104_729) as f64).sin();
+                torques.push(-motor[j] - 0.4 * friction[j].middle() + 0.2 + push + noise);
+            }
+            last = Some(q.clone());
+            angles.extend(q);
+            times.push(t);
+        }
+        let folder = folder.join(format!("seq_{touch}"));
+        fs::create_dir_all(&folder).unwrap();
+        npy(&folder.join("angles.npy"), &[FRAMES, n], &angles);
+        npy(&folder.join("torques.npy"), &[FRAMES, n], &torques);
+        npy(&folder.join("time.npy"), &[FRAMES], &times);
+    }
+}
+
+#[test]
+fn an_arm_is_identified_and_its_torques_tell_what_was_touched() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_logs(&path("free"), false);
+    write_logs(&path("pushed"), true);
+    let mut identify = palpate();
+    identify.args(["--quiet", "identify", "--json"]).arg(path("free"));
+    identify.arg("-o").arg(path("arm.toml")).arg("--urdf").arg(path("arm.urdf"));
+    identify.args(["--tool-link", "Bracelet_Link"]);
+    let found = json(&mut identify);
+    let mass = found["payload"]["mass_kg"]["value"].as_f64().unwrap();
+    assert!((mass - 1.0).abs() < 0.03, "{}", found["payload"]);
+    assert!(found["urscript"].as_str().unwrap().starts_with("set_target_payload("), "{found}");
+    for joint in found["joints"].as_array().unwrap() {
+        assert!((joint["coulomb_n_m"]["value"].as_f64().unwrap() - 0.4).abs() < 0.04, "{joint}");
+    }
+    // The URDF weighs what the arm does.
+    let urdf = Robot::from_urdf(&fs::read_to_string(path("arm.urdf")).unwrap()).unwrap();
+    let model: Vec<f64> = serde_json::from_value(found["model"]["inertial"].clone()).unwrap();
+    let off = urdf.inertial_parameters() - nalgebra::DVector::from_vec(model);
+    assert!(off.amax() < 1e-9, "{off}");
+
+    for (file, more) in
+        [("t.csv", &[][..]), ("t.parquet", &["--causal"]), ("t.mcap", &["--causal"])]
+    {
+        let mut torque = palpate();
+        torque.args([
+            "--quiet",
+            "torque",
+            "--json",
+            "--torque-sign",
+            "plus",
+            "--gravity",
+            "included",
+        ]);
+        torque.arg(path("pushed")).arg("--arm").arg(path("arm.toml")).arg("-o").arg(path(file));
+        let told = json(torque.args(more));
+        let contacts = told["contacts"].as_array().unwrap();
+        assert_eq!(contacts.len(), 1, "{file}: {contacts:?}");
+        let [from, to] = [0, 1].map(|end| contacts[0]["time_s"][end].as_f64().unwrap());
+        assert!((from - 4.0).abs() < 0.3 && (to - 5.0).abs() < 0.3, "{file}: {from} to {to}");
+        assert_eq!(contacts[0]["touch"], "seq_2");
+    }
+    // Another program's view of the files: the bag holds the torques, as many as there were samples.
+    let table = fs::read_to_string(path("t.csv")).unwrap();
+    assert_eq!(table.lines().count(), 1 + 3 * FRAMES);
+    assert!(table.starts_with("touch,time,Actuator1_torque,"), "{}", &table[..60]);
+    let events = log::open(&path("t.mcap"), &LogOptions::default()).unwrap();
+    let samples = events.map(Result::unwrap).filter(|event| matches!(event, LogEvent::Sample(_)));
+    assert_eq!(samples.count(), 3 * FRAMES);
+
+    // A field of it remembers how sure each torque was, and goes on from there.
+    let map = |from: &[&str], out: &str| {
+        let mut map = palpate();
+        map.args(["--quiet", "map", "--tune=off"]).arg(path("pushed/seq_2")).args(from);
+        succeed(map.arg("--arm").arg(path("arm.toml")).arg("-o").arg(path(out)));
+    };
+    map(&["--spacing-m", "0.03", "--torque-sign", "plus", "--gravity", "included"], "one.npz");
+    let from = path("one.npz");
+    map(&["--from", from.to_str().unwrap()], "two.npz");
+}
+
+#[test]
+fn logs_that_cannot_serve_say_what_is_missing() {
+    let scene = Scene::new();
+    let run = |more: &[&str]| {
+        let mut identify = palpate();
+        identify
+            .args(["identify", "--no-cache", "--robot"])
+            .arg(scene.path("tiny.urdf"))
+            .args(more);
+        identify
+    };
+    let log = scene.text("log");
+    let included = ["--gravity", "included", "--torque-sign", "plus"];
+    refuse(
+        run(&[&log, "--gravity", "removed", "--torque-sign", "plus"]).arg("--json"),
+        2,
+        &["tau_J"],
+    );
+    refuse(&mut run(&[&log, "--arm", "arm.toml"]), 2, &["--arm is what this command finds"]);
+    refuse(
+        run(&[&log, "--tool-link", "hand"]).args(included),
+        2,
+        &["no joint moves a link `hand`"],
+    );
+    // Axes that gravity does not turn, and no clock.
+    let told = json(run(&[&log, "--quiet", "--json"]).args(included));
+    let notes = told["notes"].as_array().unwrap();
+    let says = |words: &str| notes.iter().any(|note| note.as_str().unwrap().contains(words));
+    assert!(
+        says("no clock") && says("the payload is not told") && says("another robot"),
+        "{notes:?}"
+    );
+
+    let still = scene.path("still");
+    fs::create_dir(&still).unwrap();
+    npy(&still.join("angles.npy"), &[30, 2], &[0.1; 60]);
+    npy(&still.join("torques.npy"), &[30, 2], &[1.0; 60]);
+    refuse(run(&[still.to_str().unwrap()]).args(included), 2, &["no joint moves"]);
+
+    fs::write(scene.path("arm.toml"), "version = 1\nrobot = \"tiny\"\ndelay_s = \"late\"\n")
+        .unwrap();
+    let mut torque = palpate();
+    torque
+        .args(["torque", "--no-cache", "--robot"])
+        .arg(scene.path("tiny.urdf"))
+        .arg(&log)
+        .args(included);
+    refuse(torque.arg("--arm").arg(scene.path("arm.toml")), 2, &["arm.toml", "delay_s"]);
+}
+
+#[test]
+fn a_joint_that_the_log_calls_otherwise_is_renamed() {
+    let scene = Scene::new();
+    let run = |more: &[&str]| {
+        let mut identify = palpate();
+        identify
+            .args(["identify", "--no-cache", "--robot"])
+            .arg(scene.path("tiny.urdf"))
+            .args(more);
+        identify
+    };
+    let included = ["--gravity", "included", "--torque-sign", "plus"];
+    let table = "touch,time,a_position,elbow_position,a_effort,elbow_effort\n";
+    let rows = (0..60).map(|k| {
+        format!(
+            "x,{},{},{},1,{}\n",
+            0.1 * f64::from(k),
+            0.02 * f64::from(k),
+            0.01 * f64::from(k),
+            k % 2
+        )
+    });
+    let text: String = rows.collect();
+    fs::write(scene.path("named.csv"), format!("{table}{text}")).unwrap();
+    let named = scene.text("named.csv");
+    refuse(run(&[&named]).args(included), 1, &["shoulder"]);
+    refuse(
+        run(&[&named, "--rename", "a=wrist"]).args(included),
+        2,
+        &["--rename a=wrist", "joint `wrist`"],
+    );
+    let told = json(run(&[&named, "--quiet", "--json", "--rename", "a=shoulder"]).args(included));
+    assert_eq!(told["joints"][0]["name"], "a");
+}
+
+#[test]
+fn a_motion_is_written_for_a_controller() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("motion.yaml");
+    let mut excite = palpate();
+    excite.args(["--quiet", "excite", "--rate-hz", "10", "--json", "-o"]).arg(&path);
+    let told = json(&mut excite);
+    assert!(told["speed_share"].as_f64() <= Some(0.51) && told["points"] == 201, "{told}");
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(text.len() < 128_000, "one argument of a shell");
+    assert!(text.starts_with("joint_names: [\"Actuator1\", \"Actuator2\""), "{}", &text[..80]);
+    assert_eq!(text.matches("time_from_start:").count(), 201);
+    assert!(text.contains("time_from_start: {sec: 20, nanosec: 0}"));
+    let low = ["excite", "--ground-m", "3", "-o"];
+    refuse(palpate().args(low).arg(&path), 1, &["reaches down to"]);
+    refuse(palpate().args(["excite", "-o", "motion.txt"]), 2, &["motion.txt"]);
+}
