@@ -77,7 +77,7 @@ fn text_of(link: &Link) -> String {
 mod tests {
     use super::*;
 
-    const URDF: &str = r#"<robot name="r"><!-- kept --><link name="base"><inertial><mass value="9"/></inertial></link>
+    const URDF: &str = r#"<robot name="r"><!-- kept --><link name="base"><inertial><mass value="9"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
   <link name="arm"><inertial><origin xyz="0.1 0 0" rpy="0 0 1"/><mass value="2"/>
     <inertia ixx="1" ixy="0" ixz="0" iyy="2" iyz="0" izz="2.5"/></inertial></link>
   <link name="tool"/>

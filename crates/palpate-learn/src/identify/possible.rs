@@ -85,7 +85,9 @@ pub(super) fn nearest(
             pseudo_inertia(&unit)
         })
         .collect();
-    let mut weight = FIRST_WEIGHT;
+    // As high as the way is steep: near the boundary Newton's steps would be short.
+    let off = &now - mean;
+    let mut weight = FIRST_WEIGHT.max(off.dot(&(precision * &off)));
     loop {
         now = lower(now, weight, (mean, precision, &base), &units);
         if weight <= WEIGHT {
