@@ -107,25 +107,32 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         Format::Yaml => trajectory(&arm.robot, &found),
     };
     place::write(&args.output, &text)?;
-    let Excitation { condition: [condition, first], shares: [speed, torque], .. } = found;
     if args.json {
         return output.json(&json!({
-            "output": args.output, "condition": condition, "condition_of_first": first,
-            "speed_share": speed, "torque_share": torque, "lowest_m": found.lowest_m,
+            "output": args.output, "condition": found.condition, "condition_of_first": found.first_condition,
+            "speed_share": found.speed_share, "torque_share": found.torque_share, "lowest_m": found.lowest_m,
             "nearest_m": found.nearest_m, "points": found.points.len(),
         }));
     }
+    let lowest = found.lowest_m.map_or(
+        "Its links have no surfaces, so its height was not checked".to_owned(),
+        |lowest_m| format!("Its lowest point is {lowest_m:.2} m above the base's zero"),
+    );
+    let nearest =
+        found.nearest_m.map_or("self-collision was not checked".to_owned(), |nearest_m| {
+            format!("the nearest it comes to itself is {nearest_m:.2} m")
+        });
     output.result(&format!(
-        "{} points over {:.0} s are in `{}`.\nCondition number {condition:.0} (of the first motion that kept to the \
-         limits: {first:.0}); it takes {:.0} % of the joints' speed and {:.0} % of their torque, and stays {:.2} m \
-         above the base's zero and {:.2} m from itself.\nNext: play it, log it, and palpate identify LOG\n",
+        "{} points over {:.0} s are in `{}`.\nCondition number {:.0} (of the first motion that kept to the limits: \
+         {:.0}); it takes {:.0} % of the joints' speed and {:.0} % of their torque. {lowest}; {nearest}.\nNext: play \
+         it, log it, and palpate identify LOG\n",
         found.points.len(),
         config.duration_s,
         args.output.display(),
-        100.0 * speed,
-        100.0 * torque,
-        found.lowest_m,
-        found.nearest_m,
+        found.condition,
+        found.first_condition,
+        100.0 * found.speed_share,
+        100.0 * found.torque_share,
     ))
 }
 

@@ -21,7 +21,7 @@ const NOTES: &str = "Examples:
   palpate map recordings/ --robot robot.urdf --arm arm.toml -o field.npz
 
 The arm moves freely in the logs, every joint both ways, some of it slowly; `palpate excite` writes such a
-motion. What is found is held to the URDF as far as the logs do not say otherwise. Errors are told on
+motion. What is found is held to the URDF as far as the logs do not say otherwise. Errors are measured on
 motion that was held out: whole touches, or quarters of them if there are fewer than three.
 
 Payload: --json has it with standard deviations, and, with --tool-link of the flange, as libfranka's
@@ -40,7 +40,7 @@ pub(crate) struct Args {
     /// Where the URDF goes, with the masses that were found
     #[arg(long, value_name = "FILE.urdf")]
     urdf: Option<PathBuf>,
-    /// Link in whose frame the payload is told [default: the one that the last joint carries]
+    /// Link in whose frame the payload is given [default: the one that the last joint carries]
     #[arg(long, value_name = "LINK")]
     tool_link: Option<String>,
     /// The logged torques are the drives' currents: find their gains as well
@@ -58,8 +58,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
     if settings.robot.arm.take().is_some() {
         return Err(CliError::Usage(
-            "--arm is what this command finds: leave it out, for torques are to be as they were measured"
-                .to_owned(),
+            "`identify` writes the file for --arm; leave --arm out".to_owned(),
         ));
     }
     let mut places = Places::read(&args.settings, &settings, &args.logs);
@@ -72,7 +71,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let recorded = touches.read(None)?;
     touches.tell_warnings(output);
     let wanted = IdentifySettings { tool_link: args.tool_link.clone(), currents: args.currents };
-    let found = identify::run(&arm, &recorded, &config.touch, &wanted)?;
+    let found = identify::run(&arm, &recorded, &config.touch, &wanted, output)?;
 
     let text = text(&found);
     if let Some(path) = &args.output {
@@ -86,8 +85,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     if args.json {
         // Both count from the flange, which only the user knows.
-        let is_told = args.tool_link.is_some() && found.payload.is_told;
-        let (libfranka, urscript) = if is_told {
+        let is_significant = args.tool_link.is_some() && found.payload.is_significant;
+        let (libfranka, urscript) = if is_significant {
             (Some(set_load(&found)), Some(set_payload(&found)))
         } else {
             (None, None)
@@ -95,7 +94,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         return output.json(&json!({
             "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
             "base_parameters": found.base_parameters,
-            "base_parameters_told": found.base_parameters_told,
+            "base_parameters_identified": found.base_parameters_identified,
             "delay_s": found.delay_s, "held_out": found.held_out, "model": found.model,
             "notes": found.notes, "libfranka": libfranka, "urscript": urscript,
         }));
@@ -140,7 +139,7 @@ fn pm(value: Value, digits: usize, is_found: bool) -> String {
 
 fn text(found: &Identified) -> String {
     let payload = &found.payload;
-    let mut text = if payload.is_told {
+    let mut text = if payload.is_significant {
         let com = payload.com_m.map(|axis| pm(axis, 3, true)).join(", ");
         let mass = pm(payload.mass_kg, 2, true);
         format!("Payload in the frame of `{}`: {mass} kg, centre {com} m.\n", payload.link)
@@ -156,7 +155,7 @@ fn text(found: &Identified) -> String {
             1,
             found.timed
         ),
-        found.base_parameters_told,
+        found.base_parameters_identified,
         found.base_parameters
     );
     text += &joints(found);
@@ -174,13 +173,13 @@ fn joints(found: &Identified) -> String {
         "gain",
         "moved rad",
     ];
-    let told = |joint: &JointEstimate| joint.moved >= LEAST_MOTION;
+    let moves = |joint: &JointEstimate| joint.moved >= LEAST_MOTION;
     let rows = found.joints.iter().map(|joint| {
         vec![
             joint.name.clone(),
-            pm(joint.coulomb_n_m, 2, told(joint)),
-            pm(joint.viscous_n_m_s, 2, found.timed && told(joint)),
-            pm(joint.breakaway_n_m, 2, found.timed && told(joint)),
+            pm(joint.coulomb_n_m, 2, moves(joint)),
+            pm(joint.viscous_n_m_s, 2, found.timed && moves(joint)),
+            pm(joint.breakaway_n_m, 2, found.timed && moves(joint)),
             pm(joint.bias_n_m, 2, true),
             pm(joint.gain, 3, true),
             format!("{:.2}", joint.moved),

@@ -4,10 +4,10 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::Arm;
-use palpate_work::robot;
+use palpate::{Arm, Differentiation};
 pub(crate) use palpate_work::touches::IfUndecided;
 use palpate_work::touches::{RecordedTouch, Touches};
+use palpate_work::{arm_file, robot};
 
 use crate::error::CliError;
 use crate::output::Output;
@@ -24,9 +24,21 @@ pub(crate) fn open(
     let arm = robot::load(&settings.robot, output)?;
     let arm = touches.arm_of_logs(arm, &mut settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
-    let place = (&settings.robot, &mut settings.touch);
-    touches.external(&arm, place, if_undecided, output)?;
+    touches.external(&arm, settings, if_undecided, output)?;
     Ok((touches, arm))
+}
+
+/// Opens more logs of an arm, whose torques count as the settings say already.
+pub(crate) fn open_more(
+    logs: &[PathBuf],
+    settings: &Settings,
+    arm: &Arc<Arm>,
+) -> Result<Touches, CliError> {
+    let mut touches = Touches::open(logs, &settings.log.options())?;
+    if let Some(model) = arm_file::of(&settings.robot, &arm.robot)? {
+        touches.identified(arm, model, Differentiation::Centred, &settings.touch);
+    }
+    Ok(touches)
 }
 
 /// Reads all touches, or the first so many, for a command that learns from them.

@@ -10,7 +10,6 @@ use palpate::{Arm, EstimatorKind, Mapper, Sample, StepReport};
 use palpate_io::field::{self, Saved};
 use palpate_work::elastic;
 use palpate_work::learn::{Cells, Tally, learn};
-use palpate_work::touches::Touches;
 use palpate_work::tune::{Tune, quickly_tuned};
 use palpate_work::{prior, resume};
 use serde_json::json;
@@ -222,7 +221,7 @@ fn begin(
         None => {
             let mut config = settings.config()?;
             if is_tuned {
-                let touches = Touches::open(&args.logs, &settings.log.options())?;
+                let touches = logs::open_more(&args.logs, settings, arm)?;
                 config = quickly_tuned(touches, (arm, settings, &config), output)?;
             }
             prior::mapper(args.prior.as_deref(), arm, config, output)?

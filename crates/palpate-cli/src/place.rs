@@ -34,7 +34,8 @@ impl Places {
         let mut places = Self::default();
         places.input("the settings file", args.path());
         places.input("the robot", Some(Path::new(settings.robot.name())));
-        places.logs(logs);
+        places.input("the arm (--arm)", settings.robot.arm.as_deref());
+        logs.iter().for_each(|log| places.log(log));
         places
     }
 
@@ -45,33 +46,29 @@ impl Places {
         }
     }
 
-    /// Adds all files of logs.
-    fn logs(&mut self, logs: &[PathBuf]) {
-        for log in logs {
-            let role = format!("a file of the log `{}`", log.display());
-            let Ok(log) = log.canonicalize() else { continue };
-            let within = entries(&log).filter(|entry| entry.is_dir());
-            // The truth of a single touch lies beside its folder.
-            let beside = log.parent().map(|parent| parent.join("truth"));
-            let folders: Vec<PathBuf> =
-                std::iter::once(log.clone()).chain(within).chain(beside).collect();
-            // An array that is missing counts as well: to write it would make or break a touch.
-            let arrays = ["angles.npy", "torques.npy", "time.npy"];
-            let named = |folder: &PathBuf| arrays.map(|name| folder.join(name));
-            let mut files: Vec<PathBuf> = folders.iter().flat_map(named).collect();
-            // Tables beside arrays are not read.
-            let touches = files.iter().any(|file| !file.ends_with("time.npy") && file.is_file());
-            files.extend(
-                folders
-                    .iter()
-                    .flat_map(|folder| entries(folder).filter(|file| ending(file) == "npy")),
-            );
-            files.extend(
-                entries(&log).filter(|file| !touches && ["csv", "tsv"].contains(&&*ending(file))),
-            );
-            self.taken.extend(files.iter().filter_map(|f| Some((role.clone(), resolved(f)?))));
-            self.taken.push((role, log));
-        }
+    /// Adds all files of a log.
+    pub(crate) fn log(&mut self, log: &Path) {
+        let role = format!("a file of the log `{}`", log.display());
+        let Ok(log) = log.canonicalize() else { return };
+        let within = entries(&log).filter(|entry| entry.is_dir());
+        // The truth of a single touch lies beside its folder.
+        let beside = log.parent().map(|parent| parent.join("truth"));
+        let folders: Vec<PathBuf> =
+            std::iter::once(log.clone()).chain(within).chain(beside).collect();
+        // An array that is missing counts as well: to write it would make or break a touch.
+        let arrays = ["angles.npy", "torques.npy", "time.npy"];
+        let named = |folder: &PathBuf| arrays.map(|name| folder.join(name));
+        let mut files: Vec<PathBuf> = folders.iter().flat_map(named).collect();
+        // Tables beside arrays are not read.
+        let touches = files.iter().any(|file| !file.ends_with("time.npy") && file.is_file());
+        files.extend(
+            folders.iter().flat_map(|folder| entries(folder).filter(|file| ending(file) == "npy")),
+        );
+        files.extend(
+            entries(&log).filter(|file| !touches && ["csv", "tsv"].contains(&&*ending(file))),
+        );
+        self.taken.extend(files.iter().filter_map(|f| Some((role.clone(), resolved(f)?))));
+        self.taken.push((role, log));
     }
 
     /// Adds a file that is written, if there is one: refuses it if it cannot be, or if it is one

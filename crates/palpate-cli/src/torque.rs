@@ -3,9 +3,12 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::{Arm, TorqueModel};
+use palpate::{Arm, Differentiation, TorqueModel};
 use palpate_io::torques::{TorqueFormat, TorqueRow, write};
-use palpate_work::torque::{Contact, TorqueSettings, TouchTorques, contacts, threshold, torques};
+use palpate_work::torque::{
+    BANDWIDTH_HZ, ContactInterval, FALSE_ALARMS_PER_HOUR, GUESS, TorqueSettings, TouchTorques,
+    contacts, threshold, torques,
+};
 use palpate_work::touches::Touches;
 use palpate_work::{arm_file, robot};
 use serde_json::json;
@@ -43,15 +46,15 @@ pub(crate) struct Args {
     #[arg(long, value_name = "LOG")]
     free: Vec<PathBuf>,
     /// False alarms an hour [default: 1]
-    #[arg(long, value_name = "PER_HOUR", value_parser = number_in(1e-6..=3600.0, "a number of alarms an hour above 0, 3600 at most"))]
+    #[arg(long, value_name = "PER_HOUR", value_parser = number_in(FALSE_ALARMS_PER_HOUR, "a number of alarms an hour above 0, 3600 at most"))]
     false_alarms: Option<f64>,
     /// Low-pass of the first order for the torques, Hz [default: none]
-    #[arg(long, value_name = "HZ", value_parser = number_in(1e-3..=1e5, "a frequency from 0.001 to 100000 Hz"))]
+    #[arg(long, value_name = "HZ", value_parser = number_in(BANDWIDTH_HZ, "a frequency from 0.001 to 100000 Hz"))]
     bandwidth_hz: Option<f64>,
     /// Use the past alone at each sample, as `palpate live` does
     #[arg(long)]
     causal: bool,
-    /// Link at whose origin the force and moment are told that explain the torques best, in base axes
+    /// Link at whose origin the force and moment are given that explain the torques best, in base axes
     #[arg(long, value_name = "LINK")]
     wrench_link: Option<String>,
     /// Print contacts and noise as JSON
@@ -65,7 +68,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
     let mut places = Places::read(&args.settings, &settings, &args.logs);
-    places.input("the arm (--arm)", settings.robot.arm.as_deref());
+    args.free.iter().for_each(|log| places.log(log));
     places.output("the torques (--output)", args.output.as_deref())?;
     let format = |path: &PathBuf| {
         let formats = [
@@ -77,7 +80,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     };
     let format = args.output.as_ref().map(format).transpose()?;
     interrupt::listen();
-    let opened = Opened::of(&args.logs, &mut settings, args.causal, output)?;
+    let differentiation =
+        if args.causal { Differentiation::Causal } else { Differentiation::Centred };
+    let opened = Opened::of(&args.logs, &mut settings, differentiation, output)?;
     let (arm, model) = (Arc::clone(&opened.arm), opened.model.clone());
     let wrench_link = match &args.wrench_link {
         Some(name) => Some(arm.robot.link_id(name).ok_or_else(|| {
@@ -95,7 +100,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         None
     } else {
         let mut settings = args.settings.load()?;
-        let opened = Opened::of(&args.free, &mut settings, args.causal, output)?;
+        let opened = Opened::of(&args.free, &mut settings, differentiation, output)?;
         Some(opened.read(&settings, &how, output)?)
     };
     let per_hour = args.false_alarms.unwrap_or(1.0);
@@ -134,26 +139,17 @@ impl Opened {
     fn of(
         paths: &[PathBuf],
         settings: &mut Settings,
-        causal: bool,
+        differentiation: Differentiation,
         output: &Output,
     ) -> Result<Self, CliError> {
         let mut touches = Touches::open(paths, &settings.log.options())?;
         let arm = robot::load(&settings.robot, output)?;
         let arm = touches.arm_of_logs(arm, &mut settings.robot, output)?;
         settings.log.check_for(&arm.robot)?;
-        let model = match &settings.robot.arm {
-            Some(path) => arm_file::read(path, &arm.robot)?,
-            None => {
-                output.note(
-                    "no --arm: friction is not known, and the standard deviation is a guess; `palpate identify` \
-                     finds both from free motion",
-                );
-                TorqueModel::of_urdf(&arm.robot)
-            }
-        };
+        let model = arm_file::or_urdf(&settings.robot, &arm.robot, output)?;
         touches.conventions(&arm, &mut settings.touch, logs::IfUndecided::Refuse, output)?;
-        touches.identified(&arm, model.clone(), causal, &mut settings.touch);
-        let model = if causal { model.causal() } else { model };
+        touches.identified(&arm, model.clone(), differentiation, &settings.touch);
+        let model = model.for_differentiation(differentiation);
         Ok(Self { touches, arm, model })
     }
 
@@ -168,7 +164,7 @@ impl Opened {
         let mut touches = self.touches.for_arm(&self.arm, &settings.log, place)?;
         let recorded = touches.read(None)?;
         touches.tell_warnings(output);
-        torques(&self.arm, &recorded, how)
+        torques(&self.arm, &recorded, how, output)
     }
 }
 
@@ -203,7 +199,7 @@ fn root_mean_square(
 fn text(
     found: &[TouchTorques],
     joints: &[String],
-    contacts: &[Contact],
+    contacts: &[ContactInterval],
     (threshold, from, per_hour): (f64, &str, f64),
 ) -> String {
     let mut head = vec!["touch", "samples"];
@@ -219,7 +215,12 @@ fn text(
             .to_owned();
     text += &table(&head, rows);
     text += &format!(
-        "\nTouched: above {threshold:.1} standard deviations; {from} {per_hour} times an hour.\n"
+        "\nContact threshold: {threshold:.1} standard deviations ({}).\n",
+        if from == GUESS {
+            "a guess; give --free, or identify the arm".to_owned()
+        } else {
+            format!("expected false alarms: {per_hour} per hour, from {from}")
+        }
     );
     if contacts.is_empty() {
         return text + "Nothing was touched.\n";

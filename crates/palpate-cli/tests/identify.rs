@@ -111,7 +111,25 @@ fn an_arm_is_identified_and_its_torques_tell_what_was_touched() {
     let events = log::open(&path("t.mcap"), &LogOptions::default()).unwrap();
     let samples = events.map(Result::unwrap).filter(|event| matches!(event, LogEvent::Sample(_)));
     assert_eq!(samples.count(), 3 * FRAMES);
+}
 
+/// How the torques of these logs count.
+const MEASURED: [&str; 4] = ["--torque-sign", "plus", "--gravity", "included"];
+
+/// Writes `free`, `pushed` and `arm.toml`, the arm that the first says.
+fn write_identified(folder: &Path) {
+    write_logs(&folder.join("free"), false);
+    write_logs(&folder.join("pushed"), true);
+    let mut identify = palpate();
+    identify.args(["--quiet", "identify"]).arg(folder.join("free")).args(MEASURED);
+    succeed(identify.arg("-o").arg(folder.join("arm.toml")));
+}
+
+#[test]
+fn a_field_of_an_identified_arm_goes_on_with_it_and_not_without() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_identified(folder.path());
     // A field of it remembers how sure each torque was, and goes on from there.
     let map = |from: &[&str], out: &str| {
         let mut map = palpate();
@@ -121,6 +139,46 @@ fn an_arm_is_identified_and_its_torques_tell_what_was_touched() {
     map(&["--spacing-m", "0.03", "--torque-sign", "plus", "--gravity", "included"], "one.npz");
     let from = path("one.npz");
     map(&["--from", from.to_str().unwrap()], "two.npz");
+    // Who forgets the arm is told; who says how the torques count may ask without it.
+    let mut without = palpate();
+    without.args(["--quiet", "map"]).arg(path("free/seq_0")).arg("--from").arg(&from);
+    refuse(
+        without.args(MEASURED).arg("-o").arg(path("three.npz")),
+        2,
+        &["identified arm", "--arm"],
+    );
+    let predict = |more: &[&str]| {
+        let mut predict = palpate();
+        predict.args(["--quiet", "predict"]).arg(&from).arg(path("pushed/seq_2")).args(more);
+        predict
+    };
+    succeed(predict(&MEASURED).arg("--no-tare"));
+    succeed(predict(&MEASURED).arg("--arm").arg(path("arm.toml")));
+    // Touches that are called alike stay apart.
+    let mut torque = palpate();
+    torque.args(["--quiet", "torque", "--json"]).arg(path("pushed")).arg(path("free"));
+    torque.args(MEASURED).arg("--arm").arg(path("arm.toml")).arg("-o").arg(path("both.csv"));
+    let told = json(&mut torque);
+    assert_eq!(told["touches"][0], "pushed/seq_0");
+    assert_eq!(told["contacts"].as_array().unwrap().len(), 1);
+    assert_eq!(told["contacts"][0]["touch"], "pushed/seq_2");
+}
+
+#[test]
+fn settings_are_chosen_from_external_torques() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_identified(folder.path());
+    let mut map = palpate();
+    map.args(["map", "--json", "--tune=quick", "--spacing-m", "0.05"]).arg(path("free"));
+    map.args(MEASURED).arg("--arm").arg(path("arm.toml")).arg("-o").arg(path("field.npz"));
+    let done = map.output().unwrap();
+    assert!(done.status.success(), "{}", common::stderr(&done));
+    let field = palpate_io::field::load(&path("field.npz")).unwrap().field;
+    assert!(field.touch.identified);
+    // Of free motion nothing but noise is left, so that no cell is stiff.
+    let stiffest = field.stiffness_n_per_m.iter().copied().fold(0.0, f64::max);
+    assert!(stiffest < 5.0, "{stiffest} N/m");
 }
 
 #[test]
@@ -141,7 +199,7 @@ fn logs_that_cannot_serve_say_what_is_missing() {
         2,
         &["tau_J"],
     );
-    refuse(&mut run(&[&log, "--arm", "arm.toml"]), 2, &["--arm is what this command finds"]);
+    refuse(&mut run(&[&log, "--arm", "arm.toml"]), 2, &["writes the file for --arm"]);
     refuse(
         run(&[&log, "--tool-link", "hand"]).args(included),
         2,
@@ -152,7 +210,7 @@ fn logs_that_cannot_serve_say_what_is_missing() {
     let notes = told["notes"].as_array().unwrap();
     let says = |words: &str| notes.iter().any(|note| note.as_str().unwrap().contains(words));
     assert!(
-        says("no clock") && says("the payload is not told") && says("another robot"),
+        says("no clock") && says("the payload cannot be determined") && says("another robot"),
         "{notes:?}"
     );
 
@@ -199,13 +257,17 @@ fn a_joint_that_the_log_calls_otherwise_is_renamed() {
     fs::write(scene.path("named.csv"), format!("{table}{text}")).unwrap();
     let named = scene.text("named.csv");
     refuse(run(&[&named]).args(included), 1, &["shoulder"]);
-    refuse(
-        run(&[&named, "--rename", "a=wrist"]).args(included),
-        2,
-        &["--rename a=wrist", "joint `wrist`"],
-    );
+    refuse(run(&[&named, "--rename", "a=wrist"]).args(included), 2, &["--rename", "joint `wrist`"]);
     let told = json(run(&[&named, "--quiet", "--json", "--rename", "a=shoulder"]).args(included));
     assert_eq!(told["joints"][0]["name"], "a");
+    // Two names change places.
+    let swapped = table.replace("a_", "x_").replace("elbow", "shoulder").replace("x_", "elbow_");
+    fs::write(scene.path("swapped.csv"), format!("{swapped}{text}")).unwrap();
+    let both = ["--rename", "elbow=shoulder", "--rename", "shoulder=elbow"];
+    let log = scene.text("swapped.csv");
+    let again = json(run(&[&log, "--quiet", "--json"]).args(both).args(included));
+    assert_eq!(again["joints"][0]["name"], "elbow");
+    assert_eq!(again["joints"][0]["bias_n_m"], told["joints"][0]["bias_n_m"]);
 }
 
 #[test]

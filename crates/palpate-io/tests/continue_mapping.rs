@@ -63,7 +63,7 @@ fn through_a_file(mapper: Mapper, arm: &Arc<Arm>) -> Mapper {
 
 #[test]
 fn saved_loaded_and_continued_is_never_having_stopped() {
-    never_having_stopped(&[]);
+    never_having_stopped(&[], &touches(3));
 }
 
 #[test]
@@ -73,16 +73,51 @@ fn with_a_prior_by_cell_saved_loaded_and_continued_is_never_having_stopped() {
     let cells = (0..lattice.n_cells() as u32).map(CellId);
     let slab = cells.filter(|&cell| cell.0 % 3 == 0 && lattice.point(cell).z.abs() < 0.3);
     let prior: Vec<_> = slab.map(|cell| (cell, 0.01 * f64::from(cell.0 % 100))).collect();
-    never_having_stopped(&prior);
+    never_having_stopped(&prior, &touches(3));
+}
+
+#[test]
+fn torques_of_which_some_have_a_standard_deviation_go_on_as_well() {
+    let mut touches = touches(3);
+    for touch in &mut touches {
+        for (n, sample) in touch.iter_mut().enumerate() {
+            // One of zero is no lack of one; at the start it would tell a load from the tare.
+            let least = if n < 15 { 3.0 } else { 0.0 };
+            let std = |joint: usize| least + 0.1 * ((n + joint) % 5) as f64;
+            sample.tau_std = (n % 3 != 0).then(|| (0..7).map(std).collect());
+        }
+    }
+    never_having_stopped(&[], &touches);
+}
+
+#[test]
+fn a_standard_deviation_of_the_torque_is_added_to_that_of_the_estimator() {
+    let (arm, mut touches) = (arm(), touches(1));
+    let learnt = |touch: &[Sample], torque_std: f64| {
+        let mut config = config(EstimatorKind::Map);
+        config.estimator.torque_std = vec![torque_std];
+        let mut mapper = Mapper::new(Arc::clone(&arm), config).unwrap();
+        mapper.begin_touch();
+        go_on(&mut mapper, touch);
+        mapper.field()
+    };
+    let alone = learnt(&touches[0], 0.5);
+    touches[0].iter_mut().for_each(|sample| sample.tau_std = Some(vec![0.4; 7]));
+    let together = learnt(&touches[0], 0.3);
+    assert!(alone.cells.len() > 100 && alone.cells == together.cells);
+    let largest = alone.stiffness_n_per_m.iter().copied().fold(0.0, f64::max);
+    for (a, b) in alone.stiffness_n_per_m.iter().zip(&together.stiffness_n_per_m) {
+        assert!((a - b).abs() < 1e-6 * largest, "{a} and {b} N/m");
+    }
 }
 
 /// Three touches in one go, and with two stops.
-fn never_having_stopped(prior: &[(CellId, f64)]) {
-    let (arm, touches) = (arm(), touches(3));
+fn never_having_stopped(prior: &[(CellId, f64)], touches: &[Vec<Sample>]) {
+    let arm = arm();
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let new = || Mapper::with_prior(Arc::clone(&arm), config(method), prior).unwrap();
         let mut whole = new();
-        for touch in &touches {
+        for touch in touches {
             whole.begin_touch();
             go_on(&mut whole, touch);
             whole.end_touch().unwrap();

@@ -13,11 +13,12 @@ use std::f64::consts::TAU;
 
 use nalgebra::{DMatrix, Point3};
 use palpate::Arm;
-use palpate::unstable::BODY_PARAMETERS;
+use palpate::unstable::{Joint, LinkId};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use crate::error::{LearnError, Stop, unless_stopped};
+use crate::identify::inertial_scales;
 
 /// What a motion is to keep to.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,14 +69,18 @@ pub struct Excitation {
     pub times_s: Vec<f64>,
     /// Positions, speeds and accelerations at them, n_joints each.
     pub points: Vec<[Vec<f64>; 3]>,
-    /// Condition number of the regression, and that of the first motion that kept to the limits.
-    pub condition: [f64; 2],
-    /// Largest part of the speed limit and of the torque limit that it takes; 0 where none is known.
-    pub shares: [f64; 2],
-    /// Lowest point of the moving arm, m, and least distance between links that are not neighbours, m.
-    pub lowest_m: f64,
-    /// See `lowest_m`.
-    pub nearest_m: f64,
+    /// Condition number of the regression.
+    pub condition: f64,
+    /// That of the first motion that kept to the limits.
+    pub first_condition: f64,
+    /// Largest part of a speed limit that it takes; 0 where none is known.
+    pub speed_share: f64,
+    /// Largest part of a torque limit that it takes; 0 where none is known.
+    pub torque_share: f64,
+    /// Lowest point of the moving arm, m, if its links have surfaces.
+    pub lowest_m: Option<f64>,
+    /// Least distance between links that are not neighbours, m; `None` if there were none to look at.
+    pub nearest_m: Option<f64>,
 }
 
 /// Harmonics of the series, and seconds of its longest period.
@@ -83,9 +88,9 @@ const HARMONICS: usize = 5;
 const PERIOD_S: f64 = 10.0;
 /// How long it takes to come to full size, and to rest again, s.
 const RAMP_S: f64 = 2.0;
-/// Points at which limits and condition are looked at while the motion is sought, and when it is found.
-const COARSE: usize = 100;
-const FINE: usize = 600;
+/// Points a second at which limits are looked at while the motion is sought, and when it is found.
+const COARSE_HZ: f64 = 10.0;
+const FINE_HZ: f64 = 50.0;
 /// Points of a link's surface that are looked at.
 const SURFACE: usize = 150;
 /// What is left free at each end of a joint's range, in parts of it.
@@ -127,7 +132,7 @@ pub fn excite(
                 search.draw(j, own, &mut rng);
             }
         }
-        let Some(series) = search.shrunk(series, COARSE) else { continue };
+        let Some(series) = search.shrunk(series, COARSE_HZ) else { continue };
         let condition = search.condition(&series);
         if first.is_nan() {
             first = condition;
@@ -142,7 +147,7 @@ pub fn excite(
         )
     };
     let (_, series) = best.ok_or_else(none)?;
-    let series = search.shrunk(series, FINE).ok_or_else(none)?;
+    let series = search.shrunk(series, FINE_HZ).ok_or_else(none)?;
     Ok(search.motion(&series, first))
 }
 
@@ -186,14 +191,7 @@ impl<'a> Search<'a> {
                 points.into_iter().step_by(every).collect()
             })
             .collect();
-        let scales = (robot.inertial_parameters().as_slice().chunks(BODY_PARAMETERS))
-            .flat_map(|body| {
-                let mass = body[0].max(0.1);
-                let length = (0.5 * (body[4] + body[7] + body[9]).max(0.0) / mass).sqrt() + 0.03;
-                [mass, mass * length, mass * length * length].into_iter().zip([1, 3, 6])
-            })
-            .flat_map(|(scale, times)| std::iter::repeat_n(scale, times))
-            .collect();
+        let scales = inertial_scales(&robot.inertial_parameters()).as_slice().to_vec();
         let mut search = Self { arm, config, around, surfaces, pairs: Vec::new(), scales };
         // Links that touch where it begins are neighbours: shells of one housing overlap.
         let links = 0..robot.links().len();
@@ -223,10 +221,11 @@ impl<'a> Search<'a> {
 
     /// Whether two joints or more lie between links: those next to each other never meet.
     fn moves_apart(&self, a: usize, b: usize) -> bool {
-        let robot = &self.arm.robot;
-        let bodies = [a, b].map(|link| robot.body_of(palpate::unstable::LinkId(link as u16)));
-        let place = |body: Option<usize>| body.map_or(0, |body| body + 1);
-        place(bodies[0]).abs_diff(place(bodies[1])) >= 2
+        // The joints that move one of them and not the other.
+        let moves =
+            |joint: &&Joint, link: usize| self.arm.robot.carries(joint, LinkId(link as u16));
+        let between = |joint: &&Joint| moves(joint, a) != moves(joint, b);
+        self.arm.robot.joints().iter().filter(between).count() >= 2
     }
 
     /// Least distance of the surface points of one link from another.
@@ -240,9 +239,10 @@ impl<'a> Search<'a> {
     /// Lowest point of the arm, but for links that no joint moves and the first that one does.
     fn lowest(&self, poses: &[nalgebra::Isometry3<f64>]) -> f64 {
         let robot = &self.arm.robot;
-        let links = self.surfaces.iter().zip(poses).enumerate().filter(|(link, _)| {
-            robot.body_of(palpate::unstable::LinkId(*link as u16)).is_some_and(|body| body > 0)
-        });
+        let links =
+            self.surfaces.iter().zip(poses).enumerate().filter(|(link, _)| {
+                robot.body_of(LinkId(*link as u16)).is_some_and(|body| body > 0)
+            });
         let heights =
             links.flat_map(|(_, (points, pose))| points.iter().map(move |point| (pose * point).z));
         heights.fold(f64::INFINITY, f64::min)
@@ -286,16 +286,18 @@ impl<'a> Search<'a> {
         point
     }
 
-    fn times(&self, points: usize) -> impl Iterator<Item = f64> {
+    /// Times over the motion, at least so many a second, ends included.
+    fn times(&self, rate_hz: f64) -> impl Iterator<Item = f64> {
+        let points = (self.config.duration_s * rate_hz).round() as usize + 1;
         let step = self.config.duration_s / (points - 1) as f64;
         (0..points).map(move |k| k as f64 * step)
     }
 
     /// The series made smaller until it keeps to the limits: each joint to its range and speed, then all of them to
     /// torques, ground and clearance. `None` if a tenth of it still does not.
-    fn shrunk(&self, mut series: Series, points: usize) -> Option<Series> {
+    fn shrunk(&self, mut series: Series, rate_hz: f64) -> Option<Series> {
         let motion: Vec<[Vec<f64>; 3]> =
-            self.times(points).map(|time| self.at(&series, time)).collect();
+            self.times(rate_hz).map(|time| self.at(&series, time)).collect();
         for (j, own) in series.iter_mut().enumerate() {
             let joint = &self.arm.robot.joints()[j];
             let fastest = self.config.speed_share * joint.velocity.unwrap_or(USUAL_SPEED);
@@ -307,7 +309,7 @@ impl<'a> Search<'a> {
             scale(own, factor);
         }
         for _ in 0..12 {
-            if self.keeps_to_limits(&series, points) {
+            if self.keeps_to_limits(&series, rate_hz) {
                 return Some(series);
             }
             series.iter_mut().for_each(|own| scale(own, 0.82));
@@ -315,9 +317,9 @@ impl<'a> Search<'a> {
         None
     }
 
-    fn keeps_to_limits(&self, series: &Series, points: usize) -> bool {
+    fn keeps_to_limits(&self, series: &Series, rate_hz: f64) -> bool {
         let robot = &self.arm.robot;
-        self.times(points).all(|time| {
+        self.times(rate_hz).all(|time| {
             let [q, speed, acceleration] = self.at(series, time);
             let Ok(poses) = robot.forward(&q) else { return false };
             let torque = robot.inverse_dynamics(&poses, &speed, &acceleration);
@@ -339,7 +341,7 @@ impl<'a> Search<'a> {
         let robot = &self.arm.robot;
         let size = self.scales.len();
         let mut gram = DMatrix::zeros(size, size);
-        for time in self.times(COARSE) {
+        for time in self.times(COARSE_HZ) {
             let [q, speed, acceleration] = self.at(series, time);
             let Ok(poses) = robot.forward(&q) else { continue };
             let mut regressor = robot.regressor(&poses, &speed, &acceleration);
@@ -350,21 +352,23 @@ impl<'a> Search<'a> {
         }
         let mut eigenvalues: Vec<f64> = gram.symmetric_eigenvalues().iter().copied().collect();
         eigenvalues.sort_by(|a, b| b.total_cmp(a));
-        let told = eigenvalues.iter().take_while(|value| **value > 1e-10 * eigenvalues[0]).count();
-        (eigenvalues[0] / eigenvalues[told.max(1) - 1]).sqrt()
+        let determined =
+            eigenvalues.iter().take_while(|value| **value > 1e-10 * eigenvalues[0]).count();
+        (eigenvalues[0] / eigenvalues[determined.max(1) - 1]).sqrt()
     }
 
     fn motion(&self, series: &Series, first: f64) -> Excitation {
         let robot = &self.arm.robot;
-        let count = (self.config.duration_s * self.config.rate_hz).round() as usize + 1;
-        let times_s: Vec<f64> = self.times(count.max(2)).collect();
+        let times_s: Vec<f64> = self.times(self.config.rate_hz).collect();
         let points: Vec<[Vec<f64>; 3]> =
             times_s.iter().map(|time| self.at(series, *time)).collect();
         let mut found = Excitation {
-            condition: [self.condition(series), first],
-            shares: [0.0; 2],
-            lowest_m: f64::INFINITY,
-            nearest_m: f64::INFINITY,
+            condition: self.condition(series),
+            first_condition: first,
+            speed_share: 0.0,
+            torque_share: 0.0,
+            lowest_m: None,
+            nearest_m: None,
             times_s,
             points,
         };
@@ -373,16 +377,19 @@ impl<'a> Search<'a> {
             let torque = robot.inverse_dynamics(&poses, speed, acceleration);
             for ((joint, speed), torque) in robot.joints().iter().zip(speed).zip(torque.iter()) {
                 let share = |most: Option<f64>, of: f64| most.map_or(0.0, |most| of.abs() / most);
-                found.shares[0] = found.shares[0].max(share(joint.velocity, *speed));
-                found.shares[1] = found.shares[1].max(share(joint.effort, *torque));
+                found.speed_share = found.speed_share.max(share(joint.velocity, *speed));
+                found.torque_share = found.torque_share.max(share(joint.effort, *torque));
             }
         }
-        for [q, ..] in found.points.iter().step_by((count / FINE).max(1)) {
-            let Ok(poses) = robot.forward(q) else { continue };
-            found.lowest_m = found.lowest_m.min(self.lowest(&poses.world_from_link));
+        let (mut lowest_m, mut nearest_m) = (f64::INFINITY, f64::INFINITY);
+        for time in self.times(FINE_HZ) {
+            let Ok(poses) = robot.forward(&self.at(series, time)[0]) else { continue };
+            lowest_m = lowest_m.min(self.lowest(&poses.world_from_link));
             let apart = self.pairs.iter().map(|pair| self.distance(&poses.world_from_link, *pair));
-            found.nearest_m = apart.fold(found.nearest_m, f64::min);
+            nearest_m = apart.fold(nearest_m, f64::min);
         }
+        let known = |height: f64| height.is_finite().then_some(height);
+        (found.lowest_m, found.nearest_m) = (known(lowest_m), known(nearest_m));
         found
     }
 }

@@ -155,7 +155,7 @@ pub fn learn(
                 continue;
             }
             let source = FrameId { touch: number as u32, sample: frame.sample };
-            let observation = frame.weighted(frame.observation.clone());
+            let observation = frame.weighted(frame.observation.clone(), &config.estimator);
             estimator.correct(&tracked.points_m, observation, source)?;
             estimator.replay(config.estimator.replays);
         }

@@ -8,9 +8,10 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{
-    Cell, CellRows, ElasticBody, Observation, ObservationBuilder, Stiffness, TrackedSample, Tracker,
+    Cell, CellRows, ElasticBody, Observation, ObservationBuilder, Stiffness, TrackedSample,
+    Tracker, torque_weights,
 };
-use palpate::{Arm, CellId, ContactConfig, Lattice, MapperConfig, Sample, Tare};
+use palpate::{Arm, CellId, ContactConfig, EstimatorConfig, Lattice, MapperConfig, Sample, Tare};
 use rayon::prelude::*;
 
 use crate::elastic::{BodyTorques, Settled};
@@ -80,8 +81,8 @@ pub struct TrackedFrame {
     pub unwrapped: Vec<f64>,
     /// Contacts, and the measured external torque.
     pub observation: Observation,
-    /// How much the torque of each joint counts, if not all alike.
-    weights: Option<Vec<f64>>,
+    /// Standard deviations of the measured torque, n_joints, N·m, if they are known.
+    tau_std: Option<Vec<f64>>,
     /// The external torque that is to be predicted, n_joints, N·m: true or measured.
     pub target: Vec<f64>,
 }
@@ -270,9 +271,13 @@ impl TrackedTouch {
 
 impl TrackedFrame {
     /// What an estimator learns from: an observation of this frame, with the weights of its torques.
-    pub(crate) fn weighted(&self, observation: Observation) -> Observation {
-        match &self.weights {
-            Some(weights) => observation.weighted(weights),
+    pub(crate) fn weighted(
+        &self,
+        observation: Observation,
+        config: &EstimatorConfig,
+    ) -> Observation {
+        match &self.tau_std {
+            Some(std) => observation.weighted(&torque_weights(std, &config.torque_std)),
             None => observation,
         }
     }
@@ -308,7 +313,7 @@ impl Followed {
             q: q.clone(),
             unwrapped: self.unwrapped,
             observation: observations.build(&arm.robot, poses, contacts, &self.external),
-            weights: self.tracked.weights(),
+            tau_std: self.tracked.tau_std.clone(),
             target: truth.unwrap_or_else(|| self.external.as_slice().to_vec()),
         }
     }

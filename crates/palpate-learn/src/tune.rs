@@ -50,8 +50,8 @@ const PRIOR_STDS: [f64; 5] = [0.5, 1.0, 1.5, 2.0, 4.0];
 const TORQUE_STDS: [f64; 3] = [0.7, 1.0, 1.4];
 const REPLAYS: [u32; 3] = [10, 20, 40];
 
-/// A mean relative error of held-out touches beyond which they tell nothing of each other.
-pub const NOTHING_TOLD: f64 = 0.95;
+/// A mean relative error of held-out touches beyond which they say nothing of each other.
+const MOST_ERROR: f64 = 0.95;
 /// Frames of all touches together that a candidate learns and predicts, about.
 const FRAMES: usize = 1_200;
 const QUICK_FRAMES: usize = 300;
@@ -160,6 +160,8 @@ pub struct Tuned {
     pub config: MapperConfig,
     /// All candidates, those that came furthest first, then by their score.
     pub trials: Vec<Trial>,
+    /// Touches hardly predict each other: `torque_std` is then all of their torque.
+    pub is_all_noise: bool,
 }
 
 /// One candidate's way through the rounds.
@@ -243,18 +245,18 @@ impl Tuner {
         }
         let mut config = trials[0].config.clone();
         let score = trials[0].scores.last().copied().unwrap_or_default();
-        if score > NOTHING_TOLD
+        let is_all_noise = score > MOST_ERROR
             && !self.search.given.torque_std
-            && config.method == EstimatorKind::Map
-        {
-            config.estimator.torque_std = self.all_noise(train);
+            && config.method == EstimatorKind::Map;
+        if is_all_noise {
+            config.estimator.torque_std = self.all_noise(train, &config.estimator.torque_std);
         }
-        Ok(Tuned { config, trials })
+        Ok(Tuned { config, trials, is_all_noise })
     }
 
-    /// Torque noise where touches tell nothing of each other: all of their torque is noise, which the frames of a touch
-    /// share, so that a touch counts as one measurement; n_joints, N·m.
-    fn all_noise(&self, train: &[usize]) -> Vec<f64> {
+    /// Torque noise where touches say nothing of each other: all of their torque is noise, which the frames of a touch
+    /// share, so that a touch counts as one measurement; n_joints, N·m, `least` of them at least.
+    fn all_noise(&self, train: &[usize], least: &[f64]) -> Vec<f64> {
         let tracked = &self.tracked[0].1;
         let frames = || train.iter().flat_map(|&touch| tracked.touches[touch].in_contact());
         let count = (frames().count() * self.every).max(1) as f64;
@@ -262,7 +264,9 @@ impl Tuner {
         let square =
             |j: usize| frames().map(|frame| frame.observation.tau()[j].powi(2)).sum::<f64>();
         let mean = |j: usize| square(j) * self.every as f64 / count;
-        (0..tracked.n_joints).map(|j| (mean(j) * per_touch).sqrt().max(0.2)).collect()
+        (0..tracked.n_joints)
+            .map(|j| (mean(j) * per_touch).sqrt().max(least[j.min(least.len() - 1)]))
+            .collect()
     }
 
     /// The candidates with the sensors' noise as a floor, as it is seen where the training touches

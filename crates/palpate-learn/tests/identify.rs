@@ -4,19 +4,22 @@
 use std::f64::consts::TAU;
 
 use palpate::unstable::FrictionState;
-use palpate::{ExternalTorqueConfig, Friction, Gravity, Payload, Robot, Sample};
+use palpate::{ExternalTorqueConfig, Gravity, JointFriction, Payload, Robot, Sample};
 use palpate_learn::identify::{Identified, IdentifyConfig, IdentifyError, identify};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 const RATE_HZ: f64 = 100.0;
 const DELAY_S: f64 = 0.013;
+const PRESLIDING: f64 = 1e-3;
 const PAYLOAD_KG: f64 = 1.2;
+/// Is never stopped, and tells nobody.
+const UNSTOPPED: (&(dyn Fn() -> bool + Sync), &dyn Fn()) = (&|| false, &|| ());
 const COM_M: [f64; 3] = [0.03, -0.02, -0.12];
 
-fn friction(joint: usize) -> Friction {
+fn friction(joint: usize, presliding: f64) -> JointFriction {
     let coulomb = if joint < 4 { 0.6 } else { 0.25 };
-    Friction { coulomb, viscous: 0.4, presliding: 1e-3, ..Friction::default() }
+    JointFriction { coulomb, viscous: 0.4, presliding, ..JointFriction::default() }
 }
 
 fn bias(joint: usize) -> f64 {
@@ -51,8 +54,8 @@ impl Motion {
     }
 }
 
-/// Logs of the Gen3 with a payload, friction, bias and delay, and 0.05 N·m of noise.
-fn logs(joints_that_move: usize) -> Vec<Vec<Sample>> {
+/// Logs of the Gen3 with a payload, friction that turns over a distance, bias and delay, and 0.05 N·m of noise.
+fn logs(joints_that_move: usize, presliding: f64) -> Vec<Vec<Sample>> {
     let robot = Robot::built_in("kinova_gen3").unwrap();
     let last = robot.bodies().last().unwrap();
     let link = robot.links()[last.index()].name.clone();
@@ -70,8 +73,8 @@ fn logs(joints_that_move: usize) -> Vec<Vec<Sample>> {
             let poses = robot.forward(&q).unwrap();
             let motor = robot.inverse_dynamics(&poses, &speed, &acceleration);
             let torque = (0..n).map(|j| {
-                states[j].advance(q[j] - last[j], friction(j).presliding);
-                -motor[j] - friction(j).torque(states[j].middle(), speed[j]) + bias(j)
+                states[j].advance(q[j] - last[j], presliding);
+                -motor[j] - friction(j, presliding).torque(states[j].middle(), speed[j]) + bias(j)
             });
             torques.push(torque.collect::<Vec<f64>>());
             last = q;
@@ -96,12 +99,28 @@ fn identified(logs: &[Vec<Sample>]) -> Result<Identified, IdentifyError> {
     let payload_link = robot.bodies().last().unwrap();
     let touches: Vec<&[Sample]> = logs.iter().map(|touch| &touch[..]).collect();
     let config = IdentifyConfig { payload_link, currents: false };
-    identify(&robot, &touches, &ExternalTorqueConfig::default(), &config)
+    identify(&robot, &touches, &ExternalTorqueConfig::default(), &config, UNSTOPPED)
 }
 
 #[test]
 fn payload_friction_bias_and_delay_are_found_again() {
-    let found = identified(&logs(7)).unwrap();
+    is_found_again(&logs(7, PRESLIDING));
+}
+
+#[test]
+fn friction_that_turns_at_once_is_no_delay() {
+    is_found_again(&logs(7, 0.0));
+}
+
+#[test]
+fn touches_of_a_few_samples_spoil_nothing() {
+    let mut logs = logs(7, PRESLIDING);
+    logs.push(logs[0][..2].to_vec());
+    is_found_again(&logs);
+}
+
+fn is_found_again(logs: &[Vec<Sample>]) {
+    let found = identified(logs).unwrap();
     let near = |what: &str, value: palpate_learn::identify::Value, truth: f64, most: f64| {
         let off = (value.value - truth).abs();
         assert!(off < most, "{what}: {value:?}, put in {truth}");
@@ -113,20 +132,25 @@ fn payload_friction_bias_and_delay_are_found_again() {
     }
     near("delay", found.delay_s, DELAY_S, 0.5 / RATE_HZ);
     for (j, joint) in found.joints.iter().enumerate() {
-        near(&joint.name, joint.coulomb_n_m, friction(j).coulomb, 0.1 * friction(j).coulomb);
-        near(&joint.name, joint.viscous_n_m_s, friction(j).viscous, 0.1);
+        near(
+            &joint.name,
+            joint.coulomb_n_m,
+            friction(j, 0.0).coulomb,
+            0.1 * friction(j, 0.0).coulomb,
+        );
+        near(&joint.name, joint.viscous_n_m_s, friction(j, 0.0).viscous, 0.1);
         near(&joint.name, joint.bias_n_m, bias(j), 0.1);
     }
     let rms = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
     let (own, urdf) = (rms(&found.held_out.identified), rms(&found.held_out.urdf));
     assert!(own < 0.2 && urdf > 5.0, "{own} of {urdf} N·m");
     assert!(found.notes.is_empty(), "{:?}", found.notes);
-    assert!(found.payload.is_told && found.base_parameters == 43);
+    assert!(found.payload.is_significant && found.base_parameters == 43);
 }
 
 #[test]
 fn joints_that_stand_still_are_named() {
-    let found = identified(&logs(1)).unwrap();
+    let found = identified(&logs(1, PRESLIDING)).unwrap();
     assert!(
         found.notes.iter().any(|note| note.contains("Actuator7 moved by less")),
         "{:?}",
@@ -136,10 +160,42 @@ fn joints_that_stand_still_are_named() {
 }
 
 #[test]
+fn a_joint_whose_torque_is_not_measured_is_named_and_the_others_are_found() {
+    let robot = Robot::built_in("kinova_gen3").unwrap();
+    let config = IdentifyConfig { payload_link: robot.bodies().last().unwrap(), currents: true };
+    let mut logs = logs(7, PRESLIDING);
+    logs.iter_mut().flatten().for_each(|sample| sample.tau[4] = 0.0);
+    let touches: Vec<&[Sample]> = logs.iter().map(|touch| &touch[..]).collect();
+    let torques = ExternalTorqueConfig::default();
+    let found = identify(&robot, &touches, &torques, &config, UNSTOPPED).unwrap();
+    assert!(found.notes.iter().any(|note| note.contains("Actuator5 never")), "{:?}", found.notes);
+    for j in [0, 1, 2, 3, 5] {
+        let (own, truth) = (found.joints[j].coulomb_n_m, friction(j, 0.0).coulomb);
+        assert!((own.value - truth).abs() < 0.15 * truth, "{own:?}, put in {truth}");
+    }
+}
+
+#[test]
+fn poses_at_rest_tell_the_payload_but_no_friction() {
+    let all = logs(7, PRESLIDING);
+    let pose = |sample: &Sample| {
+        let rest = |k: u32| {
+            Sample::new(Some(f64::from(k) / RATE_HZ), sample.q.clone(), sample.tau.clone())
+        };
+        (0..20).map(rest).collect::<Vec<_>>()
+    };
+    let poses: Vec<Vec<Sample>> = all.iter().flatten().step_by(50).map(pose).collect();
+    let found = identified(&poses).unwrap();
+    assert!((found.payload.mass_kg.value - PAYLOAD_KG).abs() < 3.0 * found.payload.mass_kg.std);
+    assert!(found.joints.iter().all(|joint| joint.moved == 0.0));
+}
+
+#[test]
 fn logs_that_cannot_serve_are_refused() {
     let still = vec![vec![Sample::new(Some(0.0), vec![0.3; 7], vec![1.0; 7]); 100]];
     assert!(matches!(identified(&still), Err(IdentifyError::NoMotion { .. })));
-    let mut silent = logs(7);
+    let moving = logs(7, PRESLIDING);
+    let mut silent = moving.clone();
     silent.iter_mut().flatten().for_each(|sample| sample.tau.fill(0.0));
     assert!(matches!(identified(&silent), Err(IdentifyError::NoTorque(_))));
     assert!(matches!(identified(&silent[..0]), Err(IdentifyError::TooShort { .. })));
@@ -148,12 +204,13 @@ fn logs_that_cannot_serve_are_refused() {
     let mut torques = ExternalTorqueConfig::default();
     torques.gravity = Gravity::Removed;
     let config = IdentifyConfig { payload_link: robot.bodies().last().unwrap(), currents: false };
-    let error = identify(&robot, &[&silent[0]], &torques, &config).unwrap_err();
+    let error = identify(&robot, &[&moving[0]], &torques, &config, UNSTOPPED).unwrap_err();
     assert!(error.to_string().contains("tau_J"), "{error}");
     let fixed = IdentifyConfig {
         payload_link: robot.link_id("base_link").unwrap_or_default(),
         currents: false,
     };
-    let error = identify(&robot, &[&silent[0]], &ExternalTorqueConfig::default(), &fixed);
-    assert!(error.is_err());
+    let error =
+        identify(&robot, &[&moving[0]], &ExternalTorqueConfig::default(), &fixed, UNSTOPPED);
+    assert!(matches!(error, Err(IdentifyError::PayloadLink)));
 }

@@ -448,7 +448,7 @@ fn tuning_chooses_the_lowest_score_of_the_last_round_and_tries_what_was_given() 
     let (arm, touches) = (arm(), touches(4));
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let config = config(method);
-        let Tuned { config: chosen, trials } = tuned(&arm, &config, &touches, &[0, 1, 3]);
+        let Tuned { config: chosen, trials, .. } = tuned(&arm, &config, &touches, &[0, 1, 3]);
         assert_eq!(trials.len(), CANDIDATES);
         let as_given = |trial: &Trial| {
             let mut tried = trial.config.clone();

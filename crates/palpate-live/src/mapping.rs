@@ -175,7 +175,7 @@ impl<'a> Mapping<'a> {
                 came,
                 external_n_m: external.data.into(),
                 predicted_n_m: predicted.data.into(),
-                std: outcome.std,
+                detection: outcome.detection,
             });
         }
         if let Some(fault) = outcome.fault

@@ -12,8 +12,8 @@
 use nalgebra::DVector;
 use palpate::unstable::{PauseConfig, PauseDetector};
 use palpate::{
-    Detector, ExternalTorque, Mapper, MapperError, ReplayPolicy, Sample, SettingError, StepReport,
-    Tare, TorqueStream, TrackerError,
+    ExternalTorque, Mapper, MapperError, ReplayPolicy, Sample, SettingError, StepReport, Tare,
+    TorqueStream, TrackerError,
 };
 use serde::{Deserialize, Serialize};
 
@@ -58,11 +58,19 @@ pub struct StepOutcome {
     /// The samples of the pause that this touch begins with, the last one among them; empty if none begins,
     /// or without a pause.
     pub tare: Vec<Sample>,
-    /// Standard deviation of the external torque, n_joints, N·m, and whether something is touched, of an arm that was
-    /// identified.
-    pub std: Option<(Vec<f64>, bool)>,
+    /// How sure τ_ext is, and whether that is a contact, of an arm that was identified.
+    pub detection: Option<Detection>,
     /// Why it, or the touch that it belongs to, could not be followed.
     pub fault: Option<String>,
+}
+
+/// How sure an external torque is, and what follows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Detection {
+    /// Standard deviation of τ_ext, n_joints, N·m.
+    pub std_n_m: Vec<f64>,
+    /// Whether something is touched: τ_ext passes the threshold at some joint.
+    pub touched: bool,
 }
 
 /// A mapper beside a running robot.
@@ -81,7 +89,8 @@ pub struct Session {
 /// An arm that was identified.
 struct Identified {
     torques: TorqueStream,
-    detector: Detector,
+    /// From which on something counts as touched, standard deviations.
+    threshold: f64,
     /// Whether external torques are all that is wanted.
     alone: bool,
 }
@@ -114,10 +123,11 @@ impl Session {
     }
 
     /// The same session of an arm that was identified: its samples hold external torques with a standard deviation
-    /// ([`Session::external`]), by which contacts are told. With `alone`, nothing is mapped.
+    /// ([`Session::external`]); something is touched where the torque of a joint is more than `threshold` of them. With
+    /// `alone`, nothing is mapped.
     #[must_use]
-    pub fn identified(mut self, torques: TorqueStream, detector: Detector, alone: bool) -> Self {
-        self.identified = Some(Identified { torques, detector, alone });
+    pub fn identified(mut self, torques: TorqueStream, threshold: f64, alone: bool) -> Self {
+        self.identified = Some(Identified { torques, threshold, alone });
         self
     }
 
@@ -127,25 +137,24 @@ impl Session {
     ///
     /// If the sample does not fit the robot, or holds a value that is no number.
     pub fn external(&mut self, sample: Sample) -> Result<Sample, TrackerError> {
-        match &mut self.identified {
-            Some(identified) => identified.torques.external(&sample),
-            None => Ok(sample),
+        let has_jumped = self.has_jumped(&sample);
+        let Some(identified) = &mut self.identified else { return Ok(sample) };
+        if has_jumped {
+            identified.torques.begin();
         }
+        identified.torques.external(&sample)
     }
 
     /// Takes the next sample of the robot.
     pub fn take(&mut self, sample: &Sample) -> StepOutcome {
         let mut outcome = StepOutcome::default();
-        if let (Some(identified), Some(std)) = (&self.identified, &sample.tau_std) {
+        if self.identified.as_ref().is_some_and(|identified| identified.alone) {
+            (self.state, self.last) = (State::Mapping, Some(sample.clone()));
             let torque = DVector::from_column_slice(&sample.tau);
-            let external = ExternalTorque { torque, std: DVector::from_column_slice(std) };
-            outcome.std = Some((std.clone(), identified.detector.is_touched(&external)));
-            if identified.alone {
-                self.state = State::Mapping;
-                let nothing = DVector::zeros(external.torque.len());
-                outcome.torques = Some((external.torque, nothing));
-                return outcome;
-            }
+            let nothing = DVector::zeros(torque.len());
+            outcome.torques = Some((torque, nothing));
+            outcome.detection = self.detection(&outcome, sample);
+            return outcome;
         }
         if self.has_jumped(sample) {
             self.begin(&[], &mut outcome);
@@ -169,7 +178,17 @@ impl Session {
         if let Some(guard) = &self.guard {
             guard.mapped(outcome.torques.as_ref());
         }
+        outcome.detection = self.detection(&outcome, sample);
         outcome
+    }
+
+    /// Whether the external torque of a sample is a contact, if the arm was identified.
+    fn detection(&self, outcome: &StepOutcome, sample: &Sample) -> Option<Detection> {
+        let ((torque, _), std) = outcome.torques.as_ref().zip(sample.tau_std.as_ref())?;
+        let external =
+            ExternalTorque { torque: torque.clone(), std: DVector::from_column_slice(std) };
+        let touched = external.statistic() > self.identified.as_ref()?.threshold;
+        Some(Detection { std_n_m: std.clone(), touched })
     }
 
     /// Whether the guard refuses these samples of a pause as a tare.

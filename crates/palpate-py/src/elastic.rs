@@ -180,8 +180,8 @@ pub(crate) fn map_elastic(
         let mut touches = opened(sources, &settings.log)?;
         settings.log.check_for(&robot.arm.robot)?;
         let arm = Arc::clone(&robot.arm);
-        let torques = (&robot.settings, &mut settings.touch);
-        touches.external(&arm, torques, IfUndecided::Refuse, progress)?;
+        settings.robot.arm.clone_from(&robot.settings.arm);
+        touches.external(&arm, &mut settings, IfUndecided::Refuse, progress)?;
         let config = settings.config()?;
         let mut mapper = Mapper::new(arm, config).map_err(SettingsError::value)?;
         let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());

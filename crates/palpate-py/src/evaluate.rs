@@ -34,8 +34,7 @@ fn read(
     (truth, progress): (bool, &dyn Progress),
 ) -> Result<(Vec<RecordedTouch>, Vec<Touch>), WorkError> {
     let mut touches = opened(sources, &settings.log)?;
-    let torques = (&settings.robot.clone(), &mut settings.touch);
-    touches.external(arm, torques, IfUndecided::Refuse, progress)?;
+    touches.external(arm, settings, IfUndecided::Refuse, progress)?;
     evaluation::read(touches, (arm, settings), truth, progress)
 }
 

@@ -259,9 +259,9 @@ impl Field {
         let results = long(py, progress, |progress| -> Result<_, WorkError> {
             let mut touches = opened(sources, &settings.log)?;
             settings.log.check_for(&robot.arm.robot)?;
-            let torques = (&robot.settings, &mut settings.touch);
-            touches.external(&robot.arm, torques, IfUndecided::LeaveOpen, progress)?;
-            let touch = settings.touch.over_config(&field.touch);
+            settings.robot.arm.clone_from(&robot.settings.arm);
+            touches.external(&robot.arm, &mut settings, IfUndecided::LeaveOpen, progress)?;
+            let touch = settings.torque_beside_field(&field.touch)?;
             let place = (field.lattice.clone(), field.contact.clone());
             let mut touches = touches.for_arm(&robot.arm, &settings.log, place)?;
             let results = score(&robot.arm, &field, touch, against, (&mut touches, progress))?;

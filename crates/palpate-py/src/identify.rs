@@ -1,6 +1,6 @@
 //! An arm identified from free motion, and external torques of logs.
 
-use palpate::{Alarm, TorqueModel};
+use palpate::{Differentiation, TorqueModel};
 use palpate_work::identify::{self as identification, IdentifySettings};
 use palpate_work::settings::Settings;
 use palpate_work::torque::{self, TorqueSettings};
@@ -20,7 +20,7 @@ use crate::watch::long;
 
 /// Finds payload, friction, bias and delay of an arm from logs of it in free motion, as `palpate identify` does.
 ///
-/// `log` is a path, a `Log`, a `Touch`, or several. `tool_link` names the link in whose frame the payload is told, the
+/// `log` is a path, a `Log`, a `Touch`, or several. `tool_link` names the link in whose frame the payload is given, the
 /// last joint's if left out; with `currents`, torques are the drives' currents. Returns a dict as the command's JSON:
 /// `payload`, `joints`, `bodies`, `delay_s` with values and standard deviations, `held_out` with what is left over,
 /// N·m; `text` is the file for `Robot(..., arm="arm.toml")` and the command's --arm.
@@ -46,14 +46,14 @@ pub(crate) fn identify<'py>(
     let found = long(py, progress, |progress| -> Result<_, WorkError> {
         let recorded = read(sources, (&robot, &mut settings), None, progress)?;
         let torques = settings.config()?.touch;
-        identification::run(&robot.arm, &recorded, &torques, &wanted)
+        identification::run(&robot.arm, &recorded, &torques, &wanted, progress)
     })?;
     let text = arm_file::text(&robot.arm.robot, &found.model, "");
     Ok(python(
         py,
         &json!({
             "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
-            "base_parameters": found.base_parameters, "base_parameters_told": found.base_parameters_told,
+            "base_parameters": found.base_parameters, "base_parameters_identified": found.base_parameters_identified,
             "delay_s": found.delay_s, "held_out": found.held_out, "notes": found.notes, "text": text,
         }),
     )?)
@@ -84,18 +84,17 @@ pub(crate) fn external_torques<'py>(
     let mut settings = settings::read(settings, sections)?;
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = sources(log)?;
-    let (found, alarm) = long(py, progress, |progress| -> Result<_, WorkError> {
-        let model = match &robot.settings.arm {
-            Some(path) => arm_file::read(path, &robot.arm.robot)?,
-            None => TorqueModel::of_urdf(&robot.arm.robot),
-        };
-        let model = if causal { model.causal() } else { model };
-        let alarm = model.alarm;
-        let recorded = read(sources, (&robot, &mut settings), Some((model, causal)), progress)?;
+    let differentiation = if causal { Differentiation::Causal } else { Differentiation::Centred };
+    let (found, threshold) = long(py, progress, |progress| -> Result<_, WorkError> {
+        let model = arm_file::or_urdf(&robot.settings, &robot.arm.robot, progress)?;
+        let of_model = model.clone().for_differentiation(differentiation);
+        let (threshold, from) = torque::threshold(&of_model, None, false_alarms_per_hour)?;
+        let model = Some((model, differentiation));
+        let recorded = read(sources, (&robot, &mut settings), model, progress)?;
         let how = TorqueSettings { bandwidth_hz, tare_frames: 0, wrench_link: None };
-        Ok((torque::torques(&robot.arm, &recorded, &how)?, alarm))
+        let found = torque::torques(&robot.arm, &recorded, &how, progress)?;
+        Ok((found, (from != torque::GUESS).then_some(threshold)))
     })?;
-    let threshold = alarm.map(|alarm: Alarm| alarm.threshold(false_alarms_per_hour));
     let list = PyList::empty(py);
     for touch in &found {
         let dict = PyDict::new(py);
@@ -120,14 +119,14 @@ pub(crate) fn external_torques<'py>(
 fn read(
     sources: Vec<Source>,
     (robot, settings): (&Robot, &mut Settings),
-    model: Option<(TorqueModel, bool)>,
+    model: Option<(TorqueModel, Differentiation)>,
     progress: &dyn Progress,
 ) -> Result<Vec<RecordedTouch>, WorkError> {
     let mut touches = opened(sources, &settings.log)?;
     settings.log.check_for(&robot.arm.robot)?;
     touches.conventions(&robot.arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
-    if let Some((model, causal)) = model {
-        touches.identified(&robot.arm, model, causal, &mut settings.touch);
+    if let Some((model, differentiation)) = model {
+        touches.identified(&robot.arm, model, differentiation, &settings.touch);
     }
     let config = settings.config()?;
     let mut touches =

@@ -6,13 +6,12 @@ use std::sync::Arc;
 use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2};
 use palpate::{
-    EstimatorKind, ExternalTorqueConfig, Gravity, MapperError, PathConfig, PathPoint,
-    PathPrediction, Sample, TorqueSign, TorqueStream,
+    EstimatorKind, ExternalTorqueConfig, MapperError, PathConfig, PathPoint, PathPrediction,
+    Sample, TorqueStream,
 };
 use palpate_io::field::{self, Saved};
 use palpate_work::elastic::without_body;
 use palpate_work::error::WorkError;
-use palpate_work::settings::sections::TouchSettings;
 use palpate_work::settings::{OrAuto, Settings};
 use palpate_work::touches::IfUndecided;
 use palpate_work::{arm_file, learn, prior, resume};
@@ -88,9 +87,8 @@ pub(crate) struct Answer {
 impl Mapper {
     fn of(mapper: palpate::Mapper, robot: Robot, settings: Settings) -> Result<Self> {
         let in_touch = false;
-        let stream = match &robot.settings.arm {
-            Some(path) => {
-                let model = arm_file::read(path, &robot.arm.robot)?;
+        let stream = match arm_file::of(&robot.settings, &robot.arm.robot)? {
+            Some(model) => {
                 let torques = settings.touch.over_config(&ExternalTorqueConfig::default());
                 let stream = TorqueStream::new(Arc::clone(&robot.arm), model, torques);
                 Some(stream.map_err(WorkError::Usage)?)
@@ -105,8 +103,9 @@ impl Mapper {
         py: Python<'_>,
         (saved, name): (Saved, &str),
         robot: Robot,
-        settings: Settings,
+        mut settings: Settings,
     ) -> Result<Self> {
+        settings.robot.arm.clone_from(&robot.settings.arm);
         let mapper = unshown(py, |_| {
             let snapshot = resume::snapshot_of(saved, name, &settings)?;
             resume::mapper(name, &robot.arm, snapshot)
@@ -138,11 +137,9 @@ impl Mapper {
         if settings.estimator.estimator == Some(EstimatorKind::Elastic) {
             return Err(WorkError::from(without_body()).into());
         }
-        let mut config = settings.config()?;
         let robot = robot::given(py, robot, &settings.robot)?;
-        if robot.settings.arm.is_some() {
-            (config.touch.torque_sign, config.touch.gravity) = (TorqueSign::Plus, Gravity::Removed);
-        }
+        settings.robot.arm.clone_from(&robot.settings.arm);
+        let config = settings.config()?;
         let prior = prior.map(|prior| prior.get().saved(py, false));
         let mapper = unshown(py, |progress| {
             let prior = prior.as_ref().map(|prior| (prior, "prior"));
@@ -235,6 +232,14 @@ impl Mapper {
             return Err(PalpateError::new_err(message).into());
         }
         let State { mapper, stream, .. } = &mut *state;
+        let touch = &self.settings.touch;
+        if stream.is_some()
+            && (touch.torque_sign_given().is_none() || touch.gravity_given().is_none())
+        {
+            let message = "an identified arm wants to know how its measured torques count: give `torque_sign` and \
+                           `gravity` in the settings of the touch";
+            return Err(PalpateError::new_err(message).into());
+        }
         let report = py.detach(|| {
             let sample = match stream {
                 Some(stream) => stream.external(&sample).map_err(MapperError::from)?,
@@ -279,17 +284,13 @@ impl Mapper {
         let figures = long(py, progress, |progress| -> Result<_, WorkError> {
             let mut touches = opened(sources, settings)?;
             let set = &mapper.config().touch;
-            let mut torques = TouchSettings {
-                torque_sign: Some(OrAuto::Is(set.torque_sign)),
-                gravity: Some(OrAuto::Is(set.gravity)),
-                ..TouchSettings::default()
-            };
-            let arm = mapper.arm().clone();
-            if self.robot.settings.arm.is_some() {
-                torques = self.settings.touch.clone();
+            let mut given = self.settings.clone();
+            if !set.identified {
+                given.touch.torque_sign = Some(OrAuto::Is(set.torque_sign));
+                given.touch.gravity = Some(OrAuto::Is(set.gravity));
             }
-            let torques = (&self.robot.settings, &mut torques);
-            touches.external(&arm, torques, IfUndecided::LeaveOpen, progress)?;
+            let arm = mapper.arm().clone();
+            touches.external(&arm, &mut given, IfUndecided::LeaveOpen, progress)?;
             settings.check_for(&mapper.arm().robot)?;
             let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
             let mut touches = touches.for_arm(&mapper.arm().clone(), settings, place)?;

@@ -53,7 +53,12 @@ def test_friction_and_bias_are_found_and_taken_off(touches: list[palpate.Touch],
         assert np.sqrt((touch["torque"] ** 2).mean()) < 0.15
         assert (np.abs(touch["torque"]) < 3 * touch["std"]).mean() > 0.95
 
-    mapper = palpate.Mapper(arm)
+    # How measured torques count does not show sample by sample.
+    untold = palpate.Mapper(arm)
+    untold.begin_touch()
+    with pytest.raises(palpate.PalpateError, match="torque_sign"):
+        untold.step(np.zeros(7), np.zeros(7))
+    mapper = palpate.Mapper(arm, touch=TORQUES)
     mapper.begin_touch()
     first = touches[0]
     assert first.time is not None

@@ -9,6 +9,8 @@ use palpate_io::input;
 use serde::Deserialize;
 
 use crate::error::WorkError;
+use crate::progress::Progress;
+use crate::settings::sections::RobotSettings;
 
 /// Bytes of the largest file.
 const LARGEST: u64 = 1 << 20;
@@ -25,6 +27,38 @@ pub fn text(robot: &Robot, model: &TorqueModel, remarks: &str) -> String {
     head.insert("robot".to_owned(), robot.name().into());
     let model = toml::to_string(model).expect("a model has numbers and names");
     format!("{remarks}\n{head}\n{model}")
+}
+
+/// The model of the identified arm that the settings name, if they name one.
+///
+/// # Errors
+///
+/// As [`read`].
+pub fn of(settings: &RobotSettings, robot: &Robot) -> Result<Option<TorqueModel>, WorkError> {
+    settings.arm.as_deref().map(|path| read(path, robot)).transpose()
+}
+
+/// The model of the identified arm that the settings name, or what the URDF says, which is noted.
+///
+/// # Errors
+///
+/// As [`read`].
+pub fn or_urdf(
+    settings: &RobotSettings,
+    robot: &Robot,
+    progress: &dyn Progress,
+) -> Result<TorqueModel, WorkError> {
+    if let Some(model) = of(settings, robot)? {
+        if settings.payload_mass_kg.is_some() {
+            progress.note("--payload-mass-kg has no effect beside --arm, whose masses hold");
+        }
+        return Ok(model);
+    }
+    progress.note(
+        "no --arm: friction is not known, and the standard deviation is a guess; `palpate identify` finds both \
+         from free motion",
+    );
+    Ok(TorqueModel::of_urdf(robot))
 }
 
 /// Reads the file, and checks that it is one of this robot.

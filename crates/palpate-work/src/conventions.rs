@@ -28,6 +28,8 @@ const NEAR_SLOPE: f64 = 0.3;
 /// robot's masses.
 const EXPLAINED: f64 = 0.7;
 const LEAST_SLOPE: f64 = 0.05;
+/// Torques that are so many times gravity's are of an arm that carries more than its file says; beyond, of another unit.
+const LADEN_SLOPES: std::ops::Range<f64> = 1.3..5.0;
 /// Work below this tells nothing, J.
 const LEAST_WORK_J: f64 = 0.005;
 /// The work that goes the wrong way may be so large a part of the other.
@@ -45,9 +47,10 @@ pub(crate) struct Evidence {
     largest: f64,
     /// Median of what is left over of the torques, as they are and turned round, after gravity, N·m.
     after_gravity: [f64; 2],
-    /// Slope of the torques on gravity.
+    /// Slope of the torques on gravity, and how much of their square it explains.
     slope: f64,
-    /// The same where touches begin, and how much of the torques' square it explains there.
+    explained: f64,
+    /// The same where touches begin.
     slope_at_start: f64,
     explained_at_start: f64,
     work: Work,
@@ -131,7 +134,8 @@ impl Evidence {
         };
         let starts = touches.iter().filter_map(|touch| touch.first());
         let starts: Vec<(Vec<f64>, Vec<f64>)> = starts.filter_map(with_gravity).collect();
-        let ((slope, _), (slope_at_start, explained_at_start)) = (slope(&torques), slope(&starts));
+        let ((slope, explained), (slope_at_start, explained_at_start)) =
+            (slope(&torques), slope(&starts));
         let joints = torques.iter().flat_map(|(_, tau)| tau);
         Some(Self {
             largest: joints.fold(0.0, |largest, tau| tau.abs().max(largest)),
@@ -139,6 +143,7 @@ impl Evidence {
             gravity: left_over(0.0, 1.0)?,
             after_gravity: [left_over(1.0, 1.0)?, left_over(-1.0, 1.0)?],
             slope,
+            explained,
             slope_at_start,
             explained_at_start,
             work: Work::of(robot, touches, still_rad),
@@ -153,6 +158,12 @@ impl Evidence {
     /// Whether the torques begin as a part of gravity's: currents do, and contacts do not.
     fn is_proportional(&self) -> bool {
         self.explained_at_start > EXPLAINED && self.slope_at_start.abs() > LEAST_SLOPE
+    }
+
+    /// Whether the torques follow gravity and are larger: those of an arm with a payload that nobody told of, or with
+    /// lighter masses in its file, hold gravity, and count as their slope says.
+    fn is_laden(&self) -> bool {
+        self.explained > EXPLAINED && LADEN_SLOPES.contains(&self.slope.abs())
     }
 
     /// The convention, of which a part may be given.
@@ -191,6 +202,13 @@ impl Evidence {
         let near = (self.slope - slope).abs() < NEAR_SLOPE;
         let clear = candidates.get(1).is_none_or(|other| left_over < BETTER * other.0);
         match held {
+            _ if self.is_laden() && gravity != Some(Gravity::Removed) => {
+                let own = if self.slope > 0.0 { TorqueSign::Plus } else { TorqueSign::Minus };
+                match sign {
+                    Some(sign) if sign != own => Err(Undecided::Nothing(self)),
+                    _ => Ok(found(own, Gravity::Included)),
+                }
+            }
             _ if !near && left_over > BETTER * self.gravity => Err(Undecided::Nothing(self)),
             _ if !near && !clear => Err(Undecided::Alike(self)),
             Gravity::Included => Ok(found(torque_sign, held)),
@@ -214,7 +232,12 @@ impl fmt::Display for Convention {
             return write!(
                 f,
                 "the torques hold gravity, and their sign is {sign}: they are {slope:.2} times gravity's \
-                 {gravity} N·m, which leaves {left_over} N·m"
+                 {gravity} N·m, which leaves {left_over} N·m{}",
+                if self.evidence.is_laden() {
+                    "; the arm carries more than its file says: see --payload-mass-kg, or `palpate identify`"
+                } else {
+                    ""
+                }
             );
         }
         write!(
@@ -347,6 +370,9 @@ mod tests {
         // A motor's current follows gravity, and is no torque.
         let found = decide(&touch(-1.0, 0.12, [0.0, 0.05]), Given::default());
         assert!(matches!(found, Err(Undecided::Nothing(_))), "{found:?}");
+        // An arm with a payload that its file does not know.
+        let found = decide(&touch(-1.0, 1.6, [0.0, 0.05]), Given::default());
+        assert_eq!(found, Ok((TorqueSign::Minus, Gravity::Included)));
         // Half of gravity could be either.
         let found = decide(&touch(1.0, 0.5, [0.0, 0.05]), Given::default());
         assert!(matches!(found, Err(Undecided::Alike(_))), "{found:?}");

@@ -2,15 +2,16 @@
 
 use palpate::unstable::LinkId;
 use palpate::{Arm, ExternalTorqueConfig, Robot, Sample};
-use palpate_learn::identify::{Identified, IdentifyConfig, identify};
+use palpate_learn::identify::{Identified, IdentifyConfig, IdentifyError, identify};
 
 use crate::error::WorkError;
+use crate::progress::Progress;
 use crate::touches::RecordedTouch;
 
 /// What to identify.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct IdentifySettings {
-    /// The link in whose frame the payload is told; else the one that the last joint carries.
+    /// The link in whose frame the payload is given; else the one that the last joint carries.
     pub tool_link: Option<String>,
     /// The torques are the drives' currents.
     pub currents: bool,
@@ -26,6 +27,7 @@ pub fn run(
     touches: &[RecordedTouch],
     torques: &ExternalTorqueConfig,
     settings: &IdentifySettings,
+    progress: &dyn Progress,
 ) -> Result<Identified, WorkError> {
     let robot = &arm.robot;
     let payload_link = match &settings.tool_link {
@@ -39,13 +41,18 @@ pub fn run(
         }
         None => robot.bodies().last().expect("a robot has moving joints"),
     };
-    let samples: Vec<&[Sample]> =
-        touches.iter().map(|touch| &touch.samples[..]).filter(|touch| !touch.is_empty()).collect();
+    let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
     let config = IdentifyConfig { payload_link, currents: settings.currents };
-    identify(robot, &samples, torques, &config).map_err(|error| {
-        let logs: Vec<String> =
+    let bar = progress.begin(None, "models", "identifying");
+    let found =
+        identify(robot, &samples, torques, &config, (&|| progress.stopped(), &|| bar.step()));
+    drop(bar);
+    found.map_err(|error| {
+        if matches!(error, IdentifyError::Stopped) {
+            return WorkError::Interrupted { kept: "; nothing was written".to_owned() };
+        }
+        let mut logs: Vec<String> =
             touches.iter().map(|touch| format!("`{}`", touch.log.display())).collect();
-        let mut logs = logs;
         logs.dedup();
         WorkError::Usage(format!("{}: {error}", logs.join(", ")))
     })

@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::path::Path;
 use std::sync::Arc;
 
-use palpate::{Arm, Field, Mapper, MapperConfig, Snapshot};
+use palpate::{Arm, ExternalTorqueConfig, Field, Mapper, MapperConfig, Snapshot};
 use palpate_io::field::{self, Saved};
 
 use crate::error::WorkError;
@@ -29,18 +29,30 @@ pub fn snapshot_of(saved: Saved, name: &str, settings: &Settings) -> Result<Snap
              without --no-memory"
         )));
     };
+    let is_identified = settings.robot.arm.is_some();
+    if snapshot.config.touch.identified != is_identified {
+        let (was, how) = if is_identified {
+            ("without an identified arm", "leave out --arm")
+        } else {
+            ("from external torques of an identified arm", "give its file (--arm)")
+        };
+        return Err(WorkError::Usage(format!(
+            "the field `{name}` was learnt {was}: {how} to go on with it, or start a new field"
+        )));
+    }
     check_settings(&snapshot.config, name, settings)?;
     Ok(snapshot)
 }
 
-/// The configuration that a field was learnt under; settings that were given must agree with it.
+/// The configuration that a field was learnt under; settings that were given must agree with it. How torques as they
+/// were measured count is theirs to say where an identified arm was used.
 ///
 /// # Errors
 ///
 /// If the file is no field, or the settings contradict it.
 pub fn config(path: &Path, settings: &Settings) -> Result<MapperConfig, WorkError> {
     let saved = field::load(path).map_err(WorkError::file)?;
-    let config = match saved.snapshot {
+    let mut config = match saved.snapshot {
         Some(snapshot) => snapshot.config,
         None => {
             let mut config = MapperConfig::of(settings.estimator.estimator.unwrap_or_default());
@@ -49,6 +61,9 @@ pub fn config(path: &Path, settings: &Settings) -> Result<MapperConfig, WorkErro
             config
         }
     };
+    if config.touch.identified {
+        config.touch = settings.touch.over_config(&ExternalTorqueConfig::default());
+    }
     check_settings(&config, &path.display().to_string(), settings)?;
     Ok(config)
 }

@@ -26,11 +26,11 @@ pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError
         loaded.arm.robot =
             loaded.arm.robot.with_payload(&payload).map_err(SettingsError::Payload)?;
     }
-    for Renamed { in_log, in_urdf } in settings.rename.iter().flatten() {
-        let renamed = loaded.arm.robot.renaming(in_urdf, in_log);
-        loaded.arm.robot = renamed
-            .map_err(|error| WorkError::Usage(format!("--rename {in_log}={in_urdf}: {error}")))?;
-    }
+    let renamed = settings.rename.iter().flatten();
+    let renamed: Vec<(&str, &str)> =
+        renamed.map(|Renamed { in_log, in_urdf }| (&**in_urdf, &**in_log)).collect();
+    loaded.arm.robot = (loaded.arm.robot.renaming(&renamed))
+        .map_err(|error| WorkError::Usage(format!("--rename: {error}")))?;
     for Held { joint, position } in settings.hold.iter().flatten() {
         let held = loaded.arm.robot.holding(joint, *position);
         loaded.arm.robot =

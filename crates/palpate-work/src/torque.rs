@@ -1,21 +1,31 @@
 //! External torques of logs, sample by sample, with their standard deviations, and when something is touched.
 
+use std::collections::HashMap;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use nalgebra::{DMatrix, DVector, Vector6};
 use palpate::unstable::{LinkId, Poses};
-use palpate::{Alarm, Arm, Detector, ExternalTorque, Robot, TorqueModel, TrackerError};
+use palpate::{Alarm, Arm, ExternalTorque, Robot, TorqueModel, TrackerError};
 use serde::Serialize;
 
 use crate::error::WorkError;
+use crate::progress::Progress;
 use crate::touches::RecordedTouch;
 
 /// Standard deviations from which on something counts as touched where no contact-free motion says it.
 const USUAL_THRESHOLD: f64 = 6.0;
+/// What says a threshold if nothing does.
+pub const GUESS: &str = "a guess";
 
 /// How far apart two contacts are at least.
 const APART_S: f64 = 0.25;
 const APART_SAMPLES: usize = 10;
+
+/// False alarms an hour that can be asked for.
+pub const FALSE_ALARMS_PER_HOUR: RangeInclusive<f64> = 1e-6..=3600.0;
+/// Bandwidths that can be asked for, Hz.
+pub const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e5;
 
 /// What to do with the torques.
 #[derive(Debug, Clone, Copy)]
@@ -24,7 +34,7 @@ pub struct TorqueSettings {
     pub bandwidth_hz: Option<f64>,
     /// Samples at the start of each touch whose mean is taken off.
     pub tare_frames: usize,
-    /// Link at whose origin the wrench is told.
+    /// Link at whose origin the wrench is given.
     pub wrench_link: Option<LinkId>,
 }
 
@@ -56,8 +66,10 @@ pub struct TorqueFrame {
 
 /// A stretch of time in which something is touched.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Contact {
-    /// The touch of the log.
+pub struct ContactInterval {
+    /// The log, and the touch in it.
+    pub log: PathBuf,
+    /// See `log`.
     pub touch: String,
     /// First and last sample.
     pub samples: [usize; 2],
@@ -77,7 +89,11 @@ pub fn torques(
     arm: &Arm,
     touches: &[RecordedTouch],
     settings: &TorqueSettings,
+    progress: &dyn Progress,
 ) -> Result<Vec<TouchTorques>, WorkError> {
+    if let Some(bandwidth_hz) = settings.bandwidth_hz {
+        check("bandwidth_hz", bandwidth_hz, &BANDWIDTH_HZ)?;
+    }
     let of_touch = |touch: &RecordedTouch| {
         let n = arm.robot.n_joints();
         let first = &touch.samples[..settings.tare_frames.min(touch.samples.len())];
@@ -114,7 +130,7 @@ pub fn torques(
                 }
                 None => None,
             };
-            let statistic = Detector::statistic(&external);
+            let statistic = external.statistic();
             Ok(TorqueFrame {
                 time_s: sample.time_s,
                 q: sample.q.clone(),
@@ -126,7 +142,50 @@ pub fn torques(
         let frames = frames.collect::<Result<_, WorkError>>()?;
         Ok(TouchTorques { log: touch.log.clone(), name: touch.name.clone(), frames })
     };
-    touches.iter().map(of_touch).collect()
+    let mut found = touches.iter().map(of_touch).collect::<Result<Vec<_>, WorkError>>()?;
+    rename_alike(&mut found);
+    warn_of_untimed(&found, progress);
+    Ok(found)
+}
+
+fn warn_of_untimed(touches: &[TouchTorques], progress: &dyn Progress) {
+    let untimed = |touch: &&TouchTorques| touch.frames.iter().any(|frame| frame.time_s.is_none());
+    if let Some(touch) = touches.iter().find(untimed) {
+        progress.warn(&format!(
+            "`{}`: touch `{}` has no clock: what depends on speed stays in its torques, and contacts may be false",
+            touch.log.display(),
+            touch.name
+        ));
+    }
+}
+
+/// Gives touches that are called alike the names of their logs as well, and numbers where those are alike too.
+fn rename_alike(touches: &mut [TouchTorques]) {
+    let counted = |touches: &[TouchTorques]| {
+        let mut counts: HashMap<String, usize> = HashMap::new();
+        touches.iter().for_each(|touch| *counts.entry(touch.name.clone()).or_default() += 1);
+        counts
+    };
+    let counts = counted(touches);
+    for touch in touches.iter_mut().filter(|touch| counts[&touch.name] > 1) {
+        let log = touch.log.file_stem().map_or("log".into(), |log| log.to_string_lossy());
+        touch.name = format!("{log}/{}", touch.name);
+    }
+    let counts = counted(touches);
+    let mut seen: HashMap<String, usize> = HashMap::new();
+    for touch in touches.iter_mut().filter(|touch| counts[&touch.name] > 1) {
+        let number = seen.entry(touch.name.clone()).or_default();
+        *number += 1;
+        touch.name = format!("{}/{number}", touch.name);
+    }
+}
+
+fn check(key: &str, value: f64, range: &RangeInclusive<f64>) -> Result<(), WorkError> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    let (low, high) = (range.start(), range.end());
+    Err(WorkError::Usage(format!("{key} is {value}; wanted a number from {low} to {high}")))
 }
 
 /// The wrench at a link's origin that explains torques best, each weighed by its standard deviation; what no torque
@@ -150,19 +209,23 @@ fn wrench(robot: &Robot, poses: &Poses, link: LinkId, external: &ExternalTorque)
     Vector6::from_column_slice(found.as_slice())
 }
 
-/// The threshold that contact-free motion passes so many times an hour, and what says it.
+/// The threshold that contact-free motion passes so many times an hour, standard deviations, and what says it.
+///
+/// # Errors
+///
+/// If the rate is none, or the contact-free logs are too short.
 pub fn threshold(
     model: &TorqueModel,
     free: Option<&[TouchTorques]>,
     false_alarms_per_hour: f64,
 ) -> Result<(f64, &'static str), WorkError> {
+    check("false_alarms_per_hour", false_alarms_per_hour, &FALSE_ALARMS_PER_HOUR)?;
     let Some(free) = free else {
         return Ok(match &model.alarm {
-            Some(alarm) => (
-                alarm.threshold(false_alarms_per_hour),
-                "motion like that of the identification passes it",
-            ),
-            None => (USUAL_THRESHOLD, "a guess: contact-free logs (--free) tell what passes it"),
+            Some(alarm) => {
+                (alarm.threshold(false_alarms_per_hour), "motion that identification held out")
+            }
+            None => (USUAL_THRESHOLD, GUESS),
         });
     };
     let timed = |touch: &TouchTorques| -> Vec<(f64, f64)> {
@@ -175,16 +238,13 @@ pub fn threshold(
                 .to_owned(),
         )
     })?;
-    Ok((
-        alarm.threshold(false_alarms_per_hour),
-        "motion like that of the contact-free logs passes it",
-    ))
+    Ok((alarm.threshold(false_alarms_per_hour), "the contact-free logs"))
 }
 
 /// Stretches of time in which the threshold is passed; those that are less than 0.25 s (or samples without a time 10)
 /// apart are one.
-pub fn contacts(touches: &[TouchTorques], threshold: f64) -> Vec<Contact> {
-    let mut contacts: Vec<Contact> = Vec::new();
+pub fn contacts(touches: &[TouchTorques], threshold: f64) -> Vec<ContactInterval> {
+    let mut contacts: Vec<ContactInterval> = Vec::new();
     for touch in touches {
         let before = contacts.len();
         for (sample, frame) in touch.frames.iter().enumerate() {
@@ -206,7 +266,8 @@ pub fn contacts(touches: &[TouchTorques], threshold: f64) -> Vec<Contact> {
                     last.time_s = last.time_s.zip(time_s).map(|([from, _], to)| [from, to]);
                     last.largest_n_m = last.largest_n_m.max(largest_n_m);
                 }
-                None => contacts.push(Contact {
+                None => contacts.push(ContactInterval {
+                    log: touch.log.clone(),
                     touch: touch.name.clone(),
                     samples: [sample, sample],
                     time_s: time_s.map(|time_s| [time_s, time_s]),

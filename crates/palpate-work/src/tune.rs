@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use palpate::{Arm, EstimatorKind, MapperConfig};
 use palpate_learn::tracked::{Touch, Tracked};
-use palpate_learn::tune::{Effort, Given, NOTHING_TOLD, Search, Trial, Tuned, Tuner};
+use palpate_learn::tune::{Effort, Given, Search, Trial, Tuned, Tuner};
 use serde_json::json;
 
 use crate::error::WorkError;
@@ -136,7 +136,15 @@ impl Tuning<'_> {
         drop(bar);
         progress.note("comparing the candidates");
         let everything: Vec<usize> = (0..self.touches.len()).collect();
-        tuner.tune(&everything, &stop).map_err(fault)
+        let tuned = tuner.tune(&everything, &stop).map_err(fault)?;
+        if tuned.is_all_noise {
+            progress.warn(
+                "these touches hardly predict each other's torques: all of the torque is taken for noise, and the \
+                 field says next to nothing. Torques of the arm's own motion do that: `palpate identify` finds \
+                 friction and inertia from free motion, and --arm takes them off",
+            );
+        }
+        Ok(tuned)
     }
 }
 
@@ -166,14 +174,6 @@ pub fn quickly_tuned(
     match tuned {
         Ok(Some(tuned)) => {
             progress.note(&summary(&tuned, recorded.len()));
-            let score = tuned.trials[0].scores.last().copied().unwrap_or_default();
-            if score > NOTHING_TOLD {
-                progress.warn(
-                    "these touches hardly predict each other's torques: all of the torque is taken for noise, and the \
-                     field says next to nothing. Torques of the arm's own motion do that: `palpate identify` finds \
-                     friction and inertia from free motion, and --arm takes them off",
-                );
-            }
             Ok(tuned.config)
         }
         Ok(None) => {

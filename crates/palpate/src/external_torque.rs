@@ -41,6 +41,8 @@ pub struct ExternalTorqueConfig {
     pub torque_sign: TorqueSign,
     /// Whether they hold gravity.
     pub gravity: Gravity,
+    /// The torques are external ones, made with the model of an arm that was identified ([`crate::TorqueModel`]).
+    pub identified: bool,
     /// Where the tare comes from.
     pub tare: Tare,
     /// The farthest a joint may be from where the touch began and still stand still, rad (m for a
@@ -53,6 +55,7 @@ impl Default for ExternalTorqueConfig {
         Self {
             torque_sign: TorqueSign::default(),
             gravity: Gravity::default(),
+            identified: false,
             tare: Tare::default(),
             still_rad: 0.002,
         }

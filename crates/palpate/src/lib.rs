@@ -54,7 +54,7 @@
 //! | place the field           | [`Lattice`] of cells ([`CellId`]); [`LatticeError`]                |
 //! | set the contact model     | [`ContactConfig`]                                                  |
 //! | say what logged torques are | [`ExternalTorqueConfig`]: [`TorqueSign`], [`Gravity`], [`Tare`]  |
-//! | know the arm's own torque   | [`TorqueModel`] of [`JointModel`]s with [`Friction`], [`Ripple`] and [`TorqueNoise`]: [`external_torques`] of a log, an [`ExternalTorque`] a sample, or a [`TorqueStream`]; contacts by a [`Detector`] with the threshold of an [`Alarm`] |
+//! | know the arm's own torque   | [`TorqueModel`] of [`JointModel`]s with [`JointFriction`], [`Ripple`] and [`TorqueNoise`]: [`external_torques`] of a log, an [`ExternalTorque`] a sample, or a [`TorqueStream`]; contacts where [`ExternalTorque::statistic`] passes the threshold of an [`Alarm`] |
 //! | choose the estimator      | [`EstimatorKind`] with an [`EstimatorConfig`]: [`Prior`], [`MemoryLimits`] |
 //! | learn from samples        | [`Mapper`] with a [`MapperConfig`] and a [`ReplayPolicy`]; [`Sample`] in, [`StepReport`] out, [`Snapshot`] to go on later; [`MapperError`], [`TrackerError`], [`EstimatorError`], [`SettingError`] |
 //! | look at the result        | [`Field`], a [`CellEstimate`] for each cell; [`Contacts`] now      |
@@ -109,7 +109,7 @@ pub use sdf::BakeConfig;
 pub use setting::SettingError;
 pub use tare::{MIN_TARE_FRAMES, Tare};
 pub use torque_model::{
-    Alarm, Causal, Detector, ExternalTorque, Friction, JointModel, Ripple, TorqueModel,
+    Alarm, Causal, Differentiation, ExternalTorque, JointFriction, JointModel, Ripple, TorqueModel,
     TorqueNoise, TorqueStream, external_torques,
 };
 pub use tracker::{Sample, TrackerError};
@@ -126,7 +126,7 @@ pub mod unstable {
     pub use crate::estimator::{Estimator, EstimatorState, FrameId, RememberedFrame, Replayed};
     pub use crate::lattice::{CellRows, FARTHEST_M};
     pub use crate::map::MapEstimator;
-    pub use crate::mapper::LoggedTouch;
+    pub use crate::mapper::{LoggedTouch, NO_STD};
     pub use crate::path_predictor::{CheckedPath, PathChecker};
     pub use crate::pause_detector::{PauseConfig, PauseDetector};
     pub use crate::prior_means::PriorMeansError;
@@ -142,7 +142,7 @@ pub mod unstable {
     pub use crate::torque::{Cell, Observation, ObservationBuilder, Stiffness, lever};
     pub use crate::torque_model::{
         Explained, Fit, FrictionState, LocalPolynomial, Motion, NoiseFactors, RIPPLE_COEFFICIENTS,
-        Side, TouchMotion, explain,
+        TouchMotion, Window, explain,
     };
-    pub use crate::tracker::{TrackedSample, Tracker};
+    pub use crate::tracker::{TrackedSample, Tracker, torque_weights};
 }

@@ -28,8 +28,8 @@ pub struct Sample {
     pub q: Vec<f64>,
     /// Joint torques as logged, n_joints, N·m or N.
     pub tau: Vec<f64>,
-    /// Standard deviation of the torques, n_joints, if it is known for this sample: of an identified arm. It comes on
-    /// top of what the estimator's settings allow.
+    /// Standard deviation of the torques, n_joints, N·m, if it is known for this sample: of an identified arm. Its square
+    /// is added to that of the estimator's `torque_std`.
     pub tau_std: Option<Vec<f64>>,
 }
 
@@ -53,6 +53,9 @@ pub enum TrackerError {
         "the standard deviations of the torques are {found:?}; wanted {expected} of at least 0 N·m"
     )]
     TorqueStd { expected: usize, found: Vec<f64> },
+    /// A model of another arm, or one that cannot be.
+    #[error("the model of the arm's torques does not serve: {0}")]
+    TorqueModel(String),
     /// A torque that is no number, or none of this world.
     #[error("the torque of joint `{joint}` is {found}; wanted a number of N·m below {MAX_TORQUE}")]
     Torque { joint: String, found: f64 },
@@ -104,16 +107,13 @@ pub struct TrackedSample {
     pub tau_std: Option<Vec<f64>>,
 }
 
-/// A standard deviation of torques for which a frame counts half, N·m: what the estimator `map` allows by default.
-const WEIGHED_STD: f64 = 0.2;
-
-impl TrackedSample {
-    /// Weights of the joints' torques for [`crate::unstable::Observation::weighted`], `None` if the sample has no
-    /// standard deviation: an estimator that allows `torque_std` then allows `torque_std · √(1 + (σ / 0.2 N·m)²)`.
-    pub fn weights(&self) -> Option<Vec<f64>> {
-        let weight = |std: &f64| 1.0 / (1.0 + (std / WEIGHED_STD).powi(2)).sqrt();
-        Some(self.tau_std.as_ref()?.iter().map(weight).collect())
-    }
+/// Weights for [`crate::unstable::Observation::weighted`] of torques with these standard deviations, n_joints, N·m: an
+/// estimator that takes `torque_std` (one for all joints, or one for each) for the noise then takes
+/// `√(torque_std² + tau_std²)`.
+pub fn torque_weights(tau_std: &[f64], torque_std: &[f64]) -> Vec<f64> {
+    let own = |joint: usize| torque_std[joint.min(torque_std.len() - 1)];
+    let joints = tau_std.iter().enumerate();
+    joints.map(|(joint, std)| own(joint) / own(joint).hypot(*std)).collect()
 }
 
 /// Follows one touch after another.

@@ -34,7 +34,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use palpate::{Arm, MapperConfig};
-use palpate_work::touches::{RecordedTouch, Touches};
+use palpate_work::touches::RecordedTouch;
 
 use self::figures::Figures;
 use self::recording::{Passes, at_least_one};
@@ -122,7 +122,7 @@ impl<'a> Bench<'a> {
         };
         let (touches, arm) = logs::open(paths, settings, logs::IfUndecided::Refuse, output)?;
         let recording = logs::read(touches, &arm, settings, args.touches, output)?;
-        let asked = Touches::open(&args.answers, &settings.log.options())?;
+        let asked = logs::open_more(&args.answers, settings, &arm)?;
         let asked = logs::read(asked, &arm, settings, None, output)?;
         logs::tell_robot(&arm, settings, output);
         Ok(Self { args, arm, config: settings.config()?, recording, asked })

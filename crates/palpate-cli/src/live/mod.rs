@@ -13,9 +13,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate::unstable::PauseConfig;
-use palpate::{
-    Arm, Detector, ExternalTorqueConfig, Gravity, Mapper, TorqueModel, TorqueSign, TorqueStream,
-};
+use palpate::{Arm, Differentiation, ExternalTorqueConfig, Mapper, TorqueModel, TorqueStream};
 use palpate_io::atomic::Hold;
 use palpate_io::field::{self, Saved};
 use palpate_live::checkpoint::CheckpointConfig;
@@ -23,7 +21,7 @@ use palpate_live::guard::{Guard, GuardConfig};
 use palpate_live::ros::{FlagTopics, NetworkConfig, NetworkProcess, Services};
 use palpate_live::session::Session;
 use palpate_live::{AskSocket, LiveBody, LiveConfig, News, run as run_live};
-use palpate_work::settings::{OrAuto, named};
+use palpate_work::settings::named;
 use palpate_work::torque::threshold;
 use palpate_work::{arm_file, prior, resume, robot};
 
@@ -205,37 +203,29 @@ impl Args {
         let session = Session::new(mapper, idle, self.guard(arm))
             .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
         let Some(Identified { model, torques }) = identified else { return Ok(session) };
-        let causal = model.clone().causal();
+        let causal = model.clone().for_differentiation(Differentiation::Causal);
         let (threshold, _) = threshold(&causal, None, FALSE_ALARMS_PER_HOUR)?;
         let model_alarm = causal.alarm;
-        let detector = Detector::new(threshold);
         let stream = TorqueStream::new(Arc::clone(arm), model, torques).map_err(CliError::Usage)?;
         if model_alarm.is_none() {
             complain(
                 "warning: what counts as touched is a guess; identify the arm with `palpate identify`",
             );
         }
-        Ok(session.identified(stream, detector, self.no_map))
+        Ok(session.identified(stream, threshold, self.no_map))
     }
 
-    /// The arm that was identified, and how its torques are logged; the settings then say that they are external.
+    /// The arm that was identified, and how its torques are logged.
     fn identified(
         &self,
         arm: &Arm,
-        settings: &mut Settings,
+        settings: &Settings,
         output: &Output,
     ) -> Result<Option<Identified>, CliError> {
-        let model = match &settings.robot.arm {
-            Some(path) => arm_file::read(path, &arm.robot)?,
-            None if self.no_map => {
-                output.note(
-                    "no --arm: friction is not known, and the standard deviation is a guess; `palpate identify` \
-                     finds both from free motion",
-                );
-                TorqueModel::of_urdf(&arm.robot)
-            }
-            None => return Ok(None),
-        };
+        if settings.robot.arm.is_none() && !self.no_map {
+            return Ok(None);
+        }
+        let model = arm_file::or_urdf(&settings.robot, &arm.robot, output)?;
         if self.guard.is_some() {
             return Err(CliError::Usage(
                 "the guard looks at torques as they are measured, not at those of an identified arm: leave out --guard, \
@@ -244,8 +234,6 @@ impl Args {
             ));
         }
         let torques = settings.touch.over_config(&ExternalTorqueConfig::default());
-        settings.touch.torque_sign = Some(OrAuto::Is(TorqueSign::Plus));
-        settings.touch.gravity = Some(OrAuto::Is(Gravity::Removed));
         Ok(Some(Identified { model, torques }))
     }
 
@@ -318,7 +306,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     args.check_places(&settings)?;
     let hold = args.output.as_deref().map(Hold::on).transpose().map_err(CliError::file)?;
     let arm = robot::load(&settings.robot, output)?;
-    let identified = args.identified(&arm, &mut settings, output)?;
+    let identified = args.identified(&arm, &settings, output)?;
     let (mapper, body) = args.begin(&arm, &settings, output)?;
     logs::tell_robot(&arm, &settings, output);
     if args.output.is_none() && !args.no_map {

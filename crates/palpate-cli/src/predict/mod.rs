@@ -88,7 +88,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         logs::open(&args.logs, &mut settings, logs::IfUndecided::LeaveOpen, output)?;
     tell_other_robot(&saved, &arm, output);
 
-    let touch = settings.touch.over_config(&saved.field.touch);
+    let touch = settings.torque_beside_field(&saved.field.touch)?;
     let against = if args.truth { Against::Truth } else { Against::Measured };
     let place = (saved.field.lattice.clone(), saved.field.contact.clone());
     let mut touches = touches.for_arm(&arm, &settings.log, place)?;

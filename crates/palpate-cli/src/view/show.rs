@@ -135,7 +135,7 @@ impl Stage<'_> {
         let arm = Arc::clone(self.arm);
         match &self.saved {
             Some(Saved { field, .. }) => {
-                let touch = self.settings.touch.over_config(&field.touch);
+                let touch = self.settings.torque_beside_field(&field.touch)?;
                 let predictor = Predictor::new(arm, field, touch).map_err(SettingsError::value)?;
                 let place = (field.lattice.clone(), field.contact.clone());
                 Ok((Follower::Predictor(Box::new(predictor)), place))

@@ -13,7 +13,7 @@
 //! | `memory_nis`    | F or 0   | f64  | `map`: normalised innovation squared at its last visit (0 for `ekf`) |
 //! | `log_touch`     | T x 3    | u32  | touch, its samples, whether it is still under way     |
 //! | `log_q`, `log_tau` | S x n | f64  | samples of those touches in a row, as logged          |
-//! | `log_tau_std`   | S x n    | f64  | standard deviations of those torques, of an identified arm only |
+//! | `log_tau_std`   | S x n    | f64  | standard deviations of those torques, of an identified arm only; −1 where a sample has none |
 //!
 //! A field with an elastic body has more arrays: [`super::elastic`].
 //!
@@ -24,7 +24,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use palpate::unstable::{EstimatorState, FrameId, LoggedTouch, RememberedFrame, RngState};
+use palpate::unstable::{EstimatorState, FrameId, LoggedTouch, NO_STD, RememberedFrame, RngState};
 use palpate::{
     CellId, ContactConfig, EstimatorKind, ExternalTorqueConfig, Field, Lattice, Mapper,
     MapperConfig, Sample, Snapshot,
@@ -244,7 +244,7 @@ fn insert_sample_log(arrays: &mut Arrays, snapshot: &Snapshot) {
     if snapshot.sample_log.iter().any(|touch| !touch.tau_std.is_empty()) {
         let std = snapshot.sample_log.iter().flat_map(|touch| {
             let none = touch.tau.len() - touch.tau_std.len();
-            touch.tau_std.iter().copied().chain(std::iter::repeat_n(0.0, none))
+            touch.tau_std.iter().copied().chain(std::iter::repeat_n(NO_STD, none))
         });
         arrays.insert("log_tau_std", Array::new(vec![rows, n_joints], Data::F64(std.collect())));
     }

@@ -127,7 +127,8 @@ impl<'a> Learner<'a> {
                 continue;
             }
             let left_over = frame.observation.tau() - self.of_body(touch, index);
-            let observation = frame.weighted(frame.observation.clone().with_tau(&left_over));
+            let observation = frame
+                .weighted(frame.observation.clone().with_tau(&left_over), &self.config.estimator);
             let source = FrameId { touch: place as u32, sample: frame.sample };
             self.estimator.correct(&self.tracked.points_m, observation, source)?;
             self.estimator.replay(self.config.estimator.replays);

@@ -3,14 +3,15 @@
 
 use palpate::unstable::{NoiseFactors, explain};
 use palpate::{
-    Alarm, Causal, Detector, ExternalTorque, ExternalTorqueConfig, Ripple, Robot, Sample,
+    Alarm, Causal, Differentiation, ExternalTorque, ExternalTorqueConfig, Ripple, Robot, Sample,
     TorqueModel, TorqueNoise,
 };
 use serde::Serialize;
 
 use super::posterior::Posterior;
 use super::prior::Start;
-use super::rows::{FOLDS, Rows, Settings, fold};
+use super::ripple::RippleSample;
+use super::rows::{FOLDS, RegressionSettings, Rows, fold};
 use super::{IdentifyError, result, ripple};
 
 /// Root mean squares of what is left over of the measured torques, N·m, by joint.
@@ -52,25 +53,27 @@ pub(super) fn of(
     robot: &Robot,
     touches: &[&[Sample]],
     torques: &ExternalTorqueConfig,
-    (rows, settings): (&Rows, &Settings),
+    (rows, settings): (&Rows, &RegressionSettings),
     start: &Start,
+    unless_stopped: &dyn Fn() -> Result<(), IdentifyError>,
 ) -> Result<Found, IdentifyError> {
     let mut models: Vec<Option<TorqueModel>> = Vec::with_capacity(FOLDS);
     for fold in 0..FOLDS {
+        unless_stopped()?;
         let sums = rows.without(fold);
         let any =
             sums.iter().zip(rows.all()).any(|(sum, all)| sum.rows > 0.0 && sum.rows < all.rows);
         let posterior = if any { Posterior::of(rows, &sums, start) } else { None };
         models.push(posterior.map(|posterior| result::model(robot, settings, &posterior)));
     }
-    let read = |models: &[Option<TorqueModel>], causal: bool| {
+    let read = |models: &[Option<TorqueModel>], differentiation: Differentiation| {
         let each = touches.iter().enumerate();
-        each.map(|touch| left_of(robot, (touches.len(), touch), torques, models, causal))
+        each.map(|touch| left_of(robot, (touches.len(), touch), torques, models, differentiation))
             .collect::<Result<Vec<_>, _>>()
     };
     let n = robot.n_joints();
     let noise = |left: &[Vec<Left>]| (0..n).map(|j| noise_of(left, j)).collect::<Vec<_>>();
-    let mut left = read(&models, false)?;
+    let mut left = read(&models, Differentiation::Centred)?;
     // By joint and fold, out of the other folds; and out of all of them.
     let ripples: Vec<Option<[Vec<Ripple>; FOLDS + 1]>> =
         (0..n).map(|j| ripples(&left, j)).collect();
@@ -80,10 +83,12 @@ pub(super) fn of(
 
     let mut causal: Option<(f64, Causal)> = None;
     for window_s in CAUSAL_WINDOWS_S.into_iter().filter(|window_s| rows.is_timed(*window_s)) {
+        unless_stopped()?;
         let other = |model: &Option<TorqueModel>| {
             model.as_ref().map(|model| TorqueModel { window_s, ..model.clone() })
         };
-        let mut left = read(&models.iter().map(other).collect::<Vec<_>>(), true)?;
+        let mut left =
+            read(&models.iter().map(other).collect::<Vec<_>>(), Differentiation::Causal)?;
         take_off(&mut left, &ripples);
         let part =
             |j: usize| root_mean_square(&left, |left| left.identified[j], 0.0) / start.efforts[j];
@@ -96,7 +101,7 @@ pub(super) fn of(
     }
 
     let urdf = TorqueModel { window_s: settings.window_s, ..TorqueModel::of_urdf(robot) };
-    let of_urdf = read(&vec![Some(urdf); FOLDS], false)?;
+    let of_urdf = read(&vec![Some(urdf); FOLDS], Differentiation::Centred)?;
     type Of = fn(&Left) -> &Vec<f64>;
     let each: [(&[Vec<Left>], Of); 3] = [
         (&left, |left| &left.gravity),
@@ -121,7 +126,7 @@ const LEAST_RIPPLE: f64 = 0.05;
 
 /// The ripple of a joint as each fold's others say it, and all of them; `None` if that explains too little.
 fn ripples(left: &[Vec<Left>], j: usize) -> Option<[Vec<Ripple>; FOLDS + 1]> {
-    let samples = |which: &dyn Fn(usize) -> bool| -> Vec<ripple::Sample> {
+    let samples = |which: &dyn Fn(usize) -> bool| -> Vec<RippleSample> {
         let those = left.iter().flatten().filter(|left| which(left.fold));
         those.map(|left| sample_of(left, j)).collect()
     };
@@ -136,7 +141,7 @@ fn ripples(left: &[Vec<Left>], j: usize) -> Option<[Vec<Ripple>; FOLDS + 1]> {
     (after < (1.0 - LEAST_RIPPLE) * before).then_some(fits)
 }
 
-fn sample_of(left: &Left, j: usize) -> ripple::Sample {
+fn sample_of(left: &Left, j: usize) -> RippleSample {
     let factors = &left.factors[j];
     (factors.q, factors.speed, left.identified[j])
 }
@@ -158,7 +163,7 @@ fn left_of(
     (touches, (touch, samples)): (usize, (usize, &&[Sample])),
     torques: &ExternalTorqueConfig,
     models: &[Option<TorqueModel>],
-    causal: bool,
+    differentiation: Differentiation,
 ) -> Result<Vec<Left>, IdentifyError> {
     let time = |k: usize| samples[k].time_s.unwrap_or(k as f64);
     let span = time(samples.len() - 1) - time(0);
@@ -170,7 +175,7 @@ fn left_of(
     for (number, model) in models.iter().enumerate() {
         let Some(model) = model else { continue };
         let which = |k: usize| fold_of(k) == number;
-        for (k, found) in explain(robot, model, torques, (samples, &which), causal)? {
+        for (k, found) in explain(robot, model, torques, (samples, &which), differentiation)? {
             let sample = &samples[k];
             let poses = robot.forward(&sample.q).map_err(palpate::TrackerError::from)?;
             left.push(Left {
@@ -212,7 +217,7 @@ fn root_mean_square(left: &[Vec<Left>], of: impl Fn(&Left) -> f64, half_s: f64) 
 fn noise_of(left: &[Vec<Left>], j: usize) -> TorqueNoise {
     let parts = |left: &Left| {
         let factors = &left.factors[j];
-        [1.0, factors.between.powi(2), factors.speed.powi(2), factors.inertia.powi(2)]
+        [1.0, factors.turning.powi(2), factors.speed.powi(2), factors.inertia.powi(2)]
     };
     let samples: Vec<([f64; 4], f64)> =
         left.iter().flatten().map(|left| (parts(left), left.identified[j].powi(2))).collect();
@@ -256,12 +261,12 @@ fn alarm_of(left: &[Vec<Left>], noise: &[TorqueNoise]) -> Option<Alarm> {
         let std = noise
             .iter()
             .zip(&left.factors)
-            .map(|(noise, factors)| noise.std(factors.between, factors.speed, factors.inertia));
+            .map(|(noise, factors)| noise.std(factors.turning, factors.speed, factors.inertia));
         let torque = ExternalTorque {
             torque: left.identified.clone().into(),
             std: std.collect::<Vec<_>>().into(),
         };
-        (left.time_s, Detector::statistic(&torque))
+        (left.time_s, torque.statistic())
     };
     let touches: Vec<Vec<(f64, f64)>> =
         left.iter().map(|touch| touch.iter().map(statistic).collect()).collect();

@@ -33,14 +33,17 @@ use palpate::{ExternalTorqueConfig, Gravity, Robot, Sample};
 
 use posterior::Posterior;
 use prior::Start;
-use rows::{Rows, Settings, Turning};
+pub(crate) use prior::inertial_scales;
+use rows::{RegressionSettings, Rows, Turning};
+
+use crate::error::Stop;
 
 /// What to identify.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdentifyConfig {
-    /// The link in whose frame the payload is told.
+    /// The link in whose frame the payload is given.
     pub payload_link: LinkId,
-    /// The torques are the drives' currents: gains are not near 1, and are told by the masses of the URDF.
+    /// The torques are the drives' currents: gains are not near 1, and follow from the masses of the URDF.
     pub currents: bool,
 }
 
@@ -54,16 +57,20 @@ pub enum IdentifyError {
     TooShort { found: usize, wanted: usize },
     /// No joint moves.
     #[error(
-        "no joint moves by more than {wanted} rad, so nothing can be told apart; move all of them, as `palpate excite` does"
+        "no joint moves by more than {wanted} rad, so nothing can be determined; move all of them, as `palpate excite` does"
     )]
     NoMotion { wanted: f64 },
     /// Torques that are all the same.
     #[error("the torques are {0} N·m throughout: there is nothing in them")]
     NoTorque(f64),
+    /// Asked to stop.
+    #[error("stopped")]
+    Stopped,
     /// Torques without gravity.
     #[error(
         "the torques hold no gravity: the robot has taken it off, with masses and friction of its own; identification \
-         wants the measured torques (of a Franka `tau_J`, not `tau_ext_hat_filtered`)"
+         wants the measured torques (of a Franka `tau_J`, not `tau_ext_hat_filtered`); if they do hold it, say --gravity \
+         included"
     )]
     GravityRemoved,
     /// A payload on a link that does not move.
@@ -77,6 +84,8 @@ pub enum IdentifyError {
     Unsolvable,
 }
 
+/// Samples of a touch below which it tells no speeds.
+const LEAST_OF_TOUCH: usize = 4;
 /// Samples below which nothing is tried.
 const LEAST_SAMPLES: usize = 20;
 /// A joint that moves less, rad or m, does not move.
@@ -86,7 +95,9 @@ const WINDOWS_S: [f64; 6] = [0.05, 0.1, 0.17, 0.25, 0.35, 0.5];
 /// How friction turns round, to start the search with.
 const TURNING: Turning = Turning { presliding: 1e-3, stribeck: 0.03 };
 /// Steps of the search for delay and presliding distances.
-const SEARCH_STEPS: usize = 8;
+const SEARCH_STEPS: usize = 14;
+/// What is left of the delay when it is found, in parts of the time between samples.
+const SETTLED: f64 = 0.02;
 /// The longest delay that is looked for, s.
 const MOST_DELAY_S: f64 = 0.3;
 
@@ -100,27 +111,34 @@ pub fn identify(
     touches: &[&[Sample]],
     torques: &ExternalTorqueConfig,
     config: &IdentifyConfig,
+    (stop, done): (Stop<'_>, &dyn Fn()),
 ) -> Result<Identified, IdentifyError> {
-    let moved = check(robot, touches, torques)?;
+    let unless_stopped = || {
+        done();
+        if stop() { Err(IdentifyError::Stopped) } else { Ok(()) }
+    };
+    let touches: Vec<&[Sample]> =
+        touches.iter().copied().filter(|touch| touch.len() >= LEAST_OF_TOUCH).collect();
+    let motion = Checked::of(robot, &touches, torques)?;
     let payload_body = robot.body_of(config.payload_link).ok_or(IdentifyError::PayloadLink)?;
     let start = Start::of(robot, payload_body, config.currents);
     let n = robot.n_joints();
-    let of = |settings: &Settings| Rows::of(robot, touches, torques.torque_sign, settings);
+    let of =
+        |settings: &RegressionSettings| Rows::of(robot, &touches, torques.torque_sign, settings);
     let solve =
         |rows: &Rows| Posterior::of(rows, &rows.all(), &start).ok_or(IdentifyError::Unsolvable);
 
-    let mut settings = Settings { window_s: WINDOWS_S[0], delay_s: 0.0, turning: vec![TURNING; n] };
-    // With the shortest windows a slow clock tells no speeds; with none of them, they are taken as at rest.
-    let mut best = (false, f64::INFINITY);
+    let mut settings =
+        RegressionSettings { window_s: WINDOWS_S[0], delay_s: 0.0, turning: vec![TURNING; n] };
+    // Speeds that are known come first: with the shortest windows a slow clock tells none.
+    let mut best = (true, f64::INFINITY);
     for window_s in WINDOWS_S {
-        let tried = Settings { window_s, ..settings.clone() };
+        let tried = RegressionSettings { window_s, ..settings.clone() };
+        unless_stopped()?;
         let rows = of(&tried)?;
-        if (rows.timed, best.0) == (false, true) || (!rows.timed && best.1 < f64::INFINITY) {
-            continue;
-        }
-        let left_over = solve(&rows)?.left_over();
-        if left_over < best.1 || (rows.timed && !best.0) {
-            (best, settings) = ((rows.timed, left_over), tried);
+        let found = (!rows.timed, solve(&rows)?.left_over());
+        if found < best {
+            (best, settings) = (found, tried);
         }
     }
     let mut rows = of(&settings)?;
@@ -128,66 +146,94 @@ pub fn identify(
     // Friction that turns late looks like a delay, so both are sought together; the delay by the secant method, for
     // what its column says of the step that is left falls short of it.
     let mut last: Option<(f64, f64)> = None;
+    let mut has_settled = false;
     for _ in 0..SEARCH_STEPS {
-        settings.turning = rows.best_turning(&posterior);
-        let left = posterior.delay().0;
-        if rows.timed {
-            let step = match last {
-                Some((before, left_before)) if (left - left_before).abs() > 1e-9 => {
-                    let secant = -left * (settings.delay_s - before) / (left - left_before);
-                    secant.clamp(-5.0 * left.abs(), 5.0 * left.abs())
-                }
-                _ => left,
-            };
-            last = Some((settings.delay_s, left));
-            settings.delay_s = (settings.delay_s + step).clamp(-MOST_DELAY_S, MOST_DELAY_S);
+        unless_stopped()?;
+        let turning = rows.best_turning(&posterior);
+        let left = if rows.timed { posterior.delay().0 } else { 0.0 };
+        has_settled = left.abs() <= SETTLED * rows.interval_s();
+        if has_settled && turning == settings.turning {
+            break;
         }
+        settings.turning = turning;
+        let step = match last {
+            Some((before, left_before)) if (left - left_before).abs() > 1e-9 => {
+                let secant = -left * (settings.delay_s - before) / (left - left_before);
+                secant.clamp(-5.0 * left.abs(), 5.0 * left.abs())
+            }
+            _ => left,
+        };
+        last = Some((settings.delay_s, left));
+        settings.delay_s = (settings.delay_s + step).clamp(-MOST_DELAY_S, MOST_DELAY_S);
         rows = of(&settings)?;
         posterior = solve(&rows)?;
     }
 
-    let held_out = held_out::of(robot, touches, torques, (&rows, &settings), &start)?;
-    Ok(result::of(robot, config, (&rows, &settings), &posterior, (held_out, moved)))
+    let held_out =
+        held_out::of(robot, &touches, torques, (&rows, &settings), &start, &unless_stopped)?;
+    Ok(result::of(robot, config, (&rows, &settings), &posterior, (held_out, &motion, has_settled)))
 }
 
-/// Checks what can be checked beforehand; how far each joint moves, and how much the torques vary, N·m.
-fn check(
-    robot: &Robot,
-    touches: &[&[Sample]],
-    torques: &ExternalTorqueConfig,
-) -> Result<(Vec<f64>, f64), IdentifyError> {
-    if torques.gravity == Gravity::Removed {
-        return Err(IdentifyError::GravityRemoved);
+/// What touches are like, before anything is found.
+struct Checked {
+    /// How far each joint moves within a touch, rad or m.
+    moved: Vec<f64>,
+    /// How much the torques vary, N·m.
+    variation: f64,
+    /// Joints whose torque never varies: nothing measures it.
+    silent: Vec<usize>,
+}
+
+impl Checked {
+    fn of(
+        robot: &Robot,
+        touches: &[&[Sample]],
+        torques: &ExternalTorqueConfig,
+    ) -> Result<Self, IdentifyError> {
+        let samples = || touches.iter().copied().flatten();
+        let found = samples().count();
+        if found < LEAST_SAMPLES {
+            return Err(IdentifyError::TooShort { found, wanted: LEAST_SAMPLES });
+        }
+        for sample in samples() {
+            let poses = robot.forward(&sample.q).map_err(palpate::TrackerError::from)?;
+            torques.untared(robot, &poses, &sample.tau)?;
+        }
+        let joints = 0..robot.n_joints();
+        if joints.clone().all(|joint| range(samples().map(|sample| sample.q[joint])) < LEAST_MOTION)
+        {
+            return Err(IdentifyError::NoMotion { wanted: LEAST_MOTION });
+        }
+        let silent: Vec<usize> = (joints.clone())
+            .filter(|joint| range(samples().map(|sample| sample.tau[*joint])) == 0.0)
+            .collect();
+        if silent.len() == robot.n_joints() {
+            return Err(IdentifyError::NoTorque(
+                samples().next().map_or(0.0, |sample| sample.tau[0]),
+            ));
+        }
+        if torques.gravity == Gravity::Removed {
+            return Err(IdentifyError::GravityRemoved);
+        }
+        let moved = |joint: usize| {
+            let of_touch = |touch: &&[Sample]| range(touch.iter().map(|sample| sample.q[joint]));
+            touches.iter().map(of_touch).fold(0.0, f64::max)
+        };
+        let count = found as f64;
+        let square = |joint: usize| {
+            let mean = samples().map(|sample| sample.tau[joint]).sum::<f64>() / count;
+            samples().map(|sample| (sample.tau[joint] - mean).powi(2)).sum::<f64>() / count
+        };
+        Ok(Self {
+            moved: joints.clone().map(moved).collect(),
+            variation: joints.map(square).sum::<f64>().sqrt(),
+            silent,
+        })
     }
-    let samples = || touches.iter().copied().flatten();
-    let found = samples().count();
-    if found < LEAST_SAMPLES {
-        return Err(IdentifyError::TooShort { found, wanted: LEAST_SAMPLES });
-    }
-    for sample in samples() {
-        let poses = robot.forward(&sample.q).map_err(palpate::TrackerError::from)?;
-        torques.untared(robot, &poses, &sample.tau)?;
-    }
-    let range = |of: fn(&Sample) -> &[f64], joint: usize| {
-        let ends = samples().map(|sample| of(sample)[joint]);
-        let (low, high) =
-            ends.fold((f64::MAX, f64::MIN), |(low, high), at| (at.min(low), at.max(high)));
-        high - low
-    };
-    let moved: Vec<f64> =
-        (0..robot.n_joints()).map(|joint| range(|sample| &sample.q, joint)).collect();
-    if moved.iter().all(|way| *way < LEAST_MOTION) {
-        return Err(IdentifyError::NoMotion { wanted: LEAST_MOTION });
-    }
-    if (0..robot.n_joints()).all(|joint| range(|sample| &sample.tau, joint) == 0.0) {
-        return Err(IdentifyError::NoTorque(samples().next().map_or(0.0, |sample| sample.tau[0])));
-    }
-    let count = found as f64;
-    let mean = |joint: usize| samples().map(|sample| sample.tau[joint]).sum::<f64>() / count;
-    let square = |joint: usize| {
-        let mean = mean(joint);
-        samples().map(|sample| (sample.tau[joint] - mean).powi(2)).sum::<f64>() / count
-    };
-    let variation = (0..robot.n_joints()).map(square).sum::<f64>().sqrt();
-    Ok((moved, variation))
+}
+
+fn range(values: impl Iterator<Item = f64>) -> f64 {
+    let (low, high) =
+        values.fold((f64::MAX, f64::MIN), |(low, high), at| (at.min(low), at.max(high)));
+    high - low
 }

@@ -60,27 +60,25 @@ pub(super) struct Start {
 impl Start {
     pub(super) fn of(robot: &Robot, payload_body: usize, currents: bool) -> Self {
         let parameters = robot.inertial_parameters();
-        let bodies = robot.bodies().len();
-        let mean_mass =
-            (0..bodies).map(|body| parameters[BODY_PARAMETERS * body]).sum::<f64>() / bodies as f64;
-        let mut scales = DVector::zeros(parameters.len());
-        for body in 0..bodies {
-            let own = parameters.rows(BODY_PARAMETERS * body, BODY_PARAMETERS);
-            let mass = own[0].max(0.1 * mean_mass).max(1e-3);
-            let length = (0.5 * (own[4] + own[7] + own[9]).max(0.0) / mass).sqrt() + 0.03;
-            let by = [mass, mass * length, mass * length * length];
-            for k in 0..BODY_PARAMETERS {
-                scales[BODY_PARAMETERS * body + k] = by[match k {
-                    0 => 0,
-                    1..=3 => 1,
-                    _ => 2,
-                }];
-            }
-        }
+        let scales = inertial_scales(&parameters);
         let efforts =
             robot.joints().iter().map(|joint| joint.effort.unwrap_or(USUAL_EFFORT)).collect();
         Self { parameters, scales, efforts, payload_body, currents }
     }
+}
+
+/// Scale of each inertial parameter: the mass of its body, times the body's radius of gyration where it is a first or
+/// second moment. A body without a mass has a tenth of the mean.
+pub(crate) fn inertial_scales(parameters: &DVector<f64>) -> DVector<f64> {
+    let bodies = || parameters.as_slice().chunks(BODY_PARAMETERS);
+    let mean_mass = bodies().map(|body| body[0]).sum::<f64>() / bodies().len().max(1) as f64;
+    let of_body = |body: &[f64]| {
+        let mass = body[0].max(0.1 * mean_mass).max(1e-3);
+        let length = (0.5 * (body[4] + body[7] + body[9]).max(0.0) / mass).sqrt() + 0.03;
+        [(mass, 1), (mass * length, 3), (mass * length * length, 6)]
+    };
+    let scales = bodies().flat_map(of_body).flat_map(|(scale, n)| std::iter::repeat_n(scale, n));
+    DVector::from_vec(scales.collect())
 }
 
 /// Coefficients of a joint: its gain, friction and drive, bias, slopes, offset and drift by touch.

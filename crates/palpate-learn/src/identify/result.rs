@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, Vector3};
 use palpate::unstable::BODY_PARAMETERS;
-use palpate::{Friction, JointModel, Robot, TorqueModel, TorqueNoise};
+use palpate::{JointFriction, JointModel, Robot, TorqueModel, TorqueNoise};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::Serialize;
@@ -10,8 +10,8 @@ use serde::Serialize;
 use super::held_out::{Found, HeldOut};
 use super::posterior::Posterior;
 use super::prior::NEVER_NEGATIVE;
-use super::rows::{FRICTION, Rows, Settings};
-use super::{IdentifyConfig, LEAST_MOTION};
+use super::rows::{FRICTION, RegressionSettings, Rows};
+use super::{Checked, IdentifyConfig, LEAST_MOTION};
 
 /// A value with its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -33,25 +33,25 @@ pub struct Identified {
     pub joints: Vec<JointEstimate>,
     /// By body.
     pub bodies: Vec<BodyEstimate>,
-    /// Combinations of inertial parameters that motion can tell at all, and those that these logs tell better than the
-    /// URDF.
+    /// Combinations of inertial parameters that any motion determines, and those that these logs determine better than
+    /// the URDF.
     pub base_parameters: usize,
     /// See `base_parameters`.
-    pub base_parameters_told: usize,
+    pub base_parameters_identified: usize,
     /// How much later torques are than positions, s.
     pub delay_s: Value,
     /// Whether the logs have a clock that tells speeds.
     pub timed: bool,
     /// What is left over of held-out motion.
     pub held_out: HeldOut,
-    /// What could not be told, and why.
+    /// What cannot be determined, and why.
     pub notes: Vec<String>,
 }
 
 /// What an arm carries beyond what the URDF says of the link, point by point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PayloadEstimate {
-    /// The link in whose frame it is told.
+    /// The link in whose frame it is given.
     pub link: String,
     /// Mass, kg.
     pub mass_kg: Value,
@@ -59,8 +59,8 @@ pub struct PayloadEstimate {
     pub com_m: [Value; 3],
     /// Inertia about the centre of mass in the link's axes, kg·m².
     pub inertia_kg_m2: [[f64; 3]; 3],
-    /// Whether its mass is told apart from none: it is twice its standard deviation.
-    pub is_told: bool,
+    /// Whether its mass differs from none: it is more than twice its standard deviation.
+    pub is_significant: bool,
 }
 
 /// What was found out about a joint.
@@ -100,12 +100,16 @@ pub struct BodyEstimate {
     /// Mass, kg; mass times centre of mass, kg·m; inertia about the origin xx, xy, xz, yy, yz, zz, kg·m². Payload
     /// included.
     pub parameters: [Value; BODY_PARAMETERS],
-    /// How much of the URDF's uncertainty each lost, 0 (nothing) to 1.
-    pub told: [f64; BODY_PARAMETERS],
+    /// The part of the URDF's variance that each lost, 0 (nothing) to 1.
+    pub variance_reduction: [f64; BODY_PARAMETERS],
 }
 
 /// The model that a posterior says, its noise not yet known.
-pub(super) fn model(robot: &Robot, settings: &Settings, posterior: &Posterior) -> TorqueModel {
+pub(super) fn model(
+    robot: &Robot,
+    settings: &RegressionSettings,
+    posterior: &Posterior,
+) -> TorqueModel {
     let joints = robot.joint_names().enumerate().map(|(j, name)| {
         let at = posterior.joint(j);
         let (own, gain) = (|k: usize| posterior.mean[at + 1 + k], posterior.gain(j));
@@ -120,7 +124,7 @@ pub(super) fn model(robot: &Robot, settings: &Settings, posterior: &Posterior) -
                 -own(FRICTION + 2),
             ],
             rotor_inertia: positive(4),
-            friction: Friction {
+            friction: JointFriction {
                 coulomb: positive(0),
                 asymmetry: own(1) / gain,
                 breakaway: own(2) / gain,
@@ -145,9 +149,9 @@ pub(super) fn model(robot: &Robot, settings: &Settings, posterior: &Posterior) -
 pub(super) fn of(
     robot: &Robot,
     config: &IdentifyConfig,
-    (rows, settings): (&Rows, &Settings),
+    (rows, settings): (&Rows, &RegressionSettings),
     posterior: &Posterior,
-    (found, moved): (Found, (Vec<f64>, f64)),
+    (found, motion, has_settled): (Found, &Checked, bool),
 ) -> Identified {
     let mut model = model(robot, settings, posterior);
     for (joint, noise) in model.joints.iter_mut().zip(&found.noise) {
@@ -172,7 +176,7 @@ pub(super) fn of(
             let bias = posterior.mean_bias(j);
             JointEstimate {
                 name: model.joints[j].name.clone(),
-                moved: moved.0[j],
+                moved: motion.moved[j],
                 coulomb_n_m: by_gain(0),
                 asymmetry_n_m: by_gain(1),
                 breakaway_n_m: by_gain(2),
@@ -187,14 +191,14 @@ pub(super) fn of(
         })
         .collect();
     let payload = payload(robot, config, posterior);
-    let (all, told) = base_parameters(robot, posterior);
+    let (all, identified) = base_parameters(robot, posterior);
     let (delay, std) = posterior.delay();
     let mut identified = Identified {
         bodies: bodies(robot, posterior),
         payload,
         joints,
         base_parameters: all,
-        base_parameters_told: told,
+        base_parameters_identified: identified,
         delay_s: Value {
             value: settings.delay_s + delay,
             std: (INFLATION * std).hypot(BETWEEN_SAMPLES * rows.interval_s()),
@@ -204,7 +208,7 @@ pub(super) fn of(
         notes: Vec::new(),
         model,
     };
-    identified.notes = notes(&identified, moved.1, robot);
+    identified.notes = notes(&identified, (motion, has_settled), robot);
     identified
 }
 
@@ -221,7 +225,7 @@ fn value_of(posterior: &Posterior, slopes: &[(usize, f64)], value: f64) -> Value
 /// found on 200 simulated arms, where it alone covers 76 to 93 % of the truths with what are to be 95 %.
 const INFLATION: f64 = 1.25;
 /// What is not known of the delay for want of positions between the samples, in parts of the interval.
-const BETWEEN_SAMPLES: f64 = 0.02;
+const BETWEEN_SAMPLES: f64 = 0.03;
 
 fn payload(robot: &Robot, config: &IdentifyConfig, posterior: &Posterior) -> PayloadEstimate {
     let link = config.payload_link;
@@ -246,7 +250,7 @@ fn payload(robot: &Robot, config: &IdentifyConfig, posterior: &Posterior) -> Pay
     let turned = rotation * about_com * rotation.transpose();
     PayloadEstimate {
         link: robot.links()[link.index()].name.clone(),
-        is_told: mass > 2.0 * mass_kg.std,
+        is_significant: mass > 2.0 * mass_kg.std,
         mass_kg,
         com_m,
         inertia_kg_m2: [0, 1, 2].map(|row| [0, 1, 2].map(|column| turned[(row, column)])),
@@ -266,20 +270,20 @@ fn bodies(robot: &Robot, posterior: &Posterior) -> Vec<BodyEstimate> {
                 }
                 value_of(posterior, &slopes, parameters[at])
             };
-            let told = |k: usize| {
+            let variance_reduction = |k: usize| {
                 let at = BODY_PARAMETERS * body + k;
                 1.0 - (posterior.covariance[(at, at)] / posterior.prior_variance[at]).min(1.0)
             };
             BodyEstimate {
                 link: robot.links()[link.index()].name.clone(),
                 parameters: std::array::from_fn(value),
-                told: std::array::from_fn(told),
+                variance_reduction: std::array::from_fn(variance_reduction),
             }
         })
         .collect()
 }
 
-/// How many combinations of inertial parameters any motion tells, and how many these logs tell better than the URDF.
+/// How many combinations of inertial parameters any motion determines, and how many these logs better than the URDF.
 fn base_parameters(robot: &Robot, posterior: &Posterior) -> (usize, usize) {
     let size = posterior.prior_variance.len().min(BODY_PARAMETERS * robot.bodies().len());
     let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -303,19 +307,29 @@ fn base_parameters(robot: &Robot, posterior: &Posterior) -> (usize, usize) {
     let covariance = posterior.covariance.view((0, 0), (size, size));
     let relative = DMatrix::from_fn(size, size, |a, b| covariance[(a, b)] / scales[a] / scales[b]);
     // Half of the prior's variance or less is left.
-    let told = relative.symmetric_eigenvalues().iter().filter(|left| **left < 0.5).count();
-    (all, told.min(all))
+    let identified = relative.symmetric_eigenvalues().iter().filter(|left| **left < 0.5).count();
+    (all, identified.min(all))
 }
 
 /// What may be left over of the torques' variation at most, before something is wrong.
-const MOST_LEFT_OVER: f64 = 0.5;
+const MOST_LEFT_OVER: f64 = 0.3;
 
-/// What could not be told, and why.
-fn notes(identified: &Identified, variation: f64, robot: &Robot) -> Vec<String> {
+/// What cannot be determined, and why.
+fn notes(
+    identified: &Identified,
+    (motion, has_settled): (&Checked, bool),
+    robot: &Robot,
+) -> Vec<String> {
     let mut notes = Vec::new();
     if !identified.timed {
         notes.push(
             "the log has no clock, or one too slow to tell speeds: viscous friction, inertia and delay are not identified"
+                .to_owned(),
+        );
+    }
+    if identified.timed && !has_settled {
+        notes.push(
+            "delay and presliding distances did not settle: faster turns, or a higher rate, tell them apart"
                 .to_owned(),
         );
     }
@@ -331,6 +345,14 @@ fn notes(identified: &Identified, variation: f64, robot: &Robot) -> Vec<String> 
             if still.len() == 1 { "its" } else { "their" }
         ));
     }
+    let silent: Vec<&str> =
+        motion.silent.iter().map(|j| identified.joints[*j].name.as_str()).collect();
+    if !silent.is_empty() {
+        notes.push(format!(
+            "the torque of {} never changes: nothing measures it, and nothing is found of it",
+            silent.join(", ")
+        ));
+    }
     let parameters = robot.inertial_parameters();
     if parameters.iter().all(|parameter| *parameter == 0.0) {
         notes.push(
@@ -341,24 +363,31 @@ fn notes(identified: &Identified, variation: f64, robot: &Robot) -> Vec<String> 
     let payload = &identified.payload;
     if payload.mass_kg.std > 0.5 * payload.mass_kg.value.abs().max(1.0) {
         notes.push(format!(
-            "the payload is not told: its mass has a standard deviation of {:.2} kg; gravity must change at the joints \
+            "the payload cannot be determined: its mass has a standard deviation of {:.2} kg; gravity must change at the joints \
              before it, which vertical axes and poses that are alike do not do",
             payload.mass_kg.std
         ));
     }
+    notes.extend(misfit(&identified.held_out, motion.variation));
+    notes
+}
+
+/// What is wrong if the model does not fit motion that was held out, of torques that vary by so much, N·m.
+fn misfit(held_out: &HeldOut, variation: f64) -> Option<String> {
     let total = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
-    let held_out = &identified.held_out;
     let (urdf, own) = (total(&held_out.urdf), total(&held_out.identified));
     if own > MOST_LEFT_OVER * variation {
-        notes.push(format!(
+        Some(format!(
             "on motion that was held out {own:.2} N·m are left over of torques that vary by {variation:.2} N·m: is it \
-             another robot, are its joints in another order, or the torques in another unit?"
-        ));
+             another robot, are its joints in another order, the angles in degrees (--angle-unit deg), or the torques in \
+             another unit?"
+        ))
     } else if own > 0.9 * urdf.min(total(&held_out.gravity)) {
-        notes.push(format!(
+        Some(format!(
             "on motion that was held out the model leaves {own:.2} N·m over, the URDF alone {urdf:.2} N·m: it is no better; \
              the motion is too short or too much alike, something was touched, or the robot is another one"
-        ));
+        ))
+    } else {
+        None
     }
-    notes
 }

@@ -15,10 +15,10 @@ const MOST_SAMPLES: usize = 6_000;
 const RIDGE: f64 = 3.0;
 
 /// Position, rad, speed, rad/s, and the external torque that is left over, N·m.
-pub(super) type Sample = (f64, f64, f64);
+pub(super) type RippleSample = (f64, f64, f64);
 
 /// The ripple of a joint; empty if it has too few samples.
-pub(super) fn fit(samples: &[Sample]) -> Vec<Ripple> {
+pub(super) fn fit(samples: &[RippleSample]) -> Vec<Ripple> {
     if samples.len() < 20 * RIPPLE_COEFFICIENTS {
         return Vec::new();
     }
@@ -32,15 +32,15 @@ pub(super) fn fit(samples: &[Sample]) -> Vec<Ripple> {
 }
 
 /// What ripple leaves over.
-pub(super) fn left_over(ripple: &[Ripple], (q, speed, torque): Sample) -> f64 {
+pub(super) fn left_over(ripple: &[Ripple], (q, speed, torque): RippleSample) -> f64 {
     // External torque is what is measured plus what the motor needs.
     torque + ripple.iter().map(|ripple| ripple.torque(q, speed)).sum::<f64>()
 }
 
 /// The order that explains most of what the others leave over.
-fn best_order(samples: &[Sample], found: &[Ripple]) -> f64 {
+fn best_order(samples: &[RippleSample], found: &[Ripple]) -> f64 {
     let every = samples.len().div_ceil(MOST_SAMPLES);
-    let left: Vec<Sample> = (samples.iter().step_by(every))
+    let left: Vec<RippleSample> = (samples.iter().step_by(every))
         .map(|sample| (sample.0, sample.1, left_over(found, *sample)))
         .collect();
     let explained = |order: f64| {
@@ -58,7 +58,7 @@ fn best_order(samples: &[Sample], found: &[Ripple]) -> f64 {
     orders.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(0.0, |(_, order)| order)
 }
 
-fn coefficients(samples: &[Sample], orders: &[f64]) -> Vec<Ripple> {
+fn coefficients(samples: &[RippleSample], orders: &[f64]) -> Vec<Ripple> {
     let size = RIPPLE_COEFFICIENTS * orders.len();
     let (mut gram, mut right) = (DMatrix::identity(size, size) * RIDGE, DVector::zeros(size));
     for (q, speed, torque) in samples {
@@ -92,10 +92,10 @@ mod tests {
             let (q, speed) = (0.8 * (0.7 * t).sin(), 0.56 * (0.7 * t).cos());
             (q, speed, -ripple.torque(q, speed))
         };
-        let samples: Vec<Sample> = (0..3_000).map(sample).collect();
+        let samples: Vec<RippleSample> = (0..3_000).map(sample).collect();
         let found = fit(&samples);
         assert_eq!(found[0].order, 240.0);
-        let power = |left: &dyn Fn(Sample) -> f64| {
+        let power = |left: &dyn Fn(RippleSample) -> f64| {
             samples.iter().map(|own| left(*own).powi(2)).sum::<f64>()
         };
         let (before, after) = (power(&|own| own.2), power(&|own| left_over(&found, own)));

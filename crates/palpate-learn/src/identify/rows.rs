@@ -13,9 +13,9 @@
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{
-    BODY_PARAMETERS, FrictionState, LocalPolynomial, Motion, Side, TouchMotion,
+    BODY_PARAMETERS, FrictionState, LocalPolynomial, Motion, TouchMotion, Window,
 };
-use palpate::{Friction, Robot, Sample, TorqueSign};
+use palpate::{JointFriction, Robot, Sample, TorqueSign};
 
 use super::IdentifyError;
 use super::posterior::Posterior;
@@ -29,7 +29,7 @@ const MOST_OFFSETS: usize = 12;
 /// Where friction is less known than this, a row of that joint is left out.
 const MOST_UNKNOWN: f64 = 0.1;
 /// Presliding distances that are tried, rad, and speeds at which breakaway is over, rad/s.
-const PRESLIDING: [f64; 7] = [2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2];
+const PRESLIDING: [f64; 10] = [0.0, 2e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2];
 const STRIBECK: [f64; 5] = [0.01, 0.017, 0.03, 0.05, 0.1];
 /// Presliding distances near the one that was found last, in parts of it.
 const NEAR: [f64; 6] = [0.7, 0.85, 0.95, 1.05, 1.2, 1.4];
@@ -44,7 +44,7 @@ const SLOPE_STEP: f64 = 0.25;
 
 /// What the rows are computed with.
 #[derive(Debug, Clone)]
-pub(super) struct Settings {
+pub(super) struct RegressionSettings {
     pub(super) window_s: f64,
     pub(super) delay_s: f64,
     /// By joint, rad and rad/s.
@@ -101,7 +101,7 @@ pub(super) struct Sum {
 /// How touches become rows.
 struct Reading<'a> {
     robot: &'a Robot,
-    settings: &'a Settings,
+    settings: &'a RegressionSettings,
     sign: TorqueSign,
     timed: bool,
     /// Samples of a row.
@@ -125,7 +125,7 @@ impl Reading<'_> {
         let torques =
             samples.iter().map(|sample| sample.tau.iter().map(|tau| motor * tau).collect());
         let torques: Vec<Vec<f64>> = torques.collect();
-        let change = LocalPolynomial::new(times, &torques, settings.window_s, Side::Around);
+        let change = LocalPolynomial::new(times, &torques, settings.window_s, Window::Centred);
         let longer: Vec<Vec<FrictionState>> = (settings.turning.iter().enumerate())
             .map(|(j, own)| states.friction_of(j, (1.0 + SLOPE_STEP) * own.presliding))
             .collect();
@@ -136,19 +136,19 @@ impl Reading<'_> {
                 |of: &dyn Fn(usize) -> f64| chunk.clone().map(of).sum::<f64>() / chunk.len() as f64;
             let time = mean(&|k| times[k]);
             let time_s = time - settings.delay_s;
-            let motion = states.at(time_s, settings.window_s, Side::Around);
+            let motion = states.at(time_s, settings.window_s, Window::Centred);
             let poses = robot.forward(&motion.q).map_err(palpate::TrackerError::from)?;
             let regressor = robot.regressor(&poses, &motion.speed, &motion.acceleration);
             let torque = (0..n).map(|j| mean(&|k| torques[k][j])).collect();
             let change = if timed { change.at(time).first } else { vec![0.0; n] };
             let part = if last > first { (time - first) / (last - first) - 0.5 } else { 0.0 };
             let fold = fold(self.touches, touch, part);
-            let (before, after, way) = states.between(time_s);
-            let between = |states: &Vec<FrictionState>| {
-                let (from, to) = (states[before].middle(), states[after].middle());
-                from + way * (to - from)
-            };
-            let longer = longer.iter().map(between).collect();
+            let longer =
+                longer.iter().zip(&settings.turning).enumerate().map(|(j, (own, turning))| {
+                    let presliding = (1.0 + SLOPE_STEP) * turning.presliding;
+                    states.friction_at(time_s, j, (own, presliding)).middle()
+                });
+            let longer = longer.collect();
             rows.push(Row { fold, touch, time_s, part, motion, regressor, longer, torque, change });
         }
         Ok(())
@@ -160,11 +160,13 @@ impl Rows {
         robot: &Robot,
         touches: &[&[Sample]],
         sign: TorqueSign,
-        settings: &Settings,
+        settings: &RegressionSettings,
     ) -> Result<Self, IdentifyError> {
         let presliding: Vec<f64> = settings.turning.iter().map(|own| own.presliding).collect();
-        let motions: Vec<TouchMotion> =
-            touches.iter().map(|samples| TouchMotion::of(robot, samples, &presliding)).collect();
+        let motions: Vec<TouchMotion> = touches
+            .iter()
+            .map(|samples| TouchMotion::of(robot, samples, presliding.clone()))
+            .collect();
         let timed = motions.iter().all(|motion| motion.is_timed(settings.window_s));
         let samples: usize = touches.iter().map(|touch| touch.len()).sum();
         let stride = samples.div_ceil(MOST_ROWS);
@@ -221,7 +223,7 @@ impl Rows {
         numbers[at] = -row.change[j];
         if self.timed {
             let factors =
-                Friction::factors(own.friction[j], own.speed[j], self.turning[j].stribeck);
+                JointFriction::factors(own.friction[j], own.speed[j], self.turning[j].stribeck);
             factors.iter().enumerate().for_each(|(k, factor)| numbers[at + 1 + k] = *factor);
             numbers[at + FRICTION] = own.acceleration[j];
         } else {
@@ -245,11 +247,13 @@ impl Rows {
         numbers
     }
 
-    /// The rows that tell something of a joint: those in which its friction is known, if there are any.
+    /// The rows that say something of a joint: those in which its friction is known, if there are any; none if nothing
+    /// measures its torque.
     fn of_joint(&self, j: usize) -> impl Iterator<Item = &Row> {
         let is_known = move |row: &Row| row.motion.unknown[j] <= MOST_UNKNOWN;
         let any = self.rows.iter().any(is_known);
-        self.rows.iter().filter(move |row| !any || is_known(row))
+        let is_measured = self.rows.iter().any(|row| row.torque[j] != self.rows[0].torque[j]);
+        self.rows.iter().filter(move |row| is_measured && (!any || is_known(row)))
     }
 
     fn sum(&self, fold: usize, j: usize) -> Sum {
@@ -346,11 +350,9 @@ impl Rows {
         let states: Vec<_> =
             self.motions.iter().map(|motion| motion.friction_of(j, presliding)).collect();
         let at = |row: &Row| {
-            let (before, after, part) = self.motions[row.touch].between(row.time_s);
-            let (from, to) = (states[row.touch][before], states[row.touch][after]);
-            let mix = |a: f64, b: f64| a + part * (b - a);
-            let is_known = mix(from.unknown(), to.unknown()) <= MOST_UNKNOWN;
-            is_known.then(|| mix(from.middle(), to.middle()))
+            let states = (&states[row.touch][..], presliding);
+            let state = self.motions[row.touch].friction_at(row.time_s, j, states);
+            (state.unknown() <= MOST_UNKNOWN).then(|| state.middle())
         };
         rows.iter().map(|(row, _)| at(row)).collect()
     }
@@ -367,7 +369,7 @@ impl Rows {
         let (mut power, mut rows) = (0.0, 0.0);
         for ((row, over), z) in left.iter().zip(states) {
             let Some(z) = *z else { continue };
-            let factors = Friction::factors(z, row.motion.speed[j], stribeck);
+            let factors = JointFriction::factors(z, row.motion.speed[j], stribeck);
             let own = nalgebra::Vector3::new(factors[0], factors[1], factors[2]);
             gram += own * own.transpose();
             right += own * *over;

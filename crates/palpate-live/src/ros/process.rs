@@ -152,7 +152,7 @@ impl Outgoing {
                 let took = self.to_palpate.start.elapsed().saturating_sub(came.since_start);
                 let _ = self.to_palpate.send(&FromNetwork::Published(took));
                 self.count(publishers.external(&torques));
-                self.count(publishers.std(&torques));
+                self.count(publishers.detection(&torques));
             }
             ToNetwork::Contacts(cloud) => self.count(publishers.contacts(cloud)),
             ToNetwork::Field(cloud) => self.count(publishers.field(cloud)),

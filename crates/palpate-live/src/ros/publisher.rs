@@ -148,10 +148,11 @@ impl Publishers {
     }
 
     /// Publishes how sure that is, and whether something is touched, if it is known; whether there was room.
-    pub(super) fn std(&self, torques: &Torques) -> bool {
-        let Some((std, touched)) = &torques.std else { return true };
-        let std = self.std.publish(self.joint_state(torques, std.clone())).is_ok();
-        self.touched.publish(Bool { data: *touched }).is_ok() && std
+    pub(super) fn detection(&self, torques: &Torques) -> bool {
+        let Some(detection) = &torques.detection else { return true };
+        let std = self.joint_state(torques, detection.std_n_m.clone());
+        let std = self.std.publish(std).is_ok();
+        self.touched.publish(Bool { data: detection.touched }).is_ok() && std
     }
 
     fn joint_state(&self, torques: &Torques, effort: Vec<f64>) -> JointState {

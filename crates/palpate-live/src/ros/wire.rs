@@ -13,6 +13,7 @@ use super::network::NetworkConfig;
 use super::publisher::FlagTopics;
 use super::topic::TopicSeen;
 use crate::message::{DiagnosticArray, Header, JointState, PointCloud2, TriggerResponse};
+use crate::session::Detection;
 
 /// Bytes of the largest frame: a cloud of half a million points.
 const LARGEST: usize = 16 << 20;
@@ -78,8 +79,8 @@ pub(crate) struct Torques {
     pub(crate) external_n_m: Vec<f64>,
     /// τ̂, n_joints, N·m.
     pub(crate) predicted_n_m: Vec<f64>,
-    /// Standard deviation of τ_ext, n_joints, N·m, and whether something is touched, of an arm that was identified.
-    pub(crate) std: Option<(Vec<f64>, bool)>,
+    /// How sure τ_ext is, and whether that is a contact, of an arm that was identified.
+    pub(crate) detection: Option<Detection>,
 }
 
 /// A request that waits for an answer.

@@ -326,7 +326,7 @@ class IdentifiedPayload(TypedDict):
     mass_kg: Uncertain
     com_m: list[Uncertain]
     inertia_kg_m2: list[list[float]]
-    is_told: bool
+    is_significant: bool
     """Whether the mass is more than twice its standard deviation."""
 
 
@@ -352,7 +352,7 @@ class IdentifiedBody(TypedDict):
 
     link: str
     parameters: list[Uncertain]
-    told: list[float]
+    variance_reduction: list[float]
 
 
 class HeldOutTorque(TypedDict):
@@ -372,7 +372,7 @@ class Identified(TypedDict):
     joints: list[IdentifiedJoint]
     bodies: list[IdentifiedBody]
     base_parameters: int
-    base_parameters_told: int
+    base_parameters_identified: int
     delay_s: Uncertain
     held_out: HeldOutTorque
     notes: list[str]

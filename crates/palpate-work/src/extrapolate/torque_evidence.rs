@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use palpate::unstable::LoggedTouch;
-use palpate::{Arm, MapperConfig, Sample, Snapshot};
+use palpate::{Arm, MapperConfig, Snapshot};
 use palpate_io::field::Saved;
 use palpate_learn::tracked::{Touch, Tracked};
 
@@ -60,17 +60,9 @@ pub(super) fn recalled(
 }
 
 fn of(logged: &LoggedTouch, n_joints: usize) -> Touch {
-    let samples = logged.q.chunks(n_joints).zip(logged.tau.chunks(n_joints));
-    let stds = logged.tau_std.chunks(n_joints).map(|std| Some(std.to_vec()));
-    let stds = stds.chain(std::iter::repeat(None));
-    let sample = |q: &[f64], tau: &[f64], tau_std| {
-        let mut sample = Sample::new(None, q.to_vec(), tau.to_vec());
-        sample.tau_std = tau_std;
-        sample
-    };
     Touch {
         name: format!("touch {}", logged.touch),
-        samples: samples.zip(stds).map(|((q, tau), tau_std)| sample(q, tau, tau_std)).collect(),
+        samples: logged.samples(n_joints).collect(),
         truth: None,
     }
 }

@@ -107,7 +107,8 @@ impl<'a> Inspector<'a> {
     }
 
     fn log(&mut self, path: &Path) -> Result<(Option<log::LogFacts>, Vec<Finding>), WorkError> {
-        let settings = self.settings;
+        // Torques are looked at as they were measured.
+        let settings = &self.settings.clone().without_arm();
         let config = match self.field {
             Some(field) => resume::config(field, settings)?,
             None => settings.config()?,

@@ -46,6 +46,13 @@ impl Settings {
         Ok(())
     }
 
+    /// The same for torques as they are measured.
+    #[must_use]
+    pub fn without_arm(mut self) -> Self {
+        self.robot.arm = None;
+        self
+    }
+
     /// The configuration of a new field.
     pub fn config(&self) -> Result<MapperConfig, SettingsError> {
         let base = MapperConfig::of(self.estimator.estimator.unwrap_or_default());
@@ -66,6 +73,40 @@ impl Settings {
         Ok(self.with_lattice(lattice, saved))
     }
 
+    /// How the torques that are learnt from count: as the logs say, over a base; of an identified arm they are made
+    /// external ones before.
+    fn external_torque(&self, base: &ExternalTorqueConfig) -> ExternalTorqueConfig {
+        let is_identified = self.robot.arm.is_some();
+        let mut config = self.touch.over_config(base);
+        if is_identified {
+            (config.torque_sign, config.gravity) = (TorqueSign::Plus, Gravity::Removed);
+        }
+        config.identified = is_identified;
+        config
+    }
+
+    /// How the torques of logs count that a field is asked about.
+    ///
+    /// # Errors
+    ///
+    /// If nobody says it: the field was learnt from external torques of an identified arm, and the logs are not read
+    /// with one.
+    pub fn torque_beside_field(
+        &self,
+        field: &ExternalTorqueConfig,
+    ) -> Result<ExternalTorqueConfig, SettingsError> {
+        let says_all =
+            self.touch.torque_sign_given().is_some() && self.touch.gravity_given().is_some();
+        if field.identified && self.robot.arm.is_none() && !says_all {
+            return Err(SettingsError::Together(
+                "the field was learnt with an identified arm, so it does not say how the torques of these logs count; \
+                 give that arm (--arm), or both --torque-sign and --gravity"
+                    .to_owned(),
+            ));
+        }
+        Ok(self.external_torque(field))
+    }
+
     fn with_lattice(&self, lattice: Lattice, base: &MapperConfig) -> MapperConfig {
         let mut config = base.clone();
         config.lattice = lattice;
@@ -73,7 +114,7 @@ impl Settings {
             (config.method, config.estimator) = (method, EstimatorConfig::of(method));
         }
         self.contact.set(&mut config.contact);
-        config.touch = self.touch.over_config(&base.touch);
+        config.touch = self.external_torque(&base.touch);
         self.estimator.set(&mut config.estimator);
         if let Some(mib) = self.estimator.memory_mib {
             config.estimator.memory.bytes = mib.saturating_mul(1 << 20);

@@ -4,31 +4,30 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use palpate::{
-    Arm, ExternalTorqueConfig, Gravity, Sample, TorqueModel, TorqueSign, external_torques,
-};
+use palpate::{Arm, Differentiation, ExternalTorqueConfig, Sample, TorqueModel, external_torques};
+use palpate_io::input;
 use palpate_io::log::LogEvent;
 
-use super::{IfUndecided, TouchEvent, Touches};
+use super::{IfUndecided, TouchEvent, Touches, bytes_of};
 use crate::arm_file;
 use crate::error::WorkError;
 use crate::progress::Progress;
-use crate::settings::OrAuto;
-use crate::settings::sections::{RobotSettings, TouchSettings};
+use crate::settings::Settings;
+use crate::settings::sections::TouchSettings;
 
-/// An arm that was identified, and how its torques are logged.
-pub(super) struct Identified {
+/// Makes the torques of an identified arm external ones.
+pub(super) struct ExternalReader {
     arm: Arc<Arm>,
     model: TorqueModel,
-    causal: bool,
+    differentiation: Differentiation,
     torques: ExternalTorqueConfig,
     /// Events of the touch under way.
     ready: VecDeque<TouchEvent>,
 }
 
 impl Touches {
-    /// Takes from the logs how their torques count, and, if the settings name an identified arm, makes them external
-    /// ones; the settings say so then.
+    /// Takes from the logs how their torques count, into the settings, and, if those name an identified arm, makes them
+    /// external ones.
     ///
     /// # Errors
     ///
@@ -36,34 +35,29 @@ impl Touches {
     pub fn external(
         &mut self,
         arm: &Arc<Arm>,
-        (robot, touch): (&RobotSettings, &mut TouchSettings),
+        settings: &mut Settings,
         if_undecided: IfUndecided,
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
-        let Some(path) = &robot.arm else {
-            return self.conventions(arm, touch, if_undecided, progress);
+        let Some(model) = arm_file::of(&settings.robot, &arm.robot)? else {
+            return self.conventions(arm, &mut settings.touch, if_undecided, progress);
         };
-        let model = arm_file::read(path, &arm.robot)?;
-        self.conventions(arm, touch, IfUndecided::Refuse, progress)?;
-        self.identified(arm, model, false, touch);
+        self.conventions(arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
+        self.identified(arm, model, Differentiation::Centred, &settings.touch);
         Ok(())
     }
 
-    /// Makes the torques external ones, as far as a model knows the arm; the settings say so then. Speeds are computed
-    /// out of what lies around each sample, or, with `causal`, before it.
+    /// Makes the torques external ones, as far as a model knows the arm; `touch` says how they are logged.
     pub fn identified(
         &mut self,
         arm: &Arc<Arm>,
         model: TorqueModel,
-        causal: bool,
-        touch: &mut TouchSettings,
+        differentiation: Differentiation,
+        touch: &TouchSettings,
     ) {
         let torques = touch.over_config(&ExternalTorqueConfig::default());
-        let model = if causal { model.causal() } else { model };
         let (arm, ready) = (Arc::clone(arm), VecDeque::new());
-        self.identified = Some(Identified { arm, model, causal, torques, ready });
-        touch.torque_sign = Some(OrAuto::Is(TorqueSign::Plus));
-        touch.gravity = Some(OrAuto::Is(Gravity::Removed));
+        self.identified = Some(ExternalReader { arm, model, differentiation, torques, ready });
     }
 
     /// What the logs say next, with external torques if the arm was identified.
@@ -73,13 +67,24 @@ impl Touches {
             return Ok(Some(event));
         }
         let event = self.read_on()?;
-        let mut samples: Vec<Sample> = Vec::new();
+        let (mut samples, mut bytes): (Vec<Sample>, usize) = (Vec::new(), 0);
         while matches!(self.logs.look_ahead(1).next(), Some(LogEvent::Sample(_))) {
             if let Some(TouchEvent::Sample(sample)) = self.read_on()? {
+                // With the standard deviations that it will have.
+                bytes += bytes_of(&sample) + 8 * sample.q.len();
+                if bytes as u64 > input::largest() {
+                    let (log, (touch, _)) = (self.log().display(), &self.read);
+                    let too_large = input::too_large();
+                    return Err(format!(
+                        "`{log}`: touch `{touch}`: a touch of an identified arm wants {too_large}"
+                    )
+                    .into());
+                }
                 samples.push(sample);
             }
         }
-        let Some(Identified { arm, model, causal, torques, .. }) = &self.identified else {
+        let Some(ExternalReader { arm, model, differentiation, torques, .. }) = &self.identified
+        else {
             unreachable!("it was there above")
         };
         for (number, sample) in samples.iter().enumerate() {
@@ -90,8 +95,10 @@ impl Touches {
                 return Err(WorkError::touch(self.log(), place, fault));
             }
         }
-        let found = external_torques(&arm.robot, model, torques, &samples, *causal)
-            .map_err(|error| WorkError::touch(self.log(), self.place(), error))?;
+        let found = external_torques(&arm.robot, model, torques, &samples, *differentiation)
+            .map_err(|error| {
+                WorkError::touch(self.log(), format!("touch `{}`", self.read.0), error)
+            })?;
         let events = samples.into_iter().zip(found).map(|(mut sample, found)| {
             sample.tau = found.torque.as_slice().to_vec();
             sample.tau_std = Some(found.std.as_slice().to_vec());

@@ -4,11 +4,11 @@
 //! |--------|------------------------------------------------------------------------|
 //! | `logs` | the logs' events, which can be read ahead                              |
 //! | `identified` | external torques of an arm that was identified                  |
-//! | `told` | what the logs tell before they are used: joints that are not in them, and how their torques count |
+//! | `conventions_of_logs` | what the logs tell before they are used: joints that are not in them, and how their torques count |
 
+mod conventions_of_logs;
 mod identified;
 mod logs;
-mod told;
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -26,11 +26,11 @@ use crate::pauses::Pauses;
 use crate::progress::Progress;
 use crate::recorded::{MemoryLog, reorder_joints};
 use crate::settings::sections::LogSettings;
-use identified::Identified;
+use identified::ExternalReader;
 use logs::Logs;
 
 pub use crate::recorded::{RecordedTouch, TouchEvent};
-pub use told::IfUndecided;
+pub use conventions_of_logs::IfUndecided;
 
 /// Logs that are read as one.
 #[derive(Default)]
@@ -50,7 +50,7 @@ pub struct Touches {
     touch: Option<String>,
     sample: u64,
     /// Makes torques external ones, if the arm was identified.
-    identified: Option<Identified>,
+    identified: Option<ExternalReader>,
     /// The unit that angles were said to be in, and whether what looks wrong is an error.
     checked: (AngleUnit, bool),
 }
@@ -214,8 +214,7 @@ impl Touches {
             while matches!(self.peek()?, Some(TouchEvent::Sample(_)))
                 && let Some(TouchEvent::Sample(sample)) = self.advance()?
             {
-                // Both vectors are allocations of their own.
-                bytes += size_of::<Sample>() + 8 * (sample.q.len() + sample.tau.len()) + 32;
+                bytes += bytes_of(&sample);
                 if bytes as u64 > input::largest() {
                     let (log, place) = (self.log().display(), self.place());
                     let too_large = input::too_large();
@@ -285,6 +284,12 @@ impl Touches {
             ));
         }
     }
+}
+
+/// Bytes of a sample in memory: its vectors are allocations of their own.
+fn bytes_of(sample: &Sample) -> usize {
+    let std = sample.tau_std.as_ref().map_or(0, |std| std.len() + 2);
+    size_of::<Sample>() + 8 * (sample.q.len() + sample.tau.len() + std) + 32
 }
 
 /// Whether a log says that its torques are external ones.

@@ -13,7 +13,7 @@ use std::sync::Arc;
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
-pub use self::sample_log::LoggedTouch;
+pub use self::sample_log::{LoggedTouch, NO_STD};
 pub use self::snapshot::Snapshot;
 
 use self::sample_log::SampleLog;
@@ -33,7 +33,7 @@ use crate::replay::{ReplayPolicy, Replays};
 use crate::robot::RobotError;
 use crate::setting::SettingError;
 use crate::torque::ObservationBuilder;
-use crate::tracker::{Sample, TrackedSample, Tracker, TrackerError};
+use crate::tracker::{Sample, TrackedSample, Tracker, TrackerError, torque_weights};
 
 /// Everything that decides what is learnt from a log.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -234,12 +234,18 @@ impl Mapper {
         let (poses, contacts) = (&tracked.poses, &tracked.contacts);
         let observation = self.observations.build(robot, poses, contacts, external);
         let points_m = self.observations.rows().points_m();
-        let Some(weights) = tracked.weights() else {
+        let Some(weights) = self.weights(tracked) else {
             return self.replays.estimator().correct(points_m, observation, frame);
         };
         let weighted = observation.weighted(&weights);
         let predicted = self.replays.estimator().correct(points_m, weighted, frame)?;
         Ok(predicted.component_div(&DVector::from_vec(weights)))
+    }
+
+    /// How much the torque of each joint counts, if the sample says how uncertain it is.
+    fn weights(&self, tracked: &TrackedSample) -> Option<Vec<f64>> {
+        let tau_std = tracked.tau_std.as_ref()?;
+        Some(torque_weights(tau_std, &self.config.estimator.torque_std))
     }
 
     /// Lets the belief age by a step in which nothing is touched; the prediction is zero.

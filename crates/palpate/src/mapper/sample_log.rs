@@ -24,8 +24,23 @@ pub struct LoggedTouch {
     pub q: Vec<f64>,
     /// Logged torques, samples × n_joints.
     pub tau: Vec<f64>,
-    /// Their standard deviations, as many, where a sample has them, else 0; empty if none has.
+    /// Their standard deviations, as many; −1 where a sample has none, and empty if none of them has.
     pub tau_std: Vec<f64>,
+}
+
+/// What stands for the standard deviation of a sample that has none.
+pub const NO_STD: f64 = -1.0;
+
+impl LoggedTouch {
+    /// Its samples, of so many joints, without times.
+    pub fn samples(&self, n_joints: usize) -> impl Iterator<Item = Sample> {
+        let stds =
+            self.tau_std.chunks(n_joints).map(|std| (std[0] != NO_STD).then(|| std.to_vec()));
+        let stds = stds.chain(std::iter::repeat(None));
+        self.q.chunks(n_joints).zip(self.tau.chunks(n_joints)).zip(stds).map(
+            |((q, tau), tau_std)| Sample { tau_std, ..Sample::new(None, q.to_vec(), tau.to_vec()) },
+        )
+    }
 }
 
 /// The logged touches, the one under way last.
@@ -75,12 +90,12 @@ impl SampleLog {
         if !touch.lost {
             touch.q.extend_from_slice(&sample.q);
             if let Some(std) = &sample.tau_std {
-                touch.tau_std.resize(touch.tau.len(), 0.0);
+                touch.tau_std.resize(touch.tau.len(), NO_STD);
                 touch.tau_std.extend_from_slice(std);
             }
             touch.tau.extend_from_slice(&sample.tau);
             if !touch.tau_std.is_empty() {
-                touch.tau_std.resize(touch.tau.len(), 0.0);
+                touch.tau_std.resize(touch.tau.len(), NO_STD);
             }
         }
         self.samples += 1;

@@ -9,7 +9,6 @@ use crate::arm::Arm;
 use crate::estimator::{EstimatorState, FrameId};
 use crate::lattice::{CellId, CellRows};
 use crate::torque::{Observation, ObservationBuilder};
-use crate::tracker::Sample;
 
 /// A mapper in numbers: enough to continue it, given the robot.
 #[derive(Debug, Clone)]
@@ -118,7 +117,8 @@ impl Mapper {
         let ids = state.remembered.iter().enumerate().map(|(index, frame)| (frame.id, index));
         let index_of: HashMap<FrameId, usize> = ids.collect();
         let mut learnt = false;
-        for LoggedTouch { touch, open, q, tau, tau_std, .. } in sample_log {
+        for logged in sample_log {
+            let LoggedTouch { touch, open, q, tau, tau_std, .. } = logged;
             let stds = tau_std.len();
             if q.len() != tau.len() || q.len() % n_joints != 0 || (stds != 0 && stds != q.len()) {
                 return Err(inconsistent(format!(
@@ -126,9 +126,7 @@ impl Mapper {
                 )));
             }
             self.tracker.begin_touch();
-            for (number, (q, tau)) in q.chunks(n_joints).zip(tau.chunks(n_joints)).enumerate() {
-                let std = tau_std.chunks(n_joints).nth(number).map(<[f64]>::to_vec);
-                let sample = Sample { tau_std: std, ..Sample::new(None, q.to_vec(), tau.to_vec()) };
+            for (number, sample) in logged.samples(n_joints).enumerate() {
                 let tracked = self.tracker.feed(&sample)?;
                 learnt = *open && tracked.external.is_some() && !tracked.contacts.is_empty();
                 let frame = FrameId { touch: *touch, sample: number as u32 };
@@ -136,7 +134,7 @@ impl Mapper {
                     let robot = &self.tracker.arm().robot;
                     let (poses, contacts) = (&tracked.poses, &tracked.contacts);
                     let observation = self.observations.build(robot, poses, contacts, external);
-                    found[index] = Some(match tracked.weights() {
+                    found[index] = Some(match self.weights(&tracked) {
                         Some(weights) => observation.weighted(&weights),
                         None => observation,
                     });

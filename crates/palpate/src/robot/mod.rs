@@ -305,22 +305,31 @@ impl Robot {
         Ok(self)
     }
 
-    /// The same robot with a joint of another name: what a log calls it.
+    /// The same robot with joints of other names, all at once: `(joint, name)`, what logs call it last.
     ///
     /// # Errors
     ///
-    /// An unknown joint, or a name that another joint has.
-    pub fn renaming(mut self, joint: &str, name: &str) -> Result<Robot, RobotError> {
-        if self.joints.iter().any(|own| own.name == name && own.name != joint) {
-            return Err(RobotError::Duplicate { thing: format!("joint `{name}`") });
+    /// An unknown joint, or a name that two joints would have.
+    pub fn renaming(mut self, names: &[(&str, &str)]) -> Result<Robot, RobotError> {
+        for (joint, name) in names {
+            if !self.joints.iter().any(|own| own.name == *joint) {
+                return Err(RobotError::Undeclared {
+                    user: format!("the name `{name}`"),
+                    wanted: format!("joint `{joint}`"),
+                });
+            }
         }
-        let found = self.joints.iter_mut().find(|own| own.name == joint);
-        let found = found.ok_or_else(|| RobotError::Undeclared {
-            user: format!("the name `{name}`"),
-            wanted: format!("joint `{joint}`"),
-        })?;
-        name.clone_into(&mut found.name);
-        Ok(self)
+        for own in &mut self.joints {
+            if let Some((_, name)) = names.iter().find(|(joint, _)| own.name == *joint) {
+                (*name).clone_into(&mut own.name);
+            }
+        }
+        let names: Vec<&str> = self.joint_names().collect();
+        let twice = names.iter().enumerate().find(|(at, name)| names[..*at].contains(name));
+        match twice {
+            Some((_, name)) => Err(RobotError::Duplicate { thing: format!("joint `{name}`") }),
+            None => Ok(self),
+        }
     }
 
     /// Whether a joint carries a link: the link, or one that it hangs from, is the joint's.

@@ -31,17 +31,17 @@ impl Alarm {
     pub fn of(touches: &[Vec<(f64, f64)>]) -> Option<Self> {
         let mut largest: Vec<f64> = Vec::new();
         for touch in touches {
-            let Some((start, _)) = touch.first() else { continue };
-            let second = |time: f64| (time - start).max(0.0) as usize;
-            let seconds = touch.last().map_or(0, |(time, _)| second(*time));
-            let offset = largest.len();
-            largest.resize(offset + seconds, 0.0);
+            // Second by second, as far as there are samples; the last one may not be whole.
+            let mut seconds: Vec<(f64, f64)> = Vec::new();
             for (time, statistic) in touch {
-                if second(*time) < seconds {
-                    let own = &mut largest[offset + second(*time)];
-                    *own = own.max(*statistic);
+                let second = (time - touch[0].0).floor();
+                match seconds.last_mut() {
+                    Some((last, own)) if *last == second => *own = own.max(*statistic),
+                    _ => seconds.push((second, *statistic)),
                 }
             }
+            seconds.pop();
+            largest.extend(seconds.iter().map(|(_, statistic)| statistic));
         }
         if largest.len() < LEAST_SECONDS {
             return None;
@@ -56,6 +56,11 @@ impl Alarm {
         Some(Self { level, excess: excess.max(1e-6), seconds: largest.len() as f64 })
     }
 
+    /// Whether its numbers can be.
+    pub(super) fn is_sound(&self) -> bool {
+        [self.level, self.excess, self.seconds].iter().all(|own| *own >= 0.0 && own.is_finite())
+    }
+
     /// The threshold that contact-free motion passes so many times an hour, standard deviations.
     pub fn threshold(&self, false_alarms_per_hour: f64) -> f64 {
         // A second passes the level with a chance of TAIL, and a threshold with that times the exponential.
@@ -63,27 +68,11 @@ impl Alarm {
     }
 }
 
-/// Tells contacts from external torques, sample by sample.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Detector {
-    threshold: f64,
-}
-
-impl Detector {
-    /// With a threshold, standard deviations.
-    pub fn new(threshold: f64) -> Self {
-        Self { threshold }
-    }
-
-    /// The statistic: the largest of |torque| over its standard deviation.
-    pub fn statistic(external: &ExternalTorque) -> f64 {
-        let joints = external.torque.iter().zip(&external.std);
+impl ExternalTorque {
+    /// The largest |torque| over its standard deviation, of all joints.
+    pub fn statistic(&self) -> f64 {
+        let joints = self.torque.iter().zip(&self.std);
         joints.map(|(torque, std)| (torque / std).abs()).fold(0.0, f64::max)
-    }
-
-    /// Whether something is touched.
-    pub fn is_touched(self, external: &ExternalTorque) -> bool {
-        Self::statistic(external) > self.threshold
     }
 }
 
@@ -109,5 +98,7 @@ mod tests {
     #[test]
     fn short_motions_tell_no_tail() {
         assert_eq!(Alarm::of(&[vec![(0.0, 1.0), (3.0, 2.0)]]), None);
+        // A gap is no time in which nothing was touched.
+        assert_eq!(Alarm::of(&[vec![(0.0, 1.0), (1e9, 2.0), (1e9 + 0.5, 2.0)]]), None);
     }
 }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::{FrictionState, LocalPolynomial, Side, TorqueModel};
+use super::{Differentiation, FrictionState, LocalPolynomial, TorqueModel, Window};
 use crate::arm::Arm;
 use crate::external_torque::{ExternalTorqueConfig, Gravity, TorqueSign};
 use crate::robot::Robot;
@@ -23,7 +23,7 @@ pub struct ExternalTorque {
     pub std: DVector<f64>,
 }
 
-/// How a joint moves at a time, with the state of its friction.
+/// How the joints move at a time, with the states of their friction.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Motion {
     /// Positions, n_joints, rad or m.
@@ -44,42 +44,64 @@ pub struct TouchMotion {
     times_s: Vec<f64>,
     positions: Vec<Vec<f64>>,
     friction: Vec<Vec<FrictionState>>,
+    /// The presliding distance of each joint, rad.
+    presliding: Vec<f64>,
     /// Samples without a time.
     untimed: bool,
 }
 
 impl TouchMotion {
-    /// The motion of a touch, with friction that turns over these presliding distances (n_joints, rad).
-    pub fn of(robot: &Robot, samples: &[Sample], presliding: &[f64]) -> Self {
-        let mut motion = Self::default();
-        samples.iter().for_each(|sample| motion.push(robot, sample, presliding));
+    /// No motion yet, of joints whose friction turns over these presliding distances (n_joints, rad).
+    pub fn new(presliding: Vec<f64>) -> Self {
+        Self { presliding, ..Self::default() }
+    }
+
+    /// The motion of a touch, as [`Self::new`].
+    pub fn of(robot: &Robot, samples: &[Sample], presliding: Vec<f64>) -> Self {
+        let mut motion = Self::new(presliding);
+        samples.iter().for_each(|sample| motion.push(robot, sample));
         motion
     }
 
-    /// Adds a sample.
-    pub fn push(&mut self, robot: &Robot, sample: &Sample, presliding: &[f64]) {
+    /// Adds a sample. A clock that goes back is none: samples are then counted in place of their times.
+    pub fn push(&mut self, robot: &Robot, sample: &Sample) {
         let n = sample.q.len();
         let (q, friction) = match (self.positions.last(), self.friction.last()) {
             (Some(last), Some(states)) => {
                 let way = robot.difference(last, &sample.q);
+                let q: Vec<f64> = last.iter().zip(way).map(|(last, way)| last + way).collect();
+                let before =
+                    self.positions.len().checked_sub(2).map_or(last, |k| &self.positions[k]);
                 let mut states = states.clone();
-                for (state, (way, presliding)) in states.iter_mut().zip(way.iter().zip(presliding))
-                {
-                    state.advance(*way, *presliding);
+                for (j, state) in states.iter_mut().enumerate() {
+                    state.follow([before[j], last[j], q[j]], 1.0, self.presliding[j]);
                 }
-                (last.iter().zip(way).map(|(last, way)| last + way).collect(), states)
+                (q, states)
             }
             _ => (sample.q.clone(), vec![FrictionState::default(); n]),
         };
-        self.untimed |= sample.time_s.is_none();
-        self.times_s.push(sample.time_s.unwrap_or(self.times_s.len() as f64));
+        let last_s = self.times_s.last().copied();
+        if !self.untimed
+            && sample.time_s.is_none_or(|now_s| last_s.is_some_and(|last_s| now_s < last_s))
+        {
+            self.untimed = true;
+            self.times_s
+                .iter_mut()
+                .enumerate()
+                .for_each(|(number, time_s)| *time_s = number as f64);
+        }
+        let counted = self.times_s.last().map_or(0.0, |last| last + 1.0);
+        self.times_s.push(sample.time_s.filter(|_| !self.untimed).unwrap_or(counted));
         self.positions.push(q);
         self.friction.push(friction);
     }
 
-    /// Forgets samples before a time, s.
+    /// Forgets samples before a time, s, but for the last two; without a clock, all but the last three.
     pub fn forget_before(&mut self, time_s: f64) {
-        let old = self.times_s.partition_point(|time| *time < time_s);
+        let n = self.times_s.len();
+        let old =
+            if self.untimed { n } else { self.times_s.partition_point(|time| *time < time_s) };
+        let old = old.min(n.saturating_sub(3));
         self.times_s.drain(..old);
         self.positions.drain(..old);
         self.friction.drain(..old);
@@ -100,13 +122,43 @@ impl TouchMotion {
     /// States of the friction of a joint at the samples, with another presliding distance, rad.
     pub fn friction_of(&self, joint: usize, presliding: f64) -> Vec<FrictionState> {
         let mut state = FrictionState::default();
-        let mut last = self.positions.first().map_or(0.0, |q| q[joint]);
-        let each = self.positions.iter().map(|q| {
-            state.advance(q[joint] - last, presliding);
-            last = q[joint];
+        let at = |k: usize| self.positions[k][joint];
+        let each = (0..self.positions.len()).map(|k| {
+            if k > 0 {
+                state.follow([at(k.saturating_sub(2)), at(k - 1), at(k)], 1.0, presliding);
+            }
             state
         });
         each.collect()
+    }
+
+    /// State of the friction of a joint at a time, s, out of [`Self::friction_of`] it.
+    ///
+    /// # Panics
+    ///
+    /// If there are no samples.
+    pub fn friction_at(
+        &self,
+        time_s: f64,
+        joint: usize,
+        (states, presliding): (&[FrictionState], f64),
+    ) -> FrictionState {
+        let place = self.between(time_s);
+        self.moved(place, joint, (states[place.0], presliding))
+    }
+
+    /// A state of friction at a sample, moved on with a joint for a part of the way to the next.
+    fn moved(
+        &self,
+        (before, after, part): (usize, usize, f64),
+        joint: usize,
+        (mut state, presliding): (FrictionState, f64),
+    ) -> FrictionState {
+        if after > before {
+            let at = |k: usize| self.positions[k][joint];
+            state.follow([at(before.saturating_sub(1)), at(before), at(after)], part, presliding);
+        }
+        state
     }
 
     /// The samples before and after a time, s, and how far it is from the first to the second, 0 to 1.
@@ -127,19 +179,23 @@ impl TouchMotion {
     /// # Panics
     ///
     /// If there are no samples.
-    pub fn at(&self, time_s: f64, half_s: f64, side: Side) -> Motion {
+    pub fn at(&self, time_s: f64, half_s: f64, window: Window) -> Motion {
         let (before, after, part) = self.between(time_s);
         let mix = |a: f64, b: f64| a + part * (b - a);
-        let states = self.friction[before].iter().zip(&self.friction[after]);
-        let friction = states.clone().map(|(a, b)| mix(a.middle(), b.middle())).collect();
-        let unknown = states.map(|(a, b)| mix(a.unknown(), b.unknown())).collect();
+        let states: Vec<FrictionState> = (self.presliding.iter().enumerate())
+            .map(|(j, presliding)| {
+                self.moved((before, after, part), j, (self.friction[before][j], *presliding))
+            })
+            .collect();
+        let friction = states.iter().map(|state| state.middle()).collect();
+        let unknown = states.iter().map(|state| state.unknown()).collect();
         if !self.is_timed(half_s) {
             let ends = self.positions[before].iter().zip(&self.positions[after]);
             let q: Vec<f64> = ends.map(|(a, b)| mix(*a, *b)).collect();
             let rest = vec![0.0; q.len()];
             return Motion { q, speed: rest.clone(), acceleration: rest, friction, unknown };
         }
-        let fit = LocalPolynomial::new(&self.times_s, &self.positions, half_s, side).at(time_s);
+        let fit = LocalPolynomial::new(&self.times_s, &self.positions, half_s, window).at(time_s);
         Motion { q: fit.value, speed: fit.first, acceleration: fit.second, friction, unknown }
     }
 }
@@ -158,9 +214,9 @@ pub struct Explained {
 pub struct NoiseFactors {
     /// Position, rad.
     pub q: f64,
-    /// How far friction is between two directions, 0 to 1.
-    pub between: f64,
-    /// What is not known of its state, 0 to 1.
+    /// How far friction is from that of a direction, 0 (sliding) to 1.
+    pub turning: f64,
+    /// Half of the distance between the bounds of its state, 0 to 1.
     pub unknown: f64,
     /// Speed, rad/s.
     pub speed: f64,
@@ -168,36 +224,32 @@ pub struct NoiseFactors {
     pub inertia: f64,
 }
 
-/// External torques of the samples of a touch, as far as a model knows the arm; with `causal`, out of what came before
-/// each sample alone, for which the model is to be [`TorqueModel::causal`].
+/// External torques of the samples of a touch, as far as a model knows the arm.
 ///
 /// The tare is not taken off: the model has the bias, as far as it was the same when the arm was identified.
 ///
 /// # Errors
 ///
-/// If a sample does not fit the robot, or holds a torque that is no number of N·m.
-///
-/// # Panics
-///
-/// If the model was not checked for this robot ([`TorqueModel::check`]).
+/// If a sample does not fit the robot, or holds a torque that is no number of N·m; or if the model is of another arm.
 pub fn external_torques(
     robot: &Robot,
     model: &TorqueModel,
     config: &ExternalTorqueConfig,
     samples: &[Sample],
-    causal: bool,
+    differentiation: Differentiation,
 ) -> Result<Vec<ExternalTorque>, TrackerError> {
+    let model = model.clone().for_differentiation(differentiation);
     for sample in samples {
         let poses = robot.forward(&sample.q)?;
         config.untared(robot, &poses, &sample.tau)?;
     }
-    let explained = explain(robot, model, config, (samples, &|_| true), causal)?;
-    Ok(explained.iter().map(|(_, explained)| explained.with_std(model)).collect())
+    let explained = explain(robot, &model, config, (samples, &|_| true), differentiation)?;
+    Ok(explained.iter().map(|(_, explained)| explained.with_std(&model)).collect())
 }
 
-/// What a model makes of some samples of a touch, by number, and how uncertain that is.
+/// What a model, as it holds for a way of differentiation, makes of some samples of a touch, by number.
 ///
-/// # Errors and panics
+/// # Errors
 ///
 /// As [`external_torques`].
 pub fn explain(
@@ -205,16 +257,19 @@ pub fn explain(
     model: &TorqueModel,
     config: &ExternalTorqueConfig,
     (samples, which): (&[Sample], &dyn Fn(usize) -> bool),
-    causal: bool,
+    differentiation: Differentiation,
 ) -> Result<Vec<(usize, Explained)>, TrackerError> {
     let presliding: Vec<f64> = model.joints.iter().map(|joint| joint.friction.presliding).collect();
-    let motion = TouchMotion::of(robot, samples, &presliding);
-    let parameters = model.check(robot).expect("models are checked before");
+    let parameters = model.check(robot).map_err(TrackerError::TorqueModel)?;
+    let motion = TouchMotion::of(robot, samples, presliding);
     let times = motion.times_s().iter().enumerate().filter(|(number, _)| which(*number));
     times
         .map(|(number, now_s)| {
-            let side = if causal { Side::UpTo { now_s: *now_s } } else { Side::Around };
-            let now = motion.at(now_s - model.delay_s, model.window_s, side);
+            let window = match differentiation {
+                Differentiation::Centred => Window::Centred,
+                Differentiation::Causal => Window::Causal { now_s: *now_s },
+            };
+            let now = motion.at(now_s - model.delay_s, model.window_s, window);
             let tau = &samples[number].tau;
             Ok((number, model.explain(robot, &parameters, config, &now, tau)?))
         })
@@ -255,7 +310,7 @@ impl TorqueModel {
             };
             factors.push(NoiseFactors {
                 q,
-                between: unknown.max(1.0 - z.abs()),
+                turning: unknown.max(1.0 - z.abs()),
                 unknown,
                 speed,
                 inertia,
@@ -269,10 +324,10 @@ impl Explained {
     /// With the standard deviation that the model says.
     pub fn with_std(&self, model: &TorqueModel) -> ExternalTorque {
         let std = self.factors.iter().zip(&model.joints).map(|(factors, joint)| {
-            let &NoiseFactors { between, unknown, speed, inertia, .. } = factors;
+            let &NoiseFactors { turning, unknown, speed, inertia, .. } = factors;
             // A state that can be anything between two bounds is uniform between them.
             let friction = joint.friction.coulomb * unknown / 3_f64.sqrt();
-            joint.noise.std(between, speed, inertia).hypot(friction)
+            joint.noise.std(turning, speed, inertia).hypot(friction)
         });
         let std = DVector::from_iterator(self.factors.len(), std);
         ExternalTorque { torque: self.external.clone(), std }
@@ -286,7 +341,6 @@ pub struct TorqueStream {
     model: TorqueModel,
     parameters: DVector<f64>,
     config: ExternalTorqueConfig,
-    presliding: Vec<f64>,
     motion: TouchMotion,
 }
 
@@ -302,14 +356,15 @@ impl TorqueStream {
         config: ExternalTorqueConfig,
     ) -> Result<Self, String> {
         let parameters = model.check(&arm.robot)?;
-        let model = model.causal();
+        let model = model.for_differentiation(Differentiation::Causal);
         let presliding = model.joints.iter().map(|joint| joint.friction.presliding).collect();
-        Ok(Self { arm, model, parameters, config, presliding, motion: TouchMotion::default() })
+        let motion = TouchMotion::new(presliding);
+        Ok(Self { arm, model, parameters, config, motion })
     }
 
     /// Forgets what came before: the next sample does not go on from it.
     pub fn begin(&mut self) {
-        self.motion = TouchMotion::default();
+        self.motion = TouchMotion::new(std::mem::take(&mut self.motion.presliding));
     }
 
     /// The sample with its external torque, and the standard deviation of that, in place of the measured one.
@@ -328,17 +383,15 @@ impl TorqueStream {
         {
             self.begin();
         }
-        self.motion.push(&self.arm.robot, sample, &self.presliding);
+        self.motion.push(&self.arm.robot, sample);
         let now_s = *self.motion.times_s().last().expect("it was pushed above");
         let (model, robot) = (&self.model, &self.arm.robot);
-        let side = Side::UpTo { now_s };
-        let motion = self.motion.at(now_s - model.delay_s, model.window_s, side);
+        let window = Window::Causal { now_s };
+        let motion = self.motion.at(now_s - model.delay_s, model.window_s, window);
         let found = model.explain(robot, &self.parameters, &self.config, &motion, &sample.tau)?;
         let found = found.with_std(model);
-        if sample.time_s.is_some() {
-            // One more window is left for samples that are late.
-            self.motion.forget_before(now_s - model.delay_s.abs() - 4.0 * model.window_s);
-        }
+        // One more window is left for samples that are late.
+        self.motion.forget_before(now_s - model.delay_s.abs() - 4.0 * model.window_s);
         Ok(Sample {
             time_s: sample.time_s,
             q: sample.q.clone(),

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 /// Friction of a joint, N·m (N where prismatic) and s/rad.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Friction {
+pub struct JointFriction {
     /// Coulomb friction, mean of both directions.
     pub coulomb: f64,
     /// Half of the difference between the directions.
@@ -33,7 +33,7 @@ pub struct Friction {
     pub presliding: f64,
 }
 
-impl Default for Friction {
+impl Default for JointFriction {
     fn default() -> Self {
         Self {
             coulomb: 0.0,
@@ -60,6 +60,18 @@ impl Default for FrictionState {
 }
 
 impl FrictionState {
+    /// Moves with the joint along the parabola through three positions, rad, one after the other, from the second on, a
+    /// part of the way to the third: so it turns between two samples where the joint does.
+    pub fn follow(&mut self, [before, from, to]: [f64; 3], part: f64, presliding: f64) {
+        let (way, bend) = (to - from, to - 2.0 * from + before);
+        let at = |part: f64| part * way + 0.5 * part * (part - 1.0) * bend;
+        // Where it turns, if it does so on the way.
+        let turn = 0.5 - way / bend;
+        let turn = if turn.is_finite() { turn.clamp(0.0, part) } else { part };
+        self.advance(at(turn), presliding);
+        self.advance(at(part) - at(turn), presliding);
+    }
+
     /// Moves with the joint by a way, rad.
     pub fn advance(&mut self, way: f64, presliding: f64) {
         let step = if presliding > 0.0 { way / presliding } else { way.signum() * 2.0 };
@@ -80,7 +92,7 @@ impl FrictionState {
     }
 }
 
-impl Friction {
+impl JointFriction {
     /// What the four coefficients are multiplied by: `coulomb, asymmetry, breakaway, viscous`.
     pub fn factors(z: f64, speed: f64, stribeck: f64) -> [f64; 4] {
         [z, z.abs(), z * (-speed.abs() / stribeck).exp(), speed]
@@ -116,6 +128,21 @@ mod tests {
     }
 
     #[test]
+    fn a_joint_turns_between_two_samples() {
+        // The parabola from 1 to 1 turns halfway; friction that turns at once is that of the way back at its end.
+        let mut state = FrictionState::default();
+        state.follow([0.0, 1.0, 1.0], 1.0, 0.0);
+        assert_eq!(state.middle(), -1.0);
+        let mut early = FrictionState::default();
+        early.follow([0.0, 1.0, 1.0], 0.4, 0.0);
+        assert_eq!(early.middle(), 1.0);
+        // What goes on in one direction goes as far as the samples do.
+        let mut state = FrictionState { low: -1.0, high: -1.0 };
+        state.follow([0.0, 0.5, 1.0], 1.0, 0.5);
+        assert_eq!(state.middle(), 0.0);
+    }
+
+    #[test]
     fn a_joint_that_turns_round_crosses_over_twice_the_presliding_distance() {
         let mut state = FrictionState::default();
         state.advance(1.0, 0.01);
@@ -123,7 +150,7 @@ mod tests {
         assert_eq!(state.middle(), 0.0);
         state.advance(0.0, 0.01);
         assert_eq!(state.middle(), 0.0, "it stays while the joint stands still");
-        let friction = Friction { coulomb: 2.0, viscous: 3.0, ..Friction::default() };
+        let friction = JointFriction { coulomb: 2.0, viscous: 3.0, ..JointFriction::default() };
         assert_eq!(friction.torque(-1.0, -0.1), -2.3);
     }
 }

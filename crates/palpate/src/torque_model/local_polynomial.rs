@@ -6,11 +6,11 @@ use nalgebra::{DMatrix, SMatrix, SVector};
 
 /// Where the window of a fit lies.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Side {
-    /// Around the time; at the ends of the log as near to that as can be.
-    Around,
-    /// Up to now, which may be later than the time: what is known beside a running robot.
-    UpTo {
+pub enum Window {
+    /// Around the time; at the ends of the log as near to that as possible.
+    Centred,
+    /// Before now, which may be later than the time.
+    Causal {
         /// Now, s.
         now_s: f64,
     },
@@ -33,7 +33,7 @@ pub struct LocalPolynomial<'a> {
     times_s: &'a [f64],
     values: &'a [Vec<f64>],
     half_s: f64,
-    side: Side,
+    window: Window,
 }
 
 impl<'a> LocalPolynomial<'a> {
@@ -42,9 +42,9 @@ impl<'a> LocalPolynomial<'a> {
     /// # Panics
     ///
     /// If there are no values, or not as many as times.
-    pub fn new(times_s: &'a [f64], values: &'a [Vec<f64>], half_s: f64, side: Side) -> Self {
+    pub fn new(times_s: &'a [f64], values: &'a [Vec<f64>], half_s: f64, window: Window) -> Self {
         assert!(!times_s.is_empty() && times_s.len() == values.len(), "as many values as times");
-        Self { times_s, values, half_s, side }
+        Self { times_s, values, half_s, window }
     }
 
     /// The polynomial's value and derivatives at a time, s: of the third degree, at the ends of a log of the second.
@@ -53,16 +53,24 @@ impl<'a> LocalPolynomial<'a> {
         let (first, last) = (self.times_s[0], self.times_s[self.times_s.len() - 1]);
         let room = |low: f64, high: f64| low >= first && high <= last;
         let wide = 2.0 * self.half_s;
-        let (mut low, mut high) = match self.side {
-            Side::Around => (time_s - self.half_s, time_s + self.half_s),
-            Side::UpTo { now_s } => (now_s - wide, now_s),
+        let (mut low, mut high) = match self.window {
+            Window::Centred => (time_s - self.half_s, time_s + self.half_s),
+            Window::Causal { now_s } => (now_s - wide, now_s),
         };
         let inside = room(low, high);
-        if self.side == Side::Around && !inside {
+        if self.window == Window::Centred && !inside {
             low = low.min(last - wide).max(first);
             high = high.max(first + wide).min(last);
         }
-        let degree = if inside { 3 } else { 2 };
+        // What is known of too short a time is where the joint stands: noise would make any speed of it.
+        let is_short = self.window != Window::Centred && time_s - first < 0.5 * self.half_s;
+        let degree = if inside {
+            3
+        } else if is_short {
+            0
+        } else {
+            2
+        };
         // A rounding error of a clock is no reason to lose a sample.
         let slack = 1e-9 * wide;
         let start = self.times_s.partition_point(|time| *time < low - slack);
@@ -73,10 +81,10 @@ impl<'a> LocalPolynomial<'a> {
     fn fit(&self, time_s: f64, mut start: usize, mut end: usize, degree: usize) -> Fit {
         let wanted = degree + 2;
         while end - start < wanted
-            && (start > 0 || (end < self.times_s.len() && self.side == Side::Around))
+            && (start > 0 || (end < self.times_s.len() && self.window == Window::Centred))
         {
             start = start.saturating_sub(1);
-            if self.side == Side::Around {
+            if self.window == Window::Centred {
                 end = (end + 1).min(self.times_s.len());
             }
         }
@@ -137,7 +145,7 @@ mod tests {
         let cubic = |t: f64| 1.0 - 2.0 * t + 3.0 * t * t - 4.0 * t * t * t;
         let values: Vec<Vec<f64>> =
             times.iter().map(|t| vec![cubic(*t), 2.0 * cubic(*t)]).collect();
-        let fit = LocalPolynomial::new(&times, &values, 0.05, Side::Around).at(0.31);
+        let fit = LocalPolynomial::new(&times, &values, 0.05, Window::Centred).at(0.31);
         let (first, second) = (-2.0 + 6.0 * 0.31 - 12.0 * 0.31 * 0.31, 6.0 - 24.0 * 0.31);
         assert!((fit.value[0] - cubic(0.31)).abs() < 1e-12 && (fit.first[0] - first).abs() < 1e-9);
         assert!((fit.second[1] - 2.0 * second).abs() < 1e-6, "{fit:?}");
@@ -147,10 +155,10 @@ mod tests {
     fn a_parabola_is_recovered_at_the_ends_and_from_what_came_before() {
         let times: Vec<f64> = (0..60).map(|k| 0.01 * f64::from(k)).collect();
         let values: Vec<Vec<f64>> = times.iter().map(|t| vec![1.0 + t * t]).collect();
-        let now = Side::UpTo { now_s: 0.32 };
-        for (side, at) in [(Side::Around, 0.0), (Side::Around, 0.59), (now, 0.3)] {
-            let fit = LocalPolynomial::new(&times, &values, 0.05, side).at(at);
-            assert!((fit.value[0] - 1.0 - at * at).abs() < 1e-12, "{side:?} {at}");
+        let now = Window::Causal { now_s: 0.32 };
+        for (window, at) in [(Window::Centred, 0.0), (Window::Centred, 0.59), (now, 0.3)] {
+            let fit = LocalPolynomial::new(&times, &values, 0.05, window).at(at);
+            assert!((fit.value[0] - 1.0 - at * at).abs() < 1e-12, "{window:?} {at}");
             assert!((fit.first[0] - 2.0 * at).abs() < 1e-9 && (fit.second[0] - 2.0).abs() < 1e-6);
         }
     }
@@ -160,7 +168,7 @@ mod tests {
         let fit = |values: &[f64]| {
             let times: Vec<f64> = (0..values.len()).map(|k| k as f64).collect();
             let values: Vec<Vec<f64>> = values.iter().map(|value| vec![*value]).collect();
-            LocalPolynomial::new(&times, &values, 0.1, Side::Around).at(0.0)
+            LocalPolynomial::new(&times, &values, 0.1, Window::Centred).at(0.0)
         };
         let alone = fit(&[2.0]);
         assert_eq!((alone.value[0], alone.first[0], alone.second[0]), (2.0, 0.0, 0.0));

@@ -23,13 +23,13 @@ mod friction;
 mod local_polynomial;
 mod ripple;
 
-pub use alarm::{Alarm, Detector};
+pub use alarm::Alarm;
 pub use external::{
     Explained, ExternalTorque, Motion, NoiseFactors, TorqueStream, TouchMotion, explain,
     external_torques,
 };
-pub use friction::{Friction, FrictionState};
-pub use local_polynomial::{Fit, LocalPolynomial, Side};
+pub use friction::{FrictionState, JointFriction};
+pub use local_polynomial::{Fit, LocalPolynomial, Window};
 pub use ripple::{RIPPLE_COEFFICIENTS, Ripple};
 
 use nalgebra::DVector;
@@ -59,7 +59,17 @@ pub struct TorqueModel {
     pub causal: Option<Causal>,
 }
 
-/// What is different beside a running robot.
+/// Whether speeds at a sample come from what lies around it, or from what came before it alone.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Differentiation {
+    /// From a window around each sample: of logs.
+    #[default]
+    Centred,
+    /// From a window before each sample: beside a running robot.
+    Causal,
+}
+
+/// What is different where speeds are known from the past alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Causal {
@@ -98,7 +108,7 @@ pub struct JointModel {
     /// Inertia of the drive beyond the link's, seen at the joint, kg·m².
     pub rotor_inertia: f64,
     /// Friction.
-    pub friction: Friction,
+    pub friction: JointFriction,
     /// Ripple of its gears.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub ripple: Vec<Ripple>,
@@ -122,11 +132,11 @@ pub struct TorqueNoise {
 }
 
 impl TorqueNoise {
-    /// Standard deviation, N·m, of a joint whose friction is `between` two directions (0 to 1), at a speed and with a
-    /// torque of inertia.
-    pub fn std(&self, between: f64, speed: f64, inertia: f64) -> f64 {
+    /// Standard deviation, N·m, of a joint that is `turning` (0: its friction is that of a direction, to 1), at a speed
+    /// and with a torque of inertia.
+    pub fn std(&self, turning: f64, speed: f64, inertia: f64) -> f64 {
         let parts =
-            [self.still, self.turning * between, self.by_speed * speed, self.by_inertia * inertia];
+            [self.still, self.turning * turning, self.by_speed * speed, self.by_inertia * inertia];
         parts.iter().map(|part| part * part).sum::<f64>().sqrt()
     }
 }
@@ -178,7 +188,7 @@ impl TorqueModel {
                 gain: 1.0,
                 bias: [0.0; 3],
                 rotor_inertia: 0.0,
-                friction: Friction::default(),
+                friction: JointFriction::default(),
                 ripple: Vec::new(),
                 noise: TorqueNoise {
                     still: 0.005 * effort,
@@ -198,10 +208,12 @@ impl TorqueModel {
         }
     }
 
-    /// The model as it holds beside a running robot.
+    /// The model with the window, noise and alarm that hold for a way of differentiation.
     #[must_use]
-    pub fn causal(mut self) -> Self {
-        if let Some(Causal { window_s, noise, alarm }) = self.causal.take() {
+    pub fn for_differentiation(mut self, differentiation: Differentiation) -> Self {
+        if differentiation == Differentiation::Causal
+            && let Some(Causal { window_s, noise, alarm }) = self.causal.take()
+        {
             (self.window_s, self.alarm) = (window_s, alarm);
             for (joint, noise) in self.joints.iter_mut().zip(noise) {
                 joint.noise = noise;
@@ -234,6 +246,10 @@ impl TorqueModel {
         }
         if self.causal.as_ref().is_some_and(|causal| !causal.fits(self.joints.len())) {
             return Err("[causal] is to have one window and one noise for each joint".to_owned());
+        }
+        let alarms = [self.alarm, self.causal.as_ref().and_then(|causal| causal.alarm)];
+        if alarms.iter().flatten().any(|alarm| !alarm.is_sound()) {
+            return Err("[alarm] holds a number that is not finite, or below 0".to_owned());
         }
         if !(self.window_s > 0.0 && self.window_s < 10.0) {
             return Err(format!(
