@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate::unstable::{ElasticBody, ElasticModel};
-use palpate::{Arm, EstimatorKind, Mapper, Sample, StepReport};
+use palpate::{Arm, Calibration, EstimatorKind, Mapper, Sample, StepReport};
 use palpate_io::field::{self, Saved};
 use palpate_work::elastic;
 use palpate_work::learn::{Cells, Tally, learn};
@@ -187,6 +187,19 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
 }
 
+/// What bands the field has.
+fn bands(calibration: Option<&Calibration>) -> String {
+    match calibration {
+        Some(own) => {
+            let highest = 100.0 * own.highest_level();
+            format!("up to {highest:.0} %, calibrated on {} touches", own.touches)
+        }
+        None => {
+            "none: they are calibrated where settings are chosen, from three touches on".to_owned()
+        }
+    }
+}
+
 /// What a body is learnt from.
 struct Elastic {
     /// The bodies that the object may be.
@@ -219,12 +232,13 @@ fn begin(
             resume::mapper(&name, arm, snapshot)?
         }
         None => {
-            let mut config = settings.config()?;
+            let (mut config, mut calibration) = (settings.config()?, None);
             if is_tuned {
                 let touches = logs::open_more(&args.logs, settings, arm)?;
-                config = quickly_tuned(touches, (arm, settings, &config), output)?;
+                let chosen = quickly_tuned(touches, (arm, settings, &config), output)?;
+                (config, calibration) = (chosen.config, chosen.calibration);
             }
-            prior::mapper(args.prior.as_deref(), arm, config, output)?
+            prior::mapper(args.prior.as_deref(), arm, config, output)?.with_calibration(calibration)
         }
     };
     Ok(args.pace.keep(mapper))
@@ -318,6 +332,7 @@ impl Summary<'_> {
         } else if config.method == EstimatorKind::Elastic {
             found.push(("elastic body", "none, map is used alone".to_owned()));
         }
+        found.push(("bands", bands(self.mapper.field().calibration.as_ref())));
         found.push(("time", seconds(elapsed)));
         found.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
         let before = tally.before_learning();

@@ -51,6 +51,27 @@ fn without_folder(mut report: Value) -> Value {
 }
 
 #[test]
+fn bands_are_held_against_touches_that_they_were_not_calibrated_on() {
+    let scene = three();
+    for (number, elbow) in [(3, 0.2), (4, 0.25), (5, 0.35)] {
+        scene.touch(&format!("log/seq_{number}"), 50, elbow);
+    }
+    let mut run = evaluate(&scene, &["log"], &["--json", "--methods", "map,zero"]);
+    let coverage = json(&mut run)["methods"][0]["coverage"].clone();
+    let number = |key: &str| coverage[key].as_f64().unwrap();
+    assert_eq!(number("level"), 0.8); // of five touches
+    assert!((0.0..=1.0).contains(&number("frames")) && (0.0..=1.0).contains(&number("peaks")));
+    assert!(number("half_width_n_m") > 0.0 && number("constant_half_width_n_m") > 0.0);
+    assert_eq!(coverage["classes"].as_array().unwrap().len(), 3);
+    let told = succeed(&mut evaluate(
+        &scene,
+        &["log"],
+        &["--methods", "map,zero", "-o", &scene.text("out/f")],
+    ));
+    assert!(told.contains("map's bands at 80 % hold"), "{told}");
+}
+
+#[test]
 fn evaluate_prints_the_keys_that_programs_rely_on() {
     let scene = three();
     let report = json(&mut evaluate(&scene, &["log"], &["--json"]));
@@ -70,6 +91,8 @@ fn evaluate_prints_the_keys_that_programs_rely_on() {
             assert!(gap("std", (squares / 2.0).sqrt()).abs() < 1e-12, "{key} of {method}");
         }
     }
+    // Two touches to learn from are too few to calibrate on.
+    assert!(report["methods"][0]["coverage"].is_null());
     for (fold, touch) in touches.iter().enumerate() {
         assert_eq!(list(&touch["methods"]), list(&report["methods"]));
         assert_eq!(touch["fold"], fold, "leave-one-touch-out");

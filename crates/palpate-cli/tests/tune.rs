@@ -76,6 +76,9 @@ fn a_map_learns_under_what_a_quick_search_finds_and_says_so() {
     succeed(quick.args(["--quick", "-o"]).arg(scene.path("out/tuned.toml")));
     succeed(&mut scene.map(&["log"], &["--settings", &scene.text("out/tuned.toml")]));
     let again = std::fs::read(scene.path("out/field.npz")).unwrap();
+    let calibration =
+        |bytes: &[u8]| palpate_io::field::from_bytes(bytes, "field").unwrap().field.calibration;
+    assert_eq!(calibration(&by_itself), calibration(&again));
     assert!(by_itself == again, "the two fields differ");
 
     // With two touches there is nothing to choose by.

@@ -8,10 +8,12 @@ use palpate::MapperConfig;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::bands::Certainty;
+use crate::calibrate::{Predicted, calibrate};
 use crate::error::{LearnError, Stop};
 use crate::evaluation::{Evaluation, LeftOut, Prediction, Summary};
 use crate::folds::Fold;
-use crate::method::{Method, Torques};
+use crate::method::{Method, Torques, learn};
 use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
 
 /// No torque that a part predicts is larger, N·m.
@@ -42,6 +44,9 @@ pub struct Part {
     pub fold: usize,
     /// Predicted torques of the fold's test touches.
     pub torques: Torques,
+    /// How sure they are, of an estimator that learnt enough touches to tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub certainty: Option<Certainty>,
 }
 
 /// What went wrong, and where.
@@ -92,9 +97,14 @@ impl Plan {
             torques.len() == tracked.touches[touch].frames.len() && torques.iter().all(is_torque)
         };
         let fold = self.folds.get(part.fold).filter(|_| self.methods.contains(&part.method));
+        let is_whole = |torques: &Torques, fold: &Fold| {
+            torques.len() == fold.test.len() && torques.iter().zip(&fold.test).all(predicts)
+        };
         fold.is_some_and(|fold| {
-            part.torques.len() == fold.test.len()
-                && part.torques.iter().zip(&fold.test).all(predicts)
+            let is_sound = |own: &Certainty| {
+                is_whole(&own.torque_std, fold) && own.calibration.is_sound(tracked.n_joints)
+            };
+            is_whole(&part.torques, fold) && part.certainty.as_ref().is_none_or(is_sound)
         })
     }
 
@@ -114,10 +124,13 @@ impl Plan {
         // One at a time to whoever is free: parts differ too much in length to be shared out before.
         parts.par_iter().with_max_len(1).try_for_each(|&(method, fold)| {
             let config = self.config_of((method, fold));
-            let torques = method
-                .predict(tracked, &self.folds[fold], config, stop)
-                .map_err(|source| PartError { method, fold, source })?;
-            done(Part { method, fold, torques });
+            let own = (&self.folds[fold], config);
+            let (torques, certainty) = match method {
+                Method::Map | Method::Ekf => with_certainty(tracked, own, stop),
+                _ => method.predict(tracked, own.0, config, stop).map(|torques| (torques, None)),
+            }
+            .map_err(|source| PartError { method, fold, source })?;
+            done(Part { method, fold, torques, certainty });
             Ok(())
         })
     }
@@ -136,17 +149,24 @@ impl Plan {
     ) -> Evaluation {
         let of = |method: Method, fold: usize| {
             let part = parts.iter().find(|part| part.method == method && part.fold == fold);
-            &part.expect("all parts were done").torques
+            part.expect("all parts were done")
         };
         let mut touches: Vec<(usize, LeftOut)> = Vec::new();
         for &number in &self.todo {
             let fold = &self.folds[number];
             let met = tracked.rows_met(&fold.train);
             for (place, &touch) in fold.test.iter().enumerate() {
+                let frames = &tracked.touches[touch].frames;
                 let mut left_out = LeftOut::of(&tracked.touches[touch], number, &met);
                 for &method in &self.methods {
-                    let torques = of(method, number)[place].clone();
-                    let prediction = Prediction::new(method.name(), torques, &left_out.external);
+                    let Part { torques, certainty, .. } = of(method, number);
+                    let torques = torques[place].clone();
+                    let mut prediction =
+                        Prediction::new(method.name(), torques, &left_out.external);
+                    if let Some(certainty) = certainty {
+                        let std = &certainty.torque_std[place];
+                        prediction.add_band(&certainty.calibration, std, frames, &left_out);
+                    }
                     left_out.predictions.push(prediction);
                 }
                 touches.push((touch, left_out));
@@ -159,6 +179,26 @@ impl Plan {
         let methods = self.methods.iter().enumerate().map(summary).collect();
         Evaluation { joint_names, against: against.to_owned(), methods, touches }
     }
+}
+
+/// What an estimator predicts of a fold's test touches, and how sure it is, calibrated on the training touches.
+fn with_certainty(
+    tracked: &Tracked,
+    (fold, config): (&Fold, &MapperConfig),
+    stop: Stop<'_>,
+) -> Result<(Torques, Option<Certainty>), LearnError> {
+    let estimator = learn(tracked, &fold.train, config, &[], stop)?;
+    let predicted = Predicted::by(tracked, &*estimator);
+    let (mut torques, mut torque_std) = (Torques::new(), Torques::new());
+    for touch in &fold.test {
+        let frames = tracked.touches[*touch].frames.iter();
+        let (own, std) = frames.map(|frame| predicted.frame(frame).into()).unzip();
+        torques.push(own);
+        torque_std.push(std);
+    }
+    let calibration = calibrate(tracked, &fold.train, config, stop)?;
+    let certainty = calibration.map(|calibration| Certainty { torque_std, calibration });
+    Ok((torques, certainty))
 }
 
 impl LeftOut {

@@ -18,7 +18,9 @@
 //! The crate knows the estimators of the core, but no file.
 #![forbid(unsafe_code)]
 
+pub mod bands;
 pub mod body;
+pub mod calibrate;
 pub mod elastic;
 mod error;
 pub mod errors;

@@ -5,6 +5,7 @@
 //! |---------------------|---------------------------------------------------------------------------|
 //! | `{"path": [[q…]…]}` | `torque`, `torque_std` (N × n_joints, N·m, to a millionth), `contacts`, `known` (N), `goes_on`, `ms` |
 //! | `{"path_f64": "…"}` | the same, with `torque_f64` and `torque_std_f64`                          |
+//! | the same with `level`, or of a field with bands | `level` and `half_width` or `half_width_f64` as well (N × n_joints, N·m) |
 //! | `{"tare": true}`    | `{"taring": true}`                                                        |
 //! | anything else       | `{"error": …}`, and the next line is read                                 |
 //!
@@ -311,6 +312,7 @@ impl QueryServer<'_> {
     /// What torques a path would meet, as a line.
     fn torques(&self, mut question: Question, started: Instant) -> Result<String, Box<dyn Error>> {
         let (path, form) = question.path(self.checker.n_joints())?;
+        let level = question.level;
         let config = PathConfig::default();
         let (cluster_weight, resolution_cells) = match question.exact {
             true => (1.0, 0.0),
@@ -334,7 +336,7 @@ impl QueryServer<'_> {
             predictor.answer(&path).map_err(|error| error.to_string())
         };
         let answer = self.aside(predict)?;
-        Ok(serde_json::to_string(&PathReply::new(&answer, form, started))?)
+        Ok(serde_json::to_string(&PathReply::new(&answer, (form, level), started)?)?)
     }
 }
 

@@ -22,6 +22,9 @@ const MOST_JOINTS: usize = 64;
 pub(crate) struct Question {
     path: Option<Points>,
     path_f64: Option<String>,
+    /// Level of the band, 0 to 1.
+    #[serde(default)]
+    pub(crate) level: Option<f64>,
     #[serde(default)]
     pub(crate) exact: bool,
     #[serde(default)]
@@ -45,9 +48,25 @@ pub(crate) struct PathReply {
     contacts: Vec<usize>,
     known: Vec<usize>,
     goes_on: bool,
+    /// Of a field with bands.
+    #[serde(flatten)]
+    band: Option<Band>,
     /// Time that the answer took, ms.
     ms: f64,
 }
+
+/// The band around the torques, and its level.
+#[derive(Debug, Serialize)]
+struct Band {
+    level: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    half_width: Option<Vec<Vec<f64>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    half_width_f64: Option<String>,
+}
+
+/// Level of the bands, if there are touches enough and nobody says another.
+const LEVEL: f64 = 0.9;
 
 /// Torques and their standard deviations, as the path was written.
 #[derive(Debug, Serialize)]
@@ -141,16 +160,46 @@ fn path_from(base64: &str, n_joints: usize) -> Result<Vec<Vec<f64>>, String> {
 }
 
 impl PathReply {
-    /// An answer to a question that came at `started`.
-    pub(crate) fn new(answer: &PathPrediction, form: Form, started: Instant) -> Self {
+    /// An answer to a question that came at `started`, with the band of a level, if one is given.
+    ///
+    /// # Errors
+    ///
+    /// If the field has no band at that level.
+    pub(crate) fn new(
+        answer: &PathPrediction,
+        (form, level): (Form, Option<f64>),
+        started: Instant,
+    ) -> Result<Self, String> {
         let points = &answer.points;
-        Self {
+        let highest = answer.calibration.as_ref().map_or(0.0, |own| own.highest_level());
+        let band = match level {
+            Some(level) if !(level > 0.0 && level <= highest) => {
+                return Err(match highest {
+                    0.0 => "the field has no bands: `palpate map` calibrates them, from three touches on".to_owned(),
+                    _ => format!("`level` is {level}; the field's bands go up to {highest}"),
+                });
+            }
+            level => Band::of(answer, form, level.unwrap_or(LEVEL.min(highest))),
+        };
+        Ok(Self {
             torques: Torques::of(points, form),
+            band,
             contacts: points.iter().map(|point| point.contacts).collect(),
             known: points.iter().map(|point| point.known).collect(),
             goes_on: answer.goes_on,
             ms: started.elapsed().as_secs_f64() * 1e3,
-        }
+        })
+    }
+}
+
+impl Band {
+    fn of(answer: &PathPrediction, form: Form, level: f64) -> Option<Self> {
+        let widths = answer.half_width(level)?;
+        let (half_width, half_width_f64) = match form {
+            Form::Lists => (Some(lists(&widths)), None),
+            Form::F64 => (None, Some(base64(&widths))),
+        };
+        Some(Self { level, half_width, half_width_f64 })
     }
 }
 
@@ -159,26 +208,26 @@ impl Torques {
     fn of(points: &[PathPoint], form: Form) -> Self {
         match form {
             Form::Lists => Self::Lists {
-                torque: lists(points, |point| &point.torque),
-                torque_std: lists(points, |point| &point.torque_std),
+                torque: lists(points.iter().map(|point| &point.torque)),
+                torque_std: lists(points.iter().map(|point| &point.torque_std)),
             },
             Form::F64 => Self::F64 {
-                torque_f64: base64(points, |point| &point.torque),
-                torque_std_f64: base64(points, |point| &point.torque_std),
+                torque_f64: base64(points.iter().map(|point| &point.torque)),
+                torque_std_f64: base64(points.iter().map(|point| &point.torque_std)),
             },
         }
     }
 }
 
 /// Numbers of every point, to a millionth: 17 digits take the reader a millisecond.
-fn lists(points: &[PathPoint], of: impl Fn(&PathPoint) -> &DVector<f64>) -> Vec<Vec<f64>> {
+fn lists<'a>(points: impl IntoIterator<Item = &'a DVector<f64>>) -> Vec<Vec<f64>> {
     let rounded = |number: &f64| (number * 1e6).round() / 1e6;
-    points.iter().map(|point| of(point).iter().map(rounded).collect()).collect()
+    points.into_iter().map(|point| point.iter().map(rounded).collect()).collect()
 }
 
 /// The bytes of all numbers.
-fn base64(points: &[PathPoint], of: impl Fn(&PathPoint) -> &DVector<f64>) -> String {
-    let numbers = points.iter().flat_map(|point| of(point).iter());
+fn base64<'a>(points: impl IntoIterator<Item = &'a DVector<f64>>) -> String {
+    let numbers = points.into_iter().flat_map(|point| point.iter());
     BASE64_STANDARD.encode(numbers.flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
 }
 

@@ -268,7 +268,7 @@ impl Field {
             tell_oddities(&results, &field, progress);
             Ok(results)
         })?;
-        Ok(scored(py, &results, against, robot.arm.robot.n_joints())?)
+        Ok(scored(py, &results, (&field, against), robot.arm.robot.n_joints())?)
     }
 
     fn __len__(&self, py: Python<'_>) -> usize {
@@ -297,16 +297,19 @@ impl Field {
 fn scored<'py>(
     py: Python<'py>,
     results: &[TouchResult],
-    against: Against,
+    (field, against): (&palpate::Field, Against),
     joints: usize,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let report = python(py, &json!(Report::new(results, against)))?;
+    let report = python(py, &json!(Report::new(results, (field, against))))?;
     let touches = report.get_item("touches")?;
     for (touch, result) in touches.try_iter()?.zip(results) {
         let (touch, frames) = (touch?, &result.frames);
         let torques = |of: fn(&FrameResult) -> &[f64]| table_of(py, frames.iter().map(of), joints);
         touch.set_item("predicted", torques(|frame| frame.predicted.as_slice()))?;
         touch.set_item("external", torques(|frame| frame.external.as_slice()))?;
+        let band = result.band(field).map(|band| band.half_width);
+        let band = band.map(|rows| table_of(py, rows.iter().map(Vec::as_slice), joints));
+        touch.set_item("half_width", band)?;
         touch.set_item("frame", flat(py, frames.iter().map(|frame| frame.frame).collect()))?;
         let contacts = frames.iter().map(|frame| frame.contacts as u64).collect();
         touch.set_item("contacts", flat(py, contacts))?;

@@ -74,6 +74,9 @@ pub(crate) struct Answer {
     ///
     /// It ranks paths by how well their resistance is known; it bounds no error.
     torque_std: Py<PyArray2<f64>>,
+    /// Half-width of the band around it at 90 %, or the highest level of the field, (P, n_joints), N·m; None of a field
+    /// without bands.
+    half_width: Option<Py<PyArray2<f64>>>,
     /// Points of the lattice touched, (P,).
     contacts: Py<PyArray1<u64>>,
     /// Those of them that were touched when the field was learnt, (P,).
@@ -329,6 +332,10 @@ impl Mapper {
         config.start_cells = start_cells.unwrap_or(config.start_cells);
         let predictor = self.state.take(py)?.borrow().mapper.path_predictor();
         let answer = unshown(py, |_| predictor.ask(&path, &config))?;
+        let level = answer.calibration.as_ref().map_or(0.0, |own| own.highest_level().min(0.9));
+        let half_width = answer.half_width(level);
+        let half_width =
+            half_width.map(|rows| table_of(py, rows.iter().map(|row| row.as_slice()), joints));
         let PathPrediction { points, goes_on, stops, .. } = answer;
         let torques = |of: fn(&PathPoint) -> &DVector<f64>| {
             table_of(py, points.iter().map(|point| of(point).as_slice()), joints)
@@ -339,6 +346,7 @@ impl Mapper {
         Ok(Answer {
             torque: torques(|point| &point.torque),
             torque_std: torques(|point| &point.torque_std),
+            half_width,
             contacts: counts(|point| point.contacts),
             known: counts(|point| point.known),
             goes_on,

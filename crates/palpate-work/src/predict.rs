@@ -6,6 +6,7 @@ use std::sync::Arc;
 use nalgebra::DVector;
 use palpate::{Arm, ExternalTorqueConfig, Field, Predictor, Sample};
 use palpate_io::log::external_truth;
+use palpate_learn::bands::Band;
 use palpate_learn::errors::ErrorSum;
 
 use crate::error::WorkError;
@@ -61,6 +62,8 @@ pub struct FrameResult {
     pub known: usize,
     /// τ̂, n_joints, N·m.
     pub predicted: DVector<f64>,
+    /// Standard deviation of that due to the springs' own, n_joints, N·m, if the field is calibrated.
+    pub torque_std: Option<DVector<f64>>,
     /// τ_ext, measured or true, n_joints, N·m.
     pub external: DVector<f64>,
 }
@@ -109,6 +112,20 @@ impl TouchResult {
     pub(crate) fn errors(&self) -> ErrorSum {
         let predicted = self.frames.iter().map(|frame| frame.predicted.as_slice());
         ErrorSum::of(predicted, self.frames.iter().map(|frame| frame.external.as_slice()))
+    }
+
+    /// The band around the prediction, if the field is calibrated for this robot.
+    pub fn band(&self, field: &Field) -> Option<Band> {
+        let n_joints = self.frames.first()?.predicted.len();
+        let calibration = field.calibration.as_ref().filter(|own| own.is_sound(n_joints))?;
+        let rows = |of: &dyn Fn(&FrameResult) -> Option<Vec<f64>>| {
+            self.frames.iter().map(of).collect::<Option<Vec<Vec<f64>>>>()
+        };
+        let predicted = rows(&|frame| Some(frame.predicted.as_slice().to_vec()))?;
+        let std = rows(&|frame| Some(frame.torque_std.as_ref()?.as_slice().to_vec()))?;
+        let external = rows(&|frame| Some(frame.external.as_slice().to_vec()))?;
+        let contacts = self.frames.iter().map(|frame| [frame.contacts as u32, frame.known as u32]);
+        Band::of(calibration, (&predicted, &std), &external, contacts)
     }
 
     /// How many of the scored frames are so.
@@ -182,6 +199,7 @@ fn score_all(
                         contacts: step.contacts,
                         known: step.known,
                         predicted: step.predicted,
+                        torque_std: step.torque_std,
                         external,
                     });
                 }

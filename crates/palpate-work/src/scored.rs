@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use palpate::Field;
+use palpate_learn::bands::{Band, Coverage};
 use palpate_learn::errors::{ErrorSum, Errors};
 use serde::Serialize;
 
@@ -18,6 +19,8 @@ pub struct Report {
     pub overall: Row,
     /// What predictions were held against.
     pub against: Against,
+    /// How often the bands held that; `None` if the field is not calibrated.
+    pub bands: Option<Coverage>,
 }
 
 /// One touch, or all of them.
@@ -95,10 +98,20 @@ impl Row {
 
 impl Report {
     /// The figures of all touches.
-    pub fn new(results: &[TouchResult], against: Against) -> Self {
+    pub fn new(results: &[TouchResult], (field, against): (&Field, Against)) -> Self {
         let touch = |touch| Row::of(std::slice::from_ref(touch), Some(touch));
         let touches = results.iter().map(touch).collect();
-        Self { touches, overall: Row::of(results, None), against }
+        let errors = |touch: &TouchResult| -> Vec<f64> {
+            let frames = touch.frames.iter();
+            let both = frames.flat_map(|frame| frame.external.iter().zip(&frame.predicted));
+            both.map(|(external, predicted)| (external - predicted).abs()).collect()
+        };
+        let banded: Vec<(Band, Vec<f64>)> =
+            results.iter().filter_map(|touch| Some((touch.band(field)?, errors(touch)))).collect();
+        let bands: Vec<(&Band, &[f64])> =
+            banded.iter().map(|(band, errors)| (band, &errors[..])).collect();
+        let bands = Coverage::of(&bands);
+        Self { touches, overall: Row::of(results, None), against, bands }
     }
 }
 

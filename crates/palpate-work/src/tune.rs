@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use palpate::{Arm, EstimatorKind, MapperConfig};
+use palpate::{Arm, Calibration, EstimatorKind, MapperConfig};
+use palpate_learn::calibrate::calibrate;
 use palpate_learn::tracked::{Touch, Tracked};
 use palpate_learn::tune::{Effort, Given, Search, Trial, Tuned, Tuner};
 use serde_json::json;
@@ -93,13 +94,22 @@ impl Tuning<'_> {
     ///
     /// If it is another estimator, there are fewer than three touches, a sample cannot be used, or on being stopped.
     pub fn quick(&self, given: Given, progress: &dyn Progress) -> Result<Tuned, WorkError> {
+        Ok(self.quickly(given, progress)?.1)
+    }
+
+    /// The touches under the settings to start from, and what was chosen quickly.
+    fn quickly(
+        &self,
+        given: Given,
+        progress: &dyn Progress,
+    ) -> Result<(Tracked, Tuned), WorkError> {
         if self.config.method != EstimatorKind::Map {
             return Err(WorkError::Usage(format!(
                 "quick tuning is for the estimator `map`, not for `{}`; `palpate tune` without --quick is for both",
                 self.config.method.name()
             )));
         }
-        self.search(Search::quick(self.config, given), progress)
+        self.searched(Search::quick(self.config, given), progress)
     }
 
     /// Chooses among so many candidates, or as many as a few minutes allow.
@@ -115,10 +125,37 @@ impl Tuning<'_> {
         let mut effort = Effort::of(self.config.method);
         effort.candidates = candidates.map_or(effort.candidates, |n| n as usize);
         effort.seed = self.config.estimator.seed;
-        self.search(Search::thorough(self.config, effort), progress)
+        Ok(self.searched(Search::thorough(self.config, effort), progress)?.1)
     }
 
-    fn search(&self, search: Search, progress: &dyn Progress) -> Result<Tuned, WorkError> {
+    /// Bands around what these settings predict, calibrated on all touches, which were tracked under others.
+    fn calibrated(
+        &self,
+        tracked: &Tracked,
+        config: &MapperConfig,
+        progress: &dyn Progress,
+    ) -> Result<Option<Calibration>, WorkError> {
+        let stop = || progress.stopped();
+        let fault = |error| fault(self.recorded, error, "; nothing was written".to_owned());
+        progress.note("calibrating bands");
+        let other;
+        let tracked = if config.contact == self.config.contact {
+            tracked
+        } else {
+            // With the tare that it has under this contact model, as when it is mapped.
+            other = Tracked::new(self.arm, config, self.touches, &stop).map_err(fault)?;
+            &other
+        };
+        let everything: Vec<usize> = (0..self.touches.len()).collect();
+        calibrate(tracked, &everything, config, &stop).map_err(fault)
+    }
+
+    /// The touches under the settings to start from, and what was chosen.
+    fn searched(
+        &self,
+        search: Search,
+        progress: &dyn Progress,
+    ) -> Result<(Tracked, Tuned), WorkError> {
         if self.touches.len() < FEWEST {
             return Err(WorkError::from(format!(
                 "tuning needs at least three touches to learn from some and predict others, and \
@@ -144,8 +181,17 @@ impl Tuning<'_> {
                  friction and inertia from free motion, and --arm takes them off",
             );
         }
-        Ok(tuned)
+        Ok((tracked, tuned))
     }
+}
+
+/// Settings that were chosen, and bands around what a field of them predicts, if there were touches enough.
+#[derive(Debug, Clone)]
+pub struct Chosen {
+    /// The settings.
+    pub config: MapperConfig,
+    /// The bands.
+    pub calibration: Option<Calibration>,
 }
 
 /// `config` with the settings that cross-validation on the first of these touches chooses, as far as they were not
@@ -158,7 +204,7 @@ pub fn quickly_tuned(
     touches: Touches,
     (arm, settings, config): (&Arc<Arm>, &Settings, &MapperConfig),
     progress: &dyn Progress,
-) -> Result<MapperConfig, WorkError> {
+) -> Result<Chosen, WorkError> {
     config.estimator(arm.robot.n_joints()).map_err(SettingsError::value)?;
     let place = (config.lattice.clone(), config.contact.clone());
     let mut touches = touches.for_arm(arm, &settings.log, place.clone())?;
@@ -169,19 +215,21 @@ pub fn quickly_tuned(
         }
         let touches = as_touches(&recorded, false)?;
         let tuning = Tuning { arm, recorded: &recorded, touches: &touches, config };
-        tuning.quick(given(settings), progress).map(Some)
+        let (tracked, tuned) = tuning.quickly(given(settings), progress)?;
+        let calibration = tuning.calibrated(&tracked, &tuned.config, progress)?;
+        Ok(Some((tuned, calibration)))
     });
     match tuned {
-        Ok(Some(tuned)) => {
+        Ok(Some((tuned, calibration))) => {
             progress.note(&summary(&tuned, recorded.len()));
-            Ok(tuned.config)
+            Ok(Chosen { config: tuned.config, calibration })
         }
         Ok(None) => {
             let n = recorded.len();
             progress.note(&format!(
                 "the default settings are used, since choosing settings needs {FEWEST} touches and there are {n}"
             ));
-            Ok(config.clone())
+            Ok(Chosen { config: config.clone(), calibration: None })
         }
         Err(error) => {
             if !matches!(error, WorkError::Interrupted { .. }) {

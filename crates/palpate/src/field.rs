@@ -9,6 +9,7 @@ use std::sync::Arc;
 use nalgebra::DVector;
 
 use crate::arm::Arm;
+use crate::calibration::Calibration;
 use crate::contact::{ContactConfig, Contacts};
 use crate::elastic::{ElasticModel, ElasticTorque, Equilibrium};
 use crate::estimator::CellEstimate;
@@ -45,6 +46,8 @@ pub struct Field {
     /// The object as an elastic body, if one was learnt. Predictions then are those of the body and of
     /// springs beside it ([`ElasticModel::spring_n_per_m`]).
     pub elastic: Option<Arc<ElasticModel>>,
+    /// How wide bands around predicted torques are, if touches were held out to find it.
+    pub calibration: Option<Calibration>,
 }
 
 impl Field {
@@ -65,6 +68,7 @@ impl Field {
             counts: Vec::new(),
             untouched_n_per_m,
             elastic: None,
+            calibration: None,
         }
     }
 
@@ -105,6 +109,8 @@ pub struct Prediction {
     pub known: usize,
     /// τ̂, n_joints, N·m.
     pub predicted: DVector<f64>,
+    /// Standard deviation of that due to the springs' own, n_joints, N·m, if the field is calibrated.
+    pub torque_std: Option<DVector<f64>>,
     /// τ_ext of the sample, n_joints, N·m.
     pub external: DVector<f64>,
 }
@@ -117,6 +123,8 @@ struct FieldSprings {
     /// Frames that touched the cells of the field.
     counts: Vec<u32>,
     untouched_n_per_m: f64,
+    /// Variances of the cells of the field, and of all others, (N/m)², if it is calibrated.
+    variances: Option<(Vec<f64>, f64)>,
 }
 
 impl FieldSprings {
@@ -136,7 +144,11 @@ impl FieldSprings {
         let points_and_k = rows.points_m().iter().zip(stiffness_n_per_m);
         let cells = points_and_k.map(|(&point, k)| Cell::new(point, k)).collect();
         let (observations, counts) = (ObservationBuilder::new(rows), field.counts.clone());
-        Self { observations, cells, counts, untouched_n_per_m }
+        let variances = field.calibration.as_ref().map(|calibration| {
+            let own = field.std_n_per_m.iter().map(|std| std * std).collect();
+            (own, calibration.untouched_std_n_per_m.powi(2))
+        });
+        Self { observations, cells, counts, untouched_n_per_m, variances }
     }
 
     /// The observation of a frame: its contacts, and `tau`, n_joints, N·m.
@@ -156,6 +168,13 @@ impl FieldSprings {
     /// τ̂ of an observation that was built here, n_joints, N·m.
     fn predict(&self, observation: &Observation) -> DVector<f64> {
         observation.predict(&self.cells, Stiffness::Positive)
+    }
+
+    /// Standard deviation of τ̂ due to the springs' own, n_joints, N·m, if the field is calibrated.
+    fn torque_std(&self, observation: &Observation) -> Option<DVector<f64>> {
+        let (own, other) = self.variances.as_ref()?;
+        let variance = |row: usize| own.get(row).copied().unwrap_or(*other);
+        Some(observation.gram(&self.cells, variance).diagonal().map(|own| own.max(0.0).sqrt()))
     }
 
     /// Whether the cell of a row was touched when the field was learnt.
@@ -222,11 +241,12 @@ impl Predictor {
         let observation = springs.build(robot, &frame.poses, &frame.contacts, &external);
         let known = observation.rows().filter(|&row| springs.is_known(row)).count();
         let contacts = observation.n_contacts();
+        let torque_std = springs.torque_std(&observation);
         let mut predicted = springs.predict(&observation);
         if let Some(of_body) = of_body {
             predicted += of_body;
         }
-        Ok(Some(Prediction { contacts, known, predicted, external }))
+        Ok(Some(Prediction { contacts, known, predicted, torque_std, external }))
     }
 
     /// Ends a touch.

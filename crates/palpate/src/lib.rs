@@ -57,6 +57,7 @@
 //! | know the arm's own torque   | [`TorqueModel`] of [`JointModel`]s with [`JointFriction`], [`Ripple`] and [`TorqueNoise`]: [`external_torques`] of a log, an [`ExternalTorque`] a sample, or a [`TorqueStream`]; contacts where [`ExternalTorque::statistic`] passes the threshold of an [`Alarm`] |
 //! | choose the estimator      | [`EstimatorKind`] with an [`EstimatorConfig`]: [`Prior`], [`MemoryLimits`] |
 //! | learn from samples        | [`Mapper`] with a [`MapperConfig`] and a [`ReplayPolicy`]; [`Sample`] in, [`StepReport`] out, [`Snapshot`] to go on later; [`MapperError`], [`TrackerError`], [`EstimatorError`], [`SettingError`] |
+//! | know how sure a prediction is | [`Calibration`] of a [`Field`], with [`BandQuantiles`]        |
 //! | look at the result        | [`Field`], a [`CellEstimate`] for each cell; [`Contacts`] now      |
 //! | predict logged motions    | [`Predictor`], a [`Prediction`] for each sample                    |
 //! | predict planned motions   | [`PathPredictor`] with a [`PathConfig`]: a [`PathPrediction`] of [`PathPoint`]s; [`PathError`] |
@@ -70,6 +71,7 @@
 #![forbid(unsafe_code)]
 
 mod arm;
+mod calibration;
 mod contact;
 mod ekf;
 mod elastic;
@@ -93,6 +95,7 @@ mod torque_model;
 mod tracker;
 
 pub use arm::{Arm, ArmError};
+pub use calibration::{BandQuantiles, Calibration};
 pub use contact::{ContactConfig, Contacts};
 pub use estimator::{CellEstimate, EstimatorConfig, EstimatorError, EstimatorKind, Prior};
 pub use external_torque::{ExternalTorqueConfig, Gravity, MAX_TORQUE, TorqueSign};

@@ -79,10 +79,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 
     let picture = Picture::of(&settings, &files.object, output)?;
     let arm = robot::load(&RobotSettings::default(), output)?;
+    let mut calibration = None;
     if config.method == EstimatorKind::Map {
-        config = quickly_tuned(open(&files.touches)?, (&arm, &settings, &config), output)?;
+        let chosen = quickly_tuned(open(&files.touches)?, (&arm, &settings, &config), output)?;
+        (config, calibration) = (chosen.config, chosen.calibration);
     }
-    let mut mapper = Mapper::new(Arc::clone(&arm), config).map_err(SettingsError::value)?;
+    let mapper = Mapper::new(Arc::clone(&arm), config).map_err(SettingsError::value)?;
+    let mut mapper = mapper.with_calibration(calibration);
     let mut samples = Vec::new();
     let record = (!picture.bodies.is_empty()).then_some(&mut samples);
     let tally = learn(&mut mapper, &mut open(&files.touches)?, &mut |_, _, _| (), record, output)?;
@@ -101,7 +104,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         extrapolate_all(&arm, &saved, (&files.object, &folder.path), output)?;
         Some(evaluated)
     };
-    let report = Report::new(&results, Against::Measured);
+    let report = Report::new(&results, (&saved.field, Against::Measured));
     if args.json {
         output.json(&Findings {
             report: &report,

@@ -11,6 +11,7 @@ use palpate_work::touched::Touched;
 use serde_json::json;
 
 use crate::output::{Output, table};
+use crate::predict::bands;
 
 /// What there is to tell.
 pub(crate) struct EvaluationSummary {
@@ -78,6 +79,11 @@ impl EvaluationSummary {
         let head = ["method", "average", "largest", "av. rel.", "max. rel."];
         text += &table(&head, self.evaluation.methods.iter().map(row));
         text.push('\n');
+        for method in &self.evaluation.methods {
+            if let Some(coverage) = &method.coverage {
+                text += &bands(&format!("{}'s bands", method.name), coverage);
+            }
+        }
         if let Some(ratio) = self.ratio_to_baselines() {
             let _ = writeln!(text, "{ratio}");
         }

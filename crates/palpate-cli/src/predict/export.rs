@@ -4,8 +4,10 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use nalgebra::DVector;
+use palpate::Field;
 use palpate_io::atomic::IfExists;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
+use palpate_learn::bands::Band;
 use palpate_work::predict::{FrameResult, TouchResult};
 
 use crate::error::CliError;
@@ -27,28 +29,39 @@ impl Format {
     }
 
     /// Writes the file, whole or not at all.
-    pub(super) fn write(self, path: &Path, results: &[TouchResult]) -> Result<(), CliError> {
+    pub(super) fn write(
+        self,
+        path: &Path,
+        results: &[TouchResult],
+        field: &Field,
+    ) -> Result<(), CliError> {
         match self {
-            Self::Csv => place::write(path, &table(results)),
-            Self::Npz => write_npz(path, &npz(results), IfExists::Replace).map_err(CliError::file),
+            Self::Csv => place::write(path, &table(results, field)),
+            Self::Npz => {
+                write_npz(path, &npz(results, field), IfExists::Replace).map_err(CliError::file)
+            }
         }
     }
 }
 
-fn table(results: &[TouchResult]) -> String {
+fn table(results: &[TouchResult], field: &Field) -> String {
+    let bands: Vec<Option<Band>> = results.iter().map(|touch| touch.band(field)).collect();
+    let any = bands.iter().any(Option::is_some);
     let joints = results.iter().find_map(|touch| Some(touch.frames.first()?.external.len()));
     let column = |name: &'static str| (1..=joints.unwrap_or(0)).map(move |j| format!("{name}_{j}"));
     let head = ["log", "touch", "frame", "time_s", "contacts"].map(str::to_owned).into_iter();
-    let head = head.chain(column("predicted")).chain(column("external")).collect();
-    let rows = results.iter().flat_map(|touch| {
-        touch.frames.iter().map(|frame| {
+    let head = head.chain(column("predicted")).chain(column("external"));
+    let head = head.chain(column("half_width").filter(|_| any)).collect();
+    let rows = results.iter().zip(&bands).flat_map(|(touch, band)| {
+        touch.frames.iter().enumerate().map(move |(number, frame)| {
             let names = [touch.log.display().to_string(), touch.name.clone()];
             let numbers = [
                 frame.frame.to_string(),
                 frame.time_s.map(|time| time.to_string()).unwrap_or_default(),
                 frame.contacts.to_string(),
             ];
-            let torques = frame.predicted.iter().chain(&frame.external);
+            let half_width = band.iter().flat_map(|band| &band.half_width[number]);
+            let torques = frame.predicted.iter().chain(&frame.external).chain(half_width);
             let torques = torques.map(|torque| format!("{torque:.6}"));
             names.into_iter().chain(numbers).chain(torques).collect()
         })
@@ -56,7 +69,7 @@ fn table(results: &[TouchResult]) -> String {
     csv::text(std::iter::once(head).chain(rows))
 }
 
-fn npz(results: &[TouchResult]) -> Arrays {
+fn npz(results: &[TouchResult], field: &Field) -> Arrays {
     let mut arrays = Arrays::new();
     let mut met: HashMap<&str, u32> = HashMap::new();
     for touch in results {
@@ -74,6 +87,11 @@ fn npz(results: &[TouchResult]) -> Arrays {
         put("contacts", Array::flat(Data::U64(contacts)));
         put("predicted", torques(frames, |frame| &frame.predicted));
         put("external", torques(frames, |frame| &frame.external));
+        if let Some(band) = touch.band(field) {
+            let joints = band.half_width.first().map_or(0, Vec::len);
+            let numbers = band.half_width.into_iter().flatten().collect();
+            put("half_width", Array::new(vec![frames.len(), joints], Data::F64(numbers)));
+        }
         if let Some(times) = frames.iter().map(|frame| frame.time_s).collect() {
             put("time_s", Array::flat(Data::F64(times)));
         }

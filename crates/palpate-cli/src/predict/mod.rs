@@ -20,7 +20,7 @@ use crate::place::Places;
 use crate::settings::{RobotAndLogSettings, Settings};
 use crate::{interrupt, logs, picture};
 
-pub(crate) use report::text;
+pub(crate) use report::{bands, text};
 
 const NOTES: &str = "Examples:
   palpate predict field.npz recordings/seq_010
@@ -95,12 +95,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let results = score(&arm, &saved.field, touch, against, (&mut touches, output))?;
 
     if let (Some(path), Some(format)) = (&args.output, export) {
-        format.write(path, &results)?;
+        format.write(path, &results, &saved.field)?;
     }
     if let (Some(path), Some(format)) = (&args.picture, picture) {
         format.write(path, &picture::torques(&results, against)?)?;
     }
-    let report = Report::new(&results, against);
+    let report = Report::new(&results, (&saved.field, against));
     tell_oddities(&results, &saved.field, output);
     if args.json { output.json(&report) } else { output.result(&text(&report)) }
 }

@@ -1,5 +1,6 @@
 //! The four figures of Table I, per touch and over all frames, for people.
 
+use palpate_learn::bands::{CLASSES, Coverage};
 use palpate_work::scored::{Figures, Report, Row};
 
 use crate::output::{figure, table};
@@ -30,5 +31,27 @@ pub(crate) fn text(report: &Report) -> String {
         rows.push(cells(&report.overall));
     }
     text += &table(&["", "", "field", "", "", "", "zero"], rows);
+    if let Some(coverage) = &report.bands {
+        text += &format!("\n{}", bands("The bands", coverage));
+    }
     text
+}
+
+/// How often bands held the torque, and how wide they are.
+pub(crate) fn bands(of: &str, coverage: &Coverage) -> String {
+    let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+    let classes = CLASSES.iter().zip(coverage.classes).filter_map(|(class, own)| {
+        let [inside, width] = own?;
+        Some(format!("{class} {}, ± {width:.2}", percent(inside)))
+    });
+    format!(
+        "{of} at {} hold {} of the torques and {} of the joints' largest ones. They are ± {:.3} N·m on average, \
+         {:.2} times\na constant band that holds as many ({}).\n",
+        percent(coverage.level),
+        percent(coverage.frames),
+        percent(coverage.peaks),
+        coverage.half_width_n_m,
+        coverage.half_width_n_m / coverage.constant_half_width_n_m,
+        classes.collect::<Vec<_>>().join("; ")
+    )
 }

@@ -28,6 +28,9 @@ pub(super) struct Data<'a> {
     subject: usize,
     per_torque: f64,
     per_one: f64,
+    /// By method, if it has bands: their level, and how often bands of all levels held the torque.
+    level: Vec<Option<f64>>,
+    by_level: Vec<Option<&'a [[f64; 2]]>>,
     touches: Vec<Touch<'a>>,
     scene: Option<&'a Scene>,
 }
@@ -46,11 +49,14 @@ struct Touch<'a> {
     external: Vec<Vec<Option<i64>>>,
     /// By method and joint.
     predicted: Vec<Vec<Vec<Option<i64>>>>,
+    /// Half-widths of bands, by method, if it has any, and joint.
+    half_width: Vec<Option<Vec<Vec<Option<i64>>>>>,
 }
 
 impl<'a> Data<'a> {
     pub(super) fn of(evaluation: &'a Evaluation, scene: Option<&'a Scene>) -> Self {
         let per_touch = frames_per_touch(evaluation);
+        let coverage = || evaluation.methods.iter().map(|method| method.coverage.as_ref());
         Self {
             joints: &evaluation.joint_names,
             against: &evaluation.against,
@@ -59,6 +65,8 @@ impl<'a> Data<'a> {
             subject: subject(evaluation).unwrap_or(0),
             per_torque: PER_TORQUE,
             per_one: PER_ONE,
+            level: coverage().map(|own| Some(own?.level)).collect(),
+            by_level: coverage().map(|own| Some(&own?.by_level[..])).collect(),
             touches: evaluation.touches.iter().map(|touch| curves(touch, per_touch)).collect(),
             scene,
         }
@@ -84,6 +92,9 @@ fn curves(touch: &LeftOut, per_touch: usize) -> Touch<'_> {
         contacts: drawn(frames, per_touch).map(|frame| touch.contacts[frame]).collect(),
         external: by_joint(&touch.external),
         predicted: touch.predictions.iter().map(|method| by_joint(&method.predicted)).collect(),
+        half_width: (touch.predictions.iter())
+            .map(|method| Some(by_joint(&method.band.as_ref()?.half_width)))
+            .collect(),
     }
 }
 

@@ -76,17 +76,35 @@ function drawError() {
   );
 }
 
+/** The edges of a band around a prediction, as torques of a joint, and the space between them. */
+function bandTraces(predicted = [], halfWidth = [], shade) {
+  const edge = (side) =>
+    torques(predicted.map((tau, at) => (tau === null ? null : tau + side * halfWidth[at])));
+  const none = { width: 0 };
+  const quiet = { hoverinfo: "skip", hovertemplate: undefined };
+  return [
+    curve("", edge(-1), none, quiet),
+    curve("band", edge(1), none, { ...quiet, fill: "tonexty", fillcolor: shade }),
+  ];
+}
+
 function drawJoints() {
   const { external } = touch();
   const method = data.methods[chosen("method")];
   const predicted = touch().predicted[chosen("method")] ?? [];
-  const rows = [...external, ...predicted].flat();
+  const halfWidth = touch().half_width[chosen("method")];
+  const edges = (halfWidth ?? []).flatMap((widths, joint) =>
+    predicted[joint].flatMap((tau, at) => (tau === null ? [] : [tau - widths[at], tau + widths[at]])),
+  );
+  const rows = [...external, ...predicted, edges].flat();
   const bound = (pick) => rows.reduce((best, tau) => pick(best, tau ?? 0), 0) / data.per_torque;
   const low = Math.min(bound(Math.min), -0.1);
   const high = Math.max(bound(Math.max), 0.1);
   const pad = 0.06 * (high - low);
   data.joints.forEach((name, joint) => {
+    const band = halfWidth && bandTraces(predicted[joint], halfWidth[joint], `${colour(method)}33`);
     const traces = [
+      ...(band ?? []),
       curve(data.against, torques(external[joint]), { color: INK, width: 1.6 }),
       curve(method, torques(predicted[joint]), { color: colour(method), width: 1.6 }),
     ];
@@ -113,6 +131,31 @@ function drawJoints() {
   byId("joints-legend").replaceChildren(
     entry(data.against, INK),
     entry(`predicted by ${method}`, colour(method)),
+    ...(halfWidth ? [entry(`its ${percent(level())} band`, `${colour(method)}55`)] : []),
+  );
+}
+
+const level = () => data.level[chosen("method")];
+const percent = (share) => `${Math.round(100 * share)} %`;
+
+/** How often bands held the torque, beside how often they are to. */
+function drawCoverage() {
+  const method = data.methods[chosen("method")];
+  const rows = data.by_level[chosen("method")];
+  byId("coverage-section").hidden = !rows;
+  if (!rows) return;
+  const of = (at) => rows.map((row) => 100 * row[at]);
+  const line = (name, y, more) => ({ x: of(0), y, name, hovertemplate: "%{y:.1f} %", ...more });
+  const traces = [
+    line("as many as they are to", of(0), { mode: "lines", line: { color: GREY, dash: "dot" } }),
+    line(`held by ${method}'s bands`, of(1), { mode: "lines+markers", line: { color: colour(method) } }),
+  ];
+  const range = [45, 100];
+  Plotly.react(
+    "coverage",
+    traces,
+    layout({ xaxis: axis("level [%]", { range }), yaxis: axis("torques inside [%]", { range }) }),
+    flat,
   );
 }
 
@@ -263,6 +306,8 @@ byId("touch").addEventListener("change", chooseTouch);
 byId("method").addEventListener("change", () => {
   drawJoints();
   drawContacts();
+  drawCoverage();
 });
 byId("controls").addEventListener("submit", (event) => event.preventDefault());
 if (data.touches.length > 0) chooseTouch();
+drawCoverage();

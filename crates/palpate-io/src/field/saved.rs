@@ -26,8 +26,8 @@ use std::sync::Arc;
 
 use palpate::unstable::{EstimatorState, FrameId, LoggedTouch, NO_STD, RememberedFrame, RngState};
 use palpate::{
-    CellId, ContactConfig, EstimatorKind, ExternalTorqueConfig, Field, Lattice, Mapper,
-    MapperConfig, Sample, Snapshot,
+    Calibration, CellId, ContactConfig, EstimatorKind, ExternalTorqueConfig, Field, Lattice,
+    Mapper, MapperConfig, Sample, Snapshot,
 };
 use serde::{Deserialize, Serialize};
 
@@ -126,6 +126,8 @@ struct Meta {
     contact: ContactConfig,
     touch: ExternalTorqueConfig,
     untouched_n_per_m: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    calibration: Option<Calibration>,
     mapper: Option<MapperMeta>,
 }
 
@@ -187,6 +189,7 @@ fn to_arrays(saved: &Saved) -> Arrays {
         contact: field.contact.clone(),
         touch: field.touch.clone(),
         untouched_n_per_m: field.untouched_n_per_m,
+        calibration: field.calibration.clone(),
         mapper: saved.snapshot.as_ref().map(|snapshot| MapperMeta {
             config: snapshot.config.clone(),
             fingerprint: snapshot.robot.1,
@@ -269,6 +272,11 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
     field.std_n_per_m = file.std.ok_or_else(|| foreign("K_std"))?;
     field.counts = file.counts.ok_or_else(|| foreign("N_obs"))?;
     field.stiffness_n_per_m = file.stiffness;
+    field.calibration = meta.calibration;
+    if field.calibration.as_ref().is_some_and(|own| !own.is_sound(own.floor_n_m.len())) {
+        let what = "its calibration holds a number that is not finite, or below 0";
+        return Err(contradiction(arrays, what.to_owned()));
+    }
     if file.lattice != Some(FieldLattice::from(&field.lattice)) {
         let what = "the array `lattice` is not the lattice of the settings";
         return Err(contradiction(arrays, what.to_owned()));
@@ -358,14 +366,16 @@ fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapsh
         );
         return Err(contradiction(arrays, what));
     };
-    Ok(Snapshot::new(
+    let mut snapshot = Snapshot::new(
         mapper.config,
         (saved.robot.clone(), mapper.fingerprint),
         n_joints,
         (saved.field.cells.clone(), expected.to_vec()),
         state,
         (mapper.touches, sample_log),
-    ))
+    );
+    snapshot.calibration.clone_from(&saved.field.calibration);
+    Ok(snapshot)
 }
 
 /// Numbers of an estimator's state, none so large that what follows from it would not be finite.

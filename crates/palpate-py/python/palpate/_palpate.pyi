@@ -242,6 +242,12 @@ class Answer:
         It ranks paths by how well their resistance is known; it bounds no error.
         """
     @property
+    def half_width(self) -> NDArray[np.float64] | None:
+        """Half-width of the band around it at 90 %, or the highest level of the field, (P, n_joints), N·m.
+
+        None of a field without bands.
+        """
+    @property
     def contacts(self) -> NDArray[np.uint64]:
         """Points of the lattice touched, (P,)."""
     @property

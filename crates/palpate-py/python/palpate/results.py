@@ -83,6 +83,25 @@ class ScoredTouch(ScoredFrames):
     """External torque by the field, N·m, (T, n_joints)."""
     external: NDArray[np.float64]
     """Measured external torque, or the true one, N·m, (T, n_joints)."""
+    half_width: NDArray[np.float64] | None
+    """Half-width of the band around `predicted` at 90 %, or the highest level of the field, N·m, (T, n_joints)."""
+
+
+class Coverage(TypedDict):
+    """How often bands held the torque, and how wide they are."""
+
+    level: float
+    frames: float
+    """Share of the torques inside, a frame and joint each."""
+    by_level: list[list[float]]
+    """The same at other levels: level and share."""
+    peaks: float
+    """Share of the joints' largest torques in a touch."""
+    half_width_n_m: float
+    constant_half_width_n_m: float
+    """Of a band of one width that holds as many frames, N·m."""
+    classes: list[list[float] | None]
+    """Share inside and mean half-width, N·m: free air, mostly met cells, mostly new cells."""
 
 
 class Score(TypedDict):
@@ -91,6 +110,8 @@ class Score(TypedDict):
     touches: list[ScoredTouch]
     overall: ScoredFrames
     against: str
+    bands: Coverage | None
+    """None of a field without bands."""
 
 
 class MeanStd(TypedDict):
@@ -108,6 +129,8 @@ class MethodRow(TypedDict):
     max_error: MeanStd | None
     avg_relative: MeanStd | None
     max_relative: MeanStd | None
+    coverage: Coverage | None
+    """Of an estimator with three touches or more to learn from."""
 
 
 class LeftOut(TypedDict):

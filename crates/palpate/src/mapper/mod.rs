@@ -18,6 +18,7 @@ pub use self::snapshot::Snapshot;
 
 use self::sample_log::SampleLog;
 use crate::arm::Arm;
+use crate::calibration::Calibration;
 use crate::contact::{ContactConfig, Contacts};
 use crate::ekf::EkfEstimator;
 use crate::estimator::{
@@ -131,6 +132,7 @@ pub struct Mapper {
     /// Prior means of the rows that have one of their own, N/m.
     prior_means_n_per_m: Vec<f64>,
     log: SampleLog,
+    calibration: Option<Calibration>,
 }
 
 impl Mapper {
@@ -172,6 +174,7 @@ impl Mapper {
             replays: Replays::new(estimator, per_frame, ReplayPolicy::default()),
             prior_means_n_per_m,
             log: SampleLog::default(),
+            calibration: None,
             config,
         })
     }
@@ -180,6 +183,13 @@ impl Mapper {
     #[must_use]
     pub fn with_replays(mut self, policy: ReplayPolicy) -> Self {
         self.replays.set_policy(policy);
+        self
+    }
+
+    /// The same mapper, whose fields say how wide bands around their predictions are.
+    #[must_use]
+    pub fn with_calibration(mut self, calibration: Option<Calibration>) -> Self {
+        self.calibration = calibration;
         self
     }
 
@@ -341,6 +351,7 @@ impl Mapper {
             counts: of_rows.map(|row| estimator.count(row)).collect(),
             untouched_n_per_m: estimator.stiffness(usize::MAX),
             elastic: None,
+            calibration: self.calibration.clone(),
         }
     }
 
@@ -366,7 +377,7 @@ impl Mapper {
     pub fn coarse_path_predictor(&self, cluster_weight: f64) -> PathPredictor {
         let (contact, rows) = (self.config.contact.clone(), self.observations.rows());
         let springs = Springs::new(rows, &*self.replays.estimator(), cluster_weight);
-        PathPredictor::new(&self.tracker, contact, springs)
+        PathPredictor::new(&self.tracker, contact, springs).calibrated(self.calibration.clone())
     }
 
     /// Checks of paths for this mapper's path predictors, without a copy of the field.

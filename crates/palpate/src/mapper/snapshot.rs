@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::sample_log::{LoggedTouch, SampleLog};
 use super::{Mapper, MapperConfig, MapperError};
 use crate::arm::Arm;
+use crate::calibration::Calibration;
 use crate::estimator::{EstimatorState, FrameId};
 use crate::lattice::{CellId, CellRows};
 use crate::torque::{Observation, ObservationBuilder};
@@ -31,6 +32,8 @@ pub struct Snapshot {
     pub touches: u32,
     /// Touches with remembered frames, and the one under way.
     pub sample_log: Vec<LoggedTouch>,
+    /// How wide bands around its predictions are, if that is known.
+    pub calibration: Option<Calibration>,
 }
 
 impl Snapshot {
@@ -44,7 +47,18 @@ impl Snapshot {
         state: EstimatorState,
         (touches, sample_log): (u32, Vec<LoggedTouch>),
     ) -> Self {
-        Self { config, robot, n_joints, cells, prior_means_n_per_m, state, touches, sample_log }
+        let calibration = None;
+        Self {
+            config,
+            robot,
+            n_joints,
+            cells,
+            prior_means_n_per_m,
+            state,
+            touches,
+            sample_log,
+            calibration,
+        }
     }
 }
 
@@ -63,6 +77,7 @@ impl Mapper {
             prior_means_n_per_m: self.prior_means_n_per_m.clone(),
             sample_log: self.log.needed_by(&remembered, self.tracker.is_in_touch()),
             touches: self.log.begun(),
+            calibration: self.calibration.clone(),
             state,
         }
     }
@@ -83,7 +98,10 @@ impl Mapper {
             return Err(MapperError::OtherRobot { learnt, given });
         }
         let n_joints = arm.robot.n_joints();
-        let mut mapper = Self::new(arm, snapshot.config)?;
+        let mut mapper = Self::new(arm, snapshot.config)?.with_calibration(snapshot.calibration);
+        if mapper.calibration.as_ref().is_some_and(|own| !own.is_sound(n_joints)) {
+            return Err(inconsistent("its calibration is of another number of joints".to_owned()));
+        }
         let lattice = &mapper.config.lattice;
         if let Some(cell) = snapshot.cells.iter().find(|cell| !lattice.contains(**cell)) {
             return Err(inconsistent(format!("cell {} is not in the lattice", cell.0)));

@@ -67,6 +67,7 @@ use self::parallel::in_chunks;
 pub use self::path::{CheckedPath, PathChecker};
 pub(crate) use self::springs::Springs;
 use crate::arm::Arm;
+use crate::calibration::Calibration;
 use crate::contact::{ContactConfig, ContactState, PathContactSimulator, PosedTrajectory};
 use crate::elastic::{ElasticModel, ElasticTorque};
 use crate::motion::MotionError;
@@ -177,6 +178,21 @@ pub struct PathPrediction {
     pub goes_on: bool,
     /// Number of stops; torques of the other points are interpolated between theirs.
     pub stops: usize,
+    /// How wide bands around the torques are, if the field is calibrated.
+    pub calibration: Option<Arc<Calibration>>,
+}
+
+impl PathPrediction {
+    /// Half-widths of the bands at a level, n_joints for each point, N·m; `None` if the field is not calibrated, or not
+    /// up to that level.
+    pub fn half_width(&self, level: f64) -> Option<Vec<DVector<f64>>> {
+        let calibration = self.calibration.as_ref()?;
+        let q = calibration.at(level)?.frame;
+        let of = |point: &PathPoint| {
+            calibration.scale(point.torque.as_slice(), point.torque_std.as_slice()) * q
+        };
+        Some(self.points.iter().map(of).collect())
+    }
 }
 
 /// A field at one moment and the arm with its contacts, to predict the torque of motions.
@@ -190,6 +206,8 @@ pub struct PathPredictor {
     springs: Arc<Springs>,
     /// The object as an elastic body, as the arm bends it where it is.
     body: Option<ElasticTorque>,
+    /// Of the springs alone.
+    calibration: Option<Arc<Calibration>>,
 }
 
 /// Chunks of the points of a short path; always as many, so that sums have the same order.
@@ -214,7 +232,15 @@ impl PathPredictor {
                 .map(|(q, contact_state)| (q, Arc::new(contact_state))),
             springs: Arc::new(springs),
             body: None,
+            calibration: None,
         }
+    }
+
+    /// The same, of a field with bands.
+    #[must_use]
+    pub(crate) fn calibrated(mut self, calibration: Option<Calibration>) -> Self {
+        self.calibration = calibration.map(Arc::new);
+        self
     }
 
     /// The same with an elastic body, as the arm bends it where it is.
@@ -222,6 +248,8 @@ impl PathPredictor {
     pub fn with_body(mut self, model: &ElasticModel, body: ElasticTorque) -> Self {
         Arc::make_mut(&mut self.springs).add_residual(model);
         self.body = Some(body);
+        // Bands were calibrated without it.
+        self.calibration = None;
         self
     }
 
@@ -277,7 +305,8 @@ impl PathPredictor {
             }
             points.push(reached);
         }
-        Ok(PathPrediction { points, goes_on: from.is_some(), stops: path.stops.len() })
+        let (goes_on, stops) = (from.is_some(), path.stops.len());
+        Ok(PathPrediction { points, goes_on, stops, calibration: self.calibration.clone() })
     }
 
     /// Torque of the elastic body at every stop, n_joints, N·m; empty if there is no body.

@@ -1,0 +1,320 @@
+//! Bands around predicted torques, calibrated on touches that were held out.
+//!
+//! Each training touch is predicted after learning the others, under the same settings. The half-width is a sum that is
+//! linear in the predicted torque and its springs' standard deviation, with coefficients of least absolute error for the
+//! 0.9 quantile (quantile regression, Koenker and Bassett 1978): the narrowest bands of that shape. Its multipliers for
+//! the other levels are quantiles of the held-out errors over the half-widths, each touch counting alike (conformal
+//! prediction with frames grouped by touch, Dunn, Wasserman and Ramdas 2022).
+
+use nalgebra::DVector;
+use palpate::unstable::{Cell, Estimator};
+use palpate::{BandQuantiles, Calibration, MapperConfig};
+use rayon::prelude::*;
+
+use crate::error::{LearnError, Stop};
+use crate::folds::{Fold, folds};
+use crate::method::learn;
+use crate::tracked::{Tracked, TrackedFrame};
+
+/// Touches without which nothing is calibrated.
+pub const FEWEST: usize = 3;
+/// Touches that are held out at most, one after the other; with more, in groups.
+const MOST_FOLDS: usize = 16;
+/// Levels that are kept, as far as there are touches for them.
+const LEVELS: [f64; 9] = [0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99];
+/// The level that the shape is best for.
+const SHAPE: f64 = 0.9;
+/// Replays after each frame.
+const REPLAYS: u32 = 3;
+/// Frames of a touch that are predicted, about.
+const FRAMES: usize = 400;
+/// Steps of the quantile regression, and sweeps over the coefficients in each.
+const STEPS: usize = 40;
+const SWEEPS: usize = 30;
+
+/// The torques of a touch that was held out.
+struct HeldOut {
+    /// By frame, n_joints, N·m: predicted, standard deviation of the springs, measured.
+    frames: Vec<[DVector<f64>; 3]>,
+}
+
+/// The calibration of some training touches; `None` with fewer than three.
+///
+/// All frames are learnt from, for they say how sure the estimator is; but with few replays, which take most of the time.
+///
+/// # Errors
+///
+/// If a setting is out of its range, or a frame cannot be used; or on being stopped.
+pub fn calibrate(
+    tracked: &Tracked,
+    train: &[usize],
+    config: &MapperConfig,
+    stop: Stop<'_>,
+) -> Result<Option<Calibration>, LearnError> {
+    if train.len() < FEWEST {
+        return Ok(None);
+    }
+    let mut config = config.clone();
+    config.estimator.replays = config.estimator.replays.min(REPLAYS);
+    let inner = |fold: Fold| {
+        let touches =
+            |places: Vec<usize>| places.into_iter().map(|place| train[place]).collect::<Vec<_>>();
+        Fold { test: touches(fold.test), train: touches(fold.train) }
+    };
+    let inner: Vec<Fold> =
+        folds(train.len(), train.len().min(MOST_FOLDS)).into_iter().map(inner).collect();
+    let held_out: Vec<Vec<HeldOut>> = inner
+        .par_iter()
+        .map(|fold| {
+            let estimator = learn(tracked, &fold.train, &config, &[], stop)?;
+            let predicted = Predicted::by(tracked, &*estimator);
+            Ok(fold.test.iter().map(|touch| predicted.touch(tracked, *touch)).collect())
+        })
+        .collect::<Result<_, LearnError>>()?;
+    let held_out: Vec<HeldOut> = held_out.into_iter().flatten().collect();
+    let untouched_std = config.estimator(tracked.n_joints)?.std(usize::MAX);
+    Ok(of_held_out(&held_out, tracked.n_joints, untouched_std))
+}
+
+/// What an estimator predicts, and how sure it is.
+pub(crate) struct Predicted {
+    cells: Vec<Cell>,
+    variances: Vec<f64>,
+}
+
+impl Predicted {
+    pub(crate) fn by(tracked: &Tracked, estimator: &dyn Estimator) -> Self {
+        let rows = 0..tracked.cells.len();
+        Self {
+            cells: tracked.with_stiffness(|row| estimator.stiffness(row)),
+            variances: rows.map(|row| estimator.std(row).powi(2)).collect(),
+        }
+    }
+
+    /// Torque of a frame, and the springs' standard deviation of it, n_joints each, N·m.
+    pub(crate) fn frame(&self, frame: &TrackedFrame) -> [Vec<f64>; 2] {
+        let gram = frame.observation.gram(&self.cells, |row| self.variances[row]);
+        let std = gram.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect();
+        [frame.predict(&self.cells), std]
+    }
+
+    fn touch(&self, tracked: &Tracked, touch: usize) -> HeldOut {
+        let frames = &tracked.touches[touch].frames;
+        let every = frames.len().div_ceil(FRAMES).max(1);
+        let frames = frames.iter().step_by(every).map(|frame| {
+            let [torque, std] = self.frame(frame).map(DVector::from_vec);
+            [torque, std, frame.observation.tau().into_owned()]
+        });
+        HeldOut { frames: frames.collect() }
+    }
+}
+
+fn of_held_out(
+    held_out: &[HeldOut],
+    n_joints: usize,
+    untouched_std_n_per_m: f64,
+) -> Option<Calibration> {
+    let touches: Vec<&HeldOut> = held_out.iter().filter(|touch| !touch.frames.is_empty()).collect();
+    if touches.len() < FEWEST {
+        return None;
+    }
+    let mut calibration = Calibration {
+        floor_n_m: vec![0.0; n_joints],
+        by_torque: 0.0,
+        by_std: 0.0,
+        untouched_std_n_per_m,
+        touches: touches.len() as u32,
+        quantiles: Vec::new(),
+    };
+    fit_shape(&touches, &mut calibration);
+    let highest = touches.len() as f64 / (touches.len() as f64 + 1.0);
+    let levels: Vec<f64> = LEVELS.into_iter().filter(|level| *level <= highest).collect();
+    calibration.quantiles = quantiles(&touches, &calibration, &levels);
+    calibration.is_sound(n_joints).then_some(calibration)
+}
+
+/// Rows of the quantile regression: joint, |τ̂|, s, |error|, weight.
+fn rows(touches: &[&HeldOut]) -> Vec<(usize, f64, f64, f64, f64)> {
+    let of_touch = |touch: &&HeldOut| {
+        let weight = 1.0 / touch.frames.len() as f64;
+        let of_frame = move |[torque, std, measured]: &[DVector<f64>; 3]| {
+            (0..torque.len())
+                .map(|j| (j, torque[j].abs(), std[j], (measured[j] - torque[j]).abs(), weight))
+                .collect::<Vec<_>>()
+        };
+        touch.frames.iter().flat_map(of_frame).collect::<Vec<_>>()
+    };
+    touches.iter().flat_map(of_touch).collect()
+}
+
+/// Coefficients of the half-width, none below zero, that minimise the check loss at [`SHAPE`], by majorisation (Hunter and
+/// Lange 2000): a weighted least squares in each step.
+fn fit_shape(touches: &[&HeldOut], calibration: &mut Calibration) {
+    let rows = rows(touches);
+    let n = calibration.floor_n_m.len();
+    let total: f64 = rows.iter().map(|row| row.4).sum();
+    let mean = rows.iter().map(|row| row.3 * row.4).sum::<f64>() / total;
+    // |τ̂| and s as they are large at most, so that all coefficients are of one size.
+    let largest =
+        |of: fn(&(usize, f64, f64, f64, f64)) -> f64| rows.iter().map(of).fold(1e-9, f64::max);
+    let scales = [largest(|row| row.1), largest(|row| row.2)];
+    let mut found = vec![mean; n + 2];
+    let smallest = 1e-3 * mean + 1e-9;
+    for _ in 0..STEPS {
+        let mut gram = vec![vec![0.0; n + 2]; n + 2];
+        let mut right = vec![0.0; n + 2];
+        for &(j, torque, std, error, weight) in &rows {
+            let own = [(j, 1.0), (n, torque / scales[0]), (n + 1, std / scales[1])];
+            let width: f64 = own.iter().map(|(k, factor)| found[*k] * factor).sum();
+            let pull = weight / (smallest + (error - width).abs());
+            for (a, by_a) in own {
+                right[a] += by_a * (pull * error + (2.0 * SHAPE - 1.0) * weight);
+                for (b, by_b) in own {
+                    gram[a][b] += pull * by_a * by_b;
+                }
+            }
+        }
+        for _ in 0..SWEEPS {
+            for k in 0..n + 2 {
+                let all: f64 = gram[k].iter().zip(&found).map(|(entry, own)| entry * own).sum();
+                if gram[k][k] > 0.0 {
+                    found[k] = (found[k] + (right[k] - all) / gram[k][k]).max(0.0);
+                }
+            }
+        }
+    }
+    // No joint is known without any error.
+    calibration.floor_n_m =
+        found[..n].iter().map(|floor| floor.max(1e-3 * mean).max(1e-9)).collect();
+    (calibration.by_torque, calibration.by_std) = (found[n] / scales[0], found[n + 1] / scales[1]);
+}
+
+/// The quantiles of held-out errors over half-widths.
+fn quantiles(
+    touches: &[&HeldOut],
+    calibration: &Calibration,
+    levels: &[f64],
+) -> Vec<BandQuantiles> {
+    let (mut frame, mut norm, mut peak) = (Vec::new(), Vec::new(), Vec::new());
+    for touch in touches {
+        let weight = 1.0 / touch.frames.len() as f64;
+        let scales: Vec<DVector<f64>> = (touch.frames.iter())
+            .map(|[torque, std, _]| calibration.scale(torque.as_slice(), std.as_slice()))
+            .collect();
+        for ([torque, _, measured], scale) in touch.frames.iter().zip(&scales) {
+            let error = measured - torque;
+            frame.extend(error.iter().zip(scale).map(|(e, s)| ((e / s).abs(), weight)));
+            norm.push((error.norm() / scale.norm(), weight));
+        }
+        let errors = Peaks::of(&touch.frames, &scales);
+        peak.extend(errors.0.into_iter().map(|error| (error, 1.0)));
+    }
+    // A quantile of few touches is not known well, so a little more is asked for: of peaks, of which a touch has few,
+    // half of what would be needed if a touch had one.
+    let count = touches.len() as f64;
+    let of = |level: &f64| {
+        let of_frames = level + (1.0 - level) / count;
+        BandQuantiles {
+            level: *level,
+            frame: quantile(&mut frame, of_frames),
+            norm: quantile(&mut norm, of_frames),
+            peak: quantile(&mut peak, (level * (1.0 + 0.5 / count)).min(1.0)),
+        }
+    };
+    levels.iter().map(of).collect()
+}
+
+/// For each joint, the difference between its largest measured and its largest predicted torque in a touch, over the
+/// half-width where the prediction is largest.
+pub(crate) struct Peaks(pub(crate) Vec<f64>);
+
+impl Peaks {
+    pub(crate) fn of(frames: &[[DVector<f64>; 3]], scales: &[DVector<f64>]) -> Self {
+        let n = scales[0].len();
+        let of_joint = |j: usize| {
+            let largest = |of: usize| {
+                let each = frames.iter().enumerate().map(|(k, frame)| (k, frame[of][j].abs()));
+                each.fold((0, 0.0), |most, own| if own.1 > most.1 { own } else { most })
+            };
+            let ((at, predicted), (_, measured)) = (largest(0), largest(2));
+            (measured - predicted).abs() / scales[at][j]
+        };
+        Self((0..n).map(of_joint).collect())
+    }
+}
+
+/// The value that this share of the weight does not pass.
+pub(crate) fn quantile(values: &mut [(f64, f64)], level: f64) -> f64 {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = values.iter().map(|(_, weight)| weight).sum();
+    let mut sum = 0.0;
+    for (value, weight) in values.iter() {
+        sum += weight;
+        if sum >= level * total - 1e-9 {
+            return *value;
+        }
+    }
+    values.last().map_or(0.0, |last| last.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::{Rng, SeedableRng};
+
+    use super::*;
+
+    fn uniform(rng: &mut ChaCha8Rng) -> f64 {
+        f64::from(rng.next_u32()) / f64::from(u32::MAX)
+    }
+
+    /// Touches whose errors are uniform in ±(0.1 + 0.3 |τ̂| + 2 s).
+    fn touches(count: usize, seed: u64) -> Vec<HeldOut> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let touch = |_| {
+            let frame = |_| {
+                let torque = DVector::from_fn(2, |_, _| 4.0 * uniform(&mut rng) - 2.0);
+                let std = DVector::from_fn(2, |_, _| 0.5 * uniform(&mut rng));
+                let width = |j: usize| 0.1 + 0.3 * f64::abs(torque[j]) + 2.0 * std[j];
+                let error = DVector::from_fn(2, |j, _| width(j) * (2.0 * uniform(&mut rng) - 1.0));
+                let measured = &torque + error;
+                [torque, std, measured]
+            };
+            HeldOut { frames: (0..200).map(frame).collect() }
+        };
+        (0..count).map(touch).collect()
+    }
+
+    #[test]
+    fn the_shape_of_errors_is_found_and_new_touches_are_covered() {
+        let learnt = touches(20, 1);
+        let calibration = of_held_out(&learnt, 2, 5.0).unwrap();
+        // The 0.9 quantile of a uniform error is 0.9 of its bound.
+        let [torque, std] = [calibration.by_torque / 0.27, calibration.by_std / 1.8];
+        assert!((torque - 1.0).abs() < 0.1 && (std - 1.0).abs() < 0.1, "{calibration:?}");
+        assert!(calibration.floor_n_m.iter().all(|floor| (floor - 0.09).abs() < 0.03));
+        for level in [0.5, 0.8, 0.9, 0.95] {
+            let q = calibration.at(level).unwrap();
+            let (mut inside, mut all) = (0.0, 0.0);
+            for [torque, std, measured] in touches(20, 2).iter().flat_map(|touch| &touch.frames) {
+                let scale = calibration.scale(torque.as_slice(), std.as_slice());
+                for j in 0..2 {
+                    inside += f64::from((measured[j] - torque[j]).abs() <= q.frame * scale[j]);
+                    all += 1.0;
+                }
+            }
+            let covered: f64 = inside / all;
+            // A little more than asked for, since twenty touches are few.
+            let wanted = level + (1.0 - level) / 20.0;
+            assert!((covered - wanted).abs() < 0.02, "{covered} of {level}");
+        }
+    }
+
+    #[test]
+    fn few_touches_have_no_high_levels() {
+        let calibration = of_held_out(&touches(4, 3), 2, 5.0).unwrap();
+        assert_eq!(calibration.highest_level(), 0.8);
+        assert!(calibration.at(0.9).is_none());
+        assert!(of_held_out(&touches(2, 3), 2, 5.0).is_none());
+    }
+}
