@@ -74,8 +74,9 @@ pub(crate) struct Answer {
     ///
     /// It ranks paths by how well their resistance is known; it bounds no error.
     torque_std: Py<PyArray2<f64>>,
-    /// Half-width of the band around it at 90 %, or the highest level of the field, (P, n_joints), N·m; None of a field
-    /// without bands.
+    /// Half-width of the band around it at 90 %, or the highest level of the field, (P, n_joints), N·m.
+    ///
+    /// None of a field without bands.
     half_width: Option<Py<PyArray2<f64>>>,
     /// Points of the lattice touched, (P,).
     contacts: Py<PyArray1<u64>>,
