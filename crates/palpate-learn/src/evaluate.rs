@@ -126,7 +126,7 @@ impl Plan {
             let config = self.config_of((method, fold));
             let own = (&self.folds[fold], config);
             let (torques, certainty) = match method {
-                Method::Map | Method::Ekf => with_certainty(tracked, own, stop),
+                Method::Map => with_certainty(tracked, own, stop),
                 _ => method.predict(tracked, own.0, config, stop).map(|torques| (torques, None)),
             }
             .map_err(|source| PartError { method, fold, source })?;

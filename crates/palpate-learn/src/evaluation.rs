@@ -39,7 +39,7 @@ pub struct Summary {
     pub avg_relative: Option<MeanStd>,
     /// Largest relative error, over the same touches.
     pub max_relative: Option<MeanStd>,
-    /// How often the method's bands held the measured torque, if it has any.
+    /// How often the bands of `map` held the measured torque, if there were touches enough.
     #[serde(default)]
     pub coverage: Option<Coverage>,
 }
