@@ -115,12 +115,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         }));
     }
     let lowest = found.lowest_m.map_or(
-        "Its links have no surfaces, so its height was not checked".to_owned(),
-        |lowest_m| format!("Its lowest point is {lowest_m:.2} m above the base's zero"),
+        "The links have no surfaces: their height was not checked".to_owned(),
+        |lowest_m| format!("Lowest point: z = {lowest_m:.2} m in the base frame"),
     );
     let nearest =
         found.nearest_m.map_or("self-collision was not checked".to_owned(), |nearest_m| {
-            format!("the nearest it comes to itself is {nearest_m:.2} m")
+            format!("smallest distance between links: {nearest_m:.2} m")
         });
     output.result(&format!(
         "{} points over {:.0} s are in `{}`.\nCondition number {:.0} (of the first motion that kept to the limits: \

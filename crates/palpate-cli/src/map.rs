@@ -187,16 +187,14 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
 }
 
-/// What bands the field has.
-fn bands(calibration: Option<&Calibration>) -> String {
+/// What the field's bands were calibrated on.
+fn calibrated_on(calibration: Option<&Calibration>) -> String {
     match calibration {
         Some(own) => {
             let highest = 100.0 * own.highest_level();
             format!("up to {highest:.0} %, calibrated on {} touches", own.touches)
         }
-        None => {
-            "none: they are calibrated where settings are chosen, from three touches on".to_owned()
-        }
+        None => "none: `map` calibrates them where it chooses settings".to_owned(),
     }
 }
 
@@ -291,6 +289,10 @@ impl Summary<'_> {
         let mut json = self.tally.figures(self.mapper);
         json["field"] = json!(self.args.output);
         json["seconds"] = json!(elapsed.as_secs_f64());
+        json["bands"] = self.mapper.calibration().map_or(
+            serde_json::Value::Null,
+            |own| json!({ "highest_level": own.highest_level(), "touches": own.touches }),
+        );
         json["pace"] = json!(self.pace);
         json["elastic"] = self.body.map_or(serde_json::Value::Null, |model| {
             json!({
@@ -332,7 +334,7 @@ impl Summary<'_> {
         } else if config.method == EstimatorKind::Elastic {
             found.push(("elastic body", "none, map is used alone".to_owned()));
         }
-        found.push(("bands", bands(self.mapper.field().calibration.as_ref())));
+        found.push(("bands", calibrated_on(self.mapper.calibration())));
         found.push(("time", seconds(elapsed)));
         found.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
         let before = tally.before_learning();

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use palpate::{Arm, Differentiation, TorqueModel};
 use palpate_io::torques::{TorqueFormat, TorqueRow, write};
 use palpate_work::torque::{
-    BANDWIDTH_HZ, ContactInterval, FALSE_ALARMS_PER_HOUR, GUESS, TorqueSettings, TouchTorques,
-    contacts, threshold, torques,
+    BANDWIDTH_HZ, ContactInterval, FALSE_ALARMS_PER_HOUR, ThresholdSource, TorqueSettings,
+    TouchTorques, contacts, threshold, torques,
 };
 use palpate_work::touches::Touches;
 use palpate_work::{arm_file, robot};
@@ -200,7 +200,7 @@ fn text(
     found: &[TouchTorques],
     joints: &[String],
     contacts: &[ContactInterval],
-    (threshold, from, per_hour): (f64, &str, f64),
+    (threshold, from, per_hour): (f64, ThresholdSource, f64),
 ) -> String {
     let mut head = vec!["touch", "samples"];
     head.extend(joints.iter().map(String::as_str));
@@ -216,10 +216,13 @@ fn text(
     text += &table(&head, rows);
     text += &format!(
         "\nContact threshold: {threshold:.1} standard deviations ({}).\n",
-        if from == GUESS {
-            "a guess; give --free, or identify the arm".to_owned()
-        } else {
-            format!("expected false alarms: {per_hour} per hour, from {from}")
+        match from {
+            ThresholdSource::Guess => "a guess; give --free, or identify the arm".to_owned(),
+            ThresholdSource::Identification => format!(
+                "expected false alarms: {per_hour} per hour, from the motion that identification held out"
+            ),
+            ThresholdSource::FreeLogs =>
+                format!("expected false alarms: {per_hour} per hour, from the logs of --free"),
         }
     );
     if contacts.is_empty() {

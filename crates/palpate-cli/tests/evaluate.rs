@@ -60,7 +60,10 @@ fn bands_are_held_against_touches_that_they_were_not_calibrated_on() {
     let coverage = json(&mut run)["methods"][0]["coverage"].clone();
     let number = |key: &str| coverage[key].as_f64().unwrap();
     assert_eq!(number("level"), 0.8); // of five touches
-    assert!((0.0..=1.0).contains(&number("frames")) && (0.0..=1.0).contains(&number("peaks")));
+    assert!(
+        (0.0..=1.0).contains(&number("torque_share"))
+            && (0.0..=1.0).contains(&number("peak_share"))
+    );
     assert!(number("half_width_n_m") > 0.0 && number("constant_half_width_n_m") > 0.0);
     assert_eq!(coverage["classes"].as_array().unwrap().len(), 3);
     let told = succeed(&mut evaluate(
@@ -68,7 +71,7 @@ fn bands_are_held_against_touches_that_they_were_not_calibrated_on() {
         &["log"],
         &["--methods", "map,zero", "-o", &scene.text("out/f")],
     ));
-    assert!(told.contains("map's bands at 80 % hold"), "{told}");
+    assert!(told.contains("Bands of map (80 %): they contain"), "{told}");
 }
 
 #[test]

@@ -210,9 +210,10 @@ fn needs_cyclonedds_an_identified_arm_publishes_how_sure_its_torques_are_with_a_
     let text = arm_file::text(&Robot::built_in(robot_of_file).unwrap(), &model, "");
     fs::write(&path, text).unwrap();
     let arm = ["--arm", path.to_str().unwrap()];
+    let count = ["--torque-sign", "plus", "--gravity", "included"];
     for (more, is_mapped) in [(&[][..], true), (&["--no-map"], false)] {
         let domain = Domain::take();
-        let mut live = Live::start(&domain, &[&arm, more].concat());
+        let mut live = Live::start(&domain, &[&arm, &count[..], more].concat());
         let arguments = ["--rate", "100", "--seconds", "6", "--until-received", "--identified"];
         let robot = result(&mut robot(&domain, &arguments));
         live.wait_for_figures("all samples", |figures| figures["mapped"] == robot["sent"]);
@@ -225,6 +226,7 @@ fn needs_cyclonedds_an_identified_arm_publishes_how_sure_its_torques_are_with_a_
         let touches = lines.any(|line| line["contacts"].as_u64() > Some(0));
         assert_eq!(touches, is_mapped, "{}", live.lines());
     }
+    refuse(palpate().args(["live", "--localhost"]).args(arm), 2, &["--torque-sign", "--gravity"]);
     let arguments = ["live", "--guard", "5", "--localhost", "--arm", arm[1]];
     refuse(palpate().args(arguments), 2, &["leave out --guard"]);
 }

@@ -162,7 +162,7 @@ fn bands_are_calibrated_where_settings_are_chosen_and_kept_from_then_on() {
     assert_eq!(bands["level"], 0.8);
     let share = |key: &str| bands[key].as_f64().unwrap();
     // Of a touch that was learnt as well.
-    assert!(share("frames") > 0.8 && share("half_width_n_m") > 0.0, "{bands}");
+    assert!(share("torque_share") > 0.8 && share("half_width_n_m") > 0.0, "{bands}");
     let table = fs::read_to_string(&torques).unwrap();
     assert!(table.lines().next().unwrap().ends_with(",half_width_1,half_width_2"), "{table}");
     let width: f64 = table.lines().last().unwrap().rsplit(',').next().unwrap().parse().unwrap();

@@ -115,7 +115,10 @@ fn a_standard_deviation_of_the_torque_is_added_to_that_of_the_estimator() {
 fn never_having_stopped(prior: &[(CellId, f64)], touches: &[Vec<Sample>]) {
     let arm = arm();
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
-        let new = || Mapper::with_prior(Arc::clone(&arm), config(method), prior).unwrap();
+        let mut config = config(method);
+        // Only torques of an identified arm have standard deviations.
+        config.touch.identified = touches.iter().flatten().any(|sample| sample.tau_std.is_some());
+        let new = || Mapper::with_prior(Arc::clone(&arm), config.clone(), prior).unwrap();
         let mut whole = new();
         for touch in touches {
             whole.begin_touch();

@@ -1,17 +1,13 @@
 //! How often bands hold the measured torque of touches that were neither learnt nor calibrated on.
 
-use nalgebra::DVector;
 use palpate::Calibration;
 use serde::{Deserialize, Serialize};
 
-use crate::calibrate::Peaks;
+use crate::calibrate::{PredictedFrame, peak_errors, quantile, scales};
 
-/// The level of bands in tables and figures; a lower one where there are too few touches for it.
-pub const LEVEL: f64 = 0.9;
-
-/// What an estimator says of the torques of a fold's test touches, beside their most likely value.
+/// How sure an estimator is of the torques of a fold's test touches.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Certainty {
+pub struct Uncertainty {
     /// Standard deviation of the springs' torque: touches × frames × n_joints, N·m.
     pub torque_std: Vec<Vec<Vec<f64>>>,
     /// Found on the fold's training touches.
@@ -31,6 +27,9 @@ pub struct Band {
     pub by_level: Vec<[f64; 2]>,
     /// Of the joints' largest torques, how many were inside of the band for those.
     pub peaks_inside: u32,
+    /// |measured − predicted|, a frame and joint each, N·m.
+    #[serde(skip)]
+    pub(crate) errors_n_m: Vec<f64>,
 }
 
 /// Torques of one class of frames, a frame and joint each.
@@ -45,19 +44,20 @@ pub struct Class {
 }
 
 /// The classes, in their order.
-pub const CLASSES: [&str; 3] = ["free air", "mostly met cells", "mostly new cells"];
+pub const CLASSES: [&str; 3] = ["no contact", "mostly known cells", "mostly unseen cells"];
 
-/// How often the bands of a method held the measured torque, over all touches, each counting alike.
+/// How often the bands of a method contained the measured torque. All touches count alike, but in `classes`, where all
+/// torques do.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Coverage {
-    /// The share that bands are to hold; the lowest of all touches.
+    /// The share that bands are to contain.
     pub level: f64,
-    /// Share of the joints' torques in a frame that were inside.
-    pub frames: f64,
+    /// Share of the torques, of a joint in a frame each, that were inside.
+    pub torque_share: f64,
     /// The same at other levels: the level, and the share inside.
     pub by_level: Vec<[f64; 2]>,
     /// Share of the joints' largest torques in a touch that were inside of the bands for those.
-    pub peaks: f64,
+    pub peak_share: f64,
     /// Mean half-width, N·m.
     pub half_width_n_m: f64,
     /// Half-width of a band that is the same everywhere and holds as many, N·m.
@@ -67,55 +67,49 @@ pub struct Coverage {
 }
 
 impl Band {
-    /// Of a touch, n_joints a frame: predicted, measured; `contacts` are the points touched in each frame and those of them that
-    /// training touches met.
+    /// Of a touch, at a level; `contacts` are the points touched in each frame, and those of them that training touches
+    /// met. `None` without a frame, or a band of that level.
+    ///
+    /// # Panics
+    ///
+    /// If the calibration is of another number of joints ([`Calibration::check`]).
     pub fn of(
-        calibration: &Calibration,
-        (predicted, torque_std): (&[Vec<f64>], &[Vec<f64>]),
-        measured: &[Vec<f64>],
+        (calibration, level): (&Calibration, f64),
+        touch: &[PredictedFrame],
         contacts: impl Iterator<Item = [u32; 2]>,
     ) -> Option<Self> {
-        let level = LEVEL.min(calibration.highest_level());
-        let q = calibration.at(level).filter(|_| !predicted.is_empty())?;
-        let scales: Vec<DVector<f64>> = predicted
-            .iter()
-            .zip(torque_std)
-            .map(|(torque, std)| calibration.scale(torque, std))
-            .collect();
-        let half_width: Vec<Vec<f64>> =
-            scales.iter().map(|scale| (scale * q.frame).as_slice().to_vec()).collect();
+        let q = calibration.at(level).filter(|_| !touch.is_empty())?;
+        let scales = scales(calibration, touch);
         let mut classes = [Class::default(); 3];
-        for (frame, [all, met]) in contacts.enumerate() {
+        for ((frame, scale), [all, met]) in touch.iter().zip(&scales).zip(contacts) {
             let class = &mut classes[match (all, 2 * met >= all) {
                 (0, _) => 0,
                 (_, true) => 1,
                 (_, false) => 2,
             }];
-            for (j, half_width) in half_width[frame].iter().enumerate() {
-                let error = (measured[frame][j] - predicted[frame][j]).abs();
+            for (error, scale) in frame.errors().zip(scale) {
                 class.torques += 1;
-                class.inside += u32::from(error <= *half_width);
-                class.half_width_n_m += half_width;
+                class.inside += u32::from(error <= q.frame * scale);
+                class.half_width_n_m += q.frame * scale;
             }
         }
-        let by_level = calibration.quantiles.iter().map(|quantiles| {
-            let each = measured.iter().zip(predicted).zip(&scales).map(|((tau, of), scale)| {
-                let joints = tau.iter().zip(of).zip(scale);
-                joints
-                    .filter(|((tau, of), s)| (**tau - **of).abs() <= quantiles.frame * **s)
-                    .count()
-            });
-            let all = measured.len() * scales[0].len();
-            [quantiles.level, each.sum::<usize>() as f64 / all as f64]
-        });
-        let by_level = by_level.collect();
-        let vector = |of: &[f64]| DVector::from_column_slice(of);
-        let frames: Vec<[DVector<f64>; 3]> = (predicted.iter().zip(torque_std).zip(measured))
-            .map(|((torque, std), measured)| [vector(torque), vector(std), vector(measured)])
-            .collect();
-        let peaks = Peaks::of(&frames, &scales).0;
-        let peaks_inside = peaks.iter().filter(|error| **error <= q.peak).count() as u32;
-        Some(Self { level, half_width, classes, by_level, peaks_inside })
+        let errors_n_m: Vec<f64> = touch.iter().flat_map(PredictedFrame::errors).collect();
+        let inside = |q: f64| {
+            let each = errors_n_m.iter().zip(scales.iter().flatten());
+            each.filter(|(error, scale)| **error <= q * **scale).count() as f64
+        };
+        let by_level = calibration.quantiles.iter();
+        let by_level =
+            by_level.map(|own| [own.level, inside(own.frame) / errors_n_m.len() as f64]).collect();
+        let peaks = peak_errors(touch, &scales).into_iter();
+        Some(Self {
+            level,
+            half_width: scales.iter().map(|scale| (scale * q.frame).data.into()).collect(),
+            classes,
+            by_level,
+            peaks_inside: peaks.filter(|error| *error <= q.peak).count() as u32,
+            errors_n_m,
+        })
     }
 
     fn torques(&self) -> f64 {
@@ -124,13 +118,12 @@ impl Band {
 }
 
 impl Coverage {
-    /// Of touches with their |errors|, N·m; `None` without any.
-    pub fn of(touches: &[(&Band, &[f64])]) -> Option<Self> {
+    /// Of touches; `None` without any.
+    pub fn of(touches: &[&Band]) -> Option<Self> {
         let count = touches.len() as f64;
-        let mean = |of: &dyn Fn(&Band) -> f64| {
-            touches.iter().map(|(band, _)| of(band)).sum::<f64>() / count
-        };
-        let level = touches.iter().map(|(band, _)| band.level).reduce(f64::min)?;
+        let mean =
+            |of: &dyn Fn(&Band) -> f64| touches.iter().map(|band| of(band)).sum::<f64>() / count;
+        let level = touches.first()?.level;
         let inside = |band: &Band| {
             let inside: u32 = band.classes.iter().map(|class| class.inside).sum();
             f64::from(inside) / band.torques()
@@ -138,32 +131,34 @@ impl Coverage {
         let width = |band: &Band| {
             band.classes.iter().map(|class| class.half_width_n_m).sum::<f64>() / band.torques()
         };
-        let frames = mean(&inside);
+        let torque_share = mean(&inside);
         let mut errors: Vec<(f64, f64)> = (touches.iter())
-            .flat_map(|(_, errors)| {
-                let weight = 1.0 / errors.len() as f64;
-                errors.iter().map(move |error| (*error, weight))
+            .flat_map(|band| {
+                let weight = 1.0 / band.errors_n_m.len() as f64;
+                band.errors_n_m.iter().map(move |error| (*error, weight))
             })
             .collect();
         let class = |index: usize| {
-            let own = || touches.iter().map(move |(band, _)| band.classes[index]);
+            let own = || touches.iter().map(move |band| band.classes[index]);
             let torques: f64 = own().map(|class| f64::from(class.torques)).sum();
             let inside: f64 = own().map(|class| f64::from(class.inside)).sum();
             let width: f64 = own().map(|class| class.half_width_n_m).sum();
             (torques > 0.0).then_some([inside / torques, width / torques])
         };
         // Levels that all touches have.
-        let fewest = touches.iter().map(|(band, _)| band.by_level.len()).min()?;
+        let fewest = touches.iter().map(|band| band.by_level.len()).min()?;
         let by_level = (0..fewest)
-            .map(|k| [touches[0].0.by_level[k][0], mean(&|band: &Band| band.by_level[k][1])])
+            .map(|k| [touches[0].by_level[k][0], mean(&|band: &Band| band.by_level[k][1])])
             .collect();
         Some(Self {
             level,
-            frames,
+            torque_share,
             by_level,
-            peaks: mean(&|band| f64::from(band.peaks_inside) / band.half_width[0].len() as f64),
+            peak_share: mean(&|band| {
+                f64::from(band.peaks_inside) / band.half_width[0].len() as f64
+            }),
             half_width_n_m: mean(&width),
-            constant_half_width_n_m: crate::calibrate::quantile(&mut errors, frames),
+            constant_half_width_n_m: quantile(&mut errors, torque_share),
             classes: [class(0), class(1), class(2)],
         })
     }

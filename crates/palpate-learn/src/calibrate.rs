@@ -1,6 +1,6 @@
-//! Bands around predicted torques, calibrated on touches that were held out.
+//! Prediction bands ([`palpate::Calibration`]), calibrated on touches that were held out.
 //!
-//! Each training touch is predicted after learning the others, under the same settings. The half-width is a sum that is
+//! Each training touch is predicted after learning the others, under the same settings but for fewer replays. The half-width is a sum that is
 //! linear in the predicted torque and its springs' standard deviation, with coefficients of least absolute error for the
 //! 0.9 quantile (quantile regression, Koenker and Bassett 1978): the narrowest bands of that shape. Its multipliers for
 //! the other levels are quantiles of the held-out errors over the half-widths, each touch counting alike (conformal
@@ -17,7 +17,7 @@ use crate::method::learn;
 use crate::tracked::{Tracked, TrackedFrame};
 
 /// Touches without which nothing is calibrated.
-pub const FEWEST: usize = 3;
+const FEWEST: usize = 3;
 /// Touches that are held out at most, one after the other; with more, in groups.
 const MOST_FOLDS: usize = 16;
 /// Levels that are kept, as far as there are touches for them.
@@ -32,10 +32,22 @@ const FRAMES: usize = 400;
 const STEPS: usize = 40;
 const SWEEPS: usize = 30;
 
-/// The torques of a touch that was held out.
-struct HeldOut {
-    /// By frame, n_joints, N·m: predicted, standard deviation of the springs, measured.
-    frames: Vec<[DVector<f64>; 3]>,
+/// The torques of a frame that was not learnt from, n_joints each, N·m.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PredictedFrame {
+    /// τ̂.
+    pub torque: Vec<f64>,
+    /// Standard deviation of that due to the springs' own.
+    pub torque_std: Vec<f64>,
+    /// τ_ext.
+    pub measured: Vec<f64>,
+}
+
+impl PredictedFrame {
+    /// |τ_ext − τ̂| by joint.
+    pub(crate) fn errors(&self) -> impl Iterator<Item = f64> {
+        self.torque.iter().zip(&self.measured).map(|(torque, measured)| (measured - torque).abs())
+    }
 }
 
 /// The calibration of some training touches; `None` with fewer than three.
@@ -63,7 +75,7 @@ pub fn calibrate(
     };
     let inner: Vec<Fold> =
         folds(train.len(), train.len().min(MOST_FOLDS)).into_iter().map(inner).collect();
-    let held_out: Vec<Vec<HeldOut>> = inner
+    let held_out: Vec<Vec<Vec<PredictedFrame>>> = inner
         .par_iter()
         .map(|fold| {
             let estimator = learn(tracked, &fold.train, &config, &[], stop)?;
@@ -71,7 +83,7 @@ pub fn calibrate(
             Ok(fold.test.iter().map(|touch| predicted.touch(tracked, *touch)).collect())
         })
         .collect::<Result<_, LearnError>>()?;
-    let held_out: Vec<HeldOut> = held_out.into_iter().flatten().collect();
+    let held_out: Vec<Vec<PredictedFrame>> = held_out.into_iter().flatten().collect();
     let untouched_std = config.estimator(tracked.n_joints)?.std(usize::MAX);
     Ok(of_held_out(&held_out, tracked.n_joints, untouched_std))
 }
@@ -91,30 +103,30 @@ impl Predicted {
         }
     }
 
-    /// Torque of a frame, and the springs' standard deviation of it, n_joints each, N·m.
-    pub(crate) fn frame(&self, frame: &TrackedFrame) -> [Vec<f64>; 2] {
+    pub(crate) fn frame(&self, frame: &TrackedFrame) -> PredictedFrame {
         let gram = frame.observation.gram(&self.cells, |row| self.variances[row]);
-        let std = gram.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect();
-        [frame.predict(&self.cells), std]
+        PredictedFrame {
+            torque: frame.predict(&self.cells),
+            torque_std: gram.diagonal().iter().map(|own| own.max(0.0).sqrt()).collect(),
+            measured: frame.observation.tau().as_slice().to_vec(),
+        }
     }
 
-    fn touch(&self, tracked: &Tracked, touch: usize) -> HeldOut {
+    /// Some of the frames of a touch.
+    fn touch(&self, tracked: &Tracked, touch: usize) -> Vec<PredictedFrame> {
         let frames = &tracked.touches[touch].frames;
         let every = frames.len().div_ceil(FRAMES).max(1);
-        let frames = frames.iter().step_by(every).map(|frame| {
-            let [torque, std] = self.frame(frame).map(DVector::from_vec);
-            [torque, std, frame.observation.tau().into_owned()]
-        });
-        HeldOut { frames: frames.collect() }
+        frames.iter().step_by(every).map(|frame| self.frame(frame)).collect()
     }
 }
 
 fn of_held_out(
-    held_out: &[HeldOut],
+    held_out: &[Vec<PredictedFrame>],
     n_joints: usize,
     untouched_std_n_per_m: f64,
 ) -> Option<Calibration> {
-    let touches: Vec<&HeldOut> = held_out.iter().filter(|touch| !touch.frames.is_empty()).collect();
+    let touches: Vec<&[PredictedFrame]> =
+        held_out.iter().map(Vec::as_slice).filter(|touch| !touch.is_empty()).collect();
     if touches.len() < FEWEST {
         return None;
     }
@@ -130,41 +142,53 @@ fn of_held_out(
     let highest = touches.len() as f64 / (touches.len() as f64 + 1.0);
     let levels: Vec<f64> = LEVELS.into_iter().filter(|level| *level <= highest).collect();
     calibration.quantiles = quantiles(&touches, &calibration, &levels);
-    calibration.is_sound(n_joints).then_some(calibration)
+    calibration.check(n_joints).is_ok().then_some(calibration)
 }
 
-/// Rows of the quantile regression: joint, |τ̂|, s, |error|, weight.
-fn rows(touches: &[&HeldOut]) -> Vec<(usize, f64, f64, f64, f64)> {
-    let of_touch = |touch: &&HeldOut| {
-        let weight = 1.0 / touch.frames.len() as f64;
-        let of_frame = move |[torque, std, measured]: &[DVector<f64>; 3]| {
-            (0..torque.len())
-                .map(|j| (j, torque[j].abs(), std[j], (measured[j] - torque[j]).abs(), weight))
-                .collect::<Vec<_>>()
-        };
-        touch.frames.iter().flat_map(of_frame).collect::<Vec<_>>()
-    };
-    touches.iter().flat_map(of_touch).collect()
+/// A row of the quantile regression.
+struct Row {
+    joint: usize,
+    /// |τ̂|, N·m.
+    torque: f64,
+    /// s, N·m.
+    std: f64,
+    /// N·m.
+    error: f64,
+    /// Touches count alike.
+    weight: f64,
+}
+
+fn rows(touches: &[&[PredictedFrame]]) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for touch in touches {
+        let weight = 1.0 / touch.len() as f64;
+        for frame in *touch {
+            rows.extend(frame.errors().enumerate().map(|(joint, error)| {
+                let (torque, std) = (frame.torque[joint].abs(), frame.torque_std[joint]);
+                Row { joint, torque, std, error, weight }
+            }));
+        }
+    }
+    rows
 }
 
 /// Coefficients of the half-width, none below zero, that minimise the check loss at [`SHAPE`], by majorisation (Hunter and
 /// Lange 2000): a weighted least squares in each step.
-fn fit_shape(touches: &[&HeldOut], calibration: &mut Calibration) {
+fn fit_shape(touches: &[&[PredictedFrame]], calibration: &mut Calibration) {
     let rows = rows(touches);
     let n = calibration.floor_n_m.len();
-    let total: f64 = rows.iter().map(|row| row.4).sum();
-    let mean = rows.iter().map(|row| row.3 * row.4).sum::<f64>() / total;
-    // |τ̂| and s as they are large at most, so that all coefficients are of one size.
-    let largest =
-        |of: fn(&(usize, f64, f64, f64, f64)) -> f64| rows.iter().map(of).fold(1e-9, f64::max);
-    let scales = [largest(|row| row.1), largest(|row| row.2)];
+    let total: f64 = rows.iter().map(|row| row.weight).sum();
+    let mean = rows.iter().map(|row| row.error * row.weight).sum::<f64>() / total;
+    // In parts of their largest value, so that all coefficients are of one size.
+    let largest = |of: fn(&Row) -> f64| rows.iter().map(of).fold(1e-9, f64::max);
+    let scales = [largest(|row| row.torque), largest(|row| row.std)];
     let mut found = vec![mean; n + 2];
     let smallest = 1e-3 * mean + 1e-9;
     for _ in 0..STEPS {
         let mut gram = vec![vec![0.0; n + 2]; n + 2];
         let mut right = vec![0.0; n + 2];
-        for &(j, torque, std, error, weight) in &rows {
-            let own = [(j, 1.0), (n, torque / scales[0]), (n + 1, std / scales[1])];
+        for &Row { joint, torque, std, error, weight } in &rows {
+            let own = [(joint, 1.0), (n, torque / scales[0]), (n + 1, std / scales[1])];
             let width: f64 = own.iter().map(|(k, factor)| found[*k] * factor).sum();
             let pull = weight / (smallest + (error - width).abs());
             for (a, by_a) in own {
@@ -191,56 +215,48 @@ fn fit_shape(touches: &[&HeldOut], calibration: &mut Calibration) {
 
 /// The quantiles of held-out errors over half-widths.
 fn quantiles(
-    touches: &[&HeldOut],
+    touches: &[&[PredictedFrame]],
     calibration: &Calibration,
     levels: &[f64],
 ) -> Vec<BandQuantiles> {
-    let (mut frame, mut norm, mut peak) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut frame, mut peak) = (Vec::new(), Vec::new());
     for touch in touches {
-        let weight = 1.0 / touch.frames.len() as f64;
-        let scales: Vec<DVector<f64>> = (touch.frames.iter())
-            .map(|[torque, std, _]| calibration.scale(torque.as_slice(), std.as_slice()))
-            .collect();
-        for ([torque, _, measured], scale) in touch.frames.iter().zip(&scales) {
-            let error = measured - torque;
-            frame.extend(error.iter().zip(scale).map(|(e, s)| ((e / s).abs(), weight)));
-            norm.push((error.norm() / scale.norm(), weight));
+        let weight = 1.0 / touch.len() as f64;
+        let scales = scales(calibration, touch);
+        for (own, scale) in touch.iter().zip(&scales) {
+            frame.extend(own.errors().zip(scale).map(|(error, scale)| (error / scale, weight)));
         }
-        let errors = Peaks::of(&touch.frames, &scales);
-        peak.extend(errors.0.into_iter().map(|error| (error, 1.0)));
+        peak.extend(peak_errors(touch, &scales).into_iter().map(|error| (error, 1.0)));
     }
     // A quantile of few touches is not known well, so a little more is asked for: of peaks, of which a touch has few,
     // half of what would be needed if a touch had one.
     let count = touches.len() as f64;
-    let of = |level: &f64| {
-        let of_frames = level + (1.0 - level) / count;
-        BandQuantiles {
-            level: *level,
-            frame: quantile(&mut frame, of_frames),
-            norm: quantile(&mut norm, of_frames),
-            peak: quantile(&mut peak, (level * (1.0 + 0.5 / count)).min(1.0)),
-        }
+    let of = |level: &f64| BandQuantiles {
+        level: *level,
+        frame: quantile(&mut frame, level + (1.0 - level) / count),
+        peak: quantile(&mut peak, (level * (1.0 + 0.5 / count)).min(1.0)),
     };
     levels.iter().map(of).collect()
 }
 
-/// For each joint, the difference between its largest measured and its largest predicted torque in a touch, over the
-/// half-width where the prediction is largest.
-pub(crate) struct Peaks(pub(crate) Vec<f64>);
+/// a + b |τ̂| + c s of each frame, n_joints, N·m.
+pub(crate) fn scales(calibration: &Calibration, touch: &[PredictedFrame]) -> Vec<DVector<f64>> {
+    touch.iter().map(|frame| calibration.scale(&frame.torque, &frame.torque_std)).collect()
+}
 
-impl Peaks {
-    pub(crate) fn of(frames: &[[DVector<f64>; 3]], scales: &[DVector<f64>]) -> Self {
-        let n = scales[0].len();
-        let of_joint = |j: usize| {
-            let largest = |of: usize| {
-                let each = frames.iter().enumerate().map(|(k, frame)| (k, frame[of][j].abs()));
-                each.fold((0, 0.0), |most, own| if own.1 > most.1 { own } else { most })
-            };
-            let ((at, predicted), (_, measured)) = (largest(0), largest(2));
-            (measured - predicted).abs() / scales[at][j]
+/// For each joint, the difference between its largest measured and its largest predicted torque in a touch, over the
+/// scale where the prediction is largest.
+pub(crate) fn peak_errors(touch: &[PredictedFrame], scales: &[DVector<f64>]) -> Vec<f64> {
+    let of_joint = |joint: usize| {
+        let largest = |of: fn(&PredictedFrame) -> &Vec<f64>| {
+            let each = touch.iter().map(|frame| of(frame)[joint].abs()).enumerate();
+            each.fold((0, 0.0), |most, own| if own.1 > most.1 { own } else { most })
         };
-        Self((0..n).map(of_joint).collect())
-    }
+        let (at, predicted) = largest(|frame| &frame.torque);
+        let (_, measured) = largest(|frame| &frame.measured);
+        (measured - predicted).abs() / scales[at][joint]
+    };
+    (0..scales.first().map_or(0, DVector::len)).map(of_joint).collect()
 }
 
 /// The value that this share of the weight does not pass.
@@ -269,18 +285,22 @@ mod tests {
     }
 
     /// Touches whose errors are uniform in ±(0.1 + 0.3 |τ̂| + 2 s).
-    fn touches(count: usize, seed: u64) -> Vec<HeldOut> {
+    fn touches(count: usize, seed: u64) -> Vec<Vec<PredictedFrame>> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let touch = |_| {
             let frame = |_| {
-                let torque = DVector::from_fn(2, |_, _| 4.0 * uniform(&mut rng) - 2.0);
-                let std = DVector::from_fn(2, |_, _| 0.5 * uniform(&mut rng));
-                let width = |j: usize| 0.1 + 0.3 * f64::abs(torque[j]) + 2.0 * std[j];
-                let error = DVector::from_fn(2, |j, _| width(j) * (2.0 * uniform(&mut rng) - 1.0));
-                let measured = &torque + error;
-                [torque, std, measured]
+                let mut frame =
+                    PredictedFrame { torque: vec![], torque_std: vec![], measured: vec![] };
+                for _ in 0..2 {
+                    let (torque, std) = (4.0 * uniform(&mut rng) - 2.0, 0.5 * uniform(&mut rng));
+                    let bound = 0.1 + 0.3 * f64::abs(torque) + 2.0 * std;
+                    frame.torque.push(torque);
+                    frame.torque_std.push(std);
+                    frame.measured.push(torque + bound * (2.0 * uniform(&mut rng) - 1.0));
+                }
+                frame
             };
-            HeldOut { frames: (0..200).map(frame).collect() }
+            (0..200).map(frame).collect()
         };
         (0..count).map(touch).collect()
     }
@@ -296,10 +316,10 @@ mod tests {
         for level in [0.5, 0.8, 0.9, 0.95] {
             let q = calibration.at(level).unwrap();
             let (mut inside, mut all) = (0.0, 0.0);
-            for [torque, std, measured] in touches(20, 2).iter().flat_map(|touch| &touch.frames) {
-                let scale = calibration.scale(torque.as_slice(), std.as_slice());
-                for j in 0..2 {
-                    inside += f64::from((measured[j] - torque[j]).abs() <= q.frame * scale[j]);
+            for frame in touches(20, 2).iter().flatten() {
+                let scale = calibration.scale(&frame.torque, &frame.torque_std);
+                for (error, scale) in frame.errors().zip(&scale) {
+                    inside += f64::from(error <= q.frame * scale);
                     all += 1.0;
                 }
             }

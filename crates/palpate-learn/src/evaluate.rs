@@ -8,8 +8,8 @@ use palpate::MapperConfig;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::bands::Certainty;
-use crate::calibrate::{Predicted, calibrate};
+use crate::bands::{Band, Uncertainty};
+use crate::calibrate::{Predicted, PredictedFrame, calibrate};
 use crate::error::{LearnError, Stop};
 use crate::evaluation::{Evaluation, LeftOut, Prediction, Summary};
 use crate::folds::Fold;
@@ -46,7 +46,7 @@ pub struct Part {
     pub torques: Torques,
     /// How sure they are, of an estimator that learnt enough touches to tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub certainty: Option<Certainty>,
+    pub uncertainty: Option<Uncertainty>,
 }
 
 /// What went wrong, and where.
@@ -101,10 +101,10 @@ impl Plan {
             torques.len() == fold.test.len() && torques.iter().zip(&fold.test).all(predicts)
         };
         fold.is_some_and(|fold| {
-            let is_sound = |own: &Certainty| {
-                is_whole(&own.torque_std, fold) && own.calibration.is_sound(tracked.n_joints)
+            let is_sound = |own: &Uncertainty| {
+                is_whole(&own.torque_std, fold) && own.calibration.check(tracked.n_joints).is_ok()
             };
-            is_whole(&part.torques, fold) && part.certainty.as_ref().is_none_or(is_sound)
+            is_whole(&part.torques, fold) && part.uncertainty.as_ref().is_none_or(is_sound)
         })
     }
 
@@ -125,12 +125,12 @@ impl Plan {
         parts.par_iter().with_max_len(1).try_for_each(|&(method, fold)| {
             let config = self.config_of((method, fold));
             let own = (&self.folds[fold], config);
-            let (torques, certainty) = match method {
-                Method::Map => with_certainty(tracked, own, stop),
+            let (torques, uncertainty) = match method {
+                Method::Map => with_uncertainty(tracked, own, stop),
                 _ => method.predict(tracked, own.0, config, stop).map(|torques| (torques, None)),
             }
             .map_err(|source| PartError { method, fold, source })?;
-            done(Part { method, fold, torques, certainty });
+            done(Part { method, fold, torques, uncertainty });
             Ok(())
         })
     }
@@ -151,6 +151,9 @@ impl Plan {
             let part = parts.iter().find(|part| part.method == method && part.fold == fold);
             part.expect("all parts were done")
         };
+        // One level for all folds, though some have fewer touches to calibrate on.
+        let uncertain = parts.iter().filter_map(|part| part.uncertainty.as_ref());
+        let level = uncertain.map(|own| own.calibration.default_level()).fold(1.0, f64::min);
         let mut touches: Vec<(usize, LeftOut)> = Vec::new();
         for &number in &self.todo {
             let fold = &self.folds[number];
@@ -159,13 +162,13 @@ impl Plan {
                 let frames = &tracked.touches[touch].frames;
                 let mut left_out = LeftOut::of(&tracked.touches[touch], number, &met);
                 for &method in &self.methods {
-                    let Part { torques, certainty, .. } = of(method, number);
+                    let Part { torques, uncertainty, .. } = of(method, number);
                     let torques = torques[place].clone();
                     let mut prediction =
                         Prediction::new(method.name(), torques, &left_out.external);
-                    if let Some(certainty) = certainty {
-                        let std = &certainty.torque_std[place];
-                        prediction.add_band(&certainty.calibration, std, frames, &left_out);
+                    if let Some(uncertainty) = uncertainty {
+                        let at = (place, level);
+                        prediction.band = uncertainty.band(at, frames, &prediction, &left_out);
                     }
                     left_out.predictions.push(prediction);
                 }
@@ -182,23 +185,44 @@ impl Plan {
 }
 
 /// What an estimator predicts of a fold's test touches, and how sure it is, calibrated on the training touches.
-fn with_certainty(
+fn with_uncertainty(
     tracked: &Tracked,
     (fold, config): (&Fold, &MapperConfig),
     stop: Stop<'_>,
-) -> Result<(Torques, Option<Certainty>), LearnError> {
+) -> Result<(Torques, Option<Uncertainty>), LearnError> {
     let estimator = learn(tracked, &fold.train, config, &[], stop)?;
     let predicted = Predicted::by(tracked, &*estimator);
     let (mut torques, mut torque_std) = (Torques::new(), Torques::new());
     for touch in &fold.test {
         let frames = tracked.touches[*touch].frames.iter();
-        let (own, std) = frames.map(|frame| predicted.frame(frame).into()).unzip();
+        let frames = frames.map(|frame| predicted.frame(frame));
+        let (own, std) = frames.map(|frame| (frame.torque, frame.torque_std)).unzip();
         torques.push(own);
         torque_std.push(std);
     }
     let calibration = calibrate(tracked, &fold.train, config, stop)?;
-    let certainty = calibration.map(|calibration| Certainty { torque_std, calibration });
-    Ok((torques, certainty))
+    let uncertainty = calibration.map(|calibration| Uncertainty { torque_std, calibration });
+    Ok((torques, uncertainty))
+}
+
+impl Uncertainty {
+    /// The band at a level around what was predicted of a test touch, by its place in the fold.
+    fn band(
+        &self,
+        (place, level): (usize, f64),
+        frames: &[TrackedFrame],
+        prediction: &Prediction,
+        touch: &LeftOut,
+    ) -> Option<Band> {
+        let frames = frames.iter().zip(&prediction.predicted).zip(&self.torque_std[place]);
+        let frames = frames.map(|((frame, torque), torque_std)| PredictedFrame {
+            torque: torque.clone(),
+            torque_std: torque_std.clone(),
+            measured: frame.observation.tau().as_slice().to_vec(),
+        });
+        let contacts = touch.contacts.iter().zip(&touch.known).map(|(all, met)| [*all, *met]);
+        Band::of((&self.calibration, level), &frames.collect::<Vec<_>>(), contacts)
+    }
 }
 
 impl LeftOut {

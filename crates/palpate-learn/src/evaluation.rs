@@ -1,12 +1,10 @@
 //! What an evaluation found, in numbers: Table I, and everything that its figures are drawn from.
 
-use palpate::Calibration;
 use serde::{Deserialize, Serialize};
 
 use crate::bands::{Band, Coverage};
 use crate::errors::{ErrorSum, Errors};
 use crate::method::Method;
-use crate::tracked::TrackedFrame;
 
 /// An evaluation of several methods on touches that none of them learnt from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -87,9 +85,6 @@ pub struct Prediction {
     /// The band around it, of an estimator that was calibrated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub band: Option<Band>,
-    /// |measured − predicted|, a frame and joint each, N·m, where there is a band.
-    #[serde(skip)]
-    errors_n_m: Vec<f64>,
 }
 
 impl MeanStd {
@@ -108,25 +103,7 @@ impl Prediction {
     /// A prediction and its errors against what was to be predicted.
     pub fn new(method: &str, predicted: Vec<Vec<f64>>, external: &[Vec<f64>]) -> Self {
         let errors = ErrorSum::of(&predicted, external).errors();
-        let method = method.to_owned();
-        Self { method, errors, predicted, band: None, errors_n_m: Vec::new() }
-    }
-
-    /// Adds the band of a calibration, and how often it holds what was measured.
-    pub(crate) fn add_band(
-        &mut self,
-        calibration: &Calibration,
-        torque_std: &[Vec<f64>],
-        frames: &[TrackedFrame],
-        touch: &LeftOut,
-    ) {
-        let measured: Vec<Vec<f64>> =
-            frames.iter().map(|frame| frame.observation.tau().as_slice().to_vec()).collect();
-        let contacts = touch.contacts.iter().zip(&touch.known).map(|(all, met)| [*all, *met]);
-        let predicted = (&self.predicted[..], torque_std);
-        self.band = Band::of(calibration, predicted, &measured, contacts);
-        let each = self.predicted.iter().flatten().zip(measured.iter().flatten());
-        self.errors_n_m = each.map(|(a, b)| (a - b).abs()).collect();
+        Self { method: method.to_owned(), errors, predicted, band: None }
     }
 }
 
@@ -191,11 +168,10 @@ impl Summary {
     /// The row of the method that stands at `index` in every touch's predictions.
     pub fn new(name: &str, index: usize, touches: &[LeftOut]) -> Self {
         let errors = |touch: &LeftOut| touch.predictions[index].errors;
-        let bands: Vec<(&Band, &[f64])> = (touches.iter().map(|touch| &touch.predictions[index]))
-            .filter_map(|own| Some((own.band.as_ref()?, &own.errors_n_m[..])))
-            .collect();
+        let bands = touches.iter().filter_map(|touch| touch.predictions[index].band.as_ref());
+        let coverage = Coverage::of(&bands.collect::<Vec<_>>());
         let summary = Self::of(name, &touches.iter().filter_map(errors).collect::<Vec<_>>());
-        Self { coverage: Coverage::of(&bands), ..summary }
+        Self { coverage, ..summary }
     }
 
     /// The row of a method by its errors on touches.

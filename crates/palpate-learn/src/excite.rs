@@ -286,7 +286,7 @@ impl<'a> Search<'a> {
         point
     }
 
-    /// Times over the motion, at least so many a second, ends included.
+    /// Times over the motion, about so many a second, ends included.
     fn times(&self, rate_hz: f64) -> impl Iterator<Item = f64> {
         let points = (self.config.duration_s * rate_hz).round() as usize + 1;
         let step = self.config.duration_s / (points - 1) as f64;

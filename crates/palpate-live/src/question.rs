@@ -22,7 +22,7 @@ const MOST_JOINTS: usize = 64;
 pub(crate) struct Question {
     path: Option<Points>,
     path_f64: Option<String>,
-    /// Level of the band, 0 to 1.
+    /// Level of the band, 0 to 1; the field's default if left out.
     #[serde(default)]
     pub(crate) level: Option<f64>,
     #[serde(default)]
@@ -64,9 +64,6 @@ struct Band {
     #[serde(skip_serializing_if = "Option::is_none")]
     half_width_f64: Option<String>,
 }
-
-/// Level of the bands, if there are touches enough and nobody says another.
-const LEVEL: f64 = 0.9;
 
 /// Torques and their standard deviations, as the path was written.
 #[derive(Debug, Serialize)]
@@ -171,15 +168,24 @@ impl PathReply {
         started: Instant,
     ) -> Result<Self, String> {
         let points = &answer.points;
-        let highest = answer.calibration.as_ref().map_or(0.0, |own| own.highest_level());
-        let band = match level {
-            Some(level) if !(level > 0.0 && level <= highest) => {
-                return Err(match highest {
-                    0.0 => "the field has no bands: `palpate map` calibrates them, from three touches on".to_owned(),
-                    _ => format!("`level` is {level}; the field's bands go up to {highest}"),
-                });
+        let band = match (&answer.calibration, level) {
+            (None, Some(_)) => {
+                return Err("these predictions have no bands: the field was learned where `palpate map` chose no \
+                            settings, or has an elastic body"
+                    .to_owned());
             }
-            level => Band::of(answer, form, level.unwrap_or(LEVEL.min(highest))),
+            (None, None) => None,
+            (Some(own), level) => {
+                let level = level.unwrap_or(own.default_level());
+                let lowest = own.quantiles.first().map_or(0.0, |first| first.level);
+                let no = || {
+                    format!(
+                        "`level` is {level}; the field has bands from {lowest} to {}",
+                        own.highest_level()
+                    )
+                };
+                Some(Band::of(answer, form, level).ok_or_else(no)?)
+            }
         };
         Ok(Self {
             torques: Torques::of(points, form),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use palpate::unstable::ElasticModel;
-use palpate::{CellId, ContactConfig, ExternalTorqueConfig, Sample, Snapshot};
+use palpate::{Calibration, CellId, ContactConfig, ExternalTorqueConfig, Sample, Snapshot};
 use palpate_io::field::{self, Saved};
 use palpate_work::WorkError;
 use palpate_work::field_arrays::FieldArrays;
@@ -65,6 +65,7 @@ pub(crate) struct Field {
     touch: ExternalTorqueConfig,
     snapshot: Option<Snapshot>,
     elastic: Option<Arc<ElasticModel>>,
+    calibration: Option<Calibration>,
     elastic_touches: Vec<Vec<Sample>>,
 }
 
@@ -88,6 +89,7 @@ impl Field {
             robot,
             snapshot,
             elastic: field.elastic,
+            calibration: field.calibration,
             elastic_touches,
         })
     }
@@ -102,6 +104,7 @@ impl Field {
         field.std_n_per_m = copied(py, &self.std);
         field.counts = copied(py, &self.counts);
         field.elastic.clone_from(&self.elastic);
+        field.calibration.clone_from(&self.calibration);
         field
     }
 

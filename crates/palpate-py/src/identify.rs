@@ -93,7 +93,7 @@ pub(crate) fn external_torques<'py>(
         let recorded = read(sources, (&robot, &mut settings), model, progress)?;
         let how = TorqueSettings { bandwidth_hz, tare_frames: 0, wrench_link: None };
         let found = torque::torques(&robot.arm, &recorded, &how, progress)?;
-        Ok((found, (from != torque::GUESS).then_some(threshold)))
+        Ok((found, (from != torque::ThresholdSource::Guess).then_some(threshold)))
     })?;
     let list = PyList::empty(py);
     for touch in &found {

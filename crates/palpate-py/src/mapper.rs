@@ -236,13 +236,8 @@ impl Mapper {
             return Err(PalpateError::new_err(message).into());
         }
         let State { mapper, stream, .. } = &mut *state;
-        let touch = &self.settings.touch;
-        if stream.is_some()
-            && (touch.torque_sign_given().is_none() || touch.gravity_given().is_none())
-        {
-            let message = "an identified arm wants to know how its measured torques count: give `torque_sign` and \
-                           `gravity` in the settings of the touch";
-            return Err(PalpateError::new_err(message).into());
+        if stream.is_some() {
+            self.settings.torque_beside_robot().map_err(WorkError::from)?;
         }
         let report = py.detach(|| {
             let sample = match stream {
@@ -270,7 +265,7 @@ impl Mapper {
 
     /// Learns the touches of logs, given by path, as `Log` or as `Touch`, in their order.
     ///
-    /// The field is that of `palpate map` to the bit. `progress` is None for a bar where somebody
+    /// The cells are those of `palpate map --tune=off` to the bit. `progress` is None for a bar where somebody
     /// can see it, True, False, or a callable of frames done and in all. Ctrl-C raises
     /// KeyboardInterrupt; the mapper then knows all samples before it and can go on.
     #[pyo3(signature = (log, progress = None))]
@@ -333,8 +328,8 @@ impl Mapper {
         config.start_cells = start_cells.unwrap_or(config.start_cells);
         let predictor = self.state.take(py)?.borrow().mapper.path_predictor();
         let answer = unshown(py, |_| predictor.ask(&path, &config))?;
-        let level = answer.calibration.as_ref().map_or(0.0, |own| own.highest_level().min(0.9));
-        let half_width = answer.half_width(level);
+        let level = answer.calibration.as_ref().map(|own| own.default_level());
+        let half_width = level.and_then(|level| answer.half_width(level));
         let half_width =
             half_width.map(|rows| table_of(py, rows.iter().map(|row| row.as_slice()), joints));
         let PathPrediction { points, goes_on, stops, .. } = answer;

@@ -190,8 +190,18 @@ def test_needs_command_quick_tuning_chooses_the_same_in_map_and_evaluate(
         assert all(own[name].tobytes() == theirs[name].tobytes() for name in own if name != "palpate")
         own_meta, their_meta = (json.loads(bytes(file["palpate"])) for file in (own, theirs))
     # The command calibrates bands where it chooses settings; the mapper of Python is given them.
-    assert their_meta.pop("calibration")["touches"] == 4
+    calibration = their_meta.pop("calibration")
+    assert calibration["touches"] == 4
     assert own_meta == their_meta
+    # A field that is read, scored and written keeps its bands.
+    field, log = palpate.Field.load(out), plant / "seq_004"
+    scored = field.score(log)
+    assert scored["bands"] == run(command, "predict", out, log, "--json")["bands"] is not None
+    half_width = scored["touches"][0]["half_width"]
+    assert half_width is not None and half_width.shape == scored["touches"][0]["predicted"].shape
+    field.save(tmp_path / "again.npz")
+    with np.load(tmp_path / "again.npz") as again:
+        assert json.loads(bytes(again["palpate"]))["calibration"] == calibration
     theirs = run(command, "evaluate", *logs, "--methods", "map", "-o", tmp_path / "report", "--json")
     ours = palpate.evaluate(logs, robot, methods=["map"])
     assert ours["methods"][0]["avg_error"] == theirs["methods"][0]["avg_error"]

@@ -7,6 +7,7 @@ use nalgebra::DVector;
 use palpate::{Arm, ExternalTorqueConfig, Field, Predictor, Sample};
 use palpate_io::log::external_truth;
 use palpate_learn::bands::Band;
+use palpate_learn::calibrate::PredictedFrame;
 use palpate_learn::errors::ErrorSum;
 
 use crate::error::WorkError;
@@ -117,15 +118,17 @@ impl TouchResult {
     /// The band around the prediction, if the field is calibrated for this robot.
     pub fn band(&self, field: &Field) -> Option<Band> {
         let n_joints = self.frames.first()?.predicted.len();
-        let calibration = field.calibration.as_ref().filter(|own| own.is_sound(n_joints))?;
-        let rows = |of: &dyn Fn(&FrameResult) -> Option<Vec<f64>>| {
-            self.frames.iter().map(of).collect::<Option<Vec<Vec<f64>>>>()
+        let calibration = field.calibration.as_ref().filter(|own| own.check(n_joints).is_ok())?;
+        let frame = |frame: &FrameResult| {
+            Some(PredictedFrame {
+                torque: frame.predicted.as_slice().to_vec(),
+                torque_std: frame.torque_std.as_ref()?.as_slice().to_vec(),
+                measured: frame.external.as_slice().to_vec(),
+            })
         };
-        let predicted = rows(&|frame| Some(frame.predicted.as_slice().to_vec()))?;
-        let std = rows(&|frame| Some(frame.torque_std.as_ref()?.as_slice().to_vec()))?;
-        let external = rows(&|frame| Some(frame.external.as_slice().to_vec()))?;
+        let frames: Vec<PredictedFrame> = self.frames.iter().map(frame).collect::<Option<_>>()?;
         let contacts = self.frames.iter().map(|frame| [frame.contacts as u32, frame.known as u32]);
-        Band::of(calibration, (&predicted, &std), &external, contacts)
+        Band::of((calibration, calibration.default_level()), &frames, contacts)
     }
 
     /// How many of the scored frames are so.

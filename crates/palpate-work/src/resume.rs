@@ -44,8 +44,8 @@ pub fn snapshot_of(saved: Saved, name: &str, settings: &Settings) -> Result<Snap
     Ok(snapshot)
 }
 
-/// The configuration that a field was learnt under; settings that were given must agree with it. How torques as they
-/// were measured count is theirs to say where an identified arm was used.
+/// The configuration that a field was learnt under; settings that were given must agree with it. Where an identified arm
+/// was used, the settings alone say how measured torques count.
 ///
 /// # Errors
 ///

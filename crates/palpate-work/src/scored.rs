@@ -19,7 +19,7 @@ pub struct Report {
     pub overall: Row,
     /// What predictions were held against.
     pub against: Against,
-    /// How often the bands held that; `None` if the field is not calibrated.
+    /// How often the bands contained that; `None` if the field has none, or against the truth.
     pub bands: Option<Coverage>,
 }
 
@@ -101,17 +101,12 @@ impl Report {
     pub fn new(results: &[TouchResult], (field, against): (&Field, Against)) -> Self {
         let touch = |touch| Row::of(std::slice::from_ref(touch), Some(touch));
         let touches = results.iter().map(touch).collect();
-        let errors = |touch: &TouchResult| -> Vec<f64> {
-            let frames = touch.frames.iter();
-            let both = frames.flat_map(|frame| frame.external.iter().zip(&frame.predicted));
-            both.map(|(external, predicted)| (external - predicted).abs()).collect()
-        };
-        let banded: Vec<(Band, Vec<f64>)> =
-            results.iter().filter_map(|touch| Some((touch.band(field)?, errors(touch)))).collect();
-        let bands: Vec<(&Band, &[f64])> =
-            banded.iter().map(|(band, errors)| (band, &errors[..])).collect();
-        let bands = Coverage::of(&bands);
-        Self { touches, overall: Row::of(results, None), against, bands }
+        let overall = Row::of(results, None);
+        // They are of measured torques.
+        let results = if against == Against::Measured { results } else { &[] };
+        let bands: Vec<Band> = results.iter().filter_map(|touch| touch.band(field)).collect();
+        let bands = Coverage::of(&bands.iter().collect::<Vec<_>>());
+        Self { touches, overall, against, bands }
     }
 }
 

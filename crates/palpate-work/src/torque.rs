@@ -15,8 +15,18 @@ use crate::touches::RecordedTouch;
 
 /// Standard deviations from which on something counts as touched where no contact-free motion says it.
 const USUAL_THRESHOLD: f64 = 6.0;
-/// What says a threshold if nothing does.
-pub const GUESS: &str = "a guess";
+
+/// What a threshold was found from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ThresholdSource {
+    /// Logs in which nothing is touched.
+    FreeLogs,
+    /// Motion that identification held out.
+    Identification,
+    /// Nothing: it is a guess.
+    Guess,
+}
 
 /// How far apart two contacts are at least.
 const APART_S: f64 = 0.25;
@@ -149,10 +159,13 @@ pub fn torques(
 }
 
 fn warn_of_untimed(touches: &[TouchTorques], progress: &dyn Progress) {
-    let untimed = |touch: &&TouchTorques| touch.frames.iter().any(|frame| frame.time_s.is_none());
+    let untimed = |touch: &&TouchTorques| {
+        touch.frames.iter().any(|frame| frame.time_s.is_none())
+            || touch.frames.windows(2).any(|pair| pair[1].time_s < pair[0].time_s)
+    };
     if let Some(touch) = touches.iter().find(untimed) {
         progress.warn(&format!(
-            "`{}`: touch `{}` has no clock: what depends on speed stays in its torques, and contacts may be false",
+            "`{}`: touch `{}` has no clock, or one that goes back: what depends on speed stays in its torques, and contacts may be false",
             touch.log.display(),
             touch.name
         ));
@@ -209,7 +222,7 @@ fn wrench(robot: &Robot, poses: &Poses, link: LinkId, external: &ExternalTorque)
     Vector6::from_column_slice(found.as_slice())
 }
 
-/// The threshold that contact-free motion passes so many times an hour, standard deviations, and what says it.
+/// The threshold that contact-free motion passes so many times an hour, standard deviations, and what it was found from.
 ///
 /// # Errors
 ///
@@ -218,14 +231,14 @@ pub fn threshold(
     model: &TorqueModel,
     free: Option<&[TouchTorques]>,
     false_alarms_per_hour: f64,
-) -> Result<(f64, &'static str), WorkError> {
+) -> Result<(f64, ThresholdSource), WorkError> {
     check("false_alarms_per_hour", false_alarms_per_hour, &FALSE_ALARMS_PER_HOUR)?;
     let Some(free) = free else {
         return Ok(match &model.alarm {
             Some(alarm) => {
-                (alarm.threshold(false_alarms_per_hour), "motion that identification held out")
+                (alarm.threshold(false_alarms_per_hour), ThresholdSource::Identification)
             }
-            None => (USUAL_THRESHOLD, GUESS),
+            None => (USUAL_THRESHOLD, ThresholdSource::Guess),
         });
     };
     let timed = |touch: &TouchTorques| -> Vec<(f64, f64)> {
@@ -238,7 +251,7 @@ pub fn threshold(
                 .to_owned(),
         )
     })?;
-    Ok((alarm.threshold(false_alarms_per_hour), "the contact-free logs"))
+    Ok((alarm.threshold(false_alarms_per_hour), ThresholdSource::FreeLogs))
 }
 
 /// Stretches of time in which the threshold is passed; those that are less than 0.25 s (or samples without a time 10)

@@ -1,4 +1,4 @@
-//! Bands around predicted torques that hold the measured ones so often: found on touches that were held out.
+//! Prediction bands: intervals around predicted torques that contain the measured ones in a given share of cases.
 //!
 //! The half-width of joint j's band at a level, such as 0.9, is
 //!
@@ -6,53 +6,57 @@
 //! q(level) · (a_j + b |τ̂_j| + c s_j)        s: √ diag(H P Hᵀ), the springs' own standard deviation
 //! ```
 //!
-//! with a, b and c that make the bands of held-out touches narrowest, and q such that they hold that share of the
-//! frames of a touch (`palpate_learn::calibrate`). Frames of a touch are not independent, so a calibration on n touches
-//! says nothing of levels above n / (n + 1): with that chance a new touch is worse than all of them.
+//! with a, b, c and q found on touches that were held out (`palpate_learn::calibrate`). Frames of a touch are not
+//! independent, so n touches give no level above n / (n + 1): with the chance that is left, a new touch is worse than all
+//! of them.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
-/// How wide bands are, and at which levels.
+/// What the widths of bands are computed from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
-    /// a: n_joints, N·m.
+    /// Constant term a, n_joints, N·m.
     pub floor_n_m: Vec<f64>,
-    /// b.
+    /// Factor b of the predicted torque.
     pub by_torque: f64,
-    /// c.
+    /// Factor c of the springs' standard deviation.
     pub by_std: f64,
     /// Standard deviation of the stiffness of cells that were never touched, N/m.
     pub untouched_std_n_per_m: f64,
-    /// Touches that were held out, one after the other.
+    /// Touches that were held out.
     pub touches: u32,
     /// q at some levels, in rising order.
     pub quantiles: Vec<BandQuantiles>,
 }
 
-/// q at a level.
+/// The factors q of a level.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BandQuantiles {
-    /// The share of torques that bands are to hold, 0 to 1.
+    /// The share of torques that the band is to contain, 0 to 1.
     pub level: f64,
-    /// Of the torque of a joint in a frame.
+    /// For the torque of a joint in a frame.
     pub frame: f64,
-    /// Of the norm of the error of all joints in a frame.
-    pub norm: f64,
-    /// Of the largest torque of a joint in a touch, where the largest is predicted.
+    /// For the largest torque of a joint in a touch, with the width where the largest is predicted.
     pub peak: f64,
 }
 
 impl Calibration {
-    /// The highest level that there is a band for.
+    /// The highest level that has a band; 0 if none has.
     pub fn highest_level(&self) -> f64 {
         self.quantiles.last().map_or(0.0, |last| last.level)
     }
 
-    /// q at a level, between those that are known; `None` above the highest.
+    /// The level of tables and pictures: 0.9, or the highest if that is lower.
+    pub fn default_level(&self) -> f64 {
+        self.highest_level().min(0.9)
+    }
+
+    /// The factors of a level, interpolated; `None` below the lowest and above the highest.
     pub fn at(&self, level: f64) -> Option<BandQuantiles> {
+        self.quantiles.first().filter(|first| level >= first.level - 1e-9)?;
         let after = self.quantiles.iter().position(|known| known.level >= level - 1e-9)?;
         let (from, to) = (self.quantiles[after.saturating_sub(1)], self.quantiles[after]);
         let part = if to.level > from.level {
@@ -62,12 +66,7 @@ impl Calibration {
         };
         let part = part.clamp(0.0, 1.0);
         let mix = |of: fn(&BandQuantiles) -> f64| of(&from) + part * (of(&to) - of(&from));
-        Some(BandQuantiles {
-            level,
-            frame: mix(|own| own.frame),
-            norm: mix(|own| own.norm),
-            peak: mix(|own| own.peak),
-        })
+        Some(BandQuantiles { level, frame: mix(|own| own.frame), peak: mix(|own| own.peak) })
     }
 
     /// `a + b |τ̂| + c s`: n_joints, N·m, of a predicted torque and its springs' standard deviation, n_joints, N·m.
@@ -84,20 +83,28 @@ impl Calibration {
         DVector::from_iterator(torque.len(), scale)
     }
 
-    /// Whether its numbers can be, for so many joints.
-    pub fn is_sound(&self, n_joints: usize) -> bool {
-        let is_size = |number: &f64| number.is_finite() && *number >= 0.0;
-        let scales = self.floor_n_m.iter().chain([
-            &self.by_torque,
-            &self.by_std,
-            &self.untouched_std_n_per_m,
-        ]);
-        let quantiles = self.quantiles.iter().flat_map(|own| [own.frame, own.norm, own.peak]);
-        let levels = || self.quantiles.iter().map(|own| own.level);
-        self.floor_n_m.len() == n_joints
-            && scales.copied().chain(quantiles).all(|number| is_size(&number))
-            && levels().all(|level| level > 0.0 && level < 1.0)
-            && levels().zip(levels().skip(1)).all(|(a, b)| a < b)
+    /// Checks that it is one of a robot with so many joints, and all its numbers are finite and not negative.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong, as a sentence.
+    pub fn check(&self, n_joints: usize) -> Result<(), String> {
+        let found = self.floor_n_m.len();
+        if found != n_joints {
+            return Err(format!("the bands are of {found} joints; wanted {n_joints}"));
+        }
+        let scales = [self.by_torque, self.by_std, self.untouched_std_n_per_m].into_iter();
+        let factors = self.quantiles.iter().flat_map(|own| [own.frame, own.peak]);
+        let numbers = self.floor_n_m.iter().copied().chain(scales).chain(factors);
+        if let Some(number) = numbers.into_iter().find(|own| !(own.is_finite() && *own >= 0.0)) {
+            return Err(format!("the bands hold {number}; wanted a number of at least 0"));
+        }
+        let levels: Vec<f64> = self.quantiles.iter().map(|own| own.level).collect();
+        let rise = levels.windows(2).all(|pair| pair[0] < pair[1]);
+        if !rise || levels.iter().any(|level| !(*level > 0.0 && *level < 1.0)) {
+            return Err("the levels of the bands do not rise between 0 and 1".to_owned());
+        }
+        Ok(())
     }
 }
 
@@ -107,8 +114,7 @@ mod tests {
 
     #[test]
     fn quantiles_lie_between_those_that_are_known_and_end_with_the_last() {
-        let of =
-            |level: f64, q: f64| BandQuantiles { level, frame: q, norm: 2.0 * q, peak: 3.0 * q };
+        let of = |level: f64, q: f64| BandQuantiles { level, frame: q, peak: 3.0 * q };
         let calibration = Calibration {
             floor_n_m: vec![0.1, 0.2],
             by_torque: 0.5,
@@ -117,12 +123,13 @@ mod tests {
             touches: 9,
             quantiles: vec![of(0.5, 1.0), of(0.9, 3.0)],
         };
-        assert!(calibration.is_sound(2) && !calibration.is_sound(3));
+        assert!(calibration.check(2).is_ok() && calibration.check(3).is_err());
         assert_eq!(calibration.at(0.95), None);
         assert_eq!(calibration.highest_level(), 0.9);
         let middle = calibration.at(0.7).unwrap();
         assert!((middle.frame - 2.0).abs() < 1e-12 && (middle.peak - 6.0).abs() < 1e-12);
-        assert_eq!(calibration.at(0.2).unwrap().frame, 1.0);
+        assert_eq!(calibration.at(0.5).unwrap().frame, 1.0);
+        assert_eq!(calibration.at(0.2), None);
         let scale = calibration.scale(&[-2.0, 0.0], &[0.0, 0.3]);
         assert!((scale - DVector::from_vec(vec![1.1, 0.8])).amax() < 1e-12);
     }

@@ -46,7 +46,8 @@ pub struct Field {
     /// The object as an elastic body, if one was learnt. Predictions then are those of the body and of
     /// springs beside it ([`ElasticModel::spring_n_per_m`]).
     pub elastic: Option<Arc<ElasticModel>>,
-    /// How wide bands around predicted torques are, if touches were held out to find it.
+    /// How wide bands around predicted torques are, if touches were held out to find it. Of the springs
+    /// alone: predictions with an elastic body have no bands.
     pub calibration: Option<Calibration>,
 }
 
@@ -144,7 +145,9 @@ impl FieldSprings {
         let points_and_k = rows.points_m().iter().zip(stiffness_n_per_m);
         let cells = points_and_k.map(|(&point, k)| Cell::new(point, k)).collect();
         let (observations, counts) = (ObservationBuilder::new(rows), field.counts.clone());
-        let variances = field.calibration.as_ref().map(|calibration| {
+        // Bands are of the springs alone, not of springs beside a body.
+        let calibration = field.calibration.as_ref().filter(|_| field.elastic.is_none());
+        let variances = calibration.map(|calibration| {
             let own = field.std_n_per_m.iter().map(|std| std * std).collect();
             (own, calibration.untouched_std_n_per_m.powi(2))
         });

@@ -162,7 +162,9 @@ fn key(work: &Work<'_>) -> String {
     hasher.update(format!("{settings:?}").as_bytes());
     for touch in work.touches {
         hasher.update(&(touch.samples.len() as u64).to_le_bytes());
-        let numbers = touch.samples.iter().flat_map(|sample| sample.q.iter().chain(&sample.tau));
+        let numbers = touch.samples.iter().flat_map(|sample| {
+            sample.q.iter().chain(&sample.tau).chain(sample.tau_std.iter().flatten())
+        });
         let truth = touch.truth.iter().flatten().flatten();
         let times = touch.samples.iter().filter_map(|sample| sample.time_s.as_ref());
         numbers.chain(truth).chain(times).for_each(|number| {

@@ -81,7 +81,7 @@ impl EvaluationSummary {
         text.push('\n');
         for method in &self.evaluation.methods {
             if let Some(coverage) = &method.coverage {
-                text += &bands(&format!("{}'s bands", method.name), coverage);
+                text += &bands(&format!("Bands of {}", method.name), coverage);
             }
         }
         if let Some(ratio) = self.ratio_to_baselines() {

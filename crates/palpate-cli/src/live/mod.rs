@@ -22,7 +22,7 @@ use palpate_live::ros::{FlagTopics, NetworkConfig, NetworkProcess, Services};
 use palpate_live::session::Session;
 use palpate_live::{AskSocket, LiveBody, LiveConfig, News, run as run_live};
 use palpate_work::settings::named;
-use palpate_work::torque::threshold;
+use palpate_work::torque::{ThresholdSource, threshold};
 use palpate_work::{arm_file, prior, resume, robot};
 
 use crate::args::number_in;
@@ -204,10 +204,9 @@ impl Args {
             .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
         let Some(Identified { model, torques }) = identified else { return Ok(session) };
         let causal = model.clone().for_differentiation(Differentiation::Causal);
-        let (threshold, _) = threshold(&causal, None, FALSE_ALARMS_PER_HOUR)?;
-        let model_alarm = causal.alarm;
+        let (threshold, from) = threshold(&causal, None, FALSE_ALARMS_PER_HOUR)?;
         let stream = TorqueStream::new(Arc::clone(arm), model, torques).map_err(CliError::Usage)?;
-        if model_alarm.is_none() {
+        if from == ThresholdSource::Guess {
             complain(
                 "warning: what counts as touched is a guess; identify the arm with `palpate identify`",
             );
@@ -233,7 +232,7 @@ impl Args {
                     .to_owned(),
             ));
         }
-        let torques = settings.touch.over_config(&ExternalTorqueConfig::default());
+        let torques = settings.torque_beside_robot()?;
         Ok(Some(Identified { model, torques }))
     }
 

@@ -32,26 +32,27 @@ pub(crate) fn text(report: &Report) -> String {
     }
     text += &table(&["", "", "field", "", "", "", "zero"], rows);
     if let Some(coverage) = &report.bands {
-        text += &format!("\n{}", bands("The bands", coverage));
+        text += &format!("\n{}", bands("Bands", coverage));
     }
     text
 }
 
-/// How often bands held the torque, and how wide they are.
+/// How often bands contained the torque, and how wide they are.
 pub(crate) fn bands(of: &str, coverage: &Coverage) -> String {
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
     let classes = CLASSES.iter().zip(coverage.classes).filter_map(|(class, own)| {
         let [inside, width] = own?;
-        Some(format!("{class} {}, ± {width:.2}", percent(inside)))
+        Some(format!("{class} {} (± {width:.2} N·m)", percent(inside)))
     });
     format!(
-        "{of} at {} hold {} of the torques and {} of the joints' largest ones. They are ± {:.3} N·m on average, \
-         {:.2} times\na constant band that holds as many ({}).\n",
+        "{of} ({}): they contain {} of the torques and {} of the joints' largest torques.\n\
+         By contact: {}. Mean half-width {:.3} N·m (a constant band that contains as many\n\
+         torques needs {:.3} N·m).\n",
         percent(coverage.level),
-        percent(coverage.frames),
-        percent(coverage.peaks),
+        percent(coverage.torque_share),
+        percent(coverage.peak_share),
+        classes.collect::<Vec<_>>().join(", "),
         coverage.half_width_n_m,
-        coverage.half_width_n_m / coverage.constant_half_width_n_m,
-        classes.collect::<Vec<_>>().join("; ")
+        coverage.constant_half_width_n_m,
     )
 }

@@ -76,7 +76,7 @@ function drawError() {
   );
 }
 
-/** The edges of a band around a prediction, as torques of a joint, and the space between them. */
+/** A band around the predicted torque of a joint. */
 function bandTraces(predicted = [], halfWidth = [], shade) {
   const edge = (side) =>
     torques(predicted.map((tau, at) => (tau === null ? null : tau + side * halfWidth[at])));
@@ -138,23 +138,28 @@ function drawJoints() {
 const level = () => data.level[chosen("method")];
 const percent = (share) => `${Math.round(100 * share)} %`;
 
-/** How often bands held the torque, beside how often they are to. */
+/** The share of torques inside the bands, over their level. */
 function drawCoverage() {
   const method = data.methods[chosen("method")];
   const rows = data.by_level[chosen("method")];
   byId("coverage-section").hidden = !rows;
+  document.querySelectorAll(".banded").forEach((span) => (span.hidden = !rows));
   if (!rows) return;
   const of = (at) => rows.map((row) => 100 * row[at]);
   const line = (name, y, more) => ({ x: of(0), y, name, hovertemplate: "%{y:.1f} %", ...more });
   const traces = [
-    line("as many as they are to", of(0), { mode: "lines", line: { color: GREY, dash: "dot" } }),
-    line(`held by ${method}'s bands`, of(1), { mode: "lines+markers", line: { color: colour(method) } }),
+    line("level", of(0), { mode: "lines", line: { color: GREY, dash: "dot" } }),
+    line(`inside the bands of ${method}`, of(1), { mode: "lines+markers", line: { color: colour(method) } }),
   ];
   const range = [45, 100];
+  const lowest = Math.min(45, ...of(1).map((share) => share - 5));
   Plotly.react(
     "coverage",
     traces,
-    layout({ xaxis: axis("level [%]", { range }), yaxis: axis("torques inside [%]", { range }) }),
+    layout({
+      xaxis: axis("level [%]", { range }),
+      yaxis: axis("torques inside [%]", { range: [lowest, 100] }),
+    }),
     flat,
   );
 }

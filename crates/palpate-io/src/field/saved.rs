@@ -261,8 +261,13 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
     if arrays.get("palpate").is_none() {
         return Err(foreign("palpate"));
     }
-    let meta: Meta = serde_json::from_str(&arrays.text("palpate")?)
+    let mut meta: Meta = serde_json::from_str(&arrays.text("palpate")?)
         .map_err(|source| SavedError::Settings { path: path(), source })?;
+    // Of a palpate that did not say so in words: only torques of an identified arm have standard deviations.
+    if arrays.get("log_tau_std").is_some() {
+        meta.touch.identified = true;
+        meta.mapper.iter_mut().for_each(|mapper| mapper.config.touch.identified = true);
+    }
     if meta.format > FORMAT {
         return Err(SavedError::Format { path: path(), found: meta.format });
     }
@@ -273,10 +278,7 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
     field.counts = file.counts.ok_or_else(|| foreign("N_obs"))?;
     field.stiffness_n_per_m = file.stiffness;
     field.calibration = meta.calibration;
-    if field.calibration.as_ref().is_some_and(|own| !own.is_sound(own.floor_n_m.len())) {
-        let what = "its calibration holds a number that is not finite, or below 0";
-        return Err(contradiction(arrays, what.to_owned()));
-    }
+    check_calibration(arrays, &field, meta.mapper.is_some())?;
     if file.lattice != Some(FieldLattice::from(&field.lattice)) {
         let what = "the array `lattice` is not the lattice of the settings";
         return Err(contradiction(arrays, what.to_owned()));
@@ -311,6 +313,16 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
         saved.snapshot = Some(snapshot(arrays, mapper, &saved)?);
     }
     Ok(saved)
+}
+
+/// Refuses bands that cannot be, or are of another robot than the samples of the mapper, if there is one.
+fn check_calibration(arrays: &Arrays, field: &Field, has_mapper: bool) -> Result<(), SavedError> {
+    let Some(calibration) = &field.calibration else { return Ok(()) };
+    let n_joints = match has_mapper {
+        true => arrays.require(name_in(arrays, "log_q"))?.shape()[1],
+        false => calibration.floor_n_m.len(),
+    };
+    calibration.check(n_joints).map_err(|what| contradiction(arrays, what))
 }
 
 /// The error of arrays that contradict each other.

@@ -1,7 +1,7 @@
 //! What a model leaves over of torques on motion that it was not identified on: whole touches, or quarters of them if
 //! there are fewer than three. Bias and drift of a touch are not known beforehand, so they are in it.
 
-use palpate::unstable::{NoiseFactors, explain};
+use palpate::unstable::{NoiseFactors, TouchMotion, explain};
 use palpate::{
     Alarm, Causal, Differentiation, ExternalTorque, ExternalTorqueConfig, Ripple, Robot, Sample,
     TorqueModel, TorqueNoise,
@@ -165,7 +165,8 @@ fn left_of(
     models: &[Option<TorqueModel>],
     differentiation: Differentiation,
 ) -> Result<Vec<Left>, IdentifyError> {
-    let time = |k: usize| samples[k].time_s.unwrap_or(k as f64);
+    let times = TouchMotion::of(robot, samples, vec![0.0; robot.n_joints()]);
+    let time = |k: usize| times.times_s()[k];
     let span = time(samples.len() - 1) - time(0);
     let fold_of = |k: usize| {
         let part = if span > 0.0 { (time(k) - time(0)) / span - 0.5 } else { 0.0 };

@@ -117,8 +117,11 @@ pub fn identify(
         done();
         if stop() { Err(IdentifyError::Stopped) } else { Ok(()) }
     };
+    // Next to longer ones, touches that tell no speeds would hide those of the others.
+    let least =
+        if touches.iter().any(|touch| touch.len() >= LEAST_OF_TOUCH) { LEAST_OF_TOUCH } else { 1 };
     let touches: Vec<&[Sample]> =
-        touches.iter().copied().filter(|touch| touch.len() >= LEAST_OF_TOUCH).collect();
+        touches.iter().copied().filter(|touch| touch.len() >= least).collect();
     let motion = Checked::of(robot, &touches, torques)?;
     let payload_body = robot.body_of(config.payload_link).ok_or(IdentifyError::PayloadLink)?;
     let start = Start::of(robot, payload_body, config.currents);
@@ -151,7 +154,8 @@ pub fn identify(
         unless_stopped()?;
         let turning = rows.best_turning(&posterior);
         let left = if rows.timed { posterior.delay().0 } else { 0.0 };
-        has_settled = left.abs() <= SETTLED * rows.interval_s();
+        has_settled = left.abs() <= SETTLED * rows.interval_s()
+            && turning.iter().zip(&settings.turning).all(|(new, old)| new.is_near(old));
         if has_settled && turning == settings.turning {
             break;
         }

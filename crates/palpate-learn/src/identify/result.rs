@@ -349,7 +349,7 @@ fn notes(
         motion.silent.iter().map(|j| identified.joints[*j].name.as_str()).collect();
     if !silent.is_empty() {
         notes.push(format!(
-            "the torque of {} never changes: nothing measures it, and nothing is found of it",
+            "the torque of {} never changes: it is not measured, so its friction, bias and gain are unknown",
             silent.join(", ")
         ));
     }

@@ -58,6 +58,14 @@ pub(super) struct Turning {
     pub(super) stribeck: f64,
 }
 
+impl Turning {
+    /// Whether the presliding distances are the same, but for what the search tries next to one.
+    pub(super) fn is_near(&self, other: &Self) -> bool {
+        let [least, most] = [f64::min, f64::max].map(|of| of(self.presliding, other.presliding));
+        most <= 1.5 * least || most <= PRESLIDING[2]
+    }
+}
+
 /// One moment of a touch.
 struct Row {
     fold: usize,

@@ -322,7 +322,7 @@ class Mapper:
     def map(self, log: _Logs, progress: Progress = None) -> MapReport:
         """Learns the touches of logs, given by path, as `Log` or as `Touch`, in their order.
 
-        The field is that of `palpate map` to the bit. `progress` is None for a bar where somebody
+        The cells are those of `palpate map --tune=off` to the bit. `progress` is None for a bar where somebody
         can see it, True, False, or a callable of frames done and in all. Ctrl-C raises
         KeyboardInterrupt; the mapper then knows all samples before it and can go on.
         """

@@ -91,17 +91,17 @@ class Coverage(TypedDict):
     """How often bands held the torque, and how wide they are."""
 
     level: float
-    frames: float
-    """Share of the torques inside, a frame and joint each."""
+    torque_share: float
+    """Share of the torques inside, of a joint in a frame each."""
     by_level: list[list[float]]
     """The same at other levels: level and share."""
-    peaks: float
+    peak_share: float
     """Share of the joints' largest torques in a touch."""
     half_width_n_m: float
     constant_half_width_n_m: float
     """Of a band of one width that holds as many frames, N·m."""
     classes: list[list[float] | None]
-    """Share inside and mean half-width, N·m: free air, mostly met cells, mostly new cells."""
+    """Share inside and mean half-width, N·m: no contact, mostly known cells, mostly unseen cells."""
 
 
 class Score(TypedDict):
@@ -111,7 +111,7 @@ class Score(TypedDict):
     overall: ScoredFrames
     against: str
     bands: Coverage | None
-    """None of a field without bands."""
+    """None of a field without bands, and against the truth."""
 
 
 class MeanStd(TypedDict):
@@ -130,7 +130,7 @@ class MethodRow(TypedDict):
     avg_relative: MeanStd | None
     max_relative: MeanStd | None
     coverage: Coverage | None
-    """Of an estimator with three touches or more to learn from."""
+    """Of map, with three touches or more to learn from; None where shares were joined."""
 
 
 class LeftOut(TypedDict):

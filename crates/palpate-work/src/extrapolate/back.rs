@@ -11,6 +11,9 @@ use palpate_io::field::Saved;
 /// continues believes the same of the new cells.
 pub fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
     let Saved { field, snapshot, prior_n_per_m, .. } = &mut saved;
+    // Bands were calibrated on other predictions.
+    field.calibration = None;
+    snapshot.iter_mut().for_each(|snapshot| snapshot.calibration = None);
     // The least stiffness that an estimator can begin with, and the standard deviation of a cell that
     // was never touched, N/m.
     let (least, std) = match snapshot {

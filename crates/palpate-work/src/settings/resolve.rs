@@ -107,6 +107,22 @@ impl Settings {
         Ok(self.external_torque(field))
     }
 
+    /// How the measured torques of an identified arm count beside a running robot.
+    ///
+    /// # Errors
+    ///
+    /// If the settings leave it open: it does not show sample by sample.
+    pub fn torque_beside_robot(&self) -> Result<ExternalTorqueConfig, SettingsError> {
+        if self.touch.torque_sign_given().is_none() || self.touch.gravity_given().is_none() {
+            return Err(SettingsError::Together(
+                "with an identified arm, give torque_sign (--torque-sign) and gravity (--gravity): they cannot be found \
+                 sample by sample"
+                    .to_owned(),
+            ));
+        }
+        Ok(self.touch.over_config(&ExternalTorqueConfig::default()))
+    }
+
     fn with_lattice(&self, lattice: Lattice, base: &MapperConfig) -> MapperConfig {
         let mut config = base.clone();
         config.lattice = lattice;

@@ -193,6 +193,11 @@ impl Mapper {
         self
     }
 
+    /// How wide bands around its predictions are, if that is known.
+    pub fn calibration(&self) -> Option<&Calibration> {
+        self.calibration.as_ref()
+    }
+
     /// Starts a touch.
     pub fn begin_touch(&mut self) {
         self.log.begin_touch(&self.replays.estimator().frame_ids());

@@ -99,8 +99,8 @@ impl Mapper {
         }
         let n_joints = arm.robot.n_joints();
         let mut mapper = Self::new(arm, snapshot.config)?.with_calibration(snapshot.calibration);
-        if mapper.calibration.as_ref().is_some_and(|own| !own.is_sound(n_joints)) {
-            return Err(inconsistent("its calibration is of another number of joints".to_owned()));
+        if let Some(calibration) = &mapper.calibration {
+            calibration.check(n_joints).map_err(inconsistent)?;
         }
         let lattice = &mapper.config.lattice;
         if let Some(cell) = snapshot.cells.iter().find(|cell| !lattice.contains(**cell)) {

@@ -305,7 +305,7 @@ impl Robot {
         Ok(self)
     }
 
-    /// The same robot with joints of other names, all at once: `(joint, name)`, what logs call it last.
+    /// The same robot with joints of other names, all at once: `(joint, name in logs)`.
     ///
     /// # Errors
     ///

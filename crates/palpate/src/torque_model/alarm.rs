@@ -56,7 +56,7 @@ impl Alarm {
         Some(Self { level, excess: excess.max(1e-6), seconds: largest.len() as f64 })
     }
 
-    /// Whether its numbers can be.
+    /// Whether its numbers are finite and not negative.
     pub(super) fn is_sound(&self) -> bool {
         [self.level, self.excess, self.seconds].iter().all(|own| *own >= 0.0 && own.is_finite())
     }

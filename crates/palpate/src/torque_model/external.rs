@@ -63,22 +63,14 @@ impl TouchMotion {
         motion
     }
 
-    /// Adds a sample. A clock that goes back is none: samples are then counted in place of their times.
+    /// Adds a sample. Where the clock goes back, it does not count: samples are then counted in place of their times.
     pub fn push(&mut self, robot: &Robot, sample: &Sample) {
-        let n = sample.q.len();
-        let (q, friction) = match (self.positions.last(), self.friction.last()) {
-            (Some(last), Some(states)) => {
+        let q = match self.positions.last() {
+            Some(last) => {
                 let way = robot.difference(last, &sample.q);
-                let q: Vec<f64> = last.iter().zip(way).map(|(last, way)| last + way).collect();
-                let before =
-                    self.positions.len().checked_sub(2).map_or(last, |k| &self.positions[k]);
-                let mut states = states.clone();
-                for (j, state) in states.iter_mut().enumerate() {
-                    state.follow([before[j], last[j], q[j]], 1.0, self.presliding[j]);
-                }
-                (q, states)
+                last.iter().zip(way).map(|(last, way)| last + way).collect()
             }
-            _ => (sample.q.clone(), vec![FrictionState::default(); n]),
+            None => sample.q.clone(),
         };
         let last_s = self.times_s.last().copied();
         if !self.untimed
@@ -92,16 +84,25 @@ impl TouchMotion {
         }
         let counted = self.times_s.last().map_or(0.0, |last| last + 1.0);
         self.times_s.push(sample.time_s.filter(|_| !self.untimed).unwrap_or(counted));
+        self.friction.push(vec![FrictionState::default(); q.len()]);
         self.positions.push(q);
-        self.friction.push(friction);
+        // Whether the joint turned before the last sample shows only now.
+        let n = self.positions.len();
+        for k in n.saturating_sub(2).max(1)..n {
+            self.friction[k] = (0..sample.q.len())
+                .map(|j| {
+                    self.moved((k - 1, k, 1.0), j, (self.friction[k - 1][j], self.presliding[j]))
+                })
+                .collect();
+        }
     }
 
-    /// Forgets samples before a time, s, but for the last two; without a clock, all but the last three.
+    /// Forgets samples before a time, s, but for the last four; without a clock, all but those.
     pub fn forget_before(&mut self, time_s: f64) {
         let n = self.times_s.len();
         let old =
             if self.untimed { n } else { self.times_s.partition_point(|time| *time < time_s) };
-        let old = old.min(n.saturating_sub(3));
+        let old = old.min(n.saturating_sub(4));
         self.times_s.drain(..old);
         self.positions.drain(..old);
         self.friction.drain(..old);
@@ -122,10 +123,9 @@ impl TouchMotion {
     /// States of the friction of a joint at the samples, with another presliding distance, rad.
     pub fn friction_of(&self, joint: usize, presliding: f64) -> Vec<FrictionState> {
         let mut state = FrictionState::default();
-        let at = |k: usize| self.positions[k][joint];
         let each = (0..self.positions.len()).map(|k| {
             if k > 0 {
-                state.follow([at(k.saturating_sub(2)), at(k - 1), at(k)], 1.0, presliding);
+                state = self.moved((k - 1, k, 1.0), joint, (state, presliding));
             }
             state
         });
@@ -155,8 +155,9 @@ impl TouchMotion {
         (mut state, presliding): (FrictionState, f64),
     ) -> FrictionState {
         if after > before {
-            let at = |k: usize| self.positions[k][joint];
-            state.follow([at(before.saturating_sub(1)), at(before), at(after)], part, presliding);
+            let at = |k: usize| self.positions[k.min(self.positions.len() - 1)][joint];
+            let four = [at(before.saturating_sub(1)), at(before), at(after), at(after + 1)];
+            state.follow(four, part, presliding);
         }
         state
     }

@@ -60,12 +60,17 @@ impl Default for FrictionState {
 }
 
 impl FrictionState {
-    /// Moves with the joint along the parabola through three positions, rad, one after the other, from the second on, a
-    /// part of the way to the third: so it turns between two samples where the joint does.
-    pub fn follow(&mut self, [before, from, to]: [f64; 3], part: f64, presliding: f64) {
-        let (way, bend) = (to - from, to - 2.0 * from + before);
+    /// Moves with the joint from the second of four positions, rad, one sample each, a part of the way to the third. Where
+    /// the joint turns round, it turns on the parabola through the first three, between the samples.
+    ///
+    /// The fourth tells a turn from a stop: a joint that stops, or a position that is logged twice, turns nothing.
+    pub fn follow(&mut self, [before, from, to, after]: [f64; 4], part: f64, presliding: f64) {
+        let (came, way) = (from - before, to - from);
+        if came * way >= 0.0 && came * (after - to) >= 0.0 {
+            return self.advance(part * way, presliding);
+        }
+        let bend = way - came;
         let at = |part: f64| part * way + 0.5 * part * (part - 1.0) * bend;
-        // Where it turns, if it does so on the way.
         let turn = 0.5 - way / bend;
         let turn = if turn.is_finite() { turn.clamp(0.0, part) } else { part };
         self.advance(at(turn), presliding);
@@ -130,16 +135,26 @@ mod tests {
     #[test]
     fn a_joint_turns_between_two_samples() {
         // The parabola from 1 to 1 turns halfway; friction that turns at once is that of the way back at its end.
-        let mut state = FrictionState::default();
-        state.follow([0.0, 1.0, 1.0], 1.0, 0.0);
-        assert_eq!(state.middle(), -1.0);
-        let mut early = FrictionState::default();
-        early.follow([0.0, 1.0, 1.0], 0.4, 0.0);
-        assert_eq!(early.middle(), 1.0);
+        for (part, wanted) in [(0.4, 1.0), (1.0, -1.0)] {
+            let mut state = FrictionState::default();
+            state.follow([0.0, 1.0, 1.0, 0.0], part, 0.0);
+            assert_eq!(state.middle(), wanted);
+        }
         // What goes on in one direction goes as far as the samples do.
         let mut state = FrictionState { low: -1.0, high: -1.0 };
-        state.follow([0.0, 0.5, 1.0], 1.0, 0.5);
+        state.follow([0.0, 0.5, 1.0, 1.5], 1.0, 0.5);
         assert_eq!(state.middle(), 0.0);
+    }
+
+    #[test]
+    fn a_joint_that_stops_or_is_logged_twice_keeps_its_friction() {
+        for presliding in [0.0, 1e-4] {
+            for after in [[1.0, 1.0], [1.0, 2.0], [2.0, 2.0]] {
+                let mut state = FrictionState { low: 1.0, high: 1.0 };
+                state.follow([0.0, 1.0, after[0], after[1]], 1.0, presliding);
+                assert_eq!((state.low, state.high), (1.0, 1.0), "{after:?}");
+            }
+        }
     }
 
     #[test]
