@@ -7,6 +7,7 @@ mod args;
 mod bench;
 mod bundled;
 mod cloud_args;
+mod compare;
 mod convert;
 mod csv;
 mod demo;
@@ -73,6 +74,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
             CliError::from(format!("`palpate live` runs this command, nobody else: {error}"))
         }),
         Command::Predict(args) => predict::run(args, output),
+        Command::Compare(args) => compare::run(args, output),
         Command::Evaluate(args) => evaluate::run(args, output),
         Command::Tune(args) => tune::run(args, output),
         Command::Study(args) => study::run(args, output),

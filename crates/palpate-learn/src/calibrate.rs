@@ -41,6 +41,8 @@ pub struct PredictedFrame {
     pub torque_std: Vec<f64>,
     /// τ_ext.
     pub measured: Vec<f64>,
+    /// Whether the arm displaces anything.
+    pub in_contact: bool,
 }
 
 impl PredictedFrame {
@@ -109,6 +111,7 @@ impl Predicted {
             torque: frame.predict(&self.cells),
             torque_std: gram.diagonal().iter().map(|own| own.max(0.0).sqrt()).collect(),
             measured: frame.observation.tau().as_slice().to_vec(),
+            in_contact: frame.observation.n_contacts() > 0,
         }
     }
 
@@ -137,11 +140,13 @@ fn of_held_out(
         untouched_std_n_per_m,
         touches: touches.len() as u32,
         quantiles: Vec::new(),
+        misfits: Vec::new(),
     };
     fit_shape(&touches, &mut calibration);
     let highest = touches.len() as f64 / (touches.len() as f64 + 1.0);
     let levels: Vec<f64> = LEVELS.into_iter().filter(|level| *level <= highest).collect();
     calibration.quantiles = quantiles(&touches, &calibration, &levels);
+    calibration.misfits = touches.iter().filter_map(|touch| misfit(&calibration, touch)).collect();
     calibration.check(n_joints).is_ok().then_some(calibration)
 }
 
@@ -244,6 +249,19 @@ pub(crate) fn scales(calibration: &Calibration, touch: &[PredictedFrame]) -> Vec
     touch.iter().map(|frame| calibration.scale(&frame.torque, &frame.torque_std)).collect()
 }
 
+/// Root mean square of the errors over a + b |τ̂| + c s, over joints and the frames of a touch in which something is
+/// touched; `None` without any.
+pub(crate) fn misfit(calibration: &Calibration, touch: &[PredictedFrame]) -> Option<f64> {
+    let (mut squares, mut count) = (0.0, 0.0);
+    for frame in touch.iter().filter(|frame| frame.in_contact) {
+        let scale = calibration.scale(&frame.torque, &frame.torque_std);
+        squares +=
+            frame.errors().zip(&scale).map(|(own, scale)| (own / scale).powi(2)).sum::<f64>();
+        count += scale.len() as f64;
+    }
+    (count > 0.0).then(|| (squares / count).sqrt())
+}
+
 /// For each joint, the difference between its largest measured and its largest predicted torque in a touch, over the
 /// scale where the prediction is largest.
 pub(crate) fn peak_errors(touch: &[PredictedFrame], scales: &[DVector<f64>]) -> Vec<f64> {
@@ -289,8 +307,12 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let touch = |_| {
             let frame = |_| {
-                let mut frame =
-                    PredictedFrame { torque: vec![], torque_std: vec![], measured: vec![] };
+                let mut frame = PredictedFrame {
+                    torque: vec![],
+                    torque_std: vec![],
+                    measured: vec![],
+                    in_contact: true,
+                };
                 for _ in 0..2 {
                     let (torque, std) = (4.0 * uniform(&mut rng) - 2.0, 0.5 * uniform(&mut rng));
                     let bound = 0.1 + 0.3 * f64::abs(torque) + 2.0 * std;

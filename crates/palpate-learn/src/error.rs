@@ -28,6 +28,12 @@ pub enum LearnError {
     /// A motion that cannot be.
     #[error("{0}")]
     Excite(String),
+    /// A field that says not how well it fits touches.
+    #[error(
+        "the field has no bands of this robot's joints, so nothing says how well touches should fit; map its logs again \
+         with at least three touches, and let `palpate map` choose the settings"
+    )]
+    NoBands,
     /// Asked to stop.
     #[error("stopped")]
     Stopped,

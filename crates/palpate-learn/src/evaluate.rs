@@ -219,6 +219,7 @@ impl Uncertainty {
             torque: torque.clone(),
             torque_std: torque_std.clone(),
             measured: frame.observation.tau().as_slice().to_vec(),
+            in_contact: frame.observation.n_contacts() > 0,
         });
         let contacts = touch.contacts.iter().zip(&touch.known).map(|(all, met)| [*all, *met]);
         Band::of((&self.calibration, level), &frames.collect::<Vec<_>>(), contacts)

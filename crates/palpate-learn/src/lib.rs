@@ -10,6 +10,7 @@
 //! | [`mod@evaluation`]  | its result                                                      |
 //! | [`mod@tune`]        | settings from training touches alone                            |
 //! | [`mod@study`]       | settings over several objects                                   |
+//! | [`mod@change`]      | whether touches contradict a field: it moved, is softer, or another |
 //! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
 //! | [`mod@errors`]      | the four figures of Table I                                     |
 //! | [`mod@excite`]      | a motion that tells an arm's masses and friction                |
@@ -21,6 +22,7 @@
 pub mod bands;
 pub mod body;
 pub mod calibrate;
+pub mod change;
 pub mod elastic;
 mod error;
 pub mod errors;

@@ -11,6 +11,7 @@
 //! | [`mod@resume`]    | a mapper that goes on from a saved field                          |
 //! | [`mod@learn`]     | touches into a mapper, and a summary of what was learned          |
 //! | [`mod@predict`]   | predicted and measured torque of every frame, and the error       |
+//! | [`mod@change`]    | whether touches contradict a field, and what has changed          |
 //! | [`mod@scored`]    | the four figures of predicted touches                             |
 //! | [`mod@held_joints`] | joints that are not in a log, and stand still                   |
 //! | [`mod@elastic`]   | bodies that bend, from a cloud and touches                        |
@@ -30,6 +31,7 @@
 #![forbid(unsafe_code)]
 
 pub mod arm_file;
+pub mod change;
 mod conventions;
 pub mod elastic;
 pub mod error;

@@ -124,6 +124,7 @@ impl TouchResult {
                 torque: frame.predicted.as_slice().to_vec(),
                 torque_std: frame.torque_std.as_ref()?.as_slice().to_vec(),
                 measured: frame.external.as_slice().to_vec(),
+                in_contact: frame.contacts > 0,
             })
         };
         let frames: Vec<PredictedFrame> = self.frames.iter().map(frame).collect::<Option<_>>()?;

@@ -29,6 +29,10 @@ pub struct Calibration {
     pub touches: u32,
     /// q at some levels, in rising order.
     pub quantiles: Vec<BandQuantiles>,
+    /// Of each held-out touch that touched anything: root mean square of its errors over a + b |τ̂| + c s. A touch that
+    /// fits far worse contradicts the field.
+    #[serde(default)]
+    pub misfits: Vec<f64>,
 }
 
 /// The factors q of a level.
@@ -95,7 +99,13 @@ impl Calibration {
         }
         let scales = [self.by_torque, self.by_std, self.untouched_std_n_per_m].into_iter();
         let factors = self.quantiles.iter().flat_map(|own| [own.frame, own.peak]);
-        let numbers = self.floor_n_m.iter().copied().chain(scales).chain(factors);
+        let numbers = self
+            .floor_n_m
+            .iter()
+            .copied()
+            .chain(scales)
+            .chain(factors)
+            .chain(self.misfits.iter().copied());
         if let Some(number) = numbers.into_iter().find(|own| !(own.is_finite() && *own >= 0.0)) {
             return Err(format!("the bands hold {number}; wanted a number of at least 0"));
         }
@@ -122,6 +132,7 @@ mod tests {
             untouched_std_n_per_m: 10.0,
             touches: 9,
             quantiles: vec![of(0.5, 1.0), of(0.9, 3.0)],
+            misfits: vec![0.5, 0.7],
         };
         assert!(calibration.check(2).is_ok() && calibration.check(3).is_err());
         assert_eq!(calibration.at(0.95), None);

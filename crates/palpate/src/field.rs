@@ -83,7 +83,20 @@ impl Field {
         untouched_std_n_per_m: f64,
     ) -> Vec<Option<CellEstimate>> {
         let rows = CellRows::of(self.lattice.clone(), &self.cells);
-        let estimate = |cell: CellId| match rows.find(cell) {
+        let at = |place_m: &[f64; 3]| {
+            let cell = self.lattice.nearest(&(*place_m).into())?;
+            Some(self.estimate(rows.find(cell), untouched_std_n_per_m))
+        };
+        places_m.iter().map(at).collect()
+    }
+
+    /// What is known of the cell of a row, or of one that the field does not know, with that standard deviation, N/m.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such row.
+    pub fn estimate(&self, row: Option<u32>, untouched_std_n_per_m: f64) -> CellEstimate {
+        match row {
             Some(row) => CellEstimate {
                 stiffness_n_per_m: self.stiffness_n_per_m[row as usize],
                 std_n_per_m: self.std_n_per_m[row as usize],
@@ -94,9 +107,7 @@ impl Field {
                 std_n_per_m: untouched_std_n_per_m,
                 count: 0,
             },
-        };
-        let at = |place_m: &[f64; 3]| self.lattice.nearest(&(*place_m).into()).map(estimate);
-        places_m.iter().map(at).collect()
+        }
     }
 }
 

@@ -1,0 +1,119 @@
+//! `palpate compare`: whether touches contradict a field, and what has changed.
+
+use std::path::PathBuf;
+
+use palpate_io::field::{self, Saved};
+use palpate_learn::change::moved::{Motion, moved};
+use palpate_learn::change::{Change, Comparison};
+use palpate_work::change::{Report, compare};
+
+use crate::error::CliError;
+use crate::output::{Output, figure, table};
+use crate::place::Places;
+use crate::predict::tell_other_robot;
+use crate::settings::RobotAndLogSettings;
+use crate::{interrupt, logs};
+
+const NOTES: &str = "Examples:
+  palpate compare field.npz recordings/today
+  palpate compare field.npz today/ --moved moved.npz
+
+A touch contradicts the field if it fits worse than the touches that `palpate map` held out to calibrate the field's
+bands, beyond what one unchanged touch in forty does. `contradiction` is its misfit over that limit. Of touches that do,
+the change is the simplest that explains most of their error: the object has moved (by a level shift of up to 6 cm and a
+turn about the vertical of up to 17°), or is softer or harder where it was touched; otherwise it is another object, or
+changed in another way. Every touch is compared alone, and all of them together.
+
+Touches that an arm makes the same way tell a motion from a change of stiffness badly; two from different sides tell it
+well.";
+
+/// Flags of `palpate compare`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = NOTES)]
+pub(crate) struct Args {
+    /// The field that was learned before
+    #[arg(value_name = "FIELD.npz")]
+    field: PathBuf,
+    /// Logs of the new touches
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Where the field goes with the object moved as the touches say; written only if it has
+    #[arg(long, value_name = "FILE.npz")]
+    moved: Option<PathBuf>,
+    /// Print the comparison as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    settings: RobotAndLogSettings,
+}
+
+/// Compares touches of logs with a field.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let mut settings = args.settings.load()?;
+    let mut places = Places::read(&args.settings, &settings, &args.logs);
+    places.input("the field", Some(&args.field));
+    places.output("the moved field (--moved)", args.moved.as_deref())?;
+    interrupt::listen();
+    let saved = field::load(&args.field).map_err(CliError::file)?;
+    let (touches, arm) =
+        logs::open(&args.logs, &mut settings, logs::IfUndecided::LeaveOpen, output)?;
+    tell_other_robot(&saved, &arm, output);
+    let touch = settings.torque_beside_field(&saved.field.touch)?;
+    let place = (saved.field.lattice.clone(), saved.field.contact.clone());
+    let touches = touches.for_arm(&arm, &settings.log, place)?;
+    let report = compare(&arm, &saved.field, touch, touches, output)?;
+    if let Some(path) = &args.moved {
+        match report.together.change {
+            Change::Moved(motion) => {
+                let moved = Saved::of_field(moved(&saved.field, motion), &saved.robot);
+                field::save(path, &moved).map_err(CliError::file)?;
+            }
+            _ => output.note("the object has not moved, so no moved field is written"),
+        }
+    }
+    if args.json { output.json(&report) } else { output.result(&text(&report)) }
+}
+
+/// A table for people.
+fn text(report: &Report) -> String {
+    let header = ["touch", "known", "contradiction", "error", "scaled", "moved", "change"];
+    let row = |name: &str, own: &Comparison| {
+        let [error, scaled, moved] = own.error.map(|error| figure(error, 2));
+        let known = format!("{:.0} %", 100.0 * own.known);
+        let contradiction = format!("{:.2}", own.contradiction);
+        vec![name.to_owned(), known, contradiction, error, scaled, moved, told(own)]
+    };
+    let mut rows: Vec<Vec<String>> =
+        report.touches.iter().map(|touch| row(&touch.name, &touch.comparison)).collect();
+    if rows.len() > 1 {
+        rows.push(row("together", &report.together));
+    }
+    format!(
+        "Touches beside the field. Contradiction: above 1 they do not fit it. Errors are relative to \
+         predicting zero:\nof the field, of its torques times the best factor, and of the field moved.\n\n{}",
+        table(&header, rows)
+    )
+}
+
+/// What has changed, in words.
+fn told(comparison: &Comparison) -> String {
+    let place = comparison.place.map_or_else(String::new, |place| {
+        let [x, y, z] = place.centre_m;
+        format!(" within {:.0} cm of ({x:.2}, {y:.2}, {z:.2}) m", 100.0 * place.radius_m)
+    });
+    match comparison.change {
+        Change::Unchanged => "unchanged".to_owned(),
+        Change::Unknown => "touches little that the field knows".to_owned(),
+        Change::Moved(Motion { shift_m: [x, y, _], turn_rad, .. }) => {
+            let (shift, turn) = (100.0 * x.hypot(y), turn_rad.to_degrees());
+            format!(
+                "moved by {shift:.1} cm ({:.1}, {:.1}), turned by {turn:.0}°",
+                100.0 * x,
+                100.0 * y
+            )
+        }
+        Change::Softer { factor } => format!("softer, {factor:.2} times{place}"),
+        Change::Harder { factor } => format!("harder, {factor:.2} times{place}"),
+        Change::Other => format!("another object, or changed otherwise{place}"),
+    }
+}

@@ -1,0 +1,290 @@
+//! Whether touches contradict a field that was learnt before, and what has changed then.
+//!
+//! A touch contradicts the field where it fits worse than the touches did that were held out when the field's bands were
+//! calibrated ([`Calibration::misfits`]): beyond what their logarithms, taken for normal, leave to one touch in forty.
+//! What has changed is the simplest of these that explains most of the error beyond the sensors' noise:
+//!
+//! | change   | explanation                                                        | file         |
+//! |----------|--------------------------------------------------------------------|--------------|
+//! | moved    | the field, shifted level and turned about the vertical             | [`moved`]    |
+//! | softer, harder | the field's torques times one factor                         | this         |
+//! | other    | neither                                                            |              |
+//!
+//! Where the arm touches little that the field knows, nothing is said.
+
+pub mod moved;
+
+use palpate::unstable::{Cell, CellRows, Observation};
+use palpate::{Calibration, CellEstimate, Field};
+use serde::{Deserialize, Serialize};
+
+use crate::calibrate::{PredictedFrame, misfit};
+use crate::error::{LearnError, Stop};
+use crate::tracked::{Tracked, TrackedFrame};
+use moved::{Motion, Sampler};
+
+/// The share of contacts that the field must know; and for a judgement from touches that it foretells in part.
+const LEAST_KNOWN: f64 = 0.1;
+const MOSTLY_KNOWN: f64 = 0.6;
+/// The best factor of a field that foretells nothing of a touch, at most.
+const FORETELLS_NOTHING: f64 = 0.25;
+/// Of the squared error beyond noise, what a factor may leave of it.
+const LEAVES: f64 = 0.5;
+/// Of what the best factor leaves, what a motion may leave.
+const LEAVES_MOVED: f64 = 0.9;
+/// Frames of a touch by which motions are compared, about.
+const FRAMES: usize = 100;
+
+/// What has changed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "word", rename_all = "lowercase")]
+pub enum Change {
+    /// Nothing that these touches tell.
+    Unchanged,
+    /// The object is somewhere else.
+    Moved(Motion),
+    /// It gives way more easily where it was touched: torques are this factor of what was expected, below 1.
+    Softer {
+        /// 0 where nothing is felt any more.
+        factor: f64,
+    },
+    /// It holds more: torques are this factor of what was expected, above 1.
+    Harder {
+        /// The factor.
+        factor: f64,
+    },
+    /// Neither a motion nor a factor explains the touches.
+    Other,
+    /// The touches meet too little that the field knows.
+    Unknown,
+}
+
+/// Some touches beside a field.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// Share of the contacts that the field knows.
+    pub known: f64,
+    /// Their misfit ([`Calibration::misfits`]), over the one that would contradict the field: above 1 they do.
+    pub contradiction: f64,
+    /// What has changed.
+    #[serde(flatten)]
+    pub change: Change,
+    /// Relative to measured torques, root mean squares: the error as the field is, with the best factor, and with the
+    /// best motion; the latter two only of touches that contradict it.
+    pub error: [Option<f64>; 3],
+    /// Where torques were outside of their bands.
+    pub place: Option<Place>,
+}
+
+/// Where the object contradicts the field: the touched cells of frames outside of their bands, by what the field expects
+/// of them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Place {
+    /// Centre, m, world frame.
+    pub centre_m: [f64; 3],
+    /// Root mean square distance from it, m.
+    pub radius_m: f64,
+    /// Cells.
+    pub cells: usize,
+}
+
+/// Compares touches with a field: each, and all of them together, in this order.
+///
+/// `tracked` are the touches under the field's lattice and contact model.
+///
+/// # Errors
+///
+/// If the field has no bands of these joints, or on being stopped.
+pub fn compare(
+    tracked: &Tracked,
+    field: &Field,
+    stop: Stop<'_>,
+) -> Result<(Vec<Comparison>, Comparison), LearnError> {
+    let calibration = field
+        .calibration
+        .as_ref()
+        .filter(|own| own.misfits.len() > 1 && own.check(tracked.n_joints).is_ok());
+    let beside = Beside::of(tracked, field, calibration.ok_or(LearnError::NoBands)?);
+    let all: Vec<usize> = (0..tracked.touches.len()).collect();
+    let each = all.iter().map(|touch| beside.compare(&[*touch], stop));
+    Ok((each.collect::<Result<_, _>>()?, beside.compare(&all, stop)?))
+}
+
+/// Touches beside a field.
+struct Beside<'a> {
+    tracked: &'a Tracked,
+    calibration: &'a Calibration,
+    sampler: Sampler,
+    /// What the field says of the cells, by row.
+    estimates: Vec<CellEstimate>,
+    cells: Vec<Cell>,
+}
+
+impl<'a> Beside<'a> {
+    fn of(tracked: &'a Tracked, field: &Field, calibration: &'a Calibration) -> Self {
+        let rows = CellRows::of(field.lattice.clone(), &field.cells);
+        let estimates: Vec<CellEstimate> = (tracked.cells.iter())
+            .map(|cell| field.estimate(rows.find(*cell), calibration.untouched_std_n_per_m))
+            .collect();
+        let cells = tracked.with_stiffness(|row| estimates[row].stiffness_n_per_m);
+        Self { tracked, calibration, sampler: Sampler::of(field), estimates, cells }
+    }
+
+    fn compare(&self, touches: &[usize], stop: Stop<'_>) -> Result<Comparison, LearnError> {
+        let frames = || {
+            let of = |touch: &usize| self.tracked.touches[*touch].in_contact();
+            touches.iter().flat_map(of)
+        };
+        let [mut all, mut known] = [0.0; 2];
+        for row in frames().flat_map(|frame| frame.observation.rows()) {
+            all += 1.0;
+            known += f64::from(self.estimates[row].count > 0);
+        }
+        let known = if all > 0.0 { known / all } else { 0.0 };
+        let predicted: Vec<PredictedFrame> = frames().map(|frame| self.predicted(frame)).collect();
+        let contradiction = misfit(self.calibration, &predicted).unwrap_or(0.0)
+            / threshold(&self.calibration.misfits, touches.len());
+        let noise = self.tracked.noise_std(touches).iter().map(|std| std * std).sum::<f64>();
+        let sums = Sums::of(&predicted, noise);
+        let mut comparison = Comparison {
+            known,
+            contradiction,
+            change: Change::Unchanged,
+            error: [sums.relative(sums.error), None, None],
+            place: None,
+        };
+        let foretells = sums.scaled().0 > FORETELLS_NOTHING;
+        if known < LEAST_KNOWN || (contradiction > 1.0 && known < MOSTLY_KNOWN && foretells) {
+            comparison.change = Change::Unknown;
+        } else if contradiction > 1.0 {
+            let every = (frames().count() / (FRAMES * touches.len())).max(1);
+            let some: Vec<&Observation> =
+                frames().step_by(every).map(|frame| &frame.observation).collect();
+            let motion = moved::best(self.tracked, &some, &self.sampler, stop)?;
+            let left = moved::error(self.tracked, &some, &self.sampler, motion)
+                * (predicted.len() as f64 / some.len() as f64);
+            comparison.change = sums.change(motion, left, known >= MOSTLY_KNOWN);
+            comparison.error[1] = sums.relative(sums.scaled().1);
+            comparison.error[2] = sums.relative(left);
+            comparison.place = self.place(frames().zip(&predicted));
+        }
+        Ok(comparison)
+    }
+
+    fn predicted(&self, frame: &TrackedFrame) -> PredictedFrame {
+        let observation = &frame.observation;
+        let gram = observation.gram(&self.cells, |row| self.estimates[row].std_n_per_m.powi(2));
+        PredictedFrame {
+            torque: frame.predict(&self.cells),
+            torque_std: gram.diagonal().iter().map(|own| own.max(0.0).sqrt()).collect(),
+            measured: observation.tau().as_slice().to_vec(),
+            in_contact: true,
+        }
+    }
+
+    fn place<'f>(
+        &self,
+        frames: impl Iterator<Item = (&'f TrackedFrame, &'f PredictedFrame)>,
+    ) -> Option<Place> {
+        let q = self.calibration.at(self.calibration.default_level())?;
+        let mut weights = vec![0.0; self.cells.len()];
+        for (frame, predicted) in frames {
+            let scale = self.calibration.scale(&predicted.torque, &predicted.torque_std);
+            if predicted.errors().zip(&scale).any(|(error, scale)| error > q.frame * scale) {
+                for row in frame.observation.rows() {
+                    weights[row] += 1e-6 + self.estimates[row].stiffness_n_per_m;
+                }
+            }
+        }
+        let total: f64 = weights.iter().sum();
+        let points = || self.tracked.points_m.iter().zip(&weights);
+        let centre_m = [0, 1, 2]
+            .map(|axis| points().map(|(point, weight)| weight * point[axis]).sum::<f64>() / total);
+        let apart = |point: &[f64; 3]| {
+            point.iter().zip(&centre_m).map(|(a, b)| (a - b).powi(2)).sum::<f64>()
+        };
+        let square: f64 = points().map(|(point, weight)| weight * apart(point)).sum();
+        let cells = weights.iter().filter(|weight| **weight > 0.0).count();
+        (cells > 0).then(|| Place { centre_m, radius_m: (square / total).sqrt(), cells })
+    }
+}
+
+/// Sums of squares over frames and joints, (N·m)².
+struct Sums {
+    measured: f64,
+    predicted: f64,
+    both: f64,
+    error: f64,
+    noise: f64,
+}
+
+impl Sums {
+    fn of(frames: &[PredictedFrame], noise: f64) -> Self {
+        let each = || {
+            let pairs = |own: &PredictedFrame| {
+                own.torque.iter().copied().zip(own.measured.iter().copied()).collect::<Vec<_>>()
+            };
+            frames.iter().flat_map(pairs)
+        };
+        let sum = |of: fn((f64, f64)) -> f64| each().map(of).sum::<f64>();
+        Self {
+            measured: sum(|(_, measured)| measured * measured),
+            predicted: sum(|(predicted, _)| predicted * predicted),
+            both: sum(|(predicted, measured)| predicted * measured),
+            error: sum(|(predicted, measured)| (predicted - measured).powi(2)),
+            noise: noise * frames.len() as f64,
+        }
+    }
+
+    /// The best factor of the prediction, at least 0, and what it leaves.
+    fn scaled(&self) -> (f64, f64) {
+        let factor = if self.predicted > 0.0 { (self.both / self.predicted).max(0.0) } else { 1.0 };
+        (factor, self.measured - factor * (2.0 * self.both - factor * self.predicted))
+    }
+
+    /// The root of a sum over that of the measured torques.
+    fn relative(&self, error: f64) -> Option<f64> {
+        (self.measured > 0.0).then(|| (error.max(0.0) / self.measured).sqrt())
+    }
+
+    /// What explains an error that is not chance: a motion that leaves `left` of it, a factor if most was known, or
+    /// neither.
+    fn change(&self, motion: Motion, left: f64, is_known: bool) -> Change {
+        let beyond = |error: f64| (error - self.noise).max(0.05 * self.noise);
+        let (factor, scaled) = self.scaled();
+        if beyond(left) < LEAVES_MOVED * beyond(scaled)
+            && beyond(left) < LEAVES * beyond(self.error)
+        {
+            Change::Moved(motion)
+        } else if !is_known || beyond(scaled) > LEAVES * beyond(self.error) {
+            Change::Other
+        } else if factor < 1.0 {
+            Change::Softer { factor }
+        } else {
+            Change::Harder { factor }
+        }
+    }
+}
+
+/// The misfit that one in forty groups of so many unchanged touches passes, if its logarithm is normal: a prediction
+/// limit from the held-out touches.
+fn threshold(misfits: &[f64], touches: usize) -> f64 {
+    let logs: Vec<f64> = misfits.iter().map(|misfit| misfit.max(1e-3).ln()).collect();
+    let n = logs.len() as f64;
+    let mean = logs.iter().sum::<f64>() / n;
+    let variance = logs.iter().map(|log| (log - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let std = (variance * (1.0 / touches.max(1) as f64 + 1.0 / n)).sqrt();
+    (mean + student(n - 1.0) * std).exp()
+}
+
+/// The 0.975 quantile of Student's t, by the expansion of Abramowitz and Stegun (26.7.5); within 2 % from three degrees
+/// of freedom on.
+fn student(freedom: f64) -> f64 {
+    let z: f64 = 1.959_964;
+    let terms = [
+        (z.powi(3) + z) / 4.0,
+        (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0,
+        (3.0 * z.powi(7) + 19.0 * z.powi(5) + 17.0 * z.powi(3) - 15.0 * z) / 384.0,
+    ];
+    terms.iter().rev().fold(0.0, |sum, term| (sum + term) / freedom) + z
+}

@@ -1,0 +1,166 @@
+//! Torques of a field that was changed on purpose are told apart by what was changed.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use std::sync::Arc;
+
+use palpate::unstable::{Cell, Stiffness};
+use palpate::{BandQuantiles, Calibration, EstimatorKind, Field, MapperConfig, Sample};
+use palpate_io::log::{self, LogEvent, LogOptions};
+use palpate_io::robot_files::{ArmOptions, load_arm};
+use palpate_learn::LearnError;
+use palpate_learn::change::moved::{Motion, moved};
+use palpate_learn::change::{Change, compare};
+use palpate_learn::tracked::{Touch, Tracked};
+
+const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../data/plant_a");
+
+fn tracked() -> Tracked {
+    let arm = Arc::new(load_arm("kinova_gen3", &ArmOptions::default()).unwrap().arm);
+    let read = |number: usize| {
+        let name = format!("seq_{number:03}");
+        let log = log::open(&std::path::Path::new(DATA).join(&name), &LogOptions::default());
+        let samples: Vec<Sample> = (log.unwrap())
+            .filter_map(|event| match event.unwrap() {
+                LogEvent::Sample(sample) => Some(sample),
+                LogEvent::TouchStarts { .. } => None,
+            })
+            .collect();
+        Touch { name, samples, truth: None }
+    };
+    let touches = [2, 8].map(read);
+    let config = MapperConfig::of(EstimatorKind::Map);
+    Tracked::new(&arm, &config, &touches, NEVER).unwrap().thinned(4)
+}
+
+/// Stiffness of a place, N/m: three lumps around the middle of the touched cells.
+fn lumps([x, y, z]: [f64; 3], middle: [f64; 3], apart_m: f64) -> f64 {
+    let lump = |[dx, dy, dz]: [f64; 3], k: f64| {
+        let square = (x - middle[0] - apart_m * dx).powi(2)
+            + (y - middle[1] - apart_m * dy).powi(2)
+            + (z - middle[2] - apart_m * dz).powi(2);
+        k * (-square / (2.0 * 0.04_f64.powi(2))).exp()
+    };
+    lump([1.0, 0.0, 0.0], 3.0) + lump([-1.0, 0.5, 0.3], 5.0) + lump([0.0, -1.0, 0.5], 4.0)
+}
+
+fn middle(tracked: &Tracked) -> [f64; 3] {
+    let n = tracked.points_m.len() as f64;
+    [0, 1, 2].map(|axis| tracked.points_m.iter().map(|point| point[axis]).sum::<f64>() / n)
+}
+
+/// A field of all touched cells with three lumps, whose held-out touches were off by a little.
+fn field(tracked: &Tracked) -> Field {
+    let n = tracked.cells.len();
+    let config = MapperConfig::of(EstimatorKind::Map);
+    let mut field = Field::new(tracked.lattice.clone(), config.contact, config.touch, 0.0);
+    field.cells.clone_from(&tracked.cells);
+    let middle = middle(tracked);
+    field.stiffness_n_per_m =
+        tracked.points_m.iter().map(|point| lumps(*point, middle, 0.08)).collect();
+    (field.std_n_per_m, field.counts) = (vec![0.1; n], vec![30; n]);
+    field.calibration = Some(Calibration {
+        floor_n_m: vec![0.05; tracked.n_joints],
+        by_torque: 0.2,
+        by_std: 0.2,
+        untouched_std_n_per_m: 1.0,
+        touches: 5,
+        quantiles: vec![BandQuantiles { level: 0.8, frame: 1.0, peak: 1.0 }],
+        misfits: vec![0.4, 0.5, 0.45, 0.55, 0.35],
+    });
+    field
+}
+
+/// Gives every frame the torque of a field, times a factor.
+fn felt(mut tracked: Tracked, field: &Field, factor: f64) -> Tracked {
+    let known: std::collections::HashMap<_, _> =
+        field.cells.iter().zip(&field.stiffness_n_per_m).collect();
+    let cells: Vec<Cell> = (tracked.cells.iter().zip(&tracked.points_m))
+        .map(|(cell, point)| Cell::new(*point, **known.get(cell).unwrap_or(&&0.0)))
+        .collect();
+    for frame in tracked.touches.iter_mut().flat_map(|touch| &mut touch.frames) {
+        let tau = factor * frame.observation.predict(&cells, Stiffness::Positive);
+        frame.observation = frame.observation.clone().with_tau(&tau);
+    }
+    tracked
+}
+
+#[test]
+fn what_was_changed_is_named() {
+    let tracked = tracked();
+    let field = field(&tracked);
+    let found = |torques_of: &Field, factor: f64| {
+        let (each, together) =
+            compare(&felt(tracked.clone(), torques_of, factor), &field, NEVER).unwrap();
+        assert_eq!(each.len(), 2);
+        together
+    };
+    assert_eq!(found(&field, 1.05).change, Change::Unchanged);
+    for wanted in [0.4, 2.5] {
+        let found = found(&field, wanted);
+        let (Change::Softer { factor } | Change::Harder { factor }) = found.change else {
+            panic!("{wanted}: {found:?}")
+        };
+        assert!((factor - wanted).abs() < 1e-9 && found.place.is_some(), "{found:?}");
+    }
+    let mut other = field.clone();
+    let middle = middle(&tracked);
+    let far = |[x, y, z]: [f64; 3]| [2.0 * middle[0] - x, 2.0 * middle[1] - y, z - 0.1];
+    other.stiffness_n_per_m =
+        tracked.points_m.iter().map(|point| lumps(far(*point), middle, 0.14)).collect();
+    assert_eq!(found(&other, 1.0).change, Change::Other);
+
+    let motion =
+        Motion { shift_m: [0.02, -0.025, 0.0], turn_rad: 0.1, about_m: [middle[0], middle[1]] };
+    let Change::Moved(back) = found(&moved(&field, motion), 1.0).change else { panic!() };
+    let centre = back.about_m;
+    // The same point goes to the same place, whatever the turn is about.
+    let goes = |motion: Motion| {
+        let (sin, cos) = motion.turn_rad.sin_cos();
+        let [x, y] = [centre[0] - motion.about_m[0], centre[1] - motion.about_m[1]];
+        [
+            cos * x - sin * y + motion.about_m[0] + motion.shift_m[0],
+            sin * x + cos * y + motion.about_m[1] + motion.shift_m[1],
+        ]
+    };
+    let [wanted, found] = [goes(motion), goes(back)];
+    assert!((0..2).all(|axis| (wanted[axis] - found[axis]).abs() < 0.005), "{back:?}");
+    assert!((back.turn_rad - 0.1).abs() < 0.03 && back.shift_m[2].abs() < 0.005, "{back:?}");
+}
+
+#[test]
+fn a_field_is_moved_by_whole_cells_exactly_and_by_nothing_not_at_all() {
+    let tracked = tracked();
+    let field = field(&tracked);
+    let still = Motion { shift_m: [0.0; 3], turn_rad: 0.0, about_m: [0.3, 0.1] };
+    let sorted = |field: &Field| {
+        let rows = field.cells.iter().zip(&field.stiffness_n_per_m).zip(&field.counts);
+        let mut rows: Vec<_> = rows.map(|((cell, k), count)| (cell.0, *k, *count)).collect();
+        rows.sort_unstable_by_key(|row| row.0);
+        rows
+    };
+    let same = |a: &Field, b: &Field| {
+        let (a, b) = (sorted(a), sorted(b));
+        let near = |(a, b): (&(u32, f64, u32), &(u32, f64, u32))| {
+            a.0 == b.0 && (a.1 - b.1).abs() < 1e-6 && a.2 == b.2
+        };
+        a.len() == b.len() && a.iter().zip(&b).all(near)
+    };
+    assert!(same(&moved(&field, still), &field));
+    let h = field.lattice.spacing_m();
+    let by = Motion { shift_m: [2.0 * h, -h, h], ..still };
+    let mut shifted = field.clone();
+    for cell in &mut shifted.cells {
+        let [i, j, k] = field.lattice.place(*cell);
+        *cell = field.lattice.cell([i + 2, j - 1, k + 1]);
+    }
+    assert!(same(&moved(&field, by), &shifted));
+}
+
+#[test]
+fn a_field_without_bands_is_refused() {
+    let tracked = tracked();
+    let mut field = field(&tracked);
+    field.calibration = None;
+    assert!(matches!(compare(&tracked, &field, NEVER), Err(LearnError::NoBands)));
+}
