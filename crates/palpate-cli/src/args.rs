@@ -9,8 +9,8 @@ use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::AllSettings;
 use crate::{
-    bench, compare, convert, demo, evaluate, excite, extrapolate, identify, inspect, live, map,
-    predict, study, torque, tune, view,
+    bench, compare, convert, demo, evaluate, excite, extrapolate, forget, identify, inspect, live,
+    map, predict, study, torque, tune, view,
 };
 
 /// Learns where an object is stiff from the joint torques of a robot arm that touches it.
@@ -43,6 +43,8 @@ pub(crate) enum Command {
     Predict(predict::Args),
     /// Tell whether touches contradict a field: it moved, is softer or harder, or is another object
     Compare(compare::Args),
+    /// Forget touches of a field, as if they had never been
+    Forget(forget::Args),
     /// Compare estimators and baselines on touches that they have not seen: the paper's experiment
     Evaluate(evaluate::Args),
     /// Choose settings by cross-validation on one's own touches

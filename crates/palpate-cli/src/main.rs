@@ -18,6 +18,7 @@ mod example;
 mod excite;
 mod extrapolate;
 mod extrapolation_view;
+mod forget;
 mod hull;
 mod identify;
 mod inspect;
@@ -75,6 +76,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
         }),
         Command::Predict(args) => predict::run(args, output),
         Command::Compare(args) => compare::run(args, output),
+        Command::Forget(args) => forget::run(args, output),
         Command::Evaluate(args) => evaluate::run(args, output),
         Command::Tune(args) => tune::run(args, output),
         Command::Study(args) => study::run(args, output),

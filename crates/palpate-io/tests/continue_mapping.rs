@@ -349,3 +349,62 @@ fn on_two_threads_the_field_is_the_same_to_the_bit_as_on_one() {
         assert_eq!(serial, learn(), "{method:?}, in the pool of all cores");
     }
 }
+
+#[test]
+fn a_forgotten_touch_was_never_learned_to_the_bit() {
+    let (arm, touches) = (arm(), touches(4));
+    let lattice = config(EstimatorKind::Map).lattice;
+    let prior: Vec<_> =
+        (0..lattice.n_cells() as u32).step_by(500).map(|k| (CellId(k), 0.3)).collect();
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
+        let learned = |numbers: &[usize]| {
+            let mut config = config(method);
+            config.estimator.stiffness_scale = 0.8;
+            // Frames leave memory, but some of every touch stay.
+            config.estimator.memory.frames = 40;
+            let mut mapper = Mapper::with_prior(Arc::clone(&arm), config, &prior).unwrap();
+            for number in numbers {
+                mapper.begin_touch();
+                mapper.name_touch(&format!("touch {number}"));
+                go_on(&mut mapper, &touches[*number]);
+                mapper.end_touch().unwrap();
+            }
+            through_a_file(mapper, &arm)
+        };
+        let snapshot = learned(&[0, 1, 2, 3]).snapshot();
+        assert_eq!(snapshot.sample_log[2].name, "touch 2");
+        let without =
+            Mapper::without(Arc::clone(&arm), &snapshot, &[0, 2], || true).unwrap().unwrap();
+        let never = learned(&[1, 3]);
+        assert_eq!(without.field(), never.field(), "{method:?}");
+        assert_eq!(without.prior_n_per_m(), never.prior_n_per_m());
+        // It can forget once more, and numbers stay what they were.
+        let snapshot = through_a_file(without, &arm).snapshot();
+        assert_eq!((snapshot.touches, snapshot.gone), (4, 0));
+        let numbers: Vec<u32> = snapshot.sample_log.iter().map(|touch| touch.touch).collect();
+        assert_eq!(numbers, [1, 3]);
+        let one = Mapper::without(Arc::clone(&arm), &snapshot, &[3], || true).unwrap().unwrap();
+        assert_eq!(one.field(), learned(&[1]).field());
+        let unknown = Mapper::without(Arc::clone(&arm), &snapshot, &[2], || true);
+        let message = unknown.err().unwrap().to_string();
+        assert!(message.contains("touch 2 is not in its sample log"), "{message}");
+        assert!(Mapper::without(Arc::clone(&arm), &snapshot, &[3], || false).unwrap().is_none());
+    }
+}
+
+#[test]
+fn what_else_would_be_lost_with_a_touch_is_said() {
+    let (arm, touches) = (arm(), touches(3));
+    let mut config = config(EstimatorKind::Map);
+    config.estimator.memory.frames = 1;
+    let mut mapper = Mapper::new(Arc::clone(&arm), config).unwrap();
+    for touch in &touches {
+        mapper.begin_touch();
+        go_on(&mut mapper, touch);
+        mapper.end_touch().unwrap();
+    }
+    let snapshot = through_a_file(mapper, &arm).snapshot();
+    let last = snapshot.sample_log[0].touch;
+    let error = Mapper::without(arm, &snapshot, &[last], || true).err().unwrap();
+    assert!(error.to_string().contains("2 touches that the field has learnt"), "{error}");
+}

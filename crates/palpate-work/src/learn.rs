@@ -177,6 +177,7 @@ fn learn_from(
                 finish_touch(mapper, &tally)?;
                 check.begin(&name, touches, progress)?;
                 mapper.begin_touch();
+                mapper.name_touch(&name);
                 bar.at(&name);
                 let log = touches.log().to_owned();
                 let touch =

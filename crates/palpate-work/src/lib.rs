@@ -12,6 +12,7 @@
 //! | [`mod@learn`]     | touches into a mapper, and a summary of what was learned          |
 //! | [`mod@predict`]   | predicted and measured torque of every frame, and the error       |
 //! | [`mod@change`]    | whether touches contradict a field, and what has changed          |
+//! | [`mod@forget`]    | a field as if some of its touches had never been                  |
 //! | [`mod@scored`]    | the four figures of predicted touches                             |
 //! | [`mod@held_joints`] | joints that are not in a log, and stand still                   |
 //! | [`mod@elastic`]   | bodies that bend, from a cloud and touches                        |
@@ -38,6 +39,7 @@ pub mod error;
 pub mod evaluate;
 pub mod extrapolate;
 pub mod field_arrays;
+pub mod forget;
 pub mod held_joints;
 pub mod identify;
 pub mod inspect;

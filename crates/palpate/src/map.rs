@@ -188,7 +188,12 @@ impl Estimator for MapEstimator {
     }
 
     fn set_prior_means(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]) {
-        self.belief.set_prior_means(points_m, mean_n_per_m, 0.0);
+        // They are of stiffness as it is shown, z is not.
+        let unscaled: Vec<f64> = match self.stiffness_scale > 0.0 {
+            true => mean_n_per_m.iter().map(|mean| mean / self.stiffness_scale).collect(),
+            false => mean_n_per_m.to_vec(),
+        };
+        self.belief.set_prior_means(points_m, &unscaled, 0.0);
     }
 
     fn correct(

@@ -69,7 +69,8 @@ fn own(own: &OwnFacts) -> String {
         counted(memory.frames, "frame"),
         counted(memory.touches as usize, "touch")
     );
-    text + &fact("memory", &frames)
+    text += &fact("memory", &frames);
+    text + &fact("", &format!("touches: {}", memory.remembered.join(", ")))
 }
 
 /// Points and box.

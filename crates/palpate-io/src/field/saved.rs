@@ -142,6 +142,12 @@ struct MapperMeta {
     /// First rows that a prior by cell declared: the prior of the others is the settings'.
     #[serde(default)]
     expected: usize,
+    /// Names of the touches in the sample log; empty without any.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    names: Vec<String>,
+    /// Touches that were learnt from and are not in the sample log any more; null of a palpate that did not count them.
+    #[serde(default)]
+    gone: Option<u32>,
 }
 
 /// Writes a field, whole or not at all, in the place of any file of that name.
@@ -197,6 +203,8 @@ fn to_arrays(saved: &Saved) -> Arrays {
             step: snapshot.state.step,
             rng: snapshot.state.rng,
             expected: snapshot.prior_means_n_per_m.len(),
+            names: snapshot.sample_log.iter().map(|touch| touch.name.clone()).collect(),
+            gone: Some(snapshot.gone),
         }),
     };
     let json = serde_json::to_string(&meta).expect("settings are plain data");
@@ -360,7 +368,11 @@ fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapsh
         let what = format!("{cells} cells have {means} means and {variances} variances");
         return Err(contradiction(arrays, what));
     }
-    let (n_joints, sample_log) = sample_log(arrays)?;
+    let (n_joints, mut sample_log) = sample_log(arrays)?;
+    for (touch, name) in sample_log.iter_mut().zip(mapper.names) {
+        touch.name = name;
+    }
+    let gone = mapper.gone.unwrap_or(mapper.touches.saturating_sub(sample_log.len() as u32));
     let wanted = match mapper.config.method {
         EstimatorKind::Map | EstimatorKind::Elastic => n_joints,
         EstimatorKind::Ekf => 0,
@@ -384,7 +396,7 @@ fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapsh
         n_joints,
         (saved.field.cells.clone(), expected.to_vec()),
         state,
-        (mapper.touches, sample_log),
+        (mapper.touches, sample_log, gone),
     );
     snapshot.calibration.clone_from(&saved.field.calibration);
     Ok(snapshot)
@@ -426,6 +438,7 @@ fn sample_log(arrays: &Arrays) -> Result<(usize, Vec<LoggedTouch>), SavedError> 
         let end = start + samples as usize * n_joints; // the sum of all was checked above
         logged.push(LoggedTouch {
             touch,
+            name: String::new(),
             open: open != 0,
             lost: false,
             q: q[start..end].to_vec(),

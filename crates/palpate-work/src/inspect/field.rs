@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use super::finding::Finding;
 use super::words::{counted, number};
+use crate::forget;
 use crate::quantile::{bounds, quantile};
 use crate::settings::corners;
 
@@ -91,6 +92,8 @@ pub struct MemoryFacts {
     pub prior_std_n_per_m: f64,
     /// Touches so far.
     pub touches: u32,
+    /// Those whose samples it remembers, by name.
+    pub remembered: Vec<String>,
     /// Remembered frames.
     pub frames: usize,
     /// Samples in the file's log.
@@ -239,6 +242,7 @@ impl MemoryFacts {
             estimator: config.estimator.clone(),
             prior_std_n_per_m: config.estimator.prior.at_spacing(spacing_m).1,
             touches: snapshot.touches,
+            remembered: snapshot.sample_log.iter().map(forget::name).collect(),
             frames: snapshot.state.remembered.len(),
             logged_samples: snapshot.sample_log.iter().map(samples).sum(),
         }

@@ -5,6 +5,7 @@
 //! and continued as if it had never stopped ([`Snapshot`]). The module opens no file; palpate-io writes
 //! snapshots and fields.
 
+mod forget;
 mod sample_log;
 mod snapshot;
 
@@ -100,6 +101,12 @@ pub enum MapperError {
          or shapes; continue with the same robot, or start a new field"
     )]
     OtherRobot { learnt: String, given: String },
+    /// Touches that cannot be learnt again.
+    #[error(
+        "{touches} touches that the field has learnt from are no longer in its memory, and would be forgotten as well; map \
+         the logs that are to be kept anew, or with more memory (--memory-mib)"
+    )]
+    Gone { touches: u32 },
     /// A snapshot that contradicts itself.
     #[error("the saved mapper is inconsistent: {what}")]
     Snapshot { what: String },
@@ -204,6 +211,11 @@ impl Mapper {
         self.tracker.begin_touch();
     }
 
+    /// Names the touch under way, for whoever asks for it later ([`LoggedTouch::name`]).
+    pub fn name_touch(&mut self, name: &str) {
+        self.log.name(name);
+    }
+
     /// Learns from one sample: simulate, predict, correct, replay (Sec. II).
     ///
     /// The replays are made as the [`ReplayPolicy`] says; by default they go on in the background while
@@ -227,7 +239,10 @@ impl Mapper {
         // by the measured one (Eqs. 5 and 6).
         let predicted = match contacts {
             0 => self.pass_without_contact(external.len()),
-            _ => self.predict_and_correct(frame, &tracked, external)?,
+            _ => {
+                self.log.learns(frame);
+                self.predict_and_correct(frame, &tracked, external)?
+            }
         };
 
         // Remembered frames are fused again, so that they are not forgotten.

@@ -16,6 +16,8 @@ use crate::tracker::Sample;
 pub struct LoggedTouch {
     /// The touch's number over the mapper's life.
     pub touch: u32,
+    /// Its name; empty if it has none.
+    pub name: String,
     /// Whether more samples may follow.
     pub open: bool,
     /// Whether its samples outgrew the log's bound and are gone.
@@ -51,14 +53,46 @@ pub(super) struct SampleLog {
     begun: u32,
     /// Samples of the touch under way.
     samples: u32,
+    /// Touches that frames were learnt from.
+    learnt: HashSet<u32>,
+    /// Those of them whose samples are gone.
+    gone: u32,
 }
 
 impl SampleLog {
     /// The log of a mapper that goes on from these touches, for samples of so many joints.
-    pub(super) fn resume(touches: Vec<LoggedTouch>, begun: u32, n_joints: usize) -> Self {
+    pub(super) fn resume(
+        touches: Vec<LoggedTouch>,
+        (begun, gone): (u32, u32),
+        remembered: impl Iterator<Item = FrameId>,
+        n_joints: usize,
+    ) -> Self {
         let under_way = touches.last().filter(|touch| touch.open);
         let samples = under_way.map_or(0, |touch| (touch.q.len() / n_joints) as u32);
-        Self { touches, begun, samples }
+        let learnt = remembered.map(|frame| frame.touch).collect();
+        Self { touches, begun, samples, learnt, gone }
+    }
+
+    /// Names the touch under way.
+    pub(super) fn name(&mut self, name: &str) {
+        if let Some(touch) = self.touches.last_mut() {
+            name.clone_into(&mut touch.name);
+        }
+    }
+
+    /// Lets the touch that begins next have this number.
+    pub(super) fn number_next(&mut self, touch: u32) {
+        self.begun = touch;
+    }
+
+    /// A frame is learnt from.
+    pub(super) fn learns(&mut self, frame: FrameId) {
+        self.learnt.insert(frame.touch);
+    }
+
+    /// Touches that were learnt from and whose samples are gone.
+    pub(super) fn gone(&self) -> u32 {
+        self.gone
     }
 
     /// Touches begun so far.
@@ -81,7 +115,12 @@ impl SampleLog {
             touch.open = false;
         }
         let needed = touches_of(remembered);
-        self.touches.retain(|touch| needed.contains(&touch.touch));
+        self.touches.retain(|touch| {
+            let keep = needed.contains(&touch.touch);
+            // What samples that are lost have taught counts already.
+            self.gone += u32::from(!keep && !touch.lost && self.learnt.contains(&touch.touch));
+            keep
+        });
     }
 
     /// Logs a sample of the touch under way and returns its identity.
@@ -111,9 +150,11 @@ impl SampleLog {
         while self.bytes() > limit {
             let oldest = &mut self.touches[0];
             if oldest.open {
+                self.gone += u32::from(!oldest.lost);
                 oldest.lost = true;
                 (oldest.q, oldest.tau, oldest.tau_std) = Default::default();
             } else {
+                self.gone += 1;
                 dropped.push(self.touches.remove(0).touch);
             }
         }

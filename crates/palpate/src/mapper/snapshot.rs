@@ -32,6 +32,8 @@ pub struct Snapshot {
     pub touches: u32,
     /// Touches with remembered frames, and the one under way.
     pub sample_log: Vec<LoggedTouch>,
+    /// Touches that were learnt from and are not in `sample_log` any more.
+    pub gone: u32,
     /// How wide bands around its predictions are, if that is known.
     pub calibration: Option<Calibration>,
 }
@@ -45,7 +47,7 @@ impl Snapshot {
         n_joints: usize,
         (cells, prior_means_n_per_m): (Vec<CellId>, Vec<f64>),
         state: EstimatorState,
-        (touches, sample_log): (u32, Vec<LoggedTouch>),
+        (touches, sample_log, gone): (u32, Vec<LoggedTouch>, u32),
     ) -> Self {
         let calibration = None;
         Self {
@@ -57,6 +59,7 @@ impl Snapshot {
             state,
             touches,
             sample_log,
+            gone,
             calibration,
         }
     }
@@ -77,6 +80,7 @@ impl Mapper {
             prior_means_n_per_m: self.prior_means_n_per_m.clone(),
             sample_log: self.log.needed_by(&remembered, self.tracker.is_in_touch()),
             touches: self.log.begun(),
+            gone: self.log.gone(),
             calibration: self.calibration.clone(),
             state,
         }
@@ -119,7 +123,9 @@ impl Mapper {
         if !snapshot.sample_log.last().is_some_and(|touch| touch.open) {
             mapper.tracker.end_touch()?; // the last logged touch is over
         }
-        mapper.log = SampleLog::resume(snapshot.sample_log, snapshot.touches, n_joints);
+        let remembered = snapshot.state.remembered.iter().map(|frame| frame.id);
+        let counts = (snapshot.touches, snapshot.gone);
+        mapper.log = SampleLog::resume(snapshot.sample_log, counts, remembered, n_joints);
         Ok(mapper)
     }
 

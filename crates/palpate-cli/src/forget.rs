@@ -1,0 +1,107 @@
+//! `palpate forget`: a field as if some of its touches had never been.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use palpate_io::field::{self, Saved};
+use palpate_work::forget::{Which, forget};
+use palpate_work::robot;
+use serde_json::json;
+
+use crate::error::CliError;
+use crate::interrupt;
+use crate::output::{Output, seconds};
+use crate::place::{self, Places};
+use crate::settings::{RobotOnlySettings, Settings};
+
+const NOTES: &str = "Examples:
+  palpate forget field.npz -o field.npz --touch seq_003
+  palpate forget field.npz -o newer.npz --older-than 20
+  palpate forget field.npz -o rest.npz --box 0.3 -0.1 0.4 0.5 0.1 0.6
+
+The field that is written is to the bit the one that `palpate map` learns from the other touches with the same settings:
+they are learned anew from the samples that the field remembers. Bands, and settings that were chosen, stay as they are.
+`palpate inspect FIELD.npz` lists the touches.
+
+--json prints {\"forgotten\": [names], \"touches\": left, \"cells_touched\", \"seconds\"}.";
+
+/// Flags of `palpate forget`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = NOTES, group = clap::ArgGroup::new("which").required(true).multiple(true))]
+pub(crate) struct Args {
+    /// The field
+    #[arg(value_name = "FIELD.npz")]
+    field: PathBuf,
+    /// Where the field without those touches goes; may be the same file
+    #[arg(long, short, value_name = "FIELD.npz")]
+    output: PathBuf,
+    /// Forget the touch of this name, or number as in `#3`; may be given several times
+    #[arg(long, value_name = "NAME", group = "which")]
+    touch: Vec<String>,
+    /// Forget all touches but the last N
+    #[arg(long, value_name = "N", group = "which")]
+    older_than: Option<usize>,
+    /// Forget the touches that touched a point of this box, m
+    #[arg(
+        long = "box", num_args = 6, group = "which", allow_negative_numbers = true,
+        value_names = ["X", "Y", "Z", "X", "Y", "Z"]
+    )]
+    touched_box: Option<Vec<f64>>,
+    /// Print what was forgotten as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    settings: RobotOnlySettings,
+}
+
+impl Args {
+    fn which(&self) -> Which {
+        let corners = self.touched_box.as_deref().map(|given| {
+            let corner = |of: fn(f64, f64) -> f64| [0, 1, 2].map(|k| of(given[k], given[k + 3]));
+            [corner(f64::min), corner(f64::max)]
+        });
+        Which { names: self.touch.clone(), older_than: self.older_than, touched_box_m: corners }
+    }
+}
+
+/// Forgets touches of a field.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let settings: Settings = args.settings.load()?;
+    let mut places = Places::read(&args.settings, &settings, &[]);
+    places.output("the field (--output)", Some(&args.output))?;
+    interrupt::listen();
+    let started = Instant::now();
+    let name = args.field.display().to_string();
+    let saved = field::load(&args.field).map_err(CliError::file)?;
+    if saved.field.elastic.is_some() {
+        return Err(CliError::Usage(format!(
+            "`{name}` holds an elastic body, which cannot forget; map the other logs with --estimator elastic"
+        )));
+    }
+    let Some(snapshot) = &saved.snapshot else {
+        return Err(CliError::Usage(format!(
+            "`{name}` was saved without its memory, so it cannot forget; map the other logs again"
+        )));
+    };
+    let arm = robot::load(&settings.robot, output)?;
+    let (mapper, forgotten) = forget(&arm, (snapshot, &saved.field, &name), &args.which(), output)?;
+    let without = Saved::of_mapper(&mapper);
+    place::save(&args.output, &without)?;
+    let touches = without.snapshot.as_ref().map_or(0, |own| own.sample_log.len());
+    let cells = without.field.counts.iter().filter(|count| **count > 0).count();
+    let elapsed = started.elapsed();
+    if args.json {
+        return output.json(&json!({
+            "forgotten": forgotten,
+            "touches": touches,
+            "cells_touched": cells,
+            "seconds": elapsed.as_secs_f64(),
+        }));
+    }
+    output.result(&format!(
+        "`{}` holds {touches} touches and {cells} touched cells; forgotten, in {}: {}.\n",
+        args.output.display(),
+        seconds(elapsed),
+        forgotten.join(", ")
+    ))
+}

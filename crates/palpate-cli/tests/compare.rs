@@ -1,0 +1,89 @@
+//! What `compare` and `forget` promise.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+mod common;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use common::{Scene, json, npy, palpate, refuse, succeed};
+use palpate_io::field::load;
+
+fn data() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a")
+}
+
+/// The numbers of an array of doubles.
+fn numbers(path: &Path) -> Vec<f64> {
+    let bytes = fs::read(path).unwrap();
+    let header = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let (numbers, _) = bytes[10 + header..].as_chunks::<8>();
+    numbers.iter().map(|number| f64::from_le_bytes(*number)).collect()
+}
+
+#[test]
+fn an_object_that_gives_way_is_told_from_one_that_is_the_same() {
+    let scene = Scene::new();
+    let field = scene.text("field.npz");
+    let learned = [0, 1, 2, 3, 4, 5, 8].map(|k| data().join(format!("seq_{k:03}")));
+    succeed(palpate().arg("map").args(&learned).args(["-o", &field]));
+    // The same touch, of an object that gives way at once: most of what was felt is taken off.
+    let mut torques = numbers(&data().join("seq_003/torques.npy"));
+    let felt = numbers(&data().join("truth/seq_003_external.npy"));
+    torques.iter_mut().zip(&felt).for_each(|(torque, felt)| *torque -= 0.9 * felt);
+    let soft = scene.path("soft");
+    fs::create_dir(&soft).unwrap();
+    for name in ["angles.npy", "time.npy"] {
+        fs::copy(data().join("seq_003").join(name), soft.join(name)).unwrap();
+    }
+    npy(&soft.join("torques.npy"), &[torques.len() / 7, 7], &torques);
+
+    let compared = |log: &Path| {
+        json(palpate().args(["compare", &field, "--json"]).arg(log))["together"].clone()
+    };
+    let same = compared(&data().join("seq_003"));
+    assert_eq!(same["word"], "unchanged", "{same}");
+    let changed = compared(&soft);
+    assert_eq!(changed["word"], "softer", "{changed}");
+    assert!(changed["factor"].as_f64().unwrap() < 0.25, "{changed}");
+    let text = succeed(palpate().args(["compare", &field]).arg(&soft));
+    assert!(text.contains("softer, 0."), "{text}");
+}
+
+#[test]
+fn a_field_without_bands_compares_nothing() {
+    let scene = Scene::new();
+    succeed(&mut scene.map(&["log"], &[]));
+    let mut command = scene.predict(&["log"], &[]);
+    let arguments: Vec<_> = command.get_args().skip(1).map(ToOwned::to_owned).collect();
+    command = palpate();
+    refuse(command.arg("compare").args(arguments), 1, &["no bands", "three touches"]);
+}
+
+#[test]
+fn a_forgotten_touch_leaves_the_field_of_the_others() {
+    let scene = Scene::new();
+    let (both, one, rest) = (scene.text("both.npz"), scene.text("one.npz"), scene.text("rest.npz"));
+    succeed(&mut scene.map(&["log"], &["-o", &both]));
+    succeed(&mut scene.map(&["log/seq_1"], &["-o", &one]));
+    let forget = |more: &[&str]| {
+        let mut command = palpate();
+        command.args(["forget", &both, "-o", &rest]).args(scene.settings()).args(more);
+        command
+    };
+    let told = json(&mut forget(&["--touch", "seq_0", "--json"]));
+    assert_eq!((&told["forgotten"][0], &told["touches"]), (&"seq_0".into(), &1.into()), "{told}");
+    assert_eq!(load(rest.as_ref()).unwrap().field, load(one.as_ref()).unwrap().field);
+    let text = succeed(&mut forget(&["--older-than", "1"]));
+    assert!(text.contains("forgotten") && text.contains("seq_0"), "{text}");
+    assert_eq!(load(rest.as_ref()).unwrap().field, load(one.as_ref()).unwrap().field);
+    // Everywhere: both are forgotten.
+    let all = json(&mut forget(&["--box", "-9", "-9", "-9", "9", "9", "9", "--json"]));
+    assert_eq!((&all["touches"], &all["cells_touched"]), (&0.into(), &0.into()), "{all}");
+
+    refuse(&mut forget(&["--touch", "seq_7"]), 2, &["no touch `seq_7`", "seq_0, seq_1"]);
+    refuse(&mut forget(&["--box", "8", "8", "8", "9", "9", "9"]), 2, &["no such touch"]);
+    refuse(&mut forget(&[]), 2, &["--touch"]);
+    succeed(&mut scene.map(&["log"], &["-o", &both, "--no-memory"]));
+    refuse(&mut forget(&["--touch", "seq_0"]), 2, &["without its memory"]);
+}

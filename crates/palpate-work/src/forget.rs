@@ -1,0 +1,115 @@
+//! Touches that a field is to forget, and the field without them.
+
+use std::sync::Arc;
+
+use palpate::unstable::LoggedTouch;
+use palpate::{Arm, Field, Mapper, Predictor, Snapshot};
+
+use crate::error::WorkError;
+use crate::progress::Progress;
+use crate::settings::SettingsError;
+
+/// Which touches are forgotten: all that any of these means.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Which {
+    /// Those of these names. A touch without one is called by its number, `#3`, from 0.
+    pub names: Vec<String>,
+    /// Those before the last so many that are remembered.
+    pub older_than: Option<usize>,
+    /// Those that touched a point of this box: its lowest and its highest corner, m, world frame.
+    pub touched_box_m: Option<[[f64; 3]; 2]>,
+}
+
+/// What a touch of a field is called.
+pub fn name(touch: &LoggedTouch) -> String {
+    match touch.name.is_empty() {
+        true => format!("#{}", touch.touch),
+        false => touch.name.clone(),
+    }
+}
+
+/// The mapper as if it had never met some of its touches, and what these are called. Errors call the field by its name.
+///
+/// # Errors
+///
+/// If there are no such touches, or not all others can be learnt again, or the progress stops it.
+pub fn forget(
+    arm: &Arc<Arm>,
+    (snapshot, field, field_name): (&Snapshot, &Field, &str),
+    which: &Which,
+    progress: &dyn Progress,
+) -> Result<(Mapper, Vec<String>), WorkError> {
+    let cannot = |error: &dyn std::fmt::Display| {
+        WorkError::from(format!("`{field_name}` cannot forget: {error}"))
+    };
+    let log = &snapshot.sample_log;
+    let mut forgotten = vec![false; log.len()];
+    for wanted in &which.names {
+        let mut any = false;
+        for (touch, forgotten) in log.iter().zip(&mut forgotten) {
+            let is_meant = name(touch) == *wanted;
+            *forgotten |= is_meant;
+            any |= is_meant;
+        }
+        if !any {
+            let names: Vec<String> = log.iter().map(name).collect();
+            return Err(WorkError::Usage(format!(
+                "`{field_name}` remembers no touch `{wanted}`; it remembers {}",
+                if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+            )));
+        }
+    }
+    if let Some(newest) = which.older_than {
+        let older = log.len().saturating_sub(newest);
+        forgotten[..older].fill(true);
+    }
+    if let Some(corners) = which.touched_box_m {
+        for (touch, forgotten) in log.iter().zip(&mut forgotten) {
+            *forgotten = *forgotten || touches(arm, field, (touch, snapshot.n_joints), corners)?;
+        }
+    }
+    let meant = || log.iter().zip(&forgotten).filter(|(_, forgotten)| **forgotten).map(|own| own.0);
+    let names: Vec<String> = meant().map(name).collect();
+    if names.is_empty() {
+        return Err(WorkError::Usage(format!("`{field_name}` remembers no such touch")));
+    }
+    let numbers: Vec<u32> = meant().map(|touch| touch.touch).collect();
+    let kept = log.iter().zip(&forgotten).filter(|(_, forgotten)| !**forgotten);
+    let samples: usize = kept.map(|(touch, _)| touch.q.len() / snapshot.n_joints.max(1)).sum();
+    let bar = progress.begin(Some(samples as u64), "frames", "learning the others anew");
+    let step = || {
+        bar.step();
+        !progress.stopped()
+    };
+    let mapper = Mapper::without(Arc::clone(arm), snapshot, &numbers, step);
+    match mapper.map_err(|error| cannot(&error))? {
+        Some(mapper) => Ok((mapper, names)),
+        None => Err(WorkError::Interrupted { kept: "; nothing was written".to_owned() }),
+    }
+}
+
+/// Whether a touch touched a point in a box.
+fn touches(
+    arm: &Arc<Arm>,
+    field: &Field,
+    (touch, n_joints): (&LoggedTouch, usize),
+    [low, high]: [[f64; 3]; 2],
+) -> Result<bool, WorkError> {
+    let mut predictor = Predictor::new(Arc::clone(arm), field, field.touch.clone())
+        .map_err(SettingsError::value)?;
+    predictor.begin_touch();
+    for sample in touch.samples(n_joints) {
+        let step = predictor.step(&sample);
+        step.map_err(|error| WorkError::from(format!("touch `{}`: {error}", name(touch))))?;
+        let contacts = predictor.contacts();
+        let mut cells = contacts.links.iter().flat_map(|link| link.cells.iter());
+        let is_inside = |cell: &palpate::CellId| {
+            let point = field.lattice.point(*cell);
+            (0..3).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]))
+        };
+        if cells.any(is_inside) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}

@@ -1,0 +1,70 @@
+//! Forgetting touches: the mapper that would be there had they never been.
+//!
+//! A mapper keeps the samples of the touches that it remembers, and learning is a thousandth of the time that touching
+//! takes. So the other touches are learnt anew, in their order: stiffness, standard deviations, counts and memory are to
+//! the bit those of a mapper that never met the forgotten ones. [`crate::unstable::MapEstimator::forget`] takes back single frames that
+//! are still remembered, but neither their standard deviations nor what was condensed.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use super::{Mapper, MapperError, Snapshot};
+use crate::arm::Arm;
+
+impl Mapper {
+    /// The mapper of a snapshot as if it had never met some of its touches, which are given by their numbers
+    /// ([`super::LoggedTouch::touch`]).
+    ///
+    /// The numbers of the other touches are as before. `step` is called after every sample, and returns whether to go on:
+    /// else `None` is returned.
+    ///
+    /// # Errors
+    ///
+    /// If a number is not one of its sample log, if samples of another touch are gone, which would be forgotten as well
+    /// ([`Snapshot::gone`]), if the arm is another, or the snapshot contradicts itself.
+    pub fn without(
+        arm: Arc<Arm>,
+        snapshot: &Snapshot,
+        touches: &[u32],
+        mut step: impl FnMut() -> bool,
+    ) -> Result<Option<Self>, MapperError> {
+        let (learnt, fingerprint) = &snapshot.robot;
+        if *fingerprint != arm.fingerprint() {
+            let (learnt, given) = (learnt.clone(), arm.robot.name().to_owned());
+            return Err(MapperError::OtherRobot { learnt, given });
+        }
+        let inconsistent = |what: String| MapperError::Snapshot { what };
+        let known: HashSet<u32> = snapshot.sample_log.iter().map(|logged| logged.touch).collect();
+        if let Some(unknown) = touches.iter().find(|touch| !known.contains(touch)) {
+            return Err(inconsistent(format!("touch {unknown} is not in its sample log")));
+        }
+        if snapshot.gone > 0 {
+            return Err(MapperError::Gone { touches: snapshot.gone });
+        }
+        let n_joints = arm.robot.n_joints();
+        let prior: Vec<_> = snapshot
+            .cells
+            .iter()
+            .copied()
+            .zip(snapshot.prior_means_n_per_m.iter().copied())
+            .collect();
+        let mut mapper = Self::with_prior(arm, snapshot.config.clone(), &prior)?
+            .with_calibration(snapshot.calibration.clone());
+        for logged in snapshot.sample_log.iter().filter(|logged| !touches.contains(&logged.touch)) {
+            mapper.log.number_next(logged.touch);
+            mapper.begin_touch();
+            mapper.name_touch(&logged.name);
+            for sample in logged.samples(n_joints) {
+                mapper.step(&sample)?;
+                if !step() {
+                    return Ok(None);
+                }
+            }
+            if !logged.open {
+                mapper.end_touch()?;
+            }
+        }
+        mapper.log.number_next(snapshot.touches);
+        Ok(Some(mapper))
+    }
+}
