@@ -35,7 +35,8 @@ pub(crate) struct Args {
     /// Where the field without those touches goes; may be the same file
     #[arg(long, short, value_name = "FIELD.npz")]
     output: PathBuf,
-    /// Forget the touch of this name, or number as in `#3`; may be given several times
+    /// Forget the touches of this name, or the one of this number, as in `#3`; may be given several
+    /// times
     #[arg(long, value_name = "NAME", group = "which")]
     touch: Vec<String>,
     /// Forget all touches but the last N

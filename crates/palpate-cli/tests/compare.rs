@@ -72,7 +72,11 @@ fn a_forgotten_touch_leaves_the_field_of_the_others() {
         command
     };
     let told = json(&mut forget(&["--touch", "seq_0", "--json"]));
-    assert_eq!((&told["forgotten"][0], &told["touches"]), (&"seq_0".into(), &1.into()), "{told}");
+    assert_eq!(
+        (&told["forgotten"][0], &told["touches"]),
+        (&"#0 seq_0".into(), &1.into()),
+        "{told}"
+    );
     assert_eq!(load(rest.as_ref()).unwrap().field, load(one.as_ref()).unwrap().field);
     let text = succeed(&mut forget(&["--older-than", "1"]));
     assert!(text.contains("forgotten") && text.contains("seq_0"), "{text}");
@@ -81,7 +85,7 @@ fn a_forgotten_touch_leaves_the_field_of_the_others() {
     let all = json(&mut forget(&["--box", "-9", "-9", "-9", "9", "9", "9", "--json"]));
     assert_eq!((&all["touches"], &all["cells_touched"]), (&0.into(), &0.into()), "{all}");
 
-    refuse(&mut forget(&["--touch", "seq_7"]), 2, &["no touch `seq_7`", "seq_0, seq_1"]);
+    refuse(&mut forget(&["--touch", "seq_7"]), 2, &["no touch `seq_7`", "#0 seq_0, #1 seq_1"]);
     refuse(&mut forget(&["--box", "8", "8", "8", "9", "9", "9"]), 2, &["no such touch"]);
     refuse(&mut forget(&[]), 2, &["--touch"]);
     succeed(&mut scene.map(&["log"], &["-o", &both, "--no-memory"]));

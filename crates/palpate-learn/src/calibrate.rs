@@ -249,17 +249,21 @@ pub(crate) fn scales(calibration: &Calibration, touch: &[PredictedFrame]) -> Vec
     touch.iter().map(|frame| calibration.scale(&frame.torque, &frame.torque_std)).collect()
 }
 
-/// Root mean square of the errors over a + b |τ̂| + c s, over joints and the frames of a touch in which something is
-/// touched; `None` without any.
-pub(crate) fn misfit(calibration: &Calibration, touch: &[PredictedFrame]) -> Option<f64> {
-    let (mut squares, mut count) = (0.0, 0.0);
+/// The misfit of touches ([`Calibration::misfits`]), from the frames in which something is touched; `None` without any.
+pub(crate) fn misfit(calibration: &Calibration, touch: &[PredictedFrame]) -> Option<[f64; 2]> {
+    let (mut scaled, mut count) = (0.0, 0.0);
+    let (mut errors, mut measured) = (0.0, 0.0);
     for frame in touch.iter().filter(|frame| frame.in_contact) {
         let scale = calibration.scale(&frame.torque, &frame.torque_std);
-        squares +=
-            frame.errors().zip(&scale).map(|(own, scale)| (own / scale).powi(2)).sum::<f64>();
+        for (error, scale) in frame.errors().zip(&scale) {
+            scaled += (error / scale).powi(2);
+            errors += error * error;
+        }
         count += scale.len() as f64;
+        let known = frame.measured.iter().chain(&calibration.floor_n_m);
+        measured += known.map(|own| own * own).sum::<f64>();
     }
-    (count > 0.0).then(|| (squares / count).sqrt())
+    (count > 0.0).then(|| [(scaled / count).sqrt(), (errors / measured).sqrt()])
 }
 
 /// For each joint, the difference between its largest measured and its largest predicted torque in a touch, over the

@@ -66,7 +66,7 @@ fn field(tracked: &Tracked) -> Field {
         untouched_std_n_per_m: 1.0,
         touches: 5,
         quantiles: vec![BandQuantiles { level: 0.8, frame: 1.0, peak: 1.0 }],
-        misfits: vec![0.4, 0.5, 0.45, 0.55, 0.35],
+        misfits: [0.4, 0.5, 0.45, 0.55, 0.35].map(|own| [own, 0.5 * own]).to_vec(),
     });
     field
 }

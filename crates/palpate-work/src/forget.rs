@@ -12,7 +12,7 @@ use crate::settings::SettingsError;
 /// Which touches are forgotten: all that any of these means.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Which {
-    /// Those of these names. A touch without one is called by its number, `#3`, from 0.
+    /// Those of these names, or of these numbers, as `#3`, from 0.
     pub names: Vec<String>,
     /// Those before the last so many that are remembered.
     pub older_than: Option<usize>,
@@ -20,12 +20,13 @@ pub struct Which {
     pub touched_box_m: Option<[[f64; 3]; 2]>,
 }
 
-/// What a touch of a field is called.
+/// What a touch of a field is called: its number and its name.
 pub fn name(touch: &LoggedTouch) -> String {
-    match touch.name.is_empty() {
-        true => format!("#{}", touch.touch),
-        false => touch.name.clone(),
-    }
+    format!("{} {}", number(touch), touch.name).trim_end().to_owned()
+}
+
+fn number(touch: &LoggedTouch) -> String {
+    format!("#{}", touch.touch)
 }
 
 /// The mapper as if it had never met some of its touches, and what these are called. Errors call the field by its name.
@@ -47,7 +48,7 @@ pub fn forget(
     for wanted in &which.names {
         let mut any = false;
         for (touch, forgotten) in log.iter().zip(&mut forgotten) {
-            let is_meant = name(touch) == *wanted;
+            let is_meant = touch.name == *wanted || number(touch) == *wanted;
             *forgotten |= is_meant;
             any |= is_meant;
         }

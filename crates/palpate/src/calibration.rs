@@ -29,10 +29,10 @@ pub struct Calibration {
     pub touches: u32,
     /// q at some levels, in rising order.
     pub quantiles: Vec<BandQuantiles>,
-    /// Of each held-out touch that touched anything: root mean square of its errors over a + b |τ̂| + c s. A touch that
-    /// fits far worse contradicts the field.
+    /// Of each held-out touch that touched anything, root mean squares of its errors: over a + b |τ̂| + c s, and over those
+    /// of the measured torques and a. A touch that fits far worse contradicts the field.
     #[serde(default)]
-    pub misfits: Vec<f64>,
+    pub misfits: Vec<[f64; 2]>,
 }
 
 /// The factors q of a level.
@@ -105,7 +105,7 @@ impl Calibration {
             .copied()
             .chain(scales)
             .chain(factors)
-            .chain(self.misfits.iter().copied());
+            .chain(self.misfits.iter().copied().flatten());
         if let Some(number) = numbers.into_iter().find(|own| !(own.is_finite() && *own >= 0.0)) {
             return Err(format!("the bands hold {number}; wanted a number of at least 0"));
         }
@@ -132,7 +132,7 @@ mod tests {
             untouched_std_n_per_m: 10.0,
             touches: 9,
             quantiles: vec![of(0.5, 1.0), of(0.9, 3.0)],
-            misfits: vec![0.5, 0.7],
+            misfits: vec![[0.5, 0.3], [0.7, 0.2]],
         };
         assert!(calibration.check(2).is_ok() && calibration.check(3).is_err());
         assert_eq!(calibration.at(0.95), None);

@@ -1,7 +1,8 @@
 //! Whether touches contradict a field that was learnt before, and what has changed then.
 //!
 //! A touch contradicts the field where it fits worse than the touches did that were held out when the field's bands were
-//! calibrated ([`Calibration::misfits`]): beyond what their logarithms, taken for normal, leave to one touch in forty.
+//! calibrated, by either of two measures ([`Calibration::misfits`]): beyond what their logarithms, taken for normal, leave
+//! to one touch in eighty. The one knows how sure the field is, the other sees torques that are not there any more.
 //! What has changed is the simplest of these that explains most of the error beyond the sensors' noise:
 //!
 //! | change   | explanation                                                        | file         |
@@ -64,7 +65,7 @@ pub enum Change {
 pub struct Comparison {
     /// Share of the contacts that the field knows.
     pub known: f64,
-    /// Their misfit ([`Calibration::misfits`]), over the one that would contradict the field: above 1 they do.
+    /// Their misfit ([`Calibration::misfits`]), over that which would contradict the field: above 1 they do.
     pub contradiction: f64,
     /// What has changed.
     #[serde(flatten)]
@@ -142,8 +143,10 @@ impl<'a> Beside<'a> {
         }
         let known = if all > 0.0 { known / all } else { 0.0 };
         let predicted: Vec<PredictedFrame> = frames().map(|frame| self.predicted(frame)).collect();
-        let contradiction = misfit(self.calibration, &predicted).unwrap_or(0.0)
-            / threshold(&self.calibration.misfits, touches.len());
+        let contradiction = misfit(self.calibration, &predicted).map_or(0.0, |own| {
+            let limits = [0, 1].map(|kind| self.limit(kind, touches.len()));
+            f64::max(own[0] / limits[0], own[1] / limits[1])
+        });
         let noise = self.tracked.noise_std(touches).iter().map(|std| std * std).sum::<f64>();
         let sums = Sums::of(&predicted, noise);
         let mut comparison = Comparison {
@@ -169,6 +172,18 @@ impl<'a> Beside<'a> {
             comparison.place = self.place(frames().zip(&predicted));
         }
         Ok(comparison)
+    }
+
+    /// The misfit of a kind that one in eighty groups of so many unchanged touches passes, if its logarithm is normal: a
+    /// prediction limit from the held-out touches.
+    fn limit(&self, kind: usize, touches: usize) -> f64 {
+        let logs = self.calibration.misfits.iter().map(|own| own[kind].max(1e-3).ln());
+        let logs: Vec<f64> = logs.collect();
+        let n = logs.len() as f64;
+        let mean = logs.iter().sum::<f64>() / n;
+        let variance = logs.iter().map(|log| (log - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        let std = (variance * (1.0 / touches.max(1) as f64 + 1.0 / n)).sqrt();
+        (mean + student(n - 1.0) * std).exp()
     }
 
     fn predicted(&self, frame: &TrackedFrame) -> PredictedFrame {
@@ -266,21 +281,10 @@ impl Sums {
     }
 }
 
-/// The misfit that one in forty groups of so many unchanged touches passes, if its logarithm is normal: a prediction
-/// limit from the held-out touches.
-fn threshold(misfits: &[f64], touches: usize) -> f64 {
-    let logs: Vec<f64> = misfits.iter().map(|misfit| misfit.max(1e-3).ln()).collect();
-    let n = logs.len() as f64;
-    let mean = logs.iter().sum::<f64>() / n;
-    let variance = logs.iter().map(|log| (log - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    let std = (variance * (1.0 / touches.max(1) as f64 + 1.0 / n)).sqrt();
-    (mean + student(n - 1.0) * std).exp()
-}
-
-/// The 0.975 quantile of Student's t, by the expansion of Abramowitz and Stegun (26.7.5); within 2 % from three degrees
+/// The quantile of Student's t that one in eighty is above, by the expansion of Abramowitz and Stegun (26.7.5); within 2 % from three degrees
 /// of freedom on.
 fn student(freedom: f64) -> f64 {
-    let z: f64 = 1.959_964;
+    let z: f64 = 2.241_403;
     let terms = [
         (z.powi(3) + z) / 4.0,
         (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0,

@@ -92,7 +92,7 @@ pub struct MemoryFacts {
     pub prior_std_n_per_m: f64,
     /// Touches so far.
     pub touches: u32,
-    /// Those whose samples it remembers, by name.
+    /// Those whose samples it remembers, by number and name.
     pub remembered: Vec<String>,
     /// Remembered frames.
     pub frames: usize,
