@@ -10,7 +10,7 @@ use crate::output::Output;
 use crate::settings::AllSettings;
 use crate::{
     bench, compare, convert, demo, evaluate, excite, extrapolate, forget, identify, inspect, live,
-    map, predict, study, torque, tune, view,
+    map, next, predict, study, torque, tune, view,
 };
 
 /// Learns where an object is stiff from the joint torques of a robot arm that touches it.
@@ -45,6 +45,8 @@ pub(crate) enum Command {
     Compare(compare::Args),
     /// Forget touches of a field, as if they had never been
     Forget(forget::Args),
+    /// Rank motions by what they would teach about an object
+    Next(next::Args),
     /// Compare estimators and baselines on touches that they have not seen: the paper's experiment
     Evaluate(evaluate::Args),
     /// Choose settings by cross-validation on one's own touches

@@ -74,18 +74,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let started = Instant::now();
     let name = args.field.display().to_string();
     let saved = field::load(&args.field).map_err(CliError::file)?;
-    if saved.field.elastic.is_some() {
-        return Err(CliError::Usage(format!(
-            "`{name}` holds an elastic body, which cannot forget; map the other logs with --estimator elastic"
-        )));
-    }
-    let Some(snapshot) = &saved.snapshot else {
-        return Err(CliError::Usage(format!(
-            "`{name}` was saved without its memory, so it cannot forget; map the other logs again"
-        )));
-    };
     let arm = robot::load(&settings.robot, output)?;
-    let (mapper, forgotten) = forget(&arm, (snapshot, &saved.field, &name), &args.which(), output)?;
+    let (mapper, forgotten) = forget(&arm, (&saved, &name), &args.which(), output)?;
     let without = Saved::of_mapper(&mapper);
     place::save(&args.output, &without)?;
     let touches = without.snapshot.as_ref().map_or(0, |own| own.sample_log.len());

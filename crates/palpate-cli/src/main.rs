@@ -26,6 +26,7 @@ mod interrupt;
 mod live;
 mod logs;
 mod map;
+mod next;
 mod object_args;
 mod output;
 mod pace;
@@ -77,6 +78,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
         Command::Predict(args) => predict::run(args, output),
         Command::Compare(args) => compare::run(args, output),
         Command::Forget(args) => forget::run(args, output),
+        Command::Next(args) => next::run(args, output),
         Command::Evaluate(args) => evaluate::run(args, output),
         Command::Tune(args) => tune::run(args, output),
         Command::Study(args) => study::run(args, output),

@@ -61,6 +61,55 @@ fn a_field_without_bands_compares_nothing() {
 }
 
 #[test]
+fn the_motion_that_is_most_like_the_task_is_proposed_and_written() {
+    let scene = Scene::new();
+    succeed(&mut scene.map(&["log/seq_0"], &[]));
+    // Planned ones: tables without torques.
+    let swing = |name: &str, elbow: f64| {
+        let rows = (0..40_i32).map(|t| {
+            format!(
+                "{:.2},{:.4},{elbow}\n",
+                0.05 * f64::from(t),
+                0.0125 * f64::from((t - 8).max(0))
+            )
+        });
+        let table = format!("time,shoulder_position,elbow_position\n{}", rows.collect::<String>());
+        fs::write(scene.path(name), table).unwrap();
+    };
+    for (name, elbow) in [("near.csv", -0.41), ("far.csv", 2.0), ("task.csv", -0.4)] {
+        swing(name, elbow);
+    }
+    let [near, far, task, best] =
+        ["near.csv", "far.csv", "task.csv", "best.csv"].map(|n| scene.text(n));
+    let next = |more: &[&str]| {
+        let mut command = palpate();
+        command.args(["next", &scene.text("out/field.npz"), "--candidates", &far, &near]);
+        command.args(scene.settings()).args(more);
+        command
+    };
+    let found = json(&mut next(&["--task", &task, "-o", &best, "--json"]));
+    let proposals = found["proposals"].as_array().unwrap();
+    assert_eq!((&proposals[0]["name"], proposals.len()), (&"near".into(), 2), "{found}");
+    let left = |k: usize| proposals[k]["variance_left"].as_f64().unwrap();
+    assert!(left(0) < 0.5 && left(1) <= left(0), "{found}");
+    // What was written is a candidate again, and the same motion.
+    let again = json(
+        palpate()
+            .args(["next", &scene.text("out/field.npz"), "--candidates", &best])
+            .args(["--task", &task, "--json"])
+            .args(scene.settings()),
+    );
+    let same = again["proposals"][0]["variance_left"].as_f64().unwrap();
+    assert!((same - left(0)).abs() < 1e-6, "{again}");
+    let text = succeed(&mut next(&["--limit", "0.001"]));
+    assert!(
+        text.contains("Beyond the limit: far") || text.contains("Beyond the limit: near"),
+        "{text}"
+    );
+    refuse(&mut next(&["--task", &scene.text("nothing")]), 1, &["nothing"]);
+}
+
+#[test]
 fn a_forgotten_touch_leaves_the_field_of_the_others() {
     let scene = Scene::new();
     let (both, one, rest) = (scene.text("both.npz"), scene.text("one.npz"), scene.text("rest.npz"));

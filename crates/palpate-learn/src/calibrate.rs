@@ -46,6 +46,18 @@ pub struct PredictedFrame {
 }
 
 impl PredictedFrame {
+    /// What cells, by row, and their standard deviations, N/m, say of a frame.
+    pub(crate) fn of(frame: &TrackedFrame, cells: &[Cell], std: impl Fn(usize) -> f64) -> Self {
+        let observation = &frame.observation;
+        let gram = observation.gram(cells, |row| std(row).powi(2));
+        Self {
+            torque: frame.predict(cells),
+            torque_std: gram.diagonal().iter().map(|own| own.max(0.0).sqrt()).collect(),
+            measured: observation.tau().as_slice().to_vec(),
+            in_contact: observation.n_contacts() > 0,
+        }
+    }
+
     /// |τ_ext − τ̂| by joint.
     pub(crate) fn errors(&self) -> impl Iterator<Item = f64> {
         self.torque.iter().zip(&self.measured).map(|(torque, measured)| (measured - torque).abs())
@@ -93,7 +105,7 @@ pub fn calibrate(
 /// What an estimator predicts, and how sure it is.
 pub(crate) struct Predicted {
     cells: Vec<Cell>,
-    variances: Vec<f64>,
+    std_n_per_m: Vec<f64>,
 }
 
 impl Predicted {
@@ -101,18 +113,12 @@ impl Predicted {
         let rows = 0..tracked.cells.len();
         Self {
             cells: tracked.with_stiffness(|row| estimator.stiffness(row)),
-            variances: rows.map(|row| estimator.std(row).powi(2)).collect(),
+            std_n_per_m: rows.map(|row| estimator.std(row)).collect(),
         }
     }
 
     pub(crate) fn frame(&self, frame: &TrackedFrame) -> PredictedFrame {
-        let gram = frame.observation.gram(&self.cells, |row| self.variances[row]);
-        PredictedFrame {
-            torque: frame.predict(&self.cells),
-            torque_std: gram.diagonal().iter().map(|own| own.max(0.0).sqrt()).collect(),
-            measured: frame.observation.tau().as_slice().to_vec(),
-            in_contact: frame.observation.n_contacts() > 0,
-        }
+        PredictedFrame::of(frame, &self.cells, |row| self.std_n_per_m[row])
     }
 
     /// Some of the frames of a touch.

@@ -11,6 +11,7 @@
 //! | [`mod@tune`]        | settings from training touches alone                            |
 //! | [`mod@study`]       | settings over several objects                                   |
 //! | [`mod@change`]      | whether touches contradict a field: it moved, is softer, or another |
+//! | [`mod@next_touch`]  | which motion would teach most                                   |
 //! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
 //! | [`mod@errors`]      | the four figures of Table I                                     |
 //! | [`mod@excite`]      | a motion that tells an arm's masses and friction                |
@@ -33,6 +34,7 @@ pub mod extrapolate;
 pub mod folds;
 pub mod identify;
 pub mod method;
+pub mod next_touch;
 pub mod regression;
 pub mod study;
 pub mod tracked;

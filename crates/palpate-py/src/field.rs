@@ -7,13 +7,19 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use palpate::unstable::ElasticModel;
 use palpate::{Calibration, CellId, ContactConfig, ExternalTorqueConfig, Sample, Snapshot};
 use palpate_io::field::{self, Saved};
-use palpate_work::WorkError;
+use palpate_learn::next_touch::Criterion;
+use palpate_work::change::compare;
 use palpate_work::field_arrays::FieldArrays;
+use palpate_work::forget::{Which, forget};
 use palpate_work::held_joints::of_field;
+use palpate_work::next::{Request, next};
 use palpate_work::predict::{Against, FrameResult, TouchResult, planned, score};
 use palpate_work::scored::{Report, tell_oddities};
+use palpate_work::settings::Settings;
 use palpate_work::settings::sections::RobotSettings;
-use palpate_work::touches::IfUndecided;
+use palpate_work::touches::{IfUndecided, RecordedTouch, Touches};
+use palpate_work::{Progress, WorkError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyBytes, PyDict};
 use serde_json::json;
@@ -22,7 +28,7 @@ use crate::array::{copied, counts, flat, points, row, rows, table, table_of};
 use crate::data::python;
 use crate::error::Result;
 use crate::lattice::Lattice;
-use crate::log::{opened, sources};
+use crate::log::{Source, opened, sources};
 use crate::watch::{long, unshown};
 use crate::{robot, settings};
 
@@ -255,23 +261,109 @@ impl Field {
         progress: Option<&Bound<'py, PyAny>>,
         sections: Option<&Bound<'py, PyDict>>,
     ) -> Result<Bound<'py, PyAny>> {
-        let mut settings = settings::read(settings, sections)?;
+        let settings = settings::read(settings, sections)?;
         let robot = self.robot(py, robot)?;
         let (sources, field) = (sources(log)?, self.core(py));
         let against = if truth { Against::Truth } else { Against::Measured };
         let results = long(py, progress, |progress| -> Result<_, WorkError> {
-            let mut touches = opened(sources, &settings.log)?;
-            settings.log.check_for(&robot.arm.robot)?;
-            settings.robot.arm.clone_from(&robot.settings.arm);
-            touches.external(&robot.arm, &mut settings, IfUndecided::LeaveOpen, progress)?;
-            let touch = settings.torque_beside_field(&field.touch)?;
-            let place = (field.lattice.clone(), field.contact.clone());
-            let mut touches = touches.for_arm(&robot.arm, &settings.log, place)?;
+            let (mut touches, touch) = beside((&field, &robot), (sources, settings), progress)?;
             let results = score(&robot.arm, &field, touch, against, (&mut touches, progress))?;
             tell_oddities(&results, &field, progress);
             Ok(results)
         })?;
         Ok(scored(py, &results, (&field, against), robot.arm.robot.n_joints())?)
+    }
+
+    /// Whether touches of logs contradict the field, and what has changed, as `palpate compare` tells it.
+    ///
+    /// The settings may change how the log is read (`log`) and what its torques mean (`touch`). Raises FileError if the
+    /// field has no bands.
+    #[pyo3(signature = (log, robot = None, *, settings = None, progress = None, **sections))]
+    #[allow(clippy::too_many_arguments)] // they are keywords
+    fn compare<'py>(
+        &self,
+        py: Python<'py>,
+        log: &Bound<'py, PyAny>,
+        robot: Option<&Bound<'py, PyAny>>,
+        settings: Option<&Bound<'py, PyAny>>,
+        progress: Option<&Bound<'py, PyAny>>,
+        sections: Option<&Bound<'py, PyDict>>,
+    ) -> Result<Bound<'py, PyAny>> {
+        let settings = settings::read(settings, sections)?;
+        let robot = self.robot(py, robot)?;
+        let (sources, field) = (sources(log)?, self.core(py));
+        let report = long(py, progress, |progress| {
+            let (touches, touch) = beside((&field, &robot), (sources, settings), progress)?;
+            compare(&robot.arm, &field, touch, touches, progress)
+        })?;
+        Ok(python(py, &json!(report))?)
+    }
+
+    /// The candidates that would teach most, the best first, each after those before it, as `palpate next` ranks them.
+    ///
+    /// `candidates` are motions that could be made, (T, n_joints) rad each, and `task` those whose torques are to be known:
+    /// the candidates if left out. `box` is a pair of corners, m, whose stiffness is to be known instead. `by` is
+    /// "variance" or "information". Motions whose predicted torque may pass `limit`, N·m, are left out.
+    #[pyo3(signature = (
+        candidates, task = None, *, r#box = None, by = "variance", count = 5, limit = None, robot = None, progress = None
+    ))]
+    #[allow(clippy::too_many_arguments)] // they are keywords
+    fn next<'py>(
+        &self,
+        py: Python<'py>,
+        candidates: Vec<Bound<'py, PyAny>>,
+        task: Option<Vec<Bound<'py, PyAny>>>,
+        r#box: Option<[[f64; 3]; 2]>,
+        by: &str,
+        count: usize,
+        limit: Option<f64>,
+        robot: Option<&Bound<'py, PyAny>>,
+        progress: Option<&Bound<'py, PyAny>>,
+    ) -> Result<Bound<'py, PyAny>> {
+        let robot = self.robot(py, robot)?;
+        let joints = robot.arm.robot.n_joints();
+        let candidates = motions(&candidates, "candidates", joints)?;
+        let task = motions(&task.unwrap_or_default(), "task", joints)?;
+        let criterion = match by {
+            "variance" => Criterion::Variance,
+            "information" => Criterion::Information,
+            other => {
+                let message = format!("`by` is {other:?}; wanted \"variance\" or \"information\"");
+                return Err(PyValueError::new_err(message).into());
+            }
+        };
+        let request = Request { criterion, count, limit_n_m: limit, box_m: r#box };
+        let saved = self.saved(py, true);
+        let found = long(py, progress, |progress| {
+            next(&robot.arm, &saved, (&candidates, &task), &request, progress)
+        })?;
+        Ok(python(py, &json!(found))?)
+    }
+
+    /// The field as if some of its touches had never been, as `palpate forget` makes it.
+    ///
+    /// Those of the names or numbers (such as "#3") in `touches`, those before the last `older_than`, and those that touched
+    /// a point between two corners, `box`, m. Raises FileError if the field has no memory, or not all others can be learnt
+    /// again.
+    #[pyo3(signature = (touches = Vec::new(), *, older_than = None, r#box = None, robot = None, progress = None))]
+    #[allow(clippy::too_many_arguments)] // they are keywords
+    fn without(
+        &self,
+        py: Python<'_>,
+        touches: Vec<String>,
+        older_than: Option<usize>,
+        r#box: Option<[[f64; 3]; 2]>,
+        robot: Option<&Bound<'_, PyAny>>,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> Result<Self> {
+        let robot = self.robot(py, robot)?;
+        let which = Which { names: touches, older_than, touched_box_m: r#box };
+        let saved = self.saved(py, true);
+        let without = long(py, progress, |progress| {
+            let (mapper, _) = forget(&robot.arm, (&saved, "the field"), &which, progress)?;
+            Ok::<_, WorkError>(Saved::of_mapper(&mapper))
+        })?;
+        Self::of(py, without)
     }
 
     fn __len__(&self, py: Python<'_>) -> usize {
@@ -294,6 +386,33 @@ impl Field {
         let restore = py.import("palpate._palpate")?.getattr("unpickled_field")?;
         Ok((restore, (PyBytes::new(py, &bytes),)))
     }
+}
+
+/// Touches that are held against a field, and what their torques mean.
+fn beside(
+    (field, robot): (&palpate::Field, &robot::Robot),
+    (sources, mut settings): (Vec<Source>, Settings),
+    progress: &dyn Progress,
+) -> std::result::Result<(Touches, ExternalTorqueConfig), WorkError> {
+    let mut touches = opened(sources, &settings.log)?;
+    settings.log.check_for(&robot.arm.robot)?;
+    settings.robot.arm.clone_from(&robot.settings.arm);
+    touches.external(&robot.arm, &mut settings, IfUndecided::LeaveOpen, progress)?;
+    let touch = settings.torque_beside_field(&field.touch)?;
+    let place = (field.lattice.clone(), field.contact.clone());
+    Ok((touches.for_arm(&robot.arm, &settings.log, place)?, touch))
+}
+
+/// Motions from arrays, called by their place.
+fn motions(arrays: &[Bound<'_, PyAny>], name: &str, joints: usize) -> Result<Vec<RecordedTouch>> {
+    let motion = |(number, array): (usize, &Bound<'_, PyAny>)| {
+        let path =
+            rows(array, &format!("{name}[{number}]"), Some(joints), &format!("(T, {joints})"))?;
+        let sample = |q: Vec<f64>| Sample::new(None, q.clone(), vec![0.0; q.len()]);
+        let samples = path.into_iter().map(sample).collect();
+        Ok(RecordedTouch { name: format!("{name}[{number}]"), samples, ..RecordedTouch::default() })
+    };
+    arrays.iter().enumerate().map(motion).collect()
 }
 
 /// What `palpate predict --json` prints, with the torques of each touch.

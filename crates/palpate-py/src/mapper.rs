@@ -205,10 +205,14 @@ impl Mapper {
     }
 
     /// Starts a touch: the next samples belong to it, and its start gives the tare.
-    fn begin_touch(&self, py: Python<'_>) -> PyResult<()> {
+    ///
+    /// `Field.without` forgets it by its name.
+    #[pyo3(signature = (name = ""))]
+    fn begin_touch(&self, py: Python<'_>, name: &str) -> PyResult<()> {
         let state = self.state.take(py)?;
         let mut state = state.borrow_mut();
         state.mapper.begin_touch();
+        state.mapper.name_touch(name);
         if let Some(stream) = &mut state.stream {
             stream.begin();
         }

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use palpate::unstable::LoggedTouch;
-use palpate::{Arm, Field, Mapper, Predictor, Snapshot};
+use palpate::{Arm, Field, Mapper, Predictor};
+use palpate_io::field::Saved;
 
 use crate::error::WorkError;
 use crate::progress::Progress;
@@ -36,10 +37,21 @@ fn number(touch: &LoggedTouch) -> String {
 /// If there are no such touches, or not all others can be learnt again, or the progress stops it.
 pub fn forget(
     arm: &Arc<Arm>,
-    (snapshot, field, field_name): (&Snapshot, &Field, &str),
+    (saved, field_name): (&Saved, &str),
     which: &Which,
     progress: &dyn Progress,
 ) -> Result<(Mapper, Vec<String>), WorkError> {
+    let field = &saved.field;
+    if field.elastic.is_some() {
+        return Err(WorkError::Usage(format!(
+            "`{field_name}` holds an elastic body, which cannot forget; map the other logs with --estimator elastic"
+        )));
+    }
+    let Some(snapshot) = &saved.snapshot else {
+        return Err(WorkError::Usage(format!(
+            "`{field_name}` was saved without its memory, so it cannot forget; map the other logs again"
+        )));
+    };
     let cannot = |error: &dyn std::fmt::Display| {
         WorkError::from(format!("`{field_name}` cannot forget: {error}"))
     };

@@ -13,6 +13,7 @@
 //! | [`mod@predict`]   | predicted and measured torque of every frame, and the error       |
 //! | [`mod@change`]    | whether touches contradict a field, and what has changed          |
 //! | [`mod@forget`]    | a field as if some of its touches had never been                  |
+//! | [`mod@next`]      | which motions would teach most                                    |
 //! | [`mod@scored`]    | the four figures of predicted touches                             |
 //! | [`mod@held_joints`] | joints that are not in a log, and stand still                   |
 //! | [`mod@elastic`]   | bodies that bend, from a cloud and touches                        |
@@ -44,6 +45,7 @@ pub mod held_joints;
 pub mod identify;
 pub mod inspect;
 pub mod learn;
+pub mod next;
 pub mod pauses;
 pub mod predict;
 pub mod prior;

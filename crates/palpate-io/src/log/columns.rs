@@ -72,10 +72,22 @@ impl Columns {
     /// The columns that `map` names, or those that are recognised by their spelling. An error is
     /// half a sentence for the user.
     pub(super) fn find(header: &[String], map: Option<&CsvColumns>) -> Result<Self, String> {
-        let columns = match map {
-            Some(map) => Self::mapped(header, map)?,
-            None => Self::recognised(header)?,
-        };
+        Self::checked(
+            header,
+            match map {
+                Some(map) => Self::mapped(header, map)?,
+                None => Self::recognised(header, true)?,
+            },
+        )
+    }
+
+    /// The same of a motion that is only planned, in which torques may be missing: then `tau` is empty.
+    pub(super) fn find_planned(header: &[String]) -> Result<Self, String> {
+        let with_torques = Self::find(header, None);
+        with_torques.or_else(|_| Self::checked(header, Self::recognised(header, false)?))
+    }
+
+    fn checked(header: &[String], columns: Self) -> Result<Self, String> {
         let mut used: Vec<usize> = columns.used().collect();
         used.sort_unstable();
         match used.array_windows().find(|[a, b]| a == b) {
@@ -138,9 +150,13 @@ impl Columns {
         })
     }
 
-    fn recognised(header: &[String]) -> Result<Self, String> {
+    fn recognised(header: &[String], has_torques: bool) -> Result<Self, String> {
         let positions = families(header, &POSITIONS);
-        let torques = families(header, &TORQUES);
+        let torques = match has_torques {
+            true => families(header, &TORQUES),
+            // Positions stand for them, so that they are of the same joints.
+            false => families(header, &POSITIONS),
+        };
         let pairs: Vec<(&Family, &Family)> = (positions.iter())
             .flat_map(|q| torques.iter().map(move |tau| (q, tau)))
             .filter(|(q, tau)| q.labels() == tau.labels())
@@ -171,7 +187,10 @@ impl Columns {
         });
         Ok(Self {
             q: members.iter().map(|(_, place)| *place).collect(),
-            tau: members.iter().filter_map(|(label, _)| of_torque(label)).collect(),
+            tau: match has_torques {
+                true => members.iter().filter_map(|(label, _)| of_torque(label)).collect(),
+                false => Vec::new(),
+            },
             joint_names: names.collect(),
             time: only(header, TIMES),
             touch: only(header, TOUCHES),

@@ -18,6 +18,8 @@ pub struct LogOptions {
     pub joints: Option<Vec<String>>,
     /// Starts a new touch where two samples lie further apart than this, s.
     pub split_gap_s: Option<f64>,
+    /// Motions that are only planned are read, too: a CSV without torques has those of zero.
+    pub planned: bool,
     /// Reads a bag that breaks off up to there, as if it ended.
     pub until_break: bool,
 }

@@ -187,14 +187,7 @@ impl<'a> Beside<'a> {
     }
 
     fn predicted(&self, frame: &TrackedFrame) -> PredictedFrame {
-        let observation = &frame.observation;
-        let gram = observation.gram(&self.cells, |row| self.estimates[row].std_n_per_m.powi(2));
-        PredictedFrame {
-            torque: frame.predict(&self.cells),
-            torque_std: gram.diagonal().iter().map(|own| own.max(0.0).sqrt()).collect(),
-            measured: observation.tau().as_slice().to_vec(),
-            in_contact: true,
-        }
+        PredictedFrame::of(frame, &self.cells, |row| self.estimates[row].std_n_per_m)
     }
 
     fn place<'f>(

@@ -9,12 +9,14 @@ from typing_extensions import Unpack
 
 from ._progress import Progress
 from .results import (
+    Comparisons,
     Errors,
     Evaluation,
     Identified,
     Inspection,
     MapReport,
     MethodRow,
+    Proposals,
     Score,
     TouchTorques,
     Tuned,
@@ -310,8 +312,11 @@ class Mapper:
     @property
     def config(self) -> dict[str, Any]:
         """The configuration that holds, as the field's file has it."""
-    def begin_touch(self) -> None:
-        """Starts a touch: the next samples belong to it, and its start gives the tare."""
+    def begin_touch(self, name: str = "") -> None:
+        """Starts a touch: the next samples belong to it, and its start gives the tare.
+
+        `Field.without` forgets it by its name.
+        """
     def step(self, q: ArrayLike, tau: ArrayLike, time: float | None = None) -> StepReport:
         """Learns from one sample: `q` (n_joints,) rad, `tau` (n_joints,) N·m as logged.
 
@@ -438,6 +443,53 @@ class Field:
 
         `truth` compares with the true torques beside simulated touches. The settings may change how
         the log is read (`log`) and what its torques mean (`touch`).
+        """
+    def compare(
+        self,
+        log: _Logs,
+        robot: Robot | _Path | None = None,
+        *,
+        settings: AnySettings | None = None,
+        progress: Progress = None,
+        **sections: Unpack[FieldSections],
+    ) -> Comparisons:
+        """Whether touches of logs contradict the field, and what has changed, as `palpate compare` tells it.
+
+        The settings may change how the log is read (`log`) and what its torques mean (`touch`). Raises FileError if the
+        field has no bands.
+        """
+    def next(
+        self,
+        candidates: Sequence[ArrayLike],
+        task: Sequence[ArrayLike] | None = None,
+        *,
+        box: Sequence[Sequence[float]] | None = None,
+        by: str = "variance",
+        count: int = 5,
+        limit: float | None = None,
+        robot: Robot | _Path | None = None,
+        progress: Progress = None,
+    ) -> Proposals:
+        """The candidates that would teach most, the best first, each after those before it, as `palpate next` ranks them.
+
+        `candidates` are motions that could be made, (T, n_joints) rad each, and `task` those whose torques are to be known:
+        the candidates if left out. `box` is a pair of corners, m, whose stiffness is to be known instead. `by` is
+        "variance" or "information". Motions whose predicted torque may pass `limit`, N·m, are left out.
+        """
+    def without(
+        self,
+        touches: Sequence[str] = (),
+        *,
+        older_than: int | None = None,
+        box: Sequence[Sequence[float]] | None = None,
+        robot: Robot | _Path | None = None,
+        progress: Progress = None,
+    ) -> Field:
+        """The field as if some of its touches had never been, as `palpate forget` makes it.
+
+        Those of the names or numbers (such as "#3") in `touches`, those before the last `older_than`, and those that touched
+        a point between two corners, `box`, m. Raises FileError if the field has no memory, or not all others can be learnt
+        again.
         """
     def __len__(self) -> int: ...
     def __reduce__(self) -> tuple[Any, tuple[bytes]]: ...

@@ -114,6 +114,79 @@ class Score(TypedDict):
     """None of a field without bands, and against the truth."""
 
 
+class Place(TypedDict):
+    """Where torques were outside of their bands."""
+
+    centre_m: list[float]
+    radius_m: float
+    """Root mean square distance of the touched cells from it, m."""
+    cells: int
+
+
+class Change(TypedDict, total=False):
+    """How far it moved, or by what factor it is softer or harder."""
+
+    factor: float
+    shift_m: list[float]
+    """After a turn about the vertical through `about_m`."""
+    turn_rad: float
+    about_m: list[float]
+
+
+class Comparison(Change):
+    """Touches beside a field, as `palpate compare --json` tells it."""
+
+    word: str
+    """"unchanged", "moved", "softer", "harder", "other", or "unknown" if the field knows little of what was touched."""
+    known: float
+    """Share of the contacts that the field knows."""
+    contradiction: float
+    """Above 1 the touches contradict the field."""
+    error: list[float | None]
+    """Relative to predicting zero: of the field, times the best factor, and moved by the best motion."""
+    place: Place | None
+
+
+class ComparedTouch(Comparison):
+    """One touch beside a field."""
+
+    name: str
+    log: str
+
+
+class Comparisons(TypedDict):
+    """What `Field.compare` found."""
+
+    touches: list[ComparedTouch]
+    together: Comparison
+
+
+class Proposal(TypedDict):
+    """A motion in the order in which it is best made."""
+
+    name: str
+    log: str
+    candidate: int
+    """Its place among the candidates."""
+    variance_left: float
+    """Share of the task's variance that is left once it and all before it are made."""
+    information_nats: float
+    """What it teaches by itself, after those before it."""
+    unknown: float
+    """Share of what it touches that the field does not know."""
+    torque_n_m: list[float]
+    """Largest torque of a joint that the field predicts, and with its band."""
+
+
+class Proposals(TypedDict):
+    """What `Field.next` found, as `palpate next --json` tells it."""
+
+    proposals: list[Proposal]
+    beyond_limit: list[tuple[str, float]]
+    """Names of motions that may pass the limit, and their largest torque, band and all, N·m."""
+    touch_nothing: list[str]
+
+
 class MeanStd(TypedDict):
     """Mean and sample standard deviation over touches."""
 

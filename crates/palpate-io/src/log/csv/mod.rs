@@ -103,7 +103,10 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
     if header.iter().all(|name| name.parse::<f64>().is_ok()) {
         return Err("the first line holds numbers instead of names".to_owned());
     }
-    let columns = Columns::find(header, options.columns.as_ref())?;
+    let columns = match options.planned && options.columns.is_none() {
+        true => Columns::find_planned(header)?,
+        false => Columns::find(header, options.columns.as_ref())?,
+    };
     match columns.wrong_unit(header, options.angle_unit) {
         None => Ok(columns),
         Some(place) => {
@@ -151,8 +154,11 @@ impl CsvFile {
             })
         };
         let time_s = self.columns.time.as_ref().map(number).transpose()?;
-        let q = self.columns.q.iter().map(number).collect::<Result<_, _>>()?;
-        let tau = self.columns.tau.iter().map(number).collect::<Result<_, _>>()?;
+        let q: Vec<f64> = self.columns.q.iter().map(number).collect::<Result<_, _>>()?;
+        let tau = match self.columns.tau.is_empty() {
+            true => vec![0.0; q.len()],
+            false => self.columns.tau.iter().map(number).collect::<Result<_, _>>()?,
+        };
         Ok(Sample::new(time_s, q, tau))
     }
 }

@@ -1,0 +1,172 @@
+//! `palpate next`: which motion would teach most.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::ValueEnum;
+use palpate::Arm;
+use palpate_io::field;
+use palpate_learn::next_touch::Criterion;
+use palpate_work::next::{Proposals, Request, next};
+use palpate_work::robot;
+use palpate_work::touches::{RecordedTouch, Touches};
+
+use crate::args::number_in;
+use crate::error::CliError;
+use crate::output::{Output, table};
+use crate::place::{self, Places};
+use crate::settings::ReadSettings;
+use crate::{csv, interrupt};
+
+const NOTES: &str = "Examples:
+  palpate next field.npz --candidates planned/ --task reach.csv -o best.csv
+  palpate next field.npz --candidates recordings/ --box 0.3 -0.1 0.4 0.5 0.1 0.6 --limit 8
+
+A candidate is a log of any kind, of which only the joint positions count; a CSV needs no torques. Each proposal is the
+one that leaves least variance of what the task asks for, after those before it: of the torques of the --task motions, of
+the stiffness in the --box, or else of the torques of all candidates. `left` is the share of the variance that is left
+then. --by information takes what a motion teaches of all that it presses, whatever the task.
+
+--limit leaves out motions whose predicted torque may pass it at a joint: torque and band, or twice the springs' standard
+deviation if the field has no bands. What the field does not know may hold more.";
+
+/// Flags of `palpate next`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = NOTES)]
+pub(crate) struct Args {
+    /// The field so far
+    #[arg(value_name = "FIELD.npz")]
+    field: PathBuf,
+    /// Motions that could be made
+    #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
+    candidates: Vec<PathBuf>,
+    /// Motions whose torques are to be known
+    #[arg(long, num_args = 1.., value_name = "LOG", conflicts_with = "task_box")]
+    task: Vec<PathBuf>,
+    /// Box whose stiffness is to be known, m
+    #[arg(
+        long = "box", id = "task_box", num_args = 6, allow_negative_numbers = true,
+        value_names = ["X", "Y", "Z", "X", "Y", "Z"]
+    )]
+    task_box: Option<Vec<f64>>,
+    /// What motions are judged by [default: variance]
+    #[arg(long, value_name = "CRITERION")]
+    by: Option<By>,
+    /// Motions that are proposed at most [default: 5]
+    #[arg(long, value_name = "N")]
+    count: Option<usize>,
+    /// Largest torque of a joint that a motion may meet, N·m
+    #[arg(long, value_name = "N_M", value_parser = number_in(1e-3..=1e6, "a torque from 0.001 to 1000000 N·m"))]
+    limit: Option<f64>,
+    /// Where the best motion goes, as a table of times and joint positions
+    #[arg(long, short, value_name = "FILE.csv")]
+    output: Option<PathBuf>,
+    /// Print the proposals as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    settings: ReadSettings,
+}
+
+/// What motions are judged by.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum By {
+    /// Variance of the task that is left
+    Variance,
+    /// Information gained
+    Information,
+}
+
+/// Ranks the candidates and writes the best.
+pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
+    let mut settings = args.settings.load()?;
+    let logs = [args.candidates.as_slice(), &args.task].concat();
+    let mut places = Places::read(&args.settings, &settings, &logs);
+    places.input("the field", Some(&args.field));
+    places.output("the motion (--output)", args.output.as_deref())?;
+    if let Some(path) = &args.output {
+        place::format_of(path, "file of a motion", &[("csv", ())])?;
+    }
+    interrupt::listen();
+    let saved = field::load(&args.field).map_err(CliError::file)?;
+    let arm = robot::load(&settings.robot, output)?;
+    let place = (saved.field.lattice.clone(), saved.field.contact.clone());
+    let mut read = |logs: &[PathBuf], arm: &Arc<Arm>| -> Result<_, CliError> {
+        let mut options = settings.log.options();
+        options.planned = true;
+        let mut touches = Touches::open(logs, &options)?;
+        let arm = touches.arm_of_logs(Arc::clone(arm), &mut settings.robot, output)?;
+        let mut touches = touches.for_arm(&arm, &settings.log, place.clone())?;
+        Ok((touches.read(None)?, arm))
+    };
+    let (candidates, arm) = read(&args.candidates, &arm)?;
+    let task = if args.task.is_empty() { Vec::new() } else { read(&args.task, &arm)?.0 };
+    let request = Request {
+        criterion: match args.by {
+            Some(By::Information) => Criterion::Information,
+            Some(By::Variance) | None => Criterion::Variance,
+        },
+        count: args.count.unwrap_or(5),
+        limit_n_m: args.limit,
+        box_m: args.task_box.as_deref().map(|given| {
+            let corner = |of: fn(f64, f64) -> f64| [0, 1, 2].map(|k| of(given[k], given[k + 3]));
+            [corner(f64::min), corner(f64::max)]
+        }),
+    };
+    let found = next(&arm, &saved, (&candidates, &task), &request, output)?;
+    if let Some(path) = &args.output {
+        match found.proposals.first() {
+            Some(best) => write(path, &candidates[best.candidate], &arm)?,
+            None => {
+                return Err(CliError::from(
+                    "no motion can be proposed, so none is written".to_owned(),
+                ));
+            }
+        }
+    }
+    if args.json { output.json(&found) } else { output.result(&text(&found)) }
+}
+
+/// A motion as a table: times, if it has them, and joint positions.
+fn write(path: &Path, motion: &RecordedTouch, arm: &Arm) -> Result<(), CliError> {
+    let timed = motion.samples.iter().all(|sample| sample.time_s.is_some());
+    let time = timed.then(|| "time".to_owned());
+    let names = arm.robot.joint_names().map(|joint| format!("{joint}_position"));
+    let head: Vec<String> = time.into_iter().chain(names).collect();
+    let rows = motion.samples.iter().map(|sample| {
+        let time = sample.time_s.filter(|_| timed).map(|time| format!("{time:.6}"));
+        time.into_iter().chain(sample.q.iter().map(|q| format!("{q:.9}"))).collect()
+    });
+    place::write(path, &csv::text(std::iter::once(head).chain(rows)))
+}
+
+/// A table for people.
+fn text(found: &Proposals) -> String {
+    let header = ["", "motion", "left", "information", "unknown", "torque N·m", "with band N·m"];
+    let rows = found.proposals.iter().enumerate().map(|(number, own)| {
+        let [torque, most] = own.proposal.torque_n_m;
+        vec![
+            format!("{}", number + 1),
+            own.name.clone(),
+            format!("{:.0} %", 100.0 * own.proposal.variance_left),
+            format!("{:.0} nats", own.proposal.information_nats),
+            format!("{:.0} %", 100.0 * own.proposal.unknown),
+            format!("{torque:.2}"),
+            format!("{most:.2}"),
+        ]
+    });
+    let mut text = format!(
+        "Motions by what they would teach, each after those before it. Left: variance of the task.\nUnknown: share of \
+         what it touches that the field does not know. Torques are the largest of a joint.\n\n{}",
+        table(&header, rows.collect::<Vec<_>>())
+    );
+    if !found.beyond_limit.is_empty() {
+        let each =
+            found.beyond_limit.iter().map(|(name, torque)| format!("{name} ({torque:.1} N·m)"));
+        text += &format!("Beyond the limit: {}.\n", each.collect::<Vec<_>>().join(", "));
+    }
+    if !found.touch_nothing.is_empty() {
+        text += &format!("They touch nothing: {}.\n", found.touch_nothing.join(", "));
+    }
+    text
+}

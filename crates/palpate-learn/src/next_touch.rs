@@ -1,0 +1,280 @@
+//! Which motion would teach most, before it is made.
+//!
+//! What an arm displaces follows from its motion alone, so the levers H of a motion that was never made are known, and
+//! with them how the variance P of the cells would shrink (Eq. 6 of the paper; P diagonal as the field has it, and from
+//! then on with all correlations between what the motions press). The motions are ranked greedily, each after those
+//! before it, by one of
+//!
+//! | criterion | value of a motion c                                   |
+//! |-----------|-------------------------------------------------------|
+//! | variance  | `tr(H P Hᵀ)` of the task, before less after it        |
+//! | information | `½ log det(I + H_c P H_cᵀ / σ²)`, nats               |
+//!
+//! all computed between frames, by the Gram matrix `G = H P Hᵀ` over some frames of all motions (and cells, if the task
+//! is a box): after c it is `G − G_c (G_cc + σ² I)⁻¹ G_cᵀ`. The bound K ≥ 0 is not known to it.
+
+use nalgebra::{Cholesky, DMatrix};
+use palpate::unstable::{Cell, CellRows};
+use palpate::{CellEstimate, Field};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::calibrate::PredictedFrame;
+use crate::error::{LearnError, Stop, unless_stopped};
+use crate::tracked::{Tracked, TrackedFrame};
+
+/// Rows of the Gram matrix that frames take, about.
+const ROWS: usize = 3000;
+/// Frames of a motion: at least, and at most.
+const FRAMES: [usize; 2] = [3, 24];
+/// Cells of a box by which it is judged, at most.
+const CELLS: usize = 600;
+/// Standard deviation of a measured torque, N·m: the sensor's, and what springs leave over.
+const TORQUE_STD: f64 = 0.2;
+
+/// What a motion is judged by.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Criterion {
+    /// How much less the variance of the task's torques, or of the stiffness in its box, is.
+    #[default]
+    Variance,
+    /// What is learnt of all cells that it presses, whatever the task.
+    Information,
+}
+
+/// What will be asked of the field.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Task {
+    /// The torques of these motions, by number.
+    Motions(Vec<usize>),
+    /// The stiffness of the cells between two corners, m, world frame.
+    Box([[f64; 3]; 2]),
+}
+
+/// A motion in the order in which it is best made.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Proposal {
+    /// Its number among the motions.
+    #[serde(skip)]
+    pub motion: usize,
+    /// Share of the task's variance that is left once it and all before it are made.
+    pub variance_left: f64,
+    /// What it teaches by itself, after those before it, nats.
+    pub information_nats: f64,
+    /// Share of what it touches that the field does not know.
+    pub unknown: f64,
+    /// Largest torque of a joint that the field predicts, and with its band or twice the springs' standard deviation,
+    /// N·m.
+    pub torque_n_m: [f64; 2],
+}
+
+/// What a field says of motions.
+pub struct NextTouch<'a> {
+    tracked: &'a Tracked,
+    field: &'a Field,
+    estimates: Vec<CellEstimate>,
+    cells: Vec<Cell>,
+}
+
+impl<'a> NextTouch<'a> {
+    /// `tracked` are the motions under the field's lattice and contact model; `untouched_std_n_per_m` is the standard
+    /// deviation of cells that the field does not know.
+    pub fn new(tracked: &'a Tracked, field: &'a Field, untouched_std_n_per_m: f64) -> Self {
+        let rows = CellRows::of(field.lattice.clone(), &field.cells);
+        let known = tracked.cells.iter().map(|cell| rows.find(*cell));
+        let estimates: Vec<CellEstimate> =
+            known.map(|row| field.estimate(row, untouched_std_n_per_m)).collect();
+        let cells = tracked.with_stiffness(|row| estimates[row].stiffness_n_per_m);
+        Self { tracked, field, estimates, cells }
+    }
+
+    /// Largest torque of a joint along a motion that is predicted, and with its band or twice the springs' standard
+    /// deviation, N·m.
+    pub fn torque_n_m(&self, motion: usize) -> [f64; 2] {
+        let calibration = self.field.calibration.as_ref();
+        let calibration = calibration.filter(|own| own.check(self.tracked.n_joints).is_ok());
+        let at = |frame: &TrackedFrame| {
+            let PredictedFrame { torque, torque_std, .. } =
+                PredictedFrame::of(frame, &self.cells, |row| self.estimates[row].std_n_per_m);
+            let widths: Vec<f64> = match calibration.and_then(|own| own.at(own.default_level())) {
+                Some(q) => {
+                    let scale = calibration.map(|own| own.scale(&torque, &torque_std));
+                    scale.iter().flatten().map(|scale| q.frame * scale).collect()
+                }
+                None => torque_std.iter().map(|std| 2.0 * std).collect(),
+            };
+            let each = torque.iter().zip(widths).map(|(own, width)| [own.abs(), own.abs() + width]);
+            each.fold([0.0; 2], largest)
+        };
+        self.tracked.touches[motion].in_contact().map(at).fold([0.0; 2], largest)
+    }
+
+    fn unknown(&self, motion: usize) -> f64 {
+        let frames = self.tracked.touches[motion].in_contact();
+        let rows = frames.flat_map(|frame| frame.observation.rows());
+        let [all, unknown] = rows.fold([0.0; 2], |[all, unknown], row| {
+            [all + 1.0, unknown + f64::from(self.estimates[row].count == 0)]
+        });
+        if all > 0.0 { unknown / all } else { 0.0 }
+    }
+
+    /// The best `count` of the candidates in their order, each after those before it. Candidates that touch nothing are
+    /// left out.
+    ///
+    /// # Errors
+    ///
+    /// On being stopped.
+    pub fn rank(
+        &self,
+        (candidates, count): (&[usize], usize),
+        task: &Task,
+        criterion: Criterion,
+        stop: Stop<'_>,
+    ) -> Result<Vec<Proposal>, LearnError> {
+        let mut frames = Frames::of(self.tracked, self.estimates.iter().map(|own| own.std_n_per_m));
+        let of_task = frames.task(self.tracked, task);
+        let mut gram = frames.gram(stop)?;
+        let variance =
+            |gram: &DMatrix<f64>| of_task.iter().map(|row| gram[(*row, *row)]).sum::<f64>();
+        let before = variance(&gram).max(f64::MIN_POSITIVE);
+        let mut left: Vec<usize> =
+            candidates.iter().copied().filter(|motion| !frames.rows[*motion].is_empty()).collect();
+        let mut proposals = Vec::new();
+        while proposals.len() < count && !left.is_empty() {
+            let judged = left.par_iter().map(|motion| {
+                unless_stopped(stop)?;
+                Ok(judge(&gram, &frames.rows[*motion], &of_task))
+            });
+            let judged: Vec<Judged> = judged.collect::<Result<_, LearnError>>()?;
+            let value = |own: &Judged| match criterion {
+                Criterion::Variance => own.less_variance,
+                Criterion::Information => own.information_nats,
+            };
+            let best = (0..left.len())
+                .max_by(|a, b| value(&judged[*a]).total_cmp(&value(&judged[*b])).then(b.cmp(a)))
+                .expect("a candidate is left");
+            let motion = left.remove(best);
+            learn(&mut gram, &frames.rows[motion]);
+            proposals.push(Proposal {
+                motion,
+                variance_left: (variance(&gram) / before).clamp(0.0, 1.0),
+                information_nats: judged[best].information_nats,
+                unknown: self.unknown(motion),
+                torque_n_m: self.torque_n_m(motion),
+            });
+        }
+        Ok(proposals)
+    }
+}
+
+fn largest(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0].max(b[0]), a[1].max(b[1])]
+}
+
+/// Some frames of all motions, and cells, with what they press.
+struct Frames {
+    /// Rows of the Gram matrix, by motion.
+    rows: Vec<Vec<usize>>,
+    n_rows: usize,
+    /// By cell: rows of the Gram matrix, and their levers.
+    levers: Vec<Vec<(usize, f64)>>,
+    std_n_per_m: Vec<f64>,
+}
+
+impl Frames {
+    fn of(tracked: &Tracked, std_n_per_m: impl Iterator<Item = f64>) -> Self {
+        let motions = tracked.touches.len().max(1);
+        let of_motion = (ROWS / (tracked.n_joints.max(1) * motions)).clamp(FRAMES[0], FRAMES[1]);
+        let mut cells = tracked.with_stiffness(|_| 0.0);
+        let mut levers = vec![Vec::new(); cells.len()];
+        let (mut rows, mut n_rows) = (Vec::new(), 0);
+        for touch in &tracked.touches {
+            let every = touch.frames_in_contact().div_ceil(of_motion).max(1);
+            let mut own = Vec::new();
+            for frame in touch.in_contact().step_by(every) {
+                for joint in 0..tracked.n_joints {
+                    let mut unit = vec![0.0; tracked.n_joints];
+                    unit[joint] = 1.0;
+                    let take =
+                        |_: &mut Cell, cell: usize, lever: f64| levers[cell].push((n_rows, lever));
+                    frame.observation.spread(&mut cells, &unit, take);
+                    own.push(n_rows);
+                    n_rows += 1;
+                }
+            }
+            rows.push(own);
+        }
+        Self { rows, n_rows, levers, std_n_per_m: std_n_per_m.collect() }
+    }
+
+    /// Rows of the Gram matrix that are the task's.
+    fn task(&mut self, tracked: &Tracked, task: &Task) -> Vec<usize> {
+        match task {
+            Task::Motions(motions) => {
+                motions.iter().flat_map(|motion| self.rows[*motion].clone()).collect()
+            }
+            Task::Box([low, high]) => {
+                let is_inside = |cell: &usize| {
+                    let point = &tracked.points_m[*cell];
+                    (0..3).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]))
+                };
+                let inside: Vec<usize> = (0..tracked.points_m.len()).filter(is_inside).collect();
+                let some = inside.iter().step_by(inside.len().div_ceil(CELLS).max(1));
+                let start = self.n_rows;
+                for cell in some {
+                    self.levers[*cell].push((self.n_rows, 1.0));
+                    self.n_rows += 1;
+                }
+                (start..self.n_rows).collect()
+            }
+        }
+    }
+
+    /// G = H P Hᵀ.
+    fn gram(&self, stop: Stop<'_>) -> Result<DMatrix<f64>, LearnError> {
+        let mut gram = DMatrix::zeros(self.n_rows, self.n_rows);
+        for (levers, std) in self.levers.iter().zip(&self.std_n_per_m) {
+            unless_stopped(stop)?;
+            for (a, by_a) in levers {
+                let own = std * std * by_a;
+                levers.iter().for_each(|(b, by_b)| gram[(*b, *a)] += own * by_b);
+            }
+        }
+        Ok(gram)
+    }
+}
+
+/// What a motion would teach.
+struct Judged {
+    less_variance: f64,
+    information_nats: f64,
+}
+
+/// `G_cc + σ² I`, decomposed.
+fn innovation(gram: &DMatrix<f64>, own: &[usize]) -> Option<Cholesky<f64, nalgebra::Dyn>> {
+    let variance = TORQUE_STD * TORQUE_STD;
+    let mut inner = DMatrix::from_fn(own.len(), own.len(), |i, j| gram[(own[i], own[j])]);
+    // Rounding may leave a variance that is gone a little below zero.
+    (0..own.len()).for_each(|i| inner[(i, i)] = inner[(i, i)].max(0.0) + variance);
+    inner.cholesky()
+}
+
+fn judge(gram: &DMatrix<f64>, own: &[usize], task: &[usize]) -> Judged {
+    let Some(inner) = innovation(gram, own) else {
+        return Judged { less_variance: 0.0, information_nats: 0.0 };
+    };
+    let lower = inner.l_dirty();
+    let mut cross = DMatrix::from_fn(own.len(), task.len(), |i, j| gram[(own[i], task[j])]);
+    lower.solve_lower_triangular_mut(&mut cross);
+    let diagonal = (0..own.len()).map(|i| (lower[(i, i)] / TORQUE_STD).ln());
+    Judged { less_variance: cross.norm_squared(), information_nats: diagonal.sum() }
+}
+
+/// The Gram matrix after a motion was made.
+fn learn(gram: &mut DMatrix<f64>, own: &[usize]) {
+    let Some(inner) = innovation(gram, own) else { return };
+    let mut cross = DMatrix::from_fn(own.len(), gram.ncols(), |i, j| gram[(own[i], j)]);
+    inner.l_dirty().solve_lower_triangular_mut(&mut cross);
+    gram.gemm_tr(-1.0, &cross, &cross, 1.0);
+}

@@ -1,0 +1,124 @@
+//! Which of some motions would teach most about an object.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use palpate::{Arm, EstimatorKind, Gravity, MapperConfig, Sample, Tare};
+use palpate_io::field::Saved;
+use palpate_learn::next_touch::{Criterion, NextTouch, Proposal, Task};
+use palpate_learn::tracked::{Touch, Tracked};
+use serde::Serialize;
+
+use crate::error::WorkError;
+use crate::evaluate::{as_touches, fault};
+use crate::progress::Progress;
+use crate::recorded::RecordedTouch;
+
+/// What is asked for.
+#[derive(Debug, Clone, Default)]
+pub struct Request {
+    /// What the motions are judged by.
+    pub criterion: Criterion,
+    /// How many are proposed at most.
+    pub count: usize,
+    /// Motions whose predicted torque may pass this at a joint, band and all, are left out, N·m.
+    pub limit_n_m: Option<f64>,
+    /// Corners of the box whose stiffness is to be known, m, if it is not the torque of motions.
+    pub box_m: Option<[[f64; 3]; 2]>,
+}
+
+/// What `palpate next --json` prints.
+#[derive(Debug, Clone, Serialize)]
+pub struct Proposals {
+    /// The motions, the best first.
+    pub proposals: Vec<Named>,
+    /// Motions that would pass the limit: their names, and the largest torque, band and all, N·m.
+    pub beyond_limit: Vec<(String, f64)>,
+    /// Names of motions that touch nothing.
+    pub touch_nothing: Vec<String>,
+}
+
+/// A motion with its name.
+#[derive(Debug, Clone, Serialize)]
+pub struct Named {
+    /// Its name.
+    pub name: String,
+    /// The log that it is in.
+    pub log: PathBuf,
+    /// Its place among the candidates, from 0.
+    pub candidate: usize,
+    /// What it would teach.
+    #[serde(flatten)]
+    pub proposal: Proposal,
+}
+
+/// Ranks candidates by what they would teach about the torques of some motions, of the candidates themselves if there
+/// are none.
+///
+/// Only joint positions count; torques of recorded motions are not looked at.
+///
+/// # Errors
+///
+/// If a motion cannot be used, or the progress stops it.
+pub fn next(
+    arm: &Arc<Arm>,
+    saved: &Saved,
+    (candidates, task): (&[RecordedTouch], &[RecordedTouch]),
+    request: &Request,
+    progress: &dyn Progress,
+) -> Result<Proposals, WorkError> {
+    let field = &saved.field;
+    let mut config = MapperConfig::of(EstimatorKind::Map);
+    (config.lattice, config.contact) = (field.lattice.clone(), field.contact.clone());
+    config.touch.gravity = Gravity::Removed;
+    config.touch.tare = Tare::None;
+    let recorded = [candidates, task].concat();
+    let motions: Vec<Touch> = as_touches(&recorded, false)?.into_iter().map(planned).collect();
+    let stop = || progress.stopped();
+    let _bar = progress.begin(None, "motions", "judging");
+    let fault = |error| fault(&recorded, error, String::new());
+    let tracked = Tracked::new(arm, &config, &motions, &stop).map_err(fault)?;
+    let judge = NextTouch::new(&tracked, field, untouched_std_n_per_m(saved));
+    let count = candidates.len();
+    let name = |motion: usize| tracked.touches[motion].name.clone();
+    let (mut able, mut beyond_limit, mut touch_nothing) = (Vec::new(), Vec::new(), Vec::new());
+    for motion in 0..count {
+        let torque = judge.torque_n_m(motion)[1];
+        if tracked.touches[motion].frames_in_contact() == 0 {
+            touch_nothing.push(name(motion));
+        } else if request.limit_n_m.is_some_and(|limit| torque > limit) {
+            beyond_limit.push((name(motion), torque));
+        } else {
+            able.push(motion);
+        }
+    }
+    let of_motions = if task.is_empty() { 0..count } else { count..recorded.len() };
+    let task = request.box_m.map_or(Task::Motions(of_motions.collect()), Task::Box);
+    let ranked = judge.rank((&able, request.count), &task, request.criterion, &stop);
+    let named = |proposal: Proposal| Named {
+        name: name(proposal.motion),
+        log: recorded[proposal.motion].log.clone(),
+        candidate: proposal.motion,
+        proposal,
+    };
+    let proposals = ranked.map_err(fault)?.into_iter().map(named).collect();
+    Ok(Proposals { proposals, beyond_limit, touch_nothing })
+}
+
+/// The motion without its torques.
+fn planned(touch: Touch) -> Touch {
+    let still =
+        |sample: Sample| Sample::new(sample.time_s, sample.q.clone(), vec![0.0; sample.q.len()]);
+    Touch { samples: touch.samples.into_iter().map(still).collect(), ..touch }
+}
+
+/// Standard deviation of cells that the field does not know, N/m: without bands and memory, that of its least known one.
+fn untouched_std_n_per_m(saved: &Saved) -> f64 {
+    let of_prior = saved.snapshot.as_ref().map(|snapshot| {
+        let (config, spacing_m) = (&snapshot.config.estimator, snapshot.config.lattice.spacing_m());
+        config.stiffness_scale * config.prior.at_spacing(spacing_m).1
+    });
+    let calibrated = saved.field.calibration.as_ref().map(|own| own.untouched_std_n_per_m);
+    let least = || saved.field.std_n_per_m.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    calibrated.or(of_prior).unwrap_or_else(least)
+}
