@@ -5,7 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use palpate::{
-    Arm, BakeConfig, CellId, EstimatorKind, Lattice, Mapper, MapperConfig, Robot, Sample,
+    Arm, BakeConfig, BandQuantiles, Calibration, CellId, EstimatorKind, Lattice, Mapper,
+    MapperConfig, Predictor, Robot, Sample,
 };
 use palpate_io::atomic::IfExists;
 use palpate_io::field::{Saved, load, npz, save};
@@ -407,4 +408,47 @@ fn what_else_would_be_lost_with_a_touch_is_said() {
     let last = snapshot.sample_log[0].touch;
     let error = Mapper::without(arm, &snapshot, &[last], || true).err().unwrap();
     assert!(error.to_string().contains("2 touches that the field has learnt"), "{error}");
+}
+
+#[test]
+fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
+    let (arm, touches) = (arm(), touches(2));
+    let calibration = Calibration {
+        floor_n_m: vec![0.1; 7],
+        by_torque: 0.3,
+        by_std: 0.5,
+        untouched_std_n_per_m: 2.0,
+        touches: 9,
+        quantiles: vec![BandQuantiles { level: 0.9, frame: 1.2, peak: 1.0 }],
+        misfits: Vec::new(),
+    };
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
+        let mut config = config(method);
+        (config.estimator.drift_std_n_per_m, config.estimator.replays) = (0.0, 0);
+        let mapper = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
+        assert!(mapper.with_band(0.9).is_none());
+        let mapper = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
+        let mut mapper = mapper.with_calibration(Some(calibration.clone())).with_band(0.9).unwrap();
+        mapper.begin_touch();
+        go_on(&mut mapper, &touches[0]);
+        mapper.end_touch().unwrap();
+        // The first frame in contact of the next touch, by the field as it is then.
+        let mut field = mapper.field();
+        let untouched = config.estimator.prior.at_spacing(config.lattice.spacing_m()).1;
+        field.calibration.as_mut().unwrap().untouched_std_n_per_m = untouched;
+        let mut predictor = Predictor::new(Arc::clone(&arm), &field, config.touch.clone()).unwrap();
+        predictor.begin_touch();
+        mapper.begin_touch();
+        for sample in &touches[1] {
+            let (step, said) = (mapper.step(sample).unwrap(), predictor.step(sample).unwrap());
+            let Some(said) = said else { continue };
+            let std = said.torque_std.unwrap();
+            let wanted = 1.2 * calibration.scale(said.predicted.as_slice(), std.as_slice());
+            let found = step.half_width.unwrap();
+            assert!((&found - &wanted).amax() < 1e-9 * wanted.amax(), "{found} and {wanted}");
+            if step.contacts > 0 {
+                break;
+            }
+        }
+    }
 }

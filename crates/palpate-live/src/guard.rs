@@ -10,6 +10,7 @@
 //! somebody resets the guard: a robot that stopped where it presses must not start again because it
 //! no longer moves.
 
+use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -54,8 +55,8 @@ impl GuardConfig {
 pub enum Cause {
     #[error("palpate has ended")]
     Ended,
-    #[error("the {} external torque of joint `{joint}` is {torque_n_m:.2} N·m", if *.predicted { "predicted" } else { "measured" })]
-    Limit { joint: String, torque_n_m: f64, predicted: bool },
+    #[error("the {of} external torque of joint `{joint}` is {torque_n_m:.2} N·m")]
+    Limit { joint: String, torque_n_m: f64, of: Torque },
     #[error("no joint state can be used any more: {0}")]
     Refused(String),
     #[error("no joint state comes")]
@@ -71,6 +72,27 @@ pub enum Cause {
     Loaded { joint: String, bias_n_m: f64, limit_n_m: f64 },
     #[error("no tare is known yet: the arm must stand still and free")]
     Untared,
+}
+
+/// Which torque passes the limit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Torque {
+    /// The measured one.
+    Measured,
+    /// The predicted one.
+    Predicted,
+    /// The outer end of the band around the predicted one.
+    Band,
+}
+
+impl fmt::Display for Torque {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Measured => "measured",
+            Self::Predicted => "predicted",
+            Self::Band => "predicted (outer end of its band)",
+        })
+    }
 }
 
 /// Watches the external torque. Clones are one guard.
@@ -132,7 +154,8 @@ impl Guard {
             return Some(Cause::Ended);
         }
         let measured = state.untared.as_ref().zip(state.tare.as_ref());
-        let over = measured.and_then(|(untared, tare)| self.over(&(untared - tare), false));
+        let over =
+            measured.and_then(|(untared, tare)| self.over(&(untared - tare), Torque::Measured));
         if let Some(over) = over.or_else(|| state.mapped_over.clone()) {
             return Some(over);
         }
@@ -146,12 +169,12 @@ impl Guard {
     }
 
     /// The joint whose torque passes the limit by most, n_joints, N·m, NaN where nobody knows.
-    fn over(&self, torques: &DVector<f64>, predicted: bool) -> Option<Cause> {
+    fn over(&self, torques: &DVector<f64>, of: Torque) -> Option<Cause> {
         let (joint, &torque_n_m) = largest(torques)?;
         (torque_n_m.abs() > self.config.limit_n_m).then(|| Cause::Limit {
             joint: self.joints[joint].clone(),
             torque_n_m,
-            predicted,
+            of,
         })
     }
 
@@ -180,11 +203,21 @@ impl Guard {
         self.state().waiting = some_wait.then_some(came);
     }
 
-    /// Looks at the torques of the mapper's last step, measured and predicted, n_joints, N·m, if it
-    /// had any.
-    pub fn mapped(&self, torques: Option<&(DVector<f64>, DVector<f64>)>) {
+    /// Looks at the torques of the mapper's last step, measured and predicted, if it had any, and at the half-width of the
+    /// band around the latter, if that is asked for, n_joints, N·m.
+    pub fn mapped(
+        &self,
+        torques: Option<&(DVector<f64>, DVector<f64>)>,
+        half_width: Option<&DVector<f64>>,
+    ) {
         let over = torques.and_then(|(measured, predicted)| {
-            self.over(measured, false).or_else(|| self.over(predicted, true))
+            let band = || {
+                let outer = predicted.zip_map(half_width?, |own, width| own + width.copysign(own));
+                self.over(&outer, Torque::Band)
+            };
+            self.over(measured, Torque::Measured)
+                .or_else(|| self.over(predicted, Torque::Predicted))
+                .or_else(band)
         });
         self.state().mapped_over = over;
     }
@@ -414,8 +447,8 @@ mod tests {
         }
     }
 
-    fn limit(joint: &str, torque_n_m: f64, predicted: bool) -> Option<Cause> {
-        Some(Cause::Limit { joint: joint.to_owned(), torque_n_m, predicted })
+    fn limit(joint: &str, torque_n_m: f64, of: Torque) -> Option<Cause> {
+        Some(Cause::Limit { joint: joint.to_owned(), torque_n_m, of })
     }
 
     #[test]
@@ -443,14 +476,28 @@ mod tests {
                 state.effort[1] = -5.1;
                 spoil(state);
             });
-            assert_eq!((ms, cause), (10, limit("two", -5.1, false)));
+            assert_eq!((ms, cause), (10, limit("two", -5.1, Torque::Measured)));
         }
         let mut scene = Scene::safe();
         let (ms, cause) = scene.play(100, |state| state.effort[0] = f64::INFINITY);
-        assert_eq!((ms, cause), (10, limit("one", MAX_TORQUE, false)));
+        assert_eq!((ms, cause), (10, limit("one", MAX_TORQUE, Torque::Measured)));
         let scene = Scene::safe();
-        scene.guard.mapped(Some(&(dvector![0.0, 1.0], dvector![0.0, 6.0])));
-        assert_eq!(scene.cause(), limit("two", 6.0, true));
+        scene.guard.mapped(Some(&(dvector![0.0, 1.0], dvector![0.0, 6.0])), None);
+        assert_eq!(scene.cause(), limit("two", 6.0, Torque::Predicted));
+    }
+
+    #[test]
+    fn the_outer_end_of_a_band_counts_only_where_it_is_asked_for() {
+        let mut scene = Scene::safe();
+        let torques = (dvector![0.0, 1.0], dvector![0.0, -4.0]);
+        scene.guard.mapped(Some(&torques), None);
+        assert_eq!(scene.play(100, |_| {}).1, None);
+        scene.guard.mapped(Some(&torques), Some(&dvector![0.5, 0.9]));
+        assert_eq!(scene.play(100, |_| {}).1, None);
+        scene.guard.mapped(Some(&torques), Some(&dvector![0.5, 1.5]));
+        assert_eq!(scene.cause(), limit("two", -5.5, Torque::Band));
+        let text = scene.cause().map(|cause| cause.to_string()).unwrap_or_default();
+        assert!(text.contains("outer end of its band") && text.contains("-5.50 N·m"), "{text}");
     }
 
     #[test]
@@ -493,7 +540,7 @@ mod tests {
                 state.header.stamp.sec += sec;
                 state.effort[0] = 5.5;
             });
-            assert_eq!((ms, cause), (10, limit("one", 5.5, false)));
+            assert_eq!((ms, cause), (10, limit("one", 5.5, Torque::Measured)));
         }
     }
 
@@ -538,7 +585,10 @@ mod tests {
         assert_eq!(scene.cause(), Some(loaded));
         let (ms, cause) = scene.play(10, |state| state.effort[0] = 7.5);
         assert!(ms == 10 && matches!(cause, Some(Cause::Loaded { .. })), "what was up stays up");
-        assert_eq!(scene.guard.reset(scene.now()), Err(limit("one", 5.5, false).unwrap()));
+        assert_eq!(
+            scene.guard.reset(scene.now()),
+            Err(limit("one", 5.5, Torque::Measured).unwrap())
+        );
     }
 
     #[test]
@@ -557,7 +607,7 @@ mod tests {
     #[test]
     fn only_a_reset_takes_it_back_and_only_when_it_is_safe() {
         let mut scene = Scene::safe();
-        let raised = limit("one", 7.0, false);
+        let raised = limit("one", 7.0, Torque::Measured);
         assert_eq!(scene.play(10, |state| state.effort[0] = 7.0).1, raised);
         assert_eq!(scene.guard.reset(scene.now()), Err(raised.clone().unwrap()));
         scene.play(10, |_| {});
@@ -574,7 +624,7 @@ mod tests {
         scene.play(10, |state| state.effort[0] = 3.0);
         scene.guard.tare(&dvector![3.0, 0.0]).unwrap();
         assert_eq!(scene.cause(), None);
-        let limit = limit("one", -5.5, false);
+        let limit = limit("one", -5.5, Torque::Measured);
         assert_eq!(scene.play(10, |state| state.effort[0] = -2.5).1, limit, "3 N·m are bias");
     }
 }

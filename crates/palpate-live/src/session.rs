@@ -51,6 +51,8 @@ pub struct StepOutcome {
     /// τ_ext and the τ̂ that was predicted before it was learnt from, n_joints, N·m; `None` unless
     /// the session maps.
     pub torques: Option<(DVector<f64>, DVector<f64>)>,
+    /// Half-width of the band around τ̂, n_joints, N·m, if the mapper reports one ([`Mapper::with_band`]).
+    pub half_width: Option<DVector<f64>>,
     /// Points touched.
     pub contacts: usize,
     /// Whether a touch begins with it.
@@ -176,7 +178,7 @@ impl Session {
             }
         }
         if let Some(guard) = &self.guard {
-            guard.mapped(outcome.torques.as_ref());
+            guard.mapped(outcome.torques.as_ref(), outcome.half_width.as_ref());
         }
         outcome.detection = self.detection(&outcome, sample);
         outcome
@@ -237,7 +239,7 @@ impl Session {
             return self.wait();
         }
         self.state = State::Mapping;
-        outcome.torques = Some((external, predicted));
+        (outcome.torques, outcome.half_width) = (Some((external, predicted)), report.half_width);
     }
 
     /// Takes the error of a step that failed.

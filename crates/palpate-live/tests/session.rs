@@ -9,7 +9,7 @@ use palpate::unstable::PauseConfig;
 use palpate::{Arm, EstimatorKind, Mapper, MapperConfig, Sample};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, CachePlace, load_arm};
-use palpate_live::guard::{Cause, Guard, GuardConfig, Sentry};
+use palpate_live::guard::{Cause, Guard, GuardConfig, Sentry, Torque};
 use palpate_live::message::{Header, JointState, Stamp};
 use palpate_live::session::{Session, State, StepOutcome};
 
@@ -166,9 +166,9 @@ fn the_flag_comes_down_with_the_first_tare_and_the_sentry_raises_it_before_the_m
         let over = outcome.torques.as_ref().is_some_and(|(external, _)| external.amax() > 1.5);
         match before {
             Some(cause) if !was_down => assert_eq!(cause, Cause::Untared),
-            Some(Cause::Limit { joint, torque_n_m, predicted }) => {
+            Some(Cause::Limit { joint, torque_n_m, of }) => {
                 let external = outcome.torques.unwrap().0;
-                assert!(over && !predicted && torque_n_m.abs() > 1.5);
+                assert!(over && of == Torque::Measured && torque_n_m.abs() > 1.5);
                 assert_eq!(arm.robot.joint_names().nth(external.iamax()), Some(joint.as_str()));
                 assert!((torque_n_m - external[external.iamax()]).abs() < 0.1, "tares differ");
                 return;

@@ -345,19 +345,19 @@ impl Field {
     /// Those of the names or numbers (such as "#3") in `touches`, those before the last `older_than`, and those that touched
     /// a point between two corners, `box`, m. Raises FileError if the field has no memory, or not all others can be learnt
     /// again.
-    #[pyo3(signature = (touches = Vec::new(), *, older_than = None, r#box = None, robot = None, progress = None))]
+    #[pyo3(signature = (touches = None, *, older_than = None, r#box = None, robot = None, progress = None))]
     #[allow(clippy::too_many_arguments)] // they are keywords
     fn without(
         &self,
         py: Python<'_>,
-        touches: Vec<String>,
+        touches: Option<Vec<String>>,
         older_than: Option<usize>,
         r#box: Option<[[f64; 3]; 2]>,
         robot: Option<&Bound<'_, PyAny>>,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> Result<Self> {
         let robot = self.robot(py, robot)?;
-        let which = Which { names: touches, older_than, touched_box_m: r#box };
+        let which = Which { names: touches.unwrap_or_default(), older_than, touched_box_m: r#box };
         let saved = self.saved(py, true);
         let without = long(py, progress, |progress| {
             let (mapper, _) = forget(&robot.arm, (&saved, "the field"), &which, progress)?;

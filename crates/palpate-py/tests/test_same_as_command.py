@@ -101,6 +101,41 @@ def test_needs_command_a_score_is_that_of_predict(
     assert touch["zero"]["avg_error"] == pytest.approx(np.linalg.norm(touch["external"], axis=1).mean())
 
 
+def test_needs_command_changes_the_next_touch_and_forgetting_are_the_same(
+    command: Path, plant: Path, robot: palpate.Robot, tmp_path: Path
+) -> None:
+    path, rest = tmp_path / "field.npz", tmp_path / "rest.npz"
+    run(command, "map", *(plant / f"seq_00{k}" for k in range(4)), "-o", path, "--json")
+    field = palpate.Field.load(path)
+    log = plant / "seq_004"
+
+    assert dict(field.compare(log, robot, progress=False)) == run(command, "compare", path, log, "--json")
+
+    numbers = [5, 6, 7]
+    paths = [np.load(plant / f"seq_00{k}" / "angles.npy") for k in numbers]
+    task = [np.load(log / "angles.npy")]
+    ours = field.next(paths, task, count=2, limit=50.0, robot=robot, progress=False)
+    logs = [plant / f"seq_00{k}" for k in numbers]
+    given = ("--candidates", *logs, "--task", log, "--count", 2, "--limit", 50, "--json")
+    theirs = run(command, "next", path, *given)
+    assert len(ours["proposals"]) == 2 and not ours["touch_nothing"]
+    for own, other in zip(ours["proposals"], theirs["proposals"]):
+        named = {"name", "log"}
+        assert {k: v for k, v in own.items() if k not in named} == {
+            k: v for k, v in other.items() if k not in named
+        }
+    with pytest.raises(ValueError, match="information"):
+        field.next(paths, by="luck", robot=robot)
+
+    run(command, "forget", path, "-o", rest, "--touch", "seq_002", "--json")
+    without, theirs_field = field.without(["seq_002"], robot=robot, progress=False), palpate.Field.load(rest)
+    assert len(without) < len(field)
+    for name in NAMES:
+        assert np.array_equal(getattr(without, name), getattr(theirs_field, name)), name
+    with pytest.raises(palpate.PalpateError, match="remembers no touch `seq_009`"):
+        field.without(["seq_009"], robot=robot)
+
+
 def test_the_torque_of_a_planned_path_is_that_of_the_motion(
     field: palpate.Field, robot: palpate.Robot, touch: palpate.Touch
 ) -> None:

@@ -150,6 +150,11 @@ impl Estimator for EkfEstimator {
         Ok(predicted)
     }
 
+    fn torque_std(&mut self, points_m: &[[f64; 3]], observation: &Observation) -> DVector<f64> {
+        self.filter.grow(points_m);
+        self.filter.belief.torque_std(observation, |row| self.filter.variance_now(row))
+    }
+
     fn advance_time(&mut self) {
         self.filter.belief.step += 1;
     }

@@ -222,6 +222,12 @@ impl Estimator for MapEstimator {
         Ok(predicted * self.stiffness_scale)
     }
 
+    fn torque_std(&mut self, points_m: &[[f64; 3]], observation: &Observation) -> DVector<f64> {
+        self.belief.grow(points_m);
+        let std = self.belief.torque_std(observation, |row| self.belief.variance(row));
+        self.stiffness_scale * std
+    }
+
     fn advance_time(&mut self) {
         self.belief.step += 1;
     }

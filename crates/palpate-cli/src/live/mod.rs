@@ -104,6 +104,10 @@ pub(crate) struct Args {
     /// N·m [default: that of --guard]
     #[arg(long, value_name = "LIMIT", requires = "guard", value_parser = number_in(f64::MIN_POSITIVE..=f64::MAX, "a number above 0"))]
     guard_bias: Option<f64>,
+    /// Take the outer end of the band around the predicted torque for it, at a level such as 0.9; the
+    /// field to resume must have bands
+    #[arg(long, value_name = "LEVEL", requires_all = ["guard", "resume"], value_parser = number_in(0.01..=0.999, "a level from 0.01 to 0.999"))]
+    guard_band: Option<f64>,
     /// Tell MoveIt to stop what it executes when the guard says stop
     #[arg(long, requires = "guard")]
     guard_moveit: bool,
@@ -200,6 +204,18 @@ impl Args {
     ) -> Result<Session, CliError> {
         let mut idle = PauseConfig::default();
         idle.idle_s = self.idle;
+        let mapper = match self.guard_band {
+            None => mapper,
+            Some(level) => {
+                let bands = mapper.calibration().map_or("no bands".to_owned(), |own| {
+                    let lowest = own.quantiles.first().map_or(0.0, |first| first.level);
+                    format!("bands from {lowest} to {}", own.highest_level())
+                });
+                mapper.with_band(level).ok_or_else(|| {
+                    CliError::Usage(format!("--guard-band is {level}, but the field has {bands}"))
+                })?
+            }
+        };
         let session = Session::new(mapper, idle, self.guard(arm))
             .map_err(|error| CliError::Usage(format!("--idle: {error}")))?;
         let Some(Identified { model, torques }) = identified else { return Ok(session) };

@@ -8,7 +8,7 @@
 //! | change   | explanation                                                        | file         |
 //! |----------|--------------------------------------------------------------------|--------------|
 //! | moved    | the field, shifted level and turned about the vertical             | [`moved`]    |
-//! | softer, harder | the field's torques times one factor                         | this         |
+//! | softer, harder | the field's torques times one factor, in the touches that contradict it | this |
 //! | other    | neither                                                            |              |
 //!
 //! Where the arm touches little that the field knows, nothing is said.
@@ -44,7 +44,7 @@ pub enum Change {
     Unchanged,
     /// The object is somewhere else.
     Moved(Motion),
-    /// It gives way more easily where it was touched: torques are this factor of what was expected, below 1.
+    /// It gives way more easily where touches contradict the field: torques are this factor of what was expected, below 1.
     Softer {
         /// 0 where nothing is felt any more.
         factor: f64,
@@ -142,13 +142,11 @@ impl<'a> Beside<'a> {
             known += f64::from(self.estimates[row].count > 0);
         }
         let known = if all > 0.0 { known / all } else { 0.0 };
-        let predicted: Vec<PredictedFrame> = frames().map(|frame| self.predicted(frame)).collect();
-        let contradiction = misfit(self.calibration, &predicted).map_or(0.0, |own| {
-            let limits = [0, 1].map(|kind| self.limit(kind, touches.len()));
-            f64::max(own[0] / limits[0], own[1] / limits[1])
-        });
+        let predicted: Vec<Vec<PredictedFrame>> =
+            touches.iter().map(|touch| self.predicted(*touch)).collect();
+        let contradiction = self.contradiction(&predicted.concat(), touches.len());
         let noise = self.tracked.noise_std(touches).iter().map(|std| std * std).sum::<f64>();
-        let sums = Sums::of(&predicted, noise);
+        let sums = Sums::of(predicted.iter().flatten(), noise);
         let mut comparison = Comparison {
             known,
             contradiction,
@@ -164,14 +162,32 @@ impl<'a> Beside<'a> {
             let some: Vec<&Observation> =
                 frames().step_by(every).map(|frame| &frame.observation).collect();
             let motion = moved::best(self.tracked, &some, &self.sampler, stop)?;
-            let left = moved::error(self.tracked, &some, &self.sampler, motion)
-                * (predicted.len() as f64 / some.len() as f64);
-            comparison.change = sums.change(motion, left, known >= MOSTLY_KNOWN);
-            comparison.error[1] = sums.relative(sums.scaled().1);
-            comparison.error[2] = sums.relative(left);
-            comparison.place = self.place(frames().zip(&predicted));
+            let moved = moved::error(self.tracked, &some, &self.sampler, motion)
+                * (frames().count() as f64 / some.len() as f64);
+            // What is softer in one place leaves touches elsewhere as they were.
+            let changed = |own: &&Vec<PredictedFrame>| self.contradiction(own, 1) > 1.0;
+            let some: Vec<&Vec<PredictedFrame>> = predicted.iter().filter(changed).collect();
+            let own = match some.is_empty() {
+                true => Sums::of(predicted.iter().flatten(), noise),
+                false => Sums::of(some.into_iter().flatten(), noise),
+            };
+            let (factor, left) = own.scaled();
+            let scaled = left + sums.error - own.error;
+            let fits = sums.change((motion, moved), (factor, scaled), known >= MOSTLY_KNOWN);
+            comparison.change = fits;
+            comparison.error[1] = sums.relative(scaled);
+            comparison.error[2] = sums.relative(moved);
+            comparison.place = self.place(frames().zip(predicted.iter().flatten()));
         }
         Ok(comparison)
+    }
+
+    /// The misfit of so many touches, over that which would contradict the field.
+    fn contradiction(&self, predicted: &[PredictedFrame], touches: usize) -> f64 {
+        misfit(self.calibration, predicted).map_or(0.0, |own| {
+            let limits = [0, 1].map(|kind| self.limit(kind, touches));
+            f64::max(own[0] / limits[0], own[1] / limits[1])
+        })
     }
 
     /// The misfit of a kind that one in eighty groups of so many unchanged touches passes, if its logarithm is normal: a
@@ -186,8 +202,11 @@ impl<'a> Beside<'a> {
         (mean + student(n - 1.0) * std).exp()
     }
 
-    fn predicted(&self, frame: &TrackedFrame) -> PredictedFrame {
-        PredictedFrame::of(frame, &self.cells, |row| self.estimates[row].std_n_per_m)
+    /// The frames of a touch that touch anything.
+    fn predicted(&self, touch: usize) -> Vec<PredictedFrame> {
+        let of =
+            |frame| PredictedFrame::of(frame, &self.cells, |row| self.estimates[row].std_n_per_m);
+        self.tracked.touches[touch].in_contact().map(of).collect()
     }
 
     fn place<'f>(
@@ -227,21 +246,18 @@ struct Sums {
 }
 
 impl Sums {
-    fn of(frames: &[PredictedFrame], noise: f64) -> Self {
-        let each = || {
-            let pairs = |own: &PredictedFrame| {
-                own.torque.iter().copied().zip(own.measured.iter().copied()).collect::<Vec<_>>()
-            };
-            frames.iter().flat_map(pairs)
-        };
-        let sum = |of: fn((f64, f64)) -> f64| each().map(of).sum::<f64>();
-        Self {
-            measured: sum(|(_, measured)| measured * measured),
-            predicted: sum(|(predicted, _)| predicted * predicted),
-            both: sum(|(predicted, measured)| predicted * measured),
-            error: sum(|(predicted, measured)| (predicted - measured).powi(2)),
-            noise: noise * frames.len() as f64,
+    fn of<'f>(frames: impl Iterator<Item = &'f PredictedFrame>, noise: f64) -> Self {
+        let mut sums = Self { measured: 0.0, predicted: 0.0, both: 0.0, error: 0.0, noise: 0.0 };
+        for frame in frames {
+            for (predicted, measured) in frame.torque.iter().zip(&frame.measured) {
+                sums.measured += measured * measured;
+                sums.predicted += predicted * predicted;
+                sums.both += predicted * measured;
+                sums.error += (predicted - measured).powi(2);
+            }
+            sums.noise += noise;
         }
+        sums
     }
 
     /// The best factor of the prediction, at least 0, and what it leaves.
@@ -255,16 +271,19 @@ impl Sums {
         (self.measured > 0.0).then(|| (error.max(0.0) / self.measured).sqrt())
     }
 
-    /// What explains an error that is not chance: a motion that leaves `left` of it, a factor if most was known, or
-    /// neither.
-    fn change(&self, motion: Motion, left: f64, is_known: bool) -> Change {
+    /// What explains an error that is not chance: a motion that leaves so much of it, a factor that does if most was
+    /// known, or neither.
+    fn change(
+        &self,
+        (motion, moved): (Motion, f64),
+        (factor, scaled): (f64, f64),
+        is_known: bool,
+    ) -> Change {
         let beyond = |error: f64| (error - self.noise).max(0.05 * self.noise);
-        let (factor, scaled) = self.scaled();
-        if beyond(left) < LEAVES_MOVED * beyond(scaled)
-            && beyond(left) < LEAVES * beyond(self.error)
-        {
+        let most = LEAVES * beyond(self.error);
+        if beyond(moved) < f64::min(LEAVES_MOVED * beyond(scaled), most) {
             Change::Moved(motion)
-        } else if !is_known || beyond(scaled) > LEAVES * beyond(self.error) {
+        } else if !is_known || beyond(scaled) > most {
             Change::Other
         } else if factor < 1.0 {
             Change::Softer { factor }

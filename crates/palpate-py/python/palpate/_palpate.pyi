@@ -478,7 +478,7 @@ class Field:
         """
     def without(
         self,
-        touches: Sequence[str] = (),
+        touches: Sequence[str] | None = None,
         *,
         older_than: int | None = None,
         box: Sequence[Sequence[float]] | None = None,

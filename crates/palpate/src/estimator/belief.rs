@@ -107,6 +107,16 @@ impl Belief {
         });
     }
 
+    /// `√ diag(H P Hᵀ)`, n_joints, N·m, for a diagonal P, given by row.
+    pub(crate) fn torque_std(
+        &self,
+        observation: &Observation,
+        variance: impl Fn(usize) -> f64,
+    ) -> DVector<f64> {
+        let gram = observation.gram(&self.cells, variance);
+        gram.diagonal().map(|own| own.max(0.0).sqrt())
+    }
+
     /// `C⁻¹ = (H P Hᵀ + R)⁻¹`, the inverse of the innovation covariance, for a diagonal P, given by row.
     ///
     /// # Errors

@@ -128,6 +128,8 @@ pub struct StepReport {
     pub external: Option<DVector<f64>>,
     /// τ̂ before the sample was learnt from, n_joints, N·m; `None` with `external`.
     pub predicted: Option<DVector<f64>>,
+    /// Half-width of the band around it, n_joints, N·m, if [`Mapper::with_band`] asks for one.
+    pub half_width: Option<DVector<f64>>,
 }
 
 /// Learns a stiffness field from samples.
@@ -140,6 +142,8 @@ pub struct Mapper {
     prior_means_n_per_m: Vec<f64>,
     log: SampleLog,
     calibration: Option<Calibration>,
+    /// Level of the band that steps report.
+    band: Option<f64>,
 }
 
 impl Mapper {
@@ -182,6 +186,7 @@ impl Mapper {
             prior_means_n_per_m,
             log: SampleLog::default(),
             calibration: None,
+            band: None,
             config,
         })
     }
@@ -203,6 +208,15 @@ impl Mapper {
     /// How wide bands around its predictions are, if that is known.
     pub fn calibration(&self) -> Option<&Calibration> {
         self.calibration.as_ref()
+    }
+
+    /// The same mapper, whose steps report the band around their predictions at a level; `None` without that band
+    /// ([`Calibration::at`]).
+    #[must_use]
+    pub fn with_band(mut self, level: f64) -> Option<Self> {
+        self.calibration.as_ref()?.at(level)?;
+        self.band = Some(level);
+        Some(self)
     }
 
     /// Starts a touch.
@@ -232,12 +246,12 @@ impl Mapper {
         let frame = self.record(sample);
         let contacts = tracked.contacts.len();
         let Some(external) = &tracked.external else {
-            return Ok(StepReport { contacts, external: None, predicted: None });
+            return Ok(StepReport { contacts, external: None, predicted: None, half_width: None });
         };
 
         // What torque the field predicts there (Eqs. 2 and 5), and the correction of the touched cells
         // by the measured one (Eqs. 5 and 6).
-        let predicted = match contacts {
+        let (predicted, half_width) = match contacts {
             0 => self.pass_without_contact(external.len()),
             _ => {
                 self.log.learns(frame);
@@ -249,27 +263,33 @@ impl Mapper {
         if contacts > 0 {
             self.replays.replay();
         }
-        Ok(StepReport { contacts, external: tracked.external, predicted: Some(predicted) })
+        let external = tracked.external;
+        Ok(StepReport { contacts, external, predicted: Some(predicted), half_width })
     }
 
     /// Predicts the torque of a frame and corrects the belief by the measured one; returns the
-    /// prediction, n_joints, N·m.
+    /// prediction and the half-width of its band, if one is asked for, n_joints, N·m.
     fn predict_and_correct(
         &mut self,
         frame: FrameId,
         tracked: &TrackedSample,
         external: &DVector<f64>,
-    ) -> Result<DVector<f64>, EstimatorError> {
+    ) -> Result<(DVector<f64>, Option<DVector<f64>>), EstimatorError> {
         let robot = &self.tracker.arm().robot;
         let (poses, contacts) = (&tracked.poses, &tracked.contacts);
         let observation = self.observations.build(robot, poses, contacts, external);
         let points_m = self.observations.rows().points_m();
-        let Some(weights) = self.weights(tracked) else {
-            return self.replays.estimator().correct(points_m, observation, frame);
+        let std = self.band.map(|_| self.replays.estimator().torque_std(points_m, &observation));
+        let predicted = match self.weights(tracked) {
+            None => self.replays.estimator().correct(points_m, observation, frame)?,
+            Some(weights) => {
+                let weighted = observation.weighted(&weights);
+                let predicted = self.replays.estimator().correct(points_m, weighted, frame)?;
+                predicted.component_div(&DVector::from_vec(weights))
+            }
         };
-        let weighted = observation.weighted(&weights);
-        let predicted = self.replays.estimator().correct(points_m, weighted, frame)?;
-        Ok(predicted.component_div(&DVector::from_vec(weights)))
+        let half_width = std.and_then(|std| self.half_width(&predicted, &std));
+        Ok((predicted, half_width))
     }
 
     /// How much the torque of each joint counts, if the sample says how uncertain it is.
@@ -278,10 +298,19 @@ impl Mapper {
         Some(torque_weights(tau_std, &self.config.estimator.torque_std))
     }
 
+    /// Half-width of the band around a prediction with this standard deviation, n_joints, N·m.
+    fn half_width(&self, predicted: &DVector<f64>, std: &DVector<f64>) -> Option<DVector<f64>> {
+        let calibration = self.calibration.as_ref()?;
+        let q = calibration.at(self.band?)?.frame;
+        Some(q * calibration.scale(predicted.as_slice(), std.as_slice()))
+    }
+
     /// Lets the belief age by a step in which nothing is touched; the prediction is zero.
-    fn pass_without_contact(&mut self, n_joints: usize) -> DVector<f64> {
+    fn pass_without_contact(&mut self, n_joints: usize) -> (DVector<f64>, Option<DVector<f64>>) {
         self.replays.estimator().advance_time();
-        DVector::zeros(n_joints)
+        let nothing = DVector::zeros(n_joints);
+        let half_width = self.half_width(&nothing, &nothing);
+        (nothing, half_width)
     }
 
     /// Logs a sample; frames whose samples no longer fit into the log are condensed.
