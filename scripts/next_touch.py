@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Compares the order in which `Field.next` proposes touches with random ones, by the error on touches that are tested.
 
-    python scripts/next_touch.py SET [SET ...] --out FOLDER [--simulate] [--splits 5] [--orders 20] [--half]
+    python scripts/next_touch.py SET [SET ...] --out FOLDER [--simulate] [--splits 5] [--orders 20] [--processes 2]
 
 A third of each set's touches is kept for testing, in several splits; their joint paths, without torques, are the task.
 The others are learned one after the other, in random orders and in the order that `next` proposes, each time from those

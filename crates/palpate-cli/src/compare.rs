@@ -9,7 +9,7 @@ use palpate_work::change::{Report, compare};
 
 use crate::error::CliError;
 use crate::output::{Output, figure, table};
-use crate::place::Places;
+use crate::place::{self, Places};
 use crate::predict::tell_other_robot;
 use crate::settings::RobotAndLogSettings;
 use crate::{interrupt, logs};
@@ -19,10 +19,15 @@ const NOTES: &str = "Examples:
   palpate compare field.npz today/ --moved moved.npz
 
 A touch contradicts the field if it fits worse than the touches that `palpate map` held out to calibrate the field's
-bands, beyond what one unchanged touch in forty does. `contradiction` is its misfit over that limit. Of touches that do,
-the change is the simplest that explains most of their error: the object has moved (by a level shift of up to 6 cm and a
-turn about the vertical of up to 17°), or is softer or harder where it was touched; otherwise it is another object, or
-changed in another way. Every touch is compared alone, and all of them together.
+bands, beyond what one unchanged touch in forty does. `contradiction` is its misfit divided by that limit. Of touches
+above 1, the change is the simplest that explains most of their error: the object has moved (searched are shifts of up to
+6 cm over the ground and 2 cm up or down, and turns about the vertical of up to 17°), or is softer or harder where it was
+touched; otherwise it is another object, or changed in another way. Where the field knows less than 10 % of what was
+touched, or less than 60 % and the touches contradict it, nothing is said. Every touch is compared alone, and all of them
+together.
+
+It works where touches repeat motions that the field has learned. Touches all over an object fit a field badly anyway, so
+that few changes show.
 
 Touches that an arm makes the same way tell a motion from a change of stiffness badly; two from different sides tell it
 well.";
@@ -64,9 +69,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let report = compare(&arm, &saved.field, touch, touches, output)?;
     if let Some(path) = &args.moved {
         match report.together.change {
+            Change::Moved(motion) if motion.is_least() => output.note(
+                "the motion lies on the border of what is searched, so no moved field is written",
+            ),
             Change::Moved(motion) => {
                 let moved = Saved::of_field(moved(&saved.field, motion), &saved.robot);
-                field::save(path, &moved).map_err(CliError::file)?;
+                place::save(path, &moved)?;
             }
             _ => output.note("the object has not moved, so no moved field is written"),
         }
@@ -78,10 +86,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 fn text(report: &Report) -> String {
     let header = ["touch", "known", "contradiction", "error", "scaled", "moved", "change"];
     let row = |name: &str, own: &Comparison| {
-        let [error, scaled, moved] = own.error.map(|error| figure(error, 2));
+        let error = [own.error.field, own.error.scaled, own.error.moved];
+        let [error, scaled, moved] = error.map(|error| figure(error, 2));
         let known = format!("{:.0} %", 100.0 * own.known);
         let contradiction = format!("{:.2}", own.contradiction);
-        vec![name.to_owned(), known, contradiction, error, scaled, moved, told(own)]
+        vec![name.to_owned(), known, contradiction, error, scaled, moved, change_in_words(own)]
     };
     let mut rows: Vec<Vec<String>> =
         report.touches.iter().map(|touch| row(&touch.name, &touch.comparison)).collect();
@@ -96,7 +105,7 @@ fn text(report: &Report) -> String {
 }
 
 /// What has changed, in words.
-fn told(comparison: &Comparison) -> String {
+fn change_in_words(comparison: &Comparison) -> String {
     let place = comparison.place.map_or_else(String::new, |place| {
         let [x, y, z] = place.centre_m;
         format!(" within {:.0} cm of ({x:.2}, {y:.2}, {z:.2}) m", 100.0 * place.radius_m)
@@ -104,13 +113,12 @@ fn told(comparison: &Comparison) -> String {
     match comparison.change {
         Change::Unchanged => "unchanged".to_owned(),
         Change::Unknown => "touches little that the field knows".to_owned(),
-        Change::Moved(Motion { shift_m: [x, y, _], turn_rad, .. }) => {
+        Change::Moved(motion) => {
+            let Motion { shift_m: [x, y, z], turn_rad, .. } = motion;
+            let least = if motion.is_least() { "at least " } else { "" };
             let (shift, turn) = (100.0 * x.hypot(y), turn_rad.to_degrees());
-            format!(
-                "moved by {shift:.1} cm ({:.1}, {:.1}), turned by {turn:.0}°",
-                100.0 * x,
-                100.0 * y
-            )
+            let [x, y, z] = [x, y, z].map(|own| 100.0 * own);
+            format!("moved by {least}{shift:.1} cm ({x:.1}, {y:.1}, {z:.1}), turned by {turn:.0}°")
         }
         Change::Softer { factor } => format!("softer, {factor:.2} times{place}"),
         Change::Harder { factor } => format!("harder, {factor:.2} times{place}"),

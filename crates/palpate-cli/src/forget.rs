@@ -4,7 +4,8 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use palpate_io::field::{self, Saved};
-use palpate_work::forget::{Which, forget};
+use palpate_work::forget::{Which, forget, listed};
+use palpate_work::held_joints::of_field;
 use palpate_work::robot;
 use serde_json::json;
 
@@ -20,7 +21,8 @@ const NOTES: &str = "Examples:
   palpate forget field.npz -o rest.npz --box 0.3 -0.1 0.4 0.5 0.1 0.6
 
 The field that is written is to the bit the one that `palpate map` learns from the other touches with the same settings:
-they are learned anew from the samples that the field remembers. Bands, and settings that were chosen, stay as they are.
+they are learned anew from the samples that the field remembers (with `ekf` and drift, steps without contact do not
+count). Bands, and settings that were chosen, stay as they are.
 `palpate inspect FIELD.npz` lists the touches.
 
 --json prints {\"forgotten\": [names], \"touches\": left, \"cells_touched\", \"seconds\"}.";
@@ -42,7 +44,7 @@ pub(crate) struct Args {
     /// Forget all touches but the last N
     #[arg(long, value_name = "N", group = "which")]
     older_than: Option<usize>,
-    /// Forget the touches that touched a point of this box, m
+    /// Forget the touches in which the arm went through a point of this box, m
     #[arg(
         long = "box", num_args = 6, group = "which", allow_negative_numbers = true,
         value_names = ["X", "Y", "Z", "X", "Y", "Z"]
@@ -57,12 +59,14 @@ pub(crate) struct Args {
 
 impl Args {
     fn which(&self) -> Which {
-        let corners = self.touched_box.as_deref().map(|given| {
-            let corner = |of: fn(f64, f64) -> f64| [0, 1, 2].map(|k| of(given[k], given[k + 3]));
-            [corner(f64::min), corner(f64::max)]
-        });
+        let corners = self.touched_box.as_deref().map(corners);
         Which { names: self.touch.clone(), older_than: self.older_than, touched_box_m: corners }
     }
+}
+
+/// Two corners from six numbers.
+pub(crate) fn corners(given: &[f64]) -> [[f64; 3]; 2] {
+    [0, 3].map(|start| [0, 1, 2].map(|axis| given[start + axis]))
 }
 
 /// Forgets touches of a field.
@@ -75,6 +79,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let name = args.field.display().to_string();
     let saved = field::load(&args.field).map_err(CliError::file)?;
     let arm = robot::load(&settings.robot, output)?;
+    let arm = of_field(arm, saved.snapshot.as_ref(), output);
     let (mapper, forgotten) = forget(&arm, (&saved, &name), &args.which(), output)?;
     let without = Saved::of_mapper(&mapper);
     place::save(&args.output, &without)?;
@@ -93,6 +98,6 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         "`{}` holds {touches} touches and {cells} touched cells; forgotten, in {}: {}.\n",
         args.output.display(),
         seconds(elapsed),
-        forgotten.join(", ")
+        listed(&forgotten)
     ))
 }

@@ -6,15 +6,18 @@ use std::sync::Arc;
 use clap::ValueEnum;
 use palpate::Arm;
 use palpate_io::field;
-use palpate_learn::next_touch::Criterion;
+use palpate_learn::next_touch::{Criterion, Proposal};
+use palpate_work::held_joints::of_field;
 use palpate_work::next::{Proposals, Request, next};
 use palpate_work::robot;
 use palpate_work::touches::{RecordedTouch, Touches};
 
 use crate::args::number_in;
 use crate::error::CliError;
+use crate::forget::corners;
 use crate::output::{Output, table};
 use crate::place::{self, Places};
+use crate::predict::tell_other_robot;
 use crate::settings::ReadSettings;
 use crate::{csv, interrupt};
 
@@ -27,8 +30,11 @@ one that leaves least variance of what the task asks for, after those before it:
 the stiffness in the --box, or else of the torques of all candidates. `left` is the share of the variance that is left
 then. --by information takes what a motion teaches of all that it presses, whatever the task.
 
---limit leaves out motions whose predicted torque may pass it at a joint: torque and band, or twice the springs' standard
-deviation if the field has no bands. What the field does not know may hold more.";
+--limit leaves out motions whose predicted torque may pass it at a joint: with the band for largest torques (90 %, or the
+field's highest level below), or with twice the springs' standard deviation if the field has no bands. What the field
+does not know may be stiffer than any band says, and limits of joints are not looked at.
+
+Information is in nats: a quantity that is known e times more closely is one.";
 
 /// Flags of `palpate next`.
 #[derive(Debug, clap::Args)]
@@ -43,7 +49,7 @@ pub(crate) struct Args {
     /// Motions whose torques are to be known
     #[arg(long, num_args = 1.., value_name = "LOG", conflicts_with = "task_box")]
     task: Vec<PathBuf>,
-    /// Box whose stiffness is to be known, m
+    /// Box whose stiffness is to be known, as far as candidates touch it: two corners, m
     #[arg(
         long = "box", id = "task_box", num_args = 6, allow_negative_numbers = true,
         value_names = ["X", "Y", "Z", "X", "Y", "Z"]
@@ -53,8 +59,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "CRITERION")]
     by: Option<By>,
     /// Motions that are proposed at most [default: 5]
-    #[arg(long, value_name = "N")]
-    count: Option<usize>,
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    count: Option<u32>,
     /// Largest torque of a joint that a motion may meet, N·m
     #[arg(long, value_name = "N_M", value_parser = number_in(1e-3..=1e6, "a torque from 0.001 to 1000000 N·m"))]
     limit: Option<f64>,
@@ -90,6 +96,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
     let arm = robot::load(&settings.robot, output)?;
+    tell_other_robot(&saved, &of_field(Arc::clone(&arm), saved.snapshot.as_ref(), output), output);
     let place = (saved.field.lattice.clone(), saved.field.contact.clone());
     let mut read = |logs: &[PathBuf], arm: &Arc<Arm>| -> Result<_, CliError> {
         let mut options = settings.log.options();
@@ -106,12 +113,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             Some(By::Information) => Criterion::Information,
             Some(By::Variance) | None => Criterion::Variance,
         },
-        count: args.count.unwrap_or(5),
+        count: args.count.unwrap_or(5) as usize,
         limit_n_m: args.limit,
-        box_m: args.task_box.as_deref().map(|given| {
-            let corner = |of: fn(f64, f64) -> f64| [0, 1, 2].map(|k| of(given[k], given[k + 3]));
-            [corner(f64::min), corner(f64::max)]
-        }),
+        box_m: args.task_box.as_deref().map(corners),
     };
     let found = next(&arm, &saved, (&candidates, &task), &request, output)?;
     if let Some(path) = &args.output {
@@ -142,9 +146,12 @@ fn write(path: &Path, motion: &RecordedTouch, arm: &Arm) -> Result<(), CliError>
 
 /// A table for people.
 fn text(found: &Proposals) -> String {
+    if found.proposals.is_empty() {
+        return format!("No motion can be proposed.\n{}", left_out(found));
+    }
     let header = ["", "motion", "left", "information", "unknown", "torque N·m", "with band N·m"];
     let rows = found.proposals.iter().enumerate().map(|(number, own)| {
-        let [torque, most] = own.proposal.torque_n_m;
+        let Proposal { torque_n_m: torque, with_band_n_m: most, .. } = &own.proposal;
         vec![
             format!("{}", number + 1),
             own.name.clone(),
@@ -155,14 +162,20 @@ fn text(found: &Proposals) -> String {
             format!("{most:.2}"),
         ]
     });
-    let mut text = format!(
+    format!(
         "Motions by what they would teach, each after those before it. Left: variance of the task.\nUnknown: share of \
-         what it touches that the field does not know. Torques are the largest of a joint.\n\n{}",
-        table(&header, rows.collect::<Vec<_>>())
-    );
+         what it touches that the field does not know. Torques are the largest of a joint.\n\n{}{}",
+        table(&header, rows.collect::<Vec<_>>()),
+        left_out(found)
+    )
+}
+
+/// Motions that are not proposed, and why.
+fn left_out(found: &Proposals) -> String {
+    let mut text = String::new();
     if !found.beyond_limit.is_empty() {
-        let each =
-            found.beyond_limit.iter().map(|(name, torque)| format!("{name} ({torque:.1} N·m)"));
+        let each = found.beyond_limit.iter();
+        let each = each.map(|own| format!("{} ({:.1} N·m)", own.name, own.with_band_n_m));
         text += &format!("Beyond the limit: {}.\n", each.collect::<Vec<_>>().join(", "));
     }
     if !found.touch_nothing.is_empty() {

@@ -42,9 +42,9 @@ fn an_object_that_gives_way_is_told_from_one_that_is_the_same() {
         json(palpate().args(["compare", &field, "--json"]).arg(log))["together"].clone()
     };
     let same = compared(&data().join("seq_003"));
-    assert_eq!(same["word"], "unchanged", "{same}");
+    assert_eq!(same["change"], "unchanged", "{same}");
     let changed = compared(&soft);
-    assert_eq!(changed["word"], "softer", "{changed}");
+    assert_eq!(changed["change"], "softer", "{changed}");
     assert!(changed["factor"].as_f64().unwrap() < 0.25, "{changed}");
     let text = succeed(palpate().args(["compare", &field]).arg(&soft));
     assert!(text.contains("softer, 0."), "{text}");

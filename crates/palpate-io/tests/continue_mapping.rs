@@ -404,6 +404,11 @@ fn what_else_would_be_lost_with_a_touch_is_said() {
         go_on(&mut mapper, touch);
         mapper.end_touch().unwrap();
     }
+    // In the middle of a touch, the last one may be gone as well.
+    mapper.begin_touch();
+    let snapshot = mapper.snapshot();
+    assert_eq!(snapshot.sample_log.len() as u32 + snapshot.gone, 4);
+    mapper.end_touch().unwrap_or_default();
     let snapshot = through_a_file(mapper, &arm).snapshot();
     let last = snapshot.sample_log[0].touch;
     let error = Mapper::without(arm, &snapshot, &[last], || true).err().unwrap();

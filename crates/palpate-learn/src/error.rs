@@ -28,6 +28,12 @@ pub enum LearnError {
     /// A motion that cannot be.
     #[error("{0}")]
     Excite(String),
+    /// A task of which nothing can be learnt.
+    #[error(
+        "no motion touches anything of the task whose stiffness is uncertain, so none can be ranked; check the task, and \
+         that its motions belong to this robot and field"
+    )]
+    NoTask,
     /// A field that says not how well it fits touches.
     #[error(
         "the field has no bands of this robot's joints, so nothing says how well touches should fit; map its logs again \

@@ -29,8 +29,6 @@ const ROWS: usize = 3000;
 const FRAMES: [usize; 2] = [3, 24];
 /// Cells of a box by which it is judged, at most.
 const CELLS: usize = 600;
-/// Standard deviation of a measured torque, N·m: the sensor's, and what springs leave over.
-const TORQUE_STD: f64 = 0.2;
 
 /// What a motion is judged by.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -48,7 +46,7 @@ pub enum Criterion {
 pub enum Task {
     /// The torques of these motions, by number.
     Motions(Vec<usize>),
-    /// The stiffness of the cells between two corners, m, world frame.
+    /// The stiffness of the cells between two corners, m, world frame, as far as any motion touches them.
     Box([[f64; 3]; 2]),
 }
 
@@ -64,9 +62,10 @@ pub struct Proposal {
     pub information_nats: f64,
     /// Share of what it touches that the field does not know.
     pub unknown: f64,
-    /// Largest torque of a joint that the field predicts, and with its band or twice the springs' standard deviation,
-    /// N·m.
-    pub torque_n_m: [f64; 2],
+    /// Largest torque of a joint that the field predicts, N·m.
+    pub torque_n_m: f64,
+    /// The same with its band, or twice the springs' standard deviation, N·m.
+    pub with_band_n_m: f64,
 }
 
 /// What a field says of motions.
@@ -75,22 +74,28 @@ pub struct NextTouch<'a> {
     field: &'a Field,
     estimates: Vec<CellEstimate>,
     cells: Vec<Cell>,
+    torque_std: f64,
 }
 
 impl<'a> NextTouch<'a> {
     /// `tracked` are the motions under the field's lattice and contact model; `untouched_std_n_per_m` is the standard
-    /// deviation of cells that the field does not know.
-    pub fn new(tracked: &'a Tracked, field: &'a Field, untouched_std_n_per_m: f64) -> Self {
+    /// deviation of cells that the field does not know, and `torque_std` that of a measured torque, N·m: the sensor's,
+    /// and what springs leave over.
+    pub fn new(
+        tracked: &'a Tracked,
+        field: &'a Field,
+        (untouched_std_n_per_m, torque_std): (f64, f64),
+    ) -> Self {
         let rows = CellRows::of(field.lattice.clone(), &field.cells);
         let known = tracked.cells.iter().map(|cell| rows.find(*cell));
         let estimates: Vec<CellEstimate> =
             known.map(|row| field.estimate(row, untouched_std_n_per_m)).collect();
         let cells = tracked.with_stiffness(|row| estimates[row].stiffness_n_per_m);
-        Self { tracked, field, estimates, cells }
+        Self { tracked, field, estimates, cells, torque_std }
     }
 
-    /// Largest torque of a joint along a motion that is predicted, and with its band or twice the springs' standard
-    /// deviation, N·m.
+    /// Largest torque of a joint along a motion: predicted, and with the band for largest torques at the field's default
+    /// level, or twice the springs' standard deviation, N·m.
     pub fn torque_n_m(&self, motion: usize) -> [f64; 2] {
         let calibration = self.field.calibration.as_ref();
         let calibration = calibration.filter(|own| own.check(self.tracked.n_joints).is_ok());
@@ -100,7 +105,7 @@ impl<'a> NextTouch<'a> {
             let widths: Vec<f64> = match calibration.and_then(|own| own.at(own.default_level())) {
                 Some(q) => {
                     let scale = calibration.map(|own| own.scale(&torque, &torque_std));
-                    scale.iter().flatten().map(|scale| q.frame * scale).collect()
+                    scale.iter().flatten().map(|scale| q.peak.max(q.frame) * scale).collect()
                 }
                 None => torque_std.iter().map(|std| 2.0 * std).collect(),
             };
@@ -124,7 +129,7 @@ impl<'a> NextTouch<'a> {
     ///
     /// # Errors
     ///
-    /// On being stopped.
+    /// If nothing of the task is uncertain, or on being stopped.
     pub fn rank(
         &self,
         (candidates, count): (&[usize], usize),
@@ -137,14 +142,17 @@ impl<'a> NextTouch<'a> {
         let mut gram = frames.gram(stop)?;
         let variance =
             |gram: &DMatrix<f64>| of_task.iter().map(|row| gram[(*row, *row)]).sum::<f64>();
-        let before = variance(&gram).max(f64::MIN_POSITIVE);
+        let before = variance(&gram);
+        if before <= 0.0 {
+            return Err(LearnError::NoTask);
+        }
         let mut left: Vec<usize> =
             candidates.iter().copied().filter(|motion| !frames.rows[*motion].is_empty()).collect();
         let mut proposals = Vec::new();
         while proposals.len() < count && !left.is_empty() {
             let judged = left.par_iter().map(|motion| {
                 unless_stopped(stop)?;
-                Ok(judge(&gram, &frames.rows[*motion], &of_task))
+                Ok(judge((&gram, self.torque_std), &frames.rows[*motion], &of_task))
             });
             let judged: Vec<Judged> = judged.collect::<Result<_, LearnError>>()?;
             let value = |own: &Judged| match criterion {
@@ -155,13 +163,15 @@ impl<'a> NextTouch<'a> {
                 .max_by(|a, b| value(&judged[*a]).total_cmp(&value(&judged[*b])).then(b.cmp(a)))
                 .expect("a candidate is left");
             let motion = left.remove(best);
-            learn(&mut gram, &frames.rows[motion]);
+            let [torque_n_m, with_band_n_m] = self.torque_n_m(motion);
+            learn((&mut gram, self.torque_std), &frames.rows[motion]);
             proposals.push(Proposal {
                 motion,
                 variance_left: (variance(&gram) / before).clamp(0.0, 1.0),
                 information_nats: judged[best].information_nats,
                 unknown: self.unknown(motion),
-                torque_n_m: self.torque_n_m(motion),
+                torque_n_m,
+                with_band_n_m,
             });
         }
         Ok(proposals)
@@ -252,28 +262,31 @@ struct Judged {
 }
 
 /// `G_cc + σ² I`, decomposed.
-fn innovation(gram: &DMatrix<f64>, own: &[usize]) -> Option<Cholesky<f64, nalgebra::Dyn>> {
-    let variance = TORQUE_STD * TORQUE_STD;
+fn innovation(
+    (gram, torque_std): (&DMatrix<f64>, f64),
+    own: &[usize],
+) -> Option<Cholesky<f64, nalgebra::Dyn>> {
+    let variance = torque_std * torque_std;
     let mut inner = DMatrix::from_fn(own.len(), own.len(), |i, j| gram[(own[i], own[j])]);
     // Rounding may leave a variance that is gone a little below zero.
     (0..own.len()).for_each(|i| inner[(i, i)] = inner[(i, i)].max(0.0) + variance);
     inner.cholesky()
 }
 
-fn judge(gram: &DMatrix<f64>, own: &[usize], task: &[usize]) -> Judged {
-    let Some(inner) = innovation(gram, own) else {
+fn judge((gram, torque_std): (&DMatrix<f64>, f64), own: &[usize], task: &[usize]) -> Judged {
+    let Some(inner) = innovation((gram, torque_std), own) else {
         return Judged { less_variance: 0.0, information_nats: 0.0 };
     };
     let lower = inner.l_dirty();
     let mut cross = DMatrix::from_fn(own.len(), task.len(), |i, j| gram[(own[i], task[j])]);
     lower.solve_lower_triangular_mut(&mut cross);
-    let diagonal = (0..own.len()).map(|i| (lower[(i, i)] / TORQUE_STD).ln());
+    let diagonal = (0..own.len()).map(|i| (lower[(i, i)] / torque_std).ln());
     Judged { less_variance: cross.norm_squared(), information_nats: diagonal.sum() }
 }
 
 /// The Gram matrix after a motion was made.
-fn learn(gram: &mut DMatrix<f64>, own: &[usize]) {
-    let Some(inner) = innovation(gram, own) else { return };
+fn learn((gram, torque_std): (&mut DMatrix<f64>, f64), own: &[usize]) {
+    let Some(inner) = innovation((gram, torque_std), own) else { return };
     let mut cross = DMatrix::from_fn(own.len(), gram.ncols(), |i, j| gram[(own[i], j)]);
     inner.l_dirty().solve_lower_triangular_mut(&mut cross);
     gram.gemm_tr(-1.0, &cross, &cross, 1.0);

@@ -8,6 +8,7 @@ use palpate::unstable::Cell;
 use palpate::{EstimatorKind, Field, Gravity, MapperConfig, Sample, Tare};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, load_arm};
+use palpate_learn::LearnError;
 use palpate_learn::next_touch::{Criterion, NextTouch, Task};
 use palpate_learn::tracked::{Touch, Tracked};
 
@@ -60,7 +61,7 @@ fn levers(tracked: &Tracked, motion: usize) -> DMatrix<f64> {
 #[test]
 fn the_variance_that_is_left_is_that_of_a_kalman_filter() {
     let (tracked, field) = motions(&[2, 6, 9]);
-    let judge = NextTouch::new(&tracked, &field, STD_N_PER_M);
+    let judge = NextTouch::new(&tracked, &field, (STD_N_PER_M, 0.2));
     let task = Task::Motions(vec![2]);
     let found = judge.rank((&[0, 1], 2), &task, Criterion::Variance, NEVER).unwrap();
     let h: Vec<DMatrix<f64>> = (0..3).map(|motion| levers(&tracked, motion)).collect();
@@ -85,13 +86,13 @@ fn the_variance_that_is_left_is_that_of_a_kalman_filter() {
     assert!((found[0].variance_left - left(&[best])).abs() < 1e-6, "{found:?}");
     assert!((found[1].variance_left - left(&[0, 1])).abs() < 1e-6, "{found:?}");
     assert!(found[0].variance_left < 0.999 && found[1].variance_left < found[0].variance_left);
-    assert!(found.iter().all(|own| own.unknown == 1.0 && own.torque_n_m[0] == 0.0));
+    assert!(found.iter().all(|own| own.unknown == 1.0 && own.torque_n_m == 0.0));
 }
 
 #[test]
 fn a_motion_that_was_made_teaches_little_more_and_the_task_itself_most() {
     let (tracked, field) = motions(&[2, 2, 9]);
-    let judge = NextTouch::new(&tracked, &field, STD_N_PER_M);
+    let judge = NextTouch::new(&tracked, &field, (STD_N_PER_M, 0.2));
     for criterion in [Criterion::Variance, Criterion::Information] {
         let own = judge.rank((&[0, 1, 2], 3), &Task::Motions(vec![0]), criterion, NEVER).unwrap();
         let of = |motion: usize| own.iter().find(|own| own.motion == motion).unwrap();
@@ -106,7 +107,7 @@ fn a_motion_that_was_made_teaches_little_more_and_the_task_itself_most() {
 #[test]
 fn a_box_is_learned_by_the_motion_that_enters_it() {
     let (tracked, field) = motions(&[2, 6]);
-    let judge = NextTouch::new(&tracked, &field, STD_N_PER_M);
+    let judge = NextTouch::new(&tracked, &field, (STD_N_PER_M, 0.2));
     let met: Vec<Vec<bool>> = [0, 1].map(|motion| tracked.rows_met(&[motion])).to_vec();
     let only = |motion: usize| {
         let is = |row: &usize| met[motion][*row] && !met[1 - motion][*row];
@@ -118,4 +119,7 @@ fn a_box_is_learned_by_the_motion_that_enters_it() {
         let found = judge.rank((&[0, 1], 1), &Task::Box(corners), Criterion::Variance, NEVER);
         assert_eq!(found.unwrap()[0].motion, motion);
     }
+    let far = Task::Box([[5.0; 3], [6.0; 3]]);
+    let error = judge.rank((&[0, 1], 1), &far, Criterion::Variance, NEVER).unwrap_err();
+    assert!(matches!(error, LearnError::NoTask), "{error}");
 }

@@ -55,7 +55,7 @@ impl GuardConfig {
 pub enum Cause {
     #[error("palpate has ended")]
     Ended,
-    #[error("the {of} external torque of joint `{joint}` is {torque_n_m:.2} N·m")]
+    #[error("{of} external torque of joint `{joint}` is {torque_n_m:.2} N·m")]
     Limit { joint: String, torque_n_m: f64, of: Torque },
     #[error("no joint state can be used any more: {0}")]
     Refused(String),
@@ -88,9 +88,9 @@ pub enum Torque {
 impl fmt::Display for Torque {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Measured => "measured",
-            Self::Predicted => "predicted",
-            Self::Band => "predicted (outer end of its band)",
+            Self::Measured => "the measured",
+            Self::Predicted => "the predicted",
+            Self::Band => "the outer end of the band around the predicted",
         })
     }
 }
@@ -497,7 +497,7 @@ mod tests {
         scene.guard.mapped(Some(&torques), Some(&dvector![0.5, 1.5]));
         assert_eq!(scene.cause(), limit("two", -5.5, Torque::Band));
         let text = scene.cause().map(|cause| cause.to_string()).unwrap_or_default();
-        assert!(text.contains("outer end of its band") && text.contains("-5.50 N·m"), "{text}");
+        assert!(text.contains("outer end of the band") && text.contains("-5.50 N·m"), "{text}");
     }
 
     #[test]

@@ -343,7 +343,7 @@ impl Field {
     /// The field as if some of its touches had never been, as `palpate forget` makes it.
     ///
     /// Those of the names or numbers (such as "#3") in `touches`, those before the last `older_than`, and those that touched
-    /// a point between two corners, `box`, m. Raises FileError if the field has no memory, or not all others can be learnt
+    /// a point between two corners, `box`, m. Raises PalpateError if the field has no memory, or not all others can be learnt
     /// again.
     #[pyo3(signature = (touches = None, *, older_than = None, r#box = None, robot = None, progress = None))]
     #[allow(clippy::too_many_arguments)] // they are keywords

@@ -7,6 +7,7 @@ use palpate::{Arm, Field, Mapper, Predictor};
 use palpate_io::field::Saved;
 
 use crate::error::WorkError;
+use crate::next::sorted;
 use crate::progress::Progress;
 use crate::settings::SettingsError;
 
@@ -17,8 +18,19 @@ pub struct Which {
     pub names: Vec<String>,
     /// Those before the last so many that are remembered.
     pub older_than: Option<usize>,
-    /// Those that touched a point of this box: its lowest and its highest corner, m, world frame.
+    /// Those that displaced a point of this box, empty ones too: two opposite corners, m, world frame.
     pub touched_box_m: Option<[[f64; 3]; 2]>,
+}
+
+/// Names, of many the first and the last few.
+pub fn listed(names: &[String]) -> String {
+    match names {
+        [] => "none".to_owned(),
+        [first @ .., last] if names.len() > 20 => {
+            format!("{} … {last} ({} touches)", first[..10].join(", "), names.len())
+        }
+        _ => names.join(", "),
+    }
 }
 
 /// What a touch of a field is called: its number and its name.
@@ -68,7 +80,7 @@ pub fn forget(
             let names: Vec<String> = log.iter().map(name).collect();
             return Err(WorkError::Usage(format!(
                 "`{field_name}` remembers no touch `{wanted}`; it remembers {}",
-                if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+                listed(&names)
             )));
         }
     }
@@ -76,14 +88,14 @@ pub fn forget(
         let older = log.len().saturating_sub(newest);
         forgotten[..older].fill(true);
     }
-    if let Some(corners) = which.touched_box_m {
+    if let Some(corners) = which.touched_box_m.map(sorted) {
         for (touch, forgotten) in log.iter().zip(&mut forgotten) {
             *forgotten = *forgotten || touches(arm, field, (touch, snapshot.n_joints), corners)?;
         }
     }
     let meant = || log.iter().zip(&forgotten).filter(|(_, forgotten)| **forgotten).map(|own| own.0);
     let names: Vec<String> = meant().map(name).collect();
-    if names.is_empty() {
+    if names.is_empty() && which.older_than.is_none() {
         return Err(WorkError::Usage(format!("`{field_name}` remembers no such touch")));
     }
     let numbers: Vec<u32> = meant().map(|touch| touch.touch).collect();

@@ -23,7 +23,7 @@ pub struct Request {
     pub count: usize,
     /// Motions whose predicted torque may pass this at a joint, band and all, are left out, N·m.
     pub limit_n_m: Option<f64>,
-    /// Corners of the box whose stiffness is to be known, m, if it is not the torque of motions.
+    /// Two corners of the box whose stiffness is to be known, m, if it is not the torque of motions.
     pub box_m: Option<[[f64; 3]; 2]>,
 }
 
@@ -32,10 +32,19 @@ pub struct Request {
 pub struct Proposals {
     /// The motions, the best first.
     pub proposals: Vec<Named>,
-    /// Motions that would pass the limit: their names, and the largest torque, band and all, N·m.
-    pub beyond_limit: Vec<(String, f64)>,
+    /// Motions that may pass the limit.
+    pub beyond_limit: Vec<BeyondLimit>,
     /// Names of motions that touch nothing.
     pub touch_nothing: Vec<String>,
+}
+
+/// A motion that may pass the limit.
+#[derive(Debug, Clone, Serialize)]
+pub struct BeyondLimit {
+    /// Its name.
+    pub name: String,
+    /// The largest torque of a joint with its band, N·m.
+    pub with_band_n_m: f64,
 }
 
 /// A motion with its name.
@@ -68,6 +77,16 @@ pub fn next(
     progress: &dyn Progress,
 ) -> Result<Proposals, WorkError> {
     let field = &saved.field;
+    let n_joints = arm.robot.n_joints();
+    if let Some(Err(what)) = field.calibration.as_ref().map(|own| own.check(n_joints)) {
+        return Err(WorkError::from(format!("the field belongs to another robot: {what}")));
+    }
+    if let Some(limit) = request.limit_n_m.filter(|limit| !(*limit > 0.0 && limit.is_finite())) {
+        return Err(WorkError::Usage(format!("the limit is {limit} N·m; wanted more than 0")));
+    }
+    if field.elastic.is_some() {
+        progress.note("the field's springs are asked, not its elastic body");
+    }
     let mut config = MapperConfig::of(EstimatorKind::Map);
     (config.lattice, config.contact) = (field.lattice.clone(), field.contact.clone());
     config.touch.gravity = Gravity::Removed;
@@ -78,7 +97,8 @@ pub fn next(
     let _bar = progress.begin(None, "motions", "judging");
     let fault = |error| fault(&recorded, error, String::new());
     let tracked = Tracked::new(arm, &config, &motions, &stop).map_err(fault)?;
-    let judge = NextTouch::new(&tracked, field, untouched_std_n_per_m(saved));
+    let stds = (untouched_std_n_per_m(saved), torque_std_n_m(saved));
+    let judge = NextTouch::new(&tracked, field, stds);
     let count = candidates.len();
     let name = |motion: usize| tracked.touches[motion].name.clone();
     let (mut able, mut beyond_limit, mut touch_nothing) = (Vec::new(), Vec::new(), Vec::new());
@@ -86,14 +106,15 @@ pub fn next(
         let torque = judge.torque_n_m(motion)[1];
         if tracked.touches[motion].frames_in_contact() == 0 {
             touch_nothing.push(name(motion));
-        } else if request.limit_n_m.is_some_and(|limit| torque > limit) {
-            beyond_limit.push((name(motion), torque));
+        } else if !request.limit_n_m.is_none_or(|limit| torque <= limit) {
+            beyond_limit.push(BeyondLimit { name: name(motion), with_band_n_m: torque });
         } else {
             able.push(motion);
         }
     }
     let of_motions = if task.is_empty() { 0..count } else { count..recorded.len() };
-    let task = request.box_m.map_or(Task::Motions(of_motions.collect()), Task::Box);
+    let corners = request.box_m.map(sorted);
+    let task = corners.map_or(Task::Motions(of_motions.collect()), Task::Box);
     let ranked = judge.rank((&able, request.count), &task, request.criterion, &stop);
     let named = |proposal: Proposal| Named {
         name: name(proposal.motion),
@@ -105,11 +126,23 @@ pub fn next(
     Ok(Proposals { proposals, beyond_limit, touch_nothing })
 }
 
+/// The lowest and the highest corner of a box, given two opposite ones.
+pub(crate) fn sorted([a, b]: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
+    let corner = |of: fn(f64, f64) -> f64| [0, 1, 2].map(|axis| of(a[axis], b[axis]));
+    [corner(f64::min), corner(f64::max)]
+}
+
 /// The motion without its torques.
 fn planned(touch: Touch) -> Touch {
     let still =
         |sample: Sample| Sample::new(sample.time_s, sample.q.clone(), vec![0.0; sample.q.len()]);
     Touch { samples: touch.samples.into_iter().map(still).collect(), ..touch }
+}
+
+/// Standard deviation of a measured torque, N·m: what the field was learnt with, the largest joint's.
+fn torque_std_n_m(saved: &Saved) -> f64 {
+    let own = saved.snapshot.as_ref().map(|snapshot| &snapshot.config.estimator.torque_std);
+    own.map_or(0.2, |own| own.iter().copied().fold(f64::MIN_POSITIVE, f64::max))
 }
 
 /// Standard deviation of cells that the field does not know, N/m: without bands and memory, that of its least known one.

@@ -1,5 +1,6 @@
 //! What a field holds, for people.
 
+use palpate_work::forget::listed;
 use palpate_work::inspect::field::{FieldFacts, LatticeFacts, OwnFacts};
 use palpate_work::inspect::{counted, number, word};
 use palpate_work::touched::point;
@@ -70,7 +71,7 @@ fn own(own: &OwnFacts) -> String {
         counted(memory.touches as usize, "touch")
     );
     text += &fact("memory", &frames);
-    text + &fact("", &format!("touches: {}", memory.remembered.join(", ")))
+    text + &fact("", &format!("touches: {}", listed(&memory.remembered)))
 }
 
 /// Points and box.

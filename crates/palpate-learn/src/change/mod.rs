@@ -24,21 +24,23 @@ use crate::error::{LearnError, Stop};
 use crate::tracked::{Tracked, TrackedFrame};
 use moved::{Motion, Sampler};
 
-/// The share of contacts that the field must know; and for a judgement from touches that it foretells in part.
+/// The share of contacts that the field must know; and that it must know of touches that it predicts in part.
 const LEAST_KNOWN: f64 = 0.1;
 const MOSTLY_KNOWN: f64 = 0.6;
-/// The best factor of a field that foretells nothing of a touch, at most.
-const FORETELLS_NOTHING: f64 = 0.25;
+/// The best factor of a field that predicts nothing of a touch, at most.
+const PREDICTS_NOTHING: f64 = 0.25;
 /// Of the squared error beyond noise, what a factor may leave of it.
 const LEAVES: f64 = 0.5;
 /// Of what the best factor leaves, what a motion may leave.
 const LEAVES_MOVED: f64 = 0.9;
+/// Held-out touches of which misfits are known, at least.
+const FEWEST: usize = 3;
 /// Frames of a touch by which motions are compared, about.
 const FRAMES: usize = 100;
 
 /// What has changed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "word", rename_all = "lowercase")]
+#[serde(tag = "change", rename_all = "lowercase")]
 pub enum Change {
     /// Nothing that these touches tell.
     Unchanged,
@@ -70,11 +72,22 @@ pub struct Comparison {
     /// What has changed.
     #[serde(flatten)]
     pub change: Change,
-    /// Relative to measured torques, root mean squares: the error as the field is, with the best factor, and with the
-    /// best motion; the latter two only of touches that contradict it.
-    pub error: [Option<f64>; 3],
+    /// Its errors.
+    pub error: RelativeErrors,
     /// Where torques were outside of their bands.
     pub place: Option<Place>,
+}
+
+/// Errors relative to those of predicting zero, root mean squares over frames in contact; `None` without torques, and
+/// of the latter two where nothing contradicts the field.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RelativeErrors {
+    /// Of the field.
+    pub field: Option<f64>,
+    /// With the best factor in the touches that contradict it.
+    pub scaled: Option<f64>,
+    /// After the best motion.
+    pub moved: Option<f64>,
 }
 
 /// Where the object contradicts the field: the touched cells of frames outside of their bands, by what the field expects
@@ -104,7 +117,7 @@ pub fn compare(
     let calibration = field
         .calibration
         .as_ref()
-        .filter(|own| own.misfits.len() > 1 && own.check(tracked.n_joints).is_ok());
+        .filter(|own| own.misfits.len() >= FEWEST && own.check(tracked.n_joints).is_ok());
     let beside = Beside::of(tracked, field, calibration.ok_or(LearnError::NoBands)?);
     let all: Vec<usize> = (0..tracked.touches.len()).collect();
     let each = all.iter().map(|touch| beside.compare(&[*touch], stop));
@@ -151,11 +164,11 @@ impl<'a> Beside<'a> {
             known,
             contradiction,
             change: Change::Unchanged,
-            error: [sums.relative(sums.error), None, None],
+            error: RelativeErrors { field: sums.relative(sums.error), scaled: None, moved: None },
             place: None,
         };
-        let foretells = sums.scaled().0 > FORETELLS_NOTHING;
-        if known < LEAST_KNOWN || (contradiction > 1.0 && known < MOSTLY_KNOWN && foretells) {
+        let predicts = sums.scaled().0 > PREDICTS_NOTHING;
+        if known < LEAST_KNOWN || (contradiction > 1.0 && known < MOSTLY_KNOWN && predicts) {
             comparison.change = Change::Unknown;
         } else if contradiction > 1.0 {
             let every = (frames().count() / (FRAMES * touches.len())).max(1);
@@ -175,8 +188,8 @@ impl<'a> Beside<'a> {
             let scaled = left + sums.error - own.error;
             let fits = sums.change((motion, moved), (factor, scaled), known >= MOSTLY_KNOWN);
             comparison.change = fits;
-            comparison.error[1] = sums.relative(scaled);
-            comparison.error[2] = sums.relative(moved);
+            comparison.error.scaled = sums.relative(scaled);
+            comparison.error.moved = sums.relative(moved);
             comparison.place = self.place(frames().zip(predicted.iter().flatten()));
         }
         Ok(comparison)

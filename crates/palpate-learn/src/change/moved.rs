@@ -37,6 +37,12 @@ pub struct Motion {
 }
 
 impl Motion {
+    /// Whether it lies on the border of the search, so that it may be longer.
+    pub fn is_least(&self) -> bool {
+        let [x, y, _] = self.shift_m;
+        x.hypot(y) > 0.97 * FARTHEST_M || self.turn_rad.abs() > 0.97 * LARGEST_TURN
+    }
+
     /// Where a point was before.
     fn back(&self, point: &Point3<f64>) -> Point3<f64> {
         let about = Vector2::from(self.about_m);

@@ -488,7 +488,7 @@ class Field:
         """The field as if some of its touches had never been, as `palpate forget` makes it.
 
         Those of the names or numbers (such as "#3") in `touches`, those before the last `older_than`, and those that touched
-        a point between two corners, `box`, m. Raises FileError if the field has no memory, or not all others can be learnt
+        a point between two corners, `box`, m. Raises PalpateError if the field has no memory, or not all others can be learnt
         again.
         """
     def __len__(self) -> int: ...

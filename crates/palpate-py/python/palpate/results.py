@@ -123,6 +123,16 @@ class Place(TypedDict):
     cells: int
 
 
+class RelativeErrors(TypedDict):
+    """Errors relative to those of predicting zero."""
+
+    field: float | None
+    scaled: float | None
+    """With the best factor in the touches that contradict the field; None where none does."""
+    moved: float | None
+    """After the best motion; None where nothing contradicts the field."""
+
+
 class Change(TypedDict, total=False):
     """How far it moved, or by what factor it is softer or harder."""
 
@@ -136,14 +146,13 @@ class Change(TypedDict, total=False):
 class Comparison(Change):
     """Touches beside a field, as `palpate compare --json` tells it."""
 
-    word: str
+    change: str
     """"unchanged", "moved", "softer", "harder", "other", or "unknown" if the field knows little of what was touched."""
     known: float
     """Share of the contacts that the field knows."""
     contradiction: float
     """Above 1 the touches contradict the field."""
-    error: list[float | None]
-    """Relative to predicting zero: of the field, times the best factor, and moved by the best motion."""
+    error: RelativeErrors
     place: Place | None
 
 
@@ -174,16 +183,24 @@ class Proposal(TypedDict):
     """What it teaches by itself, after those before it."""
     unknown: float
     """Share of what it touches that the field does not know."""
-    torque_n_m: list[float]
-    """Largest torque of a joint that the field predicts, and with its band."""
+    torque_n_m: float
+    """Largest torque of a joint that the field predicts."""
+    with_band_n_m: float
+    """The same with its band, or twice the springs' standard deviation."""
+
+
+class BeyondLimit(TypedDict):
+    """A motion that may pass the limit."""
+
+    name: str
+    with_band_n_m: float
 
 
 class Proposals(TypedDict):
     """What `Field.next` found, as `palpate next --json` tells it."""
 
     proposals: list[Proposal]
-    beyond_limit: list[tuple[str, float]]
-    """Names of motions that may pass the limit, and their largest torque, band and all, N·m."""
+    beyond_limit: list[BeyondLimit]
     touch_nothing: list[str]
 
 

@@ -214,7 +214,9 @@ impl Mapper {
     /// ([`Calibration::at`]).
     #[must_use]
     pub fn with_band(mut self, level: f64) -> Option<Self> {
-        self.calibration.as_ref()?.at(level)?;
+        let n_joints = self.tracker.arm().robot.n_joints();
+        let calibration = self.calibration.as_ref().filter(|own| own.check(n_joints).is_ok())?;
+        calibration.at(level)?;
         self.band = Some(level);
         Some(self)
     }

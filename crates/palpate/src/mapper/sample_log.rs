@@ -90,11 +90,6 @@ impl SampleLog {
         self.learnt.insert(frame.touch);
     }
 
-    /// Touches that were learnt from and whose samples are gone.
-    pub(super) fn gone(&self) -> u32 {
-        self.gone
-    }
-
     /// Touches begun so far.
     pub(super) fn begun(&self) -> u32 {
         self.begun
@@ -121,6 +116,7 @@ impl SampleLog {
             self.gone += u32::from(!keep && !touch.lost && self.learnt.contains(&touch.touch));
             keep
         });
+        self.learnt.retain(|touch| needed.contains(touch));
     }
 
     /// Logs a sample of the touch under way and returns its identity.
@@ -175,14 +171,23 @@ impl SampleLog {
     }
 
     /// The touches that these remembered frames need, and the last one if it is still under way: a touch
-    /// that could not be tared is over before it is ended.
-    pub(super) fn needed_by(&self, remembered: &[FrameId], under_way: bool) -> Vec<LoggedTouch> {
+    /// that could not be tared is over before it is ended; and how many touches that were learnt from are then gone.
+    pub(super) fn needed_by(
+        &self,
+        remembered: &[FrameId],
+        under_way: bool,
+    ) -> (Vec<LoggedTouch>, u32) {
         let needed = touches_of(remembered);
         let is_open = |touch: &LoggedTouch| touch.open && under_way;
         let keep =
             |touch: &&LoggedTouch| !touch.lost && (is_open(touch) || needed.contains(&touch.touch));
         let kept = self.touches.iter().filter(keep);
-        kept.map(|touch| LoggedTouch { open: is_open(touch), ..touch.clone() }).collect()
+        let kept =
+            kept.map(|touch| LoggedTouch { open: is_open(touch), ..touch.clone() }).collect();
+        let goes = |touch: &&LoggedTouch| {
+            !keep(touch) && !touch.lost && self.learnt.contains(&touch.touch)
+        };
+        (kept, self.gone + self.touches.iter().filter(goes).count() as u32)
     }
 }
 

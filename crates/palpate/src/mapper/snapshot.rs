@@ -72,15 +72,16 @@ impl Mapper {
         state.remembered.retain(|frame| !self.log.is_lost(frame.id.touch));
         let remembered: Vec<FrameId> = state.remembered.iter().map(|frame| frame.id).collect();
         let arm = self.tracker.arm();
+        let (sample_log, gone) = self.log.needed_by(&remembered, self.tracker.is_in_touch());
         Snapshot {
             config: self.config.clone(),
             robot: (arm.robot.name().to_owned(), arm.fingerprint()),
             n_joints: arm.robot.n_joints(),
             cells: self.observations.rows().cells().to_vec(),
             prior_means_n_per_m: self.prior_means_n_per_m.clone(),
-            sample_log: self.log.needed_by(&remembered, self.tracker.is_in_touch()),
+            sample_log,
             touches: self.log.begun(),
-            gone: self.log.gone(),
+            gone,
             calibration: self.calibration.clone(),
             state,
         }
