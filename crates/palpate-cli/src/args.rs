@@ -91,6 +91,11 @@ pub(crate) fn number_in(
     }
 }
 
+/// Two corners of a box from six numbers.
+pub(crate) fn corners(given: &[f64]) -> [[f64; 3]; 2] {
+    [0, 3].map(|start| [0, 1, 2].map(|axis| given[start + axis]))
+}
+
 /// Prints a shell's completions.
 pub(crate) fn completions(shell: Shell, output: &Output) -> Result<(), CliError> {
     let mut script = Vec::new();

@@ -8,29 +8,25 @@ use palpate_learn::change::{Change, Comparison};
 use palpate_work::change::{Report, compare};
 
 use crate::error::CliError;
+use crate::interrupt;
 use crate::output::{Output, figure, table};
 use crate::place::{self, Places};
-use crate::predict::tell_other_robot;
+use crate::predict::open_beside;
 use crate::settings::RobotAndLogSettings;
-use crate::{interrupt, logs};
 
 const NOTES: &str = "Examples:
   palpate compare field.npz recordings/today
   palpate compare field.npz today/ --moved moved.npz
 
 A touch contradicts the field if it fits worse than the touches that `palpate map` held out to calibrate the field's
-bands, beyond what one unchanged touch in forty does. `contradiction` is its misfit divided by that limit. Of touches
-above 1, the change is the simplest that explains most of their error: the object has moved (searched are shifts of up to
-6 cm over the ground and 2 cm up or down, and turns about the vertical of up to 17°), or is softer or harder where it was
-touched; otherwise it is another object, or changed in another way. Where the field knows less than 10 % of what was
-touched, or less than 60 % and the touches contradict it, nothing is said. Every touch is compared alone, and all of them
-together.
+bands. `contradiction` is its misfit divided by a limit that one unchanged touch in forty passes. Above 1, the change is
+the simplest one that explains most of the error: the object has moved (up to 6 cm over the ground, 2 cm up or down, and
+17° about the vertical), or it is softer or harder. Otherwise it is another object, or changed in another way. Nothing is
+said if the field knows less than 10 % of what was touched, or less than 60 % and the touches contradict it. Each touch is
+compared alone, and all of them together.
 
-It works where touches repeat motions that the field has learned. Touches all over an object fit a field badly anyway, so
-that few changes show.
-
-Touches that an arm makes the same way tell a motion from a change of stiffness badly; two from different sides tell it
-well.";
+Use it where touches repeat motions that the field has learned: touches all over an object fit its field badly anyway, so
+few changes show. Touches from one direction hardly tell a shift away from the arm from a softer object.";
 
 /// Flags of `palpate compare`.
 #[derive(Debug, clap::Args)]
@@ -42,7 +38,7 @@ pub(crate) struct Args {
     /// Logs of the new touches
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Where the field goes with the object moved as the touches say; written only if it has
+    /// Where the field after the motion of the object goes; written only if the object has moved
     #[arg(long, value_name = "FILE.npz")]
     moved: Option<PathBuf>,
     /// Print the comparison as JSON
@@ -60,12 +56,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     places.output("the moved field (--moved)", args.moved.as_deref())?;
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
-    let (touches, arm) =
-        logs::open(&args.logs, &mut settings, logs::IfUndecided::LeaveOpen, output)?;
-    tell_other_robot(&saved, &arm, output);
-    let touch = settings.torque_beside_field(&saved.field.touch)?;
-    let place = (saved.field.lattice.clone(), saved.field.contact.clone());
-    let touches = touches.for_arm(&arm, &settings.log, place)?;
+    let (touches, arm, touch) = open_beside(&saved, &args.logs, &mut settings, output)?;
     let report = compare(&arm, &saved.field, touch, touches, output)?;
     if let Some(path) = &args.moved {
         match report.together.change {
@@ -98,8 +89,8 @@ fn text(report: &Report) -> String {
         rows.push(row("together", &report.together));
     }
     format!(
-        "Touches beside the field. Contradiction: above 1 they do not fit it. Errors are relative to \
-         predicting zero:\nof the field, of its torques times the best factor, and of the field moved.\n\n{}",
+        "Contradiction: above 1 the touches do not fit the field. Errors are relative to predicting \
+         zero:\nof the field, of its torques times the best factor, and of the field after the best motion.\n\n{}",
         table(&header, rows)
     )
 }

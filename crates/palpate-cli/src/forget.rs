@@ -9,6 +9,7 @@ use palpate_work::held_joints::of_field;
 use palpate_work::robot;
 use serde_json::json;
 
+use crate::args::corners;
 use crate::error::CliError;
 use crate::interrupt;
 use crate::output::{Output, seconds};
@@ -62,11 +63,6 @@ impl Args {
         let corners = self.touched_box.as_deref().map(corners);
         Which { names: self.touch.clone(), older_than: self.older_than, touched_box_m: corners }
     }
-}
-
-/// Two corners from six numbers.
-pub(crate) fn corners(given: &[f64]) -> [[f64; 3]; 2] {
-    [0, 3].map(|start| [0, 1, 2].map(|axis| given[start + axis]))
 }
 
 /// Forgets touches of a field.

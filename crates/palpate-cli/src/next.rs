@@ -12,9 +12,8 @@ use palpate_work::next::{Proposals, Request, next};
 use palpate_work::robot;
 use palpate_work::touches::{RecordedTouch, Touches};
 
-use crate::args::number_in;
+use crate::args::{corners, number_in};
 use crate::error::CliError;
-use crate::forget::corners;
 use crate::output::{Output, table};
 use crate::place::{self, Places};
 use crate::predict::tell_other_robot;
@@ -25,16 +24,15 @@ const NOTES: &str = "Examples:
   palpate next field.npz --candidates planned/ --task reach.csv -o best.csv
   palpate next field.npz --candidates recordings/ --box 0.3 -0.1 0.4 0.5 0.1 0.6 --limit 8
 
-A candidate is a log of any kind, of which only the joint positions count; a CSV needs no torques. Each proposal is the
-one that leaves least variance of what the task asks for, after those before it: of the torques of the --task motions, of
-the stiffness in the --box, or else of the torques of all candidates. `left` is the share of the variance that is left
-then. --by information takes what a motion teaches of all that it presses, whatever the task.
+A candidate is a log of any format, of which only the joint positions count; a CSV needs no torques. Each proposal is the
+motion that leaves least variance of the task, after those before it. The task is the torques of the --task motions, the
+stiffness in the --box, or else the torques of all candidates. `left` is the share of the variance that is left then.
+--by information ranks by what a motion teaches about all cells that it touches, whatever the task, in nats (one nat: a
+quantity is known e times better).
 
---limit leaves out motions whose predicted torque may pass it at a joint: with the band for largest torques (90 %, or the
-field's highest level below), or with twice the springs' standard deviation if the field has no bands. What the field
-does not know may be stiffer than any band says, and limits of joints are not looked at.
-
-Information is in nats: a quantity that is known e times more closely is one.";
+--limit leaves out motions whose predicted torque may pass it at a joint. The band for largest torques is added to the
+prediction (at 90 %, or the field's highest level if that is lower), or twice the standard deviation of the springs if
+the field has no bands. What the field does not know may be stiffer. Limits of the joints are not checked.";
 
 /// Flags of `palpate next`.
 #[derive(Debug, clap::Args)]

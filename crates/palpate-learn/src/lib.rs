@@ -31,6 +31,7 @@ pub mod evaluate;
 pub mod evaluation;
 pub mod excite;
 pub mod extrapolate;
+mod field_rows;
 pub mod folds;
 pub mod identify;
 pub mod method;

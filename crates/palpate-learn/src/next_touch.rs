@@ -14,13 +14,14 @@
 //! is a box): after c it is `G − G_c (G_cc + σ² I)⁻¹ G_cᵀ`. The bound K ≥ 0 is not known to it.
 
 use nalgebra::{Cholesky, DMatrix};
-use palpate::unstable::{Cell, CellRows};
-use palpate::{CellEstimate, Field};
+use palpate::Field;
+use palpate::unstable::Cell;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::calibrate::PredictedFrame;
 use crate::error::{LearnError, Stop, unless_stopped};
+use crate::field_rows::FieldRows;
 use crate::tracked::{Tracked, TrackedFrame};
 
 /// Rows of the Gram matrix that frames take, about.
@@ -72,8 +73,7 @@ pub struct Proposal {
 pub struct NextTouch<'a> {
     tracked: &'a Tracked,
     field: &'a Field,
-    estimates: Vec<CellEstimate>,
-    cells: Vec<Cell>,
+    rows: FieldRows,
     torque_std: f64,
 }
 
@@ -86,12 +86,8 @@ impl<'a> NextTouch<'a> {
         field: &'a Field,
         (untouched_std_n_per_m, torque_std): (f64, f64),
     ) -> Self {
-        let rows = CellRows::of(field.lattice.clone(), &field.cells);
-        let known = tracked.cells.iter().map(|cell| rows.find(*cell));
-        let estimates: Vec<CellEstimate> =
-            known.map(|row| field.estimate(row, untouched_std_n_per_m)).collect();
-        let cells = tracked.with_stiffness(|row| estimates[row].stiffness_n_per_m);
-        Self { tracked, field, estimates, cells, torque_std }
+        let rows = FieldRows::of(tracked, field, untouched_std_n_per_m);
+        Self { tracked, field, rows, torque_std }
     }
 
     /// Largest torque of a joint along a motion: predicted, and with the band for largest torques at the field's default
@@ -100,8 +96,7 @@ impl<'a> NextTouch<'a> {
         let calibration = self.field.calibration.as_ref();
         let calibration = calibration.filter(|own| own.check(self.tracked.n_joints).is_ok());
         let at = |frame: &TrackedFrame| {
-            let PredictedFrame { torque, torque_std, .. } =
-                PredictedFrame::of(frame, &self.cells, |row| self.estimates[row].std_n_per_m);
+            let PredictedFrame { torque, torque_std, .. } = self.rows.predicted(frame);
             let widths: Vec<f64> = match calibration.and_then(|own| own.at(own.default_level())) {
                 Some(q) => {
                     let scale = calibration.map(|own| own.scale(&torque, &torque_std));
@@ -113,15 +108,6 @@ impl<'a> NextTouch<'a> {
             each.fold([0.0; 2], largest)
         };
         self.tracked.touches[motion].in_contact().map(at).fold([0.0; 2], largest)
-    }
-
-    fn unknown(&self, motion: usize) -> f64 {
-        let frames = self.tracked.touches[motion].in_contact();
-        let rows = frames.flat_map(|frame| frame.observation.rows());
-        let [all, unknown] = rows.fold([0.0; 2], |[all, unknown], row| {
-            [all + 1.0, unknown + f64::from(self.estimates[row].count == 0)]
-        });
-        if all > 0.0 { unknown / all } else { 0.0 }
     }
 
     /// The best `count` of the candidates in their order, each after those before it. Candidates that touch nothing are
@@ -137,7 +123,8 @@ impl<'a> NextTouch<'a> {
         criterion: Criterion,
         stop: Stop<'_>,
     ) -> Result<Vec<Proposal>, LearnError> {
-        let mut frames = Frames::of(self.tracked, self.estimates.iter().map(|own| own.std_n_per_m));
+        let mut frames =
+            Frames::of(self.tracked, self.rows.estimates.iter().map(|own| own.std_n_per_m));
         let of_task = frames.task(self.tracked, task);
         let mut gram = frames.gram(stop)?;
         let variance =
@@ -169,7 +156,7 @@ impl<'a> NextTouch<'a> {
                 motion,
                 variance_left: (variance(&gram) / before).clamp(0.0, 1.0),
                 information_nats: judged[best].information_nats,
-                unknown: self.unknown(motion),
+                unknown: 1.0 - self.rows.known(self.tracked.touches[motion].in_contact()),
                 torque_n_m,
                 with_band_n_m,
             });

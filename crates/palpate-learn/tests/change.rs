@@ -1,36 +1,20 @@
 //! Torques of a field that was changed on purpose are told apart by what was changed.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
-use std::sync::Arc;
+mod common;
 
 use palpate::unstable::{Cell, Stiffness};
-use palpate::{BandQuantiles, Calibration, EstimatorKind, Field, MapperConfig, Sample};
-use palpate_io::log::{self, LogEvent, LogOptions};
-use palpate_io::robot_files::{ArmOptions, load_arm};
+use palpate::{BandQuantiles, Calibration, EstimatorKind, Field, MapperConfig};
 use palpate_learn::LearnError;
 use palpate_learn::change::moved::{Motion, moved};
 use palpate_learn::change::{Change, compare};
-use palpate_learn::tracked::{Touch, Tracked};
+use palpate_learn::tracked::Tracked;
 
 const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
-const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../data/plant_a");
 
 fn tracked() -> Tracked {
-    let arm = Arc::new(load_arm("kinova_gen3", &ArmOptions::default()).unwrap().arm);
-    let read = |number: usize| {
-        let name = format!("seq_{number:03}");
-        let log = log::open(&std::path::Path::new(DATA).join(&name), &LogOptions::default());
-        let samples: Vec<Sample> = (log.unwrap())
-            .filter_map(|event| match event.unwrap() {
-                LogEvent::Sample(sample) => Some(sample),
-                LogEvent::TouchStarts { .. } => None,
-            })
-            .collect();
-        Touch { name, samples, truth: None }
-    };
-    let touches = [2, 8].map(read);
     let config = MapperConfig::of(EstimatorKind::Map);
-    Tracked::new(&arm, &config, &touches, NEVER).unwrap().thinned(4)
+    Tracked::new(&common::arm(), &config, &common::touches(&[2, 8]), NEVER).unwrap().thinned(4)
 }
 
 /// Stiffness of a place, N/m: three lumps around the middle of the touched cells.

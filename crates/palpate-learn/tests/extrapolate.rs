@@ -1,43 +1,28 @@
 //! What was touched is carried over to what was only seen as torques, colours and places say.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
-use std::sync::Arc;
+mod common;
 
 use nalgebra::Point3;
-use palpate::{EstimatorKind as Estimator, Field, MapperConfig, Sample};
+use palpate::{EstimatorKind as Estimator, Field, MapperConfig};
 use palpate_io::cloud;
-use palpate_io::log::{self, LogEvent, LogOptions};
-use palpate_io::robot_files::{ArmOptions, load_arm};
 use palpate_learn::extrapolate::compare::{CompareError, Plan};
 use palpate_learn::extrapolate::{
     Config, ExtrapolateError, Method, SeenCloud, area_under_roc, extrapolate, spearman,
 };
-use palpate_learn::tracked::{Touch, Tracked};
+use palpate_learn::tracked::Tracked;
 
 const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
-const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../data/plant_a");
 
 /// Some of the bundled touches, every so-manyth frame kept.
 fn tracked(touches: &[usize], every: usize) -> Tracked {
-    let arm = Arc::new(load_arm("kinova_gen3", &ArmOptions::default()).unwrap().arm);
-    let read = |number: &usize| {
-        let name = format!("seq_{number:03}");
-        let log = log::open(&std::path::Path::new(DATA).join(&name), &LogOptions::default());
-        let samples: Vec<Sample> = (log.unwrap())
-            .filter_map(|event| match event.unwrap() {
-                LogEvent::Sample(sample) => Some(sample),
-                LogEvent::TouchStarts { .. } => None,
-            })
-            .collect();
-        Touch { name, samples, truth: None }
-    };
-    let touches: Vec<Touch> = touches.iter().map(read).collect();
     let config = MapperConfig::of(Estimator::Map);
-    Tracked::new(&arm, &config, &touches, NEVER).unwrap().thinned(every)
+    let touches = common::touches(touches);
+    Tracked::new(&common::arm(), &config, &touches, NEVER).unwrap().thinned(every)
 }
 
 fn object() -> SeenCloud {
-    let reading = cloud::read(&std::path::Path::new(DATA).join("object.ply")).unwrap();
+    let reading = cloud::read(&std::path::Path::new(common::DATA).join("object.ply")).unwrap();
     SeenCloud::new(reading.cloud.points(), reading.cloud.colours().unwrap()).unwrap()
 }
 
@@ -122,7 +107,7 @@ fn wood_is_told_from_leaf_on_the_bundled_touches() {
     let (seen, felt) = (object(), tracked(&(0..11).collect::<Vec<_>>(), 2));
     let found =
         extrapolate(&seen, &field(&felt, |_| 0.0), Some(&felt), &Config::default()).unwrap();
-    let truth = std::path::Path::new(DATA).join("truth");
+    let truth = std::path::Path::new(common::DATA).join("truth");
     let truth = cloud::read_point_truth(&truth, seen.len()).unwrap();
     let untouched: Vec<usize> = (0..seen.len()).filter(|&point| !found.touched[point]).collect();
     assert!(untouched.len() > seen.len() / 2, "{}", untouched.len());

@@ -1,39 +1,27 @@
 //! What a motion would teach is what a Kalman filter would have learnt from it.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
-use std::sync::Arc;
+mod common;
 
 use nalgebra::DMatrix;
 use palpate::unstable::Cell;
 use palpate::{EstimatorKind, Field, Gravity, MapperConfig, Sample, Tare};
-use palpate_io::log::{self, LogEvent, LogOptions};
-use palpate_io::robot_files::{ArmOptions, load_arm};
 use palpate_learn::LearnError;
 use palpate_learn::next_touch::{Criterion, NextTouch, Task};
-use palpate_learn::tracked::{Touch, Tracked};
+use palpate_learn::tracked::Tracked;
 
 const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
-const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../data/plant_a");
 const STD_N_PER_M: f64 = 1.5;
 
 /// Some frames of bundled touches as motions that were only planned; a number that comes twice is the same motion.
 fn motions(numbers: &[usize]) -> (Tracked, Field) {
-    let arm = Arc::new(load_arm("kinova_gen3", &ArmOptions::default()).unwrap().arm);
-    let read = |number: &usize| {
-        let name = format!("seq_{number:03}");
-        let log = log::open(&std::path::Path::new(DATA).join(&name), &LogOptions::default());
-        let samples: Vec<Sample> = (log.unwrap())
-            .filter_map(|event| match event.unwrap() {
-                LogEvent::Sample(sample) => Some(Sample::new(None, sample.q, vec![0.0; 7])),
-                LogEvent::TouchStarts { .. } => None,
-            })
-            .collect();
-        Touch { name, samples, truth: None }
-    };
-    let touches: Vec<Touch> = numbers.iter().map(read).collect();
+    let mut touches = common::touches(numbers);
+    for sample in touches.iter_mut().flat_map(|touch| &mut touch.samples) {
+        *sample = Sample::new(None, sample.q.clone(), vec![0.0; 7]);
+    }
     let mut config = MapperConfig::of(EstimatorKind::Map);
     (config.touch.gravity, config.touch.tare) = (Gravity::Removed, Tare::None);
-    let tracked = Tracked::new(&arm, &config, &touches, NEVER).unwrap().thinned(80);
+    let tracked = Tracked::new(&common::arm(), &config, &touches, NEVER).unwrap().thinned(80);
     let field = Field::new(tracked.lattice.clone(), config.contact, config.touch, 0.0);
     (tracked, field)
 }

@@ -7,9 +7,9 @@ use palpate::{Arm, Field, Mapper, Predictor};
 use palpate_io::field::Saved;
 
 use crate::error::WorkError;
-use crate::next::sorted;
 use crate::progress::Progress;
 use crate::settings::SettingsError;
+use crate::touched::low_and_high;
 
 /// Which touches are forgotten: all that any of these means.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -88,7 +88,7 @@ pub fn forget(
         let older = log.len().saturating_sub(newest);
         forgotten[..older].fill(true);
     }
-    if let Some(corners) = which.touched_box_m.map(sorted) {
+    if let Some(corners) = which.touched_box_m.map(low_and_high) {
         for (touch, forgotten) in log.iter().zip(&mut forgotten) {
             *forgotten = *forgotten || touches(arm, field, (touch, snapshot.n_joints), corners)?;
         }

@@ -13,6 +13,7 @@ use crate::error::WorkError;
 use crate::evaluate::{as_touches, fault};
 use crate::progress::Progress;
 use crate::recorded::RecordedTouch;
+use crate::touched::low_and_high;
 
 /// What is asked for.
 #[derive(Debug, Clone, Default)]
@@ -113,7 +114,7 @@ pub fn next(
         }
     }
     let of_motions = if task.is_empty() { 0..count } else { count..recorded.len() };
-    let corners = request.box_m.map(sorted);
+    let corners = request.box_m.map(low_and_high);
     let task = corners.map_or(Task::Motions(of_motions.collect()), Task::Box);
     let ranked = judge.rank((&able, request.count), &task, request.criterion, &stop);
     let named = |proposal: Proposal| Named {
@@ -124,12 +125,6 @@ pub fn next(
     };
     let proposals = ranked.map_err(fault)?.into_iter().map(named).collect();
     Ok(Proposals { proposals, beyond_limit, touch_nothing })
-}
-
-/// The lowest and the highest corner of a box, given two opposite ones.
-pub(crate) fn sorted([a, b]: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
-    let corner = |of: fn(f64, f64) -> f64| [0, 1, 2].map(|axis| of(a[axis], b[axis]));
-    [corner(f64::min), corner(f64::max)]
 }
 
 /// The motion without its torques.

@@ -89,3 +89,9 @@ impl FromIterator<usize> for Touched {
 pub fn point([x, y, z]: [f64; 3]) -> String {
     format!("({x:.3}, {y:.3}, {z:.3})")
 }
+
+/// The lowest and the highest corner of a box, given two opposite ones.
+pub(crate) fn low_and_high([a, b]: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
+    let corner = |of: fn(f64, f64) -> f64| [0, 1, 2].map(|axis| of(a[axis], b[axis]));
+    [corner(f64::min), corner(f64::max)]
+}

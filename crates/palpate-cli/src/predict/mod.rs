@@ -9,10 +9,11 @@ mod report;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::Arm;
+use palpate::{Arm, ExternalTorqueConfig};
 use palpate_io::field::{self, Saved};
 use palpate_work::predict::{Against, score};
 use palpate_work::scored::{Report, tell_oddities};
+use palpate_work::touches::Touches;
 
 use crate::error::CliError;
 use crate::output::Output;
@@ -84,14 +85,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let picture = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
-    let (touches, arm) =
-        logs::open(&args.logs, &mut settings, logs::IfUndecided::LeaveOpen, output)?;
-    tell_other_robot(&saved, &arm, output);
-
-    let touch = settings.torque_beside_field(&saved.field.touch)?;
+    let (mut touches, arm, touch) = open_beside(&saved, &args.logs, &mut settings, output)?;
     let against = if args.truth { Against::Truth } else { Against::Measured };
-    let place = (saved.field.lattice.clone(), saved.field.contact.clone());
-    let mut touches = touches.for_arm(&arm, &settings.log, place)?;
     let results = score(&arm, &saved.field, touch, against, (&mut touches, output))?;
 
     if let (Some(path), Some(format)) = (&args.output, export) {
@@ -103,6 +98,20 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let report = Report::new(&results, (&saved.field, against));
     tell_oddities(&results, &saved.field, output);
     if args.json { output.json(&report) } else { output.result(&text(&report)) }
+}
+
+/// Opens logs that are held against a field, with their arm and what their torques mean.
+pub(crate) fn open_beside(
+    saved: &Saved,
+    logs: &[PathBuf],
+    settings: &mut Settings,
+    output: &Output,
+) -> Result<(Touches, Arc<Arm>, ExternalTorqueConfig), CliError> {
+    let (touches, arm) = logs::open(logs, settings, logs::IfUndecided::LeaveOpen, output)?;
+    tell_other_robot(saved, &arm, output);
+    let touch = settings.torque_beside_field(&saved.field.touch)?;
+    let place = (saved.field.lattice.clone(), saved.field.contact.clone());
+    Ok((touches.for_arm(&arm, &settings.log, place)?, arm, touch))
 }
 
 /// Notes that the field was learnt with another arm, which is allowed.

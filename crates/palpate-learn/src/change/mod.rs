@@ -15,12 +15,13 @@
 
 pub mod moved;
 
-use palpate::unstable::{Cell, CellRows, Observation};
-use palpate::{Calibration, CellEstimate, Field};
+use palpate::unstable::Observation;
+use palpate::{Calibration, Field};
 use serde::{Deserialize, Serialize};
 
 use crate::calibrate::{PredictedFrame, misfit};
 use crate::error::{LearnError, Stop};
+use crate::field_rows::FieldRows;
 use crate::tracked::{Tracked, TrackedFrame};
 use moved::{Motion, Sampler};
 
@@ -33,6 +34,8 @@ const PREDICTS_NOTHING: f64 = 0.25;
 const LEAVES: f64 = 0.5;
 /// Of what the best factor leaves, what a motion may leave.
 const LEAVES_MOVED: f64 = 0.9;
+/// No misfit counts as smaller.
+const LEAST_MISFIT: f64 = 1e-3;
 /// Held-out touches of which misfits are known, at least.
 const FEWEST: usize = 3;
 /// Frames of a touch by which motions are compared, about.
@@ -129,19 +132,13 @@ struct Beside<'a> {
     tracked: &'a Tracked,
     calibration: &'a Calibration,
     sampler: Sampler,
-    /// What the field says of the cells, by row.
-    estimates: Vec<CellEstimate>,
-    cells: Vec<Cell>,
+    rows: FieldRows,
 }
 
 impl<'a> Beside<'a> {
     fn of(tracked: &'a Tracked, field: &Field, calibration: &'a Calibration) -> Self {
-        let rows = CellRows::of(field.lattice.clone(), &field.cells);
-        let estimates: Vec<CellEstimate> = (tracked.cells.iter())
-            .map(|cell| field.estimate(rows.find(*cell), calibration.untouched_std_n_per_m))
-            .collect();
-        let cells = tracked.with_stiffness(|row| estimates[row].stiffness_n_per_m);
-        Self { tracked, calibration, sampler: Sampler::of(field), estimates, cells }
+        let rows = FieldRows::of(tracked, field, calibration.untouched_std_n_per_m);
+        Self { tracked, calibration, sampler: Sampler::of(field), rows }
     }
 
     fn compare(&self, touches: &[usize], stop: Stop<'_>) -> Result<Comparison, LearnError> {
@@ -149,15 +146,13 @@ impl<'a> Beside<'a> {
             let of = |touch: &usize| self.tracked.touches[*touch].in_contact();
             touches.iter().flat_map(of)
         };
-        let [mut all, mut known] = [0.0; 2];
-        for row in frames().flat_map(|frame| frame.observation.rows()) {
-            all += 1.0;
-            known += f64::from(self.estimates[row].count > 0);
-        }
-        let known = if all > 0.0 { known / all } else { 0.0 };
-        let predicted: Vec<Vec<PredictedFrame>> =
-            touches.iter().map(|touch| self.predicted(*touch)).collect();
-        let contradiction = self.contradiction(&predicted.concat(), touches.len());
+        let known = self.rows.known(frames());
+        let of_touch = |touch: &usize| {
+            let frames = self.tracked.touches[*touch].in_contact();
+            frames.map(|frame| self.rows.predicted(frame)).collect()
+        };
+        let predicted: Vec<Vec<PredictedFrame>> = touches.iter().map(of_touch).collect();
+        let contradiction = self.contradiction(&predicted);
         let noise = self.tracked.noise_std(touches).iter().map(|std| std * std).sum::<f64>();
         let sums = Sums::of(predicted.iter().flatten(), noise);
         let mut comparison = Comparison {
@@ -178,7 +173,8 @@ impl<'a> Beside<'a> {
             let moved = moved::error(self.tracked, &some, &self.sampler, motion)
                 * (frames().count() as f64 / some.len() as f64);
             // What is softer in one place leaves touches elsewhere as they were.
-            let changed = |own: &&Vec<PredictedFrame>| self.contradiction(own, 1) > 1.0;
+            let changed =
+                |own: &&Vec<PredictedFrame>| self.contradiction(std::slice::from_ref(own)) > 1.0;
             let some: Vec<&Vec<PredictedFrame>> = predicted.iter().filter(changed).collect();
             let own = match some.is_empty() {
                 true => Sums::of(predicted.iter().flatten(), noise),
@@ -195,18 +191,21 @@ impl<'a> Beside<'a> {
         Ok(comparison)
     }
 
-    /// The misfit of so many touches, over that which would contradict the field.
-    fn contradiction(&self, predicted: &[PredictedFrame], touches: usize) -> f64 {
-        misfit(self.calibration, predicted).map_or(0.0, |own| {
-            let limits = [0, 1].map(|kind| self.limit(kind, touches));
-            f64::max(own[0] / limits[0], own[1] / limits[1])
-        })
+    /// The misfit of touches, their geometric mean, over that which would contradict the field.
+    fn contradiction(&self, touches: &[Vec<PredictedFrame>]) -> f64 {
+        let misfits: Vec<[f64; 2]> =
+            touches.iter().filter_map(|touch| misfit(self.calibration, touch)).collect();
+        let of = |kind: usize| {
+            let logs = misfits.iter().map(|own| own[kind].max(LEAST_MISFIT).ln());
+            (logs.sum::<f64>() / misfits.len() as f64).exp() / self.limit(kind, misfits.len())
+        };
+        if misfits.is_empty() { 0.0 } else { f64::max(of(0), of(1)) }
     }
 
     /// The misfit of a kind that one in eighty groups of so many unchanged touches passes, if its logarithm is normal: a
     /// prediction limit from the held-out touches.
     fn limit(&self, kind: usize, touches: usize) -> f64 {
-        let logs = self.calibration.misfits.iter().map(|own| own[kind].max(1e-3).ln());
+        let logs = self.calibration.misfits.iter().map(|own| own[kind].max(LEAST_MISFIT).ln());
         let logs: Vec<f64> = logs.collect();
         let n = logs.len() as f64;
         let mean = logs.iter().sum::<f64>() / n;
@@ -215,24 +214,17 @@ impl<'a> Beside<'a> {
         (mean + student(n - 1.0) * std).exp()
     }
 
-    /// The frames of a touch that touch anything.
-    fn predicted(&self, touch: usize) -> Vec<PredictedFrame> {
-        let of =
-            |frame| PredictedFrame::of(frame, &self.cells, |row| self.estimates[row].std_n_per_m);
-        self.tracked.touches[touch].in_contact().map(of).collect()
-    }
-
     fn place<'f>(
         &self,
         frames: impl Iterator<Item = (&'f TrackedFrame, &'f PredictedFrame)>,
     ) -> Option<Place> {
         let q = self.calibration.at(self.calibration.default_level())?;
-        let mut weights = vec![0.0; self.cells.len()];
+        let mut weights = vec![0.0; self.rows.cells.len()];
         for (frame, predicted) in frames {
             let scale = self.calibration.scale(&predicted.torque, &predicted.torque_std);
             if predicted.errors().zip(&scale).any(|(error, scale)| error > q.frame * scale) {
                 for row in frame.observation.rows() {
-                    weights[row] += 1e-6 + self.estimates[row].stiffness_n_per_m;
+                    weights[row] += 1e-6 + self.rows.estimates[row].stiffness_n_per_m;
                 }
             }
         }
@@ -306,8 +298,8 @@ impl Sums {
     }
 }
 
-/// The quantile of Student's t that one in eighty is above, by the expansion of Abramowitz and Stegun (26.7.5); within 2 % from three degrees
-/// of freedom on.
+/// The quantile of Student's t that one in eighty is above, by the expansion of Abramowitz and Stegun (26.7.5); 6 % too
+/// small for two degrees of freedom, within 2 % from three on.
 fn student(freedom: f64) -> f64 {
     let z: f64 = 2.241_403;
     let terms = [

@@ -2,8 +2,8 @@
 //!
 //! A mapper keeps the samples of the touches that it remembers, and learning is a thousandth of the time that touching
 //! takes. So the other touches are learnt anew, in their order: stiffness, standard deviations, counts and memory are to
-//! the bit those of a mapper that never met the forgotten ones. [`crate::unstable::MapEstimator::forget`] takes back single frames that
-//! are still remembered, but neither their standard deviations nor what was condensed.
+//! the bit those of a mapper that never met the forgotten ones. [`crate::unstable::MapEstimator::forget`] takes back single
+//! frames that are still remembered, but neither their standard deviations nor what was condensed.
 
 use std::collections::HashSet;
 use std::sync::Arc;
