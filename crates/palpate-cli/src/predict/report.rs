@@ -46,8 +46,8 @@ pub(crate) fn bands(of: &str, coverage: &Coverage) -> String {
     });
     format!(
         "{of} ({}): they contain {} of the torques and {} of the joints' largest torques.\n\
-         By contact: {}. Mean half-width {:.3} N·m (a constant band that contains as many\n\
-         torques needs {:.3} N·m).\n",
+         By contact: {}.\n\
+         Mean half-width {:.3} N·m (a constant band that contains as many torques needs {:.3} N·m).\n",
         percent(coverage.level),
         percent(coverage.torque_share),
         percent(coverage.peak_share),
