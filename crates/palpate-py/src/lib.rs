@@ -7,6 +7,7 @@
 //! | `data`        | plain Python data from and to JSON and TOML                     |
 //! | `watch`       | long work with the GIL released, Ctrl-C and progress            |
 //! | `shared`      | what several Python threads may use, one at a time              |
+//! | `command`     | the command `palpate`, which the package installs as well       |
 //! | others        | one class or question each                                      |
 //!
 //! There is no logic here: what the command does as well is `palpate_work`'s. Shapes and dtypes are
@@ -15,6 +16,7 @@
 #![allow(clippy::needless_pass_by_value)] // arguments are made for each call
 
 mod array;
+mod command;
 mod data;
 mod elastic;
 mod error;
@@ -38,6 +40,7 @@ use pyo3::prelude::*;
 mod _palpate {
     #[pymodule_export]
     use crate::{
+        command::command,
         elastic::map_elastic,
         error::{FileError, LogError, PalpateError, PalpateWarning, SettingsError, TouchError},
         evaluate::{evaluate, summarised, tune},

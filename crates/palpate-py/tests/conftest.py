@@ -1,7 +1,6 @@
 """What the tests share: the bundled touches, the command, and a map that is made once."""
 
-import os
-import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -20,12 +19,8 @@ def plant() -> Path:
 
 @pytest.fixture(scope="session")
 def command() -> Path:
-    """The command `palpate`, built if it is not there."""
-    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    path = target / "release" / "palpate"
-    if not path.exists():
-        subprocess.run(["cargo", "build", "--release", "--locked"], cwd=ROOT, check=True)
-    return path
+    """The command `palpate` that the package installs."""
+    return Path(sys.executable).with_name("palpate")
 
 
 @pytest.fixture(scope="session")

@@ -19,7 +19,7 @@ use palpate_work::evaluate::{Keep, Work};
 
 use crate::error::CliError;
 use crate::output::Output;
-use crate::place;
+use crate::{place, program};
 
 /// The folder of the pieces.
 pub(super) struct Kept {
@@ -176,7 +176,7 @@ fn key(work: &Work<'_>) -> String {
 
 /// What computes: the version, and of a program that somebody builds day by day its file.
 fn program() -> impl Debug {
-    let file = std::env::current_exe().and_then(std::fs::metadata).ok();
+    let file = program::file().and_then(|path| std::fs::metadata(path).ok());
     let built = file.map(|file| (file.len(), file.modified().ok()));
     (env!("CARGO_PKG_VERSION"), built)
 }

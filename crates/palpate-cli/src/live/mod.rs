@@ -6,7 +6,6 @@ mod told;
 #[cfg(feature = "viewer")]
 mod viewer;
 
-use std::env::current_exe;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
@@ -33,7 +32,7 @@ use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
 #[cfg(not(feature = "viewer"))]
 use crate::view;
-use crate::{interrupt, logs, place};
+use crate::{interrupt, logs, place, program};
 use checker::Checker;
 use status::Shown;
 use told::Told;
@@ -294,9 +293,7 @@ impl Args {
 
 /// This program again, as the network process.
 fn network_command() -> Command {
-    // The file may have been replaced by another version, or be gone.
-    let itself = current_exe().ok().filter(|path| path.is_file());
-    let mut command = Command::new(itself.unwrap_or_else(|| "/proc/self/exe".into()));
+    let mut command = program::again();
     command.arg("live-network");
     command
 }

@@ -205,6 +205,13 @@ class TouchIterator:
     def __iter__(self) -> TouchIterator: ...
     def __next__(self) -> Touch: ...
 
+def command(arguments: Sequence[str], call: Sequence[str]) -> int:
+    """Runs the command `palpate` in this process, and returns its exit code.
+
+    `arguments`: the command's name and its arguments. `call`: how this process is started again,
+    without the arguments of the command.
+    """
+
 def open_log(path: _Path | Log | Sequence[_Path | Log], **options: Unpack[LogSettings]) -> Log:
     """Opens one or more logs, which are read as one.
 

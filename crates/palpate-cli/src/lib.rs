@@ -1,0 +1,126 @@
+//! The command `palpate`, as a function: the program of that name and the Python package call it.
+//!
+//! Each subcommand has its module, which parses nothing and prints only through [`output`];
+//! [`error`] says how a command may end. No panic reaches the user without an apology.
+
+mod args;
+mod bench;
+mod bundled;
+mod cloud_args;
+mod compare;
+mod convert;
+mod csv;
+mod demo;
+mod error;
+mod evaluate;
+#[cfg(test)]
+mod example;
+mod excite;
+mod extrapolate;
+mod extrapolation_view;
+mod forget;
+mod hull;
+mod identify;
+mod inspect;
+mod interrupt;
+mod live;
+mod logs;
+mod map;
+mod next;
+mod object_args;
+mod output;
+mod pace;
+mod picture;
+mod place;
+mod predict;
+mod program;
+mod report;
+mod settings;
+mod study;
+mod torque;
+mod tune;
+mod view;
+
+use std::ffi::OsString;
+
+use clap::Parser;
+use palpate_work::error::told;
+
+use args::{Cli, Command};
+use error::{CliError, exit_code};
+use output::{Output, complain};
+
+pub use program::Program;
+
+/// Does what the arguments say, the first of which is the command's own name, and returns its exit code.
+///
+/// It ends the process where they ask for help or cannot be read, and takes over panics and Ctrl-C: a process calls it
+/// once, and does nothing else.
+pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Program) -> u8 {
+    program.begin();
+    std::panic::set_hook(Box::new(apologise));
+    let cli = Cli::parse_from(arguments);
+    let output = Output { quiet: cli.quiet };
+    if let Some(gib) = cli.file_memory {
+        palpate_io::input::set_largest((gib * f64::from(1 << 30)) as u64);
+    }
+    match run(&cli.command, &output) {
+        Ok(()) => 0,
+        Err(error) => {
+            let code = exit_code(&error);
+            if code != 0 {
+                report(&error);
+            }
+            code
+        }
+    }
+}
+
+fn run(command: &Command, output: &Output) -> Result<(), CliError> {
+    match command {
+        Command::Map(args) => map::run(args, output),
+        Command::Live(args) => live::run(args, output),
+        Command::LiveNetwork => palpate_live::ros::run_network().map_err(|error| {
+            CliError::from(format!("`palpate live` runs this command, nobody else: {error}"))
+        }),
+        Command::Predict(args) => predict::run(args, output),
+        Command::Compare(args) => compare::run(args, output),
+        Command::Forget(args) => forget::run(args, output),
+        Command::Next(args) => next::run(args, output),
+        Command::Evaluate(args) => evaluate::run(args, output),
+        Command::Tune(args) => tune::run(args, output),
+        Command::Study(args) => study::run(args, output),
+        Command::Extrapolate(args) => extrapolate::run(args, output),
+        Command::Demo(args) => demo::run(args, output),
+        Command::Excite(args) => excite::run(args, output),
+        Command::Identify(args) => identify::run(args, output),
+        Command::Torque(args) => torque::run(args, output),
+        Command::Inspect(args) => inspect::run(args, output),
+        Command::View(args) => view::run(args, output),
+        Command::Convert(args) => convert::run(args, output),
+        Command::Bench(args) => bench::run(args, output),
+        Command::Settings(args) => output.result(&args.load()?.template()?),
+        Command::Completions { shell } => args::completions(*shell, output),
+    }
+}
+
+/// Prints an error, and under it the causes that its message does not already name.
+fn report(error: &CliError) {
+    let lines = told(error);
+    complain(&format!("error: {}", lines[0]));
+    for cause in &lines[1..] {
+        complain(&format!("  because {cause}"));
+    }
+}
+
+/// What the user sees in place of a panic's backtrace.
+fn apologise(panic: &std::panic::PanicHookInfo<'_>) {
+    let place = panic.location().map(ToString::to_string).unwrap_or_default();
+    let what = panic.payload_as_str().unwrap_or("no reason given");
+    complain(&format!(
+        "error: palpate has a defect and had to stop, sorry: {what} ({place})\n\
+         please report this line, the command you ran and the version ({}); no file was left \
+         half written",
+        env!("CARGO_PKG_VERSION")
+    ));
+}
