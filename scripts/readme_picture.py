@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Makes the README's picture out of those that `palpate demo` draws.
 
-    cargo run --release -- demo
+    cargo run --release --features full -- demo --full
     scripts/readme_picture.py palpate-demo docs/demo.svg
 
 The demo's pictures are made for a wide screen; at the width of a README their labels would be too

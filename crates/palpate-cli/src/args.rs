@@ -37,6 +37,7 @@ pub(crate) enum Command {
     /// Map beside a running robot, over ROS 2
     Live(live::Args),
     /// The network process of `palpate live`, which starts it
+    #[cfg(feature = "full")]
     #[command(hide = true)]
     LiveNetwork,
     /// Predict the torque of motions from a field, and compare it with the measured one

@@ -23,6 +23,10 @@ mod hull;
 mod identify;
 mod inspect;
 mod interrupt;
+#[cfg(feature = "full")]
+mod live;
+#[cfg(not(feature = "full"))]
+#[path = "live/not_built.rs"]
 mod live;
 mod logs;
 mod map;
@@ -80,6 +84,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
     match command {
         Command::Map(args) => map::run(args, output),
         Command::Live(args) => live::run(args, output),
+        #[cfg(feature = "full")]
         Command::LiveNetwork => palpate_live::ros::run_network().map_err(|error| {
             CliError::from(format!("`palpate live` runs this command, nobody else: {error}"))
         }),

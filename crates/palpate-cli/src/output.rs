@@ -40,6 +40,7 @@ impl Output {
     }
 
     /// Prints a result for programs that read line by line.
+    #[cfg(feature = "full")]
     pub(crate) fn json_line<T: Serialize>(&self, value: &T) -> Result<(), CliError> {
         let text = serde_json::to_string(value).expect("results hold no maps but by name");
         self.result(&format!("{text}\n"))
@@ -53,6 +54,7 @@ impl Output {
     }
 
     /// Some lines on stderr that are drawn anew with every message.
+    #[cfg(feature = "full")]
     pub(crate) fn view(&self) -> ProgressBar {
         drawn(None, "{msg}")
     }

@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 use std::path::PathBuf;
+#[cfg(feature = "full")]
 use std::process::Command;
 use std::sync::OnceLock;
 
@@ -43,6 +44,7 @@ pub(crate) fn file() -> Option<&'static PathBuf> {
 }
 
 /// This program again, to be given a subcommand.
+#[cfg(feature = "full")]
 pub(crate) fn again() -> Command {
     let call = &running().call;
     let mut command = Command::new(&call[0]);

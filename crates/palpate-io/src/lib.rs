@@ -7,6 +7,8 @@
 //! |---------------------|------------------------------------------|-------------------------|
 //! | [`log`]             | touches: npy folders, CSV, bags of ROS 2, Parquet | npy folders, CSV, MCAP |
 //! | [`field`]           | a stiffness field: npz                   | the same, VTK images, MCAP |
+//! | [`field::obstacles`] |                                         | boxes (URDF), springs (MuJoCo) |
+//! | [`gltf`]            |                                          | meshes                  |
 //! | [`robot_files`]     | URDF, STL, OBJ, DAE, cached grids        | cached grids            |
 //! | [`cloud`]           | coloured clouds: PLY, PCD                | the same, with more columns |
 //! | [`rgbd`]            | colour and depth images, cameras         |                         |
@@ -20,6 +22,7 @@ pub mod atomic;
 pub mod body;
 pub mod cloud;
 pub mod field;
+pub mod gltf;
 pub mod input;
 pub mod log;
 mod npy;
@@ -29,3 +32,11 @@ pub mod robot_files;
 pub mod torques;
 
 pub use npy::NpyError;
+
+/// What to do where a program was built without what is wanted of it, as a sentence without its full stop.
+pub fn not_built(what: &str) -> String {
+    format!(
+        "this palpate was built without {what}; the Python package has all, and so has what `cargo install --locked \
+         --path crates/palpate-cli --features full` builds"
+    )
+}

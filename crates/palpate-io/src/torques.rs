@@ -12,13 +12,6 @@
 
 use std::io::{self, Seek, Write};
 use std::path::Path;
-use std::sync::Arc;
-
-use ::parquet::basic::{Compression, ZstdLevel};
-use ::parquet::data_type::{BoolType, ByteArray, ByteArrayType, DoubleType};
-use ::parquet::file::properties::WriterProperties;
-use ::parquet::file::writer::SerializedFileWriter;
-use ::parquet::schema::parser::parse_message_type;
 
 use crate::atomic::{self, IfExists, WriteError};
 use crate::log::bag_write::TorqueWriter;
@@ -68,7 +61,10 @@ pub fn write(
 ) -> Result<(), WriteError> {
     atomic::write(path, IfExists::Replace, |out| match format {
         TorqueFormat::Csv => csv(out, joints, rows),
+        #[cfg(feature = "formats")]
         TorqueFormat::Parquet => parquet(out, joints, rows).map_err(io::Error::other),
+        #[cfg(not(feature = "formats"))]
+        TorqueFormat::Parquet => Err(io::Error::other(crate::not_built("Parquet"))),
         TorqueFormat::Mcap => mcap(out, joints, rows),
     })
 }
@@ -111,11 +107,20 @@ fn csv(out: &mut dyn Write, joints: &[String], rows: &[TorqueRow<'_>]) -> io::Re
     table.flush()
 }
 
+#[cfg(feature = "formats")]
 fn parquet(
     out: impl Write + Send,
     joints: &[String],
     rows: &[TorqueRow<'_>],
 ) -> Result<(), ::parquet::errors::ParquetError> {
+    use std::sync::Arc;
+
+    use ::parquet::basic::{Compression, ZstdLevel};
+    use ::parquet::data_type::{BoolType, ByteArray, ByteArrayType, DoubleType};
+    use ::parquet::file::properties::WriterProperties;
+    use ::parquet::file::writer::SerializedFileWriter;
+    use ::parquet::schema::parser::parse_message_type;
+
     let columns = columns(joints, rows);
     // Names that the text of a schema cannot say stand for themselves by number.
     let is_plain = |name: &str| name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');

@@ -8,7 +8,9 @@ use serde::{Deserialize, Serialize};
 use crate::elastic;
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::folds::Fold;
-use crate::regression::{Frames, Gp, Knn, Mlp, RegressionError, Regressor};
+use crate::regression::{Frames, Knn, RegressionError, Regressor};
+#[cfg(feature = "regression")]
+use crate::regression::{Gp, Mlp};
 use crate::tracked::{Tracked, TrackedFrame};
 
 /// A method of the table.
@@ -72,6 +74,11 @@ impl Method {
         }
     }
 
+    /// Whether it was built: networks and Gaussian processes need the feature `regression`.
+    pub fn is_built(self) -> bool {
+        cfg!(feature = "regression") || !matches!(self, Self::Mlp | Self::Gp)
+    }
+
     /// Whether it learns from joint angles alone, as the paper's baselines do.
     pub fn is_learnt_baseline(self) -> bool {
         matches!(self, Self::Mlp | Self::Gp | Self::Knn)
@@ -102,8 +109,12 @@ impl Method {
             }
             Self::Uniform => Ok(of_field(&uniform(tracked, &fold.train))),
             Self::Zero => Ok(torques(tracked, fold, |frame| vec![0.0; frame.target.len()])),
+            #[cfg(feature = "regression")]
             Self::Mlp => regressed(Mlp::fit, tracked, fold, stop),
+            #[cfg(feature = "regression")]
             Self::Gp => regressed(Gp::fit, tracked, fold, stop),
+            #[cfg(not(feature = "regression"))]
+            Self::Mlp | Self::Gp => Err(RegressionError::NotBuilt.into()),
             Self::Knn => regressed(Knn::fit, tracked, fold, stop),
         }
     }

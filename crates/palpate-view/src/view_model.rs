@@ -66,6 +66,25 @@ pub struct Cells {
     pub counts: Vec<u32>,
 }
 
+impl Cells {
+    /// Those that are stiffer than this, N/m.
+    #[must_use]
+    pub fn above(&self, stiffness_n_per_m: f32) -> Self {
+        let mut kept = Self::default();
+        for row in 0..self.points_m.len() {
+            if self.stiffness_n_per_m[row] > stiffness_n_per_m {
+                kept.points_m.push(self.points_m[row]);
+                kept.colours.push(self.colours[row]);
+                kept.radii_m.push(self.radii_m[row]);
+                kept.stiffness_n_per_m.push(self.stiffness_n_per_m[row]);
+                kept.std_n_per_m.push(self.std_n_per_m[row]);
+                kept.counts.push(self.counts[row]);
+            }
+        }
+        kept
+    }
+}
+
 /// Which colour a stiffness has: viridis over powers of ten.
 ///
 /// The scale follows a growing field upwards, never down: else a cell that stays as it is would

@@ -1,7 +1,6 @@
 //! What one measurement found, as JSON and as text.
 
 use palpate::EstimatorKind;
-use palpate_live::figures::Spread;
 use palpate_work::quantile::median;
 use serde::Serialize;
 
@@ -10,6 +9,15 @@ use crate::output::rows;
 use crate::pace::PaceFigures;
 
 pub(super) const MIB: f64 = (1 << 20) as f64;
+
+/// A median and a rare worst case, ms.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Spread {
+    /// Half take longer.
+    pub(super) median: f64,
+    /// One in a hundred does.
+    pub(super) p99: f64,
+}
 
 /// The median; 0 if there are no numbers.
 pub(super) fn middle(numbers: &[f64]) -> f64 {

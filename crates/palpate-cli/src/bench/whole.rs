@@ -4,10 +4,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate::{Mapper, MapperError, Sample};
-use palpate_live::figures::Spread;
 use palpate_work::quantile::quantile;
 
-use super::figures::{Figures, MIB, Parts, middle};
+use super::figures::{Figures, MIB, Parts, Spread, middle};
 use super::recording::{Learner, milliseconds, play};
 use super::{Bench, answers, peak};
 use crate::error::CliError;

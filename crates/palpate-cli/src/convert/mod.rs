@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use palpate_io::log::bag_write::Compression;
 use palpate_work::settings::named;
 
+use crate::args::number_in;
 use crate::error::CliError;
 use crate::interrupt;
 use crate::output::Output;
@@ -19,13 +20,18 @@ const NOTES: &str = "Examples:
   palpate convert recordings/ -o touches.mcap           a bag of ROS 2
   palpate convert day.mcap -o touches.csv --split-idle  a table, parted where the arm pauses
   palpate convert field.npz -o field.vti                an image for ParaView
+  palpate convert field.npz -o field.glb                field and arm, for browsers and Blender
+  palpate convert field.npz -o boxes.urdf --above 1     boxes to collide with
+  palpate convert field.npz -o scene.xml --above 1      points on springs, for MuJoCo
   palpate convert field.npz -o body.json                its elastic body, for --body
 
 The ending of the output decides. Of a log: .mcap, .csv, or none for a folder of arrays. Of a field
-(.npz): .npz, .ply with the columns K, K_std and N_obs, .vti (ParaView), or .mcap with a
-PointCloud2 of x y z K K_std. Of the most likely elastic body of a field: .json with springs of wood
-of 0.48 GPa, which can be corrected by hand and given to map and evaluate as --body; or .xml, a
-MuJoCo model with the learnt springs.
+(.npz): .npz, .ply with the columns K, K_std and N_obs, .vti (ParaView), .mcap with a PointCloud2
+of x y z K K_std, .glb with the arm of --robot where its last touch began, .urdf with boxes around the
+cells, for planners and simulators, or .xml, a MuJoCo model of at most 1000 points on springs, cells in
+blocks. Of the most likely elastic body of a field, if it has one: .json with springs of wood of
+0.48 GPa, which can be corrected by hand and given to map and evaluate as --body; or .xml, a MuJoCo
+model with the learnt springs.
 
 A bag names the touches on the topic /palpate/touch, which is read again without being asked to.
 Bags need names of joints: where the log has none, they are those of --robot. Times are kept to the
@@ -42,8 +48,11 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "OUT")]
     output: PathBuf,
     /// How the chunks of a bag are packed
-    #[arg(long, value_name = "HOW", default_value = "zstd", value_parser = named::<Compression>(&["zstd", "lz4", "none"]))]
+    #[arg(long, value_name = "HOW", default_value = if cfg!(feature = "full") { "zstd" } else { "none" }, value_parser = named::<Compression>(&["zstd", "lz4", "none"]))]
     compression: Compression,
+    /// Of a field: only cells stiffer than this, N/m [default: 0]
+    #[arg(long, value_name = "N/M", value_parser = number_in(0.0..=1e12, "a stiffness in N/m from 0 to 1e12"))]
+    above: Option<f64>,
     #[command(flatten)]
     settings: ReadSettings,
 }
@@ -60,7 +69,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     interrupt::listen();
     if ending(&args.input) == "npz" {
-        return field::convert((&args.input, &args.output, &to), args.compression, output);
+        let (paths, above) = ((&*args.input, &*args.output, &*to), args.above);
+        return field::Conversion { paths, above, compression: args.compression }
+            .run(&settings, output);
+    }
+    if args.above.is_some() {
+        let why = "--above chooses cells of a field (.npz); the input is a log";
+        return Err(CliError::Usage(why.to_owned()));
     }
     let format = log::Format::of(&args.output, &to, args.compression)?;
     log::convert((&args.input, &args.output), format, &settings, output)

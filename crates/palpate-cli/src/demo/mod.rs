@@ -1,5 +1,5 @@
-//! `palpate demo`: learn from bundled touches, predict the one that was held out, evaluate all
-//! methods on all of them, and extrapolate the field to the points that a camera saw.
+//! `palpate demo`: learn from bundled touches, predict the one that was held out, and evaluate; with `--full`, choose
+//! settings before, evaluate all methods, and extrapolate the field to the points that a camera saw.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -13,6 +13,7 @@ use palpate_io::field::{self, Saved};
 use palpate_io::log::LogOptions;
 use palpate_learn::body::ObjectHints;
 use palpate_learn::folds::folds;
+use palpate_learn::method::Method;
 use palpate_work::elastic::{bodies, learn_body, replace_elastic_by_map};
 use palpate_work::evaluate::{Work, as_touches, configs, each_once};
 use palpate_work::extrapolate::{Chosen, Work as Extrapolating};
@@ -40,6 +41,10 @@ const ORIGIN: &str = "The touches are simulated: a Kinova Gen3 pushes into a pot
 /// Random halves of the touches on which the extrapolation is tried.
 const HALVES: u32 = 3;
 
+/// Without `--full`, touches are evaluated in so many groups, each predicted from the others, by these methods.
+const GROUPS: usize = 6;
+const QUICK: [Method; 4] = [Method::Map, Method::Knn, Method::Uniform, Method::Zero];
+
 /// Flags of `palpate demo`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -49,7 +54,10 @@ pub(crate) struct Args {
     /// Which of the bundled touches, from 0 to 10, is not learnt from but predicted
     #[arg(long, value_name = "N", default_value_t = bundled::COUNT - 1, value_parser = of_bundled())]
     hold_out: usize,
-    /// Leave out the report: the evaluation of all methods on all touches
+    /// Choose settings, evaluate all methods by leaving out each touch, and extrapolate, in about two minutes
+    #[arg(long, conflicts_with = "no_report")]
+    full: bool,
+    /// Leave out the report: the evaluation on all touches
     #[arg(long)]
     no_report: bool,
     /// Print the errors as JSON
@@ -64,7 +72,7 @@ fn of_bundled() -> RangedU64ValueParser<usize> {
     RangedU64ValueParser::new().range(..bundled::COUNT as u64)
 }
 
-/// Maps all touches but one, predicts that one, and evaluates all methods on all touches.
+/// Maps all touches but one, predicts that one, and evaluates on all touches.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings = Settings { estimator: args.estimator.clone(), ..Settings::default() };
     settings.check()?;
@@ -80,7 +88,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let picture = Picture::of(&settings, &files.object, output)?;
     let arm = robot::load(&RobotSettings::default(), output)?;
     let mut calibration = None;
-    if config.method == EstimatorKind::Map {
+    if args.full && config.method == EstimatorKind::Map {
         let chosen = quickly_tuned(open(&files.touches)?, (&arm, &settings, &config), output)?;
         (config, calibration) = (chosen.config, chosen.calibration);
     }
@@ -97,14 +105,18 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let results = score(&arm, &saved.field, touch, Against::Measured, (held_out, output))?;
     fill(&folder.path, &saved, &results)?;
     tell_oddities(&results, &saved.field, output);
+    let report = Report::new(&results, (&saved.field, Against::Measured));
+    if !args.json {
+        output.result(&first_errors(&report, tally.touches.len()))?;
+    }
     let evaluation = if args.no_report {
         None
     } else {
-        let evaluated = evaluate_all(&arm, &recorded, (&folder.path, settings, picture), output)?;
-        extrapolate_all(&arm, &saved, (&files.object, &folder.path), output)?;
-        Some(evaluated)
+        Some(args.evaluate(&arm, &recorded, (&folder.path, settings, picture), output)?)
     };
-    let report = Report::new(&results, (&saved.field, Against::Measured));
+    if args.full {
+        extrapolate_all(&arm, &saved, (&files.object, &folder.path), output)?;
+    }
     if args.json {
         output.json(&Findings {
             report: &report,
@@ -116,7 +128,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         })
     } else {
         let table = evaluation.map(|summary| summary.text());
-        output.result(&text(&report, tally.touches.len(), (table, &folder.path)))
+        output.result(&args.text(table.as_deref(), &folder.path))
     }
 }
 
@@ -138,35 +150,6 @@ impl Picture {
         let bodies = bodies(std::slice::from_ref(&seen), &hints, "the bundled cloud", output)?;
         Ok(Self { bodies, cloud: Some(seen.0) })
     }
-}
-
-/// The paper's experiment on all touches.
-fn evaluate_all(
-    arm: &Arc<Arm>,
-    recorded: &[RecordedTouch],
-    (folder, mut settings, shown): (&Path, Settings, Picture),
-    output: &Output,
-) -> Result<EvaluationSummary, CliError> {
-    let Picture { bodies, cloud } = shown;
-    replace_elastic_by_map(&mut settings, !bodies.is_empty())?;
-    let touches = as_touches(recorded, false)?;
-    let work = Work {
-        arm,
-        recorded,
-        touches: &touches,
-        methods: each_once(&[], !bodies.is_empty())?,
-        folds: folds(touches.len(), touches.len()),
-        todo: (0..touches.len()).collect(),
-        estimators: configs(&settings)?,
-        tune: Tune::default(),
-        given: given(&settings),
-        truth: false,
-        bodies,
-    };
-    let logs = vec!["the bundled touches".to_owned()];
-    let origin = Origin { simulated: true, logs, settings, cloud };
-    let (summary, written) = evaluate::into_folder(&work, folder, &origin, output)?;
-    written.map(|()| summary)
 }
 
 /// Extrapolates the field to the bundled cloud; writes Fig. 4 and its page.
@@ -209,39 +192,83 @@ struct Findings<'a> {
     folder: &'a Path,
 }
 
-fn text(
-    report: &Report,
-    learnt_from: usize,
-    (evaluation, folder): (Option<String>, &Path),
-) -> String {
-    let mut text = format!("{ORIGIN}\n");
-    let _ = writeln!(text, "Learnt from {learnt_from} touches, then predicted one held out.");
-    text += &predict::text(report);
-    let folder = folder.display();
-    let page = if evaluation.is_some() {
-        "\n  report.html  all of that, to open in a browser; figures in figures/\n  \
-           seen.html    stiffness extrapolated to all that a camera saw of the plant\n  \
-           fig4.svg     the same as a picture, seen.ply as a cloud"
-    } else {
-        ""
-    };
-    if let Some(evaluation) = evaluation {
-        let _ = write!(text, "\nThe paper's experiment, on all of them.\n{evaluation}");
+/// What the field of most touches says of the one held out.
+fn first_errors(report: &Report, learnt_from: usize) -> String {
+    let predicted = predict::text(report);
+    format!(
+        "{ORIGIN}\nLearnt from {learnt_from} touches, then predicted one held out.\n{predicted}"
+    )
+}
+
+impl Args {
+    /// The paper's experiment on all touches; without `--full`, in groups, by a few methods, with the shipped settings.
+    fn evaluate(
+        &self,
+        arm: &Arc<Arm>,
+        recorded: &[RecordedTouch],
+        (folder, mut settings, shown): (&Path, Settings, Picture),
+        output: &Output,
+    ) -> Result<EvaluationSummary, CliError> {
+        let Picture { bodies, cloud } = shown;
+        replace_elastic_by_map(&mut settings, !bodies.is_empty())?;
+        let touches = as_touches(recorded, false)?;
+        let mut methods = if self.full { vec![] } else { QUICK.to_vec() };
+        if !bodies.is_empty() {
+            methods.insert(0, Method::Elastic);
+        }
+        let folds = folds(touches.len(), if self.full { touches.len() } else { GROUPS });
+        let work = Work {
+            arm,
+            recorded,
+            touches: &touches,
+            methods: each_once(&methods, !bodies.is_empty())?,
+            todo: (0..folds.len()).collect(),
+            folds,
+            estimators: configs(&settings)?,
+            tune: if self.full { Tune::Quick } else { Tune::Off },
+            given: given(&settings),
+            truth: false,
+            bodies,
+        };
+        let logs = vec!["the bundled touches".to_owned()];
+        let origin = Origin { simulated: true, logs, settings, cloud };
+        let (summary, written) = evaluate::into_folder(&work, folder, &origin, output)?;
+        written.map(|()| summary)
     }
-    let _ = write!(
-        text,
-        "\nIn `{folder}`:\n  \
-           field.npz    the field: points, stiffness K [N/m] and its uncertainty\n  \
-           field.svg    the field from three sides\n  \
-           torques.svg  predicted and measured torques of the touch held out{page}\n\n\
-         Next, with a log of your own:\n  \
-           palpate inspect LOG --robot ROBOT.urdf       does it hold what it should?\n  \
-           palpate map LOG -o field.npz --robot ROBOT.urdf\n  \
-           palpate predict field.npz OTHER_LOG --robot ROBOT.urdf\n  \
-           palpate evaluate LOG --robot ROBOT.urdf      how far is it to be trusted?\n  \
-           palpate extrapolate field.npz CLOUD.ply -o seen.ply --robot ROBOT.urdf\n"
-    );
-    text
+
+    fn text(&self, evaluation: Option<&str>, folder: &Path) -> String {
+        let mut text = String::new();
+        if let Some(evaluation) = evaluation {
+            let _ = write!(text, "\nThe paper's experiment, on all touches.\n{evaluation}");
+        }
+        let folder = folder.display();
+        let page = if evaluation.is_some() {
+            "\n  report.html  all of that, to open in a browser; figures in figures/"
+        } else {
+            ""
+        };
+        let seen = if self.full {
+            "\n  seen.html    stiffness extrapolated to all that a camera saw of the plant\n  \
+               fig4.svg     the same as a picture, seen.ply as a cloud"
+        } else {
+            "\n\n`palpate demo --full` chooses the settings by cross-validation, compares all methods, and \
+             extrapolates to\nuntouched points, in about two minutes."
+        };
+        let _ = write!(
+            text,
+            "\nIn `{folder}`:\n  \
+               field.npz    the field: points, stiffness K [N/m] and its uncertainty\n  \
+               field.svg    the field from three sides\n  \
+               torques.svg  predicted and measured torques of the touch held out{page}{seen}\n\n\
+             Next, with a log of your own:\n  \
+               palpate inspect LOG --robot ROBOT.urdf       does it hold what it should?\n  \
+               palpate map LOG -o field.npz --robot ROBOT.urdf\n  \
+               palpate predict field.npz OTHER_LOG --robot ROBOT.urdf\n  \
+               palpate evaluate LOG --robot ROBOT.urdf      how far is it to be trusted?\n  \
+               palpate extrapolate field.npz CLOUD.ply -o seen.ply --robot ROBOT.urdf\n"
+        );
+        text
+    }
 }
 
 /// Writes the field and the pictures.

@@ -6,14 +6,11 @@
 
 use std::path::Path;
 
-use resvg::tiny_skia::{Pixmap, Transform};
-use resvg::usvg::fontdb::Database;
-use resvg::usvg::{Options, Tree};
-
 use crate::error::CliError;
 use crate::place;
 
 /// Pixels of a PNG along one of the SVG.
+#[cfg(feature = "full")]
 const SCALE: f32 = 2.0;
 
 /// What a file of a picture looks like.
@@ -33,13 +30,21 @@ impl Format {
     pub(crate) fn write(self, path: &Path, svg: &str) -> Result<(), CliError> {
         match self {
             Self::Svg => place::write(path, svg),
+            #[cfg(feature = "full")]
             Self::Png => place::write(path, &png(svg)?),
+            #[cfg(not(feature = "full"))]
+            Self::Png => Err(palpate_io::not_built("pictures as PNG").into()),
         }
     }
 }
 
 /// An SVG as PNG.
+#[cfg(feature = "full")]
 fn png(svg: &str) -> Result<Vec<u8>, String> {
+    use resvg::tiny_skia::{Pixmap, Transform};
+    use resvg::usvg::fontdb::Database;
+    use resvg::usvg::{Options, Tree};
+
     let broken = |why: String| format!("the picture cannot be turned into a PNG: {why}");
     let mut fonts = Database::new();
     fonts.load_font_data(notosans::REGULAR_TTF.to_vec());
@@ -54,7 +59,10 @@ fn png(svg: &str) -> Result<Vec<u8>, String> {
 }
 
 #[cfg(test)]
+#[cfg(feature = "full")]
 mod tests {
+    use resvg::tiny_skia::Pixmap;
+
     use super::*;
 
     /// Size, and how many pixels are dark.

@@ -79,6 +79,26 @@ impl FieldFile {
         Ok(Self { points, stiffness, std, counts, prior, lattice, cells })
     }
 
+    /// The points that are stiffer than this, N/m.
+    #[must_use]
+    pub fn above(&self, stiffness_n_per_m: f64) -> Self {
+        let is_kept: Vec<bool> = self.stiffness.iter().map(|&k| k > stiffness_n_per_m).collect();
+        fn of<T: Copy>(values: &[T], is_kept: &[bool]) -> Vec<T> {
+            values.iter().zip(is_kept).filter(|(_, kept)| **kept).map(|(value, _)| *value).collect()
+        }
+        let some = |values: &Option<Vec<f64>>| values.as_ref().map(|values| of(values, &is_kept));
+        let counts = |values: &Option<Vec<u32>>| values.as_ref().map(|values| of(values, &is_kept));
+        Self {
+            points: of(&self.points, &is_kept),
+            stiffness: of(&self.stiffness, &is_kept),
+            std: some(&self.std),
+            counts: counts(&self.counts),
+            prior: some(&self.prior),
+            lattice: self.lattice,
+            cells: counts(&self.cells),
+        }
+    }
+
     /// The arrays to write; more may be inserted beside them.
     ///
     /// # Panics

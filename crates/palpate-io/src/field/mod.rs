@@ -19,6 +19,7 @@
 mod elastic;
 mod file;
 pub mod npz;
+pub mod obstacles;
 mod saved;
 mod vti;
 

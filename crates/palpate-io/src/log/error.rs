@@ -72,6 +72,9 @@ pub enum TableError {
     /// A file that is not Parquet, or a broken one.
     #[error("`{path}` is no Parquet file, or a broken one: {reason}; copy it again")]
     NotParquet { path: PathBuf, reason: String },
+    /// Parquet, without the feature `formats`.
+    #[error("`{path}` is Parquet: {}", crate::not_built("Parquet"))]
+    NotBuilt { path: PathBuf },
     /// More than memory may hold.
     #[error("`{path}`: group {group} of its rows wants {}", input::too_large())]
     TooLarge { path: PathBuf, group: usize },

@@ -31,6 +31,22 @@ pub(super) fn beginning(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// The Parquet files of a data set or a folder: in it, and in the folders right below.
+pub(super) fn parquet_in(path: &Path) -> Vec<PathBuf> {
+    let data = path.join("data");
+    let listed = |folder: &Path| listed(folder).unwrap_or_default();
+    let entries = listed(if data.is_dir() { &data } else { path });
+    let below = |entry: PathBuf| if entry.is_dir() { listed(&entry) } else { vec![entry] };
+    let is_called_so = |file: &PathBuf| is_file_with(file, &["parquet"]);
+    entries.into_iter().flat_map(below).filter(is_called_so).collect()
+}
+
+/// Whether a file is called Parquet, or begins as Parquet does.
+pub(super) fn is_parquet(path: &Path) -> bool {
+    is_file_with(path, &["parquet"])
+        || beginning(path).is_ok_and(|bytes| bytes.starts_with(b"PAR1"))
+}
+
 /// Compares runs of digits by value and everything else by character; equal values by spelling.
 pub(super) fn compare(a: &str, b: &str) -> Ordering {
     let (mut left, mut right) = (a, b);

@@ -33,6 +33,7 @@ mod joints;
 mod names;
 mod npy_folder;
 mod options;
+#[cfg(feature = "formats")]
 mod parquet;
 mod reader;
 mod truth;
@@ -44,6 +45,7 @@ use bag::BagLog;
 use csv::CsvFile;
 use files::TouchFiles;
 use npy_folder::TouchFolder;
+#[cfg(feature = "formats")]
 use parquet::ParquetFile;
 use reader::{Reader, Source};
 
@@ -94,9 +96,12 @@ fn source(path: &Path, options: &LogOptions) -> Result<Box<dyn Source>, LogError
     if bag::is_bag(path) {
         return Ok(Box::new(BagLog::open(path, options)?));
     }
-    let files = if is_folder { parquet::files_in(path) } else { of_kind(parquet::is_parquet) };
+    let files = if is_folder { folder::parquet_in(path) } else { of_kind(folder::is_parquet) };
     if !files.is_empty() {
+        #[cfg(feature = "formats")]
         return Ok(Box::new(TouchFiles::<ParquetFile>::open(path, files, options)?));
+        #[cfg(not(feature = "formats"))]
+        return Err(TableError::NotBuilt { path: path.to_owned() }.into());
     }
     let found =
         if is_folder { contents(&entries) } else { "it is a file of an unknown format".to_owned() };

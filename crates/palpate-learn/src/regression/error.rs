@@ -8,6 +8,9 @@ pub enum RegressionError {
     /// Nothing to learn from.
     #[error("there is no frame to learn torques from: no touch leaves its contact-free start")]
     NoFrames,
+    /// A method that is not there.
+    #[error("networks and Gaussian processes need the feature `regression`")]
+    NotBuilt,
     /// A value that is no number.
     #[error("the {what} of joint {joint} in frame {frame} is {found}; wanted a finite number")]
     NotFinite { what: &'static str, joint: usize, frame: usize, found: f64 },

@@ -1,6 +1,6 @@
 //! External torques from joint angles alone: the paper's three baselines (Sec. III-A).
 //!
-//! [`Mlp`], [`Gp`] and [`Knn`] learn `q ↦ τ` from frames, without a robot model, without contacts,
+//! `Mlp`, `Gp` (both with the feature `regression`) and [`Knn`] learn `q ↦ τ` from frames, without a robot model, without contacts,
 //! and without an order in time. Whatever they choose for themselves (length scales, noise, when to
 //! stop) they choose from the frames that they are given, so that a touch under test stays unseen.
 //!
@@ -11,23 +11,33 @@
 
 mod draw;
 mod error;
+#[cfg_attr(not(feature = "regression"), allow(dead_code))] // what the others use
 mod frames;
+#[cfg(feature = "regression")]
 mod gp;
+#[cfg(feature = "regression")]
 mod kernel;
 mod knn;
+#[cfg(feature = "regression")]
 mod mlp;
+#[cfg(feature = "regression")]
 mod network;
+#[cfg_attr(not(feature = "regression"), allow(dead_code))] // what the others use
 mod scale;
 
 pub(crate) use draw::shuffle;
 pub use error::RegressionError;
 pub use frames::{Frames, Regressor};
+#[cfg(feature = "regression")]
 pub use gp::Gp;
+#[cfg(feature = "regression")]
 pub use kernel::Kernel;
 pub use knn::Knn;
+#[cfg(feature = "regression")]
 pub use mlp::Mlp;
 
 #[cfg(test)]
+#[cfg(feature = "regression")]
 mod tests {
     use nalgebra::DMatrix;
 

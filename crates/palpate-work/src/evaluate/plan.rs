@@ -22,13 +22,18 @@ use crate::touches::{RecordedTouch, Touches};
 /// If there is none of that name; says which there are.
 pub fn method_of(name: &str) -> Result<Method, String> {
     let of = |method: &&Method| method.name() == name;
-    Method::ALL.iter().find(of).copied().ok_or_else(|| {
+    let method = Method::ALL.iter().find(of).copied().ok_or_else(|| {
         let names: Vec<&str> = Method::ALL.iter().map(|method| method.name()).collect();
         format!("there are {}", names.join(", "))
-    })
+    })?;
+    if method.is_built() {
+        Ok(method)
+    } else {
+        Err(palpate_io::not_built("networks and Gaussian processes"))
+    }
 }
 
-/// The methods, each once; all of them if none is given, without [`Method::Elastic`] where there is no
+/// The methods, each once; all that were built if none is given, without [`Method::Elastic`] where there is no
 /// body.
 ///
 /// # Errors
@@ -44,7 +49,7 @@ pub fn each_once(given: &[Method], has_body: bool) -> Result<Vec<Method>, WorkEr
     }
     let mut methods: Vec<Method> = Vec::new();
     let all: &[Method] = if given.is_empty() { &Method::ALL } else { given };
-    for method in all {
+    for method in all.iter().filter(|method| method.is_built()) {
         if !methods.contains(method) && (has_body || *method != Method::Elastic) {
             methods.push(*method);
         }

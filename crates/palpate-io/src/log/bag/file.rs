@@ -4,8 +4,10 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+use super::mcap;
+#[cfg(feature = "formats")]
+use super::sqlite;
 use super::topic::{Message, Messages, Topic};
-use super::{mcap, sqlite};
 use crate::input;
 use crate::log::error::{BagError, LogError};
 use crate::log::event::Format;
@@ -74,7 +76,12 @@ pub(super) fn format(path: &Path) -> Result<Format, LogError> {
     let beginning = folder::beginning(path).map_err(|source| LogError::reading(path, source))?;
     let reason = match beginning {
         bytes if bytes.starts_with(MCAP) => return Ok(Format::Mcap),
-        bytes if bytes.starts_with(SQLITE) => return Ok(Format::Rosbag2Sqlite),
+        bytes if bytes.starts_with(SQLITE) => {
+            if cfg!(feature = "formats") {
+                return Ok(Format::Rosbag2Sqlite);
+            }
+            &format!("is a bag in SQLite: {}", crate::not_built("SQLite"))
+        }
         bytes if bytes.starts_with(ROS_1) => {
             "is a bag of ROS 1; turn it into one of ROS 2: pip install rosbags, then \
              rosbags-convert --src IN.bag --dst OUT"
@@ -88,8 +95,9 @@ pub(super) fn format(path: &Path) -> Result<Format, LogError> {
 /// The topics of a file that is stored in this format.
 pub(super) fn topics(path: &Path, format: Format) -> Result<Vec<Topic>, BagError> {
     let topics = match format {
-        Format::Mcap => mcap::topics(path),
-        _ => sqlite::topics(path).map_err(|error| error.to_string()),
+        #[cfg(feature = "formats")]
+        Format::Rosbag2Sqlite => sqlite::topics(path).map_err(|error| error.to_string()),
+        _ => mcap::topics(path),
     };
     topics.map_err(|reason| {
         let reason = format!("cannot be read: {reason}");
@@ -100,8 +108,9 @@ pub(super) fn topics(path: &Path, format: Format) -> Result<Vec<Topic>, BagError
 /// The messages of the wanted topics, those of samples and of markers, in a file.
 pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messages, LogError> {
     let messages = match format(path)? {
-        Format::Mcap => mcap::messages(path, wanted),
-        _ => sqlite::messages(path, &wanted).map_err(|error| error.to_string()),
+        #[cfg(feature = "formats")]
+        Format::Rosbag2Sqlite => sqlite::messages(path, &wanted).map_err(|error| error.to_string()),
+        _ => mcap::messages(path, wanted),
     };
     let messages =
         messages.map_err(|reason| BagError::Storage { path: path.to_owned(), reason })?;

@@ -12,7 +12,7 @@ use ::mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use ::mcap::{Channel, McapError, parse_record};
 
 use super::topic::{Message, Messages, Topic, Which, merge};
-use crate::{input, panics};
+use crate::{input, not_built, panics};
 
 /// Bytes of the largest record that is read, usually 256 MiB: a picture of a hundred megapixels.
 fn largest_record() -> usize {
@@ -70,6 +70,9 @@ fn in_words(error: &McapError) -> String {
         McapError::UnexpectedEof | McapError::UnexpectedEoc => {
             "the file ends in the middle of it; was the recording, or a copy of it, cut short?"
                 .to_owned()
+        }
+        McapError::UnsupportedCompression(packing) if !cfg!(feature = "formats") => {
+            not_built(&format!("`{packing}`, with which its chunks are packed"))
         }
         McapError::BadMagic => "it does not begin or end as an MCAP file does".to_owned(),
         other => match std::error::Error::source(other) {

@@ -20,6 +20,7 @@ mod file;
 mod layout;
 mod mcap;
 mod reading;
+#[cfg(feature = "formats")]
 mod sqlite;
 mod topic;
 pub mod write;

@@ -27,12 +27,13 @@ use crate::field::FieldFile;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Compression {
-    /// Zstandard: small.
-    #[default]
+    /// Zstandard: small. With the feature `formats`.
+    #[cfg_attr(feature = "formats", default)]
     Zstd,
-    /// LZ4: quick.
+    /// LZ4: quick. With the feature `formats`.
     Lz4,
     /// Not at all.
+    #[cfg_attr(not(feature = "formats"), default)]
     None,
 }
 
@@ -93,8 +94,14 @@ struct Bag<W: Write + Seek> {
 impl<W: Write + Seek> Bag<W> {
     fn new(out: W, compression: Compression) -> io::Result<Self> {
         let compression = match compression {
+            #[cfg(feature = "formats")]
             Compression::Zstd => Some(::mcap::Compression::Zstd),
+            #[cfg(feature = "formats")]
             Compression::Lz4 => Some(::mcap::Compression::Lz4),
+            #[cfg(not(feature = "formats"))]
+            Compression::Zstd | Compression::Lz4 => {
+                return Err(io::Error::other(crate::not_built("compression of bags")));
+            }
             Compression::None => None,
         };
         let library = concat!("palpate ", env!("CARGO_PKG_VERSION"));
@@ -231,7 +238,7 @@ impl<W: Write + Seek> TorqueWriter<W> {
     /// If the beginning cannot be written.
     pub fn new(out: W, joints: Vec<String>) -> io::Result<Self> {
         let topic = "/palpate/external_torque";
-        let mut torques = TouchWriter::on(topic, out, joints, Compression::Zstd)?;
+        let mut torques = TouchWriter::on(topic, out, joints, Compression::default())?;
         let array = [ARRAY, ARRAY_LAYOUT].concat();
         let kind = "std_msgs/msg/Float64MultiArray";
         let stds = torques.bag.channel("/palpate/external_torque_std", kind, &array)?;

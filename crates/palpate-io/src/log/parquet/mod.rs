@@ -24,12 +24,12 @@ use ::parquet::record::{Field, Row};
 use ::parquet::schema::types::Type;
 use palpate::Sample;
 
+use super::MAX_JOINTS;
 use super::columns::Columns;
 use super::error::{LogError, TableError};
 use super::event::Format;
 use super::files::{FileDescription, TouchFile};
 use super::options::LogOptions;
-use super::{MAX_JOINTS, folder};
 use crate::{input, panics};
 
 const STATES: &[&str] = &["observation.state", "observation.position", "observation.positions"];
@@ -40,22 +40,6 @@ const LONGEST_NAME: usize = 4096;
 /// What the error of unclear columns shows.
 const EXAMPLE: &str = ": columns = { q = [\"observation.state\"], tau = [\"observation.effort\"], \
                        time = \"timestamp\", touch = \"episode_index\" }";
-
-/// The Parquet files of a data set or a folder: in it, and in the folders right below.
-pub(super) fn files_in(path: &Path) -> Vec<PathBuf> {
-    let data = path.join("data");
-    let listed = |folder: &Path| folder::listed(folder).unwrap_or_default();
-    let entries = listed(if data.is_dir() { &data } else { path });
-    let below = |entry: PathBuf| if entry.is_dir() { listed(&entry) } else { vec![entry] };
-    let is_parquet = |file: &PathBuf| folder::is_file_with(file, &["parquet"]);
-    entries.into_iter().flat_map(below).filter(is_parquet).collect()
-}
-
-/// Whether a file is called Parquet, or begins as Parquet does.
-pub(super) fn is_parquet(path: &Path) -> bool {
-    folder::is_file_with(path, &["parquet"])
-        || folder::beginning(path).is_ok_and(|bytes| bytes.starts_with(b"PAR1"))
-}
 
 /// One file being read.
 pub(super) struct ParquetFile {

@@ -1,0 +1,18 @@
+//! `palpate live`, where it was not built: says how to get it.
+
+use std::ffi::OsString;
+
+use crate::error::CliError;
+use crate::output::Output;
+
+/// Flags of `palpate live`, which nobody looks at.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    #[arg(hide = true, trailing_var_arg = true, allow_hyphen_values = true)]
+    _flags: Vec<OsString>,
+}
+
+/// Says how to get it.
+pub(crate) fn run(_: &Args, _: &Output) -> Result<(), CliError> {
+    Err(CliError::Usage(palpate_io::not_built("`live`")))
+}

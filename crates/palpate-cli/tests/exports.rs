@@ -1,0 +1,64 @@
+//! What `palpate convert` makes of a field for programs of others, as they read it. The other side is Python, in the
+//! environment that ./setup makes.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+mod common;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use common::{palpate, refuse, succeed};
+
+/// The root of the project.
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
+}
+
+fn convert(input: &Path, output: &Path, more: &[&str]) -> Command {
+    let mut convert = palpate();
+    convert.arg("convert").arg(input).arg("-o").arg(output).args(more);
+    convert
+}
+
+#[test]
+fn needs_mujoco_pyvista_trimesh_a_field_is_read_by_others_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let field = folder.path().join("field.npz");
+    let touches = root().join("data/plant_a");
+    let flags = ["--tune=off", "--replays", "2"];
+    succeed(palpate().arg("map").arg(touches).args(flags).arg("-o").arg(&field));
+    for name in ["field.vti", "field.glb"] {
+        succeed(&mut convert(&field, &folder.path().join(name), &[]));
+    }
+    for name in ["boxes.urdf", "springs.xml", "stiff.ply", "stiff.npz"] {
+        succeed(&mut convert(&field, &folder.path().join(name), &["--above", "1"]));
+    }
+    let python =
+        Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap().join("interop-venv/bin/python");
+    assert!(python.is_file(), "{} is missing: run ./setup first", python.display());
+    let script = root().join("scripts/exports.py");
+    let told = succeed(Command::new(python).arg(script).arg(&field).arg(folder.path()));
+    assert_eq!(told.lines().count(), 5, "{told}");
+}
+
+#[test]
+fn a_stiffness_that_no_cell_has_and_one_for_a_log_are_refused_and_nothing_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let field = folder.path().join("field.npz");
+    let touch = root().join("data/plant_a/seq_000");
+    let flags = ["--tune=off", "--replays", "0"];
+    succeed(palpate().arg("map").arg(&touch).args(flags).arg("-o").arg(&field));
+    let out = folder.path().join("boxes.urdf");
+    refuse(
+        &mut convert(&field, &out, &["--above", "1e9"]),
+        1,
+        &["no cell stiffer than 1000000000 N/m"],
+    );
+    refuse(
+        &mut convert(&touch, &folder.path().join("log"), &["--above", "1"]),
+        2,
+        &["--above", "log"],
+    );
+    refuse(&mut convert(&field, &folder.path().join("field.obj"), &[]), 2, &[".glb", ".urdf"]);
+    assert_eq!(common::names(folder.path()), ["field.npz"]);
+}
