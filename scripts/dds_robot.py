@@ -81,6 +81,11 @@ class PointCloud2(IdlStruct, typename="sensor_msgs::msg::dds_::PointCloud2_"):
 
 
 @dataclass
+class String(IdlStruct, typename="std_msgs::msg::dds_::String_"):
+    data: str
+
+
+@dataclass
 class Bool(IdlStruct, typename="std_msgs::msg::dds_::Bool_"):
     data: bool
 
@@ -128,6 +133,7 @@ RELIABLE = Qos(
     Policy.History.KeepLast(2000),
 )
 BEST_EFFORT = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(2000))
+KEPT = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
 # Whatever is waited for must come within this, s.
 DEADLINE_S = 60
 RECEIVED = {
@@ -359,6 +365,7 @@ def arguments():
     parser.add_argument("--guard", type=float, help="a limit, N·m, to time the flag against")
     parser.add_argument("--identified", action="store_true", help="the arm was identified: see IDENTIFIED")
     parser.add_argument("--another-type", action="store_true", help="publish only that, on the same topic")
+    parser.add_argument("--description", type=Path, help="a URDF to keep on /robot_description")
     parser.add_argument("--tare", action="store_true", help="call the service, and play on until it answers")
     return parser.parse_args()
 
@@ -369,6 +376,9 @@ def main():
         play_another_type(args.domain)
     flag = Flag(args.domain)
     participant = DomainParticipant(args.domain)
+    if args.description:  # as robot_state_publisher does
+        described = DataWriter(participant, Topic(participant, "rt/robot_description", String), KEPT)
+        described.write(String(args.description.read_text()))
     receiver = Receiver(participant, args.guard, IDENTIFIED if args.identified else RECEIVED)
     receiver.start()
     tare = Tare(participant) if args.tare else None

@@ -1,7 +1,7 @@
 //! The command `palpate`, as a function: the program of that name and the Python package call it.
 //!
-//! Each subcommand has its module, which parses nothing and prints only through [`output`];
-//! [`error`] says how a command may end. No panic reaches the user without an apology.
+//! Each subcommand has its module, which parses nothing and prints only through `output`;
+//! `error` says how a command may end. No panic reaches the user without an apology.
 
 mod args;
 mod bench;

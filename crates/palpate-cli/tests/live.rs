@@ -178,6 +178,34 @@ fn result(command: &mut Command) -> Value {
 }
 
 #[test]
+fn needs_cyclonedds_the_robot_is_the_one_that_is_described_on_the_network() {
+    let domain = Domain::take();
+    let urdf = palpate::Robot::built_in_urdf("kinova_gen3").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("described.urdf");
+    fs::write(&path, urdf.replace("Actuator", "published_")).unwrap();
+    let renamed: Vec<String> =
+        (1..=7).map(|joint| format!("Actuator{joint}=published_{joint}")).collect();
+    let mut flags = vec!["--robot", "/robot_description"];
+    renamed.iter().for_each(|name| flags.extend(["--rename", name]));
+    let live = Live::start(&domain, &flags);
+    let played = ["--rate", "100", "--seconds", "inf", "--description", path.to_str().unwrap()];
+    let _robot = Playing::start(robot(&domain, &played));
+    live.wait_for_figures("samples of the robot that was described", |figures| {
+        figures["mapped"].as_u64() > Some(100)
+    });
+}
+
+#[test]
+fn a_robot_that_nobody_describes_is_an_error_that_names_the_topic() {
+    let domain = Domain::take();
+    let mut live = palpate();
+    live.args(["live", "--localhost", "--domain", &domain.number.to_string()]);
+    live.args(["--robot", "/nobody/robot_description", "--duration", "1"]);
+    refuse(&mut live, 1, &["/nobody/robot_description", "robot_state_publisher"]);
+}
+
+#[test]
 fn needs_cyclonedds_every_topic_is_received_and_no_sample_is_lost() {
     let domain = Domain::take();
     let mut live = Live::start(&domain, &["--guard", "1", "--checkpoint", "1"]);

@@ -265,7 +265,7 @@ impl Hearing<'_> {
                     self.tell(why);
                     return Some(Ended::Gone);
                 }
-                Ok(Some(FromNetwork::Topics(_)) | None) => {}
+                Ok(Some(FromNetwork::Topics(_) | FromNetwork::Description(_)) | None) => {}
             }
             if !subscribed && !waiting.is_empty() && started.elapsed() > DISCOVERY {
                 self.tell(format!("waiting: {}", std::mem::take(&mut waiting)));

@@ -6,6 +6,7 @@ mod told;
 #[cfg(feature = "viewer")]
 mod viewer;
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
@@ -23,6 +24,7 @@ use palpate_live::{AskSocket, LiveBody, LiveConfig, News, run as run_live};
 use palpate_work::settings::named;
 use palpate_work::torque::{ThresholdSource, threshold};
 use palpate_work::{arm_file, prior, resume, robot};
+use tempfile::NamedTempFile;
 
 use crate::args::number_in;
 use crate::error::CliError;
@@ -42,6 +44,7 @@ use viewer::Viewer;
 const EXAMPLES: &str = "Examples:
   palpate live -o field.npz
   palpate live --robot panda.urdf --torque-sign minus --joint-states /franka/joint_states -o field.npz
+  palpate live --robot /robot_description -o field.npz
   palpate live -o field.npz --resume --guard 25
   palpate live --localhost --json-lines --duration 60
   palpate live --robot fr3.urdf --torque-sign minus --arm arm.toml --no-map
@@ -187,12 +190,34 @@ impl Args {
         Some(Guard::new(config, arm))
     }
 
-    fn network(&self, arm: &Arm) -> NetworkProcess {
+    fn network(&self, joints: Vec<String>) -> NetworkProcess {
         let Self { domain, localhost, services, .. } = *self;
         let flag = self.guard.map(|_| FlagTopics { moveit: self.guard_moveit });
-        let joints = arm.robot.joint_names().map(str::to_owned).collect();
         let config = NetworkConfig { domain, localhost, services };
         NetworkProcess::new(network_command, config, joints, flag)
+    }
+
+    /// The file of a robot that is published: `--robot /robot_description` names a topic, unless there is such a file.
+    fn description(
+        &self,
+        settings: &mut Settings,
+        output: &Output,
+    ) -> Result<Option<NamedTempFile>, CliError> {
+        let topic = settings.robot.name().to_owned();
+        if !topic.starts_with('/') || Path::new(&topic).exists() || topic.ends_with(".urdf") {
+            return Ok(None);
+        }
+        output.note(&format!("waiting for the robot's description on {topic}"));
+        let network = self.network(Vec::new());
+        let urdf = network.description(&topic, interrupt::pressed).map_err(CliError::file)?;
+        let write = || {
+            let mut file = tempfile::Builder::new().suffix(".urdf").tempfile()?;
+            file.write_all(urdf.as_bytes())?;
+            Ok(file)
+        };
+        let file = write().map_err(|source| CliError::Write { what: topic, source })?;
+        settings.robot.robot = Some(file.path().display().to_string());
+        Ok(Some(file))
     }
 
     fn session(
@@ -261,6 +286,14 @@ impl Args {
         self.output.as_deref().filter(|path| self.resume && path.exists())
     }
 
+    /// Says what it works with.
+    fn tell(&self, arm: &Arm, settings: &Settings, output: &Output) {
+        logs::tell_robot(arm, settings, output);
+        if self.output.is_none() && !self.no_map {
+            output.note("nothing is kept: --output FIELD.npz saves what is learnt");
+        }
+    }
+
     /// A new mapper and body, or those of the output file.
     fn begin(
         &self,
@@ -316,14 +349,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     interrupt::listen(); // from here on, files come and go
     args.check_places(&settings)?;
+    let description = args.description(&mut settings, output)?;
     let hold = args.output.as_deref().map(Hold::on).transpose().map_err(CliError::file)?;
     let arm = robot::load(&settings.robot, output)?;
+    drop(description);
     let identified = args.identified(&arm, &settings, output)?;
     let (mapper, body) = args.begin(&arm, &settings, output)?;
-    logs::tell_robot(&arm, &settings, output);
-    if args.output.is_none() && !args.no_map {
-        output.note("nothing is kept: --output FIELD.npz saves what is learnt");
-    }
+    args.tell(&arm, &settings, output);
 
     #[cfg(feature = "viewer")]
     let viewer = {
@@ -337,7 +369,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let feed = args.viewer.as_ref().map(|_| Err(view::without_viewer())).transpose()?;
     let (checker, strict) = (Checker::start(&mapper), settings.log.strict.unwrap_or_default());
     let session = args.session(mapper, &arm, identified)?;
-    let network = args.network(&arm);
+    let network = args.network(arm.robot.joint_names().map(str::to_owned).collect());
     let ask = args.ask.as_deref().map(open_socket).transpose()?;
     let ends = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s));
     let told = Told::new(Shown::new(*output, args.json_lines), checker, strict);

@@ -57,6 +57,11 @@ pub enum NetworkError {
     Open { topic: String, why: String },
     #[error("sockets cannot be bound to the loopback interface (--localhost): {why}")]
     Localhost { why: String },
+    #[error(
+        "nobody has published a robot's description on `{topic}` (std_msgs/msg/String) within {seconds} s; is \
+         robot_state_publisher running, and is the domain (--domain, ROS_DOMAIN_ID) right?"
+    )]
+    NoDescription { topic: String, seconds: u64 },
     /// As the network process says it.
     #[error("{why}")]
     Failed { why: String },

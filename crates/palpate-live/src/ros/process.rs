@@ -49,11 +49,21 @@ pub fn run() -> io::Result<()> {
     // Half a process is worse than none.
     std::panic::set_hook(Box::new(|_| process::exit(101)));
     let mut frames = Frames::new(stream.try_clone()?);
-    let Some(ToNetwork::Join { config, joints, flag }) = frames.next(Duration::from_secs(10))?
-    else {
-        return Err(io::Error::other("it was not told which network to join"));
-    };
+    let first = frames.next(Duration::from_secs(10))?;
     let to_palpate = ToPalpate { stream: Arc::new(Mutex::new(stream)), start: Instant::now() };
+    let (config, joints, flag) = match first {
+        Some(ToNetwork::Join { config, joints, flag }) => (config, joints, flag),
+        Some(ToNetwork::Describe { config, topic, patience }) => {
+            let kept =
+                Network::join(&config).and_then(|mut network| network.kept(&topic, patience));
+            let answer = kept.map_or_else(
+                |error| FromNetwork::Failed(error.to_string()),
+                FromNetwork::Description,
+            );
+            return to_palpate.send(&answer);
+        }
+        _ => return Err(io::Error::other("it was not told which network to join")),
+    };
     let joined = Network::join(&config).and_then(|mut network| {
         let publishers = network.publish(joints, flag)?;
         network.confine()?;
@@ -161,7 +171,7 @@ impl Outgoing {
             ToNetwork::Answer(asked, response) => {
                 let _ = self.to_subscriber.send(Order::Answer(asked, response));
             }
-            ToNetwork::Join { .. } => {}
+            ToNetwork::Join { .. } | ToNetwork::Describe { .. } => {}
         }
     }
 

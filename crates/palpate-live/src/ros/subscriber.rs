@@ -12,7 +12,7 @@ use rustdds::mio1::{Events, Interest, Poll, Token};
 use super::network::{Network, NetworkError, parse};
 use super::topic::TopicSeen;
 use super::wire::{Arrival, Asked, FromNetwork, Service};
-use crate::message::{JointState, TriggerRequest, TriggerResponse};
+use crate::message::{JointState, Text, TriggerRequest, TriggerResponse};
 
 /// Messages that may wait within DDS before the oldest are lost: two seconds of the fastest arms.
 const DEPTH: usize = 2048;
@@ -20,6 +20,9 @@ const DEPTH: usize = 2048;
 /// Numbers of the largest joint state, and bytes of the longest name in it: so many may wait.
 const MOST_JOINTS: usize = 1000;
 const LONGEST_NAME: usize = 256;
+
+/// Between two looks at a topic on which a text is awaited.
+const PEEK: Duration = Duration::from_millis(200);
 
 /// Broken messages looked at in a row.
 const MOST_BROKEN: u32 = 1000;
@@ -68,6 +71,45 @@ impl Network {
             .map_err(failed)?;
         let last = HashMap::new();
         Ok(Subscriber { joints, tare, reset, poll, last, received: 0, lost: 0 })
+    }
+
+    /// A text that somebody keeps on a topic for those who come late, if it comes within so long.
+    ///
+    /// # Errors
+    ///
+    /// If the topic's name is none, or DDS refuses.
+    pub(super) fn kept(
+        &mut self,
+        topic: &str,
+        patience: Duration,
+    ) -> Result<Option<String>, NetworkError> {
+        let qos = QosProfile::subscription_default()
+            .history(ros2_client::qos::History::KeepLast { depth: 1 })
+            .durability(ros2_client::qos::Durability::TransientLocal)
+            .reliability_reliable(WhenFull::DEFAULT);
+        let kind = MessageTypeName::new("std_msgs", "String");
+        let failed = |error: &dyn std::fmt::Display| NetworkError::open(topic, &error);
+        let opened = self
+            .node
+            .create_topic(&parse(topic)?, kind, &qos)
+            .and_then(|topic| self.node.create_subscription::<Text>(&topic, Some(qos)));
+        let mut texts = opened.map_err(|error| failed(&error))?;
+        let mut poll = Poll::new().map_err(|error| failed(&error))?;
+        let registered = poll.registry().register(&mut texts, Token(0), Interest::READABLE);
+        registered.map_err(|error| failed(&error))?;
+        self.confine()?;
+        let until = Instant::now() + patience;
+        loop {
+            if let Ok(Some((text, _))) = texts.take() {
+                return Ok(Some(text.data));
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Ok(None);
+            }
+            // Interrupted by a signal, it is asked again at once; a change that DDS does not tell of is seen soon.
+            let _ = poll.poll(&mut Events::with_capacity(4), Some(left.min(PEEK)));
+        }
     }
 
     /// Offers a service that is asked for nothing but to do it.

@@ -17,6 +17,8 @@ use super::wire::{Frames, FromNetwork, ToNetwork, send};
 
 /// How long the process may take to join.
 const JOIN: Duration = Duration::from_secs(10);
+/// How long a robot's description may be on its way.
+const DESCRIPTION: Duration = Duration::from_secs(10);
 /// How long it may take to end, before it is ended.
 const END: Duration = Duration::from_millis(300);
 
@@ -48,7 +50,9 @@ impl NetworkProcess {
     ///
     /// If it cannot be started, or cannot join.
     pub(crate) fn start(&self) -> Result<Listener<'_>, NetworkError> {
-        let mut listener = self.spawn().map_err(|error| NetworkError::process(&error))?;
+        let (config, joints) = (self.config.clone(), self.joints.clone());
+        let join = ToNetwork::Join { config, joints, flag: self.flag };
+        let mut listener = self.spawn(&join).map_err(|error| NetworkError::process(&error))?;
         match listener.frames.next(JOIN) {
             Ok(Some(FromNetwork::Failed(why))) => Err(NetworkError::Failed { why }),
             Ok(Some(first)) => {
@@ -60,13 +64,35 @@ impl NetworkProcess {
         }
     }
 
-    fn spawn(&self) -> io::Result<Listener<'_>> {
+    /// The URDF that somebody keeps on a topic, as `robot_state_publisher` does on `/robot_description`. `is_over` is
+    /// asked every now and then whether to go on waiting.
+    ///
+    /// # Errors
+    ///
+    /// If nobody publishes it within ten seconds, or there is no network.
+    pub fn description(
+        &self,
+        topic: &str,
+        is_over: impl Fn() -> bool,
+    ) -> Result<String, NetworkError> {
+        let (config, topic) = (self.config.clone(), topic.to_owned());
+        let describe = ToNetwork::Describe { config, topic: topic.clone(), patience: DESCRIPTION };
+        let mut listener = self.spawn(&describe).map_err(|error| NetworkError::process(&error))?;
+        let until = Instant::now() + DESCRIPTION + JOIN;
+        while Instant::now() < until && !is_over() {
+            match listener.frames.next(Duration::from_millis(100)) {
+                Ok(Some(FromNetwork::Description(Some(text)))) => return Ok(text),
+                Ok(Some(FromNetwork::Failed(why))) => return Err(NetworkError::Failed { why }),
+                Ok(Some(_)) => break,
+                Ok(None) => {}
+                Err(error) => return Err(NetworkError::process(&error)),
+            }
+        }
+        Err(NetworkError::NoDescription { topic, seconds: DESCRIPTION.as_secs() })
+    }
+
+    fn spawn(&self, first: &ToNetwork) -> io::Result<Listener<'_>> {
         let (ours, theirs) = UnixStream::pair()?;
-        let join = ToNetwork::Join {
-            config: self.config.clone(),
-            joints: self.joints.clone(),
-            flag: self.flag,
-        };
         let child = (self.command)()
             .stdin(Stdio::from(OwnedFd::from(theirs)))
             .stdout(Stdio::null())
@@ -75,7 +101,7 @@ impl NetworkProcess {
             .spawn()?;
         let mut listener =
             Listener { process: self, child, frames: Frames::new(ours.try_clone()?), first: None };
-        if let Err(error) = send(&ours, &join) {
+        if let Err(error) = send(&ours, first) {
             listener.end();
             return Err(error);
         }

@@ -29,6 +29,12 @@ pub(crate) enum ToNetwork {
         joints: Vec<String>,
         flag: Option<FlagTopics>,
     },
+    /// Comes first where a robot's description is all that is wanted: on which topic, and how long to wait for it.
+    Describe {
+        config: NetworkConfig,
+        topic: String,
+        patience: Duration,
+    },
     Subscribe(TopicSeen),
     /// Why the guard's flag is up, if it is.
     Flag(Option<String>),
@@ -44,6 +50,8 @@ pub(crate) enum ToNetwork {
 pub(crate) enum FromNetwork {
     /// There is no network to join, or a topic cannot be opened.
     Failed(String),
+    /// A robot's description, if it came.
+    Description(Option<String>),
     /// Who publishes what, after each change until it has subscribed.
     Topics(Vec<TopicSeen>),
     /// A joint state, or why it cannot be decoded, and when it came.

@@ -1,0 +1,113 @@
+"""The ROS 2 package: its launch files start the command, its settings are read, and RViz is told of topics that exist.
+
+`launch` itself is in no registry of Python packages: the files are expanded here as it would, and their commands run.
+"""
+
+import os
+import random
+import re
+import shlex
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+import palpate
+
+PACKAGE = Path(__file__).resolve().parents[3] / "ros2" / "palpate_ros"
+ARMS = ["franka", "gen3", "iiwa", "ur"]
+
+
+def expanded(text: str, values: dict[str, str]) -> str:
+    """A text with its substitutions carried out, of which every variable must be declared."""
+    text = text.replace("$(find-pkg-share palpate_ros)", str(PACKAGE))
+    return re.sub(r"\$\(var (\w+)\)", lambda found: values[found[1]], text)
+
+
+def command(launch: Path, given: dict[str, str]) -> list[str]:
+    """What a launch file executes, with arguments as `ros2 launch` takes them."""
+    values: dict[str, str] = {}
+    commands: list[str] = []
+    for node in ElementTree.parse(launch).getroot():
+        own = {name: expanded(text, values) for name, text in node.attrib.items()}
+        if node.tag == "arg":
+            name = own["name"]
+            assert own["description"], name
+            if name not in given and "default" not in own:
+                raise KeyError(name)
+            values[name] = given[name] if name in given else own["default"]
+        elif node.tag == "let":
+            condition = own.get("if", "true") == "true" and own.get("unless", "false") == "false"
+            if condition:
+                values[own["name"]] = own["value"]
+        elif node.tag == "include":
+            passed = {arg.attrib["name"]: expanded(arg.attrib["value"], values) for arg in node}
+            commands += command(Path(own["file"]), passed)
+        elif node.tag == "executable":
+            # A shell parts the flags again, and `launch` takes quotes away.
+            assert own["shell"] == "true" and not set("'\"\\") & set(own["cmd"])
+            commands.append(own["cmd"])
+        else:
+            assert (node.tag, own["pkg"]) == ("node", "rviz2")
+    assert not set(given) - set(values), "an argument that the file does not declare"
+    return commands
+
+
+def run(launch: str, tmp_path: Path, **given: str) -> subprocess.CompletedProcess[str]:
+    domain = random.randrange(120, 200)
+    given["flags"] = f"--localhost --domain {domain} --duration 1 {given.get('flags', '')}"
+    own = {"robot": "kinova_gen3", "field": str(tmp_path / "field.npz"), **given}
+    [line] = command(PACKAGE / "launch" / launch, own)
+    folder = Path(palpate.__file__).parents[4] / "bin"
+    env = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
+    return subprocess.run(line, shell=True, capture_output=True, text=True, env=env)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_mapping_starts_for_every_arm_and_keeps_its_field(arm: str, tmp_path: Path) -> None:
+    done = run("mapping.launch.xml", tmp_path, arm=arm)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "field.npz").is_file()
+
+
+def test_the_guard_starts_with_and_without_moveit_and_wants_a_limit(tmp_path: Path) -> None:
+    for moveit in ("true", "false"):
+        [line] = command(PACKAGE / "launch" / "guard.launch.xml", {"limit": "25", "moveit": moveit})
+        words = shlex.split(line)
+        assert words[words.index("--guard") + 1] == "25" and ("--guard-moveit" in words) == (moveit == "true")
+        done = run("guard.launch.xml", tmp_path, limit="25", moveit=moveit)
+        assert done.returncode == 0, done.stderr
+    with pytest.raises(KeyError, match="limit"):
+        command(PACKAGE / "launch" / "guard.launch.xml", {})
+
+
+def test_settings_of_the_arms_say_sign_and_gravity() -> None:
+    assert sorted(path.stem for path in (PACKAGE / "config").iterdir()) == ARMS
+    for arm in ARMS:
+        touch = palpate.default_settings(PACKAGE / "config" / f"{arm}.toml")["touch"]
+        # Beside a robot nobody looks ahead.
+        assert touch["torque_sign"] in ("plus", "minus") and touch["gravity"] in ("included", "removed")
+
+
+def test_rviz_shows_topics_that_palpate_publishes() -> None:
+    assert command(PACKAGE / "launch" / "view.launch.xml", {}) == []
+    config = yaml.safe_load((PACKAGE / "rviz" / "palpate.rviz").read_text())
+    clouds = [
+        display["Topic"]["Value"]
+        for display in config["Visualization Manager"]["Displays"]
+        if display["Class"].endswith("PointCloud2")
+    ]
+    page = (PACKAGE.parents[1] / "docs/guide/src/live.md").read_text()
+    assert clouds and all(f"| `{topic}` | `PointCloud2` |" in page for topic in clouds)
+
+
+def test_the_package_has_the_version_and_the_dependencies_of_its_files() -> None:
+    manifest = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    assert manifest.findtext("version") == palpate.__version__
+    needs = {node.text for node in manifest if node.tag == "exec_depend"}
+    assert {"launch_xml", "ros2launch", "rviz2", "rviz_default_plugins"} <= needs
+    installed = (PACKAGE / "CMakeLists.txt").read_text()
+    folders = sorted(path.name for path in PACKAGE.iterdir() if path.is_dir())
+    assert folders == ["config", "launch", "rviz"] and all(folder in installed for folder in folders)
