@@ -62,8 +62,9 @@ pub(crate) fn identify<'py>(
 /// External torques of logs with their standard deviations, as `palpate torque` tells them.
 ///
 /// `log` is a path, a `Log`, a `Touch`, or several; `robot` an arm that was identified, `Robot(..., arm="arm.toml")`, or
-/// any other, whose standard deviations are a guess. Returns a dict for each touch: `name`, `time` (T,) s or None, `torque`
-/// and `std` (T, n_joints) N·m, `statistic` (T,): the largest |torque| over its std, and `threshold`, which contact-free
+/// any other, whose standard deviations are a guess. Returns a dict for each touch: `name`, `time` (T,) s or None, `q` (T,
+/// n_joints) rad in the robot's order, `torque` and `std` (T, n_joints) N·m, `statistic` (T,): the largest |torque| over
+/// its std, and `threshold`, which contact-free
 /// motion passes `false_alarms_per_hour` times an hour; None if nothing says it.
 ///
 /// Raises SettingsError, FileError or TouchError.
@@ -103,6 +104,7 @@ pub(crate) fn external_torques<'py>(
         dict.set_item("name", &touch.name)?;
         dict.set_item("time", times.map(|times| flat(py, times)))?;
         let n = robot.arm.robot.n_joints();
+        dict.set_item("q", table_of(py, frames.iter().map(|frame| frame.q.as_slice()), n))?;
         let torques = frames.iter().map(|frame| frame.external.torque.as_slice());
         dict.set_item("torque", table_of(py, torques, n))?;
         let stds = frames.iter().map(|frame| frame.external.std.as_slice());

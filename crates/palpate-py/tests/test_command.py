@@ -30,7 +30,7 @@ def test_the_command_ends_with_the_codes_of_the_program(command: Path, tmp_path:
 
 
 def test_ctrl_c_stops_the_command_and_writes_nothing(command: Path, plant: Path, tmp_path: Path) -> None:
-    call = [command, "evaluate", plant, "-o", tmp_path / "out"]
+    call = list(map(str, (command, "evaluate", plant, "-o", tmp_path / "out")))
     with subprocess.Popen(call, stderr=subprocess.PIPE, text=True) as running:
         assert running.stderr is not None
         line = running.stderr.readline()  # it has begun to work
@@ -42,6 +42,6 @@ def test_ctrl_c_stops_the_command_and_writes_nothing(command: Path, plant: Path,
 
 def test_live_finds_its_network_process_in_the_package(command: Path) -> None:
     domain = str(random.randrange(120, 200))
-    call = [command, "live", "--robot", "kinova_gen3", "--localhost", "--domain", domain, "--duration", "1"]
+    call = [str(command), "live", "--robot", "kinova_gen3", "--localhost", "--domain", domain, "--duration", "1"]
     done = subprocess.run(call, capture_output=True, text=True, env={**os.environ, "TERM": "dumb"})
     assert done.returncode == 0, done.stderr

@@ -49,6 +49,7 @@ __all__ = [
     "Touch",
     "TouchError",
     "TouchIterator",
+    "command",
     "default_settings",
     "evaluate",
     "external_torques",
@@ -672,8 +673,9 @@ def external_torques(
     """External torques of logs with their standard deviations, as `palpate torque` tells them.
 
     `log` is a path, a `Log`, a `Touch`, or several; `robot` an arm that was identified, `Robot(..., arm="arm.toml")`, or
-    any other, whose standard deviations are a guess. Returns a dict for each touch: `name`, `time` (T,) s or None, `torque`
-    and `std` (T, n_joints) N·m, `statistic` (T,): the largest |torque| over its std, and `threshold`, which contact-free
+    any other, whose standard deviations are a guess. Returns a dict for each touch: `name`, `time` (T,) s or None, `q` (T,
+    n_joints) rad in the robot's order, `torque` and `std` (T, n_joints) N·m, `statistic` (T,): the largest |torque| over
+    its std, and `threshold`, which contact-free
     motion passes `false_alarms_per_hour` times an hour; None if nothing says it.
 
     Raises SettingsError, FileError or TouchError.

@@ -498,6 +498,7 @@ class TouchTorques(TypedDict):
 
     name: str
     time: NDArray[np.float64] | None
+    q: NDArray[np.float64]
     torque: NDArray[np.float64]
     std: NDArray[np.float64]
     statistic: NDArray[np.float64]

@@ -8,9 +8,10 @@
 //! | touch     | `episode_index`                                       | as in CSV           |
 //!
 //! A log is a file, a folder of them, or a data set with its files in `data/`, read in natural
-//! order. An episode is a touch; without that column, a file is. Lists name no joints: their order
-//! is believed. Only the columns that are needed are read, a batch of rows at a time.
+//! order. An episode is a touch; without that column, a file is. The joints of lists are those that
+//! the data set names in `meta/info.json`; without names, their order is believed. Only the columns that are needed are read, a batch of rows at a time.
 
+mod lerobot;
 mod sizes;
 
 use std::fs::File;
@@ -52,6 +53,8 @@ pub(super) struct ParquetFile {
     rows: u64,
     row: u64,
     joints: Option<usize>,
+    /// Of lists, the joints that the data set names.
+    named: Option<lerobot::Joints>,
 }
 
 impl TouchFile for ParquetFile {
@@ -70,6 +73,13 @@ impl TouchFile for ParquetFile {
             schema.get_fields().iter().map(|field| field.name().to_owned()).collect();
         let columns = columns(&header, options)
             .map_err(|reason| TableError::columns(path, reason, &header, EXAMPLE))?;
+        let named = match (&*columns.q, &*columns.tau) {
+            (&[q], &[tau]) if columns.joint_names.is_none() && options.columns.is_none() => {
+                lerobot::joints(path, &header[q], &header[tau])
+            }
+            _ => Ok(None),
+        };
+        let named = named.map_err(|reason| TableError::columns(path, reason, &header, EXAMPLE))?;
         let mut wanted: Vec<usize> = columns.used().collect();
         wanted.sort_unstable();
         wanted.dedup();
@@ -94,12 +104,15 @@ impl TouchFile for ParquetFile {
             rows: u64::try_from(rows).unwrap_or(0),
             row: 0,
             joints: None,
+            named,
         })
     }
 
     fn describe(&self) -> FileDescription {
         let known = self.columns.describe(&self.path);
         let continues_touches = known.names_touches;
+        let named = self.named.as_ref().map(|joints| joints.names.clone());
+        let known = FileDescription { joint_names: known.joint_names.or(named), ..known };
         FileDescription { samples: Some(self.rows), continues_touches, ..known }
     }
 
@@ -113,8 +126,12 @@ impl TouchFile for ParquetFile {
                 }
             };
         };
-        let q = self.numbers(&row, &self.columns.q)?;
-        let tau = self.numbers(&row, &self.columns.tau)?;
+        let mut q = self.numbers(&row, &self.columns.q)?;
+        let mut tau = self.numbers(&row, &self.columns.tau)?;
+        if let Some(named) = &self.named {
+            q = self.chosen(&q, &named.q, self.columns.q[0])?;
+            tau = self.chosen(&tau, &named.tau, self.columns.tau[0])?;
+        }
         let joints = *self.joints.get_or_insert(q.len());
         if q.len() != joints || tau.len() != joints || joints > MAX_JOINTS {
             let (found, torques) = (q.len(), tau.len());
@@ -160,6 +177,22 @@ impl ParquetFile {
             }
         }
         Ok(numbers)
+    }
+
+    /// Those of a list that are at some places.
+    fn chosen(
+        &self,
+        list: &[f64],
+        places: &[usize],
+        column: usize,
+    ) -> Result<Vec<f64>, TableError> {
+        let chosen: Option<Vec<f64>> =
+            places.iter().map(|&place| list.get(place).copied()).collect();
+        chosen.ok_or_else(|| {
+            let reason =
+                format!("it holds {} numbers, fewer than meta/info.json names", list.len());
+            self.refused(&self.header[column], reason)
+        })
     }
 
     /// The name of a touch: a text, or the number of an episode.

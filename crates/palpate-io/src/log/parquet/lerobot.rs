@@ -1,0 +1,116 @@
+//! What a data set of LeRobot says of itself, in `meta/info.json` (versions 2 and 3): the names in its lists.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::input;
+
+/// Bytes of the largest `info.json`.
+const LARGEST: u64 = 16 << 20;
+/// Folders between a file of frames and that of its data set, at most: `data/chunk-000`.
+const DEPTH: usize = 3;
+/// What names of a list end with beside the name of the joint.
+const ENDINGS: [&str; 7] =
+    [".pos", ".position", ".effort", ".torque", "_pos", "_effort", "_torque"];
+
+/// The joints that lists of positions and of torques both have, and where in them each is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Joints {
+    pub(super) names: Vec<String>,
+    pub(super) q: Vec<usize>,
+    pub(super) tau: Vec<usize>,
+}
+
+/// The joints of the data set that a file of frames belongs to; `None` if it belongs to none, or that names none of them.
+/// An error is half a sentence on its `info.json`.
+pub(super) fn joints(file: &Path, q: &str, tau: &str) -> Result<Option<Joints>, String> {
+    let folders = file.ancestors().skip(1).take(DEPTH);
+    let Some(path) =
+        folders.map(|folder| folder.join("meta/info.json")).find(|path| path.is_file())
+    else {
+        return Ok(None);
+    };
+    let in_words = |why: String| format!("`{}` {why}", path.display());
+    let text = input::read_text(&path, LARGEST)
+        .map_err(|error| in_words(format!("cannot be read: {error}")))?;
+    let info: Value =
+        serde_json::from_str(&text).map_err(|error| in_words(format!("is no JSON: {error}")))?;
+    let of = |feature: &str| names(&info["features"][feature]["names"]);
+    let (Some(q), tau) = (of(q), of(tau)) else { return Ok(None) };
+    let tau = tau.unwrap_or_else(|| q.clone());
+    let place = |names: &[String], name: &String| names.iter().position(|held| held == name);
+    let names: Vec<String> = q.iter().filter(|name| tau.contains(name)).cloned().collect();
+    if names.is_empty() || names.iter().all(|name| is_number(name)) {
+        return Ok(None); // they say no more than the order does
+    }
+    let places = |of: &[String]| names.iter().filter_map(|name| place(of, name)).collect();
+    Ok(Some(Joints { q: places(&q), tau: places(&tau), names }))
+}
+
+/// A list of names, or one of each kind: `{"motors": [...]}`. Endings that say what is measured are taken away.
+fn names(told: &Value) -> Option<Vec<String>> {
+    let lists: Vec<&Value> = match told {
+        Value::Array(_) => vec![told],
+        Value::Object(kinds) => kinds.values().collect(),
+        _ => return None,
+    };
+    let mut names = Vec::new();
+    for list in lists {
+        for name in list.as_array()? {
+            let name = name.as_str()?;
+            let bare = ENDINGS.iter().find_map(|ending| name.strip_suffix(ending)).unwrap_or(name);
+            names.push(bare.to_owned());
+        }
+    }
+    Some(names)
+}
+
+/// Whether a name is a number, perhaps behind a word that any joint could have.
+fn is_number(name: &str) -> bool {
+    let words = ["motor", "joint", "state", "axis", "dim", "j", "q", "m"];
+    let name = name.to_ascii_lowercase();
+    let rest = words.iter().find_map(|word| name.strip_prefix(word)).unwrap_or(&name);
+    let digits = rest.trim_start_matches(['_', '.', '-', ' ']);
+    digits.chars().all(|c| c.is_ascii_digit())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    fn joints_of(q: &str, tau: &str) -> Result<Option<Joints>, String> {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir_all(folder.path().join("meta")).unwrap();
+        fs::create_dir_all(folder.path().join("data/chunk-000")).unwrap();
+        let info =
+            format!("{{\"features\": {{\"s\": {{\"names\": {q}}}, \"e\": {{\"names\": {tau}}}}}}}");
+        fs::write(folder.path().join("meta/info.json"), info).unwrap();
+        joints(&folder.path().join("data/chunk-000/file-000.parquet"), "s", "e")
+    }
+
+    #[test]
+    fn joints_of_both_lists_are_found_by_name_whatever_their_order() {
+        let found = joints_of(
+            r#"["a.pos", "b.pos", "gripper.pos"]"#,
+            r#"{"motors": ["b.effort", "a.effort"]}"#,
+        );
+        let wanted = Joints { names: vec!["a".into(), "b".into()], q: vec![0, 1], tau: vec![1, 0] };
+        assert_eq!(found, Ok(Some(wanted)));
+        let found = joints_of(r#"{"motors": ["a", "b"]}"#, "null").unwrap().unwrap();
+        assert_eq!((found.q, found.tau), (vec![0, 1], vec![0, 1]));
+    }
+
+    #[test]
+    fn names_that_are_numbers_name_nothing_and_broken_metadata_is_told() {
+        for names in
+            [r#"["motor_0", "motor_1"]"#, r#"["0", "1"]"#, r#"["J1", "J2"]"#, "null", "[3]"]
+        {
+            assert_eq!(joints_of(names, names), Ok(None), "{names}");
+        }
+        assert!(joints_of("[", "1").unwrap_err().contains("meta/info.json` is no JSON"));
+        assert_eq!(joints(Path::new("/nowhere/data/file.parquet"), "s", "e"), Ok(None));
+    }
+}

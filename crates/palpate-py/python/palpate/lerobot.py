@@ -1,0 +1,170 @@
+"""External torques and predictions as features of a LeRobot data set.
+
+`palpate.open_log`, and everything that takes a log, reads the data sets of LeRobot (versions 2 and 3). `annotate` writes
+one again with what palpate says of each frame. Needs pyarrow: ``pip install 'palpate[lerobot]'``.
+"""
+
+import json
+import os
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.parquet as pq  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+from ._palpate import Field, FileError, Mapper, Robot, external_torques
+from ._progress import Progress
+from .results import TouchTorques
+from .settings import AnySettings
+
+_Arrays = dict[str, NDArray[np.float64]]
+
+
+def annotate(
+    dataset: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    robot: Robot | str | os.PathLike[str] | None = None,
+    field: Field | None = None,
+    *,
+    settings: AnySettings | None = None,
+    progress: Progress = None,
+) -> dict[str, list[int]]:
+    """Writes a LeRobot data set again, with palpate's features beside its own.
+
+    `dataset` is the folder with `data/` and `meta/`; `output` must not be there yet, and appears whole or not at all. Its
+    videos are links to those of `dataset` where the system allows it. `robot` is an arm as for `external_torques`.
+
+    | feature                                  | float32, (n_joints,), N·m                              |
+    |------------------------------------------|--------------------------------------------------------|
+    | `observation.external_torque`            | what the object exerts on the joints                   |
+    | `observation.external_torque_std`        | its standard deviation                                 |
+    | `observation.predicted_torque`           | with `field`: what it says of the episode's motion     |
+    | `observation.predicted_torque_half_width`| the same, of a field with bands: half-width at 90 %    |
+
+    Features have statistics in `meta/`, as LeRobot wants them. Returns their names with their shapes. Raises FileError if
+    `dataset` is none or `output` is there, LogError or TouchError if it cannot be read as a log.
+    """
+    source, target = Path(dataset), Path(output)
+    info = _info(source)
+    if target.exists():
+        raise FileError(f"`{target}` is there already; choose another name")
+    found = external_torques(os.fspath(source), robot, settings=settings, progress=progress)
+    arm = robot if isinstance(robot, Robot) else Robot() if robot is None else Robot(robot)
+    mapper = Mapper.from_field(field, arm) if field is not None else None
+    episodes = {touch["name"]: _features(touch, mapper) for touch in found}
+    names, n_joints = list(next(iter(episodes.values()))), arm.n_joints
+    features = {
+        name: {"dtype": "float32", "shape": [n_joints], "names": arm.joint_names} for name in names
+    }
+
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".partial", dir=target.parent))
+    try:
+        _copy(source, partial)
+        rows = dict.fromkeys(episodes, 0)
+        for path in sorted((partial / "data").rglob("*.parquet")):
+            _extend(path, episodes, rows, names)
+        info["features"].update(features)
+        (partial / "meta/info.json").write_text(json.dumps(info, indent=4) + "\n")
+        _statistics(partial / "meta", episodes, names)
+        partial.chmod(0o755)
+        partial.rename(target)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return {name: [n_joints] for name in names}
+
+
+def _info(source: Path) -> dict[str, Any]:
+    path = source / "meta" / "info.json"
+    try:
+        info = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise FileError(f"`{path}` does not exist; wanted the folder of a LeRobot data set") from None
+    except ValueError as error:
+        raise FileError(f"`{path}` is no JSON: {error}") from None
+    if not isinstance(info, dict) or not isinstance(info.get("features"), dict):
+        raise FileError(f"`{path}` names no features; wanted those of a LeRobot data set")
+    return info
+
+
+def _features(touch: TouchTorques, mapper: Mapper | None) -> _Arrays:
+    found = {"observation.external_torque": touch["torque"], "observation.external_torque_std": touch["std"]}
+    if mapper is not None:
+        answer = mapper.ask(touch["q"])
+        found["observation.predicted_torque"] = answer.torque
+        if answer.half_width is not None:
+            found["observation.predicted_torque_half_width"] = answer.half_width
+    return found
+
+
+def _copy(source: Path, partial: Path) -> None:
+    """All of a data set; videos and images, which nobody changes, as links."""
+
+    def linked(old: str, new: str) -> None:
+        try:
+            os.link(old, new)
+        except OSError:
+            shutil.copy2(old, new)
+
+    for entry in source.iterdir():
+        to = partial / entry.name
+        if entry.is_dir():
+            keeps = entry.name in ("videos", "images")
+            shutil.copytree(entry, to, copy_function=linked if keeps else shutil.copy2)
+        else:
+            shutil.copy2(entry, to)
+
+
+def _extend(path: Path, episodes: dict[str, _Arrays], rows: dict[str, int], names: list[str]) -> None:
+    """Adds the features of its rows to a file of frames; `rows` counts those of each episode so far."""
+    table = pq.read_table(path)
+    if "episode_index" in table.column_names:
+        keys = [f"episode_{number}" for number in table["episode_index"].to_pylist()]
+    else:
+        keys = [path.stem] * len(table)
+    places = []
+    for key in keys:
+        places.append((key, rows[key]))
+        rows[key] += 1
+    metadata = dict(table.schema.metadata or {})
+    for name in names:
+        values = np.asarray([episodes[key][name][row] for key, row in places], dtype=np.float32)
+        column = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+        if name in table.column_names:
+            table = table.drop_columns([name])
+        table = table.append_column(name, column)
+    huggingface = json.loads(metadata.get(b"huggingface", b"null"))
+    if huggingface:
+        for name in names:
+            value = {"dtype": "float32", "_type": "Value"}
+            length = episodes[keys[0]][name].shape[1]
+            huggingface["info"]["features"][name] = {"feature": value, "length": length, "_type": "List"}
+        metadata[b"huggingface"] = json.dumps(huggingface).encode()
+    pq.write_table(table.replace_schema_metadata(metadata), path)
+
+
+def _statistics(meta: Path, episodes: dict[str, _Arrays], names: list[str]) -> None:
+    """Adds the features to the statistics that the data set has: of all frames, or of each episode."""
+    whole = meta / "stats.json"
+    if whole.exists():
+        stats = json.loads(whole.read_text())
+        for name in names:
+            stats[name] = _of(np.concatenate([episode[name] for episode in episodes.values()]))
+        whole.write_text(json.dumps(stats, indent=4) + "\n")
+    each = meta / "episodes_stats.jsonl"
+    if each.exists():
+        lines = [json.loads(line) for line in each.read_text().splitlines() if line.strip()]
+        for line in lines:
+            episode = episodes[f"episode_{line['episode_index']}"]
+            line["stats"].update({name: _of(episode[name]) for name in names})
+        each.write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
+def _of(values: NDArray[np.float64]) -> dict[str, list[float]]:
+    found = {"min": values.min(0), "max": values.max(0), "mean": values.mean(0), "std": values.std(0)}
+    stats = {name: [float(number) for number in numbers] for name, numbers in found.items()}
+    return {**stats, "count": [len(values)]}
