@@ -41,7 +41,15 @@ fn field(log: &Path, more: &[&str]) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.npz");
     // Two replays are as good as twenty to tell one log from another.
-    succeed(palpate().arg("map").arg(log).arg("-o").arg(&path).args(["--tune=off", "--replays", "2"]).args(more));
+    succeed(
+        palpate()
+            .arg("map")
+            .arg(log)
+            .arg("-o")
+            .arg(&path)
+            .args(["--tune=off", "--replays", "2"])
+            .args(more),
+    );
     let mut saved = load(&path).unwrap();
     let snapshot = saved.snapshot.as_mut().unwrap();
     snapshot.sample_log.iter_mut().for_each(|touch| touch.name.clear());

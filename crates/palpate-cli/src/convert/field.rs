@@ -12,12 +12,14 @@ use palpate_io::field::{self, FieldFile, obstacles, write_vti};
 use palpate_io::gltf::{self, Mesh};
 use palpate_io::log::bag_write::{Compression, write_field};
 use palpate_view::view_model::{Cells, LinkShape, Scale};
+use palpate_work::held_joints::of_field;
 use palpate_work::robot;
 
 use crate::error::CliError;
 use crate::hull::Hulls;
 use crate::output::Output;
 use crate::place;
+use crate::predict::tell_other_robot;
 use crate::settings::Settings;
 
 /// Frame of the points in a message: that of the robot's base, as ROS calls it.
@@ -111,14 +113,17 @@ fn write_glb(
     output: &Output,
 ) -> Result<(usize, String), CliError> {
     let saved = field::load(input).map_err(CliError::file)?;
-    let arm = robot::load(&settings.robot, output)?;
+    let snapshot = saved.snapshot.as_ref();
+    let arm = of_field(robot::load(&settings.robot, output)?, snapshot, output);
+    tell_other_robot(&saved, &arm, output);
     let mut scale = Scale::default();
     scale.widen(&saved.field);
     let mut cells = scale.cells(&saved.field);
     if let Some(above) = above {
         cells = cells.above(above as f32);
     }
-    let log = saved.snapshot.as_ref().map(|snapshot| snapshot.sample_log.as_slice());
+    let own = snapshot.filter(|snapshot| snapshot.robot.1 == arm.fingerprint());
+    let log = own.map(|snapshot| snapshot.sample_log.as_slice());
     let touched = log.and_then(|log| log.iter().rev().find(|touch| !touch.q.is_empty()));
     let (q, posture) = match touched.and_then(|touch| touch.q.get(..arm.robot.n_joints())) {
         Some(q) => (q.to_vec(), "where its last touch began"),

@@ -212,7 +212,11 @@ impl Args {
         let Picture { bodies, cloud } = shown;
         replace_elastic_by_map(&mut settings, !bodies.is_empty())?;
         let touches = as_touches(recorded, false)?;
-        let mut methods = if self.full { vec![] } else { QUICK.to_vec() };
+        let mut methods = QUICK.to_vec();
+        if self.full {
+            methods.clear();
+            evaluate::tell_left_out(output);
+        }
         if !bodies.is_empty() {
             methods.insert(0, Method::Elastic);
         }

@@ -63,6 +63,13 @@ keeps its shipped settings.
 --json prints {\"methods\": [{\"name\", avg_error, max_error, avg_relative, max_relative, each
 {\"mean\", \"std\"}}], \"touches\": [...]}, N·m.";
 
+/// Notes which methods this program was built without, where all were asked for.
+pub(crate) fn tell_left_out(output: &Output) {
+    if !Method::Gp.is_built() {
+        output.note(&palpate_io::not_built("the baselines mlp and gp"));
+    }
+}
+
 /// Flags of `palpate evaluate`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = NOTES)]
@@ -110,6 +117,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     replace_elastic_by_map(&mut settings, has_body)?;
     settings.config()?;
     let methods = each_once(&args.methods, has_body)?;
+    if args.methods.is_empty() {
+        tell_left_out(output);
+    }
     let (bodies, cloud) = args.object.bodies(output)?;
     let folder = Folder::make(&args.output, "report.html")?;
     interrupt::listen();
