@@ -1,6 +1,6 @@
 //! `palpate torque`: the external torque of every joint with its standard deviation, and when something is touched.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use palpate::{Arm, Differentiation, TorqueModel};
@@ -70,15 +70,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut places = Places::read(&args.settings, &settings, &args.logs);
     args.free.iter().for_each(|log| places.log(log));
     places.output("the torques (--output)", args.output.as_deref())?;
-    let format = |path: &PathBuf| {
-        let formats = [
-            ("csv", TorqueFormat::Csv),
-            ("parquet", TorqueFormat::Parquet),
-            ("mcap", TorqueFormat::Mcap),
-        ];
-        place::format_of(path, "file of torques", &formats)
-    };
-    let format = args.output.as_ref().map(format).transpose()?;
+    let format = args.output.as_deref().map(format_of).transpose()?;
     interrupt::listen();
     let differentiation =
         if args.causal { Differentiation::Causal } else { Differentiation::Centred };
@@ -126,6 +118,20 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         Some(path) => output.result(&format!("The torques are in `{}`.\n", path.display())),
         None => Ok(()),
     }
+}
+
+/// The format that the ending of a file of torques means.
+fn format_of(path: &Path) -> Result<TorqueFormat, CliError> {
+    let formats = [
+        ("csv", TorqueFormat::Csv),
+        ("parquet", TorqueFormat::Parquet),
+        ("mcap", TorqueFormat::Mcap),
+    ];
+    let format = place::format_of(path, "file of torques", &formats)?;
+    if format == TorqueFormat::Parquet && !cfg!(feature = "full") {
+        return Err(CliError::Usage(palpate_io::not_built("Parquet")));
+    }
+    Ok(format)
 }
 
 /// Logs with their arm, their torques external ones.

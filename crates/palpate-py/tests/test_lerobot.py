@@ -17,6 +17,20 @@ from palpate.lerobot import annotate
 N = 7
 
 
+def described(table: Any, kind: str) -> Any:
+    """A table with what `datasets` of some version writes beside it: lists are `Sequence` before version 4."""
+
+    def feature(field: Any) -> dict[str, Any]:
+        if not pa.types.is_fixed_size_list(field.type):
+            return {"dtype": "float32" if pa.types.is_float32(field.type) else "int64", "_type": "Value"}
+        value = {"dtype": "float32", "_type": "Value"}
+        return {"feature": value, "length": field.type.list_size, "_type": kind}
+
+    features = {field.name: feature(field) for field in table.schema}
+    text = json.dumps({"info": {"features": features}})
+    return table.replace_schema_metadata({"huggingface": text})
+
+
 def data_set(plant: Path, folder: Path, version: str) -> list[tuple[Any, Any]]:
     """Two touches as a data set, joints in another order and a gripper among the positions."""
     order = [6, 0, 1, 2, 3, 4, 5]
@@ -43,12 +57,13 @@ def data_set(plant: Path, folder: Path, version: str) -> list[tuple[Any, Any]]:
             "frame_index": pa.array(frames),
             "episode_index": pa.array(np.full(len(q), episode)),
         }
-        tables.append(pa.table(columns))
+        tables.append(described(pa.table(columns), "List" if version == "v3.0" else "Sequence"))
     data, meta = folder / "data/chunk-000", folder / "meta"
     data.mkdir(parents=True)
     meta.mkdir()
     (folder / "videos").mkdir()
-    (folder / "videos/front.mp4").write_bytes(b"film")
+    (folder / "film").write_bytes(b"film")
+    (folder / "videos/front.mp4").symlink_to("../film")  # as in the cache of a hub
     info = {"codebase_version": version, "fps": 20, "features": features}
     (meta / "info.json").write_text(json.dumps(info))
     if version == "v3.0":
@@ -75,6 +90,11 @@ def loaded(folder: Path) -> Any:
     return datasets.Dataset.from_parquet(files, features=datasets.Features(features)).with_format("numpy")
 
 
+def stored(path: str) -> Any:
+    """What is written beside the columns of a file."""
+    return json.loads(pq.read_schema(path).metadata[b"huggingface"])["info"]["features"]
+
+
 @pytest.mark.parametrize("version", ["v2.1", "v3.0"])
 def test_needs_datasets_a_data_set_is_read_by_its_names_and_annotated_for_its_own_library(
     plant: Path, robot: palpate.Robot, field: palpate.Field, tmp_path: Path, version: str
@@ -99,6 +119,11 @@ def test_needs_datasets_a_data_set_is_read_by_its_names_and_annotated_for_its_ow
     predicted = np.concatenate([palpate.Mapper.from_field(field, robot).ask(t["q"]).torque for t in torques])
     assert np.array_equal(frames["observation.predicted_torque"][:], predicted.astype(np.float32))
     assert np.abs(predicted).max() > 0.5
+    files = sorted(str(path) for path in (target / "data").rglob("*.parquet"))
+    plain = datasets.Dataset.from_parquet(files).with_format("numpy")
+    assert np.array_equal(plain["observation.external_torque"][:], wanted)
+    kinds = {own["_type"] for own in stored(files[0]).values() if "feature" in own}
+    assert kinds == {"List" if version == "v3.0" else "Sequence"}
     # What was there is there still, and the source as it was.
     before = loaded(source)
     for name in before.column_names:
@@ -121,6 +146,10 @@ def test_needs_datasets_what_is_no_data_set_or_would_be_replaced_is_refused(plan
     data_set(plant, source, "v3.0")
     with pytest.raises(palpate.FileError, match="is there already"):
         annotate(source, source)
+    with pytest.raises(palpate.FileError, match="part of what it is made from"):
+        annotate(source, source / "data/out")
+    with pytest.raises(palpate.FileError, match="not those that were read"):
+        annotate(source, tmp_path / "out", settings={"log": {"split_idle": True, "idle_s": 0.2}})
     (source / "data/chunk-000/file-000.parquet").write_bytes(b"PAR1 broken")
     with pytest.raises(palpate.LogError):
         annotate(source, tmp_path / "out")

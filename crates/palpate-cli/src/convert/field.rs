@@ -46,7 +46,7 @@ impl Conversion<'_> {
             return output.result(&format!("The elastic body is in `{}`.\n", path.display()));
         }
         if to == "glb" {
-            let (cells, arm) = write_glb((input, path), self.above, settings, output)?;
+            let (cells, arm) = self.write_glb(settings, output)?;
             let path = path.display();
             return output.result(&format!("{cells} cells and {arm} are in `{path}`.\n"));
         }
@@ -92,6 +92,43 @@ impl Conversion<'_> {
         output.result(&format!("{what} are in `{}`.\n", path.display()))
     }
 
+    /// Writes the arm where its last touch began, or with all joints in the middle of their range, and the field as
+    /// octahedra. Returns how many, and what the arm is.
+    fn write_glb(&self, settings: &Settings, output: &Output) -> Result<(usize, String), CliError> {
+        let (input, path, _) = self.paths;
+        let saved = field::load(input).map_err(CliError::file)?;
+        let snapshot = saved.snapshot.as_ref();
+        let arm = of_field(robot::load(&settings.robot, output)?, snapshot, output);
+        tell_other_robot(&saved, &arm, output);
+        let mut scale = Scale::default();
+        scale.widen(&saved.field);
+        let mut cells = scale.cells(&saved.field);
+        if let Some(above) = self.above {
+            cells = cells.above(above as f32);
+        }
+        if cells.points_m.is_empty() {
+            return Err(self.nothing_above(self.above.unwrap_or(0.0)));
+        }
+        let own = snapshot.filter(|snapshot| snapshot.robot.1 == arm.fingerprint());
+        let log = own.map(|snapshot| snapshot.sample_log.as_slice());
+        let touched = log.and_then(|log| log.iter().rev().find(|touch| !touch.q.is_empty()));
+        let (q, posture) = match touched.and_then(|touch| touch.q.get(..arm.robot.n_joints())) {
+            Some(q) => (q.to_vec(), "where its last touch began"),
+            None => (
+                arm.robot.joints().iter().map(Joint::middle).collect(),
+                "in the middle of its range",
+            ),
+        };
+        let hulls = Hulls::of(&arm);
+        let poses = hulls.poses(&arm, &q).map_err(|error| CliError::from(error.to_string()))?;
+        let mut meshes: Vec<Mesh> =
+            hulls.hulls.iter().zip(&poses).map(|(hull, pose)| link(hull, pose)).collect();
+        meshes.push(octahedra(&cells));
+        let written = atomic::write(path, IfExists::Replace, |out| gltf::write_glb(out, &meshes));
+        written.map_err(CliError::file)?;
+        Ok((cells.points_m.len(), format!("`{}`, {posture},", arm.robot.name())))
+    }
+
     fn nothing_above(&self, above: f64) -> CliError {
         CliError::from(format!(
             "`{}` has no cell stiffer than {above} N/m (--above); `palpate inspect` says how stiff its cells are",
@@ -102,43 +139,6 @@ impl Conversion<'_> {
 
 fn has_body(input: &Path) -> Result<bool, CliError> {
     Ok(field::load(input).map_err(CliError::file)?.field.elastic.is_some())
-}
-
-/// Writes the arm where its last touch began, or with all joints in the middle of their range, and the field as
-/// octahedra. Returns how many, and what the arm is.
-fn write_glb(
-    (input, path): (&Path, &Path),
-    above: Option<f64>,
-    settings: &Settings,
-    output: &Output,
-) -> Result<(usize, String), CliError> {
-    let saved = field::load(input).map_err(CliError::file)?;
-    let snapshot = saved.snapshot.as_ref();
-    let arm = of_field(robot::load(&settings.robot, output)?, snapshot, output);
-    tell_other_robot(&saved, &arm, output);
-    let mut scale = Scale::default();
-    scale.widen(&saved.field);
-    let mut cells = scale.cells(&saved.field);
-    if let Some(above) = above {
-        cells = cells.above(above as f32);
-    }
-    let own = snapshot.filter(|snapshot| snapshot.robot.1 == arm.fingerprint());
-    let log = own.map(|snapshot| snapshot.sample_log.as_slice());
-    let touched = log.and_then(|log| log.iter().rev().find(|touch| !touch.q.is_empty()));
-    let (q, posture) = match touched.and_then(|touch| touch.q.get(..arm.robot.n_joints())) {
-        Some(q) => (q.to_vec(), "where its last touch began"),
-        None => {
-            (arm.robot.joints().iter().map(Joint::middle).collect(), "in the middle of its range")
-        }
-    };
-    let hulls = Hulls::of(&arm);
-    let poses = hulls.poses(&arm, &q).map_err(|error| CliError::from(error.to_string()))?;
-    let mut meshes: Vec<Mesh> =
-        hulls.hulls.iter().zip(&poses).map(|(hull, pose)| link(hull, pose)).collect();
-    meshes.push(octahedra(&cells));
-    let written = atomic::write(path, IfExists::Replace, |out| gltf::write_glb(out, &meshes));
-    written.map_err(CliError::file)?;
-    Ok((cells.points_m.len(), format!("`{}`, {posture},", arm.robot.name())))
 }
 
 fn link(hull: &LinkShape, world_from_link: &Isometry3<f64>) -> Mesh {

@@ -209,7 +209,11 @@ impl Args {
         }
         output.note(&format!("waiting for the robot's description on {topic}"));
         let network = self.network(Vec::new());
-        let urdf = network.description(&topic, interrupt::pressed).map_err(CliError::file)?;
+        let urdf = network.description(&topic, interrupt::pressed);
+        if interrupt::pressed() {
+            return Err(CliError::Interrupted { kept: String::new() });
+        }
+        let urdf = urdf.map_err(CliError::file)?;
         let write = || {
             let mut file = tempfile::Builder::new().suffix(".urdf").tempfile()?;
             file.write_all(urdf.as_bytes())?;

@@ -7,6 +7,7 @@ use crate::output::Output;
 
 /// Flags of `palpate live`, which nobody looks at.
 #[derive(Debug, clap::Args)]
+#[command(disable_help_flag = true)] // asked for help as well, it says how to get it
 pub(crate) struct Args {
     #[arg(hide = true, trailing_var_arg = true, allow_hyphen_values = true)]
     _flags: Vec<OsString>,

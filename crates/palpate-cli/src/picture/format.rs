@@ -23,7 +23,11 @@ pub(crate) enum Format {
 impl Format {
     /// The format that a file's name asks for.
     pub(crate) fn of(path: &Path) -> Result<Self, CliError> {
-        place::format_of(path, "picture", &[("svg", Self::Svg), ("png", Self::Png)])
+        let format = place::format_of(path, "picture", &[("svg", Self::Svg), ("png", Self::Png)])?;
+        if format == Self::Png && !cfg!(feature = "full") {
+            return Err(CliError::Usage(palpate_io::not_built("pictures as PNG")));
+        }
+        Ok(format)
     }
 
     /// Writes a picture that was drawn as SVG, whole or not at all.

@@ -58,8 +58,8 @@ pub enum NetworkError {
     #[error("sockets cannot be bound to the loopback interface (--localhost): {why}")]
     Localhost { why: String },
     #[error(
-        "nobody has published a robot's description on `{topic}` (std_msgs/msg/String) within {seconds} s; is \
-         robot_state_publisher running, and is the domain (--domain, ROS_DOMAIN_ID) right?"
+        "there is no file `{topic}`, and nobody has published a robot's description on this topic \
+         (std_msgs/msg/String) within {seconds} s; is robot_state_publisher running, and is the domain (--domain, ROS_DOMAIN_ID) right?"
     )]
     NoDescription { topic: String, seconds: u64 },
     /// As the network process says it.

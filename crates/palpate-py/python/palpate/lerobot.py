@@ -52,6 +52,8 @@ def annotate(
     info = _info(source)
     if target.exists():
         raise FileError(f"`{target}` is there already; choose another name")
+    if source.resolve() in target.resolve().parents:
+        raise FileError(f"`{target}` would be part of what it is made from; choose a name outside of `{source}`")
     found = external_torques(os.fspath(source), robot, settings=settings, progress=progress)
     arm = robot if isinstance(robot, Robot) else Robot() if robot is None else Robot(robot)
     mapper = Mapper.from_field(field, arm) if field is not None else None
@@ -68,6 +70,9 @@ def annotate(
         rows = dict.fromkeys(episodes, 0)
         for path in sorted((partial / "data").rglob("*.parquet")):
             _extend(path, episodes, rows, names)
+        for name, count in rows.items():
+            if count != len(episodes[name][names[0]]):
+                raise _other_frames(source, name)
         info["features"].update(features)
         (partial / "meta/info.json").write_text(json.dumps(info, indent=4) + "\n")
         _statistics(partial / "meta", episodes, names)
@@ -106,7 +111,7 @@ def _copy(source: Path, partial: Path) -> None:
 
     def linked(old: str, new: str) -> None:
         try:
-            os.link(old, new)
+            os.link(os.path.realpath(old), new)
         except OSError:
             shutil.copy2(old, new)
 
@@ -126,8 +131,12 @@ def _extend(path: Path, episodes: dict[str, _Arrays], rows: dict[str, int], name
         keys = [f"episode_{number}" for number in table["episode_index"].to_pylist()]
     else:
         keys = [path.stem] * len(table)
+    if not keys:
+        return
     places = []
     for key in keys:
+        if key not in rows or rows[key] >= len(episodes[key][names[0]]):
+            raise _other_frames(path, key)
         places.append((key, rows[key]))
         rows[key] += 1
     metadata = dict(table.schema.metadata or {})
@@ -137,14 +146,24 @@ def _extend(path: Path, episodes: dict[str, _Arrays], rows: dict[str, int], name
         if name in table.column_names:
             table = table.drop_columns([name])
         table = table.append_column(name, column)
-    huggingface = json.loads(metadata.get(b"huggingface", b"null"))
-    if huggingface:
+    huggingface = json.loads(metadata.get(b"huggingface", b"null")) or {}
+    features = huggingface.get("info", {}).get("features")
+    if features is not None:
+        # Lists are called otherwise since version 4 of datasets, and each version reads what is written here already.
+        lists = (own["_type"] for own in features.values() if "feature" in own)
+        kind = next(lists, "Sequence")
         for name in names:
             value = {"dtype": "float32", "_type": "Value"}
-            length = episodes[keys[0]][name].shape[1]
-            huggingface["info"]["features"][name] = {"feature": value, "length": length, "_type": "List"}
+            features[name] = {"feature": value, "length": episodes[keys[0]][name].shape[1], "_type": kind}
         metadata[b"huggingface"] = json.dumps(huggingface).encode()
     pq.write_table(table.replace_schema_metadata(metadata), path)
+
+
+def _other_frames(path: Path, episode: str) -> FileError:
+    return FileError(
+        f"`{path}`: the frames of `{episode}` in its data/ are not those that were read as a touch; leave out settings "
+        "that part or skip touches"
+    )
 
 
 def _statistics(meta: Path, episodes: dict[str, _Arrays], names: list[str]) -> None:

@@ -25,7 +25,8 @@ pub(super) struct Joints {
 /// The joints of the data set that a file of frames belongs to; `None` if it belongs to none, or that names none of them.
 /// An error is half a sentence on its `info.json`.
 pub(super) fn joints(file: &Path, q: &str, tau: &str) -> Result<Option<Joints>, String> {
-    let folders = file.ancestors().skip(1).take(DEPTH);
+    let whole = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+    let folders = whole.ancestors().skip(1).take(DEPTH);
     let Some(path) =
         folders.map(|folder| folder.join("meta/info.json")).find(|path| path.is_file())
     else {
@@ -41,38 +42,35 @@ pub(super) fn joints(file: &Path, q: &str, tau: &str) -> Result<Option<Joints>, 
     let tau = tau.unwrap_or_else(|| q.clone());
     let place = |names: &[String], name: &String| names.iter().position(|held| held == name);
     let names: Vec<String> = q.iter().filter(|name| tau.contains(name)).cloned().collect();
-    if names.is_empty() || names.iter().all(|name| is_number(name)) {
+    let numbers: Option<Vec<u32>> = names.iter().map(|name| number(name)).collect();
+    let count_up = numbers.is_some_and(|numbers| numbers.is_sorted());
+    if names.is_empty() || (q == tau && count_up) {
         return Ok(None); // they say no more than the order does
     }
     let places = |of: &[String]| names.iter().filter_map(|name| place(of, name)).collect();
     Ok(Some(Joints { q: places(&q), tau: places(&tau), names }))
 }
 
-/// A list of names, or one of each kind: `{"motors": [...]}`. Endings that say what is measured are taken away.
+/// A list of names, or one list that is named itself: `{"motors": [...]}`. Endings that say what is measured are taken away.
 fn names(told: &Value) -> Option<Vec<String>> {
-    let lists: Vec<&Value> = match told {
-        Value::Array(_) => vec![told],
-        Value::Object(kinds) => kinds.values().collect(),
-        _ => return None,
+    let list = match told {
+        Value::Object(kinds) if kinds.len() == 1 => kinds.values().next()?,
+        other => other, // of several lists, nobody knows which comes first
     };
-    let mut names = Vec::new();
-    for list in lists {
-        for name in list.as_array()? {
-            let name = name.as_str()?;
-            let bare = ENDINGS.iter().find_map(|ending| name.strip_suffix(ending)).unwrap_or(name);
-            names.push(bare.to_owned());
-        }
-    }
-    Some(names)
+    let bare = |name: &Value| {
+        let name = name.as_str()?;
+        let bare = ENDINGS.iter().find_map(|ending| name.strip_suffix(ending)).unwrap_or(name);
+        Some(bare.to_owned())
+    };
+    list.as_array()?.iter().map(bare).collect()
 }
 
-/// Whether a name is a number, perhaps behind a word that any joint could have.
-fn is_number(name: &str) -> bool {
+/// The number that a name is, perhaps behind a word that any joint could have.
+fn number(name: &str) -> Option<u32> {
     let words = ["motor", "joint", "state", "axis", "dim", "j", "q", "m"];
     let name = name.to_ascii_lowercase();
     let rest = words.iter().find_map(|word| name.strip_prefix(word)).unwrap_or(&name);
-    let digits = rest.trim_start_matches(['_', '.', '-', ' ']);
-    digits.chars().all(|c| c.is_ascii_digit())
+    rest.trim_start_matches(['_', '.', '-', ' ']).parse().ok()
 }
 
 #[cfg(test)]
@@ -105,11 +103,25 @@ mod tests {
 
     #[test]
     fn names_that_are_numbers_name_nothing_and_broken_metadata_is_told() {
-        for names in
-            [r#"["motor_0", "motor_1"]"#, r#"["0", "1"]"#, r#"["J1", "J2"]"#, "null", "[3]"]
-        {
+        let two_lists = r#"{"motors": ["a", "b"], "gripper": ["g"]}"#;
+        for names in [
+            r#"["motor_0", "motor_1"]"#,
+            r#"["0", "1"]"#,
+            r#"["J1", "J2"]"#,
+            "null",
+            "[3]",
+            two_lists,
+        ] {
             assert_eq!(joints_of(names, names), Ok(None), "{names}");
         }
+        // Where numbers say more than the order does, they count.
+        let (up, down) = (r#"["joint_1", "joint_2"]"#, r#"["joint_2", "joint_1"]"#);
+        assert_eq!(joints_of(up, down).unwrap().unwrap().tau, [1, 0]);
+        assert_eq!(joints_of(down, down).unwrap().unwrap().names, ["joint_2", "joint_1"]);
+        assert_eq!(
+            joints_of(r#"["joint_1", "joint_2", "gripper"]"#, up).unwrap().unwrap().q,
+            [0, 1]
+        );
         assert!(joints_of("[", "1").unwrap_err().contains("meta/info.json` is no JSON"));
         assert_eq!(joints(Path::new("/nowhere/data/file.parquet"), "s", "e"), Ok(None));
     }
