@@ -20,13 +20,18 @@ fn convert(input: &Path, output: &Path, more: &[&str]) -> Command {
     convert
 }
 
+/// A field of bundled touches.
+fn mapped(folder: &Path, touches: &str) -> PathBuf {
+    let field = folder.join("field.npz");
+    let flags = ["--tune=off", "--replays", "2"];
+    succeed(palpate().arg("map").arg(root().join(touches)).args(flags).arg("-o").arg(&field));
+    field
+}
+
 #[test]
 fn needs_mujoco_pyvista_trimesh_a_field_is_read_by_others_as_it_is() {
     let folder = tempfile::tempdir().unwrap();
-    let field = folder.path().join("field.npz");
-    let touches = root().join("data/plant_a");
-    let flags = ["--tune=off", "--replays", "2"];
-    succeed(palpate().arg("map").arg(touches).args(flags).arg("-o").arg(&field));
+    let field = mapped(folder.path(), "data/plant_a");
     for name in ["field.vti", "field.glb"] {
         succeed(&mut convert(&field, &folder.path().join(name), &[]));
     }
@@ -44,10 +49,8 @@ fn needs_mujoco_pyvista_trimesh_a_field_is_read_by_others_as_it_is() {
 #[test]
 fn a_stiffness_that_no_cell_has_and_one_for_a_log_are_refused_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();
-    let field = folder.path().join("field.npz");
+    let field = mapped(folder.path(), "data/plant_a/seq_000");
     let touch = root().join("data/plant_a/seq_000");
-    let flags = ["--tune=off", "--replays", "0"];
-    succeed(palpate().arg("map").arg(&touch).args(flags).arg("-o").arg(&field));
     let out = folder.path().join("boxes.urdf");
     refuse(
         &mut convert(&field, &out, &["--above", "1e9"]),
