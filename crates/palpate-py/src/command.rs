@@ -1,4 +1,4 @@
-//! The command `palpate`, as the script of the Python package calls it.
+//! The command `palpate`, as the script of the Python package calls it, and what the machine gives to it.
 
 use std::ffi::OsString;
 
@@ -17,4 +17,16 @@ pub(crate) fn command(
 ) -> PyResult<u8> {
     let file = py.import("palpate._palpate")?.getattr("__file__")?.extract()?;
     Ok(py.detach(|| palpate_cli::command(arguments, Program { call, file: Some(file) })))
+}
+
+/// CPUs that this process may use, by its affinity and by its control group.
+#[pyfunction]
+pub(crate) fn cpus() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Threads of long calls in this process: those of RAYON_NUM_THREADS when the first was made.
+#[pyfunction]
+pub(crate) fn threads() -> usize {
+    rayon::current_num_threads()
 }

@@ -2,17 +2,14 @@
 
 use std::sync::Arc;
 
-use palpate::Arm;
 use palpate_learn::errors::Errors;
 use palpate_learn::evaluation::{Evaluation, LeftOut, Summary};
 use palpate_learn::method::Method;
-use palpate_learn::tracked::Touch;
+use palpate_work::WorkError;
 use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{self as evaluation, Nowhere, Work, configs, each_once, method_of};
-use palpate_work::settings::Settings;
-use palpate_work::touches::{IfUndecided, RecordedTouch};
+use palpate_work::touches::IfUndecided;
 use palpate_work::tune::{Tune, Tuning, given as given_settings, trials, tuned_settings};
-use palpate_work::{Progress, WorkError};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
@@ -22,21 +19,10 @@ use crate::array::{flat, table_of};
 use crate::data::{given, of_python, python};
 use crate::elastic::{ObjectArguments, seen_object};
 use crate::error::Result;
-use crate::log::{Source, opened, sources};
+use crate::followed::Followed;
+use crate::log::{opened, sources};
 use crate::watch::long;
 use crate::{robot, settings};
-
-/// Reads logs as the command does: touches as they are recorded and as they are evaluated.
-fn read(
-    sources: Vec<Source>,
-    settings: &mut Settings,
-    arm: &Arc<Arm>,
-    (truth, progress): (bool, &dyn Progress),
-) -> Result<(Vec<RecordedTouch>, Vec<Touch>), WorkError> {
-    let mut touches = opened(sources, &settings.log)?;
-    touches.external(arm, settings, IfUndecided::Refuse, progress)?;
-    evaluation::read(touches, (arm, settings), truth, progress)
-}
 
 /// Compares methods on touches that they have not seen, as `palpate evaluate` does.
 ///
@@ -45,11 +31,12 @@ fn read(
 /// `object_kind` and `root` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
 /// `test` from all others. `truth` compares with true torques. In every fold, the settings of map that are not given
 /// are chosen among few (`tune="quick"`, if left out), those of map and ekf among many (True), or none (False).
-/// `share`, its number from 0 and how many there are, does that share of the folds alone.
+/// `share`, its number from 0 and how many there are, does that share of the folds alone. `reuse` names the logs and the
+/// robot as they are now: what was read for the last call of that name serves this one, if settings allow it.
 #[pyfunction]
 #[pyo3(signature = (
     logs, robot = None, *, methods = None, cloud = None, colours = None, viewpoint = None, object_kind = None,
-    root = None, folds = None, test = None, truth = false, tune = None, share = None, settings = None, progress = None, **sections
+    root = None, folds = None, test = None, truth = false, tune = None, share = None, reuse = None, settings = None, progress = None, **sections
 ))]
 #[allow(clippy::too_many_arguments)] // they are keywords
 pub(crate) fn evaluate<'py>(
@@ -67,6 +54,7 @@ pub(crate) fn evaluate<'py>(
     truth: bool,
     tune: Option<&Bound<'py, PyAny>>,
     share: Option<(usize, usize)>,
+    reuse: Option<String>,
     settings: Option<&Bound<'py, PyAny>>,
     progress: Option<&Bound<'py, PyAny>>,
     sections: Option<&Bound<'py, PyDict>>,
@@ -97,12 +85,14 @@ pub(crate) fn evaluate<'py>(
     }
     let evaluated = long(py, progress, |progress| {
         let arm = &robot.arm;
-        let (recorded, touches) = read(sources, &mut settings, arm, (truth, progress))?;
-        let folds = evaluation::folds(&touches, folds, test.as_deref().unwrap_or_default())?;
+        let named = (truth, reuse.as_deref());
+        let followed = Followed::of(sources, &mut settings, arm, named, progress)?;
+        let Followed { recorded, touches, tracked, .. } = &*followed;
+        let folds = evaluation::folds(touches, folds, test.as_deref().unwrap_or_default())?;
         let work = Work {
             arm,
-            recorded: &recorded,
-            touches: &touches,
+            recorded,
+            touches,
             todo: evaluation::share(folds.len(), share.unwrap_or((0, 1)))?,
             folds,
             methods,
@@ -111,6 +101,7 @@ pub(crate) fn evaluate<'py>(
             given: given_settings(&settings),
             truth,
             bodies: cloud.map(|object| object.bodies(progress)).transpose()?.unwrap_or_default(),
+            followed: Some(Arc::clone(tracked)),
         };
         work.evaluate(&Nowhere, progress)
     })?;
@@ -210,7 +201,9 @@ pub(crate) fn tune<'py>(
     let sources = sources(logs)?;
     let tuned = long(py, progress, |progress| -> Result<_, WorkError> {
         let arm = &robot.arm;
-        let (recorded, touches) = read(sources, &mut settings, arm, (false, progress))?;
+        let mut touches = opened(sources, &settings.log)?;
+        touches.external(arm, &mut settings, IfUndecided::Refuse, progress)?;
+        let (recorded, touches) = evaluation::read(touches, (arm, &settings), false, progress)?;
         let config = settings.config()?;
         let tuning = Tuning { arm, recorded: &recorded, touches: &touches, config: &config };
         if quick {

@@ -29,6 +29,7 @@ use crate::data::python;
 use crate::error::Result;
 use crate::lattice::Lattice;
 use crate::log::{Source, opened, sources};
+use crate::path_predictor::{PathPredictor, cluster_weight};
 use crate::watch::{long, unshown};
 use crate::{robot, settings};
 
@@ -145,7 +146,7 @@ impl Field {
         let arm = unshown(py, |progress| {
             Ok::<_, WorkError>(of_field(Arc::clone(&robot.arm), snapshot, progress))
         })?;
-        Ok(robot::Robot { arm, settings: robot.settings })
+        Ok(robot::Robot { arm, ..robot })
     }
 }
 
@@ -243,6 +244,27 @@ impl Field {
         let field = self.core(py);
         let torques = long(py, progress, |progress| planned(&robot.arm, &field, &path, progress))?;
         Ok(table_of(py, torques.iter().map(|torque| torque.as_slice()), joints))
+    }
+
+    /// The field, to say what torque many motions of an arm would meet.
+    ///
+    /// The robot is the one that learnt the field, by name, if left out. With `coarse`, clusters of cells count as one spring
+    /// each: torques are off by some percent, and come several times as soon.
+    #[pyo3(signature = (robot = None, *, coarse = false))]
+    fn path_predictor(
+        &self,
+        py: Python<'_>,
+        robot: Option<&Bound<'_, PyAny>>,
+        coarse: bool,
+    ) -> Result<PathPredictor> {
+        let (robot, field) = (self.robot(py, robot)?, self.core(py));
+        let calibrated = self.calibration.as_ref().map(|own| own.untouched_std_n_per_m);
+        let std = calibrated.unwrap_or_else(|| self.untouched_std());
+        let weight = cluster_weight(coarse);
+        let predictor = palpate::PathPredictor::of_field(&robot.arm, &field, std, weight);
+        Ok(PathPredictor::of(predictor.map_err(|error| {
+            WorkError::from(palpate_work::settings::SettingsError::value(error))
+        })?))
     }
 
     /// Predicts the touches of logs and compares with the measured torque, as `palpate predict` does.

@@ -23,11 +23,13 @@ mod error;
 mod evaluate;
 mod extrapolate;
 mod field;
+mod followed;
 mod identify;
 mod inspect;
 mod lattice;
 mod log;
 mod mapper;
+mod path_predictor;
 mod robot;
 mod settings;
 mod shared;
@@ -40,7 +42,7 @@ use pyo3::prelude::*;
 mod _palpate {
     #[pymodule_export]
     use crate::{
-        command::command,
+        command::{command, cpus, threads},
         elastic::map_elastic,
         error::{FileError, LogError, PalpateError, PalpateWarning, SettingsError, TouchError},
         evaluate::{evaluate, summarised, tune},
@@ -51,7 +53,8 @@ mod _palpate {
         inspect::inspect,
         lattice::Lattice,
         log::{Log, Touch, TouchIterator, open_log},
-        mapper::{Answer, Mapper, StepReport},
+        mapper::{Mapper, StepReport},
+        path_predictor::{Answer, PathPredictor},
         robot::Robot,
         settings::{default_settings, given_settings},
     };

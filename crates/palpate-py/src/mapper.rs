@@ -4,11 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use nalgebra::DVector;
-use numpy::{PyArray1, PyArray2};
-use palpate::{
-    EstimatorKind, ExternalTorqueConfig, MapperError, PathConfig, PathPoint, PathPrediction,
-    Sample, TorqueStream,
-};
+use numpy::PyArray1;
+use palpate::{EstimatorKind, ExternalTorqueConfig, MapperError, Sample, TorqueStream};
 use palpate_io::field::{self, Saved};
 use palpate_work::elastic::without_body;
 use palpate_work::error::WorkError;
@@ -20,11 +17,12 @@ use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
 use serde_json::json;
 
-use crate::array::{flat, row, rows, table_of};
+use crate::array::{flat, row};
 use crate::data::python;
 use crate::error::{PalpateError, Result};
 use crate::field::Field;
 use crate::log::{opened, sources};
+use crate::path_predictor::{Answer, PathPredictor, cluster_weight};
 use crate::robot::{self, Robot};
 use crate::settings;
 use crate::shared::Shared;
@@ -63,29 +61,6 @@ pub(crate) struct StepReport {
     external: Option<Py<PyArray1<f64>>>,
     /// What the field expected before it learnt from the sample, (n_joints,) N·m; None with that.
     predicted: Option<Py<PyArray1<f64>>>,
-}
-
-/// What a field says of a path of P points.
-#[pyclass(frozen, module = "palpate", get_all)]
-pub(crate) struct Answer {
-    /// External torque that the path would meet, (P, n_joints), N·m.
-    torque: Py<PyArray2<f64>>,
-    /// Its standard deviation by the uncertainty of the springs alone, (P, n_joints), N·m.
-    ///
-    /// It ranks paths by how well their resistance is known; it bounds no error.
-    torque_std: Py<PyArray2<f64>>,
-    /// Half-width of the band around it at 90 %, or the highest level of the field, (P, n_joints), N·m.
-    ///
-    /// None of a field without bands.
-    half_width: Option<Py<PyArray2<f64>>>,
-    /// Points of the lattice touched, (P,).
-    contacts: Py<PyArray1<u64>>,
-    /// Those of them that were touched when the field was learnt, (P,).
-    known: Py<PyArray1<u64>>,
-    /// Whether the path went on from what the arm touched, rather than free of contact.
-    goes_on: bool,
-    /// Points of the path where the arm was looked at; the others lie between.
-    stops: usize,
 }
 
 impl Mapper {
@@ -325,33 +300,18 @@ impl Mapper {
         resolution_cells: Option<f64>,
         start_cells: Option<f64>,
     ) -> Result<Answer> {
-        let joints = self.robot.arm.robot.n_joints();
-        let path = rows(path, "path", Some(joints), &format!("(P, {joints})"))?;
-        let mut config = PathConfig::default();
-        config.resolution_cells = resolution_cells.unwrap_or(config.resolution_cells);
-        config.start_cells = start_cells.unwrap_or(config.start_cells);
-        let predictor = self.state.take(py)?.borrow().mapper.path_predictor();
-        let answer = unshown(py, |_| predictor.ask(&path, &config))?;
-        let level = answer.calibration.as_ref().map(|own| own.default_level());
-        let half_width = level.and_then(|level| answer.half_width(level));
-        let half_width =
-            half_width.map(|rows| table_of(py, rows.iter().map(|row| row.as_slice()), joints));
-        let PathPrediction { points, goes_on, stops, .. } = answer;
-        let torques = |of: fn(&PathPoint) -> &DVector<f64>| {
-            table_of(py, points.iter().map(|point| of(point).as_slice()), joints)
-        };
-        let counts = |of: fn(&PathPoint) -> usize| {
-            flat(py, points.iter().map(|point| of(point) as u64).collect())
-        };
-        Ok(Answer {
-            torque: torques(|point| &point.torque),
-            torque_std: torques(|point| &point.torque_std),
-            half_width,
-            contacts: counts(|point| point.contacts),
-            known: counts(|point| point.known),
-            goes_on,
-            stops,
-        })
+        self.path_predictor(py, false)?.ask(py, path, resolution_cells, start_cells, false)
+    }
+
+    /// The field and the arm as they are now, to say what torque many motions would meet.
+    ///
+    /// With `coarse`, clusters of cells count as one spring each: torques are off by some percent, and come
+    /// several times as soon.
+    #[pyo3(signature = (coarse = false))]
+    fn path_predictor(&self, py: Python<'_>, coarse: bool) -> PyResult<PathPredictor> {
+        let weight = cluster_weight(coarse);
+        let predictor = self.state.take(py)?.borrow().mapper.coarse_path_predictor(weight);
+        Ok(PathPredictor::of(predictor))
     }
 
     /// Writes the field as .npz, whole or not at all; without `memory` it cannot be gone on from.
@@ -373,12 +333,5 @@ impl StepReport {
     fn __repr__(&self) -> String {
         let learnt = if self.external.is_some() { "learnt" } else { "taring" };
         format!("StepReport(contacts={}, {learnt})", self.contacts)
-    }
-}
-
-#[pymethods]
-impl Answer {
-    fn __repr__(&self) -> String {
-        format!("Answer(stops={}, goes_on={})", self.stops, self.goes_on)
     }
 }

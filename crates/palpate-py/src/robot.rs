@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2};
 use palpate::Arm;
-use palpate_work::robot;
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::RobotSettings;
+use palpate_work::{Progress, WorkError, robot};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
@@ -31,6 +31,9 @@ use crate::watch::unshown;
 pub(crate) struct Robot {
     pub(crate) arm: Arc<Arm>,
     pub(crate) settings: RobotSettings,
+    /// URDF, meshes and the arm file that it was read from; of a built-in robot none.
+    #[pyo3(get)]
+    pub(crate) files: Vec<PathBuf>,
 }
 
 /// A robot as an argument: one, a name, or a path; `None` is the one that the settings name.
@@ -51,8 +54,15 @@ pub(crate) fn given(
 
 /// Loads the robot that the settings name.
 fn loaded(py: Python<'_>, settings: RobotSettings) -> Result<Robot> {
-    let arm = unshown(py, |progress| robot::load(&settings, progress))?;
-    Ok(Robot { arm, settings })
+    let loaded = unshown(py, |progress| {
+        let loaded = robot::load_with_report(&settings)?;
+        loaded.warnings.iter().for_each(|warning| progress.warn(warning));
+        Ok::<_, WorkError>(loaded)
+    })?;
+    let mut files: Vec<PathBuf> = loaded.urdf.into_iter().collect();
+    files.extend(loaded.links.into_iter().flat_map(|link| link.meshes));
+    files.extend(settings.arm.clone());
+    Ok(Robot { arm: Arc::new(loaded.arm), settings, files })
 }
 
 #[pymethods]
@@ -96,6 +106,14 @@ impl Robot {
     #[getter]
     fn n_joints(&self) -> usize {
         self.arm.robot.n_joints()
+    }
+
+    /// Lowest and highest position of each joint, (n_joints, 2), rad (m where prismatic); infinite where unlimited.
+    #[getter]
+    fn limits(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
+        let unlimited = [f64::NEG_INFINITY, f64::INFINITY];
+        let joints = self.arm.robot.joints().iter();
+        table(py, joints.flat_map(|joint| joint.range.unwrap_or(unlimited)).collect(), 2)
     }
 
     /// What gravity exerts on the joints at positions `q` (n_joints,) rad: (n_joints,) N·m.

@@ -36,7 +36,9 @@ pub(crate) struct Watch {
     told: Mutex<Vec<Told>>,
 }
 
-enum Told {
+/// What there is to say to the user.
+#[derive(Clone)]
+pub(crate) enum Told {
     Note(String),
     Warning(String),
 }
@@ -73,7 +75,13 @@ impl Progress for Watch {
 }
 
 impl Watch {
-    fn tell(&self, told: Told) {
+    /// What was told so far.
+    pub(crate) fn told(&self) -> Vec<Told> {
+        self.told.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Has something to be said when the work is over.
+    pub(crate) fn tell(&self, told: Told) {
         self.told.lock().unwrap_or_else(PoisonError::into_inner).push(told);
     }
 

@@ -7,9 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-import warnings
 from collections.abc import Iterator, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -25,20 +23,6 @@ METHODS = ["map", "uniform"]
 
 Here = dict[tuple[str, str], Evaluation]
 """Evaluations by log and choice of settings."""
-
-
-@pytest.fixture(scope="module")
-def logs(plant: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Two objects of a few short touches."""
-    folder = tmp_path_factory.mktemp("logs")
-    for name, numbers in {"one": [0, 1, 2], "two": [3, 4]}.items():
-        for number in numbers:
-            touch = folder / name / f"seq_{number:03}"
-            touch.mkdir(parents=True)
-            for array in ("angles", "torques"):
-                rows = np.load(plant / touch.name / f"{array}.npy")
-                np.save(touch / f"{array}.npy", rows[:160])
-    return {name: folder / name for name in ("one", "two")}
 
 
 @pytest.fixture(scope="module")
@@ -191,23 +175,6 @@ def test_a_script_without_a_guard_is_told_to_have_one(logs: dict[str, Path], tmp
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
     assert done.returncode == 1, done.stderr
     assert 'RuntimeError: worker processes die as they start' in done.stderr
-
-
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[Any]:
-    """A Ray cluster of two nodes with a CPU each."""
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # as there, all of it stays on loopback
-    ray: Any = import_module("ray")
-    nodes: Any = import_module("ray.cluster_utils").Cluster()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Ray's own, of its next version
-        for _ in range(2):
-            nodes.add_node(num_cpus=1, object_store_memory=80 << 20, include_dashboard=False)
-        ray.init(address=nodes.address, log_to_driver=False)
-    yield nodes
-    ray.shutdown()
-    nodes.shutdown()
 
 
 def ray_workers() -> Iterator[int]:

@@ -151,6 +151,16 @@ fn predicting_a_path_changes_neither_the_mapper_nor_the_next_prediction() {
     assert_predicted(&first, &predictions(&learnt(), &path));
 }
 
+/// Learns a reading of 1 N at 1 cm of the point where x, y and z are 0.
+fn feel_one_newton(mapper: &mut Mapper) {
+    mapper.begin_touch();
+    for x in [-0.2, 0.01 - 0.084] {
+        let tau = if x > -0.1 { vec![-1.0, 0.0, 0.0] } else { vec![0.0; 3] };
+        mapper.step(&Sample::new(None, vec![x, 0.0, 0.0], tau)).unwrap();
+    }
+    mapper.end_touch().unwrap();
+}
+
 /// The torque and its deviation along x when the ball of 6 cm, inflated by 2.4 cm, pushes a single
 /// point from its centre line, `depth_m` deep.
 fn one_spring(mapper: &Mapper, depth_m: f64) -> [f64; 2] {
@@ -172,12 +182,7 @@ fn the_deviation_of_one_spring_is_its_displacement_times_that_of_its_stiffness()
     }
     // A reading of 1 N at 1 cm, ± 0.1 N, is 100 N/m ± 10 N/m beside which the prior hardly counts.
     let mut mapper = mapper(point(), 1e4);
-    mapper.begin_touch();
-    for x in [-0.2, 0.01 - 0.084] {
-        let tau = if x > -0.1 { vec![-1.0, 0.0, 0.0] } else { vec![0.0; 3] };
-        mapper.step(&Sample::new(None, vec![x, 0.0, 0.0], tau)).unwrap();
-    }
-    mapper.end_touch().unwrap();
+    feel_one_newton(&mut mapper);
     let [torque, std] = one_spring(&mapper, 0.02);
     assert!((torque + 2.0).abs() < 0.1 && (std - 0.2).abs() < 0.01, "{torque} ± {std} N");
 }
@@ -254,6 +259,68 @@ fn an_answer_is_the_same_however_many_threads_take_part() {
                 assert_eq!(pool.install(ask), answer);
             }
         }
+    }
+}
+
+#[test]
+fn a_predictor_of_the_field_alone_says_what_the_mappers_does() {
+    let (mapper, path) = (learnt(), push(0.01, 90));
+    for cluster_weight in [1.0, CLUSTER_WEIGHT] {
+        let of_field = PathPredictor::of_field(&arm(), &mapper.field(), 5.0, cluster_weight);
+        let of_mapper = mapper.coarse_path_predictor(cluster_weight).ask(&path, &EVERY_POINT);
+        assert_eq!(of_field.unwrap().ask(&path, &EVERY_POINT).unwrap(), of_mapper.unwrap());
+    }
+}
+
+#[test]
+fn many_paths_are_answered_as_each_is() {
+    let predictor = learnt().path_predictor();
+    let mut paths: Vec<_> = [-0.02, 0.0, 0.03].map(|y| push(y, 40)).into();
+    let all = predictor.ask_all(&paths, &EVERY_POINT, || false).unwrap().unwrap();
+    for (path, answer) in paths.iter().zip(&all) {
+        assert_eq!(*answer, predictor.ask(path, &EVERY_POINT).unwrap());
+    }
+    assert!(predictor.ask_all(&paths, &EVERY_POINT, || true).unwrap().is_none());
+    paths[1][3].pop();
+    let (number, error) = predictor.ask_all(&paths, &EVERY_POINT, || false).unwrap_err();
+    assert!(number == 1 && matches!(error, PathError::Point { point: 3, .. }), "{number}: {error}");
+}
+
+#[test]
+fn what_a_posture_inside_covers_is_pushed_out_to_the_nearest_surface() {
+    let lattice = Lattice::new([0.0; 3], 0.01, [1; 3]).unwrap();
+    let mut mapper = mapper(lattice, 1e4);
+    feel_one_newton(&mut mapper);
+    let predictor = mapper.path_predictor();
+    let reach_m = 0.06 + mapper.config().contact.contact_distance_m;
+    let mut inside = EVERY_POINT;
+    inside.inside = true;
+    for [x, y] in [[-0.05, 0.0], [-0.04, 0.01], [0.02, -0.03]] {
+        let posture = vec![vec![x, y, 0.0]];
+        let held = predictor.ask(&posture, &inside).unwrap();
+        let gap_m = f64::hypot(x, y);
+        let force = -mapper.field().stiffness_n_per_m[0] * (reach_m - gap_m);
+        let expected = DVector::from_vec(vec![-x / gap_m * force, -y / gap_m * force, 0.0]);
+        let torque = &held.points[0].torque;
+        assert!(
+            expected.norm() > 1.0 && (torque - &expected).norm() < 0.04 * expected.norm(),
+            "{torque} for {expected}"
+        );
+        // Known to be empty, as a touch could not begin there otherwise.
+        let begun = predictor.ask(&posture, &EVERY_POINT).unwrap();
+        assert!(begun.points[0].contacts == 0 && held.points[0].contacts == 1);
+        // Straight in from outside, it is held there as well.
+        let way = |part: f64| {
+            vec![
+                x / gap_m * 0.09 * (1.0 - part) + x * part,
+                y / gap_m * 0.09 * (1.0 - part) + y * part,
+                0.0,
+            ]
+        };
+        let path: Vec<_> = (0..=20).map(|step| way(f64::from(step) / 20.0)).collect();
+        let reached = predictor.ask(&path, &EVERY_POINT).unwrap();
+        let gap = (&reached.points[20].torque - torque).norm();
+        assert!(gap < 0.04 * expected.norm(), "{gap} of {expected}");
     }
 }
 

@@ -233,6 +233,7 @@ impl Args {
             given: given(&settings),
             truth: false,
             bodies,
+            followed: None,
         };
         let logs = vec!["the bundled touches".to_owned()];
         let origin = Origin { simulated: true, logs, settings, cloud };

@@ -140,6 +140,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         given: given(&settings),
         truth: args.truth,
         bodies,
+        followed: None,
     };
     let origin = Origin {
         simulated: args.logs.iter().all(|log| is_simulated(log)),

@@ -1,6 +1,7 @@
 """The compiled part of `palpate`."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
@@ -43,6 +44,7 @@ __all__ = [
     "Mapper",
     "PalpateError",
     "PalpateWarning",
+    "PathPredictor",
     "Robot",
     "SettingsError",
     "StepReport",
@@ -50,6 +52,7 @@ __all__ = [
     "TouchError",
     "TouchIterator",
     "command",
+    "cpus",
     "default_settings",
     "evaluate",
     "external_torques",
@@ -60,6 +63,7 @@ __all__ = [
     "map_elastic",
     "open_log",
     "summarised",
+    "threads",
     "tune",
     "unpickled_field",
 ]
@@ -114,6 +118,12 @@ class Robot:
     @property
     def n_joints(self) -> int:
         """Number of moving joints."""
+    @property
+    def files(self) -> list[Path]:
+        """URDF, meshes and the arm file that it was read from; of a built-in robot none."""
+    @property
+    def limits(self) -> NDArray[np.float64]:
+        """Lowest and highest position of each joint, (n_joints, 2), rad (m where prismatic); infinite where unlimited."""
     def gravity(self, q: ArrayLike) -> NDArray[np.float64]:
         """What gravity exerts on the joints at positions `q` (n_joints,) rad: (n_joints,) N·m."""
     def forward(self, q: ArrayLike, link: str) -> NDArray[np.float64]:
@@ -213,6 +223,12 @@ def command(arguments: Sequence[str], call: Sequence[str]) -> int:
     without the arguments of the command.
     """
 
+def cpus() -> int:
+    """CPUs that this process may use, by its affinity and by its control group."""
+
+def threads() -> int:
+    """Threads of long calls in this process: those of RAYON_NUM_THREADS when the first was made."""
+
 def open_log(path: _Path | Log | Sequence[_Path | Log], **options: Unpack[LogSettings]) -> Log:
     """Opens one or more logs, which are read as one.
 
@@ -237,6 +253,43 @@ class StepReport:
     @property
     def predicted(self) -> NDArray[np.float64] | None:
         """What the field expected before it learnt from the sample, (n_joints,) N·m; None with that."""
+
+@final
+class PathPredictor:
+    """A field at one moment, and the arm with what it touches, to predict the torque of motions.
+
+    `Field.path_predictor` and `Mapper.path_predictor` make one. It stays as it is, and threads may share it.
+    """
+
+    @property
+    def n_joints(self) -> int:
+        """Numbers that a point of a path has."""
+    def ask(
+        self,
+        path: ArrayLike,
+        resolution_cells: float | None = None,
+        start_cells: float | None = None,
+        inside: bool = False,
+    ) -> Answer:
+        """What torque a motion would meet: `path` is (P, n_joints) rad.
+
+        As `Mapper.ask`. A path that does not go on from what the arm touches starts free of contact, and what
+        the links cover at its first point counts as empty. With `inside`, it counts as pushed out to the nearest
+        surface instead: for a posture, or a piece of a path, within the object.
+
+        Raises TouchError if the path cannot be followed.
+        """
+    def ask_all(
+        self,
+        paths: Iterable[ArrayLike],
+        resolution_cells: float | None = None,
+        start_cells: float | None = None,
+        inside: bool = False,
+    ) -> list[Answer]:
+        """What torque each of several motions would meet, to the bit as `ask` says it, on all threads together.
+
+        Raises TouchError, with the number of the path, if one cannot be followed.
+        """
 
 @final
 class Answer:
@@ -356,6 +409,12 @@ class Mapper:
 
         Raises TouchError if the path cannot be followed.
         """
+    def path_predictor(self, coarse: bool = False) -> PathPredictor:
+        """The field and the arm as they are now, to say what torque many motions would meet.
+
+        With `coarse`, clusters of cells count as one spring each: torques are off by some percent, and come
+        several times as soon.
+        """
     def save(self, path: _Path, memory: bool = True) -> None:
         """Writes the field as .npz, whole or not at all; without `memory` it cannot be gone on from."""
 
@@ -437,6 +496,14 @@ class Field:
         The motion starts free of contact, and every row is a step, as in `palpate predict`. The
         robot is the one that learnt the field, by name, if left out.
         """
+    def path_predictor(
+        self, robot: Robot | _Path | None = None, *, coarse: bool = False
+    ) -> PathPredictor:
+        """The field, to say what torque many motions of an arm would meet.
+
+        The robot is the one that learnt the field, by name, if left out. With `coarse`, clusters of cells count as one spring
+        each: torques are off by some percent, and come several times as soon.
+        """
     def score(
         self,
         log: _Logs,
@@ -517,6 +584,7 @@ def evaluate(
     truth: bool = False,
     tune: bool | Literal["quick"] | None = None,
     share: tuple[int, int] | None = None,
+    reuse: str | None = None,
     settings: AnySettings | None = None,
     progress: Progress = None,
     **sections: Unpack[Sections],
@@ -528,7 +596,8 @@ def evaluate(
     `object_kind` and `root` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
     `test` from all others. `truth` compares with true torques. In every fold, the settings of map that are not given
     are chosen among few (`tune="quick"`, if left out), those of map and ekf among many (True), or none (False).
-    `share`, its number from 0 and how many there are, does that share of the folds alone.
+    `share`, its number from 0 and how many there are, does that share of the folds alone. `reuse` names the logs and the
+    robot as they are now: what was read for the last call of that name serves this one, if settings allow it.
     """
 
 def map_elastic(

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
+import platform
+import threading
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
-from . import Log, PalpateError, PalpateWarning, Robot, __version__, evaluate, tune
+from . import Log, PalpateError, PalpateWarning, Robot, __version__, _palpate, evaluate, open_log, tune
+from ._files import Files, digest
+
+_RobotArgument: TypeAlias = str | dict[str, Any] | None
+"""Name or URDF of a robot, or its settings."""
+
+
+_CODE = hashlib.sha256(Path(_palpate.__file__).read_bytes()).hexdigest()[:32]
+
+
+def build() -> str:
+    """For which machines palpate was compiled, and a digest of it."""
+    return f"{platform.system()} {platform.machine()} {_CODE}"
 
 
 @dataclass(frozen=True)
@@ -21,24 +34,99 @@ class Task:
     """`evaluate` or `tune` on one log with one choice of settings; of folds, all or a share."""
 
     what: Literal["evaluate", "tune"]
-    log: str | Log
+    log: tuple[list[str], dict[str, Any] | None]
+    """Absolute paths, and options of `open_log` if there are any."""
     settings: dict[str, dict[str, Any]]
-    robot: Robot | str | None
+    robot: _RobotArgument
     options: dict[str, Any]
     """Keywords of the function."""
-    files: str
-    """Digest of the files of log and robot, as far as whoever asks sees them."""
+    files: Files
+    """Those of log and robot, as far as whoever asks sees them."""
     threads: int
-    folder: str = field(default_factory=os.getcwd)
-    """What relative paths start from."""
     version: str = __version__
     """Workers of another version would find other numbers."""
+    build: str = field(default_factory=lambda: build())
 
     def key(self) -> str:
         """A digest of all that the result depends on."""
-        parts = {**vars(self), "log": _made_from(self.log), "robot": _made_from(self.robot)}
-        del parts["threads"], parts["folder"]
-        return _digest(parts)
+        parts = {**vars(self), "files": self.files.digest}
+        del parts["threads"]
+        return digest(parts)
+
+
+class Maker:
+    """Makes tasks with absolute paths; what they read is looked up once."""
+
+    def __init__(self, robot: Robot | str | None) -> None:
+        self._robot: _RobotArgument = None
+        if isinstance(robot, Robot):
+            self._robot = _absolute(robot.__getnewargs_ex__()[1])
+        elif robot is not None:
+            self._robot = _absolute({"robot": robot})["robot"]
+        self._of_robot: dict[str, list[str]] = {}
+        self._files: dict[str, Files] = {}
+
+    def task(
+        self,
+        what: Literal["evaluate", "tune"],
+        log: str | Log,
+        settings: dict[str, dict[str, Any]],
+        threads: int,
+    ) -> Task:
+        """A task without options."""
+        options = None
+        named: list[str] = []
+        if isinstance(log, Log):
+            opened: partial[Log] = log.__reduce__()[0]
+            named, options = list(map(os.fspath, opened.args[0])), opened.keywords
+        else:
+            named = [log]
+        paths = list(map(os.path.abspath, named))
+        settings = {**settings, "robot": _absolute(settings.get("robot", {}))}
+        files = self._seen(paths, settings["robot"])
+        return Task(what, (paths, options), settings, self._robot, {}, files, threads)
+
+    def _seen(self, paths: list[str], settings: dict[str, Any]) -> Files:
+        robot = digest(settings)
+        if robot not in self._of_robot:
+            self._of_robot[robot] = _files_of_robot(self._robot, settings)
+        all_paths = [*paths, *self._of_robot[robot]]
+        key = digest(all_paths)
+        if key not in self._files:
+            self._files[key] = Files(all_paths)
+        return self._files[key]
+
+
+def _absolute(robot: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of a robot, with absolute paths of what is there."""
+
+    def of(path: str) -> str:
+        return os.path.abspath(path) if os.path.exists(path) else path
+
+    return _with_paths(robot, of)
+
+
+def _with_paths(robot: Mapping[str, Any], of: Callable[[str], str]) -> dict[str, Any]:
+    """Settings of a robot with other paths."""
+    given = [key for key in ("robot", "arm") if robot.get(key) is not None]
+    changed: dict[str, Any] = {key: of(os.fspath(robot[key])) for key in given}
+    if robot.get("package_path") is not None:
+        changed["package_path"] = [of(os.fspath(path)) for path in robot["package_path"]]
+    return {**robot, **changed}
+
+
+def _files_of_robot(robot: _RobotArgument, settings: dict[str, Any]) -> list[str]:
+    """The files that a robot is read from, with the manifests by which its packages are found."""
+    if not isinstance(robot, dict):
+        robot = settings if robot is None else {**settings, "robot": robot}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PalpateWarning)  # the worker tells it
+            files = Robot(**robot).files
+    except (PalpateError, ValueError, TypeError, OSError):
+        return []  # nor is it said here what is wrong
+    manifests = {above / "package.xml" for file in files for above in file.absolute().parents}
+    return [os.path.abspath(file) for file in [*files, *sorted(manifests)]]
 
 
 @dataclass(frozen=True)
@@ -53,62 +141,66 @@ class Outcome:
     warnings: Sequence[str] = ()
 
 
-def do(task: Task) -> Outcome:
-    """Does a task; runs in a worker."""
-    os.environ.setdefault("RAYON_NUM_THREADS", str(task.threads))  # read at the first long call
-    if os.path.isdir(task.folder):
-        os.chdir(task.folder)
-    begun = time.perf_counter()
-    result, error = None, None
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", PalpateWarning)
-        try:
-            result = _call(task)
-        except (PalpateError, ValueError, TypeError, OSError) as raised:
-            error = str(raised)
-    told = [str(one.message) for one in caught if issubclass(one.category, PalpateWarning)]
-    return Outcome(result, error, time.perf_counter() - begun, told)
+_alone = threading.Lock()
+"""Warnings are those of the whole process, so that it does one task at a time."""
 
 
-def _call(task: Task) -> dict[str, Any]:
+def do(task: Task, bring: Callable[[], str] = str) -> Outcome:
+    """Does a task; runs in a worker. `bring` says what to put before paths of files to find them here."""
+    with _alone:
+        os.environ["RAYON_NUM_THREADS"] = str(task.threads)  # read at the first long call
+        begun = time.perf_counter()
+        result, error, before = None, None, ""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", PalpateWarning)
+            try:
+                before = bring()
+                result = _call(task, before)
+            except (KeyboardInterrupt, SystemExit):
+                raise
+            except (PalpateError, ValueError, TypeError, OSError) as raised:
+                error = str(raised)
+            except MemoryError:
+                error = "its worker has not enough memory for it"
+            except BaseException as raised:  # a panic of what is compiled is no Exception
+                error = f"a fault of palpate, please report it: {type(raised).__name__}: {raised}"
+        told = [str(one.message) for one in caught if issubclass(one.category, PalpateWarning)]
+        if (threads := _palpate.threads()) != task.threads:
+            told.append(
+                f"a worker works with {threads} threads, not {task.threads}: it was begun with these, and "
+                "cannot change it"
+            )
+        if before:  # the paths that the user knows
+            error = None if error is None else error.replace(before, "")
+            told = [text.replace(before, "") for text in told]
+        return Outcome(result, error, time.perf_counter() - begun, told)
+
+
+def _call(task: Task, before: str) -> dict[str, Any]:
     if task.version != __version__:
         raise PalpateError(
             f"a worker has palpate {__version__}, and was asked by palpate {task.version}; install the "
             "same version everywhere"
         )
-    call: Any = evaluate if task.what == "evaluate" else tune
-    return dict(call(task.log, task.robot, settings=task.settings, progress=False, **task.options))
+    machine, here = (text.rpartition(" ")[0] for text in (task.build, build()))
+    if machine == here and task.build != build():
+        raise PalpateError(
+            f"a worker has another build of palpate {__version__} than the one that asked; install the "
+            "same wheel everywhere"
+        )
 
+    def moved(path: str) -> str:
+        return before + path if os.path.isabs(path) else path
 
-def files(*things: Log | Robot | str | None) -> str:
-    """A digest of names, sizes and times of change of all files that some things are made from."""
-    return _digest([list(_files(_made_from(thing))) for thing in things])
-
-
-def _digest(plain: Any) -> str:
-    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:32]
-
-
-def _made_from(thing: Log | Robot | str | None) -> Any:
-    """What a thing was made from, as plain data."""
-    if isinstance(thing, Log):
-        made: partial[Log] = thing.__reduce__()[0]
-        return [*made.args, made.keywords]
-    if isinstance(thing, Robot):
-        return thing.__getnewargs_ex__()[1]
-    return thing
-
-
-def _files(plain: Any) -> Iterator[tuple[str, int, int]]:
-    """Name, size and time of change of every file that plain data names."""
-    if isinstance(plain, dict):
-        plain = list(plain.values())
-    if isinstance(plain, (list, tuple)):
-        for part in plain:
-            yield from _files(part)
-    elif isinstance(plain, str) and Path(plain).exists():
-        path = Path(plain)
-        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-            if file.is_file():
-                about = file.stat()
-                yield str(file), about.st_size, about.st_mtime_ns
+    (paths, options), robot = task.log, task.robot
+    log: Any = list(map(moved, paths))
+    if options is not None:
+        log = open_log(log, **options)
+    settings = {**task.settings, "robot": _with_paths(task.settings["robot"], moved)}
+    arm: Robot | str | None = moved(robot) if isinstance(robot, str) else None
+    if isinstance(robot, dict):
+        arm = Robot(**_with_paths(robot, moved))
+    keywords = {**task.options, "settings": settings, "progress": False}
+    if task.what == "tune":
+        return dict(tune(log, arm, **keywords))
+    return dict(evaluate(log, arm, reuse=before + task.files.digest, **keywords))

@@ -1,8 +1,7 @@
-"""`evaluate` and `tune` over many logs and settings, in local processes or on a Ray cluster.
+"""`evaluate` and `tune` over many logs and settings, in local processes, on a Ray cluster or by an executor.
 
-Every task reads its own log, so that logs must lie where the workers see them; relative paths are
-those of this process. Results come as they are done. With `keep`, finished work is kept and not done
-again, whatever happened in between. What a worker was doing when it was lost is done by another.
+Results come as they are done. With `keep`, finished work is kept and not done again, whatever happened
+in between. What a worker was doing when it was lost is done by another; an error ends its own run alone.
 
     import palpate.ray
 
@@ -19,7 +18,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeAlias, TypeVar, cast
 
@@ -28,7 +27,8 @@ from ._joined import joined
 from ._kept import Kept
 from ._palpate import given_settings
 from ._progress import Progress
-from ._tasks import Outcome, Task, files
+from ._tasks import Maker, Outcome, Task
+from ._workers import Submits
 from .results import Evaluation, Tuned
 from .settings import AnySettings
 from .settings import Path as _Path
@@ -75,9 +75,10 @@ def evaluate(
     tune: bool | Literal["quick"] | None = None,
     shares: int = 1,
     keep: _Path | None = None,
-    cluster: str | bool | None = None,
+    cluster: str | bool | Submits | None = None,
     workers: int | None = None,
     threads: int = 1,
+    timeout: float | None = None,
     progress: Progress = None,
 ) -> Iterator[Run[Evaluation]]:
     """Evaluates every log with every choice of settings, as `palpate.evaluate` does one.
@@ -88,10 +89,13 @@ def evaluate(
 
     `cluster` is the address of a Ray cluster, True for the one that Ray is connected to or starts,
     False for `workers` processes of this machine; None takes Ray if it is connected or RAY_ADDRESS
-    is set. A task gets `threads` threads. Numbers are the same wherever and by how many.
+    is set. Or it is an executor, such as those of Dask and submitit: anything that has `submit`. Files of
+    logs and robots go to Ray's workers by themselves, and must be where an executor's workers see them. A task
+    gets `threads` threads. Numbers are the same wherever and by how many.
 
     Yields runs as they are done. Raises SettingsError and ValueError at once for arguments that
-    cannot be followed; what is wrong with a log is its run's `error`.
+    cannot be followed, TimeoutError if no task ends within `timeout` seconds, and PalpateError if the
+    cluster has no node for `threads`; what is wrong with a log is its run's `error`.
     """
     if shares < 1 or (test is not None and shares > 1):
         raise ValueError(f"`shares` is {shares}; wanted at least 1, and 1 with `test`: one fold")
@@ -104,7 +108,7 @@ def evaluate(
     }
     options = [{**keywords, "share": (number, shares)} for number in range(shares)]
     plan = _plan("evaluate", (logs, settings, robot), options, threads)
-    runs = _runs(plan, Kept(keep), (cluster, workers), progress)
+    runs = _runs(plan, Kept(keep), (cluster, workers, timeout), progress)
     return cast(Iterator[Run[Evaluation]], runs)
 
 
@@ -115,9 +119,10 @@ def tune(
     *,
     candidates: int | None = None,
     keep: _Path | None = None,
-    cluster: str | bool | None = None,
+    cluster: str | bool | Submits | None = None,
     workers: int | None = None,
     threads: int = 1,
+    timeout: float | None = None,
     progress: Progress = None,
 ) -> Iterator[Run[Tuned]]:
     """Chooses settings for every log, from every choice given to start from, as `palpate.tune` does.
@@ -125,8 +130,11 @@ def tune(
     Arguments are those of `evaluate`; yields runs as they are done.
     """
     plan = _plan("tune", (logs, settings, robot), [{"candidates": candidates}], threads)
-    return cast(Iterator[Run[Tuned]], _runs(plan, Kept(keep), (cluster, workers), progress))
+    return cast(Iterator[Run[Tuned]], _runs(plan, Kept(keep), (cluster, workers, timeout), progress))
 
+
+_Pool: TypeAlias = tuple[str | bool | Submits | None, int | None, float | None]
+"""Cluster, workers and time-out."""
 
 _Plan: TypeAlias = dict[tuple[str, str], dict[str, Task]]
 """Tasks by their keys, of every run."""
@@ -144,10 +152,11 @@ def _plan(
     arm = robot if robot is None or isinstance(robot, Robot) else os.fspath(robot)
     choices = {name: given_settings(choice) for name, choice in _choices(settings).items()}
     plan: _Plan = {}
+    maker = Maker(arm)
     for name, log in _named(logs).items():
-        seen = files(log, arm)
         for choice, sections in choices.items():
-            tasks = [Task(what, log, sections, arm, some, seen, threads) for some in options]
+            whole = maker.task(what, log, sections, threads)
+            tasks = [replace(whole, options=some) for some in options]
             plan[name, choice] = {task.key(): task for task in tasks}
     return plan
 
@@ -190,7 +199,7 @@ def _choices(settings: _Settings) -> Mapping[str, AnySettings | None]:
 
 
 def _runs(
-    plan: _Plan, kept: Kept, pool: tuple[str | bool | None, int | None], progress: Progress
+    plan: _Plan, kept: Kept, pool: _Pool, progress: Progress
 ) -> Iterator[Run[Any]]:
     """Does what is not kept, and gives out every run when its last task is done."""
     shown = _progress.of(progress)
@@ -213,7 +222,7 @@ def _runs(
 
 
 def _outcomes(
-    tasks: dict[str, Task], kept: Kept, pool: tuple[str | bool | None, int | None]
+    tasks: dict[str, Task], kept: Kept, pool: _Pool
 ) -> Iterator[tuple[str, Outcome]]:
     """What is kept of some tasks, then what is done of the others."""
     left = dict(tasks)
@@ -221,13 +230,15 @@ def _outcomes(
         if (outcome := kept.get(key)) is not None:
             del left[key]
             yield key, outcome
-    cluster, workers = pool
+    cluster, workers, timeout = pool
     if cluster is None:
         cluster = "RAY_ADDRESS" in os.environ or _is_connected()
     if cluster is False:
-        doing = _workers.processes(left, workers)
+        doing = _workers.processes(left, workers, timeout)
+    elif cluster is True or isinstance(cluster, str):
+        doing = _workers.on_ray(left, None if cluster is True else cluster, timeout)
     else:
-        doing = _workers.on_ray(left, None if cluster is True else cluster)
+        doing = _workers.in_executor(left, cluster, timeout)
     for key, outcome in doing:
         kept.put(key, outcome)
         yield key, outcome

@@ -91,6 +91,8 @@ pub struct Work<'a> {
     pub truth: bool,
     /// The elastic bodies that the object may be, for [`Method::Elastic`]; none if nobody saw it.
     pub bodies: Vec<Arc<ElasticBody>>,
+    /// The touches as [`follow`] has followed them under the settings of `map`, if somebody has.
+    pub followed: Option<Arc<Tracked>>,
 }
 
 /// What came out.
@@ -100,7 +102,7 @@ pub struct Evaluated {
     /// The estimators' settings in every fold that was done, if they were chosen.
     pub tuned: Option<Vec<[MapperConfig; 2]>>,
     /// The touches, followed under the given settings.
-    tracked: Tracked,
+    tracked: Arc<Tracked>,
     /// What chooses the settings of `map`, if it did.
     tuner: Option<Tuner>,
 }
@@ -117,10 +119,14 @@ impl Work<'_> {
         keep: &dyn Keep,
         progress: &dyn Progress,
     ) -> Result<Evaluated, WorkError> {
-        progress.note("following the touches");
         let config = &self.estimators[0];
-        let tracked = Tracked::new(self.arm, config, self.touches, &|| progress.stopped())
-            .map_err(|error| self.fault(error, keep))?;
+        let tracked = match &self.followed {
+            Some(followed) => Arc::clone(followed),
+            None => Arc::new(
+                follow(self.arm, config, self.touches, progress)
+                    .map_err(|error| self.fault(error, keep))?,
+            ),
+        };
         let tracked = self.bend(tracked, (keep, progress))?;
         let (estimators, tuner) = self.in_folds(&tracked, (keep, progress))?;
         let plan = Plan {
@@ -158,7 +164,7 @@ impl Work<'_> {
         evaluated: &mut Evaluated,
         (keep, progress): (&dyn Keep, &dyn Progress),
     ) -> Result<Field, WorkError> {
-        let (mut tracked, mut config) = (&evaluated.tracked, &self.estimators[0]);
+        let (mut tracked, mut config) = (&*evaluated.tracked, &self.estimators[0]);
         let everything: Vec<usize> = (0..self.touches.len()).collect();
         let stop = || progress.stopped();
         let (tuned, other);
@@ -187,9 +193,9 @@ impl Work<'_> {
     /// Adds the torques of the body, if a method asks for them.
     fn bend(
         &self,
-        tracked: Tracked,
+        tracked: Arc<Tracked>,
         (keep, progress): (&dyn Keep, &dyn Progress),
-    ) -> Result<Tracked, WorkError> {
+    ) -> Result<Arc<Tracked>, WorkError> {
         let wanted = self.methods.contains(&Method::Elastic);
         if self.bodies.is_empty() || !wanted {
             return Ok(tracked);
@@ -198,7 +204,9 @@ impl Work<'_> {
         let of_folds = self.folds.iter().map(|fold| fold.train.clone());
         let training: Vec<Vec<usize>> = of_folds.chain([everything]).collect();
         let touches = (self.touches, &training[..]);
+        let tracked = Arc::unwrap_or_clone(tracked);
         simulate_bodies(tracked, (self.arm, &self.bodies), touches, progress)
+            .map(Arc::new)
             .map_err(|error| self.fault(error, keep))
     }
 
@@ -329,8 +337,23 @@ impl Work<'_> {
     }
 }
 
+/// Follows touches under the settings of `map`: their contacts, and their torques without tare.
+///
+/// # Errors
+///
+/// As [`Tracked::new`].
+pub fn follow(
+    arm: &Arc<Arm>,
+    config: &MapperConfig,
+    touches: &[Touch],
+    progress: &dyn Progress,
+) -> Result<Tracked, LearnError> {
+    progress.note("following the touches");
+    Tracked::new(arm, config, touches, &|| progress.stopped())
+}
+
 /// What went wrong in learning, with the log that it is in; `kept` is said on being stopped.
-pub(crate) fn fault(recorded: &[RecordedTouch], error: LearnError, kept: String) -> WorkError {
+pub fn fault(recorded: &[RecordedTouch], error: LearnError, kept: String) -> WorkError {
     match error {
         LearnError::Sample { touch, sample, source } => {
             let one = &recorded[touch];

@@ -14,7 +14,9 @@
 //! Contacts have a history: a link still holds what it has pushed aside. A path that starts where the
 //! arm is in a touch under way ([`PathConfig::start_cells`]) continues from the contacts there. Any
 //! other path starts free of contact, as a touch does: what the links cover at its first point counts as
-//! empty space ([`ContactConfig::known_empty`]), so it should begin outside the object.
+//! empty space ([`ContactConfig::known_empty`]), so it should begin outside the object. A planner that
+//! asks about a posture, or a piece of a path, inside the object sets [`PathConfig::inside`]: how the arm
+//! got there is unknown, and what it covers counts as pushed out to the nearest surface.
 //!
 //! # Stops
 //!
@@ -60,6 +62,7 @@ mod springs;
 use std::sync::Arc;
 
 use nalgebra::{DVector, Isometry3};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::link_wrenches::LinkWrenches;
@@ -70,6 +73,9 @@ use crate::arm::Arm;
 use crate::calibration::Calibration;
 use crate::contact::{ContactConfig, ContactState, PathContactSimulator, PosedTrajectory};
 use crate::elastic::{ElasticModel, ElasticTorque};
+use crate::external_torque::ExternalTorqueConfig;
+use crate::field::Field;
+use crate::lattice::CellRows;
 use crate::motion::MotionError;
 use crate::robot::RobotError;
 use crate::setting::SettingError;
@@ -86,12 +92,15 @@ pub struct PathConfig {
     /// The farthest that a point of the arm may be from where it was in the last sample of a touch
     /// for the path to go on from there, in cells.
     pub start_cells: f64,
+    /// Whether what the links cover at the first point of a path that does not go on counts as pushed out to the
+    /// nearest surface, without friction; otherwise the contact model says what it is, mostly empty space.
+    pub inside: bool,
 }
 
 impl PathConfig {
     /// Stops every `resolution_cells`; goes on from where the arm is if no farther than `start_cells`.
     pub const fn new(resolution_cells: f64, start_cells: f64) -> Self {
-        Self { resolution_cells, start_cells }
+        Self { resolution_cells, start_cells, inside: false }
     }
 }
 
@@ -236,6 +245,33 @@ impl PathPredictor {
         }
     }
 
+    /// A predictor by a field alone, for an arm, which need not be the one that learnt it: no path goes on.
+    ///
+    /// `untouched_std_n_per_m` is the standard deviation of cells that the field does not know, N/m; with a
+    /// `cluster_weight` above 1 springs stand for clusters, as in [`crate::Mapper::coarse_path_predictor`].
+    ///
+    /// # Errors
+    ///
+    /// If a setting of the field's contact model is out of its range.
+    pub fn of_field(
+        arm: &Arc<Arm>,
+        field: &Field,
+        untouched_std_n_per_m: f64,
+        cluster_weight: f64,
+    ) -> Result<Self, SettingError> {
+        let (lattice, touch) = (field.lattice.clone(), ExternalTorqueConfig::default());
+        let tracker = Tracker::new(Arc::clone(arm), lattice, &field.contact, touch)?;
+        let rows = CellRows::of(field.lattice.clone(), &field.cells);
+        let estimate = |row| field.estimate(row, untouched_std_n_per_m);
+        let known = (0..rows.len() as u32).map(|row| estimate(Some(row))).collect();
+        let springs = Springs::of(&rows, known, estimate(None), cluster_weight);
+        let predictor = Self::new(&tracker, field.contact.clone(), springs);
+        Ok(match field.elastic.as_deref() {
+            Some(model) => predictor.with_body(model, ElasticTorque::new(arm, model)),
+            None => predictor.calibrated(field.calibration.clone()),
+        })
+    }
+
     /// The same, of a field with bands.
     #[must_use]
     pub(crate) fn calibrated(mut self, calibration: Option<Calibration>) -> Self {
@@ -251,6 +287,11 @@ impl PathPredictor {
         // Bands were calibrated without it.
         self.calibration = None;
         self
+    }
+
+    /// Positions that a point of a path has.
+    pub fn n_joints(&self) -> usize {
+        self.checker.n_joints()
     }
 
     /// Predicts the torque along a path; the predictor stays as it is.
@@ -270,6 +311,28 @@ impl PathPredictor {
         self.answer(&self.checker.check(path, config)?)
     }
 
+    /// [`PathPredictor::ask`] for many paths, on all of rayon's threads; to the bit what it says of each.
+    ///
+    /// Every path asks `stopped` first, so that somebody can end it: the result is then `None`.
+    ///
+    /// # Errors
+    ///
+    /// As [`PathPredictor::ask`], with the number of the first path that cannot be followed, from 0.
+    pub fn ask_all<P: AsRef<[Q]> + Sync, Q: AsRef<[f64]>>(
+        &self,
+        paths: &[P],
+        config: &PathConfig,
+        stopped: impl Fn() -> bool + Sync,
+    ) -> Result<Option<Vec<PathPrediction>>, (usize, PathError)> {
+        let answers = paths.par_iter().map(|path| {
+            let goes_on = !stopped();
+            goes_on.then(|| self.ask(path.as_ref(), config)).transpose()
+        });
+        let answers: Vec<_> = answers.collect();
+        let numbered = answers.into_iter().enumerate();
+        numbered.map(|(number, answer)| answer.map_err(|error| (number, error))).collect()
+    }
+
     /// [`PathPredictor::ask`] for a path that a checker of the same mapper has checked.
     ///
     /// # Errors
@@ -287,7 +350,8 @@ impl PathPredictor {
         {
             return Err(PathError::TooLong { point: path.stops[number], most: MAX_BODY_MOTIONS });
         }
-        let wrenches = self.wrenches(&waypoints, from.map(|(_, state)| Arc::clone(state)));
+        let state = from.map(|(_, state)| Arc::clone(state));
+        let wrenches = self.wrenches(&waypoints, state, path.inside);
         let of_body = self.torques_of_body(path, &waypoints, from.is_some());
         let mut points: Vec<PathPoint> = Vec::new();
         for (number, &stop) in path.stops.iter().enumerate() {
@@ -371,12 +435,19 @@ impl PathPredictor {
 
     /// The wrenches of all springs on the links, at every stop; where several stops share a waypoint, at
     /// the first of them.
-    fn wrenches(&self, waypoints: &Waypoints, state: Option<Arc<ContactState>>) -> LinkWrenches {
+    fn wrenches(
+        &self,
+        waypoints: &Waypoints,
+        state: Option<Arc<ContactState>>,
+        inside: bool,
+    ) -> LinkWrenches {
         let surfaces = Arc::clone(&self.arm.surfaces);
         let (links, stops) = (surfaces.len(), waypoints.stops.len());
         let (lattice, coarse) = (self.springs.lattice().clone(), self.springs.are_clusters());
-        let (contact, poses) = (&self.contact, &waypoints.poses);
-        let trajectory = PosedTrajectory::new(lattice, surfaces, contact, coarse, state, poses);
+        let known_empty = self.contact.known_empty && !inside;
+        let contact = ContactConfig { known_empty, ..self.contact.clone() };
+        let poses = &waypoints.poses;
+        let trajectory = PosedTrajectory::new(lattice, surfaces, &contact, coarse, state, poses);
         let mut stop_at = vec![None; poses.len()];
         waypoints.stops.iter().enumerate().rev().for_each(|(stop, &at)| stop_at[at] = Some(stop));
         let (bricks, springs) = (trajectory.bricks(), Arc::clone(&self.springs));

@@ -28,6 +28,8 @@ pub struct CheckedPath<'a> {
     /// The largest distance of its first point from where the arm is for the path to continue from the
     /// arm's contacts, m.
     pub(super) start_m: f64,
+    /// [`PathConfig::inside`].
+    pub(super) inside: bool,
 }
 
 impl PathChecker {
@@ -59,7 +61,7 @@ impl PathChecker {
     ) -> Result<CheckedPath<'a>, PathError> {
         config.check()?;
         let start_m = config.start_cells * self.spacing_m;
-        let mut checked = CheckedPath::new(&self.substeps, path, start_m)?;
+        let mut checked = CheckedPath::new(&self.substeps, path, (start_m, config.inside))?;
         checked.stops =
             checked.find_stops(&self.substeps, config.resolution_cells * self.spacing_m);
         match checked.stops.get(MAX_MOTIONS) {
@@ -74,7 +76,7 @@ impl<'a> CheckedPath<'a> {
     fn new<Q: AsRef<[f64]>>(
         substeps: &Substeps,
         path: &'a [Q],
-        start_m: f64,
+        (start_m, inside): (f64, bool),
     ) -> Result<Self, PathError> {
         if path.is_empty() {
             return Err(PathError::Empty);
@@ -98,7 +100,7 @@ impl<'a> CheckedPath<'a> {
                 return Err(PathError::TooLong { point, most: MAX_MOTIONS });
             }
         }
-        Ok(Self { q, poses, along_m, stops: Vec::new(), start_m })
+        Ok(Self { q, poses, along_m, stops: Vec::new(), start_m, inside })
     }
 
     /// Where the arm is at a point.

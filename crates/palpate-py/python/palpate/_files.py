@@ -1,0 +1,96 @@
+"""Files that tasks read, and how they come to a worker that does not have them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+_LEFT_OUT = {".avi", ".gif", ".jpeg", ".jpg", ".mkv", ".mov", ".mp4", ".png", ".tif", ".tiff", ".webm"}
+"""Pictures beside a log, which nobody reads."""
+
+
+@dataclass(frozen=True)
+class File:
+    """A file as it is now."""
+
+    path: str
+    """Without links and relative parts."""
+    size: int
+    changed_ns: int
+
+    def is_here(self) -> bool:
+        """Whether this machine has it, unchanged."""
+        try:
+            about = os.stat(self.path)
+        except OSError:
+            return False
+        return (about.st_size, about.st_mtime_ns) == (self.size, self.changed_ns)
+
+
+class Files:
+    """All files of some paths, folders with what is in them; those that are not there are left out.
+
+    Only their digest goes to other processes.
+    """
+
+    def __init__(self, paths: Iterable[str]) -> None:
+        self.each = tuple(_files(paths))
+        self.digest = digest([[file.path, file.size, file.changed_ns] for file in self.each])
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"each": (), "digest": self.digest}
+
+
+def digest(plain: Any) -> str:
+    """A digest of plain data."""
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def _files(paths: Iterable[str]) -> Iterator[File]:
+    taken = set()
+    for path in map(Path, paths):
+        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+            if file not in taken and file.is_file() and file.suffix.lower() not in _LEFT_OUT:
+                taken.add(file)
+                about = file.stat()
+                yield File(str(file), about.st_size, about.st_mtime_ns)
+
+
+_Content = Any
+"""Bytes of a file, as something that has a buffer."""
+
+
+class _Copies:
+    """Copies of the files of one log, in a folder that is gone with this process."""
+
+    def __init__(self) -> None:
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._files: Sequence[File] = ()
+
+    def folder(self, files: Sequence[File], contents: Callable[[], Iterable[_Content]]) -> str:
+        """The folder with a copy of each file at its own path."""
+        if self._folder is None or self._files != files:
+            if self._folder is not None:
+                self._folder.cleanup()  # one log at a time
+            self._folder = tempfile.TemporaryDirectory(prefix="palpate-")
+            self._files = ()
+            for file, content in zip(files, contents(), strict=True):
+                copy = Path(self._folder.name + file.path)
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                copy.write_bytes(content)
+            self._files = files
+        return self._folder.name
+
+
+_copies = _Copies()
+
+
+def brought(files: Sequence[File], contents: Callable[[], Iterable[_Content]]) -> str:
+    """What to put before the paths of some files to find them here: nothing, if they are all here."""
+    return "" if all(file.is_here() for file in files) else _copies.folder(files, contents)
