@@ -3,7 +3,8 @@
     dds_robot.py SET --rate HZ --seconds S ...
 
 Publishes joint states (sensor_msgs/msg/JointState on /joint_states), one touch after the other, over
-and over; the arm stands still before each. Meanwhile it reads every topic that palpate publishes.
+and over; the arm stands still before each. Meanwhile it reads every topic that palpate publishes, and
+with --call calls every service.
 Prints one JSON object: what was sent and received, and the time from writing a sample to reading its
 prediction. Loopback only. Libraries: requirements.txt, pinned.
 """
@@ -29,7 +30,7 @@ import numpy as np
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import float64, int32, int64, sequence, uint8, uint32, uint64
+from cyclonedds.idl.types import array, float64, int32, int64, sequence, uint8, uint32, uint64
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -128,6 +129,244 @@ class TriggerResponse(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response
     message: str
 
 
+@dataclass
+class Vector3(IdlStruct, typename="geometry_msgs::msg::dds_::Vector3_"):
+    x: float64
+    y: float64
+    z: float64
+
+
+@dataclass
+class Wrench(IdlStruct, typename="geometry_msgs::msg::dds_::Wrench_"):
+    force: Vector3
+    torque: Vector3
+
+
+@dataclass
+class WrenchStamped(IdlStruct, typename="geometry_msgs::msg::dds_::WrenchStamped_"):
+    header: Header
+    wrench: Wrench
+
+
+@dataclass
+class InterfaceValue(IdlStruct, typename="control_msgs::msg::dds_::InterfaceValue_"):
+    interface_names: sequence[str]
+    values: sequence[float64]
+
+
+@dataclass
+class DynamicJointState(IdlStruct, typename="control_msgs::msg::dds_::DynamicJointState_"):
+    header: Header
+    joint_names: sequence[str]
+    interface_values: sequence[InterfaceValue]
+
+
+@dataclass
+class Clock(IdlStruct, typename="rosgraph_msgs::msg::dds_::Clock_"):
+    clock: Time
+
+
+@dataclass
+class JointTrajectoryPoint(IdlStruct, typename="trajectory_msgs::msg::dds_::JointTrajectoryPoint_"):
+    positions: sequence[float64]
+    velocities: sequence[float64]
+    accelerations: sequence[float64]
+    effort: sequence[float64]
+    time_from_start: Time  # a Duration, which is laid out alike
+
+
+@dataclass
+class JointTrajectory(IdlStruct, typename="trajectory_msgs::msg::dds_::JointTrajectory_"):
+    header: Header
+    joint_names: sequence[str]
+    points: sequence[JointTrajectoryPoint]
+
+
+@dataclass
+class AskRequest(IdlStruct, typename="palpate_ros::srv::dds_::AskTrajectory_Request_"):
+    client: uint64
+    number: int64
+    trajectory: JointTrajectory
+    level: float64
+
+
+@dataclass
+class AskResponse(IdlStruct, typename="palpate_ros::srv::dds_::AskTrajectory_Response_"):
+    client: uint64
+    number: int64
+    success: bool
+    message: str
+    predicted: JointTrajectory
+    half_width: JointTrajectory
+    level: float64
+    peak: float64
+    contacts: sequence[uint32]
+    known: sequence[uint32]
+    goes_on: bool
+
+
+@dataclass
+class NamesRequest(IdlStruct, typename="rcl_interfaces::srv::dds_::GetParameters_Request_"):
+    client: uint64
+    number: int64
+    names: sequence[str]
+
+
+@dataclass
+class ParameterValue(IdlStruct, typename="rcl_interfaces::msg::dds_::ParameterValue_"):
+    type: uint8
+    bool_value: bool
+    integer_value: int64
+    double_value: float64
+    string_value: str
+    byte_array_value: sequence[uint8]
+    bool_array_value: sequence[bool]
+    integer_array_value: sequence[int64]
+    double_array_value: sequence[float64]
+    string_array_value: sequence[str]
+
+
+@dataclass
+class ValuesResponse(IdlStruct, typename="rcl_interfaces::srv::dds_::GetParameters_Response_"):
+    client: uint64
+    number: int64
+    values: sequence[ParameterValue]
+
+
+@dataclass
+class ListRequest(IdlStruct, typename="rcl_interfaces::srv::dds_::ListParameters_Request_"):
+    client: uint64
+    number: int64
+    prefixes: sequence[str]
+    depth: uint64
+
+
+@dataclass
+class ListParametersResult(IdlStruct, typename="rcl_interfaces::msg::dds_::ListParametersResult_"):
+    names: sequence[str]
+    prefixes: sequence[str]
+
+
+@dataclass
+class ListResponse(IdlStruct, typename="rcl_interfaces::srv::dds_::ListParameters_Response_"):
+    client: uint64
+    number: int64
+    result: ListParametersResult
+
+
+@dataclass
+class TypesRequest(IdlStruct, typename="rcl_interfaces::srv::dds_::GetParameterTypes_Request_"):
+    client: uint64
+    number: int64
+    names: sequence[str]
+
+
+@dataclass
+class TypesResponse(IdlStruct, typename="rcl_interfaces::srv::dds_::GetParameterTypes_Response_"):
+    client: uint64
+    number: int64
+    types: sequence[uint8]
+
+
+@dataclass
+class DescribeRequest(IdlStruct, typename="rcl_interfaces::srv::dds_::DescribeParameters_Request_"):
+    client: uint64
+    number: int64
+    names: sequence[str]
+
+
+@dataclass
+class FloatingPointRange(IdlStruct, typename="rcl_interfaces::msg::dds_::FloatingPointRange_"):
+    from_value: float64
+    to_value: float64
+    step: float64
+
+
+@dataclass
+class IntegerRange(IdlStruct, typename="rcl_interfaces::msg::dds_::IntegerRange_"):
+    from_value: int64
+    to_value: int64
+    step: uint64
+
+
+@dataclass
+class ParameterDescriptor(IdlStruct, typename="rcl_interfaces::msg::dds_::ParameterDescriptor_"):
+    name: str
+    type: uint8
+    description: str
+    additional_constraints: str
+    read_only: bool
+    dynamic_typing: bool
+    floating_point_range: sequence[FloatingPointRange]
+    integer_range: sequence[IntegerRange]
+
+
+@dataclass
+class DescribeResponse(IdlStruct, typename="rcl_interfaces::srv::dds_::DescribeParameters_Response_"):
+    client: uint64
+    number: int64
+    descriptors: sequence[ParameterDescriptor]
+
+
+@dataclass
+class Parameter(IdlStruct, typename="rcl_interfaces::msg::dds_::Parameter_"):
+    name: str
+    value: ParameterValue
+
+
+@dataclass
+class SetParametersResult(IdlStruct, typename="rcl_interfaces::msg::dds_::SetParametersResult_"):
+    successful: bool
+    reason: str
+
+
+@dataclass
+class SetRequest(IdlStruct, typename="rcl_interfaces::srv::dds_::SetParameters_Request_"):
+    client: uint64
+    number: int64
+    parameters: sequence[Parameter]
+
+
+@dataclass
+class SetResponse(IdlStruct, typename="rcl_interfaces::srv::dds_::SetParameters_Response_"):
+    client: uint64
+    number: int64
+    results: sequence[SetParametersResult]
+
+
+@dataclass
+class SetAllRequest(IdlStruct, typename="rcl_interfaces::srv::dds_::SetParametersAtomically_Request_"):
+    client: uint64
+    number: int64
+    parameters: sequence[Parameter]
+
+
+@dataclass
+class SetAllResponse(IdlStruct, typename="rcl_interfaces::srv::dds_::SetParametersAtomically_Response_"):
+    client: uint64
+    number: int64
+    result: SetParametersResult
+
+
+@dataclass
+class Gid(IdlStruct, typename="rmw_dds_common::msg::dds_::Gid_"):
+    data: array[uint8, 16]
+
+
+@dataclass
+class NodeEntitiesInfo(IdlStruct, typename="rmw_dds_common::msg::dds_::NodeEntitiesInfo_"):
+    node_namespace: str
+    node_name: str
+    reader_gid_seq: sequence[Gid]
+    writer_gid_seq: sequence[Gid]
+
+
+@dataclass
+class ParticipantEntitiesInfo(IdlStruct, typename="rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"):
+    gid: Gid
+    node_entities_info_seq: sequence[NodeEntitiesInfo]
+
+
 RELIABLE = Qos(
     Policy.Reliability.Reliable(duration(milliseconds=100)),
     Policy.History.KeepLast(2000),
@@ -141,6 +380,7 @@ RECEIVED = {
     "rt/palpate/torque_external": JointState,
     "rt/palpate/contacts": PointCloud2,
     "rt/palpate/field": PointCloud2,
+    "rt/palpate/wrench": WrenchStamped,
     "rt/palpate/stop": Bool,
     "rt/palpate/guard": DiagnosticArray,
     "rt/diagnostics": DiagnosticArray,
@@ -272,37 +512,108 @@ def play_another_type(domain):
         time.sleep(0.02)
 
 
-class Tare(threading.Thread):
-    """Calls the service /palpate/tare twice, as a client on rmw_cyclonedds does."""
+class Client:
+    """Calls a service as a client on rmw_cyclonedds does."""
 
-    def __init__(self, participant):
-        super().__init__(daemon=True)
-        self.answers = []
-        request = Topic(participant, "rq/palpate/tareRequest", TriggerRequest)
-        response = Topic(participant, "rr/palpate/tareReply", TriggerResponse)
-        self.writer = DataWriter(participant, request, RELIABLE)
-        self.reader = DataReader(participant, response, RELIABLE)
+    def __init__(self, participant, service, request, response):
+        self.service, self.request, self.number = service, request, 0
+        self.writer = DataWriter(participant, Topic(participant, f"rq{service}Request", request), RELIABLE)
+        self.reader = DataReader(participant, Topic(participant, f"rr{service}Reply", response), RELIABLE)
 
     def has_server(self):
         readers, writers = self.writer.get_matched_subscriptions, self.reader.get_matched_publications
         return bool(readers() and writers())
 
-    def run(self):
-        wait_until(self.has_server)
-        for number in (1, 2):
-            self.answers.append(self.call(number))
-
-    def call(self, number):
+    def call(self, *values):
         """Calls until it is answered: the server may not know yet where its answers go."""
+        wait_until(self.has_server)
+        self.number += 1
         for _ in range(round(DEADLINE_S)):
-            self.writer.write(TriggerRequest(4711, number, 0))
+            self.writer.write(self.request(4711, self.number, *values))
             for answer in self.reader.take_iter(timeout=duration(seconds=1)):
-                if answer.number == number:
-                    return [answer.client, answer.number, answer.success, answer.message]
-        raise TimeoutError(f"nobody answers call {number}")
+                if (answer.client, answer.number) == (4711, self.number):
+                    return answer
+        raise TimeoutError(f"nobody answers call {self.number} of {self.service}")
 
-    def is_answered(self):
-        return len(self.answers) == 2
+
+class Caller(threading.Thread):
+    """Calls services while the robot is played; `answers` has what came, `failed` why it ended."""
+
+    def __init__(self, calls):
+        super().__init__(daemon=True)
+        self.calls, self.answers, self.failed = calls, None, None
+
+    def run(self):
+        try:
+            self.answers = self.calls()
+        except Exception as error:
+            self.failed = f"{type(error).__name__}: {error}"
+
+    def is_done(self):
+        return not self.is_alive()
+
+
+def tares(participant):
+    """Two calls of the service /palpate/tare."""
+    tare = Client(participant, "/palpate/tare", TriggerRequest, TriggerResponse)
+    answers = [tare.call(0), tare.call(0)]
+    return [[answer.client, answer.number, answer.success, answer.message] for answer in answers]
+
+
+def every_service(participant, name, path):
+    """What every service of a node answers; `path` are rows of positions, in the reverse order of the joints."""
+    node, services = f"/{name}", {}
+    for trigger in ("save", "reset", "tare"):
+        answer = Client(participant, f"/palpate/{trigger}", TriggerRequest, TriggerResponse).call(0)
+        services[trigger] = [answer.success, answer.message]
+    points = [JointTrajectoryPoint(row[::-1], [], [], [], Time(number, 0)) for number, row in enumerate(path)]
+    header = Header(Time(0, 0), "base_link")
+    ask = Client(participant, "/palpate/ask", AskRequest, AskResponse)
+    answer = ask.call(JointTrajectory(header, JOINTS[::-1], points), 0.0)
+    services["ask"] = {
+        "success": answer.success, "message": answer.message, "peak": answer.peak, "level": answer.level,
+        "joint_names": list(answer.predicted.joint_names), "contacts": list(answer.contacts),
+        "positions": [list(point.positions) for point in answer.predicted.points],
+        "torque": [list(point.effort) for point in answer.predicted.points],
+        "times": [point.time_from_start.sec for point in answer.predicted.points],
+    }
+    refused = ask.call(JointTrajectory(header, JOINTS[:6], points), 0.0)
+    services["refused"] = [refused.success, refused.message]
+    parameters = lambda service, *kinds: Client(participant, f"{node}/{service}", *kinds)  # noqa: E731
+    listed = parameters("list_parameters", ListRequest, ListResponse).call([], 0)
+    names = services["names"] = list(listed.result.names)
+    got = parameters("get_parameters", NamesRequest, ValuesResponse).call([*names, "nonsense"])
+    services["values"] = [[v.type, v.bool_value, v.double_value, v.string_value] for v in got.values]
+    types = parameters("get_parameter_types", TypesRequest, TypesResponse).call([*names, "nonsense"])
+    services["types"] = list(types.types)
+    described = parameters("describe_parameters", DescribeRequest, DescribeResponse).call(names)
+    services["described"] = [[d.name, d.type, d.description, d.read_only] for d in described.descriptors]
+    same = [Parameter(name, value) for name, value in zip(names, got.values)]
+    other = [Parameter("guard", ParameterValue(3, False, 0, 5.0, "", [], [], [], [], []))]
+    results = parameters("set_parameters", SetRequest, SetResponse).call(same + other).results
+    services["set"] = [[result.successful, result.reason] for result in results]
+    set_all = parameters("set_parameters_atomically", SetAllRequest, SetAllResponse)
+    services["set_all"] = [set_all.call(all_of_it).result.successful for all_of_it in (same, same + other)]
+    return services
+
+
+def nodes(participant):
+    """The nodes that the tools of ROS would list, with how many readers and writers they have."""
+    topic = Topic(participant, "ros_discovery_info", ParticipantEntitiesInfo)
+    reader, found = DataReader(participant, topic, KEPT), {}
+
+    def changes():
+        before = dict(found)
+        for message in reader.take(N=100):
+            for node in getattr(message, "node_entities_info_seq", []):
+                name = f"{node.node_namespace.rstrip('/')}/{node.node_name}"
+                found[name] = [len(node.reader_gid_seq), len(node.writer_gid_seq)]
+        return found != before
+
+    wait_until(changes)
+    while wait_until(changes, 0.5):
+        pass
+    return found
 
 
 def spoil(state, before, number, broken):
@@ -321,7 +632,30 @@ def spoil(state, before, number, broken):
     return state
 
 
-def play(writer, q, tau, rate, seconds, broken, enough):
+def dynamic(state):
+    """A joint state as ros2_control has it, beside something that is no joint."""
+    names = ["position", "velocity", "effort"]
+    values = [InterfaceValue(names, [q, 0.0, tau]) for q, tau in zip(state.position, state.effort)]
+    sensor = InterfaceValue(["force.x"], [1.0])
+    return DynamicJointState(state.header, ["wrist_sensor", *state.name], [sensor, *values])
+
+
+class Simulation:
+    """The clock of a simulation that goes at a fraction of real time; joint states have no stamp then."""
+
+    START_S, FRACTION = 1000.0, 0.5
+
+    def __init__(self, participant):
+        self.writer = DataWriter(participant, Topic(participant, "rt/clock", Clock), RELIABLE)
+        self.start = time.perf_counter()
+
+    def tick(self):
+        now_s = self.START_S + self.FRACTION * (time.perf_counter() - self.start)
+        self.writer.write(Clock(Time(int(now_s), int(now_s % 1 * 1e9))))
+        time.sleep(0.001)  # it comes before what is of this moment
+
+
+def play(writer, q, tau, rate, seconds, broken, enough, simulation=None):
     """Sends frames at a steady rate, at least for some seconds and then until `enough()` or the
     deadline; returns how many."""
     start, sent, before = time.perf_counter(), 0, Time(0, 1)
@@ -333,8 +667,12 @@ def play(writer, q, tau, rate, seconds, broken, enough):
                 time.sleep(left / 2)
         stamp_ns, at = now_ns(), sent % len(q)
         header = Header(Time(stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000), "base_link")
+        if simulation:
+            simulation.tick()
+            header = Header(Time(0, 0), "base_link")
         state = JointState(header, list(JOINTS), q[at], [], tau[at])
-        writer.write(spoil(state, before, sent, broken))
+        state = spoil(state, before, sent, broken)
+        writer.write(dynamic(state) if writer.topic.data_type is DynamicJointState else state)
         before = state.header.stamp
         sent += 1
     return sent
@@ -346,6 +684,19 @@ def stop_ms(receiver, flags):
     ups = rises(flags)
     passed = {which: min(ns) for which, ns in receiver.passed_ns.items() if ns}
     return {which: (ups[0] - ns) * 1e-6 for which, ns in passed.items()} if ups else None
+
+
+def last_stamp(receiver):
+    """Stamp of the last prediction."""
+    last = receiver.last.get("rt/palpate/torque_predicted")
+    return last and last.header.stamp
+
+
+def wrench_of(receiver):
+    """Link, force and torque of the last wrench."""
+    last = receiver.last.get("rt/palpate/wrench")
+    vector = lambda v: [v.x, v.y, v.z]  # noqa: E731
+    return last and [last.header.frame_id, vector(last.wrench.force), vector(last.wrench.torque)]
 
 
 def arguments():
@@ -367,6 +718,9 @@ def arguments():
     parser.add_argument("--another-type", action="store_true", help="publish only that, on the same topic")
     parser.add_argument("--description", type=Path, help="a URDF to keep on /robot_description")
     parser.add_argument("--tare", action="store_true", help="call the service, and play on until it answers")
+    parser.add_argument("--call", metavar="NODE", help="call every service of this node, and play on until all answer")
+    parser.add_argument("--dynamic", action="store_true", help="publish DynamicJointState on /dynamic_joint_states")
+    parser.add_argument("--simulation", action="store_true", help="publish /clock, and stamp nothing")
     return parser.parse_args()
 
 
@@ -381,23 +735,30 @@ def main():
         described.write(String(args.description.read_text()))
     receiver = Receiver(participant, args.guard, IDENTIFIED if args.identified else RECEIVED)
     receiver.start()
-    tare = Tare(participant) if args.tare else None
-    if tare:
-        tare.start()
+    q, tau = frames(args.set, round(args.still * args.rate))
+    caller = None
+    if args.tare or args.call:
+        path = q[:: len(q) // 20][:12]
+        calls = (lambda: tares(participant)) if args.tare else (lambda: every_service(participant, args.call, path))
+        caller = Caller(calls)
+        caller.start()
 
     def enough():
         received = receiver.every_topic() and (args.guard is None or flag.is_raised())
-        return (received or not args.until_received) and (tare is None or tare.is_answered())
+        return (received or not args.until_received) and (caller is None or caller.is_done())
 
     qos = BEST_EFFORT if args.best_effort else RELIABLE
-    writer = DataWriter(participant, Topic(participant, "rt/joint_states", JointState), qos)
-    q, tau = frames(args.set, round(args.still * args.rate))
+    topic = Topic(participant, "rt/joint_states", JointState)
+    if args.dynamic:
+        topic = Topic(participant, "rt/dynamic_joint_states", DynamicJointState)
+    writer = DataWriter(participant, topic, qos)
+    simulation = Simulation(participant) if args.simulation else None
     wait_until(writer.get_matched_subscriptions)
     if args.guard:
         wait_until(flag.history)  # up, as long as nothing is known
     matched = len(writer.get_matched_subscriptions())
     started = time.perf_counter()
-    sent = play(writer, q, tau, args.rate, args.seconds, args.broken, enough)
+    sent = play(writer, q, tau, args.rate, args.seconds, args.broken, enough, simulation)
     took = time.perf_counter() - started
     writer.wait_for_acks(duration(seconds=DEADLINE_S))
     wait_until(receiver.both_torques, 5)  # never, if palpate had to leave some out
@@ -414,7 +775,12 @@ def main():
         "latency_ms": {"median": quantile(0.5), "p99": quantile(0.99)},
         "stops": [up for (_, was_up), (_, up) in zip([(0, None), *flags], flags) if up != was_up],
         "stop_ms": stop_ms(receiver, flags),
-        "tare": tare and tare.answers,
+        "tare": caller.answers if args.tare else None,
+        "called": caller.answers if args.call else None,
+        "failed": caller and caller.failed,
+        "nodes": nodes(participant) if args.call else None,
+        "stamp": stamp.sec + stamp.nanosec * 1e-9 if (stamp := last_stamp(receiver)) else None,
+        "wrench": wrench_of(receiver),
         "diagnostics": {v.key: v.value for v in diagnostics.status[0].values} if diagnostics else None,
         "points": {name: receiver.last[name].width for name in clouds},
     }))

@@ -427,6 +427,89 @@ fn needs_cyclonedds_a_client_of_the_service_gets_its_answer_and_the_tare() {
 }
 
 #[test]
+fn needs_cyclonedds_every_service_answers_and_the_node_is_one_of_ros() {
+    let domain = Domain::take();
+    let flags = ["--services", "cyclone", "--guard", "30", "--checkpoint", "3600"];
+    let live = Live::start(&domain, &flags);
+    let played = ["--rate", "100", "--seconds", "2", "--call", "palpate", "--until-received"];
+    let robot = result(&mut robot(&domain, &played));
+    let called = &robot["called"];
+    assert_eq!(robot["failed"], Value::Null, "{robot}");
+    assert_eq!(called["save"], serde_json::json!([true, "the field is saved"]), "{called}");
+    assert!(load(&live.path("field.npz")).is_ok(), "saved long before a checkpoint is due");
+    assert_eq!(called["tare"][0], true, "{called}");
+    assert!(called["reset"][1].as_str().is_some_and(|words| !words.is_empty()), "{called}");
+
+    let ask = &called["ask"];
+    assert_eq!((&ask["success"], &ask["message"]), (&true.into(), &"".into()), "{ask}");
+    let joints: Vec<String> = (1..=7).map(|joint| format!("Actuator{joint}")).collect();
+    assert_eq!(ask["joint_names"], serde_json::json!(joints), "in the robot's order");
+    let rows = |name: &str| -> Vec<Vec<f64>> { serde_json::from_value(ask[name].clone()).unwrap() };
+    let torques = rows("torque");
+    assert_eq!((torques.len(), rows("positions").len()), (12, 12));
+    assert_eq!(ask["times"], serde_json::json!((0..12).collect::<Vec<_>>()));
+    let peak = torques.concat().into_iter().map(f64::abs).fold(0.0, f64::max);
+    assert!((ask["peak"].as_f64().unwrap() - peak).abs() < 1e-12, "{ask}");
+    assert_eq!(called["refused"][0], false);
+    assert!(called["refused"][1].as_str().unwrap().contains("Actuator7"), "{}", called["refused"]);
+
+    let names: Vec<String> = serde_json::from_value(called["names"].clone()).unwrap();
+    let place = |name: &str| names.iter().position(|other| other == name).unwrap();
+    assert_eq!(called["values"][place("use_sim_time")][1], false);
+    assert_eq!(called["values"][place("guard")][2], 30.0);
+    assert_eq!(called["values"][place("robot")][3], "kinova_gen3");
+    let types = called["types"].as_array().unwrap();
+    assert_eq!(
+        (types.len(), types.last().unwrap().as_u64()),
+        (names.len() + 1, Some(0)),
+        "not set"
+    );
+    for (described, name) in called["described"].as_array().unwrap().iter().zip(&names) {
+        assert_eq!((&described[0], &described[3]), (&Value::from(&**name), &true.into()));
+        assert_eq!(described[1], types[place(name)]);
+        assert!(!described[2].as_str().unwrap().is_empty(), "{name}");
+    }
+    let set = called["set"].as_array().unwrap();
+    assert!(set[..names.len()].iter().all(|result| result[0] == true), "as they are: {set:?}");
+    let refused = set.last().unwrap();
+    assert!(refused[0] == false && refused[1].as_str().unwrap().contains("flag of `palpate live`"));
+    assert_eq!(called["set_all"], serde_json::json!([true, false]));
+
+    let node = &robot["nodes"]["/palpate"];
+    assert!(node[0].as_u64() >= Some(11) && node[1].as_u64() >= Some(19), "{}", robot["nodes"]);
+}
+
+#[test]
+fn needs_cyclonedds_a_simulations_time_and_other_names_are_those_of_ros() {
+    let domain = Domain::take();
+    let names = ["--remap", "__node:=hand", "--remap", "/palpate/contacts:=/left/touched"];
+    let mut flags = vec!["--sim-time", "--services", "cyclone"];
+    flags.extend(names);
+    let live = Live::start(&domain, &flags);
+    let played = ["--rate", "50", "--seconds", "6", "--simulation", "--call", "hand"];
+    let robot = result(&mut robot(&domain, &played));
+    assert_eq!(robot["failed"], Value::Null, "{robot}");
+    // Unstamped samples are of the simulation's time, which goes at half the speed.
+    let stamp = robot["stamp"].as_f64().unwrap();
+    assert!((1001.0..1100.0).contains(&stamp), "{stamp}");
+    let counts = &robot["received"];
+    assert!(counts["rt/palpate/torque_predicted"].as_u64() > Some(0), "{counts}");
+    assert_eq!(counts["rt/palpate/contacts"], 0, "it has another name: {counts}");
+    assert!(robot["nodes"].get("/hand").is_some(), "{}", robot["nodes"]);
+    assert_eq!(robot["called"]["values"][0][1], true, "use_sim_time");
+    live.wait_for_figures("samples", |figures| figures["mapped"].as_u64() > Some(50));
+}
+
+#[test]
+fn needs_cyclonedds_joint_states_of_ros2_control_are_mapped() {
+    let domain = Domain::take();
+    let live = Live::start(&domain, &[]);
+    let robot = result(&mut robot(&domain, &["--rate", "100", "--seconds", "2", "--dynamic"]));
+    live.wait_for("listening to `/dynamic_joint_states`");
+    live.wait_for_figures("all samples", |figures| figures["mapped"] == robot["sent"]);
+}
+
+#[test]
 fn needs_cyclonedds_questions_are_answered_while_it_maps() {
     let domain = Domain::take();
     let folder = tempfile::tempdir().unwrap();

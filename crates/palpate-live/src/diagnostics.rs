@@ -48,8 +48,8 @@ pub fn of(figures: &Figures, robot: &str, header: Header) -> DiagnosticArray {
     DiagnosticArray { header, status: vec![status] }
 }
 
-/// The guard's flag, and why it is up, now.
-pub fn of_guard(cause: Option<&str>) -> DiagnosticArray {
+/// The guard's flag, and why it is up, at a moment.
+pub fn of_guard(cause: Option<&str>, stamp: Stamp) -> DiagnosticArray {
     let (level, message) = match cause {
         Some(cause) => (ERROR, cause.to_owned()),
         None => (OK, "no reason to stop the robot".to_owned()),
@@ -61,6 +61,6 @@ pub fn of_guard(cause: Option<&str>) -> DiagnosticArray {
         hardware_id: String::new(),
         values: vec![KeyValue { key: "stop".to_owned(), value: cause.is_some().to_string() }],
     };
-    let header = Header { stamp: Stamp::now(), ..Header::default() };
+    let header = Header { stamp, ..Header::default() };
     DiagnosticArray { header, status: vec![status] }
 }

@@ -16,6 +16,8 @@
 //! | [`AskSocket`]    | questions about planned motions                                 |
 //! | `question`       | their form, and that of the answers                             |
 //! | [`LiveBody`]     | the object as an elastic body, bent and learnt                  |
+//! | `services`       | requests of ROS that take time                                  |
+//! | `wrench`         | what the object exerts on the links                             |
 //! | [`checkpoint`]   | the field on disk, now and then                                 |
 //! | [`figures`]      | how it goes                                                     |
 //! | [`view_feed`]    | frames for a viewer                                             |
@@ -40,10 +42,12 @@ mod query_server;
 mod question;
 pub mod ros;
 mod run;
+mod services;
 pub mod session;
 mod threads;
 pub mod timer;
 pub mod view_feed;
+mod wrench;
 
 pub use body::{BentBody, LiveBody};
 pub use figures::News;

@@ -17,7 +17,7 @@ use crate::diagnostics;
 use crate::figures::{Figures, News, Tally};
 use crate::inbox::Inbox;
 use crate::joints::JointReader;
-use crate::message::Header;
+use crate::message::{Header, Stamp};
 use crate::query_server::Request;
 use crate::ros::{Arrival, Torques};
 use crate::run::{LiveConfig, Mapped};
@@ -25,6 +25,7 @@ use crate::session::{Session, State, StepOutcome};
 use crate::threads::{JointMessage, Shared};
 use crate::timer::Timer;
 use crate::view_feed::ViewFeed;
+use crate::wrench::wrenches;
 
 /// The mapper's wait for a sample, and so the longest that a question waits for the mapper.
 const PAUSE: Duration = Duration::from_millis(2);
@@ -51,6 +52,8 @@ pub(crate) struct Mapping<'a> {
     requests: Receiver<Request>,
     /// Frame and stamp of the last sample.
     header: Header,
+    /// Joint positions of the last sample.
+    q: Vec<f64>,
     figures_due: Timer,
     diagnostics_due: Timer,
     contacts_due: Timer,
@@ -78,6 +81,7 @@ impl<'a> Mapping<'a> {
             body: config.body.clone(),
             requests,
             header: Header { frame_id, ..Header::default() },
+            q: Vec::new(),
             figures_due: Timer::new(FIGURES),
             diagnostics_due: Timer::new(DIAGNOSTICS),
             contacts_due: Timer::new(CONTACTS),
@@ -118,8 +122,19 @@ impl<'a> Mapping<'a> {
     /// Hands out what questions need.
     fn answer_requests(&mut self) {
         while let Ok(request) = self.requests.try_recv() {
-            let predictor = self.session.mapper().coarse_path_predictor(request.cluster_weight);
-            let _ = request.to_asker.send(predictor); // the client may have left
+            // Whoever asks may have left.
+            match request {
+                Request::Predictor(cluster_weight, to_asker) => {
+                    let predictor = self.session.mapper().coarse_path_predictor(cluster_weight);
+                    let _ = to_asker.send(predictor);
+                }
+                Request::Save(to_asker) => {
+                    let mapper = self.session.mapper();
+                    let checkpoints = self.checkpoints.as_mut();
+                    let number = checkpoints.and_then(|them| them.now(|| Saved::of_mapper(mapper)));
+                    let _ = to_asker.send(number);
+                }
+            }
         }
     }
 
@@ -137,12 +152,16 @@ impl<'a> Mapping<'a> {
             self.session.wait();
             self.shared.note("the clock was set back; waiting for the arm to pause");
         }
-        self.header.stamp = state.header.stamp;
+        self.header.stamp = match state.header.stamp.seconds() {
+            Some(_) => state.header.stamp,
+            None => Stamp::at(came.at_s),
+        };
         let started = Instant::now();
         let sample = match self.session.external(read.sample) {
             Ok(sample) => sample,
             Err(error) => return self.refuse("not followed", &error.to_string()),
         };
+        self.q.clone_from(&sample.q);
         let mut outcome = self.session.take(&sample);
         self.tally.step(&outcome, started.elapsed());
         self.shared.wake_for_flag();
@@ -224,6 +243,10 @@ impl<'a> Mapping<'a> {
         let (outbox, mapper) = (&self.shared.outbox, self.session.mapper());
         if self.contacts_due.is_due(now) {
             outbox.contacts.push(cloud::contacts(mapper, &self.header));
+            if let Ok(poses) = mapper.arm().robot.forward(&self.q) {
+                let stamp = self.header.stamp;
+                outbox.wrenches.push(wrenches(mapper, &poses.world_from_link, stamp));
+            }
         }
         if self.field_due.is_due(now)
             && let Some(near) = cloud::field_near_contacts(mapper, &self.header)

@@ -8,6 +8,12 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use ros2_client::Message;
 use serde::{Deserialize, Serialize};
 
+mod trajectory;
+
+pub use trajectory::{
+    AskTrajectoryRequest, AskTrajectoryResponse, JointTrajectory, JointTrajectoryPoint,
+};
+
 /// `builtin_interfaces/msg/Time`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stamp {
@@ -22,6 +28,12 @@ impl Stamp {
     pub fn now() -> Self {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Self { sec: since.as_secs() as i32, nanosec: since.subsec_nanos() }
+    }
+
+    /// At so many seconds since the epoch of the clock.
+    pub fn at(seconds: f64) -> Self {
+        let whole = seconds.floor();
+        Self { sec: whole as i32, nanosec: ((seconds - whole) * 1e9) as u32 }
     }
 
     /// As seconds; `None` for zero, which means that nobody stamped the message.
@@ -63,6 +75,90 @@ impl JointState {
         Self { header, name: names.to_vec(), effort, ..Self::default() }
     }
 }
+
+/// `control_msgs/msg/InterfaceValue`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct InterfaceValue {
+    /// Such as `position`, `velocity` and `effort`.
+    pub interface_names: Vec<String>,
+    /// Their values.
+    pub values: Vec<f64>,
+}
+
+/// `control_msgs/msg/DynamicJointState`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct DynamicJointState {
+    /// When the joints were so.
+    pub header: Header,
+    /// Their names, and those of whatever else has interfaces.
+    pub joint_names: Vec<String>,
+    /// What is known of each.
+    pub interface_values: Vec<InterfaceValue>,
+}
+
+impl Message for DynamicJointState {}
+
+impl DynamicJointState {
+    /// The joints of which position and effort are known.
+    ///
+    /// # Errors
+    ///
+    /// If there are more names than values somewhere, or fewer.
+    pub fn joint_state(self) -> Result<JointState, String> {
+        let (names, values) = (self.joint_names.len(), self.interface_values.len());
+        if names != values {
+            return Err(format!("it has {names} joints and the values of {values}"));
+        }
+        let mut state = JointState { header: self.header, ..JointState::default() };
+        for (joint, InterfaceValue { interface_names, values }) in
+            self.joint_names.into_iter().zip(self.interface_values)
+        {
+            if interface_names.len() != values.len() {
+                let (names, found) = (interface_names.len(), values.len());
+                return Err(format!("joint `{joint}` has {names} interfaces and {found} values"));
+            }
+            let value = |wanted: &str| {
+                let place = interface_names.iter().position(|name| name == wanted)?;
+                Some(values[place])
+            };
+            if let (Some(position), Some(effort)) = (value("position"), value("effort")) {
+                state.name.push(joint);
+                state.position.push(position);
+                state.effort.push(effort);
+            }
+        }
+        Ok(state)
+    }
+}
+
+/// `rosgraph_msgs/msg/Clock`.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Clock {
+    /// The time of a simulation or a replay.
+    pub clock: Stamp,
+}
+
+impl Message for Clock {}
+
+/// `geometry_msgs/msg/Wrench`.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Wrench {
+    /// N.
+    pub force: [f64; 3],
+    /// N·m.
+    pub torque: [f64; 3],
+}
+
+/// `geometry_msgs/msg/WrenchStamped`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct WrenchStamped {
+    /// When, and in the coordinates of which link.
+    pub header: Header,
+    /// The wrench.
+    pub wrench: Wrench,
+}
+
+impl Message for WrenchStamped {}
 
 /// `sensor_msgs/msg/PointField`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

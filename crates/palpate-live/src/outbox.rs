@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use crate::inbox::Inbox;
-use crate::message::{DiagnosticArray, PointCloud2};
+use crate::message::{DiagnosticArray, PointCloud2, WrenchStamped};
 use crate::ros::{NetworkProcess, ToNetwork, Torques};
 
 /// Torques that may wait.
@@ -20,6 +20,8 @@ pub(crate) struct Outbox {
     pub(crate) contacts: Inbox<PointCloud2>,
     /// The field near it.
     pub(crate) field: Inbox<PointCloud2>,
+    /// What the object exerts on the links.
+    pub(crate) wrenches: Inbox<Vec<WrenchStamped>>,
     /// How it goes.
     pub(crate) diagnostics: Inbox<DiagnosticArray>,
     was_up: AtomicBool,
@@ -31,6 +33,7 @@ impl Default for Outbox {
             torques: Inbox::new(TORQUES),
             contacts: Inbox::new(1),
             field: Inbox::new(1),
+            wrenches: Inbox::new(1),
             diagnostics: Inbox::new(1),
             was_up: AtomicBool::new(true),
         }
@@ -58,6 +61,7 @@ impl Outbox {
             self.torques.pop(patience).map(ToNetwork::Torques),
             self.contacts.pop(now).map(ToNetwork::Contacts),
             self.field.pop(now).map(ToNetwork::Field),
+            self.wrenches.pop(now).map(ToNetwork::Wrenches),
             self.diagnostics.pop(now).map(ToNetwork::Diagnostics),
         ];
         for message in waiting.into_iter().flatten() {

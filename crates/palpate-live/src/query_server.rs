@@ -36,7 +36,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::{RecvTimeoutError, Sender, bounded};
 use palpate::unstable::PathChecker;
-use palpate::{CLUSTER_WEIGHT, PathConfig, PathPredictor};
+use palpate::{CLUSTER_WEIGHT, PathConfig, PathPrediction, PathPredictor};
 use rustix::fs::Mode;
 use serde_json::json;
 
@@ -58,12 +58,15 @@ const ACCEPT: Duration = Duration::from_millis(2);
 
 /// Asks the mapper's thread for the field and the arm as they are, with one spring in so many.
 #[derive(Debug)]
-pub(crate) struct Request {
-    pub(crate) cluster_weight: f64,
-    pub(crate) to_asker: Sender<PathPredictor>,
+pub(crate) enum Request {
+    /// A path predictor with clusters of that weight.
+    Predictor(f64, Sender<PathPredictor>),
+    /// That the field is saved, with the number that it is written under; `None` if the last one is not written yet.
+    Save(Sender<Option<u64>>),
 }
 
 /// Answers questions; knows the session's side of it.
+#[derive(Clone)]
 pub(crate) struct QueryServer<'a> {
     /// The mapper's thread.
     pub(crate) mapper: Sender<Request>,
@@ -273,12 +276,7 @@ fn answer(line: &[u8], server: &QueryServer<'_>) -> String {
             server.shared.tare.store(true, Ordering::Relaxed);
             Ok(json!({ "taring": true }).to_string())
         }
-        Ok(question) => {
-            // Replays do not wait for a body that is bent: that takes seconds for a long path.
-            let is_short = server.body.is_none();
-            let _answering = is_short.then(|| Counted::among(&server.shared.answering));
-            server.torques(question, started)
-        }
+        Ok(question) => server.torques(question, started),
         Err(error) => Err(format!(
             "{error}; wanted a line of JSON such as {{\"path\": [[0.1, 0.2], [0.1, 0.3]]}}, \
              positions of all joints at every point, or {{\"tare\": true}}"
@@ -312,16 +310,25 @@ impl QueryServer<'_> {
     /// What torques a path would meet, as a line.
     fn torques(&self, mut question: Question, started: Instant) -> Result<String, Box<dyn Error>> {
         let (path, form) = question.path(self.checker.n_joints())?;
-        let level = question.level;
+        let answer = self.predict(path, question.exact)?;
+        Ok(serde_json::to_string(&PathReply::new(&answer, (form, question.level), started)?)?)
+    }
+
+    /// What torques a path would meet, by all springs or by clusters.
+    pub(crate) fn predict(
+        &self,
+        path: Vec<Vec<f64>>,
+        exact: bool,
+    ) -> Result<PathPrediction, String> {
         let config = PathConfig::default();
-        let (cluster_weight, resolution_cells) = match question.exact {
+        let (cluster_weight, resolution_cells) = match exact {
             true => (1.0, 0.0),
             false => (CLUSTER_WEIGHT, config.resolution_cells),
         };
         let config = PathConfig::new(resolution_cells, config.start_cells);
         // The mapper gets on with it while the path is checked.
         let (to_asker, from_mapper) = bounded(1);
-        let request = Request { cluster_weight, to_asker };
+        let request = Request::Predictor(cluster_weight, to_asker);
         self.mapper.send(request).map_err(|_| "the mapper has stopped")?;
         let (checker, body) = (self.checker.clone(), self.body.clone());
         let predict = move || {
@@ -335,8 +342,10 @@ impl QueryServer<'_> {
             };
             predictor.answer(&path).map_err(|error| error.to_string())
         };
-        let answer = self.aside(predict)?;
-        Ok(serde_json::to_string(&PathReply::new(&answer, (form, level), started)?)?)
+        // Replays do not wait for a body that is bent: that takes seconds for a long path.
+        let is_short = self.body.is_none();
+        let _answering = is_short.then(|| Counted::among(&self.shared.answering));
+        self.aside(predict)
     }
 }
 

@@ -25,6 +25,7 @@ use crate::inbox::Inbox;
 use crate::mapping::Mapping;
 use crate::query_server::{AskSocket, QueryServer};
 use crate::ros::{NetworkError, NetworkProcess};
+use crate::services::{self, Services};
 use crate::session::{Session, State};
 use crate::threads::{LOOK, Shared, listen, publish, spawn};
 use crate::view_feed::ViewFrame;
@@ -90,17 +91,22 @@ pub fn run(
     thread::scope(|scope| {
         let ending = EndOnDrop(&shared);
         let mapper = session.mapper();
-        let touch = mapper.config().touch.clone();
-        let sentry = guard.map(|guard| Sentry::new(guard, arm, touch));
+        let joints = arm.robot.joint_names().map(str::to_owned).collect();
+        let sentry = guard.map(|guard| Sentry::new(guard, arm, mapper.config().touch.clone()));
         let checker = mapper.path_checker();
         let (checkpoints, to_write) = config.checkpoint.as_ref().map(Checkpoints::new).unzip();
         let (to_mapper, requests) = bounded(REQUESTS);
         let mapping = Mapping::new(&shared, (session, config), checkpoints, requests);
-        let topic = config.joint_states.as_deref();
         let (shared, body) = (&shared, config.body.as_deref());
+        let queries = QueryServer { mapper: to_mapper, checker, shared, body: config.body.clone() };
+        let services =
+            Services { queries: queries.clone(), joints, has_file: config.checkpoint.is_some() };
+        let (to_services, asked) = bounded(services::REQUESTS);
+        let heard = (config.joint_states.as_deref(), to_services);
         let mut threads = vec![
             spawn(scope, "publisher", || publish(network, shared)),
-            spawn(scope, "listener", move || listen(network, listener, topic, sentry, shared)),
+            spawn(scope, "listener", move || listen(network, listener, heard, sentry, shared)),
+            spawn(scope, "services", move || services.run(network, &asked)),
         ];
         if let (Some(config), Some(to_write)) = (&config.checkpoint, to_write) {
             let written = &shared.written;
@@ -109,9 +115,7 @@ pub fn run(
             }));
         }
         if let Some(ask) = ask {
-            let server =
-                QueryServer { mapper: to_mapper, checker, shared, body: config.body.clone() };
-            threads.push(spawn(scope, "ask", move || ask.run(&server)));
+            threads.push(spawn(scope, "ask", move || ask.run(&queries)));
         }
         if let Some(body) = body {
             threads.push(spawn(scope, "body", move || body.follow(shared)));

@@ -6,14 +6,17 @@ use std::sync::{Mutex, PoisonError};
 use std::thread::{self, Scope, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
+use crossbeam_channel::{Sender, TrySendError};
+
 use crate::checkpoint::Written;
 use crate::figures::News;
 use crate::guard::{Cause, Guard, Sentry};
 use crate::inbox::Inbox;
-use crate::message::{JointState, TriggerResponse};
+use crate::message::{AskTrajectoryResponse, JointState, TriggerResponse};
 use crate::outbox::Outbox;
 use crate::ros::{
-    Arrival, Counts, FromNetwork, Listener, NetworkProcess, Service, ToNetwork, choose,
+    Arrival, Asked, Counts, FromNetwork, Listener, NetworkProcess, Request, Response, ToNetwork,
+    Trigger, choose,
 };
 use crate::timer::Timer;
 
@@ -169,12 +172,12 @@ impl Shared {
 pub(crate) fn listen(
     network: &NetworkProcess,
     first: Listener<'_>,
-    topic: Option<&str>,
+    (topic, to_services): (Option<&str>, Sender<Asked>),
     sentry: Option<Sentry>,
     shared: &Shared,
 ) {
-    let mut hearing =
-        Hearing { network, topic, sentry, shared, patience: PATIENT, told: HashSet::new() };
+    let (patience, told) = (PATIENT, HashSet::new());
+    let mut hearing = Hearing { network, topic, to_services, sentry, shared, patience, told };
     let mut listener = Some(first);
     while !shared.is_over() {
         let started = Instant::now();
@@ -217,6 +220,8 @@ enum Ended {
 struct Hearing<'a> {
     network: &'a NetworkProcess,
     topic: Option<&'a str>,
+    /// Requests that take time.
+    to_services: Sender<Asked>,
     sentry: Option<Sentry>,
     shared: &'a Shared,
     /// How long the network process may hear nothing.
@@ -249,13 +254,7 @@ impl Hearing<'_> {
                         Err(why) => waiting = why,
                     }
                 }
-                Ok(Some(FromNetwork::Asked(asked))) => {
-                    let response = match asked.service {
-                        Service::Tare => self.shared.tare(),
-                        Service::Reset => self.shared.reset(),
-                    };
-                    self.network.tell(&ToNetwork::Answer(asked, response));
-                }
+                Ok(Some(FromNetwork::Asked(asked))) => self.answer(asked),
                 Ok(Some(FromNetwork::Counts(counts))) => self.shared.count(Some(counts), false),
                 Ok(Some(FromNetwork::Published(latency))) => self.shared.latencies.push(latency),
                 Ok(Some(FromNetwork::Stalled)) => {
@@ -278,6 +277,32 @@ impl Hearing<'_> {
             }
         }
         None
+    }
+
+    /// Answers a request, or has it answered by the thread for those that take time.
+    fn answer(&self, asked: Asked) {
+        const BUSY: &str = "too many requests wait for an answer; try again";
+        let id = asked.id;
+        let response = match &asked.request {
+            Request::Trigger(trigger @ Trigger::Tare) => {
+                Response::Trigger(*trigger, self.shared.tare())
+            }
+            Request::Trigger(trigger @ Trigger::Reset) => {
+                Response::Trigger(*trigger, self.shared.reset())
+            }
+            _ => match self.to_services.try_send(asked).map_err(TrySendError::into_inner) {
+                Ok(()) => return,
+                Err(Asked { request: Request::Trigger(trigger), .. }) => Response::Trigger(
+                    trigger,
+                    TriggerResponse { success: false, message: BUSY.to_owned() },
+                ),
+                Err(_) => Response::Trajectory(Box::new(AskTrajectoryResponse {
+                    message: BUSY.to_owned(),
+                    ..AskTrajectoryResponse::default()
+                })),
+            },
+        };
+        self.network.tell(&ToNetwork::Answer(id, response));
     }
 
     fn take(&mut self, message: JointMessage) {

@@ -3,6 +3,7 @@
 `launch` itself is in no registry of Python packages: the files are expanded here as it would, and their commands run.
 """
 
+import ast
 import os
 import random
 import re
@@ -94,20 +95,44 @@ def test_settings_of_the_arms_say_sign_and_gravity() -> None:
 def test_rviz_shows_topics_that_palpate_publishes() -> None:
     assert command(PACKAGE / "launch" / "view.launch.xml", {}) == []
     config = yaml.safe_load((PACKAGE / "rviz" / "palpate.rviz").read_text())
-    clouds = [
-        display["Topic"]["Value"]
-        for display in config["Visualization Manager"]["Displays"]
-        if display["Class"].endswith("PointCloud2")
-    ]
+    displays = config["Visualization Manager"]["Displays"]
     page = (PACKAGE.parents[1] / "docs/guide/src/live.md").read_text()
-    assert clouds and all(f"| `{topic}` | `PointCloud2` |" in page for topic in clouds)
+    for display, kind in {"PointCloud2": "PointCloud2", "Wrench": "WrenchStamped"}.items():
+        topics = [shown["Topic"]["Value"] for shown in displays if shown["Class"].endswith(f"/{display}")]
+        assert topics and all(f"| `{topic}` | `{kind}` |" in page for topic in topics)
+
+
+def test_time_of_a_simulation_is_taken_where_it_is_asked_for() -> None:
+    for launch, given in {"mapping": {}, "guard": {"limit": "25"}}.items():
+        for is_simulated in ("false", "true"):
+            arguments = {**given, "use_sim_time": is_simulated}
+            [line] = command(PACKAGE / "launch" / f"{launch}.launch.xml", arguments)
+            assert ("--sim-time" in shlex.split(line)) == (is_simulated == "true")
+
+
+def test_the_service_is_laid_out_as_on_the_wire() -> None:
+    """As the peer on CycloneDDS has it, which palpate understands."""
+    peer = ast.parse((PACKAGE.parents[1] / "scripts/dds_robot.py").read_text())
+    classes = {node.name: node for node in peer.body if isinstance(node, ast.ClassDef)}
+    text = (PACKAGE / "srv" / "AskTrajectory.srv").read_text()
+    for part, name in zip(text.split("---"), ("AskRequest", "AskResponse"), strict=True):
+        fields = [line.split() for line in part.splitlines() if line and not line.startswith("#")]
+        kinds = {"string": "str", "uint32[]": "sequence[uint32]", "trajectory_msgs/JointTrajectory": "JointTrajectory"}
+        wanted = [(field, kinds.get(kind, kind)) for kind, field in fields]
+        found = [
+            (node.target.id, ast.unparse(node.annotation))
+            for node in classes[name].body
+            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+        ]
+        assert found == [("client", "uint64"), ("number", "int64"), *wanted]
 
 
 def test_the_package_has_the_version_and_the_dependencies_of_its_files() -> None:
     manifest = ElementTree.parse(PACKAGE / "package.xml").getroot()
     assert manifest.findtext("version") == palpate.__version__
     needs = {node.text for node in manifest if node.tag == "exec_depend"}
-    assert {"launch_xml", "ros2launch", "rviz2", "rviz_default_plugins"} <= needs
+    assert {"launch_xml", "ros2launch", "rviz2", "rviz_default_plugins", "rosidl_default_runtime"} <= needs
+    assert manifest.findtext("member_of_group") == "rosidl_interface_packages"
     installed = (PACKAGE / "CMakeLists.txt").read_text()
     folders = sorted(path.name for path in PACKAGE.iterdir() if path.is_dir())
-    assert folders == ["config", "launch", "rviz"] and all(folder in installed for folder in folders)
+    assert folders == ["config", "launch", "rviz", "srv"] and all(folder in installed for folder in folders)

@@ -18,7 +18,9 @@ use palpate_io::atomic::Hold;
 use palpate_io::field::{self, Saved};
 use palpate_live::checkpoint::CheckpointConfig;
 use palpate_live::guard::{Guard, GuardConfig};
-use palpate_live::ros::{FlagTopics, NetworkConfig, NetworkProcess, Services};
+use palpate_live::ros::{
+    FlagTopics, Names, NetworkConfig, NetworkProcess, Parameter, Services, Value,
+};
 use palpate_live::session::Session;
 use palpate_live::{AskSocket, LiveBody, LiveConfig, News, run as run_live};
 use palpate_work::settings::named;
@@ -52,7 +54,8 @@ const EXAMPLES: &str = "Examples:
   palpate live -o field.npz --ask palpate.sock --cloud object.ply
 
 No ROS needs to be installed: palpate speaks DDS itself. It listens to a topic of
-sensor_msgs/msg/JointState that holds efforts, and publishes
+sensor_msgs/msg/JointState that holds efforts, or of control_msgs/msg/DynamicJointState, and
+publishes
 
   /palpate/torque_external   what the object exerts on the joints (JointState)
   /palpate/torque_predicted  the same as predicted, before the sample was learnt from
@@ -60,12 +63,14 @@ sensor_msgs/msg/JointState that holds efforts, and publishes
   /palpate/touched           and whether something is touched (Bool)
   /palpate/contacts          points touched, displacements, stiffness (PointCloud2)
   /palpate/field             the field near them
+  /palpate/wrench            what the object exerts on each touched link (WrenchStamped)
   /palpate/stop              with --guard: whether the robot must stop (Bool, 50 times a second;
                              silence means stop)
   /palpate/guard             and why, with the time (DiagnosticArray)
   /diagnostics               how it goes (DiagnosticArray)
 
-and answers /palpate/tare and /palpate/reset (std_srvs/srv/Trigger). A touch begins where the arm
+and answers /palpate/tare, /palpate/reset and /palpate/save (std_srvs/srv/Trigger), and
+/palpate/ask (palpate_ros/srv/AskTrajectory). A touch begins where the arm
 pauses and touches nothing, or, after a call of /palpate/tare, wherever it pauses. Samples may come
 at any rate; replays fill the time between them, so that the field depends on the speed of the machine. Ctrl-C saves the field and ends.
 
@@ -132,6 +137,13 @@ pub(crate) struct Args {
     /// How services are told apart on the wire: `cyclone` for robots on rmw_cyclonedds
     #[arg(long, value_name = "KIND", default_value = "enhanced", value_parser = named::<Services>(&["enhanced", "cyclone"]))]
     services: Services,
+    /// Take the time from the topic /clock, as a simulation or a replay gives it (use_sim_time of ROS)
+    #[arg(long)]
+    sim_time: bool,
+    /// Another name for a topic, a service, the node (__node) or its namespace (__ns), as in ROS; may be given several
+    /// times
+    #[arg(long, value_name = "FROM:=TO")]
+    remap: Vec<String>,
     /// End after so long, s
     #[arg(long, value_name = "S", value_parser = period())]
     duration: Option<f64>,
@@ -166,8 +178,9 @@ fn period() -> impl Fn(&str) -> Result<f64, String> + Clone {
 }
 
 impl Args {
-    /// Refuses a result that cannot be written, or would replace what is read or was learnt before.
+    /// Refuses names that are none, and a result that cannot be written or would replace what is read or was learnt before.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
+        self.names()?;
         let mut places = Places::read(&self.settings, settings, &[]);
         places.input("the prior (--prior)", self.prior.as_deref());
         self.object.add_to(&mut places);
@@ -190,11 +203,60 @@ impl Args {
         Some(Guard::new(config, arm))
     }
 
-    fn network(&self, joints: Vec<String>) -> NetworkProcess {
-        let Self { domain, localhost, services, .. } = *self;
+    fn network(&self, arm: &Arm, settings: &Settings) -> Result<NetworkProcess, CliError> {
+        let network = self.network_of(arm.robot.joint_names().map(str::to_owned).collect())?;
+        Ok(network.with_parameters(self.parameters(settings)))
+    }
+
+    fn network_of(&self, joints: Vec<String>) -> Result<NetworkProcess, CliError> {
+        let Self { domain, localhost, services, sim_time, .. } = *self;
         let flag = self.guard.map(|_| FlagTopics { moveit: self.guard_moveit });
-        let config = NetworkConfig { domain, localhost, services };
-        NetworkProcess::new(network_command, config, joints, flag)
+        let names = self.names()?;
+        let config = NetworkConfig { domain, localhost, services, names, sim_time };
+        Ok(NetworkProcess::new(network_command, config, joints, flag))
+    }
+
+    fn names(&self) -> Result<Names, CliError> {
+        Names::new(&self.remap).map_err(|error| CliError::Usage(format!("--remap: {error}")))
+    }
+
+    /// What `ros2 param` shows of the session.
+    fn parameters(&self, settings: &Settings) -> Vec<Parameter> {
+        let text = |text: Option<String>| Value::Text(text.unwrap_or_default());
+        let field = self.output.as_ref().map(|path| path.display().to_string());
+        [
+            (
+                "use_sim_time",
+                Value::Bool(self.sim_time),
+                "whether time is that of /clock (--sim-time)",
+            ),
+            ("robot", Value::Text(settings.robot.name().to_owned()), "the robot (--robot)"),
+            (
+                "joint_states",
+                text(self.joint_states.clone()),
+                "topic of the joint states; empty: the only one there is",
+            ),
+            ("output", text(field), "file of the field; empty: it is not kept"),
+            ("map", Value::Bool(!self.no_map), "whether a field is learned (--no-map)"),
+            (
+                "guard",
+                Value::Number(self.guard.unwrap_or(0.0)),
+                "limit of the guard, N·m; 0: no guard",
+            ),
+            ("checkpoint", Value::Number(self.checkpoint), "time between two checkpoints, s"),
+            (
+                "idle",
+                Value::Number(self.idle),
+                "how long the arm stands still where a touch begins, s",
+            ),
+        ]
+        .into_iter()
+        .map(|(name, value, about)| Parameter {
+            name: name.to_owned(),
+            value,
+            about: about.to_owned(),
+        })
+        .collect()
     }
 
     /// The file of a robot that is published: `--robot /robot_description` names a topic, unless there is such a file.
@@ -208,7 +270,7 @@ impl Args {
             return Ok(None);
         }
         output.note(&format!("waiting for the robot's description on {topic}"));
-        let network = self.network(Vec::new());
+        let network = self.network_of(Vec::new())?;
         let urdf = network.description(&topic, interrupt::pressed);
         if interrupt::pressed() {
             return Err(CliError::Interrupted { kept: String::new() });
@@ -373,7 +435,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let feed = args.viewer.as_ref().map(|_| Err(view::without_viewer())).transpose()?;
     let (checker, strict) = (Checker::start(&mapper), settings.log.strict.unwrap_or_default());
     let session = args.session(mapper, &arm, identified)?;
-    let network = args.network(arm.robot.joint_names().map(str::to_owned).collect());
+    let network = args.network(&arm, &settings)?;
     let ask = args.ask.as_deref().map(open_socket).transpose()?;
     let ends = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s));
     let told = Told::new(Shown::new(*output, args.json_lines), checker, strict);

@@ -6,19 +6,27 @@
 //!
 //! All of it runs in a process of its own, the network process.
 
+mod clock;
 mod loopback;
+mod names;
 mod network;
+mod parameters;
 mod process;
 mod publisher;
+mod servers;
 mod subscriber;
 mod supervisor;
 mod topic;
 mod wire;
 
+pub use names::Names;
 pub use network::{NetworkConfig, NetworkError, Services};
+pub use parameters::{Parameter, Value};
 pub use process::run as run_network;
 pub use publisher::FlagTopics;
 pub(crate) use supervisor::Listener;
 pub use supervisor::NetworkProcess;
 pub use topic::{TopicSeen, choose};
-pub(crate) use wire::{Arrival, Counts, FromNetwork, Service, ToNetwork, Torques};
+pub(crate) use wire::{
+    Arrival, Asked, Counts, FromNetwork, Request, Response, ToNetwork, Torques, Trigger,
+};

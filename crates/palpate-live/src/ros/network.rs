@@ -8,7 +8,9 @@ use rustdds::DomainParticipantBuilder;
 use rustdds::policy::Reliability;
 use serde::{Deserialize, Serialize};
 
+use super::clock::RosClock;
 use super::loopback;
+use super::names::Names;
 use super::topic::TopicSeen;
 
 /// How to join the network.
@@ -20,6 +22,10 @@ pub struct NetworkConfig {
     pub localhost: bool,
     /// How services are told apart on the wire.
     pub services: Services,
+    /// What node and topics are called.
+    pub names: Names,
+    /// Whether time is that of `/clock`.
+    pub sim_time: bool,
 }
 
 /// The two ways in which DDS implementations of ROS 2 carry services.
@@ -51,7 +57,7 @@ pub enum NetworkError {
         "DDS domain {domain} cannot be joined: {why}; is there a network interface, and is the domain from 0 to 232?"
     )]
     Join { domain: u16, why: String },
-    #[error("`{topic}` is no name of a ROS topic: {why}")]
+    #[error("`{topic}` is no name in ROS: {why}")]
     Name { topic: String, why: String },
     #[error("`{topic}` cannot be opened: {why}")]
     Open { topic: String, why: String },
@@ -87,6 +93,8 @@ pub(super) struct Network {
     context: Context,
     pub(super) node: Node,
     pub(super) services: Services,
+    pub(super) names: Names,
+    pub(super) clock: RosClock,
     localhost: bool,
 }
 
@@ -112,10 +120,17 @@ impl Network {
         let participant = builder.build().map_err(|error| failed(&error))?;
         let context =
             Context::from_domain_participant(participant).map_err(|error| failed(&error))?;
-        let name = NodeName::new("/", "palpate").expect("it is a name");
+        let names = config.names.clone();
+        let namespace = if names.namespace.is_empty() { "/" } else { &names.namespace };
+        let name = NodeName::new(namespace, &names.node).map_err(|why| NetworkError::Name {
+            topic: format!("{namespace} {}", names.node),
+            why: format!("{why:?}"),
+        })?;
         let options = NodeOptions::new().enable_rosout(false);
         let node = context.new_node(name, options).map_err(|error| failed(&error))?;
-        Ok(Self { context, node, services: config.services, localhost: config.localhost })
+        let (services, localhost) = (config.services, config.localhost);
+        let clock = RosClock::new(config.sim_time);
+        Ok(Self { context, node, services, names, clock, localhost })
     }
 
     /// Keeps to the loopback interface all sockets that were opened, if nobody else is to be heard.
@@ -149,6 +164,7 @@ impl Network {
                 None => topics.push(seen),
             }
         }
+        topics.retain(|topic| !self.names.are_own(&topic.name));
         topics.sort_by(|a, b| a.name.cmp(&b.name));
         topics
     }

@@ -16,13 +16,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use ros2_client::service::RmwRequestId;
 use rustix::process::{Resource, Rlimit, setrlimit};
 
 use super::network::{Network, NetworkError};
 use super::publisher::Publishers;
+use super::servers::Servers;
 use super::subscriber::Subscriber;
-use super::wire::{Arrival, Asked, Counts, Frames, FromNetwork, ToNetwork, send};
-use crate::message::TriggerResponse;
+use super::wire::{Counts, Frames, FromNetwork, Response, ToNetwork, send};
 use crate::timer::Timer;
 
 /// What the process may allocate. It begins with 14 MiB; fifteen nodes of sixty topics and a subscriber
@@ -51,8 +52,10 @@ pub fn run() -> io::Result<()> {
     let mut frames = Frames::new(stream.try_clone()?);
     let first = frames.next(Duration::from_secs(10))?;
     let to_palpate = ToPalpate { stream: Arc::new(Mutex::new(stream)), start: Instant::now() };
-    let (config, joints, flag) = match first {
-        Some(ToNetwork::Join { config, joints, flag }) => (config, joints, flag),
+    let (config, joints, flag, parameters) = match first {
+        Some(ToNetwork::Join { config, joints, flag, parameters }) => {
+            (config, joints, flag, parameters)
+        }
         Some(ToNetwork::Describe { config, topic, patience }) => {
             let kept =
                 Network::join(&config).and_then(|mut network| network.kept(&topic, patience));
@@ -66,10 +69,11 @@ pub fn run() -> io::Result<()> {
     };
     let joined = Network::join(&config).and_then(|mut network| {
         let publishers = network.publish(joints, flag)?;
+        let servers = network.serve_all(parameters)?;
         network.confine()?;
-        Ok((network, publishers))
+        Ok((network, publishers, servers))
     });
-    let (network, publishers) = match joined {
+    let (network, publishers, servers) = match joined {
         Ok(joined) => joined,
         Err(error) => return to_palpate.send(&FromNetwork::Failed(error.to_string())),
     };
@@ -86,7 +90,7 @@ pub fn run() -> io::Result<()> {
     thread::Builder::new()
         .name("outgoing".to_owned())
         .spawn(move || process::exit(outgoing.run(frames)))?;
-    let ended = Incoming { network, to_palpate, orders, unsent }.run();
+    let ended = Incoming { network, servers, to_palpate, orders, unsent }.run();
     thread::sleep(2 * FAREWELL); // the other thread ends the process before
     ended
 }
@@ -107,7 +111,7 @@ impl ToPalpate {
 /// What the subscriber's thread is told.
 enum Order {
     Subscribe(super::TopicSeen),
-    Answer(Asked, TriggerResponse),
+    Answer(RmwRequestId, Response),
 }
 
 /// From palpate to the network.
@@ -168,8 +172,9 @@ impl Outgoing {
             ToNetwork::Field(cloud) => self.count(publishers.field(cloud)),
             ToNetwork::Diagnostics(array) => self.count(publishers.diagnostics(array)),
             ToNetwork::Subscribe(topic) => drop(self.to_subscriber.send(Order::Subscribe(topic))),
-            ToNetwork::Answer(asked, response) => {
-                let _ = self.to_subscriber.send(Order::Answer(asked, response));
+            ToNetwork::Wrenches(wrenches) => self.count(publishers.wrenches(wrenches)),
+            ToNetwork::Answer(id, response) => {
+                let _ = self.to_subscriber.send(Order::Answer(id, response));
             }
             ToNetwork::Join { .. } | ToNetwork::Describe { .. } => {}
         }
@@ -198,6 +203,7 @@ impl Outgoing {
 /// From the network to palpate.
 struct Incoming {
     network: Network,
+    servers: Servers,
     to_palpate: ToPalpate,
     orders: Receiver<Order>,
     unsent: Arc<AtomicU64>,
@@ -213,19 +219,28 @@ impl Incoming {
             for order in self.orders.try_iter() {
                 match (order, &mut subscriber) {
                     (Order::Subscribe(topic), None) => {
-                        let opened = self.network.subscribe(&topic);
+                        let opened = self.network.subscribe(&topic, &mut self.servers);
                         match opened.and_then(|opened| self.network.confine().map(|()| opened)) {
                             Ok(opened) => subscriber = Some(opened),
                             Err(error) => return self.fail(&error),
                         }
                     }
-                    (Order::Answer(asked, response), Some(subscriber)) => {
-                        subscriber.answer(asked, response);
-                    }
-                    _ => {}
+                    (Order::Answer(id, response), _) => self.servers.answer(id, response),
+                    (Order::Subscribe(_), Some(_)) => {}
                 }
             }
-            let Some(subscriber) = &mut subscriber else {
+            let mut sent = Ok(());
+            let mut hand_on = |received| {
+                if sent.is_ok() {
+                    sent = self.to_palpate.send(&received);
+                }
+            };
+            self.servers.receive(&mut hand_on);
+            if let Some(subscriber) = &mut subscriber {
+                subscriber.receive(LOOK, self.to_palpate.start, hand_on);
+            }
+            sent?;
+            let Some(subscriber) = &subscriber else {
                 let seen = self.network.topics();
                 if topics.as_ref() != Some(&seen) {
                     self.to_palpate.send(&FromNetwork::Topics(seen.clone()))?;
@@ -234,13 +249,6 @@ impl Incoming {
                 thread::sleep(LOOK);
                 continue;
             };
-            let mut sent = Ok(());
-            subscriber.receive(LOOK, self.to_palpate.start, |received| {
-                if sent.is_ok() {
-                    sent = self.to_palpate.send(&received);
-                }
-            });
-            sent?;
             let (received, lost) = subscriber.counts();
             let now = Counts { received, lost, unsent: self.unsent.load(Ordering::Relaxed) };
             if now != counts && counts_due.is_due(Instant::now()) {
@@ -252,14 +260,5 @@ impl Incoming {
 
     fn fail(&self, error: &NetworkError) -> io::Result<()> {
         self.to_palpate.send(&FromNetwork::Failed(error.to_string()))
-    }
-}
-
-impl Arrival {
-    /// Now, in a process that began at `start`.
-    pub(super) fn now(start: Instant) -> Self {
-        let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-        let at_s = since.map_or(0.0, |since| since.as_secs_f64());
-        Self { since_start: start.elapsed(), at_s }
     }
 }

@@ -5,10 +5,11 @@ use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{MessageTypeName, Publisher, QosProfile};
 use serde::{Deserialize, Serialize};
 
+use super::clock::RosClock;
 use super::network::{Network, NetworkError, parse};
 use super::wire::Torques;
 use crate::diagnostics;
-use crate::message::{Bool, DiagnosticArray, JointState, PointCloud2, Text};
+use crate::message::{Bool, DiagnosticArray, JointState, PointCloud2, Text, WrenchStamped};
 
 /// Where MoveIt listens for those who want it to stop.
 const MOVEIT: &str = "/trajectory_execution_event";
@@ -32,7 +33,9 @@ pub(super) struct Publishers {
     flag: Option<FlagPublishers>,
     contacts: Publisher<PointCloud2>,
     field: Publisher<PointCloud2>,
+    wrench: Publisher<WrenchStamped>,
     diagnostics: Publisher<DiagnosticArray>,
+    clock: RosClock,
 }
 
 /// Publishers of a flag to stop, and why it is up.
@@ -80,6 +83,7 @@ impl Network {
         });
         Ok(Publishers {
             joints,
+            clock: self.clock.clone(),
             flag: flag.transpose()?,
             external: self.publisher("/palpate/torque_external", "sensor_msgs/JointState", &qos)?,
             predicted: self.publisher(
@@ -91,6 +95,7 @@ impl Network {
             touched: self.publisher("/palpate/touched", "std_msgs/Bool", &qos)?,
             contacts: self.publisher("/palpate/contacts", "sensor_msgs/PointCloud2", &clouds)?,
             field: self.publisher("/palpate/field", "sensor_msgs/PointCloud2", &latched)?,
+            wrench: self.publisher("/palpate/wrench", "geometry_msgs/WrenchStamped", &qos)?,
             diagnostics: self.publisher("/diagnostics", "diagnostic_msgs/DiagnosticArray", &qos)?,
         })
     }
@@ -102,6 +107,7 @@ impl Network {
         qos: &QosProfile,
     ) -> Result<Publisher<M>, NetworkError> {
         let (package, name) = kind.split_once('/').expect("kinds are written package/Name");
+        let topic = &*self.names.of(topic);
         let opened = self
             .node
             .create_topic(&parse(topic)?, MessageTypeName::new(package, name), qos)
@@ -114,11 +120,12 @@ impl Publishers {
     /// Publishes a guard's flag, with the cause that it is up, and with the time; returns how many
     /// messages had no room.
     pub(super) fn flag(&mut self, cause: Option<&str>) -> u64 {
+        let stamp = self.clock.stamp();
         let Some(flag) = &mut self.flag else { return 0 };
         let stop = cause.is_some();
         let mut sent = vec![
             flag.stop.publish(Bool { data: stop }).is_ok(),
-            flag.why.publish(diagnostics::of_guard(cause)).is_ok(),
+            flag.why.publish(diagnostics::of_guard(cause, stamp)).is_ok(),
         ];
         if stop
             && !flag.was_up
@@ -167,6 +174,13 @@ impl Publishers {
     /// Publishes the field; whether there was room.
     pub(super) fn field(&self, cloud: PointCloud2) -> bool {
         self.field.publish(cloud).is_ok()
+    }
+
+    /// Publishes the wrench on each touched link; whether there was room for all.
+    pub(super) fn wrenches(&self, wrenches: Vec<WrenchStamped>) -> bool {
+        let unsent =
+            wrenches.into_iter().filter(|wrench| self.wrench.publish(wrench.clone()).is_err());
+        unsent.count() == 0
     }
 
     /// Publishes diagnostics; whether there was room.

@@ -1,18 +1,20 @@
-//! What palpate receives: joint states, and requests for a tare or to take the guard's flag back.
+//! What palpate receives: joint states, of either type, and the time of a simulation.
 
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
 use ros2_client::gid::Gid;
-use ros2_client::qos::WhenFull;
-use ros2_client::service::Server;
-use ros2_client::{MessageTypeName, QosProfile, ServiceTypeName, Subscription};
-use rustdds::mio1::{Events, Interest, Poll, Token};
+use ros2_client::qos::{History, WhenFull};
+use ros2_client::ros2::ReadError;
+use ros2_client::{MessageInfo, MessageTypeName, QosProfile, Subscription};
+use rustdds::mio1::{Events, Interest, Poll, Registry, Token};
 
+use super::clock::RosClock;
 use super::network::{Network, NetworkError, parse};
+use super::servers::Servers;
 use super::topic::TopicSeen;
-use super::wire::{Arrival, Asked, FromNetwork, Service};
-use crate::message::{JointState, Text, TriggerRequest, TriggerResponse};
+use super::wire::{Arrival, FromNetwork};
+use crate::message::{Clock, DynamicJointState, JointState, Text};
 
 /// Messages that may wait within DDS before the oldest are lost: two seconds of the fastest arms.
 const DEPTH: usize = 2048;
@@ -27,11 +29,11 @@ const PEEK: Duration = Duration::from_millis(200);
 /// Broken messages looked at in a row.
 const MOST_BROKEN: u32 = 1000;
 
-/// The joint states, and the services.
+/// The joint states, and the clock if it is that of `/clock`.
 pub(super) struct Subscriber {
-    joints: Subscription<JointState>,
-    tare: Server<TriggerRequest, TriggerResponse>,
-    reset: Server<TriggerRequest, TriggerResponse>,
+    joints: Joints,
+    clock: Option<Subscription<Clock>>,
+    now: RosClock,
     poll: Poll,
     /// Number of the last message of each publisher.
     last: HashMap<Gid, i64>,
@@ -39,38 +41,94 @@ pub(super) struct Subscriber {
     lost: u64,
 }
 
+/// A joint state, or why it is none, and where it came from.
+type Taken = (Result<JointState, String>, MessageInfo);
+
+/// A topic of joint states, of either type.
+enum Joints {
+    Plain(Subscription<JointState>),
+    Dynamic(Subscription<DynamicJointState>),
+}
+
+impl Joints {
+    /// The next message, of whom it is and its number.
+    fn take(&self) -> Result<Option<Taken>, ReadError> {
+        let plain = |(state, info)| (Ok(state), info);
+        let dynamic = |(state, info): (DynamicJointState, _)| (state.joint_state(), info);
+        match self {
+            Self::Plain(joints) => Ok(joints.take()?.map(plain)),
+            Self::Dynamic(joints) => Ok(joints.take()?.map(dynamic)),
+        }
+    }
+
+    fn register(&mut self, registry: &Registry) -> std::io::Result<()> {
+        match self {
+            Self::Plain(joints) => registry.register(joints, JOINTS, Interest::READABLE),
+            Self::Dynamic(joints) => registry.register(joints, JOINTS, Interest::READABLE),
+        }
+    }
+}
+
+/// What wakes the subscriber.
+const JOINTS: Token = Token(0);
+const SERVICES: Token = Token(1);
+const CLOCK: Token = Token(2);
+
 impl Network {
-    /// Subscribes to a topic of joint states, and offers the services that take a tare and reset the
-    /// guard.
+    /// Subscribes to a topic of joint states, and to `/clock` if time is simulated; is woken by requests to `servers`, too.
     ///
     /// # Errors
     ///
     /// If its name is none, or DDS refuses.
-    pub(super) fn subscribe(&mut self, topic: &TopicSeen) -> Result<Subscriber, NetworkError> {
-        let history = ros2_client::qos::History::KeepLast { depth: DEPTH };
+    pub(super) fn subscribe(
+        &mut self,
+        topic: &TopicSeen,
+        servers: &mut Servers,
+    ) -> Result<Subscriber, NetworkError> {
+        let history = History::KeepLast { depth: DEPTH };
         let mut qos = QosProfile::subscription_default().history(history);
         if topic.reliable {
             qos = qos.reliability_reliable(WhenFull::DEFAULT);
         }
-        let kind = MessageTypeName::new("sensor_msgs", "JointState");
-        let opened = self
-            .node
-            .create_topic(&parse(&topic.name)?, kind, &qos)
-            .and_then(|topic| self.node.create_subscription::<JointState>(&topic, Some(qos)));
-        let mut joints = opened.map_err(|error| NetworkError::open(&topic.name, &error))?;
-
-        let mut tare = self.serve("/palpate/tare")?;
-        let mut reset = self.serve("/palpate/reset")?;
-        let failed = |error| NetworkError::open(&topic.name, &error);
+        let name = &topic.name;
+        let mut joints = match topic.is_dynamic() {
+            true => Joints::Dynamic(self.subscription(
+                name,
+                ("control_msgs", "DynamicJointState"),
+                &qos,
+            )?),
+            false => Joints::Plain(self.subscription(name, ("sensor_msgs", "JointState"), &qos)?),
+        };
+        let latest = QosProfile::subscription_default().history(History::KeepLast { depth: 1 });
+        let clock = self.names.of("/clock");
+        let now = self.clock.clone();
+        let mut clock = match now.is_simulated() {
+            true => Some(self.subscription(&clock, ("rosgraph_msgs", "Clock"), &latest)?),
+            false => None,
+        };
+        let failed = |error| NetworkError::open(name, &error);
         let poll = Poll::new().map_err(failed)?;
         let registry = poll.registry();
-        registry
-            .register(&mut joints, Token(0), Interest::READABLE)
-            .and_then(|()| registry.register(&mut tare, Token(1), Interest::READABLE))
-            .and_then(|()| registry.register(&mut reset, Token(2), Interest::READABLE))
-            .map_err(failed)?;
+        joints.register(registry).map_err(failed)?;
+        servers.register(registry, SERVICES).map_err(failed)?;
+        if let Some(clock) = &mut clock {
+            registry.register(clock, CLOCK, Interest::READABLE).map_err(failed)?;
+        }
         let last = HashMap::new();
-        Ok(Subscriber { joints, tare, reset, poll, last, received: 0, lost: 0 })
+        Ok(Subscriber { joints, clock, now, poll, last, received: 0, lost: 0 })
+    }
+
+    fn subscription<M: 'static>(
+        &mut self,
+        topic: &str,
+        (package, kind): (&str, &str),
+        qos: &QosProfile,
+    ) -> Result<Subscription<M>, NetworkError> {
+        let opened = self
+            .node
+            .create_topic(&parse(topic)?, MessageTypeName::new(package, kind), qos)
+            .and_then(|topic| self.node.create_subscription::<M>(&topic, Some(qos.clone())));
+        opened.map_err(|error| NetworkError::open(topic, &error))
     }
 
     /// A text that somebody keeps on a topic for those who come late, if it comes within so long.
@@ -84,16 +142,11 @@ impl Network {
         patience: Duration,
     ) -> Result<Option<String>, NetworkError> {
         let qos = QosProfile::subscription_default()
-            .history(ros2_client::qos::History::KeepLast { depth: 1 })
+            .history(History::KeepLast { depth: 1 })
             .durability(ros2_client::qos::Durability::TransientLocal)
             .reliability_reliable(WhenFull::DEFAULT);
-        let kind = MessageTypeName::new("std_msgs", "String");
         let failed = |error: &dyn std::fmt::Display| NetworkError::open(topic, &error);
-        let opened = self
-            .node
-            .create_topic(&parse(topic)?, kind, &qos)
-            .and_then(|topic| self.node.create_subscription::<Text>(&topic, Some(qos)));
-        let mut texts = opened.map_err(|error| failed(&error))?;
+        let mut texts = self.subscription::<Text>(topic, ("std_msgs", "String"), &qos)?;
         let mut poll = Poll::new().map_err(|error| failed(&error))?;
         let registered = poll.registry().register(&mut texts, Token(0), Interest::READABLE);
         registered.map_err(|error| failed(&error))?;
@@ -111,27 +164,11 @@ impl Network {
             let _ = poll.poll(&mut Events::with_capacity(4), Some(left.min(PEEK)));
         }
     }
-
-    /// Offers a service that is asked for nothing but to do it.
-    fn serve(
-        &mut self,
-        service: &str,
-    ) -> Result<Server<TriggerRequest, TriggerResponse>, NetworkError> {
-        let reliable = QosProfile::publisher_default();
-        let served = self.node.create_server(
-            self.services.mapping(),
-            &parse(service)?,
-            &ServiceTypeName::new("std_srvs", "Trigger"),
-            reliable.clone(),
-            reliable,
-        );
-        served.map_err(|error| NetworkError::open(service, &error))
-    }
 }
 
 impl Subscriber {
-    /// Waits for at most so long, and hands on all that came meanwhile to a process that began at
-    /// `start`.
+    /// Waits for at most so long or until a request comes, and hands on all joint states that came meanwhile to a process
+    /// that began at `start`.
     pub(super) fn receive(
         &mut self,
         patience: Duration,
@@ -141,12 +178,15 @@ impl Subscriber {
         let mut events = Events::with_capacity(4);
         // Interrupted by a signal, it is asked again at once.
         let _ = self.poll.poll(&mut events, Some(patience));
+        while let Some(Ok(Some((told, _)))) = self.clock.as_ref().map(Subscription::take) {
+            self.now.tell(told);
+        }
         let mut broken = 0;
         while broken < MOST_BROKEN {
             let state = match self.joints.take() {
                 Ok(Some((state, info))) => {
                     self.count(info.publisher_gid(), info.sequence_number());
-                    check_size(state)
+                    state.and_then(check_size)
                 }
                 Ok(None) => break,
                 Err(error) => {
@@ -154,24 +194,8 @@ impl Subscriber {
                     Err(error.to_string())
                 }
             };
-            hand_on(FromNetwork::Joints { state, came: Arrival::now(start) });
-        }
-        for service in [Service::Tare, Service::Reset] {
-            while let Ok(Some((id, _))) = self.server(service).receive_request() {
-                hand_on(FromNetwork::Asked(Asked { service, id }));
-            }
-        }
-    }
-
-    /// Answers a request.
-    pub(super) fn answer(&self, Asked { service, id }: Asked, response: TriggerResponse) {
-        let _ = self.server(service).send_response(id, response); // the client may have left
-    }
-
-    fn server(&self, service: Service) -> &Server<TriggerRequest, TriggerResponse> {
-        match service {
-            Service::Tare => &self.tare,
-            Service::Reset => &self.reset,
+            let came = Arrival { since_start: start.elapsed(), at_s: self.now.now_s() };
+            hand_on(FromNetwork::Joints { state, came });
         }
     }
 

@@ -12,6 +12,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::network::{NetworkConfig, NetworkError};
+use super::parameters::Parameter;
 use super::publisher::FlagTopics;
 use super::wire::{Frames, FromNetwork, ToNetwork, send};
 
@@ -28,6 +29,7 @@ pub struct NetworkProcess {
     config: NetworkConfig,
     joints: Vec<String>,
     flag: Option<FlagTopics>,
+    parameters: Vec<Parameter>,
     link: Mutex<Option<UnixStream>>,
 }
 
@@ -41,7 +43,13 @@ impl NetworkProcess {
         flag: Option<FlagTopics>,
     ) -> Self {
         let (command, link) = (Box::new(command), Mutex::default());
-        Self { command, config, joints, flag, link }
+        Self { command, config, joints, flag, parameters: Vec::new(), link }
+    }
+
+    /// The same, of a node with parameters.
+    #[must_use]
+    pub fn with_parameters(self, parameters: Vec<Parameter>) -> Self {
+        Self { parameters, ..self }
     }
 
     /// Starts it.
@@ -51,7 +59,8 @@ impl NetworkProcess {
     /// If it cannot be started, or cannot join.
     pub(crate) fn start(&self) -> Result<Listener<'_>, NetworkError> {
         let (config, joints) = (self.config.clone(), self.joints.clone());
-        let join = ToNetwork::Join { config, joints, flag: self.flag };
+        let parameters = self.parameters.clone();
+        let join = ToNetwork::Join { config, joints, flag: self.flag, parameters };
         let mut listener = self.spawn(&join).map_err(|error| NetworkError::process(&error))?;
         match listener.frames.next(JOIN) {
             Ok(Some(FromNetwork::Failed(why))) => Err(NetworkError::Failed { why }),

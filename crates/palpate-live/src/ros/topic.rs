@@ -2,11 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-/// The type that is looked for.
+/// The types that are looked for, the one that is taken first.
 const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
-
-/// palpate's own topics, which it does not listen to.
-pub(super) const OWN: &str = "/palpate/";
+const DYNAMIC_JOINT_STATE: &str = "control_msgs/msg/DynamicJointState";
 
 /// A topic that somebody publishes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -27,38 +25,44 @@ impl TopicSeen {
         let kind = kind.strip_suffix('_').unwrap_or(&kind).to_owned();
         Some(Self { name: format!("/{name}"), kind, reliable })
     }
+
+    /// Whether it holds joint states by the names of their interfaces, as ros2_control has them.
+    pub(super) fn is_dynamic(&self) -> bool {
+        self.kind == DYNAMIC_JOINT_STATE
+    }
 }
 
-/// Chooses the topic that is asked for, or the only one that holds joint states.
+/// Chooses the topic that is asked for, or the only one that holds joint states: `DynamicJointState` only where nobody
+/// publishes `JointState`.
 ///
 /// # Errors
 ///
 /// Why there is none yet: look again later, and tell the user.
 pub fn choose(topics: &[TopicSeen], wanted: Option<&str>) -> Result<TopicSeen, String> {
-    let fitting: Vec<&TopicSeen> = topics
-        .iter()
-        .filter(|topic| topic.kind == JOINT_STATE && !topic.name.starts_with(OWN))
-        .collect();
+    let of_kind = |kind: &str| topics.iter().filter(|topic| topic.kind == kind).collect::<Vec<_>>();
+    let (fitting, dynamic) = (of_kind(JOINT_STATE), of_kind(DYNAMIC_JOINT_STATE));
     if let Some(name) = wanted {
-        if let Some(topic) = fitting.iter().find(|topic| topic.name == name) {
+        if let Some(topic) = fitting.iter().chain(&dynamic).find(|topic| topic.name == name) {
             return Ok((*topic).clone());
         }
         return Err(match topics.iter().find(|topic| topic.name == name) {
             Some(other) => format!(
-                "`{name}` is published as {}; wanted {JOINT_STATE}{}",
+                "`{name}` is published as {}; wanted {JOINT_STATE} or {DYNAMIC_JOINT_STATE}{}",
                 other.kind,
                 others(topics)
             ),
             None => format!("nobody publishes `{name}`{}", others(topics)),
         });
     }
+    let fitting = if fitting.is_empty() { dynamic } else { fitting };
     match fitting.as_slice() {
         [topic] => Ok((*topic).clone()),
         [] => Err(format!("nobody publishes {JOINT_STATE}{}", others(topics))),
         several => {
             let names: Vec<&str> = several.iter().map(|topic| topic.name.as_str()).collect();
             Err(format!(
-                "several topics are {JOINT_STATE}: {}; choose one with --joint-states",
+                "several topics are {}: {}; choose one with --joint-states",
+                several[0].kind,
                 names.join(", ")
             ))
         }
@@ -67,11 +71,8 @@ pub fn choose(topics: &[TopicSeen], wanted: Option<&str>) -> Result<TopicSeen, S
 
 /// What else there is.
 fn others(topics: &[TopicSeen]) -> String {
-    let listed: Vec<String> = topics
-        .iter()
-        .filter(|topic| !topic.name.starts_with(OWN))
-        .map(|topic| format!("{} ({})", topic.name, topic.kind))
-        .collect();
+    let listed: Vec<String> =
+        topics.iter().map(|topic| format!("{} ({})", topic.name, topic.kind)).collect();
     if listed.is_empty() {
         "; no topic is seen at all: are the domain (--domain, ROS_DOMAIN_ID) and the network right?"
             .to_owned()
@@ -98,14 +99,14 @@ mod tests {
     }
 
     #[test]
-    fn the_only_topic_that_fits_is_taken_and_palpates_own_are_not() {
+    fn the_only_topic_that_fits_is_taken_and_a_dynamic_one_if_there_is_no_other() {
+        let dynamic = seen("/dynamic_joint_states", DYNAMIC_JOINT_STATE);
+        let mut topics = vec![seen("/camera", "sensor_msgs/msg/Image"), dynamic.clone()];
+        assert_eq!(choose(&topics, None), Ok(dynamic.clone()));
         let arm = seen("/arm/joint_states", JOINT_STATE);
-        let mut topics = vec![
-            seen("/camera", "sensor_msgs/msg/Image"),
-            seen("/palpate/torque_external", JOINT_STATE),
-            arm.clone(),
-        ];
+        topics.push(arm.clone());
         assert_eq!(choose(&topics, None), Ok(arm.clone()));
+        assert_eq!(choose(&topics, Some("/dynamic_joint_states")), Ok(dynamic));
         topics.push(seen("/joint_states", JOINT_STATE));
         let why = choose(&topics, None).unwrap_err();
         assert!(why.contains("/arm/joint_states, /joint_states; choose one"), "{why}");

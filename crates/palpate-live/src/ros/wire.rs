@@ -10,9 +10,13 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::network::NetworkConfig;
+use super::parameters::Parameter;
 use super::publisher::FlagTopics;
 use super::topic::TopicSeen;
-use crate::message::{DiagnosticArray, Header, JointState, PointCloud2, TriggerResponse};
+use crate::message::{
+    AskTrajectoryRequest, AskTrajectoryResponse, DiagnosticArray, Header, JointState, PointCloud2,
+    TriggerResponse, WrenchStamped,
+};
 use crate::session::Detection;
 
 /// Bytes of the largest frame: a cloud of half a million points.
@@ -23,11 +27,12 @@ const PATIENCE: Duration = Duration::from_millis(500);
 /// What the network process is told.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) enum ToNetwork {
-    /// Comes first: which network, the robot's joints, and where a guard's flag goes.
+    /// Comes first: which network, the robot's joints, where a guard's flag goes, and the node's parameters.
     Join {
         config: NetworkConfig,
         joints: Vec<String>,
         flag: Option<FlagTopics>,
+        parameters: Vec<Parameter>,
     },
     /// Comes first where a robot's description is all that is wanted: on which topic, and how long to wait for it.
     Describe {
@@ -42,7 +47,8 @@ pub(crate) enum ToNetwork {
     Contacts(PointCloud2),
     Field(PointCloud2),
     Diagnostics(DiagnosticArray),
-    Answer(Asked, TriggerResponse),
+    Wrenches(Vec<WrenchStamped>),
+    Answer(RmwRequestId, Response),
 }
 
 /// What the network process tells.
@@ -92,17 +98,45 @@ pub(crate) struct Torques {
 }
 
 /// A request that waits for an answer.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Asked {
-    pub(crate) service: Service,
+    pub(crate) request: Request,
     pub(crate) id: RmwRequestId,
 }
 
-/// palpate's services.
+/// What is asked for.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) enum Request {
+    Trigger(Trigger),
+    Trajectory(Box<AskTrajectoryRequest>),
+}
+
+/// What is answered.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) enum Response {
+    Trigger(Trigger, TriggerResponse),
+    Trajectory(Box<AskTrajectoryResponse>),
+}
+
+/// What is asked for without another word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) enum Service {
+pub(crate) enum Trigger {
     Tare,
     Reset,
+    Save,
+}
+
+impl Trigger {
+    pub(crate) const ALL: [Self; 3] = [Self::Tare, Self::Reset, Self::Save];
+
+    /// The service's name.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Tare => "/palpate/tare",
+            Self::Reset => "/palpate/reset",
+            Self::Save => "/palpate/save",
+        }
+    }
 }
 
 /// Messages of the joint states' topic and of palpate's own.

@@ -1,0 +1,115 @@
+//! palpate's services: to take a tare, to reset the guard, to save the field, and to ask about a trajectory.
+
+use std::io;
+
+use ros2_client::service::RmwRequestId;
+use ros2_client::service::Server;
+use ros2_client::{Message, QosProfile, ServiceTypeName};
+use rustdds::mio1::{Interest, Registry, Token};
+
+use super::network::{Network, NetworkError, parse};
+use super::parameters::{Parameter, Parameters};
+use super::wire::{Asked, FromNetwork, Request, Response, Trigger};
+use crate::message::{
+    AskTrajectoryRequest, AskTrajectoryResponse, TriggerRequest, TriggerResponse,
+};
+
+/// Points of the longest trajectory that is handed on.
+const MOST_POINTS: usize = 10_000;
+
+/// What answers requests.
+pub(super) struct Servers {
+    triggers: Vec<(Trigger, Server<TriggerRequest, TriggerResponse>)>,
+    ask: Server<AskTrajectoryRequest, AskTrajectoryResponse>,
+    parameters: Parameters,
+}
+
+impl Network {
+    /// Offers the services, and those of the node's parameters.
+    ///
+    /// # Errors
+    ///
+    /// If DDS refuses.
+    pub(super) fn serve_all(
+        &mut self,
+        parameters: Vec<Parameter>,
+    ) -> Result<Servers, NetworkError> {
+        let trigger = |trigger: Trigger| {
+            let name = self.names.of(trigger.name());
+            Ok((trigger, self.serve(&name, "std_srvs", "Trigger")?))
+        };
+        let triggers: Result<_, NetworkError> = Trigger::ALL.into_iter().map(trigger).collect();
+        let ask = self.names.of("/palpate/ask");
+        Ok(Servers {
+            triggers: triggers?,
+            ask: self.serve(&ask, "palpate_ros", "AskTrajectory")?,
+            parameters: self.parameters(parameters)?,
+        })
+    }
+
+    /// Offers a service.
+    pub(super) fn serve<Q: Message + Clone + 'static, A: Message + Clone + 'static>(
+        &mut self,
+        service: &str,
+        package: &str,
+        kind: &str,
+    ) -> Result<Server<Q, A>, NetworkError> {
+        let reliable = QosProfile::publisher_default();
+        let served = self.node.create_server(
+            self.services.mapping(),
+            &parse(service)?,
+            &ServiceTypeName::new(package, kind),
+            reliable.clone(),
+            reliable,
+        );
+        served.map_err(|error| NetworkError::open(service, &error))
+    }
+}
+
+impl Servers {
+    /// Has a poll woken by requests.
+    pub(super) fn register(&mut self, registry: &Registry, token: Token) -> io::Result<()> {
+        for (_, server) in &mut self.triggers {
+            registry.register(server, token, Interest::READABLE)?;
+        }
+        registry.register(&mut self.ask, token, Interest::READABLE)?;
+        self.parameters.register(registry, token)
+    }
+
+    /// Hands on all requests that came; those for parameters are answered here.
+    pub(super) fn receive(&self, mut hand_on: impl FnMut(FromNetwork)) {
+        for (trigger, server) in &self.triggers {
+            while let Ok(Some((id, _))) = server.receive_request() {
+                hand_on(FromNetwork::Asked(Asked { request: Request::Trigger(*trigger), id }));
+            }
+        }
+        while let Ok(Some((id, request))) = self.ask.receive_request() {
+            match request.trajectory.points.len() {
+                0..=MOST_POINTS => {
+                    let request = Request::Trajectory(Box::new(request));
+                    hand_on(FromNetwork::Asked(Asked { request, id }));
+                }
+                found => {
+                    let message = format!(
+                        "the trajectory has {found} points, more than {MOST_POINTS}; ask in pieces"
+                    );
+                    let refused =
+                        AskTrajectoryResponse { message, ..AskTrajectoryResponse::default() };
+                    self.answer(id, Response::Trajectory(Box::new(refused)));
+                }
+            }
+        }
+        self.parameters.answer();
+    }
+
+    /// Answers a request; the client may have left.
+    pub(super) fn answer(&self, id: RmwRequestId, response: Response) {
+        match response {
+            Response::Trigger(trigger, response) => {
+                let server = self.triggers.iter().find(|(other, _)| *other == trigger);
+                let _ = server.map(|(_, server)| server.send_response(id, response));
+            }
+            Response::Trajectory(response) => drop(self.ask.send_response(id, *response)),
+        }
+    }
+}

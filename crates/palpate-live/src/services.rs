@@ -1,0 +1,177 @@
+//! The thread that answers requests of ROS which take time: to save the field, and about trajectories.
+
+use std::thread;
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
+use nalgebra::DVector;
+use palpate::PathPoint;
+use palpate_io::log::reorder;
+
+use crate::message::{
+    AskTrajectoryRequest, AskTrajectoryResponse, JointTrajectory, JointTrajectoryPoint,
+    TriggerResponse,
+};
+use crate::query_server::{QueryServer, Request as ToMapper};
+use crate::ros::{Asked, NetworkProcess, Request, Response, ToNetwork};
+use crate::threads::LOOK;
+
+/// Requests that may wait.
+pub(crate) const REQUESTS: usize = 8;
+/// How long a field may take to be written.
+const WRITING: Duration = Duration::from_secs(30);
+
+/// What answers them.
+pub(crate) struct Services<'a> {
+    /// What the socket is answered by.
+    pub(crate) queries: QueryServer<'a>,
+    /// Names of the joints.
+    pub(crate) joints: Vec<String>,
+    /// Whether the field has a file.
+    pub(crate) has_file: bool,
+}
+
+impl Services<'_> {
+    /// Answers for as long as the session goes on.
+    pub(crate) fn run(&self, network: &NetworkProcess, asked: &Receiver<Asked>) {
+        while self.queries.shared.goes_on() {
+            match asked.recv_timeout(LOOK) {
+                Ok(Asked { request, id }) => {
+                    let response = match request {
+                        Request::Trigger(trigger) => Response::Trigger(trigger, self.save()),
+                        Request::Trajectory(request) => {
+                            Response::Trajectory(Box::new(self.trajectory(*request)))
+                        }
+                    };
+                    network.tell(&ToNetwork::Answer(id, response));
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+        }
+    }
+
+    /// Has the field written, and waits until it is.
+    fn save(&self) -> TriggerResponse {
+        let done = match self.has_file {
+            true => self.saved(),
+            false => {
+                Err("the field has no file: start palpate live with --output FIELD.npz".to_owned())
+            }
+        };
+        let success = done.is_ok();
+        TriggerResponse {
+            success,
+            message: done.err().unwrap_or_else(|| "the field is saved".to_owned()),
+        }
+    }
+
+    fn saved(&self) -> Result<(), String> {
+        let (shared, until) = (self.queries.shared, Instant::now() + WRITING);
+        let mut number = None;
+        while shared.goes_on() && Instant::now() < until {
+            match number {
+                None => {
+                    let (to_asker, from_mapper) = bounded(1);
+                    let asked = self.queries.mapper.send(ToMapper::Save(to_asker));
+                    asked.map_err(|_| "the mapper has stopped")?;
+                    number = from_mapper.recv_timeout(WRITING).ok().flatten();
+                }
+                Some(number) => {
+                    if let Some(result) = shared.written.result(number) {
+                        return result;
+                    }
+                }
+            }
+            thread::sleep(LOOK);
+        }
+        Err("the field was not written in time".to_owned())
+    }
+
+    fn trajectory(&self, request: AskTrajectoryRequest) -> AskTrajectoryResponse {
+        self.predicted(request).unwrap_or_else(|message| AskTrajectoryResponse {
+            message,
+            ..AskTrajectoryResponse::default()
+        })
+    }
+
+    /// What torques a trajectory would meet.
+    fn predicted(&self, request: AskTrajectoryRequest) -> Result<AskTrajectoryResponse, String> {
+        let AskTrajectoryRequest { trajectory, level } = request;
+        let path = self.path(&trajectory)?;
+        let answer = self.queries.predict(path, false)?;
+        let calibration = answer.calibration.as_deref();
+        let level = match (calibration, level) {
+            (None, level) if level > 0.0 => {
+                return Err("the predictions of this field have no bands".to_owned());
+            }
+            (None, _) => 0.0,
+            (Some(_), level) if level > 0.0 => level,
+            (Some(own), _) => own.default_level(),
+        };
+        let half_width = match calibration {
+            None => None,
+            Some(own) => {
+                let no = || {
+                    format!("`level` is {level}; the field has bands up to {}", own.highest_level())
+                };
+                Some(answer.half_width(level).ok_or_else(no)?)
+            }
+        };
+        let torques = answer.points.iter().map(|point| &point.torque);
+        let count = |of: fn(&PathPoint) -> usize| {
+            answer.points.iter().map(|point| u32::try_from(of(point)).unwrap_or(u32::MAX)).collect()
+        };
+        Ok(AskTrajectoryResponse {
+            success: true,
+            message: String::new(),
+            peak: torques.clone().map(|torque| torque.amax()).fold(0.0, f64::max),
+            predicted: self.with_efforts(&trajectory, torques),
+            half_width: half_width.map_or_else(JointTrajectory::default, |widths| {
+                self.with_efforts(&trajectory, &widths)
+            }),
+            level,
+            contacts: count(|point| point.contacts),
+            known: count(|point| point.known),
+            goes_on: answer.goes_on,
+        })
+    }
+
+    /// The positions of the robot's joints, point by point.
+    fn path(&self, trajectory: &JointTrajectory) -> Result<Vec<Vec<f64>>, String> {
+        let names = &trajectory.joint_names;
+        let order = reorder(&self.joints, names).map_err(|error| error.to_string())?;
+        let point = |(number, point): (usize, &JointTrajectoryPoint)| {
+            if point.positions.len() != names.len() {
+                return Err(format!(
+                    "point {number} (from 0) has {} positions for {} joint names",
+                    point.positions.len(),
+                    names.len()
+                ));
+            }
+            Ok(order.iter().map(|&place| point.positions[place]).collect())
+        };
+        trajectory.points.iter().enumerate().map(point).collect()
+    }
+
+    /// The robot's joints along a trajectory, with efforts.
+    fn with_efforts<'a>(
+        &self,
+        trajectory: &JointTrajectory,
+        efforts: impl IntoIterator<Item = &'a DVector<f64>>,
+    ) -> JointTrajectory {
+        let order = reorder(&self.joints, &trajectory.joint_names).unwrap_or_default();
+        let point =
+            |(point, effort): (&JointTrajectoryPoint, &DVector<f64>)| JointTrajectoryPoint {
+                positions: order.iter().map(|&place| point.positions[place]).collect(),
+                effort: effort.as_slice().to_vec(),
+                time_from_start: point.time_from_start,
+                ..JointTrajectoryPoint::default()
+            };
+        JointTrajectory {
+            header: trajectory.header.clone(),
+            joint_names: self.joints.clone(),
+            points: trajectory.points.iter().zip(efforts).map(point).collect(),
+        }
+    }
+}
