@@ -25,8 +25,10 @@ the simplest one that explains most of the error: the object has moved (up to 6 
 said if the field knows less than 10 % of what was touched, or less than 60 % and the touches contradict it. Each touch is
 compared alone, and all of them together.
 
-Use it where touches repeat motions that the field has learned: touches all over an object fit its field badly anyway, so
-few changes show. Touches from one direction hardly tell a shift away from the arm from a softer object.";
+A touch that goes along the path of one in the field's memory, within a cell, is compared with what was felt then: it
+contradicts the field if the torques differ by more than a quarter. Make such touches where you can: touches all over an
+object fit its field badly anyway, so few changes show. Touches from one direction hardly tell a shift away from the arm
+from a softer object.";
 
 /// Flags of `palpate compare`.
 #[derive(Debug, clap::Args)]
@@ -57,7 +59,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
     let (touches, arm, touch) = open_beside(&saved, &args.logs, &mut settings, output)?;
-    let report = compare(&arm, &saved.field, touch, touches, output)?;
+    let report = compare(&arm, &saved, touch, touches, output)?;
     if let Some(path) = &args.moved {
         match report.together.change {
             Change::Moved(motion) if motion.is_least() => output.note(
@@ -75,13 +77,15 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 
 /// A table for people.
 fn text(report: &Report) -> String {
-    let header = ["touch", "known", "contradiction", "error", "scaled", "moved", "change"];
+    let header =
+        ["touch", "known", "contradiction", "error", "repeated", "scaled", "moved", "change"];
     let row = |name: &str, own: &Comparison| {
-        let error = [own.error.field, own.error.scaled, own.error.moved];
-        let [error, scaled, moved] = error.map(|error| figure(error, 2));
+        let error = [own.error.field, own.error.repeated, own.error.scaled, own.error.moved];
+        let [error, repeated, scaled, moved] = error.map(|error| figure(error, 2));
         let known = format!("{:.0} %", 100.0 * own.known);
         let contradiction = format!("{:.2}", own.contradiction);
-        vec![name.to_owned(), known, contradiction, error, scaled, moved, change_in_words(own)]
+        let change = change_in_words(own);
+        vec![name.to_owned(), known, contradiction, error, repeated, scaled, moved, change]
     };
     let mut rows: Vec<Vec<String>> =
         report.touches.iter().map(|touch| row(&touch.name, &touch.comparison)).collect();
@@ -90,7 +94,8 @@ fn text(report: &Report) -> String {
     }
     format!(
         "Contradiction: above 1 the touches do not fit the field. Errors are relative to predicting \
-         zero:\nof the field, of its torques times the best factor, and of the field after the best motion.\n\n{}",
+         zero:\nof the field, of what was felt in a touch of the field's memory along the same path, of the field's \
+         torques times\nthe best factor, and of the field after the best motion.\n\n{}",
         table(&header, rows)
     )
 }

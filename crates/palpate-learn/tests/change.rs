@@ -71,11 +71,12 @@ fn felt(mut tracked: Tracked, field: &Field, factor: f64) -> Tracked {
 
 #[test]
 fn what_was_changed_is_named() {
-    let tracked = tracked();
+    let (arm, tracked) = (common::arm(), tracked());
     let field = field(&tracked);
     let found = |torques_of: &Field, factor: f64| {
         let (each, together) =
-            compare(&felt(tracked.clone(), torques_of, factor), &field, NEVER).unwrap();
+            compare((&arm, &felt(tracked.clone(), torques_of, factor)), &field, None, NEVER)
+                .unwrap();
         assert_eq!(each.len(), 2);
         together
     };
@@ -114,6 +115,38 @@ fn what_was_changed_is_named() {
 }
 
 #[test]
+fn a_touch_that_repeats_one_is_held_against_what_was_felt_then_however_bad_the_field_is() {
+    let (arm, tracked) = (common::arm(), tracked());
+    let field = field(&tracked);
+    let mut truth = field.clone();
+    let (middle, cells) = (middle(&tracked), &tracked.points_m);
+    truth.stiffness_n_per_m =
+        cells.iter().map(|[x, y, z]| lumps([2.0 * middle[0] - x, *y, *z], middle, 0.14)).collect();
+    let learnt = felt(tracked.clone(), &truth, 1.0);
+    let found = |factor: f64, learnt: Option<&Tracked>| {
+        let new = felt(tracked.clone(), &truth, factor);
+        compare((&arm, &new), &field, learnt, NEVER).unwrap().1
+    };
+    let alone = found(1.0, None);
+    assert!(alone.contradiction > 1.0 && alone.repeats.is_empty(), "a bad field: {alone:?}");
+    let same = found(1.0, Some(&learnt));
+    assert_eq!(same.change, Change::Unchanged, "{same:?}");
+    assert_eq!(same.repeats.len(), 2);
+    assert!(same.error.repeated.unwrap() < 1e-9 && same.contradiction < 0.2, "{same:?}");
+    assert_eq!(found(1.2, Some(&learnt)).change, Change::Unchanged);
+    for wanted in [0.5, 1.6] {
+        let found = found(wanted, Some(&learnt));
+        assert!(found.contradiction > 1.0, "{found:?}");
+        let off = (wanted - 1.0_f64).abs() / wanted;
+        assert!((found.error.repeated.unwrap() - off).abs() < 1e-6, "{found:?}");
+    }
+    // Another path: nothing is repeated.
+    let config = MapperConfig::of(EstimatorKind::Map);
+    let others = Tracked::new(&arm, &config, &common::touches(&[5]), NEVER).unwrap().thinned(4);
+    assert_eq!(found(1.0, Some(&others)), alone);
+}
+
+#[test]
 fn a_field_is_moved_by_whole_cells_exactly_and_by_nothing_not_at_all() {
     let tracked = tracked();
     let field = field(&tracked);
@@ -147,5 +180,8 @@ fn a_field_without_bands_is_refused() {
     let tracked = tracked();
     let mut field = field(&tracked);
     field.calibration = None;
-    assert!(matches!(compare(&tracked, &field, NEVER), Err(LearnError::NoBands)));
+    assert!(matches!(
+        compare((&common::arm(), &tracked), &field, None, NEVER),
+        Err(LearnError::NoBands)
+    ));
 }

@@ -7,8 +7,8 @@ use palpate::unstable::{
     ElasticBody, ElasticContactConfig, ElasticTorque, Equilibrium, Segment, SegmentKind,
 };
 use palpate::{
-    Arm, BakeConfig, EstimatorKind, Lattice, Mapper, MapperConfig, PathConfig, Predictor, Robot,
-    Sample,
+    Arm, BakeConfig, EstimatorKind, Lattice, Mapper, MapperConfig, PathConfig, PathPredictor,
+    Predictor, Robot, Sample,
 };
 use palpate_learn::elastic::{self, BodyLearner, CONTACTS};
 use palpate_learn::folds::folds;
@@ -309,6 +309,12 @@ fn a_path_bends_the_body_as_the_same_motion_does_step_by_step() {
             let off = (&point.torque - step).norm();
             assert!(off < 0.01 * peak, "{} N·m, step by step {step}", point.torque);
         }
+    }
+    // As much by the field alone, which has the body in it.
+    let of_field = PathPredictor::of_field(&arm, &field, 1.0, 1.0).unwrap();
+    let found = of_field.ask(&path(&touches[3].samples), &exact).unwrap();
+    for (point, step) in found.points.iter().zip(&steps) {
+        assert!((&point.torque - step).norm() < 0.01 * peak, "{} N·m, {step}", point.torque);
     }
     let [body, springs] = [&steps[47], &springs.points.last().unwrap().torque];
     assert!((body - springs).norm() > 0.1 * peak, "{body}, springs alone {springs}");

@@ -203,6 +203,12 @@ impl Field {
         Self::of(py, given.field(&config, robot)?)
     }
 
+    /// Settings of the contact model under which it was learnt, as `contact=` takes them.
+    #[getter]
+    fn contact<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        python(py, &json!(self.contact))
+    }
+
     /// Whether mapping can go on from it, and touches be learnt from again.
     #[getter]
     fn has_memory(&self) -> bool {
@@ -313,10 +319,10 @@ impl Field {
     ) -> Result<Bound<'py, PyAny>> {
         let settings = settings::read(settings, sections)?;
         let robot = self.robot(py, robot)?;
-        let (sources, field) = (sources(log)?, self.core(py));
+        let (sources, saved) = (sources(log)?, self.saved(py, true));
         let report = long(py, progress, |progress| {
-            let (touches, touch) = beside((&field, &robot), (sources, settings), progress)?;
-            compare(&robot.arm, &field, touch, touches, progress)
+            let (touches, touch) = beside((&saved.field, &robot), (sources, settings), progress)?;
+            compare(&robot.arm, &saved, touch, touches, progress)
         })?;
         Ok(python(py, &json!(report))?)
     }

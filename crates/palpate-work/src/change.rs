@@ -3,13 +3,17 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::{Arm, ExternalTorqueConfig, Field, MapperConfig};
+use palpate::unstable::LoggedTouch;
+use palpate::{Arm, ExternalTorqueConfig, MapperConfig, Snapshot};
+use palpate_io::field::Saved;
+use palpate_learn::LearnError;
 use palpate_learn::change::{self, Comparison};
-use palpate_learn::tracked::Tracked;
+use palpate_learn::tracked::{Touch, Tracked};
 use serde::Serialize;
 
 use crate::error::WorkError;
 use crate::evaluate::{as_touches, fault};
+use crate::forget;
 use crate::progress::Progress;
 use crate::touches::Touches;
 
@@ -34,14 +38,33 @@ pub struct OfTouch {
     pub comparison: Comparison,
 }
 
-/// Compares the touches of logs with a field; `touch` says what their torques mean.
+/// The touches of a field's memory, followed again.
+fn learnt(
+    arm: &Arc<Arm>,
+    config: &MapperConfig,
+    snapshot: &Snapshot,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Tracked, LearnError> {
+    let mut config = config.clone();
+    config.touch = snapshot.config.touch.clone();
+    let whole = snapshot.sample_log.iter().filter(|touch| !touch.lost && !touch.q.is_empty());
+    let touch = |logged: &LoggedTouch| Touch {
+        name: forget::name(logged),
+        samples: logged.samples(snapshot.n_joints).collect(),
+        truth: None,
+    };
+    Tracked::new(arm, &config, &whole.map(touch).collect::<Vec<_>>(), stop)
+}
+
+/// Compares the touches of logs with a field; `touch` says what their torques mean. Those that repeat a touch of the field's
+/// memory are compared with it.
 ///
 /// # Errors
 ///
 /// If a log is broken, a sample cannot be used, the field has no bands, or the progress stops it.
 pub fn compare(
     arm: &Arc<Arm>,
-    field: &Field,
+    Saved { field, snapshot, .. }: &Saved,
     touch: ExternalTorqueConfig,
     mut touches: Touches,
     progress: &dyn Progress,
@@ -59,8 +82,20 @@ pub fn compare(
     let named = as_touches(&recorded, false)?;
     let stop = || progress.stopped();
     let _bar = progress.begin(None, "touches", "comparing");
+    let learnt = snapshot.as_ref().map(|snapshot| learnt(arm, &config, snapshot, &stop));
+    let learnt = match learnt {
+        Some(Ok(learnt)) => Some(learnt),
+        Some(Err(LearnError::Stopped)) => {
+            return Err(WorkError::Interrupted { kept: String::new() });
+        }
+        Some(Err(error)) => {
+            progress.note(&format!("touches of the field's memory are left out: {error}"));
+            None
+        }
+        None => None,
+    };
     let compared = Tracked::new(arm, &config, &named, &stop)
-        .and_then(|tracked| change::compare(&tracked, field, &stop));
+        .and_then(|tracked| change::compare((arm, &tracked), field, learnt.as_ref(), &stop));
     let (each, together) = compared.map_err(|error| fault(&recorded, error, String::new()))?;
     let touches = recorded.into_iter().zip(each);
     let touches = touches

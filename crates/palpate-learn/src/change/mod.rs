@@ -11,19 +11,25 @@
 //! | softer, harder | the field's torques times one factor, in the touches that contradict it | this |
 //! | other    | neither                                                            |              |
 //!
-//! Where the arm touches little that the field knows, nothing is said.
+//! A touch that repeats one that the field has learnt ([`repeated`]) contradicts it where its torques differ from those of
+//! then by more than a quarter, however well the field predicts either.
+//!
+//! Where the arm touches little that the field knows, and repeats nothing, nothing is said.
 
 pub mod moved;
+pub mod repeated;
 
 use palpate::unstable::Observation;
-use palpate::{Calibration, Field};
+use palpate::{Arm, Calibration, Field};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::calibrate::{PredictedFrame, misfit};
 use crate::error::{LearnError, Stop};
 use crate::field_rows::FieldRows;
-use crate::tracked::{Tracked, TrackedFrame};
+use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
 use moved::{Motion, Sampler};
+use repeated::{Learnt, Repeated};
 
 /// The share of contacts that the field must know; and that it must know of touches that it predicts in part.
 const LEAST_KNOWN: f64 = 0.1;
@@ -38,6 +44,8 @@ const LEAVES_MOVED: f64 = 0.9;
 const LEAST_MISFIT: f64 = 1e-3;
 /// Held-out touches of which misfits are known, at least.
 const FEWEST: usize = 3;
+/// The share of the torque by which a repeated touch may differ from the one that it repeats.
+const REPEATS: f64 = 0.25;
 /// Frames of a touch by which motions are compared, about.
 const FRAMES: usize = 100;
 
@@ -65,13 +73,25 @@ pub enum Change {
     Unknown,
 }
 
+impl Change {
+    fn by(factor: f64) -> Self {
+        match factor < 1.0 {
+            true => Self::Softer { factor },
+            false => Self::Harder { factor },
+        }
+    }
+}
+
 /// Some touches beside a field.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
     /// Share of the contacts that the field knows.
     pub known: f64,
-    /// Their misfit ([`Calibration::misfits`]), over that which would contradict the field: above 1 they do.
+    /// Their misfit ([`Calibration::misfits`]), over that which would contradict the field: above 1 they do. Of touches that
+    /// repeat learnt ones, their difference from these over that which would.
     pub contradiction: f64,
+    /// The learnt touches that these repeat, if all of them do.
+    pub repeats: Vec<String>,
     /// What has changed.
     #[serde(flatten)]
     pub change: Change,
@@ -91,6 +111,8 @@ pub struct RelativeErrors {
     pub scaled: Option<f64>,
     /// After the best motion.
     pub moved: Option<f64>,
+    /// Of what was felt in the touches that these repeat, if all of them repeat some.
+    pub repeated: Option<f64>,
 }
 
 /// Where the object contradicts the field: the touched cells of frames outside of their bands, by what the field expects
@@ -107,21 +129,25 @@ pub struct Place {
 
 /// Compares touches with a field: each, and all of them together, in this order.
 ///
-/// `tracked` are the touches under the field's lattice and contact model.
+/// `tracked` are the touches under the field's lattice and contact model, `learnt` those that the field has learnt, if
+/// they are known.
 ///
 /// # Errors
 ///
 /// If the field has no bands of these joints, or on being stopped.
 pub fn compare(
-    tracked: &Tracked,
+    (arm, tracked): (&Arm, &Tracked),
     field: &Field,
+    learnt: Option<&Tracked>,
     stop: Stop<'_>,
 ) -> Result<(Vec<Comparison>, Comparison), LearnError> {
     let calibration = field
         .calibration
         .as_ref()
         .filter(|own| own.misfits.len() >= FEWEST && own.check(tracked.n_joints).is_ok());
-    let beside = Beside::of(tracked, field, calibration.ok_or(LearnError::NoBands)?);
+    let calibration = calibration.ok_or(LearnError::NoBands)?;
+    let learnt = learnt.map(|own| Learnt::new(arm, own, field, calibration.untouched_std_n_per_m));
+    let beside = Beside::of(tracked, field, calibration).repeating(arm, learnt.as_ref());
     let all: Vec<usize> = (0..tracked.touches.len()).collect();
     let each = all.iter().map(|touch| beside.compare(&[*touch], stop));
     Ok((each.collect::<Result<_, _>>()?, beside.compare(&all, stop)?))
@@ -133,66 +159,120 @@ struct Beside<'a> {
     calibration: &'a Calibration,
     sampler: Sampler,
     rows: FieldRows,
+    /// What the field says of the frames in contact, by touch.
+    predicted: Vec<Vec<PredictedFrame>>,
+    /// What touches repeat, by touch.
+    repeated: Vec<Option<Repeated>>,
 }
 
 impl<'a> Beside<'a> {
     fn of(tracked: &'a Tracked, field: &Field, calibration: &'a Calibration) -> Self {
         let rows = FieldRows::of(tracked, field, calibration.untouched_std_n_per_m);
-        Self { tracked, calibration, sampler: Sampler::of(field), rows }
+        let of =
+            |touch: &TrackedTouch| touch.in_contact().map(|frame| rows.predicted(frame)).collect();
+        let predicted = tracked.touches.iter().map(of).collect();
+        let repeated = tracked.touches.iter().map(|_| None).collect();
+        Self { tracked, calibration, sampler: Sampler::of(field), rows, predicted, repeated }
+    }
+
+    /// The same, with what its touches repeat.
+    fn repeating(mut self, arm: &Arm, learnt: Option<&Learnt>) -> Self {
+        if let Some(learnt) = learnt {
+            let touches = self.tracked.touches.par_iter().zip(&self.predicted);
+            let of = |(touch, predicted): (&TrackedTouch, &Vec<PredictedFrame>)| {
+                learnt.repeated(arm, touch, predicted)
+            };
+            self.repeated = touches.map(of).collect();
+        }
+        self
     }
 
     fn compare(&self, touches: &[usize], stop: Stop<'_>) -> Result<Comparison, LearnError> {
-        let frames = || {
-            let of = |touch: &usize| self.tracked.touches[*touch].in_contact();
-            touches.iter().flat_map(of)
-        };
-        let known = self.rows.known(frames());
-        let of_touch = |touch: &usize| {
-            let frames = self.tracked.touches[*touch].in_contact();
-            frames.map(|frame| self.rows.predicted(frame)).collect()
-        };
-        let predicted: Vec<Vec<PredictedFrame>> = touches.iter().map(of_touch).collect();
-        let contradiction = self.contradiction(&predicted);
+        let in_contact = |touch: &usize| self.tracked.touches[*touch].in_contact();
+        let known = self.rows.known(touches.iter().flat_map(in_contact));
+        let predicted: Vec<&Vec<PredictedFrame>> =
+            touches.iter().map(|touch| &self.predicted[*touch]).collect();
+        let repeated: Option<Vec<&Repeated>> =
+            touches.iter().map(|touch| self.repeated[*touch].as_ref()).collect();
         let noise = self.tracked.noise_std(touches).iter().map(|std| std * std).sum::<f64>();
-        let sums = Sums::of(predicted.iter().flatten(), noise);
+        let sums = Sums::of(predicted.iter().copied().flatten(), noise);
+        // Both touches have noise.
+        let again = repeated
+            .as_ref()
+            .map(|them| Sums::of(them.iter().flat_map(|repeated| &repeated.frames), 2.0 * noise));
+        let contradiction = match &again {
+            Some(again) => {
+                again.beyond(again.error).sqrt() / (REPEATS * again.predicted.sqrt()).max(1e-9)
+            }
+            None => self.contradiction(&predicted),
+        };
+        let names = repeated.iter().flatten().map(|repeated| repeated.name.clone());
+        let error = RelativeErrors {
+            field: sums.relative(sums.error),
+            scaled: None,
+            moved: None,
+            repeated: again.as_ref().and_then(|again| again.relative(again.error)),
+        };
         let mut comparison = Comparison {
             known,
             contradiction,
+            repeats: names.collect(),
             change: Change::Unchanged,
-            error: RelativeErrors { field: sums.relative(sums.error), scaled: None, moved: None },
+            error,
             place: None,
         };
         let predicts = sums.scaled().0 > PREDICTS_NOTHING;
-        if known < LEAST_KNOWN || (contradiction > 1.0 && known < MOSTLY_KNOWN && predicts) {
+        let is_little =
+            known < LEAST_KNOWN || (contradiction > 1.0 && known < MOSTLY_KNOWN && predicts);
+        if again.is_none() && is_little {
             comparison.change = Change::Unknown;
         } else if contradiction > 1.0 {
-            let every = (frames().count() / (FRAMES * touches.len())).max(1);
-            let some: Vec<&Observation> =
-                frames().step_by(every).map(|frame| &frame.observation).collect();
-            let motion = moved::best(self.tracked, &some, &self.sampler, stop)?;
-            let moved = moved::error(self.tracked, &some, &self.sampler, motion)
-                * (frames().count() as f64 / some.len() as f64);
-            // What is softer in one place leaves touches elsewhere as they were.
-            let changed =
-                |own: &&Vec<PredictedFrame>| self.contradiction(std::slice::from_ref(own)) > 1.0;
-            let some: Vec<&Vec<PredictedFrame>> = predicted.iter().filter(changed).collect();
-            let own = match some.is_empty() {
-                true => Sums::of(predicted.iter().flatten(), noise),
-                false => Sums::of(some.into_iter().flatten(), noise),
-            };
-            let (factor, left) = own.scaled();
-            let scaled = left + sums.error - own.error;
-            let fits = sums.change((motion, moved), (factor, scaled), known >= MOSTLY_KNOWN);
-            comparison.change = fits;
-            comparison.error.scaled = sums.relative(scaled);
-            comparison.error.moved = sums.relative(moved);
-            comparison.place = self.place(frames().zip(predicted.iter().flatten()));
+            self.explain(&mut comparison, (touches, &sums), again.as_ref(), stop)?;
         }
         Ok(comparison)
     }
 
+    /// Finds what has changed, of touches that contradict the field; `again` are their sums beside what they repeat.
+    fn explain(
+        &self,
+        comparison: &mut Comparison,
+        (touches, sums): (&[usize], &Sums),
+        again: Option<&Sums>,
+        stop: Stop<'_>,
+    ) -> Result<(), LearnError> {
+        let frames: Vec<&TrackedFrame> =
+            touches.iter().flat_map(|touch| self.tracked.touches[*touch].in_contact()).collect();
+        let predicted = || touches.iter().map(|touch| &self.predicted[*touch]);
+        let every = (frames.len() / (FRAMES * touches.len())).max(1);
+        let some: Vec<&Observation> =
+            frames.iter().step_by(every).map(|frame| &frame.observation).collect();
+        let motion = moved::best(self.tracked, &some, &self.sampler, stop)?;
+        let moved = moved::error(self.tracked, &some, &self.sampler, motion)
+            * (frames.len() as f64 / some.len() as f64);
+        // What is softer in one place leaves touches elsewhere as they were.
+        let changed = |own: &&Vec<PredictedFrame>| self.contradiction(&[*own]) > 1.0;
+        let changed: Vec<&Vec<PredictedFrame>> = predicted().filter(changed).collect();
+        let own = match changed.is_empty() {
+            true => Sums::of(predicted().flatten(), sums.of_frame),
+            false => Sums::of(changed.into_iter().flatten(), sums.of_frame),
+        };
+        let (factor, left) = own.scaled();
+        let scaled = left + sums.error - own.error;
+        let is_known = comparison.known >= MOSTLY_KNOWN;
+        let fits = sums.change((motion, moved), (factor, scaled), is_known);
+        // Where the field predicts too badly to tell, what was felt before does.
+        comparison.change = match again {
+            Some(again) if fits == Change::Other => again.scaled_only(),
+            _ => fits,
+        };
+        comparison.error.scaled = sums.relative(scaled);
+        comparison.error.moved = sums.relative(moved);
+        comparison.place = self.place(frames.into_iter().zip(predicted().flatten()));
+        Ok(())
+    }
+
     /// The misfit of touches, their geometric mean, over that which would contradict the field.
-    fn contradiction(&self, touches: &[Vec<PredictedFrame>]) -> f64 {
+    fn contradiction(&self, touches: &[&Vec<PredictedFrame>]) -> f64 {
         let misfits: Vec<[f64; 2]> =
             touches.iter().filter_map(|touch| misfit(self.calibration, touch)).collect();
         let of = |kind: usize| {
@@ -242,7 +322,10 @@ impl<'a> Beside<'a> {
 }
 
 /// Sums of squares over frames and joints, (N·m)².
+#[derive(Default)]
 struct Sums {
+    /// The noise of one frame.
+    of_frame: f64,
     measured: f64,
     predicted: f64,
     both: f64,
@@ -252,7 +335,7 @@ struct Sums {
 
 impl Sums {
     fn of<'f>(frames: impl Iterator<Item = &'f PredictedFrame>, noise: f64) -> Self {
-        let mut sums = Self { measured: 0.0, predicted: 0.0, both: 0.0, error: 0.0, noise: 0.0 };
+        let mut sums = Self { of_frame: noise, ..Self::default() };
         for frame in frames {
             for (predicted, measured) in frame.torque.iter().zip(&frame.measured) {
                 sums.measured += measured * measured;
@@ -284,17 +367,28 @@ impl Sums {
         (factor, scaled): (f64, f64),
         is_known: bool,
     ) -> Change {
-        let beyond = |error: f64| (error - self.noise).max(0.05 * self.noise);
-        let most = LEAVES * beyond(self.error);
-        if beyond(moved) < f64::min(LEAVES_MOVED * beyond(scaled), most) {
+        let most = LEAVES * self.beyond(self.error);
+        if self.beyond(moved) < f64::min(LEAVES_MOVED * self.beyond(scaled), most) {
             Change::Moved(motion)
-        } else if !is_known || beyond(scaled) > most {
+        } else if !is_known || self.beyond(scaled) > most {
             Change::Other
-        } else if factor < 1.0 {
-            Change::Softer { factor }
         } else {
-            Change::Harder { factor }
+            Change::by(factor)
         }
+    }
+
+    /// The same without a motion.
+    fn scaled_only(&self) -> Change {
+        let (factor, scaled) = self.scaled();
+        match self.beyond(scaled) > LEAVES * self.beyond(self.error) {
+            true => Change::Other,
+            false => Change::by(factor),
+        }
+    }
+
+    /// What of a squared error is not noise.
+    fn beyond(&self, error: f64) -> f64 {
+        (error - self.noise).max(0.05 * self.noise)
     }
 }
 

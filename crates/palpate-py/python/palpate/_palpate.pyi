@@ -24,6 +24,7 @@ from .results import (
 )
 from .settings import (
     AnySettings,
+    ContactSettings,
     FieldSections,
     LearningSections,
     LogSettings,
@@ -471,6 +472,9 @@ class Field:
     @property
     def lattice(self) -> Lattice:
         """The box that the cells belong to."""
+    @property
+    def contact(self) -> ContactSettings:
+        """Settings of the contact model under which it was learnt, as `contact=` takes them."""
     @property
     def robot_name(self) -> str:
         """Name of the robot that touched them."""

@@ -131,6 +131,8 @@ class RelativeErrors(TypedDict):
     """With the best factor in the touches that contradict the field; None where none does."""
     moved: float | None
     """After the best motion; None where nothing contradicts the field."""
+    repeated: float | None
+    """Of what was felt in the touches that these repeat; None if they do not."""
 
 
 class Change(TypedDict, total=False):
@@ -152,6 +154,8 @@ class Comparison(Change):
     """Share of the contacts that the field knows."""
     contradiction: float
     """Above 1 the touches contradict the field."""
+    repeats: list[str]
+    """The touches of the field's memory whose paths these repeat, if all of them do."""
     error: RelativeErrors
     place: Place | None
 

@@ -1,0 +1,397 @@
+"""A stiffness field as the cost and the limit of a motion planner.
+
+    cost = FieldCost(field.path_predictor(coarse=True))
+    cost.cost(paths)              # the largest torque of a joint along each path, N·m
+    cost.limit(paths, 5.0)        # where each path passes 5 N·m
+    found = plan(cost, start, goal, robot.limits)
+
+`FieldCost` serves any planner. `validity_checker`, `motion_validator` and `objective` are for OMPL, and `plan` is a
+planner: ``pip install 'palpate[planning]'``. Torques are external torques of slow motions.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ._palpate import Answer, Field, PathPredictor
+
+__all__ = [
+    "FieldCost",
+    "Plan",
+    "motion_validator",
+    "objective",
+    "plan",
+    "validity_checker",
+    "with_view",
+]
+
+_Array = NDArray[np.float64]
+_Paths = ArrayLike | Sequence[ArrayLike]
+_Valid = Callable[[_Array], bool]
+VIA = 7  # rows of a path that are varied
+PIXEL_RAD = 0.012  # of the picture that says what a camera did not see
+HALF = 85  # of it, in pixels: more than 1 / PIXEL_RAD
+
+
+class FieldCost:
+    """What motions cost by a field.
+
+    `by` says how: "peak", the largest absolute torque of any joint along the path, N·m; or "work", what the arm spends
+    on the object, J: the sum over joints of -torque times movement where that is positive. What springs give back does
+    not count. A path is evaluated at its rows, and between them so that no joint moves more than `step_rad`.
+
+    One path is (P, n) rad, joints go straight from row to row. Several are (N, P, n), or a sequence of (P, n) with P of
+    their own. A path starts free of contact. With `inside`, it is a piece of a path, or a posture, that begins in the
+    object: what the links cover at the first row is pushed out to the nearest surface.
+    """
+
+    def __init__(
+        self,
+        predictor: PathPredictor,
+        by: Literal["peak", "work"] = "peak",
+        *,
+        step_rad: float = 0.05,
+    ) -> None:
+        if by not in ("peak", "work"):
+            raise ValueError(f"`by` is {by!r}; wanted 'peak' or 'work'")
+        if not step_rad > 0.0:
+            raise ValueError(f"`step_rad` is {step_rad}; wanted more than 0")
+        self.predictor, self.by, self.step_rad = predictor, by, step_rad
+
+    def cost(self, paths: _Paths, *, inside: bool = False) -> _Array:
+        """Costs of paths, (N,), N·m or J; of one path, ()."""
+        several, one = self._several(paths)
+        costs = [self._of(rows, answer.torque) for _, rows, answer in self._answers(several, inside)]
+        return np.array(costs[0] if one else costs)
+
+    def limit(
+        self, paths: _Paths, max_torque: float, *, with_band: bool = False, inside: bool = False
+    ) -> NDArray[np.int64]:
+        """The first row of each path at which, or on the way to which, a joint's torque is above `max_torque`, N·m.
+
+        (N,), or () of one path; -1 where it stays below. With `with_band`, the half-width of the torque's band is added to
+        it; ValueError if the field has no bands.
+        """
+        several, one = self._several(paths)
+        firsts = []
+        for ends, _, answer in self._answers(several, inside):
+            torque = np.abs(answer.torque)
+            if with_band:
+                if answer.half_width is None:
+                    raise ValueError("the field has no bands; leave out `with_band`, or use a field of `palpate map`")
+                torque = torque + answer.half_width
+            above = torque.max(1) > max_torque
+            firsts.append(int(np.searchsorted(ends, above.argmax())) if above.any() else -1)
+        return np.array(firsts[0] if one else firsts, dtype=np.int64)
+
+    def torque_at(self, postures: ArrayLike) -> _Array:
+        """The torque at each of `postures` (M, n) rad in the object: (M, n), N·m.
+
+        The object gives way to the nearest surface. On its way there an arm drags more along, so a path meets more.
+        """
+        q = np.asarray(postures, dtype=np.float64)
+        if q.ndim != 2 or q.shape[1] != self.predictor.n_joints:
+            raise ValueError(f"`postures` is {q.shape}; wanted (M, {self.predictor.n_joints})")
+        answers = self.predictor.ask_all(q[:, None], inside=True)
+        return np.array([answer.torque[0] for answer in answers]).reshape(q.shape)
+
+    def rows(self, path: ArrayLike) -> _Array:
+        """A path (P, n) with rows between its own, so that no joint moves more than `step_rad` from row to row."""
+        return self._rows(self._several(np.asarray(path, dtype=np.float64))[0][0])[0]
+
+    def _rows(self, path: _Array) -> tuple[_Array, NDArray[np.int64]]:
+        """The rows at which a path is evaluated, and which of them are its own, (P,)."""
+        moved = np.abs(np.diff(path, axis=0)).max(1, initial=0.0)
+        counts = np.maximum(np.ceil(moved / self.step_rad - 1e-9), 1).astype(np.int64)
+        parts = [a + (b - a) * np.arange(n)[:, None] / n for a, b, n in zip(path, path[1:], counts, strict=False)]
+        return np.concatenate([*parts, path[-1:]]), np.concatenate([[0], np.cumsum(counts)])
+
+    def _several(self, paths: _Paths) -> tuple[list[_Array], bool]:
+        """Paths as arrays, and whether it was one alone."""
+        n = self.predictor.n_joints
+        try:
+            given = list(paths)  # type: ignore[arg-type]
+            one = len(given) > 0 and np.ndim(given[0]) == 1
+            several = [np.asarray(path, dtype=np.float64) for path in ([given] if one else given)]
+        except (TypeError, ValueError):
+            raise ValueError(f"`paths` is no path; wanted one, (P, {n}), or several") from None
+        for number, path in enumerate(several):
+            name = "`paths`" if one else f"`paths[{number}]`"
+            if path.ndim != 2 or path.shape[1] != n or len(path) == 0:
+                raise ValueError(f"{name} is {path.shape}; wanted one path, (P, {n}), or several, P at least 1")
+            if not np.isfinite(path).all():
+                raise ValueError(f"{name} has numbers that are not finite")
+        return several, one
+
+    def _answers(self, paths: list[_Array], inside: bool) -> list[tuple[NDArray[np.int64], _Array, Answer]]:
+        """Of each path which rows are its own, all rows, and what the field says there."""
+        rows = [self._rows(path) for path in paths]
+        answers = self.predictor.ask_all([own for own, _ in rows], inside=inside) if rows else []
+        return [(ends, own, answer) for (own, ends), answer in zip(rows, answers, strict=True)]
+
+    def _of(self, rows: _Array, torque: _Array) -> float:
+        if self.by == "peak":
+            return float(np.abs(torque).max())
+        return float(np.maximum(-0.5 * (torque[1:] + torque[:-1]) * np.diff(rows, axis=0), 0.0).sum())
+
+
+def with_view(field: Field, cloud: ArrayLike, viewpoint: ArrayLike) -> Field:
+    """A field to plan with: one of touches, and what a camera at `viewpoint` (3,) m saw of the object at rest.
+
+    `cloud` are the seen points of the object alone, (M, 3) m. Within 10 cm of their box, cells in front of them or
+    beside them lose their stiffness: the camera saw that nothing is there. Cells behind them that were neither seen nor
+    touched get the mean stiffness of the touched cells that are left in the box. The new field has no memory.
+    """
+    seen, eye, lattice = np.asarray(cloud, dtype=np.float64), np.asarray(viewpoint, dtype=np.float64), field.lattice
+    if seen.ndim != 2 or seen.shape[1] != 3 or not len(seen) or eye.shape != (3,):
+        raise ValueError(f"`cloud` and `viewpoint` are {seen.shape} and {eye.shape}; wanted (M, 3) and (3,)")
+    sides = zip(seen.min(0) - 0.1, seen.max(0) + 0.1, strict=True)
+    grid = np.meshgrid(*(np.arange(low, high, lattice.spacing) for low, high in sides))
+    box = np.setdiff1d(lattice.cells(np.stack(grid, axis=-1).reshape(-1, 3)), [-1])
+    around = np.array(list(np.ndindex(3, 3, 3))) - 1
+    unseen = np.setdiff1d(box, lattice.cells((seen[:, None] + lattice.spacing * around).reshape(-1, 3)))
+
+    def directions(points: _Array) -> tuple[NDArray[np.int64], _Array]:
+        distance = np.linalg.norm(points - eye, axis=1)
+        return np.round((points - eye) / distance[:, None] / PIXEL_RAD).astype(np.int64) + HALF, distance
+
+    pixels, distances = directions(seen)
+    first = np.full((2 * HALF + 1,) * 3, np.inf)  # the nearest seen point of each direction
+    for shift in around:
+        np.minimum.at(first, tuple((pixels + shift).T), distances)
+    pixels, distances = directions(lattice.points(unseen))
+    hidden = distances > first[tuple(pixels.T)]
+    kept = ~np.isin(field.cells, unseen[~hidden])
+    touched = kept & (field.counts > 0) & np.isin(field.cells, box)
+    new = np.setdiff1d(unseen[hidden], field.cells)
+    mean = field.stiffness[touched].mean() if touched.any() else 0.0
+    return Field.from_arrays(
+        np.concatenate([field.points[kept], lattice.points(new)]),
+        np.concatenate([field.stiffness[kept], np.full(len(new), mean)]),
+        counts=np.concatenate([field.counts[kept], np.zeros(len(new), np.uint32)]),
+        lattice=lattice,
+        robot=field.robot_name,
+        contact=field.contact,
+    )
+
+
+def validity_checker(cost: FieldCost, si: Any, max_torque: float, valid: _Valid | None = None) -> Any:
+    """A StateValidityChecker of OMPL: postures at which no torque is above `max_torque`, N·m.
+
+    `si` is a SpaceInformation of a RealVectorStateSpace. `valid` says whether a posture (n,) is free of self-collision,
+    of the ground, and of all that the field does not know.
+    """
+    base, n = _ompl()[0], cost.predictor.n_joints
+
+    def is_valid(_: Any, state: Any) -> bool:
+        q = np.array(state[0:n])
+        return (valid is None or valid(q)) and bool(np.abs(cost.torque_at(q[None])).max() <= max_torque)
+
+    return _made(base.StateValidityChecker, si, isValid=is_valid)
+
+
+def motion_validator(cost: FieldCost, si: Any, max_torque: float, valid: _Valid | None = None) -> Any:
+    """A MotionValidator of OMPL: straight motions along which no torque is above `max_torque`, N·m.
+
+    Each is asked about at once, which is faster than its postures one by one and misses less.
+    """
+    base, n = _ompl()[0], cost.predictor.n_joints
+
+    def check(_: Any, a: Any, b: Any) -> bool:
+        motion = np.array([a[0:n], b[0:n]])
+        if valid is not None and not all(map(valid, cost.rows(motion))):
+            return False
+        return bool(cost.limit(motion, max_torque, inside=True) < 0)
+
+    return _made(base.MotionValidator, si, checkMotion=check)
+
+
+def objective(cost: FieldCost, si: Any) -> Any:
+    """An OptimizationObjective of OMPL: the cost of each motion as a piece of a path; the largest of them if by peak.
+
+    A piece does not know what the arm drags along from earlier ones, so a path may cost more than its pieces: compare
+    paths by `FieldCost.cost`.
+    """
+    base, n = _ompl()[0], cost.predictor.n_joints
+
+    def of_motion(_: Any, a: Any, b: Any) -> Any:
+        return base.Cost(float(cost.cost([a[0:n], b[0:n]], inside=True)))
+
+    def combined(_: Any, a: Any, b: Any) -> Any:
+        return base.Cost(max(a.value(), b.value()) if cost.by == "peak" else a.value() + b.value())
+
+    methods = {"motionCost": of_motion, "combineCosts": combined}
+    nothing = {"stateCost": lambda _, state: base.Cost(0.0), "identityCost": lambda _: base.Cost(0.0)}
+    return _made(base.OptimizationObjective, si, **methods, **nothing)
+
+
+def _made(base: Any, si: Any, **methods: Callable[..., Any]) -> Any:
+    """An object of a subclass of one of OMPL's with these methods."""
+    return type(base.__name__, (base,), methods)(si)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A planned path: (P, n) rad, no joint moves more than the cost's `step_rad` from row to row."""
+
+    path: _Array
+    via: _Array  # the rows between which it is straight, (V, n) rad
+    torque: _Array  # external torque along it, (P, n), N·m
+    cost: float  # N·m or J
+    straight_cost: float  # of the straight path
+    seconds: float  # that planning took
+
+
+def plan(
+    cost: FieldCost,
+    start: ArrayLike,
+    goal: ArrayLike,
+    limits: ArrayLike,
+    *,
+    valid: _Valid | None = None,
+    seconds: float = 20.0,
+    margin_rad: float = 1.5,
+    length_weight: float = 0.2,
+    guesses: Sequence[ArrayLike] | None = None,
+    batch: int = 16,
+    seed: int = 0,
+) -> Plan | None:
+    """Plans a path from `start`, which is free of contact, to `goal`, both (n,) rad; None if no valid one was found.
+
+    `limits` (n, 2) rad are `Robot.limits`; no joint goes further than `margin_rad` beyond start and goal. `valid` is as
+    for `validity_checker`.
+    For a third of `seconds`, RRT-Connect of OMPL searches paths below lower and lower torques; `guesses`, paths (P, n) from
+    start to goal such as `Plan.via` by a faster cost, take the place of this search. Then these and the straight path are
+    varied at random, in batches of `batch`, and compared as whole paths: by cost and `length_weight` (N·m or J for each
+    rad) times length in joint space. If the straight path is valid, none that costs more is returned. `seed` is of the
+    variation; OMPL draws its own numbers.
+    """
+    begun = perf_counter()
+    n, bounds = cost.predictor.n_joints, np.asarray(limits, dtype=np.float64)
+    a, b = np.asarray(start, dtype=np.float64), np.asarray(goal, dtype=np.float64)
+    if a.shape != (n,) or b.shape != (n,) or bounds.shape != (n, 2):
+        shapes = f"{a.shape}, {b.shape}, {bounds.shape}"
+        raise ValueError(f"`start`, `goal` and `limits` are {shapes}; wanted ({n},), ({n},), ({n}, 2)")
+    low = np.maximum(bounds[:, 0], np.minimum(a, b) - margin_rad)
+    high = np.minimum(bounds[:, 1], np.maximum(a, b) + margin_rad)
+    if not ((low <= np.minimum(a, b)) & (np.maximum(a, b) <= high)).all():
+        raise ValueError("`start` or `goal` is outside of `limits`")
+
+    def allowed(path: _Array) -> bool:
+        return valid is None or all(map(valid, cost.rows(path)))
+
+    def total(paths: list[_Array]) -> _Array:
+        lengths = [np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in paths]
+        return cost.cost(paths) + length_weight * np.array(lengths)
+
+    straight = np.array([a, b])
+    if guesses is None:
+        found = _connected(cost, straight, (low, high), valid, begun + seconds / 3)
+    else:
+        found = [np.concatenate([[a], np.asarray(path, dtype=np.float64)[1:-1], [b]]) for path in guesses]
+    pool = sorted(((float(total([path])[0]), path, 0.3) for path in [straight, *found] if allowed(path)), key=_score)
+    if not pool:
+        return None
+    rng, varied, end = np.random.default_rng(seed), perf_counter(), begun + seconds
+    while (now := perf_counter()) < end:
+        pool = pool[: 4 if 3 * (now - varied) < end - varied else 2 if 1.5 * (now - varied) < end - varied else 1]
+        for number, own in enumerate(pool):
+            if number == 0 or perf_counter() < end:
+                pool[number] = _varied(own, total, allowed, (low, high), batch, rng)
+        pool.sort(key=_score)
+    path = cost.rows(pool[0][1])
+    torque = cost.predictor.ask(path).torque
+    return Plan(path, pool[0][1], torque, cost._of(path, torque), float(cost.cost(straight)), perf_counter() - begun)
+
+
+_Scored = tuple[float, _Array, float]  # total cost, path, size of the next variation in rad
+
+
+def _score(own: _Scored) -> float:
+    return own[0]
+
+
+def _varied(
+    own: _Scored,
+    total: Callable[[list[_Array]], _Array],
+    allowed: Callable[[_Array], bool],
+    box: tuple[_Array, _Array],
+    batch: int,
+    rng: np.random.Generator,
+) -> _Scored:
+    """The best allowed one of a path and a batch of variants of it, with a bump at a random place."""
+    score, path, size = own
+    via = path if len(path) >= VIA else _evenly(path, VIA)
+    middle, width = rng.uniform(0, len(via) - 1, (batch, 1)), rng.uniform(0.5, 0.5 * len(via), (batch, 1))
+    bump = np.exp(-(((np.arange(len(via)) - middle) / width) ** 2))
+    bump[:, [0, -1]] = 0.0
+    tried = list(np.clip(via + size * rng.normal(size=(batch, 1, via.shape[1])) * bump[:, :, None], *box))
+    scores = total(tried)
+    for k in scores.argsort():
+        if scores[k] < score and allowed(tried[k]):
+            return float(scores[k]), tried[k], min(1.2 * size, 1.0)
+    return score, path, 0.85 * size if size > 0.02 else 0.3
+
+
+def _evenly(path: _Array, count: int) -> _Array:
+    """`count` rows at equal distances along a path."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    at = np.linspace(0.0, along[-1], count)
+    return np.stack([np.interp(at, along, joint) for joint in path.T], axis=1)
+
+
+def _connected(
+    cost: FieldCost, ends: _Array, box: tuple[_Array, _Array], valid: _Valid | None, until: float
+) -> list[_Array]:
+    """Paths of RRT-Connect: four tries, each below half the torque of the last one, or more if that found none."""
+    base, geometric, util = _ompl()
+    n = cost.predictor.n_joints
+    space, bounds = base.RealVectorStateSpace(n), base.RealVectorBounds(n)
+    for joint in range(n):
+        bounds.setLow(joint, float(box[0][joint]))
+        bounds.setHigh(joint, float(box[1][joint]))
+    space.setBounds(bounds)
+    lowest = 1.05 * float(np.abs(cost.torque_at(ends)).max()) + 1e-9
+    torque = max(0.5 * float(np.abs(cost.predictor.ask(cost.rows(ends), inside=True).torque).max()), lowest)
+    found, spoken = [], util.getLogLevel()
+    util.setLogLevel(util.LOG_ERROR)
+    try:
+        for left in (4, 3, 2, 1):
+            share = (until - perf_counter()) / left
+            if share <= 0:
+                break
+            si = base.SpaceInformation(space)
+            si.setStateValidityChecker(validity_checker(cost, si, torque, valid))
+            si.setMotionValidator(motion_validator(cost, si, torque, valid))
+            si.setup()
+            problem, states = base.ProblemDefinition(si), [si.allocState(), si.allocState()]
+            for state, q in zip(states, ends.tolist(), strict=True):
+                space.copyFromReals(state, q)
+            problem.setStartAndGoalStates(*states)
+            planner = geometric.RRTConnect(si)
+            planner.setProblemDefinition(problem)
+            planner.setup()
+            planner.solve(0.8 * share)
+            if problem.hasExactSolution():
+                path = problem.getSolutionPath()
+                geometric.PathSimplifier(si).simplify(path, 0.2 * share)
+                found.append(np.array([state[0:n] for state in path.getStates()]))
+            torque = max(0.5 * torque, lowest) if problem.hasExactSolution() else 1.4 * torque
+    finally:
+        util.setLogLevel(spoken)
+    return found
+
+
+def _ompl() -> Any:
+    """OMPL's modules `base`, `geometric` and `util`."""
+    try:
+        import ompl.base  # type: ignore[import-untyped]
+        import ompl.geometric  # type: ignore[import-untyped]
+        import ompl.util  # type: ignore[import-untyped]
+    except ImportError as error:
+        raise ImportError(f"{error}; OMPL comes with `pip install 'palpate[planning]'`") from None
+    return ompl.base, ompl.geometric, ompl.util
