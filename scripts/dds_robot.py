@@ -577,8 +577,11 @@ def every_service(participant, name, path):
         "torque": [list(point.effort) for point in answer.predicted.points],
         "times": [point.time_from_start.sec for point in answer.predicted.points],
     }
-    refused = ask.call(JointTrajectory(header, JOINTS[:6], points), 0.0)
+    few = [JointTrajectoryPoint(row[:6], [], [], [], Time(0, 0)) for row in path]
+    refused = ask.call(JointTrajectory(header, JOINTS[:6], few), 0.0)
     services["refused"] = [refused.success, refused.message]
+    refused = ask.call(JointTrajectory(header, JOINTS[:6], points), 0.0)
+    services["uneven"] = [refused.success, refused.message]
     parameters = lambda service, *kinds: Client(participant, f"{node}/{service}", *kinds)  # noqa: E731
     listed = parameters("list_parameters", ListRequest, ListResponse).call([], 0)
     names = services["names"] = list(listed.result.names)

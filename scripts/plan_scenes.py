@@ -138,11 +138,13 @@ def solve(scene, folder, args):
     for name, own in dict(field=field, avoiding=seen).items():
         cost = FieldCost(own.path_predictor(robot, coarse=True))
         found[name] = plan(cost, *ends, robot.limits, valid=scene.allowed, seconds=args.seconds / 4)
-    guesses = [own.via for own in found.values()]
+    guesses = [own.via for own in found.values() if own is not None]
     half = args.seconds / 2
     found["planned"] = plan(body, *ends, robot.limits, valid=scene.allowed, seconds=half, guesses=guesses, batch=4)
     solved = dict(straight=scene.straight)
     for name, own in found.items():
+        if own is None:
+            raise SystemExit(f"no path was found for `{name}`, although the straight one is allowed; give more --seconds")
         solved[name] = scene.play(own.path) | dict(cost=own.cost, seconds=own.seconds)
     solved["planned"]["seconds"] = sum(own.seconds for own in found.values())
     return {name: own | dict(predicted=float(body.cost(own["path"]))) for name, own in solved.items()}

@@ -53,7 +53,7 @@ def main() -> None:
     def run(kind: str, cluster: bool, lose: bool = False) -> dict[tuple[str, str], Any]:
         begun = time.perf_counter()
         runs = []
-        keywords: dict[str, Any] = {"methods": ["map"], "folds": args.folds, "workers": args.nodes}
+        keywords: dict[str, Any] = {"methods": ["map"], "folds": args.folds, "tune": False, "workers": args.nodes}
         for done in palpate.ray.evaluate(args.sets, SETTINGS, cluster=cluster, progress=False, **keywords):
             runs.append(done)
             if lose and len(runs) == 10:

@@ -452,6 +452,8 @@ fn needs_cyclonedds_every_service_answers_and_the_node_is_one_of_ros() {
     assert!((ask["peak"].as_f64().unwrap() - peak).abs() < 1e-12, "{ask}");
     assert_eq!(called["refused"][0], false);
     assert!(called["refused"][1].as_str().unwrap().contains("Actuator7"), "{}", called["refused"]);
+    let uneven = called["uneven"][1].as_str().unwrap();
+    assert!(uneven.contains("point 0 (from 0) has 7 positions for 6 joint names"), "{uneven}");
 
     let names: Vec<String> = serde_json::from_value(called["names"].clone()).unwrap();
     let place = |name: &str| names.iter().position(|other| other == name).unwrap();

@@ -139,7 +139,17 @@ fn a_touch_that_repeats_one_is_held_against_what_was_felt_then_however_bad_the_f
         assert!(found.contradiction > 1.0, "{found:?}");
         let off = (wanted - 1.0_f64).abs() / wanted;
         assert!((found.error.repeated.unwrap() - off).abs() < 1e-6, "{found:?}");
+        // By what was felt then, although the field predicts otherwise.
+        let (Change::Softer { factor } | Change::Harder { factor }) = found.change else {
+            panic!("{wanted}: {found:?}")
+        };
+        assert!((factor - wanted).abs() < 1e-9, "{found:?}");
     }
+    // So little was felt then and now that noise may be all of it.
+    let faint = felt(tracked.clone(), &truth, 1e-3);
+    let none = felt(tracked.clone(), &truth, 0.0);
+    let noisy = compare((&arm, &none), &field, Some(&faint), NEVER).unwrap().1;
+    assert_eq!(noisy.change, Change::Unchanged, "{noisy:?}");
     // Another path: nothing is repeated.
     let config = MapperConfig::of(EstimatorKind::Map);
     let others = Tracked::new(&arm, &config, &common::touches(&[5]), NEVER).unwrap().thinned(4);

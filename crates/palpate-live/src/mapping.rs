@@ -25,7 +25,7 @@ use crate::session::{Session, State, StepOutcome};
 use crate::threads::{JointMessage, Shared};
 use crate::timer::Timer;
 use crate::view_feed::ViewFeed;
-use crate::wrench::wrenches;
+use crate::wrench::{with_released, wrenches};
 
 /// The mapper's wait for a sample, and so the longest that a question waits for the mapper.
 const PAUSE: Duration = Duration::from_millis(2);
@@ -54,6 +54,8 @@ pub(crate) struct Mapping<'a> {
     header: Header,
     /// Joint positions of the last sample.
     q: Vec<f64>,
+    /// Links that touched something when wrenches were published last.
+    pressed: Vec<String>,
     figures_due: Timer,
     diagnostics_due: Timer,
     contacts_due: Timer,
@@ -82,6 +84,7 @@ impl<'a> Mapping<'a> {
             requests,
             header: Header { frame_id, ..Header::default() },
             q: Vec::new(),
+            pressed: Vec::new(),
             figures_due: Timer::new(FIGURES),
             diagnostics_due: Timer::new(DIAGNOSTICS),
             contacts_due: Timer::new(CONTACTS),
@@ -244,8 +247,9 @@ impl<'a> Mapping<'a> {
         if self.contacts_due.is_due(now) {
             outbox.contacts.push(cloud::contacts(mapper, &self.header));
             if let Ok(poses) = mapper.arm().robot.forward(&self.q) {
+                let now = wrenches(mapper, &poses.world_from_link, self.header.stamp);
                 let stamp = self.header.stamp;
-                outbox.wrenches.push(wrenches(mapper, &poses.world_from_link, stamp));
+                outbox.wrenches.push(with_released(now, &mut self.pressed, stamp));
             }
         }
         if self.field_due.is_due(now)

@@ -98,6 +98,11 @@ impl Services<'_> {
     /// What torques a trajectory would meet.
     fn predicted(&self, request: AskTrajectoryRequest) -> Result<AskTrajectoryResponse, String> {
         let AskTrajectoryRequest { trajectory, level } = request;
+        if !(0.0..1.0).contains(&level) {
+            return Err(format!(
+                "`level` is {level}; wanted 0 for the field's default, or a level below 1"
+            ));
+        }
         let path = self.path(&trajectory)?;
         let answer = self.queries.predict(path, false)?;
         let calibration = answer.calibration.as_deref();
@@ -137,21 +142,15 @@ impl Services<'_> {
         })
     }
 
-    /// The positions of the robot's joints, point by point.
+    /// The positions of the robot's joints, point by point; as many a point as there are names, which the network process
+    /// has seen to.
     fn path(&self, trajectory: &JointTrajectory) -> Result<Vec<Vec<f64>>, String> {
         let names = &trajectory.joint_names;
         let order = reorder(&self.joints, names).map_err(|error| error.to_string())?;
-        let point = |(number, point): (usize, &JointTrajectoryPoint)| {
-            if point.positions.len() != names.len() {
-                return Err(format!(
-                    "point {number} (from 0) has {} positions for {} joint names",
-                    point.positions.len(),
-                    names.len()
-                ));
-            }
-            Ok(order.iter().map(|&place| point.positions[place]).collect())
+        let point = |point: &JointTrajectoryPoint| {
+            order.iter().map(|&place| point.positions[place]).collect()
         };
-        trajectory.points.iter().enumerate().map(point).collect()
+        Ok(trajectory.points.iter().map(point).collect())
     }
 
     /// The robot's joints along a trajectory, with efforts.

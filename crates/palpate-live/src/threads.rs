@@ -244,10 +244,12 @@ impl Hearing<'_> {
                     self.take(JointMessage { state, came, at: heard });
                 }
                 Ok(Some(FromNetwork::Topics(topics))) if !subscribed => {
+                    let clock = self.network.lacks_clock(&topics);
                     match choose(&topics, self.topic) {
                         Ok(topic) => {
                             let how = if topic.reliable { "reliable" } else { "best effort" };
                             self.tell(format!("listening to `{}` ({how})", topic.name));
+                            clock.into_iter().for_each(|lacks| self.tell(lacks));
                             subscribed = self.network.tell(&ToNetwork::Subscribe(topic));
                             heard = Instant::now();
                         }

@@ -38,6 +38,23 @@ pub(crate) fn wrenches(
     mapper.contacts().links.into_iter().map(of_link).collect()
 }
 
+/// Wrenches with those of links that do not touch anything any more, which are zero once; `pressed` are the links that
+/// touched something before, and afterwards those that do now.
+pub(crate) fn with_released(
+    mut now: Vec<WrenchStamped>,
+    pressed: &mut Vec<String>,
+    stamp: Stamp,
+) -> Vec<WrenchStamped> {
+    let pressing: Vec<String> = now.iter().map(|wrench| wrench.header.frame_id.clone()).collect();
+    let before = std::mem::replace(pressed, pressing);
+    let released = before.into_iter().filter(|link| !pressed.contains(link));
+    now.extend(released.map(|frame_id| WrenchStamped {
+        header: Header { stamp, frame_id },
+        wrench: Wrench::default(),
+    }));
+    now
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -103,5 +120,25 @@ mod tests {
         let predicted = &asked.points[0].torque;
         assert!(predicted.amax() > 0.1, "{predicted}");
         assert!((&torque - predicted).amax() < 1e-9 * predicted.amax(), "{torque} for {predicted}");
+    }
+
+    #[test]
+    fn a_link_that_lets_go_is_told_once() {
+        let of = |link: &str| WrenchStamped {
+            header: Header { frame_id: link.to_owned(), ..Header::default() },
+            wrench: Wrench { force: [1.0; 3], torque: [0.0; 3] },
+        };
+        let mut pressed = Vec::new();
+        let mut told = |links: &[&str]| -> Vec<(String, bool)> {
+            let now = links.iter().map(|link| of(link)).collect();
+            let all = with_released(now, &mut pressed, Stamp::default());
+            let is_zero = |wrench: &WrenchStamped| wrench.wrench == Wrench::default();
+            all.iter().map(|wrench| (wrench.header.frame_id.clone(), is_zero(wrench))).collect()
+        };
+        let [a, b] = ["a", "b"].map(str::to_owned);
+        assert_eq!(told(&["a", "b"]), [(a.clone(), false), (b.clone(), false)]);
+        assert_eq!(told(&["b"]), [(b.clone(), false), (a, true)]);
+        assert_eq!(told(&[]), [(b, true)]);
+        assert_eq!(told(&[]), []);
     }
 }

@@ -1,7 +1,5 @@
 //! Methods compared on touches that they have not seen, and settings chosen on one's own.
 
-use std::sync::Arc;
-
 use palpate_learn::errors::Errors;
 use palpate_learn::evaluation::{Evaluation, LeftOut, Summary};
 use palpate_learn::method::Method;
@@ -87,7 +85,7 @@ pub(crate) fn evaluate<'py>(
         let arm = &robot.arm;
         let named = (truth, reuse.as_deref());
         let followed = Followed::of(sources, &mut settings, arm, named, progress)?;
-        let Followed { recorded, touches, tracked, .. } = &*followed;
+        let Followed { recorded, touches, .. } = &*followed;
         let folds = evaluation::folds(touches, folds, test.as_deref().unwrap_or_default())?;
         let work = Work {
             arm,
@@ -101,7 +99,7 @@ pub(crate) fn evaluate<'py>(
             given: given_settings(&settings),
             truth,
             bodies: cloud.map(|object| object.bodies(progress)).transpose()?.unwrap_or_default(),
-            followed: Some(Arc::clone(tracked)),
+            followed: Some(followed.tracked()),
         };
         work.evaluate(&Nowhere, progress)
     })?;

@@ -23,7 +23,7 @@ pub(crate) struct Followed {
     /// As they are evaluated.
     pub(crate) touches: Vec<Touch>,
     /// With their contacts under the settings of `map`.
-    pub(crate) tracked: Arc<Tracked>,
+    tracked: Arc<Tracked>,
     /// What the logs' torques were found to mean.
     touch: TouchSettings,
     /// What was said of the logs.
@@ -34,6 +34,11 @@ pub(crate) struct Followed {
 static LAST: Mutex<Option<Arc<Followed>>> = Mutex::new(None);
 
 impl Followed {
+    /// The touches with their contacts.
+    pub(crate) fn tracked(&self) -> Arc<Tracked> {
+        Arc::clone(&self.tracked)
+    }
+
     /// Reads logs as the command does, and follows them; or takes what the last call has found, if `named` says that these
     /// are the same logs and the same arm, and all settings that matter for it are the same.
     pub(crate) fn of(
@@ -46,11 +51,12 @@ impl Followed {
         let config = settings.config()?;
         let (place, touch) = ((&config.lattice, &config.contact), &settings.touch);
         let key = json!([named, truth, settings.log, settings.robot, touch, place]).to_string();
-        let last = || LAST.lock().unwrap_or_else(PoisonError::into_inner);
-        if named.is_none_or(|_| last().as_ref().is_none_or(|last| last.key != key)) {
-            *last() = None; // before others take its place in memory
-        }
-        let kept = last().clone();
+        let is_same = |last: &Arc<Self>| named.is_some() && last.key == key;
+        let kept = {
+            let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
+            *last = last.take().filter(is_same); // before others take its place in memory
+            last.clone()
+        };
         if let Some(followed) = kept {
             settings.touch.clone_from(&followed.touch);
             followed.told.iter().for_each(|told| progress.tell(told.clone()));
@@ -64,7 +70,9 @@ impl Followed {
         let (touch, told) = (settings.touch.clone(), progress.told());
         let tracked = Arc::new(tracked);
         let followed = Arc::new(Self { key, recorded, touches, tracked, touch, told });
-        *last() = named.map(|_| Arc::clone(&followed));
+        if named.is_some() {
+            *LAST.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&followed));
+        }
         Ok(followed)
     }
 }

@@ -122,7 +122,7 @@ def test_refusals_say_what_was_wanted(predictor: palpate.PathPredictor) -> None:
         (np.zeros((3, 6)), r"\(3, 6\); wanted one path, \(P, 7\)"),
         ([np.zeros((3, 7)), np.zeros((0, 7))], r"paths\[1\]` is \(0, 7\)"),
         (np.zeros((2, 2, 2, 7)), "paths"),
-        (5.0, "no path"),
+        (5.0, "cannot be read as numbers"),
         (np.full((2, 7), np.nan), "not finite"),
     ):
         with pytest.raises(ValueError, match=said):
@@ -131,6 +131,8 @@ def test_refusals_say_what_was_wanted(predictor: palpate.PathPredictor) -> None:
         cost.torque_at(q)
     with pytest.raises(ValueError, match="wanted 'peak' or 'work'"):
         FieldCost(predictor, "force")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="max_torque"):
+        cost.limit(np.zeros((2, 7)), float("nan"))
     with pytest.raises(ValueError, match="step_rad"):
         FieldCost(predictor, step_rad=0.0)
     with pytest.raises(ValueError, match=r"\(6,\)"):
@@ -198,6 +200,15 @@ def test_needs_ompl_its_objective_gives_a_path_the_cost_of_its_pieces(
         assert path.cost(target).value() == pytest.approx(joined(pieces.tolist()))
 
 
+def test_needs_ompl_a_motion_back_has_a_cost_of_its_own(
+    space: Any, predictor: palpate.PathPredictor, pushes: list[Array]
+) -> None:
+    si, state = space
+    target = objective(FieldCost(predictor, "work"), si)
+    there, back = (target.motionCost(*map(state, ends)).value() for ends in (pushes[0][[0, -1]], pushes[0][[-1, 0]]))
+    assert there != back and not target.isSymmetric()
+
+
 def test_needs_ompl_what_is_valid_is_what_keeps_to_the_limit(
     space: Any, predictor: palpate.PathPredictor, pushes: list[Array]
 ) -> None:
@@ -259,3 +270,6 @@ def test_needs_ompl_a_plan_of_guesses_costs_no_more_than_any_of_them(
     cost = FieldCost(predictor)
     found = plan(cost, start, goal, robot.limits, guesses=guesses, seconds=0.5, length_weight=0.0, batch=2)
     assert found is not None and found.cost <= min(cost.cost(guesses))
+    narrow = np.stack([np.minimum(start, goal), np.maximum(start, goal)], axis=1)
+    with pytest.raises(ValueError, match="one of `guesses` is outside"):
+        plan(cost, start, goal, narrow, guesses=guesses)

@@ -17,7 +17,7 @@ import pytest
 
 import palpate
 import palpate.ray
-from palpate import _palpate, _tasks, _workers
+from palpate import _files, _palpate, _tasks, _workers
 from palpate._kept import Kept
 from palpate.results import Evaluation
 
@@ -189,6 +189,68 @@ def test_a_log_is_read_and_followed_once_for_many_settings(logs: dict[str, Path]
             palpate.evaluate(log, reuse="a", settings=other, **keywords)
     with pytest.raises(palpate.LogError):
         palpate.evaluate(log, reuse="b", **keywords)
+
+
+@pytest.mark.parametrize("is_far", [True, False])
+def test_needs_ray_large_files_are_sent_to_other_computers_only(
+    cluster: Any, logs: dict[str, Path], found: Any, is_far: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(logs["two"], tmp_path / "two")
+    monkeypatch.setattr(_workers, "_SENT_BYTES", 100)
+    monkeypatch.setattr(_workers, "_is_far", lambda ray: is_far)
+    of = _workers._Stored.of
+
+    def of_and_remove(self: Any, task: Any) -> Any:
+        listed = of(self, task)
+        shutil.rmtree(tmp_path / "two")
+        return listed
+
+    monkeypatch.setattr(_workers._Stored, "of", of_and_remove)
+    [run] = evaluate([tmp_path / "two"], True)
+    if is_far:
+        assert run.get()["methods"] == found["two", "0"]
+    else:
+        assert run.error is not None and "was not sent to it" in run.error
+
+
+def test_what_is_reused_is_of_the_same_log_the_same_options_and_the_same_robot(
+    logs: dict[str, Path], robot: palpate.Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = {"rad": palpate.open_log(logs["two"]), "deg": palpate.open_log(logs["two"], angle_unit="deg")}
+    coarse = palpate.Robot(bake_spacing_m=0.01)
+    alone = [
+        palpate.evaluate(log, arm, methods=["map"], tune=False)["methods"]
+        for log, arm in ((opened["rad"], robot), (opened["deg"], robot), (opened["rad"], coarse))
+    ]
+    assert alone[0] != alone[1] != alone[2] != alone[0]
+    several: dict[str, Any] = {"methods": ["map"], "tune": False}
+    runs = rows(evaluate(opened, Here(), robot=robot, **several))
+    assert [runs["rad", "0"], runs["deg", "0"]] == alone[:2]
+    assert rows(evaluate({"rad": opened["rad"]}, Here(), robot=coarse, **several)) == {("rad", "0"): alone[2]}
+    # Of logs that only workers see, the one who asks knows no more than the paths.
+    monkeypatch.setattr(_tasks, "Files", lambda paths: _files.Files([]))
+    unseen = rows(evaluate(logs, Here()))
+    assert unseen["one", "0"] != unseen["two", "0"]
+
+
+def test_a_log_in_linked_folders_is_seen_whole(logs: dict[str, Path], tmp_path: Path) -> None:
+    (tmp_path / "log").mkdir()
+    for touch in logs["one"].iterdir():
+        (tmp_path / "log" / touch.name).symlink_to(touch)
+    (tmp_path / "log" / "loop").symlink_to(tmp_path / "log")
+    seen = {file.path for file in _files.Files([str(tmp_path / "log")]).each}
+    assert len(seen) == 6 and all(path.startswith(str(tmp_path / "log" / "seq_")) for path in seen)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "error", "words"),
+    [({"cluster": 5}, TypeError, "has `submit`"), ({"timeout": -1.0}, ValueError, "more than 0 s")],
+)
+def test_what_cannot_be_followed_is_told_before_any_work(
+    logs: dict[str, Path], keywords: dict[str, Any], error: type[Exception], words: str
+) -> None:
+    with pytest.raises(error, match=words):
+        palpate.ray.evaluate(logs, **keywords)
 
 
 def test_needs_ray_files_come_to_workers_that_do_not_have_them(

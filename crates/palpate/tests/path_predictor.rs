@@ -7,9 +7,9 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 use palpate::{
-    Arm, BakeConfig, CLUSTER_WEIGHT, EstimatorKind, Gravity, Lattice, MAX_POINTS, Mapper,
-    MapperConfig, PathConfig, PathError, PathPrediction, PathPredictor, Predictor, Robot, Sample,
-    Tare,
+    Arm, BakeConfig, BandQuantiles, CLUSTER_WEIGHT, Calibration, EstimatorKind, Gravity, Lattice,
+    MAX_POINTS, Mapper, MapperConfig, PathConfig, PathError, PathPrediction, PathPredictor,
+    Predictor, Robot, Sample, Tare,
 };
 use scene::{collision, config, gantry_urdf};
 
@@ -269,6 +269,26 @@ fn a_predictor_of_the_field_alone_says_what_the_mappers_does() {
         let of_field = PathPredictor::of_field(&arm(), &mapper.field(), 5.0, cluster_weight);
         let of_mapper = mapper.coarse_path_predictor(cluster_weight).ask(&path, &EVERY_POINT);
         assert_eq!(of_field.unwrap().ask(&path, &EVERY_POINT).unwrap(), of_mapper.unwrap());
+    }
+}
+
+#[test]
+fn bands_are_those_of_the_arm_that_learnt_the_field() {
+    let mut field = learnt().field();
+    let bands = |joints: usize| Calibration {
+        floor_n_m: vec![0.1; joints],
+        by_torque: 0.2,
+        by_std: 0.1,
+        untouched_std_n_per_m: 5.0,
+        touches: 9,
+        quantiles: vec![BandQuantiles { level: 0.9, frame: 1.0, peak: 1.0 }],
+        misfits: Vec::new(),
+    };
+    for (joints, has_bands) in [(3, true), (7, false)] {
+        field.calibration = Some(bands(joints));
+        let predictor = PathPredictor::of_field(&arm(), &field, 5.0, 1.0).unwrap();
+        let answer = predictor.ask(&push(0.01, 20), &EVERY_POINT).unwrap();
+        assert_eq!(answer.half_width(0.9).is_some(), has_bands);
     }
 }
 

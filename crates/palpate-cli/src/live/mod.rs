@@ -178,7 +178,8 @@ fn period() -> impl Fn(&str) -> Result<f64, String> + Clone {
 }
 
 impl Args {
-    /// Refuses names that are none, and a result that cannot be written or would replace what is read or was learnt before.
+    /// Refuses rules for names that cannot be followed, and a result that cannot be written or would replace what is read
+    /// or was learnt before.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         self.names()?;
         let mut places = Places::read(&self.settings, settings, &[]);
@@ -216,6 +217,15 @@ impl Args {
         Ok(NetworkProcess::new(network_command, config, joints, flag))
     }
 
+    /// The topic of the joint states, if it is known which.
+    fn joint_states(&self) -> Result<Option<String>, CliError> {
+        let names = self.names()?;
+        Ok(match &self.joint_states {
+            Some(topic) => Some(names.of(topic)),
+            None => names.renamed("/joint_states"),
+        })
+    }
+
     fn names(&self) -> Result<Names, CliError> {
         Names::new(&self.remap).map_err(|error| CliError::Usage(format!("--remap: {error}")))
     }
@@ -233,7 +243,7 @@ impl Args {
             ("robot", Value::Text(settings.robot.name().to_owned()), "the robot (--robot)"),
             (
                 "joint_states",
-                text(self.joint_states.clone()),
+                text(self.joint_states().ok().flatten()),
                 "topic of the joint states; empty: the only one there is",
             ),
             ("output", text(field), "file of the field; empty: it is not kept"),
@@ -270,6 +280,7 @@ impl Args {
             return Ok(None);
         }
         output.note(&format!("waiting for the robot's description on {topic}"));
+        let topic = self.names()?.of(&topic);
         let network = self.network_of(Vec::new())?;
         let urdf = network.description(&topic, interrupt::pressed);
         if interrupt::pressed() {
@@ -442,7 +453,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let over = || interrupt::pressed() || ends.is_some_and(|ends| Instant::now() >= ends);
     let stop = || told.looks_wrong() || over();
     let config = LiveConfig {
-        joint_states: args.joint_states.clone(),
+        joint_states: args.joint_states()?,
         queue: args.queue as usize,
         checkpoint: args.checkpoint(),
         view: feed,

@@ -12,7 +12,7 @@
 //! | other    | neither                                                            |              |
 //!
 //! A touch that repeats one that the field has learnt ([`repeated`]) contradicts it where its torques differ from those of
-//! then by more than a quarter, however well the field predicts either.
+//! then by more than a quarter and by more than noise, however well the field predicts either.
 //!
 //! Where the arm touches little that the field knows, and repeats nothing, nothing is said.
 
@@ -38,12 +38,16 @@ const MOSTLY_KNOWN: f64 = 0.6;
 const PREDICTS_NOTHING: f64 = 0.25;
 /// Of the squared error beyond noise, what a factor may leave of it.
 const LEAVES: f64 = 0.5;
+/// The same of a factor that leaves no doubt.
+const LEAVES_EXACTLY: f64 = 0.02;
 /// Of what the best factor leaves, what a motion may leave.
 const LEAVES_MOVED: f64 = 0.9;
 /// No misfit counts as smaller.
 const LEAST_MISFIT: f64 = 1e-3;
 /// Held-out touches of which misfits are known, at least.
 const FEWEST: usize = 3;
+/// A squared error of so many times the noise may be noise, of which the start of a touch does not tell enough.
+const NOISE: f64 = 1.5;
 /// The share of the torque by which a repeated touch may differ from the one that it repeats.
 const REPEATS: f64 = 0.25;
 /// Frames of a touch by which motions are compared, about.
@@ -88,9 +92,9 @@ pub struct Comparison {
     /// Share of the contacts that the field knows.
     pub known: f64,
     /// Their misfit ([`Calibration::misfits`]), over that which would contradict the field: above 1 they do. Of touches that
-    /// repeat learnt ones, their difference from these over that which would.
+    /// repeat learnt ones, their difference from these over that which would; the larger one, if only some do.
     pub contradiction: f64,
-    /// The learnt touches that these repeat, if all of them do.
+    /// The learnt touches that these repeat.
     pub repeats: Vec<String>,
     /// What has changed.
     #[serde(flatten)]
@@ -111,7 +115,7 @@ pub struct RelativeErrors {
     pub scaled: Option<f64>,
     /// After the best motion.
     pub moved: Option<f64>,
-    /// Of what was felt in the touches that these repeat, if all of them repeat some.
+    /// Of what was felt in the touches that are repeated.
     pub repeated: Option<f64>,
 }
 
@@ -147,7 +151,7 @@ pub fn compare(
         .filter(|own| own.misfits.len() >= FEWEST && own.check(tracked.n_joints).is_ok());
     let calibration = calibration.ok_or(LearnError::NoBands)?;
     let learnt = learnt.map(|own| Learnt::new(arm, own, field, calibration.untouched_std_n_per_m));
-    let beside = Beside::of(tracked, field, calibration).repeating(arm, learnt.as_ref());
+    let beside = Beside::of(tracked, field, calibration).repeating(arm, learnt.as_ref(), stop)?;
     let all: Vec<usize> = (0..tracked.touches.len()).collect();
     let each = all.iter().map(|touch| beside.compare(&[*touch], stop));
     Ok((each.collect::<Result<_, _>>()?, beside.compare(&all, stop)?))
@@ -176,63 +180,63 @@ impl<'a> Beside<'a> {
     }
 
     /// The same, with what its touches repeat.
-    fn repeating(mut self, arm: &Arm, learnt: Option<&Learnt>) -> Self {
+    fn repeating(
+        mut self,
+        arm: &Arm,
+        learnt: Option<&Learnt>,
+        stop: Stop<'_>,
+    ) -> Result<Self, LearnError> {
         if let Some(learnt) = learnt {
             let touches = self.tracked.touches.par_iter().zip(&self.predicted);
             let of = |(touch, predicted): (&TrackedTouch, &Vec<PredictedFrame>)| {
-                learnt.repeated(arm, touch, predicted)
+                learnt.repeated(arm, touch, predicted, stop)
             };
-            self.repeated = touches.map(of).collect();
+            self.repeated = touches.map(of).collect::<Result<_, _>>()?;
         }
-        self
+        Ok(self)
     }
 
     fn compare(&self, touches: &[usize], stop: Stop<'_>) -> Result<Comparison, LearnError> {
         let in_contact = |touch: &usize| self.tracked.touches[*touch].in_contact();
         let known = self.rows.known(touches.iter().flat_map(in_contact));
-        let predicted: Vec<&Vec<PredictedFrame>> =
-            touches.iter().map(|touch| &self.predicted[*touch]).collect();
-        let repeated: Option<Vec<&Repeated>> =
-            touches.iter().map(|touch| self.repeated[*touch].as_ref()).collect();
+        let predicted = |touch: &usize| &self.predicted[*touch];
         let noise = self.tracked.noise_std(touches).iter().map(|std| std * std).sum::<f64>();
-        let sums = Sums::of(predicted.iter().copied().flatten(), noise);
+        let sums = Sums::of(touches.iter().flat_map(predicted), noise);
+        let repeated: Vec<&Repeated> =
+            touches.iter().filter_map(|touch| self.repeated[*touch].as_ref()).collect();
         // Both touches have noise.
-        let again = repeated
-            .as_ref()
-            .map(|them| Sums::of(them.iter().flat_map(|repeated| &repeated.frames), 2.0 * noise));
-        let contradiction = match &again {
-            Some(again) => {
-                again.beyond(again.error).sqrt() / (REPEATS * again.predicted.sqrt()).max(1e-9)
-            }
-            None => self.contradiction(&predicted),
-        };
-        let names = repeated.iter().flatten().map(|repeated| repeated.name.clone());
-        let error = RelativeErrors {
-            field: sums.relative(sums.error),
-            scaled: None,
-            moved: None,
-            repeated: again.as_ref().and_then(|again| again.relative(again.error)),
-        };
+        let again = Sums::of(repeated.iter().flat_map(|own| &own.frames), 2.0 * noise);
+        let others = touches.iter().filter(|touch| self.repeated[**touch].is_none());
+        let others: Vec<&Vec<PredictedFrame>> = others.map(predicted).collect();
+        let contradictions = [again.differs() / REPEATS, self.contradiction(&others)];
+        let contradiction = contradictions[0].max(contradictions[1]);
         let mut comparison = Comparison {
             known,
             contradiction,
-            repeats: names.collect(),
+            repeats: repeated.iter().map(|repeated| repeated.name.clone()).collect(),
             change: Change::Unchanged,
-            error,
+            error: RelativeErrors {
+                field: sums.relative(sums.error),
+                scaled: None,
+                moved: None,
+                repeated: again.relative(again.error),
+            },
             place: None,
         };
         let predicts = sums.scaled().0 > PREDICTS_NOTHING;
         let is_little =
             known < LEAST_KNOWN || (contradiction > 1.0 && known < MOSTLY_KNOWN && predicts);
-        if again.is_none() && is_little {
+        if repeated.is_empty() && is_little {
             comparison.change = Change::Unknown;
         } else if contradiction > 1.0 {
-            self.explain(&mut comparison, (touches, &sums), again.as_ref(), stop)?;
+            let again = (contradictions[0] > 1.0).then_some(&again);
+            self.explain(&mut comparison, (touches, &sums), again, stop)?;
         }
         Ok(comparison)
     }
 
-    /// Finds what has changed, of touches that contradict the field; `again` are their sums beside what they repeat.
+    /// Finds what has changed, of touches that contradict the field; `again` are their sums beside the touches that they
+    /// repeat, if they contradict these.
     fn explain(
         &self,
         comparison: &mut Comparison,
@@ -260,10 +264,11 @@ impl<'a> Beside<'a> {
         let scaled = left + sums.error - own.error;
         let is_known = comparison.known >= MOSTLY_KNOWN;
         let fits = sums.change((motion, moved), (factor, scaled), is_known);
-        // Where the field predicts too badly to tell, what was felt before does.
-        comparison.change = match again {
-            Some(again) if fits == Change::Other => again.scaled_only(),
-            _ => fits,
+        // Torques along the same paths tell a factor better than those that the field predicts, but no motion.
+        let by_a_factor = |leaves: f64| again.and_then(|again| again.by_a_factor(leaves));
+        comparison.change = match fits {
+            Change::Moved(_) => by_a_factor(LEAVES_EXACTLY).unwrap_or(fits),
+            _ => by_a_factor(LEAVES).unwrap_or(fits),
         };
         comparison.error.scaled = sums.relative(scaled);
         comparison.error.moved = sums.relative(moved);
@@ -377,12 +382,20 @@ impl Sums {
         }
     }
 
-    /// The same without a motion.
-    fn scaled_only(&self) -> Change {
+    /// The change by a factor, if one leaves at most such a share of the error.
+    fn by_a_factor(&self, leaves: f64) -> Option<Change> {
         let (factor, scaled) = self.scaled();
-        match self.beyond(scaled) > LEAVES * self.beyond(self.error) {
-            true => Change::Other,
-            false => Change::by(factor),
+        let fits = self.beyond(scaled) <= leaves * self.beyond(self.error);
+        fits.then(|| Change::by(factor))
+    }
+
+    /// The error beyond noise over the torque, or over the noise where that is larger; 0 of an error that may be noise.
+    fn differs(&self) -> f64 {
+        let beyond = self.error - NOISE * self.noise;
+        if beyond > 0.0 {
+            (beyond / self.predicted.max(self.noise / REPEATS.powi(2))).sqrt()
+        } else {
+            0.0
         }
     }
 

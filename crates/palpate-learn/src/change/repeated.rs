@@ -12,6 +12,7 @@ use nalgebra::{DVector, Isometry3};
 use palpate::{Arm, Field};
 
 use crate::calibrate::PredictedFrame;
+use crate::error::{LearnError, Stop, unless_stopped};
 use crate::field_rows::FieldRows;
 use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
 
@@ -58,10 +59,8 @@ impl Learnt {
                 beyond: some.iter().map(beyond).collect(),
             }
         };
-        Self {
-            touches: tracked.touches.iter().map(of).collect(),
-            close_m: field.lattice.spacing_m(),
-        }
+        let touches = tracked.touches.iter().filter(|touch| !touch.frames.is_empty());
+        Self { touches: touches.map(of).collect(), close_m: field.lattice.spacing_m() }
     }
 
     /// The learnt touch along whose path a touch goes where it is in contact, if there is one; `predicted` is what the
@@ -71,17 +70,26 @@ impl Learnt {
         arm: &Arm,
         touch: &TrackedTouch,
         predicted: &[PredictedFrame],
-    ) -> Option<Repeated> {
+        stop: Stop<'_>,
+    ) -> Result<Option<Repeated>, LearnError> {
+        if predicted.is_empty() {
+            return Ok(None);
+        }
         let every = every(predicted.len());
         let now: Vec<_> =
             touch.in_contact().step_by(every).map(|frame| poses(arm, &frame.q)).collect();
-        let matches = self.touches.iter().map(|learnt| (learnt, matched(arm, &now, &learnt.poses)));
+        let matches = self.touches.iter().map(|learnt| {
+            unless_stopped(stop)?;
+            Ok((learnt, matched(arm, &now, &learnt.poses)))
+        });
+        let matches: Vec<_> = matches.collect::<Result<_, LearnError>>()?;
         let sum =
             |matches: &[(usize, f64)]| matches.iter().map(|(_, apart_m)| apart_m).sum::<f64>();
-        let (learnt, matches) = matches.min_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))?;
+        let nearest = matches.iter().min_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)));
+        let Some((learnt, matches)) = nearest else { return Ok(None) };
         let close = matches.iter().filter(|(_, apart_m)| *apart_m <= self.close_m).count();
-        if matches.is_empty() || (close as f64) < CLOSE * matches.len() as f64 {
-            return None;
+        if (close as f64) < CLOSE * matches.len() as f64 {
+            return Ok(None);
         }
         let expected = |(number, frame): (usize, &PredictedFrame)| {
             let beyond = &learnt.beyond[matches[number / every].0];
@@ -90,7 +98,7 @@ impl Learnt {
             PredictedFrame { torque: torque.collect(), ..frame.clone() }
         };
         let frames = predicted.iter().enumerate().map(expected).collect();
-        Some(Repeated { name: learnt.name.clone(), frames })
+        Ok(Some(Repeated { name: learnt.name.clone(), frames }))
     }
 }
 

@@ -2,8 +2,26 @@
 
 use serde::{Deserialize, Serialize};
 
-/// palpate's own topics and services, which it does not listen to.
-const OWN: &str = "/palpate/";
+/// What palpate publishes and offers, which it does not listen to.
+const OWN: [&str; 14] = [
+    "/palpate/torque_external",
+    "/palpate/torque_predicted",
+    "/palpate/torque_std",
+    "/palpate/touched",
+    "/palpate/contacts",
+    "/palpate/field",
+    "/palpate/wrench",
+    "/palpate/stop",
+    "/palpate/guard",
+    "/palpate/tare",
+    "/palpate/reset",
+    "/palpate/save",
+    "/palpate/ask",
+    "/diagnostics",
+];
+/// Other topics of which palpate knows the name.
+const OTHERS: [&str; 4] =
+    ["/joint_states", "/robot_description", "/clock", "/trajectory_execution_event"];
 
 /// Rules by which names change.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -27,7 +45,7 @@ impl Names {
     ///
     /// # Errors
     ///
-    /// Which rule is none, and what is wanted.
+    /// Which rule cannot be followed, and what is wanted.
     pub fn new(rules: &[String]) -> Result<Self, String> {
         let mut names = Self::default();
         let mut topics = Vec::new();
@@ -36,48 +54,73 @@ impl Names {
                 rule.split_once(":=").filter(|(from, to)| !from.is_empty() && !to.is_empty());
             let Some((from, to)) = parts else {
                 return Err(format!(
-                    "`{rule}` is no rule; wanted FROM:=TO, such as /palpate/stop:=/arm/stop, __node:=NAME or \
-                     __ns:=/NAMESPACE"
+                    "`{rule}` does not say from which name to which; wanted FROM:=TO, such as \
+                     /palpate/stop:=/arm/stop, __node:=NAME or __ns:=/NAMESPACE"
                 ));
             };
             match from {
                 "__node" | "__name" => names.node = to.to_owned(),
                 "__ns" if to.starts_with('/') => {
-                    names.namespace = to.trim_end_matches('/').to_owned()
+                    names.namespace = to.trim_end_matches('/').to_owned();
                 }
                 "__ns" => return Err(format!("`{rule}`: a namespace begins with `/`")),
-                _ => topics.push((from, to)),
+                _ => topics.push((rule, from, to)),
             }
         }
-        names.rules = topics
-            .into_iter()
-            .map(|(from, to)| (names.absolute(from), names.absolute(to)))
-            .collect();
+        for (rule, from, to) in topics {
+            let from = match from.strip_prefix("~/") {
+                Some(own) => names.in_namespace(&format!("palpate/{own}")),
+                None => names.absolute(from),
+            };
+            let known = OWN.iter().chain(&OTHERS).map(|name| names.of_palpate(name));
+            if !known.clone().any(|name| name == from) {
+                let known: Vec<String> = known.collect();
+                return Err(format!(
+                    "`{rule}`: palpate has no name `{from}`; it has {}",
+                    known.join(", ")
+                ));
+            }
+            names.rules.push((from, names.absolute(to)));
+        }
         Ok(names)
     }
 
-    /// A name in the node's namespace, unless it is absolute.
+    /// A name as it is from the root.
     fn absolute(&self, name: &str) -> String {
-        match name.starts_with('/') {
-            true => name.to_owned(),
-            false => format!("{}/{name}", self.namespace),
+        match (name.strip_prefix("~/"), name.starts_with('/')) {
+            (Some(own), _) => self.in_namespace(&format!("{}/{own}", self.node)),
+            (None, true) => name.to_owned(),
+            (None, false) => self.in_namespace(name),
         }
     }
 
-    /// What a topic or service of palpate's is called.
-    pub fn of(&self, name: &str) -> String {
-        let name = match name.strip_prefix('/') {
-            Some(relative) if name.starts_with(OWN) => self.absolute(relative),
-            _ => name.to_owned(),
-        };
-        let rule = self.rules.iter().find(|(from, _)| *from == name);
-        rule.map_or(name, |(_, to)| to.clone())
+    fn in_namespace(&self, name: &str) -> String {
+        format!("{}/{name}", self.namespace)
     }
 
-    /// Whether palpate publishes on a topic, this one or another, so that it is no robot's.
+    /// A name of palpate's before the rules.
+    fn of_palpate(&self, name: &str) -> String {
+        match name.strip_prefix('/') {
+            Some(relative) if name.starts_with("/palpate/") => self.in_namespace(relative),
+            _ => name.to_owned(),
+        }
+    }
+
+    /// What a topic or service is called.
+    pub fn of(&self, name: &str) -> String {
+        self.renamed(name).unwrap_or_else(|| self.of_palpate(name))
+    }
+
+    /// What a topic or service is called by a rule, if there is one for it.
+    pub fn renamed(&self, name: &str) -> Option<String> {
+        let name = self.of_palpate(name);
+        let rule = self.rules.iter().find(|(from, _)| *from == name);
+        rule.map(|(_, to)| to.clone())
+    }
+
+    /// Whether a topic is one that palpate publishes, this one or another, so that it is no robot's.
     pub(super) fn are_own(&self, topic: &str) -> bool {
-        let is_ours = |(from, to): &(String, String)| to == topic && from.contains(OWN);
-        topic.contains(OWN) || self.rules.iter().any(is_ours)
+        OWN.iter().any(|own| topic.ends_with(own) || self.of(own) == topic)
     }
 }
 
@@ -95,11 +138,13 @@ mod tests {
             "__ns:=/left",
             "__node:=hand",
             "palpate/stop:=/safety/stop",
+            "~/guard:=~/why",
             "/diagnostics:=diag",
         ]);
         let names = names.unwrap();
         for (name, wanted) in [
             ("/palpate/stop", "/safety/stop"),
+            ("/palpate/guard", "/left/hand/why"),
             ("/palpate/field", "/left/palpate/field"),
             ("/diagnostics", "/left/diag"),
             ("/joint_states", "/joint_states"),
@@ -108,15 +153,21 @@ mod tests {
         }
         assert_eq!((&*names.node, &*names.namespace), ("hand", "/left"));
         assert!(names.are_own("/safety/stop") && names.are_own("/right/palpate/torque_external"));
-        assert!(!names.are_own("/left/diag") && !names.are_own("/joint_states"));
+        assert!(names.are_own("/left/diag") && !names.are_own("/lab/palpate/joint_states"));
+        assert_eq!(names.renamed("/joint_states"), None);
         assert_eq!(Names::default().of("/palpate/stop"), "/palpate/stop");
     }
 
     #[test]
-    fn what_is_no_rule_is_told_with_what_is_wanted() {
-        for rule in ["/a", "/a:=", ":=/b", "__ns:=left"] {
+    fn a_rule_that_cannot_be_followed_is_told_with_what_is_wanted() {
+        for rule in ["/a", "/a:=", ":=/b", "__ns:=left", "/palpate/stpo:=/stop"] {
             let error = names(&[rule]).unwrap_err();
             assert!(error.contains(rule) && error.contains('/'), "{error}");
         }
+        assert!(
+            names(&["/palpate/stpo:=/stop"]).unwrap_err().contains("it has /palpate/torque_ext")
+        );
+        let arm = names(&["/joint_states:=/arm/joint_states"]).unwrap();
+        assert_eq!(arm.of("/joint_states"), "/arm/joint_states");
     }
 }

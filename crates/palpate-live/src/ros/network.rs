@@ -57,7 +57,7 @@ pub enum NetworkError {
         "DDS domain {domain} cannot be joined: {why}; is there a network interface, and is the domain from 0 to 232?"
     )]
     Join { domain: u16, why: String },
-    #[error("`{topic}` is no name in ROS: {why}")]
+    #[error("`{topic}` cannot be a name in ROS: {why}")]
     Name { topic: String, why: String },
     #[error("`{topic}` cannot be opened: {why}")]
     Open { topic: String, why: String },

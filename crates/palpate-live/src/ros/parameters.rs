@@ -16,6 +16,9 @@ use serde::{Deserialize, Serialize};
 
 use super::network::{Network, NetworkError};
 
+/// Parameters that a request is answered about.
+const MOST: usize = 256;
+
 /// What a parameter holds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[allow(missing_docs)] // the types are the names
@@ -99,11 +102,17 @@ impl Parameters {
             let _ = self.list.send_response(id, ListParametersResponse { result });
         }
         while let Ok(Some((id, asked))) = self.describe.receive_request() {
-            let values = asked.names.iter().map(|name| descriptor(name, self.find(name))).collect();
+            let values = asked
+                .names
+                .iter()
+                .take(MOST)
+                .map(|name| descriptor(name, self.find(name)))
+                .collect();
             let _ = self.describe.send_response(id, DescribeParametersResponse { values });
         }
         while let Ok(Some((id, asked))) = self.set.receive_request() {
-            let results = asked.parameter.iter().map(|wanted| self.set(wanted)).collect();
+            let results =
+                asked.parameter.iter().take(MOST).map(|wanted| self.set(wanted)).collect();
             let _ = self.set.send_response(id, SetParametersResponse { results });
         }
         while let Ok(Some((id, asked))) = self.set_atomically.receive_request() {
@@ -119,8 +128,10 @@ impl Parameters {
         self.all.iter().find(|parameter| parameter.name == name)
     }
 
+    /// Of so many of the names as anybody would ask about.
     fn each<T>(&self, names: &[String], of: impl Fn(Option<&Value>) -> T) -> Vec<T> {
-        names.iter().map(|name| of(self.find(name).map(|found| &found.value))).collect()
+        let names = names.iter().take(MOST);
+        names.map(|name| of(self.find(name).map(|found| &found.value))).collect()
     }
 
     /// Those with one of some prefixes: none of their names has parts.

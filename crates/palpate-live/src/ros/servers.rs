@@ -11,11 +11,12 @@ use super::network::{Network, NetworkError, parse};
 use super::parameters::{Parameter, Parameters};
 use super::wire::{Asked, FromNetwork, Request, Response, Trigger};
 use crate::message::{
-    AskTrajectoryRequest, AskTrajectoryResponse, TriggerRequest, TriggerResponse,
+    AskTrajectoryRequest, AskTrajectoryResponse, JointTrajectory, TriggerRequest, TriggerResponse,
 };
 
-/// Points of the longest trajectory that is handed on.
-const MOST_POINTS: usize = 10_000;
+/// Points and joints of the longest trajectory that is handed on: its answer takes half a megabyte.
+const MOST_POINTS: usize = 2_000;
+const MOST_JOINTS: usize = 64;
 
 /// What answers requests.
 pub(super) struct Servers {
@@ -83,16 +84,13 @@ impl Servers {
                 hand_on(FromNetwork::Asked(Asked { request: Request::Trigger(*trigger), id }));
             }
         }
-        while let Ok(Some((id, request))) = self.ask.receive_request() {
-            match request.trajectory.points.len() {
-                0..=MOST_POINTS => {
+        while let Ok(Some((id, mut request))) = self.ask.receive_request() {
+            match bounded(&mut request.trajectory) {
+                Ok(()) => {
                     let request = Request::Trajectory(Box::new(request));
                     hand_on(FromNetwork::Asked(Asked { request, id }));
                 }
-                found => {
-                    let message = format!(
-                        "the trajectory has {found} points, more than {MOST_POINTS}; ask in pieces"
-                    );
+                Err(message) => {
                     let refused =
                         AskTrajectoryResponse { message, ..AskTrajectoryResponse::default() };
                     self.answer(id, Response::Trajectory(Box::new(refused)));
@@ -112,4 +110,28 @@ impl Servers {
             Response::Trajectory(response) => drop(self.ask.send_response(id, *response)),
         }
     }
+}
+
+/// Leaves of a trajectory what is looked at.
+///
+/// # Errors
+///
+/// If it is too long.
+fn bounded(trajectory: &mut JointTrajectory) -> Result<(), String> {
+    let (points, joints) = (trajectory.points.len(), trajectory.joint_names.len());
+    if points > MOST_POINTS || joints > MOST_JOINTS {
+        return Err(format!(
+            "the trajectory has {points} points of {joints} joints, more than {MOST_POINTS} of {MOST_JOINTS}; ask in pieces"
+        ));
+    }
+    for (number, point) in trajectory.points.iter_mut().enumerate() {
+        if point.positions.len() != joints {
+            return Err(format!(
+                "point {number} (from 0) has {} positions for {joints} joint names",
+                point.positions.len()
+            ));
+        }
+        (point.velocities, point.accelerations, point.effort) = (vec![], vec![], vec![]);
+    }
+    Ok(())
 }

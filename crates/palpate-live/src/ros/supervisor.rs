@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use super::network::{NetworkConfig, NetworkError};
 use super::parameters::Parameter;
 use super::publisher::FlagTopics;
+use super::topic::TopicSeen;
 use super::wire::{Frames, FromNetwork, ToNetwork, send};
 
 /// How long the process may take to join.
@@ -116,6 +117,18 @@ impl NetworkProcess {
         }
         *self.link() = Some(ours);
         Ok(listener)
+    }
+
+    /// What is said if time is that of a topic on which nobody tells it.
+    pub(crate) fn lacks_clock(&self, topics: &[TopicSeen]) -> Option<String> {
+        let name = self.config.names.of("/clock");
+        let lacks = self.config.sim_time && !topics.iter().any(|topic| topic.name == name);
+        lacks.then(|| {
+            format!(
+                "nobody publishes `{name}` yet, whose time is to be taken (--sim-time): joint states without a stamp \
+                 cannot be used until then"
+            )
+        })
     }
 
     /// Tells the process something; whether it could be told.

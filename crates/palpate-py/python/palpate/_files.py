@@ -20,7 +20,7 @@ class File:
     """A file as it is now."""
 
     path: str
-    """Without links and relative parts."""
+    """Absolute."""
     size: int
     changed_ns: int
 
@@ -55,15 +55,24 @@ def digest(plain: Any) -> str:
 def _files(paths: Iterable[str]) -> Iterator[File]:
     taken = set()
     for path in map(Path, paths):
-        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+        for file in sorted(_within(path)) if path.is_dir() else [path]:
             if file not in taken and file.is_file() and file.suffix.lower() not in _LEFT_OUT:
                 taken.add(file)
                 about = file.stat()
                 yield File(str(file), about.st_size, about.st_mtime_ns)
 
 
+def _within(folder: Path) -> Iterator[Path]:
+    """All files in a folder, through links, but no folder twice."""
+    seen: set[str] = set()
+    for at, folders, files in os.walk(folder, followlinks=True):
+        folders[:] = [name for name in folders if os.path.realpath(os.path.join(at, name)) not in seen]
+        seen.update(os.path.realpath(os.path.join(at, name)) for name in folders)
+        yield from (Path(at, name) for name in files)
+
+
 _Content = Any
-"""Bytes of a file, as something that has a buffer."""
+"""Bytes of a file, as something that has a buffer; None if whoever asks does not send it."""
 
 
 class _Copies:
@@ -81,6 +90,12 @@ class _Copies:
             self._folder = tempfile.TemporaryDirectory(prefix="palpate-")
             self._files = ()
             for file, content in zip(files, contents(), strict=True):
+                if content is None:
+                    raise FileNotFoundError(
+                        f"a worker does not see {file.path}, which was not sent to it: files of more than "
+                        "1 GiB together are sent only if the cluster has several computers when their "
+                        "first task begins; let all workers see them"
+                    )
                 copy = Path(self._folder.name + file.path)
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 copy.write_bytes(content)

@@ -53,6 +53,11 @@ class Task:
         del parts["threads"]
         return digest(parts)
 
+    def contacts(self) -> str:
+        """A digest of what the contacts along the touches depend on: tasks of one worker share them."""
+        sections = {name: keys for name, keys in self.settings.items() if name != "estimator"}
+        return digest([self.files.digest, self.log, sections, self.robot])
+
 
 class Maker:
     """Makes tasks with absolute paths; what they read is looked up once."""
@@ -154,7 +159,7 @@ def do(task: Task, bring: Callable[[], str] = str) -> Outcome:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", PalpateWarning)
             try:
-                before = bring()
+                before = _brought(bring)
                 result = _call(task, before)
             except (KeyboardInterrupt, SystemExit):
                 raise
@@ -165,7 +170,7 @@ def do(task: Task, bring: Callable[[], str] = str) -> Outcome:
             except BaseException as raised:  # a panic of what is compiled is no Exception
                 error = f"a fault of palpate, please report it: {type(raised).__name__}: {raised}"
         told = [str(one.message) for one in caught if issubclass(one.category, PalpateWarning)]
-        if (threads := _palpate.threads()) != task.threads:
+        if error is None and (threads := _palpate.threads()) != task.threads:
             told.append(
                 f"a worker works with {threads} threads, not {task.threads}: it was begun with these, and "
                 "cannot change it"
@@ -174,6 +179,15 @@ def do(task: Task, bring: Callable[[], str] = str) -> Outcome:
             error = None if error is None else error.replace(before, "")
             told = [text.replace(before, "") for text in told]
         return Outcome(result, error, time.perf_counter() - begun, told)
+
+
+def _brought(bring: Callable[[], str]) -> str:
+    try:
+        return bring()
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:  # one of Ray's own
+        raise PalpateError(f"its worker could not get the files: {type(error).__name__}: {error}") from error
 
 
 def _call(task: Task, before: str) -> dict[str, Any]:
@@ -203,4 +217,6 @@ def _call(task: Task, before: str) -> dict[str, Any]:
     keywords = {**task.options, "settings": settings, "progress": False}
     if task.what == "tune":
         return dict(tune(log, arm, **keywords))
-    return dict(evaluate(log, arm, reuse=before + task.files.digest, **keywords))
+    seen = Files(map(moved, paths)).digest  # the files may be those of this machine alone
+    reuse = digest([before, task.files.digest, seen, task.log, task.robot])
+    return dict(evaluate(log, arm, reuse=reuse, **keywords))

@@ -1,7 +1,7 @@
 """Who does tasks: processes of this machine, an executor, or a Ray cluster. Outcomes come as they are done.
 
 A worker that is lost takes nothing along: what it was doing is done again by another, up to `TRIES`
-times, after which the task has an outcome that says so. Only an executor sees to that itself.
+times, after which the task has an outcome that says so. What an executor does then is its own affair.
 """
 
 from __future__ import annotations
@@ -36,6 +36,9 @@ _LOST = f"its worker died {TRIES} times, for want of memory perhaps; see what th
 
 _LOOK_S = 2.0
 """How often it is looked whether waiting makes sense."""
+
+_BEGIN_S = 300.0
+"""How long the first process may take to start."""
 
 _PATIENCE_S = 30.0
 """How long a cluster may take to get a node that is large enough."""
@@ -101,7 +104,9 @@ def _in_a_pool(
 def _check(pool: ProcessPoolExecutor) -> None:
     """Raises RuntimeError if processes die before they could do anything."""
     try:
-        pool.submit(os.getpid).result()
+        pool.submit(os.getpid).result(_BEGIN_S)
+    except TimeoutError as error:
+        raise TimeoutError(f"worker processes have not started within {_BEGIN_S:.0f} s") from error
     except BrokenProcessPool as error:
         raise RuntimeError(
             "worker processes die as they start, and print why; a script must call palpate.ray below "
@@ -219,7 +224,8 @@ def do_on_ray(task: Task, files: list[tuple[File, Any]]) -> Outcome:
 
     def bring() -> str:
         each = [file for file, _ in files]
-        return brought(each, lambda: (ray.get(content) for _, content in files))
+        contents = (content if content is None else ray.get(content) for _, content in files)
+        return brought(each, lambda: contents)
 
     return do(task, bring)
 
@@ -246,9 +252,11 @@ class _Stored:
         self._lists: dict[str, Any] = {}
 
     def of(self, task: Task) -> Any:
-        """Where Ray has the list of a task's files, each with where it has what is in it."""
+        """Where Ray has the list of a task's files, each with where it has what is in it, or None."""
         if task.files.digest not in self._lists:
-            files = [(file, self._content(file)) for file in task.files.each]
+            each = task.files.each
+            sent = sum(file.size for file in each) <= _SENT_BYTES or _is_far(self._ray)
+            files = [(file, self._content(file) if sent else None) for file in each]
             self._lists[task.files.digest] = self._ray.put(files)
         return self._lists[task.files.digest]
 
@@ -258,7 +266,11 @@ class _Stored:
         return self._contents[file]
 
     def _put(self, file: File) -> Any:
-        return self._ray.put(np.fromfile(file.path, dtype=np.uint8))
+        """Where Ray has what is in a file; None if it cannot have it, which matters only to who does not see it."""
+        try:
+            return self._ray.put(np.fromfile(file.path, dtype=np.uint8))
+        except (OSError, MemoryError, self._ray.exceptions.RayError):
+            return None
 
     def done(self, task: Task) -> None:
         """A task is done, and does not need its files any more."""
@@ -269,6 +281,15 @@ class _Stored:
                 self._users[file] -= 1
                 if not self._users[file]:
                     self._contents.pop(file, None)
+
+
+_SENT_BYTES = 1 << 30
+"""Files of a task that are sent in any case."""
+
+
+def _is_far(ray: Any) -> bool:
+    """Whether a cluster has several computers."""
+    return len({node["NodeManagerHostname"] for node in ray.nodes() if node["Alive"]}) > 1
 
 
 class _Size:

@@ -76,6 +76,8 @@ class FieldCost:
         (N,), or () of one path; -1 where it stays below. With `with_band`, the half-width of the torque's band is added to
         it; ValueError if the field has no bands.
         """
+        if not max_torque >= 0.0:
+            raise ValueError(f"`max_torque` is {max_torque}; wanted 0 N·m or more")
         several, one = self._several(paths)
         firsts = []
         for ends, _, answer in self._answers(several, inside):
@@ -118,7 +120,7 @@ class FieldCost:
             one = len(given) > 0 and np.ndim(given[0]) == 1
             several = [np.asarray(path, dtype=np.float64) for path in ([given] if one else given)]
         except (TypeError, ValueError):
-            raise ValueError(f"`paths` is no path; wanted one, (P, {n}), or several") from None
+            raise ValueError(f"`paths` cannot be read as numbers; wanted one path, (P, {n}), or several") from None
         for number, path in enumerate(several):
             name = "`paths`" if one else f"`paths[{number}]`"
             if path.ndim != 2 or path.shape[1] != n or len(path) == 0:
@@ -144,7 +146,11 @@ def with_view(field: Field, cloud: ArrayLike, viewpoint: ArrayLike) -> Field:
 
     `cloud` are the seen points of the object alone, (M, 3) m. Within 10 cm of their box, cells in front of them or
     beside them lose their stiffness: the camera saw that nothing is there. Cells behind them that were neither seen nor
-    touched get the mean stiffness of the touched cells that are left in the box. The new field has no memory.
+    touched get the mean stiffness of the touched cells that are left in the box. The new field has neither memory, bands nor
+    an elastic body.
+
+    Everything in that box must be in the picture, and nothing else may hide it, such as the arm: what the camera did not
+    see at all counts as seen to be empty.
     """
     seen, eye, lattice = np.asarray(cloud, dtype=np.float64), np.asarray(viewpoint, dtype=np.float64), field.lattice
     if seen.ndim != 2 or seen.shape[1] != 3 or not len(seen) or eye.shape != (3,):
@@ -224,9 +230,14 @@ def objective(cost: FieldCost, si: Any) -> Any:
     def combined(_: Any, a: Any, b: Any) -> Any:
         return base.Cost(max(a.value(), b.value()) if cost.by == "peak" else a.value() + b.value())
 
-    methods = {"motionCost": of_motion, "combineCosts": combined}
-    nothing = {"stateCost": lambda _, state: base.Cost(0.0), "identityCost": lambda _: base.Cost(0.0)}
-    return _made(base.OptimizationObjective, si, **methods, **nothing)
+    def nothing(*_: Any) -> Any:
+        return base.Cost(0.0)
+
+    def is_symmetric(_: Any) -> bool:
+        return False  # it costs more to push than to come back
+
+    whole = {"stateCost": nothing, "identityCost": nothing, "isSymmetric": is_symmetric}
+    return _made(base.OptimizationObjective, si, motionCost=of_motion, combineCosts=combined, **whole)
 
 
 def _made(base: Any, si: Any, **methods: Callable[..., Any]) -> Any:
@@ -262,7 +273,7 @@ def plan(
 ) -> Plan | None:
     """Plans a path from `start`, which is free of contact, to `goal`, both (n,) rad; None if no valid one was found.
 
-    `limits` (n, 2) rad are `Robot.limits`; no joint goes further than `margin_rad` beyond start and goal. `valid` is as
+    `limits` (n, 2) rad are `Robot.limits`; no joint goes further than `margin_rad` beyond start, goal and `guesses`. `valid` is as
     for `validity_checker`.
     For a third of `seconds`, RRT-Connect of OMPL searches paths below lower and lower torques; `guesses`, paths (P, n) from
     start to goal such as `Plan.via` by a faster cost, take the place of this search. Then these and the straight path are
@@ -276,10 +287,12 @@ def plan(
     if a.shape != (n,) or b.shape != (n,) or bounds.shape != (n, 2):
         shapes = f"{a.shape}, {b.shape}, {bounds.shape}"
         raise ValueError(f"`start`, `goal` and `limits` are {shapes}; wanted ({n},), ({n},), ({n}, 2)")
-    low = np.maximum(bounds[:, 0], np.minimum(a, b) - margin_rad)
-    high = np.minimum(bounds[:, 1], np.maximum(a, b) + margin_rad)
-    if not ((low <= np.minimum(a, b)) & (np.maximum(a, b) <= high)).all():
-        raise ValueError("`start` or `goal` is outside of `limits`")
+    given = [] if guesses is None else cost._several(list(guesses))[0]
+    known = np.concatenate([np.array([a, b]), *given])
+    if not ((bounds[:, 0] <= known) & (known <= bounds[:, 1])).all():
+        raise ValueError("`start`, `goal` or one of `guesses` is outside of `limits`")
+    low = np.maximum(bounds[:, 0], known.min(0) - margin_rad)
+    high = np.minimum(bounds[:, 1], known.max(0) + margin_rad)
 
     def allowed(path: _Array) -> bool:
         return valid is None or all(map(valid, cost.rows(path)))
@@ -292,7 +305,7 @@ def plan(
     if guesses is None:
         found = _connected(cost, straight, (low, high), valid, begun + seconds / 3)
     else:
-        found = [np.concatenate([[a], np.asarray(path, dtype=np.float64)[1:-1], [b]]) for path in guesses]
+        found = [np.concatenate([[a], path[1:-1], [b]]) for path in given]
     pool = sorted(((float(total([path])[0]), path, 0.3) for path in [straight, *found] if allowed(path)), key=_score)
     if not pool:
         return None

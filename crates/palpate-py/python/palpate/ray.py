@@ -1,7 +1,8 @@
 """`evaluate` and `tune` over many logs and settings, in local processes, on a Ray cluster or by an executor.
 
 Results come as they are done. With `keep`, finished work is kept and not done again, whatever happened
-in between. What a worker was doing when it was lost is done by another; an error ends its own run alone.
+in between. An error ends its own run alone. What a process or a worker of Ray was doing when it was lost is
+done by another; executors have rules of their own.
 
     import palpate.ray
 
@@ -107,8 +108,9 @@ def evaluate(
         "tune": tune,
     }
     options = [{**keywords, "share": (number, shares)} for number in range(shares)]
-    plan = _plan("evaluate", (logs, settings, robot), options, threads)
-    runs = _runs(plan, Kept(keep), (cluster, workers, timeout), progress)
+    pool = (cluster, workers, timeout)
+    plan = _plan("evaluate", (logs, settings, robot), options, threads, pool)
+    runs = _runs(plan, Kept(keep), pool, progress)
     return cast(Iterator[Run[Evaluation]], runs)
 
 
@@ -129,8 +131,9 @@ def tune(
 
     Arguments are those of `evaluate`; yields runs as they are done.
     """
-    plan = _plan("tune", (logs, settings, robot), [{"candidates": candidates}], threads)
-    return cast(Iterator[Run[Tuned]], _runs(plan, Kept(keep), (cluster, workers, timeout), progress))
+    pool = (cluster, workers, timeout)
+    plan = _plan("tune", (logs, settings, robot), [{"candidates": candidates}], threads, pool)
+    return cast(Iterator[Run[Tuned]], _runs(plan, Kept(keep), pool, progress))
 
 
 _Pool: TypeAlias = tuple[str | bool | Submits | None, int | None, float | None]
@@ -145,9 +148,17 @@ def _plan(
     given: tuple[_Logs, _Settings, Robot | _Path | None],
     options: list[dict[str, Any]],
     threads: int,
+    pool: _Pool,
 ) -> _Plan:
     if threads < 1:
         raise ValueError(f"`threads` is {threads}; wanted at least 1")
+    cluster, _, timeout = pool
+    if timeout is not None and not timeout > 0:
+        raise ValueError(f"`timeout` is {timeout}; wanted more than 0 s, or None")
+    if not (cluster is None or isinstance(cluster, (bool, str)) or callable(getattr(cluster, "submit", None))):
+        raise TypeError(
+            f"`cluster` is {cluster!r}; wanted an address, a bool, None, or an executor, which has `submit`"
+        )
     logs, settings, robot = given
     arm = robot if robot is None or isinstance(robot, Robot) else os.fspath(robot)
     choices = {name: given_settings(choice) for name, choice in _choices(settings).items()}
@@ -230,6 +241,10 @@ def _outcomes(
         if (outcome := kept.get(key)) is not None:
             del left[key]
             yield key, outcome
+    places: dict[str, int] = {}  # those that share contacts come one after the other
+    for task in left.values():
+        places.setdefault(task.contacts(), len(places))
+    left = dict(sorted(left.items(), key=lambda item: places[item[1].contacts()]))
     cluster, workers, timeout = pool
     if cluster is None:
         cluster = "RAY_ADDRESS" in os.environ or _is_connected()

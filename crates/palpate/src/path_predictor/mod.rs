@@ -245,7 +245,8 @@ impl PathPredictor {
         }
     }
 
-    /// A predictor by a field alone, for an arm, which need not be the one that learnt it: no path goes on.
+    /// A predictor by a field alone, for an arm, which need not be the one that learnt it: no path goes on. There are no
+    /// bands for an arm of another number of joints.
     ///
     /// `untouched_std_n_per_m` is the standard deviation of cells that the field does not know, N/m; with a
     /// `cluster_weight` above 1 springs stand for clusters, as in [`crate::Mapper::coarse_path_predictor`].
@@ -268,7 +269,11 @@ impl PathPredictor {
         let predictor = Self::new(&tracker, field.contact.clone(), springs);
         Ok(match field.elastic.as_deref() {
             Some(model) => predictor.with_body(model, ElasticTorque::new(arm, model)),
-            None => predictor.calibrated(field.calibration.clone()),
+            None => {
+                let n_joints = arm.robot.n_joints();
+                let fits = |own: &Calibration| own.check(n_joints).is_ok();
+                predictor.calibrated(field.calibration.clone().filter(fits))
+            }
         })
     }
 
