@@ -112,7 +112,7 @@ def test_time_of_a_simulation_is_taken_where_it_is_asked_for() -> None:
 
 def test_the_service_is_laid_out_as_on_the_wire() -> None:
     """As the peer on CycloneDDS has it, which palpate understands."""
-    peer = ast.parse((PACKAGE.parents[1] / "scripts/dds_robot.py").read_text())
+    peer = ast.parse((PACKAGE.parents[1] / "scripts/dds_messages.py").read_text())
     classes = {node.name: node for node in peer.body if isinstance(node, ast.ClassDef)}
     text = (PACKAGE / "srv" / "AskTrajectory.srv").read_text()
     for part, name in zip(text.split("---"), ("AskRequest", "AskResponse"), strict=True):

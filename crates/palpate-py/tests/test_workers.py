@@ -17,7 +17,7 @@ import pytest
 
 import palpate
 import palpate.ray
-from palpate import _files, _palpate, _tasks, _workers
+from palpate import _files, _on_ray, _palpate, _tasks, _workers
 from palpate._kept import Kept
 from palpate.results import Evaluation
 
@@ -79,7 +79,7 @@ def test_needs_submitit_its_jobs_do_the_tasks(logs: dict[str, Path], found: Any,
 def test_waiting_for_what_never_ends_is_an_error(
     logs: dict[str, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_workers, "_LOOK_S", 0.1)
+    monkeypatch.setattr(_workers, "LOOK_S", 0.1)
     with pytest.raises(TimeoutError, match="none of the 2 tasks under way has ended within 0.3 s"):
         list(evaluate(logs, Never(), timeout=0.3))
     # Time begins anew with every task that ends, and a sweep may take longer than that.
@@ -196,16 +196,16 @@ def test_needs_ray_large_files_are_sent_to_other_computers_only(
     cluster: Any, logs: dict[str, Path], found: Any, is_far: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(logs["two"], tmp_path / "two")
-    monkeypatch.setattr(_workers, "_SENT_BYTES", 100)
-    monkeypatch.setattr(_workers, "_is_far", lambda ray: is_far)
-    of = _workers._Stored.of
+    monkeypatch.setattr(_on_ray, "_SENT_BYTES", 100)
+    monkeypatch.setattr(_on_ray, "_is_far", lambda ray: is_far)
+    of = _on_ray._Stored.of
 
     def of_and_remove(self: Any, task: Any) -> Any:
         listed = of(self, task)
         shutil.rmtree(tmp_path / "two")
         return listed
 
-    monkeypatch.setattr(_workers._Stored, "of", of_and_remove)
+    monkeypatch.setattr(_on_ray._Stored, "of", of_and_remove)
     [run] = evaluate([tmp_path / "two"], True)
     if is_far:
         assert run.get()["methods"] == found["two", "0"]
@@ -256,7 +256,7 @@ def test_what_cannot_be_followed_is_told_before_any_work(
 def test_needs_ray_files_come_to_workers_that_do_not_have_them(
     cluster: Any, logs: dict[str, Path], found: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    put = _workers._Stored._put
+    put = _on_ray._Stored._put
 
     def put_and_remove(self: Any, file: Any) -> Any:
         stored = put(self, file)
@@ -274,7 +274,7 @@ def test_needs_ray_files_come_to_workers_that_do_not_have_them(
     shutil.copytree(tmp_path / "one", tmp_path / "broken")
     torques[50, 2] = np.nan
     np.save(tmp_path / "broken/seq_001/torques.npy", torques)
-    monkeypatch.setattr(_workers._Stored, "_put", put_and_remove)
+    monkeypatch.setattr(_on_ray._Stored, "_put", put_and_remove)
     runs = {
         run.log: run
         for run in evaluate([tmp_path / name for name in ("one", "broken")], True, robot=tmp_path / "arm/arm.urdf")
@@ -302,7 +302,7 @@ def test_needs_ray_one_function_and_as_many_tasks_as_a_cluster_can_do(
 
     monkeypatch.setattr(ray, "remote", counted)
     monkeypatch.setattr(ray, "wait", seen)
-    monkeypatch.setattr(_workers, "_QUEUED", 1)
+    monkeypatch.setattr(_workers, "QUEUED", 1)
     settings = [{"estimator": {"prior_std": float(std)}} for std in range(50, 60)]
     assert len(list(palpate.ray.evaluate([logs["two"]], settings, methods=["zero"], cluster=True))) == 10
     assert len(made) == 1
@@ -319,8 +319,8 @@ def test_needs_ray_every_number_of_threads_has_its_own_workers(cluster: Any, log
 def test_needs_ray_more_threads_than_any_node_has_is_an_error(
     cluster: Any, logs: dict[str, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_workers, "_PATIENCE_S", 0.5)
-    monkeypatch.setattr(_workers, "_LOOK_S", 0.3)
+    monkeypatch.setattr(_on_ray, "_PATIENCE_S", 0.5)
+    monkeypatch.setattr(_workers, "LOOK_S", 0.3)
     begun = time.monotonic()
     with pytest.raises(palpate.PalpateError, match="wants 64 CPUs at a time, and the largest node of the cluster has 2"):
         list(evaluate(logs, True, threads=64))

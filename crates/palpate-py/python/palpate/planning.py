@@ -17,7 +17,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._palpate import Answer, Field, PathPredictor
+from ._palpate import Answer, PathPredictor
+from ._view import with_view
 
 __all__ = [
     "FieldCost",
@@ -32,9 +33,9 @@ __all__ = [
 _Array = NDArray[np.float64]
 _Paths = ArrayLike | Sequence[ArrayLike]
 _Valid = Callable[[_Array], bool]
-VIA = 7  # rows of a path that are varied
-PIXEL_RAD = 0.012  # of the picture that says what a camera did not see
-HALF = 85  # of it, in pixels: more than 1 / PIXEL_RAD
+
+_VIA = 7
+"""Rows of a path that are varied."""
 
 
 class FieldCost:
@@ -139,50 +140,6 @@ class FieldCost:
         if self.by == "peak":
             return float(np.abs(torque).max())
         return float(np.maximum(-0.5 * (torque[1:] + torque[:-1]) * np.diff(rows, axis=0), 0.0).sum())
-
-
-def with_view(field: Field, cloud: ArrayLike, viewpoint: ArrayLike) -> Field:
-    """A field to plan with: one of touches, and what a camera at `viewpoint` (3,) m saw of the object at rest.
-
-    `cloud` are the seen points of the object alone, (M, 3) m. Within 10 cm of their box, cells in front of them or
-    beside them lose their stiffness: the camera saw that nothing is there. Cells behind them that were neither seen nor
-    touched get the mean stiffness of the touched cells that are left in the box. The new field has neither memory, bands nor
-    an elastic body.
-
-    Everything in that box must be in the picture, and nothing else may hide it, such as the arm: what the camera did not
-    see at all counts as seen to be empty.
-    """
-    seen, eye, lattice = np.asarray(cloud, dtype=np.float64), np.asarray(viewpoint, dtype=np.float64), field.lattice
-    if seen.ndim != 2 or seen.shape[1] != 3 or not len(seen) or eye.shape != (3,):
-        raise ValueError(f"`cloud` and `viewpoint` are {seen.shape} and {eye.shape}; wanted (M, 3) and (3,)")
-    sides = zip(seen.min(0) - 0.1, seen.max(0) + 0.1, strict=True)
-    grid = np.meshgrid(*(np.arange(low, high, lattice.spacing) for low, high in sides))
-    box = np.setdiff1d(lattice.cells(np.stack(grid, axis=-1).reshape(-1, 3)), [-1])
-    around = np.array(list(np.ndindex(3, 3, 3))) - 1
-    unseen = np.setdiff1d(box, lattice.cells((seen[:, None] + lattice.spacing * around).reshape(-1, 3)))
-
-    def directions(points: _Array) -> tuple[NDArray[np.int64], _Array]:
-        distance = np.linalg.norm(points - eye, axis=1)
-        return np.round((points - eye) / distance[:, None] / PIXEL_RAD).astype(np.int64) + HALF, distance
-
-    pixels, distances = directions(seen)
-    first = np.full((2 * HALF + 1,) * 3, np.inf)  # the nearest seen point of each direction
-    for shift in around:
-        np.minimum.at(first, tuple((pixels + shift).T), distances)
-    pixels, distances = directions(lattice.points(unseen))
-    hidden = distances > first[tuple(pixels.T)]
-    kept = ~np.isin(field.cells, unseen[~hidden])
-    touched = kept & (field.counts > 0) & np.isin(field.cells, box)
-    new = np.setdiff1d(unseen[hidden], field.cells)
-    mean = field.stiffness[touched].mean() if touched.any() else 0.0
-    return Field.from_arrays(
-        np.concatenate([field.points[kept], lattice.points(new)]),
-        np.concatenate([field.stiffness[kept], np.full(len(new), mean)]),
-        counts=np.concatenate([field.counts[kept], np.zeros(len(new), np.uint32)]),
-        lattice=lattice,
-        robot=field.robot_name,
-        contact=field.contact,
-    )
 
 
 def validity_checker(cost: FieldCost, si: Any, max_torque: float, valid: _Valid | None = None) -> Any:
@@ -338,7 +295,7 @@ def _varied(
 ) -> _Scored:
     """The best allowed one of a path and a batch of variants of it, with a bump at a random place."""
     score, path, size = own
-    via = path if len(path) >= VIA else _evenly(path, VIA)
+    via = path if len(path) >= _VIA else _evenly(path, _VIA)
     middle, width = rng.uniform(0, len(via) - 1, (batch, 1)), rng.uniform(0.5, 0.5 * len(via), (batch, 1))
     bump = np.exp(-(((np.arange(len(via)) - middle) / width) ** 2))
     bump[:, [0, -1]] = 0.0

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeAlias, TypeVar, cast
 
-from . import Log, PalpateError, PalpateWarning, Robot, _progress, _workers, default_settings
+from . import Log, PalpateError, PalpateWarning, Robot, _on_ray, _progress, _workers, default_settings
 from ._joined import joined
 from ._kept import Kept
 from ._palpate import given_settings
@@ -251,7 +251,7 @@ def _outcomes(
     if cluster is False:
         doing = _workers.processes(left, workers, timeout)
     elif cluster is True or isinstance(cluster, str):
-        doing = _workers.on_ray(left, None if cluster is True else cluster, timeout)
+        doing = _on_ray.outcomes(left, None if cluster is True else cluster, timeout)
     else:
         doing = _workers.in_executor(left, cluster, timeout)
     for key, outcome in doing:
