@@ -192,9 +192,13 @@ fn calibrated_on(calibration: Option<&Calibration>) -> String {
     match calibration {
         Some(own) => {
             let highest = 100.0 * own.highest_level();
-            format!("up to {highest:.0} %, calibrated on {} touches", own.touches)
+            let on = match own.of_other_objects {
+                true => "as other objects have them".to_owned(),
+                false => format!("calibrated on {} touches", own.touches),
+            };
+            format!("up to {highest:.0} %, {on}")
         }
-        None => "none: `map` calibrates them where it chooses settings".to_owned(),
+        None => "none: nothing was touched".to_owned(),
     }
 }
 
@@ -289,10 +293,13 @@ impl Summary<'_> {
         let mut json = self.tally.figures(self.mapper);
         json["field"] = json!(self.args.output);
         json["seconds"] = json!(elapsed.as_secs_f64());
-        json["bands"] = self.mapper.calibration().map_or(
-            serde_json::Value::Null,
-            |own| json!({ "highest_level": own.highest_level(), "touches": own.touches }),
-        );
+        json["bands"] = self.mapper.calibration().map_or(serde_json::Value::Null, |own| {
+            json!({
+                "highest_level": own.highest_level(),
+                "touches": own.touches,
+                "of_other_objects": own.of_other_objects,
+            })
+        });
         json["pace"] = json!(self.pace);
         json["elastic"] = self.body.map_or(serde_json::Value::Null, |model| {
             json!({

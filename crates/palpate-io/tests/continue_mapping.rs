@@ -5,8 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use palpate::{
-    Arm, BakeConfig, BandQuantiles, Calibration, CellId, EstimatorKind, Lattice, Mapper,
-    MapperConfig, Predictor, Robot, Sample,
+    Arm, BakeConfig, BandQuantiles, Calibration, CellId, EstimatorKind, Lattice, LearntTorques,
+    Mapper, MapperConfig, Predictor, Robot, Sample,
 };
 use palpate_io::atomic::IfExists;
 use palpate_io::field::{Saved, load, npz, save};
@@ -416,6 +416,77 @@ fn what_else_would_be_lost_with_a_touch_is_said() {
 }
 
 #[test]
+fn a_field_without_touches_held_out_has_bands_as_other_objects_have_them() {
+    let (arm, touches) = (arm(), touches(2));
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
+        let mut config = config(method);
+        config.estimator.memory.frames = 10_000;
+        let mut mapper = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
+        assert_eq!(mapper.field().calibration, None);
+        for samples in &touches {
+            mapper.begin_touch();
+            go_on(&mut mapper, samples);
+            mapper.end_touch().unwrap();
+        }
+        let (field, bands) = (mapper.field(), mapper.calibration().unwrap().clone());
+        assert_eq!((bands.touches, bands.of_other_objects), (2, true));
+        // From the errors on what it has learnt.
+        let mut predictor = Predictor::new(Arc::clone(&arm), &field, config.touch.clone()).unwrap();
+        let mut learnt = Vec::new();
+        for samples in &touches {
+            predictor.begin_touch();
+            for sample in samples {
+                let Some(said) = predictor.step(sample).unwrap() else { continue };
+                if said.contacts > 0 {
+                    let error = &said.external - &said.predicted;
+                    learnt.push([error, said.external].map(|own| own.as_slice().to_vec()));
+                }
+            }
+            predictor.end_touch().unwrap();
+        }
+        let learnt = LearntTorques::of(learnt).unwrap();
+        let wanted =
+            Calibration::of_other_objects(&learnt, 2, bands.untouched_std_n_per_m).unwrap();
+        let off = |found: &[f64], wanted: &[f64]| {
+            found.iter().zip(wanted).map(|(a, b)| (a / b - 1.0).abs()).fold(0.0, f64::max)
+        };
+        assert!(off(&bands.floor_n_m, &wanted.floor_n_m) < 1e-6, "{bands:?} and {wanted:?}");
+        assert!(off(&bands.by_unknown_n_m, &wanted.by_unknown_n_m) < 1e-6);
+        // And they are the same after a file.
+        let mut again = through_a_file(mapper, &arm);
+        assert_eq!(again.calibration(), Some(&bands));
+        again.begin_touch();
+        assert!(again.with_band(0.9).is_some());
+    }
+}
+
+#[test]
+fn a_known_standard_deviation_of_the_torques_does_not_narrow_bands() {
+    // Torques that count a fifth are learnt from less, not known better: the error is that of the torques themselves.
+    let (arm, touches) = (arm(), touches(1));
+    let bands = |std_n_m: Option<f64>| {
+        let mut config = config(EstimatorKind::Map);
+        let own = config.estimator.torque_std[0];
+        (config.estimator.replays, config.touch.tare) = (0, palpate::Tare::None);
+        // No stiffness: what is left is all of the torque, whatever the weights.
+        config.estimator.stiffness_scale = 0.0;
+        let mut mapper = Mapper::new(Arc::clone(&arm), config).unwrap();
+        mapper.begin_touch();
+        for sample in &touches[0] {
+            let mut sample = sample.clone();
+            sample.tau_std = std_n_m.map(|times| vec![times * own; 7]);
+            mapper.step(&sample).unwrap();
+        }
+        mapper.end_touch().unwrap();
+        mapper.calibration().unwrap().clone()
+    };
+    let (plain, weighted) = (bands(None), bands(Some(5.0)));
+    for (a, b) in plain.floor_n_m.iter().zip(&weighted.floor_n_m) {
+        assert!((a / b - 1.0).abs() < 1e-9, "{plain:?} and {weighted:?}");
+    }
+}
+
+#[test]
 fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
     let (arm, touches) = (arm(), touches(2));
     let calibration = Calibration {
@@ -424,6 +495,8 @@ fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
         by_std: 0.5,
         untouched_std_n_per_m: 2.0,
         touches: 9,
+        by_unknown_n_m: vec![],
+        of_other_objects: false,
         quantiles: vec![BandQuantiles { level: 0.9, frame: 1.2, peak: 1.0 }],
         misfits: Vec::new(),
     };
@@ -448,7 +521,7 @@ fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
             let (step, said) = (mapper.step(sample).unwrap(), predictor.step(sample).unwrap());
             let Some(said) = said else { continue };
             let std = said.torque_std.unwrap();
-            let wanted = 1.2 * calibration.scale(said.predicted.as_slice(), std.as_slice());
+            let wanted = 1.2 * calibration.scale(said.predicted.as_slice(), std.as_slice(), [1, 1]);
             let found = step.half_width.unwrap();
             assert!((&found - &wanted).amax() < 1e-9 * wanted.amax(), "{found} and {wanted}");
             if step.contacts > 0 {

@@ -10,8 +10,10 @@ use crate::calibrate::{PredictedFrame, peak_errors, quantile, scales};
 pub struct Uncertainty {
     /// Standard deviation of the springs' torque: touches × frames × n_joints, N·m.
     pub torque_std: Vec<Vec<Vec<f64>>>,
-    /// Found on the fold's training touches.
+    /// Found on the fold's training touches, or `others` if they are too few.
     pub calibration: Calibration,
+    /// As other objects have them.
+    pub others: Option<Calibration>,
 }
 
 /// A band along a touch, and how often it held the measured torque.
@@ -67,21 +69,17 @@ pub struct Coverage {
 }
 
 impl Band {
-    /// Of a touch, at a level; `contacts` are the points touched in each frame, and those of them that training touches
-    /// met. `None` without a frame, or a band of that level.
+    /// Of a touch, at a level; `None` without a frame, or a band of that level.
     ///
     /// # Panics
     ///
     /// If the calibration is of another number of joints ([`Calibration::check`]).
-    pub fn of(
-        (calibration, level): (&Calibration, f64),
-        touch: &[PredictedFrame],
-        contacts: impl Iterator<Item = [u32; 2]>,
-    ) -> Option<Self> {
+    pub fn of((calibration, level): (&Calibration, f64), touch: &[PredictedFrame]) -> Option<Self> {
         let q = calibration.at(level).filter(|_| !touch.is_empty())?;
         let scales = scales(calibration, touch);
         let mut classes = [Class::default(); 3];
-        for ((frame, scale), [all, met]) in touch.iter().zip(&scales).zip(contacts) {
+        for (frame, scale) in touch.iter().zip(&scales) {
+            let [all, met] = frame.contacts;
             let class = &mut classes[match (all, 2 * met >= all) {
                 (0, _) => 0,
                 (_, true) => 1,

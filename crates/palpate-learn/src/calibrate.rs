@@ -1,4 +1,4 @@
-//! Prediction bands ([`palpate::Calibration`]), calibrated on touches that were held out.
+//! Prediction bands ([`palpate::Calibration`]), calibrated on touches that were held out, or else those of other objects.
 //!
 //! Each training touch is predicted after learning the others, under the same settings but for fewer replays. The half-width is a sum that is
 //! linear in the predicted torque and its springs' standard deviation, with coefficients of least absolute error for the
@@ -8,7 +8,7 @@
 
 use nalgebra::DVector;
 use palpate::unstable::{Cell, Estimator};
-use palpate::{BandQuantiles, Calibration, MapperConfig};
+use palpate::{BandQuantiles, Calibration, LearntTorques, MapperConfig};
 use rayon::prelude::*;
 
 use crate::error::{LearnError, Stop};
@@ -16,8 +16,10 @@ use crate::folds::{Fold, folds};
 use crate::method::learn;
 use crate::tracked::{Tracked, TrackedFrame};
 
-/// Touches without which nothing is calibrated.
+/// Touches without which nothing is held out.
 const FEWEST: usize = 3;
+/// Bands without this level are those of other objects.
+const WANTED: f64 = 0.9;
 /// Touches that are held out at most, one after the other; with more, in groups.
 const MOST_FOLDS: usize = 16;
 /// Levels that are kept, as far as there are touches for them.
@@ -26,6 +28,8 @@ const LEVELS: [f64; 9] = [0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99];
 const SHAPE: f64 = 0.9;
 /// Replays after each frame.
 const REPLAYS: u32 = 3;
+/// Of the frames that were learnt from, one in so many tells with what error.
+const LEARNT_EVERY: usize = 10;
 /// Frames of a touch that are predicted, about.
 const FRAMES: usize = 400;
 /// Steps of the quantile regression, and sweeps over the coefficients in each.
@@ -41,21 +45,31 @@ pub struct PredictedFrame {
     pub torque_std: Vec<f64>,
     /// τ_ext.
     pub measured: Vec<f64>,
-    /// Whether the arm displaces anything.
-    pub in_contact: bool,
+    /// Points that the arm displaces, and those of them that are known.
+    pub contacts: [usize; 2],
 }
 
 impl PredictedFrame {
-    /// What cells, by row, and their standard deviations, N/m, say of a frame.
-    pub(crate) fn of(frame: &TrackedFrame, cells: &[Cell], std: impl Fn(usize) -> f64) -> Self {
+    /// What cells, by row, with their standard deviations, N/m, and whether they are known, say of a frame.
+    pub(crate) fn of(
+        frame: &TrackedFrame,
+        cells: &[Cell],
+        of_row: impl Fn(usize) -> (f64, bool),
+    ) -> Self {
         let observation = &frame.observation;
-        let gram = observation.gram(cells, |row| std(row).powi(2));
+        let gram = observation.gram(cells, |row| of_row(row).0.powi(2));
+        let known = observation.rows().filter(|&row| of_row(row).1).count();
         Self {
             torque: frame.predict(cells),
             torque_std: gram.diagonal().iter().map(|own| own.max(0.0).sqrt()).collect(),
             measured: observation.tau().as_slice().to_vec(),
-            in_contact: observation.n_contacts() > 0,
+            contacts: [observation.n_contacts(), known],
         }
+    }
+
+    /// [`Calibration::scale`] of it, n_joints, N·m.
+    pub(crate) fn scale(&self, calibration: &Calibration) -> DVector<f64> {
+        calibration.scale(&self.torque, &self.torque_std, self.contacts)
     }
 
     /// |τ_ext − τ̂| by joint.
@@ -64,7 +78,8 @@ impl PredictedFrame {
     }
 }
 
-/// The calibration of some training touches; `None` with fewer than three.
+/// The calibration of some training touches; `None` with fewer than three. With fewer than nine, bands are those of other
+/// objects, and only the misfits are of these touches.
 ///
 /// All frames are learnt from, for they say how sure the estimator is; but with few replays, which take most of the time.
 ///
@@ -99,13 +114,45 @@ pub fn calibrate(
         .collect::<Result<_, LearnError>>()?;
     let held_out: Vec<Vec<PredictedFrame>> = held_out.into_iter().flatten().collect();
     let untouched_std = config.estimator(tracked.n_joints)?.std(usize::MAX);
-    Ok(of_held_out(&held_out, tracked.n_joints, untouched_std))
+    let own = of_held_out(&held_out, tracked.n_joints, untouched_std);
+    if own.as_ref().is_some_and(|own| own.highest_level() < WANTED) {
+        let estimator = learn(tracked, train, &config, &[], stop)?;
+        let others = of_other_objects(tracked, train, &Predicted::by(tracked, &*estimator));
+        let with_misfits = |mut others: Calibration| {
+            let touches = held_out.iter().filter(|touch| !touch.is_empty());
+            others.misfits = touches.filter_map(|touch| misfit(&others, touch)).collect();
+            others
+        };
+        return Ok(others.map(with_misfits).or(own));
+    }
+    Ok(own)
+}
+
+/// Bands as other objects have them, for what was learnt from some touches; `None` if these touch nothing.
+pub(crate) fn of_other_objects(
+    tracked: &Tracked,
+    train: &[usize],
+    predicted: &Predicted,
+) -> Option<Calibration> {
+    let touched = || {
+        let each = train.iter().map(|&touch| tracked.touches[touch].in_contact());
+        each.filter(|frames| frames.clone().next().is_some())
+    };
+    let sample = |frame: &TrackedFrame| {
+        let frame = predicted.frame(frame);
+        [frame.errors().collect(), frame.measured]
+    };
+    let samples = touched().flat_map(|frames| frames.step_by(LEARNT_EVERY)).map(sample);
+    let (learnt, touches) = (LearntTorques::of(samples)?, touched().count() as u32);
+    Calibration::of_other_objects(&learnt, touches, predicted.untouched_std_n_per_m)
 }
 
 /// What an estimator predicts, and how sure it is.
 pub(crate) struct Predicted {
     cells: Vec<Cell>,
-    std_n_per_m: Vec<f64>,
+    /// Of each row, N/m, and whether it was touched.
+    std_n_per_m: Vec<(f64, bool)>,
+    untouched_std_n_per_m: f64,
 }
 
 impl Predicted {
@@ -113,7 +160,8 @@ impl Predicted {
         let rows = 0..tracked.cells.len();
         Self {
             cells: tracked.with_stiffness(|row| estimator.stiffness(row)),
-            std_n_per_m: rows.map(|row| estimator.std(row)).collect(),
+            std_n_per_m: rows.map(|row| (estimator.std(row), estimator.count(row) > 0)).collect(),
+            untouched_std_n_per_m: estimator.std(usize::MAX),
         }
     }
 
@@ -143,8 +191,10 @@ fn of_held_out(
         floor_n_m: vec![0.0; n_joints],
         by_torque: 0.0,
         by_std: 0.0,
+        by_unknown_n_m: Vec::new(),
         untouched_std_n_per_m,
         touches: touches.len() as u32,
+        of_other_objects: false,
         quantiles: Vec::new(),
         misfits: Vec::new(),
     };
@@ -250,17 +300,17 @@ fn quantiles(
     levels.iter().map(of).collect()
 }
 
-/// a + b |τ̂| + c s of each frame, n_joints, N·m.
+/// [`Calibration::scale`] of each frame, n_joints, N·m.
 pub(crate) fn scales(calibration: &Calibration, touch: &[PredictedFrame]) -> Vec<DVector<f64>> {
-    touch.iter().map(|frame| calibration.scale(&frame.torque, &frame.torque_std)).collect()
+    touch.iter().map(|frame| frame.scale(calibration)).collect()
 }
 
 /// The misfit of touches ([`Calibration::misfits`]), from the frames in which something is touched; `None` without any.
 pub(crate) fn misfit(calibration: &Calibration, touch: &[PredictedFrame]) -> Option<[f64; 2]> {
     let (mut scaled, mut count) = (0.0, 0.0);
     let (mut errors, mut measured) = (0.0, 0.0);
-    for frame in touch.iter().filter(|frame| frame.in_contact) {
-        let scale = calibration.scale(&frame.torque, &frame.torque_std);
+    for frame in touch.iter().filter(|frame| frame.contacts[0] > 0) {
+        let scale = frame.scale(calibration);
         for (error, scale) in frame.errors().zip(&scale) {
             scaled += (error / scale).powi(2);
             errors += error * error;
@@ -321,7 +371,7 @@ mod tests {
                     torque: vec![],
                     torque_std: vec![],
                     measured: vec![],
-                    in_contact: true,
+                    contacts: [1, 1],
                 };
                 for _ in 0..2 {
                     let (torque, std) = (4.0 * uniform(&mut rng) - 2.0, 0.5 * uniform(&mut rng));
@@ -349,7 +399,7 @@ mod tests {
             let q = calibration.at(level).unwrap();
             let (mut inside, mut all) = (0.0, 0.0);
             for frame in touches(20, 2).iter().flatten() {
-                let scale = calibration.scale(&frame.torque, &frame.torque_std);
+                let scale = frame.scale(&calibration);
                 for (error, scale) in frame.errors().zip(&scale) {
                     inside += f64::from(error <= q.frame * scale);
                     all += 1.0;

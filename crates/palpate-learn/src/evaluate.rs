@@ -4,12 +4,12 @@
 //! in parallel, and may be kept and handed back, so that an evaluation that was broken off goes on.
 //! The figures are the same whatever the number of threads.
 
-use palpate::MapperConfig;
+use palpate::{Calibration, MapperConfig};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::bands::{Band, Uncertainty};
-use crate::calibrate::{Predicted, PredictedFrame, calibrate};
+use crate::calibrate::{Predicted, PredictedFrame, calibrate, of_other_objects};
 use crate::error::{LearnError, Stop};
 use crate::evaluation::{Evaluation, LeftOut, Prediction, Summary};
 use crate::folds::Fold;
@@ -102,7 +102,9 @@ impl Plan {
         };
         fold.is_some_and(|fold| {
             let is_sound = |own: &Uncertainty| {
-                is_whole(&own.torque_std, fold) && own.calibration.check(tracked.n_joints).is_ok()
+                let mut bands = std::iter::once(&own.calibration).chain(&own.others);
+                is_whole(&own.torque_std, fold)
+                    && bands.all(|bands| bands.check(tracked.n_joints).is_ok())
             };
             is_whole(&part.torques, fold) && part.uncertainty.as_ref().is_none_or(is_sound)
         })
@@ -167,8 +169,13 @@ impl Plan {
                     let mut prediction =
                         Prediction::new(method.name(), torques, &left_out.external);
                     if let Some(uncertainty) = uncertainty {
-                        let at = (place, level);
-                        prediction.band = uncertainty.band(at, frames, &prediction, &left_out);
+                        let band = |of: &Calibration| {
+                            let std = &uncertainty.torque_std[place];
+                            band((of, level), (frames, std), &prediction, &left_out)
+                        };
+                        let others = uncertainty.others.as_ref().and_then(&band);
+                        prediction.band = band(&uncertainty.calibration);
+                        prediction.band_of_other_objects = others;
                     }
                     left_out.predictions.push(prediction);
                 }
@@ -184,7 +191,8 @@ impl Plan {
     }
 }
 
-/// What an estimator predicts of a fold's test touches, and how sure it is, calibrated on the training touches.
+/// What an estimator predicts of a fold's test touches, and how sure it is, calibrated on the training touches and as other
+/// objects are.
 fn with_uncertainty(
     tracked: &Tracked,
     (fold, config): (&Fold, &MapperConfig),
@@ -200,30 +208,29 @@ fn with_uncertainty(
         torques.push(own);
         torque_std.push(std);
     }
-    let calibration = calibrate(tracked, &fold.train, config, stop)?;
-    let uncertainty = calibration.map(|calibration| Uncertainty { torque_std, calibration });
+    let others = of_other_objects(tracked, &fold.train, &predicted);
+    let calibration = calibrate(tracked, &fold.train, config, stop)?.or_else(|| others.clone());
+    let uncertainty =
+        calibration.map(|calibration| Uncertainty { torque_std, calibration, others });
     Ok((torques, uncertainty))
 }
 
-impl Uncertainty {
-    /// The band at a level around what was predicted of a test touch, by its place in the fold.
-    fn band(
-        &self,
-        (place, level): (usize, f64),
-        frames: &[TrackedFrame],
-        prediction: &Prediction,
-        touch: &LeftOut,
-    ) -> Option<Band> {
-        let frames = frames.iter().zip(&prediction.predicted).zip(&self.torque_std[place]);
-        let frames = frames.map(|((frame, torque), torque_std)| PredictedFrame {
-            torque: torque.clone(),
-            torque_std: torque_std.clone(),
-            measured: frame.observation.tau().as_slice().to_vec(),
-            in_contact: frame.observation.n_contacts() > 0,
-        });
-        let contacts = touch.contacts.iter().zip(&touch.known).map(|(all, met)| [*all, *met]);
-        Band::of((&self.calibration, level), &frames.collect::<Vec<_>>(), contacts)
-    }
+/// The band at a level around what was predicted of a test touch, whose springs have that standard deviation.
+fn band(
+    calibration: (&Calibration, f64),
+    (frames, torque_std): (&[TrackedFrame], &[Vec<f64>]),
+    prediction: &Prediction,
+    touch: &LeftOut,
+) -> Option<Band> {
+    let contacts = touch.contacts.iter().zip(&touch.known);
+    let frames = frames.iter().zip(&prediction.predicted).zip(torque_std).zip(contacts);
+    let frames = frames.map(|(((frame, torque), torque_std), (all, known))| PredictedFrame {
+        torque: torque.clone(),
+        torque_std: torque_std.clone(),
+        measured: frame.observation.tau().as_slice().to_vec(),
+        contacts: [*all as usize, *known as usize],
+    });
+    Band::of(calibration, &frames.collect::<Vec<_>>())
 }
 
 impl LeftOut {

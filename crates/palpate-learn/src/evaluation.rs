@@ -40,6 +40,9 @@ pub struct Summary {
     /// How often the bands of `map` held the measured torque, if there were touches enough.
     #[serde(default)]
     pub coverage: Option<Coverage>,
+    /// The same of bands as other objects have them.
+    #[serde(default)]
+    pub coverage_of_other_objects: Option<Coverage>,
 }
 
 /// Mean and sample standard deviation (0 for a single value).
@@ -85,6 +88,9 @@ pub struct Prediction {
     /// The band around it, of an estimator that was calibrated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub band: Option<Band>,
+    /// The band as other objects have it.
+    #[serde(skip)]
+    pub band_of_other_objects: Option<Band>,
 }
 
 impl MeanStd {
@@ -103,7 +109,8 @@ impl Prediction {
     /// A prediction and its errors against what was to be predicted.
     pub fn new(method: &str, predicted: Vec<Vec<f64>>, external: &[Vec<f64>]) -> Self {
         let errors = ErrorSum::of(&predicted, external).errors();
-        Self { method: method.to_owned(), errors, predicted, band: None }
+        let method = method.to_owned();
+        Self { method, errors, predicted, band: None, band_of_other_objects: None }
     }
 }
 
@@ -168,10 +175,14 @@ impl Summary {
     /// The row of the method that stands at `index` in every touch's predictions.
     pub fn new(name: &str, index: usize, touches: &[LeftOut]) -> Self {
         let errors = |touch: &LeftOut| touch.predictions[index].errors;
-        let bands = touches.iter().filter_map(|touch| touch.predictions[index].band.as_ref());
-        let coverage = Coverage::of(&bands.collect::<Vec<_>>());
+        let coverage = |band: fn(&Prediction) -> Option<&Band>| {
+            let bands = touches.iter().filter_map(|touch| band(&touch.predictions[index]));
+            Coverage::of(&bands.collect::<Vec<_>>())
+        };
+        let coverage_of_other_objects = coverage(|own| own.band_of_other_objects.as_ref());
+        let coverage = coverage(|own| own.band.as_ref());
         let summary = Self::of(name, &touches.iter().filter_map(errors).collect::<Vec<_>>());
-        Self { coverage, ..summary }
+        Self { coverage, coverage_of_other_objects, ..summary }
     }
 
     /// The row of a method by its errors on touches.
@@ -184,6 +195,7 @@ impl Summary {
             avg_relative: MeanStd::of(errors().filter_map(|errors| errors.avg_relative)),
             max_relative: MeanStd::of(errors().filter_map(|errors| errors.max_relative)),
             coverage: None,
+            coverage_of_other_objects: None,
         }
     }
 }

@@ -25,7 +25,8 @@ impl FieldRows {
 
     /// What the field says of a frame.
     pub(crate) fn predicted(&self, frame: &TrackedFrame) -> PredictedFrame {
-        PredictedFrame::of(frame, &self.cells, |row| self.estimates[row].std_n_per_m)
+        let of_row = |row: usize| (self.estimates[row].std_n_per_m, self.estimates[row].count > 0);
+        PredictedFrame::of(frame, &self.cells, of_row)
     }
 
     /// Share of the contacts of frames that the field knows; 0 without any.

@@ -19,7 +19,6 @@ use palpate::unstable::Cell;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::calibrate::PredictedFrame;
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::field_rows::FieldRows;
 use crate::tracked::{Tracked, TrackedFrame};
@@ -96,15 +95,19 @@ impl<'a> NextTouch<'a> {
         let calibration = self.field.calibration.as_ref();
         let calibration = calibration.filter(|own| own.check(self.tracked.n_joints).is_ok());
         let at = |frame: &TrackedFrame| {
-            let PredictedFrame { torque, torque_std, .. } = self.rows.predicted(frame);
+            let predicted = self.rows.predicted(frame);
             let widths: Vec<f64> = match calibration.and_then(|own| own.at(own.default_level())) {
                 Some(q) => {
-                    let scale = calibration.map(|own| own.scale(&torque, &torque_std));
+                    let scale = calibration.map(|own| predicted.scale(own));
                     scale.iter().flatten().map(|scale| q.peak.max(q.frame) * scale).collect()
                 }
-                None => torque_std.iter().map(|std| 2.0 * std).collect(),
+                None => predicted.torque_std.iter().map(|std| 2.0 * std).collect(),
             };
-            let each = torque.iter().zip(widths).map(|(own, width)| [own.abs(), own.abs() + width]);
+            let each = predicted
+                .torque
+                .iter()
+                .zip(widths)
+                .map(|(own, width)| [own.abs(), own.abs() + width]);
             each.fold([0.0; 2], largest)
         };
         self.tracked.touches[motion].in_contact().map(at).fold([0.0; 2], largest)

@@ -118,6 +118,7 @@ impl LiveBody {
     pub fn put_into(&self, saved: &mut Saved) {
         let learnt = lock(&self.learnt);
         saved.field.elastic = Some(Arc::clone(&learnt.model));
+        saved.field.calibration = None; // bands are of springs alone
         saved.elastic_touches.clone_from(&learnt.touches);
         if let Some(snapshot) = &saved.snapshot {
             // Touches that have begun since it was taken are not in it.

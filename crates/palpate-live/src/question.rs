@@ -170,8 +170,7 @@ impl PathReply {
         let points = &answer.points;
         let band = match (&answer.calibration, level) {
             (None, Some(_)) => {
-                return Err("these predictions have no bands: the field was learned where `palpate map` chose no \
-                            settings, or has an elastic body"
+                return Err("these predictions have no bands: nothing was touched yet, or the field has an elastic body"
                     .to_owned());
             }
             (None, None) => None,

@@ -224,9 +224,10 @@ def test_needs_command_quick_tuning_chooses_the_same_in_map_and_evaluate(
         assert set(own) == set(theirs)
         assert all(own[name].tobytes() == theirs[name].tobytes() for name in own if name != "palpate")
         own_meta, their_meta = (json.loads(bytes(file["palpate"])) for file in (own, theirs))
-    # The command calibrates bands where it chooses settings; the mapper of Python is given them.
+    # The command also holds touches out where it chooses settings, which says how well touches fit.
     calibration = their_meta.pop("calibration")
-    assert calibration["touches"] == 4
+    assert (calibration["touches"], len(calibration["misfits"])) == (4, 4)
+    assert own_meta.pop("calibration") == calibration | {"misfits": []}
     assert own_meta == their_meta
     # A field that is read, scored and written keeps its bands.
     field, log = palpate.Field.load(out), plant / "seq_004"

@@ -208,6 +208,7 @@ pub fn learn_body(
         other => WorkError::file(other),
     })?;
     saved.field.elastic = Some(Arc::new(learnt));
+    saved.field.calibration = None; // bands are of springs alone
     saved.elastic_touches = touches;
     Ok(saved)
 }

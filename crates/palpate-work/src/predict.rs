@@ -124,12 +124,11 @@ impl TouchResult {
                 torque: frame.predicted.as_slice().to_vec(),
                 torque_std: frame.torque_std.as_ref()?.as_slice().to_vec(),
                 measured: frame.external.as_slice().to_vec(),
-                in_contact: frame.contacts > 0,
+                contacts: [frame.contacts, frame.known],
             })
         };
         let frames: Vec<PredictedFrame> = self.frames.iter().map(frame).collect::<Option<_>>()?;
-        let contacts = self.frames.iter().map(|frame| [frame.contacts as u32, frame.known as u32]);
-        Band::of((calibration, calibration.default_level()), &frames, contacts)
+        Band::of((calibration, calibration.default_level()), &frames)
     }
 
     /// How many of the scored frames are so.

@@ -3,12 +3,17 @@
 //! The half-width of joint j's band at a level, such as 0.9, is
 //!
 //! ```text
-//! q(level) · (a_j + b |τ̂_j| + c s_j)        s: √ diag(H P Hᵀ), the springs' own standard deviation
+//! q(level) · (a_j + b |τ̂_j| + c s_j + d_j n)        s: √ diag(H P Hᵀ), the springs' own standard deviation
+//!                                                   n: share of the touched points that the field does not know
 //! ```
 //!
 //! with a, b, c and q found on touches that were held out (`palpate_learn::calibrate`). Frames of a touch are not
 //! independent, so n touches give no level above n / (n + 1): with the chance that is left, a new touch is worse than all
 //! of them.
+//!
+//! With too few of them for that, bands are as those of other objects ([`Calibration::of_other_objects`]): a is the error
+//! that the field makes on what it has learnt from, which of all that is known without a touch held out says best how well
+//! springs can express this object, and d the torque that was felt. s is left out: it falls with the samples a second.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -23,10 +28,16 @@ pub struct Calibration {
     pub by_torque: f64,
     /// Factor c of the springs' standard deviation.
     pub by_std: f64,
+    /// Factors d of the share of unknown points, n_joints, N·m; none if it does not count.
+    #[serde(default)]
+    pub by_unknown_n_m: Vec<f64>,
     /// Standard deviation of the stiffness of cells that were never touched, N/m.
     pub untouched_std_n_per_m: f64,
-    /// Touches that were held out.
+    /// Touches that were held out; of bands of other objects, those that were learnt from.
     pub touches: u32,
+    /// Whether b, d and q are those of other objects.
+    #[serde(default)]
+    pub of_other_objects: bool,
     /// q at some levels, in rising order.
     pub quantiles: Vec<BandQuantiles>,
     /// Of each held-out touch that touched anything, root mean squares of its errors: over a + b |τ̂| + c s, and over those
@@ -47,7 +58,79 @@ pub struct BandQuantiles {
     pub peak: f64,
 }
 
+/// On other objects, at 0.9: a over the error on what was learnt, b, and d over the torque that was felt. Nine simulated
+/// objects, on touches held out after learning 1, 2, 4, 8 and all others, under given and chosen settings.
+const OTHERS: [f64; 3] = [0.998, 1.48, 1.057];
+/// Their q of frames and peaks.
+const OTHERS_Q: [[f64; 3]; 7] = [
+    [0.5, 0.2, 0.8],
+    [0.6, 0.28, 1.09],
+    [0.7, 0.4, 1.42],
+    [0.8, 0.59, 1.77],
+    [0.85, 0.75, 2.09],
+    [0.9, 1.0, 2.44],
+    [0.95, 1.56, 3.37],
+];
+/// After n touches, peaks are off by 1 + this / n times as much.
+const FEW_TOUCHES: f64 = 0.6;
+
+/// What a field has learnt from, n_joints each, N·m: root mean squares over the samples in contact.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LearntTorques {
+    /// Of τ_ext − τ̂.
+    pub error_n_m: Vec<f64>,
+    /// Of τ_ext.
+    pub torque_n_m: Vec<f64>,
+}
+
+impl LearntTorques {
+    /// Of samples: what is left of their torques, and these, n_joints each, N·m. `None` without any.
+    pub fn of(samples: impl IntoIterator<Item = [Vec<f64>; 2]>) -> Option<Self> {
+        let (mut sums, mut count): (Option<[Vec<f64>; 2]>, f64) = (None, 0.0);
+        for sample in samples {
+            let squares = sample.map(|own| own.iter().map(|x| x * x).collect::<Vec<_>>());
+            match &mut sums {
+                None => sums = Some(squares),
+                Some(sums) => (sums.iter_mut().flatten())
+                    .zip(squares.iter().flatten())
+                    .for_each(|(sum, square)| *sum += square),
+            }
+            count += 1.0;
+        }
+        let mean = |own: Vec<f64>| own.into_iter().map(|sum| (sum / count).sqrt()).collect();
+        let [error_n_m, torque_n_m] = sums?.map(mean);
+        Some(Self { error_n_m, torque_n_m })
+    }
+}
+
 impl Calibration {
+    /// Bands as other objects have them, of a field that has learnt from some touches.
+    ///
+    /// `untouched_std_n_per_m` is the standard deviation of the stiffness of cells that were never touched. `None` without a
+    /// touch, or if a number is not finite.
+    pub fn of_other_objects(
+        learnt: &LearntTorques,
+        touches: u32,
+        untouched_std_n_per_m: f64,
+    ) -> Option<Self> {
+        let [by_error, by_torque, by_felt] = OTHERS;
+        let few = 1.0 + FEW_TOUCHES / f64::from(touches);
+        let quantiles =
+            OTHERS_Q.map(|[level, frame, peak]| BandQuantiles { level, frame, peak: few * peak });
+        let bands = Self {
+            floor_n_m: learnt.error_n_m.iter().map(|error| by_error * error + 1e-9).collect(),
+            by_torque,
+            by_std: 0.0,
+            by_unknown_n_m: learnt.torque_n_m.iter().map(|torque| by_felt * torque).collect(),
+            untouched_std_n_per_m,
+            touches,
+            of_other_objects: true,
+            quantiles: quantiles.into(),
+            misfits: Vec::new(),
+        };
+        (touches > 0 && bands.check(learnt.error_n_m.len()).is_ok()).then_some(bands)
+    }
+
     /// The highest level that has a band; 0 if none has.
     pub fn highest_level(&self) -> f64 {
         self.quantiles.last().map_or(0.0, |last| last.level)
@@ -73,16 +156,25 @@ impl Calibration {
         Some(BandQuantiles { level, frame: mix(|own| own.frame), peak: mix(|own| own.peak) })
     }
 
-    /// `a + b |τ̂| + c s`: n_joints, N·m, of a predicted torque and its springs' standard deviation, n_joints, N·m.
+    /// `a + b |τ̂| + c s + d n`: n_joints, N·m, of a predicted torque, its springs' standard deviation, n_joints, N·m, and
+    /// how many points are touched and how many of these are known.
     ///
     /// # Panics
     ///
     /// If these are of another number of joints.
-    pub fn scale(&self, torque: &[f64], torque_std: &[f64]) -> DVector<f64> {
+    pub fn scale(
+        &self,
+        torque: &[f64],
+        torque_std: &[f64],
+        [contacts, known]: [usize; 2],
+    ) -> DVector<f64> {
         assert_eq!(torque.len(), self.floor_n_m.len(), "a torque for each joint");
-        let joints = self.floor_n_m.iter().zip(torque).zip(torque_std);
-        let scale = joints.map(|((floor, torque), std)| {
-            floor + self.by_torque * torque.abs() + self.by_std * std
+        let unknown = contacts.saturating_sub(known) as f64 / contacts.max(1) as f64;
+        let by_unknown = self.by_unknown_n_m.iter().map(|by| by * unknown);
+        let by_unknown = by_unknown.chain(std::iter::repeat(0.0));
+        let joints = self.floor_n_m.iter().zip(torque).zip(torque_std).zip(by_unknown);
+        let scale = joints.map(|(((floor, torque), std), by_unknown)| {
+            floor + self.by_torque * torque.abs() + self.by_std * std + by_unknown
         });
         DVector::from_iterator(torque.len(), scale)
     }
@@ -97,6 +189,12 @@ impl Calibration {
         if found != n_joints {
             return Err(format!("the bands are of {found} joints; wanted {n_joints}"));
         }
+        let unknown = self.by_unknown_n_m.len();
+        if unknown != 0 && unknown != n_joints {
+            return Err(format!(
+                "the bands have {unknown} factors of unknown points; wanted {n_joints}"
+            ));
+        }
         let scales = [self.by_torque, self.by_std, self.untouched_std_n_per_m].into_iter();
         let factors = self.quantiles.iter().flat_map(|own| [own.frame, own.peak]);
         let numbers = self
@@ -105,6 +203,7 @@ impl Calibration {
             .copied()
             .chain(scales)
             .chain(factors)
+            .chain(self.by_unknown_n_m.iter().copied())
             .chain(self.misfits.iter().copied().flatten());
         if let Some(number) = numbers.into_iter().find(|own| !(own.is_finite() && *own >= 0.0)) {
             return Err(format!("the bands hold {number}; wanted a number of at least 0"));
@@ -123,14 +222,40 @@ mod tests {
     use super::*;
 
     #[test]
+    fn bands_of_other_objects_follow_what_was_learnt() {
+        let of = |error: f64, felt: f64, touches| {
+            let learnt = LearntTorques { error_n_m: vec![error; 2], torque_n_m: vec![felt; 2] };
+            Calibration::of_other_objects(&learnt, touches, 1.0)
+        };
+        let none = [0.0, 0.0];
+        let scale = |own: &Calibration, contacts| own.scale(&none, &none, contacts)[0];
+        let (narrow, wide, one) =
+            (of(0.1, 2.0, 9).unwrap(), of(0.3, 2.0, 9).unwrap(), of(0.1, 2.0, 1).unwrap());
+        assert!((scale(&wide, [4, 4]) / scale(&narrow, [4, 4]) - 3.0).abs() < 1e-7);
+        // Half of the points are unknown, or all.
+        let more = |known| scale(&narrow, [4, known]) - scale(&narrow, [4, 4]);
+        assert!(
+            (more(0) - OTHERS[2] * 2.0).abs() < 1e-12 && (more(2) * 2.0 - more(0)).abs() < 1e-12
+        );
+        let (nine, one) = (narrow.at(0.9).unwrap(), one.at(0.9).unwrap());
+        assert!(one.frame == nine.frame && one.peak > nine.peak, "{one:?}, {nine:?}");
+        assert!(of(0.1, 2.0, 0).is_none() && of(f64::NAN, 2.0, 3).is_none());
+        let learnt = LearntTorques::of([[vec![3.0], vec![1.0]], [vec![-4.0], vec![7.0]]]).unwrap();
+        assert_eq!((learnt.error_n_m[0], learnt.torque_n_m[0]), (12.5f64.sqrt(), 5.0));
+        assert_eq!(LearntTorques::of([]), None);
+    }
+
+    #[test]
     fn quantiles_lie_between_those_that_are_known_and_end_with_the_last() {
         let of = |level: f64, q: f64| BandQuantiles { level, frame: q, peak: 3.0 * q };
         let calibration = Calibration {
             floor_n_m: vec![0.1, 0.2],
             by_torque: 0.5,
             by_std: 2.0,
+            by_unknown_n_m: vec![],
             untouched_std_n_per_m: 10.0,
             touches: 9,
+            of_other_objects: false,
             quantiles: vec![of(0.5, 1.0), of(0.9, 3.0)],
             misfits: vec![[0.5, 0.3], [0.7, 0.2]],
         };
@@ -141,7 +266,7 @@ mod tests {
         assert!((middle.frame - 2.0).abs() < 1e-12 && (middle.peak - 6.0).abs() < 1e-12);
         assert_eq!(calibration.at(0.5).unwrap().frame, 1.0);
         assert_eq!(calibration.at(0.2), None);
-        let scale = calibration.scale(&[-2.0, 0.0], &[0.0, 0.3]);
+        let scale = calibration.scale(&[-2.0, 0.0], &[0.0, 0.3], [2, 1]);
         assert!((scale - DVector::from_vec(vec![1.1, 0.8])).amax() < 1e-12);
     }
 }

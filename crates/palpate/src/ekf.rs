@@ -182,6 +182,15 @@ impl Estimator for EkfEstimator {
         self.memory.ids().collect()
     }
 
+    fn errors(&self, most: usize) -> Vec<(FrameId, [DVector<f64>; 2])> {
+        let cells = &self.filter.belief.cells;
+        let error = |frame: &Observation| {
+            let tau = frame.tau().into_owned();
+            [&tau - frame.predict(cells, Stiffness::Magnitude), tau]
+        };
+        self.memory.some(most).map(|(id, frame)| (id, error(frame))).collect()
+    }
+
     fn memory_bytes(&self) -> usize {
         self.memory.bytes()
     }

@@ -95,7 +95,7 @@ mod torque_model;
 mod tracker;
 
 pub use arm::{Arm, ArmError};
-pub use calibration::{BandQuantiles, Calibration};
+pub use calibration::{BandQuantiles, Calibration, LearntTorques};
 pub use contact::{ContactConfig, Contacts};
 pub use estimator::{CellEstimate, EstimatorConfig, EstimatorError, EstimatorKind, Prior};
 pub use external_torque::{ExternalTorqueConfig, Gravity, MAX_TORQUE, TorqueSign};

@@ -258,6 +258,14 @@ impl Estimator for MapEstimator {
         self.memory.ids().collect()
     }
 
+    fn errors(&self, most: usize) -> Vec<(FrameId, [DVector<f64>; 2])> {
+        let error = |frame: &Observation| {
+            let tau = frame.tau().into_owned();
+            [&tau - self.stiffness_scale * predict(&self.belief, frame), tau]
+        };
+        self.memory.some(most).map(|(id, frame)| (id, error(frame))).collect()
+    }
+
     fn memory_bytes(&self) -> usize {
         self.memory.bytes()
     }

@@ -83,6 +83,15 @@ impl EvaluationSummary {
             if let Some(coverage) = &method.coverage {
                 text += &bands(&format!("Bands of {}", method.name), coverage);
             }
+            if let Some(others) = &method.coverage_of_other_objects {
+                let _ = writeln!(
+                    text,
+                    "Bands as other objects have them would contain {:.0} % and {:.0} %; mean half-width {:.3} N·m.",
+                    100.0 * others.torque_share,
+                    100.0 * others.peak_share,
+                    others.half_width_n_m
+                );
+            }
         }
         if let Some(ratio) = self.ratio_to_baselines() {
             let _ = writeln!(text, "{ratio}");

@@ -306,7 +306,7 @@ impl<'a> Beside<'a> {
         let q = self.calibration.at(self.calibration.default_level())?;
         let mut weights = vec![0.0; self.rows.cells.len()];
         for (frame, predicted) in frames {
-            let scale = self.calibration.scale(&predicted.torque, &predicted.torque_std);
+            let scale = predicted.scale(self.calibration);
             if predicted.errors().zip(&scale).any(|(error, scale)| error > q.frame * scale) {
                 for row in frame.observation.rows() {
                     weights[row] += 1e-6 + self.rows.estimates[row].stiffness_n_per_m;

@@ -84,7 +84,7 @@ class ScoredTouch(ScoredFrames):
     external: NDArray[np.float64]
     """Measured external torque, or the true one, N·m, (T, n_joints)."""
     half_width: NDArray[np.float64] | None
-    """Half-width of the band around `predicted` at 90 %, or the highest level of the field, N·m, (T, n_joints)."""
+    """Half-width of the band around `predicted` at 90 %, N·m, (T, n_joints); None with an elastic body."""
 
 
 class Coverage(TypedDict):
@@ -224,7 +224,9 @@ class MethodRow(TypedDict):
     avg_relative: MeanStd | None
     max_relative: MeanStd | None
     coverage: Coverage | None
-    """Of map, with three touches or more to learn from; None where shares were joined."""
+    """Of map; None where shares were joined."""
+    coverage_of_other_objects: Coverage | None
+    """The same under bands as other objects have them."""
 
 
 class LeftOut(TypedDict):

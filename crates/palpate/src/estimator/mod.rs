@@ -301,6 +301,10 @@ pub trait Estimator: Send + Sync {
     /// The remembered frames, in memory's order.
     fn frame_ids(&self) -> Vec<FrameId>;
 
+    /// Of some remembered frames, about `most` of them evenly chosen: τ − τ̂ and τ, n_joints each, N·m, times the weight of
+    /// each torque ([`Observation::weighted`]).
+    fn errors(&self, most: usize) -> Vec<(FrameId, [DVector<f64>; 2])>;
+
     /// Bytes of the remembered frames.
     fn memory_bytes(&self) -> usize;
 

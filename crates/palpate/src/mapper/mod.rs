@@ -19,7 +19,7 @@ pub use self::snapshot::Snapshot;
 
 use self::sample_log::SampleLog;
 use crate::arm::Arm;
-use crate::calibration::Calibration;
+use crate::calibration::{Calibration, LearntTorques};
 use crate::contact::{ContactConfig, Contacts};
 use crate::ekf::EkfEstimator;
 use crate::estimator::{
@@ -118,6 +118,9 @@ impl From<RobotError> for MapperError {
     }
 }
 
+/// Remembered frames, at most, that the error on what was learnt is the mean of.
+const ERROR_FRAMES: usize = 200;
+
 /// What one step found.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
@@ -142,6 +145,8 @@ pub struct Mapper {
     prior_means_n_per_m: Vec<f64>,
     log: SampleLog,
     calibration: Option<Calibration>,
+    /// Bands of other objects for what has been learnt by the end of the last touch.
+    others: Option<Calibration>,
     /// Level of the band that steps report.
     band: Option<f64>,
 }
@@ -186,6 +191,7 @@ impl Mapper {
             prior_means_n_per_m,
             log: SampleLog::default(),
             calibration: None,
+            others: None,
             band: None,
             config,
         })
@@ -198,16 +204,40 @@ impl Mapper {
         self
     }
 
-    /// The same mapper, whose fields say how wide bands around their predictions are.
+    /// The same mapper with bands that touches were held out for. Without them, its fields have bands as other objects have
+    /// them, from the end of the first touch on ([`Calibration::of_other_objects`]); if such bands are given, only their
+    /// misfits stay.
     #[must_use]
     pub fn with_calibration(mut self, calibration: Option<Calibration>) -> Self {
-        self.calibration = calibration;
+        (self.others, self.calibration) = match calibration {
+            Some(others) if others.of_other_objects => (Some(others), None),
+            own => (None, own),
+        };
         self
     }
 
     /// How wide bands around its predictions are, if that is known.
     pub fn calibration(&self) -> Option<&Calibration> {
-        self.calibration.as_ref()
+        self.calibration.as_ref().or(self.others.as_ref())
+    }
+
+    /// Finds how wide they are on other objects, for what has been learnt so far.
+    fn update_bands(&mut self) {
+        let n_joints = self.tracker.arm().robot.n_joints();
+        let estimator = self.replays.estimator();
+        let unweighted = |(frame, own): (FrameId, [DVector<f64>; 2])| {
+            let tau_std = self.log.tau_std(frame, n_joints);
+            let weights = tau_std.map(|std| torque_weights(std, &self.config.estimator.torque_std));
+            let weights = DVector::from_vec(weights.unwrap_or(vec![1.0; n_joints]));
+            own.map(|torque| torque.component_div(&weights).as_slice().to_vec())
+        };
+        let learnt = LearntTorques::of(estimator.errors(ERROR_FRAMES).into_iter().map(unweighted));
+        let (touches, untouched_std) = (self.log.learnt(), estimator.std(usize::MAX));
+        drop(estimator);
+        let misfits = self.others.take().map(|before| before.misfits).unwrap_or_default();
+        self.others = learnt
+            .and_then(|learnt| Calibration::of_other_objects(&learnt, touches, untouched_std))
+            .map(|others| Calibration { misfits, ..others });
     }
 
     /// The same mapper, whose steps report the band around their predictions at a level; `None` without that band
@@ -215,7 +245,7 @@ impl Mapper {
     #[must_use]
     pub fn with_band(mut self, level: f64) -> Option<Self> {
         let n_joints = self.tracker.arm().robot.n_joints();
-        let calibration = self.calibration.as_ref().filter(|own| own.check(n_joints).is_ok())?;
+        let calibration = self.calibration().filter(|own| own.check(n_joints).is_ok())?;
         calibration.at(level)?;
         self.band = Some(level);
         Some(self)
@@ -281,7 +311,12 @@ impl Mapper {
         let (poses, contacts) = (&tracked.poses, &tracked.contacts);
         let observation = self.observations.build(robot, poses, contacts, external);
         let points_m = self.observations.rows().points_m();
-        let std = self.band.map(|_| self.replays.estimator().torque_std(points_m, &observation));
+        let beside = self.band.map(|_| {
+            let mut estimator = self.replays.estimator();
+            let known = observation.rows().filter(|&row| estimator.count(row) > 0).count();
+            let std = estimator.torque_std(points_m, &observation);
+            (std, [observation.n_contacts(), known])
+        });
         let predicted = match self.weights(tracked) {
             None => self.replays.estimator().correct(points_m, observation, frame)?,
             Some(weights) => {
@@ -290,7 +325,7 @@ impl Mapper {
                 predicted.component_div(&DVector::from_vec(weights))
             }
         };
-        let half_width = std.and_then(|std| self.half_width(&predicted, &std));
+        let half_width = beside.and_then(|beside| self.half_width(&predicted, &beside));
         Ok((predicted, half_width))
     }
 
@@ -300,18 +335,23 @@ impl Mapper {
         Some(torque_weights(tau_std, &self.config.estimator.torque_std))
     }
 
-    /// Half-width of the band around a prediction with this standard deviation, n_joints, N·m.
-    fn half_width(&self, predicted: &DVector<f64>, std: &DVector<f64>) -> Option<DVector<f64>> {
-        let calibration = self.calibration.as_ref()?;
+    /// Half-width of the band around a prediction, n_joints, N·m, with this standard deviation, and so many points that are
+    /// touched and of these known.
+    fn half_width(
+        &self,
+        predicted: &DVector<f64>,
+        (std, contacts): &(DVector<f64>, [usize; 2]),
+    ) -> Option<DVector<f64>> {
+        let calibration = self.calibration()?;
         let q = calibration.at(self.band?)?.frame;
-        Some(q * calibration.scale(predicted.as_slice(), std.as_slice()))
+        Some(q * calibration.scale(predicted.as_slice(), std.as_slice(), *contacts))
     }
 
     /// Lets the belief age by a step in which nothing is touched; the prediction is zero.
     fn pass_without_contact(&mut self, n_joints: usize) -> (DVector<f64>, Option<DVector<f64>>) {
         self.replays.estimator().advance_time();
         let nothing = DVector::zeros(n_joints);
-        let half_width = self.half_width(&nothing, &nothing);
+        let half_width = self.half_width(&nothing, &(nothing.clone(), [0, 0]));
         (nothing, half_width)
     }
 
@@ -332,6 +372,7 @@ impl Mapper {
     pub fn end_touch(&mut self) -> Result<(), MapperError> {
         self.replays.end_touch();
         self.log.end_touch(&self.replays.estimator().frame_ids());
+        self.update_bands();
         Ok(self.tracker.end_touch()?)
     }
 
@@ -402,7 +443,7 @@ impl Mapper {
             counts: of_rows.map(|row| estimator.count(row)).collect(),
             untouched_n_per_m: estimator.stiffness(usize::MAX),
             elastic: None,
-            calibration: self.calibration.clone(),
+            calibration: self.calibration().cloned(),
         }
     }
 
@@ -428,7 +469,7 @@ impl Mapper {
     pub fn coarse_path_predictor(&self, cluster_weight: f64) -> PathPredictor {
         let (contact, rows) = (self.config.contact.clone(), self.observations.rows());
         let springs = Springs::new(rows, &*self.replays.estimator(), cluster_weight);
-        PathPredictor::new(&self.tracker, contact, springs).calibrated(self.calibration.clone())
+        PathPredictor::new(&self.tracker, contact, springs).calibrated(self.calibration().cloned())
     }
 
     /// Checks of paths for this mapper's path predictors, without a copy of the field.

@@ -95,6 +95,18 @@ impl SampleLog {
         self.begun
     }
 
+    /// Touches that the remembered frames are of.
+    pub(super) fn learnt(&self) -> u32 {
+        self.learnt.len() as u32
+    }
+
+    /// Standard deviations of the torques of a logged sample, if it has them.
+    pub(super) fn tau_std(&self, frame: FrameId, n_joints: usize) -> Option<&[f64]> {
+        let touch = self.touches.iter().find(|logged| logged.touch == frame.touch)?;
+        let std = touch.tau_std.chunks(n_joints).nth(frame.sample as usize)?;
+        (std[0] != NO_STD).then_some(std)
+    }
+
     /// Starts a touch; those of which no frame is remembered are dropped.
     pub(super) fn begin_touch(&mut self, remembered: &[FrameId]) {
         self.end_touch(remembered);

@@ -82,7 +82,7 @@ impl Mapper {
             sample_log,
             touches: self.log.begun(),
             gone,
-            calibration: self.calibration.clone(),
+            calibration: self.calibration().cloned(),
             state,
         }
     }
@@ -104,7 +104,7 @@ impl Mapper {
         }
         let n_joints = arm.robot.n_joints();
         let mut mapper = Self::new(arm, snapshot.config)?.with_calibration(snapshot.calibration);
-        if let Some(calibration) = &mapper.calibration {
+        if let Some(calibration) = mapper.calibration() {
             calibration.check(n_joints).map_err(inconsistent)?;
         }
         let lattice = &mapper.config.lattice;
@@ -127,6 +127,7 @@ impl Mapper {
         let remembered = snapshot.state.remembered.iter().map(|frame| frame.id);
         let counts = (snapshot.touches, snapshot.gone);
         mapper.log = SampleLog::resume(snapshot.sample_log, counts, remembered, n_joints);
+        mapper.update_bands();
         Ok(mapper)
     }
 

@@ -198,7 +198,8 @@ impl PathPrediction {
         let calibration = self.calibration.as_ref()?;
         let q = calibration.at(level)?.frame;
         let of = |point: &PathPoint| {
-            calibration.scale(point.torque.as_slice(), point.torque_std.as_slice()) * q
+            let contacts = [point.contacts, point.known];
+            calibration.scale(point.torque.as_slice(), point.torque_std.as_slice(), contacts) * q
         };
         Some(self.points.iter().map(of).collect())
     }

@@ -128,6 +128,12 @@ impl<T> ReplayMemory<T> {
         self.bytes = self.notes.iter().map(|note| note.bytes).sum();
     }
 
+    /// About so many frames, evenly chosen, with their identities.
+    pub(crate) fn some(&self, most: usize) -> impl Iterator<Item = (FrameId, &T)> {
+        let every = self.frames.len().div_ceil(most.max(1)).max(1);
+        self.ids().zip(&self.frames).step_by(every)
+    }
+
     /// The frames in their present order.
     pub(crate) fn frames(&self) -> &[T] {
         &self.frames
