@@ -94,14 +94,16 @@ class Banded:
 
 
 def test_a_band_of_half_a_newton_metre_lowers_the_limit_by_it(
-    predictor: palpate.PathPredictor, pushes: list[Array]
+    predictor: palpate.PathPredictor, pushes: list[Array], field: palpate.Field, robot: palpate.Robot
 ) -> None:
     banded = FieldCost(Banded(predictor))  # type: ignore[arg-type]
     for limit in (0.6, 1.0, 1.5):
         lower = FieldCost(predictor).limit(pushes, limit - 0.5).tolist()
         assert banded.limit(pushes, limit, with_band=True).tolist() == lower
+    # A field of numbers alone has none.
+    alone = palpate.Field.from_arrays(field.points, field.stiffness, lattice=field.lattice)
     with pytest.raises(ValueError, match="no bands"):
-        FieldCost(predictor).limit(pushes, 1.0, with_band=True)
+        FieldCost(alone.path_predictor(robot)).limit(pushes, 1.0, with_band=True)
 
 
 def test_work_is_that_of_the_torques_along_the_path(predictor: palpate.PathPredictor, pushes: list[Array]) -> None:
