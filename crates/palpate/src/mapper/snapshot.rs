@@ -127,7 +127,6 @@ impl Mapper {
         let remembered = snapshot.state.remembered.iter().map(|frame| frame.id);
         let counts = (snapshot.touches, snapshot.gone);
         mapper.log = SampleLog::resume(snapshot.sample_log, counts, remembered, n_joints);
-        mapper.update_bands();
         Ok(mapper)
     }
 
