@@ -143,7 +143,7 @@ fn torques_and_pictures_are_written_where_asked() {
 }
 
 #[test]
-fn bands_are_calibrated_where_settings_are_chosen_and_kept_from_then_on() {
+fn with_few_touches_bands_are_those_of_other_objects_and_misfits_are_kept() {
     let scene = Scene::new();
     scene.touch("log/seq_2", 50, 0.3);
     scene.touch("log/seq_3", 50, 0.2);

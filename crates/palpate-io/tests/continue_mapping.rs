@@ -430,6 +430,19 @@ fn a_field_without_touches_held_out_has_bands_as_other_objects_have_them() {
         }
         let (field, bands) = (mapper.field(), mapper.calibration().unwrap().clone());
         assert_eq!((bands.touches, bands.of_other_objects), (2, true));
+        // Bands that are given stay until something is touched, and their misfits from then on.
+        let given = Calibration { misfits: vec![[0.5, 0.3]], ..bands.clone() };
+        let beside = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
+        let mut beside = beside.with_calibration(Some(given.clone()));
+        beside.begin_touch();
+        go_on(&mut beside, &touches[0][..10]); // the still start
+        beside.end_touch().unwrap_or_default();
+        assert_eq!(beside.calibration(), Some(&given));
+        beside.begin_touch();
+        go_on(&mut beside, &touches[0]);
+        beside.end_touch().unwrap();
+        let after = beside.calibration().unwrap();
+        assert_eq!((&after.misfits, after.touches), (&given.misfits, 1));
         // From the errors on what it has learnt.
         let mut predictor = Predictor::new(Arc::clone(&arm), &field, config.touch.clone()).unwrap();
         let mut learnt = Vec::new();
@@ -510,6 +523,7 @@ fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
         mapper.begin_touch();
         go_on(&mut mapper, &touches[0]);
         mapper.end_touch().unwrap();
+        assert_eq!(mapper.calibration(), Some(&calibration), "its own bands stay");
         // The first frame in contact of the next touch, by the field as it is then.
         let mut field = mapper.field();
         let untouched = config.estimator.prior.at_spacing(config.lattice.spacing_m()).1;

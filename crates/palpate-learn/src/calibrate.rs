@@ -150,8 +150,8 @@ pub(crate) fn of_other_objects(
 /// What an estimator predicts, and how sure it is.
 pub(crate) struct Predicted {
     cells: Vec<Cell>,
-    /// Of each row, N/m, and whether it was touched.
-    std_n_per_m: Vec<(f64, bool)>,
+    /// Standard deviation of each row, N/m, and whether it was touched.
+    of_rows: Vec<(f64, bool)>,
     untouched_std_n_per_m: f64,
 }
 
@@ -160,13 +160,13 @@ impl Predicted {
         let rows = 0..tracked.cells.len();
         Self {
             cells: tracked.with_stiffness(|row| estimator.stiffness(row)),
-            std_n_per_m: rows.map(|row| (estimator.std(row), estimator.count(row) > 0)).collect(),
+            of_rows: rows.map(|row| (estimator.std(row), estimator.count(row) > 0)).collect(),
             untouched_std_n_per_m: estimator.std(usize::MAX),
         }
     }
 
     pub(crate) fn frame(&self, frame: &TrackedFrame) -> PredictedFrame {
-        PredictedFrame::of(frame, &self.cells, |row| self.std_n_per_m[row])
+        PredictedFrame::of(frame, &self.cells, |row| self.of_rows[row])
     }
 
     /// Some of the frames of a touch.

@@ -234,10 +234,11 @@ impl Mapper {
         let learnt = LearntTorques::of(estimator.errors(ERROR_FRAMES).into_iter().map(unweighted));
         let (touches, untouched_std) = (self.log.learnt(), estimator.std(usize::MAX));
         drop(estimator);
-        let misfits = self.others.take().map(|before| before.misfits).unwrap_or_default();
-        self.others = learnt
-            .and_then(|learnt| Calibration::of_other_objects(&learnt, touches, untouched_std))
-            .map(|others| Calibration { misfits, ..others });
+        let bands = |learnt| Calibration::of_other_objects(&learnt, touches, untouched_std);
+        if let Some(others) = learnt.and_then(bands) {
+            let misfits = self.others.take().map(|before| before.misfits).unwrap_or_default();
+            self.others = Some(Calibration { misfits, ..others });
+        }
     }
 
     /// The same mapper, whose steps report the band around their predictions at a level; `None` without that band
