@@ -31,7 +31,7 @@ pub struct Band {
     pub peaks_inside: u32,
     /// |measured − predicted|, a frame and joint each, N·m.
     #[serde(skip)]
-    pub(crate) errors_n_m: Vec<f64>,
+    pub errors_n_m: Vec<f64>,
 }
 
 /// Torques of one class of frames, a frame and joint each.

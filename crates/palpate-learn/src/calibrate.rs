@@ -18,8 +18,8 @@ use crate::tracked::{Tracked, TrackedFrame};
 
 /// Touches without which nothing is held out.
 const FEWEST: usize = 3;
-/// Bands without this level are those of other objects.
-const WANTED: f64 = 0.9;
+/// The level of tables. Bands that lack it are those of other objects.
+pub(crate) const LEVEL: f64 = 0.9;
 /// Touches that are held out at most, one after the other; with more, in groups.
 const MOST_FOLDS: usize = 16;
 /// Levels that are kept, as far as there are touches for them.
@@ -115,7 +115,7 @@ pub fn calibrate(
     let held_out: Vec<Vec<PredictedFrame>> = held_out.into_iter().flatten().collect();
     let untouched_std = config.estimator(tracked.n_joints)?.std(usize::MAX);
     let own = of_held_out(&held_out, tracked.n_joints, untouched_std);
-    if own.as_ref().is_some_and(|own| own.highest_level() < WANTED) {
+    if own.as_ref().is_some_and(|own| own.highest_level() < LEVEL) {
         let estimator = learn(tracked, train, &config, &[], stop)?;
         let others = of_other_objects(tracked, train, &Predicted::by(tracked, &*estimator));
         let with_misfits = |mut others: Calibration| {

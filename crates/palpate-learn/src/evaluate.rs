@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::bands::{Band, Uncertainty};
-use crate::calibrate::{Predicted, PredictedFrame, calibrate, of_other_objects};
+use crate::calibrate::{LEVEL, Predicted, PredictedFrame, calibrate, of_other_objects};
 use crate::error::{LearnError, Stop};
 use crate::evaluation::{Evaluation, LeftOut, Prediction, Summary};
 use crate::folds::Fold;
@@ -153,9 +153,6 @@ impl Plan {
             let part = parts.iter().find(|part| part.method == method && part.fold == fold);
             part.expect("all parts were done")
         };
-        // One level for all folds, though some have fewer touches to calibrate on.
-        let uncertain = parts.iter().filter_map(|part| part.uncertainty.as_ref());
-        let level = uncertain.map(|own| own.calibration.default_level()).fold(1.0, f64::min);
         let mut touches: Vec<(usize, LeftOut)> = Vec::new();
         for &number in &self.todo {
             let fold = &self.folds[number];
@@ -171,7 +168,7 @@ impl Plan {
                     if let Some(uncertainty) = uncertainty {
                         let band = |of: &Calibration| {
                             let std = &uncertainty.torque_std[place];
-                            band((of, level), (frames, std), &prediction, &left_out)
+                            band((of, LEVEL), (frames, std), &prediction, &left_out)
                         };
                         let others = uncertainty.others.as_ref().and_then(&band);
                         prediction.band = band(&uncertainty.calibration);

@@ -174,19 +174,16 @@ impl Evaluation {
 impl Summary {
     /// The row of the method that stands at `index` in every touch's predictions.
     pub fn new(name: &str, index: usize, touches: &[LeftOut]) -> Self {
-        let errors = |touch: &LeftOut| touch.predictions[index].errors;
-        let coverage = |band: fn(&Prediction) -> Option<&Band>| {
-            let bands = touches.iter().filter_map(|touch| band(&touch.predictions[index]));
-            Coverage::of(&bands.collect::<Vec<_>>())
-        };
-        let coverage_of_other_objects = coverage(|own| own.band_of_other_objects.as_ref());
-        let coverage = coverage(|own| own.band.as_ref());
-        let summary = Self::of(name, &touches.iter().filter_map(errors).collect::<Vec<_>>());
-        Self { coverage, coverage_of_other_objects, ..summary }
+        let own = || touches.iter().map(|touch| &touch.predictions[index]);
+        let errors: Vec<Errors> = own().filter_map(|own| own.errors).collect();
+        let bands: Vec<&Band> = own().filter_map(|own| own.band.as_ref()).collect();
+        let of_other_objects: Vec<&Band> =
+            own().filter_map(|own| own.band_of_other_objects.as_ref()).collect();
+        Self::of(name, &errors, [&bands, &of_other_objects])
     }
 
-    /// The row of a method by its errors on touches.
-    pub fn of(name: &str, errors: &[Errors]) -> Self {
+    /// The row of a method by its errors on touches, and by its bands there: its own, and as other objects have them.
+    pub fn of(name: &str, errors: &[Errors], [bands, of_other_objects]: [&[&Band]; 2]) -> Self {
         let errors = || errors.iter();
         Self {
             name: name.to_owned(),
@@ -194,8 +191,8 @@ impl Summary {
             max_error: MeanStd::of(errors().map(|errors| errors.max_error)),
             avg_relative: MeanStd::of(errors().filter_map(|errors| errors.avg_relative)),
             max_relative: MeanStd::of(errors().filter_map(|errors| errors.max_relative)),
-            coverage: None,
-            coverage_of_other_objects: None,
+            coverage: Coverage::of(bands),
+            coverage_of_other_objects: Coverage::of(of_other_objects),
         }
     }
 }

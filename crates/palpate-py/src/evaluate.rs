@@ -1,7 +1,8 @@
 //! Methods compared on touches that they have not seen, and settings chosen on one's own.
 
+use palpate_learn::bands::Band;
 use palpate_learn::errors::Errors;
-use palpate_learn::evaluation::{Evaluation, LeftOut, Summary};
+use palpate_learn::evaluation::{Evaluation, LeftOut, Prediction, Summary};
 use palpate_learn::method::Method;
 use palpate_work::WorkError;
 use palpate_work::elastic::replace_elastic_by_map;
@@ -11,7 +12,7 @@ use palpate_work::tune::{Tune, Tuning, given as given_settings, trials, tuned_se
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::array::{flat, table_of};
 use crate::data::{given, of_python, python};
@@ -29,7 +30,7 @@ use crate::{robot, settings};
 /// `object_kind` and `root` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
 /// `test` from all others. `truth` compares with true torques. In every fold, the settings of map that are not given
 /// are chosen among few (`tune="quick"`, if left out), those of map and ekf among many (True), or none (False).
-/// `share`, its number from 0 and how many there are, does that share of the folds alone. `reuse` names the logs and the
+/// `share`, its number from 0 and how many there are, does that share of the folds alone: a `palpate.results.Share`. `reuse` names the logs and the
 /// robot as they are now: what was read for the last call of that name serves this one, if settings allow it.
 #[pyfunction]
 #[pyo3(signature = (
@@ -109,6 +110,9 @@ pub(crate) fn evaluate<'py>(
         folds.iter().map(fold).collect::<Vec<_>>()
     });
     result.set_item("tuned", python(py, &json!(tuned))?)?;
+    if share.is_some_and(|(_, of)| of > 1) {
+        result.set_item("bands", bands(py, &evaluated.evaluation)?)?;
+    }
     Ok(result.into_any())
 }
 
@@ -123,16 +127,40 @@ fn thoroughness(tune: &Bound<'_, PyAny>) -> PyResult<Tune> {
     }
 }
 
-/// The row of a method in Table I by its errors on touches, as `evaluate` gives them.
+/// A band, and [`Band::errors_n_m`], which no file has.
+type BandWithErrors = (Band, Vec<f64>);
+
+/// The row of a method in Table I by its errors and `bands` on touches, as `evaluate` gives them.
 #[pyfunction]
 pub(crate) fn summarised<'py>(
     py: Python<'py>,
     name: &str,
     errors: &Bound<'py, PyAny>,
+    bands: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let errors: Vec<Option<Errors>> = of_python(errors)?;
     let errors: Vec<Errors> = errors.into_iter().flatten().collect();
-    python(py, &json!(Summary::of(name, &errors)))
+    let touches: Vec<[Option<BandWithErrors>; 2]> = of_python(bands)?;
+    let [mut own, mut of_other_objects] = [Vec::new(), Vec::new()];
+    for kinds in touches {
+        for (kind, all) in kinds.into_iter().zip([&mut own, &mut of_other_objects]) {
+            all.extend(kind.map(|(band, errors_n_m)| Band { errors_n_m, ..band }));
+        }
+    }
+    let [own, of_other_objects] =
+        [&own, &of_other_objects].map(|all| all.iter().collect::<Vec<_>>());
+    python(py, &json!(Summary::of(name, &errors, [&own, &of_other_objects])))
+}
+
+/// The bands of each method on each touch, for `summarised`: its own, and as other objects have them.
+fn bands<'py>(py: Python<'py>, evaluation: &Evaluation) -> PyResult<Bound<'py, PyAny>> {
+    let with_errors = |band: &Option<Band>| band.as_ref().map(|own| json!([own, own.errors_n_m]));
+    let method = |own: &Prediction| {
+        let both = [&own.band, &own.band_of_other_objects].map(with_errors);
+        (own.method.clone(), json!(both))
+    };
+    let touch = |touch: &LeftOut| touch.predictions.iter().map(method).collect::<Value>();
+    python(py, &evaluation.touches.iter().map(touch).collect())
 }
 
 /// An evaluation as plain data, torques as arrays.

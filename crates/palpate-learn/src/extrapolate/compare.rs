@@ -245,6 +245,6 @@ impl Half<'_> {
             ErrorSum::of(predicted, frames.iter().map(|frame| &frame.target)).errors()
         };
         let errors: Vec<Errors> = self.fold.test.iter().filter_map(of).collect();
-        Summary::of(name, &errors)
+        Summary::of(name, &errors, [&[], &[]])
     }
 }

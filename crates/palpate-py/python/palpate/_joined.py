@@ -4,26 +4,37 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 from ._palpate import summarised
-from .results import Evaluation, LeftOut
+from .results import Evaluation, LeftOut, MethodRow, Share
 
 
-def joined(shares: Sequence[Evaluation]) -> Evaluation:
+def joined(shares: Sequence[Share]) -> Evaluation:
     """The evaluation of all folds, of which share `i` of `n` has folds `i`, `i + n` and so on."""
     first = shares[0]
-    places: list[tuple[int, int, LeftOut]] = []
+    places: list[tuple[int, int, LeftOut, dict[str, Any]]] = []
     for share in shares:
         in_fold: Counter[int] = Counter()
-        for touch in share["touches"]:  # touch `t` of a log is in fold `t mod folds`
-            places.append((in_fold[touch["fold"]], touch["fold"], touch))
+        for touch, bands in zip(share["touches"], share["bands"], strict=True):
+            # Touch `t` of a log is in fold `t mod folds`.
+            places.append((in_fold[touch["fold"]], touch["fold"], touch, bands))
             in_fold[touch["fold"]] += 1
-    touches = [touch for _, _, touch in sorted(places, key=lambda place: place[:2])]
-    names = [row["name"] for row in first["methods"]]
-    rows = [summarised(name, [touch["errors"][name] for touch in touches]) for name in names]
+    places.sort(key=lambda place: place[:2])
+
+    def row(name: str) -> MethodRow:
+        errors = [touch["errors"][name] for _, _, touch, _ in places]
+        return summarised(name, errors, [bands[name] for _, _, _, bands in places])
+
     tuned = None
     if first["tuned"] is not None:
         each = [iter(share["tuned"] or []) for share in shares]
         folds = sum(len(share["tuned"] or []) for share in shares)
         tuned = [next(each[fold % len(shares)]) for fold in range(folds)]
-    return {**first, "methods": rows, "touches": touches, "tuned": tuned}
+    return {
+        "methods": [row(method["name"]) for method in first["methods"]],
+        "touches": [touch for _, _, touch, _ in places],
+        "against": first["against"],
+        "joint_names": first["joint_names"],
+        "tuned": tuned,
+    }

@@ -600,7 +600,7 @@ def evaluate(
     `object_kind` and `root` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
     `test` from all others. `truth` compares with true torques. In every fold, the settings of map that are not given
     are chosen among few (`tune="quick"`, if left out), those of map and ekf among many (True), or none (False).
-    `share`, its number from 0 and how many there are, does that share of the folds alone. `reuse` names the logs and the
+    `share`, its number from 0 and how many there are, does that share of the folds alone: a `palpate.results.Share`. `reuse` names the logs and the
     robot as they are now: what was read for the last call of that name serves this one, if settings allow it.
     """
 
@@ -764,8 +764,8 @@ def given_settings(
 ) -> dict[str, dict[str, Any]]:
     """The settings that are given, as a dict of sections: a file's, or those of a dict after a check."""
 
-def summarised(name: str, errors: Sequence[Errors | None]) -> MethodRow:
-    """The row of a method in Table I by its errors on touches, as `evaluate` gives them."""
+def summarised(name: str, errors: Sequence[Errors | None], bands: Sequence[Any]) -> MethodRow:
+    """The row of a method in Table I by its errors and `bands` on touches, as `evaluate` gives them."""
 
 def unpickled_field(bytes: bytes) -> Field:
     """A field from the bytes that it was pickled as."""

@@ -224,7 +224,7 @@ class MethodRow(TypedDict):
     avg_relative: MeanStd | None
     max_relative: MeanStd | None
     coverage: Coverage | None
-    """Of map; None where shares were joined."""
+    """Of map."""
     coverage_of_other_objects: Coverage | None
     """The same under bands as other objects have them."""
 
@@ -259,6 +259,13 @@ class Evaluation(TypedDict):
     joint_names: list[str]
     tuned: list[dict[str, Any]] | None
     """Settings of map and ekf in each fold, if they were tuned."""
+
+
+class Share(Evaluation):
+    """What `evaluate` found in a share of the folds."""
+
+    bands: list[dict[str, Any]]
+    """By touch and method, what the coverage of all folds together is computed from."""
 
 
 class Trial(TypedDict):
