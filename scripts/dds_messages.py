@@ -168,6 +168,7 @@ class AskResponse(IdlStruct, typename="palpate_ros::srv::dds_::AskTrajectory_Res
     half_width: JointTrajectory
     level: float64
     peak: float64
+    peak_with_band: float64
     contacts: sequence[uint32]
     known: sequence[uint32]
     goes_on: bool

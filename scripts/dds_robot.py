@@ -240,6 +240,7 @@ def every_service(participant, name, path):
     answer = ask.call(JointTrajectory(header, JOINTS[::-1], points), 0.0)
     services["ask"] = {
         "success": answer.success, "message": answer.message, "peak": answer.peak, "level": answer.level,
+        "peak_with_band": answer.peak_with_band, "half_width": [list(point.effort) for point in answer.half_width.points],
         "joint_names": list(answer.predicted.joint_names), "contacts": list(answer.contacts),
         "positions": [list(point.positions) for point in answer.predicted.points],
         "torque": [list(point.effort) for point in answer.predicted.points],

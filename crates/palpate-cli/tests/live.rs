@@ -94,6 +94,17 @@ impl Live {
         self.folder.path().join(name)
     }
 
+    /// Goes on with a field that has learnt a touch, and so has bands.
+    fn resume(domain: &Domain, arguments: &[&str]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let touch = concat!(env!("CARGO_MANIFEST_DIR"), "/data/plant_a/seq_000");
+        let mut map = palpate();
+        map.args(["map", touch, "--replays", "2", "-o"]).arg(folder.path().join("field.npz"));
+        succeed(&mut map);
+        let going_on = ["--resume", "--replays", "2"];
+        Self::start_in(folder, domain, &[&going_on, arguments].concat())
+    }
+
     /// All lines so far.
     fn lines(&self) -> String {
         fs::read_to_string(self.path("lines.json")).unwrap()
@@ -430,13 +441,16 @@ fn needs_cyclonedds_a_client_of_the_service_gets_its_answer_and_the_tare() {
 fn needs_cyclonedds_every_service_answers_and_the_node_is_one_of_ros() {
     let domain = Domain::take();
     let flags = ["--services", "cyclone", "--guard", "30", "--checkpoint", "3600"];
-    let live = Live::start(&domain, &flags);
+    let live = Live::resume(&domain, &flags);
+    let before = fs::read(live.path("field.npz")).unwrap();
     let played = ["--rate", "100", "--seconds", "2", "--call", "palpate", "--until-received"];
     let robot = result(&mut robot(&domain, &played));
     let called = &robot["called"];
     assert_eq!(robot["failed"], Value::Null, "{robot}");
     assert_eq!(called["save"], serde_json::json!([true, "the field is saved"]), "{called}");
-    assert!(load(&live.path("field.npz")).is_ok(), "saved long before a checkpoint is due");
+    assert!(load(&live.path("field.npz")).is_ok());
+    let now = fs::read(live.path("field.npz")).unwrap();
+    assert!(now != before, "saved long before a checkpoint is due");
     assert_eq!(called["tare"][0], true, "{called}");
     assert!(called["reset"][1].as_str().is_some_and(|words| !words.is_empty()), "{called}");
 
@@ -449,7 +463,12 @@ fn needs_cyclonedds_every_service_answers_and_the_node_is_one_of_ros() {
     assert_eq!((torques.len(), rows("positions").len()), (12, 12));
     assert_eq!(ask["times"], serde_json::json!((0..12).collect::<Vec<_>>()));
     let peak = torques.concat().into_iter().map(f64::abs).fold(0.0, f64::max);
-    assert!((ask["peak"].as_f64().unwrap() - peak).abs() < 1e-12, "{ask}");
+    let found = |name: &str| ask[name].as_f64().unwrap();
+    assert!((found("peak") - peak).abs() < 1e-12, "{ask}");
+    // The band for the largest torque is nowhere narrower than that of each.
+    let with_band = torques.concat().into_iter().zip(rows("half_width").concat());
+    let outer = with_band.map(|(torque, width)| torque.abs() + width).fold(0.0, f64::max);
+    assert!(found("level") == 0.9 && outer > peak && found("peak_with_band") >= outer, "{ask}");
     assert_eq!(called["refused"][0], false);
     assert!(called["refused"][1].as_str().unwrap().contains("Actuator7"), "{}", called["refused"]);
     let uneven = called["uneven"][1].as_str().unwrap();
@@ -516,7 +535,7 @@ fn needs_cyclonedds_questions_are_answered_while_it_maps() {
     let domain = Domain::take();
     let folder = tempfile::tempdir().unwrap();
     let socket = folder.path().join("ask");
-    let live = Live::start(&domain, &["--ask", socket.to_str().unwrap()]);
+    let live = Live::resume(&domain, &["--ask", socket.to_str().unwrap()]);
     let _robot = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "inf"]));
     live.wait_for("\"state\":\"mapping\"");
     let mut stream = BufReader::new(UnixStream::connect(&socket).unwrap());
@@ -535,6 +554,10 @@ fn needs_cyclonedds_questions_are_answered_while_it_maps() {
     let stds: Vec<f64> =
         answer["torque_std"][49].as_array().unwrap().iter().map(|s| s.as_f64().unwrap()).collect();
     assert!(stds.iter().all(|&std| std >= 0.0) && stds.iter().any(|&std| std > 0.0), "{stds:?}");
+    let widths =
+        |name: &str| -> Vec<Vec<f64>> { serde_json::from_value(answer[name].clone()).unwrap() };
+    let widths = widths("half_width").concat().into_iter().zip(widths("peak_half_width").concat());
+    assert!(widths.clone().count() == 350 && widths.into_iter().all(|(own, peak)| own <= peak));
     let bytes: Vec<u8> = path.concat().iter().flat_map(|q| q.to_le_bytes()).collect();
     let path_f64 = BASE64_STANDARD.encode(bytes);
     let answer = ask(format!("{}\n", serde_json::json!({ "path_f64": path_f64 })));

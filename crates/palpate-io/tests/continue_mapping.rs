@@ -509,8 +509,9 @@ fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
         untouched_std_n_per_m: 2.0,
         touches: 9,
         by_unknown_n_m: vec![],
+        exponent: 0.5,
         of_other_objects: false,
-        quantiles: vec![BandQuantiles { level: 0.9, frame: 1.2, peak: 1.0 }],
+        quantiles: vec![BandQuantiles { level: 0.9, frame: 0.1, peak: 1.2 }],
         misfits: Vec::new(),
     };
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {

@@ -1,5 +1,6 @@
 //! How often bands hold the measured torque of touches that were neither learnt nor calibrated on.
 
+use nalgebra::DVector;
 use palpate::Calibration;
 use serde::{Deserialize, Serialize};
 
@@ -77,24 +78,26 @@ impl Band {
     pub fn of((calibration, level): (&Calibration, f64), touch: &[PredictedFrame]) -> Option<Self> {
         let q = calibration.at(level).filter(|_| !touch.is_empty())?;
         let scales = scales(calibration, touch);
+        let shapes: Vec<DVector<f64>> =
+            scales.iter().map(|scale| calibration.shape(scale)).collect();
         let mut classes = [Class::default(); 3];
-        for (frame, scale) in touch.iter().zip(&scales) {
+        for (frame, shape) in touch.iter().zip(&shapes) {
             let [all, met] = frame.contacts;
             let class = &mut classes[match (all, 2 * met >= all) {
                 (0, _) => 0,
                 (_, true) => 1,
                 (_, false) => 2,
             }];
-            for (error, scale) in frame.errors().zip(scale) {
+            for (error, shape) in frame.errors().zip(shape) {
                 class.torques += 1;
-                class.inside += u32::from(error <= q.frame * scale);
-                class.half_width_n_m += q.frame * scale;
+                class.inside += u32::from(error <= q.frame * shape);
+                class.half_width_n_m += q.frame * shape;
             }
         }
         let errors_n_m: Vec<f64> = touch.iter().flat_map(PredictedFrame::errors).collect();
         let inside = |q: f64| {
-            let each = errors_n_m.iter().zip(scales.iter().flatten());
-            each.filter(|(error, scale)| **error <= q * **scale).count() as f64
+            let each = errors_n_m.iter().zip(shapes.iter().flatten());
+            each.filter(|(error, shape)| **error <= q * **shape).count() as f64
         };
         let by_level = calibration.quantiles.iter();
         let by_level =
@@ -102,7 +105,7 @@ impl Band {
         let peaks = peak_errors(touch, &scales).into_iter();
         Some(Self {
             level,
-            half_width: scales.iter().map(|scale| (scale * q.frame).data.into()).collect(),
+            half_width: shapes.iter().map(|shape| (shape * q.frame).data.into()).collect(),
             classes,
             by_level,
             peaks_inside: peaks.filter(|error| *error <= q.peak).count() as u32,

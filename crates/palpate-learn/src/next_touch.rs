@@ -96,11 +96,12 @@ impl<'a> NextTouch<'a> {
         let calibration = calibration.filter(|own| own.check(self.tracked.n_joints).is_ok());
         let at = |frame: &TrackedFrame| {
             let predicted = self.rows.predicted(frame);
-            let widths: Vec<f64> = match calibration.and_then(|own| own.at(own.default_level())) {
-                Some(q) => {
-                    let scale = calibration.map(|own| predicted.scale(own));
-                    scale.iter().flatten().map(|scale| q.peak.max(q.frame) * scale).collect()
-                }
+            let band = calibration.and_then(|own| {
+                let (torque, std) = (&predicted.torque, &predicted.torque_std);
+                own.peak_half_width(own.default_level(), torque, std, predicted.contacts)
+            });
+            let widths: Vec<f64> = match band {
+                Some(band) => band.data.into(),
                 None => predicted.torque_std.iter().map(|std| 2.0 * std).collect(),
             };
             let each = predicted

@@ -50,6 +50,7 @@ fn field(tracked: &Tracked) -> Field {
         untouched_std_n_per_m: 1.0,
         touches: 5,
         by_unknown_n_m: vec![],
+        exponent: 0.5,
         of_other_objects: false,
         quantiles: vec![BandQuantiles { level: 0.8, frame: 1.0, peak: 1.0 }],
         misfits: [0.2, 0.25, 0.22, 0.27, 0.18].map(|own| [own, 0.5 * own]).to_vec(),

@@ -5,7 +5,7 @@
 //! |---------------------|---------------------------------------------------------------------------|
 //! | `{"path": [[q…]…]}` | `torque`, `torque_std` (N × n_joints, N·m, to a millionth), `contacts`, `known` (N), `goes_on`, `ms` |
 //! | `{"path_f64": "…"}` | the same, with `torque_f64` and `torque_std_f64`                          |
-//! | either, of a field with bands | `level` and `half_width` or `half_width_f64` as well (N × n_joints, N·m); `"level": 0.8` beside the path chooses the level |
+//! | either, of a field with bands | `level`, `half_width` and `peak_half_width`, or both with `_f64`, as well (N × n_joints, N·m); `"level": 0.8` beside the path chooses the level |
 //! | `{"tare": true}`    | `{"taring": true}`                                                        |
 //! | anything else       | `{"error": …}`, and the next line is read                                 |
 //!

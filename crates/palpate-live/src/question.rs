@@ -63,6 +63,11 @@ struct Band {
     half_width: Option<Vec<Vec<f64>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     half_width_f64: Option<String>,
+    /// Of the band for the largest torque of the path.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    peak_half_width: Option<Vec<Vec<f64>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    peak_half_width_f64: Option<String>,
 }
 
 /// Torques and their standard deviations, as the path was written.
@@ -199,12 +204,13 @@ impl PathReply {
 
 impl Band {
     fn of(answer: &PathPrediction, form: Form, level: f64) -> Option<Self> {
-        let widths = answer.half_width(level)?;
-        let (half_width, half_width_f64) = match form {
+        let written = |widths: Vec<DVector<f64>>| match form {
             Form::Lists => (Some(lists(&widths)), None),
             Form::F64 => (None, Some(base64(&widths))),
         };
-        Some(Self { level, half_width, half_width_f64 })
+        let (half_width, half_width_f64) = written(answer.half_width(level)?);
+        let (peak_half_width, peak_half_width_f64) = written(answer.peak_half_width(level)?);
+        Some(Self { level, half_width, half_width_f64, peak_half_width, peak_half_width_f64 })
     }
 }
 

@@ -114,23 +114,28 @@ impl Services<'_> {
             (Some(_), level) if level > 0.0 => level,
             (Some(own), _) => own.default_level(),
         };
-        let half_width = match calibration {
-            None => None,
+        let torques = answer.points.iter().map(|point| &point.torque);
+        let peak = torques.clone().map(|torque| torque.amax()).fold(0.0, f64::max);
+        let (half_width, peak_with_band) = match calibration {
+            None => (None, peak),
             Some(own) => {
                 let no = || {
                     format!("`level` is {level}; the field has bands up to {}", own.highest_level())
                 };
-                Some(answer.half_width(level).ok_or_else(no)?)
+                let widths = answer.peak_half_width(level).ok_or_else(no)?;
+                let outer =
+                    torques.clone().zip(&widths).map(|(own, width)| (own.abs() + width).max());
+                (answer.half_width(level), outer.fold(0.0, f64::max))
             }
         };
-        let torques = answer.points.iter().map(|point| &point.torque);
         let count = |of: fn(&PathPoint) -> usize| {
             answer.points.iter().map(|point| u32::try_from(of(point)).unwrap_or(u32::MAX)).collect()
         };
         Ok(AskTrajectoryResponse {
             success: true,
             message: String::new(),
-            peak: torques.clone().map(|torque| torque.amax()).fold(0.0, f64::max),
+            peak,
+            peak_with_band,
             predicted: self.with_efforts(&trajectory, torques),
             half_width: half_width.map_or_else(JointTrajectory::default, |widths| {
                 self.with_efforts(&trajectory, &widths)

@@ -51,7 +51,7 @@ pub struct StepOutcome {
     /// τ_ext and the τ̂ that was predicted before it was learnt from, n_joints, N·m; `None` unless
     /// the session maps.
     pub torques: Option<(DVector<f64>, DVector<f64>)>,
-    /// Half-width of the band around τ̂, n_joints, N·m, if the mapper reports one ([`Mapper::with_band`]).
+    /// Half-width of the band for largest torques around τ̂, n_joints, N·m, if the mapper reports one ([`Mapper::with_band`]).
     pub half_width: Option<DVector<f64>>,
     /// Points touched.
     pub contacts: usize,

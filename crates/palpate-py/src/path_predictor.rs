@@ -33,6 +33,8 @@ pub(crate) struct Answer {
     ///
     /// None of a field without bands.
     half_width: Option<Py<PyArray2<f64>>>,
+    /// The same of the band that holds the largest torque of a joint along the path, (P, n_joints), N·m.
+    peak_half_width: Option<Py<PyArray2<f64>>>,
     /// Points of the lattice touched, (P,).
     contacts: Py<PyArray1<u64>>,
     /// Those of them that were touched when the field was learnt, (P,).
@@ -139,9 +141,11 @@ impl PathPredictor {
 impl Answer {
     fn of(py: Python<'_>, answer: PathPrediction, joints: usize) -> Self {
         let level = answer.calibration.as_ref().map(|own| own.default_level());
-        let half_width = level.and_then(|level| answer.half_width(level));
-        let half_width =
-            half_width.map(|rows| table_of(py, rows.iter().map(|row| row.as_slice()), joints));
+        let widths = [PathPrediction::half_width, PathPrediction::peak_half_width].map(|of| {
+            let rows = level.and_then(|level| of(&answer, level))?;
+            Some(table_of(py, rows.iter().map(|row| row.as_slice()), joints))
+        });
+        let [half_width, peak_half_width] = widths;
         let PathPrediction { points, goes_on, stops, .. } = answer;
         let torques = |of: fn(&PathPoint) -> &DVector<f64>| {
             table_of(py, points.iter().map(|point| of(point).as_slice()), joints)
@@ -153,6 +157,7 @@ impl Answer {
             torque: torques(|point| &point.torque),
             torque_std: torques(|point| &point.torque_std),
             half_width,
+            peak_half_width,
             contacts: counts(|point| point.contacts),
             known: counts(|point| point.known),
             goes_on,

@@ -90,7 +90,7 @@ class Banded:
 
     def ask_all(self, paths: Any, inside: bool) -> Any:
         answers = self.inner.ask_all(paths, inside=inside)
-        return [SimpleNamespace(torque=own.torque, half_width=0.5 + 0 * own.torque) for own in answers]
+        return [SimpleNamespace(torque=own.torque, peak_half_width=0.5 + 0 * own.torque) for own in answers]
 
 
 def test_a_band_of_half_a_newton_metre_lowers_the_limit_by_it(

@@ -3,7 +3,7 @@
 //! The half-width of joint j's band at a level, such as 0.9, is
 //!
 //! ```text
-//! q(level) · (a_j + b |τ̂_j| + c s_j + d_j n)        s: √ diag(H P Hᵀ), the springs' own standard deviation
+//! q(level) · (a_j + b |τ̂_j| + c s_j + d_j n)^g      s: √ diag(H P Hᵀ), the springs' own standard deviation
 //!                                                   n: share of the touched points that the field does not know
 //! ```
 //!
@@ -11,9 +11,13 @@
 //! independent, so n touches give no level above n / (n + 1): with the chance that is left, a new touch is worse than all
 //! of them.
 //!
+//! The exponent g is ½: that holds as many torques by narrower bands than g = 1 does, and fewer of the largest ones. What
+//! must hold these, such as a guard, asks for the band of the largest torque of a touch, which has its own q and g = 1.
+//!
 //! With too few of them for that, bands are as those of other objects ([`Calibration::of_other_objects`]): a is the error
 //! that the field makes on what it has learnt from, which of all that is known without a touch held out says best how well
-//! springs can express this object, and d the torque that was felt. s is left out: it falls with the samples a second.
+//! springs can express this object, and d the torque that was felt. s is left out: it falls with the samples a second. g
+//! is 1, so that an object twice as stiff has bands twice as wide.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -31,6 +35,9 @@ pub struct Calibration {
     /// Factors d of the share of unknown points, n_joints, N·m; none if it does not count.
     #[serde(default)]
     pub by_unknown_n_m: Vec<f64>,
+    /// Exponent g of the sum, for the torque of a joint in a frame, above 0 and at most 1.
+    #[serde(default = "one")]
+    pub exponent: f64,
     /// Standard deviation of the stiffness of cells that were never touched, N/m.
     pub untouched_std_n_per_m: f64,
     /// Touches that were held out; of bands of other objects, those that were learnt from.
@@ -52,10 +59,14 @@ pub struct Calibration {
 pub struct BandQuantiles {
     /// The share of torques that the band is to contain, 0 to 1.
     pub level: f64,
-    /// For the torque of a joint in a frame.
+    /// For the torque of a joint in a frame, (N·m)^(1 − g).
     pub frame: f64,
-    /// For the largest torque of a joint in a touch, with the width where the largest is predicted.
+    /// For the largest torque of a joint in a touch, with the sum where the largest is predicted, and no exponent.
     pub peak: f64,
+}
+
+fn one() -> f64 {
+    1.0
 }
 
 /// On other objects, at 0.9: a over the error on what was learnt, b, and d over the torque that was felt. Nine simulated
@@ -122,6 +133,7 @@ impl Calibration {
             by_torque,
             by_std: 0.0,
             by_unknown_n_m: learnt.torque_n_m.iter().map(|torque| by_felt * torque).collect(),
+            exponent: 1.0,
             untouched_std_n_per_m,
             touches,
             of_other_objects: true,
@@ -156,8 +168,46 @@ impl Calibration {
         Some(BandQuantiles { level, frame: mix(|own| own.frame), peak: mix(|own| own.peak) })
     }
 
-    /// `a + b |τ̂| + c s + d n`: n_joints, N·m, of a predicted torque, its springs' standard deviation, n_joints, N·m, and
-    /// how many points are touched and how many of these are known.
+    /// Half-width of the band at a level, n_joints, N·m, of a predicted torque, its springs' standard deviation, n_joints,
+    /// N·m, and how many points are touched and how many of these are known. `None` without a band of that level.
+    ///
+    /// # Panics
+    ///
+    /// If these are of another number of joints.
+    pub fn half_width(
+        &self,
+        level: f64,
+        torque: &[f64],
+        torque_std: &[f64],
+        contacts: [usize; 2],
+    ) -> Option<DVector<f64>> {
+        let scale = self.scale(torque, torque_std, contacts);
+        Some(self.at(level)?.frame * self.shape(&scale))
+    }
+
+    /// The same of the band that holds the largest torque of a touch, where the largest is predicted; nowhere narrower than
+    /// [`Calibration::half_width`].
+    ///
+    /// # Panics
+    ///
+    /// If these are of another number of joints.
+    pub fn peak_half_width(
+        &self,
+        level: f64,
+        torque: &[f64],
+        torque_std: &[f64],
+        contacts: [usize; 2],
+    ) -> Option<DVector<f64>> {
+        let (q, scale) = (self.at(level)?, self.scale(torque, torque_std, contacts));
+        Some((q.peak * &scale).sup(&(q.frame * self.shape(&scale))))
+    }
+
+    /// What a band's half-width in a frame is q times of, of a [`scale`](Self::scale).
+    pub fn shape(&self, scale: &DVector<f64>) -> DVector<f64> {
+        scale.map(|scale| scale.powf(self.exponent))
+    }
+
+    /// `a + b |τ̂| + c s + d n`: n_joints, N·m, of what [`Calibration::half_width`] takes.
     ///
     /// # Panics
     ///
@@ -208,6 +258,12 @@ impl Calibration {
         if let Some(number) = numbers.into_iter().find(|own| !(own.is_finite() && *own >= 0.0)) {
             return Err(format!("the bands hold {number}; wanted a number of at least 0"));
         }
+        if !(self.exponent > 0.0 && self.exponent <= 1.0) {
+            return Err(format!(
+                "the exponent of the bands is {}; wanted above 0, up to 1",
+                self.exponent
+            ));
+        }
         let levels: Vec<f64> = self.quantiles.iter().map(|own| own.level).collect();
         let rise = levels.windows(2).all(|pair| pair[0] < pair[1]);
         if !rise || levels.iter().any(|level| !(*level > 0.0 && *level < 1.0)) {
@@ -253,6 +309,7 @@ mod tests {
             by_torque: 0.5,
             by_std: 2.0,
             by_unknown_n_m: vec![],
+            exponent: 0.5,
             untouched_std_n_per_m: 10.0,
             touches: 9,
             of_other_objects: false,
@@ -268,5 +325,18 @@ mod tests {
         assert_eq!(calibration.at(0.2), None);
         let scale = calibration.scale(&[-2.0, 0.0], &[0.0, 0.3], [2, 1]);
         assert!((scale - DVector::from_vec(vec![1.1, 0.8])).amax() < 1e-12);
+        // 3 √1.1 and 3 √0.8 in a frame; 9 · 1.1 and 9 · 0.8 for the largest torque.
+        let widths = [Calibration::half_width, Calibration::peak_half_width]
+            .map(|of| of(&calibration, 0.9, &[-2.0, 0.0], &[0.0, 0.3], [2, 1]).unwrap());
+        assert!((widths[0][0] - 3.146_427).abs() < 1e-6 && (widths[0][1] - 2.683_282).abs() < 1e-6);
+        assert!((widths[1][0] - 9.9).abs() < 1e-12 && (widths[1][1] - 7.2).abs() < 1e-12);
+        assert_eq!(calibration.half_width(0.95, &[0.0; 2], &[0.0; 2], [0, 0]), None);
+        // Where the sum is small, a frame's band is the wider one.
+        let small = Calibration { floor_n_m: vec![1e-4; 2], ..calibration.clone() };
+        let peak = small.peak_half_width(0.9, &[0.0; 2], &[0.0; 2], [0, 0]).unwrap();
+        assert!((peak[0] - 0.03).abs() < 1e-12, "{peak}");
+        for exponent in [0.0, 1.1, f64::NAN] {
+            assert!(Calibration { exponent, ..calibration.clone() }.check(2).is_err());
+        }
     }
 }

@@ -282,6 +282,7 @@ fn bands_are_those_of_the_arm_that_learnt_the_field() {
         untouched_std_n_per_m: 5.0,
         touches: 9,
         by_unknown_n_m: vec![],
+        exponent: 0.5,
         of_other_objects: false,
         quantiles: vec![BandQuantiles { level: 0.9, frame: 1.0, peak: 1.0 }],
         misfits: Vec::new(),

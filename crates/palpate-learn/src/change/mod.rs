@@ -306,8 +306,8 @@ impl<'a> Beside<'a> {
         let q = self.calibration.at(self.calibration.default_level())?;
         let mut weights = vec![0.0; self.rows.cells.len()];
         for (frame, predicted) in frames {
-            let scale = predicted.scale(self.calibration);
-            if predicted.errors().zip(&scale).any(|(error, scale)| error > q.frame * scale) {
+            let shape = self.calibration.shape(&predicted.scale(self.calibration));
+            if predicted.errors().zip(&shape).any(|(error, shape)| error > q.frame * shape) {
                 for row in frame.observation.rows() {
                     weights[row] += 1e-6 + self.rows.estimates[row].stiffness_n_per_m;
                 }

@@ -57,6 +57,8 @@ pub struct AskTrajectoryResponse {
     pub level: f64,
     /// The largest predicted torque of a joint, N·m, without sign.
     pub peak: f64,
+    /// The largest at the outer end of the band for largest torques, N·m; as `peak` without bands.
+    pub peak_with_band: f64,
     /// Points of the lattice touched, at every point.
     pub contacts: Vec<u32>,
     /// Those of them that were touched when the field was learnt.

@@ -312,6 +312,9 @@ class Answer:
         None of a field without bands.
         """
     @property
+    def peak_half_width(self) -> NDArray[np.float64] | None:
+        """The same of the band that holds the largest torque of a joint along the path, (P, n_joints), N·m."""
+    @property
     def contacts(self) -> NDArray[np.uint64]:
         """Points of the lattice touched, (P,)."""
     @property

@@ -74,8 +74,8 @@ class FieldCost:
     ) -> NDArray[np.int64]:
         """The first row of each path at which, or on the way to which, a joint's torque is above `max_torque`, N·m.
 
-        (N,), or () of one path; -1 where it stays below. With `with_band`, the half-width of the torque's band is added to
-        it; ValueError if the field has no bands.
+        (N,), or () of one path; -1 where it stays below. With `with_band`, the half-width of the band for largest torques is
+        added to it; ValueError if the field has no bands.
         """
         if not max_torque >= 0.0:
             raise ValueError(f"`max_torque` is {max_torque}; wanted 0 N·m or more")
@@ -84,9 +84,9 @@ class FieldCost:
         for ends, _, answer in self._answers(several, inside):
             torque = np.abs(answer.torque)
             if with_band:
-                if answer.half_width is None:
+                if answer.peak_half_width is None:
                     raise ValueError("the field has no bands; leave out `with_band`, or use a field of `palpate map`")
-                torque = torque + answer.half_width
+                torque = torque + answer.peak_half_width
             above = torque.max(1) > max_torque
             firsts.append(int(np.searchsorted(ends, above.argmax())) if above.any() else -1)
         return np.array(firsts[0] if one else firsts, dtype=np.int64)

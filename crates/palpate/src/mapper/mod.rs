@@ -131,7 +131,7 @@ pub struct StepReport {
     pub external: Option<DVector<f64>>,
     /// τ̂ before the sample was learnt from, n_joints, N·m; `None` with `external`.
     pub predicted: Option<DVector<f64>>,
-    /// Half-width of the band around it, n_joints, N·m, if [`Mapper::with_band`] asks for one.
+    /// Half-width of the band for largest torques around it, n_joints, N·m, if [`Mapper::with_band`] asks for one.
     pub half_width: Option<DVector<f64>>,
 }
 
@@ -344,8 +344,7 @@ impl Mapper {
         (std, contacts): &(DVector<f64>, [usize; 2]),
     ) -> Option<DVector<f64>> {
         let calibration = self.calibration()?;
-        let q = calibration.at(self.band?)?.frame;
-        Some(q * calibration.scale(predicted.as_slice(), std.as_slice(), *contacts))
+        calibration.peak_half_width(self.band?, predicted.as_slice(), std.as_slice(), *contacts)
     }
 
     /// Lets the belief age by a step in which nothing is touched; the prediction is zero.

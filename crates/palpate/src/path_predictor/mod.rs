@@ -191,17 +191,28 @@ pub struct PathPrediction {
     pub calibration: Option<Arc<Calibration>>,
 }
 
+/// A half-width at a level, of torque, its standard deviation and contacts.
+type HalfWidth = fn(&Calibration, f64, &[f64], &[f64], [usize; 2]) -> Option<DVector<f64>>;
+
 impl PathPrediction {
     /// Half-widths of the bands at a level, n_joints for each point, N·m; `None` if the field is not calibrated, or not
     /// up to that level.
     pub fn half_width(&self, level: f64) -> Option<Vec<DVector<f64>>> {
+        self.half_widths(level, Calibration::half_width)
+    }
+
+    /// The same of the band that holds the largest torque of the path ([`Calibration::peak_half_width`]).
+    pub fn peak_half_width(&self, level: f64) -> Option<Vec<DVector<f64>>> {
+        self.half_widths(level, Calibration::peak_half_width)
+    }
+
+    fn half_widths(&self, level: f64, of: HalfWidth) -> Option<Vec<DVector<f64>>> {
         let calibration = self.calibration.as_ref()?;
-        let q = calibration.at(level)?.frame;
-        let of = |point: &PathPoint| {
+        let at = |point: &PathPoint| {
             let contacts = [point.contacts, point.known];
-            calibration.scale(point.torque.as_slice(), point.torque_std.as_slice(), contacts) * q
+            of(calibration, level, point.torque.as_slice(), point.torque_std.as_slice(), contacts)
         };
-        Some(self.points.iter().map(of).collect())
+        self.points.iter().map(at).collect()
     }
 }
 
