@@ -2,13 +2,15 @@
 """Compares the order in which `Field.next` proposes touches with random ones, by the error on touches that are tested.
 
     python scripts/next_touch.py SET [SET ...] --out FOLDER [--simulate] [--splits 5] [--orders 20] [--processes 2]
+        [--settings FILE.toml]
 
 A third of each set's touches is kept for testing, in several splits; their joint paths, without torques, are the task.
 The others are learned one after the other, in random orders and in the order that `next` proposes, each time from those
 left and by the field so far. After each touch the error on the tested ones is taken, relative to predicting zero.
 
 With --simulate, every touch is made when it is chosen: MuJoCo moves the arm along its path through the set's object, as
-touch_again.py does, with new noise. Otherwise the set's recorded torques are used.
+touch_again.py does, with new noise. Otherwise the set's recorded torques are used. Without --settings, the field is learned
+under the shipped ones.
 
 FOLDER gets curves.json and curves.svg, and a table is printed: the error of `next` after half of the touches, beside that
 of random orders after half and after two thirds. Figures are of simulated sets. Needs palpate, numpy, matplotlib (and
@@ -66,9 +68,9 @@ def error(field, tests):
     return overall["avg_error"] / overall["zero"]["avg_error"]
 
 
-def curve(source, tests, candidates, choose):
+def curve(source, tests, candidates, choose, settings):
     """Errors after 1, 2, ... touches; `choose` takes the field so far, or None, and the numbers that are left."""
-    mapper, left, errors, order = palpate.Mapper(), list(candidates), [], []
+    mapper, left, errors, order = palpate.Mapper(settings=settings), list(candidates), [], []
     while left:
         number = choose(mapper.field(), left)
         left.remove(number)
@@ -80,7 +82,7 @@ def curve(source, tests, candidates, choose):
 
 def split_of(work):
     """All curves of one split of one set."""
-    folder, simulate, split, orders = work
+    folder, simulate, split, orders, settings = work
     source = (Simulated if simulate else Recorded)(folder)
     numbers = np.random.default_rng(100 + split).permutation(len(source.touches)).tolist()
     count = round(len(numbers) / 3)
@@ -93,8 +95,10 @@ def split_of(work):
         return left[found["proposals"][0]["candidate"]] if found["proposals"] else left[0]
 
     rng = np.random.default_rng(split)
-    random = [curve(source, tests, candidates, lambda _, left: int(rng.choice(left))) for _ in range(orders)]
-    return {"set": Path(folder).name, "test": test, "next": curve(source, tests, candidates, proposed), "random": random}
+    drawn = lambda _, left: int(rng.choice(left))  # noqa: E731
+    random = [curve(source, tests, candidates, drawn, settings) for _ in range(orders)]
+    ordered = curve(source, tests, candidates, proposed, settings)
+    return {"set": Path(folder).name, "test": test, "next": ordered, "random": random}
 
 
 def picture(results, path):
@@ -137,9 +141,10 @@ def main():
     parser.add_argument("--splits", type=int, default=5)
     parser.add_argument("--orders", type=int, default=20)
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--settings", type=Path)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    work = [(name, args.simulate, split, args.orders) for name in args.sets for split in range(args.splits)]
+    work = [(name, args.simulate, split, args.orders, args.settings) for name in args.sets for split in range(args.splits)]
     with ProcessPoolExecutor(args.processes) as pool:
         results = []
         for number, result in enumerate(pool.map(split_of, work), 1):
