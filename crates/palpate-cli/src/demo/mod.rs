@@ -54,7 +54,7 @@ pub(crate) struct Args {
     /// Which of the bundled touches, from 0 to 10, is not learnt from but predicted
     #[arg(long, value_name = "N", default_value_t = bundled::COUNT - 1, value_parser = of_bundled())]
     hold_out: usize,
-    /// Choose settings, evaluate all methods by leaving out each touch, and extrapolate, in about two minutes
+    /// Choose settings, evaluate all methods by leaving out each touch, and extrapolate, in a few minutes
     #[arg(long, conflicts_with = "no_report")]
     full: bool,
     /// Leave out the report: the evaluation on all touches
@@ -257,7 +257,7 @@ impl Args {
                fig4.svg     the same as a picture, seen.ply as a cloud"
         } else {
             "\n\n`palpate demo --full` chooses the settings by cross-validation, compares all methods, and \
-             extrapolates to\nuntouched points, in about two minutes."
+             extrapolates to\nuntouched points, in a few minutes."
         };
         let _ = write!(
             text,
