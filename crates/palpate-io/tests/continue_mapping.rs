@@ -537,7 +537,7 @@ fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
             let Some(said) = said else { continue };
             let std = said.torque_std.unwrap();
             let wanted = 1.2 * calibration.scale(said.predicted.as_slice(), std.as_slice(), [1, 1]);
-            let found = step.half_width.unwrap();
+            let found = step.peak_half_width.unwrap();
             assert!((&found - &wanted).amax() < 1e-9 * wanted.amax(), "{found} and {wanted}");
             if step.contacts > 0 {
                 break;

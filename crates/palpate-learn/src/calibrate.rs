@@ -1,10 +1,10 @@
 //! Prediction bands ([`palpate::Calibration`]), calibrated on touches that were held out, or else those of other objects.
 //!
-//! Each training touch is predicted after learning the others, under the same settings but for fewer replays. The half-width is a sum that is
-//! linear in the predicted torque and its springs' standard deviation, with coefficients of least absolute error for the
-//! 0.9 quantile (quantile regression, Koenker and Bassett 1978): the narrowest bands of that shape. Its multipliers for
-//! the other levels are quantiles of the held-out errors over the half-widths' shape, each touch counting alike (conformal
-//! prediction with frames grouped by touch, Dunn, Wasserman and Ramdas 2022).
+//! Each training touch is predicted after learning the others, under the same settings but for fewer replays. The half-width is the
+//! root of a sum that is linear in the predicted torque and its springs' standard deviation. Its coefficients are those of
+//! least absolute error for the 0.9 quantile (quantile regression, Koenker and Bassett 1978). The factors of the levels are
+//! quantiles of the held-out errors over these roots, each touch counting alike (conformal prediction with frames grouped by
+//! touch, Dunn, Wasserman and Ramdas 2022).
 
 use nalgebra::DVector;
 use palpate::unstable::{Cell, Estimator};

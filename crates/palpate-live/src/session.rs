@@ -52,7 +52,7 @@ pub struct StepOutcome {
     /// the session maps.
     pub torques: Option<(DVector<f64>, DVector<f64>)>,
     /// Half-width of the band for largest torques around τ̂, n_joints, N·m, if the mapper reports one ([`Mapper::with_band`]).
-    pub half_width: Option<DVector<f64>>,
+    pub peak_half_width: Option<DVector<f64>>,
     /// Points touched.
     pub contacts: usize,
     /// Whether a touch begins with it.
@@ -178,7 +178,7 @@ impl Session {
             }
         }
         if let Some(guard) = &self.guard {
-            guard.mapped(outcome.torques.as_ref(), outcome.half_width.as_ref());
+            guard.mapped(outcome.torques.as_ref(), outcome.peak_half_width.as_ref());
         }
         outcome.detection = self.detection(&outcome, sample);
         outcome
@@ -239,7 +239,8 @@ impl Session {
             return self.wait();
         }
         self.state = State::Mapping;
-        (outcome.torques, outcome.half_width) = (Some((external, predicted)), report.half_width);
+        (outcome.torques, outcome.peak_half_width) =
+            (Some((external, predicted)), report.peak_half_width);
     }
 
     /// Takes the error of a step that failed.

@@ -11,8 +11,8 @@
 //! independent, so n touches give no level above n / (n + 1): with the chance that is left, a new touch is worse than all
 //! of them.
 //!
-//! The exponent g is ½: that holds as many torques by narrower bands than g = 1 does, and fewer of the largest ones. What
-//! must hold these, such as a guard, asks for the band of the largest torque of a touch, which has its own q and g = 1.
+//! The exponent g is ½: bands are then narrower than with g = 1 and contain as many torques, but fewer of the largest ones.
+//! For these there is another band, of the largest torque of a touch, with its own q and g = 1. A guard takes that one.
 //!
 //! With too few of them for that, bands are as those of other objects ([`Calibration::of_other_objects`]): a is the error
 //! that the field makes on what it has learnt from, which of all that is known without a touch held out says best how well
@@ -202,7 +202,7 @@ impl Calibration {
         Some((q.peak * &scale).sup(&(q.frame * self.shape(&scale))))
     }
 
-    /// What a band's half-width in a frame is q times of, of a [`scale`](Self::scale).
+    /// A [`scale`](Self::scale) to the power of g: what q multiplies for the torque of a joint in a frame.
     pub fn shape(&self, scale: &DVector<f64>) -> DVector<f64> {
         scale.map(|scale| scale.powf(self.exponent))
     }

@@ -132,7 +132,7 @@ pub struct StepReport {
     /// τ̂ before the sample was learnt from, n_joints, N·m; `None` with `external`.
     pub predicted: Option<DVector<f64>>,
     /// Half-width of the band for largest torques around it, n_joints, N·m, if [`Mapper::with_band`] asks for one.
-    pub half_width: Option<DVector<f64>>,
+    pub peak_half_width: Option<DVector<f64>>,
 }
 
 /// Learns a stiffness field from samples.
@@ -279,12 +279,17 @@ impl Mapper {
         let frame = self.record(sample);
         let contacts = tracked.contacts.len();
         let Some(external) = &tracked.external else {
-            return Ok(StepReport { contacts, external: None, predicted: None, half_width: None });
+            return Ok(StepReport {
+                contacts,
+                external: None,
+                predicted: None,
+                peak_half_width: None,
+            });
         };
 
         // What torque the field predicts there (Eqs. 2 and 5), and the correction of the touched cells
         // by the measured one (Eqs. 5 and 6).
-        let (predicted, half_width) = match contacts {
+        let (predicted, peak_half_width) = match contacts {
             0 => self.pass_without_contact(external.len()),
             _ => {
                 self.log.learns(frame);
@@ -297,7 +302,7 @@ impl Mapper {
             self.replays.replay();
         }
         let external = tracked.external;
-        Ok(StepReport { contacts, external, predicted: Some(predicted), half_width })
+        Ok(StepReport { contacts, external, predicted: Some(predicted), peak_half_width })
     }
 
     /// Predicts the torque of a frame and corrects the belief by the measured one; returns the
@@ -326,8 +331,8 @@ impl Mapper {
                 predicted.component_div(&DVector::from_vec(weights))
             }
         };
-        let half_width = beside.and_then(|beside| self.half_width(&predicted, &beside));
-        Ok((predicted, half_width))
+        let peak_half_width = beside.and_then(|beside| self.peak_half_width(&predicted, &beside));
+        Ok((predicted, peak_half_width))
     }
 
     /// How much the torque of each joint counts, if the sample says how uncertain it is.
@@ -338,7 +343,7 @@ impl Mapper {
 
     /// Half-width of the band around a prediction, n_joints, N·m, with this standard deviation, and so many points that are
     /// touched and of these known.
-    fn half_width(
+    fn peak_half_width(
         &self,
         predicted: &DVector<f64>,
         (std, contacts): &(DVector<f64>, [usize; 2]),
@@ -351,8 +356,8 @@ impl Mapper {
     fn pass_without_contact(&mut self, n_joints: usize) -> (DVector<f64>, Option<DVector<f64>>) {
         self.replays.estimator().advance_time();
         let nothing = DVector::zeros(n_joints);
-        let half_width = self.half_width(&nothing, &(nothing.clone(), [0, 0]));
-        (nothing, half_width)
+        let peak_half_width = self.peak_half_width(&nothing, &(nothing.clone(), [0, 0]));
+        (nothing, peak_half_width)
     }
 
     /// Logs a sample; frames whose samples no longer fit into the log are condensed.
