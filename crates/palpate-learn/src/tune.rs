@@ -3,7 +3,7 @@
 //! Candidates are made once, the given settings among them: a few contact models, each with a few priors
 //! ([`Search::quick`]), or contact model, prior, torque noise and replays drawn at random from a seed
 //! ([`Search::thorough`]). Successive halving then finds the best: every candidate is tried on few inner
-//! folds, the better third of them on more, and in a thorough search the best few on all, leave-one-touch-out.
+//! folds, the better third of them on the others, and in a thorough search the best few on all, leave-one-touch-out.
 //! What a candidate is judged by are measured torques of training touches that it has not learnt from; the
 //! touch under test is never looked at. The same torques give the candidate's
 //! [`palpate::EstimatorConfig::stiffness_scale`]: that with the smallest error.
@@ -174,6 +174,9 @@ pub struct Trial {
     pub scores: Vec<f64>,
 }
 
+/// Scores of a touch under each stiffness scale.
+type ByScale = Vec<f64>;
+
 /// Candidates with their contacts, for any set of training touches.
 pub struct Tuner {
     search: Search,
@@ -223,26 +226,30 @@ impl Tuner {
     ///
     /// If no candidate can learn these touches, or on being stopped.
     pub fn tune(&self, train: &[usize], stop: Stop<'_>) -> Result<Tuned, LearnError> {
-        let trial = |config| Trial { config, scores: Vec::new() };
-        let mut trials: Vec<Trial> = self.with_noise_of(train).into_iter().map(trial).collect();
+        let begun = |config| (Trial { config, scores: Vec::new() }, Vec::new());
+        let mut trials: Vec<(Trial, Vec<ByScale>)> =
+            self.with_noise_of(train).into_iter().map(begun).collect();
         let mut left = trials.len();
         let all = inner(train, train.len());
         let some = inner(train, INNER.min(train.len()));
-        let few = &some[..some.len().div_ceil(2)];
+        let (few, others) = some.split_at(some.len().div_ceil(2));
         let rounds = if self.search.one_by_one { 3 } else { 2 };
-        for (round, folds) in [few, &some, &all].into_iter().enumerate().take(rounds) {
-            let scored: Result<Vec<(f64, f64)>, LearnError> = trials[..left]
-                .par_iter()
-                .map(|trial| self.score(&trial.config, folds, stop))
-                .collect();
-            for (trial, (score, scale)) in trials.iter_mut().zip(scored?) {
+        for (round, folds) in [few, others, &all].into_iter().enumerate().take(rounds) {
+            trials[..left].par_iter_mut().try_for_each(|(trial, held_out)| {
+                if round == 2 {
+                    held_out.clear(); // the same touches once more
+                }
+                held_out.extend(self.held_out(&trial.config, folds, stop)?);
+                let (score, scale) = self.best_scale(&trial.config, held_out);
                 trial.scores.push(score);
                 trial.config.estimator.stiffness_scale = scale;
-            }
+                Ok::<_, LearnError>(())
+            })?;
             // Stable: equal ones stay in the order of the round before, at first that of the draw.
-            trials[..left].sort_by(|a, b| a.scores[round].total_cmp(&b.scores[round]));
+            trials[..left].sort_by(|(a, _), (b, _)| a.scores[round].total_cmp(&b.scores[round]));
             left = [left.div_ceil(3), left.div_ceil(3), 1][round];
         }
+        let trials: Vec<Trial> = trials.into_iter().map(|(trial, _)| trial).collect();
         let mut config = trials[0].config.clone();
         let score = trials[0].scores.last().copied().unwrap_or_default();
         let is_all_noise = score > MOST_ERROR
@@ -286,42 +293,55 @@ impl Tuner {
         candidates
     }
 
-    /// The mean score of a candidate over the touches that some folds test, and the stiffness scale that has it.
-    fn score(
+    /// Scores of a candidate on the touches that some folds test, those without torque left out.
+    fn held_out(
         &self,
         config: &MapperConfig,
         folds: &[Fold],
         stop: Stop<'_>,
-    ) -> Result<(f64, f64), LearnError> {
+    ) -> Result<Vec<ByScale>, LearnError> {
+        let scales = self.scales(config);
         let mut config = for_thinned(config, self.every);
-        let given = config.estimator.stiffness_scale;
         config.estimator.stiffness_scale = 1.0;
         let of_model = self.tracked.iter().find(|(contact, _)| *contact == config.contact);
         let (_, tracked) = of_model.expect("the contact models of all candidates were simulated");
-        let method = Method::of(config.method);
-        let scale = |part: u32| f64::from(SCALES - part) / f64::from(SCALES);
-        let scales: Vec<f64> = match method {
-            Method::Map if !self.search.given.stiffness_scale => (0..SCALES).map(scale).collect(),
-            _ => vec![given],
-        };
-        let mut scores: Vec<Vec<f64>> = vec![Vec::new(); scales.len()];
+        let mut scores = Vec::new();
         for fold in folds {
-            let torques = method.predict(tracked, fold, &config, stop)?;
+            let torques = Method::of(config.method).predict(tracked, fold, &config, stop)?;
             for (&touch, predicted) in fold.test.iter().zip(torques) {
                 let frames = &tracked.touches[touch].frames;
                 let measured = frames.iter().map(|frame| frame.observation.tau());
                 let measured: Vec<Vec<f64>> = measured.map(|tau| tau.as_slice().to_vec()).collect();
-                for (scores, scale) in scores.iter_mut().zip(&scales) {
+                let score = |scale: &f64| {
                     let scaled = |tau: &Vec<f64>| tau.iter().map(|tau| scale * tau).collect();
                     let predicted: Vec<Vec<f64>> = predicted.iter().map(scaled).collect();
-                    scores.extend(score_of(&predicted, &measured));
-                }
+                    score_of(&predicted, &measured)
+                };
+                scores.extend(scales.iter().map(score).collect::<Option<ByScale>>());
             }
         }
-        let mean = |scores| MeanStd::of(scores).map_or(f64::INFINITY, |score| score.mean);
-        let scored = scores.into_iter().map(mean).zip(scales);
+        Ok(scores)
+    }
+
+    /// The stiffness scales that a candidate is tried with.
+    fn scales(&self, config: &MapperConfig) -> Vec<f64> {
+        let scale = |part: u32| f64::from(SCALES - part) / f64::from(SCALES);
+        match Method::of(config.method) {
+            Method::Map if !self.search.given.stiffness_scale => (0..SCALES).map(scale).collect(),
+            _ => vec![config.estimator.stiffness_scale],
+        }
+    }
+
+    /// The mean score of a candidate with its best stiffness scale, and that.
+    fn best_scale(&self, config: &MapperConfig, held_out: &[ByScale]) -> (f64, f64) {
+        let mean = |place: usize| {
+            let of_touches = held_out.iter().map(|scores| scores[place]);
+            MeanStd::of(of_touches).map_or(f64::INFINITY, |score| score.mean)
+        };
+        let scored = self.scales(config).into_iter().enumerate();
+        let scored = scored.map(|(place, scale)| (mean(place), scale));
         // Of equal ones the largest, which comes first.
-        Ok(scored.min_by(|a, b| a.0.total_cmp(&b.0)).expect("1 is one of them"))
+        scored.min_by(|a, b| a.0.total_cmp(&b.0)).expect("1 is one of them")
     }
 }
 
