@@ -32,7 +32,8 @@ quantity is known e times better).
 
 --limit leaves out motions whose predicted torque may pass it at a joint. The band for largest torques is added to the
 prediction (at 90 %, or the field's highest level if that is lower), or twice the standard deviation of the springs if
-the field has no bands. What the field does not know may be stiffer. Limits of the joints are not checked.";
+the field has no bands. What the field does not know may be stiffer. Motions that leave the range of a joint in the
+URDF are never proposed.";
 
 /// Flags of `palpate next`.
 #[derive(Debug, clap::Args)]
@@ -175,6 +176,13 @@ fn left_out(found: &Proposals) -> String {
         let each = found.beyond_limit.iter();
         let each = each.map(|own| format!("{} ({:.1} N·m)", own.name, own.with_band_n_m));
         text += &format!("Beyond the limit: {}.\n", each.collect::<Vec<_>>().join(", "));
+    }
+    for own in &found.out_of_reach {
+        let [low, high] = own.range;
+        text += &format!(
+            "Out of reach: {}, {} at {:.3}, range {low:.3} to {high:.3}.\n",
+            own.name, own.joint, own.position
+        );
     }
     if !found.touch_nothing.is_empty() {
         text += &format!("They touch nothing: {}.\n", found.touch_nothing.join(", "));

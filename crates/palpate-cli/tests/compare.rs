@@ -107,6 +107,18 @@ fn the_motion_that_is_most_like_the_task_is_proposed_and_written() {
         "{text}"
     );
     refuse(&mut next(&["--task", &scene.text("nothing")]), 1, &["nothing"]);
+    // An elbow that bends less far.
+    let urdf = fs::read_to_string(scene.path("tiny.urdf")).unwrap();
+    let (before, elbow) = urdf.split_at(urdf.find("<joint name=\"elbow\"").unwrap());
+    let limit = "\"revolute\"><limit lower=\"-1\" upper=\"1.5\" effort=\"9\" velocity=\"2\"/>";
+    let elbow = elbow.replacen("\"continuous\">", limit, 1);
+    fs::write(scene.path("tiny.urdf"), format!("{before}{elbow}")).unwrap();
+    let found = json(&mut next(&["--task", &task, "--json"]));
+    assert_eq!(found["proposals"].as_array().unwrap().len(), 1, "{found}");
+    let out = &found["out_of_reach"][0];
+    assert_eq!((&out["name"], &out["joint"]), (&"far".into(), &"elbow".into()), "{found}");
+    let text = succeed(&mut next(&["--task", &task]));
+    assert!(text.contains("Out of reach: far, elbow at 2.000, range -1.000 to 1.500."), "{text}");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::{Arm, EstimatorKind, Gravity, MapperConfig, Sample, Tare};
+use palpate::{Arm, EstimatorKind, Gravity, MapperConfig, Robot, Sample, Tare};
 use palpate_io::field::Saved;
 use palpate_learn::next_touch::{Criterion, NextTouch, Proposal, Task};
 use palpate_learn::tracked::{Touch, Tracked};
@@ -14,6 +14,9 @@ use crate::evaluate::{as_touches, fault};
 use crate::progress::Progress;
 use crate::recorded::RecordedTouch;
 use crate::touched::low_and_high;
+
+/// A recorded joint may stand so far beyond its range, rad or m.
+const READING: f64 = 1e-3;
 
 /// What is asked for.
 #[derive(Debug, Clone, Default)]
@@ -35,6 +38,8 @@ pub struct Proposals {
     pub proposals: Vec<Named>,
     /// Motions that may pass the limit.
     pub beyond_limit: Vec<BeyondLimit>,
+    /// Motions that leave the range of a joint.
+    pub out_of_reach: Vec<OutOfReach>,
     /// Names of motions that touch nothing.
     pub touch_nothing: Vec<String>,
 }
@@ -46,6 +51,33 @@ pub struct BeyondLimit {
     pub name: String,
     /// The largest torque of a joint with its band, N·m.
     pub with_band_n_m: f64,
+}
+
+/// A motion that leaves the range of a joint.
+#[derive(Debug, Clone, Serialize)]
+pub struct OutOfReach {
+    /// Its name.
+    pub name: String,
+    /// The joint that goes furthest beyond its range.
+    pub joint: String,
+    /// Its furthest position, rad or m.
+    pub position: f64,
+    /// Its range in the URDF, rad or m.
+    pub range: [f64; 2],
+}
+
+impl OutOfReach {
+    fn of(name: String, motion: &Touch, robot: &Robot) -> Option<Self> {
+        let positions =
+            motion.samples.iter().flat_map(|sample| robot.joints().iter().zip(&sample.q));
+        let beyond = positions.filter_map(|(joint, &position)| {
+            let range = joint.range?;
+            let beyond = (range[0] - position).max(position - range[1]);
+            (beyond > READING).then_some((beyond, joint, position, range))
+        });
+        let (_, joint, position, range) = beyond.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some(Self { name, joint: joint.name.clone(), position, range })
+    }
 }
 
 /// A motion with its name.
@@ -103,9 +135,12 @@ pub fn next(
     let count = candidates.len();
     let name = |motion: usize| tracked.touches[motion].name.clone();
     let (mut able, mut beyond_limit, mut touch_nothing) = (Vec::new(), Vec::new(), Vec::new());
+    let mut out_of_reach = Vec::new();
     for motion in 0..count {
         let torque = judge.torque_n_m(motion)[1];
-        if tracked.touches[motion].frames_in_contact() == 0 {
+        if let Some(own) = OutOfReach::of(name(motion), &motions[motion], &arm.robot) {
+            out_of_reach.push(own);
+        } else if tracked.touches[motion].frames_in_contact() == 0 {
             touch_nothing.push(name(motion));
         } else if !request.limit_n_m.is_none_or(|limit| torque <= limit) {
             beyond_limit.push(BeyondLimit { name: name(motion), with_band_n_m: torque });
@@ -124,7 +159,7 @@ pub fn next(
         proposal,
     };
     let proposals = ranked.map_err(fault)?.into_iter().map(named).collect();
-    Ok(Proposals { proposals, beyond_limit, touch_nothing })
+    Ok(Proposals { proposals, beyond_limit, out_of_reach, touch_nothing })
 }
 
 /// The motion without its torques.

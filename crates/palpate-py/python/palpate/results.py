@@ -200,11 +200,24 @@ class BeyondLimit(TypedDict):
     with_band_n_m: float
 
 
+class OutOfReach(TypedDict):
+    """A motion that leaves the range of a joint."""
+
+    name: str
+    joint: str
+    """The joint that goes furthest beyond its range."""
+    position: float
+    """Its furthest position, rad or m."""
+    range: tuple[float, float]
+    """Its range in the URDF, rad or m."""
+
+
 class Proposals(TypedDict):
     """What `Field.next` found, as `palpate next --json` tells it."""
 
     proposals: list[Proposal]
     beyond_limit: list[BeyondLimit]
+    out_of_reach: list[OutOfReach]
     touch_nothing: list[str]
 
 
