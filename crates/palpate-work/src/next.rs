@@ -136,9 +136,9 @@ pub fn next(
     let name = |motion: usize| tracked.touches[motion].name.clone();
     let (mut able, mut beyond_limit, mut touch_nothing) = (Vec::new(), Vec::new(), Vec::new());
     let mut out_of_reach = Vec::new();
-    for motion in 0..count {
+    for (motion, path) in motions[..count].iter().enumerate() {
         let torque = judge.torque_n_m(motion)[1];
-        if let Some(own) = OutOfReach::of(name(motion), &motions[motion], &arm.robot) {
+        if let Some(own) = OutOfReach::of(name(motion), path, &arm.robot) {
             out_of_reach.push(own);
         } else if tracked.touches[motion].frames_in_contact() == 0 {
             touch_nothing.push(name(motion));

@@ -12,14 +12,16 @@
 //! | other    | neither                                                            |              |
 //!
 //! A touch that repeats one that the field has learnt ([`repeated`]) contradicts it where its torques differ from those of
-//! then by more than a quarter and by more than noise, however well the field predicts either.
+//! then by more than a quarter and by more than noise, however well the field predicts either. What is explained is then
+//! this difference: by a factor on the torques of then, or by how much a motion changes what the field predicts. The errors
+//! of the field are in the latter alone, so a motion may leave more.
 //!
 //! Where the arm touches little that the field knows, and repeats nothing, nothing is said.
 
 pub mod moved;
 pub mod repeated;
 
-use palpate::unstable::Observation;
+use nalgebra::DVector;
 use palpate::{Arm, Calibration, Field};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -28,7 +30,7 @@ use crate::calibrate::{PredictedFrame, misfit};
 use crate::error::{LearnError, Stop};
 use crate::field_rows::FieldRows;
 use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
-use moved::{Motion, Sampler};
+use moved::{Motion, Sampler, Wanted};
 use repeated::{Learnt, Repeated};
 
 /// The share of contacts that the field must know; and that it must know of touches that it predicts in part.
@@ -36,12 +38,15 @@ const LEAST_KNOWN: f64 = 0.1;
 const MOSTLY_KNOWN: f64 = 0.6;
 /// The best factor of a field that predicts nothing of a touch, at most.
 const PREDICTS_NOTHING: f64 = 0.25;
-/// Of the squared error beyond noise, what a factor may leave of it.
+/// Of the squared error beyond noise, what a motion or a factor may leave of it.
 const LEAVES: f64 = 0.5;
-/// The same of a factor that leaves no doubt.
-const LEAVES_EXACTLY: f64 = 0.02;
 /// Of what the best factor leaves, what a motion may leave.
 const LEAVES_MOVED: f64 = 0.9;
+/// The same where touches are repeated, if the motion leaves at most such a share of the error.
+const LEAVES_MOVED_REPEATED: f64 = 4.0;
+const LEAVES_LITTLE: f64 = 0.25;
+/// What a factor that leaves no doubt leaves of the error where touches are repeated.
+const LEAVES_EXACTLY: f64 = 0.01;
 /// No misfit counts as smaller.
 const LEAST_MISFIT: f64 = 1e-3;
 /// Held-out touches of which misfits are known, at least.
@@ -105,8 +110,9 @@ pub struct Comparison {
     pub place: Option<Place>,
 }
 
-/// Errors relative to those of predicting zero, root mean squares over frames in contact; `None` without torques, and
-/// of the latter two where nothing contradicts the field.
+/// Errors relative to those of predicting zero, root mean squares over frames in contact; `None` without torques. Those
+/// with a factor or a motion are `None` where nothing contradicts the field. If touches contradict those that they repeat,
+/// the latter are what the factor multiplies, and what the motion's change of the field is added to.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RelativeErrors {
     /// Of the field.
@@ -244,15 +250,25 @@ impl<'a> Beside<'a> {
         again: Option<&Sums>,
         stop: Stop<'_>,
     ) -> Result<(), LearnError> {
-        let frames: Vec<&TrackedFrame> =
-            touches.iter().flat_map(|touch| self.tracked.touches[*touch].in_contact()).collect();
+        let moved = self.moved(touches, again.is_some(), stop)?;
+        let (sums, scaled) = match again {
+            Some(again) => (again, again.scaled()),
+            None => (sums, self.scaled(touches, sums)),
+        };
+        let is_known = again.is_some() || comparison.known >= MOSTLY_KNOWN;
+        comparison.change = sums.change(moved, scaled, [is_known, again.is_some()]);
+        comparison.error.scaled = sums.relative(scaled.1);
+        comparison.error.moved = sums.relative(moved.1);
+        let frames = touches.iter().flat_map(|touch| self.tracked.touches[*touch].in_contact());
+        let predicted = touches.iter().flat_map(|touch| &self.predicted[*touch]);
+        comparison.place = self.place(frames.zip(predicted));
+        Ok(())
+    }
+
+    /// The best factor of the field's torques in the touches that contradict it, and the squared error of all touches that
+    /// is left with it.
+    fn scaled(&self, touches: &[usize], sums: &Sums) -> (f64, f64) {
         let predicted = || touches.iter().map(|touch| &self.predicted[*touch]);
-        let every = (frames.len() / (FRAMES * touches.len())).max(1);
-        let some: Vec<&Observation> =
-            frames.iter().step_by(every).map(|frame| &frame.observation).collect();
-        let motion = moved::best(self.tracked, &some, &self.sampler, stop)?;
-        let moved = moved::error(self.tracked, &some, &self.sampler, motion)
-            * (frames.len() as f64 / some.len() as f64);
         // What is softer in one place leaves touches elsewhere as they were.
         let changed = |own: &&Vec<PredictedFrame>| self.contradiction(&[*own]) > 1.0;
         let changed: Vec<&Vec<PredictedFrame>> = predicted().filter(changed).collect();
@@ -261,19 +277,41 @@ impl<'a> Beside<'a> {
             false => Sums::of(changed.into_iter().flatten(), sums.of_frame),
         };
         let (factor, left) = own.scaled();
-        let scaled = left + sums.error - own.error;
-        let is_known = comparison.known >= MOSTLY_KNOWN;
-        let fits = sums.change((motion, moved), (factor, scaled), is_known);
-        // Torques along the same paths tell a factor better than those that the field predicts, but no motion.
-        let by_a_factor = |leaves: f64| again.and_then(|again| again.by_a_factor(leaves));
-        comparison.change = match fits {
-            Change::Moved(_) => by_a_factor(LEAVES_EXACTLY).unwrap_or(fits),
-            _ => by_a_factor(LEAVES).unwrap_or(fits),
+        (factor, left + sums.error - own.error)
+    }
+
+    /// The motion that explains touches best, or their differences from those that they repeat, and the squared error that is
+    /// left with it.
+    fn moved(
+        &self,
+        touches: &[usize],
+        repeat: bool,
+        stop: Stop<'_>,
+    ) -> Result<(Motion, f64), LearnError> {
+        let wanted: Vec<Wanted<'_>> =
+            touches.iter().flat_map(|touch| self.wanted(*touch, repeat)).collect();
+        let every = (wanted.len() / (FRAMES * touches.len())).max(1);
+        let some: Vec<Wanted<'_>> = wanted.iter().step_by(every).cloned().collect();
+        let motion = moved::best(self.tracked, &some, &self.sampler, stop)?;
+        let error = moved::error(self.tracked, &some, &self.sampler, motion);
+        Ok((motion, error * (wanted.len() as f64 / some.len() as f64)))
+    }
+
+    /// The torques that the field of the moved object should predict for the frames of a touch in contact: the measured
+    /// ones; or, if the touch repeats another, what it predicts now and the difference from what was measured then.
+    fn wanted(&self, touch: usize, repeat: bool) -> Vec<Wanted<'_>> {
+        let frames = self.tracked.touches[touch].in_contact().map(|frame| &frame.observation);
+        if !repeat {
+            return frames.map(|frame| (frame, frame.tau().into_owned())).collect();
+        }
+        let Some(repeated) = &self.repeated[touch] else { return Vec::new() };
+        let expected = self.predicted[touch].iter().zip(&repeated.frames);
+        let wanted = |(frame, (now, then)): (_, (&PredictedFrame, &PredictedFrame))| {
+            let joints = now.torque.iter().zip(&then.torque).zip(&now.measured);
+            let wanted = joints.map(|((now, then), measured)| now + measured - then);
+            (frame, DVector::from_iterator(now.torque.len(), wanted))
         };
-        comparison.error.scaled = sums.relative(scaled);
-        comparison.error.moved = sums.relative(moved);
-        comparison.place = self.place(frames.into_iter().zip(predicted().flatten()));
-        Ok(())
+        frames.zip(expected).map(wanted).collect()
     }
 
     /// The misfit of touches, their geometric mean, over that which would contradict the field.
@@ -364,29 +402,28 @@ impl Sums {
         (self.measured > 0.0).then(|| (error.max(0.0) / self.measured).sqrt())
     }
 
-    /// What explains an error that is not chance: a motion that leaves so much of it, a factor that does if most was
-    /// known, or neither.
+    /// What explains an error that is not chance: a factor that leaves next to nothing of the difference from a repeated
+    /// touch; a motion that leaves little enough; a factor that does, if most was known; or neither.
     fn change(
         &self,
         (motion, moved): (Motion, f64),
         (factor, scaled): (f64, f64),
-        is_known: bool,
+        [is_known, repeats]: [bool; 2],
     ) -> Change {
-        let most = LEAVES * self.beyond(self.error);
-        if self.beyond(moved) < f64::min(LEAVES_MOVED * self.beyond(scaled), most) {
+        let error = self.beyond(self.error);
+        let most = LEAVES * error;
+        let beside_factor = |times: f64| times * self.beyond(scaled);
+        let moves = self.beyond(moved) < f64::min(beside_factor(LEAVES_MOVED), most);
+        let least = f64::min(beside_factor(LEAVES_MOVED_REPEATED), LEAVES_LITTLE * error);
+        if repeats && self.beyond(scaled) <= LEAVES_EXACTLY * error {
+            Change::by(factor)
+        } else if moves || (repeats && self.beyond(moved) < least) {
             Change::Moved(motion)
         } else if !is_known || self.beyond(scaled) > most {
             Change::Other
         } else {
             Change::by(factor)
         }
-    }
-
-    /// The change by a factor, if one leaves at most such a share of the error.
-    fn by_a_factor(&self, leaves: f64) -> Option<Change> {
-        let (factor, scaled) = self.scaled();
-        let fits = self.beyond(scaled) <= leaves * self.beyond(self.error);
-        fits.then(|| Change::by(factor))
     }
 
     /// The error beyond noise over the torque, or over the noise where that is larger; 0 of an error that may be noise.
@@ -415,4 +452,26 @@ fn student(freedom: f64) -> f64 {
         (3.0 * z.powi(7) + 19.0 * z.powi(5) + 17.0 * z.powi(3) - 15.0 * z) / 384.0,
     ];
     terms.iter().rev().fold(0.0, |sum, term| (sum + term) / freedom) + z
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_motion_may_leave_more_than_a_factor_only_where_touches_repeat_others() {
+        let sums = Sums { error: 100.0, ..Sums::default() };
+        let motion = Motion { shift_m: [0.03, 0.0, 0.0], turn_rad: 0.0, about_m: [0.0; 2] };
+        let word = |moved: f64, scaled: f64, repeats: bool| {
+            sums.change((motion, moved), (0.4, scaled), [true, repeats])
+        };
+        let softer = Change::Softer { factor: 0.4 };
+        assert_eq!(word(20.0, 7.0, true), Change::Moved(motion));
+        assert_eq!(word(20.0, 7.0, false), softer);
+        assert_eq!(word(20.0, 4.0, true), softer, "five times what the factor leaves");
+        assert_eq!(word(30.0, 20.0, true), softer, "more than a quarter of the error");
+        assert_eq!(word(0.5, 0.8, true), softer, "next to nothing");
+        assert_eq!(word(40.0, 50.0, false), Change::Moved(motion));
+        assert_eq!(word(60.0, 90.0, true), Change::Other);
+    }
 }

@@ -6,7 +6,7 @@
 //! motion costs a sum over contacts. The search tries a grid and refines the best of it along the axes, step by step
 //! halved.
 
-use nalgebra::{Point3, Rotation2, Vector2, Vector3};
+use nalgebra::{DVector, Point3, Rotation2, Vector2, Vector3};
 use palpate::unstable::{CellRows, Observation, Stiffness};
 use palpate::{CellId, Field, Lattice};
 use rayon::prelude::*;
@@ -118,21 +118,24 @@ fn corners(lattice: &Lattice, point: &Point3<f64>) -> impl Iterator<Item = (Cell
     (0..8).filter_map(cell).map(move |(place, share)| (lattice.cell(place), share))
 }
 
+/// The contacts of a frame, and the torque that the field should predict there, n_joints, N·m.
+pub(super) type Wanted<'a> = (&'a Observation, DVector<f64>);
+
 /// Squared error of frames, summed, if the object was moved, (N·m)².
 pub(super) fn error(
     tracked: &Tracked,
-    frames: &[&Observation],
+    frames: &[Wanted<'_>],
     sampler: &Sampler,
     motion: Motion,
 ) -> f64 {
     let mut met = vec![false; tracked.cells.len()];
-    frames.iter().flat_map(|frame| frame.rows()).for_each(|row| met[row] = true);
+    frames.iter().flat_map(|(frame, _)| frame.rows()).for_each(|row| met[row] = true);
     let cells = tracked.with_stiffness(|row| match met[row] {
         true => sampler.at(&motion.back(&tracked.points_m[row].into())),
         false => 0.0,
     });
-    let of = |frame: &&Observation| {
-        (frame.predict(&cells, Stiffness::Positive) - frame.tau()).norm_squared()
+    let of = |(frame, torque): &Wanted<'_>| {
+        (frame.predict(&cells, Stiffness::Positive) - torque).norm_squared()
     };
     frames.iter().map(of).sum()
 }
@@ -144,7 +147,7 @@ pub(super) fn error(
 /// On being stopped.
 pub(super) fn best(
     tracked: &Tracked,
-    frames: &[&Observation],
+    frames: &[Wanted<'_>],
     sampler: &Sampler,
     stop: Stop<'_>,
 ) -> Result<Motion, LearnError> {
