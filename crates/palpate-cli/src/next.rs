@@ -32,8 +32,8 @@ quantity is known e times better).
 
 --limit leaves out motions whose predicted torque may pass it at a joint. The band for largest torques is added to the
 prediction (at 90 %, or the field's highest level if that is lower), or twice the standard deviation of the springs if
-the field has no bands. What the field does not know may be stiffer. Motions that leave the range of a joint in the
-URDF are never proposed.";
+the field has no bands. What the field does not know may be stiffer. Motions in which a joint leaves its range
+in the URDF are not proposed; limits of speed are not checked.";
 
 /// Flags of `palpate next`.
 #[derive(Debug, clap::Args)]

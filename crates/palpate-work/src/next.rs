@@ -136,9 +136,10 @@ pub fn next(
     let name = |motion: usize| tracked.touches[motion].name.clone();
     let (mut able, mut beyond_limit, mut touch_nothing) = (Vec::new(), Vec::new(), Vec::new());
     let mut out_of_reach = Vec::new();
-    for (motion, path) in motions[..count].iter().enumerate() {
+    let leaves = |motion: usize| OutOfReach::of(name(motion), &motions[motion], &arm.robot);
+    for motion in 0..count {
         let torque = judge.torque_n_m(motion)[1];
-        if let Some(own) = OutOfReach::of(name(motion), path, &arm.robot) {
+        if let Some(own) = leaves(motion) {
             out_of_reach.push(own);
         } else if tracked.touches[motion].frames_in_contact() == 0 {
             touch_nothing.push(name(motion));
@@ -148,9 +149,16 @@ pub fn next(
             able.push(motion);
         }
     }
-    let of_motions = if task.is_empty() { 0..count } else { count..recorded.len() };
+    if able.is_empty() {
+        return Ok(Proposals { proposals: Vec::new(), beyond_limit, out_of_reach, touch_nothing });
+    }
+    let of_motions = if task.is_empty() {
+        (0..count).filter(|motion| leaves(*motion).is_none()).collect()
+    } else {
+        (count..recorded.len()).collect()
+    };
     let corners = request.box_m.map(low_and_high);
-    let task = corners.map_or(Task::Motions(of_motions.collect()), Task::Box);
+    let task = corners.map_or(Task::Motions(of_motions), Task::Box);
     let ranked = judge.rank((&able, request.count), &task, request.criterion, &stop);
     let named = |proposal: Proposal| Named {
         name: name(proposal.motion),

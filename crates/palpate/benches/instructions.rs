@@ -1,7 +1,7 @@
 //! Instructions of each hot loop against their pins: a slowdown of more than 5 % fails.
 //!
 //! Instructions are not time. But unlike time they hardly differ between runs and between x86-64
-//! machines, so that CI can watch them. The pins stand in `instructions.txt`; `./counts` builds
+//! machines, so that `.ci/run --all` can watch them. The pins stand in `instructions.txt`; `./counts` builds
 //! what counting needs, counts, and says which pins are out of date. Only the body of a function
 //! below is counted: its argument is made before, and what it returns is dropped after.
 #![allow(missing_docs)] // gungraun's macros generate undocumented functions

@@ -208,8 +208,8 @@ class OutOfReach(TypedDict):
     """The joint that goes furthest beyond its range."""
     position: float
     """Its furthest position, rad or m."""
-    range: tuple[float, float]
-    """Its range in the URDF, rad or m."""
+    range: list[float | None]
+    """Its range in the URDF, rad or m; None where it has no end."""
 
 
 class Proposals(TypedDict):
