@@ -32,8 +32,10 @@ quantity is known e times better).
 
 --limit leaves out motions whose predicted torque may pass it at a joint. The band for largest torques is added to the
 prediction (at 90 %, or the field's highest level if that is lower), or twice the standard deviation of the springs if
-the field has no bands. What the field does not know may be stiffer. Motions in which a joint leaves its range
-in the URDF are not proposed; limits of speed are not checked.";
+the field has no bands. What the field does not know may be stiffer.
+
+Motions in which a joint goes beyond its limits in the URDF by more than 0.01 rad or m are not proposed. Limits of speed,
+and joints that are held or follow another one, are not checked.";
 
 /// Flags of `palpate next`.
 #[derive(Debug, clap::Args)]
@@ -177,12 +179,12 @@ fn left_out(found: &Proposals) -> String {
         let each = each.map(|own| format!("{} ({:.1} N·m)", own.name, own.with_band_n_m));
         text += &format!("Beyond the limit: {}.\n", each.collect::<Vec<_>>().join(", "));
     }
-    for own in &found.out_of_reach {
-        let [low, high] = own.range;
-        text += &format!(
-            "Out of reach: {}, {} at {:.3}, range {low:.3} to {high:.3}.\n",
-            own.name, own.joint, own.position
-        );
+    if !found.beyond_joint_limits.is_empty() {
+        let each = found.beyond_joint_limits.iter().map(|own| {
+            let ([low, high], at) = (own.limits, own.position);
+            format!("{} ({} at {at:.3}, limits {low:.3} .. {high:.3})", own.name, own.joint)
+        });
+        text += &format!("Beyond joint limits: {}.\n", each.collect::<Vec<_>>().join(", "));
     }
     if !found.touch_nothing.is_empty() {
         text += &format!("They touch nothing: {}.\n", found.touch_nothing.join(", "));

@@ -115,10 +115,13 @@ fn the_motion_that_is_most_like_the_task_is_proposed_and_written() {
     fs::write(scene.path("tiny.urdf"), format!("{before}{elbow}")).unwrap();
     let found = json(&mut next(&["--task", &task, "--json"]));
     assert_eq!(found["proposals"].as_array().unwrap().len(), 1, "{found}");
-    let out = &found["out_of_reach"][0];
+    let out = &found["beyond_joint_limits"][0];
     assert_eq!((&out["name"], &out["joint"]), (&"far".into(), &"elbow".into()), "{found}");
     let text = succeed(&mut next(&["--task", &task]));
-    assert!(text.contains("Out of reach: far, elbow at 2.000, range -1.000 to 1.500."), "{text}");
+    assert!(
+        text.contains("Beyond joint limits: far (elbow at 2.000, limits -1.000 .. 1.500)."),
+        "{text}"
+    );
 }
 
 #[test]

@@ -210,7 +210,7 @@ fn the_demo_beats_predicting_zero_and_leaves_its_results() {
 fn the_full_demo_compares_all_methods_and_extrapolates() {
     let mut results = vec!["errors.csv", "evaluation.json", "field.npz", "field.svg", "fig4.svg"];
     results.extend(["figures", "report.html", "seen.html", "seen.ply", "torques.svg"]);
-    // With a given prior there is a sixth of the settings to choose from.
+    // The default prior, but given, so that there is a sixth of the settings to choose from.
     let flags = ["--full", "--prior-mean", "0", "--prior-std", "0.76"];
     demo_is_better(&flags, &["uniform", "gp", "zero"], &results);
 }

@@ -2,8 +2,8 @@
 //!
 //! Candidates are made once, the given settings among them: a few contact models, each with a few priors
 //! ([`Search::quick`]), or contact model, prior, torque noise and replays drawn at random from a seed
-//! ([`Search::thorough`]). Successive halving then finds the best: every candidate is tried on few inner
-//! folds, the better third of them on the others, and in a thorough search the best few on all, leave-one-touch-out.
+//! ([`Search::thorough`]). Successive halving then finds the best: every candidate is tried on half of a few
+//! inner folds, the better third also on the other half, and in a thorough search the best few leave-one-touch-out.
 //! What a candidate is judged by are measured torques of training touches that it has not learnt from; the
 //! touch under test is never looked at. The same torques give the candidate's
 //! [`palpate::EstimatorConfig::stiffness_scale`]: that with the smallest error.
@@ -341,7 +341,7 @@ impl Tuner {
         let scored = self.scales(config).into_iter().enumerate();
         let scored = scored.map(|(place, scale)| (mean(place), scale));
         // Of equal ones the largest, which comes first.
-        scored.min_by(|a, b| a.0.total_cmp(&b.0)).expect("1 is one of them")
+        scored.min_by(|a, b| a.0.total_cmp(&b.0)).expect("there is a scale")
     }
 }
 

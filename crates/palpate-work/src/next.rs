@@ -11,12 +11,10 @@ use serde::Serialize;
 
 use crate::error::WorkError;
 use crate::evaluate::{as_touches, fault};
+use crate::inspect::log::LIMIT_MARGIN;
 use crate::progress::Progress;
 use crate::recorded::RecordedTouch;
 use crate::touched::low_and_high;
-
-/// A recorded joint may stand so far beyond its range, rad or m.
-const READING: f64 = 1e-3;
 
 /// What is asked for.
 #[derive(Debug, Clone, Default)]
@@ -38,8 +36,8 @@ pub struct Proposals {
     pub proposals: Vec<Named>,
     /// Motions that may pass the limit.
     pub beyond_limit: Vec<BeyondLimit>,
-    /// Motions that leave the range of a joint.
-    pub out_of_reach: Vec<OutOfReach>,
+    /// Motions in which a joint goes beyond its limits.
+    pub beyond_joint_limits: Vec<BeyondJointLimits>,
     /// Names of motions that touch nothing.
     pub touch_nothing: Vec<String>,
 }
@@ -53,30 +51,30 @@ pub struct BeyondLimit {
     pub with_band_n_m: f64,
 }
 
-/// A motion that leaves the range of a joint.
+/// A motion in which a joint goes beyond its limits.
 #[derive(Debug, Clone, Serialize)]
-pub struct OutOfReach {
+pub struct BeyondJointLimits {
     /// Its name.
     pub name: String,
-    /// The joint that goes furthest beyond its range.
+    /// The joint that goes furthest beyond.
     pub joint: String,
-    /// Its furthest position, rad or m.
+    /// Where it is furthest beyond, rad or m.
     pub position: f64,
-    /// Its range in the URDF, rad or m.
-    pub range: [f64; 2],
+    /// Its lowest and highest position by the URDF, rad or m.
+    pub limits: [f64; 2],
 }
 
-impl OutOfReach {
+impl BeyondJointLimits {
     fn of(name: String, motion: &Touch, robot: &Robot) -> Option<Self> {
         let positions =
             motion.samples.iter().flat_map(|sample| robot.joints().iter().zip(&sample.q));
         let beyond = positions.filter_map(|(joint, &position)| {
-            let range = joint.range?;
-            let beyond = (range[0] - position).max(position - range[1]);
-            (beyond > READING).then_some((beyond, joint, position, range))
+            let [low, high] = joint.range?;
+            let beyond = (low - position).max(position - high);
+            (beyond > LIMIT_MARGIN).then_some((beyond, joint, position, [low, high]))
         });
-        let (_, joint, position, range) = beyond.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        Some(Self { name, joint: joint.name.clone(), position, range })
+        let (_, joint, position, limits) = beyond.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some(Self { name, joint: joint.name.clone(), position, limits })
     }
 }
 
@@ -135,13 +133,15 @@ pub fn next(
     let count = candidates.len();
     let name = |motion: usize| tracked.touches[motion].name.clone();
     let (mut able, mut beyond_limit, mut touch_nothing) = (Vec::new(), Vec::new(), Vec::new());
-    let mut out_of_reach = Vec::new();
-    let leaves = |motion: usize| OutOfReach::of(name(motion), &motions[motion], &arm.robot);
-    for motion in 0..count {
+    let (mut within, mut beyond_joint_limits) = (Vec::new(), Vec::new());
+    for (motion, path) in motions[..count].iter().enumerate() {
+        if let Some(own) = BeyondJointLimits::of(name(motion), path, &arm.robot) {
+            beyond_joint_limits.push(own);
+            continue;
+        }
+        within.push(motion);
         let torque = judge.torque_n_m(motion)[1];
-        if let Some(own) = leaves(motion) {
-            out_of_reach.push(own);
-        } else if tracked.touches[motion].frames_in_contact() == 0 {
+        if tracked.touches[motion].frames_in_contact() == 0 {
             touch_nothing.push(name(motion));
         } else if !request.limit_n_m.is_none_or(|limit| torque <= limit) {
             beyond_limit.push(BeyondLimit { name: name(motion), with_band_n_m: torque });
@@ -149,14 +149,12 @@ pub fn next(
             able.push(motion);
         }
     }
+    let mut found =
+        Proposals { proposals: Vec::new(), beyond_limit, beyond_joint_limits, touch_nothing };
     if able.is_empty() {
-        return Ok(Proposals { proposals: Vec::new(), beyond_limit, out_of_reach, touch_nothing });
+        return Ok(found);
     }
-    let of_motions = if task.is_empty() {
-        (0..count).filter(|motion| leaves(*motion).is_none()).collect()
-    } else {
-        (count..recorded.len()).collect()
-    };
+    let of_motions = if task.is_empty() { within } else { (count..recorded.len()).collect() };
     let corners = request.box_m.map(low_and_high);
     let task = corners.map_or(Task::Motions(of_motions), Task::Box);
     let ranked = judge.rank((&able, request.count), &task, request.criterion, &stop);
@@ -166,8 +164,8 @@ pub fn next(
         candidate: proposal.motion,
         proposal,
     };
-    let proposals = ranked.map_err(fault)?.into_iter().map(named).collect();
-    Ok(Proposals { proposals, beyond_limit, out_of_reach, touch_nothing })
+    found.proposals = ranked.map_err(fault)?.into_iter().map(named).collect();
+    Ok(found)
 }
 
 /// The motion without its torques.

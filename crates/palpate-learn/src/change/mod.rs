@@ -12,9 +12,9 @@
 //! | other    | neither                                                            |              |
 //!
 //! A touch that repeats one that the field has learnt ([`repeated`]) contradicts it where its torques differ from those of
-//! then by more than a quarter and by more than noise, however well the field predicts either. What is explained is then
-//! this difference: by a factor on the torques of then, or by how much a motion changes what the field predicts. The errors
-//! of the field are in the latter alone, so a motion may leave more.
+//! then by more than a quarter and by more than noise, however well the field predicts either. This
+//! difference is then explained by a factor on the torques of then, or by how much a motion changes what the field predicts.
+//! Only the second has the errors of the field in it, so a motion may leave more.
 //!
 //! Where the arm touches little that the field knows, and repeats nothing, nothing is said.
 
@@ -112,7 +112,7 @@ pub struct Comparison {
 
 /// Errors relative to those of predicting zero, root mean squares over frames in contact; `None` without torques. Those
 /// with a factor or a motion are `None` where nothing contradicts the field. If touches contradict those that they repeat,
-/// the latter are what the factor multiplies, and what the motion's change of the field is added to.
+/// the factor multiplies the torques of the latter, and the motion adds to them what it changes in the field's prediction.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RelativeErrors {
     /// Of the field.

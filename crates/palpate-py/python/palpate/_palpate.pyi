@@ -556,8 +556,8 @@ class Field:
 
         `candidates` are motions that could be made, (T, n_joints) rad each, and `task` those whose torques are to be known:
         the candidates if left out. `box` is a pair of corners, m, whose stiffness is to be known instead. `by` is
-        "variance" or "information". Motions whose predicted torque may pass `limit`, N·m, are left out, and those that leave the
-        range of a joint.
+        "variance" or "information". Left out are motions whose predicted torque may pass `limit`, N·m, and motions
+        in which a joint goes beyond its limits.
         """
     def without(
         self,

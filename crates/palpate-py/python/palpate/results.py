@@ -200,16 +200,16 @@ class BeyondLimit(TypedDict):
     with_band_n_m: float
 
 
-class OutOfReach(TypedDict):
-    """A motion that leaves the range of a joint."""
+class BeyondJointLimits(TypedDict):
+    """A motion in which a joint goes beyond its limits."""
 
     name: str
     joint: str
-    """The joint that goes furthest beyond its range."""
+    """The joint that goes furthest beyond."""
     position: float
-    """Its furthest position, rad or m."""
-    range: list[float | None]
-    """Its range in the URDF, rad or m; None where it has no end."""
+    """Where it is furthest beyond, rad or m."""
+    limits: list[float | None]
+    """Its lowest and highest position by the URDF, rad or m; None where there is none."""
 
 
 class Proposals(TypedDict):
@@ -217,7 +217,7 @@ class Proposals(TypedDict):
 
     proposals: list[Proposal]
     beyond_limit: list[BeyondLimit]
-    out_of_reach: list[OutOfReach]
+    beyond_joint_limits: list[BeyondJointLimits]
     touch_nothing: list[str]
 
 

@@ -34,6 +34,8 @@ mod rest;
 mod sensors;
 mod unit;
 
+pub(crate) use motion::LIMIT_MARGIN;
+
 use std::cmp::Reverse;
 use std::sync::Arc;
 

@@ -11,7 +11,7 @@ use crate::quantile::extremes;
 use crate::touches::RecordedTouch;
 
 /// Sensors overshoot a limit by as much, rad or m.
-const LIMIT_MARGIN: f64 = 0.01;
+pub(crate) const LIMIT_MARGIN: f64 = 0.01;
 /// A speed of so many times the limit is no motion but a jump.
 const JUMP: f64 = 1.5;
 /// A jump is at least this long, rad or m.
