@@ -160,6 +160,22 @@ fn a_touch_that_repeats_one_is_held_against_what_was_felt_then_however_bad_the_f
 }
 
 #[test]
+fn a_touch_that_repeats_one_finds_a_moved_object_of_which_the_field_predicts_nothing() {
+    let (arm, tracked) = (common::arm(), tracked());
+    let truth = field(&tracked);
+    let mut field = truth.clone();
+    field.stiffness_n_per_m.fill(0.0);
+    let learnt = felt(tracked.clone(), &truth, 1.0);
+    let middle = middle(&tracked);
+    for shift_m in [[0.05, 0.0, 0.0], [-0.05, 0.0, 0.0], [0.03, 0.03, 0.0]] {
+        let motion = Motion { shift_m, turn_rad: 0.0, about_m: [middle[0], middle[1]] };
+        let new = felt(tracked.clone(), &moved(&truth, motion), 1.0);
+        let found = compare((&arm, &new), &field, Some(&learnt), NEVER).unwrap().1;
+        assert!(matches!(found.change, Change::Moved(_)), "{shift_m:?}: {found:?}");
+    }
+}
+
+#[test]
 fn a_field_is_moved_by_whole_cells_exactly_and_by_nothing_not_at_all() {
     let tracked = tracked();
     let field = field(&tracked);

@@ -13,15 +13,15 @@
 //!
 //! A touch that repeats one that the field has learnt ([`repeated`]) contradicts it where its torques differ from those of
 //! then by more than a quarter and by more than noise, however well the field predicts either. This
-//! difference is then explained by a factor on the torques of then, or by how much a motion changes what the field predicts.
-//! Only the second has the errors of the field in it, so a motion may leave more.
+//! difference is then explained by a factor on the torques of then, or by a motion: by the torques of then where the arm
+//! was at the same place of the object, and for what is left of the way by the field. Only the second has errors of the field
+//! in it, so a motion may leave more. But what gives way more easily keeps the course of its torques.
 //!
 //! Where the arm touches little that the field knows, and repeats nothing, nothing is said.
 
 pub mod moved;
 pub mod repeated;
 
-use nalgebra::DVector;
 use palpate::{Arm, Calibration, Field};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -38,15 +38,15 @@ const LEAST_KNOWN: f64 = 0.1;
 const MOSTLY_KNOWN: f64 = 0.6;
 /// The best factor of a field that predicts nothing of a touch, at most.
 const PREDICTS_NOTHING: f64 = 0.25;
-/// Of the squared error beyond noise, what a motion or a factor may leave of it.
+/// Of the squared error beyond noise, what a motion or a factor may leave of it; and a motion of the squared torque.
 const LEAVES: f64 = 0.5;
 /// Of what the best factor leaves, what a motion may leave.
 const LEAVES_MOVED: f64 = 0.9;
-/// The same where touches are repeated, if the motion leaves at most such a share of the error.
-const LEAVES_MOVED_REPEATED: f64 = 4.0;
-const LEAVES_LITTLE: f64 = 0.25;
-/// What a factor that leaves no doubt leaves of the error where touches are repeated.
-const LEAVES_EXACTLY: f64 = 0.01;
+/// Both where touches are repeated: a motion takes the errors of the field with it.
+const LEAVES_REPEATED: f64 = 0.7;
+const LEAVES_MOVED_REPEATED: f64 = 2.0;
+/// What a factor that leaves no doubt leaves there: of the error, or of the squared torque.
+const EXACTLY: [f64; 2] = [0.01, 0.05];
 /// No misfit counts as smaller.
 const LEAST_MISFIT: f64 = 1e-3;
 /// Held-out touches of which misfits are known, at least.
@@ -172,7 +172,7 @@ struct Beside<'a> {
     /// What the field says of the frames in contact, by touch.
     predicted: Vec<Vec<PredictedFrame>>,
     /// What touches repeat, by touch.
-    repeated: Vec<Option<Repeated>>,
+    repeated: Vec<Option<Repeated<'a>>>,
 }
 
 impl<'a> Beside<'a> {
@@ -189,7 +189,7 @@ impl<'a> Beside<'a> {
     fn repeating(
         mut self,
         arm: &Arm,
-        learnt: Option<&Learnt>,
+        learnt: Option<&'a Learnt>,
         stop: Stop<'_>,
     ) -> Result<Self, LearnError> {
         if let Some(learnt) = learnt {
@@ -208,7 +208,7 @@ impl<'a> Beside<'a> {
         let predicted = |touch: &usize| &self.predicted[*touch];
         let noise = self.tracked.noise_std(touches).iter().map(|std| std * std).sum::<f64>();
         let sums = Sums::of(touches.iter().flat_map(predicted), noise);
-        let repeated: Vec<&Repeated> =
+        let repeated: Vec<&Repeated<'_>> =
             touches.iter().filter_map(|touch| self.repeated[*touch].as_ref()).collect();
         // Both touches have noise.
         let again = Sums::of(repeated.iter().flat_map(|own| &own.frames), 2.0 * noise);
@@ -219,7 +219,7 @@ impl<'a> Beside<'a> {
         let mut comparison = Comparison {
             known,
             contradiction,
-            repeats: repeated.iter().map(|repeated| repeated.name.clone()).collect(),
+            repeats: repeated.iter().map(|repeated| repeated.name().into()).collect(),
             change: Change::Unchanged,
             error: RelativeErrors {
                 field: sums.relative(sums.error),
@@ -280,38 +280,40 @@ impl<'a> Beside<'a> {
         (factor, left + sums.error - own.error)
     }
 
-    /// The motion that explains touches best, or their differences from those that they repeat, and the squared error that is
-    /// left with it.
+    /// The motion that explains touches best, or by how much they differ from those that they repeat, and the squared error
+    /// that is left with it.
     fn moved(
         &self,
         touches: &[usize],
         repeat: bool,
         stop: Stop<'_>,
     ) -> Result<(Motion, f64), LearnError> {
-        let wanted: Vec<Wanted<'_>> =
-            touches.iter().flat_map(|touch| self.wanted(*touch, repeat)).collect();
-        let every = (wanted.len() / (FRAMES * touches.len())).max(1);
-        let some: Vec<Wanted<'_>> = wanted.iter().step_by(every).cloned().collect();
-        let motion = moved::best(self.tracked, &some, &self.sampler, stop)?;
-        let error = moved::error(self.tracked, &some, &self.sampler, motion);
-        Ok((motion, error * (wanted.len() as f64 / some.len() as f64)))
+        let frames: usize = touches.iter().map(|touch| self.frames(*touch, repeat).count()).sum();
+        let every = (frames / (FRAMES * touches.len())).max(1);
+        let of = |motion: Motion| {
+            let wanted = touches.iter().flat_map(|touch| self.wanted(*touch, repeat, motion));
+            let some: Vec<Wanted<'_>> = wanted.step_by(every).collect();
+            let mean = moved::error(self.tracked, &some, &self.sampler, motion) / some.len() as f64;
+            mean * frames as f64
+        };
+        let motion = moved::best(self.sampler.centre_m, &of, stop)?;
+        Ok((motion, of(motion)))
     }
 
-    /// The torques that the field of the moved object should predict for the frames of a touch in contact: the measured
-    /// ones; or, if the touch repeats another, what it predicts now and the difference from what was measured then.
-    fn wanted(&self, touch: usize, repeat: bool) -> Vec<Wanted<'_>> {
-        let frames = self.tracked.touches[touch].in_contact().map(|frame| &frame.observation);
-        if !repeat {
-            return frames.map(|frame| (frame, frame.tau().into_owned())).collect();
+    /// The frames of a touch in contact; if `repeat`, of a touch that repeats another.
+    fn frames(&self, touch: usize, repeat: bool) -> impl Iterator<Item = &TrackedFrame> {
+        let tells = !repeat || self.repeated[touch].is_some();
+        self.tracked.touches[touch].in_contact().filter(move |_| tells)
+    }
+
+    /// The torques that the field of the moved object should predict for these frames: the measured ones; or these without
+    /// what the field did not predict of the frames that they repeat.
+    fn wanted(&self, touch: usize, repeat: bool, motion: Motion) -> Vec<Wanted<'_>> {
+        let frames = self.frames(touch, repeat).map(|frame| &frame.observation);
+        match self.repeated[touch].as_ref().filter(|_| repeat) {
+            Some(repeated) => frames.zip(repeated.wanted(motion)).collect(),
+            None => frames.map(|frame| (frame, frame.tau().into_owned())).collect(),
         }
-        let Some(repeated) = &self.repeated[touch] else { return Vec::new() };
-        let expected = self.predicted[touch].iter().zip(&repeated.frames);
-        let wanted = |(frame, (now, then)): (_, (&PredictedFrame, &PredictedFrame))| {
-            let joints = now.torque.iter().zip(&then.torque).zip(&now.measured);
-            let wanted = joints.map(|((now, then), measured)| now + measured - then);
-            (frame, DVector::from_iterator(now.torque.len(), wanted))
-        };
-        frames.zip(expected).map(wanted).collect()
     }
 
     /// The misfit of touches, their geometric mean, over that which would contradict the field.
@@ -402,8 +404,8 @@ impl Sums {
         (self.measured > 0.0).then(|| (error.max(0.0) / self.measured).sqrt())
     }
 
-    /// What explains an error that is not chance: a factor that leaves next to nothing of the difference from a repeated
-    /// touch; a motion that leaves little enough; a factor that does, if most was known; or neither.
+    /// What explains an error that is not chance: a motion that leaves little enough; a factor that does, if most was known; or
+    /// neither. Where touches are repeated, a factor that leaves next to nothing comes first.
     fn change(
         &self,
         (motion, moved): (Motion, f64),
@@ -411,15 +413,21 @@ impl Sums {
         [is_known, repeats]: [bool; 2],
     ) -> Change {
         let error = self.beyond(self.error);
-        let most = LEAVES * error;
-        let beside_factor = |times: f64| times * self.beyond(scaled);
-        let moves = self.beyond(moved) < f64::min(beside_factor(LEAVES_MOVED), most);
-        let least = f64::min(beside_factor(LEAVES_MOVED_REPEATED), LEAVES_LITTLE * error);
-        if repeats && self.beyond(scaled) <= LEAVES_EXACTLY * error {
+        let (moved, scaled) = (self.beyond(moved), self.beyond(scaled));
+        // Of the noise, half is that of the touches now, if they repeat others.
+        let felt = self.measured - self.noise * if repeats { 0.5 } else { 1.0 };
+        let [of_error, of_felt] = EXACTLY;
+        let is_exact = scaled <= of_error * error || (scaled <= of_felt * felt && scaled < moved);
+        let [most, beside_factor] = match repeats {
+            true => [LEAVES_REPEATED, LEAVES_MOVED_REPEATED],
+            false => [LEAVES, LEAVES_MOVED],
+        };
+        let moves = moved < f64::min(beside_factor * scaled, most * error.min(felt));
+        if repeats && is_exact {
             Change::by(factor)
-        } else if moves || (repeats && self.beyond(moved) < least) {
+        } else if moves {
             Change::Moved(motion)
-        } else if !is_known || self.beyond(scaled) > most {
+        } else if !is_known || scaled > LEAVES * error {
             Change::Other
         } else {
             Change::by(factor)
@@ -460,18 +468,22 @@ mod tests {
 
     #[test]
     fn a_motion_may_leave_more_than_a_factor_only_where_touches_repeat_others() {
-        let sums = Sums { error: 100.0, ..Sums::default() };
+        let sums = Sums { error: 100.0, measured: 60.0, ..Sums::default() };
         let motion = Motion { shift_m: [0.03, 0.0, 0.0], turn_rad: 0.0, about_m: [0.0; 2] };
         let word = |moved: f64, scaled: f64, repeats: bool| {
             sums.change((motion, moved), (0.4, scaled), [true, repeats])
         };
         let softer = Change::Softer { factor: 0.4 };
-        assert_eq!(word(20.0, 7.0, true), Change::Moved(motion));
-        assert_eq!(word(20.0, 7.0, false), softer);
-        assert_eq!(word(20.0, 4.0, true), softer, "five times what the factor leaves");
-        assert_eq!(word(30.0, 20.0, true), softer, "more than a quarter of the error");
-        assert_eq!(word(0.5, 0.8, true), softer, "next to nothing");
-        assert_eq!(word(40.0, 50.0, false), Change::Moved(motion));
-        assert_eq!(word(60.0, 90.0, true), Change::Other);
+        assert_eq!(word(10.0, 6.0, true), Change::Moved(motion));
+        assert_eq!(word(10.0, 6.0, false), softer);
+        assert_eq!(word(13.0, 6.0, true), softer, "more than twice what the factor leaves");
+        assert_eq!(word(43.0, 40.0, true), softer, "more than 0.7 of the torque");
+        assert_eq!(word(4.0, 2.5, true), softer, "a twentieth of the torque");
+        assert_eq!(word(2.0, 2.5, true), Change::Moved(motion), "less than the factor");
+        assert_eq!(word(0.5, 0.8, true), softer, "a hundredth of the error");
+        assert_eq!(word(25.0, 28.0, false), Change::Moved(motion));
+        assert_eq!(word(31.0, 50.0, false), softer, "more than half of the torque");
+        assert_eq!(word(60.0, 90.0, false), Change::Other);
+        assert_eq!(word(80.0, 90.0, true), Change::Other);
     }
 }

@@ -44,7 +44,7 @@ impl Motion {
     }
 
     /// Where a point was before.
-    fn back(&self, point: &Point3<f64>) -> Point3<f64> {
+    pub(super) fn back(&self, point: &Point3<f64>) -> Point3<f64> {
         let about = Vector2::from(self.about_m);
         let point = point - Vector3::from(self.shift_m);
         let before = Rotation2::new(-self.turn_rad) * (point.xy().coords - about) + about;
@@ -66,7 +66,7 @@ pub(super) struct Sampler {
     stiffness_n_per_m: Vec<f64>,
     untouched_n_per_m: f64,
     /// Centre of the field's stiffness, x and y, m.
-    centre_m: [f64; 2],
+    pub(super) centre_m: [f64; 2],
 }
 
 impl Sampler {
@@ -140,23 +140,18 @@ pub(super) fn error(
     frames.iter().map(of).sum()
 }
 
-/// The motion of the smallest squared error.
+/// The motion of the smallest squared error, (N·m)², which `of` gives; turns are about a point, x and y, m.
 ///
 /// # Errors
 ///
 /// On being stopped.
 pub(super) fn best(
-    tracked: &Tracked,
-    frames: &[Wanted<'_>],
-    sampler: &Sampler,
+    about_m: [f64; 2],
+    of: &(dyn Fn(Motion) -> f64 + Sync),
     stop: Stop<'_>,
 ) -> Result<Motion, LearnError> {
-    let motion = |[x, y, z, turn]: [f64; 4]| Motion {
-        shift_m: [x, y, z],
-        turn_rad: turn,
-        about_m: sampler.centre_m,
-    };
-    let of = |at: [f64; 4]| error(tracked, frames, sampler, motion(at));
+    let motion = |[x, y, z, turn]: [f64; 4]| Motion { shift_m: [x, y, z], turn_rad: turn, about_m };
+    let of = |at: [f64; 4]| of(motion(at));
     let steps =
         [FARTHEST_M, FARTHEST_M, HIGHEST_M, LARGEST_TURN].map(|most| most / f64::from(GRID));
     let side = 2 * GRID + 1;

@@ -7,14 +7,20 @@
 //! ```text
 //! expected = τ then + τ̂ now − τ̂ then
 //! ```
+//!
+//! If the object was moved in between, it was felt at another place of the path. So for a motion frames are matched where
+//! the point of the arm that pressed most is as close as can be to where it was on the object; τ̂ now is that of the moved
+//! field.
 
-use nalgebra::{DVector, Isometry3};
+use nalgebra::{DVector, Isometry3, Point3, Vector3};
 use palpate::{Arm, Field};
 
 use crate::calibrate::PredictedFrame;
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::field_rows::FieldRows;
 use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
+
+use super::moved::Motion;
 
 /// The touches that a field has learnt.
 pub struct Learnt {
@@ -28,20 +34,84 @@ struct LearntTouch {
     poses: Vec<Vec<Isometry3<f64>>>,
     /// τ − τ̂ of each pose, n_joints, N·m.
     beyond: Vec<DVector<f64>>,
+    presses: Presses,
+}
+
+/// The point of the arm that presses most.
+struct Presses {
+    /// The link's number.
+    link: usize,
+    /// m, the link's frame.
+    point: Point3<f64>,
+}
+
+impl Presses {
+    /// In the frame of the largest torque: the centre of the touched cells' stiffness, of the link nearest to it.
+    fn of(arm: &Arm, frames: &[&TrackedFrame], tracked: &Tracked, rows: &FieldRows) -> Self {
+        let torque = |frame: &TrackedFrame| frame.observation.tau().norm();
+        let most =
+            frames.iter().max_by(|a, b| torque(a).total_cmp(&torque(b))).expect("has frames");
+        let (mut sum, mut total) = (Vector3::zeros(), 0.0);
+        for row in most.observation.rows() {
+            let weight = rows.estimates[row].stiffness_n_per_m + LEAST_STIFFNESS_N_PER_M;
+            sum += weight * Vector3::from(tracked.points_m[row]);
+            total += weight;
+        }
+        let centre = Point3::from(if total > 0.0 { sum / total } else { sum });
+        let poses = poses(arm, &most.q);
+        let links = arm.surfaces.iter().zip(&poses).enumerate();
+        let places = links.filter_map(|(link, (surface, pose))| {
+            let point = pose.inverse_transform_point(&centre);
+            Some((link, point, surface.as_ref()?.distance(&point)))
+        });
+        let nearest = places.min_by(|a, b| a.2.total_cmp(&b.2)).expect("an arm has a surface");
+        Self { link: nearest.0, point: nearest.1 }
+    }
+
+    fn at(&self, poses: &[Isometry3<f64>]) -> Point3<f64> {
+        poses[self.link] * self.point
+    }
 }
 
 /// A touch that repeats another.
-pub(super) struct Repeated {
-    /// The one that it repeats.
-    pub(super) name: String,
+pub(super) struct Repeated<'a> {
+    learnt: &'a LearntTouch,
     /// Its frames in contact, with what is expected in place of what the field predicts.
     pub(super) frames: Vec<PredictedFrame>,
+    /// Every how many of them are matched.
+    every: usize,
+    /// Where the point that pressed most then is in these, and where it was in the frames of then, m, world frame.
+    places: [Vec<Point3<f64>>; 2],
+}
+
+impl Repeated<'_> {
+    /// The name of the touch that it repeats.
+    pub(super) fn name(&self) -> &str {
+        &self.learnt.name
+    }
+
+    /// For each frame the torque, n_joints, N·m, that a field should predict, were the object moved: the measured one
+    /// without what the field did not predict then.
+    pub(super) fn wanted(&self, motion: Motion) -> impl Iterator<Item = DVector<f64>> {
+        let [now, then] = &self.places;
+        let apart_m = |now: &Point3<f64>| {
+            let before = motion.back(now);
+            then.iter().map(|then| (before - then).norm()).collect()
+        };
+        let matches = matched(&now.iter().map(apart_m).collect::<Vec<_>>());
+        self.frames.iter().enumerate().map(move |(number, frame)| {
+            let beyond = &self.learnt.beyond[matches[number / self.every].0];
+            DVector::from_column_slice(&frame.measured) - beyond
+        })
+    }
 }
 
 /// Frames of a touch that are matched, about.
 const MATCHED: usize = 150;
 /// The share of them that must be close.
 const CLOSE: f64 = 0.9;
+/// What a cell weighs that gives way, N/m.
+const LEAST_STIFFNESS_N_PER_M: f64 = 1e-6;
 
 impl Learnt {
     /// Touches tracked under the lattice and contact model of the field that has learnt them.
@@ -57,6 +127,7 @@ impl Learnt {
                 name: touch.name.clone(),
                 poses: some.iter().map(|frame| poses(arm, &frame.q)).collect(),
                 beyond: some.iter().map(beyond).collect(),
+                presses: Presses::of(arm, &some, tracked, &rows),
             }
         };
         let touches = tracked.touches.iter().filter(|touch| !touch.frames.is_empty());
@@ -71,7 +142,7 @@ impl Learnt {
         touch: &TrackedTouch,
         predicted: &[PredictedFrame],
         stop: Stop<'_>,
-    ) -> Result<Option<Repeated>, LearnError> {
+    ) -> Result<Option<Repeated<'_>>, LearnError> {
         if predicted.is_empty() {
             return Ok(None);
         }
@@ -80,7 +151,10 @@ impl Learnt {
             touch.in_contact().step_by(every).map(|frame| poses(arm, &frame.q)).collect();
         let matches = self.touches.iter().map(|learnt| {
             unless_stopped(stop)?;
-            Ok((learnt, matched(arm, &now, &learnt.poses)))
+            let apart_m = |now: &Vec<Isometry3<f64>>| {
+                learnt.poses.iter().map(|then| arm.travel_m(now, then)).collect()
+            };
+            Ok((learnt, matched(&now.iter().map(apart_m).collect::<Vec<_>>())))
         });
         let matches: Vec<_> = matches.collect::<Result<_, LearnError>>()?;
         let sum =
@@ -98,7 +172,9 @@ impl Learnt {
             PredictedFrame { torque: torque.collect(), ..frame.clone() }
         };
         let frames = predicted.iter().enumerate().map(expected).collect();
-        Ok(Some(Repeated { name: learnt.name.clone(), frames }))
+        let places = [&now, &learnt.poses]
+            .map(|poses| poses.iter().map(|poses| learnt.presses.at(poses)).collect());
+        Ok(Some(Repeated { learnt, frames, every, places }))
     }
 }
 
@@ -111,21 +187,17 @@ fn poses(arm: &Arm, q: &[f64]) -> Vec<Isometry3<f64>> {
     arm.robot.forward(q).expect("it was tracked").world_from_link
 }
 
-/// For each pose of a path the pose of another that it is matched with, and how far apart the links are, m: the later
-/// the one, the later the other, and as close together as can be in sum. Empty if the other is.
-fn matched(
-    arm: &Arm,
-    now: &[Vec<Isometry3<f64>>],
-    then: &[Vec<Isometry3<f64>>],
-) -> Vec<(usize, f64)> {
-    let apart_m: Vec<Vec<f64>> =
-        now.iter().map(|now| then.iter().map(|then| arm.travel_m(now, then)).collect()).collect();
+/// For each frame of a path the frame of another that it is matched with, and how far apart they are, m: the later
+/// the one, the later the other, and as close together as can be in sum. `apart_m` holds how far each frame is from
+/// each of the other path. Empty if either is.
+fn matched(apart_m: &[Vec<f64>]) -> Vec<(usize, f64)> {
+    let frames_then = apart_m.first().map_or(0, Vec::len);
     // The least sum up to each pair, and the pair before it.
-    let mut least = vec![0.0; then.len()];
-    let mut before: Vec<Vec<usize>> = Vec::with_capacity(now.len());
-    for row in &apart_m {
-        let (mut best, mut from) = (0, Vec::with_capacity(then.len()));
-        for place in 0..then.len() {
+    let mut least = vec![0.0; frames_then];
+    let mut before: Vec<Vec<usize>> = Vec::with_capacity(apart_m.len());
+    for row in apart_m {
+        let (mut best, mut from) = (0, Vec::with_capacity(frames_then));
+        for place in 0..frames_then {
             if least[place] < least[best] {
                 best = place;
             }
@@ -134,10 +206,10 @@ fn matched(
         least = from.iter().zip(row).map(|(&best, apart_m)| least[best] + apart_m).collect();
         before.push(from);
     }
-    let Some(mut place) = (0..then.len()).min_by(|a, b| least[*a].total_cmp(&least[*b])) else {
+    let Some(mut place) = (0..frames_then).min_by(|a, b| least[*a].total_cmp(&least[*b])) else {
         return Vec::new();
     };
-    let mut matches = Vec::with_capacity(now.len());
+    let mut matches = Vec::with_capacity(apart_m.len());
     for (row, from) in apart_m.iter().zip(&before).rev() {
         matches.push((place, row[place]));
         place = from[place];
