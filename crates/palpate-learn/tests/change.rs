@@ -148,6 +148,12 @@ fn a_touch_that_repeats_one_is_held_against_what_was_felt_then_however_bad_the_f
         };
         assert!((factor - wanted).abs() < 1e-9, "{found:?}");
     }
+    // A change of one touch alone leaves the other as it was.
+    let mut new = learnt.clone();
+    new.touches[1] = felt(tracked.clone(), &truth, 0.3).touches.remove(1);
+    let of_one = compare((&arm, &new), &field, Some(&learnt), NEVER).unwrap().1;
+    let Change::Softer { factor } = of_one.change else { panic!("{of_one:?}") };
+    assert!((factor - 0.3).abs() < 1e-9 && of_one.error.scaled.unwrap() < 1e-6, "{of_one:?}");
     // So little was felt then and now that noise may be all of it.
     let faint = felt(tracked.clone(), &truth, 1e-3);
     let none = felt(tracked.clone(), &truth, 0.0);

@@ -251,10 +251,8 @@ impl<'a> Beside<'a> {
         stop: Stop<'_>,
     ) -> Result<(), LearnError> {
         let moved = self.moved(touches, again.is_some(), stop)?;
-        let (sums, scaled) = match again {
-            Some(again) => (again, again.scaled()),
-            None => (sums, self.scaled(touches, sums)),
-        };
+        let sums = again.unwrap_or(sums);
+        let scaled = self.scaled(touches, again.is_some(), sums);
         let is_known = again.is_some() || comparison.known >= MOSTLY_KNOWN;
         comparison.change = sums.change(moved, scaled, [is_known, again.is_some()]);
         comparison.error.scaled = sums.relative(scaled.1);
@@ -265,17 +263,24 @@ impl<'a> Beside<'a> {
         Ok(())
     }
 
-    /// The best factor of the field's torques in the touches that contradict it, and the squared error of all touches that
-    /// is left with it.
-    fn scaled(&self, touches: &[usize], sums: &Sums) -> (f64, f64) {
-        let predicted = || touches.iter().map(|touch| &self.predicted[*touch]);
-        // What is softer in one place leaves touches elsewhere as they were.
-        let changed = |own: &&Vec<PredictedFrame>| self.contradiction(&[*own]) > 1.0;
-        let changed: Vec<&Vec<PredictedFrame>> = predicted().filter(changed).collect();
-        let own = match changed.is_empty() {
-            true => Sums::of(predicted().flatten(), sums.of_frame),
-            false => Sums::of(changed.into_iter().flatten(), sums.of_frame),
+    /// The best factor of the field's torques, or if `repeat` of those of then, in the touches that contradict them, and the
+    /// squared error of all touches, whose sums are given, that is left with it.
+    fn scaled(&self, touches: &[usize], repeat: bool, sums: &Sums) -> (f64, f64) {
+        let frames = |touch: &usize| match (repeat, &self.repeated[*touch]) {
+            (true, repeated) => Some(&repeated.as_ref()?.frames),
+            (false, _) => Some(&self.predicted[*touch]),
         };
+        let of = |frames: &[&Vec<PredictedFrame>]| {
+            Sums::of(frames.iter().copied().flatten(), sums.of_frame)
+        };
+        // What is softer in one place leaves touches elsewhere as they were.
+        let contradicts = |own: &&Vec<PredictedFrame>| match repeat {
+            true => of(&[*own]).differs() > REPEATS,
+            false => self.contradiction(&[*own]) > 1.0,
+        };
+        let all: Vec<&Vec<PredictedFrame>> = touches.iter().filter_map(frames).collect();
+        let changed: Vec<&Vec<PredictedFrame>> = all.iter().copied().filter(contradicts).collect();
+        let own = of(if changed.is_empty() { &all } else { &changed });
         let (factor, left) = own.scaled();
         (factor, left + sums.error - own.error)
     }
