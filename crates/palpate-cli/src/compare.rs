@@ -27,8 +27,8 @@ compared alone, and all of them together.
 
 A touch that goes along the path of one in the field's memory, within a cell, is compared with what was felt then: it
 contradicts the field if the torques differ by more than a quarter. Make such touches where you can: touches all over an
-object fit its field badly anyway, so few changes show. Touches from one direction hardly tell a shift away from the arm
-from a softer object.";
+object fit its field badly anyway, so few changes show. If the arm feels almost nothing any more, or misses the object,
+the word is softer.";
 
 /// Flags of `palpate compare`.
 #[derive(Debug, clap::Args)]

@@ -12,10 +12,11 @@
 //! | other    | neither                                                            |              |
 //!
 //! A touch that repeats one that the field has learnt ([`repeated`]) contradicts it where its torques differ from those of
-//! then by more than a quarter and by more than noise, however well the field predicts either. This
-//! difference is then explained by a factor on the torques of then, or by a motion: by the torques of then where the arm
-//! was at the same place of the object, and for what is left of the way by the field. Only the second has errors of the field
-//! in it, so a motion may leave more. But what gives way more easily keeps the course of its torques.
+//! then by more than a quarter and by more than noise, however well the field predicts either. This difference is then
+//! explained by a factor on the torques of then; or by a motion: by the torques of then where the arm was at the same place
+//! of the object, corrected by the field for what is left of the way. Only the second has errors of the field in it, so a
+//! motion may leave more. If a factor leaves next to nothing, it is the explanation: an object that becomes softer or harder
+//! keeps the shape of its torques over the path.
 //!
 //! Where the arm touches little that the field knows, and repeats nothing, nothing is said.
 
@@ -42,7 +43,7 @@ const PREDICTS_NOTHING: f64 = 0.25;
 const LEAVES: f64 = 0.5;
 /// Of what the best factor leaves, what a motion may leave.
 const LEAVES_MOVED: f64 = 0.9;
-/// Both where touches are repeated: a motion takes the errors of the field with it.
+/// The same two limits for a motion where touches repeat others: it is not exact there, a factor is.
 const LEAVES_REPEATED: f64 = 0.7;
 const LEAVES_MOVED_REPEATED: f64 = 2.0;
 /// What a factor that leaves no doubt leaves there: of the error, or of the squared torque.
@@ -112,7 +113,7 @@ pub struct Comparison {
 
 /// Errors relative to those of predicting zero, root mean squares over frames in contact; `None` without torques. Those
 /// with a factor or a motion are `None` where nothing contradicts the field. If touches contradict those that they repeat,
-/// the factor multiplies the torques of the latter, and the motion adds to them what it changes in the field's prediction.
+/// the factor multiplies the torques of the latter, and the motion takes them from where they were felt before.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RelativeErrors {
     /// Of the field.

@@ -8,9 +8,9 @@
 //! expected = τ then + τ̂ now − τ̂ then
 //! ```
 //!
-//! If the object was moved in between, it was felt at another place of the path. So for a motion frames are matched where
-//! the point of the arm that pressed most is as close as can be to where it was on the object; τ̂ now is that of the moved
-//! field.
+//! If the object was moved in between, the arm meets it at another place of the path. So to test a motion, frames are matched
+//! by where the arm is relative to the object: the contact point is as close as can be to where it was then. τ̂ now is that of
+//! the moved field.
 
 use nalgebra::{DVector, Isometry3, Point3, Vector3};
 use palpate::{Arm, Field};
@@ -31,41 +31,41 @@ pub struct Learnt {
 
 struct LearntTouch {
     name: String,
+    contact: ContactPoint,
     poses: Vec<Vec<Isometry3<f64>>>,
     /// τ − τ̂ of each pose, n_joints, N·m.
     beyond: Vec<DVector<f64>>,
-    presses: Presses,
 }
 
-/// The point of the arm that presses most.
-struct Presses {
+/// Where the arm touches the object, as a point of a link.
+struct ContactPoint {
     /// The link's number.
     link: usize,
     /// m, the link's frame.
     point: Point3<f64>,
 }
 
-impl Presses {
-    /// In the frame of the largest torque: the centre of the touched cells' stiffness, of the link nearest to it.
-    fn of(arm: &Arm, frames: &[&TrackedFrame], tracked: &Tracked, rows: &FieldRows) -> Self {
+impl ContactPoint {
+    /// In the frame of the largest torque: the centre of the touched cells, weighted by their stiffness, and the link
+    /// nearest to it. `None` of a touch without contact.
+    fn of(arm: &Arm, touch: &TrackedTouch, tracked: &Tracked, rows: &FieldRows) -> Option<Self> {
         let torque = |frame: &TrackedFrame| frame.observation.tau().norm();
-        let most =
-            frames.iter().max_by(|a, b| torque(a).total_cmp(&torque(b))).expect("has frames");
+        let most = touch.in_contact().max_by(|a, b| torque(a).total_cmp(&torque(b)))?;
         let (mut sum, mut total) = (Vector3::zeros(), 0.0);
         for row in most.observation.rows() {
             let weight = rows.estimates[row].stiffness_n_per_m + LEAST_STIFFNESS_N_PER_M;
             sum += weight * Vector3::from(tracked.points_m[row]);
             total += weight;
         }
-        let centre = Point3::from(if total > 0.0 { sum / total } else { sum });
+        let centre = Point3::from(sum / total);
         let poses = poses(arm, &most.q);
         let links = arm.surfaces.iter().zip(&poses).enumerate();
         let places = links.filter_map(|(link, (surface, pose))| {
             let point = pose.inverse_transform_point(&centre);
             Some((link, point, surface.as_ref()?.distance(&point)))
         });
-        let nearest = places.min_by(|a, b| a.2.total_cmp(&b.2)).expect("an arm has a surface");
-        Self { link: nearest.0, point: nearest.1 }
+        let (link, point, _) = places.min_by(|a, b| a.2.total_cmp(&b.2))?;
+        Some(Self { link, point })
     }
 
     fn at(&self, poses: &[Isometry3<f64>]) -> Point3<f64> {
@@ -80,7 +80,7 @@ pub(super) struct Repeated<'a> {
     pub(super) frames: Vec<PredictedFrame>,
     /// Every how many of them are matched.
     every: usize,
-    /// Where the point that pressed most then is in these, and where it was in the frames of then, m, world frame.
+    /// Where the contact point is in these, and where it was in the frames of then, m, world frame.
     places: [Vec<Point3<f64>>; 2],
 }
 
@@ -110,7 +110,7 @@ impl Repeated<'_> {
 const MATCHED: usize = 150;
 /// The share of them that must be close.
 const CLOSE: f64 = 0.9;
-/// What a cell weighs that gives way, N/m.
+/// Weight of a cell without stiffness in the contact point, N/m.
 const LEAST_STIFFNESS_N_PER_M: f64 = 1e-6;
 
 impl Learnt {
@@ -123,15 +123,15 @@ impl Learnt {
             let beyond = |frame: &&TrackedFrame| {
                 frame.observation.tau() - DVector::from_vec(rows.predicted(frame).torque)
             };
-            LearntTouch {
+            Some(LearntTouch {
                 name: touch.name.clone(),
+                contact: ContactPoint::of(arm, touch, tracked, &rows)?,
                 poses: some.iter().map(|frame| poses(arm, &frame.q)).collect(),
                 beyond: some.iter().map(beyond).collect(),
-                presses: Presses::of(arm, &some, tracked, &rows),
-            }
+            })
         };
-        let touches = tracked.touches.iter().filter(|touch| !touch.frames.is_empty());
-        Self { touches: touches.map(of).collect(), close_m: field.lattice.spacing_m() }
+        let touches = tracked.touches.iter().filter_map(of).collect();
+        Self { touches, close_m: field.lattice.spacing_m() }
     }
 
     /// The learnt touch along whose path a touch goes where it is in contact, if there is one; `predicted` is what the
@@ -173,7 +173,7 @@ impl Learnt {
         };
         let frames = predicted.iter().enumerate().map(expected).collect();
         let places = [&now, &learnt.poses]
-            .map(|poses| poses.iter().map(|poses| learnt.presses.at(poses)).collect());
+            .map(|poses| poses.iter().map(|poses| learnt.contact.at(poses)).collect());
         Ok(Some(Repeated { learnt, frames, every, places }))
     }
 }
