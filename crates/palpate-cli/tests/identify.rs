@@ -220,7 +220,7 @@ fn logs_that_cannot_serve_say_what_is_missing() {
     npy(&still.join("torques.npy"), &[30, 2], &[1.0; 60]);
     refuse(run(&[still.to_str().unwrap()]).args(included), 2, &["no joint moves"]);
 
-    fs::write(scene.path("arm.toml"), "version = 1\nrobot = \"tiny\"\ndelay_s = \"late\"\n")
+    fs::write(scene.path("arm.toml"), "version = 2\nrobot = \"tiny\"\ndelay_s = \"late\"\n")
         .unwrap();
     let mut torque = palpate();
     torque

@@ -16,7 +16,7 @@ use crate::settings::sections::RobotSettings;
 const LARGEST: u64 = 1 << 20;
 
 /// Version of the format.
-const VERSION: i64 = 1;
+const VERSION: i64 = 2;
 
 /// The text of the file, with remarks on top.
 pub fn text(robot: &Robot, model: &TorqueModel, remarks: &str) -> String {
@@ -78,7 +78,7 @@ pub fn read(path: &Path, robot: &Robot) -> Result<TorqueModel, WorkError> {
         found => {
             let found = found.map_or("none".to_owned(), |version| version.to_string());
             let wanted = format!("version {VERSION} of a file of `palpate identify` is wanted");
-            return Err(wrong(&format!("{wanted}, and it has {found}")));
+            return Err(wrong(&format!("{wanted}, and it has {found}: identify the arm again")));
         }
     }
     file.remove("robot");

@@ -74,9 +74,10 @@ pub(super) fn of(
     let n = robot.n_joints();
     let noise = |left: &[Vec<Left>]| (0..n).map(|j| noise_of(left, j)).collect::<Vec<_>>();
     let mut left = read(&models, Differentiation::Centred)?;
-    // By joint and fold, out of the other folds; and out of all of them.
-    let ripples: Vec<Option<[Vec<Ripple>; FOLDS + 1]>> =
-        (0..n).map(|j| ripples(&left, j)).collect();
+    // By fold, out of the other folds; and out of all of them.
+    let samples: Vec<RippleSample> = left.iter().flatten().map(Left::for_ripple).collect();
+    unless_stopped()?;
+    let ripples = ripple::find(&samples);
     take_off(&mut left, &ripples);
     let own_noise = noise(&left);
     let alarm = rows.timed.then(|| alarm_of(&left, &own_noise)).flatten();
@@ -115,45 +116,29 @@ pub(super) fn of(
     };
     let [gravity, urdf, identified] = rms(0.0);
     let held_out = HeldOut { gravity, urdf, identified, slow: rms(settings.window_s) };
-    let of_all = |own: Option<[Vec<Ripple>; FOLDS + 1]>| own.map_or(Vec::new(), |[.., all]| all);
-    let ripple = ripples.into_iter().map(of_all).collect();
+    let [.., ripple] = ripples;
     let causal = causal.map(|(_, causal)| causal);
     Ok(Found { held_out, noise: own_noise, ripple, alarm, causal })
 }
 
-/// The part of what is left over that a ripple must explain on held-out motion.
-const LEAST_RIPPLE: f64 = 0.05;
-
-/// The ripple of a joint as each fold's others say it, and all of them; `None` if that explains too little.
-fn ripples(left: &[Vec<Left>], j: usize) -> Option<[Vec<Ripple>; FOLDS + 1]> {
-    let samples = |which: &dyn Fn(usize) -> bool| -> Vec<RippleSample> {
-        let those = left.iter().flatten().filter(|left| which(left.fold));
-        those.map(|left| sample_of(left, j)).collect()
-    };
-    let fits: [Vec<Ripple>; FOLDS + 1] =
-        std::array::from_fn(|fold| ripple::fit(&samples(&|own| own != fold)));
-    let (mut before, mut after) = (0.0, 0.0);
-    for left in left.iter().flatten() {
-        let sample = sample_of(left, j);
-        before += sample.2 * sample.2;
-        after += ripple::left_over(&fits[left.fold], sample).powi(2);
+impl Left {
+    fn for_ripple(&self) -> RippleSample {
+        let of = |of: fn(&NoiseFactors) -> f64| self.factors.iter().map(of).collect();
+        RippleSample {
+            fold: self.fold,
+            q: of(|factors| factors.q),
+            speed: of(|factors| factors.speed),
+            torque: self.identified.clone(),
+        }
     }
-    (after < (1.0 - LEAST_RIPPLE) * before).then_some(fits)
-}
-
-fn sample_of(left: &Left, j: usize) -> RippleSample {
-    let factors = &left.factors[j];
-    (factors.q, factors.speed, left.identified[j])
 }
 
 /// Takes ripple off what is left over.
-fn take_off(left: &mut [Vec<Left>], ripples: &[Option<[Vec<Ripple>; FOLDS + 1]>]) {
+fn take_off(left: &mut [Vec<Left>], ripples: &[Vec<Vec<Ripple>>; FOLDS + 1]) {
     for left in left.iter_mut().flatten() {
-        for (j, ripples) in ripples.iter().enumerate() {
-            if let Some(ripples) = ripples {
-                left.identified[j] = ripple::left_over(&ripples[left.fold], sample_of(left, j));
-            }
-        }
+        let mut sample = left.for_ripple();
+        sample.take_off(&ripples[left.fold]);
+        left.identified = sample.torque;
     }
 }
 

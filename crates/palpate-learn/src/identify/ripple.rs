@@ -1,80 +1,220 @@
-//! Ripple of the gears, out of what the rest of the model leaves over: the orders that explain most, one after the
-//! other, with coefficients by least squares.
+//! Ripple of the gears, out of what the rest of the model leaves over.
+//!
+//! Gears of an arm are of a kind, so the orders that explain most over all joints are those of each. The joints whose
+//! ripple another one feels are added one after the other, as long as that explains held-out motion better; coefficients
+//! are by least squares.
+
+use std::array::from_fn;
 
 use nalgebra::{DMatrix, DVector};
 use palpate::Ripple;
 use palpate::unstable::RIPPLE_COEFFICIENTS;
 
+use super::rows::FOLDS;
+
 /// Orders that are tried: a gear's teeth, times two at most; slower ones are gravity's and the bias's.
 const ORDERS: std::ops::RangeInclusive<u32> = 20..=700;
-/// Orders of a joint.
+/// Orders of an arm.
 const MOST_ORDERS: usize = 2;
+/// Columns of a joint's gears.
+const COLUMNS: usize = MOST_ORDERS * RIPPLE_COEFFICIENTS;
 /// Samples that the search for an order looks at.
 const MOST_SAMPLES: usize = 6_000;
+/// Samples below which there is no search, for each joint's coefficients.
+const LEAST_SAMPLES: usize = 10 * COLUMNS;
 /// Of the least squares: coefficients that few samples tell stay small.
 const RIDGE: f64 = 3.0;
+/// The part of what is left over that the ripple of a further joint must explain on held-out motion.
+const LEAST_RIPPLE: f64 = 0.02;
 
-/// Position, rad, speed, rad/s, and the external torque that is left over, N·m.
-pub(super) type RippleSample = (f64, f64, f64);
-
-/// The ripple of a joint; empty if it has too few samples.
-pub(super) fn fit(samples: &[RippleSample]) -> Vec<Ripple> {
-    if samples.len() < 20 * RIPPLE_COEFFICIENTS {
-        return Vec::new();
-    }
-    let mut orders = Vec::new();
-    let mut found = Vec::new();
-    for _ in 0..MOST_ORDERS {
-        orders.push(best_order(samples, &found));
-        found = coefficients(samples, &orders);
-    }
-    found
+/// A sample, and what is left over of its external torques.
+#[derive(Debug, Clone)]
+pub(super) struct RippleSample {
+    /// The fold that it is held out in.
+    pub(super) fold: usize,
+    /// By joint: positions, rad, speeds, rad/s, and torques, N·m.
+    pub(super) q: Vec<f64>,
+    pub(super) speed: Vec<f64>,
+    pub(super) torque: Vec<f64>,
 }
 
-/// What ripple leaves over.
-pub(super) fn left_over(ripple: &[Ripple], (q, speed, torque): RippleSample) -> f64 {
-    // External torque is what is measured plus what the motor needs.
-    torque + ripple.iter().map(|ripple| ripple.torque(q, speed)).sum::<f64>()
-}
-
-/// The order that explains most of what the others leave over.
-fn best_order(samples: &[RippleSample], found: &[Ripple]) -> f64 {
-    let every = samples.len().div_ceil(MOST_SAMPLES);
-    let left: Vec<RippleSample> = (samples.iter().step_by(every))
-        .map(|sample| (sample.0, sample.1, left_over(found, *sample)))
-        .collect();
-    let explained = |order: f64| {
-        // By both directions, each with cosine and sine, which hardly correlate.
-        let mut sums = [[0.0; 2]; 2];
-        for (q, speed, torque) in &left {
-            let (sin, cos) = (order * q).sin_cos();
-            let way = &mut sums[usize::from(*speed < 0.0)];
-            way[0] += cos * torque;
-            way[1] += sin * torque;
+impl RippleSample {
+    /// Adds the torques of ripple to what is left over: external torque is what is measured plus what the motor needs.
+    pub(super) fn take_off(&mut self, ripple: &[Vec<Ripple>]) {
+        for (j, own) in ripple.iter().enumerate() {
+            own.iter().for_each(|own| own.add_to(&mut self.torque, self.q[j], self.speed[j]));
         }
-        sums.iter().flatten().map(|sum| sum * sum).sum::<f64>()
-    };
-    let orders = ORDERS.map(|order| (explained(f64::from(order)), f64::from(order)));
-    orders.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(0.0, |(_, order)| order)
+    }
 }
 
-fn coefficients(samples: &[RippleSample], orders: &[f64]) -> Vec<Ripple> {
-    let size = RIPPLE_COEFFICIENTS * orders.len();
-    let (mut gram, mut right) = (DMatrix::identity(size, size) * RIDGE, DVector::zeros(size));
-    for (q, speed, torque) in samples {
-        let row: Vec<f64> =
-            orders.iter().flat_map(|order| Ripple::factors(*order, *q, *speed)).collect();
-        for (a, own) in row.iter().enumerate() {
-            right[a] -= own * torque;
-            for (b, other) in row.iter().enumerate().take(a + 1) {
-                gram[(a, b)] += own * other;
+/// Ripple of the gears of each joint, out of the samples of all folds but one, and at last out of all.
+pub(super) fn find(samples: &[RippleSample]) -> [Vec<Vec<Ripple>>; FOLDS + 1] {
+    let n = samples.first().map_or(0, |sample| sample.q.len());
+    if samples.len() < LEAST_SAMPLES {
+        return from_fn(|_| vec![Vec::new(); n]);
+    }
+    let fits: [Regression; FOLDS + 1] = from_fn(|fold| Regression::of(samples, fold));
+    let felt: Vec<Vec<usize>> = (0..n).map(|j| felt(&fits[..FOLDS], n, j)).collect();
+    fits.map(|fit| fit.ripples(&felt))
+}
+
+/// The joints whose ripple a joint feels.
+fn felt(folds: &[Regression], n: usize, j: usize) -> Vec<usize> {
+    let left = |of: &[usize]| folds.iter().map(|fold| fold.left_over(of, j)).sum::<f64>();
+    let before = left(&[]);
+    let (mut found, mut least) = (Vec::new(), before);
+    loop {
+        let others = (0..n).filter(|other| !found.contains(other));
+        let tried = others.map(|other| [&found[..], &[other]].concat());
+        let best = tried.map(|of| (left(&of), of)).min_by(|a, b| a.0.total_cmp(&b.0));
+        match best {
+            Some((now, of)) if now < least - LEAST_RIPPLE * before => (least, found) = (now, of),
+            _ => return found,
+        }
+    }
+}
+
+/// Least squares of what is left over, by the ripple of all joints.
+struct Regression {
+    orders: Vec<f64>,
+    /// Of the samples that are learned, and of those that are held out.
+    learned: Sums,
+    held: Sums,
+}
+
+/// Products of the columns, of columns and torques, and of torques.
+struct Sums {
+    gram: DMatrix<f64>,
+    right: DMatrix<f64>,
+    squares: Vec<f64>,
+}
+
+impl Regression {
+    /// Without a fold.
+    fn of(samples: &[RippleSample], fold: usize) -> Self {
+        let learned: Vec<&RippleSample> =
+            samples.iter().filter(|sample| sample.fold != fold).collect();
+        let mut orders = Vec::with_capacity(MOST_ORDERS);
+        let mut left: Vec<RippleSample> = (learned.iter())
+            .step_by(learned.len().div_ceil(MOST_SAMPLES).max(1))
+            .map(|sample| (*sample).clone())
+            .collect();
+        for _ in 0..MOST_ORDERS {
+            let order = best_order(&left);
+            orders.push(order);
+            // What a joint's own gears explain.
+            let n = left.first().map_or(0, |sample| sample.q.len());
+            let own: Vec<Vec<usize>> = (0..n).map(|j| vec![j]).collect();
+            let learned = Sums::of(left.iter(), &[order], n);
+            let held = Sums::new(0, 0);
+            let fit = Self { orders: vec![order], learned, held }.ripples(&own);
+            left.iter_mut().for_each(|sample| sample.take_off(&fit));
+        }
+        let n = samples[0].q.len();
+        let held = samples.iter().filter(|sample| sample.fold == fold);
+        Self {
+            learned: Sums::of(learned.into_iter(), &orders, n),
+            held: Sums::of(held, &orders, n),
+            orders,
+        }
+    }
+
+    /// Columns of some joints' gears.
+    fn columns(&self, of: &[usize]) -> Vec<usize> {
+        let each = RIPPLE_COEFFICIENTS * self.orders.len();
+        of.iter().flat_map(|joint| each * joint..each * (joint + 1)).collect()
+    }
+
+    /// Coefficients of the ripple of some joints' gears in a joint.
+    fn coefficients(&self, of: &[usize], j: usize) -> DVector<f64> {
+        let columns = self.columns(of);
+        let mut gram = self.learned.gram.select_rows(&columns).select_columns(&columns);
+        gram.iter_mut().step_by(columns.len() + 1).for_each(|own| *own += RIDGE);
+        let right = self.learned.right.select_rows(&columns).column(j).into_owned();
+        gram.cholesky().map_or(DVector::zeros(columns.len()), |factor| factor.solve(&right))
+    }
+
+    /// Sum of squares that they leave over of the samples that are held out.
+    fn left_over(&self, of: &[usize], j: usize) -> f64 {
+        let (columns, own) = (self.columns(of), self.coefficients(of, j));
+        let gram = self.held.gram.select_rows(&columns).select_columns(&columns);
+        let right = self.held.right.select_rows(&columns).column(j).into_owned();
+        self.held.squares[j] - 2.0 * right.dot(&own) + own.dot(&(gram * &own))
+    }
+
+    /// The ripple of each joint's gears, as `felt` by each joint.
+    fn ripples(&self, felt: &[Vec<usize>]) -> Vec<Vec<Ripple>> {
+        let none = |order: &f64| Ripple { order: *order, coefficients: vec![vec![]; felt.len()] };
+        let mut found: Vec<Vec<Ripple>> =
+            felt.iter().map(|_| self.orders.iter().map(none).collect()).collect();
+        for (j, of) in felt.iter().enumerate() {
+            let own = self.coefficients(of, j);
+            let parts = own.as_slice().chunks(RIPPLE_COEFFICIENTS);
+            let gears = of.iter().flat_map(|joint| (0..self.orders.len()).map(|k| (*joint, k)));
+            for ((joint, k), part) in gears.zip(parts) {
+                found[joint][k].coefficients[j] = part.to_vec();
             }
         }
+        let is_felt = |own: &Ripple| own.coefficients.iter().any(|own| !own.is_empty());
+        found.iter_mut().for_each(|own| own.retain(is_felt));
+        found
     }
-    let Some(factor) = gram.cholesky() else { return Vec::new() };
-    let solved = factor.solve(&right);
-    let each = orders.iter().zip(solved.as_slice().chunks(RIPPLE_COEFFICIENTS));
-    each.map(|(order, own)| Ripple { order: *order, coefficients: own.to_vec() }).collect()
+}
+
+impl Sums {
+    fn new(columns: usize, joints: usize) -> Self {
+        Self {
+            gram: DMatrix::zeros(columns, columns),
+            right: DMatrix::zeros(columns, joints),
+            squares: vec![0.0; joints],
+        }
+    }
+
+    fn of<'a>(samples: impl Iterator<Item = &'a RippleSample>, orders: &[f64], n: usize) -> Self {
+        let mut sums = Self::new(n * orders.len() * RIPPLE_COEFFICIENTS, n);
+        for sample in samples {
+            let row: Vec<(usize, f64)> = (sample.q.iter().zip(&sample.speed))
+                .flat_map(|(q, speed)| orders.iter().map(|order| (*order, *q, *speed)))
+                .enumerate()
+                .flat_map(|(block, (order, q, speed))| {
+                    let factors = Ripple::factors(order, q, speed);
+                    factors.map(|(k, factor)| (block * RIPPLE_COEFFICIENTS + k, factor))
+                })
+                .collect();
+            for (a, own) in &row {
+                row.iter().for_each(|(b, other)| sums.gram[(*a, *b)] += own * other);
+                // What the motor needs is what the external torque lacks.
+                let torques = sample.torque.iter().enumerate();
+                torques.for_each(|(j, torque)| sums.right[(*a, j)] -= own * torque);
+            }
+            for (square, torque) in sums.squares.iter_mut().zip(&sample.torque) {
+                *square += torque * torque;
+            }
+        }
+        sums
+    }
+}
+
+/// The order that explains most of what is left over, all joints together, each by its own gears.
+fn best_order(samples: &[RippleSample]) -> f64 {
+    let n = samples.first().map_or(0, |sample| sample.q.len());
+    let explained = |order: f64| -> f64 {
+        let of_joint = |j: usize| -> f64 {
+            // By coefficient: products with the torque, and of its own.
+            let mut sums = [(0.0, RIDGE); RIPPLE_COEFFICIENTS];
+            for sample in samples {
+                for (k, factor) in Ripple::factors(order, sample.q[j], sample.speed[j]) {
+                    sums[k].0 += factor * sample.torque[j];
+                    sums[k].1 += factor * factor;
+                }
+            }
+            // Neighbouring knots are taken as if they did not know of each other.
+            sums.iter().map(|(product, own)| product * product / own).sum()
+        };
+        (0..n).map(of_joint).sum()
+    };
+    let orders = ORDERS.map(f64::from).map(|order| (explained(order), order));
+    orders.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(0.0, |(_, order)| order)
 }
 
 #[cfg(test)]
@@ -82,23 +222,48 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_order_and_size_of_a_ripple_are_found() {
-        let ripple = Ripple {
-            order: 240.0,
-            coefficients: vec![0.3, -0.2, 0.1, 0.0, 0.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    fn ripple_is_found_with_its_order_by_the_joint_that_makes_it_in_those_that_feel_it() {
+        let coefficients = |phase: f64| -> Vec<f64> {
+            (0..RIPPLE_COEFFICIENTS).map(|k| 0.4 * (phase + 1.3 * k as f64).sin()).collect()
         };
+        let orders = [240.0, 480.0];
+        let made = orders.map(|order| Ripple {
+            order,
+            coefficients: vec![coefficients(0.01 * order), vec![], coefficients(1.0 + order)],
+        });
         let sample = |k: usize| {
             let t = k as f64 * 0.01;
-            let (q, speed) = (0.8 * (0.7 * t).sin(), 0.56 * (0.7 * t).cos());
-            (q, speed, -ripple.torque(q, speed))
+            let q =
+                [(0.7, 0.8), (1.1, 0.3), (0.5, 0.9)].map(|(w, a): (f64, f64)| a * (w * t).sin());
+            let speed = [(0.7, 0.8), (1.1, 0.3), (0.5, 0.9)]
+                .map(|(w, a): (f64, f64)| a * w * (w * t).cos());
+            let mut torques = [0.0; 3];
+            made.iter().for_each(|own| own.add_to(&mut torques, q[0], speed[0]));
+            RippleSample {
+                fold: k / 1_000,
+                q: q.to_vec(),
+                speed: speed.to_vec(),
+                torque: torques.iter().map(|torque| -torque).collect(),
+            }
         };
-        let samples: Vec<RippleSample> = (0..3_000).map(sample).collect();
-        let found = fit(&samples);
-        assert_eq!(found[0].order, 240.0);
-        let power = |left: &dyn Fn(RippleSample) -> f64| {
-            samples.iter().map(|own| left(*own).powi(2)).sum::<f64>()
+        let samples: Vec<RippleSample> = (0..4_000).map(sample).collect();
+        let found = find(&samples);
+        for fold in &found {
+            let mut own: Vec<f64> = fold[0].iter().map(|own| own.order).collect();
+            own.sort_by(f64::total_cmp);
+            assert_eq!(own, orders);
+            assert!(fold[0].iter().all(|own| own.coefficients[1].is_empty()));
+            assert!(fold[1].is_empty() && fold[2].is_empty());
+        }
+        let power = |of: &dyn Fn(&RippleSample) -> RippleSample| {
+            samples.iter().flat_map(|own| of(own).torque).map(|own| own * own).sum::<f64>()
         };
-        let (before, after) = (power(&|own| own.2), power(&|own| left_over(&found, own)));
+        let left = |own: &RippleSample| {
+            let mut own = own.clone();
+            own.take_off(&found[own.fold]);
+            own
+        };
+        let (before, after) = (power(&Clone::clone), power(&left));
         assert!(after < 0.01 * before, "{after} of {before}");
     }
 }

@@ -295,6 +295,13 @@ impl TorqueModel {
         let sign = if config.torque_sign == TorqueSign::Minus { -1.0 } else { 1.0 };
         let mut external = DVector::zeros(n);
         let mut factors = Vec::with_capacity(n);
+        let mut ripple = vec![0.0; n];
+        for (j, joint) in self.joints.iter().enumerate() {
+            joint
+                .ripple
+                .iter()
+                .for_each(|own| own.add_to(&mut ripple, motion.q[j], motion.speed[j]));
+        }
         for (j, joint) in self.joints.iter().enumerate() {
             let (q, speed) = (motion.q[j], motion.speed[j]);
             let (z, unknown) = (motion.friction[j], motion.unknown[j]);
@@ -302,8 +309,7 @@ impl TorqueModel {
             let bias = joint.bias[0] + joint.bias[1] * q.cos() + joint.bias[2] * q.sin();
             external[j] = match config.gravity {
                 Gravity::Included => {
-                    let ripple: f64 = joint.ripple.iter().map(|own| own.torque(q, speed)).sum();
-                    let taken = at_rest[j] + inertia + joint.friction.torque(z, speed) + ripple;
+                    let taken = at_rest[j] + inertia + joint.friction.torque(z, speed) + ripple[j];
                     (sign * tau[j] - bias) / joint.gain + taken
                 }
                 // The robot has taken all of that off, as it knows it.

@@ -13,7 +13,7 @@
 //! |--------------------|-----------------------------------------------------------------------|
 //! | `friction`         | Coulomb, viscous and breakaway friction, with hysteresis at turns     |
 //! | `local_polynomial` | position, speed and acceleration from logged positions                |
-//! | `ripple`           | torque that comes back with the teeth of a gear                       |
+//! | `ripple`           | torque that comes back with the teeth of a gear, and shakes the arm   |
 //! | `external`         | external torques of a touch, with their standard deviations           |
 //! | `alarm`            | when something is touched, at a rate of false alarms                  |
 
@@ -109,7 +109,7 @@ pub struct JointModel {
     pub rotor_inertia: f64,
     /// Friction.
     pub friction: JointFriction,
-    /// Ripple of its gears.
+    /// Ripple of its gears, and what each joint feels of it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub ripple: Vec<Ripple>,
     /// What is left over.
@@ -143,7 +143,7 @@ impl TorqueNoise {
 
 impl JointModel {
     /// What of it cannot be, as a sentence without its name.
-    fn check(&self) -> Result<(), String> {
+    fn check(&self, joints: usize) -> Result<(), String> {
         let Self { gain, bias, rotor_inertia, friction, noise, ripple, .. } = self;
         let is = |value: f64, wanted: bool| value.is_finite() && wanted;
         let at_least_zero = [
@@ -166,14 +166,10 @@ impl JointModel {
             return Err(format!("gain is {gain}; wanted a number that is not 0"));
         }
         let numbers = [friction.asymmetry, friction.breakaway, bias[0], bias[1], bias[2]];
-        if ripple.iter().any(|own| own.coefficients.len() != RIPPLE_COEFFICIENTS) {
-            return Err(format!("a ripple has {RIPPLE_COEFFICIENTS} coefficients"));
+        if let Some(number) = numbers.iter().find(|number| !number.is_finite()) {
+            return Err(format!("found {number}; wanted finite numbers"));
         }
-        let of_ripple = ripple.iter().flat_map(|own| own.coefficients.iter().chain([&own.order]));
-        match numbers.iter().chain(of_ripple).find(|number| !number.is_finite()) {
-            Some(number) => Err(format!("found {number}; wanted finite numbers")),
-            None => Ok(()),
-        }
+        ripple.iter().try_for_each(|own| own.check(joints))
     }
 }
 
@@ -239,7 +235,7 @@ impl TorqueModel {
             ));
         }
         for joint in &self.joints {
-            joint.check().map_err(|what| format!("joint `{}`: {what}", joint.name))?;
+            joint.check(own.len()).map_err(|what| format!("joint `{}`: {what}", joint.name))?;
         }
         if self.delay_s.is_nan() || self.delay_s.abs() >= 1.0 {
             return Err(format!("delay_s is {}; wanted less than 1 s", self.delay_s));

@@ -1,14 +1,24 @@
 //! Ripple of a joint's gears: torque that comes back a number of times in each turn of the joint, as the teeth of a
-//! strain wave gear make it (Taghirad and Bélanger 1998). Its size changes with speed, since it shakes the structure:
+//! strain wave gear make it (Taghirad and Bélanger 1998). It shakes the whole arm, which swings with some frequencies
+//! more than with others, so other joints feel it as well, and its size and phase depend on its frequency `f`:
 //!
 //! ```text
-//! Σ_p |q̇|ᵖ [ (a_p + b_p sgn q̇) cos(n q) + (c_p + d_p sgn q̇) sin(n q) ]        p = 0, 1, 2
+//! a(f) cos(n q) + c(f) sin(n q),    f = n q̇ / 2π
 //! ```
+//!
+//! `a` and `c` are linear between knots every [`STEP_HZ`], forwards and backwards; at rest there is no ripple.
+
+use std::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 
-/// Coefficients of one order.
-pub const RIPPLE_COEFFICIENTS: usize = 12;
+/// Distance of the knots, Hz.
+const STEP_HZ: f64 = 10.0;
+/// Knots of one direction; above the last, nothing changes any more.
+const KNOTS: usize = 6;
+
+/// Coefficients of one order for one joint that feels it.
+pub const RIPPLE_COEFFICIENTS: usize = 4 * KNOTS;
 
 /// Ripple of one order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -16,23 +26,88 @@ pub const RIPPLE_COEFFICIENTS: usize = 12;
 pub struct Ripple {
     /// How often it comes back in a turn of the joint: n.
     pub order: f64,
-    /// `a₀ c₀ b₀ d₀ a₁ c₁ …`, N·m and s/rad.
-    pub coefficients: Vec<f64>,
+    /// For each joint of the robot `a₁ c₁ a₂ c₂ …` of the knots forwards, then backwards, N·m; empty: it feels nothing.
+    pub coefficients: Vec<Vec<f64>>,
 }
 
 impl Ripple {
-    /// What the coefficients are multiplied by at a position and a speed.
-    pub fn factors(order: f64, q: f64, speed: f64) -> [f64; RIPPLE_COEFFICIENTS] {
+    /// The coefficients that count at a position and a speed of the joint, by number, and what each is multiplied by.
+    pub fn factors(order: f64, q: f64, speed: f64) -> [(usize, f64); 4] {
         let (sin, cos) = (order * q).sin_cos();
-        let (size, way) = (speed.abs(), if speed == 0.0 { 0.0 } else { speed.signum() });
-        let of = |power: f64| [power * cos, power * sin, way * power * cos, way * power * sin];
-        let [zero, one, two] = [of(1.0), of(size), of(size * size)];
-        std::array::from_fn(|k| [zero, one, two][k / 4][k % 4])
+        let place = ((order * speed / TAU).abs() / STEP_HZ).min(KNOTS as f64);
+        let above = place.ceil().max(1.0);
+        let part = place - (above - 1.0);
+        // The knot below the first is rest.
+        let below = if above > 1.0 { 1.0 - part } else { 0.0 };
+        let first = if speed < 0.0 { RIPPLE_COEFFICIENTS / 2 } else { 0 };
+        let upper = first + 2 * (above as usize - 1);
+        let lower = upper.saturating_sub(2).max(first);
+        [
+            (lower, below * cos),
+            (lower + 1, below * sin),
+            (upper, part * cos),
+            (upper + 1, part * sin),
+        ]
     }
 
-    /// Torque that the motor needs, N·m.
-    pub fn torque(&self, q: f64, speed: f64) -> f64 {
+    /// Adds the torques that the motors need, n_joints, N·m, at a position and a speed of the joint whose gears make it.
+    pub fn add_to(&self, torques: &mut [f64], q: f64, speed: f64) {
         let factors = Self::factors(self.order, q, speed);
-        self.coefficients.iter().zip(factors).map(|(own, factor)| own * factor).sum()
+        for (torque, own) in torques.iter_mut().zip(&self.coefficients) {
+            if !own.is_empty() {
+                *torque += factors.iter().map(|(k, factor)| own[*k] * factor).sum::<f64>();
+            }
+        }
+    }
+
+    /// What of it cannot be in an arm of so many joints, as a sentence.
+    pub(super) fn check(&self, joints: usize) -> Result<(), String> {
+        let fits = |own: &Vec<f64>| own.is_empty() || own.len() == RIPPLE_COEFFICIENTS;
+        if self.coefficients.len() != joints || !self.coefficients.iter().all(fits) {
+            return Err(format!(
+                "a ripple has {RIPPLE_COEFFICIENTS} coefficients or none for each of {joints} joints"
+            ));
+        }
+        match self.coefficients.iter().flatten().chain([&self.order]).find(|own| !own.is_finite()) {
+            Some(number) => Err(format!("found {number}; wanted finite numbers")),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ripple_is_continuous_in_speed_and_none_at_rest() {
+        let ripple = Ripple {
+            order: 240.0,
+            coefficients: vec![
+                Vec::new(),
+                (0..RIPPLE_COEFFICIENTS).map(|k| 1.0 + k as f64).collect(),
+            ],
+        };
+        let at = |speed: f64| {
+            let mut torques = [0.0; 2];
+            ripple.add_to(&mut torques, 0.3, speed);
+            torques
+        };
+        assert_eq!(at(0.0), [0.0, 0.0]);
+        let step = 1e-7;
+        for k in -2_000..2_000 {
+            let speed = 0.001 * f64::from(k);
+            let [none, torque] = at(speed);
+            assert_eq!(none, 0.0);
+            // No slope is steeper than that from one knot to the next, of 47 N·m at most.
+            let steepest = 2.0 * 47.0 * 240.0 / (TAU * STEP_HZ);
+            assert!((at(speed + step)[1] - torque).abs() <= steepest * step, "{speed}");
+        }
+        // At a knot, its own coefficients hold alone.
+        let speed = 2.0 * STEP_HZ * TAU / 240.0;
+        let (sin, cos) = 72.0_f64.sin_cos();
+        assert!((at(speed)[1] - (3.0 * cos + 4.0 * sin)).abs() < 1e-9);
+        assert!((at(-speed)[1] - (15.0 * cos + 16.0 * sin)).abs() < 1e-9);
+        assert_eq!(at(1e3), at(1e4));
     }
 }
