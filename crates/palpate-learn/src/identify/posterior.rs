@@ -8,6 +8,8 @@
 //!
 //! with the priors of [`super::prior`]. Gains multiply the masses' torque, so each step is linear at the last one's result.
 
+use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
+use faer::{MatRef, Side};
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::BODY_PARAMETERS;
 
@@ -93,9 +95,13 @@ impl Posterior {
             }
             grams.push(gram);
         }
-        let factor = precision.cholesky()?;
-        self.mean = factor.solve(&right);
-        self.covariance = factor.inverse();
+        let n = right.len();
+        let precision = MatRef::from_column_major_slice(precision.as_slice(), n, n);
+        let factor = Llt::new(precision, Side::Lower).ok()?;
+        let mean = factor.solve(MatRef::from_column_major_slice(right.as_slice(), n, 1));
+        let covariance = factor.inverse();
+        self.mean = DVector::from_fn(n, |k, _| mean[(k, 0)]);
+        self.covariance = DMatrix::from_fn(n, n, |a, b| covariance[(a, b)]);
 
         // Noise: what is left over, and what the uncertain coefficients may leave over.
         for (j, (gram, sum)) in grams.iter().zip(sums).enumerate() {

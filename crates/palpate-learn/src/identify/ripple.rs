@@ -6,7 +6,7 @@
 
 use std::array::from_fn;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Complex, DMatrix, DVector};
 use palpate::Ripple;
 use palpate::unstable::RIPPLE_COEFFICIENTS;
 
@@ -16,12 +16,10 @@ use super::rows::FOLDS;
 const ORDERS: std::ops::RangeInclusive<u32> = 20..=700;
 /// Orders of an arm.
 const MOST_ORDERS: usize = 2;
-/// Columns of a joint's gears.
-const COLUMNS: usize = MOST_ORDERS * RIPPLE_COEFFICIENTS;
 /// Samples that the search for an order looks at.
 const MOST_SAMPLES: usize = 6_000;
-/// Samples below which there is no search, for each joint's coefficients.
-const LEAST_SAMPLES: usize = 10 * COLUMNS;
+/// With fewer samples than ten for each coefficient of a joint's gears, there is no ripple.
+const LEAST_SAMPLES: usize = 10 * MOST_ORDERS * RIPPLE_COEFFICIENTS;
 /// Of the least squares: coefficients that few samples tell stay small.
 const RIDGE: f64 = 3.0;
 /// The part of what is left over that the ripple of a further joint must explain on held-out motion.
@@ -92,6 +90,8 @@ struct Sums {
 impl Regression {
     /// Without a fold.
     fn of(samples: &[RippleSample], fold: usize) -> Self {
+        let n = samples[0].q.len();
+        let own: Vec<Vec<usize>> = (0..n).map(|j| vec![j]).collect();
         let learned: Vec<&RippleSample> =
             samples.iter().filter(|sample| sample.fold != fold).collect();
         let mut orders = Vec::with_capacity(MOST_ORDERS);
@@ -102,15 +102,12 @@ impl Regression {
         for _ in 0..MOST_ORDERS {
             let order = best_order(&left);
             orders.push(order);
-            // What a joint's own gears explain.
-            let n = left.first().map_or(0, |sample| sample.q.len());
-            let own: Vec<Vec<usize>> = (0..n).map(|j| vec![j]).collect();
+            // The next one is sought in what each joint's own gears leave over.
             let learned = Sums::of(left.iter(), &[order], n);
             let held = Sums::new(0, 0);
             let fit = Self { orders: vec![order], learned, held }.ripples(&own);
             left.iter_mut().for_each(|sample| sample.take_off(&fit));
         }
-        let n = samples[0].q.len();
         let held = samples.iter().filter(|sample| sample.fold == fold);
         Self {
             learned: Sums::of(learned.into_iter(), &orders, n),
@@ -198,23 +195,28 @@ impl Sums {
 /// The order that explains most of what is left over, all joints together, each by its own gears.
 fn best_order(samples: &[RippleSample]) -> f64 {
     let n = samples.first().map_or(0, |sample| sample.q.len());
-    let explained = |order: f64| -> f64 {
-        let of_joint = |j: usize| -> f64 {
-            // By coefficient: products with the torque, and of its own.
-            let mut sums = [(0.0, RIDGE); RIPPLE_COEFFICIENTS];
-            for sample in samples {
-                for (k, factor) in Ripple::factors(order, sample.q[j], sample.speed[j]) {
-                    sums[k].0 += factor * sample.torque[j];
-                    sums[k].1 += factor * factor;
+    let mut explained = ORDERS.map(|order| (0.0, f64::from(order))).collect::<Vec<_>>();
+    for j in 0..n {
+        // From one order to the next, the angle of a sample turns by its position.
+        let turn = |times: f64| samples.iter().map(move |own| Complex::cis(times * own.q[j]));
+        let steps: Vec<Complex<f64>> = turn(1.0).collect();
+        let mut angles: Vec<Complex<f64>> = turn(f64::from(*ORDERS.start())).collect();
+        for (explained, order) in &mut explained {
+            // By knot: product with the torque, and of its own.
+            let mut sums = [(Complex::<f64>::ZERO, RIDGE); RIPPLE_COEFFICIENTS / 2];
+            for ((angle, step), sample) in angles.iter_mut().zip(&steps).zip(samples) {
+                for (knot, weight) in Ripple::knots(*order, sample.speed[j]) {
+                    sums[knot].0 += *angle * (weight * sample.torque[j]);
+                    // The square of a cosine or a sine is a half on average.
+                    sums[knot].1 += 0.5 * weight * weight;
                 }
+                *angle *= step;
             }
             // Neighbouring knots are taken as if they did not know of each other.
-            sums.iter().map(|(product, own)| product * product / own).sum()
-        };
-        (0..n).map(of_joint).sum()
-    };
-    let orders = ORDERS.map(f64::from).map(|order| (explained(order), order));
-    orders.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(0.0, |(_, order)| order)
+            *explained += sums.iter().map(|(product, own)| product.norm_sqr() / own).sum::<f64>();
+        }
+    }
+    explained.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).map_or(0.0, |(_, order)| order)
 }
 
 #[cfg(test)]

@@ -31,22 +31,26 @@ pub struct Ripple {
 }
 
 impl Ripple {
+    /// The two knots that count at a speed of the joint, by number, and their weights.
+    pub fn knots(order: f64, speed: f64) -> [(usize, f64); 2] {
+        let place = ((order * speed / TAU).abs() / STEP_HZ).min(KNOTS as f64);
+        let below = (place as usize).min(KNOTS - 1);
+        let part = place - below as f64;
+        let first = if speed < 0.0 { KNOTS } else { 0 };
+        // Below the first knot is rest.
+        let weight = if below == 0 { 0.0 } else { 1.0 - part };
+        [(first + below.saturating_sub(1), weight), (first + below, part)]
+    }
+
     /// The coefficients that count at a position and a speed of the joint, by number, and what each is multiplied by.
     pub fn factors(order: f64, q: f64, speed: f64) -> [(usize, f64); 4] {
         let (sin, cos) = (order * q).sin_cos();
-        let place = ((order * speed / TAU).abs() / STEP_HZ).min(KNOTS as f64);
-        let above = place.ceil().max(1.0);
-        let part = place - (above - 1.0);
-        // The knot below the first is rest.
-        let below = if above > 1.0 { 1.0 - part } else { 0.0 };
-        let first = if speed < 0.0 { RIPPLE_COEFFICIENTS / 2 } else { 0 };
-        let upper = first + 2 * (above as usize - 1);
-        let lower = upper.saturating_sub(2).max(first);
+        let [(lower, below), (upper, part)] = Self::knots(order, speed);
         [
-            (lower, below * cos),
-            (lower + 1, below * sin),
-            (upper, part * cos),
-            (upper + 1, part * sin),
+            (2 * lower, below * cos),
+            (2 * lower + 1, below * sin),
+            (2 * upper, part * cos),
+            (2 * upper + 1, part * sin),
         ]
     }
 
