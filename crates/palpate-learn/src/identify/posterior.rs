@@ -8,8 +8,6 @@
 //!
 //! with the priors of [`super::prior`]. Gains multiply the masses' torque, so each step is linear at the last one's result.
 
-use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
-use faer::{MatRef, Side};
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::BODY_PARAMETERS;
 
@@ -95,13 +93,11 @@ impl Posterior {
             }
             grams.push(gram);
         }
-        let n = right.len();
-        let precision = MatRef::from_column_major_slice(precision.as_slice(), n, n);
-        let factor = Llt::new(precision, Side::Lower).ok()?;
-        let mean = factor.solve(MatRef::from_column_major_slice(right.as_slice(), n, 1));
-        let covariance = factor.inverse();
-        self.mean = DVector::from_fn(n, |k, _| mean[(k, 0)]);
-        self.covariance = DMatrix::from_fn(n, n, |a, b| covariance[(a, b)]);
+        self.covariance = inverse(&precision, self.shared(), self.of_joint)?;
+        let mean = &self.covariance * &right;
+        // What rounding has left of the equations.
+        let left = right - precision * &mean;
+        self.mean = mean + &self.covariance * left;
 
         // Noise: what is left over, and what the uncertain coefficients may leave over.
         for (j, (gram, sum)) in grams.iter().zip(sums).enumerate() {
@@ -225,5 +221,52 @@ impl Posterior {
 
     pub(super) fn n_joints(&self) -> usize {
         self.n_joints
+    }
+}
+
+/// Inverse of a positive definite matrix in which blocks behind a shared part know of each other by that part alone, as
+/// joints by the masses: by the Schur complement of the blocks. `None` if the matrix is not positive definite.
+fn inverse(matrix: &DMatrix<f64>, shared: usize, block: usize) -> Option<DMatrix<f64>> {
+    let rest = matrix.nrows() - shared;
+    let mut inverse = DMatrix::zeros(matrix.nrows(), matrix.nrows());
+    let mut complement = matrix.view((0, 0), (shared, shared)).into_owned();
+    let mut solved = DMatrix::zeros(rest, shared);
+    for at in (0..rest).step_by(block) {
+        let own = matrix.view((shared + at, shared + at), (block, block)).into_owned();
+        let across = matrix.view((shared + at, 0), (block, shared));
+        let own = own.cholesky()?.inverse();
+        let part = &own * across;
+        complement -= across.tr_mul(&part);
+        solved.view_mut((at, 0), (block, shared)).copy_from(&part);
+        inverse.view_mut((shared + at, shared + at), (block, block)).copy_from(&own);
+    }
+    let complement = complement.cholesky()?.inverse();
+    let across = -(&solved * &complement);
+    let mut others = inverse.view_mut((shared, shared), (rest, rest));
+    others -= &across * solved.transpose();
+    inverse.view_mut((0, 0), (shared, shared)).copy_from(&complement);
+    inverse.view_mut((0, shared), (shared, rest)).copy_from(&across.transpose());
+    inverse.view_mut((shared, 0), (rest, shared)).copy_from(&across);
+    Some(inverse)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_inverse_of_blocks_times_them_is_one() {
+        let (shared, block, n) = (4, 3, 13);
+        let of = |at: usize| at.checked_sub(shared).map(|at| at / block);
+        let number = |a: usize, b: usize| ((a * b + a + b) as f64).sin();
+        let matrix = DMatrix::from_fn(n, n, |a, b| match (of(a), of(b)) {
+            (Some(own), Some(other)) if own != other => 0.0,
+            _ => number(a, b) + if a == b { 8.0 } else { 0.0 },
+        });
+        let inverse = inverse(&matrix, shared, block).unwrap();
+        assert!((matrix * inverse - DMatrix::identity(n, n)).amax() < 1e-12);
+        let mut other = DMatrix::<f64>::identity(n, n);
+        other[(0, 0)] = -1.0;
+        assert!(super::inverse(&other, shared, block).is_none());
     }
 }
