@@ -224,8 +224,8 @@ impl Posterior {
     }
 }
 
-/// Inverse of a positive definite matrix in which blocks behind a shared part know of each other by that part alone, as
-/// joints by the masses: by the Schur complement of the blocks. `None` if the matrix is not positive definite.
+/// Inverse of a block arrow matrix: a shared part (the masses), and blocks (joints) that are coupled to it but not to each
+/// other. By the Schur complement of the blocks; `None` if the matrix is not positive definite.
 fn inverse(matrix: &DMatrix<f64>, shared: usize, block: usize) -> Option<DMatrix<f64>> {
     let rest = matrix.nrows() - shared;
     let mut inverse = DMatrix::zeros(matrix.nrows(), matrix.nrows());
@@ -255,7 +255,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_inverse_of_blocks_times_them_is_one() {
+    fn an_arrow_matrix_times_its_inverse_is_one() {
         let (shared, block, n) = (4, 3, 13);
         let of = |at: usize| at.checked_sub(shared).map(|at| at / block);
         let number = |a: usize, b: usize| ((a * b + a + b) as f64).sin();

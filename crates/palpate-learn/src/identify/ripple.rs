@@ -1,8 +1,7 @@
 //! Ripple of the gears, out of what the rest of the model leaves over.
 //!
-//! Gears of an arm are of a kind, so the orders that explain most over all joints are those of each. The joints whose
-//! ripple another one feels are added one after the other, as long as that explains held-out motion better; coefficients
-//! are by least squares.
+//! All gears of an arm are taken to be of one kind: the orders are those that explain most, summed over the joints. Which
+//! joints' ripple a joint feels is chosen by forward selection on held-out motion; coefficients are by ridge regression.
 
 use std::array::from_fn;
 
@@ -20,7 +19,7 @@ const MOST_ORDERS: usize = 2;
 const MOST_SAMPLES: usize = 6_000;
 /// With fewer samples than ten for each coefficient of a joint's gears, there is no ripple.
 const LEAST_SAMPLES: usize = 10 * MOST_ORDERS * RIPPLE_COEFFICIENTS;
-/// Of the least squares: coefficients that few samples tell stay small.
+/// Of the ridge regression: coefficients that few samples tell stay small.
 const RIDGE: f64 = 3.0;
 /// The part of what is left over that the ripple of a further joint must explain on held-out motion.
 const LEAST_RIPPLE: f64 = 0.02;
@@ -72,7 +71,7 @@ fn felt(folds: &[Regression], n: usize, j: usize) -> Vec<usize> {
     }
 }
 
-/// Least squares of what is left over, by the ripple of all joints.
+/// Regression of what is left over on the ripple of all joints.
 struct Regression {
     orders: Vec<f64>,
     /// Of the samples that are learned, and of those that are held out.
@@ -80,7 +79,7 @@ struct Regression {
     held: Sums,
 }
 
-/// Products of the columns, of columns and torques, and of torques.
+/// Sums of the normal equations: products of the columns, of columns and torques, and of torques.
 struct Sums {
     gram: DMatrix<f64>,
     right: DMatrix<f64>,

@@ -66,14 +66,20 @@ impl Ripple {
 
     /// What of it cannot be in an arm of so many joints, as a sentence.
     pub(super) fn check(&self, joints: usize) -> Result<(), String> {
-        let fits = |own: &Vec<f64>| own.is_empty() || own.len() == RIPPLE_COEFFICIENTS;
-        if self.coefficients.len() != joints || !self.coefficients.iter().all(fits) {
+        let lists = self.coefficients.len();
+        if lists != joints {
             return Err(format!(
-                "a ripple has {RIPPLE_COEFFICIENTS} coefficients or none for each of {joints} joints"
+                "ripple.coefficients has {lists} lists; wanted {joints}, one for each joint"
+            ));
+        }
+        let mut lengths = self.coefficients.iter().map(Vec::len);
+        if let Some(found) = lengths.find(|own| ![0, RIPPLE_COEFFICIENTS].contains(own)) {
+            return Err(format!(
+                "a list of ripple.coefficients has {found} numbers; wanted {RIPPLE_COEFFICIENTS}, or none"
             ));
         }
         match self.coefficients.iter().flatten().chain([&self.order]).find(|own| !own.is_finite()) {
-            Some(number) => Err(format!("found {number}; wanted finite numbers")),
+            Some(number) => Err(format!("ripple has {number}; wanted finite numbers")),
             None => Ok(()),
         }
     }
