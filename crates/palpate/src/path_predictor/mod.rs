@@ -54,20 +54,25 @@
 //! known. Use it to rank paths by how well their resistance is known, not as a bound on the error.
 
 mod clusters;
+mod config;
+mod error;
 mod link_wrenches;
 mod parallel;
 mod path;
+mod prediction;
 mod springs;
 
 use std::sync::Arc;
 
 use nalgebra::{DVector, Isometry3};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
+pub use self::config::{CLUSTER_WEIGHT, MAX_BODY_MOTIONS, MAX_MOTIONS, MAX_POINTS, PathConfig};
+pub use self::error::PathError;
 use self::link_wrenches::LinkWrenches;
 use self::parallel::in_chunks;
 pub use self::path::{CheckedPath, PathChecker};
+pub use self::prediction::{PathPoint, PathPrediction};
 pub(crate) use self::springs::Springs;
 use crate::arm::Arm;
 use crate::calibration::Calibration;
@@ -76,145 +81,8 @@ use crate::elastic::{ElasticModel, ElasticTorque};
 use crate::external_torque::ExternalTorqueConfig;
 use crate::field::Field;
 use crate::lattice::CellRows;
-use crate::motion::MotionError;
-use crate::robot::RobotError;
 use crate::setting::SettingError;
 use crate::tracker::Tracker;
-
-/// How closely a path is evaluated, and where it starts.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-#[non_exhaustive]
-pub struct PathConfig {
-    /// The farthest that a point of the arm goes from one stop to the next, in cells; 0 stops at
-    /// every point.
-    pub resolution_cells: f64,
-    /// The farthest that a point of the arm may be from where it was in the last sample of a touch
-    /// for the path to go on from there, in cells.
-    pub start_cells: f64,
-    /// Whether what the links cover at the first point of a path that does not go on counts as pushed out to the
-    /// nearest surface, without friction; otherwise the contact model says what it is, mostly empty space.
-    pub inside: bool,
-}
-
-impl PathConfig {
-    /// Stops every `resolution_cells`; goes on from where the arm is if no farther than `start_cells`.
-    pub const fn new(resolution_cells: f64, start_cells: f64) -> Self {
-        Self { resolution_cells, start_cells, inside: false }
-    }
-}
-
-impl Default for PathConfig {
-    fn default() -> Self {
-        Self::new(1.0, 1.0)
-    }
-}
-
-/// Points of a path at most.
-pub const MAX_POINTS: usize = 100_000;
-
-/// Stops and sub-steps of a path at most, each: a few seconds.
-pub const MAX_MOTIONS: usize = 10_000;
-
-/// Waypoints (stops and sub-steps together) at most of a path that bends an elastic body: some ten seconds.
-pub const MAX_BODY_MOTIONS: usize = 2_000;
-
-/// The weight of a cluster, in average springs, for fast predictions; see
-/// [`crate::Mapper::coarse_path_predictor`].
-pub const CLUSTER_WEIGHT: f64 = 24.0;
-
-/// Why a path cannot be predicted. Points are counted from 0.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs)] // the messages name the fields
-pub enum PathError {
-    /// A setting outside its range.
-    #[error(transparent)]
-    Setting(#[from] SettingError),
-    /// Nothing to predict.
-    #[error("the path has no points; give at least one, of a position for each joint")]
-    Empty,
-    /// More points than one path may have.
-    #[error("the path has {found} points, more than {MAX_POINTS}; ask about it in pieces")]
-    TooManyPoints { found: usize },
-    /// Joint positions that the robot cannot take.
-    #[error("point {point} of the path: {reason}")]
-    Point { point: usize, reason: RobotError },
-    /// A motion too long to be one.
-    #[error(
-        "joint `{joint}` jumps from {from} to {to} on the way to point {point} of the path; so \
-         long a motion cannot be followed: are there points missing, or is it in another unit?"
-    )]
-    Jump { point: usize, joint: String, from: f64, to: f64 },
-    /// More motion than one path may have.
-    #[error(
-        "up to point {point} the path has more than {most} stops or sub-steps; ask about it in pieces, or \
-         at a coarser resolution"
-    )]
-    TooLong { point: usize, most: usize },
-}
-
-impl PathError {
-    fn at(point: usize, lost: MotionError) -> Self {
-        match lost {
-            MotionError::Robot(reason) => Self::Point { point, reason },
-            MotionError::Jump { joint, from, to } => Self::Jump { point, joint, from, to },
-        }
-    }
-}
-
-/// The prediction at one point of a path.
-#[derive(Debug, Clone, Default, PartialEq)]
-#[non_exhaustive]
-pub struct PathPoint {
-    /// τ̂: external torque, n_joints, N·m.
-    pub torque: DVector<f64>,
-    /// Standard deviation of that, n_joints, N·m; a ranking of paths, not a bound on the error.
-    pub torque_std: DVector<f64>,
-    /// Points of the lattice touched.
-    pub contacts: usize,
-    /// Those of them that were touched when the field was learnt.
-    pub known: usize,
-}
-
-/// The prediction along a path.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub struct PathPrediction {
-    /// One for each point of the path.
-    pub points: Vec<PathPoint>,
-    /// Whether the path continued from the arm's contacts, rather than free of contact.
-    pub goes_on: bool,
-    /// Number of stops; torques of the other points are interpolated between theirs.
-    pub stops: usize,
-    /// How wide bands around the torques are, if the field is calibrated.
-    pub calibration: Option<Arc<Calibration>>,
-}
-
-/// A half-width at a level, of torque, its standard deviation and contacts.
-type HalfWidth = fn(&Calibration, f64, &[f64], &[f64], [usize; 2]) -> Option<DVector<f64>>;
-
-impl PathPrediction {
-    /// Half-widths of the bands at a level, n_joints for each point, N·m; `None` if the field is not calibrated, or not
-    /// up to that level.
-    pub fn half_width(&self, level: f64) -> Option<Vec<DVector<f64>>> {
-        self.half_widths(level, Calibration::half_width)
-    }
-
-    /// The same of the band that holds the largest torque of the path ([`Calibration::peak_half_width`]).
-    pub fn peak_half_width(&self, level: f64) -> Option<Vec<DVector<f64>>> {
-        self.half_widths(level, Calibration::peak_half_width)
-    }
-
-    fn half_widths(&self, level: f64, of: HalfWidth) -> Option<Vec<DVector<f64>>> {
-        let calibration = self.calibration.as_ref()?;
-        let at = |point: &PathPoint| {
-            let contacts = [point.contacts, point.known];
-            of(calibration, level, point.torque.as_slice(), point.torque_std.as_slice(), contacts)
-        };
-        self.points.iter().map(at).collect()
-    }
-}
 
 /// A field at one moment and the arm with its contacts, to predict the torque of motions.
 #[derive(Debug, Clone)]
@@ -491,20 +359,6 @@ impl PathPredictor {
             sum
         });
         sum.expect("there is more than one chunk")
-    }
-}
-
-impl PathConfig {
-    /// Checks every setting.
-    fn check(&self) -> Result<(), PathError> {
-        let settings =
-            [("resolution_cells", self.resolution_cells), ("start_cells", self.start_cells)];
-        match settings.into_iter().find(|(_, found)| !(0.0..=1e3).contains(found)) {
-            Some((setting, found)) => {
-                Err(SettingError::new(setting, found, "from 0 to 1000 cells").into())
-            }
-            None => Ok(()),
-        }
     }
 }
 

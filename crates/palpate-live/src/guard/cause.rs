@@ -1,0 +1,50 @@
+//! Why the flag is up, in words.
+
+use std::fmt;
+
+/// Why the flag is up.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum Cause {
+    #[error("palpate has ended")]
+    Ended,
+    #[error("{of} external torque of joint `{joint}` is {torque_n_m:.2} N·m")]
+    Limit { joint: String, torque_n_m: f64, of: Torque },
+    #[error("no joint state can be used any more: {0}")]
+    Refused(String),
+    #[error("no joint state comes")]
+    Silence,
+    #[error("the mapper does not keep up with the joint states")]
+    Lag,
+    #[error("palpate stood still for a while; is the computer too busy?")]
+    Stalled,
+    #[error(
+        "the arm stands still but is loaded: the torque of joint `{joint}` differs from gravity by \
+         {bias_n_m:.2} N·m, more than {limit_n_m:.2} (--guard-bias)"
+    )]
+    Loaded { joint: String, bias_n_m: f64, limit_n_m: f64 },
+    #[error("no tare is known yet: the arm must stand still and free")]
+    Untared,
+}
+
+/// Which torque passes the limit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Torque {
+    /// The measured one.
+    Measured,
+    /// The predicted one.
+    Predicted,
+    /// The outer end of the band around the predicted one.
+    Band,
+}
+
+impl fmt::Display for Torque {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Measured => "the measured",
+            Self::Predicted => "the predicted",
+            Self::Band => "the outer end of the band around the predicted",
+        })
+    }
+}

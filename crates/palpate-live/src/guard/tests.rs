@@ -1,0 +1,268 @@
+//! The guard beside a robot that is played.
+
+use nalgebra::dvector;
+use palpate::{BakeConfig, ExternalTorqueConfig, MAX_TORQUE, Robot};
+
+use super::*;
+use crate::message::{Header, JointState, Stamp};
+
+/// Two joints that gravity does not turn.
+fn arm() -> Arc<Arm> {
+    let ball = "<collision><geometry><sphere radius='0.1'/></geometry></collision>";
+    let joint = |name, parent, child| {
+        format!(
+            "<joint name='{name}' type='continuous'><parent link='{parent}'/>\
+             <child link='{child}'/><axis xyz='0 0 1'/></joint>"
+        )
+    };
+    let urdf = format!(
+        "<robot name='r'><link name='a'/><link name='b'>{ball}</link><link name='c'>{ball}</link>\
+         {}{}</robot>",
+        joint("one", "a", "b"),
+        joint("two", "b", "c")
+    );
+    let robot = Robot::from_urdf(&urdf).unwrap();
+    let arm = Arm::bake(robot, &BakeConfig::default(), |_| unreachable!("no meshes"));
+    Arc::new(arm.unwrap().0)
+}
+
+/// A robot beside a guard of 5 N·m, and a clock.
+struct Scene {
+    guard: Guard,
+    sentry: Sentry,
+    start: Instant,
+    /// Since the start, ms.
+    now_ms: u64,
+    state: JointState,
+}
+
+impl Scene {
+    /// One that sends joint states, has a tare, and whose flag is down.
+    fn safe() -> Self {
+        let mut scene = Self::new();
+        scene.play(50, |_| {});
+        scene.guard.tare(&dvector![0.0, 0.0]).unwrap();
+        assert_eq!(scene.cause(), None);
+        scene
+    }
+
+    fn new() -> Self {
+        let arm = arm();
+        let guard = Guard::new(GuardConfig::new(5.0), &arm);
+        let sentry = Sentry::new(guard.clone(), arm, ExternalTorqueConfig::default());
+        let state = JointState {
+            header: Header::default(),
+            name: vec!["one".to_owned(), "two".to_owned()],
+            position: vec![0.0; 2],
+            velocity: Vec::new(),
+            effort: vec![0.0; 2],
+        };
+        Self { guard, sentry, start: Instant::now(), now_ms: 1000, state }
+    }
+
+    fn now(&self) -> Instant {
+        self.start + Duration::from_millis(self.now_ms)
+    }
+
+    fn cause(&self) -> Option<Cause> {
+        self.guard.cause(self.now())
+    }
+
+    /// A joint state every 10 ms for so long, each spoilt, taken at once by the mapper; ends as
+    /// soon as the flag is up. Returns how long that took, ms, and why.
+    fn play(&mut self, ms: u64, spoil: impl Fn(&mut JointState)) -> (u64, Option<Cause>) {
+        let began_ms = self.now_ms;
+        for _ in 0..ms / 10 {
+            self.now_ms += 10;
+            let mut state = self.state.clone();
+            state.header.stamp =
+                Stamp { sec: 0, nanosec: u32::try_from(self.now_ms).unwrap() * 1_000_000 };
+            spoil(&mut state);
+            let now = self.now();
+            self.sentry.see(Ok(&state), now, 0.0);
+            self.guard.taken(now, false);
+            if self.cause().is_some() {
+                break;
+            }
+        }
+        (self.now_ms - began_ms, self.cause())
+    }
+}
+
+fn limit(joint: &str, torque_n_m: f64, of: Torque) -> Option<Cause> {
+    Some(Cause::Limit { joint: joint.to_owned(), torque_n_m, of })
+}
+
+#[test]
+fn the_flag_is_up_until_joint_states_and_a_tare_have_come_and_then_comes_down_by_itself() {
+    let mut scene = Scene::new();
+    assert_eq!(scene.cause(), Some(Cause::Silence));
+    assert_eq!(scene.play(50, |_| {}).1, Some(Cause::Untared));
+    scene.guard.tare(&dvector![1.0, -1.0]).unwrap();
+    assert_eq!(scene.cause(), None);
+    assert_eq!(scene.play(1000, |_| {}).1, None);
+}
+
+#[test]
+fn torques_beyond_the_limit_raise_it_at_once_whatever_else_is_wrong_with_a_sample() {
+    type Spoil = fn(&mut JointState);
+    for spoil in [
+        (|_| {}) as Spoil,
+        |state| state.effort[0] = f64::NAN,
+        |state| state.position[0] = f64::NAN,
+        |state| state.header.stamp = Stamp { sec: 0, nanosec: 1 },
+        |state| state.header.stamp = Stamp { sec: 1_000_000, nanosec: 0 },
+    ] {
+        let mut scene = Scene::safe();
+        let (ms, cause) = scene.play(100, |state| {
+            state.effort[1] = -5.1;
+            spoil(state);
+        });
+        assert_eq!((ms, cause), (10, limit("two", -5.1, Torque::Measured)));
+    }
+    let mut scene = Scene::safe();
+    let (ms, cause) = scene.play(100, |state| state.effort[0] = f64::INFINITY);
+    assert_eq!((ms, cause), (10, limit("one", MAX_TORQUE, Torque::Measured)));
+    let scene = Scene::safe();
+    scene.guard.mapped(Some(&(dvector![0.0, 1.0], dvector![0.0, 6.0])), None);
+    assert_eq!(scene.cause(), limit("two", 6.0, Torque::Predicted));
+}
+
+#[test]
+fn the_outer_end_of_a_band_counts_only_where_it_is_asked_for() {
+    let mut scene = Scene::safe();
+    let torques = (dvector![0.0, 1.0], dvector![0.0, -4.0]);
+    scene.guard.mapped(Some(&torques), None);
+    assert_eq!(scene.play(100, |_| {}).1, None);
+    scene.guard.mapped(Some(&torques), Some(&dvector![0.5, 0.9]));
+    assert_eq!(scene.play(100, |_| {}).1, None);
+    scene.guard.mapped(Some(&torques), Some(&dvector![0.5, 1.5]));
+    assert_eq!(scene.cause(), limit("two", -5.5, Torque::Band));
+    let text = scene.cause().map(|cause| cause.to_string()).unwrap_or_default();
+    assert!(text.contains("outer end of the band") && text.contains("-5.50 N·m"), "{text}");
+}
+
+#[test]
+fn what_cannot_be_used_raises_it_within_the_time_of_silence() {
+    type Spoil = fn(&mut JointState);
+    for (spoil, words) in [
+        ((|state| state.effort = vec![f64::NAN; 2]) as Spoil, "effort of joint `one` is NaN"),
+        (|state| state.effort.clear(), "0 efforts for 2 joints"),
+        (|state| state.name[0] = "three".to_owned(), "`one` is not in the log"),
+        (|state| state.position[1] = f64::INFINITY, "position of joint `two` is inf"),
+        (|state| state.header.stamp = Stamp { sec: 1, nanosec: 50_000_000 }, "each moment"),
+        (|state| state.header.stamp.nanosec -= 500_000_000, "came late"),
+    ] {
+        let mut scene = Scene::safe();
+        let (ms, cause) = scene.play(1000, spoil);
+        let Some(Cause::Refused(why)) = cause else { panic!("{words}: {cause:?} in {ms} ms") };
+        assert!(why.contains(words) && ms <= 120, "{why} in {ms} ms");
+    }
+    let mut scene = Scene::safe();
+    for _ in 0..11 {
+        scene.now_ms += 10;
+        scene.sentry.see(Err("cut off"), scene.now(), 0.0);
+    }
+    assert_eq!(scene.cause(), Some(Cause::Refused("cut off".to_owned())));
+}
+
+#[test]
+fn a_clock_that_jumps_blinds_it_for_no_longer_than_the_time_of_silence() {
+    // A single stamp that is ahead makes all that follow come late.
+    let mut scene = Scene::safe();
+    let ahead = Stamp { sec: 0, nanosec: (scene.now_ms as u32 + 990) * 1_000_000 };
+    scene.play(10, |state| state.header.stamp = ahead);
+    let (ms, cause) = scene.play(1000, |_| {});
+    assert!(matches!(cause, Some(Cause::Refused(_))) && ms <= 110, "{cause:?} in {ms} ms");
+    // A clock that was set back or ahead for good is followed.
+    for sec in [-1000, 1_000_000] {
+        let mut scene = Scene::safe();
+        assert_eq!(scene.play(1000, |state| state.header.stamp.sec += sec).1, None);
+        let (ms, cause) = scene.play(100, |state| {
+            state.header.stamp.sec += sec;
+            state.effort[0] = 5.5;
+        });
+        assert_eq!((ms, cause), (10, limit("one", 5.5, Torque::Measured)));
+    }
+}
+
+#[test]
+fn silence_a_slow_mapper_and_an_end_raise_it() {
+    let mut scene = Scene::safe();
+    scene.now_ms += 100;
+    assert_eq!(scene.cause(), None);
+    scene.now_ms += 1;
+    assert_eq!(scene.cause(), Some(Cause::Silence));
+
+    let mut scene = Scene::safe();
+    for _ in 0..26 {
+        scene.now_ms += 10;
+        scene.state.header.stamp = Stamp { sec: 1, nanosec: scene.now_ms as u32 * 1_000_000 };
+        scene.sentry.see(Ok(&scene.state), scene.now(), 0.0); // nobody takes it
+    }
+    assert_eq!(scene.cause(), None, "250 ms since the first of them");
+    scene.now_ms += 1;
+    assert_eq!(scene.cause(), Some(Cause::Lag));
+
+    let mut scene = Scene::safe();
+    scene.now_ms += 2000; // nobody asks, as in a process that was stopped
+    assert_eq!(scene.play(10, |_| {}).1, Some(Cause::Silence));
+
+    let scene = Scene::safe();
+    scene.guard.end();
+    assert_eq!(scene.cause(), Some(Cause::Ended));
+    assert_eq!(scene.guard.reset(scene.now()), Err(Cause::Ended));
+}
+
+#[test]
+fn an_arm_that_gravity_does_not_explain_is_loaded_before_its_first_tare_and_after() {
+    let mut scene = Scene::new();
+    scene.play(50, |_| {});
+    let loaded = Cause::Loaded { joint: "two".to_owned(), bias_n_m: -30.0, limit_n_m: 5.0 };
+    assert_eq!(scene.guard.tare(&dvector![2.0, -30.0]), Err(loaded.clone()));
+    assert_eq!(scene.cause(), Some(loaded.clone()));
+    scene.guard.tare(&dvector![2.0, -3.0]).unwrap();
+    assert_eq!(scene.cause(), None, "it was freed");
+    assert_eq!(scene.guard.tare(&dvector![2.0, -30.0]), Err(loaded.clone()));
+    assert_eq!(scene.cause(), Some(loaded));
+    let (ms, cause) = scene.play(10, |state| state.effort[0] = 7.5);
+    assert!(ms == 10 && matches!(cause, Some(Cause::Loaded { .. })), "what was up stays up");
+    assert_eq!(scene.guard.reset(scene.now()), Err(limit("one", 5.5, Torque::Measured).unwrap()));
+}
+
+#[test]
+fn having_stood_still_raises_it_unless_it_was_up_and_stays() {
+    let mut scene = Scene::new();
+    scene.guard.stalled();
+    scene.play(50, |_| {});
+    scene.guard.tare(&dvector![0.0, 0.0]).unwrap();
+    assert_eq!(scene.cause(), None, "it was up anyway");
+    scene.guard.stalled();
+    assert_eq!(scene.play(500, |_| {}).1, Some(Cause::Stalled));
+    assert_eq!(scene.guard.reset(scene.now()), Ok(()));
+    assert_eq!(scene.cause(), None);
+}
+
+#[test]
+fn only_a_reset_takes_it_back_and_only_when_it_is_safe() {
+    let mut scene = Scene::safe();
+    let raised = limit("one", 7.0, Torque::Measured);
+    assert_eq!(scene.play(10, |state| state.effort[0] = 7.0).1, raised);
+    assert_eq!(scene.guard.reset(scene.now()), Err(raised.clone().unwrap()));
+    scene.play(10, |_| {});
+    assert_eq!(scene.cause(), raised, "the load is gone, but nobody has said so");
+    scene.guard.tare(&dvector![0.0, 0.0]).unwrap();
+    assert_eq!(scene.cause(), raised, "a tare that nobody asked for");
+    assert_eq!(scene.guard.reset(scene.now()), Ok(()));
+    assert_eq!(scene.cause(), None);
+
+    scene.play(10, |state| state.effort[0] = 7.0);
+    scene.guard.reset_with_tare();
+    assert!(scene.guard.tare(&dvector![7.0, 0.0]).is_err());
+    assert!(scene.cause().is_some(), "the tare that was asked for was refused");
+    scene.play(10, |state| state.effort[0] = 3.0);
+    scene.guard.tare(&dvector![3.0, 0.0]).unwrap();
+    assert_eq!(scene.cause(), None);
+    let limit = limit("one", -5.5, Torque::Measured);
+    assert_eq!(scene.play(10, |state| state.effort[0] = -2.5).1, limit, "3 N·m are bias");
+}

@@ -1,0 +1,89 @@
+//! Where on a link each pressed point of the body sticks, and how far it slipped.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::{Equilibrium, placed};
+use crate::elastic::contact::{Anchor, PlacedLink, deepest};
+use crate::elastic::pose::Pose;
+
+impl Equilibrium {
+    pub(super) fn ignore_what_is_in_the_arm(&mut self, links: &[Isometry3<f64>]) {
+        let placed = placed(&self.arm, links);
+        let posed = self.posed();
+        let near = self.near(&placed, &posed);
+        let inside: Vec<bool> = (self.points.iter())
+            .map(|point| {
+                let at = posed.point(point.segment, &point.lever_m);
+                deepest(&placed, &near[point.segment], &at, point.radius_m).is_some()
+            })
+            .collect();
+        self.state.ignored = inside;
+    }
+
+    /// How far a point is from its anchor on a link, m, and how hard it was pressed, N.
+    pub(super) fn offset(
+        &self,
+        point: usize,
+        placed: &[PlacedLink<'_>],
+        link: usize,
+        at: &Point3<f64>,
+    ) -> (Vector3<f64>, f64) {
+        match &self.state.anchors[point] {
+            Some(anchor) if anchor.link == placed[link].index => {
+                (at - placed[link].world_from_link * anchor.place_link, anchor.pressed_n)
+            }
+            _ => (Vector3::zeros(), 0.0),
+        }
+    }
+
+    /// Takes note of the points that meet or leave a link, and of how hard each is pressed.
+    pub(super) fn update_anchors(
+        &mut self,
+        placed: &[PlacedLink<'_>],
+        near: &[Vec<u16>],
+        posed: &Pose,
+    ) {
+        for index in 0..self.points.len() {
+            let point = self.points[index];
+            if near[point.segment].is_empty() || self.state.ignored[index] {
+                self.state.anchors[index] = None;
+                continue;
+            }
+            let at = posed.point(point.segment, &point.lever_m);
+            let pressed = deepest(placed, &near[point.segment], &at, point.radius_m);
+            self.state.anchors[index] = pressed.map(|pressed| {
+                let link = &placed[pressed.link];
+                let pressed_n = self.config.stiffness_n_per_m * pressed.depth_m;
+                match self.state.anchors[index].filter(|anchor| anchor.link == link.index) {
+                    Some(anchor) => Anchor { pressed_n, ..anchor },
+                    None => {
+                        let place_link = link.link_from_world * at;
+                        Anchor { link: link.index, place_link, pressed_n }
+                    }
+                }
+            });
+        }
+    }
+
+    /// Moves the anchors of points that slipped after them.
+    pub(super) fn slide_anchors(&mut self, placed: &[PlacedLink<'_>], near: &[Vec<u16>]) {
+        let posed = self.posed();
+        self.update_anchors(placed, near, &posed);
+        let mobilities = self.body.mobilities();
+        for (index, point) in self.points.iter().enumerate() {
+            let Some(anchor) = &mut self.state.anchors[index] else { continue };
+            let Some(link) = placed.iter().find(|link| link.index == anchor.link) else { continue };
+            let at = posed.point(point.segment, &point.lever_m);
+            let (_, slope) = link.grid.smooth_distance_and_slope(&(link.link_from_world * at));
+            let normal = link.world_from_link.rotation * slope;
+            let normal = normal.try_normalize(1e-9).unwrap_or(Vector3::z());
+            let offset = at - link.world_from_link * anchor.place_link;
+            let slip = offset - normal * normal.dot(&offset);
+            let slip = slip / self.config.yields(mobilities[point.segment], self.substep_s);
+            let longest = self.config.longest_slip_m(anchor.pressed_n);
+            // The anchor keeps the height of its point: only what is across counts.
+            let kept = if slip.norm() > longest { slip * (longest / slip.norm()) } else { slip };
+            anchor.place_link = link.link_from_world * (at - kept);
+        }
+    }
+}

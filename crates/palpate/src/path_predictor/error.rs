@@ -1,0 +1,46 @@
+//! Why a path cannot be predicted.
+
+use super::MAX_POINTS;
+use crate::motion::MotionError;
+use crate::robot::RobotError;
+use crate::setting::SettingError;
+
+/// Why a path cannot be predicted. Points are counted from 0.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // the messages name the fields
+pub enum PathError {
+    /// A setting outside its range.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
+    /// Nothing to predict.
+    #[error("the path has no points; give at least one, of a position for each joint")]
+    Empty,
+    /// More points than one path may have.
+    #[error("the path has {found} points, more than {MAX_POINTS}; ask about it in pieces")]
+    TooManyPoints { found: usize },
+    /// Joint positions that the robot cannot take.
+    #[error("point {point} of the path: {reason}")]
+    Point { point: usize, reason: RobotError },
+    /// A motion too long to be one.
+    #[error(
+        "joint `{joint}` jumps from {from} to {to} on the way to point {point} of the path; so \
+         long a motion cannot be followed: are there points missing, or is it in another unit?"
+    )]
+    Jump { point: usize, joint: String, from: f64, to: f64 },
+    /// More motion than one path may have.
+    #[error(
+        "up to point {point} the path has more than {most} stops or sub-steps; ask about it in pieces, or \
+         at a coarser resolution"
+    )]
+    TooLong { point: usize, most: usize },
+}
+
+impl PathError {
+    pub(super) fn at(point: usize, lost: MotionError) -> Self {
+        match lost {
+            MotionError::Robot(reason) => Self::Point { point, reason },
+            MotionError::Jump { joint, from, to } => Self::Jump { point, joint, from, to },
+        }
+    }
+}

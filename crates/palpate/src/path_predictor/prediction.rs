@@ -1,0 +1,60 @@
+//! What is said of a path.
+
+use std::sync::Arc;
+
+use nalgebra::DVector;
+
+use crate::calibration::Calibration;
+
+/// The prediction at one point of a path.
+#[derive(Debug, Clone, Default, PartialEq)]
+#[non_exhaustive]
+pub struct PathPoint {
+    /// τ̂: external torque, n_joints, N·m.
+    pub torque: DVector<f64>,
+    /// Standard deviation of that, n_joints, N·m; a ranking of paths, not a bound on the error.
+    pub torque_std: DVector<f64>,
+    /// Points of the lattice touched.
+    pub contacts: usize,
+    /// Those of them that were touched when the field was learnt.
+    pub known: usize,
+}
+
+/// The prediction along a path.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct PathPrediction {
+    /// One for each point of the path.
+    pub points: Vec<PathPoint>,
+    /// Whether the path continued from the arm's contacts, rather than free of contact.
+    pub goes_on: bool,
+    /// Number of stops; torques of the other points are interpolated between theirs.
+    pub stops: usize,
+    /// How wide bands around the torques are, if the field is calibrated.
+    pub calibration: Option<Arc<Calibration>>,
+}
+
+/// A half-width at a level, of torque, its standard deviation and contacts.
+type HalfWidth = fn(&Calibration, f64, &[f64], &[f64], [usize; 2]) -> Option<DVector<f64>>;
+
+impl PathPrediction {
+    /// Half-widths of the bands at a level, n_joints for each point, N·m; `None` if the field is not calibrated, or not
+    /// up to that level.
+    pub fn half_width(&self, level: f64) -> Option<Vec<DVector<f64>>> {
+        self.half_widths(level, Calibration::half_width)
+    }
+
+    /// The same of the band that holds the largest torque of the path ([`Calibration::peak_half_width`]).
+    pub fn peak_half_width(&self, level: f64) -> Option<Vec<DVector<f64>>> {
+        self.half_widths(level, Calibration::peak_half_width)
+    }
+
+    fn half_widths(&self, level: f64, of: HalfWidth) -> Option<Vec<DVector<f64>>> {
+        let calibration = self.calibration.as_ref()?;
+        let at = |point: &PathPoint| {
+            let contacts = [point.contacts, point.known];
+            of(calibration, level, point.torque.as_slice(), point.torque_std.as_slice(), contacts)
+        };
+        self.points.iter().map(at).collect()
+    }
+}
