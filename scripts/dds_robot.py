@@ -392,7 +392,7 @@ def arguments():
     parser.add_argument("--tare", action="store_true", help="call the service, and play on until it answers")
     parser.add_argument("--call", metavar="NODE", help="call every service of this node, and play on until all answer")
     parser.add_argument("--dynamic", action="store_true", help="publish DynamicJointState on /dynamic_joint_states")
-    parser.add_argument("--simulation", action="store_true", help="publish /clock, and stamp nothing")
+    parser.add_argument("--simulation", action="store_true", help="publish /clock, stamp nothing; play until a prediction comes")
     return parser.parse_args()
 
 
@@ -417,7 +417,8 @@ def main():
 
     def enough():
         received = receiver.every_topic() and (args.guard is None or flag.is_raised())
-        return (received or not args.until_received) and (caller is None or caller.is_done())
+        stamped = not args.simulation or last_stamp(receiver) is not None
+        return (received or not args.until_received) and (caller is None or caller.is_done()) and stamped
 
     qos = BEST_EFFORT if args.best_effort else RELIABLE
     topic = Topic(participant, "rt/joint_states", JointState)
