@@ -2,7 +2,7 @@
 //!
 //! A target may return what it likes; it must not panic, take more than five seconds or more than a
 //! gigabyte. Where a checksum or a container stops mutations, a second target puts the bytes behind it.
-//! Two programs drive them: `tests/ten_seconds.rs`, which mutates the seeds for some seconds on stable
+//! Two programs drive them: `tests/mutated_seeds.rs`, which mutates the seeds for some seconds on stable
 //! Rust and runs in CI, and libFuzzer, by `scripts/fuzz`.
 
 mod mutate;
