@@ -418,7 +418,8 @@ def main():
     def enough():
         received = receiver.every_topic() and (args.guard is None or flag.is_raised())
         stamped = not args.simulation or last_stamp(receiver) is not None
-        return (received or not args.until_received) and (caller is None or caller.is_done()) and stamped
+        answered = caller is None or caller.is_done()
+        return (received or not args.until_received) and answered and stamped
 
     qos = BEST_EFFORT if args.best_effort else RELIABLE
     topic = Topic(participant, "rt/joint_states", JointState)

@@ -14,6 +14,10 @@ use super::springs::Spring;
 use crate::estimator::CellEstimate;
 use crate::lattice::{BRICK_CELLS, Bricks};
 
+/// The weight of a cluster, in average springs, for fast predictions; see
+/// [`crate::Mapper::coarse_path_predictor`].
+pub const CLUSTER_WEIGHT: f64 = 24.0;
+
 /// The largest block has 2 to the power of this many cells; half of it, of one less.
 const LARGEST: u32 = 6;
 

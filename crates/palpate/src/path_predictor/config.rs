@@ -54,7 +54,3 @@ pub const MAX_MOTIONS: usize = 10_000;
 
 /// Waypoints (stops and sub-steps together) at most of a path that bends an elastic body: some ten seconds.
 pub const MAX_BODY_MOTIONS: usize = 2_000;
-
-/// The weight of a cluster, in average springs, for fast predictions; see
-/// [`crate::Mapper::coarse_path_predictor`].
-pub const CLUSTER_WEIGHT: f64 = 24.0;

@@ -67,7 +67,8 @@ use std::sync::Arc;
 use nalgebra::{DVector, Isometry3};
 use rayon::prelude::*;
 
-pub use self::config::{CLUSTER_WEIGHT, MAX_BODY_MOTIONS, MAX_MOTIONS, MAX_POINTS, PathConfig};
+pub use self::clusters::CLUSTER_WEIGHT;
+pub use self::config::{MAX_BODY_MOTIONS, MAX_MOTIONS, MAX_POINTS, PathConfig};
 pub use self::error::PathError;
 use self::link_wrenches::LinkWrenches;
 use self::parallel::in_chunks;

@@ -1,25 +1,12 @@
 //! Where on a link each pressed point of the body sticks, and how far it slipped.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
-use super::{Equilibrium, placed};
+use super::Equilibrium;
 use crate::elastic::contact::{Anchor, PlacedLink, deepest};
 use crate::elastic::pose::Pose;
 
 impl Equilibrium {
-    pub(super) fn ignore_what_is_in_the_arm(&mut self, links: &[Isometry3<f64>]) {
-        let placed = placed(&self.arm, links);
-        let posed = self.posed();
-        let near = self.near(&placed, &posed);
-        let inside: Vec<bool> = (self.points.iter())
-            .map(|point| {
-                let at = posed.point(point.segment, &point.lever_m);
-                deepest(&placed, &near[point.segment], &at, point.radius_m).is_some()
-            })
-            .collect();
-        self.state.ignored = inside;
-    }
-
     /// How far a point is from its anchor on a link, m, and how hard it was pressed, N.
     pub(super) fn offset(
         &self,

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, Isometry3, Point3, Vector3, Vector6};
 
 use super::body::{ElasticBody, Segment, SegmentKind};
-use super::contact::{Anchor, ElasticContactConfig, PlacedLink};
+use super::contact::{Anchor, ElasticContactConfig, PlacedLink, deepest};
 use super::pose::{Joints, Pose};
 use super::tree;
 use crate::arm::Arm;
@@ -204,6 +204,20 @@ impl Equilibrium {
             torque += spatial.transpose() * wrench;
         }
         torques
+    }
+
+    /// Leaves out, until the next touch, the points that are in a link now.
+    fn ignore_what_is_in_the_arm(&mut self, links: &[Isometry3<f64>]) {
+        let placed = placed(&self.arm, links);
+        let posed = self.posed();
+        let near = self.near(&placed, &posed);
+        let inside: Vec<bool> = (self.points.iter())
+            .map(|point| {
+                let at = posed.point(point.segment, &point.lever_m);
+                deepest(&placed, &near[point.segment], &at, point.radius_m).is_some()
+            })
+            .collect();
+        self.state.ignored = inside;
     }
 
     fn posed(&self) -> Pose {
