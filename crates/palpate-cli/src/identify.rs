@@ -43,7 +43,7 @@ pub(crate) struct Args {
     /// Link in whose frame the payload is given [default: the one that the last joint carries]
     #[arg(long, value_name = "LINK")]
     tool_link: Option<String>,
-    /// The logged torques are the drives' currents: find their gains as well
+    /// The logged torques are the drives' currents: find their gains as well (without the flag if columns say so)
     #[arg(long)]
     currents: bool,
     /// Print all that was found as JSON
@@ -65,12 +65,14 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     places.output("the arm (--output)", args.output.as_deref())?;
     places.output("the URDF (--urdf)", args.urdf.as_deref())?;
     interrupt::listen();
-    let (touches, arm) = logs::open(&args.logs, &mut settings, logs::IfUndecided::Refuse, output)?;
+    let (mut touches, arm) = logs::open_as_logged(&args.logs, &mut settings, output)?;
+    touches.conventions(&arm, &mut settings.touch, logs::IfUndecided::Refuse, output)?;
     let config = settings.config()?;
     let mut touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
     let recorded = touches.read(None)?;
     touches.tell_warnings(output);
-    let wanted = IdentifySettings { tool_link: args.tool_link.clone(), currents: args.currents };
+    let currents = args.currents || touches.are_currents();
+    let wanted = IdentifySettings { tool_link: args.tool_link.clone(), currents };
     let found = identify::run(&arm, &recorded, &config.touch, &wanted, output)?;
 
     let text = text(&found);

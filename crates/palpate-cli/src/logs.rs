@@ -20,11 +20,21 @@ pub(crate) fn open(
     if_undecided: IfUndecided,
     output: &Output,
 ) -> Result<(Touches, Arc<Arm>), CliError> {
+    let (mut touches, arm) = open_as_logged(logs, settings, output)?;
+    touches.external(&arm, settings, if_undecided, output)?;
+    Ok((touches, arm))
+}
+
+/// The same, before anything is known of how the torques count.
+pub(crate) fn open_as_logged(
+    logs: &[PathBuf],
+    settings: &mut Settings,
+    output: &Output,
+) -> Result<(Touches, Arc<Arm>), CliError> {
     let mut touches = Touches::open(logs, &settings.log.options())?;
     let arm = robot::load(&settings.robot, output)?;
     let arm = touches.arm_of_logs(arm, &mut settings.robot, output)?;
     settings.log.check_for(&arm.robot)?;
-    touches.external(&arm, settings, if_undecided, output)?;
     Ok((touches, arm))
 }
 
@@ -36,7 +46,7 @@ pub(crate) fn open_more(
 ) -> Result<Touches, CliError> {
     let mut touches = Touches::open(logs, &settings.log.options())?;
     if let Some(model) = arm_file::of(&settings.robot, &arm.robot)? {
-        touches.identified(arm, model, Differentiation::Centred, &settings.touch);
+        touches.identified(arm, model, Differentiation::Centred, &settings.touch)?;
     }
     Ok(touches)
 }

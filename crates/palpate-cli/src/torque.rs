@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use palpate::{Arm, Differentiation, TorqueModel};
 use palpate_io::torques::{TorqueFormat, TorqueRow, write};
+use palpate_work::arm_file;
 use palpate_work::torque::{
     BANDWIDTH_HZ, ContactInterval, FALSE_ALARMS_PER_HOUR, ThresholdSource, TorqueSettings,
     TouchTorques, contacts, threshold, torques,
 };
 use palpate_work::touches::Touches;
-use palpate_work::{arm_file, robot};
 use serde_json::json;
 
 use crate::args::number_in;
@@ -148,13 +148,10 @@ impl Opened {
         differentiation: Differentiation,
         output: &Output,
     ) -> Result<Self, CliError> {
-        let mut touches = Touches::open(paths, &settings.log.options())?;
-        let arm = robot::load(&settings.robot, output)?;
-        let arm = touches.arm_of_logs(arm, &mut settings.robot, output)?;
-        settings.log.check_for(&arm.robot)?;
+        let (mut touches, arm) = logs::open_as_logged(paths, settings, output)?;
         let model = arm_file::or_urdf(&settings.robot, &arm.robot, output)?;
         touches.conventions(&arm, &mut settings.touch, logs::IfUndecided::Refuse, output)?;
-        touches.identified(&arm, model.clone(), differentiation, &settings.touch);
+        touches.identified(&arm, model.clone(), differentiation, &settings.touch)?;
         let model = model.for_differentiation(differentiation);
         Ok(Self { touches, arm, model })
     }

@@ -11,6 +11,7 @@ use common::{Scene, json, npy, palpate, refuse, succeed};
 use palpate::unstable::FrictionState;
 use palpate::{Payload, Robot};
 use palpate_io::log::{self, LogEvent, LogOptions};
+use serde_json::Value;
 
 const RATE_HZ: f64 = 50.0;
 const FRAMES: usize = 500;
@@ -58,6 +59,67 @@ fn write_logs(folder: &Path, pushed: bool) {
         npy(&folder.join("torques.npy"), &[FRAMES, n], &torques);
         npy(&folder.join("time.npy"), &[FRAMES], &times);
     }
+}
+
+/// Writes the log anew as Universal Robots' RTDE records: blanks, and motor currents, of which one is `N·m` newton metres.
+fn write_currents(folder: &Path, log: &Path, n_m: f64) {
+    fs::create_dir(folder).unwrap();
+    for touch in 0..3 {
+        let mut text = "timestamp".to_owned();
+        for what in ["actual_q", "actual_current"] {
+            (0..7).for_each(|j| text += &format!(" {what}_{j}"));
+        }
+        let mut period = 0;
+        let options = LogOptions::default();
+        for event in log::open(&log.join(format!("seq_{touch}")), &options).unwrap() {
+            let LogEvent::Sample(sample) = event.unwrap() else { continue };
+            text += &format!("\n{}", f64::from(period) / RATE_HZ);
+            period += 1;
+            let currents = sample.tau.iter().map(|tau| -tau / n_m);
+            sample.q.iter().copied().chain(currents).for_each(|x| text += &format!(" {x}"));
+        }
+        fs::write(folder.join(format!("robot_data_{touch}.csv")), text).unwrap();
+    }
+}
+
+#[test]
+fn currents_that_a_ur_recorded_get_gains_and_are_no_torques_without() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_logs(&path("free"), false);
+    write_currents(&path("currents"), &path("free"), 12.5);
+    let mut identify = palpate();
+    identify.args(["identify", "--json", "--payload-link", "Bracelet_Link"]);
+    identify.args(["--payload-mass-kg", "1", "--payload-com-m", "0,0.02,-0.1"]);
+    let found = json(identify.arg(path("currents")).arg("-o").arg(path("arm.toml")));
+    for joint in &found["joints"].as_array().unwrap()[1..6] {
+        assert!((joint["gain"]["value"].as_f64().unwrap() * 12.5 - 1.0).abs() < 0.05, "{joint}");
+    }
+    assert_eq!(found["notes"].as_array().unwrap().len(), 0, "{}", found["notes"]);
+    let told = json(
+        palpate()
+            .args(["torque", "--json"])
+            .arg(path("currents"))
+            .arg("--arm")
+            .arg(path("arm.toml")),
+    );
+    assert_eq!(told["contacts"].as_array().unwrap().len(), 0, "{told}");
+
+    for command in ["torque", "map"] {
+        refuse(
+            palpate().arg(command).arg(path("currents")).args(["-o"]).arg(path("none.csv")),
+            2,
+            &["/currents`", "motor currents", "palpate identify", "--arm"],
+        );
+    }
+    let told = json(palpate().args(["inspect", "--json"]).arg(path("currents")));
+    let codes: Vec<&Value> = told["paths"][0]["findings"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|finding| &finding["code"])
+        .collect();
+    assert_eq!(codes, ["currents"]);
 }
 
 #[test]

@@ -48,6 +48,9 @@ fn every_dialect_gives_the_same_samples() {
         "\u{feff}t;q1;q2;tau1;tau2\r\n0;0.1;-0.2;1;2e-3\r\n0.05;0.1;-0.3;1.5;2",
         "# by hand\n\"t\"\t\"q1\"\tq2\ttau1\ttau2\n0\t0.1\t-0.2\t1\t2e-3\n# a pause\n\n0.05\t0.1\t\
          -0.3\t1.5\t2\n",
+        "# t q1 q2 tau1 tau2\n0 0.1 -0.2 1 2e-3\n0.05 0.1 -0.3 1.5 2\n",
+        "timestamp actual_q_0 actual_q_1 actual_current_0 actual_current_1\r\n0 0.1 -0.2 1 2e-3\r\n0.05 \
+         0.1 -0.3 1.5 2\r\n",
         "# t, q1, q2, tau1, tau2\n0, 0.1, -0.2, 1, 2e-3\n0.05, 0.1, -0.3, 1.5, 2\n",
         "tau2,note,tau1,q2,q1,time\n2e-3,\"a, b\",1,-0.2,0.1,0\n2,,1.5,-0.3,0.1,0.05\n",
     ] {

@@ -4,7 +4,7 @@ use palpate::{Differentiation, TorqueModel};
 use palpate_work::identify::{self as identification, IdentifySettings};
 use palpate_work::settings::Settings;
 use palpate_work::torque::{self, TorqueSettings};
-use palpate_work::touches::{IfUndecided, RecordedTouch};
+use palpate_work::touches::{IfUndecided, RecordedTouch, Touches};
 use palpate_work::{Progress, WorkError, arm_file};
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict, PyList};
@@ -13,7 +13,7 @@ use serde_json::json;
 use crate::array::{flat, table_of};
 use crate::data::python;
 use crate::error::Result;
-use crate::log::{Source, opened, sources};
+use crate::log::{opened, sources};
 use crate::robot::{self, Robot};
 use crate::settings;
 use crate::watch::long;
@@ -21,7 +21,7 @@ use crate::watch::long;
 /// Finds payload, friction, bias and delay of an arm from logs of it in free motion, as `palpate identify` does.
 ///
 /// `log` is a path, a `Log`, a `Touch`, or several. `tool_link` names the link in whose frame the payload is given, the
-/// last joint's if left out; with `currents`, torques are the drives' currents. Returns a dict as the command's JSON:
+/// last joint's if left out; with `currents`, or if columns say so, torques are the drives' currents. Returns a dict as the command's JSON:
 /// `payload`, `joints`, `bodies`, `delay_s` with values and standard deviations, `held_out` with what is left over,
 /// N·m; `text` is the file for `Robot(..., arm="arm.toml")` and the command's --arm.
 ///
@@ -42,9 +42,11 @@ pub(crate) fn identify<'py>(
     let mut settings = settings::read(settings, sections)?;
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = sources(log)?;
-    let wanted = IdentifySettings { tool_link, currents };
     let found = long(py, progress, |progress| -> Result<_, WorkError> {
-        let recorded = read(sources, (&robot, &mut settings), None, progress)?;
+        let touches = opened(sources, &settings.log)?;
+        let currents = currents || touches.are_currents();
+        let wanted = IdentifySettings { tool_link, currents };
+        let recorded = read(touches, (&robot, &mut settings), None, progress)?;
         let torques = settings.config()?.touch;
         identification::run(&robot.arm, &recorded, &torques, &wanted, progress)
     })?;
@@ -91,7 +93,8 @@ pub(crate) fn external_torques<'py>(
         let of_model = model.clone().for_differentiation(differentiation);
         let (threshold, from) = torque::threshold(&of_model, None, false_alarms_per_hour)?;
         let model = Some((model, differentiation));
-        let recorded = read(sources, (&robot, &mut settings), model, progress)?;
+        let touches = opened(sources, &settings.log)?;
+        let recorded = read(touches, (&robot, &mut settings), model, progress)?;
         let how = TorqueSettings { bandwidth_hz, tare_frames: 0, wrench_link: None };
         let found = torque::torques(&robot.arm, &recorded, &how, progress)?;
         Ok((found, (from != torque::ThresholdSource::Guess).then_some(threshold)))
@@ -119,16 +122,15 @@ pub(crate) fn external_torques<'py>(
 
 /// Reads logs whole, joints in the robot's order; with a model, torques are external ones.
 fn read(
-    sources: Vec<Source>,
+    mut touches: Touches,
     (robot, settings): (&Robot, &mut Settings),
     model: Option<(TorqueModel, Differentiation)>,
     progress: &dyn Progress,
 ) -> Result<Vec<RecordedTouch>, WorkError> {
-    let mut touches = opened(sources, &settings.log)?;
     settings.log.check_for(&robot.arm.robot)?;
     touches.conventions(&robot.arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
     if let Some((model, differentiation)) = model {
-        touches.identified(&robot.arm, model, differentiation, &settings.touch);
+        touches.identified(&robot.arm, model, differentiation, &settings.touch)?;
     }
     let config = settings.config()?;
     let mut touches =

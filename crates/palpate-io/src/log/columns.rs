@@ -7,17 +7,22 @@
 //! |-------------|------------------------------------------------|---------------------------------|
 //! | position    | `q1`, `joint_position_1`, `position[0]`, `pos1` | `elbow_position`, `angle_elbow` |
 //! | torque      | `tau1`, `joint_torque_1`, `effort[0]`          | `elbow_effort`, `torque_elbow`  |
+//! | current     | `current1`, `motor_current_1`                  | `elbow_current`                 |
 //! | time        | `time`, `t`, `stamp`, `timestamp`              |                                 |
 //! | touch       | `touch`, `sequence`, `seq`, `episode`          |                                 |
 //!
+//! What Universal Robots' RTDE records is known as well: `actual_q_0`, `actual_current_0`,
+//! `actual_current_as_torque_0`.
+//!
 //! Columns are taken only if exactly one family of positions and one of torques have the same
-//! joints: what is ambiguous is an error, not a guess.
+//! joints: what is ambiguous is an error, not a guess. Where no torques fit, motor currents do.
 
 use std::path::Path;
 use std::sync::LazyLock;
 
 use regex::{Regex, RegexBuilder};
 
+use super::event::LoggedTorques;
 use super::files::FileDescription;
 use super::options::{AngleUnit, CsvColumns};
 
@@ -29,19 +34,26 @@ pub(super) struct Columns {
     pub(super) joint_names: Option<Vec<String>>,
     pub(super) time: Option<usize>,
     pub(super) touch: Option<usize>,
+    /// `tau` are motor currents by their names.
+    pub(super) currents: bool,
 }
 
-/// How columns of positions and of torques are called; of two words in a name, the first here counts.
+/// How columns of positions, of torques and of motor currents are called; of two words in a name, the first here counts.
 static POSITIONS: LazyLock<Vec<Regex>> = LazyLock::new(|| {
     patterns(
         "joint_positions|joint_position|joint_angles|joint_angle|joint_pos|positions|position|\
-         angles|angle|pos|q",
+         angles|angle|pos|actual_q|q",
     )
 });
 static TORQUES: LazyLock<Vec<Regex>> = LazyLock::new(|| {
     patterns(
         "joint_torques|joint_torque|joint_efforts|joint_effort|torques|torque|efforts|effort|\
-         tau_j|tau",
+         tau_j|tau|actual_current_as_torque",
+    )
+});
+static CURRENTS: LazyLock<Vec<Regex>> = LazyLock::new(|| {
+    patterns(
+        "joint_currents|joint_current|motor_currents|motor_current|actual_current|currents|current",
     )
 });
 const TIMES: &[&str] = &["time", "t", "stamp", "timestamp", "time_s", "__time"];
@@ -107,6 +119,10 @@ impl Columns {
             name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             joint_names: self.joint_names.clone(),
             names_touches: self.touch.is_some(),
+            torques: match self.currents {
+                true => LoggedTorques::Currents,
+                false => LoggedTorques::Unsaid,
+            },
             ..FileDescription::default()
         }
     }
@@ -147,20 +163,22 @@ impl Columns {
             joint_names: map.joints.clone(),
             time: map.time.as_ref().map(place).transpose()?,
             touch: map.touch.as_ref().map(place).transpose()?,
+            currents: false,
         })
     }
 
     fn recognised(header: &[String], has_torques: bool) -> Result<Self, String> {
         let positions = families(header, &POSITIONS);
-        let torques = match has_torques {
+        let of_torques = match has_torques {
             true => families(header, &TORQUES),
             // Positions stand for them, so that they are of the same joints.
             false => families(header, &POSITIONS),
         };
-        let pairs: Vec<(&Family, &Family)> = (positions.iter())
-            .flat_map(|q| torques.iter().map(move |tau| (q, tau)))
-            .filter(|(q, tau)| q.labels() == tau.labels())
-            .collect();
+        let of_currents = if has_torques { families(header, &CURRENTS) } else { Vec::new() };
+        let currents = pairs(&positions, &of_torques).is_empty()
+            && !pairs(&positions, &of_currents).is_empty();
+        let torques = if currents { of_currents } else { of_torques };
+        let pairs = pairs(&positions, &torques);
         let [(q, tau)] = pairs[..] else {
             return Err(match (positions.is_empty(), torques.is_empty(), pairs.is_empty()) {
                 (true, _, _) => "no column is spelt like a joint position".to_owned(),
@@ -194,6 +212,7 @@ impl Columns {
             joint_names: names.collect(),
             time: only(header, TIMES),
             touch: only(header, TOUCHES),
+            currents,
         })
     }
 }
@@ -224,6 +243,12 @@ impl Family {
         labels.sort();
         labels
     }
+}
+
+/// Families of positions and of torques that have the same joints.
+fn pairs<'a>(positions: &'a [Family], torques: &'a [Family]) -> Vec<(&'a Family, &'a Family)> {
+    let all = positions.iter().flat_map(|q| torques.iter().map(move |tau| (q, tau)));
+    all.filter(|(q, tau)| q.labels() == tau.labels()).collect()
 }
 
 /// Numbers from 0 or 1 on, each once.
@@ -267,7 +292,7 @@ fn base(name: &str) -> &str {
     {
         name = front.trim_end();
     }
-    for unit in ["_rad", "_deg", "_nm", "_Nm", "_m", "_N"] {
+    for unit in ["_rad", "_deg", "_nm", "_Nm", "_m", "_N", "_A"] {
         name = name.strip_suffix(unit).unwrap_or(name);
     }
     name
@@ -291,14 +316,33 @@ mod tests {
             "stamp,joint_position_0,joint_position_1,joint_torque_0,joint_torque_1",
             "timestamp,pos_1,pos_2,effort_1,effort_2",
             "time_s,angle1_rad,angle2_rad,torque1_Nm,torque2_Nm",
+            "timestamp,actual_q_0,actual_q_1,actual_current_as_torque_0,actual_current_as_torque_1,\
+             target_q_0,target_q_1,actual_current_0,actual_current_1,target_current_0,\
+             target_current_1,target_moment_0,target_moment_1,actual_qd_0,actual_qd_1",
             "__time,/joint_states/position[0],/joint_states/position[1],/joint_states/effort[0],\
              /joint_states/effort[1]",
         ] {
             let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
             let (q, tau) = (vec![1, 2], vec![3, 4]);
-            let wanted = Columns { q, tau, joint_names: None, time: Some(0), touch: None };
+            let (time, currents) = (Some(0), false);
+            let wanted = Columns { q, tau, joint_names: None, time, touch: None, currents };
             assert_eq!(columns, wanted, "{header}");
         }
+    }
+
+    #[test]
+    fn motor_currents_are_taken_where_there_are_no_torques() {
+        for header in [
+            "timestamp,target_current_0,actual_q_0,actual_q_1,actual_current_0,actual_current_1",
+            "time,x,elbow_position,wrist_position,elbow_current [A],wrist_current [A]",
+            "t,x,q1,q2,motor_current_1_A,motor_current_2_A",
+        ] {
+            let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
+            assert!(columns.currents, "{header}");
+            assert_eq!((columns.q, columns.tau), (vec![2, 3], vec![4, 5]), "{header}");
+        }
+        assert!(!find("q1,current1,tau1").unwrap().currents);
+        assert!(find("q1,current1,tau1,effort1").unwrap_err().contains("more than one"));
     }
 
     #[test]

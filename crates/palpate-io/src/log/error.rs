@@ -96,6 +96,12 @@ pub enum TableError {
     /// A value of Parquet that cannot be used.
     #[error("`{path}`, row {row} (from 0), column `{column}`: {reason}")]
     Value { path: PathBuf, row: u64, column: String, reason: String },
+    /// Files of one log that hold different things.
+    #[error(
+        "`{path}`: of this file and those before it, some have columns of motor currents and some \
+         of torques; read them one after the other"
+    )]
+    CurrentsAndTorques { path: PathBuf },
     /// A touch in two pieces.
     #[error("`{path}` goes back to touch `{touch}` in {place}; sort the rows by touch and time")]
     TouchResumes { path: PathBuf, place: String, touch: String },

@@ -56,6 +56,8 @@ pub enum LoggedTorques {
     Unsaid,
     /// They are external ones: gravity has been taken out.
     External,
+    /// They are motor currents, in ampere.
+    Currents,
 }
 
 /// The formats of logs.

@@ -38,6 +38,8 @@ pub(super) trait TouchFile: Sized + Send {
 pub(super) struct FileDescription {
     /// Name of its touch if the rows name none.
     pub(super) name: String,
+    /// What it says of its torques.
+    pub(super) torques: LoggedTorques,
     /// Number of joints.
     pub(super) joints: Option<usize>,
     /// Their names, in the order of the samples.
@@ -71,15 +73,20 @@ impl<F: TouchFile> TouchFiles<F> {
         options: &LogOptions,
     ) -> Result<Self, LogError> {
         let (mut touches, mut samples, mut joints) = (Some(files.len()), Some(0), None);
+        let mut torques = None;
         for path in &files {
             let file = F::open(path, options)?;
             let known = file.describe();
             touches = touches.filter(|_| !known.names_touches);
             samples = samples.zip(known.samples).map(|(sum, more)| sum + more);
             joints = joints.or(known.joints);
+            if *torques.get_or_insert(known.torques) != known.torques {
+                return Err(TableError::CurrentsAndTorques { path: path.clone() }.into());
+            }
             joints.map_or(Ok(()), |joints| file.check_joints(&files[0], joints))?;
         }
-        let (path, format, torques) = (path.to_owned(), F::FORMAT, LoggedTorques::Unsaid);
+        let (path, format) = (path.to_owned(), F::FORMAT);
+        let torques = torques.unwrap_or_default();
         let description = LogDescription { path, format, touches, samples, joints, torques };
         files.reverse();
         let (options, begun) = (options.clone(), HashSet::new());

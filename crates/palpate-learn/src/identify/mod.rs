@@ -182,8 +182,8 @@ pub fn identify(
 struct Checked {
     /// How far each joint moves within a touch, rad or m.
     moved: Vec<f64>,
-    /// How much the torques vary, N·m.
-    variation: f64,
+    /// Standard deviation of each joint's torque as it is logged: with its gain.
+    variation: Vec<f64>,
     /// Joints whose torque never varies: nothing measures it.
     silent: Vec<usize>,
 }
@@ -230,7 +230,7 @@ impl Checked {
         };
         Ok(Self {
             moved: joints.clone().map(moved).collect(),
-            variation: joints.map(square).sum::<f64>().sqrt(),
+            variation: joints.map(|joint| square(joint).sqrt()).collect(),
             silent,
         })
     }

@@ -368,7 +368,10 @@ fn notes(
             payload.mass_kg.std
         ));
     }
-    notes.extend(misfit(&identified.held_out, motion.variation));
+    let variation = motion.variation.iter().zip(&identified.joints);
+    let variation =
+        variation.map(|(logged, joint)| (logged / joint.gain.value).powi(2)).sum::<f64>();
+    notes.extend(misfit(&identified.held_out, variation.sqrt()));
     notes
 }
 
@@ -379,8 +382,8 @@ fn misfit(held_out: &HeldOut, variation: f64) -> Option<String> {
     if own > MOST_LEFT_OVER * variation {
         Some(format!(
             "on motion that was held out {own:.2} N·m are left over of torques that vary by {variation:.2} N·m: is it \
-             another robot, are its joints in another order, the angles in degrees (--angle-unit deg), or the torques in \
-             another unit?"
+             another robot, are its joints in another order, the angles in degrees (--angle-unit deg), the torques in \
+             another unit, or was something touched?"
         ))
     } else if own > 0.9 * urdf.min(total(&held_out.gravity)) {
         Some(format!(

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use palpate::{Arm, ExternalTorqueConfig, Gravity, Sample, TorqueSign};
 use palpate_io::log::{LogEvent, reorder};
 
-use super::{RecordedTouch, Touches, is_external};
+use super::{RecordedTouch, Touches, is_external, is_of_currents};
 use crate::conventions::{Evidence, Given, Undecided};
 use crate::error::WorkError;
 use crate::held_joints;
@@ -84,6 +84,7 @@ impl Touches {
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
         self.conventions_of_messages(settings, progress)?;
+        self.conventions_of_currents(settings, progress)?;
         let (torque_sign, gravity) = (settings.torque_sign_given(), settings.gravity_given());
         if torque_sign.is_some() && gravity.is_some() {
             return Ok(());
@@ -114,6 +115,32 @@ impl Touches {
                 IfUndecided::Refuse => return Err(WorkError::Usage(format!("`{path}`: {told}"))),
                 IfUndecided::LeaveOpen => progress.note(&format!("`{path}`: {told}")),
             },
+        }
+        Ok(())
+    }
+
+    /// Motor currents count as the motors' torques do, and hold gravity.
+    fn conventions_of_currents(
+        &self,
+        settings: &mut TouchSettings,
+        progress: &dyn Progress,
+    ) -> Result<(), WorkError> {
+        let Some((path, _)) = self.logs.all().find(is_of_currents) else { return Ok(()) };
+        let path = path.display();
+        if !self.logs.all().all(|log| is_of_currents(&log)) {
+            return Err(WorkError::Usage(format!(
+                "the columns of `{path}` say motor currents, and those of other logs do not; read them one after the \
+                 other"
+            )));
+        }
+        progress.note(&format!(
+            "`{path}`: its columns say motor currents: they count as the motors' torques do, and hold gravity"
+        ));
+        if settings.torque_sign_given().is_none() {
+            settings.torque_sign = Some(OrAuto::Is(TorqueSign::Minus));
+        }
+        if settings.gravity_given().is_none() {
+            settings.gravity = Some(OrAuto::Is(Gravity::Included));
         }
         Ok(())
     }

@@ -8,7 +8,7 @@ use palpate::{Arm, Differentiation, ExternalTorqueConfig, Sample, TorqueModel, e
 use palpate_io::input;
 use palpate_io::log::LogEvent;
 
-use super::{IfUndecided, TouchEvent, Touches, bytes_of};
+use super::{IfUndecided, TouchEvent, Touches, bytes_of, is_of_currents};
 use crate::arm_file;
 use crate::error::WorkError;
 use crate::progress::Progress;
@@ -40,24 +40,43 @@ impl Touches {
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
         let Some(model) = arm_file::of(&settings.robot, &arm.robot)? else {
+            self.refuse_currents()?;
             return self.conventions(arm, &mut settings.touch, if_undecided, progress);
         };
         self.conventions(arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
-        self.identified(arm, model, Differentiation::Centred, &settings.touch);
-        Ok(())
+        self.identified(arm, model, Differentiation::Centred, &settings.touch)
+    }
+
+    /// Refuses motor currents, which need gains.
+    fn refuse_currents(&self) -> Result<(), WorkError> {
+        let Some((path, _)) = self.logs.all().find(is_of_currents) else { return Ok(()) };
+        let path = path.display();
+        Err(WorkError::Usage(format!(
+            "`{path}`: its columns say motor currents, which are no torques without a gain for each joint; `palpate \
+             identify` finds the gains from free motion, and --arm takes them. If they are torques, name the columns in \
+             the settings of the log"
+        )))
     }
 
     /// Makes the torques external ones, as far as a model knows the arm; `touch` says how they are logged.
+    ///
+    /// # Errors
+    ///
+    /// If the columns of a log say motor currents, and the model has no gains.
     pub fn identified(
         &mut self,
         arm: &Arc<Arm>,
         model: TorqueModel,
         differentiation: Differentiation,
         touch: &TouchSettings,
-    ) {
+    ) -> Result<(), WorkError> {
+        if model.joints.iter().all(|joint| joint.gain == 1.0) {
+            self.refuse_currents()?;
+        }
         let torques = touch.over_config(&ExternalTorqueConfig::default());
         let (arm, ready) = (Arc::clone(arm), VecDeque::new());
         self.identified = Some(ExternalReader { arm, model, differentiation, torques, ready });
+        Ok(())
     }
 
     /// What the logs say next, with external torques if the arm was identified.

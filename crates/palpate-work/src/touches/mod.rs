@@ -109,6 +109,11 @@ impl Touches {
         self.logs.all().any(|log| is_external(&log))
     }
 
+    /// Whether the columns of any log say that its torques are motor currents.
+    pub fn are_currents(&self) -> bool {
+        self.logs.all().any(|log| is_of_currents(&log))
+    }
+
     /// The joints of the touch that was started last, if the log names them; from now on, all
     /// touches have theirs in this order.
     pub fn keep_joints(&mut self) -> Option<Vec<String>> {
@@ -290,6 +295,11 @@ impl Touches {
 fn bytes_of(sample: &Sample) -> usize {
     let std = sample.tau_std.as_ref().map_or(0, |std| std.len() + 2);
     size_of::<Sample>() + 8 * (sample.q.len() + sample.tau.len() + std) + 32
+}
+
+/// Whether the columns of a log say that its torques are motor currents.
+fn is_of_currents((_, log): &&(PathBuf, Box<dyn Log>)) -> bool {
+    log.describe().torques == LoggedTorques::Currents
 }
 
 /// Whether a log says that its torques are external ones.

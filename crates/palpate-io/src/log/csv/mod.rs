@@ -1,7 +1,7 @@
 //! Touches as tables of text: one row a sample, columns by name.
 //!
 //! A file is one touch, unless a column says which touch each row belongs to; a folder of files is
-//! a touch each, in natural order. Comma, semicolon or tab between the cells, quotes, a byte-order
+//! a touch each, in natural order. Comma, semicolon, tab or one blank between the cells, quotes, a byte-order
 //! mark, Windows line ends and lines that begin with `#` are all understood; decimals have a point.
 //! Which column is what: [`super::columns`]. Rows stream, and no line may be longer than 1 MiB.
 

@@ -42,7 +42,8 @@ pub(super) fn sniff(mut input: impl BufRead) -> io::Result<Result<Dialect, &'sta
     }
 }
 
-/// The delimiter that parts the line into most pieces; a comma if none does.
+/// The delimiter that parts the line into most pieces; if none does, a blank, as Universal Robots' RTDE and
+/// `numpy.savetxt` write it; else a comma.
 fn delimiter(line: &str) -> u8 {
     let mut best = b',';
     for candidate in [b';', b'\t'] {
@@ -50,7 +51,7 @@ fn delimiter(line: &str) -> u8 {
             best = candidate;
         }
     }
-    best
+    if count(line, best) == 0 && count(line, b' ') > 0 { b' ' } else { best }
 }
 
 /// How often the delimiter stands outside quotes.
@@ -78,6 +79,8 @@ mod tests {
             ("# made; by; us; all\n\nt;q1;tau1\n", b';'),
             ("\u{feff}t\tq1\ttau1\r\n", b'\t'),
             ("\"a;b;c;d\",q1,tau1", b','),
+            ("t q1 tau1", b' '),
+            ("# by savetxt\nt\tjoint 1", b'\t'),
             ("alone", b','),
         ] {
             let dialect = sniff(text.as_bytes()).unwrap().unwrap();
@@ -89,6 +92,8 @@ mod tests {
     fn a_header_in_a_comment_is_taken_if_numbers_follow() {
         let dialect = sniff(&b"# run 3\n# q1,tau1\n1.0,2.0\n"[..]).unwrap().unwrap();
         assert_eq!(dialect.commented_header.as_deref(), Some("q1,tau1"));
+        let dialect = sniff(&b"# q1 tau1\n1.0 2.0\n"[..]).unwrap().unwrap();
+        assert_eq!(dialect.commented_header.as_deref(), Some("q1 tau1"));
     }
 
     #[test]

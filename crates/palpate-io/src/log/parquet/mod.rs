@@ -267,6 +267,7 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
             joint_names: None,
             time: first(&["timestamp"]),
             touch: first(&["episode_index"]),
+            currents: false,
         }),
         (Some(q), None) => Err(format!(
             "positions are in `{}`, and no column holds torques, of which {} are known",

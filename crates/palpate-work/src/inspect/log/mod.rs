@@ -129,6 +129,9 @@ impl LogInspector<'_> {
         let (robot, settings) = (&self.arm.robot, &self.settings.log);
         let mut touches = self.read(&mut log);
         self.findings.extend(log.warnings().filter_map(left_out));
+        if log.are_currents() {
+            self.findings.push(currents());
+        }
         if touches.is_empty() {
             return Ok(None);
         }
@@ -139,7 +142,7 @@ impl LogInspector<'_> {
         let (matching, unmatched) = joints::match_joints(&mut touches, robot);
         self.findings.extend(unmatched);
         let mut facts = LogFacts::new(&log, &touches, matching, (robot, self.config));
-        if matching == Matching::Unmatched {
+        if matching == Matching::Unmatched || log.are_currents() {
             self.findings.extend(frames::findings(&touches));
             self.findings.extend(sensors::findings(&touches, &facts.joints, None));
             return Ok(Some(facts));
@@ -296,6 +299,13 @@ impl LogFacts {
 fn unreadable(error: &WorkError) -> Finding {
     let remedy = "correct what the message names; the rest holds only what could be read before it";
     Finding::error("unreadable", error.to_string(), remedy)
+}
+
+fn currents() -> Finding {
+    let what = "the columns say motor currents, which are no torques without a gain for each joint";
+    let remedy = "`palpate identify` finds gains from free motion, and --arm takes them; if they are torques, name the \
+                  columns in the settings of the log";
+    Finding::warning("currents", what.to_owned(), remedy)
 }
 
 /// What looked odd and did not stop the reading, but for the clock, which is looked at apart.
