@@ -729,9 +729,9 @@ def identify(
     """Finds payload, friction, bias and delay of an arm from logs of it in free motion, as `palpate identify` does.
 
     `log` is a path, a `Log`, a `Touch`, or several. `tool_link` names the link in whose frame the payload is given, the
-    last joint's if left out; with `currents`, or if columns say so, torques are the drives' currents. Returns a dict as the command's JSON:
-    `payload`, `joints`, `bodies`, `delay_s` with values and standard deviations, `held_out` with what is left over,
-    N·m; `text` is the file for `Robot(..., arm="arm.toml")` and the command's --arm.
+    last joint's if left out; with `currents`, or if columns say so, torques are the drives' currents. Returns a dict as the
+    command's JSON: `payload`, `joints`, `bodies`, `delay_s` with values and standard deviations, `held_out` with what is left
+    over, N·m; `text` is the file for `Robot(..., arm="arm.toml")` and the command's --arm.
 
     Raises SettingsError, FileError or PalpateError if the logs do not serve.
     """
