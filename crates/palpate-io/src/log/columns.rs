@@ -8,11 +8,11 @@
 //! | position    | `q1`, `joint_position_1`, `position[0]`, `pos1` | `elbow_position`, `angle_elbow` |
 //! | torque      | `tau1`, `joint_torque_1`, `effort[0]`          | `elbow_effort`, `torque_elbow`  |
 //! | current     | `current1`, `motor_current_1`                  | `elbow_current`                 |
-//! | time        | `time`, `t`, `stamp`, `timestamp`              |                                 |
+//! | time        | `time`, `t`, `stamp`, `timestamp`, `time_ms`   |                                 |
 //! | touch       | `touch`, `sequence`, `seq`, `episode`          |                                 |
 //!
-//! What Universal Robots' RTDE records is known as well: `actual_q_0`, `actual_current_0`,
-//! `actual_current_as_torque_0`.
+//! What Universal Robots' RTDE and libfranka write is known as well: `actual_q_0`, `actual_current_0`,
+//! `actual_current_as_torque_0`; `state.q[0]`, `state.tau_J[0]`, with a time in milliseconds.
 //!
 //! Columns are taken only if exactly one family of positions and one of torques have the same
 //! joints: what is ambiguous is an error, not a guess. Where no torques fit, motor currents do.
@@ -27,13 +27,15 @@ use super::files::FileDescription;
 use super::options::{AngleUnit, CsvColumns};
 
 /// Places of the columns in a row.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Columns {
     pub(super) q: Vec<usize>,
     pub(super) tau: Vec<usize>,
     pub(super) joint_names: Option<Vec<String>>,
     pub(super) time: Option<usize>,
     pub(super) touch: Option<usize>,
+    /// Seconds in a unit of the time.
+    pub(super) time_unit_s: f64,
     /// `tau` are motor currents by their names.
     pub(super) currents: bool,
 }
@@ -56,7 +58,20 @@ static CURRENTS: LazyLock<Vec<Regex>> = LazyLock::new(|| {
         "joint_currents|joint_current|motor_currents|motor_current|actual_current|currents|current",
     )
 });
-const TIMES: &[&str] = &["time", "t", "stamp", "timestamp", "time_s", "__time"];
+const TIMES: &[&str] = &[
+    "time",
+    "t",
+    "stamp",
+    "timestamp",
+    "time_s",
+    "__time",
+    "time_ms",
+    "t_ms",
+    "timestamp_ms",
+    DURATION,
+];
+/// The time in what libfranka's `logToCSV` writes, ms; later versions call it `time`.
+const DURATION: &str = "duration";
 const TOUCHES: &[&str] = &["touch", "sequence", "seq", "episode"];
 
 /// Which of the [`patterns`] has numbers.
@@ -66,7 +81,8 @@ const NUMBERED: usize = 0;
 /// or behind it.
 fn patterns(words: &str) -> Vec<Regex> {
     let between = "[_./:\\- ]";
-    let numbered = format!(r"^(?:.*/)?(?<word>{words}){between}*[\[(]*(?<number>[0-9]+)[\])]*$");
+    let numbered =
+        format!(r"^(?:.*/|state\.)?(?<word>{words}){between}*[\[(]*(?<number>[0-9]+)[\])]*$");
     let named = words.split('|').flat_map(|word| {
         [
             format!(r"^(?:.*?/)??(?<joint>[^/]+?){between}+(?<word>{word})$"),
@@ -157,12 +173,14 @@ impl Columns {
             let tau = map.tau.len();
             return Err(format!("the map has {n} `q`, {tau} `tau` and {joints} `joints`"));
         }
+        let time = map.time.as_ref().map(place).transpose()?;
         Ok(Self {
             q: map.q.iter().map(place).collect::<Result<_, _>>()?,
             tau: map.tau.iter().map(place).collect::<Result<_, _>>()?,
             joint_names: map.joints.clone(),
-            time: map.time.as_ref().map(place).transpose()?,
+            time,
             touch: map.touch.as_ref().map(place).transpose()?,
+            time_unit_s: time_unit_s(header, time),
             currents: false,
         })
     }
@@ -203,6 +221,7 @@ impl Columns {
             Label::Name(name) => Some(name.clone()),
             Label::Number(_) => None,
         });
+        let time = only(header, TIMES);
         Ok(Self {
             q: members.iter().map(|(_, place)| *place).collect(),
             tau: match has_torques {
@@ -210,11 +229,24 @@ impl Columns {
                 false => Vec::new(),
             },
             joint_names: names.collect(),
-            time: only(header, TIMES),
+            time,
             touch: only(header, TOUCHES),
+            time_unit_s: time_unit_s(header, time),
             currents,
         })
     }
+}
+
+/// Seconds in a unit of the column of times: milliseconds if its name says so, or libfranka wrote it.
+fn time_unit_s(header: &[String], time: Option<usize>) -> f64 {
+    let Some(name) = time.map(|place| header[place].trim().to_ascii_lowercase()) else {
+        return 1.0;
+    };
+    let mut words =
+        name.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
+    let is_of_franka =
+        || name == DURATION || header.iter().any(|name| name.trim() == "state.tau_J[0]");
+    if words.next_back() == Some("ms") || is_of_franka() { 1e-3 } else { 1.0 }
 }
 
 /// The column whose whole name is one of `words`, the first word counting most.
@@ -324,9 +356,31 @@ mod tests {
         ] {
             let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
             let (q, tau) = (vec![1, 2], vec![3, 4]);
-            let (time, currents) = (Some(0), false);
-            let wanted = Columns { q, tau, joint_names: None, time, touch: None, currents };
+            let (joint_names, time, touch) = (None, Some(0), None);
+            let (time_unit_s, currents) = (1.0, false);
+            let wanted = Columns { q, tau, joint_names, time, touch, time_unit_s, currents };
             assert_eq!(columns, wanted, "{header}");
+        }
+    }
+
+    #[test]
+    fn a_time_in_milliseconds_is_one_if_its_name_or_libfranka_says_so() {
+        for (header, unit_s) in [
+            ("time,q1,tau1", 1.0),
+            ("Time [s],q1,tau1", 1.0),
+            ("Time [ms],q1,tau1", 1e-3),
+            ("time_ms,q1,tau1", 1e-3),
+            (
+                "time,success_rate,state.q[0],state.q_d[0],state.dq[0],state.tau_J[0],cmd.q_d[0],cmd.tau_J_d[0]",
+                1e-3,
+            ),
+            (
+                "duration, success rate, q[0],q_d[0],tau_J[0],tau_ext_hat_filtered[0],sent commands,q_d[0],tau_J_d[0]",
+                1e-3,
+            ),
+        ] {
+            let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
+            assert_eq!((columns.time, columns.time_unit_s), (Some(0), unit_s), "{header}");
         }
     }
 

@@ -153,7 +153,8 @@ impl CsvFile {
                 TableError::Cell { path, line, column, found }
             })
         };
-        let time_s = self.columns.time.as_ref().map(number).transpose()?;
+        let time = self.columns.time.as_ref().map(number).transpose()?;
+        let time_s = time.map(|time| time * self.columns.time_unit_s);
         let q: Vec<f64> = self.columns.q.iter().map(number).collect::<Result<_, _>>()?;
         let tau = match self.columns.tau.is_empty() {
             true => vec![0.0; q.len()],

@@ -142,7 +142,7 @@ impl TouchFile for ParquetFile {
         let time = self.columns.time.map(|place| self.numbers(&row, &[place])).transpose()?;
         let touch = self.columns.touch.map(|place| self.touch(&row, place)).transpose()?;
         self.row += 1;
-        let time_s = time.and_then(|time| time.first().copied());
+        let time_s = time.and_then(|time| Some(time.first()? * self.columns.time_unit_s));
         Ok(Some((touch, Sample::new(time_s, q, tau))))
     }
 
@@ -267,6 +267,7 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
             joint_names: None,
             time: first(&["timestamp"]),
             touch: first(&["episode_index"]),
+            time_unit_s: 1.0,
             currents: false,
         }),
         (Some(q), None) => Err(format!(
