@@ -58,20 +58,10 @@ static CURRENTS: LazyLock<Vec<Regex>> = LazyLock::new(|| {
         "joint_currents|joint_current|motor_currents|motor_current|actual_current|currents|current",
     )
 });
-const TIMES: &[&str] = &[
-    "time",
-    "t",
-    "stamp",
-    "timestamp",
-    "time_s",
-    "__time",
-    "time_ms",
-    "t_ms",
-    "timestamp_ms",
-    DURATION,
-];
-/// The time in what libfranka's `logToCSV` writes, ms; later versions call it `time`.
-const DURATION: &str = "duration";
+const TIMES: &[&str] =
+    &["time", "t", "stamp", "timestamp", "time_s", "__time", "time_ms", "t_ms", "timestamp_ms"];
+/// Names of the time, ms, and of another column in what libfranka's `logToCSV` writes, now and in older versions.
+const LIBFRANKA: [[&str; 2]; 2] = [["time", "success_rate"], ["duration", "success rate"]];
 const TOUCHES: &[&str] = &["touch", "sequence", "seq", "episode"];
 
 /// Which of the [`patterns`] has numbers.
@@ -221,7 +211,7 @@ impl Columns {
             Label::Name(name) => Some(name.clone()),
             Label::Number(_) => None,
         });
-        let time = only(header, TIMES);
+        let time = time_of_libfranka(header).or_else(|| only(header, TIMES));
         Ok(Self {
             q: members.iter().map(|(_, place)| *place).collect(),
             tau: match has_torques {
@@ -237,16 +227,21 @@ impl Columns {
     }
 }
 
+/// The time in what libfranka writes.
+fn time_of_libfranka(header: &[String]) -> Option<usize> {
+    let place = |wanted: &str| header.iter().position(|name| name.trim() == wanted);
+    LIBFRANKA.iter().find_map(|[time, other]| place(other).and(place(time)))
+}
+
 /// Seconds in a unit of the column of times: milliseconds if its name says so, or libfranka wrote it.
 fn time_unit_s(header: &[String], time: Option<usize>) -> f64 {
-    let Some(name) = time.map(|place| header[place].trim().to_ascii_lowercase()) else {
-        return 1.0;
+    let says_so = |place: usize| {
+        let name = header[place].to_ascii_lowercase();
+        let mut words = name.split(|c: char| !c.is_ascii_alphanumeric());
+        words.rfind(|word| !word.is_empty()) == Some("ms")
     };
-    let mut words =
-        name.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
-    let is_of_franka =
-        || name == DURATION || header.iter().any(|name| name.trim() == "state.tau_J[0]");
-    if words.next_back() == Some("ms") || is_of_franka() { 1e-3 } else { 1.0 }
+    let of_libfranka = time.is_some() && time == time_of_libfranka(header);
+    if of_libfranka || time.is_some_and(says_so) { 1e-3 } else { 1.0 }
 }
 
 /// The column whose whole name is one of `words`, the first word counting most.
@@ -382,6 +377,8 @@ mod tests {
             let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
             assert_eq!((columns.time, columns.time_unit_s), (Some(0), unit_s), "{header}");
         }
+        // Another's duration is no time.
+        assert_eq!(find("duration,q1,tau1").unwrap().time, None);
     }
 
     #[test]
