@@ -43,7 +43,7 @@ pub(crate) struct Args {
     /// Link in whose frame the payload is given [default: the one that the last joint carries]
     #[arg(long, value_name = "LINK")]
     tool_link: Option<String>,
-    /// The logged torques are the drives' currents: find their gains as well (without the flag if columns say so)
+    /// The logged torques are the drives' currents: find their gains as well [default: if columns are named currents]
     #[arg(long)]
     currents: bool,
     /// Print all that was found as JSON

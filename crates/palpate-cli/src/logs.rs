@@ -45,8 +45,11 @@ pub(crate) fn open_more(
     arm: &Arc<Arm>,
 ) -> Result<Touches, CliError> {
     let mut touches = Touches::open(logs, &settings.log.options())?;
-    if let Some(model) = arm_file::of(&settings.robot, &arm.robot)? {
-        touches.identified(arm, model, Differentiation::Centred, &settings.touch)?;
+    match arm_file::of(&settings.robot, &arm.robot)? {
+        Some(model) => {
+            touches.identified(arm, model, Differentiation::Centred, &settings.touch)?;
+        }
+        None => touches.refuse_currents()?,
     }
     Ok(touches)
 }

@@ -61,7 +61,7 @@ fn write_logs(folder: &Path, pushed: bool) {
     }
 }
 
-/// Writes the log anew as Universal Robots' RTDE records: blanks, and motor currents, of which one is `N·m` newton metres.
+/// Writes the log as Universal Robots' RTDE does: parted by blanks, with motor currents; 1 A is `n_m` N·m.
 fn write_currents(folder: &Path, log: &Path, n_m: f64) {
     fs::create_dir(folder).unwrap();
     for touch in 0..3 {

@@ -56,6 +56,9 @@ pub(super) fn convert(
              removed",
         );
     }
+    if touches.are_currents() {
+        output.note("the torques are motor currents, which the output does not say");
+    }
     if settings.log.pauses().is_some() {
         let arm = robot::load(&settings.robot, output)?;
         let config = settings.config()?;

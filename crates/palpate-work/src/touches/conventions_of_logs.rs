@@ -129,12 +129,11 @@ impl Touches {
         let path = path.display();
         if !self.logs.all().all(|log| is_of_currents(&log)) {
             return Err(WorkError::Usage(format!(
-                "the columns of `{path}` say motor currents, and those of other logs do not; read them one after the \
-                 other"
+                "the columns of `{path}` are motor currents, those of other logs are not; read them one after the other"
             )));
         }
         progress.note(&format!(
-            "`{path}`: its columns say motor currents: they count as the motors' torques do, and hold gravity"
+            "`{path}`: the columns are motor currents, which count as the motors' torques do, and hold gravity"
         ));
         if settings.torque_sign_given().is_none() {
             settings.torque_sign = Some(OrAuto::Is(TorqueSign::Minus));

@@ -8,7 +8,7 @@ use palpate::{Arm, Differentiation, ExternalTorqueConfig, Sample, TorqueModel, e
 use palpate_io::input;
 use palpate_io::log::LogEvent;
 
-use super::{IfUndecided, TouchEvent, Touches, bytes_of, is_of_currents};
+use super::{CURRENTS, IfUndecided, TouchEvent, Touches, bytes_of, is_of_currents};
 use crate::arm_file;
 use crate::error::WorkError;
 use crate::progress::Progress;
@@ -47,22 +47,21 @@ impl Touches {
         self.identified(arm, model, Differentiation::Centred, &settings.touch)
     }
 
-    /// Refuses motor currents, which need gains.
-    fn refuse_currents(&self) -> Result<(), WorkError> {
+    /// Refuses logs of motor currents: nothing is known of their gains.
+    ///
+    /// # Errors
+    ///
+    /// If the columns of any log are motor currents.
+    pub fn refuse_currents(&self) -> Result<(), WorkError> {
         let Some((path, _)) = self.logs.all().find(is_of_currents) else { return Ok(()) };
-        let path = path.display();
-        Err(WorkError::Usage(format!(
-            "`{path}`: its columns say motor currents, which are no torques without a gain for each joint; `palpate \
-             identify` finds the gains from free motion, and --arm takes them. If they are torques, name the columns in \
-             the settings of the log"
-        )))
+        Err(WorkError::Usage(format!("`{}`: {}", path.display(), CURRENTS.join("; "))))
     }
 
     /// Makes the torques external ones, as far as a model knows the arm; `touch` says how they are logged.
     ///
     /// # Errors
     ///
-    /// If the columns of a log say motor currents, and the model has no gains.
+    /// If the columns of a log are motor currents, and the model has no gains.
     pub fn identified(
         &mut self,
         arm: &Arc<Arm>,

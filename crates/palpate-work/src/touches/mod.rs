@@ -109,7 +109,7 @@ impl Touches {
         self.logs.all().any(|log| is_external(&log))
     }
 
-    /// Whether the columns of any log say that its torques are motor currents.
+    /// Whether the columns of any log are motor currents, by their names.
     pub fn are_currents(&self) -> bool {
         self.logs.all().any(|log| is_of_currents(&log))
     }
@@ -297,7 +297,14 @@ fn bytes_of(sample: &Sample) -> usize {
     size_of::<Sample>() + 8 * (sample.q.len() + sample.tau.len() + std) + 32
 }
 
-/// Whether the columns of a log say that its torques are motor currents.
+/// What is said of motor currents, and what to do.
+pub(crate) const CURRENTS: [&str; 2] = [
+    "the columns are motor currents by their names, and only a gain for each joint makes torques of them",
+    "`palpate identify` finds the gains from free motion, and --arm takes what it writes; if the columns are torques, \
+     name them in the settings of the log",
+];
+
+/// Whether the columns of a log are motor currents.
 fn is_of_currents((_, log): &&(PathBuf, Box<dyn Log>)) -> bool {
     log.describe().torques == LoggedTorques::Currents
 }

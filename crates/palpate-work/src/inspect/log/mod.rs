@@ -52,7 +52,7 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::touched::TouchedFigures;
-use crate::touches::{RecordedTouch, Touches};
+use crate::touches::{CURRENTS, RecordedTouch, Touches};
 pub use check::LogCheck;
 pub use figures::TouchFacts;
 pub use frames::ClockFacts;
@@ -130,7 +130,8 @@ impl LogInspector<'_> {
         let mut touches = self.read(&mut log);
         self.findings.extend(log.warnings().filter_map(left_out));
         if log.are_currents() {
-            self.findings.push(currents());
+            let [what, remedy] = CURRENTS;
+            self.findings.push(Finding::warning("currents", what.to_owned(), remedy));
         }
         if touches.is_empty() {
             return Ok(None);
@@ -299,13 +300,6 @@ impl LogFacts {
 fn unreadable(error: &WorkError) -> Finding {
     let remedy = "correct what the message names; the rest holds only what could be read before it";
     Finding::error("unreadable", error.to_string(), remedy)
-}
-
-fn currents() -> Finding {
-    let what = "the columns say motor currents, which are no torques without a gain for each joint";
-    let remedy = "`palpate identify` finds gains from free motion, and --arm takes them; if they are torques, name the \
-                  columns in the settings of the log";
-    Finding::warning("currents", what.to_owned(), remedy)
 }
 
 /// What looked odd and did not stop the reading, but for the clock, which is looked at apart.
