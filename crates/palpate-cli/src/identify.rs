@@ -22,7 +22,8 @@ const NOTES: &str = "Examples:
 
 The arm moves freely in the logs, every joint both ways, some of it slowly; `palpate excite` writes such a
 motion. What is found is held to the URDF as far as the logs do not say otherwise. Errors are measured on
-motion that was held out: whole touches, or quarters of them if there are fewer than three.
+motion that was held out: whole touches, or quarters of them if there are fewer than three. Moments in which
+something is touched are left out, and a note says so.
 
 Payload: --json has it with standard deviations, and, with --tool-link of the flange, as libfranka's
 setLoad and URScript's set_target_payload take it. The tare's flags mean nothing here: bias is found.";
@@ -97,7 +98,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
             "base_parameters": found.base_parameters,
             "base_parameters_identified": found.base_parameters_identified,
-            "delay_s": found.delay_s, "held_out": found.held_out, "model": found.model,
+            "delay_s": found.delay_s, "touched": found.touched, "held_out": found.held_out, "model": found.model,
             "notes": found.notes, "libfranka": libfranka, "urscript": urscript,
         }));
     }

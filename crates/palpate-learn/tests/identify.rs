@@ -121,6 +121,11 @@ fn touches_of_a_few_samples_spoil_nothing() {
 
 fn is_found_again(logs: &[Vec<Sample>]) {
     let found = identified(logs).unwrap();
+    assert!(found.touched == 0.0);
+    is_right(&found);
+}
+
+fn is_right(found: &Identified) {
     let near = |what: &str, value: palpate_learn::identify::Value, truth: f64, most: f64| {
         let off = (value.value - truth).abs();
         assert!(off < most, "{what}: {value:?}, put in {truth}");
@@ -146,6 +151,24 @@ fn is_found_again(logs: &[Vec<Sample>]) {
     assert!(own < 0.2 && urdf > 5.0, "{own} of {urdf} N·m");
     assert!(found.notes.is_empty(), "{:?}", found.notes);
     assert!(found.payload.is_significant && found.base_parameters == 43);
+}
+
+#[test]
+fn pushes_in_a_fifth_of_the_time_are_left_out() {
+    let mut logs = logs(7, PRESLIDING);
+    let push = [4.0, -6.0, 2.0, 3.0, -0.5, 0.8, 0.3];
+    let is_pushed = |k: usize| k % 250 > 200;
+    for touch in &mut logs {
+        for (k, sample) in touch.iter_mut().enumerate().filter(|(k, _)| is_pushed(*k)) {
+            let part = (TAU / 2.0 * ((k % 250 - 200) as f64 / 50.0)).sin();
+            sample.tau.iter_mut().zip(push).for_each(|(tau, push)| *tau += part * push);
+        }
+    }
+    let mut found = identified(&logs).unwrap();
+    assert!((0.2..0.35).contains(&found.touched), "{}", found.touched);
+    let notes = std::mem::take(&mut found.notes);
+    assert!(notes.len() == 1 && notes[0].contains("something is touched"), "{notes:?}");
+    is_right(&found);
 }
 
 #[test]

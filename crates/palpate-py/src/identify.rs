@@ -56,7 +56,7 @@ pub(crate) fn identify<'py>(
         &json!({
             "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
             "base_parameters": found.base_parameters, "base_parameters_identified": found.base_parameters_identified,
-            "delay_s": found.delay_s, "held_out": found.held_out, "notes": found.notes, "text": text,
+            "delay_s": found.delay_s, "touched": found.touched, "held_out": found.held_out, "notes": found.notes, "text": text,
         }),
     )?)
 }

@@ -67,19 +67,20 @@ pub(super) fn of(
         models.push(posterior.map(|posterior| result::model(robot, settings, &posterior)));
     }
     let read = |models: &[Option<TorqueModel>], differentiation: Differentiation| {
-        let each = touches.iter().enumerate();
-        each.map(|touch| left_of(robot, (touches.len(), touch), torques, models, differentiation))
+        let touches = settings.touched.iter().enumerate().map(|own| (touches, own));
+        touches
+            .map(|touch| left_of(robot, touch, torques, models, differentiation))
             .collect::<Result<Vec<_>, _>>()
     };
     let n = robot.n_joints();
-    let noise = |left: &[Vec<Left>]| (0..n).map(|j| noise_of(left, j)).collect::<Vec<_>>();
+    let noise = |left: &[Vec<Left>]| (0..n).map(|j| noise_of(left, j)).collect();
     let mut left = read(&models, Differentiation::Centred)?;
     // By fold, out of the other folds; and out of all of them.
     let samples: Vec<RippleSample> = left.iter().flatten().map(Left::for_ripple).collect();
     unless_stopped()?;
     let ripples = ripple::find(&samples);
     take_off(&mut left, &ripples);
-    let own_noise = noise(&left);
+    let own_noise: Vec<TorqueNoise> = noise(&left);
     let alarm = rows.timed.then(|| alarm_of(&left, &own_noise)).flatten();
 
     let mut causal: Option<(f64, Causal)> = None;
@@ -142,25 +143,26 @@ fn take_off(left: &mut [Vec<Left>], ripples: &[Vec<Vec<Ripple>>; FOLDS + 1]) {
     }
 }
 
-/// What the model of its fold leaves over of each sample of a touch.
+/// What the model of its fold leaves over of each sample of a touch that is not left out.
 fn left_of(
     robot: &Robot,
-    (touches, (touch, samples)): (usize, (usize, &&[Sample])),
+    (touches, (touch, touched)): (&[&[Sample]], (usize, &Vec<bool>)),
     torques: &ExternalTorqueConfig,
     models: &[Option<TorqueModel>],
     differentiation: Differentiation,
 ) -> Result<Vec<Left>, IdentifyError> {
+    let samples = touches[touch];
     let times = TouchMotion::of(robot, samples, vec![0.0; robot.n_joints()]);
     let time = |k: usize| times.times_s()[k];
     let span = time(samples.len() - 1) - time(0);
     let fold_of = |k: usize| {
         let part = if span > 0.0 { (time(k) - time(0)) / span - 0.5 } else { 0.0 };
-        fold(touches, touch, part)
+        fold(touches.len(), touch, part)
     };
     let mut left = Vec::with_capacity(samples.len());
     for (number, model) in models.iter().enumerate() {
         let Some(model) = model else { continue };
-        let which = |k: usize| fold_of(k) == number;
+        let which = |k: usize| fold_of(k) == number && !touched[k];
         for (k, found) in explain(robot, model, torques, (samples, &which), differentiation)? {
             let sample = &samples[k];
             let poses = robot.forward(&sample.q).map_err(palpate::TrackerError::from)?;

@@ -5,13 +5,16 @@
 //! the standard deviations. How far masses, friction, biases and gains may lie from what is assumed, and how large the
 //! noise of each joint is, follows from the data: the evidence is maximised over them (MacKay 1992). Delay and gains
 //! enter by Gauss-Newton steps. Masses and inertias are kept physically possible by a barrier (Wensing, Kim and Slotine
-//! 2018: the pseudo-inertia is positive definite). Presliding distance and window are searched over a few values.
+//! 2018: the pseudo-inertia is positive definite). Presliding distance and window are searched over a few values. Samples
+//! in which something seems to be touched are left out.
 //!
 //! | file         | says                                                              |
 //! |--------------|-------------------------------------------------------------------|
 //! | `rows`       | samples as rows of the regression, summed up by joint and fold    |
 //! | `prior`      | how far what is sought may lie from what is assumed               |
 //! | `posterior`  | what the data say                                                 |
+//! | `search`     | delay, presliding distances and window                            |
+//! | `touched`    | samples in which something seems to be touched                    |
 //! | `possible`   | inertias that are physically possible                             |
 //! | `ripple`     | torque that comes back with the teeth of the gears                |
 //! | `held_out`   | what is left over on motion that was not used                     |
@@ -24,6 +27,8 @@ mod prior;
 mod result;
 mod ripple;
 mod rows;
+mod search;
+mod touched;
 
 pub use held_out::HeldOut;
 pub use result::{BodyEstimate, Identified, JointEstimate, PayloadEstimate, Value};
@@ -31,10 +36,9 @@ pub use result::{BodyEstimate, Identified, JointEstimate, PayloadEstimate, Value
 use palpate::unstable::LinkId;
 use palpate::{ExternalTorqueConfig, Gravity, Robot, Sample};
 
-use posterior::Posterior;
 use prior::Start;
 pub(crate) use prior::inertial_scales;
-use rows::{RegressionSettings, Rows, Turning};
+use search::Search;
 
 use crate::error::Stop;
 
@@ -90,17 +94,6 @@ const LEAST_OF_TOUCH: usize = 4;
 const LEAST_SAMPLES: usize = 20;
 /// A joint that moves less, rad or m, does not move.
 pub const LEAST_MOTION: f64 = 0.02;
-/// Half windows that speeds and accelerations are tried with, s.
-const WINDOWS_S: [f64; 6] = [0.05, 0.1, 0.17, 0.25, 0.35, 0.5];
-/// How friction turns round, to start the search with.
-const TURNING: Turning = Turning { presliding: 1e-3, stribeck: 0.03 };
-/// Steps of the search for delay and presliding distances.
-const SEARCH_STEPS: usize = 14;
-/// What is left of the delay when it is found, in parts of the time between samples.
-const SETTLED: f64 = 0.02;
-/// The longest delay that is looked for, s.
-const MOST_DELAY_S: f64 = 0.3;
-
 /// Identifies an arm from touches in free motion, joints in the robot's order.
 ///
 /// # Errors
@@ -125,57 +118,20 @@ pub fn identify(
     let motion = Checked::of(robot, &touches, torques)?;
     let payload_body = robot.body_of(config.payload_link).ok_or(IdentifyError::PayloadLink)?;
     let start = Start::of(robot, payload_body, config.currents);
-    let n = robot.n_joints();
-    let of =
-        |settings: &RegressionSettings| Rows::of(robot, &touches, torques.torque_sign, settings);
-    let solve =
-        |rows: &Rows| Posterior::of(rows, &rows.all(), &start).ok_or(IdentifyError::Unsolvable);
+    let search = Search { robot, touches: &touches, sign: torques.torque_sign, start: &start };
+    let none = touches.iter().map(|touch| vec![false; touch.len()]).collect();
+    let all = search.run(none, &unless_stopped)?;
+    let fit = touched::leave_out(&search, all, &unless_stopped)?;
 
-    let mut settings =
-        RegressionSettings { window_s: WINDOWS_S[0], delay_s: 0.0, turning: vec![TURNING; n] };
-    // Speeds that are known come first: with the shortest windows a slow clock tells none.
-    let mut best = (true, f64::INFINITY);
-    for window_s in WINDOWS_S {
-        let tried = RegressionSettings { window_s, ..settings.clone() };
-        unless_stopped()?;
-        let rows = of(&tried)?;
-        let found = (!rows.timed, solve(&rows)?.left_over());
-        if found < best {
-            (best, settings) = (found, tried);
-        }
-    }
-    let mut rows = of(&settings)?;
-    let mut posterior = solve(&rows)?;
-    // Friction that turns late looks like a delay, so both are sought together; the delay by the secant method, for
-    // what its column says of the step that is left falls short of it.
-    let mut last: Option<(f64, f64)> = None;
-    let mut has_settled = false;
-    for _ in 0..SEARCH_STEPS {
-        unless_stopped()?;
-        let turning = rows.best_turning(&posterior);
-        let left = if rows.timed { posterior.delay().0 } else { 0.0 };
-        has_settled = left.abs() <= SETTLED * rows.interval_s()
-            && turning.iter().zip(&settings.turning).all(|(new, old)| new.is_near(old));
-        if has_settled && turning == settings.turning {
-            break;
-        }
-        settings.turning = turning;
-        let step = match last {
-            Some((before, left_before)) if (left - left_before).abs() > 1e-9 => {
-                let secant = -left * (settings.delay_s - before) / (left - left_before);
-                secant.clamp(-5.0 * left.abs(), 5.0 * left.abs())
-            }
-            _ => left,
-        };
-        last = Some((settings.delay_s, left));
-        settings.delay_s = (settings.delay_s + step).clamp(-MOST_DELAY_S, MOST_DELAY_S);
-        rows = of(&settings)?;
-        posterior = solve(&rows)?;
-    }
-
-    let held_out =
-        held_out::of(robot, &touches, torques, (&rows, &settings), &start, &unless_stopped)?;
-    Ok(result::of(robot, config, (&rows, &settings), &posterior, (held_out, &motion, has_settled)))
+    let held_out = held_out::of(
+        robot,
+        &touches,
+        torques,
+        (&fit.rows, &fit.settings),
+        &start,
+        &unless_stopped,
+    )?;
+    Ok(result::of(robot, config, &fit, held_out, &motion))
 }
 
 /// What touches are like, before anything is found.

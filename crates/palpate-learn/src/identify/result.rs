@@ -10,8 +10,9 @@ use serde::Serialize;
 use super::held_out::{Found, HeldOut};
 use super::posterior::Posterior;
 use super::prior::NEVER_NEGATIVE;
-use super::rows::{FRICTION, RegressionSettings, Rows};
-use super::{Checked, IdentifyConfig, LEAST_MOTION};
+use super::rows::{FRICTION, RegressionSettings};
+use super::search::Fit;
+use super::{Checked, IdentifyConfig, LEAST_MOTION, touched};
 
 /// A value with its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -42,6 +43,8 @@ pub struct Identified {
     pub delay_s: Value,
     /// Whether the logs have a clock that tells speeds.
     pub timed: bool,
+    /// The part of the samples that is left out, since something seems to be touched in them, 0 to 1.
+    pub touched: f64,
     /// What is left over of held-out motion.
     pub held_out: HeldOut,
     /// What cannot be determined, and why.
@@ -149,10 +152,11 @@ pub(super) fn model(
 pub(super) fn of(
     robot: &Robot,
     config: &IdentifyConfig,
-    (rows, settings): (&Rows, &RegressionSettings),
-    posterior: &Posterior,
-    (found, motion, has_settled): (Found, &Checked, bool),
+    fit: &Fit,
+    found: Found,
+    motion: &Checked,
 ) -> Identified {
+    let Fit { settings, rows, posterior, .. } = fit;
     let mut model = model(robot, settings, posterior);
     for (joint, noise) in model.joints.iter_mut().zip(&found.noise) {
         joint.noise = *noise;
@@ -204,11 +208,12 @@ pub(super) fn of(
             std: (INFLATION * std).hypot(BETWEEN_SAMPLES * rows.interval_s()),
         },
         timed: rows.timed,
+        touched: touched::part(&settings.touched),
         held_out: found.held_out,
         notes: Vec::new(),
         model,
     };
-    identified.notes = notes(&identified, (motion, has_settled), robot);
+    identified.notes = notes(&identified, (motion, fit.has_settled), robot);
     identified
 }
 
@@ -321,6 +326,13 @@ fn notes(
     robot: &Robot,
 ) -> Vec<String> {
     let mut notes = Vec::new();
+    if identified.touched > 0.0 {
+        notes.push(format!(
+            "in {:.1} % of the samples the torques are far from what free motion explains, as when something is touched; \
+             these are left out",
+            100.0 * identified.touched
+        ));
+    }
     if !identified.timed {
         notes.push(
             "the log has no clock, or one too slow to tell speeds: viscous friction, inertia and delay are not identified"

@@ -11,6 +11,8 @@
 //!
 //! Rows are summed up as products with themselves, by joint and by fold, which is all that the posterior needs.
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{
     BODY_PARAMETERS, FrictionState, LocalPolynomial, Motion, TouchMotion, Window,
@@ -19,6 +21,7 @@ use palpate::{JointFriction, Robot, Sample, TorqueSign};
 
 use super::IdentifyError;
 use super::posterior::Posterior;
+use super::touched::Touched;
 
 /// Rows at most, of each joint.
 const MOST_ROWS: usize = 4_000;
@@ -49,6 +52,8 @@ pub(super) struct RegressionSettings {
     pub(super) delay_s: f64,
     /// By joint, rad and rad/s.
     pub(super) turning: Vec<Turning>,
+    /// Samples that are left out.
+    pub(super) touched: Touched,
 }
 
 /// How the friction of a joint turns round.
@@ -70,6 +75,9 @@ impl Turning {
 struct Row {
     fold: usize,
     touch: usize,
+    samples: Range<usize>,
+    /// Whether it is left out.
+    is_touched: bool,
     /// Time of the motion, s.
     time_s: f64,
     /// How far the touch has gone, −0.5 to 0.5.
@@ -157,7 +165,19 @@ impl Reading<'_> {
                     states.friction_at(time_s, j, (own, presliding)).middle()
                 });
             let longer = longer.collect();
-            rows.push(Row { fold, touch, time_s, part, motion, regressor, longer, torque, change });
+            rows.push(Row {
+                is_touched: false,
+                samples: chunk,
+                fold,
+                touch,
+                time_s,
+                part,
+                motion,
+                regressor,
+                longer,
+                torque,
+                change,
+            });
         }
         Ok(())
     }
@@ -194,9 +214,17 @@ impl Rows {
             turning: settings.turning.clone(),
             sums: Vec::new(),
         };
-        all.sums =
-            (0..FOLDS).map(|fold| (0..all.n_joints).map(|j| all.sum(fold, j)).collect()).collect();
+        all.leave_out(&settings.touched);
         Ok(all)
+    }
+
+    /// Leaves out the rows of these samples, and no others.
+    pub(super) fn leave_out(&mut self, touched: &Touched) {
+        for row in &mut self.rows {
+            row.is_touched = touched[row.touch][row.samples.clone()].contains(&true);
+        }
+        let sums = |fold| (0..self.n_joints).map(|j| self.sum(fold, j)).collect();
+        self.sums = (0..FOLDS).map(sums).collect();
     }
 
     /// Mean time between samples, s; 0 without a clock.
@@ -261,7 +289,8 @@ impl Rows {
         let is_known = move |row: &Row| row.motion.unknown[j] <= MOST_UNKNOWN;
         let any = self.rows.iter().any(is_known);
         let is_measured = self.rows.iter().any(|row| row.torque[j] != self.rows[0].torque[j]);
-        self.rows.iter().filter(move |row| is_measured && (!any || is_known(row)))
+        let serves = move |row: &&Row| !row.is_touched && is_measured && (!any || is_known(row));
+        self.rows.iter().filter(serves)
     }
 
     fn sum(&self, fold: usize, j: usize) -> Sum {
@@ -324,6 +353,75 @@ impl Rows {
             .collect()
     }
 
+    /// How many rows there are, those that are left out among them.
+    pub(super) fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// The touch of a row, and its samples there.
+    pub(super) fn samples(&self, row: usize) -> (usize, Range<usize>) {
+        (self.rows[row].touch, self.rows[row].samples.clone())
+    }
+
+    /// Sum of squares of what models leave over of a joint in the folds that they do not know, as logged. Of rows of samples
+    /// that are not left out.
+    pub(super) fn held_out(&self, models: &[Option<Posterior>], j: usize, but: &Touched) -> f64 {
+        let of_fold = |(fold, model): (usize, &Option<Posterior>)| {
+            let Some(model) = model else { return 0.0 };
+            let coefficients = model.row_coefficients(j);
+            let serves = |row: &&Row| {
+                let samples = row.samples.clone();
+                row.fold == fold
+                    && row.motion.unknown[j] <= MOST_UNKNOWN
+                    && !but[row.touch][samples].contains(&true)
+            };
+            let rows = self.rows.iter().filter(serves);
+            rows.map(|row| self.numbers(row, j).dot(&coefficients).powi(2)).sum()
+        };
+        models.iter().enumerate().map(of_fold).sum()
+    }
+
+    /// No sample of any touch.
+    pub(super) fn no_samples(&self) -> Touched {
+        self.motions.iter().map(|motion| vec![false; motion.times_s().len()]).collect()
+    }
+
+    /// Means of what is left over of a joint, N·m or as logged, over windows of `2 · half_s` around each row; `None` where
+    /// its friction is not known.
+    pub(super) fn means_left_over(
+        &self,
+        posterior: &Posterior,
+        j: usize,
+        half_s: f64,
+    ) -> Vec<Option<f64>> {
+        let coefficients = posterior.row_coefficients(j);
+        let left = |row: &Row| {
+            let is_known = row.motion.unknown[j] <= MOST_UNKNOWN;
+            is_known.then(|| self.numbers(row, j).dot(&coefficients))
+        };
+        let left: Vec<Option<f64>> = self.rows.iter().map(left).collect();
+        let mut means = Vec::with_capacity(left.len());
+        for touch in self.rows.chunk_by(|a, b| a.touch == b.touch) {
+            let left = &left[means.len()..means.len() + touch.len()];
+            let times = |k: usize| touch[k].time_s;
+            let (mut from, mut to, mut sum, mut count) = (0, 0, 0.0, 0_u32);
+            for (k, own) in left.iter().enumerate() {
+                while to < touch.len() && times(to) <= times(k) + half_s {
+                    sum += left[to].unwrap_or(0.0);
+                    count += u32::from(left[to].is_some());
+                    to += 1;
+                }
+                while times(from) < times(k) - half_s {
+                    sum -= left[from].unwrap_or(0.0);
+                    count -= u32::from(left[from].is_some());
+                    from += 1;
+                }
+                means.push(own.map(|_| sum / f64::from(count)));
+            }
+        }
+        means
+    }
+
     /// How the friction of each joint turns round, as explains most of what the rest of the model leaves over.
     pub(super) fn best_turning(&self, posterior: &Posterior) -> Vec<Turning> {
         (0..self.n_joints)
@@ -334,6 +432,7 @@ impl Rows {
                 let slopes = self.n_parameters + 1 + FRICTION + BIAS;
                 coefficients.rows_mut(slopes, SLOPES).fill(0.0);
                 let left: Vec<(&Row, f64)> = (self.rows.iter())
+                    .filter(|row| !row.is_touched)
                     .map(|row| (row, self.numbers(row, j).dot(&coefficients)))
                     .collect();
                 let now = self.turning[j];

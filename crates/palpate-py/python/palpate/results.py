@@ -513,6 +513,8 @@ class Identified(TypedDict):
     base_parameters: int
     base_parameters_identified: int
     delay_s: Uncertain
+    touched: float
+    """The part of the samples that is left out, since something is touched in them, 0 to 1."""
     held_out: HeldOutTorque
     notes: list[str]
     text: str

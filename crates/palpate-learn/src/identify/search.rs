@@ -1,0 +1,98 @@
+//! Search for what does not enter the regression linearly: window, delay, and how friction turns round.
+
+use palpate::{Robot, Sample, TorqueSign};
+
+use super::IdentifyError;
+use super::posterior::Posterior;
+use super::prior::Start;
+use super::rows::{RegressionSettings, Rows, Turning};
+use super::touched::Touched;
+
+/// Half windows that speeds and accelerations are tried with, s.
+const WINDOWS_S: [f64; 6] = [0.05, 0.1, 0.17, 0.25, 0.35, 0.5];
+/// How friction turns round, to start the search with.
+const TURNING: Turning = Turning { presliding: 1e-3, stribeck: 0.03 };
+/// Steps of the search for delay and presliding distances.
+const STEPS: usize = 14;
+/// What is left of the delay when it is found, in parts of the time between samples.
+const SETTLED: f64 = 0.02;
+/// The longest delay that is looked for, s.
+const MOST_DELAY_S: f64 = 0.3;
+
+/// What is searched in.
+pub(super) struct Search<'a> {
+    pub(super) robot: &'a Robot,
+    pub(super) touches: &'a [&'a [Sample]],
+    pub(super) sign: TorqueSign,
+    pub(super) start: &'a Start,
+}
+
+/// What explains the samples best.
+pub(super) struct Fit {
+    pub(super) settings: RegressionSettings,
+    pub(super) rows: Rows,
+    pub(super) posterior: Posterior,
+    pub(super) has_settled: bool,
+}
+
+impl Search<'_> {
+    /// Of all samples but those in which something is touched.
+    pub(super) fn run(
+        &self,
+        touched: Touched,
+        unless_stopped: &dyn Fn() -> Result<(), IdentifyError>,
+    ) -> Result<Fit, IdentifyError> {
+        let turning = vec![TURNING; self.robot.n_joints()];
+        let mut settings =
+            RegressionSettings { window_s: WINDOWS_S[0], delay_s: 0.0, turning, touched };
+        // Speeds that are known come first: with the shortest windows a slow clock tells none.
+        let mut best = (true, f64::INFINITY);
+        for window_s in WINDOWS_S {
+            let tried = RegressionSettings { window_s, ..settings.clone() };
+            unless_stopped()?;
+            let (rows, posterior) = self.solve(&tried)?;
+            let found = (!rows.timed, posterior.left_over());
+            if found < best {
+                (best, settings) = (found, tried);
+            }
+        }
+        let (mut rows, mut posterior) = self.solve(&settings)?;
+        // Friction that turns late looks like a delay, so both are sought together; the delay by the secant method, for
+        // what its column says of the step that is left falls short of it.
+        let mut last: Option<(f64, f64)> = None;
+        let mut has_settled = false;
+        for _ in 0..STEPS {
+            unless_stopped()?;
+            let turning = rows.best_turning(&posterior);
+            let left = if rows.timed { posterior.delay().0 } else { 0.0 };
+            has_settled = left.abs() <= SETTLED * rows.interval_s()
+                && turning.iter().zip(&settings.turning).all(|(new, old)| new.is_near(old));
+            if has_settled && turning == settings.turning {
+                break;
+            }
+            settings.turning = turning;
+            let step = match last {
+                Some((before, left_before)) if (left - left_before).abs() > 1e-9 => {
+                    let secant = -left * (settings.delay_s - before) / (left - left_before);
+                    secant.clamp(-5.0 * left.abs(), 5.0 * left.abs())
+                }
+                _ => left,
+            };
+            last = Some((settings.delay_s, left));
+            settings.delay_s = (settings.delay_s + step).clamp(-MOST_DELAY_S, MOST_DELAY_S);
+            (rows, posterior) = self.solve(&settings)?;
+        }
+        Ok(Fit { settings, rows, posterior, has_settled })
+    }
+
+    fn solve(&self, settings: &RegressionSettings) -> Result<(Rows, Posterior), IdentifyError> {
+        let rows = Rows::of(self.robot, self.touches, self.sign, settings)?;
+        let posterior = self.posterior(&rows)?;
+        Ok((rows, posterior))
+    }
+
+    /// Of all rows but those that are left out.
+    pub(super) fn posterior(&self, rows: &Rows) -> Result<Posterior, IdentifyError> {
+        Posterior::of(rows, &rows.all(), self.start).ok_or(IdentifyError::Unsolvable)
+    }
+}

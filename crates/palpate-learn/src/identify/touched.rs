@@ -1,0 +1,148 @@
+//! Samples in which something is touched: the model of free motion leaves far more over than it usually does.
+//!
+//! Whoever guides or meets the arm in a quarter of a log would otherwise be explained as friction and gains, and hide in
+//! that. So samples that are far off are left out step by step, as in least trimmed squares (Rousseeuw and Van Driessen
+//! 2006). The friction of a real arm is far off as well now and then, up to 20 times its usual size; to leave that out
+//! would flatter the model. So nothing is left out unless motion that was held out, without these samples, is predicted
+//! clearly better by a model that does not know them: contacts spoil it, friction does not.
+
+use super::IdentifyError;
+use super::posterior::Posterior;
+use super::rows::{FOLDS, Rows};
+use super::search::{Fit, Search};
+
+/// Half of the time that what is left over is averaged over, s.
+const HALF_WINDOW_S: f64 = 0.1;
+/// Means of what is left over, relative to their usual size, that are suspect, and up to where their surroundings are.
+const SUSPECT: f64 = 5.0;
+const END: f64 = 3.0;
+/// The part of the samples that may be left out. Of more it is not known which is the motion that is free.
+const MOST: f64 = 0.4;
+/// What is left over of motion that was held out, relative to that of all samples, if leaving out is to pay.
+const BETTER: f64 = 0.9;
+/// Steps in which the farthest samples are left out, then only those that are suspect; and searches without these.
+const FIRST_STEPS: usize = 3;
+const STEPS: usize = 9;
+const SEARCHES: usize = 3;
+/// Median of |x| for a Gaussian x with standard deviation 1.
+const MEDIAN: f64 = 0.674_5;
+
+/// Whether a sample is left out, by touch.
+pub(super) type Touched = Vec<Vec<bool>>;
+
+/// The fit again without samples in which something is touched, if there are any.
+pub(super) fn leave_out(
+    search: &Search<'_>,
+    all: Fit,
+    unless_stopped: &dyn Fn() -> Result<(), IdentifyError>,
+) -> Result<Fit, IdentifyError> {
+    let mut fit = all;
+    for number in 0..SEARCHES {
+        unless_stopped()?;
+        let before = fit.settings.touched.clone();
+        let found = suspects(&mut fit, search)?;
+        if is_near(&found, &before) {
+            fit.rows.leave_out(&before);
+            break;
+        }
+        if number == 0 {
+            let without = left_over(&fit, search, &found);
+            fit.rows.leave_out(&before);
+            if without > BETTER * left_over(&fit, search, &found) {
+                break;
+            }
+        }
+        fit = search.run(found, unless_stopped)?;
+    }
+    Ok(fit)
+}
+
+/// Samples that are suspect: of a model that was found without them. The rows are then without them, too.
+fn suspects(fit: &mut Fit, search: &Search<'_>) -> Result<Touched, IdentifyError> {
+    let mut distances = distances(&fit.rows, &fit.posterior);
+    let mut found = farthest(&fit.rows, &distances);
+    for step in 1..=STEPS {
+        fit.rows.leave_out(&found);
+        distances = self::distances(&fit.rows, &search.posterior(&fit.rows)?);
+        if step < FIRST_STEPS {
+            found = farthest(&fit.rows, &distances);
+            continue;
+        }
+        let before = std::mem::replace(&mut found, far_off(&fit.rows, &distances));
+        if is_near(&found, &before) || part(&found) == 0.0 {
+            break;
+        }
+    }
+    fit.rows.leave_out(&found);
+    Ok(found)
+}
+
+/// Root mean square of what is left over of motion that was held out but for some samples, over all joints, not divided by
+/// the number of rows; in N·m as gains say it.
+fn left_over(fit: &Fit, search: &Search<'_>, but: &Touched) -> f64 {
+    let Fit { rows, posterior, .. } = fit;
+    let model = |fold: usize| Posterior::of(rows, &rows.without(fold), search.start);
+    let models: Vec<Option<Posterior>> = (0..FOLDS).map(model).collect();
+    let of_joint = |j: usize| rows.held_out(&models, j, but) / posterior.gain(j).powi(2);
+    (0..rows.n_joints()).map(of_joint).sum::<f64>().sqrt()
+}
+
+/// How far off each row is: the mean of what is left over around it, relative to its usual size, in the joint where that
+/// is largest.
+fn distances(rows: &Rows, posterior: &Posterior) -> Vec<f64> {
+    let mut largest = vec![0.0_f64; rows.len()];
+    for j in 0..rows.n_joints() {
+        let means = rows.means_left_over(posterior, j, HALF_WINDOW_S);
+        let mut sizes: Vec<f64> = means.iter().flatten().map(|mean| mean.abs()).collect();
+        if sizes.is_empty() {
+            continue;
+        }
+        let middle = sizes.len() / 2;
+        let usual = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN;
+        for (largest, mean) in largest.iter_mut().zip(means) {
+            *largest = largest.max(mean.map_or(0.0, |mean| mean.abs() / usual.max(1e-9)));
+        }
+    }
+    largest
+}
+
+/// As many samples as may be left out.
+fn farthest(rows: &Rows, distances: &[f64]) -> Touched {
+    let mut order: Vec<usize> = (0..distances.len()).collect();
+    order.sort_by(|a, b| distances[*b].total_cmp(&distances[*a]));
+    order.truncate((MOST * distances.len() as f64) as usize);
+    samples_of(rows, order.into_iter())
+}
+
+/// Samples that are suspect, with their surroundings; none if there are too many.
+fn far_off(rows: &Rows, distances: &[f64]) -> Touched {
+    let touch = |row: usize| rows.samples(row).0;
+    let numbers: Vec<usize> = (0..distances.len()).collect();
+    let is_same = |a: &usize, b: &usize| {
+        touch(*a) == touch(*b) && (distances[*a] > END) == (distances[*b] > END)
+    };
+    let runs = numbers.chunk_by(is_same);
+    let suspect = runs.filter(|run| run.iter().any(|row| distances[*row] > SUSPECT));
+    let found = samples_of(rows, suspect.flatten().copied());
+    if part(&found) > MOST { rows.no_samples() } else { found }
+}
+
+fn samples_of(rows: &Rows, which: impl Iterator<Item = usize>) -> Touched {
+    let mut found = rows.no_samples();
+    for (touch, samples) in which.map(|row| rows.samples(row)) {
+        found[touch][samples].fill(true);
+    }
+    found
+}
+
+/// Whether it is the same but for a hundredth of the samples.
+fn is_near(touched: &Touched, other: &Touched) -> bool {
+    let each = || touched.iter().flatten().zip(other.iter().flatten());
+    100 * each().filter(|(a, b)| a != b).count() <= each().count()
+}
+
+/// The part of all samples, 0 to 1.
+pub(super) fn part(touched: &Touched) -> f64 {
+    let samples = || touched.iter().flatten();
+    samples().filter(|touched| **touched).count() as f64 / samples().count().max(1) as f64
+}
