@@ -87,12 +87,8 @@ impl Search<'_> {
 
     fn solve(&self, settings: &RegressionSettings) -> Result<(Rows, Posterior), IdentifyError> {
         let rows = Rows::of(self.robot, self.touches, self.sign, settings)?;
-        let posterior = self.posterior(&rows)?;
+        let posterior =
+            Posterior::of(&rows, &rows.all(), self.start).ok_or(IdentifyError::Unsolvable)?;
         Ok((rows, posterior))
-    }
-
-    /// Of all rows but those that are left out.
-    pub(super) fn posterior(&self, rows: &Rows) -> Result<Posterior, IdentifyError> {
-        Posterior::of(rows, &rows.all(), self.start).ok_or(IdentifyError::Unsolvable)
     }
 }

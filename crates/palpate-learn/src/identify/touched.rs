@@ -16,8 +16,10 @@ const HALF_WINDOW_S: f64 = 0.1;
 /// Means of what is left over, relative to their usual size, that are suspect, and up to where their surroundings are.
 const SUSPECT: f64 = 5.0;
 const END: f64 = 3.0;
-/// The part of the samples that may be left out. Of more it is not known which is the motion that is free.
-const MOST: f64 = 0.4;
+/// The part of the samples that is left out at first, and that may be left out at most: of more it is not known which is the
+/// motion that is free.
+const FIRST: f64 = 0.4;
+const MOST: f64 = 0.5;
 /// What is left over of motion that was held out, relative to that of all samples, if leaving out is to pay.
 const BETTER: f64 = 0.9;
 /// Steps in which the farthest samples are left out, then only those that are suspect; and searches without these.
@@ -40,7 +42,8 @@ pub(super) fn leave_out(
     for number in 0..SEARCHES {
         unless_stopped()?;
         let before = fit.settings.touched.clone();
-        let found = suspects(&mut fit, search)?;
+        let first_steps = if number == 0 { FIRST_STEPS } else { 0 };
+        let found = suspects(&mut fit, search, first_steps)?;
         if is_near(&found, &before) {
             fit.rows.leave_out(&before);
             break;
@@ -57,23 +60,25 @@ pub(super) fn leave_out(
     Ok(fit)
 }
 
-/// Samples that are suspect: of a model that was found without them. The rows are then without them, too.
-fn suspects(fit: &mut Fit, search: &Search<'_>) -> Result<Touched, IdentifyError> {
+/// Samples that are suspect: of a model that was found without them, at first without those that are farthest off. The rows
+/// are then without them, too.
+fn suspects(
+    fit: &mut Fit,
+    search: &Search<'_>,
+    first_steps: usize,
+) -> Result<Touched, IdentifyError> {
     let mut distances = distances(&fit.rows, &fit.posterior);
-    let mut found = farthest(&fit.rows, &distances);
-    for step in 1..=STEPS {
+    let mut found = fit.settings.touched.clone();
+    for step in 0..STEPS {
+        let pick = if step < first_steps { farthest } else { far_off };
+        let before = std::mem::replace(&mut found, pick(&fit.rows, &distances));
         fit.rows.leave_out(&found);
-        distances = self::distances(&fit.rows, &search.posterior(&fit.rows)?);
-        if step < FIRST_STEPS {
-            found = farthest(&fit.rows, &distances);
-            continue;
-        }
-        let before = std::mem::replace(&mut found, far_off(&fit.rows, &distances));
-        if is_near(&found, &before) || part(&found) == 0.0 {
+        if step >= first_steps && (is_near(&found, &before) || part(&found) == 0.0) {
             break;
         }
+        let posterior = Posterior::of_independent(&fit.rows, &fit.rows.all(), search.start);
+        distances = self::distances(&fit.rows, &posterior.ok_or(IdentifyError::Unsolvable)?);
     }
-    fit.rows.leave_out(&found);
     Ok(found)
 }
 
@@ -81,7 +86,7 @@ fn suspects(fit: &mut Fit, search: &Search<'_>) -> Result<Touched, IdentifyError
 /// the number of rows; in N·m as gains say it.
 fn left_over(fit: &Fit, search: &Search<'_>, but: &Touched) -> f64 {
     let Fit { rows, posterior, .. } = fit;
-    let model = |fold: usize| Posterior::of(rows, &rows.without(fold), search.start);
+    let model = |fold: usize| Posterior::of_independent(rows, &rows.without(fold), search.start);
     let models: Vec<Option<Posterior>> = (0..FOLDS).map(model).collect();
     let of_joint = |j: usize| rows.held_out(&models, j, but) / posterior.gain(j).powi(2);
     (0..rows.n_joints()).map(of_joint).sum::<f64>().sqrt()
@@ -106,15 +111,15 @@ fn distances(rows: &Rows, posterior: &Posterior) -> Vec<f64> {
     largest
 }
 
-/// As many samples as may be left out.
+/// The samples that are farthest off.
 fn farthest(rows: &Rows, distances: &[f64]) -> Touched {
     let mut order: Vec<usize> = (0..distances.len()).collect();
     order.sort_by(|a, b| distances[*b].total_cmp(&distances[*a]));
-    order.truncate((MOST * distances.len() as f64) as usize);
+    order.truncate((FIRST * distances.len() as f64) as usize);
     samples_of(rows, order.into_iter())
 }
 
-/// Samples that are suspect, with their surroundings; none if there are too many.
+/// Samples that are suspect, with their surroundings; the farthest if there are too many.
 fn far_off(rows: &Rows, distances: &[f64]) -> Touched {
     let touch = |row: usize| rows.samples(row).0;
     let numbers: Vec<usize> = (0..distances.len()).collect();
@@ -124,7 +129,7 @@ fn far_off(rows: &Rows, distances: &[f64]) -> Touched {
     let runs = numbers.chunk_by(is_same);
     let suspect = runs.filter(|run| run.iter().any(|row| distances[*row] > SUSPECT));
     let found = samples_of(rows, suspect.flatten().copied());
-    if part(&found) > MOST { rows.no_samples() } else { found }
+    if part(&found) > MOST { farthest(rows, distances) } else { found }
 }
 
 fn samples_of(rows: &Rows, which: impl Iterator<Item = usize>) -> Touched {
