@@ -94,6 +94,7 @@ const LEAST_OF_TOUCH: usize = 4;
 const LEAST_SAMPLES: usize = 20;
 /// A joint that moves less, rad or m, does not move.
 pub const LEAST_MOTION: f64 = 0.02;
+
 /// Identifies an arm from touches in free motion, joints in the robot's order.
 ///
 /// # Errors

@@ -288,9 +288,14 @@ impl Rows {
     fn of_joint(&self, j: usize) -> impl Iterator<Item = &Row> {
         let is_known = move |row: &Row| row.motion.unknown[j] <= MOST_UNKNOWN;
         let any = self.rows.iter().any(is_known);
-        let is_measured = self.rows.iter().any(|row| row.torque[j] != self.rows[0].torque[j]);
+        let is_measured = self.is_measured(j);
         let serves = move |row: &&Row| !row.is_touched && is_measured && (!any || is_known(row));
         self.rows.iter().filter(serves)
+    }
+
+    /// Whether the torque of a joint ever varies.
+    fn is_measured(&self, j: usize) -> bool {
+        self.rows.iter().any(|row| row.torque[j] != self.rows[0].torque[j])
     }
 
     fn sum(&self, fold: usize, j: usize) -> Sum {
@@ -378,7 +383,7 @@ impl Rows {
             let rows = self.rows.iter().filter(serves);
             rows.map(|row| self.numbers(row, j).dot(&coefficients).powi(2)).sum()
         };
-        models.iter().enumerate().map(of_fold).sum()
+        if self.is_measured(j) { models.iter().enumerate().map(of_fold).sum() } else { 0.0 }
     }
 
     /// No sample of any touch.
@@ -387,7 +392,7 @@ impl Rows {
     }
 
     /// Means of what is left over of a joint, N·m or as logged, over windows of `2 · half_s` around each row; `None` where
-    /// its friction is not known.
+    /// its friction or its torque is not known.
     pub(super) fn means_left_over(
         &self,
         posterior: &Posterior,
@@ -395,8 +400,9 @@ impl Rows {
         half_s: f64,
     ) -> Vec<Option<f64>> {
         let coefficients = posterior.row_coefficients(j);
+        let is_measured = self.is_measured(j);
         let left = |row: &Row| {
-            let is_known = row.motion.unknown[j] <= MOST_UNKNOWN;
+            let is_known = is_measured && row.motion.unknown[j] <= MOST_UNKNOWN;
             is_known.then(|| self.numbers(row, j).dot(&coefficients))
         };
         let left: Vec<Option<f64>> = self.rows.iter().map(left).collect();
