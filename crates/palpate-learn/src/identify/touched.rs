@@ -35,25 +35,23 @@ pub(super) type Touched = Vec<Vec<bool>>;
 /// The fit again without samples in which something is touched, if there are any.
 pub(super) fn leave_out(
     search: &Search<'_>,
-    all: Fit,
+    mut all: Fit,
     unless_stopped: &dyn Fn() -> Result<(), IdentifyError>,
 ) -> Result<Fit, IdentifyError> {
-    let mut fit = all;
-    for number in 0..SEARCHES {
-        unless_stopped()?;
-        let before = fit.settings.touched.clone();
-        let first_steps = if number == 0 { FIRST_STEPS } else { 0 };
-        let found = suspects(&mut fit, search, first_steps)?;
-        if is_near(&found, &before) {
-            fit.rows.leave_out(&before);
+    unless_stopped()?;
+    let none = all.settings.touched.clone();
+    let found = suspects(&mut all, search, FIRST_STEPS)?;
+    let without = left_over(&all, search, &found);
+    all.rows.leave_out(&none);
+    if part(&found) == 0.0 || without > BETTER * left_over(&all, search, &found) {
+        return Ok(all);
+    }
+    let mut fit = search.run(found, unless_stopped)?;
+    for _ in 1..SEARCHES {
+        let found = suspects(&mut fit, search, 0)?;
+        if is_near(&found, &fit.settings.touched) {
+            fit.rows.leave_out(&fit.settings.touched);
             break;
-        }
-        if number == 0 {
-            let without = left_over(&fit, search, &found);
-            fit.rows.leave_out(&before);
-            if without > BETTER * left_over(&fit, search, &found) {
-                break;
-            }
         }
         fit = search.run(found, unless_stopped)?;
     }

@@ -9,7 +9,10 @@
 //! The slopes are what friction changes by with its presliding distance and with the speed at which breakaway is over:
 //! both are searched for, so what is left of them is small, but what is not known of them is in the standard deviations.
 //!
-//! Rows are summed up as products with themselves, by joint and by fold, which is all that the posterior needs.
+//! Rows are summed up as products with themselves, by joint and by fold, which is all that the posterior needs. The search
+//! for how friction turns round needs the rows themselves: it is in `turning`.
+
+mod turning;
 
 use std::ops::Range;
 
@@ -18,6 +21,8 @@ use palpate::unstable::{
     BODY_PARAMETERS, FrictionState, LocalPolynomial, Motion, TouchMotion, Window,
 };
 use palpate::{JointFriction, Robot, Sample, TorqueSign};
+
+pub(super) use turning::Turning;
 
 use super::IdentifyError;
 use super::posterior::Posterior;
@@ -31,11 +36,6 @@ pub(super) const FOLDS: usize = 4;
 const MOST_OFFSETS: usize = 12;
 /// Where friction is less known than this, a row of that joint is left out.
 const MOST_UNKNOWN: f64 = 0.1;
-/// Presliding distances that are tried, rad, and speeds at which breakaway is over, rad/s.
-const PRESLIDING: [f64; 10] = [0.0, 2e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2];
-const STRIBECK: [f64; 5] = [0.01, 0.017, 0.03, 0.05, 0.1];
-/// Presliding distances near the one that was found last, in parts of it.
-const NEAR: [f64; 6] = [0.7, 0.85, 0.95, 1.05, 1.2, 1.4];
 /// Coefficients of friction and drive: coulomb, asymmetry, breakaway, viscous, rotor.
 pub(super) const FRICTION: usize = 5;
 /// Coefficients of the bias: constant, cosine, sine.
@@ -54,21 +54,6 @@ pub(super) struct RegressionSettings {
     pub(super) turning: Vec<Turning>,
     /// Samples that are left out.
     pub(super) touched: Touched,
-}
-
-/// How the friction of a joint turns round.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Turning {
-    pub(super) presliding: f64,
-    pub(super) stribeck: f64,
-}
-
-impl Turning {
-    /// Whether the presliding distances are the same, but for what the search tries next to one.
-    pub(super) fn is_near(&self, other: &Self) -> bool {
-        let [least, most] = [f64::min, f64::max].map(|of| of(self.presliding, other.presliding));
-        most <= 1.5 * least || most <= PRESLIDING[2]
-    }
 }
 
 /// One moment of a touch.
@@ -90,6 +75,17 @@ struct Row {
     /// Motors' torques as logged, n_joints, and their change, per second.
     torque: Vec<f64>,
     change: Vec<f64>,
+}
+
+impl Row {
+    fn knows_friction(&self, j: usize) -> bool {
+        self.motion.unknown[j] <= MOST_UNKNOWN
+    }
+
+    /// Whether any of its samples is among these.
+    fn is_in(&self, touched: &Touched) -> bool {
+        touched[self.touch][self.samples.clone()].contains(&true)
+    }
 }
 
 /// All rows.
@@ -221,7 +217,7 @@ impl Rows {
     /// Leaves out the rows of these samples, and no others.
     pub(super) fn leave_out(&mut self, touched: &Touched) {
         for row in &mut self.rows {
-            row.is_touched = touched[row.touch][row.samples.clone()].contains(&true);
+            row.is_touched = row.is_in(touched);
         }
         let sums = |fold| (0..self.n_joints).map(|j| self.sum(fold, j)).collect();
         self.sums = (0..FOLDS).map(sums).collect();
@@ -286,7 +282,7 @@ impl Rows {
     /// The rows that say something of a joint: those in which its friction is known, if there are any; none if nothing
     /// measures its torque.
     fn of_joint(&self, j: usize) -> impl Iterator<Item = &Row> {
-        let is_known = move |row: &Row| row.motion.unknown[j] <= MOST_UNKNOWN;
+        let is_known = move |row: &Row| row.knows_friction(j);
         let any = self.rows.iter().any(is_known);
         let is_measured = self.is_measured(j);
         let serves = move |row: &&Row| !row.is_touched && is_measured && (!any || is_known(row));
@@ -368,22 +364,27 @@ impl Rows {
         (self.rows[row].touch, self.rows[row].samples.clone())
     }
 
-    /// Sum of squares of what models leave over of a joint in the folds that they do not know, as logged. Of rows of samples
-    /// that are not left out.
+    /// What a model leaves over of a joint in each row, as logged; `None` where its friction or its torque is not known.
+    fn left_over(&self, posterior: &Posterior, j: usize) -> Vec<Option<f64>> {
+        let coefficients = posterior.row_coefficients(j);
+        let is_measured = self.is_measured(j);
+        let left = |row: &Row| {
+            let is_known = is_measured && row.knows_friction(j);
+            is_known.then(|| self.numbers(row, j).dot(&coefficients))
+        };
+        self.rows.iter().map(left).collect()
+    }
+
+    /// Sum of squares of what models leave over of a joint in the folds that they do not know, but for some samples.
     pub(super) fn held_out(&self, models: &[Option<Posterior>], j: usize, but: &Touched) -> f64 {
         let of_fold = |(fold, model): (usize, &Option<Posterior>)| {
             let Some(model) = model else { return 0.0 };
-            let coefficients = model.row_coefficients(j);
-            let serves = |row: &&Row| {
-                let samples = row.samples.clone();
-                row.fold == fold
-                    && row.motion.unknown[j] <= MOST_UNKNOWN
-                    && !but[row.touch][samples].contains(&true)
-            };
-            let rows = self.rows.iter().filter(serves);
-            rows.map(|row| self.numbers(row, j).dot(&coefficients).powi(2)).sum()
+            let serves = |row: &Row| row.fold == fold && !row.is_in(but);
+            let left = self.left_over(model, j);
+            let left = self.rows.iter().zip(left).filter(|(row, _)| serves(row));
+            left.filter_map(|(_, left)| left).map(|left| left * left).sum()
         };
-        if self.is_measured(j) { models.iter().enumerate().map(of_fold).sum() } else { 0.0 }
+        models.iter().enumerate().map(of_fold).sum()
     }
 
     /// No sample of any touch.
@@ -391,21 +392,14 @@ impl Rows {
         self.motions.iter().map(|motion| vec![false; motion.times_s().len()]).collect()
     }
 
-    /// Means of what is left over of a joint, N·m or as logged, over windows of `2 · half_s` around each row; `None` where
-    /// its friction or its torque is not known.
+    /// Means of what a model leaves over of a joint, over windows of `2 · half_s` around each row.
     pub(super) fn means_left_over(
         &self,
         posterior: &Posterior,
         j: usize,
         half_s: f64,
     ) -> Vec<Option<f64>> {
-        let coefficients = posterior.row_coefficients(j);
-        let is_measured = self.is_measured(j);
-        let left = |row: &Row| {
-            let is_known = is_measured && row.motion.unknown[j] <= MOST_UNKNOWN;
-            is_known.then(|| self.numbers(row, j).dot(&coefficients))
-        };
-        let left: Vec<Option<f64>> = self.rows.iter().map(left).collect();
+        let left = self.left_over(posterior, j);
         let mut means = Vec::with_capacity(left.len());
         for touch in self.rows.chunk_by(|a, b| a.touch == b.touch) {
             let left = &left[means.len()..means.len() + touch.len()];
@@ -426,75 +420,6 @@ impl Rows {
             }
         }
         means
-    }
-
-    /// How the friction of each joint turns round, as explains most of what the rest of the model leaves over.
-    pub(super) fn best_turning(&self, posterior: &Posterior) -> Vec<Turning> {
-        (0..self.n_joints)
-            .map(|j| {
-                let mut coefficients = posterior.row_coefficients(j);
-                // All but friction.
-                coefficients.rows_mut(self.n_parameters + 1, 3).fill(0.0);
-                let slopes = self.n_parameters + 1 + FRICTION + BIAS;
-                coefficients.rows_mut(slopes, SLOPES).fill(0.0);
-                let left: Vec<(&Row, f64)> = (self.rows.iter())
-                    .filter(|row| !row.is_touched)
-                    .map(|row| (row, self.numbers(row, j).dot(&coefficients)))
-                    .collect();
-                let now = self.turning[j];
-                let near = NEAR.map(|factor| factor * now.presliding);
-                let tried = PRESLIDING.iter().chain(&near).chain([&now.presliding]);
-                let tried = tried.map(|presliding| {
-                    let states = self.states(&left, j, *presliding);
-                    let costs = STRIBECK.map(|stribeck| {
-                        let cost = self.cost(&left, (&states, j), stribeck);
-                        (cost, Turning { presliding: *presliding, stribeck })
-                    });
-                    costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).expect("there are some")
-                });
-                let best = tried.min_by(|a, b| a.0.total_cmp(&b.0)).expect("there are some");
-                if best.0.is_finite() { best.1 } else { now }
-            })
-            .collect()
-    }
-
-    /// States of friction at rows, with another presliding distance; `None` where it is not known.
-    fn states(&self, rows: &[(&Row, f64)], j: usize, presliding: f64) -> Vec<Option<f64>> {
-        let states: Vec<_> =
-            self.motions.iter().map(|motion| motion.friction_of(j, presliding)).collect();
-        let at = |row: &Row| {
-            let states = (&states[row.touch][..], presliding);
-            let state = self.motions[row.touch].friction_at(row.time_s, j, states);
-            (state.unknown() <= MOST_UNKNOWN).then(|| state.middle())
-        };
-        rows.iter().map(|(row, _)| at(row)).collect()
-    }
-
-    /// Mean square that Coulomb friction in these states, its asymmetry and breakaway leave over.
-    fn cost(
-        &self,
-        left: &[(&Row, f64)],
-        (states, j): (&[Option<f64>], usize),
-        stribeck: f64,
-    ) -> f64 {
-        let mut gram = nalgebra::Matrix3::<f64>::zeros();
-        let mut right = nalgebra::Vector3::<f64>::zeros();
-        let (mut power, mut rows) = (0.0, 0.0);
-        for ((row, over), z) in left.iter().zip(states) {
-            let Some(z) = *z else { continue };
-            let factors = JointFriction::factors(z, row.motion.speed[j], stribeck);
-            let own = nalgebra::Vector3::new(factors[0], factors[1], factors[2]);
-            gram += own * own.transpose();
-            right += own * *over;
-            power += over * over;
-            rows += 1.0;
-        }
-        if rows < 10.0 {
-            return f64::INFINITY;
-        }
-        gram += nalgebra::Matrix3::identity() * (1e-3 * rows);
-        let explained = gram.cholesky().map_or(0.0, |factor| right.dot(&factor.solve(&right)));
-        (power - explained) / rows
     }
 }
 

@@ -1,0 +1,99 @@
+//! How friction turns round: the presliding distance, and the speed at which breakaway is over, that explain most of what
+//! the rest of the model leaves over.
+
+use palpate::JointFriction;
+
+use super::{BIAS, FRICTION, MOST_UNKNOWN, Row, Rows, SLOPES};
+use crate::identify::posterior::Posterior;
+
+/// Presliding distances that are tried, rad, and speeds at which breakaway is over, rad/s.
+const PRESLIDING: [f64; 10] = [0.0, 2e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2];
+const STRIBECK: [f64; 5] = [0.01, 0.017, 0.03, 0.05, 0.1];
+/// Presliding distances near the one that was found last, in parts of it.
+const NEAR: [f64; 6] = [0.7, 0.85, 0.95, 1.05, 1.2, 1.4];
+
+/// How the friction of a joint turns round.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::identify) struct Turning {
+    pub(in crate::identify) presliding: f64,
+    pub(in crate::identify) stribeck: f64,
+}
+
+impl Turning {
+    /// Whether the presliding distances are the same, but for what the search tries next to one.
+    pub(in crate::identify) fn is_near(&self, other: &Self) -> bool {
+        let [least, most] = [f64::min, f64::max].map(|of| of(self.presliding, other.presliding));
+        most <= 1.5 * least || most <= PRESLIDING[2]
+    }
+}
+
+impl Rows {
+    /// How the friction of each joint turns round, as explains most of what the rest of the model leaves over.
+    pub(in crate::identify) fn best_turning(&self, posterior: &Posterior) -> Vec<Turning> {
+        (0..self.n_joints)
+            .map(|j| {
+                let mut coefficients = posterior.row_coefficients(j);
+                // All but friction.
+                coefficients.rows_mut(self.n_parameters + 1, 3).fill(0.0);
+                let slopes = self.n_parameters + 1 + FRICTION + BIAS;
+                coefficients.rows_mut(slopes, SLOPES).fill(0.0);
+                let left: Vec<(&Row, f64)> = (self.rows.iter())
+                    .filter(|row| !row.is_touched)
+                    .map(|row| (row, self.numbers(row, j).dot(&coefficients)))
+                    .collect();
+                let now = self.turning[j];
+                let near = NEAR.map(|factor| factor * now.presliding);
+                let tried = PRESLIDING.iter().chain(&near).chain([&now.presliding]);
+                let tried = tried.map(|presliding| {
+                    let states = self.states(&left, j, *presliding);
+                    let costs = STRIBECK.map(|stribeck| {
+                        let cost = self.cost(&left, (&states, j), stribeck);
+                        (cost, Turning { presliding: *presliding, stribeck })
+                    });
+                    costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).expect("there are some")
+                });
+                let best = tried.min_by(|a, b| a.0.total_cmp(&b.0)).expect("there are some");
+                if best.0.is_finite() { best.1 } else { now }
+            })
+            .collect()
+    }
+
+    /// States of friction at rows, with another presliding distance; `None` where it is not known.
+    fn states(&self, rows: &[(&Row, f64)], j: usize, presliding: f64) -> Vec<Option<f64>> {
+        let states: Vec<_> =
+            self.motions.iter().map(|motion| motion.friction_of(j, presliding)).collect();
+        let at = |row: &Row| {
+            let states = (&states[row.touch][..], presliding);
+            let state = self.motions[row.touch].friction_at(row.time_s, j, states);
+            (state.unknown() <= MOST_UNKNOWN).then(|| state.middle())
+        };
+        rows.iter().map(|(row, _)| at(row)).collect()
+    }
+
+    /// Mean square that Coulomb friction in these states, its asymmetry and breakaway leave over.
+    fn cost(
+        &self,
+        left: &[(&Row, f64)],
+        (states, j): (&[Option<f64>], usize),
+        stribeck: f64,
+    ) -> f64 {
+        let mut gram = nalgebra::Matrix3::<f64>::zeros();
+        let mut right = nalgebra::Vector3::<f64>::zeros();
+        let (mut power, mut rows) = (0.0, 0.0);
+        for ((row, over), z) in left.iter().zip(states) {
+            let Some(z) = *z else { continue };
+            let factors = JointFriction::factors(z, row.motion.speed[j], stribeck);
+            let own = nalgebra::Vector3::new(factors[0], factors[1], factors[2]);
+            gram += own * own.transpose();
+            right += own * *over;
+            power += over * over;
+            rows += 1.0;
+        }
+        if rows < 10.0 {
+            return f64::INFINITY;
+        }
+        gram += nalgebra::Matrix3::identity() * (1e-3 * rows);
+        let explained = gram.cholesky().map_or(0.0, |factor| right.dot(&factor.solve(&right)));
+        (power - explained) / rows
+    }
+}
