@@ -193,6 +193,10 @@ fn named_joints_are_matched_and_unknown_names_told() {
     let (exit, told) = run(inspect().arg(&path));
     assert_eq!((exit, codes(&told)), (Some(0), vec![]), "{told}");
     assert_eq!(told["paths"][0]["matching"], "reordered");
+    let read = &told["paths"][0]["columns"];
+    assert_eq!(read["joints"][0], "Actuator3");
+    assert_eq!(read["joints"][5], "Actuator1");
+    assert_eq!(read["q"].as_array().map(Vec::len), Some(7));
 
     names[5] = "Shoulder";
     write_csv(&path, &touch, &names);
@@ -465,12 +469,12 @@ fn strict_makes_warnings_count() {
 fn paths_that_are_nothing_are_told() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    fs::write(path("notes.txt"), "not a log").unwrap();
+    fs::write(path("notes.md"), "not a log").unwrap();
     fs::create_dir(path("void")).unwrap();
     write(folder.path(), &clean());
     let cases = [
         ("nowhere", "does not exist"),
-        ("notes.txt", "no format that is known"),
+        ("notes.md", "no format that is known"),
         ("void", "it is empty"),
         ("seq_0/angles.npy", "give the folder"),
     ];

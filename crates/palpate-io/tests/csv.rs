@@ -77,6 +77,43 @@ fn a_touch_column_parts_touches_and_joints_are_named() {
 }
 
 #[test]
+fn tables_of_messages_name_the_joints_in_their_rows() {
+    let rostopic = "%time,field.header.frame_id,field.name0,field.name1,field.position0,\
+                    field.position1,field.velocity0,field.velocity1,field.effort0,field.effort1\n\
+                    1700000000500000000,,elbow,shoulder,0.1,0.2,9,9,1,2\n\
+                    1700000001000000000,,elbow,shoulder,0.3,0.4,9,9,3,4\n";
+    let joints = Some(&["elbow", "shoulder"][..]);
+    let wanted = [
+        start("push", joints),
+        sample(Some(1_700_000_000.5), &[0.1, 0.2], &[1.0, 2.0]),
+        sample(Some(1_700_000_001.0), &[0.3, 0.4], &[3.0, 4.0]),
+    ];
+    assert_eq!(read(rostopic).unwrap(), wanted);
+    let foxglove = "header.stamp.sec,header.stamp.nanosec,name[0],name[1],position[0],position[1],\
+                    effort[0],effort[1]\n1700000000,500000000,elbow,shoulder,0.1,0.2,1,2\n\
+                    1700000001,0,elbow,shoulder,0.3,0.4,3,4\n";
+    assert_eq!(read(foxglove).unwrap(), wanted);
+    let short = foxglove.replace(",1,2\n", ",1\n");
+    assert!(read(&short).unwrap_err().contains("has 7 cells in line 2; wanted 8"));
+}
+
+#[test]
+fn a_file_of_kukas_recorder_is_read_as_it_is() {
+    let log = "%   ZeitInSec ZeitInNanoSec axisQMsr_LBR_iiwa_7_R800_1[0] axisTauMsr_LBR_iiwa_7_R800_1[0]\n  \
+               1400000000   500000000   0.5   -12.25  \n\
+               1400000001           0   0.25  -12\n";
+    let folder = folder_with(&[("DataRecorder0.log", log)]);
+    let events = read_as(&folder.path().join("DataRecorder0.log"), &LogOptions::default());
+    let wanted = [
+        start("DataRecorder0", None),
+        sample(Some(1_400_000_000.5), &[0.5], &[-12.25]),
+        sample(Some(1_400_000_001.0), &[0.25], &[-12.0]),
+    ];
+    assert_eq!(events.unwrap(), wanted);
+    assert!(read_as(folder.path(), &LogOptions::default()).is_err(), "not if it is not named");
+}
+
+#[test]
 fn a_folder_is_read_in_natural_order_a_file_a_touch() {
     let table = "q1,tau1\n0,1\n";
     let folder =

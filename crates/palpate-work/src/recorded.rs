@@ -82,6 +82,7 @@ impl Log for MemoryLog {
             samples: Some(self.samples),
             joints: None,
             torques: LoggedTorques::Unsaid,
+            columns: None,
         }
     }
 

@@ -1,6 +1,6 @@
 //! A log's facts for people.
 
-use palpate_io::log::{AngleUnit, Format};
+use palpate_io::log::{AngleUnit, CsvColumns, Format};
 use palpate_work::inspect::log::{LogFacts, Matching, Reading, TouchFacts};
 use palpate_work::inspect::{counted, number, word};
 use palpate_work::touched::TouchedFigures;
@@ -21,6 +21,9 @@ pub(super) fn text(log: &LogFacts) -> String {
         _ => "another",
     };
     let mut text = fact("format", format);
+    if let Some(columns) = &log.columns {
+        text += &fact("columns", &told_columns(columns));
+    }
     text += &fact("frames", &sizes(log));
     text += &fact("clock", &told_clock(log));
     text += &fact("joints", &told_joints(log));
@@ -53,6 +56,21 @@ pub(super) fn text(log: &LogFacts) -> String {
     text += &by_joint("Tare, N·m", |touch| touch.tare.as_ref());
     text += &by_joint("Noise at rest, N·m", |touch| touch.noise_std.as_ref());
     text + &by_joint("Largest external torque, N·m", |touch| Some(&touch.peak_by_joint))
+}
+
+/// The columns that are read: of each kind the first and the last.
+fn told_columns(columns: &CsvColumns) -> String {
+    let ends = |names: &[String]| match names {
+        [first, .., last] => format!("{first} … {last}"),
+        names => names.concat(),
+    };
+    let mut told = format!("{}; {}", ends(&columns.q), ends(&columns.tau));
+    for (what, name) in [("time", &columns.time), ("touch", &columns.touch)] {
+        if let Some(name) = name {
+            told += &format!("; {what}: {name}");
+        }
+    }
+    told
 }
 
 fn sizes(log: &LogFacts) -> String {

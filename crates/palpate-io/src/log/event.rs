@@ -6,6 +6,7 @@ use palpate::Sample;
 use serde::Serialize;
 
 use super::error::LogError;
+use super::options::CsvColumns;
 
 /// One thing that happens in a log.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,6 +46,8 @@ pub struct LogDescription {
     pub joints: Option<usize>,
     /// What the log says of its torques.
     pub torques: LoggedTorques,
+    /// The columns that are read, of the first file, if it is a table; two columns of one time are joined by `and`.
+    pub columns: Option<CsvColumns>,
 }
 
 /// What a log says of its torques.

@@ -7,7 +7,7 @@ use palpate::Sample;
 
 use super::error::{LogError, TableError};
 use super::event::{Format, LogDescription, LogEvent, LogWarning, LoggedTorques};
-use super::options::LogOptions;
+use super::options::{CsvColumns, LogOptions};
 use super::reader::Source;
 
 /// One file (or folder of arrays) that is read row by row.
@@ -46,6 +46,8 @@ pub(super) struct FileDescription {
     pub(super) joint_names: Option<Vec<String>>,
     /// Number of samples.
     pub(super) samples: Option<u64>,
+    /// The columns that are read, if it is a table.
+    pub(super) columns: Option<CsvColumns>,
     /// Whether its rows name their touch.
     pub(super) names_touches: bool,
     /// Whether a touch may go on from the file before, as rows name it.
@@ -73,13 +75,14 @@ impl<F: TouchFile> TouchFiles<F> {
         options: &LogOptions,
     ) -> Result<Self, LogError> {
         let (mut touches, mut samples, mut joints) = (Some(files.len()), Some(0), None);
-        let mut torques = None;
+        let (mut torques, mut columns) = (None, None);
         for path in &files {
             let file = F::open(path, options)?;
             let known = file.describe();
             touches = touches.filter(|_| !known.names_touches);
             samples = samples.zip(known.samples).map(|(sum, more)| sum + more);
             joints = joints.or(known.joints);
+            columns = columns.or(known.columns);
             if *torques.get_or_insert(known.torques) != known.torques {
                 return Err(TableError::CurrentsAndTorques { path: path.clone() }.into());
             }
@@ -87,7 +90,8 @@ impl<F: TouchFile> TouchFiles<F> {
         }
         let (path, format) = (path.to_owned(), F::FORMAT);
         let torques = torques.unwrap_or_default();
-        let description = LogDescription { path, format, touches, samples, joints, torques };
+        let description =
+            LogDescription { path, format, touches, samples, joints, torques, columns };
         files.reverse();
         let (options, begun) = (options.clone(), HashSet::new());
         Ok(Self { description, options, ahead: files, current: None, touch: None, begun })

@@ -16,8 +16,8 @@ pub enum JointNameError {
 /// Where each joint of the robot stands in the log: `q_robot[i] = q_log[permutation[i]]`.
 ///
 /// Joints of the log that the robot does not have, such as a gripper's, are left out. Names that differ in what all
-/// names of a side begin with, up to `_` or `/`, are taken for the same: `fr3_joint1` and `panda_joint1`, or `/left/j1`
-/// and `j1`.
+/// names of a side begin with, up to `_` or `/`, or end with, from `_` on, are taken for the same: `fr3_joint1` and
+/// `panda_joint1`, `/left/j1` and `j1`, or `elbow_joint` and `elbow`.
 ///
 /// # Errors
 ///
@@ -57,10 +57,16 @@ pub fn unmatched(robot: &[String], log: &[String]) -> (Vec<usize>, usize) {
     if alike.0.len() < exact.0.len() { alike } else { exact }
 }
 
-/// Names without what all of them begin with.
+/// Names without what all of them begin and end with.
 fn bare(names: &[String]) -> Vec<String> {
     let prefix = common_prefix(names);
-    names.iter().map(|name| name[prefix..].to_owned()).collect()
+    let rest: Vec<&str> = names.iter().map(|name| &name[prefix..]).collect();
+    let ending = rest.first().and_then(|first| first.rfind('_').map(|at| &first[at..]));
+    let shared = ending.filter(|_| rest.len() > 1).filter(|ending| {
+        rest.iter().all(|name| name.len() > ending.len() && name.ends_with(ending))
+    });
+    let end = shared.map_or(0, str::len);
+    rest.iter().map(|name| name[..name.len() - end].to_owned()).collect()
 }
 
 /// Bytes that all names begin with, up to the last `_` or `/` among them; none of a single name.
@@ -103,6 +109,17 @@ mod tests {
         let two_arms = [arm("left_"), arm("right_")].concat();
         assert!(reorder(&arm("fr3_"), &two_arms).is_err());
         assert_eq!(reorder(&arm("right_"), &two_arms), Ok(vec![3, 4, 5]));
+    }
+
+    #[test]
+    fn endings_of_all_names_do_not_matter() {
+        let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+        let robot = names(&["shoulder_pan_joint", "elbow_joint", "wrist_1_joint"]);
+        let log = names(&["elbow", "wrist_1", "shoulder_pan"]);
+        assert_eq!(reorder(&robot, &log), Ok(vec![2, 0, 1]));
+        assert_eq!(reorder(&log, &robot), Ok(vec![1, 2, 0]));
+        // What only some names have is no ending.
+        assert!(reorder(&names(&["elbow_joint", "wrist"]), &names(&["elbow", "wrist"])).is_err());
     }
 
     #[test]

@@ -103,6 +103,10 @@ fn source(path: &Path, options: &LogOptions) -> Result<Box<dyn Source>, LogError
         #[cfg(not(feature = "formats"))]
         return Err(TableError::NotBuilt { path: path.to_owned() }.into());
     }
+    let texts = if is_folder { Vec::new() } else { of_kind(csv::may_be_table) };
+    if !texts.is_empty() {
+        return Ok(Box::new(TouchFiles::<CsvFile>::open(path, texts, options)?));
+    }
     let found =
         if is_folder { contents(&entries) } else { "it is a file of an unknown format".to_owned() };
     Err(LogError::NoTouch { path: path.to_owned(), found, wanted: WANTED })

@@ -291,9 +291,9 @@ mod tests {
         let set = tempfile::tempdir().unwrap();
         assert!(complaint(&set.path().join("nowhere")).contains("does not exist"));
         assert!(complaint(set.path()).contains("it is empty"));
-        fs::write(set.path().join("notes.txt"), "").unwrap();
-        assert!(complaint(set.path()).contains("it holds notes.txt"));
-        assert!(complaint(&set.path().join("notes.txt")).contains("unknown format"));
+        fs::write(set.path().join("notes.md"), "").unwrap();
+        assert!(complaint(set.path()).contains("it holds notes.md"));
+        assert!(complaint(&set.path().join("notes.md")).contains("unknown format"));
         save(&set.path().join("seq_0/angles.npy"), TWO);
         assert!(complaint(set.path()).contains("torques.npy` does not exist"));
         fs::write(set.path().join("seq_0/torques.npy"), "not numbers").unwrap();

@@ -424,10 +424,22 @@ class InspectedTouch(TypedDict):
     """Work that the external torque does on the arm, J."""
 
 
+class Columns(TypedDict):
+    """Names of the columns that were read of a table."""
+
+    q: list[str]
+    tau: list[str]
+    joints: list[str] | None
+    time: str | None
+    touch: str | None
+
+
 class InspectedLog(TypedDict):
     """What a log holds."""
 
     format: str
+    columns: Columns | None
+    """None if it is no table."""
     robot: str
     frames: int
     clock: Clock | None

@@ -76,5 +76,8 @@ pub(super) fn recognise(path: &Path) -> Result<Kind, Box<Finding>> {
         let remedy = "give the folder that holds angles.npy and torques.npy";
         return wrong("unknown_format", "is a single npy array", remedy);
     }
+    if let Some("txt" | "log" | "dat") = ending.as_deref() {
+        return Ok(Kind::Log);
+    }
     wrong("unknown_format", "is of no format that is known", WANTED)
 }

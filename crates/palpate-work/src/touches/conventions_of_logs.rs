@@ -56,7 +56,7 @@ impl Touches {
             names.and_then(|names| held_joints::other_prefix(&arm.robot, names))
         {
             progress.note(&format!(
-                "joints are matched without what their names begin with: `{log}` is `{own}`, and so on"
+                "joints are matched without what all their names begin or end with: `{log}` is `{own}`, and so on"
             ));
         }
         let held = held_joints::not_in_log(&arm.robot, names, count);

@@ -1,8 +1,8 @@
 //! Touches as tables of text: one row a sample, columns by name.
 //!
 //! A file is one touch, unless a column says which touch each row belongs to; a folder of files is
-//! a touch each, in natural order. Comma, semicolon, tab or one blank between the cells, quotes, a byte-order
-//! mark, Windows line ends and lines that begin with `#` are all understood; decimals have a point.
+//! a touch each, in natural order. Comma, semicolon, tab or blanks between the cells, quotes, a byte-order
+//! mark, Windows line ends and lines that begin with `#` or `%` are all understood; decimals have a point.
 //! Which column is what: [`super::columns`]. Rows stream, and no line may be longer than 1 MiB.
 
 mod sniff;
@@ -32,13 +32,21 @@ pub(super) fn is_table(path: &Path) -> bool {
     folder::is_file_with(path, &["csv", "tsv"])
 }
 
+/// Whether a file that is given by itself may be a table: programs also call it so.
+pub(super) fn may_be_table(path: &Path) -> bool {
+    folder::is_file_with(path, &["txt", "log", "dat"])
+}
+
 /// One file being read.
 #[derive(Debug)]
 pub(super) struct CsvFile {
     path: PathBuf,
     reader: Reader<Lines<File>>,
+    delimiter: u8,
     header: Vec<String>,
     columns: Columns,
+    /// The first row, once it was read for the joints' names.
+    first: Option<ByteRecord>,
 }
 
 impl TouchFile for CsvFile {
@@ -54,23 +62,35 @@ impl TouchFile for CsvFile {
                 reason: reason.to_owned(),
             })?;
         let mut builder = ReaderBuilder::new();
-        builder.delimiter(dialect.delimiter).comment(Some(b'#')).trim(Trim::All);
+        let delimiter = dialect.delimiter;
+        builder.delimiter(delimiter).comment(Some(dialect.comment)).trim(Trim::All);
         builder.has_headers(false).flexible(true).terminator(Terminator::Any(b'\n'));
         let mut reader = builder.from_reader(Lines { input: open()?, left: 0, last: b'\n' });
         let first = match &dialect.commented_header {
             Some(header) => {
-                builder.from_reader(header.as_bytes()).byte_records().next().and_then(Result::ok)
+                let header = builder.from_reader(header.as_bytes()).byte_records().next();
+                header.and_then(Result::ok).map(|header| without_runs(header, delimiter))
             }
-            None => next_record(&mut reader, path)?,
+            None => next_record(&mut reader, delimiter, path)?,
         };
         let header: Vec<String> = first.unwrap_or_default().iter().map(text).collect();
-        let columns = columns(&header, options)
+        let mut columns = columns(&header, options)
             .map_err(|reason| TableError::columns(path, reason, &header, EXAMPLE))?;
-        Ok(Self { path: path.to_owned(), reader, header, columns })
+        let mut first = None;
+        if let Some(places) = &columns.named_in_row {
+            first = next_record(&mut reader, delimiter, path)?;
+            let whole = first.as_ref().filter(|row| row.len() == header.len());
+            columns.joint_names =
+                whole.map(|row| places.iter().map(|&place| text(&row[place])).collect());
+        }
+        Ok(Self { path: path.to_owned(), reader, delimiter, header, columns, first })
     }
 
     fn describe(&self) -> FileDescription {
-        FileDescription { joints: Some(self.columns.q.len()), ..self.columns.describe(&self.path) }
+        FileDescription {
+            joints: Some(self.columns.q.len()),
+            ..self.columns.describe(&self.path, &self.header)
+        }
     }
 
     fn check_joints(&self, first: &Path, joints: usize) -> Result<(), LogError> {
@@ -83,7 +103,11 @@ impl TouchFile for CsvFile {
     }
 
     fn next_row(&mut self) -> Result<Option<(Option<String>, Sample)>, LogError> {
-        let Some(record) = next_record(&mut self.reader, &self.path)? else { return Ok(None) };
+        let next = match self.first.take() {
+            Some(first) => Some(first),
+            None => next_record(&mut self.reader, self.delimiter, &self.path)?,
+        };
+        let Some(record) = next else { return Ok(None) };
         if record.len() != self.header.len() {
             let (path, line) = (self.path.clone(), self.line());
             let (found, wanted) = (record.len(), self.header.len());
@@ -119,6 +143,7 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
 /// The next row that is not blank, or `None` at the end.
 fn next_record(
     reader: &mut Reader<Lines<File>>,
+    delimiter: u8,
     path: &Path,
 ) -> Result<Option<ByteRecord>, LogError> {
     let mut record = ByteRecord::new();
@@ -126,11 +151,19 @@ fn next_record(
         reader.get_mut().left = MAX_LINE_BYTES;
         match reader.read_byte_record(&mut record) {
             Ok(true) if record.len() == 1 && record[0].is_empty() => {}
-            Ok(more) => return Ok(more.then_some(record)),
+            Ok(more) => return Ok(more.then(|| without_runs(record, delimiter))),
             Err(error) => {
                 return Err(LogError::Io { path: path.to_owned(), source: io::Error::from(error) });
             }
         }
+    }
+}
+
+/// A row without empty cells, if blanks are between the cells: programs align columns by several.
+fn without_runs(record: ByteRecord, delimiter: u8) -> ByteRecord {
+    match delimiter {
+        b' ' => record.iter().filter(|cell| !cell.is_empty()).collect(),
+        _ => record,
     }
 }
 
@@ -141,7 +174,7 @@ impl CsvFile {
     }
 
     fn sample(&self, record: &ByteRecord) -> Result<Sample, TableError> {
-        let number = |&place: &usize| {
+        let number = |place: usize| {
             let cell = std::str::from_utf8(&record[place]).ok();
             let number = cell.and_then(|cell| cell.parse::<f64>().ok());
             number.filter(|number| number.is_finite()).ok_or_else(|| {
@@ -153,12 +186,14 @@ impl CsvFile {
                 TableError::Cell { path, line, column, found }
             })
         };
-        let time = self.columns.time.as_ref().map(number).transpose()?;
-        let time_s = time.map(|time| time * self.columns.time_unit_s);
-        let q: Vec<f64> = self.columns.q.iter().map(number).collect::<Result<_, _>>()?;
+        let numbers = |places: &[usize]| -> Result<Vec<f64>, TableError> {
+            places.iter().copied().map(number).collect()
+        };
+        let time_s = self.columns.time.as_ref().map(|time| time.seconds(number)).transpose()?;
+        let q = numbers(&self.columns.q)?;
         let tau = match self.columns.tau.is_empty() {
             true => vec![0.0; q.len()],
-            false => self.columns.tau.iter().map(number).collect::<Result<_, _>>()?,
+            false => numbers(&self.columns.tau)?,
         };
         Ok(Sample::new(time_s, q, tau))
     }

@@ -9,13 +9,15 @@ pub(super) const MAX_LINE_BYTES: u64 = 1 << 20;
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Dialect {
     pub(super) delimiter: u8,
-    /// The header, if it stands in a comment as `numpy.savetxt` writes it.
+    /// What begins a line that is no row.
+    pub(super) comment: u8,
+    /// The header, if it stands in a comment as `numpy.savetxt`, `rostopic echo -p` and KUKA's recorder write it.
     pub(super) commented_header: Option<String>,
 }
 
 /// Reads up to the first line that is no comment. `Err` inside is half a sentence for the user.
 pub(super) fn sniff(mut input: impl BufRead) -> io::Result<Result<Dialect, &'static str>> {
-    let mut comment = None;
+    let mut comment: Option<(u8, String)> = None;
     loop {
         let mut line = Vec::new();
         let read = io::Read::take(&mut input, MAX_LINE_BYTES).read_until(b'\n', &mut line)?;
@@ -30,14 +32,17 @@ pub(super) fn sniff(mut input: impl BufRead) -> io::Result<Result<Dialect, &'sta
         }
         let text = String::from_utf8_lossy(&line);
         let text = text.trim_start_matches('\u{feff}').trim();
-        if let Some(rest) = text.strip_prefix('#') {
-            comment = Some(rest.trim().to_owned());
+        if let Some(rest) = text.strip_prefix(['#', '%']) {
+            comment = Some((text.as_bytes()[0], rest.trim().to_owned()));
         } else if !text.is_empty() {
             let delimiter = delimiter(text);
-            let commented_header = comment.filter(|comment| {
-                is_numeric(text, delimiter) && count(comment, delimiter) == count(text, delimiter)
-            });
-            return Ok(Ok(Dialect { delimiter, commented_header }));
+            let mark = comment.as_ref().map_or(b'#', |(mark, _)| *mark);
+            let is_header = |(mark, comment): &(u8, String)| {
+                (*mark == b'%' || is_numeric(text, delimiter))
+                    && count(comment, delimiter) == count(text, delimiter)
+            };
+            let commented_header = comment.filter(is_header).map(|(_, header)| header);
+            return Ok(Ok(Dialect { delimiter, comment: mark, commented_header }));
         }
     }
 }
@@ -54,18 +59,23 @@ fn delimiter(line: &str) -> u8 {
     if count(line, best) == 0 && count(line, b' ') > 0 { b' ' } else { best }
 }
 
-/// How often the delimiter stands outside quotes.
+/// How often the delimiter stands outside quotes, several blanks in a row as one.
 fn count(line: &str, delimiter: u8) -> usize {
-    let mut quoted = false;
+    let (mut quoted, mut last) = (false, 0);
     let bare = line.bytes().filter(|&byte| {
         quoted ^= byte == b'"';
-        byte == delimiter && !quoted
+        let is_first = byte != b' ' || last != b' ';
+        last = byte;
+        byte == delimiter && !quoted && is_first
     });
     bare.count()
 }
 
 fn is_numeric(line: &str, delimiter: u8) -> bool {
-    line.split(char::from(delimiter)).all(|cell| cell.trim().parse::<f64>().is_ok())
+    let cells = line.split(char::from(delimiter)).map(str::trim);
+    cells
+        .filter(|cell| delimiter != b' ' || !cell.is_empty())
+        .all(|cell| cell.parse::<f64>().is_ok())
 }
 
 #[cfg(test)]
@@ -84,7 +94,8 @@ mod tests {
             ("alone", b','),
         ] {
             let dialect = sniff(text.as_bytes()).unwrap().unwrap();
-            assert_eq!(dialect, Dialect { delimiter, commented_header: None }, "{text:?}");
+            let wanted = Dialect { delimiter, comment: b'#', commented_header: None };
+            assert_eq!(dialect, wanted, "{text:?}");
         }
     }
 
@@ -94,6 +105,13 @@ mod tests {
         assert_eq!(dialect.commented_header.as_deref(), Some("q1,tau1"));
         let dialect = sniff(&b"# q1 tau1\n1.0 2.0\n"[..]).unwrap().unwrap();
         assert_eq!(dialect.commented_header.as_deref(), Some("q1 tau1"));
+        for text in ["%time,q1,name\n1,2,three\n", "%  time   q1  name\n 1.0  2.0    three\n"] {
+            let dialect = sniff(text.as_bytes()).unwrap().unwrap();
+            assert_eq!(dialect.comment, b'%', "{text:?}");
+            assert!(dialect.commented_header.unwrap().starts_with("time"), "{text:?}");
+        }
+        let dialect = sniff(&b"% of today\nq1,tau1\n1,2\n"[..]).unwrap().unwrap();
+        assert_eq!(dialect.commented_header, None);
     }
 
     #[test]

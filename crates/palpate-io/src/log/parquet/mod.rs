@@ -26,9 +26,9 @@ use ::parquet::schema::types::Type;
 use palpate::Sample;
 
 use super::MAX_JOINTS;
-use super::columns::Columns;
+use super::columns::{Columns, Time};
 use super::error::{LogError, TableError};
-use super::event::Format;
+use super::event::{Format, LoggedTorques};
 use super::files::{FileDescription, TouchFile};
 use super::options::LogOptions;
 use crate::{input, panics};
@@ -109,7 +109,7 @@ impl TouchFile for ParquetFile {
     }
 
     fn describe(&self) -> FileDescription {
-        let known = self.columns.describe(&self.path);
+        let known = self.columns.describe(&self.path, &self.header);
         let continues_touches = known.names_touches;
         let named = self.named.as_ref().map(|joints| joints.names.clone());
         let known = FileDescription { joint_names: known.joint_names.or(named), ..known };
@@ -139,10 +139,12 @@ impl TouchFile for ParquetFile {
                 format!("{found} positions and {torques} torques; wanted {joints} of each");
             return Err(self.refused(&self.header[self.columns.tau[0]], reason).into());
         }
-        let time = self.columns.time.map(|place| self.numbers(&row, &[place])).transpose()?;
+        let number = |place| -> Result<f64, TableError> {
+            Ok(self.numbers(&row, &[place])?.first().copied().unwrap_or_default())
+        };
+        let time_s = self.columns.time.as_ref().map(|time| time.seconds(number)).transpose()?;
         let touch = self.columns.touch.map(|place| self.touch(&row, place)).transpose()?;
         self.row += 1;
-        let time_s = time.and_then(|time| Some(time.first()? * self.columns.time_unit_s));
         Ok(Some((touch, Sample::new(time_s, q, tau))))
     }
 
@@ -265,10 +267,10 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
             q: vec![q],
             tau: vec![tau],
             joint_names: None,
-            time: first(&["timestamp"]),
+            named_in_row: None,
+            time: first(&["timestamp"]).map(|place| Time::at(place, header)),
             touch: first(&["episode_index"]),
-            time_unit_s: 1.0,
-            currents: false,
+            torques: LoggedTorques::Unsaid,
         }),
         (Some(q), None) => Err(format!(
             "positions are in `{}`, and no column holds torques, of which {} are known",

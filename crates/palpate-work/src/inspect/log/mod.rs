@@ -42,7 +42,7 @@ use std::sync::Arc;
 use palpate::{
     Arm, ContactConfig, ExternalTorqueConfig, Gravity, Lattice, MapperConfig, Robot, TorqueSign,
 };
-use palpate_io::log::{AngleUnit, Format, LogWarning, LoggedTorques};
+use palpate_io::log::{AngleUnit, CsvColumns, Format, LogDescription, LogWarning, LoggedTorques};
 use serde::Serialize;
 
 use super::field::LatticeFacts;
@@ -64,6 +64,8 @@ pub use reading::{Fit, Fits, Reading};
 pub struct LogFacts {
     /// Its format.
     pub format: Format,
+    /// The columns that are read, if it is a table.
+    pub columns: Option<CsvColumns>,
     /// Name of the robot that it is held against.
     pub robot: String,
     /// Frames of all touches.
@@ -277,10 +279,12 @@ impl LogFacts {
         matching: Matching,
         (robot, config): (&Robot, &MapperConfig),
     ) -> Self {
+        let LogDescription { format, columns, .. } = log.describe();
         let first = &touches[0];
         let numbered = || (1..=first.n_joints()).map(|joint| format!("joint {joint}")).collect();
         Self {
-            format: log.describe().format,
+            format,
+            columns,
             robot: robot.name().to_owned(),
             frames: touches.iter().map(RecordedTouch::frames).sum(),
             clock: frames::clock(touches),

@@ -1,30 +1,35 @@
 //! Which column of a table is what: by the user's map, or by the spelling of its name.
 //!
-//! Spellings that are known, in any case, with `_`, `.`, `/`, `:`, `-` or a blank between words and
-//! a unit such as `[rad]` behind:
+//! Spellings that are known, in any case, with `_`, `.`, `/`, `:`, `-` or a blank between words, a topic or a part of
+//! a message before them (`/joint_states/`, `field.`), `measured`, `actual` or `feedback` beside them, and a unit such as
+//! `[rad]` behind:
 //!
 //! | what        | numbered                                       | named after the joint           |
 //! |-------------|------------------------------------------------|---------------------------------|
 //! | position    | `q1`, `joint_position_1`, `position[0]`, `pos1` | `elbow_position`, `angle_elbow` |
 //! | torque      | `tau1`, `joint_torque_1`, `effort[0]`          | `elbow_effort`, `torque_elbow`  |
-//! | current     | `current1`, `motor_current_1`                  | `elbow_current`                 |
-//! | time        | `time`, `t`, `stamp`, `timestamp`, `time_ms`   |                                 |
+//! | current     | `current1`, `motor_current_1`, `i_actual_0`    | `elbow_current`                 |
+//! | time        | `time`, `timestamp_ns`, `stamp.sec` and `stamp.nanosec` |                        |
 //! | touch       | `touch`, `sequence`, `seq`, `episode`          |                                 |
 //!
-//! What Universal Robots' RTDE and libfranka write is known as well: `actual_q_0`, `actual_current_0`,
-//! `actual_current_as_torque_0`; `state.q[0]`, `state.tau_J[0]`, with a time in milliseconds.
+//! What makers' own programs write is known as well: Universal Robots' RTDE (`actual_q_0`, `actual_current_as_torque_0`,
+//! `actual_current_0`), libfranka (`state.q[0]`, `state.tau_J[0]`, with a time in milliseconds), KUKA's recorder
+//! (`axisQMsr_LBR_iiwa_7_R800_1[0]`) and pyfri (`mp1`, `mt1`).
 //!
 //! Columns are taken only if exactly one family of positions and one of torques have the same
-//! joints: what is ambiguous is an error, not a guess. Where no torques fit, motor currents do.
+//! joints: what is ambiguous is an error, not a guess. Of several those count that lie in one topic, or say that
+//! they were measured. Where no torques fit, Franka's external torques do (`tau_ext_hat_filtered`), or else motor currents.
+
+mod names;
+mod time;
 
 use std::path::Path;
-use std::sync::LazyLock;
-
-use regex::{Regex, RegexBuilder};
 
 use super::event::LoggedTorques;
 use super::files::FileDescription;
 use super::options::{AngleUnit, CsvColumns};
+use names::{Family, Label, pairs};
+pub(super) use time::Time;
 
 /// Places of the columns in a row.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,59 +37,17 @@ pub(super) struct Columns {
     pub(super) q: Vec<usize>,
     pub(super) tau: Vec<usize>,
     pub(super) joint_names: Option<Vec<String>>,
-    pub(super) time: Option<usize>,
+    /// Where a row holds the joints' names, in the same order, as tables of messages do.
+    pub(super) named_in_row: Option<Vec<usize>>,
+    pub(super) time: Option<Time>,
     pub(super) touch: Option<usize>,
-    /// Seconds in a unit of the time.
-    pub(super) time_unit_s: f64,
-    /// `tau` are motor currents by their names.
-    pub(super) currents: bool,
+    /// What `tau` are by their names.
+    pub(super) torques: LoggedTorques,
 }
 
-/// How columns of positions, of torques and of motor currents are called; of two words in a name, the first here counts.
-static POSITIONS: LazyLock<Vec<Regex>> = LazyLock::new(|| {
-    patterns(
-        "joint_positions|joint_position|joint_angles|joint_angle|joint_pos|positions|position|\
-         angles|angle|pos|actual_q|q",
-    )
-});
-static TORQUES: LazyLock<Vec<Regex>> = LazyLock::new(|| {
-    patterns(
-        "joint_torques|joint_torque|joint_efforts|joint_effort|torques|torque|efforts|effort|\
-         tau_j|tau|actual_current_as_torque",
-    )
-});
-static CURRENTS: LazyLock<Vec<Regex>> = LazyLock::new(|| {
-    patterns(
-        "joint_currents|joint_current|motor_currents|motor_current|actual_current|currents|current",
-    )
-});
-const TIMES: &[&str] =
-    &["time", "t", "stamp", "timestamp", "time_s", "__time", "time_ms", "t_ms", "timestamp_ms"];
-/// Names of the time, ms, and of another column in what libfranka's `logToCSV` writes, now and in older versions.
-const LIBFRANKA: [[&str; 2]; 2] = [["time", "success_rate"], ["duration", "success rate"]];
+/// Units that may stand behind a name.
+const UNITS: &[&str] = &["rad", "deg", "Nm", "nm", "m", "N", "A"];
 const TOUCHES: &[&str] = &["touch", "sequence", "seq", "episode"];
-
-/// Which of the [`patterns`] has numbers.
-const NUMBERED: usize = 0;
-
-/// Names that hold one of `words`, with the number of a joint behind it, or else the joint's name before
-/// or behind it.
-fn patterns(words: &str) -> Vec<Regex> {
-    let between = "[_./:\\- ]";
-    let numbered =
-        format!(r"^(?:.*/|state\.)?(?<word>{words}){between}*[\[(]*(?<number>[0-9]+)[\])]*$");
-    let named = words.split('|').flat_map(|word| {
-        [
-            format!(r"^(?:.*?/)??(?<joint>[^/]+?){between}+(?<word>{word})$"),
-            format!(r"^(?<word>{word}){between}+(?<joint>.+)$"),
-        ]
-    });
-    let pattern = |pattern: String| {
-        let pattern = RegexBuilder::new(&pattern).case_insensitive(true).build();
-        pattern.expect("the words fit a pattern")
-    };
-    std::iter::once(numbered).chain(named).map(pattern).collect()
-}
 
 impl Columns {
     /// The columns that `map` names, or those that are recognised by their spelling. An error is
@@ -116,19 +79,26 @@ impl Columns {
 
     /// All places that are read.
     pub(super) fn used(&self) -> impl Iterator<Item = usize> {
-        self.q.iter().chain(&self.tau).chain(&self.time).chain(&self.touch).copied()
+        let time = self.time.iter().flat_map(Time::places);
+        self.q.iter().chain(&self.tau).chain(&self.touch).copied().chain(time)
     }
 
     /// What they say of their file.
-    pub(super) fn describe(&self, path: &Path) -> FileDescription {
+    pub(super) fn describe(&self, path: &Path, header: &[String]) -> FileDescription {
+        let names = |places: &[usize]| places.iter().map(|&place| header[place].clone()).collect();
+        let time = self.time.as_ref().map(|time| names(&time.places().collect::<Vec<_>>()));
         FileDescription {
             name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            columns: Some(CsvColumns {
+                q: names(&self.q),
+                tau: names(&self.tau),
+                joints: self.joint_names.clone(),
+                time: time.map(|names: Vec<String>| names.join(" and ")),
+                touch: self.touch.map(|place| header[place].clone()),
+            }),
             joint_names: self.joint_names.clone(),
             names_touches: self.touch.is_some(),
-            torques: match self.currents {
-                true => LoggedTorques::Currents,
-                false => LoggedTorques::Unsaid,
-            },
+            torques: self.torques,
             ..FileDescription::default()
         }
     }
@@ -168,25 +138,26 @@ impl Columns {
             q: map.q.iter().map(place).collect::<Result<_, _>>()?,
             tau: map.tau.iter().map(place).collect::<Result<_, _>>()?,
             joint_names: map.joints.clone(),
-            time,
+            named_in_row: None,
+            time: time.map(|place| Time::at(place, header)),
             touch: map.touch.as_ref().map(place).transpose()?,
-            time_unit_s: time_unit_s(header, time),
-            currents: false,
+            torques: LoggedTorques::Unsaid,
         })
     }
 
     fn recognised(header: &[String], has_torques: bool) -> Result<Self, String> {
-        let positions = families(header, &POSITIONS);
-        let of_torques = match has_torques {
-            true => families(header, &TORQUES),
-            // Positions stand for them, so that they are of the same joints.
-            false => families(header, &POSITIONS),
-        };
-        let of_currents = if has_torques { families(header, &CURRENTS) } else { Vec::new() };
-        let currents = pairs(&positions, &of_torques).is_empty()
-            && !pairs(&positions, &of_currents).is_empty();
-        let torques = if currents { of_currents } else { of_torques };
-        let pairs = pairs(&positions, &torques);
+        let positions = names::POSITIONS.families(header);
+        let joint_names = names::JOINT_NAMES.families(header);
+        // Where torques are not needed, positions stand for them, so that they are of the same joints.
+        let kinds = [
+            (LoggedTorques::Unsaid, if has_torques { &names::TORQUES } else { &names::POSITIONS }),
+            (LoggedTorques::External, &names::EXTERNAL_TORQUES),
+            (LoggedTorques::Currents, &names::CURRENTS),
+        ];
+        let found = kinds.map(|(kind, spelling)| (kind, spelling.families(header)));
+        let fits = |(_, torques): &&(_, Vec<_>)| !pairs(&positions, torques).is_empty();
+        let (kind, torques) = found.iter().find(fits).unwrap_or(&found[0]);
+        let pairs = pairs(&positions, torques);
         let [(q, tau)] = pairs[..] else {
             return Err(match (positions.is_empty(), torques.is_empty(), pairs.is_empty()) {
                 (true, _, _) => "no column is spelt like a joint position".to_owned(),
@@ -195,120 +166,47 @@ impl Columns {
                 _ => "more than one set of columns could be meant".to_owned(),
             });
         };
-        let numbered = q.key.0 == NUMBERED;
-        if numbered && !is_gapless(&q.labels()) {
+        if q.is_numbered() && !is_gapless(&q.labels()) {
             return Err("the numbers of the joints have gaps or repeat".to_owned());
         }
         // Numbered joints by their number, named ones in the order of the file.
         let mut members = q.members.clone();
-        if numbered {
+        if q.is_numbered() {
             members.sort();
         }
-        let of_torque = |label: &Label| {
-            tau.members.iter().find(|(other, _)| other == label).map(|(_, place)| *place)
+        let places = |of: &Family| -> Vec<usize> {
+            let place = |label: &Label| of.members.iter().find(|(other, _)| other == label);
+            members.iter().filter_map(|(label, _)| place(label)).map(|(_, place)| *place).collect()
         };
         let names = members.iter().map(|(label, _)| match label {
             Label::Name(name) => Some(name.clone()),
             Label::Number(_) => None,
         });
-        let time = time_of_libfranka(header).or_else(|| only(header, TIMES));
         Ok(Self {
             q: members.iter().map(|(_, place)| *place).collect(),
             tau: match has_torques {
-                true => members.iter().filter_map(|(label, _)| of_torque(label)).collect(),
+                true => places(tau),
                 false => Vec::new(),
             },
             joint_names: names.collect(),
-            time,
-            touch: only(header, TOUCHES),
-            time_unit_s: time_unit_s(header, time),
-            currents,
+            named_in_row: joint_names.iter().find(|of| of.stands_beside(q)).map(places),
+            time: Time::find(header),
+            touch: touch(header),
+            torques: *kind,
         })
     }
 }
 
-/// The time in what libfranka writes.
-fn time_of_libfranka(header: &[String]) -> Option<usize> {
-    let place = |wanted: &str| header.iter().position(|name| name.trim() == wanted);
-    LIBFRANKA.iter().find_map(|[time, other]| place(other).and(place(time)))
-}
-
-/// Seconds in a unit of the column of times: milliseconds if its name says so, or libfranka wrote it.
-fn time_unit_s(header: &[String], time: Option<usize>) -> f64 {
-    let says_so = |place: usize| {
-        let name = header[place].to_ascii_lowercase();
-        let mut words = name.split(|c: char| !c.is_ascii_alphanumeric());
-        words.rfind(|word| !word.is_empty()) == Some("ms")
-    };
-    let of_libfranka = time.is_some() && time == time_of_libfranka(header);
-    if of_libfranka || time.is_some_and(says_so) { 1e-3 } else { 1.0 }
-}
-
-/// The column whose whole name is one of `words`, the first word counting most.
-fn only(header: &[String], words: &[&str]) -> Option<usize> {
+/// The column that says which touch a row belongs to, the first of the words counting most.
+fn touch(header: &[String]) -> Option<usize> {
     let plain: Vec<String> = header.iter().map(|name| base(name).to_ascii_lowercase()).collect();
-    words.iter().find_map(|word| plain.iter().position(|name| name == word))
-}
-
-/// The joint that a column of a family belongs to.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-enum Label {
-    Number(u32),
-    Name(String),
-}
-
-/// Columns whose names differ only in the joint.
-struct Family {
-    /// What they share: the pattern, and the word in it.
-    key: (usize, String),
-    members: Vec<(Label, usize)>,
-}
-
-impl Family {
-    fn labels(&self) -> Vec<&Label> {
-        let mut labels: Vec<&Label> = self.members.iter().map(|(label, _)| label).collect();
-        labels.sort();
-        labels
-    }
-}
-
-/// Families of positions and of torques that have the same joints.
-fn pairs<'a>(positions: &'a [Family], torques: &'a [Family]) -> Vec<(&'a Family, &'a Family)> {
-    let all = positions.iter().flat_map(|q| torques.iter().map(move |tau| (q, tau)));
-    all.filter(|(q, tau)| q.labels() == tau.labels()).collect()
+    TOUCHES.iter().find_map(|word| plain.iter().position(|name| name == word))
 }
 
 /// Numbers from 0 or 1 on, each once.
 fn is_gapless(labels: &[&Label]) -> bool {
     let first = if labels.contains(&&Label::Number(0)) { 0 } else { 1 };
     labels.iter().zip(first..).all(|(label, number)| **label == Label::Number(number))
-}
-
-/// All families of columns whose names fit one of the patterns.
-fn families(header: &[String], patterns: &[Regex]) -> Vec<Family> {
-    let mut families: Vec<Family> = Vec::new();
-    for (place, name) in header.iter().enumerate() {
-        let fit = |(kind, pattern)| Some((kind, classify(base(name), pattern)?));
-        let Some((kind, (word, label))) = patterns.iter().enumerate().find_map(fit) else {
-            continue;
-        };
-        let key = (kind, word);
-        match families.iter_mut().find(|family| family.key == key) {
-            Some(family) => family.members.push((label, place)),
-            None => families.push(Family { key, members: vec![(label, place)] }),
-        }
-    }
-    families
-}
-
-/// The word in a name, and its joint.
-fn classify(name: &str, pattern: &Regex) -> Option<(String, Label)> {
-    let found = pattern.captures(name)?;
-    let label = match found.name("number") {
-        Some(number) => Label::Number(number.as_str().parse().ok()?),
-        None => Label::Name(found["joint"].to_owned()),
-    };
-    Some((found["word"].to_ascii_lowercase(), label))
 }
 
 /// A name without blanks around it and without its unit: `q1` of ` q1 [rad]`, `q1_rad`.
@@ -319,10 +217,10 @@ fn base(name: &str) -> &str {
     {
         name = front.trim_end();
     }
-    for unit in ["_rad", "_deg", "_nm", "_Nm", "_m", "_N", "_A"] {
-        name = name.strip_suffix(unit).unwrap_or(name);
+    match name.rsplit_once('_') {
+        Some((front, unit)) if UNITS.contains(&unit) => front,
+        _ => name,
     }
-    name
 }
 
 #[cfg(test)]
@@ -350,35 +248,12 @@ mod tests {
              /joint_states/effort[1]",
         ] {
             let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
-            let (q, tau) = (vec![1, 2], vec![3, 4]);
-            let (joint_names, time, touch) = (None, Some(0), None);
-            let (time_unit_s, currents) = (1.0, false);
-            let wanted = Columns { q, tau, joint_names, time, touch, time_unit_s, currents };
-            assert_eq!(columns, wanted, "{header}");
+            let Columns { q, tau, joint_names, named_in_row, time, touch, torques } = columns;
+            assert_eq!((q, tau), (vec![1, 2], vec![3, 4]), "{header}");
+            assert_eq!((joint_names, named_in_row, touch), (None, None, None), "{header}");
+            assert_eq!(torques, LoggedTorques::Unsaid);
+            assert!(time.unwrap().places().eq([0]), "{header}");
         }
-    }
-
-    #[test]
-    fn a_time_in_milliseconds_is_one_if_its_name_or_libfranka_says_so() {
-        for (header, unit_s) in [
-            ("time,q1,tau1", 1.0),
-            ("Time [s],q1,tau1", 1.0),
-            ("Time [ms],q1,tau1", 1e-3),
-            ("time_ms,q1,tau1", 1e-3),
-            (
-                "time,success_rate,state.q[0],state.q_d[0],state.dq[0],state.tau_J[0],cmd.q_d[0],cmd.tau_J_d[0]",
-                1e-3,
-            ),
-            (
-                "duration, success rate, q[0],q_d[0],tau_J[0],tau_ext_hat_filtered[0],sent commands,q_d[0],tau_J_d[0]",
-                1e-3,
-            ),
-        ] {
-            let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
-            assert_eq!((columns.time, columns.time_unit_s), (Some(0), unit_s), "{header}");
-        }
-        // Another's duration is no time.
-        assert_eq!(find("duration,q1,tau1").unwrap().time, None);
     }
 
     #[test]
@@ -387,13 +262,87 @@ mod tests {
             "timestamp,target_current_0,actual_q_0,actual_q_1,actual_current_0,actual_current_1",
             "time,x,elbow_position,wrist_position,elbow_current [A],wrist_current [A]",
             "t,x,q1,q2,motor_current_1_A,motor_current_2_A",
+            "t,i_target_0,q_actual_0,q_actual_1,i_actual_0,i_actual_1,m_target_0,qd_actual_0",
+            "t,x,q_elbow_joint,q_wrist_joint,i_elbow_joint,i_wrist_joint",
         ] {
             let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
-            assert!(columns.currents, "{header}");
+            assert_eq!(columns.torques, LoggedTorques::Currents, "{header}");
             assert_eq!((columns.q, columns.tau), (vec![2, 3], vec![4, 5]), "{header}");
         }
-        assert!(!find("q1,current1,tau1").unwrap().currents);
+        assert_eq!(find("q1,current1,tau1").unwrap().torques, LoggedTorques::Unsaid);
         assert!(find("q1,current1,tau1,effort1").unwrap_err().contains("more than one"));
+    }
+
+    #[test]
+    fn frankas_external_torques_are_taken_where_there_are_no_others() {
+        for (torque, kind) in
+            [("tau_J", LoggedTorques::Unsaid), ("tau_ext_hat_filtered", LoggedTorques::External)]
+        {
+            let header = format!("q_0,q_1,{torque}_0,{torque}_1,current_0,current_1");
+            let columns = find(&header).unwrap();
+            assert_eq!((columns.torques, columns.tau), (kind, vec![2, 3]), "{header}");
+        }
+        assert!(find("q_0,external_torque_0").is_err(), "its sign is not known");
+        let both = find("q0,tau_ext_hat_filtered0,tau0").unwrap();
+        assert_eq!((both.torques, both.tau), (LoggedTorques::Unsaid, vec![2]));
+    }
+
+    /// What programs write, as their documentation or their records have it.
+    #[test]
+    fn what_other_programs_write_is_recognised() {
+        for header in [
+            // `rostopic echo -p` of ROS 1, of joint states and of franka_ros
+            "%time,field.header.seq,field.position0,field.position1,field.effort0,field.effort1,\
+             field.velocity0,field.velocity1",
+            "%time,x,field.q0,field.q1,field.tau_J0,field.tau_J1,field.q_d0,field.q_d1,\
+             field.tau_J_d0,field.tau_J_d1,field.dq0,field.dq1,field.tau_ext_hat_filtered0,\
+             field.tau_ext_hat_filtered1",
+            // bagpy, the same
+            "Time,header.seq,position_0,position_1,effort_0,effort_1,velocity_0,velocity_1",
+            "Time,x,q_0,q_1,tau_J_0,tau_J_1,q_d_0,q_d_1,tau_J_d_0,tau_J_d_1,dq_0,dq_1,\
+             tau_ext_hat_filtered_0,tau_ext_hat_filtered_1",
+            // Foxglove
+            "header.stamp.sec,header.stamp.nanosec,position[0],position[1],effort[0],effort[1]",
+            // PlotJuggler, of two topics
+            "__time,x,/joint_states/position[0],/joint_states/position[1],/joint_states/effort[0],\
+             /joint_states/effort[1],/desired/position[0],/desired/position[1]",
+            // KUKA's DataRecorder, and pyfri
+            "ZeitInSec,ZeitInNanoSec,axisQMsr_LBR_iiwa_7_R800_1[0],axisQMsr_LBR_iiwa_7_R800_1[1],\
+             axisTauMsr_LBR_iiwa_7_R800_1[0],axisTauMsr_LBR_iiwa_7_R800_1[1],\
+             axisQCmdT1m_LBR_iiwa_7_R800_1[0],axisQCmdT1m_LBR_iiwa_7_R800_1[1],\
+             axisTauExtMsr_LBR_iiwa_7_R800_1[0],axisTauExtMsr_LBR_iiwa_7_R800_1[1],cartForce1_X",
+            "index,time,mp1,mp2,mt1,mt2,ip1,ip2,et1,et2,record_time_nsec,tsec,tnsec,dt",
+            // Doosan, and scripts
+            "time_stamp,x,actual_joint_position_0,actual_joint_position_1,actual_joint_torque_0,\
+             actual_joint_torque_1,external_joint_torque_0,external_joint_torque_1",
+            "host_time_s,x,q1,q2,joint_measured_torque_1_nm,joint_measured_torque_2_nm,\
+             joint_external_torque_1_nm,joint_external_torque_2_nm,dq1_radps,dq2_radps",
+            "timestamp,x,actual_q_0,actual_q_1,measured_tq_0,measured_tq_1,target_q_0,target_q_1,\
+             external_tq_0,external_tq_1,force_X",
+            "TIMESTAMP,x,POSITION_FEEDBACK_1,POSITION_FEEDBACK_2,TORQUE_FEEDBACK_1,TORQUE_FEEDBACK_2",
+            "time,x,pos_meas1,pos_meas2,tau_meas1,tau_meas2,pos1,pos2,pos_des1,pos_des2,tau_con1",
+            "time,x,jointPosition1,jointPosition2,jointTorque1,jointTorque2",
+        ] {
+            let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
+            let found = (columns.q, columns.tau, columns.torques);
+            assert_eq!(found, (vec![2, 3], vec![4, 5], LoggedTorques::Unsaid), "{header}");
+            assert!(columns.joint_names.is_none() && columns.touch.is_none(), "{header}");
+            assert!(columns.time.is_some(), "{header}");
+        }
+    }
+
+    #[test]
+    fn columns_of_one_topic_count_and_commands_are_no_joints() {
+        let columns = find(
+            "/js/elbow/position,/js/wrist/position,/js/elbow/effort,/js/wrist/effort,\
+             /goal/elbow/position,/goal/wrist/position,target_elbow_position,elbow_cmd_position,\
+             position_d_1,effort_d_1",
+        );
+        let columns = columns.unwrap();
+        assert_eq!((columns.q, columns.tau), (vec![0, 1], vec![2, 3]));
+        assert_eq!(columns.joint_names.unwrap(), ["elbow", "wrist"]);
+        let two_topics = find("/a/q[0],/a/tau[0],/b/q[0],/b/tau[0]").unwrap_err();
+        assert!(two_topics.contains("more than one"), "{two_topics}");
     }
 
     #[test]
