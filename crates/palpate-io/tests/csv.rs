@@ -93,6 +93,13 @@ fn tables_of_messages_name_the_joints_in_their_rows() {
                     effort[0],effort[1]\n1700000000,500000000,elbow,shoulder,0.1,0.2,1,2\n\
                     1700000001,0,elbow,shoulder,0.3,0.4,3,4\n";
     assert_eq!(read(foxglove).unwrap(), wanted);
+    let bagpy = "Time,header.stamp.secs,header.stamp.nsecs,name,position_0,position_1,effort_0,effort_1\n\
+                 9,1700000000,500000000,\"['elbow', 'shoulder']\",0.1,0.2,1,2\n\
+                 9,1700000001,0,\"['elbow', 'shoulder']\",0.3,0.4,3,4\n";
+    assert_eq!(read(bagpy).unwrap(), wanted);
+    let two_robots = bagpy.replace("001,0,\"['elbow'", "001,0,\"['knee'");
+    let error = read(&two_robots).unwrap_err();
+    assert!(error.contains("the joints knee, shoulder in line 3"), "{error}");
     let short = foxglove.replace(",1,2\n", ",1\n");
     assert!(read(&short).unwrap_err().contains("has 7 cells in line 2; wanted 8"));
 }

@@ -87,6 +87,12 @@ pub enum TableError {
     /// A row that is longer or shorter than the header.
     #[error("`{path}` has {found} cells in line {line}; wanted {wanted} as in its header")]
     Row { path: PathBuf, line: u64, found: usize, wanted: usize },
+    /// A row that is of other joints than those before it.
+    #[error(
+        "`{path}` has the joints {found} in line {line}; wanted {wanted} as before: if several \
+         robots were recorded in one table, part it"
+    )]
+    OtherJoints { path: PathBuf, line: u64, found: String, wanted: String },
     /// A cell of a text that is no finite number.
     #[error(
         "`{path}` holds {found} in line {line}, column `{column}`; every number must be finite, \
@@ -98,8 +104,8 @@ pub enum TableError {
     Value { path: PathBuf, row: u64, column: String, reason: String },
     /// Files of one log that hold different things.
     #[error(
-        "`{path}`: of this file and those before it, some have columns of motor currents and some \
-         of torques; read them one after the other"
+        "`{path}`: of this file and those before it, some have columns of measured torques, others \
+         of motor currents or external torques; read them one after the other"
     )]
     CurrentsAndTorques { path: PathBuf },
     /// A touch in two pieces.

@@ -1,10 +1,10 @@
 //! Touches as folders of npy files, the layout of OpenVSF: `seq_0/angles.npy`, `torques.npy`.
 //!
-//! | file          | shape      | unit | needed |
-//! |---------------|------------|------|--------|
-//! | `angles.npy`  | T x n      | rad  | yes    |
-//! | `torques.npy` | T x n      | N·m  | yes    |
-//! | `time.npy`    | T or T x 1 | s    | no     |
+//! | file          | or one that is called like columns are   | shape      | unit | needed |
+//! |---------------|------------------------------------------|------------|------|--------|
+//! | `angles.npy`  | `q.npy`, `joint_positions.npy`, ...      | T x n      | rad  | yes    |
+//! | `torques.npy` | `tau.npy`, `measured_torques.npy`, ...   | T x n      | N·m  | yes    |
+//! | `time.npy`    | `t.npy`, `timestamps_ns.npy`, ...        | T or T x 1 | s    | no     |
 //!
 //! A log is one such folder or a folder of them, read in natural order. The files of a touch are
 //! read in lock-step, a block of rows at a time. Shapes and lengths of *all* touches are checked
@@ -17,9 +17,11 @@ use std::path::{Path, PathBuf};
 use palpate::Sample;
 
 use super::MAX_JOINTS;
+use super::columns::{POSITIONS, Spelling, TORQUES, Time};
 use super::error::LogError;
 use super::event::Format;
 use super::files::{FileDescription, TouchFile};
+use super::folder;
 use super::options::LogOptions;
 use crate::input;
 use crate::npy::Rows;
@@ -28,8 +30,65 @@ use crate::npy::Rows;
 ///
 /// A folder with only one of the two files counts, so that an error names the missing one.
 pub(super) fn is_touch(folder: &Path) -> bool {
-    folder.join("angles.npy").is_file() || folder.join("torques.npy").is_file()
+    folder.join("angles.npy").is_file()
+        || folder.join("torques.npy").is_file()
+        || Arrays::are_called_so(folder)
 }
+
+/// Files of a touch.
+struct Arrays {
+    angles: PathBuf,
+    torques: PathBuf,
+    time: Option<(Time, PathBuf)>,
+}
+
+impl Arrays {
+    /// Those that are called as in OpenVSF, or else the only one that is called so.
+    fn of(folder: &Path) -> Self {
+        let (arrays, names) = Self::named(folder);
+        let called = |name: &str, spelling: &Spelling| {
+            let path = folder.join(name);
+            let of_others =
+                arrays.iter().zip(&names).filter(|(_, name)| spelling.is_of_array(name));
+            let others: Vec<&PathBuf> = of_others.map(|(path, _)| path).collect();
+            match others[..] {
+                [other] if !path.is_file() => other.clone(),
+                _ => path,
+            }
+        };
+        let (own, time) = (folder.join("time.npy"), Time::at(0, None, &["time".to_owned()]));
+        let of_others = || {
+            let time = Time::in_one(&names)?;
+            let place = time.places().next()?;
+            Some((time, arrays[place].clone()))
+        };
+        Self {
+            angles: called("angles.npy", &POSITIONS),
+            torques: called("torques.npy", &TORQUES),
+            time: if own.is_file() { Some((time, own)) } else { of_others() },
+        }
+    }
+
+    /// The arrays of a folder, and their names.
+    fn named(folder: &Path) -> (Vec<PathBuf>, Vec<String>) {
+        let listed = folder::listed(folder).unwrap_or_default();
+        let is_array = |path: &PathBuf| folder::is_file_with(path, &["npy"]);
+        let named = listed.into_iter().filter(is_array).filter_map(|path| {
+            let name = path.file_stem()?.to_string_lossy().into_owned();
+            Some((path, name))
+        });
+        named.unzip()
+    }
+
+    /// Whether some arrays of a folder are called like positions, and some like torques.
+    fn are_called_so(folder: &Path) -> bool {
+        let (_, names) = Self::named(folder);
+        let any = |spelling: &Spelling| names.iter().any(|name| spelling.is_of_array(name));
+        any(&POSITIONS) && any(&TORQUES)
+    }
+}
+
+const WANTED: &str = "a touch needs `angles.npy` and `torques.npy`";
 
 /// Name of a touch: that of its folder, even if the path is `.`.
 pub(super) fn name_of(folder: &Path) -> String {
@@ -44,7 +103,7 @@ pub(super) struct TouchFolder {
     name: String,
     angles: Table,
     torques: Table,
-    time: Option<Table>,
+    time: Option<(Time, Table)>,
 }
 
 impl TouchFile for TouchFolder {
@@ -52,10 +111,11 @@ impl TouchFile for TouchFolder {
 
     /// Opens the files of a touch and checks them against each other.
     fn open(folder: &Path, _: &LogOptions) -> Result<Self, LogError> {
-        let angles = Table::open(folder.join("angles.npy"))?;
-        let torques = Table::open(folder.join("torques.npy"))?;
-        let time_path = folder.join("time.npy");
-        let time = if time_path.exists() { Some(Table::open(time_path)?) } else { None };
+        let arrays = Arrays::of(folder);
+        let angles = Table::open(arrays.angles)?;
+        let torques = Table::open(arrays.torques)?;
+        let open = |(time, path)| Ok::<_, LogError>((time, Table::open(path)?));
+        let mut time = arrays.time.map(open).transpose()?;
 
         angles.check_shape()?;
         torques.check_shape()?;
@@ -63,13 +123,22 @@ impl TouchFile for TouchFolder {
             let (t, n) = (angles.rows.rows, angles.rows.columns);
             let turned = torques.rows.shape() == [n as u64, t];
             let remedy = if turned { "; it is transposed: save torques.T" } else { "" };
-            return Err(torques.misfit(format!("{t} x {n} as in `angles.npy` beside it{remedy}")));
+            let angles = angles.file_name();
+            return Err(torques.misfit(format!("{t} x {n} as in `{angles}` beside it{remedy}")));
         }
-        if let Some(time) = &time
+        if let Some((_, table)) = &time
+            && !table.path.ends_with("time.npy")
+            && table.rows.shape() != [angles.rows.rows]
+            && table.rows.shape() != [angles.rows.rows, 1]
+        {
+            time = None; // of something else
+        }
+        if let Some((_, time)) = &time
             && (time.rows.rows != angles.rows.rows || time.rows.columns != 1)
         {
             let frames = angles.rows.rows;
-            return Err(time.misfit(format!("({frames},), one time for each row of `angles.npy`")));
+            let angles = angles.file_name();
+            return Err(time.misfit(format!("({frames},), one time for each row of `{angles}`")));
         }
         Ok(Self { name: name_of(folder), angles, torques, time })
     }
@@ -90,7 +159,11 @@ impl TouchFile for TouchFolder {
         let Some(q) = self.angles.next_row()? else { return Ok(None) };
         let Some(tau) = self.torques.next_row()? else { return Ok(None) };
         let time_s = match &mut self.time {
-            Some(time) => time.next_row()?.and_then(|time| time.first().copied()),
+            Some((unit, time)) => {
+                let row = time.next_row()?;
+                let number = row.and_then(|row| row.first().copied());
+                number.map(|number| unit.seconds(|_| Ok::<_, LogError>(number))).transpose()?
+            }
             None => None,
         };
         Ok(Some((None, Sample::new(time_s, q, tau))))
@@ -112,8 +185,7 @@ impl Table {
     pub(super) fn open(path: PathBuf) -> Result<Self, LogError> {
         let file = input::open(&path).map_err(|source| match source.kind() {
             io::ErrorKind::NotFound => {
-                let remedy = "a touch needs `angles.npy` and `torques.npy`".to_owned();
-                LogError::Missing { path: path.clone(), remedy }
+                LogError::Missing { path: path.clone(), remedy: WANTED.to_owned() }
             }
             _ => LogError::reading(&path, source),
         })?;
@@ -135,6 +207,10 @@ impl Table {
         Err(self.misfit(format!(
             "T x n, one row a frame and one column a joint (at most {MAX_JOINTS}){remedy}"
         )))
+    }
+
+    fn file_name(&self) -> String {
+        self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
     }
 
     fn misfit(&self, wanted: String) -> LogError {
@@ -218,6 +294,30 @@ mod tests {
         let description = open(set.path(), &LogOptions::default()).unwrap().describe();
         assert_eq!((description.touches, description.samples), (Some(2), Some(4)));
         assert_eq!(read(&set.path().join("seq_2")).unwrap(), events[..3]);
+    }
+
+    #[test]
+    fn other_names_of_the_arrays_are_known_and_their_time_may_be_in_nanoseconds() {
+        let set = tempfile::tempdir().unwrap();
+        let path = |name: &str| set.path().join("push").join(name);
+        save(&path("q.npy"), TWO);
+        save(&path("q_d.npy"), &[[9.0; 2]; 2]);
+        save(&path("dq.npy"), &[[9.0; 2]; 2]);
+        save(&path("measured_torques.npy"), &[[5.0, 6.0], [7.0, 8.0]]);
+        save(&path("timestamps_ns.npy"), &[[1.0e9], [2.5e9]]);
+        let events = read(set.path()).unwrap();
+        let second = Sample::new(Some(2.5), vec![3.0, 4.0], vec![7.0, 8.0]);
+        assert_eq!((events.len(), &events[2]), (3, &LogEvent::Sample(second)));
+        save(&path("T.npy"), &[[0.0; 3]; 7]);
+        assert_eq!(read(set.path()).unwrap(), events);
+        // Those that are called as in OpenVSF count more, and of two others neither does.
+        touch(&set.path().join("push"), &[[0.0; 2]; 2], &[[0.0; 2]; 2]);
+        assert_eq!(read(set.path()).unwrap()[2].clone(), {
+            LogEvent::Sample(Sample::new(Some(2.5), vec![0.0; 2], vec![0.0; 2]))
+        });
+        fs::remove_file(path("angles.npy")).unwrap();
+        save(&path("joint_positions.npy"), TWO);
+        assert!(complaint(set.path()).contains("angles.npy` does not exist"));
     }
 
     #[test]

@@ -24,11 +24,15 @@ mod names;
 mod time;
 
 use std::path::Path;
+use std::sync::LazyLock;
+
+use regex::Regex;
 
 use super::event::LoggedTorques;
 use super::files::FileDescription;
 use super::options::{AngleUnit, CsvColumns};
-use names::{Family, Label, pairs};
+use names::{CURRENTS, EXTERNAL_TORQUES, Family, JOINT_NAMES, Label, pairs};
+pub(super) use names::{POSITIONS, Spelling, TORQUES};
 pub(super) use time::Time;
 
 /// Places of the columns in a row.
@@ -37,7 +41,7 @@ pub(super) struct Columns {
     pub(super) q: Vec<usize>,
     pub(super) tau: Vec<usize>,
     pub(super) joint_names: Option<Vec<String>>,
-    /// Where a row holds the joints' names, in the same order, as tables of messages do.
+    /// Where each row holds the joints' names, in the same order, as tables of messages do; one column may hold all.
     pub(super) named_in_row: Option<Vec<usize>>,
     pub(super) time: Option<Time>,
     pub(super) touch: Option<usize>,
@@ -45,8 +49,6 @@ pub(super) struct Columns {
     pub(super) torques: LoggedTorques,
 }
 
-/// Units that may stand behind a name.
-const UNITS: &[&str] = &["rad", "deg", "Nm", "nm", "m", "N", "A"];
 const TOUCHES: &[&str] = &["touch", "sequence", "seq", "episode"];
 
 impl Columns {
@@ -103,8 +105,19 @@ impl Columns {
         }
     }
 
+    /// Themselves, unless a name contradicts the unit. An error is half a sentence for the user.
+    pub(super) fn in_unit(self, header: &[String], unit: AngleUnit) -> Result<Self, String> {
+        match self.wrong_unit(header, unit) {
+            None => Ok(self),
+            Some(place) => {
+                let name = &header[place];
+                Err(format!("column `{name}` contradicts the angle unit {unit:?}; change it"))
+            }
+        }
+    }
+
     /// A column of positions whose name contradicts the unit.
-    pub(super) fn wrong_unit(&self, header: &[String], unit: AngleUnit) -> Option<usize> {
+    fn wrong_unit(&self, header: &[String], unit: AngleUnit) -> Option<usize> {
         let says = |name: &str, word: &str| {
             let name = name.trim().to_ascii_lowercase();
             name.split(|c: char| !c.is_ascii_alphabetic()).next_back() == Some(word)
@@ -112,7 +125,7 @@ impl Columns {
                 || name.ends_with(&format!("({word})"))
         };
         let others: &[&str] = match unit {
-            AngleUnit::Rad => &["deg", "degree", "degrees"],
+            AngleUnit::Rad => &["deg", "degree", "degrees", "°"],
             AngleUnit::Deg => &["rad", "radian", "radians"],
         };
         self.q.iter().copied().find(|&place| others.iter().any(|word| says(&header[place], word)))
@@ -133,28 +146,39 @@ impl Columns {
             let tau = map.tau.len();
             return Err(format!("the map has {n} `q`, {tau} `tau` and {joints} `joints`"));
         }
-        let time = map.time.as_ref().map(place).transpose()?;
+        let time = map.time.as_ref().map(|name| {
+            // As `describe` says a time in two columns.
+            let two = match header.iter().any(|held| held.trim() == name.trim()) {
+                true => None,
+                false => name.split_once(" and "),
+            };
+            let Some((seconds, nanoseconds)) = two else {
+                return Ok(Time::at(place(name)?, None, header));
+            };
+            let nanoseconds = place(&nanoseconds.to_owned())?;
+            Ok::<_, String>(Time::at(place(&seconds.to_owned())?, Some(nanoseconds), header))
+        });
         Ok(Self {
             q: map.q.iter().map(place).collect::<Result<_, _>>()?,
             tau: map.tau.iter().map(place).collect::<Result<_, _>>()?,
             joint_names: map.joints.clone(),
             named_in_row: None,
-            time: time.map(|place| Time::at(place, header)),
+            time: time.transpose()?,
             touch: map.touch.as_ref().map(place).transpose()?,
             torques: LoggedTorques::Unsaid,
         })
     }
 
+    /// Where torques are not needed, it is a plan: what is commanded counts.
     fn recognised(header: &[String], has_torques: bool) -> Result<Self, String> {
-        let positions = names::POSITIONS.families(header);
-        let joint_names = names::JOINT_NAMES.families(header);
-        // Where torques are not needed, positions stand for them, so that they are of the same joints.
-        let kinds = [
-            (LoggedTorques::Unsaid, if has_torques { &names::TORQUES } else { &names::POSITIONS }),
-            (LoggedTorques::External, &names::EXTERNAL_TORQUES),
-            (LoggedTorques::Currents, &names::CURRENTS),
+        let families = |spelling: &Spelling| spelling.families(header, !has_torques);
+        let (positions, joint_names) = (families(&POSITIONS)?, families(&JOINT_NAMES)?);
+        // In a plan, positions stand for torques, so that they are of the same joints.
+        let found = [
+            (LoggedTorques::Unsaid, families(if has_torques { &TORQUES } else { &POSITIONS })?),
+            (LoggedTorques::External, families(&EXTERNAL_TORQUES)?),
+            (LoggedTorques::Currents, families(&CURRENTS)?),
         ];
-        let found = kinds.map(|(kind, spelling)| (kind, spelling.families(header)));
         let fits = |(_, torques): &&(_, Vec<_>)| !pairs(&positions, torques).is_empty();
         let (kind, torques) = found.iter().find(fits).unwrap_or(&found[0]);
         let pairs = pairs(&positions, torques);
@@ -166,7 +190,7 @@ impl Columns {
                 _ => "more than one set of columns could be meant".to_owned(),
             });
         };
-        if q.is_numbered() && !is_gapless(&q.labels()) {
+        if q.is_numbered() && !q.is_gapless() {
             return Err("the numbers of the joints have gaps or repeat".to_owned());
         }
         // Numbered joints by their number, named ones in the order of the file.
@@ -189,12 +213,18 @@ impl Columns {
                 false => Vec::new(),
             },
             joint_names: names.collect(),
-            named_in_row: joint_names.iter().find(|of| of.stands_beside(q)).map(places),
-            time: Time::find(header),
+            named_in_row: (joint_names.iter().find(|of| of.stands_beside(q)).map(places))
+                .or_else(|| all_names(header, q.topic()).map(|place| vec![place])),
+            time: Time::find(header, q.topic()),
             touch: touch(header),
             torques: *kind,
         })
     }
+}
+
+/// The column that holds the names of all joints, as bagpy writes them.
+fn all_names(header: &[String], topic: &str) -> Option<usize> {
+    header.iter().position(|held| held.trim().eq_ignore_ascii_case(&format!("{topic}name")))
 }
 
 /// The column that says which touch a row belongs to, the first of the words counting most.
@@ -203,24 +233,15 @@ fn touch(header: &[String]) -> Option<usize> {
     TOUCHES.iter().find_map(|word| plain.iter().position(|name| name == word))
 }
 
-/// Numbers from 0 or 1 on, each once.
-fn is_gapless(labels: &[&Label]) -> bool {
-    let first = if labels.contains(&&Label::Number(0)) { 0 } else { 1 };
-    labels.iter().zip(first..).all(|(label, number)| **label == Label::Number(number))
-}
-
 /// A name without blanks around it and without its unit: `q1` of ` q1 [rad]`, `q1_rad`.
 fn base(name: &str) -> &str {
-    let mut name = name.trim();
-    if let Some((front, unit)) = name.rsplit_once(['[', '('])
-        && !unit.starts_with(|c: char| c.is_ascii_digit())
-    {
-        name = front.trim_end();
-    }
-    match name.rsplit_once('_') {
-        Some((front, unit)) if UNITS.contains(&unit) => front,
-        _ => name,
-    }
+    static UNIT: LazyLock<Regex> = LazyLock::new(|| {
+        let in_brackets = "rad|radians?|deg|degrees?|°|n[ .·*]?m|m|n|a|amperes?";
+        let pattern = format!(r"(?:\s*[\[(](?i:{in_brackets})[\])]|_(?:rad|deg|nm|Nm|m|N|A))$");
+        Regex::new(&pattern).expect("units fit a pattern")
+    });
+    let name = name.trim();
+    UNIT.find(name).map_or(name, |unit| &name[..unit.start()])
 }
 
 #[cfg(test)]
@@ -341,8 +362,55 @@ mod tests {
         let columns = columns.unwrap();
         assert_eq!((columns.q, columns.tau), (vec![0, 1], vec![2, 3]));
         assert_eq!(columns.joint_names.unwrap(), ["elbow", "wrist"]);
+        // Joints may be called like that.
+        for header in [
+            "position_theta1,position_theta2,position_d3,effort_theta1,effort_theta2,effort_d3",
+            "a_pos,c_pos,d_pos,a_torque,c_torque,d_torque",
+        ] {
+            assert_eq!(find(header).unwrap().q, [0, 1, 2], "{header}");
+        }
+        assert_eq!(find("q1,q2,tau1,tau2,q_d1,q_d2,tau_d1,tau_d2").unwrap().q, [0, 1]);
+        // Of a plan, commands are what is wanted.
+        let plan = ["time", "target_elbow_position", "target_wrist_position"].map(str::to_owned);
+        assert_eq!(Columns::find_planned(&plan).unwrap().q, [1, 2]);
         let two_topics = find("/a/q[0],/a/tau[0],/b/q[0],/b/tau[0]").unwrap_err();
         assert!(two_topics.contains("more than one"), "{two_topics}");
+    }
+
+    #[test]
+    fn nothing_that_was_commanded_or_is_external_is_taken_for_measured() {
+        for header in [
+            "q_d[0],q_d[1],tau_J_d[0],tau_J_d[1]",
+            "q1 (cmd),q2 (cmd),tau1,tau2",
+            "desired.q[0],desired.tau[0]",
+            "/command/elbow/position,/js/elbow/effort",
+            "measured_joint_state.position[0],tau_ext_hat_filtered.effort[0]",
+            "/iiwa/state/JointPosition/position/a1,/iiwa/state/ExternalJointTorque/torque/a1",
+            "q1 [mrad],tau1",
+            "q1,tau1 [mNm]",
+            // A tool's position may be measured, too.
+            "q_0,q_1,q_2,tau_0,tau_1,tau_2,actual_pos_0,actual_pos_1,actual_pos_2",
+        ] {
+            assert!(find(header).is_err(), "{header}");
+        }
+        for (header, q, tau) in [
+            ("/fs/q[0],/fs/q_d[0],/fs/tau_J[0],/fs/tau_J_d[0]", 0, 2),
+            ("/js/position[0],/desired/position[0],/desired/effort[0],/sensor/effort[0]", 0, 3),
+            ("state.q[0],cmd.q[0],state.tau_J[0],cmd.tau_J[0]", 0, 2),
+            ("q1,q1_meas,tau1,tau1_meas", 1, 3),
+            ("q1_actual,q1_cmd,tau1_actual", 0, 2),
+            ("measured.position[0],measured.effort[0],tau_ext_hat_filtered.effort[0]", 0, 1),
+        ] {
+            let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
+            assert_eq!((columns.q, columns.tau), (vec![q], vec![tau]), "{header}");
+        }
+    }
+
+    #[test]
+    fn a_header_of_too_many_topics_is_refused_at_once() {
+        let topics = |word: &str| (0..10_000).map(|k| format!("t{k}/{word}1")).collect::<Vec<_>>();
+        let error = find(&[topics("q"), topics("tau")].concat().join(",")).unwrap_err();
+        assert!(error.contains("more than 200 sets"), "{error}");
     }
 
     #[test]

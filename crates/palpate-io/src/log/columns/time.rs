@@ -5,8 +5,6 @@ use std::sync::LazyLock;
 
 use regex::Regex;
 
-use super::base;
-
 /// Where the time of a row stands.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::log) struct Time {
@@ -21,72 +19,106 @@ pub(in crate::log) struct Time {
 static TIMES: LazyLock<Vec<Regex>> = LazyLock::new(|| {
     let names = [
         r"(?:.*[./])?stamp",
-        "time",
+        "times?",
         "t",
-        "(?:.*[./])?time_?stamp",
+        r"(?:.*[./])?time_?stamps?",
         "(?:__|%)time",
         "(?:controller|elapsed|host|record|robot|ros|sample|sim|system|unix|wall)[_ ]time",
     ];
-    let pattern = |name| Regex::new(&format!("^{name}$")).expect("names fit a pattern");
-    names.into_iter().map(pattern).collect()
+    names.into_iter().map(|name| regex(&format!("^{name}$"))).collect()
+});
+/// A name, and behind it a unit, if it says one.
+static WITH_UNIT: LazyLock<Regex> = LazyLock::new(|| {
+    let units: Vec<String> = UNITS.iter().map(|(_, names)| names.join("|")).collect();
+    let units = units.join("|");
+    regex(&format!("^(?<name>.*?)(?:[^a-z0-9µμ]+(?:in )?(?<unit>{units})[^a-z0-9µμ]*)?$"))
 });
 
-/// Endings of a name that say its unit.
+fn regex(pattern: &str) -> Regex {
+    Regex::new(pattern).expect("names fit a pattern")
+}
+
+/// Names of units, and seconds in them.
 const UNITS: &[(f64, &[&str])] = &[
     (1.0, &["seconds", "secs", "sec", "s"]),
     (1e-3, &["milliseconds", "millis", "msec", "ms"]),
-    (1e-6, &["microseconds", "micros", "usec", "us"]),
+    (1e-6, &["microseconds", "micros", "usec", "us", "µs", "μs"]),
     (1e-9, NANOSECONDS),
 ];
 const NANOSECONDS: &[&str] =
     &["nanoseconds", "nanosecs", "nanosec", "nanos", "nsecs", "nsec", "ns"];
+/// Where a time that is said in no unit is looked for, s since 1970: 1998 to 2096.
+const SINCE_1970_S: std::ops::RangeInclusive<f64> = 9e8..=4e9;
 
 /// Names of the time, ms, and of another column in what libfranka's `logToCSV` writes, now and in older versions.
 const LIBFRANKA: [[&str; 2]; 2] = [["time", "success_rate"], ["duration", "success rate"]];
 
 impl Time {
-    /// The column, or the two columns, that are called so. A message's stamp counts more than when it was written.
-    pub(super) fn find(header: &[String]) -> Option<Self> {
-        let names: Vec<String> =
-            header.iter().map(|name| name.trim().to_ascii_lowercase()).collect();
-        let in_two = in_two(&names);
-        let stamp = in_two.clone().filter(|time| names[time.place].contains("stamp"));
-        of_libfranka(header).or(stamp).or_else(|| in_one(&names)).or(in_two)
+    /// The column, or the two columns, that are called so. A stamp in a message counts more than when it was written, but
+    /// only of the topic that the positions are of.
+    pub(super) fn find(header: &[String], topic: &str) -> Option<Self> {
+        let topic = topic.to_lowercase();
+        let of_topic = |name: &String| {
+            let name = name.trim().to_lowercase();
+            if !name.contains('/') || name.starts_with(&topic) { name } else { String::new() }
+        };
+        let names: Vec<String> = header.iter().map(of_topic).collect();
+        let in_one = || {
+            let time = Self::in_one(&names)?;
+            // `rostopic echo -p` writes nanoseconds.
+            let is_of_rostopic = names.iter().any(|name| name.starts_with("field."));
+            let unit_s = time.unit_s.or(is_of_rostopic.then_some(1e-9));
+            Some(Self { unit_s, ..time })
+        };
+        of_libfranka(header).or_else(|| in_two(&names)).or_else(in_one)
     }
 
-    /// The column at this place, which the user or the format names.
-    pub(in crate::log) fn at(place: usize, header: &[String]) -> Self {
-        let unit_s = of_libfranka(header)
-            .filter(|time| time.place == place)
-            .map_or_else(|| named_unit(&header[place].to_ascii_lowercase()).1, |time| time.unit_s);
-        Self { place, nanoseconds: None, unit_s }
+    /// The column whose name is one of a time, among names in lower case.
+    pub(in crate::log) fn in_one(names: &[String]) -> Option<Self> {
+        let plain: Vec<(&str, Option<f64>)> = names.iter().map(|name| parted(name)).collect();
+        let called = |pattern: &Regex| plain.iter().position(|(name, _)| pattern.is_match(name));
+        let place = TIMES.iter().find_map(called)?;
+        Some(Self { place, nanoseconds: None, unit_s: plain[place].1 })
+    }
+
+    /// The column at this place, which the user or the format names, and that of nanoseconds beside it.
+    pub(in crate::log) fn at(place: usize, nanoseconds: Option<usize>, header: &[String]) -> Self {
+        let said = || parted(&header[place].trim().to_lowercase()).1;
+        let of_libfranka = of_libfranka(header).filter(|time| time.place == place);
+        let unit_s = of_libfranka.map_or_else(said, |time| time.unit_s);
+        Self { place, nanoseconds, unit_s }
     }
 
     /// Its columns.
-    pub(super) fn places(&self) -> impl Iterator<Item = usize> + Clone + use<> {
+    pub(in crate::log) fn places(&self) -> impl Iterator<Item = usize> + Clone + use<> {
         [self.place].into_iter().chain(self.nanoseconds)
     }
 
-    /// The time of a row of which `number` is the number in a column, s.
+    /// The time of a row of which `number` is the number in a column, s. A unit that the name does not say is that of the
+    /// first row.
     pub(in crate::log) fn seconds<E>(
-        &self,
+        &mut self,
         mut number: impl FnMut(usize) -> Result<f64, E>,
     ) -> Result<f64, E> {
         let time = number(self.place)?;
-        let nanoseconds = self.nanoseconds.map(number).transpose()?.unwrap_or(0.0);
-        Ok(time * self.unit_s.unwrap_or_else(|| unit_of(time)) + 1e-9 * nanoseconds)
+        let Some(place) = self.nanoseconds else {
+            let unit_s = *self.unit_s.get_or_insert_with(|| unit_of(time));
+            return Ok(time * unit_s);
+        };
+        let nanoseconds = number(place)?;
+        // Either may be the whole time, in its own unit.
+        Ok(match (time.fract() == 0.0, nanoseconds < 1e9) {
+            (true, true) => time + 1e-9 * nanoseconds,
+            (true, false) => 1e-9 * nanoseconds,
+            (false, _) => time,
+        })
     }
 }
 
-/// Seconds in the unit of a time that does not say it. From 10¹¹ on it counts from 1970 in ms, µs or ns: as seconds
-/// it would be after the year 5000, as ms it is after 1973.
+/// Seconds in the unit of a time that does not say it: what makes it a moment of our days, else a second.
 fn unit_of(time: f64) -> f64 {
-    match time.abs() {
-        size if size >= 1e17 => 1e-9,
-        size if size >= 1e14 => 1e-6,
-        size if size >= 1e11 => 1e-3,
-        _ => 1.0,
-    }
+    let is_now = |unit_s: &f64| SINCE_1970_S.contains(&(time * unit_s));
+    [1e-3, 1e-6, 1e-9].into_iter().find(is_now).unwrap_or(1.0)
 }
 
 /// The time in what libfranka writes.
@@ -96,39 +128,27 @@ fn of_libfranka(header: &[String]) -> Option<Time> {
     Some(Time { place, nanoseconds: None, unit_s: Some(1e-3) })
 }
 
-/// The column whose name is one of the [`TIMES`].
-fn in_one(names: &[String]) -> Option<Time> {
-    let plain: Vec<(&str, Option<f64>)> = names.iter().map(|name| named_unit(name)).collect();
-    let called = |pattern: &Regex| plain.iter().position(|(name, _)| pattern.is_match(name));
-    let place = TIMES.iter().find_map(called)?;
-    Some(Time { place, nanoseconds: None, unit_s: plain[place].1 })
-}
-
-/// Two columns whose names differ in `sec` and `nanosec`.
+/// Two columns whose names differ in `sec` and `nanosec`, stamps first.
 fn in_two(names: &[String]) -> Option<Time> {
-    let seconds = UNITS[0].1;
-    let stem = |name: &'_ String| {
-        NANOSECONDS.iter().find_map(|unit| Some(name.strip_suffix(unit)?.to_owned()))
+    let of_place = |(place, name): (usize, &String)| {
+        let stem = NANOSECONDS.iter().find_map(|unit| name.strip_suffix(unit))?;
+        let is_of_seconds = |other: &String| {
+            other.strip_prefix(stem).is_some_and(|unit| UNITS[0].1.contains(&unit))
+        };
+        let seconds = names.iter().position(is_of_seconds)?;
+        Some(Time { place: seconds, nanoseconds: Some(place), unit_s: Some(1.0) })
     };
-    names.iter().enumerate().find_map(|(place, name)| {
-        let stem = stem(name)?;
-        let of_seconds =
-            |other: &String| other.strip_prefix(&stem).is_some_and(|unit| seconds.contains(&unit));
-        let nanoseconds = Some(place);
-        Some(Time { place: names.iter().position(of_seconds)?, nanoseconds, unit_s: Some(1.0) })
-    })
+    let mut found: Vec<Time> = names.iter().enumerate().filter_map(of_place).collect();
+    found.sort_by_key(|time| !names[time.place].contains("stamp"));
+    found.into_iter().next()
 }
 
-/// A name without its unit, and seconds in that unit, if it says one: `time [ms]`, `record_time_nsec`.
-fn named_unit(name: &str) -> (&str, Option<f64>) {
-    let plain = base(name);
-    let bracket = name.trim()[plain.len()..].trim_matches(|c: char| !c.is_ascii_alphanumeric());
-    let (rest, unit) = match (bracket, plain.rsplit_once(['_', ' '])) {
-        ("", Some((rest, unit))) => (rest, unit),
-        (bracket, _) => (plain, bracket),
-    };
-    let said = UNITS.iter().find(|(_, names)| names.contains(&unit));
-    said.map_or((plain, None), |(unit_s, _)| (rest, Some(*unit_s)))
+/// A name in lower case without its unit, and seconds in that unit, if it says one: `time [ms]`, `record_time_nsec`.
+fn parted(name: &str) -> (&str, Option<f64>) {
+    let Some(found) = WITH_UNIT.captures(name) else { return (name, None) };
+    let unit = found.name("unit").map(|unit| unit.as_str());
+    let said = UNITS.iter().find(|(_, names)| unit.is_some_and(|unit| names.contains(&unit)));
+    (found.name("name").map_or(name, |name| name.as_str()), said.map(|(unit_s, _)| *unit_s))
 }
 
 #[cfg(test)]
@@ -137,7 +157,7 @@ mod tests {
 
     fn find(header: &str) -> Option<Time> {
         let header: Vec<String> = header.split(',').map(str::to_owned).collect();
-        Time::find(&header)
+        Time::find(&header, "/js/")
     }
 
     /// The time of a row of which the columns hold these numbers.
@@ -152,27 +172,50 @@ mod tests {
             ("Time [s],q1,tau1", 2.0),
             ("host_time_s,q1", 2.0),
             ("Time [ms],q1,tau1", 2e-3),
+            ("time (in ms),q1,tau1", 2e-3),
             ("time_ms,q1,tau1", 2e-3),
             ("timestamp (us),q1", 2e-6),
+            ("Time [µs],q1", 2e-6),
             ("record_time_nsec,q1", 2e-9),
             ("time,success_rate,state.q[0],state.tau_J[0]", 2e-3),
             ("duration, success rate, q[0],tau_J[0],sent commands,q_d[0]", 2e-3),
+            ("%time,field.header.seq,field.q0", 2e-9),
         ] {
             assert_eq!(seconds(header, &[2.0, 7.0]), Some(wanted), "{header}");
         }
-        // Another's duration is no time, nor are nanoseconds by themselves or a time constant.
-        for header in ["duration,q1", "stamp.nsecs,q1", "time_constant,q1", "cycle_time,q1"] {
+        let mut clock = Time::at(0, None, &["t/ms".to_owned()]);
+        assert_eq!(clock.seconds(|_| Ok::<_, ()>(2.0)), Ok(2e-3));
+        // Another's duration is no time, nor are nanoseconds by themselves, another unit, or a cycle's time.
+        for header in [
+            "duration,q1",
+            "stamp_of_nothing,q1",
+            "cycle_time,q1",
+            "Time (min),q1",
+            "T [°C],q1",
+            "T_deg,q1",
+        ] {
             assert_eq!(find(header), None, "{header}");
         }
     }
 
     #[test]
-    fn since_1970_its_unit_is_told_by_its_size() {
+    fn a_stamp_counts_if_it_is_of_the_same_topic() {
+        let header = "__time,/camera/header/stamp,/js/header/stamp,/js/position[0]";
+        assert_eq!(seconds(header, &[1.0, 2.0, 3.0]), Some(3.0));
+        assert_eq!(seconds("__time,/camera/header/stamp", &[1.0, 2.0]), Some(1.0));
+    }
+
+    #[test]
+    fn since_1970_its_unit_is_told_by_its_size_in_the_first_row() {
         for unit_s in [1.0, 1e-3, 1e-6, 1e-9] {
-            for header in ["timestamp,q1", "%time,q1", "field.header.stamp,q1"] {
+            for header in ["timestamp,q1", "stamp,q1"] {
                 let found = seconds(header, &[1.7e9 / unit_s]).unwrap();
                 assert!((found - 1.7e9).abs() < 1e-6, "{header}, {unit_s}: {found}");
             }
+        }
+        let mut since_start = find("time").unwrap();
+        for time in [0.0, 1.7e12] {
+            assert_eq!(since_start.seconds(|_| Ok::<_, ()>(time)), Ok(time));
         }
     }
 
@@ -181,13 +224,17 @@ mod tests {
         for header in [
             "sec,nanosec,q1",
             "tsec,tnsec,mp1",
+            "time_sec,time_nsec,q1",
             "ZeitInSec,ZeitInNanoSec,axisQMsr_LBR_iiwa_7_R800_1[0]",
             "header.stamp.sec,header.stamp.nanosec,position[0]",
             "header.stamp.secs,header.stamp.nsecs,Time,position_0",
+            "/js/stamp/sec,/js/stamp/nanosec,/camera/stamp/sec,/camera/stamp/nanosec",
         ] {
-            assert_eq!(seconds(header, &[3.0, 5e8, 9.0]), Some(3.5), "{header}");
+            assert_eq!(seconds(header, &[3.0, 5e8, 9.0, 9.0]), Some(3.5), "{header}");
         }
-        // When the library says a time of its own, its halves are the controller's clock.
-        assert_eq!(seconds("time,record_time_nsec,tsec,tnsec", &[1.0, 2.0, 3.0, 4.0]), Some(1.0));
+        // Both may be the same time.
+        for (s, ns, wanted) in [(0.5, 5e8, 0.5), (1.0, 1e9, 1.0), (1.7e9, 1.7e18, 1.7e9)] {
+            assert_eq!(seconds("timestamp_s,timestamp_ns", &[s, ns]), Some(wanted));
+        }
     }
 }

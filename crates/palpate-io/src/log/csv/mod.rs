@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use ::csv::{ByteRecord, Reader, ReaderBuilder, Terminator, Trim};
 use palpate::Sample;
 
-use super::columns::Columns;
+use super::columns::{Columns, Time};
 use super::error::{LogError, TableError};
 use super::event::Format;
 use super::files::{FileDescription, TouchFile};
@@ -80,8 +80,11 @@ impl TouchFile for CsvFile {
         if let Some(places) = &columns.named_in_row {
             first = next_record(&mut reader, delimiter, path)?;
             let whole = first.as_ref().filter(|row| row.len() == header.len());
-            columns.joint_names =
-                whole.map(|row| places.iter().map(|&place| text(&row[place])).collect());
+            let names = whole.map(|row| names_in(row, places));
+            columns.joint_names = names.filter(|names| names.len() == columns.q.len());
+            if columns.joint_names.is_none() {
+                columns.named_in_row = None; // of something else
+            }
         }
         Ok(Self { path: path.to_owned(), reader, delimiter, header, columns, first })
     }
@@ -113,8 +116,19 @@ impl TouchFile for CsvFile {
             let (found, wanted) = (record.len(), self.header.len());
             return Err(TableError::Row { path, line, found, wanted }.into());
         }
+        let named = self.columns.named_in_row.as_ref().map(|places| names_in(&record, places));
+        if let (Some(found), Some(wanted)) = (named, &self.columns.joint_names)
+            && found != *wanted
+        {
+            let (path, line) = (self.path.clone(), self.line());
+            let (found, wanted) = (found.join(", "), wanted.join(", "));
+            return Err(TableError::OtherJoints { path, line, found, wanted }.into());
+        }
         let touch = self.columns.touch.map(|place| text(&record[place]));
-        Ok(Some((touch, self.sample(&record)?)))
+        let mut time = self.columns.time.take();
+        let sample = self.sample(&record, &mut time);
+        self.columns.time = time;
+        Ok(Some((touch, sample?)))
     }
 
     fn place(&self) -> String {
@@ -131,13 +145,7 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
         true => Columns::find_planned(header)?,
         false => Columns::find(header, options.columns.as_ref())?,
     };
-    match columns.wrong_unit(header, options.angle_unit) {
-        None => Ok(columns),
-        Some(place) => {
-            let (name, unit) = (&header[place], options.angle_unit);
-            Err(format!("column `{name}` contradicts the angle unit {unit:?}; change it"))
-        }
-    }
+    columns.in_unit(header, options.angle_unit)
 }
 
 /// The next row that is not blank, or `None` at the end.
@@ -159,6 +167,18 @@ fn next_record(
     }
 }
 
+/// The joints' names in a row: a cell each, or a list of them in one cell, such as `['elbow', 'wrist']`.
+fn names_in(row: &ByteRecord, places: &[usize]) -> Vec<String> {
+    let cells: Vec<String> = places.iter().map(|&place| text(&row[place])).collect();
+    match &cells[..] {
+        [list] if list.starts_with('[') => {
+            let names = list.trim_matches(['[', ']']).split(',');
+            names.map(|name| name.trim().trim_matches(['\'', '"']).to_owned()).collect()
+        }
+        _ => cells,
+    }
+}
+
 /// A row without empty cells, if blanks are between the cells: programs align columns by several.
 fn without_runs(record: ByteRecord, delimiter: u8) -> ByteRecord {
     match delimiter {
@@ -173,7 +193,7 @@ impl CsvFile {
         self.reader.position().line().saturating_sub(1)
     }
 
-    fn sample(&self, record: &ByteRecord) -> Result<Sample, TableError> {
+    fn sample(&self, record: &ByteRecord, time: &mut Option<Time>) -> Result<Sample, TableError> {
         let number = |place: usize| {
             let cell = std::str::from_utf8(&record[place]).ok();
             let number = cell.and_then(|cell| cell.parse::<f64>().ok());
@@ -189,7 +209,7 @@ impl CsvFile {
         let numbers = |places: &[usize]| -> Result<Vec<f64>, TableError> {
             places.iter().copied().map(number).collect()
         };
-        let time_s = self.columns.time.as_ref().map(|time| time.seconds(number)).transpose()?;
+        let time_s = time.as_mut().map(|time| time.seconds(number)).transpose()?;
         let q = numbers(&self.columns.q)?;
         let tau = match self.columns.tau.is_empty() {
             true => vec![0.0; q.len()],

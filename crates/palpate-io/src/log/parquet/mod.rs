@@ -142,7 +142,9 @@ impl TouchFile for ParquetFile {
         let number = |place| -> Result<f64, TableError> {
             Ok(self.numbers(&row, &[place])?.first().copied().unwrap_or_default())
         };
-        let time_s = self.columns.time.as_ref().map(|time| time.seconds(number)).transpose()?;
+        let mut time = self.columns.time.clone();
+        let time_s = time.as_mut().map(|time| time.seconds(number)).transpose()?;
+        self.columns.time = time;
         let touch = self.columns.touch.map(|place| self.touch(&row, place)).transpose()?;
         self.row += 1;
         Ok(Some((touch, Sample::new(time_s, q, tau))))
@@ -268,7 +270,7 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
             tau: vec![tau],
             joint_names: None,
             named_in_row: None,
-            time: first(&["timestamp"]).map(|place| Time::at(place, header)),
+            time: first(&["timestamp"]).map(|place| Time::at(place, None, header)),
             touch: first(&["episode_index"]),
             torques: LoggedTorques::Unsaid,
         }),
@@ -277,7 +279,14 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
             header[q],
             EFFORTS.join(", ")
         )),
-        (None, _) => Columns::find(header, options.columns.as_ref()),
+        (None, _) => {
+            let columns = Columns::find(header, options.columns.as_ref())?;
+            if columns.named_in_row.is_some() {
+                let remedy = "which are read of CSV only: name the columns in the robot's order";
+                return Err(format!("rows hold the joints' names, {remedy}"));
+            }
+            columns.in_unit(header, options.angle_unit)
+        }
     }
 }
 
