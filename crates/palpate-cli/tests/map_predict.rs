@@ -207,6 +207,7 @@ fn the_demo_beats_predicting_zero_and_leaves_its_results() {
 }
 
 #[test]
+#[ignore = "takes two and a half minutes; `.ci/run --all` runs it"]
 fn the_full_demo_compares_all_methods_and_extrapolates() {
     let mut results = vec!["errors.csv", "evaluation.json", "field.npz", "field.svg", "fig4.svg"];
     results.extend(["figures", "report.html", "seen.html", "seen.ply", "torques.svg"]);

@@ -10,6 +10,7 @@ import pytest
 
 import palpate
 from palpate.results import MapReport
+from palpate.settings import EstimatorSettings
 
 NAMES = {"points": "points", "stiffness": "K", "std": "K_std", "counts": "N_obs", "cells": "cells"}
 
@@ -105,7 +106,8 @@ def test_needs_command_changes_the_next_touch_and_forgetting_are_the_same(
     command: Path, plant: Path, robot: palpate.Robot, tmp_path: Path
 ) -> None:
     path, rest = tmp_path / "field.npz", tmp_path / "rest.npz"
-    run(command, "map", *(plant / f"seq_00{k}" for k in range(4)), "-o", path, "--json")
+    four = [plant / f"seq_00{k}" for k in range(4)]
+    run(command, "map", *four, "-o", path, "--json", "--prior-mean", 0, "--prior-std", 0.76)
     field = palpate.Field.load(path)
     log = plant / "seq_004"
 
@@ -215,8 +217,10 @@ def test_needs_command_quick_tuning_chooses_the_same_in_map_and_evaluate(
 ) -> None:
     logs = [plant / f"seq_00{number}" for number in range(4)]
     out = tmp_path / "field.npz"
-    run(command, "map", *logs, "-o", out, "--json")
-    chosen = palpate.tune(logs, robot, quick=True)["settings"]
+    # The default prior, but given, so that there is a sixth of the settings to choose from.
+    given, flags = EstimatorSettings(prior_mean=0.0, prior_std=0.76), ("--prior-mean", 0, "--prior-std", 0.76)
+    run(command, "map", *logs, "-o", out, "--json", *flags)
+    chosen = palpate.tune(logs, robot, quick=True, estimator=given)["settings"]
     mapper = palpate.Mapper(robot, settings=chosen)
     mapper.map(logs)
     mapper.save(tmp_path / "ours.npz")
@@ -238,8 +242,9 @@ def test_needs_command_quick_tuning_chooses_the_same_in_map_and_evaluate(
     field.save(tmp_path / "again.npz")
     with np.load(tmp_path / "again.npz") as again:
         assert json.loads(bytes(again["palpate"]))["calibration"] == calibration
-    theirs = run(command, "evaluate", *logs, "--methods", "map", "-o", tmp_path / "report", "--json")
-    ours = palpate.evaluate(logs, robot, methods=["map"])
+    report = ("-o", tmp_path / "report", "--json")
+    theirs = run(command, "evaluate", *logs, "--methods", "map", *report, *flags)
+    ours = palpate.evaluate(logs, robot, methods=["map"], estimator=given)
     assert ours["methods"][0]["avg_error"] == theirs["methods"][0]["avg_error"]
     with pytest.raises(ValueError, match='wanted a bool or "quick"'):
         palpate.evaluate(logs, robot, tune="slow")  # type: ignore[arg-type]

@@ -388,6 +388,7 @@ mod tests {
             "/iiwa/state/JointPosition/position/a1,/iiwa/state/ExternalJointTorque/torque/a1",
             "q1 [mrad],tau1",
             "q1,tau1 [mNm]",
+            "joint_pos_0,joint_torque_0,actual_pos_0",
             // A tool's position may be measured, too.
             "q_0,q_1,q_2,tau_0,tau_1,tau_2,actual_pos_0,actual_pos_1,actual_pos_2",
         ] {
@@ -398,6 +399,7 @@ mod tests {
             ("/js/position[0],/desired/position[0],/desired/effort[0],/sensor/effort[0]", 0, 3),
             ("state.q[0],cmd.q[0],state.tau_J[0],cmd.tau_J[0]", 0, 2),
             ("q1,q1_meas,tau1,tau1_meas", 1, 3),
+            ("position_0,position_1,joint_position_0,joint_torque_0", 2, 3),
             ("q1_actual,q1_cmd,tau1_actual", 0, 2),
             ("measured.position[0],measured.effort[0],tau_ext_hat_filtered.effort[0]", 0, 1),
         ] {

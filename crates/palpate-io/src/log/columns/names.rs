@@ -72,11 +72,12 @@ fn ignoring_case(pattern: &str) -> Regex {
 
 impl Spelling {
     fn new(words: &[&str]) -> Self {
-        let joint = format!("(?:joints?{BETWEEN}?)?");
+        let joint = |group: &str| format!("(?:(?<{group}>joints?){BETWEEN}?)?");
+        let (first, second) = (joint("joint_first"), joint("joint_second"));
         let word = |word: &&str| {
             let before = format!("(?:(?<before>{MEASURED}){BETWEEN}?)?");
             let behind = format!("(?:{BETWEEN}?(?<behind>{MEASURED}))?");
-            format!("{joint}{before}{joint}(?<word>{word}){behind}")
+            format!("(?<word>{first}{before}{second}(?<quantity>{word}){behind})")
         };
         let any = words.join("|");
         let numbered = format!(
@@ -130,11 +131,11 @@ impl Spelling {
         let numbered: Vec<(String, String)> = families
             .iter()
             .filter(|family| family.is_numbered())
-            .map(|family| (family.key.prefix.clone(), family.key.word.clone()))
+            .map(|family| (family.key.prefix.clone(), family.key.quantity.clone()))
             .collect();
         families.retain(|family| {
-            let is_beside = |(prefix, word): &(String, String)| {
-                *prefix == family.key.prefix && *word == family.key.word
+            let is_beside = |(prefix, quantity): &(String, String)| {
+                *prefix == family.key.prefix && *quantity == family.key.quantity
             };
             let is_command = |(label, _): &(Label, usize)| match label {
                 Label::Name(name) => COMMANDED_NUMBER.is_match(name),
@@ -163,12 +164,15 @@ impl Spelling {
             None => Label::Name(found["joint"].to_owned()),
         };
         let text = |group: &str| found.name(group).map_or("", |text| text.as_str());
-        let is_measured = ["before", "behind", "after"].iter().any(|group| !text(group).is_empty());
-        let prefix = text("prefix").to_owned();
+        let any = |groups: &[&str]| groups.iter().any(|group| !text(group).is_empty());
+        let is_measured = any(&["before", "behind", "after"]);
+        let says_joint = any(&["joint_first", "joint_second"]);
+        let (prefix, lower) = (text("prefix").to_owned(), |group| text(group).to_ascii_lowercase());
+        let (word, quantity) = (lower("word"), lower("quantity"));
         if self.is_measured_torque && EXTERNAL_TOPIC.is_match(&prefix) {
             return None;
         }
-        Some((Key { kind, prefix, word: text("word").to_ascii_lowercase(), is_measured }, label))
+        Some((Key { kind, prefix, word, quantity, says_joint, is_measured }, label))
     }
 }
 
@@ -194,8 +198,11 @@ struct Key {
     kind: usize,
     /// The topic, or where in a message: what stands before the word, up to `/` or a dot.
     prefix: String,
-    /// The word, in lower case.
+    /// All of the word, in lower case: `joint_measured_torque`.
     word: String,
+    /// What it is of that: `torque`.
+    quantity: String,
+    says_joint: bool,
     is_measured: bool,
 }
 
@@ -241,7 +248,8 @@ pub(super) fn pairs<'a>(
     if pairs.iter().any(is_of_one_topic) {
         pairs.retain(is_of_one_topic);
     }
-    let words = |(q, tau): &(&'a Family, &'a Family)| (&q.key.word, &tau.key.word);
+    let what = |family: &'a Family| (&family.key.quantity, family.key.says_joint);
+    let words = |(q, tau): &(&'a Family, &'a Family)| (what(q), what(tau));
     let measured = |(q, tau): &(&Family, &Family)| {
         usize::from(q.key.is_measured) + usize::from(tau.key.is_measured)
     };
