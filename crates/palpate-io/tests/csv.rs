@@ -100,6 +100,8 @@ fn tables_of_messages_name_the_joints_in_their_rows() {
     let two_robots = bagpy.replace("001,0,\"['elbow'", "001,0,\"['knee'");
     let error = read(&two_robots).unwrap_err();
     assert!(error.contains("the joints knee, shoulder in line 3"), "{error}");
+    let of_trials = read("name,q1,tau1\nfirst,0.1,1\nsecond,0.2,2\n").unwrap();
+    assert_eq!(of_trials[0], start("push", None));
     let short = foxglove.replace(",1,2\n", ",1\n");
     assert!(read(&short).unwrap_err().contains("has 7 cells in line 2; wanted 8"));
 }

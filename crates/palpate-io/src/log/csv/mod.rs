@@ -80,7 +80,9 @@ impl TouchFile for CsvFile {
         if let Some(places) = &columns.named_in_row {
             first = next_record(&mut reader, delimiter, path)?;
             let whole = first.as_ref().filter(|row| row.len() == header.len());
-            let names = whole.map(|row| names_in(row, places));
+            // A single cell may name something else, unless it holds a list.
+            let is_list = |row: &&ByteRecord| places.len() > 1 || row[places[0]].starts_with(b"[");
+            let names = whole.filter(is_list).map(|row| names_in(row, places));
             columns.joint_names = names.filter(|names| names.len() == columns.q.len());
             if columns.joint_names.is_none() {
                 columns.named_in_row = None; // of something else
