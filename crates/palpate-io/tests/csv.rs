@@ -155,6 +155,14 @@ fn a_map_names_the_columns_and_degrees_are_turned() {
     let wanted = [start("x", Some(&["a", "b"])), sample(Some(3.0), &[pi, pi / 2.0], &[2.0, 1.0])];
     assert_eq!(events, wanted);
 
+    // A time in two columns is named as the description says it.
+    let table = folder.path().join("two.csv");
+    fs::write(&table, "sec,nanosec,q1,tau1\n3,500000000,0,0\n").unwrap();
+    let found = open(&table, &LogOptions::default()).unwrap().describe().columns;
+    assert_eq!(found.as_ref().unwrap().time.as_deref(), Some("sec and nanosec"));
+    let named = read_as(&table, &LogOptions { columns: found, ..LogOptions::default() }).unwrap();
+    assert_eq!(named[1], sample(Some(3.5), &[0.0], &[0.0]));
+
     let rad = LogOptions { angle_unit: AngleUnit::Rad, ..options };
     let error = read_as(&folder.path().join("push.csv"), &rad).unwrap_err().to_string();
     assert!(error.contains("`a [deg]` contradicts"), "{error}");

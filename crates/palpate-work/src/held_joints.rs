@@ -17,8 +17,8 @@ fn is_finger(joint: &Joint) -> bool {
     joint.kind == JointKind::Prismatic || parts.iter().any(|part| name.contains(part))
 }
 
-/// A name of the log, and that of the robot that it is taken for, if they differ in what all names begin with.
-pub(crate) fn other_prefix(robot: &Robot, log: &[String]) -> Option<(String, String)> {
+/// A name of the log, and that of the robot that it is taken for, if they differ in what all names begin or end with.
+pub(crate) fn other_name(robot: &Robot, log: &[String]) -> Option<(String, String)> {
     let own: Vec<String> = robot.joint_names().map(str::to_owned).collect();
     let missing = unmatched(&own, log).0;
     let in_log = own.into_iter().enumerate().filter(|(joint, _)| !missing.contains(joint));

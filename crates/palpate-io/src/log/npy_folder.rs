@@ -26,6 +26,9 @@ use super::options::LogOptions;
 use crate::input;
 use crate::npy::Rows;
 
+/// What is said of a folder that lacks one of them.
+const WANTED: &str = "a touch needs `angles.npy` and `torques.npy`";
+
 /// Whether a folder holds a touch.
 ///
 /// A folder with only one of the two files counts, so that an error names the missing one.
@@ -88,8 +91,6 @@ impl Arrays {
     }
 }
 
-const WANTED: &str = "a touch needs `angles.npy` and `torques.npy`";
-
 /// Name of a touch: that of its folder, even if the path is `.`.
 pub(super) fn name_of(folder: &Path) -> String {
     let named = folder.file_name().map(ToOwned::to_owned);
@@ -114,8 +115,14 @@ impl TouchFile for TouchFolder {
         let arrays = Arrays::of(folder);
         let angles = Table::open(arrays.angles)?;
         let torques = Table::open(arrays.torques)?;
-        let open = |(time, path)| Ok::<_, LogError>((time, Table::open(path)?));
-        let mut time = arrays.time.map(open).transpose()?;
+        let frames = angles.rows.rows;
+        let fits = |table: &Table| table.rows.rows == frames && table.rows.columns == 1;
+        let time = arrays.time.map(|(time, path)| match path.ends_with("time.npy") {
+            true => Table::open(path).map(|table| Some((time, table))),
+            // Another array that is called like a time may be one of something else.
+            false => Ok(Table::open(path).ok().filter(fits).map(|table| (time, table))),
+        });
+        let time = time.transpose()?.flatten();
 
         angles.check_shape()?;
         torques.check_shape()?;
@@ -126,17 +133,7 @@ impl TouchFile for TouchFolder {
             let angles = angles.file_name();
             return Err(torques.misfit(format!("{t} x {n} as in `{angles}` beside it{remedy}")));
         }
-        if let Some((_, table)) = &time
-            && !table.path.ends_with("time.npy")
-            && table.rows.shape() != [angles.rows.rows]
-            && table.rows.shape() != [angles.rows.rows, 1]
-        {
-            time = None; // of something else
-        }
-        if let Some((_, time)) = &time
-            && (time.rows.rows != angles.rows.rows || time.rows.columns != 1)
-        {
-            let frames = angles.rows.rows;
+        if let Some((_, time)) = time.as_ref().filter(|(_, time)| !fits(time)) {
             let angles = angles.file_name();
             return Err(time.misfit(format!("({frames},), one time for each row of `{angles}`")));
         }

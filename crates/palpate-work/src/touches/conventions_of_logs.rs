@@ -52,8 +52,7 @@ impl Touches {
             }
         }
         let Some(count) = count else { return Ok(arm) };
-        if let Some((log, own)) =
-            names.and_then(|names| held_joints::other_prefix(&arm.robot, names))
+        if let Some((log, own)) = names.and_then(|names| held_joints::other_name(&arm.robot, names))
         {
             progress.note(&format!(
                 "joints are matched without what all their names begin or end with: `{log}` is `{own}`, and so on"

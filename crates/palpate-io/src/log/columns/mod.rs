@@ -16,10 +16,12 @@
 //! `actual_current_0`), libfranka (`state.q[0]`, `state.tau_J[0]`, with a time in milliseconds), KUKA's recorder
 //! (`axisQMsr_LBR_iiwa_7_R800_1[0]`) and pyfri (`mp1`, `mt1`).
 //!
-//! Columns are taken only if exactly one family of positions and one of torques have the same
-//! joints: what is ambiguous is an error, not a guess. Of several those count that lie in one topic, or say that
-//! they were measured. Where no torques fit, Franka's external torques do (`tau_ext_hat_filtered`), or else motor currents.
+//! Columns are taken only if exactly one family of positions and one of torques have the same joints: what is
+//! ambiguous is an error, not a guess. Commands do not count. Of several pairs, those of one topic count; of two that
+//! differ only in `measured`, the measured one. Where no torques fit, Franka's external torques are taken
+//! (`tau_ext_hat_filtered`), or else motor currents.
 
+mod families;
 mod names;
 mod time;
 
@@ -31,7 +33,8 @@ use regex::Regex;
 use super::event::LoggedTorques;
 use super::files::FileDescription;
 use super::options::{AngleUnit, CsvColumns};
-use names::{CURRENTS, EXTERNAL_TORQUES, Family, JOINT_NAMES, Label, pairs};
+use families::{Family, families, pairs};
+use names::{CURRENTS, EXTERNAL_TORQUES, JOINT_NAMES, Label};
 pub(super) use names::{POSITIONS, Spelling, TORQUES};
 pub(super) use time::Time;
 
@@ -132,32 +135,13 @@ impl Columns {
     }
 
     fn mapped(header: &[String], map: &CsvColumns) -> Result<Self, String> {
-        let place = |name: &String| {
-            let mut places =
-                header.iter().enumerate().filter(|(_, held)| held.trim() == name.trim());
-            match (places.next(), places.next()) {
-                (Some((place, _)), None) => Ok(place),
-                (None, _) => Err(format!("there is no column `{name}`")),
-                (Some(_), Some(_)) => Err(format!("there are two columns `{name}`")),
-            }
-        };
+        let place = |name: &String| place_of(name, header);
         let (n, joints) = (map.q.len(), map.joints.as_ref().map_or(map.q.len(), Vec::len));
         if n == 0 || map.tau.len() != n || joints != n {
             let tau = map.tau.len();
             return Err(format!("the map has {n} `q`, {tau} `tau` and {joints} `joints`"));
         }
-        let time = map.time.as_ref().map(|name| {
-            // As `describe` says a time in two columns.
-            let two = match header.iter().any(|held| held.trim() == name.trim()) {
-                true => None,
-                false => name.split_once(" and "),
-            };
-            let Some((seconds, nanoseconds)) = two else {
-                return Ok(Time::at(place(name)?, None, header));
-            };
-            let nanoseconds = place(&nanoseconds.to_owned())?;
-            Ok::<_, String>(Time::at(place(&seconds.to_owned())?, Some(nanoseconds), header))
-        });
+        let time = map.time.as_ref().map(|name| time_called(name, header));
         Ok(Self {
             q: map.q.iter().map(place).collect::<Result<_, _>>()?,
             tau: map.tau.iter().map(place).collect::<Result<_, _>>()?,
@@ -171,13 +155,15 @@ impl Columns {
 
     /// Where torques are not needed, it is a plan: what is commanded counts.
     fn recognised(header: &[String], has_torques: bool) -> Result<Self, String> {
-        let families = |spelling: &Spelling| spelling.families(header, !has_torques);
-        let (positions, joint_names) = (families(&POSITIONS)?, families(&JOINT_NAMES)?);
+        let all = |spelling: &Spelling| families(header, spelling, !has_torques);
+        let (positions, joint_names) = (all(&POSITIONS)?, all(&JOINT_NAMES)?);
         // In a plan, positions stand for torques, so that they are of the same joints.
+        let mut measured = all(if has_torques { &TORQUES } else { &POSITIONS })?;
+        measured.retain(|family| !family.is_external());
         let found = [
-            (LoggedTorques::Unsaid, families(if has_torques { &TORQUES } else { &POSITIONS })?),
-            (LoggedTorques::External, families(&EXTERNAL_TORQUES)?),
-            (LoggedTorques::Currents, families(&CURRENTS)?),
+            (LoggedTorques::Unsaid, measured),
+            (LoggedTorques::External, all(&EXTERNAL_TORQUES)?),
+            (LoggedTorques::Currents, all(&CURRENTS)?),
         ];
         let fits = |(_, torques): &&(_, Vec<_>)| !pairs(&positions, torques).is_empty();
         let (kind, torques) = found.iter().find(fits).unwrap_or(&found[0]);
@@ -219,6 +205,27 @@ impl Columns {
             touch: touch(header),
             torques: *kind,
         })
+    }
+}
+
+/// The only column that is called so.
+fn place_of(name: &str, header: &[String]) -> Result<usize, String> {
+    let mut places = header.iter().enumerate().filter(|(_, held)| held.trim() == name.trim());
+    match (places.next(), places.next()) {
+        (Some((place, _)), None) => Ok(place),
+        (None, _) => Err(format!("there is no column `{name}`")),
+        (Some(_), Some(_)) => Err(format!("there are two columns `{name}`")),
+    }
+}
+
+/// The time in the column that is called so, or in two, `seconds and nanoseconds`.
+fn time_called(name: &str, header: &[String]) -> Result<Time, String> {
+    match (place_of(name, header), name.split_once(" and ")) {
+        (Err(_), Some((seconds, nanoseconds))) => {
+            let nanoseconds = place_of(nanoseconds, header)?;
+            Ok(Time::at(place_of(seconds, header)?, Some(nanoseconds), header))
+        }
+        (place, _) => Ok(Time::at(place?, None, header)),
     }
 }
 

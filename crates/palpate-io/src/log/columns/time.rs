@@ -47,15 +47,15 @@ const UNITS: &[(f64, &[&str])] = &[
 ];
 const NANOSECONDS: &[&str] =
     &["nanoseconds", "nanosecs", "nanosec", "nanos", "nsecs", "nsec", "ns"];
-/// Where a time that is said in no unit is looked for, s since 1970: 1998 to 2096.
+/// Unix times that are looked for where no unit is said, s: 1998 to 2096.
 const SINCE_1970_S: std::ops::RangeInclusive<f64> = 9e8..=4e9;
 
 /// Names of the time, ms, and of another column in what libfranka's `logToCSV` writes, now and in older versions.
 const LIBFRANKA: [[&str; 2]; 2] = [["time", "success_rate"], ["duration", "success rate"]];
 
 impl Time {
-    /// The column, or the two columns, that are called so. A stamp in a message counts more than when it was written, but
-    /// only of the topic that the positions are of.
+    /// The column, or the two columns, that hold the time. The stamp of a message counts more than the time of recording,
+    /// but only of the topic of the positions.
     pub(super) fn find(header: &[String], topic: &str) -> Option<Self> {
         let topic = topic.to_lowercase();
         let of_topic = |name: &String| {
@@ -94,8 +94,7 @@ impl Time {
         [self.place].into_iter().chain(self.nanoseconds)
     }
 
-    /// The time of a row of which `number` is the number in a column, s. A unit that the name does not say is that of the
-    /// first row.
+    /// The time of a row, s; `number` reads a column of it. If the name says no unit, the first row decides for all.
     pub(in crate::log) fn seconds<E>(
         &mut self,
         mut number: impl FnMut(usize) -> Result<f64, E>,
@@ -115,7 +114,7 @@ impl Time {
     }
 }
 
-/// Seconds in the unit of a time that does not say it: what makes it a moment of our days, else a second.
+/// Seconds in the unit of a time that does not say it: ms, µs or ns if that makes it a Unix time of our days, else s.
 fn unit_of(time: f64) -> f64 {
     let is_now = |unit_s: &f64| SINCE_1970_S.contains(&(time * unit_s));
     [1e-3, 1e-6, 1e-9].into_iter().find(is_now).unwrap_or(1.0)

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use ::csv::{ByteRecord, Reader, ReaderBuilder, Terminator, Trim};
 use palpate::Sample;
 
-use super::columns::{Columns, Time};
+use super::columns::Columns;
 use super::error::{LogError, TableError};
 use super::event::Format;
 use super::files::{FileDescription, TouchFile};
@@ -127,10 +127,7 @@ impl TouchFile for CsvFile {
             return Err(TableError::OtherJoints { path, line, found, wanted }.into());
         }
         let touch = self.columns.touch.map(|place| text(&record[place]));
-        let mut time = self.columns.time.take();
-        let sample = self.sample(&record, &mut time);
-        self.columns.time = time;
-        Ok(Some((touch, sample?)))
+        Ok(Some((touch, self.sample(&record)?)))
     }
 
     fn place(&self) -> String {
@@ -195,7 +192,7 @@ impl CsvFile {
         self.reader.position().line().saturating_sub(1)
     }
 
-    fn sample(&self, record: &ByteRecord, time: &mut Option<Time>) -> Result<Sample, TableError> {
+    fn sample(&mut self, record: &ByteRecord) -> Result<Sample, TableError> {
         let number = |place: usize| {
             let cell = std::str::from_utf8(&record[place]).ok();
             let number = cell.and_then(|cell| cell.parse::<f64>().ok());
@@ -211,12 +208,14 @@ impl CsvFile {
         let numbers = |places: &[usize]| -> Result<Vec<f64>, TableError> {
             places.iter().copied().map(number).collect()
         };
+        let mut time = self.columns.time.clone();
         let time_s = time.as_mut().map(|time| time.seconds(number)).transpose()?;
         let q = numbers(&self.columns.q)?;
         let tau = match self.columns.tau.is_empty() {
             true => vec![0.0; q.len()],
             false => numbers(&self.columns.tau)?,
         };
+        self.columns.time = time; // which knows its unit now
         Ok(Sample::new(time_s, q, tau))
     }
 }
