@@ -34,7 +34,7 @@ pub(crate) fn open_as_logged(
     let mut touches = Touches::open(logs, &settings.log.options())?;
     let arm = robot::load(&settings.robot, output)?;
     let arm = touches.arm_of_logs(arm, &mut settings.robot, output)?;
-    settings.log.check_for(&arm.robot)?;
+    touches.angle_unit(&arm, settings, output)?;
     Ok((touches, arm))
 }
 

@@ -264,7 +264,13 @@ fn degrees_and_radians_are_told_apart() {
     touches.iter_mut().for_each(|touch| {
         touch.q.iter_mut().flatten().for_each(|angle| *angle = angle.to_degrees());
     });
-    assert_eq!(flags(&only(&touches, &[], "angle_unit")), ["--angle-unit", "deg"]);
+    let (exit, told) = look(&touches, &[]);
+    assert_eq!((exit, codes(&told)), (Some(0), vec!["angle_unit"]));
+    says(first(&told), &["degrees", "gravity fits", "read so"]);
+    assert_eq!(
+        flags(&only(&touches, &["--angle-unit", "rad"], "angle_unit")),
+        ["--angle-unit", "deg"]
+    );
     nothing(&touches, &["--angle-unit", "deg"]);
     let found = only(&clean(), &["--angle-unit", "deg"], "angle_unit");
     assert_eq!(flags(&found), ["--angle-unit", "rad"]);

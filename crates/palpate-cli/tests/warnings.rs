@@ -94,6 +94,24 @@ fn predict_warns_of_the_log_that_it_predicts() {
 }
 
 #[test]
+fn a_log_in_degrees_gives_the_field_of_the_same_in_radians() {
+    let degrees =
+        |touch: &mut Touch| touch.q.iter_mut().flatten().for_each(|q| *q = q.to_degrees());
+    let cells = |folder: &TempDir| {
+        let output = commands(folder.path())[0].output().unwrap();
+        assert!(output.status.success() && warnings(&output).is_empty(), "{}", stderr(&output));
+        let field = palpate_io::field::load(&folder.path().join("out/field.npz")).unwrap().field;
+        (field.stiffness_n_per_m.to_vec(), stderr(&output).contains("the angles look like degrees"))
+    };
+    let ((wanted, told), (found, told_so)) = (cells(&scene(|_| ())), cells(&scene(degrees)));
+    assert_eq!((told, told_so), (false, true));
+    let stiffest = wanted.iter().copied().fold(0.0, f64::max);
+    assert!(stiffest > 0.0);
+    let near = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-3 * stiffest;
+    assert!(wanted.len() == found.len() && wanted.iter().zip(&found).all(near));
+}
+
+#[test]
 fn a_log_of_another_robot_is_told_by_its_number_of_joints() {
     let folder = scene(|touch| touch.each_row(|row| row.truncate(6)));
     for mut command in commands(folder.path()) {

@@ -163,9 +163,36 @@ fn a_map_names_the_columns_and_degrees_are_turned() {
     let named = read_as(&table, &LogOptions { columns: found, ..LogOptions::default() }).unwrap();
     assert_eq!(named[1], sample(Some(3.5), &[0.0], &[0.0]));
 
-    let rad = LogOptions { angle_unit: AngleUnit::Rad, ..options };
+    let by_name = LogOptions { angle_unit: None, ..options.clone() };
+    assert_eq!(read_as(&folder.path().join("push.csv"), &by_name).unwrap(), wanted);
+    let rad = LogOptions { angle_unit: Some(AngleUnit::Rad), ..options };
     let error = read_as(&folder.path().join("push.csv"), &rad).unwrap_err().to_string();
     assert!(error.contains("`a [deg]` contradicts"), "{error}");
+}
+
+#[test]
+fn a_table_without_a_header_is_read_by_the_numbers_of_its_columns() {
+    let folder = folder_with(&[("push.csv", "0.5,1,2,3\n0.6,4,5,6\n")]);
+    let table = folder.path().join("push.csv");
+    let numbers = |numbers: &[&str]| numbers.iter().map(|&number| number.to_owned()).collect();
+    let columns = |q: &[&str], tau: &[&str]| CsvColumns {
+        q: numbers(q),
+        tau: numbers(tau),
+        time: Some("1".to_owned()),
+        ..CsvColumns::default()
+    };
+    let named = |columns| LogOptions { columns: Some(columns), ..LogOptions::default() };
+    let events = read_as(&table, &named(columns(&["3"], &["2"]))).unwrap();
+    let wanted =
+        [start("push", None), sample(Some(0.5), &[2.0], &[1.0]), sample(Some(0.6), &[5.0], &[4.0])];
+    assert_eq!(events, wanted);
+    let error = read_as(&table, &named(columns(&["3"], &["5"]))).unwrap_err().to_string();
+    assert!(error.contains("no column `5`"), "{error}");
+
+    // pandas calls the columns of an array by their numbers from 0.
+    fs::write(&table, "0,1,2,3\n0.5,1,2,3\n").unwrap();
+    let events = read_as(&table, &named(columns(&["2"], &["3"]))).unwrap();
+    assert_eq!(events[1], sample(Some(1.0), &[2.0], &[3.0]));
 }
 
 #[test]

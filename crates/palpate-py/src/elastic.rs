@@ -178,7 +178,7 @@ pub(crate) fn map_elastic(
     let saved = long(py, progress, |progress| -> Result<_, WorkError> {
         let bodies = object.bodies(progress)?;
         let mut touches = opened(sources, &settings.log)?;
-        settings.log.check_for(&robot.arm.robot)?;
+        touches.angle_unit(&robot.arm, &mut settings, progress)?;
         let arm = Arc::clone(&robot.arm);
         settings.robot.arm.clone_from(&robot.settings.arm);
         touches.external(&arm, &mut settings, IfUndecided::Refuse, progress)?;

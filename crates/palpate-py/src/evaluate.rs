@@ -228,6 +228,7 @@ pub(crate) fn tune<'py>(
     let tuned = long(py, progress, |progress| -> Result<_, WorkError> {
         let arm = &robot.arm;
         let mut touches = opened(sources, &settings.log)?;
+        touches.angle_unit(arm, &mut settings, progress)?;
         touches.external(arm, &mut settings, IfUndecided::Refuse, progress)?;
         let (recorded, touches) = evaluation::read(touches, (arm, &settings), false, progress)?;
         let config = settings.config()?;

@@ -424,7 +424,7 @@ fn beside(
     progress: &dyn Progress,
 ) -> std::result::Result<(Touches, ExternalTorqueConfig), WorkError> {
     let mut touches = opened(sources, &settings.log)?;
-    settings.log.check_for(&robot.arm.robot)?;
+    touches.angle_unit(&robot.arm, &mut settings, progress)?;
     settings.robot.arm.clone_from(&robot.settings.arm);
     touches.external(&robot.arm, &mut settings, IfUndecided::LeaveOpen, progress)?;
     let touch = settings.torque_beside_field(&field.touch)?;

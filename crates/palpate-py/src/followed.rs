@@ -63,6 +63,7 @@ impl Followed {
             return Ok(followed);
         }
         let mut touches = opened(sources, &settings.log)?;
+        touches.angle_unit(arm, settings, progress)?;
         touches.external(arm, settings, IfUndecided::Refuse, progress)?;
         let (recorded, touches) = evaluate::read(touches, (arm, settings), truth, progress)?;
         let tracked = follow(arm, &configs(settings)?[0], &touches, progress)

@@ -129,7 +129,7 @@ fn read(
     model: Option<(TorqueModel, Differentiation)>,
     progress: &dyn Progress,
 ) -> Result<Vec<RecordedTouch>, WorkError> {
-    settings.log.check_for(&robot.arm.robot)?;
+    touches.angle_unit(&robot.arm, settings, progress)?;
     touches.conventions(&robot.arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
     if let Some((model, differentiation)) = model {
         touches.identified(&robot.arm, model, differentiation, &settings.touch)?;

@@ -268,8 +268,8 @@ impl Mapper {
                 given.touch.gravity = Some(OrAuto::Is(set.gravity));
             }
             let arm = mapper.arm().clone();
+            touches.angle_unit(&arm, &mut given, progress)?;
             touches.external(&arm, &mut given, IfUndecided::LeaveOpen, progress)?;
-            settings.check_for(&mapper.arm().robot)?;
             let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
             let mut touches = touches.for_arm(&mapper.arm().clone(), settings, place)?;
             let tally = learn::learn(mapper, &mut touches, &mut |_, _, _| (), None, progress)?;

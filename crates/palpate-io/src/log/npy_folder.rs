@@ -321,7 +321,7 @@ mod tests {
     fn degrees_become_radians() {
         let folder = tempfile::tempdir().unwrap();
         touch(folder.path(), &[[180.0]], &[[5.0]]);
-        let options = LogOptions { angle_unit: AngleUnit::Deg, ..Default::default() };
+        let options = LogOptions { angle_unit: Some(AngleUnit::Deg), ..Default::default() };
         let Some(Ok(LogEvent::Sample(sample))) = open(folder.path(), &options).unwrap().nth(1)
         else {
             panic!("one sample was written")

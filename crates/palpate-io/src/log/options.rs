@@ -2,14 +2,16 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::columns::says;
+
 /// How to read a log.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LogOptions {
     /// Which columns of a table to read; `None` recognises common spellings.
     pub columns: Option<CsvColumns>,
-    /// Unit of the logged joint positions.
-    pub angle_unit: AngleUnit,
+    /// Unit of the logged joint positions; `None` takes degrees where the name of a column says so, else radians.
+    pub angle_unit: Option<AngleUnit>,
     /// Topic of a bag that holds the samples; `None` takes the only one that can be read.
     pub topic: Option<String>,
     /// Topic of a bag whose messages each start a touch.
@@ -37,7 +39,7 @@ pub enum AngleUnit {
 
 impl AngleUnit {
     /// Turns logged positions into radians.
-    pub(crate) fn into_rad(self, q: &mut [f64]) {
+    pub fn into_rad(self, q: &mut [f64]) {
         if self == Self::Deg {
             q.iter_mut().for_each(|angle| *angle = angle.to_radians());
         }
@@ -62,4 +64,13 @@ pub struct CsvColumns {
     /// What changes from one touch to the next.
     #[serde(default)]
     pub touch: Option<String>,
+}
+
+impl CsvColumns {
+    /// The unit that the name of any column of positions says.
+    pub fn angle_unit(&self) -> Option<AngleUnit> {
+        [AngleUnit::Deg, AngleUnit::Rad]
+            .into_iter()
+            .find(|unit| self.q.iter().any(|name| says(name, *unit)))
+    }
 }

@@ -28,7 +28,7 @@ pub(super) trait Source: Send {
 /// A log being read.
 pub(super) struct Reader {
     source: Box<dyn Source>,
-    angle_unit: AngleUnit,
+    angle_unit: Option<AngleUnit>,
     split_gap_s: Option<f64>,
     /// Events that are read and not handed on yet.
     events: VecDeque<LogEvent>,
@@ -91,7 +91,9 @@ impl Reader {
 
     /// The event of a sample: itself, or the start of a touch before it.
     fn sample(&mut self, mut sample: Sample) -> Result<LogEvent, LogError> {
-        self.angle_unit.into_rad(&mut sample.q);
+        if let Some(unit) = self.angle_unit {
+            unit.into_rad(&mut sample.q);
+        }
         let before_s = std::mem::replace(&mut self.touch.before_s, sample.time_s);
         self.watch_clock(before_s, sample.time_s);
         self.touch.samples += 1;

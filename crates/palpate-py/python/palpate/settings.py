@@ -37,7 +37,7 @@ class RobotSettings(TypedDict, total=False):
 class LogSettings(TypedDict, total=False):
     """How logs are read."""
 
-    angle_unit: Literal["rad", "deg"]
+    angle_unit: Literal["auto", "rad", "deg"]
     columns: Mapping[str, str | Sequence[str]]
     topic: str
     touch_topic: str

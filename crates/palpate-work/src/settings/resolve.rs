@@ -163,9 +163,15 @@ impl RobotSettings {
 impl LogSettings {
     /// How to open logs.
     pub fn options(&self) -> LogOptions {
-        let mut options = LogOptions::default();
+        let angle_unit = self.angle_unit_given();
+        let mut options = LogOptions { angle_unit, ..LogOptions::default() };
         self.set(&mut options);
         options
+    }
+
+    /// The unit of the angles, unless it is to be found.
+    pub fn angle_unit_given(&self) -> Option<AngleUnit> {
+        self.angle_unit.and_then(OrAuto::given)
     }
 
     /// Refuses gaps and pauses that are none.
@@ -191,7 +197,7 @@ impl LogSettings {
         let mut joints = robot.joints().iter();
         let slides = joints.find(|joint| joint.kind == JointKind::Prismatic);
         match slides {
-            Some(joint) if self.options().angle_unit == AngleUnit::Deg => {
+            Some(joint) if self.angle_unit_given() == Some(AngleUnit::Deg) => {
                 Err(SettingsError::Together(format!(
                     "angle_unit is deg, but joint `{}` of the robot `{}` is prismatic: its metres \
                      would be turned into radians; convert the angles of the log to radians, and \

@@ -155,9 +155,9 @@ section! {
     /// How logs are read.
     #[command(next_help_heading = "Log")]
     pub struct LogSettings of LogOptions {
-        /// Unit of logged joint positions [default: rad]
-        #[arg(long, value_name = "UNIT", value_parser = named::<AngleUnit>(&["rad", "deg"]))]
-        pub angle_unit: AngleUnit => angle_unit,
+        /// Unit of logged joint positions; `auto` to find out from the names of columns, else from the log [default: auto]
+        #[arg(long, value_name = "UNIT", value_parser = named::<OrAuto<AngleUnit>>(&["auto", "rad", "deg"]))]
+        pub angle_unit: OrAuto<AngleUnit>,
         /// Columns of a CSV log, where their names do not tell: q=a,b;tau=c,d;time=t;touch=n (the
         /// last two if there are any); in a file columns = { q = ["a", "b"], tau = ["c", "d"],
         /// time = "t" }

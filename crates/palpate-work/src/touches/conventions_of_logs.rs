@@ -3,18 +3,19 @@
 
 use std::sync::Arc;
 
+use palpate::unstable::{Joint, JointKind};
 use palpate::{Arm, ExternalTorqueConfig, Gravity, Sample, TorqueSign};
-use palpate_io::log::{LogEvent, reorder};
+use palpate_io::log::{AngleUnit, LogEvent, reorder};
 
 use super::{RecordedTouch, Touches, is_external, is_of_currents};
 use crate::conventions::{Evidence, Given, Undecided};
 use crate::error::WorkError;
 use crate::held_joints;
-use crate::inspect::is_misread;
+use crate::inspect::{are_degrees, is_misread};
 use crate::progress::Progress;
 use crate::recorded::reorder_joints;
-use crate::settings::OrAuto;
 use crate::settings::sections::{RobotSettings, TouchSettings};
+use crate::settings::{OrAuto, Settings};
 
 /// Samples that are read ahead to find out how torques count: 20 MB of seven joints.
 const AHEAD: usize = 100_000;
@@ -68,6 +69,38 @@ impl Touches {
         Ok(arm)
     }
 
+    /// Reads positions as degrees if they are, where neither the settings nor the names of columns say what they are; that
+    /// goes into the settings, and a note says why.
+    ///
+    /// # Errors
+    ///
+    /// If the settings say degrees of an arm with a prismatic joint.
+    pub fn angle_unit(
+        &mut self,
+        arm: &Arm,
+        settings: &mut Settings,
+        progress: &dyn Progress,
+    ) -> Result<(), WorkError> {
+        settings.log.check_for(&arm.robot)?;
+        if settings.log.angle_unit_given().is_some() || arm.robot.joints().iter().any(slides) {
+            return Ok(());
+        }
+        let path = self.first_path();
+        let set = settings.touch.over_config(&ExternalTorqueConfig::default());
+        let events = self.logs.look_ahead_in_unknown_unit(AHEAD);
+        let Some(mut touches) = touches_of(events.into_iter(), arm) else { return Ok(()) };
+        if let Some(why) = are_degrees(&mut touches, &arm.robot, &set) {
+            progress.note(&format!("`{path}`: {why}; they are read so (--angle-unit)"));
+            self.logs.are_in_degrees();
+            settings.log.angle_unit = Some(OrAuto::Is(AngleUnit::Deg));
+        }
+        Ok(())
+    }
+
+    fn first_path(&self) -> String {
+        self.logs.all().next().map_or(String::new(), |(path, _)| path.display().to_string())
+    }
+
     /// Takes from the logs what the settings leave open of the torques: what a type of message says, else what the
     /// data tell, of which a note says why.
     ///
@@ -88,8 +121,7 @@ impl Touches {
         if torque_sign.is_some() && gravity.is_some() {
             return Ok(());
         }
-        let path =
-            self.logs.all().next().map_or(String::new(), |(path, _)| path.display().to_string());
+        let path = self.first_path();
         let set = settings.over_config(&ExternalTorqueConfig::default());
         let Some(mut touches) = touches_of(self.logs.look_ahead(AHEAD), arm) else { return Ok(()) };
         let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
@@ -186,6 +218,10 @@ impl Touches {
         }
         Ok(())
     }
+}
+
+fn slides(joint: &Joint) -> bool {
+    joint.kind == JointKind::Prismatic
 }
 
 /// Events as touches, joints in the arm's order; `None` if they are not the arm's.

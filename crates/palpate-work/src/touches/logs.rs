@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-use palpate_io::log::{Log, LogError, LogEvent};
+use palpate_io::log::{AngleUnit, Log, LogError, LogEvent};
 
 /// An event, and the number of the log that it is of.
 type Numbered = (usize, LogEvent);
@@ -12,21 +12,36 @@ type Numbered = (usize, LogEvent);
 #[derive(Default)]
 pub(super) struct Logs {
     logs: Vec<(PathBuf, Box<dyn Log>)>,
+    /// Whether somebody, or the names of its columns, say what unit the positions of each log are in.
+    unit_said: Vec<bool>,
     /// The log that is read from.
     reading: usize,
     /// What was read and not handed on yet, and the error behind it.
     ahead: VecDeque<Numbered>,
     failed: Option<(usize, LogError)>,
+    /// Positions were read as radians, and are degrees.
+    in_degrees: bool,
 }
 
 impl Logs {
-    pub(super) fn new(logs: Vec<(PathBuf, Box<dyn Log>)>) -> Self {
-        Self { logs, ..Self::default() }
+    pub(super) fn new(logs: Vec<(PathBuf, Box<dyn Log>)>, unit: Option<AngleUnit>) -> Self {
+        let named = |log: &dyn Log| log.describe().columns.and_then(|columns| columns.angle_unit());
+        let unit_said = logs.iter().map(|(_, log)| unit.or_else(|| named(log.as_ref())).is_some());
+        Self { unit_said: unit_said.collect(), logs, ..Self::default() }
     }
 
     /// Adds logs that were not read from yet.
     pub(super) fn join(&mut self, other: Self) {
         self.logs.extend(other.logs);
+        self.unit_said.extend(other.unit_said);
+    }
+
+    /// Turns positions into radians that were read as such and are degrees, unless their unit was said: those ahead, and
+    /// those to come.
+    pub(super) fn are_in_degrees(&mut self) {
+        self.in_degrees = true;
+        let unsaid = self.ahead.iter_mut().filter(|(log, _)| !self.unit_said[*log]);
+        unsaid.for_each(|(_, event)| into_rad(event));
     }
 
     /// The logs and where they are.
@@ -68,14 +83,32 @@ impl Logs {
         self.ahead.iter().map(|(_, event)| event)
     }
 
+    /// The same of logs of which nobody says what unit their positions are in.
+    pub(super) fn look_ahead_in_unknown_unit(&mut self, samples: usize) -> Vec<&LogEvent> {
+        let _ = self.look_ahead(samples);
+        let unsaid = self.ahead.iter().filter(|(log, _)| !self.unit_said[*log]);
+        unsaid.map(|(_, event)| event).collect()
+    }
+
     fn read(&mut self) -> Result<Option<Numbered>, (usize, LogError)> {
         while let Some((_, log)) = self.logs.get_mut(self.reading) {
             match log.next().transpose() {
                 Ok(None) => self.reading += 1,
-                Ok(Some(event)) => return Ok(Some((self.reading, event))),
+                Ok(Some(mut event)) => {
+                    if self.in_degrees && !self.unit_said[self.reading] {
+                        into_rad(&mut event);
+                    }
+                    return Ok(Some((self.reading, event)));
+                }
                 Err(error) => return Err((self.reading, error)),
             }
         }
         Ok(None)
+    }
+}
+
+fn into_rad(event: &mut LogEvent) {
+    if let LogEvent::Sample(sample) = event {
+        AngleUnit::Deg.into_rad(&mut sample.q);
     }
 }

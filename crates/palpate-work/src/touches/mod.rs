@@ -60,14 +60,15 @@ impl Touches {
     pub fn open(paths: &[PathBuf], options: &LogOptions) -> Result<Self, WorkError> {
         let open = |path: &PathBuf| Ok((path.clone(), log::open(path, options)?));
         let logs = paths.iter().map(open).collect::<Result<Vec<_>, WorkError>>()?;
-        let logs = Logs::new(logs);
-        Ok(Self { logs, checked: (options.angle_unit, false), ..Self::default() })
+        let logs = Logs::new(logs, options.angle_unit);
+        let checked = (options.angle_unit.unwrap_or_default(), false);
+        Ok(Self { logs, checked, ..Self::default() })
     }
 
     /// Touches that a program holds, after each other, which errors call by this name.
     pub fn held(name: &str, touches: Vec<RecordedTouch>) -> Self {
         let log = Box::new(MemoryLog::new(touches));
-        Self { logs: Logs::new(vec![(PathBuf::from(name), log)]), ..Self::default() }
+        Self { logs: Logs::new(vec![(PathBuf::from(name), log)], None), ..Self::default() }
     }
 
     /// These touches, then those of others.

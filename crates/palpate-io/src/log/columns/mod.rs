@@ -43,6 +43,8 @@ pub(super) use time::Time;
 pub(super) struct Columns {
     pub(super) q: Vec<usize>,
     pub(super) tau: Vec<usize>,
+    /// Whether the name of each column of positions says that they are degrees, if nobody says what they are.
+    pub(super) degrees: Vec<bool>,
     pub(super) joint_names: Option<Vec<String>>,
     /// Where each row holds the joints' names, in the same order, as tables of messages do; one column may hold all.
     pub(super) named_in_row: Option<Vec<usize>>,
@@ -108,30 +110,38 @@ impl Columns {
         }
     }
 
-    /// Themselves, unless a name contradicts the unit. An error is half a sentence for the user.
-    pub(super) fn in_unit(self, header: &[String], unit: AngleUnit) -> Result<Self, String> {
-        match self.wrong_unit(header, unit) {
+    /// Themselves, unless a name contradicts the unit; where none is given, names that say degrees are believed. An error
+    /// is half a sentence for the user.
+    pub(super) fn in_unit(
+        self,
+        header: &[String],
+        unit: Option<AngleUnit>,
+    ) -> Result<Self, String> {
+        let says = |place: usize, unit: AngleUnit| says(&header[place], unit);
+        let Some(given) = unit else {
+            let degrees = self.q.iter().map(|&place| says(place, AngleUnit::Deg)).collect();
+            return Ok(Self { degrees, ..self });
+        };
+        let other = match given {
+            AngleUnit::Rad => AngleUnit::Deg,
+            AngleUnit::Deg => AngleUnit::Rad,
+        };
+        match self.q.iter().find(|&&place| says(place, other)) {
             None => Ok(self),
-            Some(place) => {
+            Some(&place) => {
                 let name = &header[place];
-                Err(format!("column `{name}` contradicts the angle unit {unit:?}; change it"))
+                Err(format!("column `{name}` contradicts the angle unit {given:?}; change it"))
             }
         }
     }
 
-    /// A column of positions whose name contradicts the unit.
-    fn wrong_unit(&self, header: &[String], unit: AngleUnit) -> Option<usize> {
-        let says = |name: &str, word: &str| {
-            let name = name.trim().to_ascii_lowercase();
-            name.split(|c: char| !c.is_ascii_alphabetic()).next_back() == Some(word)
-                || name.ends_with(&format!("[{word}]"))
-                || name.ends_with(&format!("({word})"))
-        };
-        let others: &[&str] = match unit {
-            AngleUnit::Rad => &["deg", "degree", "degrees", "°"],
-            AngleUnit::Deg => &["rad", "radian", "radians"],
-        };
-        self.q.iter().copied().find(|&place| others.iter().any(|word| says(&header[place], word)))
+    /// Turns positions into radians where the name of their column says degrees. A single column may hold a list of all.
+    pub(super) fn turn_degrees(&self, q: &mut [f64]) {
+        let by_joint = self.degrees.iter().cycle().take(q.len());
+        q.iter_mut()
+            .zip(by_joint)
+            .filter(|(_, degrees)| **degrees)
+            .for_each(|(q, _)| *q = q.to_radians());
     }
 
     fn mapped(header: &[String], map: &CsvColumns) -> Result<Self, String> {
@@ -145,6 +155,7 @@ impl Columns {
         Ok(Self {
             q: map.q.iter().map(place).collect::<Result<_, _>>()?,
             tau: map.tau.iter().map(place).collect::<Result<_, _>>()?,
+            degrees: Vec::new(),
             joint_names: map.joints.clone(),
             named_in_row: None,
             time: time.transpose()?,
@@ -198,6 +209,7 @@ impl Columns {
                 true => places(tau),
                 false => Vec::new(),
             },
+            degrees: Vec::new(),
             joint_names: names.collect(),
             named_in_row: (joint_names.iter().find(|of| of.stands_beside(q)).map(places))
                 .or_else(|| all_names(header, q.topic()).map(|place| vec![place])),
@@ -206,6 +218,21 @@ impl Columns {
             torques: *kind,
         })
     }
+}
+
+/// Whether the name of a column says that it is in this unit.
+pub(super) fn says(name: &str, unit: AngleUnit) -> bool {
+    let words: &[&str] = match unit {
+        AngleUnit::Deg => &["deg", "degree", "degrees", "°"],
+        AngleUnit::Rad => &["rad", "radian", "radians"],
+    };
+    let name = name.trim().to_ascii_lowercase();
+    let last = name.split(|c: char| !c.is_ascii_alphabetic()).next_back();
+    words.iter().any(|word| {
+        last == Some(word)
+            || name.ends_with(&format!("[{word}]"))
+            || name.ends_with(&format!("({word})"))
+    })
 }
 
 /// The only column that is called so.
@@ -276,7 +303,7 @@ mod tests {
              /joint_states/effort[1]",
         ] {
             let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
-            let Columns { q, tau, joint_names, named_in_row, time, touch, torques } = columns;
+            let Columns { q, tau, joint_names, named_in_row, time, touch, torques, .. } = columns;
             assert_eq!((q, tau), (vec![1, 2], vec![3, 4]), "{header}");
             assert_eq!((joint_names, named_in_row, touch), (None, None, None), "{header}");
             assert_eq!(torques, LoggedTorques::Unsaid);
@@ -480,12 +507,18 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_says_degrees_contradicts_radians() {
-        let header = ["q1 [deg]", "tau1"].map(str::to_owned);
-        let columns = Columns::find(&header, None).unwrap();
-        assert_eq!(columns.wrong_unit(&header, AngleUnit::Rad), Some(0));
-        assert_eq!(columns.wrong_unit(&header, AngleUnit::Deg), None);
+    fn names_say_degrees_unless_a_unit_is_given_that_they_contradict() {
+        let header = ["q1 [deg]", "q2 [m]", "tau1", "tau2"].map(str::to_owned);
+        let columns = || Columns::find(&header, None).unwrap();
+        let mut q = [180.0, 0.5];
+        columns().in_unit(&header, None).unwrap().turn_degrees(&mut q);
+        assert_eq!(q, [std::f64::consts::PI, 0.5]);
+        columns().in_unit(&header, Some(AngleUnit::Deg)).unwrap().turn_degrees(&mut q);
+        assert_eq!(q, [std::f64::consts::PI, 0.5], "which is done for all joints elsewhere");
+        let error = columns().in_unit(&header, Some(AngleUnit::Rad)).unwrap_err();
+        assert!(error.contains("`q1 [deg]` contradicts"), "{error}");
         let header = ["q1_rad", "tau1"].map(str::to_owned);
-        assert_eq!(columns.wrong_unit(&header, AngleUnit::Deg), Some(0));
+        let columns = Columns::find(&header, None).unwrap();
+        assert!(columns.in_unit(&header, Some(AngleUnit::Deg)).is_err());
     }
 }

@@ -27,6 +27,9 @@ use sniff::{MAX_LINE_BYTES, sniff};
 const EXAMPLE: &str = ", for two joints: columns = { q = [\"a\", \"b\"], tau = [\"c\", \"d\"], time = \
                        \"t\", touch = \"n\" }";
 
+const NO_HEADER: &str =
+    "the first line holds numbers instead of names, so that columns are called by their numbers";
+
 /// Whether a file is called like a table.
 pub(super) fn is_table(path: &Path) -> bool {
     folder::is_file_with(path, &["csv", "tsv"])
@@ -73,10 +76,19 @@ impl TouchFile for CsvFile {
             }
             None => next_record(&mut reader, delimiter, path)?,
         };
-        let header: Vec<String> = first.unwrap_or_default().iter().map(text).collect();
-        let mut columns = columns(&header, options)
-            .map_err(|reason| TableError::columns(path, reason, &header, EXAMPLE))?;
-        let mut first = None;
+        let first = first.unwrap_or_default();
+        let mut header: Vec<String> = first.iter().map(text).collect();
+        // Without a header, columns are called by their numbers, and the line is a row.
+        let is_row = holds_numbers(&header);
+        if is_row {
+            header = (1..=header.len()).map(|number| number.to_string()).collect();
+        }
+        let mut columns = match is_row && options.columns.is_none() {
+            true => Err(NO_HEADER.to_owned()),
+            false => columns(&header, options),
+        }
+        .map_err(|reason| TableError::columns(path, reason, &header, EXAMPLE))?;
+        let mut first = is_row.then_some(first);
         if let Some(places) = &columns.named_in_row {
             first = next_record(&mut reader, delimiter, path)?;
             let whole = first.as_ref().filter(|row| row.len() == header.len());
@@ -135,11 +147,14 @@ impl TouchFile for CsvFile {
     }
 }
 
+/// Whether a line holds numbers where a header holds names. Names that count from 0, as pandas writes them, are no row.
+fn holds_numbers(line: &[String]) -> bool {
+    let counted = line.iter().enumerate().all(|(at, name)| *name == at.to_string());
+    !counted && line.iter().all(|name| name.parse::<f64>().is_ok())
+}
+
 /// The columns of a header. An error is half a sentence for the user.
 fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
-    if header.iter().all(|name| name.parse::<f64>().is_ok()) {
-        return Err("the first line holds numbers instead of names".to_owned());
-    }
     let columns = match options.planned && options.columns.is_none() {
         true => Columns::find_planned(header)?,
         false => Columns::find(header, options.columns.as_ref())?,
@@ -210,7 +225,8 @@ impl CsvFile {
         };
         let mut time = self.columns.time.clone();
         let time_s = time.as_mut().map(|time| time.seconds(number)).transpose()?;
-        let q = numbers(&self.columns.q)?;
+        let mut q = numbers(&self.columns.q)?;
+        self.columns.turn_degrees(&mut q);
         let tau = match self.columns.tau.is_empty() {
             true => vec![0.0; q.len()],
             false => numbers(&self.columns.tau)?,

@@ -127,6 +127,7 @@ impl TouchFile for ParquetFile {
             };
         };
         let mut q = self.numbers(&row, &self.columns.q)?;
+        self.columns.turn_degrees(&mut q);
         let mut tau = self.numbers(&row, &self.columns.tau)?;
         if let Some(named) = &self.named {
             q = self.chosen(&q, &named.q, self.columns.q[0])?;
@@ -268,6 +269,7 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
         (Some(q), Some(tau)) => Ok(Columns {
             q: vec![q],
             tau: vec![tau],
+            degrees: Vec::new(),
             joint_names: None,
             named_in_row: None,
             time: first(&["timestamp"]).map(|place| Time::at(place, None, header)),

@@ -192,7 +192,7 @@ impl LogCheck {
         let matching = if named { Matching::InOrder } else { Matching::Unnamed };
         let Self { arm, place, set, angle_unit, .. } = self;
         let given = Given::of(set);
-        let read = Read { arm, place, set, given, angle_unit: *angle_unit, matching };
+        let read = Read { arm, place, set, given, angle_unit: Some(*angle_unit), matching };
         let mut found = read.judge(&mut touches, contacts.as_deref(), progress)?.findings;
         found.retain(|one| one.level > Level::Note && !self.told.contains(one.code));
         found.sort_by_key(|finding| Reverse(finding.level));

@@ -35,6 +35,7 @@ mod sensors;
 mod unit;
 
 pub(crate) use motion::LIMIT_MARGIN;
+pub(crate) use unit::are_degrees;
 
 use std::cmp::Reverse;
 use std::sync::Arc;
@@ -166,7 +167,7 @@ impl LogInspector<'_> {
                 place: &(self.config.lattice.clone(), self.config.contact.clone()),
                 set: &set,
                 given,
-                angle_unit: settings.options().angle_unit,
+                angle_unit: settings.angle_unit_given(),
                 matching,
             };
             let judged = read.judge(&mut touches, None, self.progress)?;
@@ -208,7 +209,7 @@ struct Read<'a> {
     set: &'a ExternalTorqueConfig,
     given: Given,
     /// The unit that their angles were said to be in.
-    angle_unit: AngleUnit,
+    angle_unit: Option<AngleUnit>,
     matching: Matching,
 }
 
@@ -262,7 +263,7 @@ pub(crate) fn is_misread(
     robot: &Robot,
     (unit, set): (AngleUnit, &ExternalTorqueConfig),
 ) -> bool {
-    if unit::correct(touches, robot, unit, set).1.is_some() {
+    if unit::correct(touches, robot, Some(unit), set).1.is_some() {
         return true;
     }
     let rests = reading::rests(touches, set.still_rad);

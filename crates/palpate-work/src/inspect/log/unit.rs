@@ -3,12 +3,13 @@
 use std::f64::consts::TAU;
 
 use palpate::unstable::JointKind;
-use palpate::{ExternalTorqueConfig, Robot};
+use palpate::{ExternalTorqueConfig, Robot, Sample};
 use palpate_io::log::AngleUnit;
 
 use super::super::finding::Finding;
 use super::super::words::{number, word};
 use super::reading::{fits, rests};
+use crate::quantile::median;
 use crate::touches::RecordedTouch;
 
 /// Beyond two turns, angles in radians are suspicious.
@@ -16,18 +17,55 @@ const SUSPICIOUS_RAD: f64 = 2.0 * TAU;
 /// Beyond four turns they are degrees if gravity does not say otherwise.
 const SURELY_RAD: f64 = 4.0 * TAU;
 
-/// Converts the touches to radians if they were read in the wrong unit, and says so.
+/// Converts the touches to radians if they were read in the wrong unit, and says so; a warning, if that unit was given.
 pub(super) fn correct(
+    touches: &mut [RecordedTouch],
+    robot: &Robot,
+    given: Option<AngleUnit>,
+    set: &ExternalTorqueConfig,
+) -> (AngleUnit, Option<Finding>) {
+    let read_as = given.unwrap_or_default();
+    let Some((unit, what)) = other_unit(touches, robot, read_as, set) else {
+        return (read_as, None);
+    };
+    let finding = match given {
+        None => {
+            Finding::warning("angle_unit", what, "nothing, they are read so".to_owned()).noted()
+        }
+        Some(_) => {
+            let unit = word(unit);
+            let remedy = format!("use --angle-unit {unit}; below, they are read so");
+            Finding::warning("angle_unit", what, remedy).try_flags(&["--angle-unit", &unit])
+        }
+    };
+    (unit, Some(finding))
+}
+
+/// Why touches that were read as radians are in degrees, if they are; then they are radians.
+pub(crate) fn are_degrees(
+    touches: &mut [RecordedTouch],
+    robot: &Robot,
+    set: &ExternalTorqueConfig,
+) -> Option<String> {
+    other_unit(touches, robot, AngleUnit::Rad, set).map(|(_, what)| what)
+}
+
+/// The unit that touches are in, if it is not the one they were read in, and why; then they are radians.
+fn other_unit(
     touches: &mut [RecordedTouch],
     robot: &Robot,
     read_as: AngleUnit,
     set: &ExternalTorqueConfig,
-) -> (AngleUnit, Option<Finding>) {
+) -> Option<(AngleUnit, String)> {
     let turns: Vec<bool> =
         robot.joints().iter().map(|joint| joint.kind != JointKind::Prismatic).collect();
+    // Half of the samples have such an angle, so that one that is broken tells nothing.
+    let largest_of = |sample: &Sample| {
+        let angles = sample.q.iter().zip(&turns).filter(|at| *at.1);
+        angles.map(|(angle, _)| angle.abs()).fold(0.0, f64::max)
+    };
     let samples = touches.iter().flat_map(|touch| &touch.samples);
-    let angles = samples.flat_map(|sample| sample.q.iter().zip(&turns).filter(|at| *at.1));
-    let largest = angles.map(|(angle, _)| angle.abs()).fold(0.0, f64::max);
+    let largest = median(&samples.map(largest_of).collect::<Vec<_>>())?;
     let (factor, unit, suspicious, surely) = match read_as {
         AngleUnit::Rad => {
             (1.0_f64.to_radians(), AngleUnit::Deg, largest > SUSPICIOUS_RAD, largest > SURELY_RAD)
@@ -39,7 +77,7 @@ pub(super) fn correct(
         }
     };
     if !suspicious {
-        return (read_as, None);
+        return None;
     }
     let mut converted = touches.to_vec();
     for sample in converted.iter_mut().flat_map(|touch| &mut touch.samples) {
@@ -54,20 +92,14 @@ pub(super) fn correct(
     let gravity_agrees = other_tells && as_other < 0.5 * as_read;
     let gravity_denies = tells && as_read < 0.5 * as_other;
     if gravity_denies || !(gravity_agrees || surely) {
-        return (read_as, None);
+        return None;
     }
     touches.clone_from_slice(&converted);
-    (unit, Some(wrong_unit(largest, unit, gravity_agrees)))
-}
-
-fn wrong_unit(largest_rad: f64, unit: AngleUnit, gravity_agrees: bool) -> Finding {
     let agrees = if gravity_agrees { ", and gravity fits far better so" } else { "" };
     let (like, largest) = match unit {
-        AngleUnit::Deg => ("degrees", largest_rad),
-        AngleUnit::Rad => ("radians, not degrees", largest_rad.to_degrees()),
+        AngleUnit::Deg => ("degrees", largest),
+        AngleUnit::Rad => ("radians, not degrees", largest.to_degrees()),
     };
-    let what = format!("the angles look like {like}: they go up to {}{agrees}", number(largest));
-    let unit = word(unit);
-    let remedy = format!("use --angle-unit {unit}; below, they are read so");
-    Finding::warning("angle_unit", what, remedy).try_flags(&["--angle-unit", &unit])
+    let reach = number(largest);
+    Some((unit, format!("the angles look like {like}: half of the samples reach {reach}{agrees}")))
 }
