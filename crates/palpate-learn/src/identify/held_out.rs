@@ -6,6 +6,7 @@ use palpate::{
     Alarm, Causal, Differentiation, ExternalTorque, ExternalTorqueConfig, Ripple, Robot, Sample,
     TorqueModel, TorqueNoise,
 };
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::posterior::Posterior;
@@ -57,15 +58,15 @@ pub(super) fn of(
     start: &Start,
     unless_stopped: &dyn Fn() -> Result<(), IdentifyError>,
 ) -> Result<Found, IdentifyError> {
-    let mut models: Vec<Option<TorqueModel>> = Vec::with_capacity(FOLDS);
-    for fold in 0..FOLDS {
-        unless_stopped()?;
+    let of_all = rows.all();
+    let model = |fold: usize| {
         let sums = rows.without(fold);
-        let any =
-            sums.iter().zip(rows.all()).any(|(sum, all)| sum.rows > 0.0 && sum.rows < all.rows);
+        let any = sums.iter().zip(&of_all).any(|(sum, all)| sum.rows > 0.0 && sum.rows < all.rows);
         let posterior = if any { Posterior::of(rows, &sums, start) } else { None };
-        models.push(posterior.map(|posterior| result::model(robot, settings, &posterior)));
-    }
+        posterior.map(|posterior| result::model(robot, settings, &posterior))
+    };
+    (0..FOLDS).try_for_each(|_| unless_stopped())?;
+    let models: Vec<Option<TorqueModel>> = (0..FOLDS).into_par_iter().map(model).collect();
     let read = |models: &[Option<TorqueModel>], differentiation: Differentiation| {
         let touches = settings.touched.iter().enumerate().map(|own| (touches, own));
         touches

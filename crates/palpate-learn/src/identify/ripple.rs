@@ -8,6 +8,7 @@ use std::array::from_fn;
 use nalgebra::{Complex, DMatrix, DVector};
 use palpate::Ripple;
 use palpate::unstable::RIPPLE_COEFFICIENTS;
+use rayon::prelude::*;
 
 use super::rows::FOLDS;
 
@@ -50,9 +51,10 @@ pub(super) fn find(samples: &[RippleSample]) -> [Vec<Vec<Ripple>>; FOLDS + 1] {
     if samples.len() < LEAST_SAMPLES {
         return from_fn(|_| vec![Vec::new(); n]);
     }
-    let fits: [Regression; FOLDS + 1] = from_fn(|fold| Regression::of(samples, fold));
+    let fits: Vec<Regression> =
+        (0..=FOLDS).into_par_iter().map(|fold| Regression::of(samples, fold)).collect();
     let felt: Vec<Vec<usize>> = (0..n).map(|j| felt(&fits[..FOLDS], n, j)).collect();
-    fits.map(|fit| fit.ripples(&felt))
+    from_fn(|fold| fits[fold].ripples(&felt))
 }
 
 /// The joints whose ripple a joint feels.

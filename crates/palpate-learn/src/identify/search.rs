@@ -1,6 +1,7 @@
 //! Search for what does not enter the regression linearly: window, delay, and how friction turns round.
 
 use palpate::{Robot, Sample, TorqueSign};
+use rayon::prelude::*;
 
 use super::IdentifyError;
 use super::posterior::Posterior;
@@ -47,11 +48,14 @@ impl Search<'_> {
             RegressionSettings { window_s: WINDOWS_S[0], delay_s: 0.0, turning, touched };
         // Speeds that are known come first: with the shortest windows a slow clock tells none.
         let mut best = (true, f64::INFINITY);
-        for window_s in WINDOWS_S {
-            let tried = RegressionSettings { window_s, ..settings.clone() };
-            unless_stopped()?;
-            let (rows, posterior) = self.solve(&tried)?;
-            let found = (!rows.timed, posterior.left_over());
+        let tried = WINDOWS_S.map(|window_s| RegressionSettings { window_s, ..settings.clone() });
+        WINDOWS_S.iter().try_for_each(|_| unless_stopped())?;
+        let solve = |tried: &RegressionSettings| {
+            let (rows, posterior) = self.solve(tried)?;
+            Ok((!rows.timed, posterior.left_over()))
+        };
+        let found: Result<Vec<(bool, f64)>, IdentifyError> = tried.par_iter().map(solve).collect();
+        for (found, tried) in found?.into_iter().zip(tried) {
             if found < best {
                 (best, settings) = (found, tried);
             }

@@ -6,6 +6,8 @@
 //! would flatter the model. So nothing is left out unless motion that was held out, without these samples, is predicted
 //! clearly better by a model that does not know them: contacts spoil it, friction does not.
 
+use rayon::prelude::*;
+
 use super::IdentifyError;
 use super::posterior::Posterior;
 use super::rows::{FOLDS, Rows};
@@ -85,7 +87,7 @@ fn suspects(
 fn left_over(fit: &Fit, search: &Search<'_>, but: &Touched) -> f64 {
     let Fit { rows, posterior, .. } = fit;
     let model = |fold: usize| Posterior::of_independent(rows, &rows.without(fold), search.start);
-    let models: Vec<Option<Posterior>> = (0..FOLDS).map(model).collect();
+    let models: Vec<Option<Posterior>> = (0..FOLDS).into_par_iter().map(model).collect();
     let of_joint = |j: usize| rows.held_out(&models, j, but) / posterior.gain(j).powi(2);
     (0..rows.n_joints()).map(of_joint).sum::<f64>().sqrt()
 }

@@ -21,6 +21,7 @@ use palpate::unstable::{
     BODY_PARAMETERS, FrictionState, LocalPolynomial, Motion, TouchMotion, Window,
 };
 use palpate::{JointFriction, Robot, Sample, TorqueSign};
+use rayon::prelude::*;
 
 pub(super) use turning::Turning;
 
@@ -122,14 +123,13 @@ struct Reading<'a> {
 }
 
 impl Reading<'_> {
-    /// Adds the rows of a touch.
+    /// The rows of a touch.
     fn read(
         &self,
         touch: usize,
         samples: &[Sample],
         states: &TouchMotion,
-        rows: &mut Vec<Row>,
-    ) -> Result<(), IdentifyError> {
+    ) -> Result<Vec<Row>, IdentifyError> {
         let Self { robot, settings, timed, .. } = *self;
         let n = robot.n_joints();
         let times = states.times_s();
@@ -142,7 +142,7 @@ impl Reading<'_> {
             .map(|(j, own)| states.friction_of(j, (1.0 + SLOPE_STEP) * own.presliding))
             .collect();
         let (first, last) = (times[0], times[times.len() - 1]);
-        for start in (0..samples.len()).step_by(self.stride) {
+        let row = |start: usize| -> Result<Row, IdentifyError> {
             let chunk = start..(start + self.stride).min(samples.len());
             let mean =
                 |of: &dyn Fn(usize) -> f64| chunk.clone().map(of).sum::<f64>() / chunk.len() as f64;
@@ -161,7 +161,7 @@ impl Reading<'_> {
                     states.friction_at(time_s, j, (own, presliding)).middle()
                 });
             let longer = longer.collect();
-            rows.push(Row {
+            Ok(Row {
                 is_touched: false,
                 samples: chunk,
                 fold,
@@ -173,9 +173,10 @@ impl Reading<'_> {
                 longer,
                 torque,
                 change,
-            });
-        }
-        Ok(())
+            })
+        };
+        let starts: Vec<usize> = (0..samples.len()).step_by(self.stride).collect();
+        starts.into_par_iter().map(row).collect()
     }
 }
 
@@ -198,7 +199,7 @@ impl Rows {
         let how = Reading { robot, settings, sign, timed, stride, touches: touches.len() };
         let mut rows = Vec::new();
         for (index, (samples, motion)) in touches.iter().zip(&motions).enumerate() {
-            how.read(index, samples, motion, &mut rows)?;
+            rows.extend(how.read(index, samples, motion)?);
         }
         let mut all = Self {
             rows,
@@ -219,8 +220,10 @@ impl Rows {
         for row in &mut self.rows {
             row.is_touched = row.is_in(touched);
         }
-        let sums = |fold| (0..self.n_joints).map(|j| self.sum(fold, j)).collect();
-        self.sums = (0..FOLDS).map(sums).collect();
+        let (all, joints) = (&*self, 0..self.n_joints);
+        let of_fold =
+            |fold| joints.clone().into_par_iter().map(|j| all.sum(fold, j)).collect::<Vec<Sum>>();
+        self.sums = (0..FOLDS).into_par_iter().map(of_fold).collect();
     }
 
     /// Mean time between samples, s; 0 without a clock.

@@ -2,6 +2,7 @@
 //! the rest of the model leaves over.
 
 use palpate::JointFriction;
+use rayon::prelude::*;
 
 use super::{BIAS, FRICTION, MOST_UNKNOWN, Row, Rows, SLOPES};
 use crate::identify::posterior::Posterior;
@@ -31,6 +32,7 @@ impl Rows {
     /// How the friction of each joint turns round, as explains most of what the rest of the model leaves over.
     pub(in crate::identify) fn best_turning(&self, posterior: &Posterior) -> Vec<Turning> {
         (0..self.n_joints)
+            .into_par_iter()
             .map(|j| {
                 let mut coefficients = posterior.row_coefficients(j);
                 // All but friction.
