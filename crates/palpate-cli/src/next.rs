@@ -104,7 +104,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         options.planned = true;
         let mut touches = Touches::open(logs, &options)?;
         let arm = touches.arm_of_logs(Arc::clone(arm), &mut settings.robot, output)?;
-        touches.angle_unit(&arm, &mut settings, output)?;
+        touches.angle_unit(&arm, &mut settings.clone(), output)?; // of these logs only
         let mut touches = touches.for_arm(&arm, &settings.log, place.clone())?;
         Ok((touches.read(None)?, arm))
     };

@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::columns::says;
-
 /// How to read a log.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -64,13 +62,4 @@ pub struct CsvColumns {
     /// What changes from one touch to the next.
     #[serde(default)]
     pub touch: Option<String>,
-}
-
-impl CsvColumns {
-    /// The unit that the name of any column of positions says.
-    pub fn angle_unit(&self) -> Option<AngleUnit> {
-        [AngleUnit::Deg, AngleUnit::Rad]
-            .into_iter()
-            .find(|unit| self.q.iter().any(|name| says(name, *unit)))
-    }
 }

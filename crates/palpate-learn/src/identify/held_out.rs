@@ -65,7 +65,7 @@ pub(super) fn of(
         let posterior = if any { Posterior::of(rows, &sums, start) } else { None };
         posterior.map(|posterior| result::model(robot, settings, &posterior))
     };
-    (0..FOLDS).try_for_each(|_| unless_stopped())?;
+    (0..FOLDS).try_for_each(|_| unless_stopped())?; // a step of the progress for each
     let models: Vec<Option<TorqueModel>> = (0..FOLDS).into_par_iter().map(model).collect();
     let read = |models: &[Option<TorqueModel>], differentiation: Differentiation| {
         let touches = settings.touched.iter().enumerate().map(|own| (touches, own));

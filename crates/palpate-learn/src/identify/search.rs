@@ -49,7 +49,7 @@ impl Search<'_> {
         // Speeds that are known come first: with the shortest windows a slow clock tells none.
         let mut best = (true, f64::INFINITY);
         let tried = WINDOWS_S.map(|window_s| RegressionSettings { window_s, ..settings.clone() });
-        WINDOWS_S.iter().try_for_each(|_| unless_stopped())?;
+        WINDOWS_S.iter().try_for_each(|_| unless_stopped())?; // a step of the progress for each
         let solve = |tried: &RegressionSettings| {
             let (rows, posterior) = self.solve(tried)?;
             Ok((!rows.timed, posterior.left_over()))

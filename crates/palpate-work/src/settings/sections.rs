@@ -155,12 +155,12 @@ section! {
     /// How logs are read.
     #[command(next_help_heading = "Log")]
     pub struct LogSettings of LogOptions {
-        /// Unit of logged joint positions; `auto` to find out from the names of columns, else from the log [default: auto]
+        /// Unit of logged joint positions; `auto` takes it from the names of columns, or else from the data [default: auto]
         #[arg(long, value_name = "UNIT", value_parser = named::<OrAuto<AngleUnit>>(&["auto", "rad", "deg"]))]
         pub angle_unit: OrAuto<AngleUnit>,
         /// Columns of a CSV log, where their names do not tell: q=a,b;tau=c,d;time=t;touch=n (the
         /// last two if there are any); in a file columns = { q = ["a", "b"], tau = ["c", "d"],
-        /// time = "t" }
+        /// time = "t" }. Without a header, by their numbers from 1
         #[arg(long, value_name = "MAP", value_parser = columns)]
         pub columns: CsvColumns => columns,
         /// Topic of a bag that holds the joints [default: the only one that does]

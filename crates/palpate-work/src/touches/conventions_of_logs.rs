@@ -3,7 +3,6 @@
 
 use std::sync::Arc;
 
-use palpate::unstable::{Joint, JointKind};
 use palpate::{Arm, ExternalTorqueConfig, Gravity, Sample, TorqueSign};
 use palpate_io::log::{AngleUnit, LogEvent, reorder};
 
@@ -82,7 +81,7 @@ impl Touches {
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
         settings.log.check_for(&arm.robot)?;
-        if settings.log.angle_unit_given().is_some() || arm.robot.joints().iter().any(slides) {
+        if settings.log.angle_unit_given().is_some() {
             return Ok(());
         }
         let path = self.first_path();
@@ -218,10 +217,6 @@ impl Touches {
         }
         Ok(())
     }
-}
-
-fn slides(joint: &Joint) -> bool {
-    joint.kind == JointKind::Prismatic
 }
 
 /// Events as touches, joints in the arm's order; `None` if they are not the arm's.

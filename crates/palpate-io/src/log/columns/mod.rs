@@ -24,6 +24,7 @@
 mod families;
 mod names;
 mod time;
+mod unit;
 
 use std::path::Path;
 use std::sync::LazyLock;
@@ -32,7 +33,7 @@ use regex::Regex;
 
 use super::event::LoggedTorques;
 use super::files::FileDescription;
-use super::options::{AngleUnit, CsvColumns};
+use super::options::CsvColumns;
 use families::{Family, families, pairs};
 use names::{CURRENTS, EXTERNAL_TORQUES, JOINT_NAMES, Label};
 pub(super) use names::{POSITIONS, Spelling, TORQUES};
@@ -110,40 +111,6 @@ impl Columns {
         }
     }
 
-    /// Themselves, unless a name contradicts the unit; where none is given, names that say degrees are believed. An error
-    /// is half a sentence for the user.
-    pub(super) fn in_unit(
-        self,
-        header: &[String],
-        unit: Option<AngleUnit>,
-    ) -> Result<Self, String> {
-        let says = |place: usize, unit: AngleUnit| says(&header[place], unit);
-        let Some(given) = unit else {
-            let degrees = self.q.iter().map(|&place| says(place, AngleUnit::Deg)).collect();
-            return Ok(Self { degrees, ..self });
-        };
-        let other = match given {
-            AngleUnit::Rad => AngleUnit::Deg,
-            AngleUnit::Deg => AngleUnit::Rad,
-        };
-        match self.q.iter().find(|&&place| says(place, other)) {
-            None => Ok(self),
-            Some(&place) => {
-                let name = &header[place];
-                Err(format!("column `{name}` contradicts the angle unit {given:?}; change it"))
-            }
-        }
-    }
-
-    /// Turns positions into radians where the name of their column says degrees. A single column may hold a list of all.
-    pub(super) fn turn_degrees(&self, q: &mut [f64]) {
-        let by_joint = self.degrees.iter().cycle().take(q.len());
-        q.iter_mut()
-            .zip(by_joint)
-            .filter(|(_, degrees)| **degrees)
-            .for_each(|(q, _)| *q = q.to_radians());
-    }
-
     fn mapped(header: &[String], map: &CsvColumns) -> Result<Self, String> {
         let place = |name: &String| place_of(name, header);
         let (n, joints) = (map.q.len(), map.joints.as_ref().map_or(map.q.len(), Vec::len));
@@ -218,21 +185,6 @@ impl Columns {
             torques: *kind,
         })
     }
-}
-
-/// Whether the name of a column says that it is in this unit.
-pub(super) fn says(name: &str, unit: AngleUnit) -> bool {
-    let words: &[&str] = match unit {
-        AngleUnit::Deg => &["deg", "degree", "degrees", "°"],
-        AngleUnit::Rad => &["rad", "radian", "radians"],
-    };
-    let name = name.trim().to_ascii_lowercase();
-    let last = name.split(|c: char| !c.is_ascii_alphabetic()).next_back();
-    words.iter().any(|word| {
-        last == Some(word)
-            || name.ends_with(&format!("[{word}]"))
-            || name.ends_with(&format!("({word})"))
-    })
 }
 
 /// The only column that is called so.
@@ -504,21 +456,5 @@ mod tests {
             let error = find(header).unwrap_err();
             assert!(error.contains(wanted), "{header}: {error}");
         }
-    }
-
-    #[test]
-    fn names_say_degrees_unless_a_unit_is_given_that_they_contradict() {
-        let header = ["q1 [deg]", "q2 [m]", "tau1", "tau2"].map(str::to_owned);
-        let columns = || Columns::find(&header, None).unwrap();
-        let mut q = [180.0, 0.5];
-        columns().in_unit(&header, None).unwrap().turn_degrees(&mut q);
-        assert_eq!(q, [std::f64::consts::PI, 0.5]);
-        columns().in_unit(&header, Some(AngleUnit::Deg)).unwrap().turn_degrees(&mut q);
-        assert_eq!(q, [std::f64::consts::PI, 0.5], "which is done for all joints elsewhere");
-        let error = columns().in_unit(&header, Some(AngleUnit::Rad)).unwrap_err();
-        assert!(error.contains("`q1 [deg]` contradicts"), "{error}");
-        let header = ["q1_rad", "tau1"].map(str::to_owned);
-        let columns = Columns::find(&header, None).unwrap();
-        assert!(columns.in_unit(&header, Some(AngleUnit::Deg)).is_err());
     }
 }

@@ -28,7 +28,7 @@ const EXAMPLE: &str = ", for two joints: columns = { q = [\"a\", \"b\"], tau = [
                        \"t\", touch = \"n\" }";
 
 const NO_HEADER: &str =
-    "the first line holds numbers instead of names, so that columns are called by their numbers";
+    "the first line holds numbers instead of names, so columns are called by their numbers, from 1";
 
 /// Whether a file is called like a table.
 pub(super) fn is_table(path: &Path) -> bool {

@@ -167,7 +167,9 @@ impl LogInspector<'_> {
                 place: &(self.config.lattice.clone(), self.config.contact.clone()),
                 set: &set,
                 given,
-                angle_unit: settings.angle_unit_given(),
+                angle_unit: settings
+                    .angle_unit_given()
+                    .or_else(|| facts.columns.as_ref().and_then(CsvColumns::angle_unit)),
                 matching,
             };
             let judged = read.judge(&mut touches, None, self.progress)?;
@@ -208,7 +210,7 @@ struct Read<'a> {
     /// What their torques are said to be, or taken to be where that is to be found.
     set: &'a ExternalTorqueConfig,
     given: Given,
-    /// The unit that their angles were said to be in.
+    /// The unit that their angles were said to be in, by the settings or the names of columns.
     angle_unit: Option<AngleUnit>,
     matching: Matching,
 }

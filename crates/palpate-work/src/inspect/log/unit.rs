@@ -29,9 +29,11 @@ pub(super) fn correct(
         return (read_as, None);
     };
     let finding = match given {
-        None => {
-            Finding::warning("angle_unit", what, "nothing, they are read so".to_owned()).noted()
+        _ if slides(robot) => {
+            let remedy = "convert the angles of the log to radians; below, they are read so";
+            Finding::warning("angle_unit", what, remedy)
         }
+        None => Finding::warning("angle_unit", what, "nothing, they are read so").noted(),
         Some(_) => {
             let unit = word(unit);
             let remedy = format!("use --angle-unit {unit}; below, they are read so");
@@ -41,13 +43,19 @@ pub(super) fn correct(
     (unit, Some(finding))
 }
 
-/// Why touches that were read as radians are in degrees, if they are; then they are radians.
+/// Why touches that were read as radians are in degrees, if they are; then they are radians. Never of an arm with a
+/// prismatic joint, whose metres are neither.
 pub(crate) fn are_degrees(
     touches: &mut [RecordedTouch],
     robot: &Robot,
     set: &ExternalTorqueConfig,
 ) -> Option<String> {
-    other_unit(touches, robot, AngleUnit::Rad, set).map(|(_, what)| what)
+    let found = (!slides(robot)).then(|| other_unit(touches, robot, AngleUnit::Rad, set));
+    found.flatten().map(|(_, what)| what)
+}
+
+fn slides(robot: &Robot) -> bool {
+    robot.joints().iter().any(|joint| joint.kind == JointKind::Prismatic)
 }
 
 /// The unit that touches are in, if it is not the one they were read in, and why; then they are radians.

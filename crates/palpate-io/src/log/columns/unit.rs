@@ -1,0 +1,85 @@
+//! The unit of positions, by the names of their columns.
+
+use super::super::options::{AngleUnit, CsvColumns};
+use super::Columns;
+
+impl Columns {
+    /// Themselves, unless a name contradicts the unit; where none is given, names that say degrees are believed. An error
+    /// is half a sentence for the user.
+    pub(in crate::log) fn in_unit(
+        self,
+        header: &[String],
+        unit: Option<AngleUnit>,
+    ) -> Result<Self, String> {
+        let says = |place: usize, unit: AngleUnit| says(&header[place], unit);
+        let Some(given) = unit else {
+            let degrees = self.q.iter().map(|&place| says(place, AngleUnit::Deg)).collect();
+            return Ok(Self { degrees, ..self });
+        };
+        let other = match given {
+            AngleUnit::Rad => AngleUnit::Deg,
+            AngleUnit::Deg => AngleUnit::Rad,
+        };
+        match self.q.iter().find(|&&place| says(place, other)) {
+            None => Ok(self),
+            Some(&place) => {
+                let name = &header[place];
+                Err(format!("column `{name}` contradicts the angle unit {given:?}; change it"))
+            }
+        }
+    }
+
+    /// Turns positions into radians where the name of their column says degrees. A single column may hold a list of all.
+    pub(in crate::log) fn turn_degrees(&self, q: &mut [f64]) {
+        let by_joint = self.degrees.iter().cycle().take(q.len());
+        q.iter_mut()
+            .zip(by_joint)
+            .filter(|(_, degrees)| **degrees)
+            .for_each(|(q, _)| *q = q.to_radians());
+    }
+}
+
+impl CsvColumns {
+    /// The unit that the name of any column of positions says.
+    pub fn angle_unit(&self) -> Option<AngleUnit> {
+        [AngleUnit::Deg, AngleUnit::Rad]
+            .into_iter()
+            .find(|unit| self.q.iter().any(|name| says(name, *unit)))
+    }
+}
+
+/// Whether the name of a column says that it is in this unit.
+fn says(name: &str, unit: AngleUnit) -> bool {
+    let words: &[&str] = match unit {
+        AngleUnit::Deg => &["deg", "degree", "degrees", "°"],
+        AngleUnit::Rad => &["rad", "radian", "radians"],
+    };
+    let name = name.trim().to_ascii_lowercase();
+    let last = name.split(|c: char| !c.is_ascii_alphabetic()).next_back();
+    words.iter().any(|word| {
+        last == Some(word)
+            || name.ends_with(&format!("[{word}]"))
+            || name.ends_with(&format!("({word})"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_say_degrees_unless_a_unit_is_given_that_they_contradict() {
+        let header = ["q1 [deg]", "q2 [m]", "tau1", "tau2"].map(str::to_owned);
+        let columns = || Columns::find(&header, None).unwrap();
+        let mut q = [180.0, 0.5];
+        columns().in_unit(&header, None).unwrap().turn_degrees(&mut q);
+        assert_eq!(q, [std::f64::consts::PI, 0.5]);
+        columns().in_unit(&header, Some(AngleUnit::Deg)).unwrap().turn_degrees(&mut q);
+        assert_eq!(q, [std::f64::consts::PI, 0.5], "which is done for all joints elsewhere");
+        let error = columns().in_unit(&header, Some(AngleUnit::Rad)).unwrap_err();
+        assert!(error.contains("`q1 [deg]` contradicts"), "{error}");
+        let header = ["q1_rad", "tau1"].map(str::to_owned);
+        let columns = Columns::find(&header, None).unwrap();
+        assert!(columns.in_unit(&header, Some(AngleUnit::Deg)).is_err());
+    }
+}
