@@ -506,6 +506,7 @@ fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
         floor_n_m: vec![0.1; 7],
         by_torque: 0.3,
         by_std: 0.5,
+        relative_std: 10.0,
         untouched_std_n_per_m: 2.0,
         touches: 9,
         by_unknown_n_m: vec![],
@@ -535,8 +536,9 @@ fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
         for sample in &touches[1] {
             let (step, said) = (mapper.step(sample).unwrap(), predictor.step(sample).unwrap());
             let Some(said) = said else { continue };
-            let std = said.torque_std.unwrap();
-            let wanted = 1.2 * calibration.scale(said.predicted.as_slice(), std.as_slice(), [1, 1]);
+            let spread = said.spread.unwrap();
+            let wanted =
+                1.2 * calibration.scale(said.predicted.as_slice(), spread.as_slice(), [1, 1]);
             let found = step.peak_half_width.unwrap();
             assert!((&found - &wanted).amax() < 1e-9 * wanted.amax(), "{found} and {wanted}");
             if step.contacts > 0 {

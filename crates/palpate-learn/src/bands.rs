@@ -9,8 +9,9 @@ use crate::calibrate::{PredictedFrame, peak_errors, quantile, scales};
 /// How sure an estimator is of the torques of a fold's test touches.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Uncertainty {
-    /// Standard deviation of the springs' torque: touches × frames × n_joints, N·m.
-    pub torque_std: Vec<Vec<Vec<f64>>>,
+    /// s of [`Calibration::half_width`]: touches × frames × n_joints, N·m.
+    #[serde(alias = "torque_std")]
+    pub spread: Vec<Vec<Vec<f64>>>,
     /// Found on the fold's training touches, or `others` if they are too few.
     pub calibration: Calibration,
     /// As other objects have them.

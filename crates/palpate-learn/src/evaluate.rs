@@ -103,7 +103,7 @@ impl Plan {
         fold.is_some_and(|fold| {
             let is_sound = |own: &Uncertainty| {
                 let mut bands = std::iter::once(&own.calibration).chain(&own.others);
-                is_whole(&own.torque_std, fold)
+                is_whole(&own.spread, fold)
                     && bands.all(|bands| bands.check(tracked.n_joints).is_ok())
             };
             is_whole(&part.torques, fold) && part.uncertainty.as_ref().is_none_or(is_sound)
@@ -167,8 +167,8 @@ impl Plan {
                         Prediction::new(method.name(), torques, &left_out.external);
                     if let Some(uncertainty) = uncertainty {
                         let band = |of: &Calibration| {
-                            let std = &uncertainty.torque_std[place];
-                            band((of, LEVEL), (frames, std), &prediction, &left_out)
+                            let spread = &uncertainty.spread[place];
+                            band((of, LEVEL), (frames, spread), &prediction, &left_out)
                         };
                         let others = uncertainty.others.as_ref().and_then(&band);
                         prediction.band = band(&uncertainty.calibration);
@@ -197,33 +197,33 @@ fn with_uncertainty(
 ) -> Result<(Torques, Option<Uncertainty>), LearnError> {
     let estimator = learn(tracked, &fold.train, config, &[], stop)?;
     let predicted = Predicted::by(tracked, &*estimator);
-    let (mut torques, mut torque_std) = (Torques::new(), Torques::new());
+    let (mut torques, mut spreads) = (Torques::new(), Torques::new());
     for touch in &fold.test {
         let frames = tracked.touches[*touch].frames.iter();
         let frames = frames.map(|frame| predicted.frame(frame));
-        let (own, std) = frames.map(|frame| (frame.torque, frame.torque_std)).unzip();
+        let (own, spread) = frames.map(|frame| (frame.torque, frame.spread)).unzip();
         torques.push(own);
-        torque_std.push(std);
+        spreads.push(spread);
     }
     let others = of_other_objects(tracked, &fold.train, &predicted);
     let calibration = calibrate(tracked, &fold.train, config, stop)?.or_else(|| others.clone());
     let uncertainty =
-        calibration.map(|calibration| Uncertainty { torque_std, calibration, others });
+        calibration.map(|calibration| Uncertainty { spread: spreads, calibration, others });
     Ok((torques, uncertainty))
 }
 
-/// The band at a level around what was predicted of a test touch, whose springs have that standard deviation.
+/// The band at a level around what was predicted of a test touch, with this spread.
 fn band(
     calibration: (&Calibration, f64),
-    (frames, torque_std): (&[TrackedFrame], &[Vec<f64>]),
+    (frames, spread): (&[TrackedFrame], &[Vec<f64>]),
     prediction: &Prediction,
     touch: &LeftOut,
 ) -> Option<Band> {
     let contacts = touch.contacts.iter().zip(&touch.known);
-    let frames = frames.iter().zip(&prediction.predicted).zip(torque_std).zip(contacts);
-    let frames = frames.map(|(((frame, torque), torque_std), (all, known))| PredictedFrame {
+    let frames = frames.iter().zip(&prediction.predicted).zip(spread).zip(contacts);
+    let frames = frames.map(|(((frame, torque), spread), (all, known))| PredictedFrame {
         torque: torque.clone(),
-        torque_std: torque_std.clone(),
+        spread: spread.clone(),
         measured: frame.observation.tau().as_slice().to_vec(),
         contacts: [*all as usize, *known as usize],
     });

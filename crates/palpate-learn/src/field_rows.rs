@@ -1,6 +1,6 @@
 //! What a field says of the cells that tracked touches meet, by their rows.
 
-use palpate::unstable::{Cell, CellRows};
+use palpate::unstable::{Cell, CellRows, spring_variance};
 use palpate::{CellEstimate, Field};
 
 use crate::calibrate::PredictedFrame;
@@ -10,6 +10,8 @@ use crate::tracked::{Tracked, TrackedFrame};
 pub(crate) struct FieldRows {
     pub(crate) estimates: Vec<CellEstimate>,
     pub(crate) cells: Vec<Cell>,
+    /// ρ of the field's bands; 0 without.
+    relative_std: f64,
 }
 
 impl FieldRows {
@@ -20,12 +22,16 @@ impl FieldRows {
         let estimates: Vec<CellEstimate> =
             known.map(|row| field.estimate(row, untouched_std_n_per_m)).collect();
         let cells = tracked.with_stiffness(|row| estimates[row].stiffness_n_per_m);
-        Self { estimates, cells }
+        let relative_std = field.calibration.as_ref().map_or(0.0, |own| own.relative_std);
+        Self { estimates, cells, relative_std }
     }
 
     /// What the field says of a frame.
     pub(crate) fn predicted(&self, frame: &TrackedFrame) -> PredictedFrame {
-        let of_row = |row: usize| (self.estimates[row].std_n_per_m, self.estimates[row].count > 0);
+        let of_row = |row: usize| {
+            let CellEstimate { stiffness_n_per_m, std_n_per_m, count, .. } = self.estimates[row];
+            (spring_variance(self.relative_std, stiffness_n_per_m, std_n_per_m), count > 0)
+        };
         PredictedFrame::of(frame, &self.cells, of_row)
     }
 

@@ -97,12 +97,12 @@ impl<'a> NextTouch<'a> {
         let at = |frame: &TrackedFrame| {
             let predicted = self.rows.predicted(frame);
             let band = calibration.and_then(|own| {
-                let (torque, std) = (&predicted.torque, &predicted.torque_std);
-                own.peak_half_width(own.default_level(), torque, std, predicted.contacts)
+                let (torque, spread) = (&predicted.torque, &predicted.spread);
+                own.peak_half_width(own.default_level(), torque, spread, predicted.contacts)
             });
             let widths: Vec<f64> = match band {
                 Some(band) => band.data.into(),
-                None => predicted.torque_std.iter().map(|std| 2.0 * std).collect(),
+                None => predicted.spread.iter().map(|spread| 2.0 * spread).collect(),
             };
             let each = predicted
                 .torque

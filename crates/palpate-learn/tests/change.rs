@@ -47,6 +47,7 @@ fn field(tracked: &Tracked) -> Field {
         floor_n_m: vec![0.05; tracked.n_joints],
         by_torque: 0.2,
         by_std: 0.2,
+        relative_std: 10.0,
         untouched_std_n_per_m: 1.0,
         touches: 5,
         by_unknown_n_m: vec![],

@@ -63,8 +63,8 @@ pub struct FrameResult {
     pub known: usize,
     /// τ̂, n_joints, N·m.
     pub predicted: DVector<f64>,
-    /// Standard deviation of that due to the springs' own, n_joints, N·m, if the field is calibrated.
-    pub torque_std: Option<DVector<f64>>,
+    /// s of `Calibration::half_width`, n_joints, N·m, if the field is calibrated.
+    pub spread: Option<DVector<f64>>,
     /// τ_ext, measured or true, n_joints, N·m.
     pub external: DVector<f64>,
 }
@@ -122,7 +122,7 @@ impl TouchResult {
         let frame = |frame: &FrameResult| {
             Some(PredictedFrame {
                 torque: frame.predicted.as_slice().to_vec(),
-                torque_std: frame.torque_std.as_ref()?.as_slice().to_vec(),
+                spread: frame.spread.as_ref()?.as_slice().to_vec(),
                 measured: frame.external.as_slice().to_vec(),
                 contacts: [frame.contacts, frame.known],
             })
@@ -202,7 +202,7 @@ fn score_all(
                         contacts: step.contacts,
                         known: step.known,
                         predicted: step.predicted,
-                        torque_std: step.torque_std,
+                        spread: step.spread,
                         external,
                     });
                 }

@@ -3,11 +3,14 @@
 //! The half-width of joint j's band at a level, such as 0.9, is
 //!
 //! ```text
-//! q(level) · (a_j + b |τ̂_j| + c s_j + d_j n)^g      s: √ diag(H P Hᵀ), the springs' own standard deviation
+//! q(level) · (a_j + b |τ̂_j| + c s_j + d_j n)^g      s: √ diag(H diag(σ² + ρ² K²) Hᵀ), of each spring by itself
 //!                                                   n: share of the touched points that the field does not know
 //! ```
 //!
-//! with a, b, c and q found on touches that were held out (`palpate_learn::calibrate`). Frames of a touch are not
+//! s is as if each spring were off by its standard deviation σ and by ρ times its stiffness K, independently of the others.
+//! Where torques of stiff springs cancel out, |τ̂| is small but the error is not; s is large there.
+//!
+//! The numbers a, b, c and q are found on touches that were held out (`palpate_learn::calibrate`). Frames of a touch are not
 //! independent, so n touches give no level above n / (n + 1): with the chance that is left, a new touch is worse than all
 //! of them.
 //!
@@ -30,8 +33,11 @@ pub struct Calibration {
     pub floor_n_m: Vec<f64>,
     /// Factor b of the predicted torque.
     pub by_torque: f64,
-    /// Factor c of the springs' standard deviation.
+    /// Factor c of s.
     pub by_std: f64,
+    /// ρ: by how many times its stiffness a spring is off in s, beside its standard deviation.
+    #[serde(default)]
+    pub relative_std: f64,
     /// Factors d of the share of unknown points, n_joints, N·m; none if it does not count.
     #[serde(default)]
     pub by_unknown_n_m: Vec<f64>,
@@ -132,6 +138,7 @@ impl Calibration {
             floor_n_m: learnt.error_n_m.iter().map(|error| by_error * error + 1e-9).collect(),
             by_torque,
             by_std: 0.0,
+            relative_std: 0.0,
             by_unknown_n_m: learnt.torque_n_m.iter().map(|torque| by_felt * torque).collect(),
             exponent: 1.0,
             untouched_std_n_per_m,
@@ -168,8 +175,13 @@ impl Calibration {
         Some(BandQuantiles { level, frame: mix(|own| own.frame), peak: mix(|own| own.peak) })
     }
 
-    /// Half-width of the band at a level, n_joints, N·m, of a predicted torque, its springs' standard deviation, n_joints,
-    /// N·m, and how many points are touched and how many of these are known. `None` without a band of that level.
+    /// The variance of a spring in s, (N/m)²: `σ² + ρ² K²`.
+    pub fn spring_variance(&self, stiffness_n_per_m: f64, std_n_per_m: f64) -> f64 {
+        spring_variance(self.relative_std, stiffness_n_per_m, std_n_per_m)
+    }
+
+    /// Half-width of the band at a level, n_joints, N·m, of a predicted torque, s, n_joints, N·m, and how many points are
+    /// touched and how many of these are known. `None` without a band of that level.
     ///
     /// # Panics
     ///
@@ -178,10 +190,10 @@ impl Calibration {
         &self,
         level: f64,
         torque: &[f64],
-        torque_std: &[f64],
+        spread: &[f64],
         contacts: [usize; 2],
     ) -> Option<DVector<f64>> {
-        let scale = self.scale(torque, torque_std, contacts);
+        let scale = self.scale(torque, spread, contacts);
         Some(self.at(level)?.frame * self.shape(&scale))
     }
 
@@ -195,10 +207,10 @@ impl Calibration {
         &self,
         level: f64,
         torque: &[f64],
-        torque_std: &[f64],
+        spread: &[f64],
         contacts: [usize; 2],
     ) -> Option<DVector<f64>> {
-        let (q, scale) = (self.at(level)?, self.scale(torque, torque_std, contacts));
+        let (q, scale) = (self.at(level)?, self.scale(torque, spread, contacts));
         Some((q.peak * &scale).sup(&(q.frame * self.shape(&scale))))
     }
 
@@ -215,16 +227,16 @@ impl Calibration {
     pub fn scale(
         &self,
         torque: &[f64],
-        torque_std: &[f64],
+        spread: &[f64],
         [contacts, known]: [usize; 2],
     ) -> DVector<f64> {
         assert_eq!(torque.len(), self.floor_n_m.len(), "a torque for each joint");
         let unknown = contacts.saturating_sub(known) as f64 / contacts.max(1) as f64;
         let by_unknown = self.by_unknown_n_m.iter().map(|by| by * unknown);
         let by_unknown = by_unknown.chain(std::iter::repeat(0.0));
-        let joints = self.floor_n_m.iter().zip(torque).zip(torque_std).zip(by_unknown);
-        let scale = joints.map(|(((floor, torque), std), by_unknown)| {
-            floor + self.by_torque * torque.abs() + self.by_std * std + by_unknown
+        let joints = self.floor_n_m.iter().zip(torque).zip(spread).zip(by_unknown);
+        let scale = joints.map(|(((floor, torque), spread), by_unknown)| {
+            floor + self.by_torque * torque.abs() + self.by_std * spread + by_unknown
         });
         DVector::from_iterator(torque.len(), scale)
     }
@@ -245,7 +257,8 @@ impl Calibration {
                 "the bands have {unknown} factors of unknown points; wanted {n_joints}"
             ));
         }
-        let scales = [self.by_torque, self.by_std, self.untouched_std_n_per_m].into_iter();
+        let scales = [self.by_torque, self.by_std, self.relative_std, self.untouched_std_n_per_m]
+            .into_iter();
         let factors = self.quantiles.iter().flat_map(|own| [own.frame, own.peak]);
         let numbers = self
             .floor_n_m
@@ -271,6 +284,11 @@ impl Calibration {
         }
         Ok(())
     }
+}
+
+/// The variance of a spring that is off by its standard deviation and by a part of its stiffness, (N/m)².
+pub fn spring_variance(relative_std: f64, stiffness_n_per_m: f64, std_n_per_m: f64) -> f64 {
+    std_n_per_m.powi(2) + (relative_std * stiffness_n_per_m).powi(2)
 }
 
 #[cfg(test)]
@@ -308,6 +326,7 @@ mod tests {
             floor_n_m: vec![0.1, 0.2],
             by_torque: 0.5,
             by_std: 2.0,
+            relative_std: 10.0,
             by_unknown_n_m: vec![],
             exponent: 0.5,
             untouched_std_n_per_m: 10.0,
@@ -335,6 +354,8 @@ mod tests {
         let small = Calibration { floor_n_m: vec![1e-4; 2], ..calibration.clone() };
         let peak = small.peak_half_width(0.9, &[0.0; 2], &[0.0; 2], [0, 0]).unwrap();
         assert!((peak[0] - 0.03).abs() < 1e-12, "{peak}");
+        assert_eq!(calibration.spring_variance(0.2, 1.5), 2.25 + 4.0);
+        assert!(Calibration { relative_std: f64::NAN, ..calibration.clone() }.check(2).is_err());
         for exponent in [0.0, 1.1, f64::NAN] {
             assert!(Calibration { exponent, ..calibration.clone() }.check(2).is_err());
         }

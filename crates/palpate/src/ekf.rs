@@ -18,6 +18,7 @@
 
 use nalgebra::DVector;
 
+use crate::calibration::spring_variance;
 use crate::estimator::{
     Belief, Estimator, EstimatorConfig, EstimatorError, EstimatorState, FrameId, RememberedFrame,
     Replayed, padded,
@@ -150,9 +151,15 @@ impl Estimator for EkfEstimator {
         Ok(predicted)
     }
 
-    fn torque_std(&mut self, points_m: &[[f64; 3]], observation: &Observation) -> DVector<f64> {
+    fn spread(
+        &mut self,
+        points_m: &[[f64; 3]],
+        observation: &Observation,
+        relative_std: f64,
+    ) -> DVector<f64> {
         self.filter.grow(points_m);
-        self.filter.belief.torque_std(observation, |row| self.filter.variance_now(row))
+        let variance = |row| spring_variance(relative_std, self.stiffness(row), self.std(row));
+        self.filter.belief.spread(observation, variance)
     }
 
     fn advance_time(&mut self) {

@@ -121,8 +121,8 @@ pub struct Prediction {
     pub known: usize,
     /// τ̂, n_joints, N·m.
     pub predicted: DVector<f64>,
-    /// Standard deviation of that due to the springs' own, n_joints, N·m, if the field is calibrated.
-    pub torque_std: Option<DVector<f64>>,
+    /// s of [`Calibration::half_width`], n_joints, N·m, if the field is calibrated.
+    pub spread: Option<DVector<f64>>,
     /// τ_ext of the sample, n_joints, N·m.
     pub external: DVector<f64>,
 }
@@ -135,7 +135,7 @@ struct FieldSprings {
     /// Frames that touched the cells of the field.
     counts: Vec<u32>,
     untouched_n_per_m: f64,
-    /// Variances of the cells of the field, and of all others, (N/m)², if it is calibrated.
+    /// [`Calibration::spring_variance`] of the cells of the field, and of all others, if it is calibrated.
     variances: Option<(Vec<f64>, f64)>,
 }
 
@@ -159,8 +159,11 @@ impl FieldSprings {
         // Bands are of the springs alone, not of springs beside a body.
         let calibration = field.calibration.as_ref().filter(|_| field.elastic.is_none());
         let variances = calibration.map(|calibration| {
-            let own = field.std_n_per_m.iter().map(|std| std * std).collect();
-            (own, calibration.untouched_std_n_per_m.powi(2))
+            let variance =
+                |(stiffness, std): (&f64, &f64)| calibration.spring_variance(*stiffness, *std);
+            let own = field.stiffness_n_per_m.iter().zip(&field.std_n_per_m).map(variance);
+            let others = (&field.untouched_n_per_m, &calibration.untouched_std_n_per_m);
+            (own.collect(), variance(others))
         });
         Self { observations, cells, counts, untouched_n_per_m, variances }
     }
@@ -184,8 +187,8 @@ impl FieldSprings {
         observation.predict(&self.cells, Stiffness::Positive)
     }
 
-    /// Standard deviation of τ̂ due to the springs' own, n_joints, N·m, if the field is calibrated.
-    fn torque_std(&self, observation: &Observation) -> Option<DVector<f64>> {
+    /// s of [`Calibration::half_width`], n_joints, N·m, if the field is calibrated.
+    fn spread(&self, observation: &Observation) -> Option<DVector<f64>> {
         let (own, other) = self.variances.as_ref()?;
         let variance = |row: usize| own.get(row).copied().unwrap_or(*other);
         Some(observation.gram(&self.cells, variance).diagonal().map(|own| own.max(0.0).sqrt()))
@@ -255,12 +258,12 @@ impl Predictor {
         let observation = springs.build(robot, &frame.poses, &frame.contacts, &external);
         let known = observation.rows().filter(|&row| springs.is_known(row)).count();
         let contacts = observation.n_contacts();
-        let torque_std = springs.torque_std(&observation);
+        let spread = springs.spread(&observation);
         let mut predicted = springs.predict(&observation);
         if let Some(of_body) = of_body {
             predicted += of_body;
         }
-        Ok(Some(Prediction { contacts, known, predicted, torque_std, external }))
+        Ok(Some(Prediction { contacts, known, predicted, spread, external }))
     }
 
     /// Ends a touch.

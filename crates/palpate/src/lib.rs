@@ -120,6 +120,7 @@ pub use tracker::{Sample, TrackerError};
 /// What palpate's own crates build on: not stable, any of it may change or go in any release.
 pub mod unstable {
     pub use crate::arm::{LinkReport, MeshResult, solid};
+    pub use crate::calibration::spring_variance;
     pub use crate::contact::{ContactSimulator, LinkContacts};
     pub use crate::ekf::EkfEstimator;
     pub use crate::elastic::{

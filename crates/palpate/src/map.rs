@@ -34,6 +34,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::calibration::spring_variance;
 use crate::estimator::{
     Belief, Estimator, EstimatorConfig, EstimatorError, EstimatorState, FrameId, RememberedFrame,
     Replayed,
@@ -222,10 +223,15 @@ impl Estimator for MapEstimator {
         Ok(predicted * self.stiffness_scale)
     }
 
-    fn torque_std(&mut self, points_m: &[[f64; 3]], observation: &Observation) -> DVector<f64> {
+    fn spread(
+        &mut self,
+        points_m: &[[f64; 3]],
+        observation: &Observation,
+        relative_std: f64,
+    ) -> DVector<f64> {
         self.belief.grow(points_m);
-        let std = self.belief.torque_std(observation, |row| self.belief.variance(row));
-        self.stiffness_scale * std
+        let variance = |row| spring_variance(relative_std, self.stiffness(row), self.std(row));
+        self.belief.spread(observation, variance)
     }
 
     fn advance_time(&mut self) {

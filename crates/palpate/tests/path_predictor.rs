@@ -279,6 +279,7 @@ fn bands_are_those_of_the_arm_that_learnt_the_field() {
         floor_n_m: vec![0.1; joints],
         by_torque: 0.2,
         by_std: 0.1,
+        relative_std: 10.0,
         untouched_std_n_per_m: 5.0,
         touches: 9,
         by_unknown_n_m: vec![],
@@ -290,8 +291,21 @@ fn bands_are_those_of_the_arm_that_learnt_the_field() {
     for (joints, has_bands) in [(3, true), (7, false)] {
         field.calibration = Some(bands(joints));
         let predictor = PathPredictor::of_field(&arm(), &field, 5.0, 1.0).unwrap();
-        let answer = predictor.ask(&push(0.01, 20), &EVERY_POINT).unwrap();
-        assert_eq!(answer.half_width(0.9).is_some(), has_bands);
+        let answer = predictor.ask(&push(0.01, 90), &EVERY_POINT).unwrap();
+        let widths = answer.half_width(0.9);
+        assert_eq!(widths.is_some(), has_bands);
+        // As wide as the predictor of frames says.
+        let mut frames = Predictor::new(arm(), &field, learnt().config().touch.clone()).unwrap();
+        frames.begin_touch();
+        for (q, width) in push(0.01, 90).iter().zip(widths.unwrap_or_default()) {
+            let said = frames.step(&sample(q)).unwrap().unwrap();
+            let spread = said.spread.unwrap();
+            let (torque, contacts) = (said.predicted.as_slice(), [said.contacts, said.known]);
+            let wanted = bands(joints).half_width(0.9, torque, spread.as_slice(), contacts);
+            assert!(
+                close(&width, &wanted.unwrap()) && (said.contacts == 0) == (spread.amax() == 0.0)
+            );
+        }
     }
 }
 

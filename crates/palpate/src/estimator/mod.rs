@@ -284,9 +284,14 @@ pub trait Estimator: Send + Sync {
         frame_id: FrameId,
     ) -> Result<DVector<f64>, EstimatorError>;
 
-    /// Standard deviation of a frame's torque due to the cells' own, `√ diag(H P Hᵀ)`, n_joints, N·m, before it is learnt
-    /// from; `points_m` as for [`Estimator::correct`].
-    fn torque_std(&mut self, points_m: &[[f64; 3]], observation: &Observation) -> DVector<f64>;
+    /// s of [`Calibration::half_width`](crate::Calibration::half_width) of a frame before it is learnt from, n_joints, N·m;
+    /// `points_m` as for [`Estimator::correct`].
+    fn spread(
+        &mut self,
+        points_m: &[[f64; 3]],
+        observation: &Observation,
+        relative_std: f64,
+    ) -> DVector<f64>;
 
     /// Lets a step without contact pass: with drift (Eq. 4), variances grow.
     fn advance_time(&mut self);

@@ -317,11 +317,13 @@ impl Mapper {
         let (poses, contacts) = (&tracked.poses, &tracked.contacts);
         let observation = self.observations.build(robot, poses, contacts, external);
         let points_m = self.observations.rows().points_m();
-        let beside = self.band.map(|_| {
+        let calibration = self.band.and_then(|_| self.calibration());
+        let relative_std = calibration.map(|own| own.relative_std);
+        let beside = relative_std.map(|relative_std| {
             let mut estimator = self.replays.estimator();
             let known = observation.rows().filter(|&row| estimator.count(row) > 0).count();
-            let std = estimator.torque_std(points_m, &observation);
-            (std, [observation.n_contacts(), known])
+            let spread = estimator.spread(points_m, &observation, relative_std);
+            (spread, [observation.n_contacts(), known])
         });
         let predicted = match self.weights(tracked) {
             None => self.replays.estimator().correct(points_m, observation, frame)?,
@@ -341,15 +343,15 @@ impl Mapper {
         Some(torque_weights(tau_std, &self.config.estimator.torque_std))
     }
 
-    /// Half-width of the band around a prediction, n_joints, N·m, with this standard deviation, and so many points that are
+    /// Half-width of the band around a prediction, n_joints, N·m, with this spread, and so many points that are
     /// touched and of these known.
     fn peak_half_width(
         &self,
         predicted: &DVector<f64>,
-        (std, contacts): &(DVector<f64>, [usize; 2]),
+        (spread, contacts): &(DVector<f64>, [usize; 2]),
     ) -> Option<DVector<f64>> {
         let calibration = self.calibration()?;
-        calibration.peak_half_width(self.band?, predicted.as_slice(), std.as_slice(), *contacts)
+        calibration.peak_half_width(self.band?, predicted.as_slice(), spread.as_slice(), *contacts)
     }
 
     /// Lets the belief age by a step in which nothing is touched; the prediction is zero.

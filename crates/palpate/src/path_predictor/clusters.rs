@@ -132,20 +132,21 @@ fn leader(group: &[Known]) -> (usize, Spring) {
         return (single.number, single.spring);
     }
     let (mut middle, mut sum) = (Vector3::zeros(), 0.0);
-    let (mut stiffness_n_per_m, mut variance) = (0.0, 0.0);
+    let (mut stiffness_n_per_m, mut variance, mut square) = (0.0, 0.0, 0.0);
     for Known { number, spring, .. } in group {
         let weight = spring.stiffness_n_per_m + f64::MIN_POSITIVE; // all may be 0
         middle += PLACES[*number] * weight;
         sum += weight;
         stiffness_n_per_m += spring.stiffness_n_per_m;
         variance += spring.variance;
+        square += spring.square;
     }
     middle /= sum;
     let away = |cell: &Known| (PLACES[cell.number] - middle).norm_squared();
     let nearest = group.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
     let &Known { number, spring, .. } = nearest.expect("a group is never empty");
     let (stands_for, offset) = (group.len() as f64, middle - PLACES[number]);
-    (number, Spring { stiffness_n_per_m, variance, stands_for, offset, ..spring })
+    (number, Spring { stiffness_n_per_m, variance, square, stands_for, offset, ..spring })
 }
 
 #[cfg(test)]
@@ -182,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn clusters_hold_every_cell_once_and_keep_the_sums_of_stiffness_and_variance() {
+    fn clusters_hold_every_cell_once_and_keep_sums() {
         let stiffness = |[i, j, k]: [u32; 3]| f64::from(i * 7 % 5 + j * k);
         let variance = |[i, j, k]: [u32; 3]| f64::from((i + 3 * j + 5 * k) % 11);
         let places: Vec<_> =
@@ -195,6 +196,8 @@ mod tests {
                 (sum(|spring| spring.stiffness_n_per_m), sum(|spring| spring.variance));
             assert!((k - all(&stiffness)).abs() < 1e-9 * k);
             assert!((var - all(&variance)).abs() < 1e-9 * var);
+            let square: f64 = sum(|spring| spring.square);
+            assert!((square - all(&|place| stiffness(place).powi(2))).abs() < 1e-9 * square);
             let cells: f64 = sum(|spring| spring.stands_for);
             assert_eq!(cells, places.len() as f64);
             let mut at: Vec<_> = springs.iter().map(|(place, _)| *place).collect();

@@ -1,8 +1,8 @@
 //! Wrenches of the springs on the links at the stops of a path, and torques between two stops.
 //!
 //! A spring at rest point p, displaced by u, pushes its link with the wrench `−K w`,
-//! `w = (u, p × u)` about the world's origin ([`crate::torque`]). Sums over the springs of a link, of `K w` and
-//! of `σ² w wᵀ`, are all that is needed: its spatial Jacobian J makes torques and variances of
+//! `w = (u, p × u)` about the world's origin ([`crate::torque`]). Sums over the springs of a link, of `K w`,
+//! `σ² w wᵀ` and `K² w wᵀ`, are all that is needed: its spatial Jacobian J makes torques and variances of
 //! them.
 
 use nalgebra::{DVector, Matrix6, Point3, Vector6};
@@ -19,6 +19,8 @@ struct Push {
     wrench: Vector6<f64>,
     /// `Σ σ² w wᵀ`, of which the lower triangle.
     covariance: Matrix6<f64>,
+    /// `Σ K² w wᵀ`, likewise.
+    squares: Matrix6<f64>,
 }
 
 /// The pushes of some of the springs on all links, at the stops of a path.
@@ -32,7 +34,7 @@ pub(super) struct LinkWrenches {
 
 impl Push {
     fn nothing() -> Self {
-        Self { wrench: Vector6::zeros(), covariance: Matrix6::zeros() }
+        Self { wrench: Vector6::zeros(), covariance: Matrix6::zeros(), squares: Matrix6::zeros() }
     }
 }
 
@@ -56,12 +58,13 @@ impl LinkWrenches {
         if pushes.is_empty() {
             pushes.resize(self.counts.len(), Push::nothing());
         }
-        let Push { wrench, covariance } = &mut pushes[stop];
+        let Push { wrench, covariance, squares } = &mut pushes[stop];
         *wrench += spring.stiffness_n_per_m * w;
         for column in 0..6 {
-            let factor = spring.variance * w[column];
+            let factors = [spring.variance * w[column], spring.square * w[column]];
             for row in column..6 {
-                covariance[(row, column)] += factor * w[row];
+                covariance[(row, column)] += factors[0] * w[row];
+                squares[(row, column)] += factors[1] * w[row];
             }
         }
         self.counts[stop][0] += spring.stands_for;
@@ -78,6 +81,7 @@ impl LinkWrenches {
             for (ours, theirs) in ours.iter_mut().zip(theirs) {
                 ours.wrench += theirs.wrench;
                 ours.covariance += theirs.covariance;
+                ours.squares += theirs.squares;
             }
         }
         for (ours, theirs) in self.counts.iter_mut().zip(other.counts) {
@@ -88,20 +92,23 @@ impl LinkWrenches {
     /// The prediction at a stop, where the links have these poses.
     pub(super) fn point(&self, stop: usize, robot: &Robot, poses: &Poses) -> PathPoint {
         let mut torque = DVector::zeros(robot.n_joints());
-        let mut variance = DVector::zeros(robot.n_joints());
+        let [mut variance, mut square] = [(); 2].map(|()| DVector::zeros(robot.n_joints()));
         for (link, pushes) in self.pushes.iter().enumerate() {
-            let Some(Push { wrench, covariance }) = pushes.get(stop) else { continue };
+            let Some(Push { wrench, covariance, squares }) = pushes.get(stop) else { continue };
             let spatial = robot.spatial_jacobian(poses, LinkId(link as u16));
-            let mut covariance = *covariance;
+            let (mut covariance, mut squares) = (*covariance, *squares);
             covariance.fill_upper_triangle_with_lower_triangle();
+            squares.fill_upper_triangle_with_lower_triangle();
             for (joint, column) in spatial.column_iter().enumerate() {
                 torque[joint] -= column.dot(wrench);
                 variance[joint] += column.dot(&(covariance * column));
+                square[joint] += column.dot(&(squares * column));
             }
         }
         let [contacts, known] = self.counts[stop].map(|cells| cells.round() as usize);
-        let torque_std = variance.map(|variance: f64| variance.max(0.0).sqrt());
-        PathPoint { torque, torque_std, contacts, known }
+        let root = |sum: f64| sum.max(0.0).sqrt();
+        let (torque_std, torque_of_each) = (variance.map(root), square.map(root));
+        PathPoint { torque, torque_std, torque_of_each, contacts, known }
     }
 }
 
@@ -114,6 +121,7 @@ impl PathPoint {
         Self {
             torque: from.torque.lerp(&to.torque, part),
             torque_std: from.torque_std.lerp(&to.torque_std, part),
+            torque_of_each: from.torque_of_each.lerp(&to.torque_of_each, part),
             contacts: count(from.contacts, to.contacts),
             known: count(from.known, to.known),
         }

@@ -14,6 +14,8 @@ pub struct PathPoint {
     pub torque: DVector<f64>,
     /// Standard deviation of that, n_joints, N·m; a ranking of paths, not a bound on the error.
     pub torque_std: DVector<f64>,
+    /// Root of the sum of squares of the springs' torques, n_joints, N·m.
+    pub torque_of_each: DVector<f64>,
     /// Points of the lattice touched.
     pub contacts: usize,
     /// Those of them that were touched when the field was learnt.
@@ -34,7 +36,7 @@ pub struct PathPrediction {
     pub calibration: Option<Arc<Calibration>>,
 }
 
-/// A half-width at a level, of torque, its standard deviation and contacts.
+/// A half-width at a level, of torque, spread and contacts.
 type HalfWidth = fn(&Calibration, f64, &[f64], &[f64], [usize; 2]) -> Option<DVector<f64>>;
 
 impl PathPrediction {
@@ -53,7 +55,10 @@ impl PathPrediction {
         let calibration = self.calibration.as_ref()?;
         let at = |point: &PathPoint| {
             let contacts = [point.contacts, point.known];
-            of(calibration, level, point.torque.as_slice(), point.torque_std.as_slice(), contacts)
+            let spread = point.torque_of_each.zip_map(&point.torque_std, |of_each, std| {
+                calibration.spring_variance(of_each, std).sqrt()
+            });
+            of(calibration, level, point.torque.as_slice(), spread.as_slice(), contacts)
         };
         self.points.iter().map(at).collect()
     }

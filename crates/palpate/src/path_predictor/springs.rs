@@ -20,6 +20,8 @@ pub(super) struct Spring {
     pub(super) stiffness_n_per_m: f64,
     /// Its variance, (N/m)²; the sum likewise.
     pub(super) variance: f64,
+    /// K², (N/m)²; the sum likewise.
+    pub(super) square: f64,
     /// Number of cells that it stands for.
     pub(super) stands_for: f64,
     /// Whether its cell was touched when the field was learnt.
@@ -52,6 +54,7 @@ impl From<CellEstimate> for Spring {
         Self {
             stiffness_n_per_m: cell.stiffness_n_per_m,
             variance: cell.std_n_per_m.powi(2),
+            square: cell.stiffness_n_per_m.powi(2),
             stands_for: 1.0,
             is_known: cell.count > 0,
             offset: Vector3::zeros(),
@@ -65,6 +68,7 @@ impl Spring {
         Self {
             stiffness_n_per_m: self.stiffness_n_per_m * stands_for,
             variance: self.variance * stands_for,
+            square: self.square * stands_for,
             stands_for,
             ..self
         }
@@ -109,8 +113,9 @@ impl Springs {
             cell.stiffness_n_per_m = model.spring_n_per_m(cell.stiffness_n_per_m, residual);
         }
         let cells = f64::from(self.edge.pow(3));
-        let other = self.other.stiffness_n_per_m / cells;
-        self.other.stiffness_n_per_m = cells * model.spring_n_per_m(other, of_untouched);
+        let other = model.spring_n_per_m(self.other.stiffness_n_per_m / cells, of_untouched);
+        self.other.stiffness_n_per_m = cells * other;
+        self.other.square = cells * other * other;
         self.groups = OnceLock::new();
     }
 
@@ -218,6 +223,7 @@ mod tests {
                 assert_eq!(sum(|spring| spring.stands_for), all);
                 assert_eq!(sum(|spring| spring.stiffness_n_per_m), 2.0 * all);
                 assert_eq!(sum(|spring| spring.variance), 9.0 * all);
+                assert_eq!(sum(|spring| spring.square), 4.0 * all);
             }
             // Half of the last brick is beyond the lattice.
             let last = springs.of_brick([16, 16, 16]);
