@@ -518,6 +518,9 @@ fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let mut config = config(method);
         (config.estimator.drift_std_n_per_m, config.estimator.replays) = (0.0, 0);
+        if method == EstimatorKind::Map {
+            config.estimator.stiffness_scale = 0.8;
+        }
         let mapper = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
         assert!(mapper.with_band(0.9).is_none());
         let mapper = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
@@ -528,7 +531,8 @@ fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
         assert_eq!(mapper.calibration(), Some(&calibration), "its own bands stay");
         // The first frame in contact of the next touch, by the field as it is then.
         let mut field = mapper.field();
-        let untouched = config.estimator.prior.at_spacing(config.lattice.spacing_m()).1;
+        let untouched = config.estimator.stiffness_scale
+            * config.estimator.prior.at_spacing(config.lattice.spacing_m()).1;
         field.calibration.as_mut().unwrap().untouched_std_n_per_m = untouched;
         let mut predictor = Predictor::new(Arc::clone(&arm), &field, config.touch.clone()).unwrap();
         predictor.begin_touch();

@@ -10,7 +10,6 @@ use crate::calibrate::{PredictedFrame, peak_errors, quantile, scales};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Uncertainty {
     /// s of [`Calibration::half_width`]: touches × frames × n_joints, N·m.
-    #[serde(alias = "torque_std")]
     pub spread: Vec<Vec<Vec<f64>>>,
     /// Found on the fold's training touches, or `others` if they are too few.
     pub calibration: Calibration,

@@ -10,7 +10,7 @@ use crate::tracked::{Tracked, TrackedFrame};
 pub(crate) struct FieldRows {
     pub(crate) estimates: Vec<CellEstimate>,
     pub(crate) cells: Vec<Cell>,
-    /// ρ of the field's bands; 0 without.
+    /// ρ of the field's bands; 0 without bands for these joints.
     relative_std: f64,
 }
 
@@ -22,7 +22,9 @@ impl FieldRows {
         let estimates: Vec<CellEstimate> =
             known.map(|row| field.estimate(row, untouched_std_n_per_m)).collect();
         let cells = tracked.with_stiffness(|row| estimates[row].stiffness_n_per_m);
-        let relative_std = field.calibration.as_ref().map_or(0.0, |own| own.relative_std);
+        let calibration = field.calibration.as_ref();
+        let calibration = calibration.filter(|own| own.check(tracked.n_joints).is_ok());
+        let relative_std = calibration.map_or(0.0, |own| own.relative_std);
         Self { estimates, cells, relative_std }
     }
 

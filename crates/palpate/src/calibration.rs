@@ -19,8 +19,8 @@
 //!
 //! With too few of them for that, bands are as those of other objects ([`Calibration::of_other_objects`]): a is the error
 //! that the field makes on what it has learnt from, which of all that is known without a touch held out says best how well
-//! springs can express this object, and d the torque that was felt. s is left out: it falls with the samples a second. g
-//! is 1, so that an object twice as stiff has bands twice as wide.
+//! springs can express this object, and d the torque that was felt. s is left out: they were found
+//! without it, and σ falls with the samples a second. g is 1, so that an object twice as stiff has bands twice as wide.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -180,6 +180,11 @@ impl Calibration {
         spring_variance(self.relative_std, stiffness_n_per_m, std_n_per_m)
     }
 
+    /// s, n_joints, N·m, of `√ diag(H diag(σ²) Hᵀ)` and `√ diag(H diag(K²) Hᵀ)`, n_joints, N·m.
+    pub fn spread(&self, torque_std: &DVector<f64>, torque_of_each: &DVector<f64>) -> DVector<f64> {
+        torque_std.zip_map(torque_of_each, |std, of_each| std.hypot(self.relative_std * of_each))
+    }
+
     /// Half-width of the band at a level, n_joints, N·m, of a predicted torque, s, n_joints, N·m, and how many points are
     /// touched and how many of these are known. `None` without a band of that level.
     ///
@@ -286,7 +291,7 @@ impl Calibration {
     }
 }
 
-/// The variance of a spring that is off by its standard deviation and by a part of its stiffness, (N/m)².
+/// The variance of a spring that is off by its standard deviation and by `relative_std` times its stiffness, (N/m)².
 pub fn spring_variance(relative_std: f64, stiffness_n_per_m: f64, std_n_per_m: f64) -> f64 {
     std_n_per_m.powi(2) + (relative_std * stiffness_n_per_m).powi(2)
 }

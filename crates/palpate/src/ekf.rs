@@ -18,7 +18,6 @@
 
 use nalgebra::DVector;
 
-use crate::calibration::spring_variance;
 use crate::estimator::{
     Belief, Estimator, EstimatorConfig, EstimatorError, EstimatorState, FrameId, RememberedFrame,
     Replayed, padded,
@@ -151,15 +150,16 @@ impl Estimator for EkfEstimator {
         Ok(predicted)
     }
 
-    fn spread(
+    fn band_spread(
         &mut self,
         points_m: &[[f64; 3]],
         observation: &Observation,
         relative_std: f64,
     ) -> DVector<f64> {
         self.filter.grow(points_m);
-        let variance = |row| spring_variance(relative_std, self.stiffness(row), self.std(row));
-        self.filter.belief.spread(observation, variance)
+        let variance =
+            |row| self.filter.variance_now(row) + (relative_std * self.stiffness(row)).powi(2);
+        self.filter.belief.band_spread(observation, variance)
     }
 
     fn advance_time(&mut self) {

@@ -34,7 +34,6 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::calibration::spring_variance;
 use crate::estimator::{
     Belief, Estimator, EstimatorConfig, EstimatorError, EstimatorState, FrameId, RememberedFrame,
     Replayed,
@@ -223,15 +222,17 @@ impl Estimator for MapEstimator {
         Ok(predicted * self.stiffness_scale)
     }
 
-    fn spread(
+    fn band_spread(
         &mut self,
         points_m: &[[f64; 3]],
         observation: &Observation,
         relative_std: f64,
     ) -> DVector<f64> {
         self.belief.grow(points_m);
-        let variance = |row| spring_variance(relative_std, self.stiffness(row), self.std(row));
-        self.belief.spread(observation, variance)
+        let belief = &self.belief;
+        let variance =
+            |row| belief.variance(row) + (relative_std * belief.unknown(row).max(0.0)).powi(2);
+        self.stiffness_scale * belief.band_spread(observation, variance)
     }
 
     fn advance_time(&mut self) {

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use nalgebra::DVector;
 use palpate::{
     Arm, BakeConfig, BandQuantiles, CLUSTER_WEIGHT, Calibration, EstimatorKind, Gravity, Lattice,
-    MAX_POINTS, Mapper, MapperConfig, PathConfig, PathError, PathPrediction, PathPredictor,
-    Predictor, Robot, Sample, Tare,
+    MAX_POINTS, Mapper, MapperConfig, PathConfig, PathError, PathPoint, PathPrediction,
+    PathPredictor, Predictor, Robot, Sample, Tare,
 };
 use scene::{collision, config, gantry_urdf};
 
@@ -234,12 +234,17 @@ fn a_coarse_predictor_is_close_to_the_exact_one_and_reproducible() {
         assert_eq!((thinned.goes_on, thinned.stops), (whole.goes_on, whole.stops));
         assert!(thinned != whole && difference(&thinned, &whole) < 0.05);
         let most = whole.points.iter().map(|point| point.contacts as f64).fold(0.0, f64::max);
-        let widest = whole.points.iter().map(|point| point.torque_std.norm()).fold(0.0, f64::max);
+        let stds =
+            |point: &PathPoint| [&point.torque_std, &point.torque_of_each].map(|own| own.norm());
+        let widest =
+            |which: usize| whole.points.iter().map(|own| stds(own)[which]).fold(0.0, f64::max);
+        let widest = [0, 1].map(widest);
         for (thinned, whole) in thinned.points.iter().zip(&whole.points) {
             let [few, all] = [thinned, whole].map(|point| point.contacts as f64);
             assert!((few - all).abs() < 0.2 * all + 0.05 * most, "{few} of {all} contacts");
-            let [few, all] = [thinned, whole].map(|point| point.torque_std.norm());
-            assert!((few - all).abs() < 0.3 * all + 0.05 * widest, "± {few} for {all}");
+            for ((few, all), widest) in stds(thinned).into_iter().zip(stds(whole)).zip(widest) {
+                assert!((few - all).abs() < 0.3 * all + 0.05 * widest, "± {few} for {all}");
+            }
         }
     }
 }

@@ -58,6 +58,9 @@ struct Asked {
     torque_off: Vec<f64>,
     #[serde(serialize_with = "extent")]
     std_off: Vec<f64>,
+    /// The same of what bands depend on beside torque and its standard deviation.
+    #[serde(serialize_with = "extent")]
+    of_each_off: Vec<f64>,
 }
 
 fn extent<S: Serializer>(numbers: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
@@ -150,6 +153,7 @@ impl Asked {
         self.coarse_ms.extend(median(&coarse_ms));
         self.torque_off.extend(off_by(&answers[0], &exact, |point| &point.torque));
         self.std_off.extend(off_by(&answers[0], &exact, |point| &point.torque_std));
+        self.of_each_off.extend(off_by(&answers[0], &exact, |point| &point.torque_of_each));
         Ok(exact)
     }
 }
@@ -199,6 +203,11 @@ impl Answers {
                 (100.0, 1, "%"),
             );
             row("  its std off by".to_owned(), Extent::of(&asked.std_off), (100.0, 0, "%"));
+            row(
+                "  of each spring, off by".to_owned(),
+                Extent::of(&asked.of_each_off),
+                (100.0, 0, "%"),
+            );
         }
         rows
     }

@@ -108,7 +108,7 @@ impl Belief {
     }
 
     /// `√ diag(H P Hᵀ)`, n_joints, N·m, for a diagonal P, given by row.
-    pub(crate) fn spread(
+    pub(crate) fn band_spread(
         &self,
         observation: &Observation,
         variance: impl Fn(usize) -> f64,

@@ -286,7 +286,7 @@ pub trait Estimator: Send + Sync {
 
     /// s of [`Calibration::half_width`](crate::Calibration::half_width) of a frame before it is learnt from, n_joints, N·m;
     /// `points_m` as for [`Estimator::correct`].
-    fn spread(
+    fn band_spread(
         &mut self,
         points_m: &[[f64; 3]],
         observation: &Observation,

@@ -322,7 +322,7 @@ impl Mapper {
         let beside = relative_std.map(|relative_std| {
             let mut estimator = self.replays.estimator();
             let known = observation.rows().filter(|&row| estimator.count(row) > 0).count();
-            let spread = estimator.spread(points_m, &observation, relative_std);
+            let spread = estimator.band_spread(points_m, &observation, relative_std);
             (spread, [observation.n_contacts(), known])
         });
         let predicted = match self.weights(tracked) {

@@ -55,9 +55,7 @@ impl PathPrediction {
         let calibration = self.calibration.as_ref()?;
         let at = |point: &PathPoint| {
             let contacts = [point.contacts, point.known];
-            let spread = point.torque_of_each.zip_map(&point.torque_std, |of_each, std| {
-                calibration.spring_variance(of_each, std).sqrt()
-            });
+            let spread = calibration.spread(&point.torque_std, &point.torque_of_each);
             of(calibration, level, point.torque.as_slice(), spread.as_slice(), contacts)
         };
         self.points.iter().map(at).collect()
