@@ -58,7 +58,7 @@ struct Asked {
     torque_off: Vec<f64>,
     #[serde(serialize_with = "extent")]
     std_off: Vec<f64>,
-    /// The same of what bands depend on beside torque and its standard deviation.
+    /// The same of [`PathPoint::torque_of_each`], which bands depend on.
     #[serde(serialize_with = "extent")]
     of_each_off: Vec<f64>,
 }
@@ -204,7 +204,7 @@ impl Answers {
             );
             row("  its std off by".to_owned(), Extent::of(&asked.std_off), (100.0, 0, "%"));
             row(
-                "  of each spring, off by".to_owned(),
+                "  its band's spread off by".to_owned(),
                 Extent::of(&asked.of_each_off),
                 (100.0, 0, "%"),
             );
