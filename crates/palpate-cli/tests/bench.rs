@@ -108,7 +108,7 @@ fn answers_about_paths_are_timed_and_compared_with_exact_ones() {
     for kind in ["whole", "push"] {
         let asked = &answers[kind];
         assert_eq!(number(asked, "paths"), 2.0);
-        for key in ["coarse_ms", "exact_ms", "torque_off", "std_off", "of_each_off"] {
+        for key in ["coarse_ms", "exact_ms", "torque_off", "std_off", "rss_off"] {
             let of = |name: &str| number(asked, &format!("{key}.{name}"));
             assert!(0.0 < of("least") && of("least") <= of("median"), "{kind}, {key}: {answers}");
             assert!(

@@ -164,7 +164,7 @@ impl Predicted {
     pub(crate) fn by(tracked: &Tracked, estimator: &dyn Estimator) -> Self {
         let of_row = |row| {
             let (stiffness, std) = (estimator.stiffness(row), estimator.std(row));
-            (spring_variance(RELATIVE_STD, stiffness, std), estimator.count(row) > 0)
+            (spring_variance(RELATIVE_STD, stiffness, std.powi(2)), estimator.count(row) > 0)
         };
         Self {
             cells: tracked.with_stiffness(|row| estimator.stiffness(row)),

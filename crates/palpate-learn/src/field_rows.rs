@@ -32,7 +32,7 @@ impl FieldRows {
     pub(crate) fn predicted(&self, frame: &TrackedFrame) -> PredictedFrame {
         let of_row = |row: usize| {
             let CellEstimate { stiffness_n_per_m, std_n_per_m, count, .. } = self.estimates[row];
-            (spring_variance(self.relative_std, stiffness_n_per_m, std_n_per_m), count > 0)
+            (spring_variance(self.relative_std, stiffness_n_per_m, std_n_per_m.powi(2)), count > 0)
         };
         PredictedFrame::of(frame, &self.cells, of_row)
     }

@@ -3,7 +3,7 @@
 //! The half-width of joint j's band at a level, such as 0.9, is
 //!
 //! ```text
-//! q(level) · (a_j + b |τ̂_j| + c s_j + d_j n)^g      s: √ diag(H diag(σ² + ρ² K²) Hᵀ), of each spring by itself
+//! q(level) · (a_j + b |τ̂_j| + c s_j + d_j n)^g      s, the spread: √ diag(H diag(σ² + ρ² K²) Hᵀ)
 //!                                                   n: share of the touched points that the field does not know
 //! ```
 //!
@@ -177,12 +177,12 @@ impl Calibration {
 
     /// The variance of a spring in s, (N/m)²: `σ² + ρ² K²`.
     pub fn spring_variance(&self, stiffness_n_per_m: f64, std_n_per_m: f64) -> f64 {
-        spring_variance(self.relative_std, stiffness_n_per_m, std_n_per_m)
+        spring_variance(self.relative_std, stiffness_n_per_m, std_n_per_m.powi(2))
     }
 
     /// s, n_joints, N·m, of `√ diag(H diag(σ²) Hᵀ)` and `√ diag(H diag(K²) Hᵀ)`, n_joints, N·m.
-    pub fn spread(&self, torque_std: &DVector<f64>, torque_of_each: &DVector<f64>) -> DVector<f64> {
-        torque_std.zip_map(torque_of_each, |std, of_each| std.hypot(self.relative_std * of_each))
+    pub fn spread(&self, torque_std: &DVector<f64>, torque_rss: &DVector<f64>) -> DVector<f64> {
+        torque_std.zip_map(torque_rss, |std, rss| std.hypot(self.relative_std * rss))
     }
 
     /// Half-width of the band at a level, n_joints, N·m, of a predicted torque, s, n_joints, N·m, and how many points are
@@ -291,9 +291,10 @@ impl Calibration {
     }
 }
 
-/// The variance of a spring that is off by its standard deviation and by `relative_std` times its stiffness, (N/m)².
-pub fn spring_variance(relative_std: f64, stiffness_n_per_m: f64, std_n_per_m: f64) -> f64 {
-    std_n_per_m.powi(2) + (relative_std * stiffness_n_per_m).powi(2)
+/// [`Calibration::spring_variance`], by ρ and by the variance σ², (N/m)².
+#[inline]
+pub fn spring_variance(relative_std: f64, stiffness_n_per_m: f64, variance: f64) -> f64 {
+    variance + (relative_std * stiffness_n_per_m).powi(2)
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@
 
 use nalgebra::DVector;
 
+use crate::calibration::spring_variance;
 use crate::estimator::{
     Belief, Estimator, EstimatorConfig, EstimatorError, EstimatorState, FrameId, RememberedFrame,
     Replayed, padded,
@@ -158,7 +159,7 @@ impl Estimator for EkfEstimator {
     ) -> DVector<f64> {
         self.filter.grow(points_m);
         let variance =
-            |row| self.filter.variance_now(row) + (relative_std * self.stiffness(row)).powi(2);
+            |row| spring_variance(relative_std, self.stiffness(row), self.filter.variance_now(row));
         self.filter.belief.band_spread(observation, variance)
     }
 

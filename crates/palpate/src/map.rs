@@ -34,6 +34,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::calibration::spring_variance;
 use crate::estimator::{
     Belief, Estimator, EstimatorConfig, EstimatorError, EstimatorState, FrameId, RememberedFrame,
     Replayed,
@@ -231,7 +232,7 @@ impl Estimator for MapEstimator {
         self.belief.grow(points_m);
         let belief = &self.belief;
         let variance =
-            |row| belief.variance(row) + (relative_std * belief.unknown(row).max(0.0)).powi(2);
+            |row| spring_variance(relative_std, belief.unknown(row).max(0.0), belief.variance(row));
         self.stiffness_scale * belief.band_spread(observation, variance)
     }
 

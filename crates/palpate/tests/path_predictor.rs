@@ -234,8 +234,7 @@ fn a_coarse_predictor_is_close_to_the_exact_one_and_reproducible() {
         assert_eq!((thinned.goes_on, thinned.stops), (whole.goes_on, whole.stops));
         assert!(thinned != whole && difference(&thinned, &whole) < 0.05);
         let most = whole.points.iter().map(|point| point.contacts as f64).fold(0.0, f64::max);
-        let stds =
-            |point: &PathPoint| [&point.torque_std, &point.torque_of_each].map(|own| own.norm());
+        let stds = |point: &PathPoint| [&point.torque_std, &point.torque_rss].map(|own| own.norm());
         let widest =
             |which: usize| whole.points.iter().map(|own| stds(own)[which]).fold(0.0, f64::max);
         let widest = [0, 1].map(widest);

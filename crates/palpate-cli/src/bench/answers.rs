@@ -58,9 +58,9 @@ struct Asked {
     torque_off: Vec<f64>,
     #[serde(serialize_with = "extent")]
     std_off: Vec<f64>,
-    /// The same of [`PathPoint::torque_of_each`], which bands depend on.
+    /// The same of [`PathPoint::torque_rss`], which bands depend on.
     #[serde(serialize_with = "extent")]
-    of_each_off: Vec<f64>,
+    rss_off: Vec<f64>,
 }
 
 fn extent<S: Serializer>(numbers: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
@@ -153,7 +153,7 @@ impl Asked {
         self.coarse_ms.extend(median(&coarse_ms));
         self.torque_off.extend(off_by(&answers[0], &exact, |point| &point.torque));
         self.std_off.extend(off_by(&answers[0], &exact, |point| &point.torque_std));
-        self.of_each_off.extend(off_by(&answers[0], &exact, |point| &point.torque_of_each));
+        self.rss_off.extend(off_by(&answers[0], &exact, |point| &point.torque_rss));
         Ok(exact)
     }
 }
@@ -205,7 +205,7 @@ impl Answers {
             row("  its std off by".to_owned(), Extent::of(&asked.std_off), (100.0, 0, "%"));
             row(
                 "  its band's spread off by".to_owned(),
-                Extent::of(&asked.of_each_off),
+                Extent::of(&asked.rss_off),
                 (100.0, 0, "%"),
             );
         }

@@ -107,8 +107,8 @@ impl LinkWrenches {
         }
         let [contacts, known] = self.counts[stop].map(|cells| cells.round() as usize);
         let root = |sum: f64| sum.max(0.0).sqrt();
-        let (torque_std, torque_of_each) = (variance.map(root), square.map(root));
-        PathPoint { torque, torque_std, torque_of_each, contacts, known }
+        let (torque_std, torque_rss) = (variance.map(root), square.map(root));
+        PathPoint { torque, torque_std, torque_rss, contacts, known }
     }
 }
 
@@ -121,7 +121,7 @@ impl PathPoint {
         Self {
             torque: from.torque.lerp(&to.torque, part),
             torque_std: from.torque_std.lerp(&to.torque_std, part),
-            torque_of_each: from.torque_of_each.lerp(&to.torque_of_each, part),
+            torque_rss: from.torque_rss.lerp(&to.torque_rss, part),
             contacts: count(from.contacts, to.contacts),
             known: count(from.known, to.known),
         }

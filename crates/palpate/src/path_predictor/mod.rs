@@ -8,7 +8,7 @@
 //! |---------------------------|------------------------------------------|----------|------|
 //! | [`PathPoint::torque`]     | `τ̂ = Σ wᵢ Kᵢ` (Eq. 5)                    | n_joints | N·m  |
 //! | [`PathPoint::torque_std`] | `√ diag(H P Hᵀ)`, P the cells' variances | n_joints | N·m  |
-//! | [`PathPoint::torque_of_each`] | `√ diag(H diag(K²) Hᵀ)`    | n_joints | N·m  |
+//! | [`PathPoint::torque_rss`] | `√ diag(H diag(K²) Hᵀ)`    | n_joints | N·m  |
 //!
 //! # Where a path starts
 //!

@@ -15,7 +15,7 @@ pub struct PathPoint {
     /// Standard deviation of that, n_joints, N·m; a ranking of paths, not a bound on the error.
     pub torque_std: DVector<f64>,
     /// Root of the sum of squares of the springs' torques, n_joints, N·m.
-    pub torque_of_each: DVector<f64>,
+    pub torque_rss: DVector<f64>,
     /// Points of the lattice touched.
     pub contacts: usize,
     /// Those of them that were touched when the field was learnt.
@@ -55,7 +55,7 @@ impl PathPrediction {
         let calibration = self.calibration.as_ref()?;
         let at = |point: &PathPoint| {
             let contacts = [point.contacts, point.known];
-            let spread = calibration.spread(&point.torque_std, &point.torque_of_each);
+            let spread = calibration.spread(&point.torque_std, &point.torque_rss);
             of(calibration, level, point.torque.as_slice(), spread.as_slice(), contacts)
         };
         self.points.iter().map(at).collect()
