@@ -25,6 +25,8 @@
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
+use crate::estimator::LARGEST;
+
 /// What the widths of bands are computed from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -276,6 +278,11 @@ impl Calibration {
         if let Some(number) = numbers.into_iter().find(|own| !(own.is_finite() && *own >= 0.0)) {
             return Err(format!("the bands hold {number}; wanted a number of at least 0"));
         }
+        // Squares that overflow would make bands that are too narrow.
+        let squared = [self.relative_std, self.untouched_std_n_per_m];
+        if let Some(number) = squared.into_iter().find(|own| *own > LARGEST) {
+            return Err(format!("the bands hold {number}; wanted at most {LARGEST}"));
+        }
         if !(self.exponent > 0.0 && self.exponent <= 1.0) {
             return Err(format!(
                 "the exponent of the bands is {}; wanted above 0, up to 1",
@@ -361,7 +368,11 @@ mod tests {
         let peak = small.peak_half_width(0.9, &[0.0; 2], &[0.0; 2], [0, 0]).unwrap();
         assert!((peak[0] - 0.03).abs() < 1e-12, "{peak}");
         assert_eq!(calibration.spring_variance(0.2, 1.5), 2.25 + 4.0);
-        assert!(Calibration { relative_std: f64::NAN, ..calibration.clone() }.check(2).is_err());
+        for relative_std in [f64::NAN, -1.0, 1e300] {
+            assert!(Calibration { relative_std, ..calibration.clone() }.check(2).is_err());
+        }
+        let untouched_std_n_per_m = 1e300;
+        assert!(Calibration { untouched_std_n_per_m, ..calibration.clone() }.check(2).is_err());
         for exponent in [0.0, 1.1, f64::NAN] {
             assert!(Calibration { exponent, ..calibration.clone() }.check(2).is_err());
         }
