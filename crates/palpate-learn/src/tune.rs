@@ -39,6 +39,10 @@ const CONTACTS: [[f64; 3]; 6] = [
     [0.036, 0.05, 0.3],
     [0.036, 0.3, 0.0],
 ];
+/// The same for hard things that only the tool touches: best on real presses of rigid buttons, and not chosen for any of
+/// 23 simulated objects. It is with this prior that it is drawn.
+const HARD_CONTACT: [f64; 3] = [0.008, 0.05, 0.0];
+const HARD_PRIOR_STD: f64 = 4.0;
 /// Means of the prior above the given one, as multiples of its standard deviation.
 const PRIOR_MEANS: [f64; 4] = [0.0, 0.016, 0.04, 0.08];
 /// Means above the given one, and standard deviations, of the priors of a quick search, as multiples of the given
@@ -114,7 +118,7 @@ impl Search {
     /// Few candidates, which differ in the settings that are not given: seconds for ten touches.
     pub fn quick(config: &MapperConfig, given: Given) -> Self {
         let mut candidates = vec![config.clone()];
-        for [distance_m, friction, coulomb_friction] in CONTACTS {
+        for [distance_m, friction, coulomb_friction] in CONTACTS.into_iter().chain([HARD_CONTACT]) {
             for (mean, std) in QUICK_PRIORS {
                 let mut candidate = config.clone();
                 let (contact, prior) = (&mut candidate.contact, &mut candidate.estimator.prior);
@@ -360,21 +364,19 @@ fn inner(train: &[usize], n: usize) -> Vec<Fold> {
     folds(train.len(), n).into_iter().map(inner).collect()
 }
 
-/// Candidates around the given settings, which are the first of them.
+/// Candidates around the given settings, which are the first of them; the last one is for hard things.
 fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
     let mut rng = ChaCha8Rng::seed_from_u64(effort.seed);
     let mut pick = |n: usize| ((u64::from(rng.next_u32()) * n as u64) >> 32) as usize;
     let mut candidates = vec![config.clone()];
     let tries = 20 * effort.candidates;
     for _ in 0..tries {
-        if candidates.len() >= effort.candidates {
-            break;
+        if candidates.len() + 1 >= effort.candidates {
+            break; // the last place is for hard things
         }
         let mut candidate = config.clone();
-        if let Some(&[distance_m, friction, coulomb]) = CONTACTS.get(pick(CONTACTS.len() + 1)) {
-            let contact = &mut candidate.contact;
-            contact.contact_distance_m = distance_m;
-            (contact.friction, contact.coulomb_friction) = (friction, coulomb);
+        if let Some(contact) = CONTACTS.get(pick(CONTACTS.len() + 1)) {
+            set_contact(&mut candidate.contact, *contact);
         }
         let estimator = &mut candidate.estimator;
         let above = PRIOR_MEANS[pick(PRIOR_MEANS.len())] * estimator.prior.std_n_per_m;
@@ -389,5 +391,17 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
             candidates.push(candidate);
         }
     }
+    let mut hard = config.clone();
+    set_contact(&mut hard.contact, HARD_CONTACT);
+    hard.estimator.prior.std_n_per_m *= HARD_PRIOR_STD;
+    if candidates.len() < effort.candidates {
+        candidates.push(hard);
+    }
     candidates
+}
+
+fn set_contact(contact: &mut ContactConfig, [distance_m, friction, coulomb_friction]: [f64; 3]) {
+    contact.contact_distance_m = distance_m;
+    contact.friction = friction;
+    contact.coulomb_friction = coulomb_friction;
 }
