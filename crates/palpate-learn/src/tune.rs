@@ -40,7 +40,7 @@ const CONTACTS: [[f64; 3]; 6] = [
     [0.036, 0.3, 0.0],
 ];
 /// The same for hard things that only the tool touches: best on real presses of rigid buttons, and not chosen for any of
-/// 23 simulated objects. It is with this prior that it is drawn.
+/// 25 simulated objects. It is with this prior that it is drawn.
 const HARD_CONTACT: [f64; 3] = [0.008, 0.05, 0.0];
 const HARD_PRIOR_STD: f64 = 4.0;
 /// Means of the prior above the given one, as multiples of its standard deviation.
