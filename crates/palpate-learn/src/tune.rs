@@ -1,8 +1,8 @@
 //! Settings chosen by cross-validation inside training touches.
 //!
 //! Candidates are made once, the given settings among them: a few contact models, each with a few priors
-//! ([`Search::quick`]), or contact model, prior, torque noise and replays drawn at random from a seed
-//! ([`Search::thorough`]). Successive halving then finds the best: every candidate is tried on half of a few
+//! ([`Search::quick`]), or contact model, prior, torque noise and replays drawn at random from a seed, and one for hard
+//! things ([`Search::thorough`]). Successive halving then finds the best: every candidate is tried on half of a few
 //! inner folds, the better third also on the other half, and in a thorough search the best few leave-one-touch-out.
 //! What a candidate is judged by are measured torques of training touches that it has not learnt from; the
 //! touch under test is never looked at. The same torques give the candidate's
@@ -40,8 +40,9 @@ const CONTACTS: [[f64; 3]; 6] = [
     [0.036, 0.3, 0.0],
 ];
 /// The same for hard things that only the tool touches: best on real presses of rigid buttons, and not chosen for any of
-/// 25 simulated objects. It is with this prior that it is drawn.
+/// 25 simulated objects.
 const HARD_CONTACT: [f64; 3] = [0.008, 0.05, 0.0];
+/// Standard deviation of its prior in a thorough search, as a multiple of the given one.
 const HARD_PRIOR_STD: f64 = 4.0;
 /// Means of the prior above the given one, as multiples of its standard deviation.
 const PRIOR_MEANS: [f64; 4] = [0.0, 0.016, 0.04, 0.08];
@@ -118,19 +119,11 @@ impl Search {
     /// Few candidates, which differ in the settings that are not given: seconds for ten touches.
     pub fn quick(config: &MapperConfig, given: Given) -> Self {
         let mut candidates = vec![config.clone()];
-        for [distance_m, friction, coulomb_friction] in CONTACTS.into_iter().chain([HARD_CONTACT]) {
+        for model in CONTACTS.into_iter().chain([HARD_CONTACT]) {
             for (mean, std) in QUICK_PRIORS {
                 let mut candidate = config.clone();
                 let (contact, prior) = (&mut candidate.contact, &mut candidate.estimator.prior);
-                if !given.contact_distance {
-                    contact.contact_distance_m = distance_m;
-                }
-                if !given.friction {
-                    contact.friction = friction;
-                }
-                if !given.coulomb_friction {
-                    contact.coulomb_friction = coulomb_friction;
-                }
+                set_contact(contact, model, given);
                 if !given.prior_mean {
                     prior.mean_n_per_m += mean * prior.std_n_per_m;
                 }
@@ -375,8 +368,8 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
             break; // the last place is for hard things
         }
         let mut candidate = config.clone();
-        if let Some(contact) = CONTACTS.get(pick(CONTACTS.len() + 1)) {
-            set_contact(&mut candidate.contact, *contact);
+        if let Some(model) = CONTACTS.get(pick(CONTACTS.len() + 1)) {
+            set_contact(&mut candidate.contact, *model, Given::default());
         }
         let estimator = &mut candidate.estimator;
         let above = PRIOR_MEANS[pick(PRIOR_MEANS.len())] * estimator.prior.std_n_per_m;
@@ -392,7 +385,7 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
         }
     }
     let mut hard = config.clone();
-    set_contact(&mut hard.contact, HARD_CONTACT);
+    set_contact(&mut hard.contact, HARD_CONTACT, Given::default());
     hard.estimator.prior.std_n_per_m *= HARD_PRIOR_STD;
     if candidates.len() < effort.candidates {
         candidates.push(hard);
@@ -400,8 +393,16 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
     candidates
 }
 
-fn set_contact(contact: &mut ContactConfig, [distance_m, friction, coulomb_friction]: [f64; 3]) {
-    contact.contact_distance_m = distance_m;
-    contact.friction = friction;
-    contact.coulomb_friction = coulomb_friction;
+/// Sets a contact model, but for what the user has given.
+fn set_contact(contact: &mut ContactConfig, model: [f64; 3], given: Given) {
+    let [distance_m, friction, coulomb_friction] = model;
+    if !given.contact_distance {
+        contact.contact_distance_m = distance_m;
+    }
+    if !given.friction {
+        contact.friction = friction;
+    }
+    if !given.coulomb_friction {
+        contact.coulomb_friction = coulomb_friction;
+    }
 }

@@ -457,7 +457,7 @@ fn tuning_chooses_the_lowest_score_of_the_last_round_and_tries_what_was_given() 
         };
         assert!(trials.iter().any(as_given), "the given settings are tried");
         let is_thin = |trial: &Trial| trial.config.contact.contact_distance_m < 0.01;
-        assert!(trials.iter().any(is_thin), "hard things are thought of");
+        assert!(trials.iter().any(is_thin), "a model for hard things is tried");
         let last = trials.iter().filter(|trial| trial.scores.len() == 3);
         let last: Vec<(f64, &MapperConfig)> =
             last.map(|trial| (trial.scores[2], &trial.config)).collect();
