@@ -98,7 +98,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
             "base_parameters": found.base_parameters,
             "base_parameters_identified": found.base_parameters_identified,
-            "delay_s": found.delay_s, "touched": found.touched, "held_out": found.held_out,
+            "delay_s": found.delay_s, "touched": found.touched, "read_times": found.read_times, "held_out": found.held_out,
             "model": found.model, "notes": found.notes, "libfranka": libfranka, "urscript": urscript,
         }));
     }

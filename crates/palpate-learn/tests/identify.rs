@@ -172,6 +172,47 @@ fn pushes_in_a_fifth_of_the_time_are_left_out() {
 }
 
 #[test]
+fn stamps_of_a_relay_are_as_good_as_those_of_the_robot() {
+    let logs = logs(7, PRESLIDING);
+    let every_fourth = |touch: &Vec<Sample>| touch.iter().step_by(4).cloned().collect();
+    let read: Vec<Vec<Sample>> = logs.iter().map(every_fourth).collect();
+    // The robot speaks every 40 ms, the relay every 39 ms.
+    let relayed = |touch: &Vec<Sample>| {
+        let at = |k: usize| {
+            let time = 0.003 + 0.039 * k as f64;
+            let last = &touch[(time / 0.04) as usize];
+            Sample::new(Some(time), last.q.clone(), last.tau.clone())
+        };
+        (0..250).map(at).collect()
+    };
+    let relayed: Vec<Vec<Sample>> = read.iter().map(relayed).collect();
+    let (true_times, found) = (identified(&read).unwrap(), identified(&relayed).unwrap());
+    assert_eq!((true_times.read_times.corrected, found.read_times.corrected), (0, 3));
+    assert!((0.01..0.04).contains(&found.read_times.most_s), "{:?}", found.read_times);
+    assert!(found.notes.len() == 1 && found.notes[0].contains("stamps"), "{:?}", found.notes);
+    let rms = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
+    let [own, wanted] = [&found, &true_times].map(|found| rms(&found.held_out.identified));
+    assert!(own < 1.15 * wanted, "{own} where true stamps have {wanted} N·m");
+}
+
+#[test]
+fn samples_in_which_the_arm_jerks_are_told_and_hide_nothing() {
+    let mut logs = logs(7, PRESLIDING);
+    for (k, sample) in logs[1].iter_mut().enumerate().skip(100).take(6) {
+        let sign = if k % 2 == 0 { 12.0 } else { -12.0 };
+        sample.tau.iter_mut().take(4).for_each(|tau| *tau += sign);
+    }
+    let mut found = identified(&logs).unwrap();
+    let few = found.held_out.few.take().expect("they hold nearly all of the squares");
+    assert!(few.touch == 1 && few.of == 3_000 && few.samples == 30 && few.part > 0.9, "{few:?}");
+    assert!((20.0..30.0).contains(&few.largest) && few.without[1] < 0.2, "{few:?}");
+    let notes = std::mem::take(&mut found.notes);
+    assert!(notes.len() == 1 && notes[0].contains("jerks"), "{notes:?}");
+    found.held_out.identified = vec![few.without[1]];
+    is_right(&found);
+}
+
+#[test]
 fn joints_that_stand_still_are_named() {
     let found = identified(&logs(1, PRESLIDING)).unwrap();
     assert!(

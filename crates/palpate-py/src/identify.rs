@@ -23,7 +23,8 @@ use crate::watch::long;
 /// `log` is a path, a `Log`, a `Touch`, or several. `tool_link` names the link in whose frame the payload is given, the
 /// last joint's if left out; with `currents`, or if columns say so, torques are the drives' currents. Returns a dict as the
 /// command's JSON: `payload`, `joints`, `bodies`, `delay_s` with values and standard deviations; `touched`, the part of the
-/// samples that is left out, since something is touched in them; `held_out` with what is left over, N·m; `text` is the file
+/// samples that is left out, since something is touched in them; `read_times`, how far stamps are from the times at which the
+/// joints were read; `held_out` with what is left over, N·m; `text` is the file
 /// for `Robot(..., arm="arm.toml")` and the command's --arm.
 ///
 /// Raises SettingsError, FileError or PalpateError if the logs do not serve.
@@ -57,7 +58,7 @@ pub(crate) fn identify<'py>(
         &json!({
             "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
             "base_parameters": found.base_parameters, "base_parameters_identified": found.base_parameters_identified,
-            "delay_s": found.delay_s, "touched": found.touched, "held_out": found.held_out,
+            "delay_s": found.delay_s, "touched": found.touched, "read_times": found.read_times, "held_out": found.held_out,
             "notes": found.notes, "text": text,
         }),
     )?)

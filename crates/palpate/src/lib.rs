@@ -146,7 +146,7 @@ pub mod unstable {
     pub use crate::torque::{Cell, Observation, ObservationBuilder, Stiffness, lever};
     pub use crate::torque_model::{
         Explained, Fit, FrictionState, LocalPolynomial, Motion, NoiseFactors, RIPPLE_COEFFICIENTS,
-        TouchMotion, Window, explain,
+        TouchMotion, Window, explain, with_read_times,
     };
     pub use crate::tracker::{TrackedSample, Tracker, torque_weights};
 }

@@ -9,6 +9,7 @@ use palpate::{
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::few::Few;
 use super::posterior::Posterior;
 use super::prior::Start;
 use super::ripple::RippleSample;
@@ -26,6 +27,8 @@ pub struct HeldOut {
     pub identified: Vec<f64>,
     /// The three again, of means over the time window that speeds are computed in.
     pub slow: [Vec<f64>; 3],
+    /// The samples in which the identified model leaves most over, if these few have most of it.
+    pub few: Option<Few>,
 }
 
 /// What follows for the model.
@@ -39,20 +42,23 @@ pub(super) struct Found {
 }
 
 /// One sample that was held out.
-struct Left {
-    time_s: f64,
+pub(super) struct Left {
+    pub(super) time_s: f64,
     fold: usize,
-    gravity: Vec<f64>,
-    identified: Vec<f64>,
+    pub(super) gravity: Vec<f64>,
+    pub(super) identified: Vec<f64>,
     factors: Vec<NoiseFactors>,
 }
+
+/// What of it.
+pub(super) type Of = fn(&Left) -> &Vec<f64>;
 
 /// Half windows that are tried for speeds beside a running robot, s.
 const CAUSAL_WINDOWS_S: [f64; 5] = [0.05, 0.1, 0.15, 0.25, 0.4];
 
 pub(super) fn of(
     robot: &Robot,
-    touches: &[&[Sample]],
+    (touches, logged): (&[&[Sample]], &[&[Sample]]),
     torques: &ExternalTorqueConfig,
     (rows, settings): (&Rows, &RegressionSettings),
     start: &Start,
@@ -68,10 +74,9 @@ pub(super) fn of(
     (0..FOLDS).try_for_each(|_| unless_stopped())?; // a step of the progress for each
     let models: Vec<Option<TorqueModel>> = (0..FOLDS).into_par_iter().map(model).collect();
     let read = |models: &[Option<TorqueModel>], differentiation: Differentiation| {
-        let touches = settings.touched.iter().enumerate().map(|own| (touches, own));
-        touches
-            .map(|touch| left_of(robot, touch, torques, models, differentiation))
-            .collect::<Result<Vec<_>, _>>()
+        let touches = of_differentiation((touches, logged), differentiation);
+        let left = |own| left_of(robot, (touches, own), torques, models, differentiation);
+        settings.touched.iter().enumerate().map(left).collect::<Result<Vec<_>, _>>()
     };
     let n = robot.n_joints();
     let noise = |left: &[Vec<Left>]| (0..n).map(|j| noise_of(left, j)).collect();
@@ -105,7 +110,6 @@ pub(super) fn of(
 
     let urdf = TorqueModel { window_s: settings.window_s, ..TorqueModel::of_urdf(robot) };
     let of_urdf = read(&vec![Some(urdf); FOLDS], Differentiation::Centred)?;
-    type Of = fn(&Left) -> &Vec<f64>;
     let each: [(&[Vec<Left>], Of); 3] = [
         (&left, |left| &left.gravity),
         (&of_urdf, |left| &left.identified),
@@ -117,10 +121,22 @@ pub(super) fn of(
         })
     };
     let [gravity, urdf, identified] = rms(0.0);
-    let held_out = HeldOut { gravity, urdf, identified, slow: rms(settings.window_s) };
+    let slow = rms(settings.window_s);
+    let held_out = HeldOut { gravity, urdf, identified, slow, few: Few::of(&left) };
     let [.., ripple] = ripples;
     let causal = causal.map(|(_, causal)| causal);
     Ok(Found { held_out, noise: own_noise, ripple, alarm, causal })
+}
+
+/// Touches with the times at which joints were read, or as logged: beside a running robot, stamps are what is known.
+fn of_differentiation<'a>(
+    (touches, logged): (&'a [&'a [Sample]], &'a [&'a [Sample]]),
+    differentiation: Differentiation,
+) -> &'a [&'a [Sample]] {
+    match differentiation {
+        Differentiation::Centred => touches,
+        Differentiation::Causal => logged,
+    }
 }
 
 impl Left {

@@ -18,8 +18,10 @@
 //! | `possible`   | inertias that are physically possible                             |
 //! | `ripple`     | torque that comes back with the teeth of the gears                |
 //! | `held_out`   | what is left over on motion that was not used                     |
+//! | `few`        | few samples that have most of what is left over                   |
 //! | `result`     | values with standard deviations, in the units that people read    |
 
+mod few;
 mod held_out;
 mod possible;
 mod posterior;
@@ -30,11 +32,14 @@ mod rows;
 mod search;
 mod touched;
 
+pub use few::Few;
 pub use held_out::HeldOut;
 pub use result::{BodyEstimate, Identified, JointEstimate, PayloadEstimate, Value};
 
-use palpate::unstable::LinkId;
+use palpate::unstable::{LinkId, with_read_times};
 use palpate::{ExternalTorqueConfig, Gravity, Robot, Sample};
+use rayon::prelude::*;
+use serde::Serialize;
 
 use prior::Start;
 pub(crate) use prior::inertial_scales;
@@ -114,9 +119,13 @@ pub fn identify(
     // Next to longer ones, touches that tell no speeds would hide those of the others.
     let least =
         if touches.iter().any(|touch| touch.len() >= LEAST_OF_TOUCH) { LEAST_OF_TOUCH } else { 1 };
+    let (numbers, logged): (Vec<usize>, Vec<&[Sample]>) =
+        (touches.iter().copied().enumerate()).filter(|(_, touch)| touch.len() >= least).unzip();
+    let motion = Checked::of(robot, &logged, torques)?;
+    let read: Vec<Option<Vec<Sample>>> =
+        logged.par_iter().map(|touch| with_read_times(robot, touch)).collect();
     let touches: Vec<&[Sample]> =
-        touches.iter().copied().filter(|touch| touch.len() >= least).collect();
-    let motion = Checked::of(robot, &touches, torques)?;
+        read.iter().zip(&logged).map(|(read, touch)| read.as_deref().unwrap_or(touch)).collect();
     let payload_body = robot.body_of(config.payload_link).ok_or(IdentifyError::PayloadLink)?;
     let start = Start::of(robot, payload_body, config.currents);
     let search = Search { robot, touches: &touches, sign: torques.torque_sign, start: &start };
@@ -124,15 +133,42 @@ pub fn identify(
     let all = search.run(none, &unless_stopped)?;
     let fit = touched::leave_out(&search, all, &unless_stopped)?;
 
-    let held_out = held_out::of(
+    let mut held_out = held_out::of(
         robot,
-        &touches,
+        (&touches, &logged),
         torques,
         (&fit.rows, &fit.settings),
         &start,
         &unless_stopped,
     )?;
-    Ok(result::of(robot, config, &fit, held_out, &motion))
+    if let Some(few) = &mut held_out.held_out.few {
+        few.touch = numbers[few.touch];
+    }
+    let read_times = ReadTimes::of(&read, &logged);
+    Ok(result::of(robot, config, &fit, held_out, (&motion, read_times)))
+}
+
+/// Stamps that are not the times at which the joints were read.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ReadTimes {
+    /// Touches whose times were corrected.
+    pub corrected: usize,
+    /// By how much at most, s.
+    pub most_s: f64,
+}
+
+impl ReadTimes {
+    fn of(read: &[Option<Vec<Sample>>], logged: &[&[Sample]]) -> Self {
+        let times = |samples: &[Sample]| samples.iter().filter_map(|own| own.time_s).collect();
+        let (mut corrected, mut most_s) = (0, 0.0_f64);
+        for (read, logged) in read.iter().zip(logged) {
+            let Some(read) = read else { continue };
+            let (read, logged): (Vec<f64>, Vec<f64>) = (times(read), times(logged));
+            corrected += 1;
+            most_s = (read.iter().zip(&logged)).map(|(a, b)| (a - b).abs()).fold(most_s, f64::max);
+        }
+        Self { corrected, most_s }
+    }
 }
 
 /// What touches are like, before anything is found.

@@ -7,12 +7,13 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::Serialize;
 
+use super::few::Few;
 use super::held_out::{Found, HeldOut};
 use super::posterior::Posterior;
 use super::prior::NEVER_NEGATIVE;
 use super::rows::{FRICTION, RegressionSettings};
 use super::search::Fit;
-use super::{Checked, IdentifyConfig, LEAST_MOTION, touched};
+use super::{Checked, IdentifyConfig, LEAST_MOTION, ReadTimes, touched};
 
 /// A value with its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -45,6 +46,8 @@ pub struct Identified {
     pub timed: bool,
     /// The part of the samples that is left out, since something seems to be touched in them, 0 to 1.
     pub touched: f64,
+    /// Stamps that are not the times at which the joints were read.
+    pub read_times: ReadTimes,
     /// What is left over of held-out motion.
     pub held_out: HeldOut,
     /// What cannot be determined, and why.
@@ -154,7 +157,7 @@ pub(super) fn of(
     config: &IdentifyConfig,
     fit: &Fit,
     found: Found,
-    motion: &Checked,
+    (motion, read_times): (&Checked, ReadTimes),
 ) -> Identified {
     let Fit { settings, rows, posterior, .. } = fit;
     let mut model = model(robot, settings, posterior);
@@ -209,6 +212,7 @@ pub(super) fn of(
         },
         timed: rows.timed,
         touched: touched::part(&settings.touched),
+        read_times,
         held_out: found.held_out,
         notes: Vec::new(),
         model,
@@ -333,6 +337,7 @@ fn notes(
             100.0 * identified.touched
         ));
     }
+    notes.extend(of_stamps(identified.read_times));
     if !identified.timed {
         notes.push(
             "the log has no clock, or one too slow to tell speeds: viscous friction, inertia and delay are not identified"
@@ -380,15 +385,43 @@ fn notes(
             payload.mass_kg.std
         ));
     }
-    let variation = motion.variation.iter().zip(&identified.joints);
-    let variation =
-        variation.map(|(logged, joint)| (logged / joint.gain.value).powi(2)).sum::<f64>();
-    notes.extend(misfit(&identified.held_out, variation.sqrt()));
+    notes.extend(misfit(identified, motion));
+    notes.extend(identified.held_out.few.as_ref().map(far_off));
     notes
 }
 
-/// What is wrong if the model does not fit motion that was held out, of torques that vary by so much, N·m.
-fn misfit(held_out: &HeldOut, variation: f64) -> Option<String> {
+/// How far stamps are off, if they are.
+fn of_stamps(read_times: ReadTimes) -> Option<String> {
+    let ReadTimes { corrected, most_s } = read_times;
+    (corrected > 0).then(|| {
+        format!(
+            "in {corrected} {}, the stamps are up to {:.1} ms from the times at which the joints were read, as where a \
+             node publishes joint states again at a rate of its own; speeds are computed with the times that follow from \
+             how the joints move together",
+            if corrected == 1 { "touch" } else { "touches" },
+            1e3 * most_s
+        )
+    })
+}
+
+/// Where most of what is left over is.
+fn far_off(few: &Few) -> String {
+    let Few { samples, of, part, largest, touch, time_s, without: [gravity, own] } = few;
+    let [from, to] = time_s.map(|time_s| (100.0 * time_s).round() / 100.0 + 0.0); // no -0.00
+    format!(
+        "of what is left over on motion that was held out, {:.0} % (in squares) are in {samples} of {of} samples, up to \
+         {largest:.1} N·m, most of them in touch {touch} (from 0), from {from:.2} to {to:.2} s: the arm jerks there, or is \
+         touched; without them, {own:.2} N·m are left over, where gravity of the URDF leaves {gravity:.2} N·m",
+        100.0 * part
+    )
+}
+
+/// What is wrong if the model does not fit motion that was held out.
+fn misfit(identified: &Identified, motion: &Checked) -> Option<String> {
+    let variation = motion.variation.iter().zip(&identified.joints);
+    let variation =
+        variation.map(|(logged, joint)| (logged / joint.gain.value).powi(2)).sum::<f64>().sqrt();
+    let held_out = &identified.held_out;
     let total = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
     let (urdf, own) = (total(&held_out.urdf), total(&held_out.identified));
     if own > MOST_LEFT_OVER * variation {

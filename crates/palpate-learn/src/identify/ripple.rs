@@ -11,6 +11,7 @@ use palpate::unstable::RIPPLE_COEFFICIENTS;
 use rayon::prelude::*;
 
 use super::rows::FOLDS;
+use super::touched::MEDIAN;
 
 /// Orders that are tried: a gear's teeth, times two at most; slower ones are gravity's and the bias's.
 const ORDERS: std::ops::RangeInclusive<u32> = 20..=700;
@@ -22,6 +23,8 @@ const MOST_SAMPLES: usize = 6_000;
 const LEAST_SAMPLES: usize = 10 * MOST_ORDERS * RIPPLE_COEFFICIENTS;
 /// Of the ridge regression: coefficients that few samples tell stay small.
 const RIDGE: f64 = 3.0;
+/// Torques that are left over, relative to their usual size, of samples that say nothing of ripple.
+const FAR_OFF: f64 = 5.0;
 /// The part of what is left over that the ripple of a further joint must explain on held-out motion.
 const LEAST_RIPPLE: f64 = 0.02;
 
@@ -48,6 +51,7 @@ impl RippleSample {
 /// Ripple of the gears of each joint, out of the samples of all folds but one, and at last out of all.
 pub(super) fn find(samples: &[RippleSample]) -> [Vec<Vec<Ripple>>; FOLDS + 1] {
     let n = samples.first().map_or(0, |sample| sample.q.len());
+    let samples = &usual(samples, n)[..];
     if samples.len() < LEAST_SAMPLES {
         return from_fn(|_| vec![Vec::new(); n]);
     }
@@ -55,6 +59,19 @@ pub(super) fn find(samples: &[RippleSample]) -> [Vec<Vec<Ripple>>; FOLDS + 1] {
         (0..=FOLDS).into_par_iter().map(|fold| Regression::of(samples, fold)).collect();
     let felt: Vec<Vec<usize>> = (0..n).map(|j| felt(&fits[..FOLDS], n, j)).collect();
     from_fn(|fold| fits[fold].ripples(&felt))
+}
+
+/// The samples in which no joint is far off, as where an arm jerks: a few of them would hide the ripple of all others.
+fn usual(samples: &[RippleSample], n: usize) -> Vec<RippleSample> {
+    let most = |j: usize| {
+        let mut sizes: Vec<f64> = samples.iter().map(|own| own.torque[j].abs()).collect();
+        let middle = sizes.len() / 2;
+        FAR_OFF * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN
+    };
+    let most: Vec<f64> = (0..n).map(most).collect();
+    let is_usual =
+        |own: &&RippleSample| own.torque.iter().zip(&most).all(|(own, most)| own.abs() <= *most);
+    samples.iter().filter(is_usual).cloned().collect()
 }
 
 /// The joints whose ripple a joint feels.
@@ -268,5 +285,19 @@ mod tests {
         };
         let (before, after) = (power(&Clone::clone), power(&left));
         assert!(after < 0.01 * before, "{after} of {before}");
+
+        // Samples in which the arm jerks do not hide it.
+        let mut jerky = samples.clone();
+        for (k, sample) in jerky.iter_mut().enumerate().take(8) {
+            sample.torque = vec![if k % 2 == 0 { 90.0 } else { -90.0 }; 3];
+        }
+        let found = find(&jerky);
+        let left = |own: &RippleSample| {
+            let mut own = own.clone();
+            own.take_off(&found[own.fold]);
+            own
+        };
+        let after = power(&left);
+        assert!(after < 0.01 * before, "{after} of {before} beside jerks");
     }
 }

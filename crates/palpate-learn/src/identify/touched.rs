@@ -29,7 +29,7 @@ const FIRST_STEPS: usize = 3;
 const STEPS: usize = 9;
 const SEARCHES: usize = 3;
 /// Median of |x| for a Gaussian x with standard deviation 1.
-const MEDIAN: f64 = 0.674_5;
+pub(super) const MEDIAN: f64 = 0.674_5;
 
 /// Whether a sample is left out, by touch.
 pub(super) type Touched = Vec<Vec<bool>>;

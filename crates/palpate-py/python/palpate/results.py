@@ -506,6 +506,30 @@ class IdentifiedBody(TypedDict):
     variance_reduction: list[float]
 
 
+class ReadTimes(TypedDict):
+    """Stamps that are not the times at which the joints were read."""
+
+    corrected: int
+    """Touches whose times were corrected."""
+    most_s: float
+    """By how much at most, s."""
+
+
+class FewSamples(TypedDict):
+    """A hundredth of the samples that has at least half of what is left over, in squares."""
+
+    samples: int
+    of: int
+    part: float
+    """What they have of the sum of squares, 0 to 1."""
+    largest: float
+    """Norm over the joints, N·m."""
+    touch: int
+    time_s: list[float]
+    without: list[float]
+    """What is left over of the others, N·m over all joints: after gravity of the URDF, and after the identified arm."""
+
+
 class HeldOutTorque(TypedDict):
     """Root mean squares of what is left over on motion that was not used, N·m by joint."""
 
@@ -514,6 +538,7 @@ class HeldOutTorque(TypedDict):
     identified: list[float]
     slow: list[list[float]]
     """The same three of means over the time window of speeds."""
+    few: FewSamples | None
 
 
 class Identified(TypedDict):
@@ -527,6 +552,7 @@ class Identified(TypedDict):
     delay_s: Uncertain
     touched: float
     """The part of the samples that is left out, since something is touched in them, 0 to 1."""
+    read_times: ReadTimes
     held_out: HeldOutTorque
     notes: list[str]
     text: str

@@ -8,7 +8,9 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::{Differentiation, FrictionState, LocalPolynomial, TorqueModel, Window};
+use super::{
+    Differentiation, FrictionState, LocalPolynomial, TorqueModel, Window, with_read_times,
+};
 use crate::arm::Arm;
 use crate::external_torque::{ExternalTorqueConfig, Gravity, TorqueSign};
 use crate::robot::Robot;
@@ -111,6 +113,16 @@ impl TouchMotion {
     /// Times of the samples, s.
     pub fn times_s(&self) -> &[f64] {
         &self.times_s
+    }
+
+    /// The clock of the samples, s, if there is one.
+    pub(super) fn clock(&self) -> Option<&[f64]> {
+        (!self.untimed).then_some(&self.times_s)
+    }
+
+    /// Positions of the samples, n_joints each, rad or m, without jumps of whole turns.
+    pub(super) fn positions(&self) -> &[Vec<f64>] {
+        &self.positions
     }
 
     /// Whether speeds can be told: there is a clock, with at least four samples in a window of `2 · half_s`.
@@ -227,7 +239,8 @@ pub struct NoiseFactors {
 
 /// External torques of the samples of a touch, as far as a model knows the arm.
 ///
-/// The tare is not taken off: the model has the bias, as far as it was the same when the arm was identified.
+/// The tare is not taken off: the model has the bias, as far as it was the same when the arm was identified. Centred, stamps
+/// that are clearly not when the joints were read are corrected ([`with_read_times`]).
 ///
 /// # Errors
 ///
@@ -244,6 +257,11 @@ pub fn external_torques(
         let poses = robot.forward(&sample.q)?;
         config.untared(robot, &poses, &sample.tau)?;
     }
+    let timed = match differentiation {
+        Differentiation::Centred => with_read_times(robot, samples),
+        Differentiation::Causal => None,
+    };
+    let samples = timed.as_deref().unwrap_or(samples);
     let explained = explain(robot, &model, config, (samples, &|_| true), differentiation)?;
     Ok(explained.iter().map(|(_, explained)| explained.with_std(&model)).collect())
 }

@@ -15,6 +15,7 @@
 //! | `local_polynomial` | position, speed and acceleration from logged positions                |
 //! | `ripple`           | torque that comes back with the teeth of a gear, and shakes the arm   |
 //! | `external`         | external torques of a touch, with their standard deviations           |
+//! | `stamps`           | when joints were read, where a log's stamps are not that              |
 //! | `alarm`            | when something is touched, at a rate of false alarms                  |
 
 mod alarm;
@@ -22,6 +23,7 @@ mod external;
 mod friction;
 mod local_polynomial;
 mod ripple;
+mod stamps;
 
 pub use alarm::Alarm;
 pub use external::{
@@ -31,6 +33,7 @@ pub use external::{
 pub use friction::{FrictionState, JointFriction};
 pub use local_polynomial::{Fit, LocalPolynomial, Window};
 pub use ripple::{RIPPLE_COEFFICIENTS, Ripple};
+pub use stamps::with_read_times;
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};

@@ -1,0 +1,285 @@
+//! Times at which joints were read, where a log's stamps are not those.
+//!
+//! A node that publishes joint states on a timer of its own stamps what it has last heard from the robot: some samples
+//! come twice, and others are stamped nearly a period too late. All joints that move show the same error of time δ,
+//!
+//! ```text
+//! e_j(t_k) = q̇_j(t_k) δ_k,    so δ_k = Σ_j q̇_j e_j / Σ_j q̇_j²
+//! ```
+//!
+//! where `e_j` is what a polynomial leaves over that is fitted to the positions around `t_k`. The time of each sample is
+//! then `t_k + δ_k`, and the polynomial is fitted again, until nothing changes.
+//!
+//! An error of many samples alike, as of a clock that is slow, does not show in this, and does no harm.
+
+use super::{LocalPolynomial, TouchMotion, Window};
+use crate::robot::Robot;
+use crate::tracker::Sample;
+
+/// Samples before and after each that a polynomial is fitted to: with more, times are found that are off for longer; with
+/// fewer, in faster motion.
+const HALF: f64 = 8.0;
+/// Fits at most, and the change of the times, in intervals between samples, after which there are no more.
+const FITS: usize = 30;
+const SETTLED: f64 = 0.002;
+/// A joint that moves more slowly says nothing of the time, rad/s or m/s.
+const SLOW: f64 = 0.03;
+/// Stamps are looked at where the arm is not slower than this part of its fastest motion, and in so many samples at least.
+const FAST: f64 = 0.3;
+const LEAST_SAMPLES: usize = 50;
+/// Stamps are wrong if at least so many of the samples, in parts, are off by at least so many intervals, and what is left over
+/// of a joint then is at most so much of what it was, in squares, with times that the other joints say.
+const OFF_SAMPLES: f64 = 0.01;
+const OFF: f64 = 0.15;
+const UNEXPLAINED: f64 = 0.2;
+
+/// The samples of a touch with the times at which the joints were read, if stamps are clearly not those.
+pub fn with_read_times(robot: &Robot, samples: &[Sample]) -> Option<Vec<Sample>> {
+    let motion = TouchMotion::of(robot, samples, vec![0.0; robot.n_joints()]);
+    let times = read_times(motion.clock()?, motion.positions())?;
+    let with_time =
+        |(sample, time_s): (&Sample, f64)| Sample { time_s: Some(time_s), ..sample.clone() };
+    Some(samples.iter().zip(times).map(with_time).collect())
+}
+
+/// Times at which joints were read, s, rising, for stamps, s, and positions, n_joints each; `None` if the stamps may be right.
+fn read_times(stamps_s: &[f64], positions: &[Vec<f64>]) -> Option<Vec<f64>> {
+    if !are_wrong(stamps_s, positions) {
+        return None;
+    }
+    let interval_s = interval(stamps_s);
+    let half_s = HALF * interval_s;
+    // The joints were read within an interval of the stamp.
+    let is_near = |times: &Vec<f64>| {
+        times.iter().zip(stamps_s).all(|(time, stamp)| (time - stamp).abs() <= interval_s)
+    };
+    let mut times = stamps_s.to_vec();
+    let mut left = Left::of(&times, positions, half_s);
+    if let Some(even) = even_times(stamps_s, positions).filter(is_near) {
+        let left_then = Left::of(&even, positions, half_s);
+        if left_then.squares < left.squares {
+            (times, left) = (even, left_then);
+        }
+    }
+    for _ in 0..FITS {
+        let mut last = f64::NEG_INFINITY;
+        for ((time, step), stamp) in times.iter_mut().zip(&left.steps_s).zip(stamps_s) {
+            last = (*time + step).clamp(stamp - interval_s, stamp + interval_s).max(last);
+            *time = last;
+        }
+        let squares = left.steps_s.iter().map(|step| step * step).sum::<f64>();
+        if (squares / times.len() as f64).sqrt() < SETTLED * interval_s {
+            break;
+        }
+        left = Left::of(&times, positions, half_s);
+    }
+    Some(times)
+}
+
+/// What polynomials leave over of the positions at some times.
+struct Left {
+    /// Sum of squares.
+    squares: f64,
+    /// By how much later each sample would leave less over, s.
+    steps_s: Vec<f64>,
+}
+
+impl Left {
+    fn of(times_s: &[f64], positions: &[Vec<f64>], half_s: f64) -> Self {
+        let fits = LocalPolynomial::new(times_s, positions, half_s, Window::Centred);
+        let last_s = times_s[times_s.len() - 1];
+        let (mut squares, mut steps_s) = (0.0, Vec::with_capacity(times_s.len()));
+        for (time_s, q) in times_s.iter().zip(positions) {
+            let fit = fits.at(*time_s);
+            let left = q.iter().zip(&fit.value).map(|(q, value)| q - value);
+            squares += left.clone().map(|left| left * left).sum::<f64>();
+            // At the ends, a parabola to one side says too little.
+            let is_inside = time_s - times_s[0] >= half_s && last_s - time_s >= half_s;
+            steps_s.push(if is_inside { delay(left.zip(fit.first)) } else { 0.0 });
+        }
+        Self { squares, steps_s }
+    }
+}
+
+/// Times of a robot that speaks evenly, where some samples are the same as the one before; `None` if none are.
+fn even_times(stamps_s: &[f64], positions: &[Vec<f64>]) -> Option<Vec<f64>> {
+    let mut number = 0;
+    let each = positions.iter().enumerate().map(|(k, q)| {
+        number += u32::from(k > 0 && *q != positions[k - 1]);
+        f64::from(number)
+    });
+    let numbers: Vec<f64> = each.collect();
+    let (first, last) = (stamps_s[0], stamps_s[stamps_s.len() - 1]);
+    let step = (last - first) / f64::from(number.max(1));
+    let early = stamps_s.iter().zip(&numbers).map(|(stamp, number)| stamp - first - step * number);
+    let early = early.sum::<f64>() / stamps_s.len() as f64;
+    let is_any = (number as usize) + 1 < positions.len();
+    is_any.then(|| numbers.iter().map(|number| first + early + step * number).collect())
+}
+
+/// Whether stamps are clearly not when the joints were read: each sample beside a cubic through its four neighbours.
+fn are_wrong(stamps_s: &[f64], positions: &[Vec<f64>]) -> bool {
+    let looked: Vec<Looked> = (2..stamps_s.len().saturating_sub(2))
+        .filter_map(|k| Looked::at(k, stamps_s, positions))
+        .collect();
+    let mut speeds: Vec<f64> = looked.iter().map(Looked::speed).collect();
+    if speeds.is_empty() {
+        return false;
+    }
+    // The fastest that is not a jump.
+    let fastest = speeds.len() * 99 / 100;
+    let fast = FAST * *speeds.select_nth_unstable_by(fastest, f64::total_cmp).1;
+    let looked: Vec<&Looked> = looked.iter().filter(|own| own.speed() >= fast.max(SLOW)).collect();
+    let off_s = OFF * interval(stamps_s);
+    let off = looked.iter().filter(|own| delay(own.joints()).abs() > off_s).count() as f64;
+    let (mut before, mut after) = (0.0, 0.0);
+    for own in &looked {
+        for (j, (left, speed)) in own.joints().enumerate() {
+            let others = own.joints().enumerate().filter(|(other, _)| *other != j);
+            before += left * left;
+            after += (left - speed * delay(others.map(|(_, own)| own))).powi(2);
+        }
+    }
+    looked.len() >= LEAST_SAMPLES
+        && off >= OFF_SAMPLES * looked.len() as f64
+        && after < UNEXPLAINED * before
+}
+
+/// A sample beside its neighbours.
+struct Looked {
+    /// Position less that of the cubic, n_joints.
+    left: Vec<f64>,
+    /// Speed, n_joints.
+    speeds: Vec<f64>,
+}
+
+impl Looked {
+    /// `None` where two of the neighbours have the same stamp.
+    fn at(k: usize, stamps_s: &[f64], positions: &[Vec<f64>]) -> Option<Self> {
+        let neighbours = [k - 2, k - 1, k + 1, k + 2];
+        let times = neighbours.map(|index| stamps_s[index] - stamps_s[k]);
+        let weight = |own: usize| -> f64 {
+            let others = (0..4).filter(|other| *other != own);
+            others.map(|other| times[other] / (times[other] - times[own])).product()
+        };
+        let weights = [0, 1, 2, 3].map(weight);
+        if times.windows(2).any(|pair| pair[0] >= pair[1]) {
+            return None;
+        }
+        let joints = 0..positions[k].len();
+        let left = |j: usize| {
+            let cubic =
+                neighbours.iter().zip(weights).map(|(index, own)| own * positions[*index][j]);
+            positions[k][j] - cubic.sum::<f64>()
+        };
+        let speed = |j: usize| (positions[k + 1][j] - positions[k - 1][j]) / (times[2] - times[1]);
+        Some(Self { left: joints.clone().map(left).collect(), speeds: joints.map(speed).collect() })
+    }
+
+    fn joints(&self) -> impl Iterator<Item = (f64, f64)> + Clone + '_ {
+        self.left.iter().copied().zip(self.speeds.iter().copied())
+    }
+
+    fn speed(&self) -> f64 {
+        self.speeds.iter().map(|speed| speed * speed).sum::<f64>().sqrt()
+    }
+}
+
+/// How much later than its stamp joints were read that are so much further on at such speeds, s.
+fn delay(joints: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let (product, square) = joints.fold((0.0, SLOW * SLOW), |(product, square), (left, speed)| {
+        (product + left * speed, square + speed * speed)
+    });
+    product / square
+}
+
+/// Usual time between samples, s.
+fn interval(stamps_s: &[f64]) -> f64 {
+    let span = stamps_s[stamps_s.len() - 1] - stamps_s[0];
+    span / (stamps_s.len() - 1).max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Four joints that swing each with a frequency of its own.
+    fn swing(time_s: f64) -> Vec<f64> {
+        (0..4).map(|j| 0.7 * ((1.9 + 0.6 * f64::from(j)) * time_s + f64::from(j)).sin()).collect()
+    }
+
+    /// Four joints that start and stop together, with constant accelerations.
+    fn trapezoid(time_s: f64) -> Vec<f64> {
+        let phase = time_s % 4.0;
+        let part = if phase < 2.0 { phase / 2.0 } else { 2.0 - phase / 2.0 };
+        let way = if part < 0.2 {
+            3.125 * part * part
+        } else if part < 0.8 {
+            1.25 * part - 0.125
+        } else {
+            1.0 - 3.125 * (1.0 - part).powi(2)
+        };
+        [0.9, -0.4, 0.2, 0.6].map(|range| range * way).to_vec()
+    }
+
+    fn noise(k: usize) -> f64 {
+        1e-5 * (12.9898 * (k * k % 9973) as f64).sin()
+    }
+
+    #[test]
+    fn a_relays_stamps_are_replaced_by_the_times_at_which_joints_were_read() {
+        let stamps: Vec<f64> = (0..900).map(|k| f64::from(k) / 30.0).collect();
+        // The robot speaks every 34 ms.
+        let read: Vec<f64> = stamps.iter().map(|stamp| (stamp / 0.034).floor() * 0.034).collect();
+        let positions: Vec<Vec<f64>> = read
+            .iter()
+            .enumerate()
+            .map(|(k, time)| swing(*time).into_iter().map(|q| q + noise(k)).collect())
+            .collect();
+        let found = read_times(&stamps, &positions).expect("every fiftieth sample comes twice");
+        assert!(found.windows(2).all(|pair| pair[0] <= pair[1]), "times rise");
+        let speed = |times: &[f64], k: usize| {
+            LocalPolynomial::new(times, &positions, 0.1, Window::Centred).at(times[k]).second[0]
+        };
+        let true_acceleration = |time: f64| -0.7 * 1.9_f64.powi(2) * (1.9 * time).sin();
+        let error = |times: &[f64]| -> f64 {
+            (30..870).map(|k| (speed(times, k) - true_acceleration(read[k])).powi(2)).sum()
+        };
+        let (before, after) = (error(&stamps), error(&found));
+        assert!(after < 0.1 * before, "{after} of {before}");
+    }
+
+    #[test]
+    fn stamps_that_may_be_right_stay() {
+        for motion in [swing, trapezoid] {
+            for rate in [30.0, 100.0, 1000.0] {
+                let stamps: Vec<f64> = (0..900).map(|k| f64::from(k) / rate).collect();
+                let noisy = |(k, time): (usize, &f64)| {
+                    let joints = motion(*time).into_iter().enumerate();
+                    joints.map(|(j, q)| q + noise(7 * k + j)).collect()
+                };
+                let positions: Vec<Vec<f64>> = stamps.iter().enumerate().map(noisy).collect();
+                assert_eq!(read_times(&stamps, &positions), None, "{rate} Hz");
+            }
+        }
+    }
+
+    #[test]
+    fn one_joint_alone_says_nothing_of_its_stamps() {
+        let positions: Vec<Vec<f64>> = (0..900)
+            .map(|k| {
+                let time = f64::from(k) / 30.0 + 0.01 * (12.9898 * f64::from(k * k % 997)).sin();
+                vec![swing(time)[0], 0.3, -0.2]
+            })
+            .collect();
+        let stamps: Vec<f64> = (0..900).map(|k| f64::from(k) / 30.0).collect();
+        assert_eq!(read_times(&stamps, &positions), None);
+    }
+
+    #[test]
+    fn few_samples_and_still_arms_keep_their_stamps() {
+        assert_eq!(read_times(&[0.0], &[vec![0.1]]), None);
+        let stamps: Vec<f64> = (0..200).map(|k| f64::from(k) / 30.0).collect();
+        assert_eq!(read_times(&stamps, &vec![vec![0.1, 0.2]; 200]), None);
+    }
+}
