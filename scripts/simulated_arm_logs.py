@@ -258,6 +258,10 @@ def write_draw(folder, number, args):
         q = q + noise.normal(size=q.shape) * args.angle_noise_rad
         if args.angle_step_rad > 0:
             q = np.round(q / args.angle_step_rad) * args.angle_step_rad
+        if args.republish_s > 0:
+            stamps = np.arange(0, t[-1], args.republish_s)
+            heard = np.searchsorted(t, stamps, side="right") - 1
+            t, (q, torques, truth, contact) = stamps, (x[heard] for x in (q, torques, truth, contact))
         log = folder / "log" / f"seq_{m:03}"
         log.mkdir(parents=True)
         for name, values in dict(angles=q, torques=torques, time=t).items():
@@ -378,6 +382,7 @@ def main():
     number("--motions", 3, "motions of a draw; another number gives other arms, too")
     number("--seconds", 20.0, "length of a motion")
     number("--rate-hz", 100.0, "samples a second")
+    number("--republish-s", 0.0, "time after which a node publishes again what it last heard, with a stamp of its own")
     parser.add_argument("--noise-n-m", type=float, nargs=2, default=[0.05, 0.1], metavar=("LOW", "HIGH"),
                         help="standard deviation, drawn by motion as in the simulated data sets")  # fmt: skip
     number("--angle-noise-rad", 0.0, "of the positions; the data sets have none")

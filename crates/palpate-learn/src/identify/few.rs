@@ -4,25 +4,29 @@ use serde::Serialize;
 
 use super::held_out::{Left, Of};
 
-/// The part of all samples that is a few, and the part of the squares that is most.
+/// Share of the samples that is few.
 const FEW: f64 = 0.01;
+/// Share of the squares that is most.
 const MOST: f64 = 0.5;
+/// What is left over of a sample, by the median of all, from which on it is far off.
+const FAR_OFF: f64 = 5.0;
 
-/// A hundredth of the samples that has at least half of what is left over, in squares.
+/// Samples in which far more is left over than usual, if they are at most a hundredth of all and have at least half of
+/// what is left over, in squares.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Few {
-    /// How many there are, and of how many.
+    /// How many there are.
     pub samples: usize,
-    /// See `samples`.
+    /// How many samples were held out.
     pub of: usize,
-    /// What they have of the sum of squares, 0 to 1.
-    pub part: f64,
+    /// Their share of the sum of squares, 0 to 1.
+    pub share: f64,
     /// The largest that is left over in one, norm over the joints, N·m.
     pub largest: f64,
-    /// The touch that most of them are in, by its number, and their first and last time there, s.
+    /// Number of the touch in which they have most.
     pub touch: usize,
-    /// See `touch`.
-    pub time_s: [f64; 2],
+    /// First and last of them in that touch, by number, from 0.
+    pub rows: [usize; 2],
     /// What is left over of all other samples, root mean square over all joints, N·m: after gravity as the URDF says
     /// it, and after the identified model.
     pub without: [f64; 2],
@@ -32,34 +36,34 @@ impl Few {
     /// `None` if no few samples have most.
     pub(super) fn of(left: &[Vec<Left>]) -> Option<Self> {
         let square = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>();
-        let each = left
-            .iter()
-            .enumerate()
-            .flat_map(|(touch, own)| own.iter().map(move |own| (touch, own)));
-        let mut all: Vec<(usize, &Left)> = each.collect();
-        all.sort_by(|(_, a), (_, b)| square(&b.identified).total_cmp(&square(&a.identified)));
-        let (few, others) = all.split_at((FEW * all.len() as f64) as usize);
-        let sum =
-            |of: &[(usize, &Left)]| of.iter().map(|(_, own)| square(&own.identified)).sum::<f64>();
-        let part = sum(few) / sum(&all);
-        let (_, farthest) = few.first()?;
-        let in_touch = |touch: usize| few.iter().filter(move |(own, _)| *own == touch);
-        let touch = (0..left.len()).max_by_key(|touch| in_touch(*touch).count())?;
-        let times = || in_touch(touch).map(|(_, own)| own.time_s);
+        let each = left.iter().enumerate();
+        let each = each.flat_map(|(touch, own)| own.iter().map(move |own| (touch, own)));
+        let mut all: Vec<(f64, usize, &Left)> =
+            each.map(|(touch, own)| (square(&own.identified), touch, own)).collect();
+        all.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let sum = |of: &[(f64, usize, &Left)]| of.iter().map(|(square, ..)| square).sum::<f64>();
+        let far_off = FAR_OFF * FAR_OFF * all.get(all.len() / 2)?.0;
+        let samples = all.partition_point(|(square, ..)| *square > far_off);
+        let share = sum(&all[..samples]) / sum(&all);
+        if samples == 0 || samples as f64 > FEW * all.len() as f64 || share < MOST {
+            return None;
+        }
+        let (few, others) = all.split_at(samples);
+        let in_touch = |touch: usize| few.iter().filter(move |(_, own, _)| *own == touch);
+        let has = |touch: &usize| in_touch(*touch).map(|(square, ..)| square).sum::<f64>();
+        let touch = (0..left.len()).max_by(|a, b| has(a).total_cmp(&has(b)))?;
+        let rows = || in_touch(touch).map(|(.., own)| own.row);
         let rms = |of: Of| {
-            (others.iter().map(|(_, own)| square(of(own))).sum::<f64>() / others.len() as f64)
-                .sqrt()
+            let squares = others.iter().map(|(.., own)| square(of(own))).sum::<f64>();
+            (squares / others.len() as f64).sqrt()
         };
-        (part >= MOST).then(|| Self {
-            samples: few.len(),
+        Some(Self {
+            samples,
             of: all.len(),
-            part,
-            largest: square(&farthest.identified).sqrt(),
+            share,
+            largest: few[0].0.sqrt(),
             touch,
-            time_s: [
-                times().fold(f64::INFINITY, f64::min),
-                times().fold(f64::NEG_INFINITY, f64::max),
-            ],
+            rows: [rows().min()?, rows().max()?],
             without: [rms(|own| &own.gravity), rms(|own| &own.identified)],
         })
     }

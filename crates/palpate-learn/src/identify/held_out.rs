@@ -27,7 +27,7 @@ pub struct HeldOut {
     pub identified: Vec<f64>,
     /// The three again, of means over the time window that speeds are computed in.
     pub slow: [Vec<f64>; 3],
-    /// The samples in which the identified model leaves most over, if these few have most of it.
+    /// Few samples that have most of what the identified model leaves over, if there are any.
     pub few: Option<Few>,
 }
 
@@ -43,14 +43,16 @@ pub(super) struct Found {
 
 /// One sample that was held out.
 pub(super) struct Left {
-    pub(super) time_s: f64,
+    time_s: f64,
+    /// Its number in the touch.
+    pub(super) row: usize,
     fold: usize,
     pub(super) gravity: Vec<f64>,
     pub(super) identified: Vec<f64>,
     factors: Vec<NoiseFactors>,
 }
 
-/// What of it.
+/// Some residuals of a held-out sample, by joint.
 pub(super) type Of = fn(&Left) -> &Vec<f64>;
 
 /// Half windows that are tried for speeds beside a running robot, s.
@@ -185,6 +187,7 @@ fn left_of(
             let poses = robot.forward(&sample.q).map_err(palpate::TrackerError::from)?;
             left.push(Left {
                 time_s: time(k),
+                row: k,
                 fold: number,
                 gravity: torques.untared(robot, &poses, &sample.tau)?.as_slice().to_vec(),
                 identified: found.external.as_slice().to_vec(),

@@ -38,7 +38,6 @@ pub use result::{BodyEstimate, Identified, JointEstimate, PayloadEstimate, Value
 
 use palpate::unstable::{LinkId, with_read_times};
 use palpate::{ExternalTorqueConfig, Gravity, Robot, Sample};
-use rayon::prelude::*;
 use serde::Serialize;
 
 use prior::Start;
@@ -122,8 +121,10 @@ pub fn identify(
     let (numbers, logged): (Vec<usize>, Vec<&[Sample]>) =
         (touches.iter().copied().enumerate()).filter(|(_, touch)| touch.len() >= least).unzip();
     let motion = Checked::of(robot, &logged, torques)?;
-    let read: Vec<Option<Vec<Sample>>> =
-        logged.par_iter().map(|touch| with_read_times(robot, touch)).collect();
+    let read = logged.iter().map(|touch| {
+        if stop() { Err(IdentifyError::Stopped) } else { Ok(with_read_times(robot, touch)) }
+    });
+    let read: Vec<Option<Vec<Sample>>> = read.collect::<Result<_, _>>()?;
     let touches: Vec<&[Sample]> =
         read.iter().zip(&logged).map(|(read, touch)| read.as_deref().unwrap_or(touch)).collect();
     let payload_body = robot.body_of(config.payload_link).ok_or(IdentifyError::PayloadLink)?;
@@ -151,23 +152,29 @@ pub fn identify(
 /// Stamps that are not the times at which the joints were read.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ReadTimes {
-    /// Touches whose times were corrected.
+    /// Number of touches whose times were corrected.
     pub corrected: usize,
-    /// By how much at most, s.
-    pub most_s: f64,
+    /// By how much, s: root mean square over their samples, but for what all samples of a touch share.
+    pub rms_s: f64,
 }
 
 impl ReadTimes {
     fn of(read: &[Option<Vec<Sample>>], logged: &[&[Sample]]) -> Self {
-        let times = |samples: &[Sample]| samples.iter().filter_map(|own| own.time_s).collect();
-        let (mut corrected, mut most_s) = (0, 0.0_f64);
+        let mut found = Self { corrected: 0, rms_s: 0.0 };
+        let (mut squares, mut count) = (0.0, 0.0);
         for (read, logged) in read.iter().zip(logged) {
             let Some(read) = read else { continue };
-            let (read, logged): (Vec<f64>, Vec<f64>) = (times(read), times(logged));
-            corrected += 1;
-            most_s = (read.iter().zip(&logged)).map(|(a, b)| (a - b).abs()).fold(most_s, f64::max);
+            let off = read.iter().zip(*logged).filter_map(|(a, b)| Some(a.time_s? - b.time_s?));
+            let off: Vec<f64> = off.collect();
+            let mean = off.iter().sum::<f64>() / off.len() as f64;
+            squares += off.iter().map(|off| (off - mean).powi(2)).sum::<f64>();
+            count += off.len() as f64;
+            found.corrected += 1;
         }
-        Self { corrected, most_s }
+        if count > 0.0 {
+            found.rms_s = f64::sqrt(squares / count);
+        }
+        found
     }
 }
 

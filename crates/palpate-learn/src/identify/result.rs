@@ -392,27 +392,26 @@ fn notes(
 
 /// How far stamps are off, if they are.
 fn of_stamps(read_times: ReadTimes) -> Option<String> {
-    let ReadTimes { corrected, most_s } = read_times;
+    let ReadTimes { corrected, rms_s } = read_times;
     (corrected > 0).then(|| {
         format!(
-            "in {corrected} {}, the stamps are up to {:.1} ms from the times at which the joints were read, as where a \
-             node publishes joint states again at a rate of its own; speeds are computed with the times that follow from \
+            "in {corrected} {}, stamps are {:.1} ms (root mean square) from the times at which the joints were read, as where \
+             a node publishes joint states again at a rate of its own; speeds are computed with the times that follow from \
              how the joints move together",
             if corrected == 1 { "touch" } else { "touches" },
-            1e3 * most_s
+            1e3 * rms_s
         )
     })
 }
 
 /// Where most of what is left over is.
 fn far_off(few: &Few) -> String {
-    let Few { samples, of, part, largest, touch, time_s, without: [gravity, own] } = few;
-    let [from, to] = time_s.map(|time_s| (100.0 * time_s).round() / 100.0 + 0.0); // no -0.00
+    let Few { samples, of, share, largest, touch, rows: [from, to], without: [gravity, own] } = few;
     format!(
-        "of what is left over on motion that was held out, {:.0} % (in squares) are in {samples} of {of} samples, up to \
-         {largest:.1} N·m, most of them in touch {touch} (from 0), from {from:.2} to {to:.2} s: the arm jerks there, or is \
-         touched; without them, {own:.2} N·m are left over, where gravity of the URDF leaves {gravity:.2} N·m",
-        100.0 * part
+        "{samples} of {of} samples have {:.0} % of what is left over on held-out motion, in squares (up to {largest:.1} N·m), most of \
+         it in touch {touch}, samples {from} to {to} (from 0): the arm jerks there, or is touched; the other samples have \
+         {own:.2} N·m left over, and {gravity:.2} N·m after gravity of the URDF",
+        100.0 * share
     )
 }
 

@@ -23,8 +23,10 @@ const MOST_SAMPLES: usize = 6_000;
 const LEAST_SAMPLES: usize = 10 * MOST_ORDERS * RIPPLE_COEFFICIENTS;
 /// Of the ridge regression: coefficients that few samples tell stay small.
 const RIDGE: f64 = 3.0;
-/// Torques that are left over, relative to their usual size, of samples that say nothing of ripple.
+/// Torques that are left over, relative to their usual size, beyond which a sample says nothing of ripple.
 const FAR_OFF: f64 = 5.0;
+/// Speed of an arm that moves, as a part of its top speed.
+const MOVING: f64 = 0.1;
 /// The part of what is left over that the ripple of a further joint must explain on held-out motion.
 const LEAST_RIPPLE: f64 = 0.02;
 
@@ -62,11 +64,16 @@ pub(super) fn find(samples: &[RippleSample]) -> [Vec<Vec<Ripple>>; FOLDS + 1] {
 }
 
 /// The samples in which no joint is far off, as where an arm jerks: a few of them would hide the ripple of all others.
+/// What is usual is what it is while the arm moves, for there is no ripple at rest.
 fn usual(samples: &[RippleSample], n: usize) -> Vec<RippleSample> {
+    let speed = |own: &RippleSample| own.speed.iter().map(|speed| speed * speed).sum::<f64>();
+    let top = samples.iter().map(speed).fold(0.0, f64::max);
     let most = |j: usize| {
-        let mut sizes: Vec<f64> = samples.iter().map(|own| own.torque[j].abs()).collect();
+        let moving = samples.iter().filter(|own| speed(own) >= MOVING * MOVING * top);
+        let mut sizes: Vec<f64> = moving.map(|own| own.torque[j].abs()).collect();
         let middle = sizes.len() / 2;
-        FAR_OFF * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN
+        let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+        if median > 0.0 { FAR_OFF * median / MEDIAN } else { f64::INFINITY }
     };
     let most: Vec<f64> = (0..n).map(most).collect();
     let is_usual =
@@ -291,6 +298,9 @@ mod tests {
         for (k, sample) in jerky.iter_mut().enumerate().take(8) {
             sample.torque = vec![if k % 2 == 0 { 90.0 } else { -90.0 }; 3];
         }
+        let still =
+            RippleSample { speed: vec![0.0; 3], torque: vec![1e-3; 3], ..samples[0].clone() };
+        jerky.extend(vec![still; 6_000]);
         let found = find(&jerky);
         let left = |own: &RippleSample| {
             let mut own = own.clone();

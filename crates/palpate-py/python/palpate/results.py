@@ -510,24 +510,27 @@ class ReadTimes(TypedDict):
     """Stamps that are not the times at which the joints were read."""
 
     corrected: int
-    """Touches whose times were corrected."""
-    most_s: float
-    """By how much at most, s."""
+    """Number of touches whose times were corrected."""
+    rms_s: float
+    """By how much, s, root mean square, but for what all samples of a touch share."""
 
 
 class FewSamples(TypedDict):
-    """A hundredth of the samples that has at least half of what is left over, in squares."""
+    """Samples in which far more is left over than usual: at most a hundredth, with at least half of the squares."""
 
     samples: int
     of: int
-    part: float
-    """What they have of the sum of squares, 0 to 1."""
+    """Number of samples that were held out."""
+    share: float
+    """Of the sum of squares, 0 to 1."""
     largest: float
     """Norm over the joints, N·m."""
     touch: int
-    time_s: list[float]
+    """Number of the touch in which they have most."""
+    rows: list[int]
+    """First and last of them there, from 0."""
     without: list[float]
-    """What is left over of the others, N·m over all joints: after gravity of the URDF, and after the identified arm."""
+    """What is left over of all others, N·m over all joints: after gravity of the URDF, and after the identified arm."""
 
 
 class HeldOutTorque(TypedDict):
