@@ -199,6 +199,24 @@ fn stamps_of_a_relay_are_as_good_as_those_of_the_robot() {
     assert!(own < 1.15 * wanted, "{own} where true stamps have {wanted} N·m");
 }
 
+#[test]
+fn the_time_window_serves_logs_of_lower_rates_too() {
+    let logs = logs(7, PRESLIDING);
+    let thinned = |every: usize| -> Vec<Vec<Sample>> {
+        logs.iter().map(|touch| touch.iter().step_by(every).cloned().collect()).collect()
+    };
+    let model = identified(&thinned(3)).unwrap().model;
+    let robot = Robot::built_in("kinova_gen3").unwrap();
+    let rms = |touch: &[Sample]| {
+        let torques = ExternalTorqueConfig::default();
+        let found = external_torques(&robot, &model, &torques, touch, Differentiation::Centred);
+        let squares: f64 = found.unwrap().iter().map(|own| own.torque.norm_squared()).sum();
+        (squares / touch.len() as f64).sqrt()
+    };
+    let (own, slower) = (rms(&thinned(3)[0]), rms(&thinned(4)[0]));
+    assert!(slower < 1.3 * own, "{own} N·m at 33 Hz, {slower} N·m at 25 Hz");
+}
+
 /// Causal torques stay the same if nothing follows; centred ones have the times at which joints were read.
 fn is_causal(model: &TorqueModel, touch: &[Sample]) {
     let robot = Robot::built_in("kinova_gen3").unwrap();

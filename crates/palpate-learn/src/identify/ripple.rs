@@ -19,8 +19,8 @@ const ORDERS: std::ops::RangeInclusive<u32> = 20..=700;
 const MOST_ORDERS: usize = 2;
 /// Samples that the search for an order looks at.
 const MOST_SAMPLES: usize = 6_000;
-/// With fewer samples than ten for each coefficient of a joint's gears, there is no ripple.
-const LEAST_SAMPLES: usize = 10 * MOST_ORDERS * RIPPLE_COEFFICIENTS;
+/// With fewer samples than five for each coefficient of a joint's gears, there is no ripple.
+const LEAST_SAMPLES: usize = 5 * MOST_ORDERS * RIPPLE_COEFFICIENTS;
 /// Of the ridge regression: coefficients that few samples tell stay small.
 const RIDGE: f64 = 3.0;
 /// Torques that are left over, relative to their usual size, beyond which a sample says nothing of ripple.

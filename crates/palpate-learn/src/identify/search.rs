@@ -47,14 +47,16 @@ impl Search<'_> {
         let mut settings =
             RegressionSettings { window_s: WINDOWS_S[0], delay_s: 0.0, turning, touched };
         // Speeds that are known come first: with the shortest windows a slow clock tells none.
-        let mut best = (true, f64::INFINITY);
+        let mut best = ([true; 2], f64::INFINITY);
         let tried = WINDOWS_S.map(|window_s| RegressionSettings { window_s, ..settings.clone() });
         WINDOWS_S.iter().try_for_each(|_| unless_stopped())?; // a step of the progress for each
         let solve = |tried: &RegressionSettings| {
             let (rows, posterior) = self.solve(tried)?;
-            Ok((!rows.timed, posterior.left_over()))
+            let is_sure = rows.is_timed(tried.window_s);
+            Ok(([!is_sure, !rows.timed], posterior.left_over()))
         };
-        let found: Result<Vec<(bool, f64)>, IdentifyError> = tried.par_iter().map(solve).collect();
+        let found: Result<Vec<([bool; 2], f64)>, IdentifyError> =
+            tried.par_iter().map(solve).collect();
         for (found, tried) in found?.into_iter().zip(tried) {
             if found < best {
                 (best, settings) = (found, tried);

@@ -35,6 +35,8 @@ const MOST_ROWS: usize = 4_000;
 pub(super) const FOLDS: usize = 4;
 /// Touches that have an offset and a drift of their own; more share the last one's.
 const MOST_OFFSETS: usize = 12;
+/// Rates of other logs of an arm, as a part of those that it is identified on, at which its time window still tells speeds.
+const SLOWER: f64 = 0.75;
 /// Where friction is less known than this, a row of that joint is left out.
 const MOST_UNKNOWN: f64 = 0.1;
 /// Coefficients of friction and drive: coulomb, asymmetry, breakaway, viscous, rotor.
@@ -234,9 +236,9 @@ impl Rows {
         if self.timed && steps > 0 { span / steps as f64 } else { 0.0 }
     }
 
-    /// Whether speeds can be told out of windows of twice this, s.
+    /// Whether speeds can be told out of windows of twice this, s, in logs of [`SLOWER`] rates as well.
     pub(super) fn is_timed(&self, window_s: f64) -> bool {
-        self.motions.iter().all(|motion| motion.is_timed(window_s))
+        self.motions.iter().all(|motion| motion.is_timed(SLOWER * window_s))
     }
 
     /// Numbers in a row, τ among them.
