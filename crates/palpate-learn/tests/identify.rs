@@ -254,6 +254,19 @@ fn samples_in_which_the_arm_jerks_are_named_and_hide_nothing() {
 }
 
 #[test]
+fn a_clock_that_stands_still_is_none() {
+    let mut logs = logs(7, PRESLIDING);
+    logs.truncate(1);
+    let mut of = |time_s| {
+        logs[0].iter_mut().for_each(|sample| sample.time_s = time_s);
+        identified(&logs).unwrap()
+    };
+    let (still, none) = (of(Some(3.0)), of(None));
+    assert!(!still.timed && still.held_out.identified.iter().all(|own| *own > 0.02));
+    assert_eq!(still, none);
+}
+
+#[test]
 fn joints_that_stand_still_are_named() {
     let found = identified(&logs(1, PRESLIDING)).unwrap();
     assert!(

@@ -58,11 +58,21 @@ impl TouchMotion {
         Self { presliding, ..Self::default() }
     }
 
-    /// The motion of a touch, as [`Self::new`].
+    /// The motion of a touch, as [`Self::new`]. A clock that stands still throughout does not count.
     pub fn of(robot: &Robot, samples: &[Sample], presliding: Vec<f64>) -> Self {
         let mut motion = Self::new(presliding);
         samples.iter().for_each(|sample| motion.push(robot, sample));
+        if samples.len() > 1 && motion.times_s.first() == motion.times_s.last() {
+            motion.count_samples();
+        }
         motion
+    }
+
+    /// Counts samples in place of their times.
+    fn count_samples(&mut self) {
+        self.untimed = true;
+        let numbered = self.times_s.iter_mut().enumerate();
+        numbered.for_each(|(number, time_s)| *time_s = number as f64);
     }
 
     /// Adds a sample. Where the clock goes back, it does not count: samples are then counted in place of their times.
@@ -78,11 +88,7 @@ impl TouchMotion {
         if !self.untimed
             && sample.time_s.is_none_or(|now_s| last_s.is_some_and(|last_s| now_s < last_s))
         {
-            self.untimed = true;
-            self.times_s
-                .iter_mut()
-                .enumerate()
-                .for_each(|(number, time_s)| *time_s = number as f64);
+            self.count_samples();
         }
         let counted = self.times_s.last().map_or(0.0, |last| last + 1.0);
         self.times_s.push(sample.time_s.filter(|_| !self.untimed).unwrap_or(counted));
