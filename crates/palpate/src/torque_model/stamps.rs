@@ -33,19 +33,20 @@ const SETTLED: f64 = 0.002;
 const SLOW: f64 = 0.03;
 /// Stamps are examined in samples that are faster than this part of the top speed.
 const FAST: f64 = 0.3;
-/// Fast samples that it takes.
+/// Fast samples without which nothing is corrected.
 const LEAST_SAMPLES: usize = 50;
 /// Error of a stamp that counts, in intervals.
 const OFF: f64 = 0.15;
-/// Fast samples with such an error that it takes, as a part of all fast ones, and their number.
+/// Share of the fast samples that must have such an error.
 const OFF_PART: f64 = 0.01;
+/// Number of fast samples that must have such an error.
 const OFF_SAMPLES: f64 = 5.0;
 /// Residuals beside a cubic that are left with the times that the other joints say, as a part of all, in squares.
 const UNEXPLAINED: f64 = 0.2;
 /// Residuals beside polynomials that are left with the times found, as a part of those with stamps, in squares. Behind a
 /// relay, 0.003 to 0.12 were seen; in straight motion with true stamps at least 0.18.
 const KEPT: f64 = 0.1;
-/// Part of the samples whose times may differ from stamps by as much as is allowed.
+/// Share of the samples whose times may lie a whole interval from their stamps, the most that is allowed.
 const AT_BOUND: f64 = 0.02;
 
 /// The samples of a touch with the times at which the joints were read, if stamps are clearly not those.
