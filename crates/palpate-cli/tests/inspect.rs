@@ -317,6 +317,43 @@ fn gaps_and_clocks_that_go_wrong_are_told() {
 }
 
 #[test]
+fn stamps_that_are_not_when_the_joints_were_read_are_noted() {
+    // The robot speaks every 34 ms, and a node publishes what it said last every 33.3 ms.
+    let stamps = (0..300).map(|k| f64::from(k) / 30.0).collect::<Vec<_>>();
+    let robot = Maker::new().robot;
+    let swinging = |touch: &Touch, read_s: &dyn Fn(f64) -> f64| {
+        let (mut swinging, mut random) = (touch.clone(), 0.0_f64);
+        let still_s = STILL as f64 / 30.0;
+        let swing = |joint: usize, time_s: f64| {
+            0.15 * (1.0 - ((1.5 + 0.3 * joint as f64) * (time_s - still_s).max(0.0)).cos())
+        };
+        let q = stamps.iter().map(|stamp| -> Vec<f64> {
+            let start = touch.q[0].iter().enumerate();
+            start.map(|(joint, q)| q + swing(joint, read_s(*stamp))).collect()
+        });
+        swinging.q = q.collect();
+        let tau = swinging.q.iter().map(|q| -> Vec<f64> {
+            let gravity = robot.gravity_torque(&robot.forward(q).unwrap());
+            let springs = q.iter().zip(&touch.q[0]).map(|(q, start)| 8.0 * (start - q));
+            let noisy = gravity.iter().zip(springs).map(|(gravity, spring)| {
+                random = (random + 0.618).fract();
+                gravity + spring + 0.1 * (random - 0.5)
+            });
+            noisy.collect()
+        });
+        swinging.tau = tau.collect();
+        swinging.time_s.clone_from(&stamps);
+        swinging
+    };
+    let touches = clean();
+    let relayed = swinging(&touches[0], &|stamp| (stamp / 0.034).floor() * 0.034);
+    let driver = swinging(&touches[1], &|stamp| stamp);
+    let found = only_at("note", &[relayed, driver, touches[2].clone()], &[], "stamps");
+    says(&found, &["in 1 touch", "seq_0", "ms", "driver"]);
+    assert_eq!(found["touches"], serde_json::json!(["seq_0"]));
+}
+
+#[test]
 fn a_frozen_sensor_is_told() {
     let mut touches = clean();
     touches[1].tau.iter_mut().for_each(|tau| tau[6] = 0.05);

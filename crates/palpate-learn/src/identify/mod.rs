@@ -145,7 +145,7 @@ pub fn identify(
     if let Some(few) = &mut held_out.held_out.few {
         few.touch = numbers[few.touch];
     }
-    let read_times = ReadTimes::of(&read, &logged);
+    let read_times = ReadTimes::new(&read, &logged);
     Ok(result::of(robot, config, &fit, held_out, (&motion, read_times)))
 }
 
@@ -159,7 +159,8 @@ pub struct ReadTimes {
 }
 
 impl ReadTimes {
-    fn of(read: &[Option<Vec<Sample>>], logged: &[&[Sample]]) -> Self {
+    /// Of touches as they were logged, where `read` has those whose times were corrected.
+    fn new(read: &[Option<Vec<Sample>>], logged: &[&[Sample]]) -> Self {
         let mut found = Self { corrected: 0, rms_s: 0.0 };
         let (mut squares, mut count) = (0.0, 0.0);
         for (read, logged) in read.iter().zip(logged) {
@@ -175,6 +176,12 @@ impl ReadTimes {
             found.rms_s = f64::sqrt(squares / count);
         }
         found
+    }
+
+    /// Of touches of a robot.
+    pub fn of(robot: &Robot, logged: &[&[Sample]]) -> Self {
+        let read: Vec<_> = logged.iter().map(|touch| with_read_times(robot, touch)).collect();
+        Self::new(&read, logged)
     }
 }
 

@@ -71,10 +71,10 @@ fn read_times(stamps_s: &[f64], positions: &[Vec<f64>]) -> Option<Vec<f64>> {
         times.iter().zip(stamps_s).all(|(time, stamp)| (time - stamp).abs() <= interval_s)
     };
     let mut times = stamps_s.to_vec();
-    let mut left = Left::of(&times, positions, half_s);
+    let mut left = Misfit::of(&times, positions, half_s);
     let with_stamps = left.squares;
     if let Some(even) = even_times(stamps_s, positions).filter(is_near) {
-        let left_then = Left::of(&even, positions, half_s);
+        let left_then = Misfit::of(&even, positions, half_s);
         if left_then.squares < left.squares {
             (times, left) = (even, left_then);
         }
@@ -89,7 +89,7 @@ fn read_times(stamps_s: &[f64], positions: &[Vec<f64>]) -> Option<Vec<f64>> {
         if (squares / times.len() as f64).sqrt() < SETTLED * interval_s {
             break;
         }
-        left = Left::of(&times, positions, half_s);
+        left = Misfit::of(&times, positions, half_s);
     }
     let is_at_bound = |(time, stamp): &(&f64, &f64)| (**time - **stamp).abs() > 0.999 * interval_s;
     let at_bound = times.iter().zip(stamps_s).filter(is_at_bound).count() as f64;
@@ -98,14 +98,14 @@ fn read_times(stamps_s: &[f64], positions: &[Vec<f64>]) -> Option<Vec<f64>> {
 }
 
 /// Residuals of positions beside polynomials.
-struct Left {
+struct Misfit {
     /// Sum of squares.
     squares: f64,
     /// Error of each time that explains them best, s.
     steps_s: Vec<f64>,
 }
 
-impl Left {
+impl Misfit {
     fn of(times_s: &[f64], positions: &[Vec<f64>], half_s: f64) -> Self {
         let fits = LocalPolynomial::new(times_s, positions, half_s, Window::Centred);
         let (first_s, last_s) = (times_s[0], times_s[times_s.len() - 1]);

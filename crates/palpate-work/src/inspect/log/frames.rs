@@ -1,5 +1,7 @@
-//! What shows in the frames alone, without knowing the robot: repeated frames, the clock.
+//! What shows in the frames alone, whatever the robot: repeated frames, the clock.
 
+use palpate::Robot;
+use palpate_learn::identify::ReadTimes;
 use serde::Serialize;
 
 use super::super::finding::Finding;
@@ -128,4 +130,26 @@ fn backwards(touches: &[RecordedTouch]) -> Option<Finding> {
     let remedy = "the order of the rows is believed, not the clock; if rows are out of order or \
                   two recordings were joined, sort or part them";
     Finding::at_places("clock", &places, what, remedy)
+}
+
+/// Stamps that are clearly not when the joints were read.
+pub(super) fn stamps(touches: &[RecordedTouch], robot: &Robot) -> Option<Finding> {
+    let off = touches.iter().map(|touch| {
+        let ReadTimes { corrected, rms_s } = ReadTimes::of(robot, &[&touch.samples]);
+        (touch, corrected, rms_s)
+    });
+    let places: Vec<_> = off
+        .filter(|(_, corrected, _)| *corrected > 0)
+        .map(|(touch, _, rms_s)| (&*touch.name, format!("{} ({:.1} ms)", touch.name, 1e3 * rms_s)))
+        .collect();
+    let what = |n, touches| {
+        format!(
+            "in {}, times are not when the joints were read, as where a node publishes joint states \
+             again at a rate of its own (root mean square): {touches}",
+            counted(n, "touch"),
+        )
+    };
+    let remedy = "maps need no times; `identify`, `torque` and `map --arm` correct those of logs, but \
+                  `live` cannot: record and listen to the topic of the robot's driver";
+    Finding::at_places("stamps", &places, what, remedy).map(Finding::noted)
 }

@@ -3,7 +3,7 @@
 //! | file      | says                                                        |
 //! |-----------|-------------------------------------------------------------|
 //! | `joints`  | joints matched by name                                      |
-//! | `frames`  | repeated frames, clock                                      |
+//! | `frames`  | repeated frames, clock, stamps                              |
 //! | `sensors` | torques that stand still or are cut off                     |
 //! | `delay`   | torques that come later than positions                      |
 //! | `motion`  | positions and speeds beyond the robot's limits              |
@@ -174,6 +174,7 @@ impl LogInspector<'_> {
             };
             let judged = read.judge(&mut touches, None, self.progress)?;
             self.findings.extend(judged.findings);
+            self.findings.extend(frames::stamps(&touches, robot));
             (facts.touched, facts.touches) = (Some(judged.touched), judged.touches);
             facts.reading = Some(judged.reading);
         }
