@@ -3,7 +3,8 @@
 //!
 //! The largest of each second of contact-free motion gives the threshold: above the level that a tenth of the seconds
 //! pass, excesses are taken as exponential (the tail of most distributions, Pickands 1975 with a shape of 0). Few seconds
-//! tell their mean badly, so what counts is two standard deviations above it.
+//! tell their mean badly, so what counts is two standard deviations above it. It may also be small by chance, so it counts
+//! as at least what it is together with the excesses of other arms.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,13 +15,20 @@ const TAIL: f64 = 0.1;
 /// Seconds of contact-free motion from which a tail can be told.
 const LEAST_SECONDS: usize = 5;
 
+/// Excess of other arms, as a part of the level. It was chosen on a hundred simulated arms that moved otherwise than when
+/// they were identified, so that the threshold for one false alarm per hour is passed less often than that.
+const OTHERS: f64 = 0.12;
+/// So many seconds in the tail that excess counts for.
+const OTHERS_SECONDS: f64 = 10.0;
+
 /// The tail of the statistic on contact-free motion, second by second.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Alarm {
     /// Level that a tenth of the seconds pass, standard deviations.
     pub level: f64,
-    /// Mean excess over it, two of its standard deviations higher than it was found.
+    /// Mean excess over it, two of its standard deviations higher than it was found, or than it is together with those of
+    /// other arms.
     pub excess: f64,
     /// Seconds that were looked at.
     pub seconds: f64,
@@ -50,10 +58,11 @@ impl Alarm {
         let tail = ((largest.len() as f64 * TAIL).ceil() as usize).max(2);
         let (below, above) = largest.split_at(largest.len() - tail);
         let level = below.last().copied().unwrap_or(0.0);
-        let excess = above.iter().map(|value| value - level).sum::<f64>() / tail as f64;
-        // The mean of n exponential values has a standard deviation of 1/√n of it.
-        let excess = excess * (1.0 + 2.0 / (tail as f64).sqrt());
-        Some(Self { level, excess: excess.max(1e-6), seconds: largest.len() as f64 })
+        let sum = above.iter().map(|value| value - level).sum::<f64>();
+        let n = tail as f64;
+        let with_others = high_mean(sum + OTHERS_SECONDS * OTHERS * level, n + OTHERS_SECONDS);
+        let excess = high_mean(sum, n).max(with_others).max(1e-6);
+        Some(Self { level, excess, seconds: largest.len() as f64 })
     }
 
     /// Whether its numbers are finite and not negative.
@@ -66,6 +75,11 @@ impl Alarm {
         // A second passes the level with a chance of TAIL, and a threshold with that times the exponential.
         self.level + self.excess * (TAIL * 3600.0 / false_alarms_per_hour).ln().max(0.0)
     }
+}
+
+/// Two standard deviations above the mean of `n` exponential values: it has one of 1/√n of it.
+fn high_mean(sum: f64, n: f64) -> f64 {
+    sum / n * (1.0 + 2.0 / n.sqrt())
 }
 
 impl ExternalTorque {
@@ -93,6 +107,21 @@ mod tests {
             let wanted = per_hour * n as f64 / 3600.0;
             assert!((passed / wanted - 1.0).abs() < 0.1, "{passed} of {wanted}");
         }
+    }
+
+    #[test]
+    fn a_tail_that_is_small_by_chance_counts_as_those_of_other_arms_until_it_is_long() {
+        // The largest of each second is hardly above the level.
+        let flat = |seconds: u32| {
+            let rows = (0..=seconds).map(|k| (f64::from(k), 3.5 + 0.001 * f64::from(k % 10)));
+            Alarm::of(&[rows.collect()]).unwrap()
+        };
+        assert!((5.5..7.0).contains(&flat(57).threshold(1.0)), "{:?}", flat(57));
+        assert!((3.5..4.0).contains(&flat(36_000).threshold(1.0)), "{:?}", flat(36_000));
+        // What is larger than that of other arms stays.
+        let steep = (0..=60).map(|k| (f64::from(k), 3.0 + f64::from(k % 10)));
+        let steep = Alarm::of(&[steep.collect()]).unwrap();
+        assert!((steep.excess - 1.0 * (1.0 + 2.0 / 6_f64.sqrt())).abs() < 1e-12, "{steep:?}");
     }
 
     #[test]
