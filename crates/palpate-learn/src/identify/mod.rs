@@ -178,7 +178,7 @@ impl ReadTimes {
         found
     }
 
-    /// Of touches of a robot.
+    /// Of touches of a robot, as they were logged.
     pub fn of(robot: &Robot, logged: &[&[Sample]]) -> Self {
         let read: Vec<_> = logged.iter().map(|touch| with_read_times(robot, touch)).collect();
         Self::new(&read, logged)
