@@ -4,7 +4,7 @@
 //! The largest of each second of contact-free motion gives the threshold: above the level that a tenth of the seconds
 //! pass, excesses are taken as exponential (the tail of most distributions, Pickands 1975 with a shape of 0). Few seconds
 //! tell their mean badly, so what counts is two standard deviations above it. It may also be small by chance, so it counts
-//! as at least what it is together with the excesses of other arms.
+//! as at least what it is together with a prior, as if more seconds had been seen.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,11 +15,11 @@ const TAIL: f64 = 0.1;
 /// Seconds of contact-free motion from which a tail can be told.
 const LEAST_SECONDS: usize = 5;
 
-/// Excess of other arms, as a part of the level. It was chosen on a hundred simulated arms that moved otherwise than when
+/// Mean excess of the prior, as a part of the level. It was chosen on a hundred simulated arms that moved otherwise than when
 /// they were identified, so that the threshold for one false alarm per hour is passed less often than that.
-const OTHERS: f64 = 0.12;
-/// So many seconds in the tail that excess counts for.
-const OTHERS_SECONDS: f64 = 10.0;
+const PRIOR_EXCESS: f64 = 0.12;
+/// Seconds in the tail that the prior counts for.
+const PRIOR_SECONDS: f64 = 10.0;
 
 /// The tail of the statistic on contact-free motion, second by second.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -27,8 +27,7 @@ const OTHERS_SECONDS: f64 = 10.0;
 pub struct Alarm {
     /// Level that a tenth of the seconds pass, standard deviations.
     pub level: f64,
-    /// Mean excess over it, two of its standard deviations higher than it was found, or than it is together with those of
-    /// other arms.
+    /// Mean excess over it, two of its standard deviations higher than it was found, or than it is with the prior.
     pub excess: f64,
     /// Seconds that were looked at.
     pub seconds: f64,
@@ -60,8 +59,8 @@ impl Alarm {
         let level = below.last().copied().unwrap_or(0.0);
         let sum = above.iter().map(|value| value - level).sum::<f64>();
         let n = tail as f64;
-        let with_others = high_mean(sum + OTHERS_SECONDS * OTHERS * level, n + OTHERS_SECONDS);
-        let excess = high_mean(sum, n).max(with_others).max(1e-6);
+        let with_prior = high_mean(sum + PRIOR_SECONDS * PRIOR_EXCESS * level, n + PRIOR_SECONDS);
+        let excess = high_mean(sum, n).max(with_prior).max(1e-6);
         Some(Self { level, excess, seconds: largest.len() as f64 })
     }
 
@@ -110,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tail_that_is_small_by_chance_counts_as_those_of_other_arms_until_it_is_long() {
+    fn a_tail_that_is_small_by_chance_counts_for_little_until_it_is_long() {
         // The largest of each second is hardly above the level.
         let flat = |seconds: u32| {
             let rows = (0..=seconds).map(|k| (f64::from(k), 3.5 + 0.001 * f64::from(k % 10)));
@@ -118,7 +117,7 @@ mod tests {
         };
         assert!((5.5..7.0).contains(&flat(57).threshold(1.0)), "{:?}", flat(57));
         assert!((3.5..4.0).contains(&flat(36_000).threshold(1.0)), "{:?}", flat(36_000));
-        // What is larger than that of other arms stays.
+        // What is larger than the prior stays.
         let steep = (0..=60).map(|k| (f64::from(k), 3.0 + f64::from(k % 10)));
         let steep = Alarm::of(&[steep.collect()]).unwrap();
         assert!((steep.excess - 1.0 * (1.0 + 2.0 / 6_f64.sqrt())).abs() < 1e-12, "{steep:?}");

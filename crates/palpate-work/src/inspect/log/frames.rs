@@ -140,16 +140,17 @@ pub(super) fn stamps(touches: &[RecordedTouch], robot: &Robot) -> Option<Finding
     });
     let places: Vec<_> = off
         .filter(|(_, corrected, _)| *corrected > 0)
-        .map(|(touch, _, rms_s)| (&*touch.name, format!("{} ({:.1} ms)", touch.name, 1e3 * rms_s)))
+        .map(|(touch, _, rms_s)| (&*touch.name, format!("{} by {:.1} ms", touch.name, 1e3 * rms_s)))
         .collect();
     let what = |n, touches| {
         format!(
-            "in {}, times are not when the joints were read, as where a node publishes joint states \
-             again at a rate of its own (root mean square): {touches}",
+            "in {}, stamps are off from the times at which the joints were read (root mean square): \
+             {touches}; a node that publishes joint states again at a rate of its own is a usual \
+             reason",
             counted(n, "touch"),
         )
     };
-    let remedy = "maps need no times; `identify`, `torque` and `map --arm` correct those of logs, but \
-                  `live` cannot: record and listen to the topic of the robot's driver";
+    let remedy = "maps need no times; `identify`, `torque` and `map --arm` correct those of logs; \
+                  `live` cannot, so let it listen to the topic of the robot's driver";
     Finding::at_places("stamps", &places, what, remedy).map(Finding::noted)
 }
