@@ -206,7 +206,7 @@ fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
     let config = config(EstimatorKind::Map);
     let plan = Plan {
         todo: vec![0, 1],
-        methods: Method::ALL.to_vec(),
+        methods: Method::ALL.into_iter().filter(|method| method.is_built()).collect(),
         folds: folds(4, 2),
         config: config.clone(),
         estimators: vec![[config.clone(), self::config(EstimatorKind::Ekf)]; 2],
@@ -227,7 +227,7 @@ fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
     };
     let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let serial = on(1).install(run);
-    assert_eq!(serial.len(), 2 * Method::ALL.len());
+    assert_eq!(serial.len(), 2 * plan.methods.len());
     let parallel = on(2).install(run);
     for (part, bits) in &serial {
         assert!(*bits == parallel[part], "{part:?} depends on the number of threads");
@@ -373,7 +373,7 @@ fn a_touch_under_test_has_no_say_in_its_own_prediction() {
     for test in 0..3 {
         let fold = Fold::testing(vec![test], 3);
         let others = with_other_torques(&touches, test);
-        for method in methods {
+        for method in methods.into_iter().filter(|method| method.is_built()) {
             let kind = if method == Method::Ekf { EstimatorKind::Ekf } else { EstimatorKind::Map };
             let config = config(kind);
             let told = |touches: &[Touch]| -> Torques {
