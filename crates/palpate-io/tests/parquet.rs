@@ -7,6 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use palpate_io::log::{self, Format, LogEvent, LogOptions, Sample};
+use parquet::basic::{Compression, GzipLevel, ZstdLevel};
 use parquet::data_type::{DoubleType, FloatType, Int64Type};
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
@@ -57,12 +58,17 @@ fn write_lists(path: &Path, episodes: &[i64]) {
 
 /// A table of doubles.
 fn write_columns(path: &Path, columns: &[(&str, &[f64])]) {
+    write_compressed(path, columns, Compression::UNCOMPRESSED);
+}
+
+fn write_compressed(path: &Path, columns: &[(&str, &[f64])], compression: Compression) {
     let fields: String =
         columns.iter().map(|(name, _)| format!("optional double {name};")).collect();
     let schema = parse_message_type(&format!("message schema {{ {fields} }}")).unwrap();
-    let properties = Arc::new(WriterProperties::builder().build());
+    let properties = WriterProperties::builder().set_compression(compression).build();
     let file = File::create(path).unwrap();
-    let mut writer = SerializedFileWriter::new(file, Arc::new(schema), properties).unwrap();
+    let mut writer =
+        SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).unwrap();
     let mut rows = writer.next_row_group().unwrap();
     for (_, values) in columns {
         let mut column = rows.next_column().unwrap().unwrap();
@@ -135,6 +141,23 @@ fn columns_are_recognised_as_in_a_table_and_a_file_is_a_touch() {
     assert_eq!(events[0], LogEvent::TouchStarts { name, joint_names });
     let last = Sample::new(Some(0.5), vec![2.0], vec![4.0]);
     assert_eq!((&events[2], events.len()), (&LogEvent::Sample(last), 3));
+}
+
+#[test]
+fn compressed_columns_are_read_as_others_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("push.parquet");
+    let numbers: Vec<f64> = (0..500).map(|i| f64::from(i % 7)).collect();
+    let columns: [(&str, &[f64]); 2] = [("q1", &numbers), ("tau1", &numbers)];
+    write_columns(&path, &columns);
+    let (plain, size) = (read(&path).unwrap(), fs::metadata(&path).unwrap().len());
+    let gzip = Compression::GZIP(GzipLevel::default());
+    let zstd = Compression::ZSTD(ZstdLevel::default());
+    for codec in [Compression::SNAPPY, gzip, Compression::LZ4, Compression::LZ4_RAW, zstd] {
+        write_compressed(&path, &columns, codec);
+        assert_eq!(read(&path).unwrap(), plain, "{codec}");
+        assert_ne!(fs::metadata(&path).unwrap().len(), size, "{codec} did something");
+    }
 }
 
 #[test]

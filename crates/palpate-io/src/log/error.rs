@@ -72,6 +72,11 @@ pub enum TableError {
     /// A file that is not Parquet, or a broken one.
     #[error("`{path}` is no Parquet file, or a broken one: {reason}; copy it again")]
     NotParquet { path: PathBuf, reason: String },
+    /// Parquet in a compression that is not read.
+    #[error(
+        "`{path}`: its columns are compressed by {codec}, which is not read; write them with zstd, snappy, gzip or lz4"
+    )]
+    Compressed { path: PathBuf, codec: String },
     /// Parquet, without the feature `formats`.
     #[error("`{path}` is Parquet: {}", crate::not_built("Parquet"))]
     NotBuilt { path: PathBuf },

@@ -6,7 +6,10 @@
 #[allow(missing_docs)] // the messages name the fields
 pub enum JointNameError {
     /// A joint of the robot that the log does not hold.
-    #[error("the robot's joint `{joint}` is not in the log, whose joints are {}", log.join(", "))]
+    #[error(
+        "the robot's joint `{joint}` is not in the log, whose joints are {} (--rename LOG=URDF says which is which)",
+        log.join(", ")
+    )]
     Missing { joint: String, log: Vec<String> },
     /// A name that the log holds twice.
     #[error("the log holds the joint `{joint}` twice")]
@@ -36,7 +39,12 @@ pub fn reorder(robot: &[String], log: &[String]) -> Result<Vec<usize>, JointName
         return exact;
     }
     reorder_exactly(&bare(robot), &bare(log)).map_err(|error| {
-        match unmatched(robot, log).0.first() {
+        let tail = |name: &str| name.rsplit(['_', '/']).next().map(str::to_owned);
+        let tails: Vec<_> = log.iter().map(|name| tail(name)).collect();
+        let missing = unmatched(robot, log).0;
+        // One that only its prefix parts from the log's is not to blame.
+        let odd = missing.iter().find(|&&joint| !tails.contains(&tail(&robot[joint])));
+        match odd.or(missing.first()) {
             Some(&joint) => {
                 JointNameError::Missing { joint: robot[joint].clone(), log: log.to_vec() }
             }
@@ -127,6 +135,10 @@ mod tests {
         let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
         let error = reorder(&names(&["a", "b"]), &names(&["b", "c"])).unwrap_err().to_string();
         assert!(error.contains("`a`") && error.contains("b, c"), "{error}");
+        let robot = names(&["a_joint1", "elbow", "a_joint3"]);
+        let log = names(&["b_joint1", "b_joint2", "b_joint3"]);
+        let error = reorder(&robot, &log).unwrap_err().to_string();
+        assert!(error.contains("`elbow`") && error.contains("--rename"), "{error}");
         let error = reorder(&names(&["b"]), &names(&["b", "b"])).unwrap_err();
         assert_eq!(error, JointNameError::Twice { joint: "b".to_owned() });
     }

@@ -68,7 +68,7 @@ fn open(path: &Path) -> Result<File, String> {
 fn in_words(error: &McapError) -> String {
     match error {
         McapError::UnexpectedEof | McapError::UnexpectedEoc => {
-            "the file ends in the middle of it; was the recording, or a copy of it, cut short?"
+            "the file ends in the middle of it (was the recording, or a copy of it, cut short?)"
                 .to_owned()
         }
         McapError::UnsupportedCompression(packing) if !cfg!(feature = "formats") => {

@@ -256,7 +256,11 @@ fn unbroken<T>(
 }
 
 fn broken(path: &Path, error: &ParquetError) -> TableError {
-    TableError::NotParquet { path: path.to_owned(), reason: error.to_string() }
+    let (path, reason) = (path.to_owned(), error.to_string());
+    match reason.rsplit_once("Disabled feature at compile time: ") {
+        Some((_, codec)) => TableError::Compressed { path, codec: codec.to_owned() },
+        None => TableError::NotParquet { path, reason },
+    }
 }
 
 /// The columns that are named, those of LeRobot, or those that are called as in CSV. An error is
