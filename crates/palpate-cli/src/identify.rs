@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use palpate::Robot;
 use palpate_io::robot_files::with_inertia;
 use palpate_learn::identify::{Identified, JointEstimate, LEAST_MOTION, Value};
+use palpate_work::Progress;
 use palpate_work::arm_file;
 use palpate_work::identify::{self, IdentifySettings};
 use serde_json::json;
@@ -68,6 +69,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let (mut touches, arm) = logs::open_as_logged(&args.logs, &mut settings, output)?;
     touches.conventions(&arm, &mut settings.touch, logs::IfUndecided::Refuse, output)?;
+    if !args.currents {
+        touches.check_as_logged(&arm, None, &settings, output)?;
+    }
     let config = settings.config()?;
     let mut touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
     let recorded = touches.read(None)?;
@@ -75,6 +79,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let currents = args.currents || touches.are_currents();
     let wanted = IdentifySettings { tool_link: args.tool_link.clone(), currents };
     let found = identify::run(&arm, &recorded, &config.touch, &wanted, output)?;
+    if let Some(what) = &found.misfit {
+        if settings.log.strict == Some(true) {
+            return Err(CliError::LooksWrong(format!("{what} (--strict)")));
+        }
+        output.warn(what);
+    }
 
     let text = text(&found);
     if let Some(path) = &args.output {
@@ -87,20 +97,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         output.note(note);
     }
     if args.json {
-        // Both count from the flange, which only the user knows.
-        let is_significant = args.tool_link.is_some() && found.payload.is_significant;
-        let (libfranka, urscript) = if is_significant {
-            (Some(set_load(&found)), Some(set_payload(&found)))
-        } else {
-            (None, None)
-        };
-        return output.json(&json!({
-            "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
-            "base_parameters": found.base_parameters,
-            "base_parameters_identified": found.base_parameters_identified,
-            "delay_s": found.delay_s, "touched": found.touched, "read_times": found.read_times, "held_out": found.held_out,
-            "model": found.model, "notes": found.notes, "libfranka": libfranka, "urscript": urscript,
-        }));
+        return output.json(&json(&found, args.tool_link.is_some()));
     }
     output.result(&text)?;
     let written = [("The arm", &args.output), ("The URDF", &args.urdf)];
@@ -110,9 +107,28 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         }
     }
     if let Some(path) = &args.output {
-        output.result(&format!("Next: palpate torque LOG --arm {}\n", path.display()))?;
+        settings.robot.arm = Some(path.clone());
+        let robot = logs::robot_flags(&settings.robot);
+        output.result(&format!("Next: palpate torque LOG{robot}\n"))?;
     }
     Ok(())
+}
+
+/// What was found, as JSON, with payloads for controllers if the flange is known.
+fn json(found: &Identified, is_flange_known: bool) -> serde_json::Value {
+    // Both count from the flange, which only the user knows.
+    let (libfranka, urscript) = if is_flange_known && found.payload.is_significant {
+        (Some(set_load(found)), Some(set_payload(found)))
+    } else {
+        (None, None)
+    };
+    json!({
+        "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
+        "base_parameters": found.base_parameters,
+        "base_parameters_identified": found.base_parameters_identified,
+        "delay_s": found.delay_s, "touched": found.touched, "read_times": found.read_times, "held_out": found.held_out,
+        "model": found.model, "misfit": found.misfit, "notes": found.notes, "libfranka": libfranka, "urscript": urscript,
+    })
 }
 
 /// The URDF that was given, with the masses that were found.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use palpate::{Arm, Differentiation};
+use palpate_work::settings::sections::RobotSettings;
 pub(crate) use palpate_work::touches::IfUndecided;
 use palpate_work::touches::{RecordedTouch, Touches};
 use palpate_work::{arm_file, robot};
@@ -69,6 +70,26 @@ pub(crate) fn read(
     touches.tell_warnings(output);
     touches.check(arm, place, &config.touch).of(&recorded).look(output)?;
     Ok(recorded)
+}
+
+/// The flags that name the robot of the logs, for a command that is to follow.
+pub(crate) fn robot_flags(settings: &RobotSettings) -> String {
+    let mut words = Vec::new();
+    if let Some(robot) = &settings.robot {
+        words.extend(["--robot".to_owned(), robot.clone()]);
+    }
+    for folder in settings.package_path.iter().flatten() {
+        words.extend(["--package-path".to_owned(), folder.display().to_string()]);
+    }
+    for renamed in settings.rename.iter().flatten().cloned() {
+        words.extend(["--rename".to_owned(), String::from(renamed)]);
+    }
+    if let Some(arm) = &settings.arm {
+        words.extend(["--arm".to_owned(), arm.display().to_string()]);
+    }
+    let quoted =
+        |word: String| if word.contains(' ') { format!(" '{word}'") } else { format!(" {word}") };
+    words.into_iter().map(quoted).collect()
 }
 
 /// Tells which robot is used.

@@ -10,6 +10,7 @@ use palpate::{Arm, Calibration, EstimatorKind, Mapper, Sample, StepReport};
 use palpate_io::field::{self, Saved};
 use palpate_work::elastic;
 use palpate_work::learn::{Cells, Tally, learn};
+use palpate_work::settings::sections::RobotSettings;
 use palpate_work::tune::{Tune, quickly_tuned};
 use palpate_work::{prior, resume};
 use serde_json::json;
@@ -179,7 +180,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     let pace = pace.as_ref().map(Pace::figures);
     let (cells, body) = (Cells::of(&mapper), saved.field.elastic.as_deref());
-    let summary = Summary { args, mapper: &mapper, tally: &tally, cells, pace, body };
+    let robot = &settings.robot;
+    let summary = Summary { args, robot, mapper: &mapper, tally: &tally, cells, pace, body };
     if args.json {
         output.json(&summary.json(started.elapsed()))
     } else {
@@ -277,6 +279,7 @@ fn stop(
 /// What is printed at the end.
 struct Summary<'a> {
     args: &'a Args,
+    robot: &'a RobotSettings,
     mapper: &'a Mapper,
     tally: &'a Tally,
     cells: Cells,
@@ -286,7 +289,8 @@ struct Summary<'a> {
 
 impl Summary<'_> {
     fn next_command(&self) -> String {
-        format!("palpate predict {} LOG", self.args.output.display())
+        let robot = logs::robot_flags(self.robot);
+        format!("palpate predict {} LOG{robot}", self.args.output.display())
     }
 
     fn json(&self, elapsed: Duration) -> serde_json::Value {

@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use palpate::{Arm, Differentiation, TorqueModel};
 use palpate_io::torques::{TorqueFormat, TorqueRow, write};
+use palpate_work::Progress;
 use palpate_work::arm_file;
 use palpate_work::torque::{
-    BANDWIDTH_HZ, ContactInterval, FALSE_ALARMS_PER_HOUR, ThresholdSource, TorqueSettings,
-    TouchTorques, contacts, threshold, torques,
+    BANDWIDTH_HZ, ContactInterval, FALSE_ALARMS_PER_HOUR, ThresholdSource, TorqueFrame,
+    TorqueSettings, TouchTorques, contacts, threshold, torques, warn_if_always_touched,
 };
 use palpate_work::touches::Touches;
 use serde_json::json;
@@ -25,8 +26,9 @@ const NOTES: &str = "Examples:
   palpate torque push.mcap --robot fr3.urdf --arm arm.toml --free free.mcap --false-alarms 0.1 -o torques.mcap
   palpate torque push.mcap --robot fr3.urdf --arm arm.toml --wrench-link fr3_hand_tcp -o torques.parquet
 
-Without --arm, of `palpate identify`, masses are the URDF's, friction is not known, and the standard
-deviation is a guess from the effort limits.
+Without --arm, of `palpate identify`, masses are the URDF's, friction and the sensors' bias are not known and
+stay in the torques, and the standard deviation is a guess from the effort limits. --tare-frames N takes off
+the mean of the first N samples of each touch; nothing else is taken for a tare here.
 
 Something counts as touched where the largest torque of any joint, over its standard deviation, passes a
 threshold that contact-free motion passes --false-alarms times an hour: that of --free, or what was held
@@ -97,6 +99,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     };
     let per_hour = args.false_alarms.unwrap_or(1.0);
     let (threshold, from) = threshold(&model, free.as_deref(), per_hour)?;
+    if args.bandwidth_hz.is_some() && from == ThresholdSource::Identification {
+        output.warn(
+            "the threshold is that of torques that are not filtered, so these pass it less often than said; with --free, \
+             it is that of the filtered ones",
+        );
+    }
+    warn_if_always_touched(&found, threshold, output);
     let contacts = contacts(&found, threshold);
 
     let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
@@ -151,6 +160,7 @@ impl Opened {
         let (mut touches, arm) = logs::open_as_logged(paths, settings, output)?;
         let model = arm_file::or_urdf(&settings.robot, &arm.robot, output)?;
         touches.conventions(&arm, &mut settings.touch, logs::IfUndecided::Refuse, output)?;
+        touches.check_as_logged(&arm, Some(&model), settings, output)?;
         touches.identified(&arm, model.clone(), differentiation, &settings.touch)?;
         let model = model.for_differentiation(differentiation);
         Ok(Self { touches, arm, model })
@@ -185,6 +195,29 @@ fn rows(found: &[TouchTorques], threshold: f64) -> Vec<TorqueRow<'_>> {
         })
     });
     rows.collect()
+}
+
+/// How near the torques came to the threshold.
+fn nothing_found(found: &[TouchTorques]) -> String {
+    let frames = found.iter().flat_map(|touch| {
+        touch.frames.iter().enumerate().map(move |(sample, frame)| (touch, sample, frame))
+    });
+    let is_number =
+        |(_, _, frame): &(&TouchTorques, usize, &TorqueFrame)| frame.statistic.is_finite();
+    let nearest =
+        frames.filter(is_number).max_by(|(_, _, a), (_, _, b)| a.statistic.total_cmp(&b.statistic));
+    let Some((touch, sample, frame)) = nearest else {
+        return "No contact was found.\n".to_owned();
+    };
+    let at = match frame.time_s {
+        Some(time_s) => format!("at {time_s:.2} s"),
+        None => format!("in sample {sample} (from 0)"),
+    };
+    format!(
+        "No contact was found: the largest torque is {:.1} standard deviations, in {} {at}. A higher --false-alarms \
+         lowers the threshold.\n",
+        frame.statistic, touch.name
+    )
 }
 
 /// By joint, N·m.
@@ -229,7 +262,7 @@ fn text(
         }
     );
     if contacts.is_empty() {
-        return text + "Nothing was touched.\n";
+        return text + &nothing_found(found);
     }
     let rows = contacts.iter().map(|contact| {
         let [from, to] = contact.time_s.unwrap_or(contact.samples.map(|sample| sample as f64));

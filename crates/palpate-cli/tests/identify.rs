@@ -3,13 +3,15 @@
 
 mod common;
 
+use std::cell::RefCell;
 use std::f64::consts::TAU;
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 use common::{Scene, json, npy, palpate, refuse, succeed};
 use palpate::unstable::FrictionState;
-use palpate::{Payload, Robot};
+use palpate::{Payload, Robot, Sample};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use serde_json::Value;
 
@@ -187,6 +189,103 @@ fn write_identified(folder: &Path) {
     succeed(identify.arg("-o").arg(folder.join("arm.toml")));
 }
 
+/// Writes the first touch of a log again, with other samples.
+fn write_changed(from: &Path, to: &Path, change: impl Fn(&mut Sample)) {
+    let events = log::open(&from.join("seq_0"), &LogOptions::default()).unwrap();
+    let (mut angles, mut torques, mut times) = (Vec::new(), Vec::new(), Vec::new());
+    for event in events {
+        let LogEvent::Sample(mut sample) = event.unwrap() else { continue };
+        change(&mut sample);
+        angles.extend(sample.q);
+        torques.extend(sample.tau);
+        times.push(sample.time_s.unwrap());
+    }
+    fs::create_dir_all(to).unwrap();
+    npy(&to.join("angles.npy"), &[FRAMES, 7], &angles);
+    npy(&to.join("torques.npy"), &[FRAMES, 7], &torques);
+    npy(&to.join("time.npy"), &[FRAMES], &times);
+}
+
+/// What a command that succeeds prints, on stdout and on stderr.
+fn said(command: &mut Command) -> (String, String) {
+    let done = command.output().unwrap();
+    assert!(done.status.success(), "{}", common::stderr(&done));
+    (String::from_utf8(done.stdout.clone()).unwrap(), common::stderr(&done))
+}
+
+fn identify(log: &Path) -> Command {
+    let mut identify = palpate();
+    identify.args(["identify", "--robot", "kinova_gen3"]).arg(log);
+    identify
+}
+
+fn torque(log: &Path, arm: &Path) -> Command {
+    let mut torque = palpate();
+    torque.args(["torque", "--robot", "kinova_gen3"]).arg(log).arg("--arm").arg(arm);
+    torque
+}
+
+#[test]
+fn of_free_motion_the_next_command_finds_no_contact_and_says_how_near_it_came() {
+    let folder = tempfile::tempdir().unwrap();
+    let (free, arm) = (folder.path().join("free"), folder.path().join("arm.toml"));
+    write_logs(&free, false);
+    let (found, told) = said(identify(&free).arg("-o").arg(&arm));
+    let next = format!("Next: palpate torque LOG --robot kinova_gen3 --arm {}\n", arm.display());
+    assert!(found.ends_with(&next) && !told.contains("warning"), "{found}{told}");
+    let (found, told) = said(&mut torque(&free, &arm));
+    assert!(found.contains("No contact was found: the largest torque is"), "{found}");
+    assert!(!told.contains("warning"), "{told}");
+    let (_, told) = said(torque(&free, &arm).args(["--bandwidth-hz", "2"]));
+    assert!(told.contains("warning: the threshold is that of torques"), "{told}");
+    let removed = ["--torque-sign", "plus", "--gravity", "removed"];
+    let (_, told) = said(torque(&free, &arm).args(removed));
+    assert!(told.contains("these torques hold no gravity, and --arm"), "{told}");
+}
+
+#[test]
+fn what_looks_wrong_with_a_log_is_told_before_its_torques_are_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let arm = path("arm.toml");
+    write_logs(&path("free"), false);
+    succeed(identify(&path("free")).arg("-o").arg(&arm));
+    let swap = |sample: &mut Sample| sample.tau.swap(1, 3);
+    write_changed(&path("free"), &path("torques"), swap);
+    let (_, told) = said(&mut torque(&path("torques"), &arm));
+    assert!(told.contains("% of the samples the torques are larger than those of"), "{told}");
+    // At rest for a while, so that gravity tells of the joints' order.
+    let first = RefCell::new(None);
+    let swap_from_rest = |sample: &mut Sample| {
+        let mut first = first.borrow_mut();
+        let rest: &Sample = first.get_or_insert_with(|| sample.clone());
+        if sample.time_s < Some(0.4) {
+            *sample = Sample::new(sample.time_s, rest.q.clone(), rest.tau.clone());
+        }
+        sample.q.swap(1, 3);
+        sample.tau.swap(1, 3);
+    };
+    write_changed(&path("free"), &path("swapped"), swap_from_rest);
+    let mut command = torque(&path("swapped"), &arm);
+    let (_, told) = said(&mut command);
+    assert!(told.contains("(joint_order)") && told.contains("`Actuator4` swapped"), "{told}");
+    refuse(command.arg("--strict"), 1, &["joint_order", "--strict"]);
+    let late = |sample: &mut Sample| sample.time_s = sample.time_s.map(|time_s| 1e3 * time_s);
+    write_changed(&path("free"), &path("ms"), late);
+    for command in [&mut torque(&path("ms"), &arm), &mut identify(&path("ms"))] {
+        let (_, told) = said(command);
+        assert!(told.contains("(time_unit)"), "{told}");
+    }
+    let small = |sample: &mut Sample| sample.tau.iter_mut().for_each(|tau| *tau *= 1e3);
+    write_changed(&path("free"), &path("small"), small);
+    let mut command = identify(&path("small"));
+    let (_, told) = said(&mut command);
+    assert!(told.contains("are they in mN·m?") && told.contains("warning: on motion"), "{told}");
+    let unwritten = path("none.toml");
+    refuse(command.arg("--strict").arg("-o").arg(&unwritten), 1, &["--strict"]);
+    assert!(!unwritten.exists());
+}
+
 #[test]
 fn a_field_of_an_identified_arm_goes_on_with_it_and_not_without() {
     let folder = tempfile::tempdir().unwrap();
@@ -271,10 +370,8 @@ fn logs_that_cannot_serve_say_what_is_missing() {
     let told = json(run(&[&log, "--quiet", "--json"]).args(included));
     let notes = told["notes"].as_array().unwrap();
     let says = |words: &str| notes.iter().any(|note| note.as_str().unwrap().contains(words));
-    assert!(
-        says("no clock") && says("the payload cannot be determined") && says("another robot"),
-        "{notes:?}"
-    );
+    assert!(says("no clock") && says("the payload cannot be determined"), "{notes:?}");
+    assert!(told["misfit"].as_str().unwrap().contains("another robot"), "{}", told["misfit"]);
 
     let still = scene.path("still");
     fs::create_dir(&still).unwrap();

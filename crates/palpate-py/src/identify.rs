@@ -24,8 +24,8 @@ use crate::watch::long;
 /// last joint's if left out; with `currents`, or if columns say so, torques are the drives' currents. Returns a dict as the
 /// command's JSON: `payload`, `joints`, `bodies`, `delay_s` with values and standard deviations; `touched`, the part of the
 /// samples that is left out, since something is touched in them; `read_times`, how far stamps are from the times at which
-/// the joints were read; `held_out` with what is left over, N·m; `text` is the file for `Robot(..., arm="arm.toml")` and
-/// the command's --arm.
+/// the joints were read; `held_out` with what is left over, N·m; `misfit`, what is wrong if that is too much, or None;
+/// `text` is the file for `Robot(..., arm="arm.toml")` and the command's --arm.
 ///
 /// Raises SettingsError, FileError or PalpateError if the logs do not serve.
 #[pyfunction]
@@ -48,7 +48,7 @@ pub(crate) fn identify<'py>(
         let touches = opened(sources, &settings.log)?;
         let currents = currents || touches.are_currents();
         let wanted = IdentifySettings { tool_link, currents };
-        let recorded = read(touches, (&robot, &mut settings), None, progress)?;
+        let recorded = read(touches, (&robot, &mut settings), (None, currents), progress)?;
         let torques = settings.config()?.touch;
         identification::run(&robot.arm, &recorded, &torques, &wanted, progress)
     })?;
@@ -59,7 +59,7 @@ pub(crate) fn identify<'py>(
             "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
             "base_parameters": found.base_parameters, "base_parameters_identified": found.base_parameters_identified,
             "delay_s": found.delay_s, "touched": found.touched, "read_times": found.read_times, "held_out": found.held_out,
-            "notes": found.notes, "text": text,
+            "misfit": found.misfit, "notes": found.notes, "text": text,
         }),
     )?)
 }
@@ -95,7 +95,7 @@ pub(crate) fn external_torques<'py>(
         let model = arm_file::or_urdf(&robot.settings, &robot.arm.robot, progress)?;
         let of_model = model.clone().for_differentiation(differentiation);
         let (threshold, from) = torque::threshold(&of_model, None, false_alarms_per_hour)?;
-        let model = Some((model, differentiation));
+        let model = (Some((model, differentiation)), false);
         let touches = opened(sources, &settings.log)?;
         let recorded = read(touches, (&robot, &mut settings), model, progress)?;
         let how = TorqueSettings { bandwidth_hz, tare_frames: 0, wrench_link: None };
@@ -123,17 +123,23 @@ pub(crate) fn external_torques<'py>(
     Ok(list)
 }
 
-/// Reads logs whole, joints in the robot's order; with a model, torques are external ones.
+/// Reads logs whole, joints in the robot's order; with a model, torques are external ones, and else those of the motors or
+/// their currents.
 fn read(
     mut touches: Touches,
     (robot, settings): (&Robot, &mut Settings),
-    model: Option<(TorqueModel, Differentiation)>,
+    (model, currents): (Option<(TorqueModel, Differentiation)>, bool),
     progress: &dyn Progress,
 ) -> Result<Vec<RecordedTouch>, WorkError> {
     touches.angle_unit(&robot.arm, settings, progress)?;
     touches.conventions(&robot.arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
-    if let Some((model, differentiation)) = model {
-        touches.identified(&robot.arm, model, differentiation, &settings.touch)?;
+    match model {
+        Some((model, differentiation)) => {
+            touches.check_as_logged(&robot.arm, Some(&model), settings, progress)?;
+            touches.identified(&robot.arm, model, differentiation, &settings.touch)?;
+        }
+        None if currents => {}
+        None => touches.check_as_logged(&robot.arm, None, settings, progress)?,
     }
     let config = settings.config()?;
     let mut touches =

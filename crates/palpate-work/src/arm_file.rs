@@ -2,6 +2,7 @@
 //!
 //! Its values are those of [`TorqueModel`], by the names of its fields; what else was found out is in remarks.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use palpate::{Robot, TorqueModel};
@@ -55,8 +56,8 @@ pub fn or_urdf(
         return Ok(model);
     }
     progress.note(
-        "no --arm: friction is not known, and the standard deviation is a guess; `palpate identify` finds both \
-         from free motion",
+        "no --arm: friction and the sensors' bias stay in the torques, and their standard deviation is a guess; \
+         `palpate identify` finds all of them from free motion",
     );
     Ok(TorqueModel::of_urdf(robot))
 }
@@ -68,7 +69,10 @@ pub fn or_urdf(
 /// If it cannot be read, is not such a file, or is of another robot.
 pub fn read(path: &Path, robot: &Robot) -> Result<TorqueModel, WorkError> {
     let wrong = |what: &str| WorkError::Usage(format!("`{}`: {what}", path.display()));
-    let text = input::read_text(path, LARGEST).map_err(|error| wrong(&error.to_string()))?;
+    let text = input::read_text(path, LARGEST).map_err(|error| match error.kind() {
+        ErrorKind::InvalidData => wrong("this is no file of `palpate identify`: it is no text"),
+        _ => wrong(&error.to_string()),
+    })?;
     let broken = |error: toml::de::Error| {
         wrong(&format!("this is no file of `palpate identify`: {}", error.to_string().trim_end()))
     };

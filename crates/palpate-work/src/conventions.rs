@@ -30,6 +30,8 @@ const EXPLAINED: f64 = 0.7;
 const LEAST_SLOPE: f64 = 0.05;
 /// Torques that are so many times gravity's are of an arm that carries more than its file says; beyond, of another unit.
 const LADEN_SLOPES: std::ops::Range<f64> = 1.3..5.0;
+/// Slopes of torques in mN·m, of an arm that carries less than its own torques.
+const IN_THOUSANDTHS: std::ops::Range<f64> = 800.0..2000.0;
 /// Work below this tells nothing, J.
 const LEAST_WORK_J: f64 = 0.005;
 /// The work that goes the wrong way may be so large a part of the other.
@@ -271,8 +273,12 @@ impl fmt::Display for Undecided {
             ),
             Self::Nothing(_) => write!(
                 f,
-                "no convention explains the torques: they are {torque} N·m, {slope:.2} times gravity's {gravity} N·m; \
-                 a unit, the robot, a payload or an order of joints may be wrong, and motor currents are no torques"
+                "no convention explains the torques: they are {torque} N·m, {slope:.2} times gravity's {gravity} N·m; {}",
+                if IN_THOUSANDTHS.contains(&slope.abs()) {
+                    "are they in mN·m? They are to be in N·m"
+                } else {
+                    "a unit, the robot, a payload or an order of joints may be wrong, and motor currents are no torques"
+                }
             ),
         }
     }

@@ -28,6 +28,9 @@ pub enum ThresholdSource {
     Guess,
 }
 
+/// Part of the samples beyond which contact is not believed.
+const ALWAYS: f64 = 0.8;
+
 /// How far apart two contacts are at least.
 const APART_S: f64 = 0.25;
 const APART_SAMPLES: usize = 10;
@@ -156,6 +159,20 @@ pub fn torques(
     rename_alike(&mut found);
     warn_of_untimed(&found, progress);
     Ok(found)
+}
+
+/// Warns if something seems to be touched nearly all the time.
+pub fn warn_if_always_touched(touches: &[TouchTorques], threshold: f64, progress: &dyn Progress) {
+    let frames = || touches.iter().flat_map(|touch| &touch.frames);
+    let touched = frames().filter(|frame| frame.statistic > threshold).count() as f64;
+    let part = touched / frames().count().max(1) as f64;
+    if part > ALWAYS {
+        progress.warn(&format!(
+            "in {:.0} % of the samples the torques are larger than those of free motion: is it another robot, does it \
+             carry something else than when it was identified, or are the torques of other joints or in another unit?",
+            100.0 * part
+        ));
+    }
 }
 
 fn warn_of_untimed(touches: &[TouchTorques], progress: &dyn Progress) {

@@ -175,11 +175,19 @@ impl Tuning<'_> {
         let everything: Vec<usize> = (0..self.touches.len()).collect();
         let tuned = tuner.tune(&everything, &stop).map_err(fault)?;
         if tuned.is_all_noise {
-            progress.warn(
+            let are_identified = |touch: &RecordedTouch| {
+                touch.samples.first().is_some_and(|sample| sample.tau_std.is_some())
+            };
+            let remedy = if self.recorded.iter().any(are_identified) {
+                "Perhaps nothing was touched"
+            } else {
+                "Torques of the arm's own motion do that: `palpate identify` finds friction and inertia from free \
+                 motion, and --arm takes them off"
+            };
+            progress.warn(&format!(
                 "these touches hardly predict each other's torques: all of the torque is taken for noise, and the \
-                 field says next to nothing. Torques of the arm's own motion do that: `palpate identify` finds \
-                 friction and inertia from free motion, and --arm takes them off",
-            );
+                 field says next to nothing. {remedy}"
+            ));
         }
         Ok((tracked, tuned))
     }

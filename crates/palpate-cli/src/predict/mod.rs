@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use palpate::{Arm, ExternalTorqueConfig};
 use palpate_io::field::{self, Saved};
+use palpate_work::Progress;
 use palpate_work::predict::{Against, score};
 use palpate_work::scored::{Report, tell_oddities};
 use palpate_work::touches::Touches;
@@ -114,14 +115,14 @@ pub(crate) fn open_beside(
     Ok((touches.for_arm(&arm, &settings.log, place)?, arm, touch))
 }
 
-/// Notes that the field was learnt with another arm, which is allowed.
+/// Warns that the field was learnt with another arm, which is allowed.
 pub(crate) fn tell_other_robot(saved: &Saved, arm: &Arc<Arm>, output: &Output) {
     let same = match &saved.snapshot {
         Some(snapshot) => snapshot.robot.1 == arm.fingerprint(),
         None => saved.robot == arm.robot.name(),
     };
     if !same {
-        output.note(&format!(
+        output.warn(&format!(
             "the field was learnt with another robot (`{}`) than the one of this log (`{}`); \
              --robot, --payload-link and --bake-spacing-m say which it is",
             saved.robot,

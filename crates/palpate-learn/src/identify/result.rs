@@ -50,6 +50,8 @@ pub struct Identified {
     pub read_times: ReadTimes,
     /// What is left over of held-out motion.
     pub held_out: HeldOut,
+    /// What is wrong, if the model does not fit motion that was held out.
+    pub misfit: Option<String>,
     /// What cannot be determined, and why.
     pub notes: Vec<String>,
 }
@@ -214,9 +216,11 @@ pub(super) fn of(
         touched: touched::part(&settings.touched),
         read_times,
         held_out: found.held_out,
+        misfit: None,
         notes: Vec::new(),
         model,
     };
+    identified.misfit = misfit(&identified, motion);
     identified.notes = notes(&identified, (motion, fit.has_settled), robot);
     identified
 }
@@ -385,7 +389,6 @@ fn notes(
             payload.mass_kg.std
         ));
     }
-    notes.extend(misfit(identified, motion));
     notes.extend(identified.held_out.few.as_ref().map(far_off));
     notes
 }

@@ -732,8 +732,8 @@ def identify(
     last joint's if left out; with `currents`, or if columns say so, torques are the drives' currents. Returns a dict as the
     command's JSON: `payload`, `joints`, `bodies`, `delay_s` with values and standard deviations; `touched`, the part of the
     samples that is left out, since something is touched in them; `read_times`, how far stamps are from the times at which
-    the joints were read; `held_out` with what is left over, N·m; `text` is the file for `Robot(..., arm="arm.toml")` and
-    the command's --arm.
+    the joints were read; `held_out` with what is left over, N·m; `misfit`, what is wrong if that is too much, or None;
+    `text` is the file for `Robot(..., arm="arm.toml")` and the command's --arm.
 
     Raises SettingsError, FileError or PalpateError if the logs do not serve.
     """

@@ -557,6 +557,7 @@ class Identified(TypedDict):
     """The part of the samples that is left out, since something is touched in them, 0 to 1."""
     read_times: ReadTimes
     held_out: HeldOutTorque
+    misfit: str | None
     notes: list[str]
     text: str
     """The file for `Robot(..., arm=...)`."""

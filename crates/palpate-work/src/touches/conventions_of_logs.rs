@@ -1,15 +1,17 @@
 //! What logs tell before they are used, so that nobody has to say it: which joints are not in them, and how their
 //! torques count.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
-use palpate::{Arm, ExternalTorqueConfig, Gravity, Sample, TorqueSign};
+use palpate::{Arm, ExternalTorqueConfig, Gravity, Robot, Sample, TorqueModel, TorqueSign};
 use palpate_io::log::{AngleUnit, LogEvent, reorder};
 
 use super::{RecordedTouch, Touches, is_external, is_of_currents};
 use crate::conventions::{Evidence, Given, Undecided};
 use crate::error::WorkError;
 use crate::held_joints;
+use crate::inspect::log::{looks_wrong_as_logged, tell};
 use crate::inspect::{are_degrees, is_misread};
 use crate::progress::Progress;
 use crate::recorded::reorder_joints;
@@ -18,6 +20,9 @@ use crate::settings::{OrAuto, Settings};
 
 /// Samples that are read ahead to find out how torques count: 20 MB of seven joints.
 const AHEAD: usize = 100_000;
+
+/// Findings that another mass than the URDF's may make.
+const OF_MASSES: [&str; 2] = ["payload", "gravity_misfit"];
 
 /// What to do where data fit two conventions of torques alike.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,7 +92,7 @@ impl Touches {
         let path = self.first_path();
         let set = settings.touch.over_config(&ExternalTorqueConfig::default());
         let events = self.logs.look_ahead_in_unknown_unit(AHEAD);
-        let Some(mut touches) = touches_of(events.into_iter(), arm) else { return Ok(()) };
+        let Some(mut touches) = touches_of(events.into_iter(), &arm.robot) else { return Ok(()) };
         if let Some(why) = are_degrees(&mut touches, &arm.robot, &set) {
             progress.note(&format!("`{path}`: {why}; they are read so (--angle-unit)"));
             self.logs.are_in_degrees();
@@ -122,7 +127,9 @@ impl Touches {
         }
         let path = self.first_path();
         let set = settings.over_config(&ExternalTorqueConfig::default());
-        let Some(mut touches) = touches_of(self.logs.look_ahead(AHEAD), arm) else { return Ok(()) };
+        let Some(mut touches) = touches_of(self.logs.look_ahead(AHEAD), &arm.robot) else {
+            return Ok(());
+        };
         let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
         let Some(evidence) = Evidence::of(&arm.robot, &samples, set.still_rad) else {
             return Ok(());
@@ -132,7 +139,11 @@ impl Touches {
         }
         match evidence.decide(Given { torque_sign, gravity }) {
             Ok(found) => {
-                progress.note(&format!("`{path}`: {found}"));
+                let other = evidence.sign_by_work().filter(|own| *own != found.torque_sign);
+                // A sign that is given against what the work says is warned of.
+                if found.gravity == Gravity::Included || torque_sign.is_none() || other.is_none() {
+                    progress.note(&format!("`{path}`: {found}"));
+                }
                 settings.torque_sign = Some(OrAuto::Is(found.torque_sign));
                 settings.gravity = Some(OrAuto::Is(found.gravity));
             }
@@ -147,6 +158,54 @@ impl Touches {
             },
         }
         Ok(())
+    }
+
+    /// Warns of what looks wrong with the logs as they are, before their torques become external ones: those of an arm as
+    /// it was identified, or of one that is to be, whose payload is not known yet.
+    ///
+    /// # Errors
+    ///
+    /// If the settings want that to be an error, or the model is of another arm.
+    pub fn check_as_logged(
+        &mut self,
+        arm: &Arm,
+        model: Option<&TorqueModel>,
+        settings: &Settings,
+        progress: &dyn Progress,
+    ) -> Result<(), WorkError> {
+        if self.are_currents() {
+            return Ok(());
+        }
+        let mut robot = Cow::Borrowed(&arm.robot);
+        if let Some(model) = model {
+            let masses = model.check(&arm.robot).map_err(WorkError::Usage)?;
+            robot = Cow::Owned(arm.robot.clone().with_inertial_parameters(&masses));
+        }
+        let robot = &*robot;
+        let path = self.first_path();
+        if settings.robot.arm.is_some() && settings.touch.gravity_given() == Some(Gravity::Removed)
+        {
+            progress.warn(&format!(
+                "`{path}`: these torques hold no gravity, and --arm was identified on torques that do: only its standard \
+                 deviations are used, and they may be too small; give the measured torques"
+            ));
+        }
+        let events = self.logs.look_ahead(AHEAD);
+        let Some(mut touches) = touches_of(events, robot).filter(|touches| !touches.is_empty())
+        else {
+            return Ok(());
+        };
+        let set = settings.touch.over_config(&ExternalTorqueConfig::default());
+        let given = Given {
+            torque_sign: settings.touch.torque_sign_given(),
+            gravity: settings.touch.gravity_given(),
+        };
+        let mut found = looks_wrong_as_logged(&mut touches, robot, (&set, given), self.checked.0);
+        // What it carries is to be found.
+        found.retain(|finding| model.is_some() || !OF_MASSES.contains(&finding.code));
+        self.told.extend(found.iter().map(|finding| finding.code));
+        let strict = settings.log.strict.unwrap_or_default();
+        tell(&found, &format!("`{path}`"), strict, progress)
     }
 
     /// Motor currents count as the motors' torques do, and hold gravity.
@@ -222,17 +281,22 @@ impl Touches {
 /// Events as touches, joints in the arm's order; `None` if they are not the arm's.
 fn touches_of<'a>(
     events: impl Iterator<Item = &'a LogEvent>,
-    arm: &Arm,
+    robot: &Robot,
 ) -> Option<Vec<RecordedTouch>> {
-    let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
+    let joints: Vec<String> = robot.joint_names().map(str::to_owned).collect();
     let mut touches: Vec<RecordedTouch> = Vec::new();
     let mut order = None;
     for event in events {
         match event {
-            LogEvent::TouchStarts { joint_names, .. } => {
+            LogEvent::TouchStarts { name, joint_names } => {
                 let names = joint_names.as_ref().map(|names| reorder(&joints, names));
                 order = names.transpose().ok()?;
-                touches.push(RecordedTouch::default());
+                let joint_names = joint_names.as_ref().map(|_| joints.clone());
+                touches.push(RecordedTouch {
+                    name: name.clone(),
+                    joint_names,
+                    ..RecordedTouch::default()
+                });
             }
             LogEvent::Sample(sample) => {
                 let mut sample = sample.clone();

@@ -44,6 +44,7 @@ impl Touches {
             return self.conventions(arm, &mut settings.touch, if_undecided, progress);
         };
         self.conventions(arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
+        self.check_as_logged(arm, Some(&model), settings, progress)?;
         self.identified(arm, model, Differentiation::Centred, &settings.touch)
     }
 

@@ -10,7 +10,7 @@ mod conventions_of_logs;
 mod identified;
 mod logs;
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -53,6 +53,8 @@ pub struct Touches {
     identified: Option<ExternalReader>,
     /// The unit that angles were said to be in, and whether what looks wrong is an error.
     checked: (AngleUnit, bool),
+    /// What was told already of what looks wrong.
+    told: HashSet<&'static str>,
 }
 
 impl Touches {
@@ -102,7 +104,7 @@ impl Touches {
         place: (Lattice, ContactConfig),
         set: &ExternalTorqueConfig,
     ) -> LogCheck {
-        LogCheck::new(arm, place, set, self.checked)
+        LogCheck::new(arm, place, set, self.checked).after(&self.told)
     }
 
     /// Whether any log says that its torques are external ones.

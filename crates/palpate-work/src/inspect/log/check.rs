@@ -9,11 +9,11 @@ use std::cmp::Reverse;
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use palpate::{Arm, ExternalTorqueConfig, Sample};
+use palpate::{Arm, ExternalTorqueConfig, Robot, Sample};
 use palpate_io::log::AngleUnit;
 
 use super::joints::{Matching, miscounted};
-use super::{Place, Read};
+use super::{AsLogged, Place, Read};
 use crate::conventions::Given;
 use crate::error::WorkError;
 use crate::inspect::finding::{Finding, Level};
@@ -70,6 +70,13 @@ impl LogCheck {
             live_touches: 0,
             told: HashSet::new(),
         }
+    }
+
+    /// The same, where so much was told already.
+    #[must_use]
+    pub(crate) fn after(mut self, told: &HashSet<&'static str>) -> Self {
+        self.told.extend(told);
+        self
     }
 
     /// The same of touches that were read, and that nobody has followed.
@@ -149,21 +156,9 @@ impl LogCheck {
     ///
     /// If that is to be an error, or the progress stops it.
     pub fn look(&mut self, progress: &dyn Progress) -> Result<(), WorkError> {
-        let (found, log) = (self.findings(progress)?, self.log());
-        let lines = lines(&found, &log);
-        let Some(worst) = lines.first() else { return Ok(()) };
-        if self.strict {
-            let more = match lines.len() - 1 {
-                0 => String::new(),
-                more => format!("; and {more} more"),
-            };
-            let told = "(--strict; `palpate inspect` says more)";
-            return Err(WorkError::LooksWrong(format!("{worst}{more} {told}")));
-        }
-        lines.iter().for_each(|line| progress.warn(line));
+        let found = self.findings(progress)?;
         self.told.extend(found.iter().map(|finding| finding.code));
-        progress.note("`palpate inspect` says more; --strict makes that an error");
-        Ok(())
+        tell(&found, &self.log(), self.strict, progress)
     }
 
     /// Warns of what may be the reason of an error.
@@ -188,11 +183,12 @@ impl LogCheck {
         if let Some(finding) = touches.iter().find_map(|touch| miscounted(touch, robot)) {
             return Ok(vec![finding]); // nothing that needs the robot can be looked at
         }
-        let named = touches.iter().all(|touch| touch.joint_names.is_some());
-        let matching = if named { Matching::InOrder } else { Matching::Unnamed };
+        let matching = matching(&touches);
         let Self { arm, place, set, angle_unit, .. } = self;
         let given = Given::of(set);
-        let read = Read { arm, place, set, given, angle_unit: Some(*angle_unit), matching };
+        let is_identified = touches.iter().flat_map(|touch| &touch.samples).any(has_std);
+        let angle_unit = Some(*angle_unit);
+        let read = Read { arm, place, set, given, angle_unit, matching, is_identified };
         let mut found = read.judge(&mut touches, contacts.as_deref(), progress)?.findings;
         found.retain(|one| one.level > Level::Note && !self.told.contains(one.code));
         found.sort_by_key(|finding| Reverse(finding.level));
@@ -210,6 +206,56 @@ impl LogCheck {
             logs => format!("`{first}`, or what comes after it in {},", counted(logs, "log")),
         }
     }
+}
+
+/// What looks wrong with touches as they are logged, whatever they touch, errors first. `set` is what their torques are
+/// taken to be where that is not given.
+pub(crate) fn looks_wrong_as_logged(
+    touches: &mut [RecordedTouch],
+    robot: &Robot,
+    (set, given): (&ExternalTorqueConfig, Given),
+    angle_unit: AngleUnit,
+) -> Vec<Finding> {
+    let as_they_are = (Some(angle_unit), matching(touches));
+    let mut found = AsLogged::of(touches, robot, (set, given), as_they_are).findings;
+    found.retain(|one| one.level > Level::Note);
+    found.sort_by_key(|finding| Reverse(finding.level));
+    found
+}
+
+fn has_std(sample: &Sample) -> bool {
+    sample.tau_std.is_some()
+}
+
+fn matching(touches: &[RecordedTouch]) -> Matching {
+    let named = touches.iter().all(|touch| touch.joint_names.is_some());
+    if named { Matching::InOrder } else { Matching::Unnamed }
+}
+
+/// Warns of what looks wrong with a log.
+///
+/// # Errors
+///
+/// If that is to be an error.
+pub(crate) fn tell(
+    found: &[Finding],
+    log: &str,
+    strict: bool,
+    progress: &dyn Progress,
+) -> Result<(), WorkError> {
+    let lines = lines(found, log);
+    let Some(worst) = lines.first() else { return Ok(()) };
+    if strict {
+        let more = match lines.len() - 1 {
+            0 => String::new(),
+            more => format!("; and {more} more"),
+        };
+        let told = "(--strict; `palpate inspect` says more)";
+        return Err(WorkError::LooksWrong(format!("{worst}{more} {told}")));
+    }
+    lines.iter().for_each(|line| progress.warn(line));
+    progress.note("`palpate inspect` says more; --strict makes that an error");
+    Ok(())
 }
 
 /// A line for each kind of finding, with the other joints that show it.

@@ -96,8 +96,8 @@ fn time_unit(clock: &ClockFacts) -> Option<Finding> {
     (!(least..=most).contains(&clock.period_s)).then(|| {
         let period_s = number(clock.period_s);
         let what = format!("the median time step is {period_s} s: milliseconds or nanoseconds?");
-        let remedy = "times are not needed for mapping, but rates and gaps cannot be judged; save \
-                      seconds";
+        let remedy = "save seconds: `identify`, `torque` and --arm compute speeds out of them; maps without --arm \
+                      need no times, but rates and gaps cannot be judged";
         Finding::warning("time_unit", what, remedy)
     })
 }

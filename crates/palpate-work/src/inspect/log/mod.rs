@@ -55,6 +55,7 @@ use crate::settings::Settings;
 use crate::touched::TouchedFigures;
 use crate::touches::{CURRENTS, RecordedTouch, Touches};
 pub use check::LogCheck;
+pub(crate) use check::{looks_wrong_as_logged, tell};
 pub use figures::TouchFacts;
 pub use frames::ClockFacts;
 pub use joints::Matching;
@@ -171,6 +172,7 @@ impl LogInspector<'_> {
                     .angle_unit_given()
                     .or_else(|| facts.columns.as_ref().and_then(CsvColumns::angle_unit)),
                 matching,
+                is_identified: self.settings.robot.arm.is_some(),
             };
             let judged = read.judge(&mut touches, None, self.progress)?;
             self.findings.extend(judged.findings);
@@ -214,6 +216,8 @@ struct Read<'a> {
     /// The unit that their angles were said to be in, by the settings or the names of columns.
     angle_unit: Option<AngleUnit>,
     matching: Matching,
+    /// Whether the arm was identified, so that touches need no start at rest.
+    is_identified: bool,
 }
 
 /// What touches hold, and what looks wrong.
@@ -234,29 +238,56 @@ impl Read<'_> {
         progress: &dyn Progress,
     ) -> Result<Judged, WorkError> {
         let (robot, set) = (&self.arm.robot, self.set);
-        let (angle_unit, wrong_unit) = unit::correct(touches, robot, self.angle_unit, set);
-        let (reading, by_gravity) =
-            gravity::judge(touches, robot, (set, self.given), (angle_unit, self.matching));
-        let as_read = wrong_unit.is_none() && reading.order.is_none();
+        let AsLogged { reading, as_read, period_s, mut findings } =
+            AsLogged::of(touches, robot, (set, self.given), (self.angle_unit, self.matching));
         let contacts = contacts.filter(|_| as_read);
-        let mut findings = Vec::from_iter(wrong_unit);
-        findings.extend(by_gravity);
-        let joints: Vec<String> = robot.joint_names().map(str::to_owned).collect();
-        let clock = frames::clock(touches);
-        let period_s = clock.map(|clock| clock.period_s);
-        findings.extend(frames::findings(touches));
-        findings.extend(sensors::findings(touches, &joints, Some(robot)));
-        findings.extend(motion::findings(touches, robot, period_s));
-
         let fits = &reading.fits;
         findings.extend(delay::finding(touches, robot, (fits, set.still_rad), period_s));
         let figures = figures::Figures::new(self.arm, self.place, (set, fits.accepted()))?;
         let (facts, touched, cells) = figures.of_all(touches, contacts, progress)?;
         let nothing = touched.nothing(&self.place.0);
         let moves = figures::last_link_box(touches, robot);
-        let figured = rest::Figured { robot, touches: &facts, tare: set.tare, fits };
+        let figured = rest::Figured {
+            robot,
+            touches: &facts,
+            tare: set.tare,
+            is_identified: self.is_identified,
+            fits,
+        };
         findings.extend(figured.findings(nothing, moves));
         Ok(Judged { touched: touched.figures(cells), touches: facts, reading, findings })
+    }
+}
+
+/// What touches hold whatever they touch, and what looks wrong with that.
+struct AsLogged {
+    reading: Reading,
+    /// Whether they are in the unit and the order that they were read in.
+    as_read: bool,
+    period_s: Option<f64>,
+    findings: Vec<Finding>,
+}
+
+impl AsLogged {
+    /// Of touches with the robot's joints, which are then in the unit and the order that they seem to be in.
+    fn of(
+        touches: &mut [RecordedTouch],
+        robot: &Robot,
+        (set, given): (&ExternalTorqueConfig, Given),
+        (angle_unit, matching): (Option<AngleUnit>, Matching),
+    ) -> Self {
+        let (angle_unit, wrong_unit) = unit::correct(touches, robot, angle_unit, set);
+        let (reading, by_gravity) =
+            gravity::judge(touches, robot, (set, given), (angle_unit, matching));
+        let as_read = wrong_unit.is_none() && reading.order.is_none();
+        let mut findings = Vec::from_iter(wrong_unit);
+        findings.extend(by_gravity);
+        let joints: Vec<String> = robot.joint_names().map(str::to_owned).collect();
+        let period_s = frames::clock(touches).map(|clock| clock.period_s);
+        findings.extend(frames::findings(touches));
+        findings.extend(sensors::findings(touches, &joints, Some(robot)));
+        findings.extend(motion::findings(touches, robot, period_s));
+        Self { reading, as_read, period_s, findings }
     }
 }
 

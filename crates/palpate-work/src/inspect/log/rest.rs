@@ -18,6 +18,8 @@ pub(super) struct Figured<'a> {
     pub robot: &'a Robot,
     pub touches: &'a [TouchFacts],
     pub tare: Tare,
+    /// Whether the arm was identified, which takes the place of a tare.
+    pub is_identified: bool,
     /// How well gravity explains the convention that the figures were found under.
     pub fits: &'a Fits,
 }
@@ -99,7 +101,8 @@ impl Figured<'_> {
     fn no_start(&self) -> Option<Finding> {
         let fewest = MIN_TARE_FRAMES as usize;
         let early = format!("the arm moves before {fewest} frames are over");
-        let shows = |touch: &TouchFacts| self.tare == Tare::Auto && touch.start_frames < fewest;
+        let wants_start = self.tare == Tare::Auto && !self.is_identified;
+        let shows = |touch: &TouchFacts| wants_start && touch.start_frames < fewest;
         if self.fits.accepted().gravity == Gravity::Removed {
             let what = format!(
                 "no contact-free start ({early}): external torques are taken as they are in"
@@ -111,7 +114,8 @@ impl Figured<'_> {
         let what = format!("no contact-free start: {early}, in");
         let remedy = "start the log earlier, with the arm still and free; or use --tare-frames N \
                       to take the tare from the first N frames as they are, or --no-tare if the \
-                      torques are external ones already";
+                      torques are external ones already; with --arm, of `palpate identify`, no start is \
+                      needed";
         self.shown(shows, ("no_start", &what, remedy)).map(Finding::refused)
     }
 
