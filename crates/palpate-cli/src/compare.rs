@@ -69,7 +69,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
                 let moved = Saved::of_field(moved(&saved.field, motion), &saved.robot);
                 place::save(path, &moved)?;
             }
-            _ => output.note("the object has not moved, so no moved field is written"),
+            _ => output.note(
+                "the touches together do not say that the object has moved, so no moved field is written",
+            ),
         }
     }
     if args.json { output.json(&report) } else { output.result(&text(&report)) }

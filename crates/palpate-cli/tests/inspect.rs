@@ -304,6 +304,15 @@ fn repeated_frames_are_counted_and_placed() {
 }
 
 #[test]
+fn touches_that_are_copies_are_told() {
+    let mut touches = clean();
+    touches[2] = touches[0].clone();
+    let found = only(&touches, &[], "duplicate_touches");
+    says(&found, &["a touch is a copy of another", "`seq_2` of `seq_0`"]);
+    assert_eq!(found["touches"], serde_json::json!(["seq_2"]));
+}
+
+#[test]
 fn gaps_and_clocks_that_go_wrong_are_told() {
     let mut touches = clean();
     touches[2].time_s[60..].iter_mut().for_each(|time_s| *time_s += 0.4);

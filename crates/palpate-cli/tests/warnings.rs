@@ -131,3 +131,16 @@ fn what_ends_a_command_is_explained_by_what_looks_wrong() {
     assert_eq!(output.status.code(), Some(1), "{told}");
     assert!(told.contains("looks wrong (saturation)"), "{told}");
 }
+
+#[test]
+fn degrees_are_not_converted_to_a_bag_in_radians_without_a_word() {
+    let scene = scene(|touch| touch.q.iter_mut().flatten().for_each(|q| *q = q.to_degrees()));
+    let convert = |more: &[&str]| {
+        let mut convert = palpate();
+        convert.arg("convert").arg(scene.path().join("log")).args(more);
+        let done = convert.arg("-o").arg(scene.path().join("out/bag.mcap")).output().unwrap();
+        assert!(done.status.success(), "{}", stderr(&done));
+        stderr(&done).contains("are written as radians: if they are degrees")
+    };
+    assert!(convert(&[]) && !convert(&["--angle-unit", "deg"]));
+}

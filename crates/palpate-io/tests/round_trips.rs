@@ -10,8 +10,8 @@ use palpate::unstable::{ElasticBody, ElasticModel, ElasticVariant, Segment, Segm
 use palpate::{CellId, EstimatorKind, Field, MapperConfig};
 use palpate_io::atomic::IfExists;
 use palpate_io::body;
-use palpate_io::field::npz::{read_npz, write_npz};
-use palpate_io::field::{FieldFile, FieldLattice, Saved, from_bytes, to_bytes};
+use palpate_io::field::npz::{Array, Data, read_npz, write_npz};
+use palpate_io::field::{FieldFile, FieldLattice, Saved, from_bytes, load, save, to_bytes};
 use palpate_io::log::bag_write::{Compression, TouchWriter};
 use palpate_io::log::write::{ArraysWriter, TableWriter};
 use palpate_io::log::{self, LogEvent, LogOptions, Sample};
@@ -305,4 +305,34 @@ fn a_cushion_as_a_mujoco_model_has_three_slides_a_block_and_a_tendon_between_nei
     std::fs::write(&path, json.replace("\"parent\":null", "\"parent\":0")).unwrap();
     let error = body::read(&path).unwrap_err().to_string();
     assert!(error.contains("segment 0 hangs from segment 0"), "{error}");
+}
+
+#[test]
+fn points_that_are_not_those_of_their_cells_are_refused_with_their_row() {
+    let config = MapperConfig::of(EstimatorKind::Map);
+    let mut field = Field::new(config.lattice, config.contact, config.touch, 0.0);
+    field.cells = vec![CellId(3), CellId(1), CellId(90_000)];
+    (field.stiffness_n_per_m, field.std_n_per_m) = (vec![1.0, 2.0, 3.0], vec![0.5; 3]);
+    field.counts = vec![1; 3];
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("field.npz");
+    save(&path, &Saved::of_field(field, "arm")).unwrap();
+    let whole = read_npz(&path).unwrap();
+    let points = whole.floats("points", &[None, Some(3)]).unwrap();
+    let with = |change: &dyn Fn(&mut [f64])| {
+        let (mut arrays, mut points) = (whole.clone(), points.clone());
+        change(&mut points);
+        arrays.insert("points", Array::new(vec![3, 3], Data::F64(points)));
+        write_npz(&path, &arrays, IfExists::Replace).unwrap();
+        load(&path).map_err(|error| error.to_string())
+    };
+    let rounded = with(&|points| points.iter_mut().for_each(|x| *x = f64::from(*x as f32)));
+    assert!(rounded.is_ok(), "{rounded:?}");
+    for (row, change) in [
+        (0, &(|points: &mut [f64]| points.rotate_left(3)) as &dyn Fn(&mut [f64])),
+        (2, &|points| points[8] += 0.005),
+    ] {
+        let error = with(change).unwrap_err();
+        assert!(error.contains(&format!("row {row} (from 0) of `points`")), "{error}");
+    }
 }

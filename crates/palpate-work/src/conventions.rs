@@ -114,6 +114,13 @@ pub(crate) struct Convention {
     evidence: Evidence,
 }
 
+impl Convention {
+    /// Whether there is no torque at all.
+    pub(crate) fn is_of_nothing(&self) -> bool {
+        self.evidence.largest < LEAST_TORQUE
+    }
+}
+
 impl Evidence {
     /// Of the samples of some touches, joints in the robot's order; `None` without any.
     pub(crate) fn of(robot: &Robot, touches: &[&[Sample]], still_rad: f64) -> Option<Self> {
@@ -225,8 +232,8 @@ impl fmt::Display for Convention {
         let Evidence { torque, gravity, after_gravity, slope, work, .. } = self.evidence;
         let sign = word(self.torque_sign);
         let [torque, gravity] = [torque, gravity].map(number);
-        if self.evidence.largest < LEAST_TORQUE {
-            return write!(f, "the torques are near zero throughout");
+        if self.is_of_nothing() {
+            return write!(f, "the torques are near zero throughout: were they recorded?");
         }
         if self.gravity == Gravity::Included && self.evidence.gravity >= LEAST_GRAVITY {
             let left_over =

@@ -273,9 +273,10 @@ fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<
 /// The settings and their error, in a line.
 fn summary(tuned: &Tuned, touches: usize) -> String {
     let (contact, estimator) = (&tuned.config.contact, &tuned.config.estimator);
-    let score = tuned.trials[0].scores.last().copied().unwrap_or(f64::NAN);
+    let score = tuned.trials[0].scores.last().copied().filter(|score| score.is_finite());
+    let score = score.map_or(String::new(), |score| format!(" (relative error {score:.2})"));
     format!(
-        "chosen by cross-validation on {touches} touches (relative error {score:.2}): contact distance {:.0} mm, \
+        "chosen by cross-validation on {touches} touches{score}: contact distance {:.0} mm, \
          friction {:.2}, Coulomb friction {:.2}, prior {:.3} ± {:.3} N/m, stiffness scale {:.2}",
         1e3 * contact.contact_distance_m,
         contact.friction,

@@ -1,5 +1,6 @@
 //! A log in another format, one sample after another.
 
+use std::f64::consts::TAU;
 use std::io;
 use std::path::Path;
 
@@ -73,12 +74,19 @@ pub(super) fn convert(
         (_, joints) => joints,
     };
     let bar = output.begin(touches.samples(), "frames", "converting");
-    let mut copy = Copying { touches: &mut touches, output, bar, fault: None, count: (0, 0) };
+    let mut copy =
+        Copying { touches: &mut touches, output, bar, fault: None, count: (0, 0), farthest: 0.0 };
     let written = copy.write((path, format), joints, first);
-    let Copying { bar, fault, count: (touched, samples), .. } = copy;
+    let Copying { bar, fault, count: (touched, samples), farthest, .. } = copy;
     drop(bar);
     fault.map_or(written, Err)?;
     touches.tell_warnings(output);
+    if farthest > LARGEST_RAD && settings.log.angle_unit_given().is_none() {
+        output.warn(&format!(
+            "positions of up to {farthest:.1} are written as radians: if they are degrees, convert again with \
+             --angle-unit deg"
+        ));
+    }
     let path = path.display();
     output.result(&format!("{touched} touches of {samples} samples in all are in `{path}`.\n"))
 }
@@ -100,7 +108,12 @@ struct Copying<'a> {
     fault: Option<CliError>,
     /// Touches and samples so far.
     count: (u64, u64),
+    /// The largest |position| so far, rad or m.
+    farthest: f64,
 }
+
+/// Two turns, beyond which joints of arms do not count.
+const LARGEST_RAD: f64 = 2.0 * TAU;
 
 impl Copying<'_> {
     /// Writes the file or the folder, whole or not at all.
@@ -159,8 +172,9 @@ impl Copying<'_> {
             take(&event)?;
             match event {
                 TouchEvent::Touch(_) => self.count.0 += 1,
-                TouchEvent::Sample(_) => {
+                TouchEvent::Sample(sample) => {
                     self.count.1 += 1;
+                    self.farthest = sample.q.iter().fold(self.farthest, |far, q| far.max(q.abs()));
                     self.bar.step();
                 }
             }

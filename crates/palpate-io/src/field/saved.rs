@@ -24,6 +24,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use nalgebra::Point3;
 use palpate::unstable::{EstimatorState, FrameId, LoggedTouch, NO_STD, RememberedFrame, RngState};
 use palpate::{
     Calibration, CellId, ContactConfig, EstimatorKind, ExternalTorqueConfig, Field, Lattice,
@@ -300,6 +301,7 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
         let what = format!("cell {} is not in the lattice {:?}", cell.0, field.lattice.shape());
         return Err(contradiction(arrays, what));
     }
+    check_points(arrays, &field, &file.points)?;
     let mut elastic_touches = Vec::new();
     if let Some((model, touches)) = elastic::read(arrays, &field.lattice)? {
         (field.elastic, elastic_touches) = (Some(Arc::new(model)), touches);
@@ -321,6 +323,24 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
         saved.snapshot = Some(snapshot(arrays, mapper, &saved)?);
     }
     Ok(saved)
+}
+
+/// How far a point may lie from its cell, in parts of the spacing.
+const ROUNDED: f64 = 0.01;
+
+/// Refuses points that do not lie where their cells do: somebody moved or sorted the one and not the other.
+fn check_points(arrays: &Arrays, field: &Field, points: &[[f64; 3]]) -> Result<(), SavedError> {
+    let lattice = &field.lattice;
+    let is_off = |(cell, point): (&CellId, &[f64; 3])| {
+        (lattice.point(*cell) - Point3::from(*point)).amax() > ROUNDED * lattice.spacing_m()
+    };
+    let Some(row) = field.cells.iter().zip(points).position(is_off) else { return Ok(()) };
+    let what = format!(
+        "row {row} (from 0) of `points` is not the place of its cell, {}: `cells` tells where the springs are, so change \
+         both, in the same order",
+        field.cells[row].0
+    );
+    Err(contradiction(arrays, what))
 }
 
 /// Refuses bands that cannot be, or are of another robot than the samples of the mapper, if there is one.

@@ -141,7 +141,12 @@ impl Touches {
             Ok(found) => {
                 let other = evidence.sign_by_work().filter(|own| *own != found.torque_sign);
                 // A sign that is given against what the work says is warned of.
-                if found.gravity == Gravity::Included || torque_sign.is_none() || other.is_none() {
+                if found.is_of_nothing() {
+                    progress.warn(&format!("`{path}`: {found}"));
+                } else if found.gravity == Gravity::Included
+                    || torque_sign.is_none()
+                    || other.is_none()
+                {
                     progress.note(&format!("`{path}`: {found}"));
                 }
                 settings.torque_sign = Some(OrAuto::Is(found.torque_sign));

@@ -53,6 +53,7 @@ fn steps(touches: &[RecordedTouch]) -> impl Iterator<Item = (&RecordedTouch, usi
 /// Everything that looks wrong.
 pub(super) fn findings(touches: &[RecordedTouch]) -> Vec<Finding> {
     let mut findings = Vec::from_iter(duplicates(touches));
+    findings.extend(copies(touches));
     if let Some(clock) = clock(touches) {
         findings.extend(time_unit(&clock));
         findings.extend(gaps(touches, clock.period_s));
@@ -88,6 +89,27 @@ fn duplicates(touches: &[RecordedTouch]) -> Option<Finding> {
     let remedy = "the log was written faster than the robot reports, and every copy would count as \
                   new evidence; record each report once, or drop the copies";
     Finding::at_places("duplicate_frames", &places, what, remedy)
+}
+
+/// Touches that are copies of others, sensor noise and all.
+fn copies(touches: &[RecordedTouch]) -> Option<Finding> {
+    let moves = |touch: &RecordedTouch| touch.samples.array_windows().any(|[a, b]| a.q != b.q);
+    let same = |a: &RecordedTouch, b: &RecordedTouch| {
+        let mut pairs = a.samples.iter().zip(&b.samples);
+        a.frames() == b.frames() && pairs.all(|(a, b)| a.q == b.q && a.tau == b.tau)
+    };
+    let numbered = touches.iter().enumerate().filter(|(_, touch)| moves(touch));
+    let copies = numbered.filter_map(|(number, touch)| {
+        let other = touches[..number].iter().find(|other| same(other, touch))?;
+        Some((&*touch.name, format!("`{}` of `{}`", touch.name, other.name)))
+    });
+    let what = |n, copies| match n {
+        1 => format!("a touch is a copy of another, to the last bit: {copies}"),
+        n => format!("{n} touches are copies of others, to the last bit: {copies}"),
+    };
+    let remedy =
+        "leave them out: they count twice, and cross-validation predicts them from themselves";
+    Finding::at_places("duplicate_touches", &copies.collect::<Vec<_>>(), what, remedy)
 }
 
 /// A clock that is not in seconds.
