@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use palpate::Robot;
 use palpate_io::robot_files::with_inertia;
 use palpate_learn::identify::{Identified, JointEstimate, LEAST_MOTION, Value};
-use palpate_work::Progress;
 use palpate_work::arm_file;
 use palpate_work::identify::{self, IdentifySettings};
 use serde_json::json;
@@ -63,6 +62,10 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             "`identify` writes the file for --arm; leave --arm out".to_owned(),
         ));
     }
+    let mut robot = settings.robot.clone();
+    // What it finds holds in place of a payload.
+    (robot.payload_link, robot.payload_mass_kg, robot.payload_com_m) = (None, None, None);
+    robot.arm.clone_from(&args.output);
     let mut places = Places::read(&args.settings, &settings, &args.logs);
     places.output("the arm (--output)", args.output.as_deref())?;
     places.output("the URDF (--urdf)", args.urdf.as_deref())?;
@@ -77,14 +80,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let recorded = touches.read(None)?;
     touches.tell_warnings(output);
     let currents = args.currents || touches.are_currents();
-    let wanted = IdentifySettings { tool_link: args.tool_link.clone(), currents };
+    let strict = settings.log.strict.unwrap_or_default();
+    let wanted = IdentifySettings { tool_link: args.tool_link.clone(), currents, strict };
     let found = identify::run(&arm, &recorded, &config.touch, &wanted, output)?;
-    if let Some(what) = &found.misfit {
-        if settings.log.strict == Some(true) {
-            return Err(CliError::LooksWrong(format!("{what} (--strict)")));
-        }
-        output.warn(what);
-    }
 
     let text = text(&found);
     if let Some(path) = &args.output {
@@ -106,10 +104,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             output.result(&format!("{what} is in `{}`.\n", path.display()))?;
         }
     }
-    if let Some(path) = &args.output {
-        settings.robot.arm = Some(path.clone());
-        let robot = logs::robot_flags(&settings.robot);
-        output.result(&format!("Next: palpate torque LOG{robot}\n"))?;
+    if args.output.is_some() {
+        output.result(&format!("Next: palpate torque LOG{}\n", logs::robot_flags(&robot)))?;
     }
     Ok(())
 }

@@ -33,6 +33,9 @@ pub(crate) fn open_as_logged(
     output: &Output,
 ) -> Result<(Touches, Arc<Arm>), CliError> {
     let mut touches = Touches::open(logs, &settings.log.options())?;
+    if settings.robot.robot.is_none() {
+        output.note(&format!("no --robot: it is a `{}`, which is built in", settings.robot.name()));
+    }
     let arm = robot::load(&settings.robot, output)?;
     let arm = touches.arm_of_logs(arm, &mut settings.robot, output)?;
     touches.angle_unit(&arm, settings, output)?;
@@ -72,24 +75,35 @@ pub(crate) fn read(
     Ok(recorded)
 }
 
-/// The flags that name the robot of the logs, for a command that is to follow.
+/// The flags that name the robot, for a command that is to follow.
 pub(crate) fn robot_flags(settings: &RobotSettings) -> String {
-    let mut words = Vec::new();
-    if let Some(robot) = &settings.robot {
-        words.extend(["--robot".to_owned(), robot.clone()]);
+    let numbers =
+        |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+    let mut flags: Vec<(&str, String)> = Vec::new();
+    flags.extend(settings.robot.clone().map(|robot| ("robot", robot)));
+    let folders = settings.package_path.iter().flatten();
+    flags.extend(folders.map(|folder| ("package-path", folder.display().to_string())));
+    flags.extend(settings.bake_spacing_m.map(|spacing| ("bake-spacing-m", numbers(&[spacing]))));
+    flags.extend(settings.hold.iter().flatten().map(|held| ("hold", held.clone().into())));
+    flags.extend(settings.rename.iter().flatten().map(|named| ("rename", named.clone().into())));
+    flags.extend(settings.arm.as_ref().map(|arm| ("arm", arm.display().to_string())));
+    flags.extend(settings.payload_link.clone().map(|link| ("payload-link", link)));
+    flags.extend(settings.payload_mass_kg.map(|mass| ("payload-mass-kg", numbers(&[mass]))));
+    flags.extend(settings.payload_com_m.map(|com| ("payload-com-m", numbers(&com))));
+    let word = |(flag, value): &(&str, String)| {
+        let parted = if value.starts_with('-') { '=' } else { ' ' };
+        format!(" --{flag}{parted}{}", quoted(value))
+    };
+    flags.iter().map(word).collect()
+}
+
+/// A word as a shell takes it.
+pub(crate) fn quoted(word: &str) -> String {
+    let is_plain = |c: char| c.is_alphanumeric() || "_./=:,-+@".contains(c);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        return word.to_owned();
     }
-    for folder in settings.package_path.iter().flatten() {
-        words.extend(["--package-path".to_owned(), folder.display().to_string()]);
-    }
-    for renamed in settings.rename.iter().flatten().cloned() {
-        words.extend(["--rename".to_owned(), String::from(renamed)]);
-    }
-    if let Some(arm) = &settings.arm {
-        words.extend(["--arm".to_owned(), arm.display().to_string()]);
-    }
-    let quoted =
-        |word: String| if word.contains(' ') { format!(" '{word}'") } else { format!(" {word}") };
-    words.into_iter().map(quoted).collect()
+    format!("'{}'", word.replace('\'', r"'\''"))
 }
 
 /// Tells which robot is used.

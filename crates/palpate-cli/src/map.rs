@@ -140,6 +140,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         ));
     }
     let mut settings = args.settings.load()?;
+    let robot = settings.robot.clone();
     args.object.select(&mut settings, args.from.is_some())?;
     if args.from.is_none() {
         settings.config()?;
@@ -180,8 +181,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     let pace = pace.as_ref().map(Pace::figures);
     let (cells, body) = (Cells::of(&mapper), saved.field.elastic.as_deref());
-    let robot = &settings.robot;
-    let summary = Summary { args, robot, mapper: &mapper, tally: &tally, cells, pace, body };
+    let summary =
+        Summary { args, robot: &robot, mapper: &mapper, tally: &tally, cells, pace, body };
     if args.json {
         output.json(&summary.json(started.elapsed()))
     } else {
@@ -290,7 +291,8 @@ struct Summary<'a> {
 impl Summary<'_> {
     fn next_command(&self) -> String {
         let robot = logs::robot_flags(self.robot);
-        format!("palpate predict {} LOG{robot}", self.args.output.display())
+        let field = self.args.output.display().to_string();
+        format!("palpate predict {} LOG{robot}", logs::quoted(&field))
     }
 
     fn json(&self, elapsed: Duration) -> serde_json::Value {

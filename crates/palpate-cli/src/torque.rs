@@ -101,11 +101,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let (threshold, from) = threshold(&model, free.as_deref(), per_hour)?;
     if args.bandwidth_hz.is_some() && from == ThresholdSource::Identification {
         output.warn(
-            "the threshold is that of torques that are not filtered, so these pass it less often than said; with --free, \
-             it is that of the filtered ones",
+            "the threshold was found on torques that were not filtered, so filtered ones pass it less often than \
+             --false-alarms says; give --free to find it on filtered ones",
         );
     }
-    warn_if_always_touched(&found, threshold, output);
+    warn_if_always_touched(&found, (threshold, from), output);
     let contacts = contacts(&found, threshold);
 
     let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
@@ -198,7 +198,7 @@ fn rows(found: &[TouchTorques], threshold: f64) -> Vec<TorqueRow<'_>> {
 }
 
 /// How near the torques came to the threshold.
-fn nothing_found(found: &[TouchTorques]) -> String {
+fn nothing_found(found: &[TouchTorques], from: ThresholdSource) -> String {
     let frames = found.iter().flat_map(|touch| {
         touch.frames.iter().enumerate().map(move |(sample, frame)| (touch, sample, frame))
     });
@@ -213,9 +213,12 @@ fn nothing_found(found: &[TouchTorques]) -> String {
         Some(time_s) => format!("at {time_s:.2} s"),
         None => format!("in sample {sample} (from 0)"),
     };
+    let hint = match from {
+        ThresholdSource::Guess => "",
+        _ => " A higher --false-alarms lowers the threshold.",
+    };
     format!(
-        "No contact was found: the largest torque is {:.1} standard deviations, in {} {at}. A higher --false-alarms \
-         lowers the threshold.\n",
+        "No contact was found: the largest torque is {:.1} standard deviations, in {} {at}.{hint}\n",
         frame.statistic, touch.name
     )
 }
@@ -262,7 +265,7 @@ fn text(
         }
     );
     if contacts.is_empty() {
-        return text + &nothing_found(found);
+        return text + &nothing_found(found, from);
     }
     let rows = contacts.iter().map(|contact| {
         let [from, to] = contact.time_s.unwrap_or(contact.samples.map(|sample| sample as f64));

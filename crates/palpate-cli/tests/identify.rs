@@ -3,7 +3,7 @@
 
 mod common;
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::f64::consts::TAU;
 use std::fs;
 use std::path::Path;
@@ -100,7 +100,7 @@ fn currents_that_a_ur_recorded_get_gains_and_are_no_torques_without() {
     assert_eq!(found["notes"].as_array().unwrap().len(), 0, "{}", found["notes"]);
     let told = json(
         palpate()
-            .args(["torque", "--json"])
+            .args(["torque", "--json", "--strict"])
             .arg(path("currents"))
             .arg("--arm")
             .arg(path("arm.toml")),
@@ -237,7 +237,13 @@ fn of_free_motion_the_next_command_finds_no_contact_and_says_how_near_it_came() 
     assert!(found.contains("No contact was found: the largest torque is"), "{found}");
     assert!(!told.contains("warning"), "{told}");
     let (_, told) = said(torque(&free, &arm).args(["--bandwidth-hz", "2"]));
-    assert!(told.contains("warning: the threshold is that of torques"), "{told}");
+    assert!(told.contains("warning: the threshold was found on torques"), "{told}");
+    // The motion begins at once, which an identified arm may do.
+    let mut inspect = palpate();
+    inspect.args(["inspect", "--json"]).arg(&free);
+    assert!(String::from_utf8(inspect.output().unwrap().stdout).unwrap().contains("no_start"));
+    let told = json(inspect.arg("--arm").arg(&arm));
+    assert!(!told.to_string().contains("no_start"), "{told}");
     let removed = ["--torque-sign", "plus", "--gravity", "removed"];
     let (_, told) = said(torque(&free, &arm).args(removed));
     assert!(told.contains("these torques hold no gravity, and --arm"), "{told}");
@@ -270,6 +276,8 @@ fn what_looks_wrong_with_a_log_is_told_before_its_torques_are_used() {
     let (_, told) = said(&mut command);
     assert!(told.contains("(joint_order)") && told.contains("`Actuator4` swapped"), "{told}");
     refuse(command.arg("--strict"), 1, &["joint_order", "--strict"]);
+    let (_, told) = said(torque(&path("free"), &arm).arg(path("swapped")));
+    assert!(told.contains("swapped` looks wrong (joint_order)"), "the log is named: {told}");
     let late = |sample: &mut Sample| sample.time_s = sample.time_s.map(|time_s| 1e3 * time_s);
     write_changed(&path("free"), &path("ms"), late);
     for command in [&mut torque(&path("ms"), &arm), &mut identify(&path("ms"))] {
@@ -281,8 +289,17 @@ fn what_looks_wrong_with_a_log_is_told_before_its_torques_are_used() {
     let mut command = identify(&path("small"));
     let (_, told) = said(&mut command);
     assert!(told.contains("are they in mN·m?") && told.contains("warning: on motion"), "{told}");
+    // Looks well as it is logged, and nothing explains it.
+    let count = Cell::new(0);
+    let shake = |sample: &mut Sample| {
+        count.set(count.get() + 1);
+        let shaken = sample.tau.iter_mut().zip(0..4);
+        shaken.for_each(|(tau, j)| *tau += 6.0 * f64::from(7919 * count.get() + 31 * j).sin());
+    };
+    write_changed(&path("free"), &path("shaken"), shake);
     let unwritten = path("none.toml");
-    refuse(command.arg("--strict").arg("-o").arg(&unwritten), 1, &["--strict"]);
+    let mut command = identify(&path("shaken"));
+    refuse(command.arg("--strict").arg("-o").arg(&unwritten), 1, &["held out", "(--strict)"]);
     assert!(!unwritten.exists());
 }
 

@@ -140,7 +140,7 @@ fn degrees_are_not_converted_to_a_bag_in_radians_without_a_word() {
         convert.arg("convert").arg(scene.path().join("log")).args(more);
         let done = convert.arg("-o").arg(scene.path().join("out/bag.mcap")).output().unwrap();
         assert!(done.status.success(), "{}", stderr(&done));
-        stderr(&done).contains("are written as radians: if they are degrees")
+        stderr(&done).contains("and are written as radians: if they are degrees")
     };
     assert!(convert(&[]) && !convert(&["--angle-unit", "deg"]));
 }

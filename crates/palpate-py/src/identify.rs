@@ -47,7 +47,8 @@ pub(crate) fn identify<'py>(
     let found = long(py, progress, |progress| -> Result<_, WorkError> {
         let touches = opened(sources, &settings.log)?;
         let currents = currents || touches.are_currents();
-        let wanted = IdentifySettings { tool_link, currents };
+        let strict = settings.log.strict.unwrap_or_default();
+        let wanted = IdentifySettings { tool_link, currents, strict };
         let recorded = read(touches, (&robot, &mut settings), (None, currents), progress)?;
         let torques = settings.config()?.touch;
         identification::run(&robot.arm, &recorded, &torques, &wanted, progress)
@@ -100,6 +101,7 @@ pub(crate) fn external_torques<'py>(
         let recorded = read(touches, (&robot, &mut settings), model, progress)?;
         let how = TorqueSettings { bandwidth_hz, tare_frames: 0, wrench_link: None };
         let found = torque::torques(&robot.arm, &recorded, &how, progress)?;
+        torque::warn_if_always_touched(&found, (threshold, from), progress);
         Ok((found, (from != torque::ThresholdSource::Guess).then_some(threshold)))
     })?;
     let list = PyList::empty(py);

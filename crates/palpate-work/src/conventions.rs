@@ -30,7 +30,7 @@ const EXPLAINED: f64 = 0.7;
 const LEAST_SLOPE: f64 = 0.05;
 /// Torques that are so many times gravity's are of an arm that carries more than its file says; beyond, of another unit.
 const LADEN_SLOPES: std::ops::Range<f64> = 1.3..5.0;
-/// Slopes of torques in mN·m, of an arm that carries less than its own torques.
+/// Slopes on gravity of torques in mN·m; twice as much if the arm carries its own weight.
 const IN_THOUSANDTHS: std::ops::Range<f64> = 800.0..2000.0;
 /// Work below this tells nothing, J.
 const LEAST_WORK_J: f64 = 0.005;

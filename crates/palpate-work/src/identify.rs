@@ -15,9 +15,11 @@ pub struct IdentifySettings {
     pub tool_link: Option<String>,
     /// The torques are the drives' currents.
     pub currents: bool,
+    /// An arm that does not fit motion that was held out is an error.
+    pub strict: bool,
 }
 
-/// Identifies an arm.
+/// Identifies an arm, and warns if it does not fit motion that was held out.
 ///
 /// # Errors
 ///
@@ -47,7 +49,7 @@ pub fn run(
     let found =
         identify(robot, &samples, torques, &config, (&|| progress.stopped(), &|| bar.step()));
     drop(bar);
-    found.map_err(|error| {
+    let found = found.map_err(|error| {
         if matches!(error, IdentifyError::Stopped) {
             return WorkError::Interrupted { kept: "; nothing was written".to_owned() };
         }
@@ -55,7 +57,15 @@ pub fn run(
             touches.iter().map(|touch| format!("`{}`", touch.log.display())).collect();
         logs.dedup();
         WorkError::Usage(format!("{}: {error}", logs.join(", ")))
-    })
+    })?;
+    match &found.misfit {
+        Some(what) if settings.strict => {
+            return Err(WorkError::LooksWrong(format!("{what} (--strict)")));
+        }
+        Some(what) => progress.warn(what),
+        None => {}
+    }
+    Ok(found)
 }
 
 fn moved_links(robot: &Robot) -> Vec<&str> {

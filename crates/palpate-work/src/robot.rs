@@ -14,9 +14,6 @@ use crate::settings::{Held, Renamed, SettingsError};
 /// Loads the robot with its payload, and says what was odd about it.
 pub fn load(settings: &RobotSettings, progress: &dyn Progress) -> Result<Arc<Arm>, WorkError> {
     let loaded = load_with_report(settings)?;
-    if settings.robot.is_none() {
-        progress.note(&format!("no --robot: it is a `{}`, which is built in", settings.name()));
-    }
     loaded.warnings.iter().for_each(|warning| progress.warn(warning));
     Ok(Arc::new(loaded.arm))
 }

@@ -161,8 +161,15 @@ pub fn torques(
     Ok(found)
 }
 
-/// Warns if something seems to be touched nearly all the time.
-pub fn warn_if_always_touched(touches: &[TouchTorques], threshold: f64, progress: &dyn Progress) {
+/// Warns if something seems to be touched nearly all the time, by a threshold that free motion says.
+pub fn warn_if_always_touched(
+    touches: &[TouchTorques],
+    (threshold, from): (f64, ThresholdSource),
+    progress: &dyn Progress,
+) {
+    if from == ThresholdSource::Guess {
+        return; // friction is in the torques
+    }
     let frames = || touches.iter().flat_map(|touch| &touch.frames);
     let touched = frames().filter(|frame| frame.statistic > threshold).count() as f64;
     let part = touched / frames().count().max(1) as f64;

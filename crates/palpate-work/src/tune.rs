@@ -175,10 +175,7 @@ impl Tuning<'_> {
         let everything: Vec<usize> = (0..self.touches.len()).collect();
         let tuned = tuner.tune(&everything, &stop).map_err(fault)?;
         if tuned.is_all_noise {
-            let are_identified = |touch: &RecordedTouch| {
-                touch.samples.first().is_some_and(|sample| sample.tau_std.is_some())
-            };
-            let remedy = if self.recorded.iter().any(are_identified) {
+            let remedy = if self.config.touch.identified {
                 "Perhaps nothing was touched"
             } else {
                 "Torques of the arm's own motion do that: `palpate identify` finds friction and inertia from free \

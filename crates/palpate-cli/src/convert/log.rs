@@ -75,17 +75,19 @@ pub(super) fn convert(
     };
     let bar = output.begin(touches.samples(), "frames", "converting");
     let mut copy =
-        Copying { touches: &mut touches, output, bar, fault: None, count: (0, 0), farthest: 0.0 };
+        Copying { touches: &mut touches, output, bar, fault: None, count: (0, 0), beyond: 0 };
     let written = copy.write((path, format), joints, first);
-    let Copying { bar, fault, count: (touched, samples), farthest, .. } = copy;
+    let Copying { bar, fault, count: (touched, samples), beyond, .. } = copy;
     drop(bar);
     fault.map_or(written, Err)?;
     touches.tell_warnings(output);
-    if farthest > LARGEST_RAD && settings.log.angle_unit_given().is_none() {
-        output.warn(&format!(
-            "positions of up to {farthest:.1} are written as radians: if they are degrees, convert again with \
-             --angle-unit deg"
-        ));
+    let named = touches.describe().columns.and_then(|columns| columns.angle_unit());
+    let is_said = settings.log.angle_unit_given().or(named).is_some();
+    if 2 * beyond > samples && !is_said {
+        output.warn(
+            "most positions are beyond two turns, and are written as radians: if they are degrees, convert again with \
+             --angle-unit deg",
+        );
     }
     let path = path.display();
     output.result(&format!("{touched} touches of {samples} samples in all are in `{path}`.\n"))
@@ -108,11 +110,11 @@ struct Copying<'a> {
     fault: Option<CliError>,
     /// Touches and samples so far.
     count: (u64, u64),
-    /// The largest |position| so far, rad or m.
-    farthest: f64,
+    /// Samples so far with a position beyond two turns.
+    beyond: u64,
 }
 
-/// Two turns, beyond which joints of arms do not count.
+/// Two turns, beyond which positions are hardly in radians.
 const LARGEST_RAD: f64 = 2.0 * TAU;
 
 impl Copying<'_> {
@@ -174,7 +176,7 @@ impl Copying<'_> {
                 TouchEvent::Touch(_) => self.count.0 += 1,
                 TouchEvent::Sample(sample) => {
                     self.count.1 += 1;
-                    self.farthest = sample.q.iter().fold(self.farthest, |far, q| far.max(q.abs()));
+                    self.beyond += u64::from(sample.q.iter().any(|q| q.abs() > LARGEST_RAD));
                     self.bar.step();
                 }
             }

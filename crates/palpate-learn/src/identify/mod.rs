@@ -220,7 +220,7 @@ impl Checked {
             .collect();
         if silent.len() == robot.n_joints() {
             return Err(IdentifyError::NoTorque(
-                samples().next().map_or(0.0, |sample| sample.tau[0]) + 0.0,
+                samples().next().map_or(0.0, |sample| sample.tau[0]) + 0.0, // no -0
             ));
         }
         if torques.gravity == Gravity::Removed {

@@ -108,11 +108,12 @@ impl<'a> Inspector<'a> {
 
     fn log(&mut self, path: &Path) -> Result<(Option<log::LogFacts>, Vec<Finding>), WorkError> {
         // Torques are looked at as they were measured.
-        let settings = &self.settings.clone().without_arm();
+        let as_measured = self.settings.clone().without_arm();
         let config = match self.field {
-            Some(field) => resume::config(field, settings)?,
-            None => settings.config()?,
+            Some(field) => resume::config(field, &as_measured)?,
+            None => as_measured.config()?,
         };
+        let settings = &self.settings;
         if self.arm.is_none() {
             self.arm = Some(robots::load(&settings.robot, self.progress)?);
         }

@@ -139,15 +139,12 @@ impl Touches {
         }
         match evidence.decide(Given { torque_sign, gravity }) {
             Ok(found) => {
-                let other = evidence.sign_by_work().filter(|own| *own != found.torque_sign);
-                // A sign that is given against what the work says is warned of.
+                let by_work = evidence.sign_by_work().filter(|_| found.gravity == Gravity::Removed);
+                let is_contradicted = by_work.is_some_and(|own| own != found.torque_sign);
                 if found.is_of_nothing() {
                     progress.warn(&format!("`{path}`: {found}"));
-                } else if found.gravity == Gravity::Included
-                    || torque_sign.is_none()
-                    || other.is_none()
-                {
-                    progress.note(&format!("`{path}`: {found}"));
+                } else if !is_contradicted {
+                    progress.note(&format!("`{path}`: {found}")); // else it is warned of
                 }
                 settings.torque_sign = Some(OrAuto::Is(found.torque_sign));
                 settings.gravity = Some(OrAuto::Is(found.gravity));
@@ -165,8 +162,8 @@ impl Touches {
         Ok(())
     }
 
-    /// Warns of what looks wrong with the logs as they are, before their torques become external ones: those of an arm as
-    /// it was identified, or of one that is to be, whose payload is not known yet.
+    /// Warns of what looks wrong with the first samples of the logs, log by log, before their torques become external ones:
+    /// those of an arm as it was identified, or of one that is to be, whose payload is not known yet.
     ///
     /// # Errors
     ///
@@ -178,7 +175,7 @@ impl Touches {
         settings: &Settings,
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
-        if self.are_currents() {
+        if model.is_none() && self.are_currents() {
             return Ok(());
         }
         let mut robot = Cow::Borrowed(&arm.robot);
@@ -186,31 +183,49 @@ impl Touches {
             let masses = model.check(&arm.robot).map_err(WorkError::Usage)?;
             robot = Cow::Owned(arm.robot.clone().with_inertial_parameters(&masses));
         }
-        let robot = &*robot;
-        let path = self.first_path();
-        if settings.robot.arm.is_some() && settings.touch.gravity_given() == Some(Gravity::Removed)
-        {
-            progress.warn(&format!(
-                "`{path}`: these torques hold no gravity, and --arm was identified on torques that do: only its standard \
-                 deviations are used, and they may be too small; give the measured torques"
-            ));
-        }
-        let events = self.logs.look_ahead(AHEAD);
-        let Some(mut touches) = touches_of(events, robot).filter(|touches| !touches.is_empty())
-        else {
-            return Ok(());
-        };
-        let set = settings.touch.over_config(&ExternalTorqueConfig::default());
+        let strict = settings.log.strict.unwrap_or_default();
+        let has_arm = settings.robot.arm.is_some();
         let given = Given {
             torque_sign: settings.touch.torque_sign_given(),
             gravity: settings.touch.gravity_given(),
         };
-        let mut found = looks_wrong_as_logged(&mut touches, robot, (&set, given), self.checked.0);
-        // What it carries is to be found.
-        found.retain(|finding| model.is_some() || !OF_MASSES.contains(&finding.code));
-        self.told.extend(found.iter().map(|finding| finding.code));
-        let strict = settings.log.strict.unwrap_or_default();
-        tell(&found, &format!("`{path}`"), strict, progress)
+        if has_arm && given.gravity == Some(Gravity::Removed) {
+            let told = format!(
+                "`{}`: these torques hold no gravity, and --arm was identified on torques that do: only its standard \
+                 deviations are used, and they may be too small; give the measured torques",
+                self.first_path()
+            );
+            if strict {
+                return Err(WorkError::LooksWrong(format!("{told} (--strict)")));
+            }
+            progress.warn(&told);
+        }
+        let set = settings.touch.over_config(&ExternalTorqueConfig::default());
+        let _ = self.logs.look_ahead(AHEAD);
+        for (log, (path, _)) in self.logs.all().enumerate() {
+            let Some(mut touches) = touches_of(self.logs.ahead_of(log), &robot) else { continue };
+            for sample in touches.iter_mut().flat_map(|touch| &mut touch.samples) {
+                let joints = model.iter().flat_map(|model| &model.joints);
+                sample.tau.iter_mut().zip(joints).for_each(|(tau, joint)| *tau /= joint.gain);
+            }
+            if touches.iter().flat_map(|touch| &touch.samples).all(is_without_torque) {
+                continue; // which was told
+            }
+            let given = (&set, given);
+            let mut found = looks_wrong_as_logged(&mut touches, &robot, given, self.checked.0);
+            found.retain(|finding| !self.told.contains(finding.code));
+            // What was not decided was told; what an arm carries that is to be identified is to be found.
+            found.retain(|finding| finding.code != "undecided");
+            found.retain(|finding| model.is_some() || !OF_MASSES.contains(&finding.code));
+            for payload in found.iter_mut().filter(|one| has_arm && one.code == "payload") {
+                payload.flags.clear();
+                payload.what +=
+                    "; the arm carries something else than when it was identified (--arm)";
+            }
+            self.told.extend(found.iter().map(|finding| finding.code));
+            tell(&found, &format!("`{}`", path.display()), strict, progress)?;
+        }
+        Ok(())
     }
 
     /// Motor currents count as the motors' torques do, and hold gravity.
@@ -281,6 +296,10 @@ impl Touches {
         }
         Ok(())
     }
+}
+
+fn is_without_torque(sample: &Sample) -> bool {
+    sample.tau.iter().all(|tau| *tau == 0.0)
 }
 
 /// Events as touches, joints in the arm's order; `None` if they are not the arm's.

@@ -83,6 +83,11 @@ impl Logs {
         self.ahead.iter().map(|(_, event)| event)
     }
 
+    /// What was read ahead of a log.
+    pub(super) fn ahead_of(&self, log: usize) -> impl Iterator<Item = &LogEvent> {
+        self.ahead.iter().filter(move |(of, _)| *of == log).map(|(_, event)| event)
+    }
+
     /// The same of logs of which nobody says what unit their positions are in.
     pub(super) fn look_ahead_in_unknown_unit(&mut self, samples: usize) -> Vec<&LogEvent> {
         let _ = self.look_ahead(samples);

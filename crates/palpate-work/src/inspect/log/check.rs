@@ -186,8 +186,7 @@ impl LogCheck {
         let matching = matching(&touches);
         let Self { arm, place, set, angle_unit, .. } = self;
         let given = Given::of(set);
-        let is_identified = touches.iter().flat_map(|touch| &touch.samples).any(has_std);
-        let angle_unit = Some(*angle_unit);
+        let (angle_unit, is_identified) = (Some(*angle_unit), set.identified);
         let read = Read { arm, place, set, given, angle_unit, matching, is_identified };
         let mut found = read.judge(&mut touches, contacts.as_deref(), progress)?.findings;
         found.retain(|one| one.level > Level::Note && !self.told.contains(one.code));
@@ -221,10 +220,6 @@ pub(crate) fn looks_wrong_as_logged(
     found.retain(|one| one.level > Level::Note);
     found.sort_by_key(|finding| Reverse(finding.level));
     found
-}
-
-fn has_std(sample: &Sample) -> bool {
-    sample.tau_std.is_some()
 }
 
 fn matching(touches: &[RecordedTouch]) -> Matching {

@@ -95,13 +95,22 @@ fn duplicates(touches: &[RecordedTouch]) -> Option<Finding> {
 fn copies(touches: &[RecordedTouch]) -> Option<Finding> {
     let moves = |touch: &RecordedTouch| touch.samples.array_windows().any(|[a, b]| a.q != b.q);
     let same = |a: &RecordedTouch, b: &RecordedTouch| {
-        let mut pairs = a.samples.iter().zip(&b.samples);
+        // From the end: touches without noise begin alike.
+        let mut pairs = a.samples.iter().zip(&b.samples).rev();
         a.frames() == b.frames() && pairs.all(|(a, b)| a.q == b.q && a.tau == b.tau)
+    };
+    let named = |touch: &RecordedTouch, other: &RecordedTouch| match touch
+        .log
+        .file_stem()
+        .filter(|_| touch.name == other.name)
+    {
+        Some(log) => format!("`{}/{}`", log.display(), touch.name),
+        None => format!("`{}`", touch.name),
     };
     let numbered = touches.iter().enumerate().filter(|(_, touch)| moves(touch));
     let copies = numbered.filter_map(|(number, touch)| {
         let other = touches[..number].iter().find(|other| same(other, touch))?;
-        Some((&*touch.name, format!("`{}` of `{}`", touch.name, other.name)))
+        Some((&*touch.name, format!("{} of {}", named(touch, other), named(other, touch))))
     });
     let what = |n, copies| match n {
         1 => format!("a touch is a copy of another, to the last bit: {copies}"),
