@@ -34,7 +34,7 @@ pub(crate) fn open_as_logged(
 ) -> Result<(Touches, Arc<Arm>), CliError> {
     let mut touches = Touches::open(logs, &settings.log.options())?;
     if settings.robot.robot.is_none() {
-        output.note(&format!("no --robot: it is a `{}`, which is built in", settings.robot.name()));
+        output.note(&format!("no --robot: the built-in `{}` is used", settings.robot.name()));
     }
     let arm = robot::load(&settings.robot, output)?;
     let arm = touches.arm_of_logs(arm, &mut settings.robot, output)?;

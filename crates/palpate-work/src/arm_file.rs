@@ -70,7 +70,9 @@ pub fn or_urdf(
 pub fn read(path: &Path, robot: &Robot) -> Result<TorqueModel, WorkError> {
     let wrong = |what: &str| WorkError::Usage(format!("`{}`: {what}", path.display()));
     let text = input::read_text(path, LARGEST).map_err(|error| match error.kind() {
-        ErrorKind::InvalidData => wrong("this is no file of `palpate identify`: it is no text"),
+        ErrorKind::InvalidData => {
+            wrong("this is no file of `palpate identify`: it is not a text file")
+        }
         _ => wrong(&error.to_string()),
     })?;
     let broken = |error: toml::de::Error| {

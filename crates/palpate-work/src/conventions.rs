@@ -282,7 +282,7 @@ impl fmt::Display for Undecided {
                 f,
                 "no convention explains the torques: they are {torque} N·m, {slope:.2} times gravity's {gravity} N·m; {}",
                 if IN_THOUSANDTHS.contains(&slope.abs()) {
-                    "are they in mN·m? They are to be in N·m"
+                    "are they in mN·m? N·m are wanted"
                 } else {
                     "a unit, the robot, a payload or an order of joints may be wrong, and motor currents are no torques"
                 }

@@ -3,9 +3,11 @@
 //! | file   | says                                                                   |
 //! |--------|------------------------------------------------------------------------|
 //! | `logs` | the logs' events, which can be read ahead                              |
+//! | `as_logged` | what looks wrong with them before their torques become external ones |
 //! | `identified` | external torques of an arm that was identified                  |
 //! | `conventions_of_logs` | what the logs tell before they are used: joints that are not in them, and how their torques count |
 
+mod as_logged;
 mod conventions_of_logs;
 mod identified;
 mod logs;

@@ -1,0 +1,88 @@
+//! What looks wrong with logs as they are, before their torques become external ones: nobody sees it afterwards.
+
+use std::borrow::Cow;
+
+use palpate::{Arm, ExternalTorqueConfig, Gravity, Sample, TorqueModel};
+
+use super::Touches;
+use super::conventions_of_logs::{AHEAD, touches_of};
+use crate::conventions::Given;
+use crate::error::WorkError;
+use crate::inspect::log::{looks_wrong_as_logged, tell};
+use crate::progress::Progress;
+use crate::settings::Settings;
+
+/// Findings that another mass than the URDF's may make.
+const OF_MASSES: [&str; 2] = ["payload", "gravity_misfit"];
+
+impl Touches {
+    /// Warns of what looks wrong with the first samples of the logs, log by log, before their torques become external ones:
+    /// those of an arm as it was identified, or of one that is to be, whose payload is not known yet.
+    ///
+    /// # Errors
+    ///
+    /// If the settings want that to be an error, or the model is of another arm.
+    pub fn check_as_logged(
+        &mut self,
+        arm: &Arm,
+        model: Option<&TorqueModel>,
+        settings: &Settings,
+        progress: &dyn Progress,
+    ) -> Result<(), WorkError> {
+        if model.is_none() && self.are_currents() {
+            return Ok(());
+        }
+        let mut robot = Cow::Borrowed(&arm.robot);
+        if let Some(model) = model {
+            let masses = model.check(&arm.robot).map_err(WorkError::Usage)?;
+            robot = Cow::Owned(arm.robot.clone().with_inertial_parameters(&masses));
+        }
+        let strict = settings.log.strict.unwrap_or_default();
+        let has_arm = settings.robot.arm.is_some();
+        let given = Given {
+            torque_sign: settings.touch.torque_sign_given(),
+            gravity: settings.touch.gravity_given(),
+        };
+        if has_arm && given.gravity == Some(Gravity::Removed) {
+            let told = format!(
+                "`{}`: these torques hold no gravity, and --arm was identified on torques that do: only its standard \
+                 deviations are used, and they may be too small; give the measured torques",
+                self.first_path()
+            );
+            if strict {
+                return Err(WorkError::LooksWrong(format!("{told} (--strict)")));
+            }
+            progress.warn(&told);
+        }
+        let set = settings.touch.over_config(&ExternalTorqueConfig::default());
+        let _ = self.logs.look_ahead(AHEAD);
+        for (log, (path, _)) in self.logs.all().enumerate() {
+            let Some(mut touches) = touches_of(self.logs.ahead_of(log), &robot) else { continue };
+            for sample in touches.iter_mut().flat_map(|touch| &mut touch.samples) {
+                let joints = model.iter().flat_map(|model| &model.joints);
+                sample.tau.iter_mut().zip(joints).for_each(|(tau, joint)| *tau /= joint.gain);
+            }
+            if touches.iter().flat_map(|touch| &touch.samples).all(is_without_torque) {
+                continue; // which was told
+            }
+            let given = (&set, given);
+            let mut found = looks_wrong_as_logged(&mut touches, &robot, given, self.checked.0);
+            found.retain(|finding| !self.told.contains(finding.code));
+            // What was not decided was told; what an arm carries that is to be identified is to be found.
+            found.retain(|finding| finding.code != "undecided");
+            found.retain(|finding| model.is_some() || !OF_MASSES.contains(&finding.code));
+            for payload in found.iter_mut().filter(|one| has_arm && one.code == "payload") {
+                payload.flags.clear();
+                payload.what +=
+                    "; the arm carries something else than when it was identified (--arm)";
+            }
+            self.told.extend(found.iter().map(|finding| finding.code));
+            tell(&found, &format!("`{}`", path.display()), strict, progress)?;
+        }
+        Ok(())
+    }
+}
+
+fn is_without_torque(sample: &Sample) -> bool {
+    sample.tau.iter().all(|tau| *tau == 0.0)
+}
