@@ -426,6 +426,30 @@ fn a_jump_is_told_and_a_wrapped_angle_is_none() {
 }
 
 #[test]
+fn angles_that_count_whole_turns_look_as_others_do() {
+    let ways = |touches: &[Touch], flags: &[&str]| -> Vec<f64> {
+        nothing(touches, flags);
+        let told = look(touches, flags).1;
+        let range = told["paths"][0]["touches"][0]["range"].as_array().unwrap().clone();
+        range.iter().map(|ends| ends[1].as_f64().unwrap() - ends[0].as_f64().unwrap()).collect()
+    };
+    let moved = ways(&clean(), &[]);
+    let mut touches = clean();
+    let angles = |touches: &mut Vec<Touch>, change: &dyn Fn(f64) -> f64| {
+        touches.iter_mut().flat_map(|touch| &mut touch.q).flatten().for_each(|q| *q = change(*q));
+    };
+    // A turn begins on the way of Actuator2, and where Actuator6 rests.
+    angles(&mut touches, &|q| (q - 0.8).rem_euclid(std::f64::consts::TAU) + 0.8);
+    assert!(touches[0].q[0][1] > 6.9 && touches[0].q[50][1] < 1.0);
+    for (factor, flags) in [(1.0, [].as_slice()), (1_f64.to_degrees(), &["--angle-unit", "deg"])] {
+        angles(&mut touches, &|q| q * factor);
+        for (way, moved) in ways(&touches, flags).iter().zip(&moved) {
+            assert!((way - moved).abs() < 1e-9, "{way} for {moved}");
+        }
+    }
+}
+
+#[test]
 fn a_log_that_breaks_off_is_told_and_the_next_path_looked_at() {
     let folder = tempfile::tempdir().unwrap();
     let mut touches = clean();

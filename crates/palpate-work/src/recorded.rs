@@ -4,7 +4,7 @@ use std::iter::once;
 use std::path::PathBuf;
 use std::vec::IntoIter;
 
-use palpate::{MapperError, Sample};
+use palpate::{MapperError, Robot, Sample};
 use palpate_io::log::{Format, Log, LogDescription, LogError, LogEvent, LogWarning, LoggedTorques};
 
 use crate::error::WorkError;
@@ -34,6 +34,15 @@ impl RecordedTouch {
     /// An error at a place of this touch.
     pub fn fault(&self, place: String, source: MapperError) -> WorkError {
         WorkError::touch(&self.log, place, source)
+    }
+
+    /// Takes whole turns out of the positions of a robot's joints.
+    pub(crate) fn without_turns(&mut self, robot: &Robot) {
+        let mut before: Option<&[f64]> = None;
+        for sample in &mut self.samples {
+            robot.without_turns(before, &mut sample.q);
+            before = Some(&sample.q);
+        }
     }
 }
 

@@ -42,6 +42,9 @@ pub struct Touches {
     current: usize,
     joints: Vec<String>,
     permutation: Option<Vec<usize>>,
+    /// The arm whose joints these are, and where they were in the sample before.
+    arm: Option<Arc<Arm>>,
+    before: Option<Vec<f64>>,
     /// Joints of the touch that was started last, as the log names them.
     named: Option<Vec<String>>,
     /// The touch that the log is in, and how many of its samples were read.
@@ -84,8 +87,8 @@ impl Touches {
         self
     }
 
-    /// The same touches for an arm: joints in its order, and parted where it pauses in this box,
-    /// if the settings say so.
+    /// The same touches for an arm: joints in its order, without whole turns that sensors add, and parted where it pauses
+    /// in this box, if the settings say so.
     pub fn for_arm(
         mut self,
         arm: &Arc<Arm>,
@@ -93,6 +96,7 @@ impl Touches {
         place: (Lattice, ContactConfig),
     ) -> Result<Self, WorkError> {
         self.joints = arm.robot.joint_names().map(str::to_owned).collect();
+        self.arm = Some(arm.clone());
         let parted = settings.pauses();
         self.pauses = parted.map(|config| Pauses::new(arm, place, config)).transpose()?;
         self.checked.1 = settings.strict.unwrap_or_default();
@@ -184,6 +188,7 @@ impl Touches {
                 self.current = log;
                 self.named.clone_from(&joint_names);
                 self.read = (name.clone(), 0);
+                self.before = None;
                 let names = joint_names.filter(|_| !self.joints.is_empty());
                 let order = names.map(|names| reorder(&self.joints, &names)).transpose();
                 self.permutation = order.map_err(|error| {
@@ -196,6 +201,12 @@ impl Touches {
                 self.read.1 += 1;
                 if let Some(order) = &self.permutation {
                     reorder_joints(&mut sample, order);
+                }
+                // A sample of another robot is refused where it is used.
+                let arm = self.arm.as_ref();
+                if let Some(arm) = arm.filter(|arm| arm.robot.n_joints() == sample.q.len()) {
+                    arm.robot.without_turns(self.before.as_deref(), &mut sample.q);
+                    self.before = Some(sample.q.clone());
                 }
                 Ok(Some(TouchEvent::Sample(sample)))
             }

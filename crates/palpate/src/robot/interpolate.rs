@@ -1,4 +1,4 @@
-//! Between two joint positions.
+//! Joint positions that follow one another.
 
 use std::f64::consts::TAU;
 
@@ -24,6 +24,33 @@ impl Robot {
             }
         };
         self.joints().iter().zip(from).zip(to).map(way).collect()
+    }
+
+    /// Takes out of angles the whole turns that sensors add which count from 0 to 360° or from −180 to 180°.
+    ///
+    /// An angle, rad, becomes the one within half a turn of where its joint was `before`. If that is beyond the joint's
+    /// limits and one turn leads into them, it is turned. What needs no turn stays to the bit.
+    ///
+    /// # Panics
+    ///
+    /// As [`Robot::difference`].
+    pub fn without_turns(&self, before: Option<&[f64]>, q: &mut [f64]) {
+        let before = before.map_or_else(|| q.to_vec(), <[f64]>::to_vec);
+        assert!(q.len() == self.n_joints() && before.len() == q.len(), "one value a joint");
+        for ((joint, before), q) in self.joints().iter().zip(before).zip(q) {
+            if joint.kind == JointKind::Prismatic {
+                continue;
+            }
+            let turns = ((*q - before) / TAU).round();
+            if turns != 0.0 {
+                *q -= TAU * turns;
+            }
+            let Some([low, high]) = joint.range else { continue };
+            let is_within = |angle: &f64| (low..=high).contains(angle);
+            if !is_within(q) {
+                *q = [*q - TAU, *q + TAU].into_iter().find(is_within).unwrap_or(*q);
+            }
+        }
     }
 
     /// The joint positions a part (0 to 1) of the way of [`Robot::difference`].
@@ -60,5 +87,42 @@ mod tests {
         assert!((between[0] - std::f64::consts::PI).abs() < 1e-12, "{between:?}");
         assert!(between[1].abs() < 1e-12, "{between:?}");
         assert_eq!(robot.difference(&[0.5, 0.0], &[-0.5, 7.0]), [-1.0, 7.0]);
+    }
+
+    #[test]
+    fn positions_counted_from_0_to_360_degrees_become_those_of_the_joints() {
+        let joint = |name: &str, kind: &str, (parent, child): (&str, &str)| {
+            format!(
+                "<joint name='{name}' type='{kind}'><parent link='{parent}'/><child \
+                 link='{child}'/><axis xyz='0 0 1'/><limit lower='-2.4' upper='2.4' effort='1' \
+                 velocity='1'/></joint>"
+            )
+        };
+        let links = ["a", "b", "c", "d"].map(|link| format!("<link name='{link}'/>")).concat();
+        let joints = [
+            joint("round", "continuous", ("a", "b")),
+            joint("limited", "revolute", ("b", "c")),
+            joint("slide", "prismatic", ("c", "d")),
+        ];
+        let urdf = format!("<robot name='three'>{links}{}</robot>", joints.concat());
+        let robot = Robot::from_urdf(&urdf).unwrap();
+        let mut before: Option<Vec<f64>> = None;
+        for step in -40..=40 {
+            let way = 0.1 * f64::from(step);
+            let moved = [way, 0.55 * way, way];
+            let mut q = [way.rem_euclid(TAU), (0.55 * way).rem_euclid(TAU), way];
+            robot.without_turns(before.as_deref(), &mut q);
+            // A joint that turns for ever goes on from where it was first seen, at -4 + 2 π.
+            for (found, wanted) in q.iter().zip([moved[0] + TAU, moved[1], moved[2]]) {
+                assert!((found - wanted).abs() < 1e-12, "{q:?} for {moved:?}");
+            }
+            before = Some(q.to_vec());
+        }
+        // Beyond its limits whatever is turned, and degrees: as they are.
+        for mut q in [[0.1, 2.5, 9.0], [90.0, 45.0, 0.0]] {
+            let given = q;
+            robot.without_turns(None, &mut q);
+            assert_eq!(q.map(f64::to_bits), given.map(f64::to_bits));
+        }
     }
 }

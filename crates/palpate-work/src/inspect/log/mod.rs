@@ -276,9 +276,14 @@ impl AsLogged {
         (set, given): (&ExternalTorqueConfig, Given),
         (angle_unit, matching): (Option<AngleUnit>, Matching),
     ) -> Self {
+        let without_turns = |touches: &mut [RecordedTouch]| {
+            touches.iter_mut().for_each(|touch| touch.without_turns(robot));
+        };
         let (angle_unit, wrong_unit) = unit::correct(touches, robot, angle_unit, set);
+        without_turns(touches);
         let (reading, by_gravity) =
             gravity::judge(touches, robot, (set, given), (angle_unit, matching));
+        without_turns(touches); // the joints may be others now
         let as_read = wrong_unit.is_none() && reading.order.is_none();
         let mut findings = Vec::from_iter(wrong_unit);
         findings.extend(by_gravity);

@@ -1,8 +1,6 @@
 //! What the robot's limits say of a motion: positions and speeds beyond them.
 
-use palpate::unstable::{Joint, JointKind};
-use std::f64::consts::TAU;
-
+use palpate::unstable::Joint;
 use palpate::{Robot, Sample};
 
 use super::super::finding::Finding;
@@ -63,8 +61,8 @@ fn jumps(touches: &[RecordedTouch], robot: &Robot, period_s: Option<f64>) -> Opt
             (Some(now_s), Some(before_s)) if now_s > before_s => Some(now_s - before_s),
             _ => period_s,
         };
-        let moves = joints.iter().zip(&before.q).zip(&now.q);
-        let moves = moves.map(|((joint, a), b)| (joint, distance(joint.kind, *a, *b)));
+        let ways = robot.difference(&before.q, &now.q);
+        let moves = joints.iter().zip(ways).map(|(joint, way)| (joint, way.abs()));
         let jumped = |(joint, way): &(&Joint, f64)| match (step_s, joint.velocity) {
             (Some(step_s), Some(limit)) => *way > (JUMP * limit * step_s).max(LEAST_JUMP),
             _ => *way > JUMP_ANYWAY,
@@ -90,13 +88,4 @@ fn jumps(touches: &[RecordedTouch], robot: &Robot, period_s: Option<f64>) -> Opt
     let remedy = "frames are missing, recordings were joined, or the unit is wrong; cut the touch \
                   there, since a jump through the object looks like a push";
     Finding::at_places("jumps", &places, what, remedy)
-}
-
-/// How far a joint moves, the shorter way round where it may turn for ever.
-fn distance(kind: JointKind, from: f64, to: f64) -> f64 {
-    let way = to - from;
-    match kind {
-        JointKind::Continuous => (way - TAU * (way / TAU).round()).abs(),
-        JointKind::Revolute | JointKind::Prismatic => way.abs(),
-    }
 }
