@@ -52,6 +52,9 @@ fn every_dialect_gives_the_same_samples() {
         "timestamp actual_q_0 actual_q_1 actual_current_0 actual_current_1\r\n0 0.1 -0.2 1 2e-3\r\n0.05 \
          0.1 -0.3 1.5 2\r\n",
         "# t, q1, q2, tau1, tau2\n0, 0.1, -0.2, 1, 2e-3\n0.05, 0.1, -0.3, 1.5, 2\n",
+        "q1,tau1,q2,tau2,timestamp\n0.1,1,-0.2,2e-3,1970-01-01 00:00:00\n0.1,1.5,-0.3,2,1970-01-01 \
+         00:00:00.050\n",
+        ",q1,tau1,q2,tau2\n1970-01-01T00:00:00Z,0.1,1,-0.2,2e-3\n1970-01-01T00:00:00.05Z,0.1,1.5,-0.3,2\n",
         "tau2,note,tau1,q2,q1,time\n2e-3,\"a, b\",1,-0.2,0.1,0\n2,,1.5,-0.3,0.1,0.05\n",
     ] {
         assert_eq!(read(text).as_ref(), Ok(&wanted), "{text:?}");

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use ::csv::{ByteRecord, Reader, ReaderBuilder, Terminator, Trim};
 use palpate::Sample;
 
-use super::columns::Columns;
+use super::columns::{Columns, Time};
 use super::error::{LogError, TableError};
 use super::event::Format;
 use super::files::{FileDescription, TouchFile};
@@ -99,6 +99,15 @@ impl TouchFile for CsvFile {
             if columns.joint_names.is_none() {
                 columns.named_in_row = None; // of something else
             }
+        }
+        // pandas writes its index as a column without a name.
+        if columns.time.is_none() && options.columns.is_none() && header[0].is_empty() {
+            if first.is_none() {
+                first = next_record(&mut reader, delimiter, path)?;
+            }
+            let index = Time::at(0, None, &header);
+            let is_date = |row: &ByteRecord| index.of_date(|place| cell(row, place)).is_some();
+            columns.time = first.as_ref().is_some_and(is_date).then_some(index);
         }
         Ok(Self { path: path.to_owned(), reader, delimiter, header, columns, first })
     }
@@ -224,7 +233,11 @@ impl CsvFile {
             places.iter().copied().map(number).collect()
         };
         let mut time = self.columns.time.clone();
-        let time_s = time.as_mut().map(|time| time.seconds(number)).transpose()?;
+        let seconds = |time: &mut Time| match time.of_date(|place| cell(record, place)) {
+            Some(time_s) => Ok(time_s),
+            None => time.seconds(number),
+        };
+        let time_s = time.as_mut().map(seconds).transpose()?;
         let mut q = numbers(&self.columns.q)?;
         self.columns.turn_degrees(&mut q);
         let tau = match self.columns.tau.is_empty() {
@@ -234,6 +247,11 @@ impl CsvFile {
         self.columns.time = time; // which knows its unit now
         Ok(Sample::new(time_s, q, tau))
     }
+}
+
+/// What stands in a column; nothing, if that is no text.
+fn cell(row: &ByteRecord, place: usize) -> &str {
+    std::str::from_utf8(&row[place]).unwrap_or_default()
 }
 
 fn text(cell: &[u8]) -> String {
