@@ -232,6 +232,14 @@ fn touches_of_the_same_name_are_told_apart() {
 }
 
 #[test]
+fn a_log_that_is_given_twice_is_refused() {
+    let scene = Scene::new();
+    scene.touch("log/seq_0", 40, 0.0);
+    let twice = &mut evaluate(&scene, &["log", "log/../log"], &["--methods", "zero"]);
+    refuse(twice, 2, &["log/../log` is given twice"]);
+}
+
+#[test]
 fn a_touch_called_field_keeps_its_figure() {
     let scene = Scene::new();
     scene.touch("log/field", 40, 0.3);

@@ -64,7 +64,20 @@ pub struct Touches {
 
 impl Touches {
     /// Opens all logs, so that most defects show before any work is done.
+    ///
+    /// # Errors
+    ///
+    /// A log that cannot be opened, or is given twice.
     pub fn open(paths: &[PathBuf], options: &LogOptions) -> Result<Self, WorkError> {
+        let mut given = HashSet::new();
+        let mut is_new =
+            |path: &&PathBuf| path.canonicalize().map_or(true, |real| given.insert(real));
+        if let Some(again) = paths.iter().find(|path| !is_new(path)) {
+            let log = again.display();
+            return Err(WorkError::Usage(format!(
+                "`{log}` is given twice among the logs; its touches may count once only"
+            )));
+        }
         let open = |path: &PathBuf| Ok((path.clone(), log::open(path, options)?));
         let logs = paths.iter().map(open).collect::<Result<Vec<_>, WorkError>>()?;
         let logs = Logs::new(logs, options.angle_unit);
