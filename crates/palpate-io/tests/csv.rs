@@ -75,6 +75,13 @@ fn a_touch_column_parts_touches_and_joints_are_named() {
             sample(None, &[0.3], &[3.0]),
         ]
     );
+    // Rows without a touch are between touches.
+    let named = [start("7", None), sample(None, &[0.1], &[1.0]), start("8", None)];
+    let between = read("seq,q1,tau1\n,0,0\n7,0.1,1\n,0,0\n8,0,0\n,0,0\n").unwrap();
+    assert_eq!(between[..3], named);
+    assert_eq!(between.len(), 4);
+    let error = read("seq,q1,tau1\n,0,0\n,0,0\n").unwrap_err();
+    assert!(error.contains("push.csv` has a touch column that is empty in all rows"), "{error}");
     let error = read("seq,q1,tau1\n7,0,0\n8,0,0\n7,0,0\n").unwrap_err();
     assert!(error.contains("touch `7` in line 4"), "{error}");
 }

@@ -113,6 +113,11 @@ pub enum TableError {
          of motor currents or external torques; read them one after the other"
     )]
     CurrentsAndTorques { path: PathBuf },
+    /// A touch column without a touch.
+    #[error(
+        "`{path}` has a touch column that is empty in all rows; name the touches in it, or leave it out"
+    )]
+    NoTouch { path: PathBuf },
     /// A touch in two pieces.
     #[error("`{path}` goes back to touch `{touch}` in {place}; sort the rows by touch and time")]
     TouchResumes { path: PathBuf, place: String, touch: String },

@@ -114,6 +114,12 @@ pub enum LogWarning {
         /// Those before the first touch starts.
         before_touch: u64,
     },
+    /// Rows of a table that belong to no touch.
+    #[error("{rows} rows were left out: their touch column is empty")]
+    BetweenTouches {
+        /// How many.
+        rows: u64,
+    },
     /// A bag that breaks off, read up to there.
     #[error(
         "the bag breaks off after {messages} messages and {seconds:.1} s ({reason}); what lies \

@@ -63,6 +63,8 @@ pub(super) struct TouchFiles<F> {
     current: Option<(PathBuf, F, FileDescription)>,
     /// Name of the touch under way.
     touch: Option<String>,
+    /// Rows in which the touch column is empty.
+    between: u64,
     /// Names of the touches that began so far and may not begin again.
     begun: HashSet<String>,
 }
@@ -94,7 +96,8 @@ impl<F: TouchFile> TouchFiles<F> {
             LogDescription { path, format, touches, samples, joints, torques, columns };
         files.reverse();
         let (options, begun) = (options.clone(), HashSet::new());
-        Ok(Self { description, options, ahead: files, current: None, touch: None, begun })
+        let (ahead, current, touch) = (files, None, None);
+        Ok(Self { description, options, ahead, current, touch, between: 0, begun })
     }
 
     /// Opens the next file; without one, the log is over.
@@ -120,25 +123,35 @@ impl<F: TouchFile> Source for TouchFiles<F> {
     fn read_on(
         &mut self,
         events: &mut VecDeque<LogEvent>,
-        _: &mut Vec<LogWarning>,
+        warnings: &mut Vec<LogWarning>,
     ) -> Result<(), LogError> {
         while self.current.is_some() || self.next_file()? {
             let Some((path, file, known)) = &mut self.current else { break };
             let Some((touch, sample)) = file.next_row()? else {
                 let may_be_empty = known.continues_touches && !self.ahead.is_empty();
                 if self.touch.is_none() && !may_be_empty {
-                    return Err(LogError::Empty { path: path.clone() });
+                    let (path, is_empty) = (path.clone(), self.between == 0);
+                    return Err(match is_empty {
+                        true => LogError::Empty { path },
+                        false => TableError::NoTouch { path }.into(),
+                    });
                 }
                 self.current = None;
                 continue;
             };
+            if touch.as_ref().is_some_and(String::is_empty) {
+                self.between += 1;
+                warnings.retain(|warning| !matches!(warning, LogWarning::BetweenTouches { .. }));
+                warnings.push(LogWarning::BetweenTouches { rows: self.between });
+                continue;
+            }
             let name = match touch {
                 // Touches of other files may have the same names.
                 Some(touch) if !known.continues_touches && self.description.path != *path => {
                     format!("{}/{touch}", known.name)
                 }
-                Some(touch) if !touch.is_empty() => touch,
-                _ => known.name.clone(),
+                Some(touch) => touch,
+                None => known.name.clone(),
             };
             if self.touch.as_ref() != Some(&name) {
                 if !self.begun.insert(name.clone()) {
