@@ -199,6 +199,10 @@ fn a_table_without_a_header_is_read_by_the_numbers_of_its_columns() {
     let error = read_as(&table, &named(columns(&["3"], &["5"]))).unwrap_err().to_string();
     assert!(error.contains("no column `5`"), "{error}");
 
+    fs::write(&table, "1970-01-01 00:00:00.5,1,2,3\n").unwrap();
+    let events = read_as(&table, &named(columns(&["3"], &["2"]))).unwrap();
+    assert_eq!(events[1], sample(Some(0.5), &[2.0], &[1.0]));
+
     // pandas calls the columns of an array by their numbers from 0.
     fs::write(&table, "0,1,2,3\n0.5,1,2,3\n").unwrap();
     let events = read_as(&table, &named(columns(&["2"], &["3"]))).unwrap();

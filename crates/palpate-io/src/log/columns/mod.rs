@@ -37,7 +37,7 @@ use super::options::CsvColumns;
 use families::{Family, families, pairs};
 use names::{CURRENTS, EXTERNAL_TORQUES, JOINT_NAMES, Label};
 pub(super) use names::{POSITIONS, Spelling, TORQUES};
-pub(super) use time::Time;
+pub(super) use time::{Time, date_s};
 
 /// Places of the columns in a row.
 #[derive(Debug, Clone, PartialEq)]

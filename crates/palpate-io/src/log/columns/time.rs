@@ -97,17 +97,9 @@ impl Time {
         [self.place].into_iter().chain(self.nanoseconds)
     }
 
-    /// The time of a row where a date and a time of day stand in place of a number, s since 1970: in UTC, if no zone is
-    /// said. `cell` is what stands in a column.
+    /// The time of a row where a date stands in place of a number, s; `cell` is what stands in a column.
     pub(in crate::log) fn of_date<'a>(&self, cell: impl Fn(usize) -> &'a str) -> Option<f64> {
-        let text = cell(self.place);
-        if text.parse::<f64>().is_ok() {
-            return None;
-        }
-        let in_utc = || text.parse::<DateTime>().ok()?.to_zoned(TimeZone::UTC).ok();
-        let moment = text.parse::<Timestamp>().ok();
-        let moment = moment.or_else(|| in_utc().map(|moment| moment.timestamp()));
-        moment.map(|moment| moment.as_duration().as_secs_f64())
+        date_s(cell(self.place))
     }
 
     /// The time of a row, s; `number` reads a column of it. If the name says no unit, the first row decides for all.
@@ -128,6 +120,17 @@ impl Time {
             (false, _) => time,
         })
     }
+}
+
+/// A date and a time of day as seconds since 1970: in UTC, if no zone is said. A number is no date.
+pub(in crate::log) fn date_s(text: &str) -> Option<f64> {
+    if text.parse::<f64>().is_ok() {
+        return None;
+    }
+    let in_utc = || text.parse::<DateTime>().ok()?.to_zoned(TimeZone::UTC).ok();
+    let moment = text.parse::<Timestamp>().ok();
+    let moment = moment.or_else(|| in_utc().map(|moment| moment.timestamp()));
+    moment.map(|moment| moment.as_duration().as_secs_f64())
 }
 
 /// Seconds in the unit of a time that does not say it: ms, µs or ns if that makes it a Unix time of our days, else s.
@@ -172,8 +175,6 @@ mod tests {
 
     #[test]
     fn a_date_with_a_time_of_day_is_a_time_and_a_number_is_no_date() {
-        let clock = find("timestamp,q1").unwrap();
-        let of = |text: &'static str| clock.of_date(|_| text);
         let noon_s = 1_714_564_800.25; // `date -u -d "2024-05-01 12:00:00.25" +%s.%N`
         for text in [
             "2024-05-01 12:00:00.25",
@@ -182,10 +183,10 @@ mod tests {
             "2024-05-01 14:00:00.25+02:00",
             "2024-05-01 12:00:00.250000+00:00",
         ] {
-            assert!((of(text).unwrap() - noon_s).abs() < 1e-6, "{text}");
+            assert!((date_s(text).unwrap() - noon_s).abs() < 1e-6, "{text}");
         }
         for text in ["20240501", "1714564800", "1.5", "", "12 o'clock", "2024-05-01 12:00:61"] {
-            assert_eq!(of(text), None, "{text}");
+            assert_eq!(date_s(text), None, "{text}");
         }
     }
 

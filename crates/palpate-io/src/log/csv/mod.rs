@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use ::csv::{ByteRecord, Reader, ReaderBuilder, Terminator, Trim};
 use palpate::Sample;
 
-use super::columns::{Columns, Time};
+use super::columns::{Columns, Time, date_s};
 use super::error::{LogError, TableError};
 use super::event::Format;
 use super::files::{FileDescription, TouchFile};
@@ -159,7 +159,8 @@ impl TouchFile for CsvFile {
 /// Whether a line holds numbers where a header holds names. Names that count from 0, as pandas writes them, are no row.
 fn holds_numbers(line: &[String]) -> bool {
     let counted = line.iter().enumerate().all(|(at, name)| *name == at.to_string());
-    !counted && line.iter().all(|name| name.parse::<f64>().is_ok())
+    let is_value = |name: &String| name.parse::<f64>().is_ok() || date_s(name).is_some();
+    !counted && line.iter().all(is_value)
 }
 
 /// The columns of a header. An error is half a sentence for the user.
