@@ -174,6 +174,38 @@ fn pushes_in_a_fifth_of_the_time_are_left_out() {
     is_right(&found);
 }
 
+/// The first joint is vertical, and friction in the last ones is far more than gravity.
+#[test]
+fn gains_of_currents_are_found_where_gravity_hardly_moves_a_joint() {
+    let gains = [0.03, 0.08, 0.07, 0.08, 0.2, 0.25, 0.3];
+    let mut logs = logs(7, PRESLIDING);
+    for touch in &mut logs {
+        let mut before = touch[0].q.clone();
+        let mut states = vec![FrictionState::default(); 7];
+        for sample in touch {
+            for j in 0..7 {
+                states[j].advance(sample.q[j] - before[j], PRESLIDING);
+                sample.tau[j] -= 5.0 * states[j].middle();
+                sample.tau[j] *= gains[j];
+            }
+            before.clone_from(&sample.q);
+        }
+    }
+    let robot = Robot::built_in("kinova_gen3").unwrap();
+    let config = IdentifyConfig { payload_link: robot.bodies().last().unwrap(), currents: true };
+    let touches: Vec<&[Sample]> = logs.iter().map(|touch| &touch[..]).collect();
+    let torques = ExternalTorqueConfig::default();
+    let found = identify(&robot, &touches, &torques, &config, UNSTOPPED).unwrap();
+    for (j, (joint, gain)) in found.joints.iter().zip(gains).enumerate() {
+        let off = (joint.gain.value - gain).abs();
+        // Of the last one little is known: what gravity does there is next to nothing.
+        let most = if j < 6 { 0.15 * gain } else { 0.7 * gain };
+        assert!(off < most && off < 4.0 * joint.gain.std, "{:?}, put in {gain}", joint.gain);
+    }
+    let mass = found.payload.mass_kg;
+    assert!((mass.value - PAYLOAD_KG).abs() < 0.15 * PAYLOAD_KG, "{mass:?}");
+}
+
 #[test]
 fn stamps_of_a_relay_are_as_good_as_those_of_the_robot() {
     let logs = logs(7, PRESLIDING);

@@ -40,6 +40,9 @@ const LEAST_TOLD: f64 = 0.1;
 const SLOPE_N_M: f64 = 0.01;
 const OF_TOUCH: usize = 6;
 
+/// Width of the gains of currents, relative to where they start; and how far that may be from what is common to all joints.
+const GAIN_OF_CURRENT: f64 = 1.0;
+const MOST_RATIO: f64 = 3.0;
 /// Widths that are not estimated: payload, kg and m; delay, s.
 const PAYLOAD_KG: f64 = 5.0;
 const PAYLOAD_M: f64 = 0.2;
@@ -120,14 +123,13 @@ impl Prior {
             efforts,
         };
         if start.currents {
-            prior.widths[GAIN] = 0.3;
+            prior.widths[GAIN] = GAIN_OF_CURRENT;
         }
         for k in 0..rows.n_parameters {
             (prior.group[k], prior.scale[k]) = (LINKS, start.scales[k]);
         }
         for k in 0..BODY_PARAMETERS {
-            let power = [0, 1, 1, 1, 2, 2, 2, 2, 2, 2][k];
-            prior.scale[rows.n_parameters + k] = PAYLOAD_KG * PAYLOAD_M.powi(power);
+            prior.scale[rows.n_parameters + k] = payload_scale(k);
         }
         prior.scale[shared - 1] = DELAY_S;
         for (j, gain) in gains.iter().enumerate() {
@@ -185,28 +187,47 @@ impl Prior {
 }
 
 impl Start {
-    /// Gains to start from: 1, or, of currents, the slope on what the URDF says.
+    /// Gains to start from: 1; of currents, what all joints together say, or a joint of its own where the URDF's torque is
+    /// far larger there than friction and a payload, which is not known yet.
     fn first_gains(&self, rows: &Rows, sums: &[Sum]) -> Vec<f64> {
         if !self.currents {
             return vec![1.0; sums.len()];
         }
         let (last, one) = (rows.width() - 1, rows.n_parameters + 1 + FRICTION);
-        let slope = |sum: &Sum| {
+        // Variances and covariance of the URDF's torque and what was logged; and of the torque of any payload.
+        let moments = |sum: &Sum| {
             let mut urdf = DVector::zeros(rows.width());
             urdf.rows_mut(0, rows.n_parameters).copy_from(&self.parameters);
             let with = &sum.gram * &urdf;
             let count = sum.rows.max(1.0);
-            let covariance = with[last] - with[one] * sum.gram[(last, one)] / count;
-            let variance = urdf.dot(&with) - with[one] * with[one] / count;
-            // A joint that gravity hardly moves tells nothing.
-            (variance > 0.01 * count).then(|| covariance / variance)
+            let about_mean = |a: usize, b: usize| {
+                (sum.gram[(a, b)] - sum.gram[(a, one)] * sum.gram[(b, one)] / count) / count
+            };
+            let payload = (0..BODY_PARAMETERS).map(|k| {
+                let at = BODY_PARAMETERS * self.payload_body + k;
+                about_mean(at, at) * payload_scale(k).powi(2)
+            });
+            let covariance = (with[last] - with[one] * sum.gram[(last, one)] / count) / count;
+            let variance = (urdf.dot(&with) - with[one] * with[one] / count) / count;
+            [variance, covariance, about_mean(last, last), payload.sum()]
         };
-        let slopes: Vec<Option<f64>> = sums.iter().map(slope).collect();
-        let known: Vec<f64> =
-            slopes.iter().flatten().copied().filter(|slope| slope.abs() > 1e-4).collect();
-        let mean =
-            if known.is_empty() { 1.0 } else { known.iter().sum::<f64>() / known.len() as f64 };
-        let gain = |slope: Option<f64>| slope.filter(|slope| slope.abs() > 1e-4).unwrap_or(mean);
-        slopes.into_iter().map(gain).collect()
+        let moments: Vec<[f64; 4]> = sums.iter().map(moments).collect();
+        let total = |of: usize| moments.iter().map(|own| own[of]).sum::<f64>();
+        let common = total(1) / total(0).max(1e-9);
+        let common = if common.abs() > 1e-4 { common } else { 1.0 };
+        let gain = |[variance, covariance, logged, payload]: &[f64; 4]| {
+            // A joint that gravity hardly moves tells nothing.
+            let own = covariance / variance.max(0.01);
+            let friction = (logged - own * covariance).max(0.0) / common.powi(2);
+            let part = variance / (variance + friction + payload).max(1e-9);
+            let ratio = (part * own / common + 1.0 - part).clamp(1.0 / MOST_RATIO, MOST_RATIO);
+            common * ratio
+        };
+        moments.iter().map(gain).collect()
     }
+}
+
+/// How large a parameter of a payload may be: its mass, kg, times powers of its size, m.
+fn payload_scale(parameter: usize) -> f64 {
+    PAYLOAD_KG * PAYLOAD_M.powi([0, 1, 1, 1, 2, 2, 2, 2, 2, 2][parameter])
 }
