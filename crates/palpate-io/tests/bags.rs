@@ -199,6 +199,25 @@ fn joints_are_matched_by_name_in_any_order_and_others_are_left_out() {
     let (events, _) = read(&path, &joints(&["b", "a"])).unwrap();
     assert_eq!(samples(&events)[1].tau, [0.2, 0.1]);
     refused(&path, &joints(&["c"]), &["none of them of the joints c"]);
+
+    // A gripper's joint on the arm's messages, which measures no torque; an arm's that fails once is told.
+    let mut raw = Raw::new();
+    let arm_and_grip = |raw: &mut Raw, time_ns, tau: f64| {
+        raw.state(time_ns, &["a", "grip", "b"], &[1.0, 3.0, 2.0], &[0.1, f64::NAN, tau]);
+    };
+    arm_and_grip(&mut raw, 1, 0.2);
+    arm_and_grip(&mut raw, 2, 0.2);
+    let (_kept, path) = raw.done();
+    let (events, _) = read(&path, &LogOptions::default()).unwrap();
+    assert_eq!(
+        (&samples(&events)[1].q[..], &samples(&events)[1].tau[..]),
+        (&[1.0, 2.0][..], &[0.1, 0.2][..])
+    );
+    let mut raw = Raw::new();
+    arm_and_grip(&mut raw, 1, f64::NAN);
+    arm_and_grip(&mut raw, 2, 0.2);
+    let (_kept, path) = raw.done();
+    refused(&path, &LogOptions::default(), &["the torque of joint `b` is NaN", "--joints"]);
 }
 
 #[test]

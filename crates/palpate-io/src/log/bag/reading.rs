@@ -9,6 +9,8 @@
 //! torques are external ones, without gravity. Markers are messages with a field `data`, which
 //! names the touch, or with none.
 
+use std::collections::HashSet;
+
 use palpate::Sample;
 
 use super::layout::{Layout, Slot, Taken, plain};
@@ -105,15 +107,24 @@ impl Reading {
     }
 
     /// The joints of the first messages: those of the message that has most of them, so that a
-    /// gripper which reports on the same topic is not taken for the arm; or those `wanted`.
+    /// gripper which reports on the same topic is not taken for the arm, but for those that never have a
+    /// torque; or those `wanted`.
     pub(super) fn joints(&self, first: &[Vec<u8>], wanted: Option<&[String]>) -> Joints {
         let mut joints = Joints { by_log_time: true, ..Joints::default() };
+        let mut with_torque: HashSet<String> = HashSet::new();
         for taken in first.iter().filter_map(|data| self.layout.take(data).ok()) {
             joints.by_log_time &= taken.seconds == 0 && taken.nanoseconds == 0;
             if taken.positions.len() > joints.count {
                 joints.count = taken.positions.len();
-                joints.names = self.named.then_some(taken.names);
+                joints.names = self.named.then(|| taken.names.clone());
             }
+            let felt = taken.names.into_iter().zip(&taken.torques);
+            with_torque.extend(felt.filter(|(_, tau)| tau.is_finite()).map(|(name, _)| name));
+        }
+        // Controllers that broadcast states give NaN for what a gripper does not measure.
+        if let Some(names) = joints.names.as_mut().filter(|_| !with_torque.is_empty()) {
+            names.retain(|name| with_torque.contains(name));
+            joints.count = names.len();
         }
         if let (Some(wanted), true) = (wanted, self.named) {
             joints.count = wanted.len();
