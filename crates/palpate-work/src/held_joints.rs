@@ -17,7 +17,7 @@ fn is_finger(joint: &Joint) -> bool {
     joint.kind == JointKind::Prismatic || parts.iter().any(|part| name.contains(part))
 }
 
-/// A name of the log, and that of the robot that it is taken for, if they differ in what all names begin or end with.
+/// A name of the log, and that of the robot that it is taken for, if they differ.
 pub(crate) fn other_name(robot: &Robot, log: &[String]) -> Option<(String, String)> {
     let own: Vec<String> = robot.joint_names().map(str::to_owned).collect();
     let missing = unmatched(&own, log).0;

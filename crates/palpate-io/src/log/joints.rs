@@ -1,5 +1,7 @@
 //! Matching the joints of a log to those of a robot by name.
 
+use std::collections::BTreeMap;
+
 /// Why a log's joints do not serve a robot.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -20,7 +22,8 @@ pub enum JointNameError {
 ///
 /// Joints of the log that the robot does not have, such as a gripper's, are left out. Names that differ in what all
 /// names of a side begin with, up to `_` or `/`, or end with, from `_` on, are taken for the same: `fr3_joint1` and
-/// `panda_joint1`, `/left/j1` and `j1`, or `elbow_joint` and `elbow`.
+/// `panda_joint1`, `/left/j1` and `j1`, or `elbow_joint` and `elbow`. So are names that only count: `joint_1`, or
+/// `actuators[0]`, and `Actuator1`.
 ///
 /// # Errors
 ///
@@ -38,7 +41,9 @@ pub fn reorder(robot: &[String], log: &[String]) -> Result<Vec<usize>, JointName
     if !matches!(exact, Err(JointNameError::Missing { .. })) {
         return exact;
     }
-    reorder_exactly(&bare(robot), &bare(log)).map_err(|error| {
+    let by_number = || renamed_by_number(robot, log).map(|log| reorder_exactly(robot, &log));
+    let found = reorder_exactly(&bare(robot), &bare(log));
+    found.or_else(|error| by_number().and_then(Result::ok).ok_or(error)).map_err(|error| {
         let tail = |name: &str| name.rsplit(['_', '/']).next().map(str::to_owned);
         let tails: Vec<_> = log.iter().map(|name| tail(name)).collect();
         let missing = unmatched(robot, log).0;
@@ -62,7 +67,52 @@ pub fn unmatched(robot: &[String], log: &[String]) -> (Vec<usize>, usize) {
         (missing, log.iter().filter(|name| !robot.contains(name)).count())
     };
     let (exact, alike) = (of(robot, log), of(&bare(robot), &bare(log)));
-    if alike.0.len() < exact.0.len() { alike } else { exact }
+    let by_number = renamed_by_number(robot, log).map(|log| of(robot, &log));
+    // Of equal ones the first.
+    let all = [Some(exact), Some(alike), by_number];
+    all.into_iter().flatten().min_by_key(|(missing, _)| missing.len()).expect("there are two")
+}
+
+/// Names that are the same but for a number, by that number.
+type Counted<'a> = BTreeMap<u32, &'a str>;
+
+/// Joints without which numbers say nothing.
+const LEAST_COUNTED: usize = 4;
+
+/// Names of the log, those that count like most names of the robot replaced by these; `None` unless each side has one such
+/// series without a gap.
+fn renamed_by_number(robot: &[String], log: &[String]) -> Option<Vec<String>> {
+    let own = counted(robot).into_iter().max_by_key(Counted::len)?;
+    let mut theirs = counted(log).into_iter().filter(|series| series.len() == own.len());
+    let (theirs, another) = (theirs.next()?, theirs.next());
+    if another.is_some() {
+        return None; // two arms
+    }
+    let of_own = |name: &String| {
+        let place = theirs.values().position(|other| other == name);
+        place.and_then(|place| own.values().nth(place).map(|own| (*own).to_owned()))
+    };
+    Some(log.iter().map(|name| of_own(name).unwrap_or_else(|| name.clone())).collect())
+}
+
+/// The series that names count in, from 0 or 1 on.
+fn counted(names: &[String]) -> Vec<Counted<'_>> {
+    let mut series: BTreeMap<(&str, &str), Counted<'_>> = BTreeMap::new();
+    for name in names {
+        let Some(end) = name.rfind(|sign: char| sign.is_ascii_digit()).map(|at| at + 1) else {
+            continue;
+        };
+        let start = name[..end].rfind(|sign: char| !sign.is_ascii_digit());
+        let start = start.map_or(0, |at| at + name[at..].chars().next().map_or(1, char::len_utf8));
+        let Ok(number) = name[start..end].parse() else { continue };
+        series.entry((&name[..start], &name[end..])).or_default().insert(number, name);
+    }
+    let is_whole = |series: &Counted<'_>| {
+        let first = *series.keys().next().expect("none is empty");
+        let rises = series.keys().zip(first..).all(|(number, wanted)| *number == wanted);
+        series.len() >= LEAST_COUNTED && first <= 1 && rises
+    };
+    series.into_values().filter(is_whole).collect()
 }
 
 /// Names without what all of them begin and end with.
@@ -128,6 +178,32 @@ mod tests {
         assert_eq!(reorder(&log, &robot), Ok(vec![1, 2, 0]));
         // What only some names have is no ending.
         assert!(reorder(&names(&["elbow_joint", "wrist"]), &names(&["elbow", "wrist"])).is_err());
+    }
+
+    #[test]
+    fn names_that_only_count_are_matched_by_their_numbers() {
+        let count = |stem: &str, numbers: std::ops::Range<u32>, end: &str| -> Vec<String> {
+            numbers.map(|number| format!("{stem}{number}{end}")).collect()
+        };
+        let gen3 = count("Actuator", 1..8, "");
+        let mut log = count("joint_", 1..8, "");
+        log.reverse();
+        log.insert(2, "robotiq_85_left_knuckle_joint".to_owned());
+        assert_eq!(reorder(&gen3, &log), Ok(vec![7, 6, 5, 4, 3, 1, 0]));
+        assert_eq!(unmatched(&gen3, &log), (vec![], 1));
+        assert_eq!(reorder(&gen3, &count("actuators[", 0..7, "]")), Ok((0..7).collect()));
+        let with_finger = [gen3.clone(), vec!["finger_joint".to_owned()]].concat();
+        assert_eq!(unmatched(&with_finger, &count("joint_", 1..8, "")), (vec![7], 0));
+        // Two arms, another number of joints, a gap.
+        for log in [
+            [count("left_", 1..8, ""), count("right_", 1..8, "")].concat(),
+            count("joint_", 1..7, ""),
+            [count("joint_", 1..4, ""), count("joint_", 5..9, "")].concat(),
+            count("joint_", 2..9, ""),
+        ] {
+            let error = reorder(&gen3, &log).unwrap_err();
+            assert!(error.to_string().contains("`Actuator1` is not in the log"), "{error}");
+        }
     }
 
     #[test]
