@@ -13,7 +13,7 @@ use crate::error::CliError;
 use crate::output::Output;
 use crate::place::{self, Places};
 use crate::settings::{RobotOnlySettings, Settings};
-use crate::{csv, interrupt};
+use crate::{csv, interrupt, logs};
 
 const NOTES: &str = "Examples:
   palpate excite --robot fr3.urdf --start 0,-0.785,0,-2.356,0,1.571,0.785 -o motion.csv
@@ -80,7 +80,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut places = Places::read(&args.settings, &settings, &[]);
     places.output("the motion (--output)", Some(&args.output))?;
     interrupt::listen();
-    let arm = robot::load(&settings.robot, output)?;
+    let (arm, robot) = (robot::load(&settings.robot, output)?, logs::robot_flags(&settings.robot));
     let mut config = ExciteConfig { around: args.start.clone(), ..ExciteConfig::default() };
     config.duration_s = args.duration.unwrap_or(config.duration_s);
     config.rate_hz = args.rate_hz.unwrap_or(config.rate_hz);
@@ -125,7 +125,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     output.result(&format!(
         "{} points over {:.0} s are in `{}`.\nCondition number {:.0} (of the first motion that kept to the limits: \
          {:.0}); it takes {:.0} % of the joints' speed and {:.0} % of their torque. {lowest}; {nearest}.\nNext: play \
-         it, log it, and palpate identify LOG\n",
+         it, log it, and palpate identify LOG{robot}\n",
         found.points.len(),
         config.duration_s,
         args.output.display(),

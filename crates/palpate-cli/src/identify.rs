@@ -70,16 +70,18 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     places.output("the arm (--output)", args.output.as_deref())?;
     places.output("the URDF (--urdf)", args.urdf.as_deref())?;
     interrupt::listen();
+    let flags = logs::torque_flags(&settings.touch);
     let (mut touches, arm) = logs::open_as_logged(&args.logs, &mut settings, output)?;
-    touches.conventions(&arm, &mut settings.touch, logs::IfUndecided::Refuse, output)?;
-    if !args.currents {
-        touches.check_as_logged(&arm, None, &settings, output)?;
+    if args.currents {
+        touches.take_for_currents();
     }
+    touches.conventions(&arm, &mut settings.touch, logs::IfUndecided::Refuse, output)?;
+    touches.check_as_logged(&arm, None, &settings, output)?;
     let config = settings.config()?;
     let mut touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
     let recorded = touches.read(None)?;
     touches.tell_warnings(output);
-    let currents = args.currents || touches.are_currents();
+    let currents = touches.are_currents();
     let strict = settings.log.strict.unwrap_or_default();
     let wanted = IdentifySettings { tool_link: args.tool_link.clone(), currents, strict };
     let found = identify::run(&arm, &recorded, &config.touch, &wanted, output)?;
@@ -105,7 +107,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         }
     }
     if args.output.is_some() {
-        output.result(&format!("Next: palpate torque LOG{}\n", logs::robot_flags(&robot)))?;
+        let robot = logs::robot_flags(&robot);
+        output.result(&format!("Next: palpate torque LOG{robot}{flags}\n"))?;
     }
     Ok(())
 }

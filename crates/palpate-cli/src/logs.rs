@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use palpate::{Arm, Differentiation};
-use palpate_work::settings::sections::RobotSettings;
+use palpate_work::settings::sections::{RobotSettings, TouchSettings};
 pub(crate) use palpate_work::touches::IfUndecided;
 use palpate_work::touches::{RecordedTouch, Touches};
-use palpate_work::{arm_file, robot};
+use palpate_work::{arm_file, inspect, robot};
 
 use crate::error::CliError;
 use crate::output::Output;
@@ -95,6 +95,15 @@ pub(crate) fn robot_flags(settings: &RobotSettings) -> String {
         format!(" --{flag}{parted}{}", quoted(value))
     };
     flags.iter().map(word).collect()
+}
+
+/// The flags that say how torques count, with a blank before each.
+pub(crate) fn torque_flags(settings: &TouchSettings) -> String {
+    let sign =
+        settings.torque_sign_given().map(|sign| format!(" --torque-sign {}", inspect::word(sign)));
+    let gravity =
+        settings.gravity_given().map(|gravity| format!(" --gravity {}", inspect::word(gravity)));
+    sign.into_iter().chain(gravity).collect()
 }
 
 /// A word as a shell takes it.

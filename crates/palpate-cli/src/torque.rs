@@ -7,6 +7,7 @@ use palpate::{Arm, Differentiation, TorqueModel};
 use palpate_io::torques::{TorqueFormat, TorqueRow, write};
 use palpate_work::Progress;
 use palpate_work::arm_file;
+use palpate_work::quantile::median;
 use palpate_work::torque::{
     BANDWIDTH_HZ, ContactInterval, FALSE_ALARMS_PER_HOUR, ThresholdSource, TorqueFrame,
     TorqueSettings, TouchTorques, contacts, threshold, torques, warn_if_always_touched,
@@ -113,13 +114,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         write(path, format, &joints, &rows(&found, threshold)).map_err(CliError::file)?;
     }
     if args.json {
-        let rms = |of: &dyn Fn(&TouchTorques) -> Vec<f64>| found.iter().map(of).collect::<Vec<_>>();
+        let each = |of: fn(&TouchTorques) -> Vec<f64>| found.iter().map(of).collect::<Vec<_>>();
         return output.json(&json!({
             "threshold": threshold, "threshold_from": from, "false_alarms_per_hour": per_hour,
             "contacts": contacts, "joints": joints,
             "touches": found.iter().map(|touch| &touch.name).collect::<Vec<_>>(),
-            "rms_n_m": rms(&|touch| root_mean_square(touch, |frame| frame.external.torque.as_slice())),
-            "std_n_m": rms(&|touch| root_mean_square(touch, |frame| frame.external.std.as_slice())),
+            "rms_n_m": each(rms_torque), "std_n_m": each(median_std),
         }));
     }
     output.result(&text(&found, &joints, &contacts, (threshold, from, per_hour)))?;
@@ -159,6 +159,7 @@ impl Opened {
     ) -> Result<Self, CliError> {
         let (mut touches, arm) = logs::open_as_logged(paths, settings, output)?;
         let model = arm_file::or_urdf(&settings.robot, &arm.robot, output)?;
+        touches.measured_with(&model);
         touches.conventions(&arm, &mut settings.touch, logs::IfUndecided::Refuse, output)?;
         touches.check_as_logged(&arm, Some(&model), settings, output)?;
         touches.identified(&arm, model.clone(), differentiation, &settings.touch)?;
@@ -224,15 +225,30 @@ fn nothing_found(found: &[TouchTorques], from: ThresholdSource) -> String {
 }
 
 /// By joint, N·m.
-fn root_mean_square(
+/// A figure of each joint's values over the samples of a touch.
+fn of_joints(
     touch: &TouchTorques,
-    of: fn(&palpate_work::torque::TorqueFrame) -> &[f64],
+    of: fn(&TorqueFrame) -> &[f64],
+    figure: impl Fn(&[f64]) -> f64,
 ) -> Vec<f64> {
     let n = touch.frames.first().map_or(0, |frame| of(frame).len());
-    let count = touch.frames.len().max(1) as f64;
-    let mean =
-        |j: usize| touch.frames.iter().map(|frame| of(frame)[j].powi(2)).sum::<f64>() / count;
-    (0..n).map(|j| mean(j).sqrt()).collect()
+    let values = |j: usize| touch.frames.iter().map(|frame| of(frame)[j]).collect::<Vec<_>>();
+    (0..n).map(|j| figure(&values(j))).collect()
+}
+
+/// N·m, by joint.
+fn rms_torque(touch: &TouchTorques) -> Vec<f64> {
+    let rms = |values: &[f64]| {
+        let count = values.len().max(1) as f64;
+        (values.iter().map(|value| value.powi(2)).sum::<f64>() / count).sqrt()
+    };
+    of_joints(touch, |frame| frame.external.torque.as_slice(), rms)
+}
+
+/// N·m, by joint.
+fn median_std(touch: &TouchTorques) -> Vec<f64> {
+    let median = |values: &[f64]| median(values).unwrap_or(f64::NAN);
+    of_joints(touch, |frame| frame.external.std.as_slice(), median)
 }
 
 fn text(
@@ -244,13 +260,12 @@ fn text(
     let mut head = vec!["touch", "samples"];
     head.extend(joints.iter().map(String::as_str));
     let rows = found.iter().map(|touch| {
-        let torque = root_mean_square(touch, |frame| frame.external.torque.as_slice());
-        let std = root_mean_square(touch, |frame| frame.external.std.as_slice());
+        let (torque, std) = (rms_torque(touch), median_std(touch));
         let each = torque.iter().zip(std).map(|(torque, std)| format!("{torque:.2} ({std:.2})"));
         [touch.name.clone(), touch.frames.len().to_string()].into_iter().chain(each).collect()
     });
     let mut text =
-        "External torque, root mean square, N·m (in brackets: its standard deviation)\n\n"
+        "External torque, root mean square, N·m (in brackets: the median of its standard deviation)\n\n"
             .to_owned();
     text += &table(&head, rows);
     text += &format!(

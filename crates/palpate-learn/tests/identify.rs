@@ -181,7 +181,7 @@ fn gains_of_currents_are_found_where_gravity_hardly_moves_a_joint() {
     let mut logs = logs(7, PRESLIDING);
     for touch in &mut logs {
         let mut before = touch[0].q.clone();
-        let mut states = vec![FrictionState::default(); 7];
+        let mut states = [FrictionState::default(); 7];
         for sample in touch {
             for j in 0..7 {
                 states[j].advance(sample.q[j] - before[j], PRESLIDING);

@@ -45,11 +45,13 @@ pub(crate) fn identify<'py>(
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = sources(log)?;
     let found = long(py, progress, |progress| -> Result<_, WorkError> {
-        let touches = opened(sources, &settings.log)?;
-        let currents = currents || touches.are_currents();
-        let strict = settings.log.strict.unwrap_or_default();
+        let mut touches = opened(sources, &settings.log)?;
+        if currents {
+            touches.take_for_currents();
+        }
+        let (currents, strict) = (touches.are_currents(), settings.log.strict.unwrap_or_default());
         let wanted = IdentifySettings { tool_link, currents, strict };
-        let recorded = read(touches, (&robot, &mut settings), (None, currents), progress)?;
+        let recorded = read(touches, (&robot, &mut settings), None, progress)?;
         let torques = settings.config()?.touch;
         identification::run(&robot.arm, &recorded, &torques, &wanted, progress)
     })?;
@@ -96,7 +98,7 @@ pub(crate) fn external_torques<'py>(
         let model = arm_file::or_urdf(&robot.settings, &robot.arm.robot, progress)?;
         let of_model = model.clone().for_differentiation(differentiation);
         let (threshold, from) = torque::threshold(&of_model, None, false_alarms_per_hour)?;
-        let model = (Some((model, differentiation)), false);
+        let model = Some((model, differentiation));
         let touches = opened(sources, &settings.log)?;
         let recorded = read(touches, (&robot, &mut settings), model, progress)?;
         let how = TorqueSettings { bandwidth_hz, tare_frames: 0, wrench_link: None };
@@ -130,17 +132,19 @@ pub(crate) fn external_torques<'py>(
 fn read(
     mut touches: Touches,
     (robot, settings): (&Robot, &mut Settings),
-    (model, currents): (Option<(TorqueModel, Differentiation)>, bool),
+    model: Option<(TorqueModel, Differentiation)>,
     progress: &dyn Progress,
 ) -> Result<Vec<RecordedTouch>, WorkError> {
     touches.angle_unit(&robot.arm, settings, progress)?;
+    if let Some((model, _)) = &model {
+        touches.measured_with(model);
+    }
     touches.conventions(&robot.arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
     match model {
         Some((model, differentiation)) => {
             touches.check_as_logged(&robot.arm, Some(&model), settings, progress)?;
             touches.identified(&robot.arm, model, differentiation, &settings.touch)?;
         }
-        None if currents => {}
         None => touches.check_as_logged(&robot.arm, None, settings, progress)?,
     }
     let config = settings.config()?;

@@ -24,7 +24,7 @@ use crate::output::Output;
 use crate::picture::Format;
 use crate::place::{Places, entries};
 use crate::settings::{RobotOnlySettings, Settings};
-use crate::{interrupt, place};
+use crate::{interrupt, logs, place};
 
 pub(crate) use summary::ExtrapolationSummary;
 
@@ -172,10 +172,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     let (files, elapsed) = ((args.output.as_path(), args.field.as_deref()), started.elapsed());
     if args.json {
-        output.json(&summary.json(files, elapsed))
-    } else {
-        output.result(&summary.text(files, elapsed))
+        return output.json(&summary.json(files, elapsed));
     }
+    output.result(&summary.text(files, elapsed))?;
+    let Some(field) = &args.field else { return Ok(()) };
+    let (field, robot) = (field.display().to_string(), logs::robot_flags(&settings.robot));
+    let field = logs::quoted(&field);
+    output.result(&format!("Next: palpate map LOG --from {field} -o FIELD.npz{robot}\n"))
 }
 
 /// How the cloud is written.

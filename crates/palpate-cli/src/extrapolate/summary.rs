@@ -156,7 +156,6 @@ impl ExtrapolationSummary<'_> {
         if let Some(path) = field {
             let path = path.display();
             let _ = writeln!(text, "The field is in `{path}`.");
-            let _ = writeln!(text, "Next: palpate map LOG --from {path} -o FIELD.npz");
         }
         text
     }

@@ -327,6 +327,40 @@ fn base_parameters(robot: &Robot, posterior: &Posterior) -> (usize, usize) {
 /// What may be left over of the torques' variation at most, before something is wrong.
 const MOST_LEFT_OVER: f64 = 0.3;
 
+/// How early torques may be, s.
+const EARLY_S: f64 = 0.01;
+
+/// Gains that no motor has.
+fn of_gains(identified: &Identified) -> Option<String> {
+    let is_negative = |joint: &&JointEstimate| joint.gain.value < 0.0;
+    let negative: Vec<&str> =
+        identified.joints.iter().filter(is_negative).map(|joint| joint.name.as_str()).collect();
+    match negative.len() {
+        0 => None,
+        all if all == identified.joints.len() => Some(
+            "all gains are negative: these torques or currents count the other way (--torque-sign)"
+                .to_owned(),
+        ),
+        _ => Some(format!(
+            "the gain of {} is negative, and those of other joints are not: is it wired or counted the other way, are the \
+             columns of other joints, or did it hardly move?",
+            negative.join(", ")
+        )),
+    }
+}
+
+/// Torques that come before the positions.
+fn of_delay(identified: &Identified) -> Option<String> {
+    let Value { value, std } = identified.delay_s;
+    (identified.timed && value < -2.0 * std - EARLY_S).then(|| {
+        format!(
+            "the torques come {:.0} ms before the positions, which no robot does: stamps are those of another clock, \
+             torques are of other joints, or friction turns round otherwise than the model's",
+            -1e3 * value
+        )
+    })
+}
+
 /// What cannot be determined, and why.
 fn notes(
     identified: &Identified,
@@ -374,6 +408,8 @@ fn notes(
             silent.join(", ")
         ));
     }
+    notes.extend(of_gains(identified));
+    notes.extend(of_delay(identified));
     let parameters = robot.inertial_parameters();
     if parameters.iter().all(|parameter| *parameter == 0.0) {
         notes.push(

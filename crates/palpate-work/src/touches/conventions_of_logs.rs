@@ -55,7 +55,7 @@ impl Touches {
         if let Some((log, own)) = names.and_then(|names| held_joints::other_name(&arm.robot, names))
         {
             progress.note(&format!(
-                "joints are matched without what all their names begin or end with: `{log}` is `{own}`, and so on"
+                "joints are matched by what parts their names from each other: `{log}` is `{own}`, and so on"
             ));
         }
         let held = held_joints::not_in_log(&arm.robot, names, count);
@@ -163,15 +163,20 @@ impl Touches {
         settings: &mut TouchSettings,
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
-        let Some((path, _)) = self.logs.all().find(is_of_currents) else { return Ok(()) };
+        let named = self.logs.all().find(is_of_currents);
+        let Some((path, _)) = named.or_else(|| self.logs.all().next().filter(|_| self.currents))
+        else {
+            return Ok(());
+        };
         let path = path.display();
-        if !self.logs.all().all(|log| is_of_currents(&log)) {
+        if !self.currents && !self.logs.all().all(|log| is_of_currents(&log)) {
             return Err(WorkError::Usage(format!(
                 "the columns of `{path}` are motor currents, those of other logs are not; read them one after the other"
             )));
         }
+        let are = if named.is_some() { "the columns are" } else { "the torques are taken for" };
         progress.note(&format!(
-            "`{path}`: the columns are motor currents, which count as the motors' torques do, and hold gravity"
+            "`{path}`: {are} motor currents, which count as the motors' torques do, and hold gravity"
         ));
         if settings.torque_sign_given().is_none() {
             settings.torque_sign = Some(OrAuto::Is(TorqueSign::Minus));

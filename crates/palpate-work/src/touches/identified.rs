@@ -43,9 +43,15 @@ impl Touches {
             self.refuse_currents()?;
             return self.conventions(arm, &mut settings.touch, if_undecided, progress);
         };
+        self.measured_with(&model);
         self.conventions(arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
         self.check_as_logged(arm, Some(&model), settings, progress)?;
         self.identified(arm, model, Differentiation::Centred, &settings.touch)
+    }
+
+    /// Takes torques for motor currents if an arm was identified on such.
+    pub fn measured_with(&mut self, model: &TorqueModel) {
+        self.currents |= model.is_of_currents();
     }
 
     /// Refuses logs of motor currents: nothing is known of their gains.
@@ -62,7 +68,7 @@ impl Touches {
     ///
     /// # Errors
     ///
-    /// If the columns of a log are motor currents, and the model has no gains.
+    /// If the columns of a log are motor currents, and the model was identified on torques, or not at all.
     pub fn identified(
         &mut self,
         arm: &Arc<Arm>,
@@ -70,7 +76,7 @@ impl Touches {
         differentiation: Differentiation,
         touch: &TouchSettings,
     ) -> Result<(), WorkError> {
-        if model.joints.iter().all(|joint| joint.gain == 1.0) {
+        if !model.is_of_currents() {
             self.refuse_currents()?;
         }
         let torques = touch.over_config(&ExternalTorqueConfig::default());

@@ -54,6 +54,8 @@ pub struct Touches {
     next: VecDeque<TouchEvent>,
     touch: Option<String>,
     sample: u64,
+    /// Torques are motor currents, whatever their columns are called.
+    currents: bool,
     /// Makes torques external ones, if the arm was identified.
     identified: Option<ExternalReader>,
     /// The unit that angles were said to be in, and whether what looks wrong is an error.
@@ -131,9 +133,14 @@ impl Touches {
         self.logs.all().any(|log| is_external(&log))
     }
 
-    /// Whether the columns of any log are motor currents, by their names.
+    /// Whether the torques of any log are motor currents, by the names of their columns or as somebody said.
     pub fn are_currents(&self) -> bool {
-        self.logs.all().any(|log| is_of_currents(&log))
+        self.currents || self.logs.all().any(|log| is_of_currents(&log))
+    }
+
+    /// Takes the torques of all logs for motor currents.
+    pub fn take_for_currents(&mut self) {
+        self.currents = true;
     }
 
     /// The joints of the touch that was started last, if the log names them; from now on, all

@@ -177,6 +177,11 @@ impl JointModel {
 }
 
 impl TorqueModel {
+    /// Whether it was identified on motor currents: no gain is near 1, as those of torques are.
+    pub fn is_of_currents(&self) -> bool {
+        !self.joints.is_empty() && self.joints.iter().all(|joint| !(0.7..1.4).contains(&joint.gain))
+    }
+
     /// What is assumed of an arm that nobody has identified: masses as in its URDF, no friction, and a standard
     /// deviation that is a guess: 0.5 % of the joint's effort limit at rest, 1.5 % while it moves.
     pub fn of_urdf(robot: &Robot) -> Self {
