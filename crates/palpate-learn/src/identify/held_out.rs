@@ -227,22 +227,24 @@ fn noise_of(left: &[Vec<Left>], j: usize) -> TorqueNoise {
         let factors = &left.factors[j];
         [1.0, factors.turning.powi(2), factors.speed.powi(2), factors.inertia.powi(2)]
     };
-    let samples: Vec<([f64; 4], f64)> =
-        left.iter().flatten().map(|left| (parts(left), left.identified[j].powi(2))).collect();
+    let square = |left: &Left| left.identified[j].powi(2);
+    let at_end = |left: &Left| left.factors[j].at_end.powi(2);
+    let samples: Vec<([f64; 4], f64, f64)> =
+        left.iter().flatten().map(|left| (parts(left), square(left), at_end(left))).collect();
     if samples.is_empty() {
         return TorqueNoise { still: 1.0, turning: 0.0, by_speed: 0.0, by_inertia: 0.0 };
     }
     let count = samples.len() as f64;
-    let mean = (samples.iter().map(|(_, square)| square).sum::<f64>() / count).max(1e-12);
+    let mean = (samples.iter().map(|(_, square, _)| square).sum::<f64>() / count).max(1e-12);
     let mut found = [mean, 0.0, 0.0, 0.0];
     for _ in 0..20 {
         let mut gram = [[0.0; 4]; 4];
         let mut right = [0.0; 4];
-        for (parts, square) in &samples {
+        for (parts, square, at_end) in &samples {
             let variance: f64 = parts.iter().zip(found).map(|(part, own)| part * own).sum();
-            let weight = (variance.max(0.01 * mean)).powi(-2);
+            let weight = (variance.max(0.01 * mean) + at_end).powi(-2);
             for a in 0..4 {
-                right[a] += weight * parts[a] * square;
+                right[a] += weight * parts[a] * (square - at_end);
                 for b in 0..4 {
                     gram[a][b] += weight * parts[a] * parts[b];
                 }
@@ -266,10 +268,7 @@ fn noise_of(left: &[Vec<Left>], j: usize) -> TorqueNoise {
 /// Of the largest |torque| over its standard deviation, in each second.
 fn alarm_of(left: &[Vec<Left>], noise: &[TorqueNoise]) -> Option<Alarm> {
     let statistic = |left: &Left| {
-        let std = noise
-            .iter()
-            .zip(&left.factors)
-            .map(|(noise, factors)| noise.std(factors.turning, factors.speed, factors.inertia));
+        let std = noise.iter().zip(&left.factors).map(|(noise, factors)| factors.std(noise));
         let torque = ExternalTorque {
             torque: left.identified.clone().into(),
             std: std.collect::<Vec<_>>().into(),

@@ -9,7 +9,8 @@ use std::sync::Arc;
 use nalgebra::DVector;
 
 use super::{
-    Differentiation, FrictionState, LocalPolynomial, TorqueModel, Window, with_read_times,
+    Differentiation, Fit, FrictionState, LocalPolynomial, TorqueModel, TorqueNoise, Window,
+    with_read_times,
 };
 use crate::arm::Arm;
 use crate::external_torque::{ExternalTorqueConfig, Gravity, TorqueSign};
@@ -38,6 +39,8 @@ pub struct Motion {
     pub friction: Vec<f64>,
     /// What is not known of that, 0 to 1.
     pub unknown: Vec<f64>,
+    /// How far the speed and the acceleration may be off where samples are on one side only: [`Fit::doubt`].
+    pub doubt: Option<[Vec<f64>; 2]>,
 }
 
 /// Motion of a touch, sample by sample: positions without jumps of whole turns, and states of friction.
@@ -212,10 +215,15 @@ impl TouchMotion {
             let ends = self.positions[before].iter().zip(&self.positions[after]);
             let q: Vec<f64> = ends.map(|(a, b)| mix(*a, *b)).collect();
             let rest = vec![0.0; q.len()];
-            return Motion { q, speed: rest.clone(), acceleration: rest, friction, unknown };
+            // A log that has just begun; another one has no speeds at all.
+            let is_new = !self.untimed && self.times_s.len() < 4;
+            let doubt = is_new.then(|| [(); 2].map(|()| vec![f64::INFINITY; q.len()]));
+            let (speed, acceleration) = (rest.clone(), rest);
+            return Motion { q, speed, acceleration, friction, unknown, doubt };
         }
         let fit = LocalPolynomial::new(&self.times_s, &self.positions, half_s, window).at(time_s);
-        Motion { q: fit.value, speed: fit.first, acceleration: fit.second, friction, unknown }
+        let Fit { value: q, first: speed, second: acceleration, doubt } = fit;
+        Motion { q, speed, acceleration, friction, unknown, doubt }
     }
 }
 
@@ -241,6 +249,33 @@ pub struct NoiseFactors {
     pub speed: f64,
     /// Torque that inertia takes, N·m.
     pub inertia: f64,
+    /// By how much the torque of the arm's motion may be off at the beginning and the end of a log, N·m.
+    pub at_end: f64,
+}
+
+impl NoiseFactors {
+    /// Standard deviation of a joint's torque where friction's direction is known, N·m.
+    pub fn std(&self, noise: &TorqueNoise) -> f64 {
+        noise.std(self.turning, self.speed, self.inertia).hypot(self.at_end)
+    }
+}
+
+impl Motion {
+    /// Speeds and accelerations that may be true in place of those here, if they are in doubt. What nothing is known of is
+    /// what a joint can do: its top speed, reached within a window.
+    fn doubted(&self, robot: &Robot, half_s: f64) -> Option<[Vec<f64>; 2]> {
+        let [speed, acceleration] = self.doubt.as_ref()?;
+        let most = |j: usize| robot.joints()[j].velocity.unwrap_or(0.0);
+        let other = |own: &[f64], doubt: &[f64], per_s: f64| {
+            let known = |(j, (own, doubt)): (usize, (&f64, &f64))| match doubt.is_finite() {
+                true => own + doubt,
+                false => own + most(j) * per_s,
+            };
+            own.iter().zip(doubt).enumerate().map(known).collect()
+        };
+        let speed = other(&self.speed, speed, 1.0);
+        Some([speed, other(&self.acceleration, acceleration, 0.5 / half_s)])
+    }
 }
 
 /// External torques of the samples of a touch, as far as a model knows the arm.
@@ -319,6 +354,10 @@ impl TorqueModel {
         let sign = if config.torque_sign == TorqueSign::Minus { -1.0 } else { 1.0 };
         let mut external = DVector::zeros(n);
         let mut factors = Vec::with_capacity(n);
+        let moved = motion.doubted(robot, self.window_s).map(|[speed, acceleration]| {
+            let all = robot.regressor(&poses, &speed, &acceleration) * parameters;
+            (all, speed, acceleration)
+        });
         let mut ripple = vec![0.0; n];
         for (j, joint) in self.joints.iter().enumerate() {
             joint
@@ -339,13 +378,14 @@ impl TorqueModel {
                 // The robot has taken all of that off, as it knows it.
                 Gravity::Removed => sign * tau[j],
             };
-            factors.push(NoiseFactors {
-                q,
-                turning: unknown.max(1.0 - z.abs()),
-                unknown,
-                speed,
-                inertia,
+            let at_end = moved.as_ref().map_or(0.0, |(other, other_speed, other_acceleration)| {
+                let rotor = joint.rotor_inertia * (other_acceleration[j] - motion.acceleration[j]);
+                let friction =
+                    joint.friction.torque(z, other_speed[j]) - joint.friction.torque(z, speed);
+                (other[j] - all[j] + rotor + friction).abs()
             });
+            let turning = unknown.max(1.0 - z.abs());
+            factors.push(NoiseFactors { q, turning, unknown, speed, inertia, at_end });
         }
         Ok(Explained { external, factors })
     }
@@ -355,10 +395,9 @@ impl Explained {
     /// With the standard deviation that the model says.
     pub fn with_std(&self, model: &TorqueModel) -> ExternalTorque {
         let std = self.factors.iter().zip(&model.joints).map(|(factors, joint)| {
-            let &NoiseFactors { turning, unknown, speed, inertia, .. } = factors;
             // A state that can be anything between two bounds is uniform between them.
-            let friction = joint.friction.coulomb * unknown / 3_f64.sqrt();
-            joint.noise.std(turning, speed, inertia).hypot(friction)
+            let friction = joint.friction.coulomb * factors.unknown / 3_f64.sqrt();
+            factors.std(&joint.noise).hypot(friction)
         });
         let std = DVector::from_iterator(self.factors.len(), std);
         ExternalTorque { torque: self.external.clone(), std }

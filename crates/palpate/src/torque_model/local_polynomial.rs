@@ -25,6 +25,9 @@ pub struct Fit {
     pub first: Vec<f64>,
     /// Per second squared.
     pub second: Vec<f64>,
+    /// Where there are samples on one side only: by how much the derivatives of a polynomial of a higher degree differ,
+    /// per second and per second squared; infinite where there are too few samples for that.
+    pub doubt: Option<[Vec<f64>; 2]>,
 }
 
 /// Values at times, some at each, of which a polynomial is fitted to those near a time.
@@ -64,21 +67,24 @@ impl<'a> LocalPolynomial<'a> {
         }
         // What is known of too short a time is where the joint stands: noise would make any speed of it.
         let is_short = self.window != Window::Centred && time_s - first < 0.5 * self.half_s;
-        let degree = if inside {
-            3
-        } else if is_short {
-            0
-        } else {
-            2
+        let (degree, higher) = match (inside, is_short) {
+            (true, _) => (3, None),
+            (false, true) => (0, Some(2)),
+            (false, false) => (2, Some(3)),
         };
         // A rounding error of a clock is no reason to lose a sample.
         let slack = 1e-9 * wide;
         let start = self.times_s.partition_point(|time| *time < low - slack);
         let end = self.times_s.partition_point(|time| *time <= high + slack);
-        self.fit(time_s, start, end, degree)
+        self.fit(time_s, (start, end), (degree, higher))
     }
 
-    fn fit(&self, time_s: f64, mut start: usize, mut end: usize, degree: usize) -> Fit {
+    fn fit(
+        &self,
+        time_s: f64,
+        (mut start, mut end): (usize, usize),
+        (degree, higher): (usize, Option<usize>),
+    ) -> Fit {
         let wanted = degree + 2;
         while end - start < wanted
             && (start > 0 || (end < self.times_s.len() && self.window == Window::Centred))
@@ -105,12 +111,20 @@ impl<'a> LocalPolynomial<'a> {
                 column += weight * value * powers;
             }
         }
-        let degree = degree.min((end - start).saturating_sub(1));
-        let solution = solve(&gram, &right, degree);
-        let row = |row: usize, factor: f64| -> Vec<f64> {
+        let most = (end - start).saturating_sub(1);
+        let solution = solve(&gram, &right, degree.min(most));
+        let row = |solution: &DMatrix<f64>, row: usize| -> Vec<f64> {
+            let factor = [1.0, 1.0 / scale, 2.0 / scale / scale][row];
             (0..n).map(|column| factor * solution[(row, column)]).collect()
         };
-        Fit { value: row(0, 1.0), first: row(1, 1.0 / scale), second: row(2, 2.0 / scale / scale) }
+        let doubt = higher.map(|higher| match higher <= most {
+            true => {
+                let other = solve(&gram, &right, higher) - &solution;
+                [row(&other, 1), row(&other, 2)]
+            }
+            false => [vec![f64::INFINITY; n], vec![f64::INFINITY; n]],
+        });
+        Fit { value: row(&solution, 0), first: row(&solution, 1), second: row(&solution, 2), doubt }
     }
 }
 
@@ -161,6 +175,24 @@ mod tests {
             assert!((fit.value[0] - 1.0 - at * at).abs() < 1e-12, "{window:?} {at}");
             assert!((fit.first[0] - 2.0 * at).abs() < 1e-9 && (fit.second[0] - 2.0).abs() < 1e-6);
         }
+    }
+
+    #[test]
+    fn at_the_ends_the_doubt_of_a_parabola_is_what_it_lacks_of_a_cubic() {
+        let times: Vec<f64> = (0..60).map(|k| 0.01 * f64::from(k)).collect();
+        let values: Vec<Vec<f64>> = times.iter().map(|t| vec![t * t * t]).collect();
+        let causal = |now_s: f64| (Window::Causal { now_s }, now_s);
+        for (window, at) in [(Window::Centred, 0.0), (Window::Centred, 0.58), causal(0.08)] {
+            let fit = LocalPolynomial::new(&times, &values, 0.05, window).at(at);
+            let [first, second] = fit.doubt.expect("samples are on one side");
+            assert!((fit.first[0] + first[0] - 3.0 * at * at).abs() < 1e-9, "{window:?} {at}");
+            assert!((fit.second[0] + second[0] - 6.0 * at).abs() < 1e-6, "{window:?} {at}");
+        }
+        let fit = |window, at| LocalPolynomial::new(&times, &values, 0.05, window).at(at).doubt;
+        assert_eq!(fit(Window::Centred, 0.3), None);
+        assert_eq!(fit(Window::Causal { now_s: 0.3 }, 0.3), None);
+        let [first, second] = fit(Window::Causal { now_s: 0.01 }, 0.01).unwrap();
+        assert_eq!([first[0], second[0]], [f64::INFINITY; 2]);
     }
 
     #[test]
