@@ -16,7 +16,6 @@ use crate::args::{corners, number_in};
 use crate::error::CliError;
 use crate::output::{Output, table};
 use crate::place::{self, Places};
-use crate::predict::tell_other_robot;
 use crate::settings::ReadSettings;
 use crate::{csv, interrupt};
 
@@ -97,7 +96,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
     let arm = robot::load(&settings.robot, output)?;
-    tell_other_robot(&saved, &of_field(Arc::clone(&arm), saved.snapshot.as_ref(), output), output);
+    let own = of_field(Arc::clone(&arm), saved.snapshot.as_ref(), output);
+    robot::tell_other_robot((&saved.robot, saved.snapshot.as_ref()), &own, output);
     let place = (saved.field.lattice.clone(), saved.field.contact.clone());
     let mut read = |logs: &[PathBuf], arm: &Arc<Arm>| -> Result<_, CliError> {
         let mut options = settings.log.options();

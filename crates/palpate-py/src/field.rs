@@ -14,6 +14,7 @@ use palpate_work::forget::{Which, forget};
 use palpate_work::held_joints::of_field;
 use palpate_work::next::{Request, next};
 use palpate_work::predict::{Against, FrameResult, TouchResult, planned, score};
+use palpate_work::robot::tell_other_robot;
 use palpate_work::scored::{Report, tell_oddities};
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::RobotSettings;
@@ -144,7 +145,9 @@ impl Field {
         let robot = robot::given(py, any, &own)?;
         let snapshot = self.snapshot.as_ref();
         let arm = unshown(py, |progress| {
-            Ok::<_, WorkError>(of_field(Arc::clone(&robot.arm), snapshot, progress))
+            let arm = of_field(Arc::clone(&robot.arm), snapshot, progress);
+            tell_other_robot((&self.robot, snapshot), &arm, progress);
+            Ok::<_, WorkError>(arm)
         })?;
         Ok(robot::Robot { arm, ..robot })
     }

@@ -275,3 +275,9 @@ def test_needs_ompl_a_plan_of_guesses_costs_no_more_than_any_of_them(
     narrow = np.stack([np.minimum(start, goal), np.maximum(start, goal)], axis=1)
     with pytest.raises(ValueError, match="one of `guesses` is outside"):
         plan(cost, start, goal, narrow, guesses=guesses)
+
+
+def test_another_robot_than_that_of_the_field_is_told(field: palpate.Field, touch: palpate.Touch) -> None:
+    coarser = palpate.Robot(bake_spacing_m=0.01)
+    with pytest.warns(palpate.PalpateWarning, match="learnt with another robot"):
+        field.predict(touch.q[:5], coarser)

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::Arm;
+use palpate::{Arm, Snapshot};
 use palpate_io::robot_files::{ArmOptions, CachePlace, LoadedArm, load_arm};
 
 use crate::error::WorkError;
@@ -37,6 +37,25 @@ pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError
             held.map_err(|error| WorkError::Usage(format!("--hold {joint}: {error}")))?;
     }
     Ok(loaded)
+}
+
+/// Warns if a field was learnt with another arm, which is allowed. It says the name of its own arm, and has it in its snapshot, if there is one.
+pub fn tell_other_robot(
+    (name, snapshot): (&str, Option<&Snapshot>),
+    arm: &Arm,
+    progress: &dyn Progress,
+) {
+    let is_own = match snapshot {
+        Some(snapshot) => snapshot.robot.1 == arm.fingerprint(),
+        None => name == arm.robot.name(),
+    };
+    if !is_own {
+        progress.warn(&format!(
+            "the field was learnt with another robot (`{name}`) than the one of this log (`{}`); --robot, \
+             --payload-link and --bake-spacing-m say which it is",
+            arm.robot.name()
+        ));
+    }
 }
 
 impl RobotSettings {

@@ -19,7 +19,6 @@ use crate::error::CliError;
 use crate::hull::Hulls;
 use crate::output::Output;
 use crate::place;
-use crate::predict::tell_other_robot;
 use crate::settings::Settings;
 
 /// Frame of the points in a message: that of the robot's base, as ROS calls it.
@@ -99,7 +98,7 @@ impl Conversion<'_> {
         let saved = field::load(input).map_err(CliError::file)?;
         let snapshot = saved.snapshot.as_ref();
         let arm = of_field(robot::load(&settings.robot, output)?, snapshot, output);
-        tell_other_robot(&saved, &arm, output);
+        robot::tell_other_robot((&saved.robot, saved.snapshot.as_ref()), &arm, output);
         let mut scale = Scale::default();
         scale.widen(&saved.field);
         let mut cells = scale.cells(&saved.field);

@@ -11,8 +11,8 @@ use std::sync::Arc;
 
 use palpate::{Arm, ExternalTorqueConfig};
 use palpate_io::field::{self, Saved};
-use palpate_work::Progress;
 use palpate_work::predict::{Against, score};
+use palpate_work::robot;
 use palpate_work::scored::{Report, tell_oddities};
 use palpate_work::touches::Touches;
 
@@ -109,24 +109,8 @@ pub(crate) fn open_beside(
     output: &Output,
 ) -> Result<(Touches, Arc<Arm>, ExternalTorqueConfig), CliError> {
     let (touches, arm) = logs::open(logs, settings, logs::IfUndecided::LeaveOpen, output)?;
-    tell_other_robot(saved, &arm, output);
+    robot::tell_other_robot((&saved.robot, saved.snapshot.as_ref()), &arm, output);
     let touch = settings.torque_beside_field(&saved.field.touch)?;
     let place = (saved.field.lattice.clone(), saved.field.contact.clone());
     Ok((touches.for_arm(&arm, &settings.log, place)?, arm, touch))
-}
-
-/// Warns that the field was learnt with another arm, which is allowed.
-pub(crate) fn tell_other_robot(saved: &Saved, arm: &Arc<Arm>, output: &Output) {
-    let same = match &saved.snapshot {
-        Some(snapshot) => snapshot.robot.1 == arm.fingerprint(),
-        None => saved.robot == arm.robot.name(),
-    };
-    if !same {
-        output.warn(&format!(
-            "the field was learnt with another robot (`{}`) than the one of this log (`{}`); \
-             --robot, --payload-link and --bake-spacing-m say which it is",
-            saved.robot,
-            arm.robot.name()
-        ));
-    }
 }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use palpate::{Arm, ContactConfig, Lattice, Mapper, Predictor};
 use palpate_io::field::{self, Saved};
 use palpate_view::{Frame, Recording, Scene};
+use palpate_work::robot;
 use palpate_work::touches::Touches;
 use serde_json::json;
 
@@ -13,7 +14,6 @@ use crate::error::CliError;
 use crate::hull::Hulls;
 use crate::output::Output;
 use crate::place::{self, Places, last_part};
-use crate::predict::tell_other_robot;
 use crate::settings::{Settings, SettingsError};
 use crate::{interrupt, logs};
 
@@ -83,7 +83,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let (touches, arm) =
         logs::open(&named.logs, &mut settings, logs::IfUndecided::LeaveOpen, output)?;
     if let Some(saved) = &saved {
-        tell_other_robot(saved, &arm, output);
+        robot::tell_other_robot((&saved.robot, saved.snapshot.as_ref()), &arm, output);
     }
     let to = To::of(args)?;
     let touches = (!named.logs.is_empty()).then_some(touches);
