@@ -323,6 +323,9 @@ fn gaps_and_clocks_that_go_wrong_are_told() {
     let mut touches = clean();
     touches.iter_mut().flat_map(|touch| &mut touch.time_s).for_each(|time| *time *= 1e9);
     says(&only(&touches, &[], "time_unit"), &["nanoseconds"]);
+    // Two seconds a sample are no wonder but for the speeds, as where 1 kHz is logged in ms.
+    touches.iter_mut().flat_map(|touch| &mut touch.time_s).for_each(|time| *time *= 4e-8);
+    says(&only(&touches, &[], "time_unit"), &["2.000 s", "hardly moves", "milliseconds"]);
 }
 
 #[test]

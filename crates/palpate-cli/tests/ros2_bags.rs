@@ -157,3 +157,34 @@ fn a_log_turned_into_every_format_and_back_is_the_same() {
         &[".mcap, .csv"],
     );
 }
+
+#[test]
+fn arrays_that_convert_writes_are_in_the_robots_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let joints: Vec<u32> = (1..=7).rev().collect();
+    let names = |what: &str| joints.iter().map(|j| format!("joint_{j}_{what}")).collect::<Vec<_>>();
+    let header = [names("position"), names("effort")].concat().join(",");
+    let numbers: Vec<String> = joints
+        .iter()
+        .flat_map(|j| [format!("0.{j}")])
+        .chain(joints.iter().map(|j| format!("{j}")))
+        .collect();
+    let row = numbers.join(",");
+    fs::write(path("log.csv"), format!("{header}\n{row}\n{row}\n")).unwrap();
+    let convert = |from: &str, to: &str, more: &[&str]| {
+        let mut command = palpate();
+        command.arg("convert").arg(path(from)).arg("-o").arg(path(to)).args(more);
+        common::stderr(&command.output().unwrap())
+    };
+    convert("log.csv", "robot", &["--robot", "kinova_gen3"]);
+    convert("robot", "robot.csv", &[]);
+    let text = fs::read_to_string(path("robot.csv")).unwrap();
+    let first = text.lines().nth(1).unwrap();
+    assert!(first.ends_with("0.1,0.2,0.3,0.4,0.5,0.6,0.7,1,2,3,4,5,6,7"), "{first}");
+    // Nobody said which robot it is.
+    let told = convert("log.csv", "log", &[]);
+    assert!(told.contains("joint_7, joint_6") && told.contains("--robot"), "{told}");
+    let (_, seven) = (convert("log", "log.out.csv", &[]), fs::read_to_string(path("log.out.csv")));
+    assert!(seven.unwrap().lines().nth(1).unwrap().contains("0.7,0.6"));
+}

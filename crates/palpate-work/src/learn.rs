@@ -148,6 +148,12 @@ pub fn learn(
         Ok(tally) => {
             touches.tell_warnings(progress);
             if tally.interrupted.is_none() {
+                if tally.touches.is_empty() {
+                    let log = touches.log().display();
+                    return Err(WorkError::from(format!(
+                        "`{log}`: no sample is left to learn from"
+                    )));
+                }
                 check.look(progress)?;
             }
             Ok(tally)

@@ -17,6 +17,8 @@ use crate::touches::{RecordedTouch, TouchEvent, Touches};
 /// Touches that [`quickly_tuned`] looks at, and samples of them: the first ones.
 const QUICK_TOUCHES: usize = 16;
 const QUICK_SAMPLES: usize = 20_000;
+/// Samples nearer to each other, s, are thinned out for it: a controller of 1 kHz says no more than one of 200 Hz.
+const QUICK_INTERVAL_S: f64 = 0.0045;
 
 /// Fewest touches that settings are chosen from.
 pub const FEWEST: usize = 3;
@@ -214,7 +216,9 @@ pub fn quickly_tuned(
     let place = (config.lattice.clone(), config.contact.clone());
     let mut touches = touches.for_arm(arm, &settings.log, place.clone())?;
     let mut recorded = Vec::new();
-    let tuned = first_of(&mut touches, &mut recorded).and_then(|()| {
+    let mut is_all = true;
+    let tuned = first_of(&mut touches, &mut recorded).and_then(|all| {
+        is_all = all;
         if recorded.len() < FEWEST {
             return Ok(None);
         }
@@ -232,7 +236,8 @@ pub fn quickly_tuned(
         Ok(None) => {
             let n = recorded.len();
             progress.note(&format!(
-                "the default settings are used, since choosing settings needs {FEWEST} touches and there are {n}"
+                "the default settings are used, since choosing settings needs {FEWEST} touches and there are {n}{}",
+                if is_all { "" } else { " in the samples that it looks at" }
             ));
             Ok(Chosen { config: config.clone(), calibration: None })
         }
@@ -245,26 +250,35 @@ pub fn quickly_tuned(
     }
 }
 
-/// Reads the first touches, as far as settings are chosen from them.
-fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<(), WorkError> {
-    let mut samples = 0;
+/// Reads the first touches, as far as settings are chosen from them; whether these are all.
+fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<bool, WorkError> {
+    let (mut samples, mut kept_s) = (0, f64::NEG_INFINITY);
     while let Some(event) = touches.advance()? {
         match event {
             TouchEvent::Touch(name) if recorded.len() < QUICK_TOUCHES => {
                 recorded.push(touches.begun(&name));
+                kept_s = f64::NEG_INFINITY;
             }
+            TouchEvent::Sample(sample)
+                if sample.time_s.is_some_and(|now_s| is_soon(now_s, kept_s)) => {}
             TouchEvent::Sample(sample) if samples < QUICK_SAMPLES => {
                 samples += 1;
+                kept_s = sample.time_s.unwrap_or(f64::NEG_INFINITY);
                 recorded.last_mut().expect("a touch was begun").samples.push(sample);
             }
-            TouchEvent::Touch(_) => break,
+            TouchEvent::Touch(_) => return Ok(false),
             TouchEvent::Sample(_) => {
                 recorded.pop(); // Its end is not there.
-                break;
+                return Ok(false);
             }
         }
     }
-    Ok(())
+    Ok(true)
+}
+
+/// Whether a sample comes too soon after the last one to say anything that counts.
+fn is_soon(now_s: f64, kept_s: f64) -> bool {
+    (0.0..QUICK_INTERVAL_S).contains(&(now_s - kept_s))
 }
 
 /// The settings and their error, in a line.

@@ -65,10 +65,22 @@ pub(super) fn convert(
         let config = settings.config()?;
         touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
     }
+    // Arrays name no joints: theirs are in the robot's order.
+    let (is_arrays, is_of_robot) =
+        (matches!(format, Format::Arrays), settings.robot.robot.is_some());
+    if is_arrays && is_of_robot {
+        touches.in_order_of(&*robot::load(&settings.robot, output)?);
+    }
     let Some(TouchEvent::Touch(first)) = touches.advance()? else {
         return Err(CliError::from(format!("`{}` holds no touch", input.display())));
     };
     let joints = touches.keep_joints();
+    if let Some(names) = joints.as_ref().filter(|_| is_arrays && !is_of_robot) {
+        let names = names.join(", ");
+        output.note(&format!(
+            "arrays name no joints, and have these in the order of the log: {names}; with --robot it is the robot's order"
+        ));
+    }
     let joints = match (format, joints) {
         (Format::Bag(_), None) => Some(names_of_robot(settings, output)?),
         (_, joints) => joints,

@@ -143,6 +143,11 @@ impl Touches {
         self.currents = true;
     }
 
+    /// Puts joints into a robot's order, if the logs name them, and leaves out others.
+    pub fn in_order_of(&mut self, arm: &Arm) {
+        self.joints = arm.robot.joint_names().map(str::to_owned).collect();
+    }
+
     /// The joints of the touch that was started last, if the log names them; from now on, all
     /// touches have theirs in this order.
     pub fn keep_joints(&mut self) -> Option<Vec<String>> {

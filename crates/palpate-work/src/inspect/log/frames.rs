@@ -15,6 +15,11 @@ pub(super) const NOISELESS_START: usize = 5;
 const GAP: f64 = 3.0;
 /// A median period beyond these is hardly in seconds.
 const BELIEVABLE_PERIOD_S: [f64; 2] = [1e-5, 5.0];
+/// The shortest step of a log in milliseconds, and a speed, rad/s or m/s, that is never reached in one on a way of some
+/// length, rad or m.
+const LEAST_PERIOD_MS: f64 = 0.5;
+const CRAWLS: f64 = 0.02;
+const CRAWLS_ALL_THE_WAY: f64 = 0.1;
 
 /// The clock of a log.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -55,7 +60,7 @@ pub(super) fn findings(touches: &[RecordedTouch]) -> Vec<Finding> {
     let mut findings = Vec::from_iter(duplicates(touches));
     findings.extend(copies(touches));
     if let Some(clock) = clock(touches) {
-        findings.extend(time_unit(&clock));
+        findings.extend(time_unit(&clock, touches));
         findings.extend(gaps(touches, clock.period_s));
     }
     findings.extend(backwards(touches));
@@ -122,15 +127,35 @@ fn copies(touches: &[RecordedTouch]) -> Option<Finding> {
 }
 
 /// A clock that is not in seconds.
-fn time_unit(clock: &ClockFacts) -> Option<Finding> {
+fn time_unit(clock: &ClockFacts, touches: &[RecordedTouch]) -> Option<Finding> {
     let [least, most] = BELIEVABLE_PERIOD_S;
-    (!(least..=most).contains(&clock.period_s)).then(|| {
+    let is_slow = clock.period_s >= LEAST_PERIOD_MS && crawls(touches);
+    (is_slow || !(least..=most).contains(&clock.period_s)).then(|| {
         let period_s = number(clock.period_s);
-        let what = format!("the median time step is {period_s} s: milliseconds or nanoseconds?");
+        let slowly = if is_slow { ", in which the arm hardly moves" } else { "" };
+        let what =
+            format!("the median time step is {period_s} s{slowly}: milliseconds or nanoseconds?");
         let remedy = "save seconds: `identify`, `torque` and --arm compute speeds out of them; maps without --arm \
                       need no times, but rates and gaps cannot be judged";
         Finding::warning("time_unit", what, remedy)
     })
+}
+
+/// Whether the arm moves, but never at a speed that anybody would choose.
+fn crawls(touches: &[RecordedTouch]) -> bool {
+    let (mut way, mut fastest) = (0.0_f64, 0.0_f64);
+    for touch in touches {
+        for pair in touch.samples.windows(2) {
+            let moves = pair[0].q.iter().zip(&pair[1].q).map(|(a, b)| (b - a).abs());
+            let most = moves.fold(0.0, f64::max);
+            way += most;
+            let step_s = pair[0].time_s.zip(pair[1].time_s).map_or(0.0, |(from, to)| to - from);
+            if step_s > 0.0 {
+                fastest = fastest.max(most / step_s);
+            }
+        }
+    }
+    way > CRAWLS_ALL_THE_WAY && fastest < CRAWLS
 }
 
 /// Time steps that are far longer than usual.
