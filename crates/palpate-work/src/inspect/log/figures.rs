@@ -72,6 +72,18 @@ pub(super) struct Figures {
     still_rad: f64,
 }
 
+/// Frames that are followed at most, by a log's motion: what more of them touch is the same.
+const MOST_FRAMES: f64 = 5_000.0;
+
+/// Steps of the joints, rad or m, of which touches have [`MOST_FRAMES`]; none if they have not more frames.
+fn step(touches: &[RecordedTouch]) -> f64 {
+    let pairs = || touches.iter().flat_map(|touch| touch.samples.windows(2));
+    if (pairs().count() as f64) < MOST_FRAMES {
+        return 0.0;
+    }
+    pairs().map(|pair| farthest(&pair[0].q, &pair[1].q)).sum::<f64>() / MOST_FRAMES
+}
+
 /// A touch, followed through the lattice.
 #[derive(Default)]
 struct Followed {
@@ -119,9 +131,10 @@ impl Figures {
             None => Some(progress.begin(Some(frames as u64), "frames", "inspecting")),
             Some(_) => None,
         };
+        let step = step(touches);
         let follow = |(number, touch): (usize, &RecordedTouch)| {
             let known = contacts.map(|contacts| contacts[number].as_slice());
-            let followed = self.follow(touch, known, (bar.as_deref(), progress))?;
+            let followed = self.follow(touch, (known, step), (bar.as_deref(), progress))?;
             Ok((self.figures(touch, &followed), followed))
         };
         let found = touches.par_iter().enumerate().map(follow);
@@ -134,24 +147,28 @@ impl Figures {
         Ok((found.into_iter().map(|(facts, _)| facts).collect(), touched, cells.len()))
     }
 
-    /// Follows a touch as the mapper does.
+    /// Follows a touch as the mapper does, in steps of the joints that are at least so long.
     fn follow(
         &self,
         touch: &RecordedTouch,
-        known: Option<&[usize]>,
+        (known, step): (Option<&[usize]>, f64),
         (bar, progress): (Option<&dyn Bar>, &dyn Progress),
     ) -> Result<Followed, WorkError> {
         let mut tracker = self.tracker.clone();
         tracker.begin_touch();
         let (robot, start) = (&self.tracker.arm().robot, &touch.samples[0].q);
+        let mut last: Option<(&[f64], usize)> = None;
         // Points touched, their cells if they were looked for, and the torque before the tare.
-        let mut feed = |frame: usize, sample: &Sample| match known {
-            Some(contacts) => Some((contacts[frame], Vec::new(), self.untared(sample)?)),
-            None => {
-                let TrackedSample { contacts, untared, .. } = tracker.feed(sample).ok()?;
-                let cells = contacts.links.iter().flat_map(|link| &link.cells).copied();
-                Some((contacts.len(), cells.collect(), untared))
+        let mut feed = |frame: usize, sample| {
+            let Sample { q, .. }: &'_ Sample = sample;
+            let near = last.filter(|(last, _)| farthest(last, q) < step).map(|(_, count)| count);
+            if let Some(count) = known.map(|contacts| contacts[frame]).or(near) {
+                return Some((count, Vec::new(), self.untared(sample)?));
             }
+            let TrackedSample { contacts, untared, .. } = tracker.feed(sample).ok()?;
+            last = Some((q, contacts.len()));
+            let cells = contacts.links.iter().flat_map(|link| &link.cells).copied();
+            Some((contacts.len(), cells.collect(), untared))
         };
         let (mut followed, mut started) = (Followed::default(), false);
         for (frame, sample) in touch.samples.iter().enumerate() {
