@@ -224,7 +224,6 @@ fn nothing_found(found: &[TouchTorques], from: ThresholdSource) -> String {
     )
 }
 
-/// By joint, N·m.
 /// A figure of each joint's values over the samples of a touch.
 fn of_joints(
     touch: &TouchTorques,

@@ -51,6 +51,33 @@ fn a_recording_is_parted_at_pauses_in_the_air_and_nowhere_else() {
 }
 
 #[test]
+fn a_pause_after_a_way_through_the_box_parts_as_well() {
+    let scene = Scene::new();
+    let mut text = "time,q1,q2,tau1,tau2\n".to_owned();
+    let mut row = 0;
+    let mut put = |q: [f64; 2], push: f64| {
+        let time = f64::from(row) * 0.02;
+        text += &format!("{time},{},{},{},{}\n", q[0], q[1], 0.3 - 12.0 * push, 0.1 - 4.0 * push);
+        row += 1;
+    };
+    for elbow in [0.0, 0.6, 1.2] {
+        (0..40).for_each(|_| put([0.0, elbow], 0.0));
+        (1..=40).for_each(|i| put([0.01 * f64::from(i), elbow], 0.01 * f64::from(i)));
+        (0..60).for_each(|_| put([0.4, elbow], 0.4));
+        (1..=40).for_each(|i| put([0.4 - 0.01 * f64::from(i), elbow], 0.4 - 0.01 * f64::from(i)));
+        (0..40).for_each(|_| put([0.0, elbow], 0.0));
+        (1..=40).for_each(|i| put([0.0, elbow + 0.015 * f64::from(i)], 0.0));
+    }
+    fs::write(scene.path("day.csv"), text).unwrap();
+    let parted = json(&mut scene.map(&["day.csv"], &["--json", "--split-idle"]));
+    let touches = parted["touches"].as_array().unwrap();
+    // A push, and a way to the next one, three times.
+    assert_eq!(touches.len(), 6, "{touches:?}");
+    let frames: Vec<u64> = touches.iter().map(|touch| touch["frames"].as_u64().unwrap()).collect();
+    assert!(frames.iter().step_by(2).all(|frames| (165..=185).contains(frames)), "{frames:?}");
+}
+
+#[test]
 fn touches_parted_by_convert_are_those_parted_on_the_way() {
     let scene = Scene::new();
     fs::write(scene.path("day.csv"), recording(2)).unwrap();

@@ -17,8 +17,6 @@ use crate::touches::{RecordedTouch, TouchEvent, Touches};
 /// Touches that [`quickly_tuned`] looks at, and samples of them: the first ones.
 const QUICK_TOUCHES: usize = 16;
 const QUICK_SAMPLES: usize = 20_000;
-/// Samples nearer to each other, s, are thinned out for it: a controller of 1 kHz says no more than one of 200 Hz.
-const QUICK_INTERVAL_S: f64 = 0.0045;
 
 /// Fewest touches that settings are chosen from.
 pub const FEWEST: usize = 3;
@@ -252,18 +250,14 @@ pub fn quickly_tuned(
 
 /// Reads the first touches, as far as settings are chosen from them; whether these are all.
 fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<bool, WorkError> {
-    let (mut samples, mut kept_s) = (0, f64::NEG_INFINITY);
+    let mut samples = 0;
     while let Some(event) = touches.advance()? {
         match event {
             TouchEvent::Touch(name) if recorded.len() < QUICK_TOUCHES => {
                 recorded.push(touches.begun(&name));
-                kept_s = f64::NEG_INFINITY;
             }
-            TouchEvent::Sample(sample)
-                if sample.time_s.is_some_and(|now_s| is_soon(now_s, kept_s)) => {}
             TouchEvent::Sample(sample) if samples < QUICK_SAMPLES => {
                 samples += 1;
-                kept_s = sample.time_s.unwrap_or(f64::NEG_INFINITY);
                 recorded.last_mut().expect("a touch was begun").samples.push(sample);
             }
             TouchEvent::Touch(_) => return Ok(false),
@@ -274,11 +268,6 @@ fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<
         }
     }
     Ok(true)
-}
-
-/// Whether a sample comes too soon after the last one to say anything that counts.
-fn is_soon(now_s: f64, kept_s: f64) -> bool {
-    (0.0..QUICK_INTERVAL_S).contains(&(now_s - kept_s))
 }
 
 /// The settings and their error, in a line.

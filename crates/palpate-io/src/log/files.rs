@@ -65,6 +65,8 @@ pub(super) struct TouchFiles<F> {
     touch: Option<String>,
     /// Rows in which the touch column is empty.
     between: u64,
+    /// Whether the current file has such a row.
+    has_rows: bool,
     /// Names of the touches that began so far and may not begin again.
     begun: HashSet<String>,
 }
@@ -97,7 +99,7 @@ impl<F: TouchFile> TouchFiles<F> {
         files.reverse();
         let (options, begun) = (options.clone(), HashSet::new());
         let (ahead, current, touch) = (files, None, None);
-        Ok(Self { description, options, ahead, current, touch, between: 0, begun })
+        Ok(Self { description, options, ahead, current, touch, between: 0, has_rows: false, begun })
     }
 
     /// Opens the next file; without one, the log is over.
@@ -111,6 +113,7 @@ impl<F: TouchFile> TouchFiles<F> {
             self.begun.clear();
         }
         self.current = Some((path, file, known));
+        self.has_rows = false;
         Ok(true)
     }
 }
@@ -130,7 +133,7 @@ impl<F: TouchFile> Source for TouchFiles<F> {
             let Some((touch, sample)) = file.next_row()? else {
                 let may_be_empty = known.continues_touches && !self.ahead.is_empty();
                 if self.touch.is_none() && !may_be_empty {
-                    let (path, is_empty) = (path.clone(), self.between == 0);
+                    let (path, is_empty) = (path.clone(), !self.has_rows);
                     return Err(match is_empty {
                         true => LogError::Empty { path },
                         false => TableError::NoTouch { path }.into(),
@@ -141,6 +144,7 @@ impl<F: TouchFile> Source for TouchFiles<F> {
             };
             if touch.as_ref().is_some_and(String::is_empty) {
                 self.between += 1;
+                self.has_rows = true;
                 warnings.retain(|warning| !matches!(warning, LogWarning::BetweenTouches { .. }));
                 warnings.push(LogWarning::BetweenTouches { rows: self.between });
                 continue;

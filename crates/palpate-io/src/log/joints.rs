@@ -83,7 +83,9 @@ const LEAST_COUNTED: usize = 4;
 /// series without a gap.
 fn renamed_by_number(robot: &[String], log: &[String]) -> Option<Vec<String>> {
     let own = counted(robot).into_iter().max_by_key(Counted::len)?;
-    let mut theirs = counted(log).into_iter().filter(|series| series.len() == own.len());
+    let of_any_robot = |series: &Counted<'_>| series.values().all(|name| is_of_any_robot(name));
+    let series = counted(log).into_iter().filter(of_any_robot);
+    let mut theirs = series.filter(|series| series.len() == own.len());
     let (theirs, another) = (theirs.next()?, theirs.next());
     if another.is_some() {
         return None; // two arms
@@ -93,6 +95,13 @@ fn renamed_by_number(robot: &[String], log: &[String]) -> Option<Vec<String>> {
         place.and_then(|place| own.values().nth(place).map(|own| (*own).to_owned()))
     };
     Some(log.iter().map(|name| of_own(name).unwrap_or_else(|| name.clone())).collect())
+}
+
+/// Whether a name says no robot: `joint_3`, `actuators[2]`, `A3`; but not `panda_joint3`.
+fn is_of_any_robot(name: &str) -> bool {
+    let letters: String = name.chars().filter(|sign| sign.is_alphabetic()).collect();
+    let known = ["", "a", "j", "q", "axis", "joint", "joints", "actuator", "actuators"];
+    known.contains(&letters.to_lowercase().as_str())
 }
 
 /// The series that names count in, from 0 or 1 on.
@@ -194,12 +203,13 @@ mod tests {
         assert_eq!(reorder(&gen3, &count("actuators[", 0..7, "]")), Ok((0..7).collect()));
         let with_finger = [gen3.clone(), vec!["finger_joint".to_owned()]].concat();
         assert_eq!(unmatched(&with_finger, &count("joint_", 1..8, "")), (vec![7], 0));
-        // Two arms, another number of joints, a gap.
+        // Two arms, another number of joints, a gap, another robot.
         for log in [
             [count("left_", 1..8, ""), count("right_", 1..8, "")].concat(),
             count("joint_", 1..7, ""),
             [count("joint_", 1..4, ""), count("joint_", 5..9, "")].concat(),
             count("joint_", 2..9, ""),
+            count("panda_joint", 1..8, ""),
         ] {
             let error = reorder(&gen3, &log).unwrap_err();
             assert!(error.to_string().contains("`Actuator1` is not in the log"), "{error}");

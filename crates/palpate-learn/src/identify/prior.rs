@@ -157,7 +157,7 @@ impl Prior {
     /// Friction and inertia of a drive are never below zero: where they would be, they are zero from now on.
     pub(super) fn hold_at_zero(&mut self, posterior: &Posterior) {
         for at in &self.joints {
-            let sign = (1.0 + self.center[*at]).signum();
+            let sign = (1.0 + posterior.mean[*at]).signum();
             for k in NEVER_NEGATIVE {
                 self.is_zero[at + 1 + k] |= posterior.mean[at + 1 + k] * sign < 0.0;
             }
@@ -220,8 +220,9 @@ impl Start {
             let own = covariance / variance.max(0.01);
             let friction = (logged - own * covariance).max(0.0) / common.powi(2);
             let part = variance / (variance + friction + payload).max(1e-9);
-            let ratio = (part * own / common + 1.0 - part).clamp(1.0 / MOST_RATIO, MOST_RATIO);
-            common * ratio
+            let ratio = part * own / common + 1.0 - part;
+            // A joint may count the other way.
+            common * ratio.signum() * ratio.abs().clamp(1.0 / MOST_RATIO, MOST_RATIO)
         };
         moments.iter().map(gain).collect()
     }

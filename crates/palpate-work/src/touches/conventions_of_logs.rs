@@ -169,7 +169,13 @@ impl Touches {
             return Ok(());
         };
         let path = path.display();
-        if !self.currents && !self.logs.all().all(|log| is_of_currents(&log)) {
+        if let Some((other, _)) = self.logs.all().find(is_external) {
+            let other = other.display();
+            return Err(WorkError::Usage(format!(
+                "`{other}` holds external torques, and motor currents are wanted (--currents, or the file of --arm)"
+            )));
+        }
+        if named.is_some() && !self.logs.all().all(|log| is_of_currents(&log)) {
             return Err(WorkError::Usage(format!(
                 "the columns of `{path}` are motor currents, those of other logs are not; read them one after the other"
             )));

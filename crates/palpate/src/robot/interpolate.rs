@@ -28,13 +28,15 @@ impl Robot {
 
     /// Takes out of angles the whole turns that sensors add which count from 0 to 360° or from −180 to 180°.
     ///
-    /// An angle, rad, becomes the one within half a turn of where its joint was `before`. If that is beyond the joint's
-    /// limits and one turn leads into them, it is turned. What needs no turn stays to the bit.
+    /// An angle, rad, becomes the one within half a turn of where its joint was `before`. If it was turned, or nobody
+    /// knows where it was, and is beyond the joint's limits, it is turned once more if that leads into them. What needs no
+    /// turn stays to the bit.
     ///
     /// # Panics
     ///
     /// As [`Robot::difference`].
     pub fn without_turns(&self, before: Option<&[f64]>, q: &mut [f64]) {
+        let is_first = before.is_none();
         let before = before.map_or_else(|| q.to_vec(), <[f64]>::to_vec);
         assert!(q.len() == self.n_joints() && before.len() == q.len(), "one value a joint");
         for ((joint, before), q) in self.joints().iter().zip(before).zip(q) {
@@ -47,7 +49,7 @@ impl Robot {
             }
             let Some([low, high]) = joint.range else { continue };
             let is_within = |angle: &f64| (low..=high).contains(angle);
-            if !is_within(q) {
+            if (is_first || turns != 0.0) && !is_within(q) {
                 *q = [*q - TAU, *q + TAU].into_iter().find(is_within).unwrap_or(*q);
             }
         }

@@ -260,18 +260,19 @@ impl NoiseFactors {
     }
 }
 
+/// Top speed of a joint whose URDF says none, rad/s or m/s.
+const FASTEST: f64 = 3.0;
+
 impl Motion {
     /// Speeds and accelerations that may be true in place of those here, if they are in doubt. What nothing is known of is
     /// what a joint can do: its top speed, reached within a window.
     fn doubted(&self, robot: &Robot, half_s: f64) -> Option<[Vec<f64>; 2]> {
         let [speed, acceleration] = self.doubt.as_ref()?;
-        let most = |j: usize| robot.joints()[j].velocity.unwrap_or(0.0);
+        let most = |j: usize| robot.joints()[j].velocity.unwrap_or(FASTEST);
         let other = |own: &[f64], doubt: &[f64], per_s: f64| {
-            let known = |(j, (own, doubt)): (usize, (&f64, &f64))| match doubt.is_finite() {
-                true => own + doubt,
-                false => own + most(j) * per_s,
-            };
-            own.iter().zip(doubt).enumerate().map(known).collect()
+            let own = own.iter().zip(doubt).enumerate();
+            own.map(|(j, (own, doubt))| own + doubt.clamp(-most(j) * per_s, most(j) * per_s))
+                .collect()
         };
         let speed = other(&self.speed, speed, 1.0);
         Some([speed, other(&self.acceleration, acceleration, 0.5 / half_s)])
@@ -354,10 +355,13 @@ impl TorqueModel {
         let sign = if config.torque_sign == TorqueSign::Minus { -1.0 } else { 1.0 };
         let mut external = DVector::zeros(n);
         let mut factors = Vec::with_capacity(n);
-        let moved = motion.doubted(robot, self.window_s).map(|[speed, acceleration]| {
-            let all = robot.regressor(&poses, &speed, &acceleration) * parameters;
-            (all, speed, acceleration)
-        });
+        let is_modelled = config.gravity == Gravity::Included;
+        let moved = motion.doubted(robot, self.window_s).filter(|_| is_modelled).map(
+            |[speed, acceleration]| {
+                let all = robot.regressor(&poses, &speed, &acceleration) * parameters;
+                (all, speed, acceleration)
+            },
+        );
         let mut ripple = vec![0.0; n];
         for (j, joint) in self.joints.iter().enumerate() {
             joint

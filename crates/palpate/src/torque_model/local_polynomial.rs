@@ -25,7 +25,7 @@ pub struct Fit {
     pub first: Vec<f64>,
     /// Per second squared.
     pub second: Vec<f64>,
-    /// Where there are samples on one side only: by how much the derivatives of a polynomial of a higher degree differ,
+    /// At the ends of a log, where a window is not full: by how much the derivatives of a polynomial of a higher degree differ,
     /// per second and per second squared; infinite where there are too few samples for that.
     pub doubt: Option<[Vec<f64>; 2]>,
 }
@@ -112,24 +112,24 @@ impl<'a> LocalPolynomial<'a> {
             }
         }
         let most = (end - start).saturating_sub(1);
-        let solution = solve(&gram, &right, degree.min(most));
+        let (solution, _) = solve(&gram, &right, degree.min(most));
         let row = |solution: &DMatrix<f64>, row: usize| -> Vec<f64> {
             let factor = [1.0, 1.0 / scale, 2.0 / scale / scale][row];
             (0..n).map(|column| factor * solution[(row, column)]).collect()
         };
-        let doubt = higher.map(|higher| match higher <= most {
-            true => {
-                let other = solve(&gram, &right, higher) - &solution;
+        let doubt = higher.map(|higher| match solve(&gram, &right, higher.min(most)) {
+            (other, reached) if reached == higher => {
+                let other = other - &solution;
                 [row(&other, 1), row(&other, 2)]
             }
-            false => [vec![f64::INFINITY; n], vec![f64::INFINITY; n]],
+            _ => [vec![f64::INFINITY; n], vec![f64::INFINITY; n]],
         });
         Fit { value: row(&solution, 0), first: row(&solution, 1), second: row(&solution, 2), doubt }
     }
 }
 
-/// Coefficients of a polynomial of this degree, or of the largest that the samples allow.
-fn solve(gram: &SMatrix<f64, 4, 4>, right: &DMatrix<f64>, degree: usize) -> DMatrix<f64> {
+/// Coefficients of a polynomial of this degree, or of the largest that the samples allow, and that degree.
+fn solve(gram: &SMatrix<f64, 4, 4>, right: &DMatrix<f64>, degree: usize) -> (DMatrix<f64>, usize) {
     for degree in (0..=degree).rev() {
         let mut lower = *gram;
         for power in degree + 1..4 {
@@ -142,10 +142,10 @@ fn solve(gram: &SMatrix<f64, 4, 4>, right: &DMatrix<f64>, degree: usize) -> DMat
         if let Some(factor) = lower.cholesky()
             && (0..=degree).all(|power| factor.l_dirty()[(power, power)] > 1e-6)
         {
-            return factor.solve(&known);
+            return (factor.solve(&known), degree);
         }
     }
-    DMatrix::zeros(4, right.ncols())
+    (DMatrix::zeros(4, right.ncols()), 0)
 }
 
 #[cfg(test)]

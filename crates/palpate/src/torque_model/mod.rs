@@ -177,9 +177,10 @@ impl JointModel {
 }
 
 impl TorqueModel {
-    /// Whether it was identified on motor currents: no gain is near 1, as those of torques are.
+    /// Whether it was identified on motor currents: most gains are far from 1, where those of torques are.
     pub fn is_of_currents(&self) -> bool {
-        !self.joints.is_empty() && self.joints.iter().all(|joint| !(0.7..1.4).contains(&joint.gain))
+        let far = self.joints.iter().filter(|joint| !(0.7..1.4).contains(&joint.gain)).count();
+        2 * far > self.joints.len()
     }
 
     /// What is assumed of an arm that nobody has identified: masses as in its URDF, no friction, and a standard

@@ -117,12 +117,17 @@ impl Reading {
             if taken.positions.len() > joints.count {
                 joints.count = taken.positions.len();
                 joints.names = self.named.then(|| taken.names.clone());
+                with_torque.clear();
             }
-            let felt = taken.names.into_iter().zip(&taken.torques);
-            with_torque.extend(felt.filter(|(_, tau)| tau.is_finite()).map(|(name, _)| name));
+            if joints.names.as_ref().is_some_and(|names| names.len() == taken.names.len()) {
+                let felt = taken.names.into_iter().zip(&taken.torques);
+                with_torque.extend(felt.filter(|(_, tau)| tau.is_finite()).map(|(name, _)| name));
+            }
         }
         // Controllers that broadcast states give NaN for what a gripper does not measure.
-        if let Some(names) = joints.names.as_mut().filter(|_| !with_torque.is_empty()) {
+        if let Some(names) = &mut joints.names
+            && names.iter().any(|name| with_torque.contains(name))
+        {
             names.retain(|name| with_torque.contains(name));
             joints.count = names.len();
         }

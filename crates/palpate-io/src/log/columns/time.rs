@@ -124,7 +124,7 @@ impl Time {
 
 /// A date and a time of day as seconds since 1970: in UTC, if no zone is said. A number is no date.
 pub(in crate::log) fn date_s(text: &str) -> Option<f64> {
-    if text.parse::<f64>().is_ok() {
+    if !text.contains(':') {
         return None;
     }
     let in_utc = || text.parse::<DateTime>().ok()?.to_zoned(TimeZone::UTC).ok();
@@ -185,7 +185,9 @@ mod tests {
         ] {
             assert!((date_s(text).unwrap() - noon_s).abs() < 1e-6, "{text}");
         }
-        for text in ["20240501", "1714564800", "1.5", "", "12 o'clock", "2024-05-01 12:00:61"] {
+        for text in
+            ["20240501", "2024-05-01", "1714564800", "1.5", "", "12 o'clock", "2024-05-01 12:00:61"]
+        {
             assert_eq!(date_s(text), None, "{text}");
         }
     }

@@ -72,16 +72,19 @@ pub(super) struct Figures {
     still_rad: f64,
 }
 
-/// Frames that are followed at most, by a log's motion: what more of them touch is the same.
+/// Frames that are followed of a long log, spread over its motion once it has begun: what those between touch is the same,
+/// as long as no joint moves further than this, rad or m.
 const MOST_FRAMES: f64 = 5_000.0;
+const LONGEST_STEP: f64 = 0.005;
 
-/// Steps of the joints, rad or m, of which touches have [`MOST_FRAMES`]; none if they have not more frames.
+/// Steps of the joints, rad or m, of which touches have [`MOST_FRAMES`] or more; none if they have not more frames.
 fn step(touches: &[RecordedTouch]) -> f64 {
     let pairs = || touches.iter().flat_map(|touch| touch.samples.windows(2));
     if (pairs().count() as f64) < MOST_FRAMES {
         return 0.0;
     }
-    pairs().map(|pair| farthest(&pair[0].q, &pair[1].q)).sum::<f64>() / MOST_FRAMES
+    let way: f64 = pairs().map(|pair| farthest(&pair[0].q, &pair[1].q)).sum();
+    (way / MOST_FRAMES).min(LONGEST_STEP)
 }
 
 /// A touch, followed through the lattice.
@@ -161,7 +164,8 @@ impl Figures {
         // Points touched, their cells if they were looked for, and the torque before the tare.
         let mut feed = |frame: usize, sample| {
             let Sample { q, .. }: &'_ Sample = sample;
-            let near = last.filter(|(last, _)| farthest(last, q) < step).map(|(_, count)| count);
+            let is_near = |(last, count): &(&[f64], usize)| *count > 0 && farthest(last, q) < step;
+            let near = last.filter(is_near).map(|(_, count)| count);
             if let Some(count) = known.map(|contacts| contacts[frame]).or(near) {
                 return Some((count, Vec::new(), self.untared(sample)?));
             }

@@ -15,10 +15,11 @@ pub(super) const NOISELESS_START: usize = 5;
 const GAP: f64 = 3.0;
 /// A median period beyond these is hardly in seconds.
 const BELIEVABLE_PERIOD_S: [f64; 2] = [1e-5, 5.0];
-/// The shortest step of a log in milliseconds, and a speed, rad/s or m/s, that is never reached in one on a way of some
-/// length, rad or m.
+/// The shortest step of a log in milliseconds, and a speed, rad/s or m/s, that is never reached in one, though it has so
+/// many frames and goes so far, rad or m.
 const LEAST_PERIOD_MS: f64 = 0.5;
 const CRAWLS: f64 = 0.02;
+const CRAWLS_FRAMES: usize = 200;
 const CRAWLS_ALL_THE_WAY: f64 = 0.1;
 
 /// The clock of a log.
@@ -143,19 +144,20 @@ fn time_unit(clock: &ClockFacts, touches: &[RecordedTouch]) -> Option<Finding> {
 
 /// Whether the arm moves, but never at a speed that anybody would choose.
 fn crawls(touches: &[RecordedTouch]) -> bool {
-    let (mut way, mut fastest) = (0.0_f64, 0.0_f64);
-    for touch in touches {
-        for pair in touch.samples.windows(2) {
-            let moves = pair[0].q.iter().zip(&pair[1].q).map(|(a, b)| (b - a).abs());
-            let most = moves.fold(0.0, f64::max);
-            way += most;
-            let step_s = pair[0].time_s.zip(pair[1].time_s).map_or(0.0, |(from, to)| to - from);
-            if step_s > 0.0 {
-                fastest = fastest.max(most / step_s);
-            }
-        }
+    let samples = || touches.iter().flat_map(|touch| &touch.samples);
+    if samples().count() < CRAWLS_FRAMES {
+        return false;
     }
-    way > CRAWLS_ALL_THE_WAY && fastest < CRAWLS
+    let joints = samples().map(|sample| sample.q.len()).min().unwrap_or(0);
+    let range = |j: usize| extremes(samples().map(|sample| sample.q[j]));
+    let moves = (0..joints).filter_map(range).any(|[low, high]| high - low > CRAWLS_ALL_THE_WAY);
+    let pairs = touches.iter().flat_map(|touch| touch.samples.windows(2));
+    let speeds = pairs.map(|pair| {
+        let ways = pair[0].q.iter().zip(&pair[1].q).map(|(a, b)| (b - a).abs());
+        let step_s = pair[0].time_s.zip(pair[1].time_s).map_or(0.0, |(from, to)| to - from);
+        if step_s > 0.0 { ways.fold(0.0, f64::max) / step_s } else { 0.0 }
+    });
+    moves && speeds.fold(0.0, f64::max) < CRAWLS
 }
 
 /// Time steps that are far longer than usual.

@@ -1,10 +1,12 @@
 //! `--split-idle`: a log parted into touches where the arm pauses in the air.
 //!
 //! [`PauseDetector`] says when; whether anything is touched, a simulator of our own says, which knows
-//! the arm and the workspace box but no torque. Still samples are held back until it is known
+//! the arm and the workspace box but no torque; or the torques say that the arm bears nothing ([`load`]). Still samples are held back until it is known
 //! which touch they belong to, so that each is in one touch only. What a log calls a touch stays
 //! one, and may become several; samples of an arm that moves before it has stood still once have
 //! no tare and are left out, which is told.
+
+mod load;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -17,11 +19,14 @@ use palpate::{
 
 use crate::recorded::TouchEvent;
 use crate::settings::SettingsError;
+use load::Load;
 
 /// Parts touches at pauses.
 pub struct Pauses {
     tracker: Tracker,
     split: PauseDetector,
+    load: Load,
+    still_rad: f64,
     /// The touch as the log calls it, and how many it has become.
     name: String,
     parts: u32,
@@ -42,14 +47,15 @@ impl Pauses {
         (lattice, contact): (Lattice, ContactConfig),
         config: PauseConfig,
     ) -> Result<Self, SettingsError> {
+        let still_rad = config.still_rad;
         let split = PauseDetector::new(config).map_err(SettingsError::value)?;
         // Torques do not matter: nothing is taken off them, so that nothing can be missing.
         let mut touch = ExternalTorqueConfig::default();
         (touch.gravity, touch.tare) = (Gravity::Removed, Tare::None);
         let tracker = Tracker::new(Arc::clone(arm), lattice, &contact, touch)
             .map_err(SettingsError::value)?;
-        let (name, queue) = (String::new(), VecDeque::new());
-        Ok(Self { tracker, split, name, parts: 0, queue, left_out: 0 })
+        let (name, queue, load) = (String::new(), VecDeque::new(), Load::default());
+        Ok(Self { tracker, split, load, still_rad, name, parts: 0, queue, left_out: 0 })
     }
 
     /// Takes what the log says next; `then` gets what is to be done.
@@ -68,6 +74,7 @@ impl Pauses {
                 (self.name, self.parts) = (name, 0);
                 self.tracker.begin_touch();
                 self.split.begun();
+                self.load.clear();
             }
             TouchEvent::Sample(sample) => self.take_sample(sample, then)?,
         }
@@ -93,11 +100,14 @@ impl Pauses {
         then: &mut VecDeque<TouchEvent>,
     ) -> Result<(), MapperError> {
         let contacts = self.tracker.feed(&sample)?.contacts.len();
+        let is_free = self.load.is_none(&self.tracker.arm().robot, &sample, self.still_rad);
+        let contacts = if is_free { 0 } else { contacts };
         let begins = self.split.push(&sample, contacts);
         self.queue.push_back(sample);
         if let Some(still) = begins {
             self.release(still.len(), then);
             self.announce(then);
+            self.load.begin();
             // What the arm covers in the air is empty space for the touch to come.
             self.tracker.begin_touch();
             if let Some(sample) = self.queue.back() {
