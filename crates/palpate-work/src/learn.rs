@@ -148,7 +148,8 @@ pub fn learn(
         Ok(tally) => {
             touches.tell_warnings(progress);
             if tally.interrupted.is_none() {
-                if tally.touches.is_empty() {
+                // A body may be learnt from a picture, without any log.
+                if tally.touches.is_empty() && touches.has_logs() {
                     let log = touches.log().display();
                     return Err(WorkError::from(format!(
                         "`{log}`: no sample is left to learn from"

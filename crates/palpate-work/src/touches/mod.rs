@@ -148,6 +148,11 @@ impl Touches {
         self.joints = arm.robot.joint_names().map(str::to_owned).collect();
     }
 
+    /// Whether there is any log.
+    pub fn has_logs(&self) -> bool {
+        self.logs.all().next().is_some()
+    }
+
     /// The joints of the touch that was started last, if the log names them; from now on, all
     /// touches have theirs in this order.
     pub fn keep_joints(&mut self) -> Option<Vec<String>> {
