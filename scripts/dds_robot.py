@@ -296,7 +296,7 @@ def spoil(state, before, number, broken):
         elif broken == "effort":
             state.effort = []
         elif broken == "names":
-            state.name = [name.lower() for name in JOINTS]
+            state.name = [f"panda_joint{joint}" for joint in range(1, 8)]
         elif broken == "clock" and number == 107:
             state.header.stamp.sec -= 100
         elif broken == "still":
