@@ -1,7 +1,7 @@
 //! `--split-idle`: a log parted into touches where the arm pauses in the air.
 //!
 //! [`PauseDetector`] says when; whether anything is touched, a simulator of our own says, which knows
-//! the arm and the workspace box but no torque; or the torques say that the arm bears nothing ([`load`]). Still samples are held back until it is known
+//! the arm and the workspace box but no torque; or the torques say that the arm bears nothing (`load`). Still samples are held back until it is known
 //! which touch they belong to, so that each is in one touch only. What a log calls a touch stays
 //! one, and may become several; samples of an arm that moves before it has stood still once have
 //! no tare and are left out, which is told.
