@@ -152,7 +152,7 @@ pub fn learn(
                 if tally.touches.is_empty() && touches.has_logs() {
                     let log = touches.log().display();
                     return Err(WorkError::from(format!(
-                        "`{log}`: no sample is left to learn from"
+                        "`{log}`: no sample is left to learn from; with --split-idle the arm must stand still once before it moves"
                     )));
                 }
                 check.look(progress)?;

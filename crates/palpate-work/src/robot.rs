@@ -39,7 +39,8 @@ pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError
     Ok(loaded)
 }
 
-/// Warns if a field was learnt with another arm, which is allowed. It says the name of its own arm, and has it in its snapshot, if there is one.
+/// Warns if a field was learnt with another arm, which is allowed: of another name than the field says, or, if the field
+/// remembers its arm in a snapshot, another one than that.
 pub fn tell_other_robot(
     (name, snapshot): (&str, Option<&Snapshot>),
     arm: &Arm,

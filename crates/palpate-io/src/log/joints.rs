@@ -108,13 +108,11 @@ fn is_of_any_robot(name: &str) -> bool {
 fn counted(names: &[String]) -> Vec<Counted<'_>> {
     let mut series: BTreeMap<(&str, &str), Counted<'_>> = BTreeMap::new();
     for name in names {
-        let Some(end) = name.rfind(|sign: char| sign.is_ascii_digit()).map(|at| at + 1) else {
-            continue;
-        };
-        let start = name[..end].rfind(|sign: char| !sign.is_ascii_digit());
-        let start = start.map_or(0, |at| at + name[at..].chars().next().map_or(1, char::len_utf8));
-        let Ok(number) = name[start..end].parse() else { continue };
-        series.entry((&name[..start], &name[end..])).or_default().insert(number, name);
+        let is_digit = |sign: char| sign.is_ascii_digit();
+        let Some(end) = name.rfind(is_digit).map(|at| at + 1) else { continue };
+        let stem = name[..end].trim_end_matches(is_digit);
+        let Ok(number) = name[stem.len()..end].parse() else { continue };
+        series.entry((stem, &name[end..])).or_default().insert(number, name);
     }
     let is_whole = |series: &Counted<'_>| {
         let first = *series.keys().next().expect("none is empty");

@@ -342,8 +342,8 @@ fn of_gains(identified: &Identified) -> Option<String> {
                 .to_owned(),
         ),
         _ => Some(format!(
-            "the gain of {} is negative, and those of other joints are not: is it wired or counted the other way, are the \
-             columns of other joints, or did it hardly move?",
+            "the gain of {} is negative, and those of other joints are not: does it count the other way, are its torques those \
+             of another joint, or did it hardly move?",
             negative.join(", ")
         )),
     }
@@ -355,7 +355,7 @@ fn of_delay(identified: &Identified) -> Option<String> {
     (identified.timed && value < -2.0 * std - EARLY_S).then(|| {
         format!(
             "the torques come {:.0} ms before the positions, which no robot does: stamps are those of another clock, \
-             torques are of other joints, or friction turns round otherwise than the model's",
+             torques are of other joints, or friction at reversal is not as the model has it",
             -1e3 * value
         )
     })

@@ -11,8 +11,8 @@ use palpate::{Robot, Sample};
 
 /// Samples of a standstill whose mean is taken, at least and at most.
 const MEAN_OF: [usize; 2] = [10, 100];
-/// As much of the largest load is none.
-const NONE: f64 = 0.2;
+/// As much of the largest load counts as none.
+const FREE: f64 = 0.2;
 /// How gravity enters the readings: not at all, as what the joints feel, as what the motors exert.
 const READINGS: [f64; 3] = [0.0, -1.0, 1.0];
 
@@ -47,7 +47,7 @@ impl Load {
 
     /// Takes the next sample; whether the arm stands still and bears as little as where the last touch began, if that can
     /// be said.
-    pub(super) fn is_none(&mut self, robot: &Robot, sample: &Sample, still_rad: f64) -> bool {
+    pub(super) fn is_free(&mut self, robot: &Robot, sample: &Sample, still_rad: f64) -> bool {
         let Ok(poses) = robot.forward(&sample.q) else { return false };
         let gravity = robot.gravity_torque(&poses);
         let read = |sign: f64| -> Vec<f64> {
@@ -76,7 +76,7 @@ impl Load {
         // On a way through the air nothing is large, so what other touches had counts for half.
         let usual = self.largest[least].max(0.5 * self.before[least]);
         // Without torques, as in a planned motion, nothing can be said.
-        usual > 0.0 && now[least] <= NONE * usual
+        usual > 0.0 && now[least] <= FREE * usual
     }
 
     /// Of the standstill, if it is long enough.

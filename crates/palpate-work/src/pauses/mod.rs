@@ -1,10 +1,10 @@
 //! `--split-idle`: a log parted into touches where the arm pauses in the air.
 //!
 //! [`PauseDetector`] says when; whether anything is touched, a simulator of our own says, which knows
-//! the arm and the workspace box but no torque; or the torques say that the arm bears nothing (`load`). Still samples are held back until it is known
-//! which touch they belong to, so that each is in one touch only. What a log calls a touch stays
-//! one, and may become several; samples of an arm that moves before it has stood still once have
-//! no tare and are left out, which is told.
+//! the arm and the workspace box, unless the torques show that the arm bears nothing (`load`). Still
+//! samples are held back until it is known which touch they belong to, so that each is in one touch
+//! only. What a log calls a touch stays one, and may become several; samples of an arm that moves
+//! before it has stood still once have no tare and are left out, which is told.
 
 mod load;
 
@@ -100,7 +100,7 @@ impl Pauses {
         then: &mut VecDeque<TouchEvent>,
     ) -> Result<(), MapperError> {
         let contacts = self.tracker.feed(&sample)?.contacts.len();
-        let is_free = self.load.is_none(&self.tracker.arm().robot, &sample, self.still_rad);
+        let is_free = self.load.is_free(&self.tracker.arm().robot, &sample, self.still_rad);
         let contacts = if is_free { 0 } else { contacts };
         let begins = self.split.push(&sample, contacts);
         self.queue.push_back(sample);

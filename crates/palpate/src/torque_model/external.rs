@@ -215,7 +215,7 @@ impl TouchMotion {
             let ends = self.positions[before].iter().zip(&self.positions[after]);
             let q: Vec<f64> = ends.map(|(a, b)| mix(*a, *b)).collect();
             let rest = vec![0.0; q.len()];
-            // A log that has just begun; another one has no speeds at all.
+            // A stream that has just begun; if samples are too far apart for speeds, the noise has what that costs.
             let is_new = !self.untimed && self.times_s.len() < 4;
             let doubt = is_new.then(|| [(); 2].map(|()| vec![f64::INFINITY; q.len()]));
             let (speed, acceleration) = (rest.clone(), rest);

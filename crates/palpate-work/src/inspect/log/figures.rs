@@ -160,17 +160,17 @@ impl Figures {
         let mut tracker = self.tracker.clone();
         tracker.begin_touch();
         let (robot, start) = (&self.tracker.arm().robot, &touch.samples[0].q);
-        let mut last: Option<(&[f64], usize)> = None;
+        let mut last: Option<(Vec<f64>, usize)> = None;
         // Points touched, their cells if they were looked for, and the torque before the tare.
-        let mut feed = |frame: usize, sample| {
-            let Sample { q, .. }: &'_ Sample = sample;
-            let is_near = |(last, count): &(&[f64], usize)| *count > 0 && farthest(last, q) < step;
-            let near = last.filter(is_near).map(|(_, count)| count);
+        let mut feed = |frame: usize, sample: &Sample| {
+            let near = last.as_ref().filter(|(q, _)| farthest(q, &sample.q) < step);
+            // Where nothing was touched, the next frame may be the first that touches something.
+            let near = near.map(|(_, count)| *count).filter(|count| *count > 0);
             if let Some(count) = known.map(|contacts| contacts[frame]).or(near) {
                 return Some((count, Vec::new(), self.untared(sample)?));
             }
             let TrackedSample { contacts, untared, .. } = tracker.feed(sample).ok()?;
-            last = Some((q, contacts.len()));
+            last = Some((sample.q.clone(), contacts.len()));
             let cells = contacts.links.iter().flat_map(|link| &link.cells).copied();
             Some((contacts.len(), cells.collect(), untared))
         };
