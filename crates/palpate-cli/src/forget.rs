@@ -71,6 +71,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut places = Places::read(&args.settings, &settings, &[]);
     places.output("the field (--output)", Some(&args.output))?;
     interrupt::listen();
+    let _hold = place::hold_field(&args.output)?;
     let started = Instant::now();
     let name = args.field.display().to_string();
     let saved = field::load(&args.field).map_err(CliError::file)?;

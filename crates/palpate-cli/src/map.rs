@@ -35,7 +35,7 @@ const EXAMPLES: &str = "Examples:
 A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
 a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet.
 
-`map` chooses contact distance, friction, Coulomb friction, prior and stiffness scale by cross-validation on the first 16
+`map` chooses contact distance, friction, Coulomb friction, prior and stiffness scale by cross-validation on at most 16
 touches, as far as neither a flag nor --settings gives them. It needs three touches for that, and 15
 seconds for eleven touches on two cores. With fewer touches, with --tune=off, and for all other settings the
 defaults hold; `palpate settings` prints them.
@@ -149,6 +149,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     args.check_places(&settings)?;
     let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
+    let _hold = place::hold_field(&args.output)?;
     let (bodies, _) = args.object.bodies(output)?;
     let mut elastic = (!bodies.is_empty()).then_some(Elastic { bodies, touches: Vec::new() });
     let if_undecided =

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use palpate_io::atomic::{self, IfExists};
+use palpate_io::atomic::{self, Hold, IfExists};
 use palpate_io::field::{self, Saved};
 use tempfile::Builder;
 
@@ -160,6 +160,24 @@ fn resolved(path: &Path) -> Option<PathBuf> {
 /// What lies in a folder; nothing if it is none.
 pub(crate) fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
     folder.read_dir().into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()))
+}
+
+/// Refuses to replace a file whose ending is not that of such a result: a text, say, whose name was given by mistake.
+pub(crate) fn check_older(path: &Path, what: &str, wanted: &str) -> Result<(), CliError> {
+    if !path.is_file() || ending(path) == wanted {
+        return Ok(());
+    }
+    let path = path.display();
+    Err(CliError::Usage(format!(
+        "`{path}` is there already, and by its name no {what}; it is only replaced if it ends with .{wanted}"
+    )))
+}
+
+/// Keeps others from writing to the file of a field until it is dropped: `palpate live`, say, would replace it at its end.
+pub(crate) fn hold_field(path: &Path) -> Result<Option<Hold>, CliError> {
+    check_older(path, "field", "npz")?;
+    let is_device = path.exists() && !path.is_file();
+    (!is_device).then(|| Hold::on(path).map_err(CliError::file)).transpose()
 }
 
 /// Saves a field that took long to learn; where its folder is gone, say, or full, elsewhere.

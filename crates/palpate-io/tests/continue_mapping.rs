@@ -92,6 +92,44 @@ fn torques_of_which_some_have_a_standard_deviation_go_on_as_well() {
 }
 
 #[test]
+fn samples_too_close_together_to_be_learned_go_on_as_well() {
+    let mut touches = touches(3);
+    for (n, sample) in touches.iter_mut().flat_map(|touch| touch.iter_mut().enumerate()) {
+        sample.time_s = (n % 7 != 3).then_some(0.02 * n as f64);
+    }
+    never_having_stopped(&[], &touches);
+}
+
+#[test]
+fn what_is_logged_twice_within_a_millisecond_is_learned_once() {
+    let (arm, touches) = (arm(), touches(1));
+    let twice = |sample: &Sample| {
+        let mut again = sample.clone();
+        again.time_s = sample.time_s.map(|time_s| time_s + 0.001);
+        [sample.clone(), again]
+    };
+    let twice: Vec<Sample> = touches[0].iter().flat_map(twice).collect();
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
+        let field = |samples: &[Sample]| {
+            let mut mapper = Mapper::new(Arc::clone(&arm), config(method)).unwrap();
+            mapper.begin_touch();
+            let steps = samples.iter().map(|sample| mapper.step(sample).unwrap());
+            let predicted = steps.filter(|step| step.predicted.is_some()).count();
+            mapper.end_touch().unwrap();
+            (mapper.field(), predicted)
+        };
+        let (once, again) = (field(&touches[0]), field(&twice));
+        assert!(once.0.counts.iter().any(|&count| count > 1));
+        assert_eq!(once.0.counts, again.0.counts);
+        let largest = once.0.stiffness_n_per_m.iter().copied().fold(0.0, f64::max);
+        for (a, b) in once.0.stiffness_n_per_m.iter().zip(&again.0.stiffness_n_per_m) {
+            assert!((a - b).abs() < 1e-9 * largest, "{a} and {b} N/m");
+        }
+        assert!(again.1 > 3 * once.1 / 2, "what is not learned from is predicted");
+    }
+}
+
+#[test]
 fn a_standard_deviation_of_the_torque_is_added_to_that_of_the_estimator() {
     let (arm, mut touches) = (arm(), touches(1));
     let learnt = |touch: &[Sample], torque_std: f64| {

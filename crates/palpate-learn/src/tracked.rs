@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{
-    Cell, CellRows, ElasticBody, Observation, ObservationBuilder, Stiffness, TrackedSample,
+    Cell, CellRows, ElasticBody, Observation, ObservationBuilder, Pace, Stiffness, TrackedSample,
     Tracker, torque_weights,
 };
 use palpate::{Arm, CellId, ContactConfig, EstimatorConfig, Lattice, MapperConfig, Sample, Tare};
@@ -51,7 +51,7 @@ pub struct Tracked {
 pub struct TrackedTouch {
     /// Its name.
     pub name: String,
-    /// Its frames from the tare on.
+    /// Its frames from the tare on, those that are learnt from ([`Pace`]).
     pub frames: Vec<TrackedFrame>,
     /// Its torques before, bias and all, n_joints, N·m.
     of_tare: Vec<DVector<f64>>,
@@ -288,6 +288,41 @@ impl TrackedFrame {
     }
 }
 
+/// By touch, given by its samples, whether the arm displaces anything after the tare.
+///
+/// # Errors
+///
+/// Names the first touch, and its sample, that cannot be used.
+pub fn touch_anything(
+    arm: &Arc<Arm>,
+    config: &MapperConfig,
+    touches: &[&[Sample]],
+    stop: Stop<'_>,
+) -> Result<Vec<bool>, LearnError> {
+    let (contact, touch) = (&config.contact, config.touch.clone());
+    let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
+    let touches_anything = |(number, samples): (usize, &&[Sample])| {
+        let (mut tracker, mut pace) = (tracker.clone(), Pace::default());
+        tracker.begin_touch();
+        for (sample, logged) in samples.iter().enumerate() {
+            unless_stopped(stop)?;
+            if !pace.takes(logged.time_s) && tracker.tare().is_some() {
+                continue;
+            }
+            let frame = tracker.feed(logged).map_err(|error| LearnError::Sample {
+                touch: number,
+                sample,
+                source: error.into(),
+            })?;
+            if frame.external.is_some() && !frame.contacts.is_empty() {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    };
+    touches.par_iter().enumerate().map(touches_anything).collect()
+}
+
 /// A frame on its way to a [`TrackedFrame`].
 struct Followed {
     /// Its number among the touch's samples.
@@ -319,7 +354,7 @@ impl Followed {
     }
 }
 
-/// Every n-th of the frames of a touch from the tare on, or of those of `like` with their torques; and the torques,
+/// Every n-th of the frames of a touch from the tare on that are learnt from, or of those of `like` with their torques; and the torques,
 /// bias and all, of those before the end of the tare.
 fn follow(
     mut tracker: Tracker,
@@ -335,8 +370,14 @@ fn follow(
     let first = first.filter(|q| q.len() == arm.robot.n_joints());
     let mut before = first.or(touch.samples.first().map(|sample| &sample.q)).cloned();
     let mut unwrapped = before.clone().unwrap_or_default();
+    let mut pace = Pace::default();
     for (index, sample) in touch.samples.iter().enumerate() {
         unless_stopped(stop)?;
+        let is_learnt = pace.takes(sample.time_s);
+        if !is_learnt && tracker.tare().is_some() {
+            tracker.check(sample).map_err(|error| at(index, error.into()))?;
+            continue;
+        }
         let mut frame = tracker.feed(sample).map_err(|error| at(index, error.into()))?;
         let way = arm.robot.difference(before.as_ref().unwrap_or(&sample.q), &sample.q);
         unwrapped.iter_mut().zip(&way).for_each(|(total, way)| *total += way);
@@ -349,6 +390,9 @@ fn follow(
             }
         };
         if let Some(external) = external {
+            if !is_learnt {
+                continue;
+            }
             if n_frames.is_multiple_of(every) {
                 let unwrapped = unwrapped.clone();
                 frames.push(Followed { sample: index, unwrapped, tracked: frame, external });

@@ -181,7 +181,7 @@ fn learn_from(
         }
         match event {
             TouchEvent::Touch(name) => {
-                finish_touch(mapper, &tally)?;
+                finish_touch(mapper, &tally, progress)?;
                 check.begin(&name, touches, progress)?;
                 mapper.begin_touch();
                 mapper.name_touch(&name);
@@ -206,16 +206,25 @@ fn learn_from(
             }
         }
     }
-    finish_touch(mapper, &tally)?;
+    finish_touch(mapper, &tally, progress)?;
     Ok(tally)
 }
 
-/// Ends the touch that was begun last, if any was.
-fn finish_touch(mapper: &mut Mapper, tally: &Tally) -> Result<(), WorkError> {
-    match tally.touches.last() {
-        Some(touch) => mapper.end_touch().map_err(|source| {
-            WorkError::touch(&touch.log, format!("touch `{}`", touch.name), source)
-        }),
-        None => Ok(()),
+/// Ends the touch that was begun last, if any was; warns if the field has learnt from the same samples before.
+fn finish_touch(
+    mapper: &mut Mapper,
+    tally: &Tally,
+    progress: &dyn Progress,
+) -> Result<(), WorkError> {
+    let Some(touch) = tally.touches.last() else { return Ok(()) };
+    if let Some(number) = mapper.repeated_touch() {
+        let (log, name) = (touch.log.display(), &touch.name);
+        progress.warn(&format!(
+            "`{log}`: touch `{name}` has the samples of touch #{number}, which the field had learned from, and counts twice now; \
+             `palpate forget --touch '#{number}'` takes that out"
+        ));
     }
+    mapper
+        .end_touch()
+        .map_err(|source| WorkError::touch(&touch.log, format!("touch `{}`", touch.name), source))
 }

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use palpate::{Arm, Calibration, EstimatorKind, MapperConfig};
+use palpate::unstable::Pace;
+use palpate::{Arm, Calibration, EstimatorKind, MapperConfig, Sample};
 use palpate_learn::calibrate::calibrate;
-use palpate_learn::tracked::{Touch, Tracked};
+use palpate_learn::tracked::{Touch, Tracked, touch_anything};
 use palpate_learn::tune::{Effort, Given, Search, Trial, Tuned, Tuner};
 use serde_json::json;
 
@@ -14,9 +15,12 @@ use crate::progress::Progress;
 use crate::settings::{Settings, SettingsError};
 use crate::touches::{RecordedTouch, TouchEvent, Touches};
 
-/// Touches that [`quickly_tuned`] looks at, and samples of them: the first ones.
+/// Touches that [`quickly_tuned`] learns from and predicts, and samples of them that are learnt from ([`Pace`]).
 const QUICK_TOUCHES: usize = 16;
-const QUICK_SAMPLES: usize = 20_000;
+const QUICK_LEARNT: usize = 20_000;
+/// Touches that they are taken from, and their samples: the first ones.
+const MOST_TOUCHES: usize = 200;
+const MOST_SAMPLES: usize = 500_000;
 
 /// Fewest touches that settings are chosen from.
 pub const FEWEST: usize = 3;
@@ -199,7 +203,7 @@ pub struct Chosen {
     pub calibration: Option<Calibration>,
 }
 
-/// `config` with the settings that cross-validation on the first of these touches chooses, as far as they were not
+/// `config` with the settings that cross-validation on some of these touches chooses, as far as they were not
 /// given; reports them in a line. With fewer than three touches it stays as it is.
 ///
 /// # Errors
@@ -213,10 +217,10 @@ pub fn quickly_tuned(
     config.estimator(arm.robot.n_joints()).map_err(SettingsError::value)?;
     let place = (config.lattice.clone(), config.contact.clone());
     let mut touches = touches.for_arm(arm, &settings.log, place.clone())?;
-    let mut recorded = Vec::new();
-    let mut is_all = true;
+    let (mut recorded, mut found, mut is_all) = (Vec::new(), 0, true);
     let tuned = first_of(&mut touches, &mut recorded).and_then(|all| {
-        is_all = all;
+        found = recorded.len();
+        is_all = pick(&mut recorded, (arm, config), progress)? && all;
         if recorded.len() < FEWEST {
             return Ok(None);
         }
@@ -228,13 +232,14 @@ pub fn quickly_tuned(
     });
     match tuned {
         Ok(Some((tuned, calibration))) => {
-            progress.note(&summary(&tuned, recorded.len()));
+            progress.note(&summary(&tuned, (recorded.len(), found)));
             Ok(Chosen { config: tuned.config, calibration })
         }
         Ok(None) => {
             let n = recorded.len();
             progress.note(&format!(
-                "the default settings are used, since choosing settings needs {FEWEST} touches and there are {n}{}",
+                "the default settings are used, since choosing settings needs {FEWEST} touches in which the arm touches \
+                 something, and there are {n}{}",
                 if is_all { "" } else { " in the samples that it looks at" }
             ));
             Ok(Chosen { config: config.clone(), calibration: None })
@@ -248,15 +253,15 @@ pub fn quickly_tuned(
     }
 }
 
-/// Reads the first touches, as far as settings are chosen from them; whether these are all.
+/// Reads the first touches, of which some are picked to choose settings from; whether these are all.
 fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<bool, WorkError> {
     let mut samples = 0;
     while let Some(event) = touches.advance()? {
         match event {
-            TouchEvent::Touch(name) if recorded.len() < QUICK_TOUCHES => {
+            TouchEvent::Touch(name) if recorded.len() < MOST_TOUCHES => {
                 recorded.push(touches.begun(&name));
             }
-            TouchEvent::Sample(sample) if samples < QUICK_SAMPLES => {
+            TouchEvent::Sample(sample) if samples < MOST_SAMPLES => {
                 samples += 1;
                 recorded.last_mut().expect("a touch was begun").samples.push(sample);
             }
@@ -270,13 +275,47 @@ fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<
     Ok(true)
 }
 
+/// Leaves the touches that settings are chosen from: those in which the arm touches something, and of many some that lie evenly
+/// among them; none, and false, if even few have too many samples.
+fn pick(
+    recorded: &mut Vec<RecordedTouch>,
+    (arm, config): (&Arc<Arm>, &MapperConfig),
+    progress: &dyn Progress,
+) -> Result<bool, WorkError> {
+    let samples: Vec<&[Sample]> = recorded.iter().map(|touch| &touch.samples[..]).collect();
+    let touching = touch_anything(arm, config, &samples, &|| progress.stopped())
+        .map_err(|error| fault(recorded, error, "; nothing was written".to_owned()))?;
+    let learnt = |touch: &RecordedTouch| {
+        let mut pace = Pace::default();
+        touch.samples.iter().filter(|sample| pace.takes(sample.time_s)).count()
+    };
+    let mut touching = touching.into_iter();
+    recorded.retain(|_| touching.next() == Some(true));
+    let fits = |kept: &Vec<usize>| {
+        kept.iter().map(|&place| learnt(&recorded[place])).sum::<usize>() <= QUICK_LEARNT
+    };
+    let choices = (FEWEST..=QUICK_TOUCHES).rev().map(|most| evenly(recorded.len(), most));
+    let kept = choices.into_iter().find(fits);
+    let mut place = 0..;
+    let is_kept = |place| kept.as_ref().is_some_and(|kept| kept.contains(&place));
+    recorded.retain(|_| place.next().is_some_and(is_kept));
+    Ok(kept.is_some())
+}
+
+/// So many of `n` places at most, evenly among them.
+fn evenly(n: usize, most: usize) -> Vec<usize> {
+    let kept = n.min(most);
+    (0..kept).map(|number| (2 * number + 1) * n / (2 * kept)).collect()
+}
+
 /// The settings and their error, in a line.
-fn summary(tuned: &Tuned, touches: usize) -> String {
+fn summary(tuned: &Tuned, (touches, found): (usize, usize)) -> String {
     let (contact, estimator) = (&tuned.config.contact, &tuned.config.estimator);
     let score = tuned.trials[0].scores.last().copied().filter(|score| score.is_finite());
     let score = score.map_or(String::new(), |score| format!(" (relative error {score:.2})"));
+    let of = if touches < found { format!(" of {found}") } else { String::new() };
     format!(
-        "chosen by cross-validation on {touches} touches{score}: contact distance {:.0} mm, \
+        "chosen by cross-validation on {touches}{of} touches{score}: contact distance {:.0} mm, \
          friction {:.2}, Coulomb friction {:.2}, prior {:.3} ± {:.3} N/m, stiffness scale {:.2}",
         1e3 * contact.contact_distance_m,
         contact.friction,
@@ -307,4 +346,16 @@ pub fn tuned_settings(tuned: &Tuned, given: &Settings) -> Settings {
     estimator.replays = Some(config.estimator.replays);
     estimator.stiffness_scale = Some(config.estimator.stiffness_scale);
     settings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_lie_evenly_and_all_are_kept_where_there_is_room() {
+        assert_eq!(evenly(4, 16), [0, 1, 2, 3]);
+        assert_eq!(evenly(26, 4), [3, 9, 16, 22]);
+        assert!(evenly(0, 16).is_empty());
+    }
 }

@@ -137,6 +137,11 @@ impl Estimator for EkfEstimator {
         self.filter.seen.resize(self.filter.belief.cells.len(), 0);
     }
 
+    fn predict(&mut self, points_m: &[[f64; 3]], observation: &Observation) -> DVector<f64> {
+        self.filter.grow(points_m);
+        observation.predict(&self.filter.belief.cells, Stiffness::Magnitude)
+    }
+
     fn correct(
         &mut self,
         points_m: &[[f64; 3]],

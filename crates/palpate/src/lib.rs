@@ -82,6 +82,7 @@ mod lattice;
 mod map;
 mod mapper;
 mod motion;
+mod pace;
 mod path_predictor;
 mod pause_detector;
 mod prior_means;
@@ -131,6 +132,7 @@ pub mod unstable {
     pub use crate::lattice::{CellRows, FARTHEST_M};
     pub use crate::map::MapEstimator;
     pub use crate::mapper::{LoggedTouch, NO_STD};
+    pub use crate::pace::Pace;
     pub use crate::path_predictor::{CheckedPath, PathChecker};
     pub use crate::pause_detector::{PauseConfig, PauseDetector};
     pub use crate::prior_means::PriorMeansError;

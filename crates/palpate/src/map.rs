@@ -197,6 +197,11 @@ impl Estimator for MapEstimator {
         self.belief.set_prior_means(points_m, &unscaled, 0.0);
     }
 
+    fn predict(&mut self, points_m: &[[f64; 3]], observation: &Observation) -> DVector<f64> {
+        self.belief.grow(points_m);
+        predict(&self.belief, observation) * self.stiffness_scale
+    }
+
     fn correct(
         &mut self,
         points_m: &[[f64; 3]],

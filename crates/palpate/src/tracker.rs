@@ -14,6 +14,7 @@ use crate::contact::{ContactConfig, ContactState, Contacts};
 use crate::external_torque::{ExternalTorqueConfig, MAX_TORQUE};
 use crate::lattice::Lattice;
 use crate::motion::{MotionError, MotionSimulator, Substeps};
+use crate::pace::Pace;
 use crate::robot::{Poses, RobotError};
 use crate::setting::SettingError;
 use crate::tare::{Tare, TouchTare};
@@ -105,6 +106,8 @@ pub struct TrackedSample {
     pub external: Option<DVector<f64>>,
     /// Standard deviation of that, n_joints, if the sample has one.
     pub tau_std: Option<Vec<f64>>,
+    /// Whether it is to be learnt from ([`Pace`]).
+    pub is_learnt: bool,
 }
 
 /// Weights for [`crate::unstable::Observation::weighted`] of torques with these standard deviations, n_joints, N·m: an
@@ -125,6 +128,8 @@ pub struct Tracker {
     begun: bool,
     /// The tare of the touch under way, from its first sample on.
     tare: Option<TouchTare>,
+    /// What of it is learnt from.
+    pace: Pace,
 }
 
 impl Tracker {
@@ -147,7 +152,7 @@ impl Tracker {
             return Err(SettingError::new("tare_frames", 0.0, "at least 1"));
         }
         let motion = MotionSimulator::new(arm, lattice, contact)?;
-        Ok(Self { motion, config, begun: false, tare: None })
+        Ok(Self { motion, config, begun: false, tare: None, pace: Pace::default() })
     }
 
     /// The arm that is followed.
@@ -165,6 +170,16 @@ impl Tracker {
         self.begun
     }
 
+    /// Time of the last sample of the touch that was learnt from, s.
+    pub(crate) fn learnt_s(&self) -> Option<f64> {
+        self.pace.last_s
+    }
+
+    /// Goes on as if the last sample that was learnt from had been at this time, s.
+    pub(crate) fn set_learnt_s(&mut self, learnt_s: Option<f64>) {
+        self.pace.last_s = learnt_s;
+    }
+
     /// Joint positions where the arm is, n_joints, and its contacts there; `None` outside a touch, or
     /// before its first position.
     pub(crate) fn current_state(&self) -> Option<(Vec<f64>, ContactState)> {
@@ -175,6 +190,7 @@ impl Tracker {
     pub fn begin_touch(&mut self) {
         self.begun = true;
         self.tare = None;
+        self.pace = Pace::default();
         self.motion.begin_touch();
     }
 
@@ -189,6 +205,26 @@ impl Tracker {
         if !self.begun {
             return Err(TrackerError::NotBegun);
         }
+        let (poses, untared) = self.check(sample)?;
+        let contacts = self.motion.go(&sample.q, &poses)?;
+        let tare = self.tare.get_or_insert_with(|| TouchTare::begin(&sample.q, self.config.tare));
+        let settings = (&self.motion.arm().robot, &self.config);
+        let tau_std = sample.tau_std.clone();
+        let now = (&sample.q[..], !contacts.is_empty(), tau_std.as_deref());
+        let external = tare.subtract(settings, now, &untared);
+        self.begun = external.is_ok();
+        let external = external?;
+        let is_learnt = self.pace.takes(sample.time_s);
+        Ok(TrackedSample { poses, contacts, untared, external, tau_std, is_learnt })
+    }
+
+    /// The links' poses of a sample, and its torque with the sign of τ_ext, less gravity, n_joints, N·m; the tracker stays
+    /// where it is.
+    ///
+    /// # Errors
+    ///
+    /// If the sample does not fit the robot, or holds a value that is no number.
+    pub fn check(&self, sample: &Sample) -> Result<(Poses, DVector<f64>), TrackerError> {
         let poses = self.arm().robot.forward(&sample.q)?;
         let untared = self.config.untared(&self.arm().robot, &poses, &sample.tau)?;
         if let Some(std) = &sample.tau_std
@@ -198,14 +234,7 @@ impl Tracker {
             let (expected, found) = (sample.q.len(), std.clone());
             return Err(TrackerError::TorqueStd { expected, found });
         }
-        let contacts = self.motion.go(&sample.q, &poses)?;
-        let tare = self.tare.get_or_insert_with(|| TouchTare::begin(&sample.q, self.config.tare));
-        let settings = (&self.motion.arm().robot, &self.config);
-        let tau_std = sample.tau_std.clone();
-        let now = (&sample.q[..], !contacts.is_empty(), tau_std.as_deref());
-        let external = tare.subtract(settings, now, &untared);
-        self.begun = external.is_ok();
-        Ok(TrackedSample { poses, contacts, untared, external: external?, tau_std })
+        Ok((poses, untared))
     }
 
     /// The tare of the touch, n_joints, N·m, once it is known.

@@ -13,6 +13,7 @@
 //! | `memory_nis`    | F or 0   | f64  | `map`: normalised innovation squared at its last visit (0 for `ekf`) |
 //! | `log_touch`     | T x 3    | u32  | touch, its samples, whether it is still under way     |
 //! | `log_q`, `log_tau` | S x n | f64  | samples of those touches in a row, as logged          |
+//! | `log_skipped`   | S        | u8   | 1 for a sample that came too soon after another to be learnt from; only if there are any |
 //! | `log_tau_std`   | S x n    | f64  | standard deviations of those torques, of an identified arm only; −1 where a sample has none |
 //!
 //! A field with an elastic body has more arrays: [`super::elastic`].
@@ -149,6 +150,9 @@ struct MapperMeta {
     /// Touches that were learnt from and are not in the sample log any more; null of a palpate that did not count them.
     #[serde(default)]
     gone: Option<u32>,
+    /// [`Snapshot::learnt_s`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    learnt_s: Option<f64>,
 }
 
 /// Writes a field, whole or not at all, in the place of any file of that name.
@@ -206,6 +210,7 @@ fn to_arrays(saved: &Saved) -> Arrays {
             expected: snapshot.prior_means_n_per_m.len(),
             names: snapshot.sample_log.iter().map(|touch| touch.name.clone()).collect(),
             gone: Some(snapshot.gone),
+            learnt_s: snapshot.learnt_s,
         }),
     };
     let json = serde_json::to_string(&meta).expect("settings are plain data");
@@ -253,6 +258,13 @@ fn insert_sample_log(arrays: &mut Arrays, snapshot: &Snapshot) {
     arrays.insert("log_q", Array::new(vec![rows, n_joints], Data::F64(q)));
     let tau = snapshot.sample_log.iter().flat_map(|touch| touch.tau.iter().copied()).collect();
     arrays.insert("log_tau", Array::new(vec![rows, n_joints], Data::F64(tau)));
+    if snapshot.sample_log.iter().any(|touch| !touch.skipped.is_empty()) {
+        let skipped = snapshot.sample_log.iter().flat_map(|touch| {
+            let others = samples(touch) - touch.skipped.len();
+            touch.skipped.iter().copied().chain(std::iter::repeat_n(false, others))
+        });
+        arrays.insert("log_skipped", Array::flat(Data::U8(skipped.map(u8::from).collect())));
+    }
     if snapshot.sample_log.iter().any(|touch| !touch.tau_std.is_empty()) {
         let std = snapshot.sample_log.iter().flat_map(|touch| {
             let none = touch.tau.len() - touch.tau_std.len();
@@ -418,7 +430,7 @@ fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapsh
         state,
         (mapper.touches, sample_log, gone),
     );
-    snapshot.calibration.clone_from(&saved.field.calibration);
+    (snapshot.learnt_s, snapshot.calibration) = (mapper.learnt_s, saved.field.calibration.clone());
     Ok(snapshot)
 }
 
@@ -442,6 +454,10 @@ fn sample_log(arrays: &Arrays) -> Result<(usize, Vec<LoggedTouch>), SavedError> 
         }
         None => Vec::new(),
     };
+    let skipped = match arrays.get("log_skipped") {
+        Some(_) => arrays.counts("log_skipped", &[Some(q.len() / n_joints.max(1))])?,
+        None => Vec::new(),
+    };
     let samples: u64 = touches.iter().map(|touch| u64::from(touch[1])).sum();
     if q.len() != tau.len() || samples.saturating_mul(n_joints as u64) != q.len() as u64 {
         let what = format!(
@@ -455,17 +471,19 @@ fn sample_log(arrays: &Arrays) -> Result<(usize, Vec<LoggedTouch>), SavedError> 
     let mut start = 0;
     let mut logged = Vec::new();
     for &[touch, samples, open] in touches {
-        let end = start + samples as usize * n_joints; // the sum of all was checked above
+        let rows = start..start + samples as usize; // the sum of all was checked above
+        let numbers = rows.start * n_joints..rows.end * n_joints;
+        start = rows.end;
         logged.push(LoggedTouch {
             touch,
             name: String::new(),
             open: open != 0,
             lost: false,
-            q: q[start..end].to_vec(),
-            tau: tau[start..end].to_vec(),
-            tau_std: std.get(start..end).unwrap_or_default().to_vec(),
+            skipped: skipped.get(rows).unwrap_or_default().iter().map(|own| *own > 0).collect(),
+            q: q[numbers.clone()].to_vec(),
+            tau: tau[numbers.clone()].to_vec(),
+            tau_std: std.get(numbers).unwrap_or_default().to_vec(),
         });
-        start = end;
     }
     Ok((n_joints, logged))
 }

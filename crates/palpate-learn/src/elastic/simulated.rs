@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::DMatrix;
-use palpate::unstable::{ElasticBody, ElasticContactConfig, Equilibrium};
+use palpate::unstable::{ElasticBody, ElasticContactConfig, Equilibrium, Pace};
 use palpate::{Arm, MapperError, RobotError};
 use rayon::prelude::*;
 
@@ -146,10 +146,14 @@ fn follow(
 ) -> Result<(Vec<DMatrix<f64>>, Settled), LearnError> {
     let frames = &tracked.touches[number].frames;
     let mut torques = Vec::with_capacity(frames.len());
-    let mut settled = Settled { samples: touch.samples.len() as u64, unsettled: 0 };
-    let mut before_s: Option<f64> = None;
+    let mut settled = Settled { samples: 0, unsettled: 0 };
+    let (mut before_s, mut pace) = (None::<f64>, Pace::default());
     for (sample, logged) in touch.samples.iter().enumerate() {
         unless_stopped(stop)?;
+        if !pace.takes(logged.time_s) {
+            continue; // as no frame is learnt from
+        }
+        settled.samples += 1;
         let passed_s = logged.time_s.zip(before_s).map(|(now, before)| now - before);
         before_s = logged.time_s;
         let at = |error: RobotError| {

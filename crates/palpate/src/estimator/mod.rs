@@ -269,6 +269,10 @@ pub trait Estimator: Send + Sync {
     /// If a mean has no point, is negative or not finite, which is a bug in the caller.
     fn set_prior_means(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]);
 
+    /// Predicts a new frame, `τ̂ = H K` (Eq. 5), n_joints, N·m, and learns nothing; `points_m` as for
+    /// [`Estimator::correct`].
+    fn predict(&mut self, points_m: &[[f64; 3]], observation: &Observation) -> DVector<f64>;
+
     /// Predicts a new frame, learns from it and remembers it; returns the prediction, `τ̂ = H K`
     /// before the correction (Eq. 5), n_joints, N·m.
     ///

@@ -60,7 +60,9 @@ impl Mapper {
                     return Ok(None);
                 }
             }
-            if !logged.open {
+            if logged.open {
+                mapper.tracker.set_learnt_s(snapshot.learnt_s);
+            } else {
                 mapper.end_touch()?;
             }
         }

@@ -263,7 +263,8 @@ impl Mapper {
         self.log.name(name);
     }
 
-    /// Learns from one sample: simulate, predict, correct, replay (Sec. II).
+    /// Learns from one sample: simulate, predict, correct, replay (Sec. II). One that follows within 45 ms of the last
+    /// that was learnt from is only predicted: it says next to nothing new, and would count as much.
     ///
     /// The replays are made as the [`ReplayPolicy`] says; by default they go on in the background while
     /// the next sample is simulated, which needs nothing of them.
@@ -276,7 +277,7 @@ impl Mapper {
         // Where the arm pushes the points of the field, and by how much (assumption ii).
         let tracked = self.tracker.feed(sample)?;
         self.replays.begin_step();
-        let frame = self.record(sample);
+        let frame = self.record(sample, !tracked.is_learnt);
         let contacts = tracked.contacts.len();
         let Some(external) = &tracked.external else {
             return Ok(StepReport {
@@ -290,22 +291,19 @@ impl Mapper {
         // What torque the field predicts there (Eqs. 2 and 5), and the correction of the touched cells
         // by the measured one (Eqs. 5 and 6).
         let (predicted, peak_half_width) = match contacts {
-            0 => self.pass_without_contact(external.len()),
-            _ => {
-                self.log.learns(frame);
-                self.predict_and_correct(frame, &tracked, external)?
-            }
+            0 => self.pass_without_contact(external.len(), tracked.is_learnt),
+            _ => self.predict_and_correct(frame, &tracked, external)?,
         };
 
         // Remembered frames are fused again, so that they are not forgotten.
-        if contacts > 0 {
+        if contacts > 0 && tracked.is_learnt {
             self.replays.replay();
         }
         let external = tracked.external;
         Ok(StepReport { contacts, external, predicted: Some(predicted), peak_half_width })
     }
 
-    /// Predicts the torque of a frame and corrects the belief by the measured one; returns the
+    /// Predicts the torque of a frame and, if that is learnt from, corrects the belief by the measured one; returns the
     /// prediction and the half-width of its band, if one is asked for, n_joints, N·m.
     fn predict_and_correct(
         &mut self,
@@ -325,7 +323,11 @@ impl Mapper {
             let spread = estimator.band_spread(points_m, &observation, relative_std);
             (spread, [observation.n_contacts(), known])
         });
+        if tracked.is_learnt {
+            self.log.learns(frame);
+        }
         let predicted = match self.weights(tracked) {
+            _ if !tracked.is_learnt => self.replays.estimator().predict(points_m, &observation),
             None => self.replays.estimator().correct(points_m, observation, frame)?,
             Some(weights) => {
                 let weighted = observation.weighted(&weights);
@@ -354,21 +356,33 @@ impl Mapper {
         calibration.peak_half_width(self.band?, predicted.as_slice(), spread.as_slice(), *contacts)
     }
 
-    /// Lets the belief age by a step in which nothing is touched; the prediction is zero.
-    fn pass_without_contact(&mut self, n_joints: usize) -> (DVector<f64>, Option<DVector<f64>>) {
-        self.replays.estimator().advance_time();
+    /// Lets the belief age by a step in which nothing is touched, if it counts as one; the prediction is zero.
+    fn pass_without_contact(
+        &mut self,
+        n_joints: usize,
+        ages: bool,
+    ) -> (DVector<f64>, Option<DVector<f64>>) {
+        if ages {
+            self.replays.estimator().advance_time();
+        }
         let nothing = DVector::zeros(n_joints);
         let peak_half_width = self.peak_half_width(&nothing, &(nothing.clone(), [0, 0]));
         (nothing, peak_half_width)
     }
 
     /// Logs a sample; frames whose samples no longer fit into the log are condensed.
-    fn record(&mut self, sample: &Sample) -> FrameId {
-        let frame = self.log.record(sample);
+    fn record(&mut self, sample: &Sample, is_skipped: bool) -> FrameId {
+        let frame = self.log.record(sample, is_skipped);
         for touch in self.log.bound(self.config.estimator.memory.bytes) {
             self.replays.estimator().condense(touch);
         }
         frame
+    }
+
+    /// The number of an earlier touch in the memory whose samples are to the bit those of the touch under way, or of its
+    /// start: the same recording, which now counts twice.
+    pub fn repeated_touch(&self) -> Option<u32> {
+        self.log.repeated().map(|touch| touch.touch)
     }
 
     /// Ends a touch.

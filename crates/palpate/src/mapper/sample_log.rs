@@ -22,6 +22,8 @@ pub struct LoggedTouch {
     pub open: bool,
     /// Whether its samples outgrew the log's bound and are gone.
     pub lost: bool,
+    /// By sample, whether it came too soon to be learnt from ([`crate::unstable::Pace`]); empty if none did.
+    pub skipped: Vec<bool>,
     /// Joint positions of all samples in a row, samples × n_joints.
     pub q: Vec<f64>,
     /// Logged torques, samples × n_joints.
@@ -32,16 +34,22 @@ pub struct LoggedTouch {
 
 /// What stands for the standard deviation of a sample that has none.
 pub const NO_STD: f64 = -1.0;
-
 impl LoggedTouch {
-    /// Its samples, of so many joints, without times.
+    /// Its samples, of so many joints. If some were skipped, they have times by which the same are skipped again; else none.
     pub fn samples(&self, n_joints: usize) -> impl Iterator<Item = Sample> {
         let stds =
             self.tau_std.chunks(n_joints).map(|std| (std[0] != NO_STD).then(|| std.to_vec()));
         let stds = stds.chain(std::iter::repeat(None));
-        self.q.chunks(n_joints).zip(self.tau.chunks(n_joints)).zip(stds).map(
-            |((q, tau), tau_std)| Sample { tau_std, ..Sample::new(None, q.to_vec(), tau.to_vec()) },
-        )
+        let times = self.skipped.iter().scan(0.0, |time_s, skipped| {
+            *time_s += if *skipped { 0.0 } else { 1.0 };
+            Some(Some(*time_s))
+        });
+        let times = times.chain(std::iter::repeat(None));
+        let joints = self.q.chunks(n_joints).zip(self.tau.chunks(n_joints));
+        joints.zip(stds.zip(times)).map(|((q, tau), (tau_std, time_s))| Sample {
+            tau_std,
+            ..Sample::new(time_s, q.to_vec(), tau.to_vec())
+        })
     }
 }
 
@@ -132,9 +140,13 @@ impl SampleLog {
     }
 
     /// Logs a sample of the touch under way and returns its identity.
-    pub(super) fn record(&mut self, sample: &Sample) -> FrameId {
+    pub(super) fn record(&mut self, sample: &Sample, is_skipped: bool) -> FrameId {
         let touch = self.touches.last_mut().expect("the tracker refuses samples before a touch");
         if !touch.lost {
+            if is_skipped || !touch.skipped.is_empty() {
+                touch.skipped.resize(self.samples as usize, false);
+                touch.skipped.push(is_skipped);
+            }
             touch.q.extend_from_slice(&sample.q);
             if let Some(std) = &sample.tau_std {
                 touch.tau_std.resize(touch.tau.len(), NO_STD);
@@ -149,6 +161,14 @@ impl SampleLog {
         FrameId { touch: touch.touch, sample: self.samples - 1 }
     }
 
+    /// The earlier touch of which the last one has the first samples, or all.
+    pub(super) fn repeated(&self) -> Option<&LoggedTouch> {
+        let (last, earlier) = self.touches.split_last()?;
+        earlier.iter().find(|touch| {
+            !touch.q.is_empty() && last.q.starts_with(&touch.q) && last.tau.starts_with(&touch.tau)
+        })
+    }
+
     /// Drops the oldest touches until the log fits into `limit` bytes; returns those that were dropped.
     ///
     /// A touch under way that alone outgrows the bound goes on without its samples: it cannot be
@@ -161,6 +181,7 @@ impl SampleLog {
                 self.gone += u32::from(!oldest.lost);
                 oldest.lost = true;
                 (oldest.q, oldest.tau, oldest.tau_std) = Default::default();
+                oldest.skipped = Vec::new();
             } else {
                 self.gone += 1;
                 dropped.push(self.touches.remove(0).touch);

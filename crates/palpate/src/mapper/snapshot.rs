@@ -34,6 +34,8 @@ pub struct Snapshot {
     pub sample_log: Vec<LoggedTouch>,
     /// Touches that were learnt from and are not in `sample_log` any more.
     pub gone: u32,
+    /// Time of the last sample that was learnt from, s, of a touch under way.
+    pub learnt_s: Option<f64>,
     /// How wide bands around its predictions are, if that is known.
     pub calibration: Option<Calibration>,
 }
@@ -49,7 +51,7 @@ impl Snapshot {
         state: EstimatorState,
         (touches, sample_log, gone): (u32, Vec<LoggedTouch>, u32),
     ) -> Self {
-        let calibration = None;
+        let (calibration, learnt_s) = (None, None);
         Self {
             config,
             robot,
@@ -60,6 +62,7 @@ impl Snapshot {
             touches,
             sample_log,
             gone,
+            learnt_s,
             calibration,
         }
     }
@@ -82,6 +85,7 @@ impl Mapper {
             sample_log,
             touches: self.log.begun(),
             gone,
+            learnt_s: self.tracker.is_in_touch().then(|| self.tracker.learnt_s()).flatten(),
             calibration: self.calibration().cloned(),
             state,
         }
@@ -119,6 +123,7 @@ impl Mapper {
         mapper.observations = ObservationBuilder::new(rows);
         mapper.prior_means_n_per_m = snapshot.prior_means_n_per_m;
         let observations = mapper.simulate_again(&snapshot.sample_log, &snapshot.state)?;
+        mapper.tracker.set_learnt_s(snapshot.learnt_s);
         let points_m = mapper.observations.rows().points_m();
         mapper.replays.estimator().restore(&snapshot.state, points_m, observations)?;
         if !snapshot.sample_log.last().is_some_and(|touch| touch.open) {
@@ -153,7 +158,8 @@ impl Mapper {
             self.tracker.begin_touch();
             for (number, sample) in logged.samples(n_joints).enumerate() {
                 let tracked = self.tracker.feed(&sample)?;
-                learnt = *open && tracked.external.is_some() && !tracked.contacts.is_empty();
+                let is_frame = tracked.external.is_some() && !tracked.contacts.is_empty();
+                learnt = *open && tracked.is_learnt && is_frame;
                 let frame = FrameId { touch: *touch, sample: number as u32 };
                 if let (Some(&index), Some(external)) = (index_of.get(&frame), &tracked.external) {
                     let robot = &self.tracker.arm().robot;

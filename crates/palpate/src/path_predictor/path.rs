@@ -42,6 +42,25 @@ impl PathChecker {
         self.substeps.robot().n_joints()
     }
 
+    /// The first point of a path in which a joint is beyond its limits by more than `margin`, rad or m: its number, the
+    /// joint's, and the limits.
+    pub fn beyond_limits<Q: AsRef<[f64]>>(
+        &self,
+        path: &[Q],
+        margin: f64,
+    ) -> Option<(usize, usize, [f64; 2])> {
+        let joints = self.substeps.robot().joints();
+        let beyond = |(point, q): (usize, &Q)| {
+            let mut positions = joints.iter().zip(q.as_ref()).enumerate();
+            positions.find_map(|(number, (joint, &position))| {
+                let [low, high] = joint.range?;
+                let is_beyond = position < low - margin || position > high + margin;
+                is_beyond.then_some((point, number, [low, high]))
+            })
+        };
+        path.iter().enumerate().find_map(beyond)
+    }
+
     pub(super) fn substeps(&self) -> &Substeps {
         &self.substeps
     }
