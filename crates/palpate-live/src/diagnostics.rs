@@ -7,11 +7,15 @@ use crate::session::State;
 const OK: u8 = 0;
 const WARNING: u8 = 1;
 const ERROR: u8 = 2;
+/// Without a joint state for so long, s, nothing is mapped.
+const SILENT_S: f64 = 1.0;
 
 /// Figures as a diagnostic message.
 pub fn of(figures: &Figures, robot: &str, header: Header) -> DiagnosticArray {
     let (level, message) = if let Some(cause) = &figures.stop {
         (ERROR, format!("the robot must stop: {cause}"))
+    } else if let Some(silent_s) = figures.silent_s.filter(|silent_s| *silent_s > SILENT_S) {
+        (WARNING, format!("no joint state came for {silent_s:.0} s"))
     } else if figures.state == State::Waiting {
         (WARNING, "waiting for the arm to pause, free of the object".to_owned())
     } else if figures.dropped + figures.lost > 0 {

@@ -26,6 +26,11 @@ pub enum Refusal {
     Length { what: &'static str, found: usize, wanted: usize },
     #[error("the {what} of joint `{joint}` is {found}; every number must be finite")]
     NotFinite { what: &'static str, joint: String, found: f64 },
+    #[error(
+        "its joints are called `{now}` and so on, those before were `{before}`: is it another arm? After a change of names, \
+         start palpate again"
+    )]
+    Renamed { now: String, before: String },
     #[error("its stamp {now_s:.6} s is that of the one before; each moment counts once")]
     Duplicate { now_s: f64 },
     #[error("its stamp {now_s:.6} s is before that of the last, {last_s:.6} s: it came late")]
@@ -36,7 +41,7 @@ impl Refusal {
     /// A short name to count by.
     pub fn name(&self) -> &'static str {
         match self {
-            Self::Joints(_) => "joints",
+            Self::Joints(_) | Self::Renamed { .. } => "joints",
             Self::Length { .. } => "length",
             Self::NotFinite { .. } => "not finite",
             Self::Duplicate { .. } => "duplicate",
@@ -52,6 +57,8 @@ pub struct JointReader {
     /// Names in the last message, and where the robot's joints are among them.
     names: Vec<String>,
     order: Vec<usize>,
+    /// What the robot's joints were called in the first message: those of another arm are not taken for them.
+    called: Vec<String>,
     last_s: Option<f64>,
 }
 
@@ -67,7 +74,7 @@ pub struct Read {
 impl JointReader {
     /// A reader for a robot of these joints.
     pub fn new(joints: Vec<String>) -> Self {
-        Self { joints, names: Vec::new(), order: Vec::new(), last_s: None }
+        Self { joints, names: Vec::new(), order: Vec::new(), called: Vec::new(), last_s: None }
     }
 
     /// The sample of a joint state, in the robot's order of joints.
@@ -101,11 +108,24 @@ impl JointReader {
             }
         }
         if self.names != state.name {
-            self.order = reorder(&self.joints, &state.name)?;
+            let order = reorder(&self.joints, &state.name)?;
+            let called: Vec<String> =
+                order.iter().map(|&place| state.name[place].clone()).collect();
+            let mut pairs = called.iter().zip(&self.called);
+            if let Some((now, before)) = pairs.find(|(now, before)| now != before) {
+                return Err(Refusal::Renamed { now: now.clone(), before: before.clone() });
+            }
+            (self.order, self.called) = (order, called);
             self.names.clone_from(&state.name);
         }
         let pick = |numbers: &[f64]| self.order.iter().map(|&place| numbers[place]).collect();
         Ok((pick(&state.position), pick(&state.effort)))
+    }
+
+    /// A joint that messages call otherwise than the robot does, and what they call it.
+    pub fn other_name(&self) -> Option<(&str, &str)> {
+        let mut pairs = self.joints.iter().zip(&self.called);
+        pairs.find(|(own, called)| own != called).map(|(own, called)| (&own[..], &called[..]))
     }
 
     fn check_finite(&self, what: &'static str, numbers: &[f64]) -> Result<(), Refusal> {
@@ -182,6 +202,23 @@ mod tests {
         assert_eq!(reader.read(&state(0.5), 0.0).unwrap_err().name(), "late");
         assert!(!reader.read(&state(1.5), 0.0).unwrap().set_back);
         assert!(reader.read(&state(0.25), 0.0).unwrap().set_back);
+    }
+
+    #[test]
+    fn another_arm_whose_names_would_match_is_refused_after_the_first() {
+        let mut reader = reader();
+        let renamed = |time_s, prefix: &str| {
+            let mut state = state(time_s);
+            state.name.iter_mut().for_each(|name| *name = format!("{prefix}{name}"));
+            state
+        };
+        assert!(reader.read(&renamed(1.0, "left_"), 0.0).is_ok());
+        assert_eq!(reader.other_name(), Some(("a", "left_a")));
+        let refusal = reader.read(&renamed(2.0, "right_"), 0.0).unwrap_err();
+        assert!(refusal.to_string().contains("`right_a`"), "{refusal}");
+        let mut turned = renamed(3.0, "left_");
+        turned.name.reverse();
+        assert!(reader.read(&turned, 0.0).is_ok(), "another order is the same arm");
     }
 
     #[test]

@@ -15,6 +15,7 @@ use crate::checkpoint::Checkpoints;
 use crate::cloud;
 use crate::diagnostics;
 use crate::figures::{Figures, News, Tally};
+use crate::guard::DEAD;
 use crate::inbox::Inbox;
 use crate::joints::JointReader;
 use crate::message::{Header, Stamp};
@@ -50,10 +51,15 @@ pub(crate) struct Mapping<'a> {
     mapped: Option<Arc<Inbox<Mapped>>>,
     body: Option<Arc<LiveBody>>,
     requests: Receiver<Request>,
+    /// Whether the user knows which joints messages name otherwise than the robot, and how torques should be read.
+    told_names: bool,
+    told_misread: bool,
     /// Frame and stamp of the last sample.
     header: Header,
     /// Joint positions of the last sample.
     q: Vec<f64>,
+    /// When the last joint state came.
+    heard: Option<Instant>,
     /// Links that touched something when wrenches were published last.
     pressed: Vec<String>,
     figures_due: Timer,
@@ -82,8 +88,11 @@ impl<'a> Mapping<'a> {
             mapped: config.mapped.clone(),
             body: config.body.clone(),
             requests,
+            told_names: false,
+            told_misread: false,
             header: Header { frame_id, ..Header::default() },
             q: Vec::new(),
+            heard: None,
             pressed: Vec::new(),
             figures_due: Timer::new(FIGURES),
             diagnostics_due: Timer::new(DIAGNOSTICS),
@@ -147,6 +156,7 @@ impl<'a> Mapping<'a> {
             Ok(state) => state,
             Err(why) => return self.refuse("broken", &format!("it cannot be decoded: {why}")),
         };
+        self.heard = Some(at);
         let read = match self.reader.read(&state, came.at_s) {
             Ok(read) => read,
             Err(refusal) => return self.refuse(refusal.name(), &refusal.to_string()),
@@ -159,6 +169,14 @@ impl<'a> Mapping<'a> {
             Some(_) => state.header.stamp,
             None => Stamp::at(came.at_s),
         };
+        if let Some((own, called)) = self.reader.other_name().filter(|_| !self.told_names) {
+            self.told_names = true;
+            let own_and = "joints are matched by what parts their names from each other";
+            self.shared.note(format!("{own_and}: `{called}` is `{own}`, and so on"));
+        }
+        if self.session.is_dead(&read.sample) {
+            return self.refuse("no torque", DEAD);
+        }
         let started = Instant::now();
         let sample = match self.session.external(read.sample) {
             Ok(sample) => sample,
@@ -199,6 +217,11 @@ impl<'a> Mapping<'a> {
                 predicted_n_m: predicted.data.into(),
                 detection: outcome.detection,
             });
+        }
+        if let Some(why) =
+            outcome.misread.filter(|_| !std::mem::replace(&mut self.told_misread, true))
+        {
+            self.shared.note(format!("the torques are perhaps read wrongly: {why} (told once)"));
         }
         if let Some(fault) = outcome.fault
             && self.tally.refuse("not followed")
@@ -264,6 +287,7 @@ impl<'a> Mapping<'a> {
         let counts = self.shared.counts();
         Figures {
             state: self.session.state(),
+            silent_s: self.heard.map(|heard| heard.elapsed().as_secs_f64()),
             dropped: self.shared.samples.dropped(),
             lost: counts.lost,
             cells: self.session.mapper().n_cells(),

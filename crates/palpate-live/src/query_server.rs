@@ -65,6 +65,9 @@ pub(crate) enum Request {
     Save(Sender<Option<u64>>),
 }
 
+/// How far a joint of a path may be beyond its limits, rad or m: arms stand there now and then.
+const LIMIT_MARGIN: f64 = 0.05;
+
 /// Answers questions; knows the session's side of it.
 #[derive(Clone)]
 pub(crate) struct QueryServer<'a> {
@@ -326,6 +329,13 @@ impl QueryServer<'_> {
             false => (CLUSTER_WEIGHT, config.resolution_cells),
         };
         let config = PathConfig::new(resolution_cells, config.start_cells);
+        if let Some((point, joint, [low, high])) = self.checker.beyond_limits(&path, LIMIT_MARGIN) {
+            return Err(format!(
+                "point {point} of the path: joint {joint} (from 0) is at {}, beyond its limits, {low} to {high}; is it in \
+                 another unit?",
+                path[point][joint]
+            ));
+        }
         // The mapper gets on with it while the path is checked.
         let (to_asker, from_mapper) = bounded(1);
         let request = Request::Predictor(cluster_weight, to_asker);

@@ -9,15 +9,17 @@
 //! Replays are made in spare time: [`Session::spare`] makes one at a time, while no sample waits, and
 //! at most those of the settings for each frame.
 
+use std::collections::VecDeque;
+
 use nalgebra::DVector;
 use palpate::unstable::{PauseConfig, PauseDetector};
 use palpate::{
-    ExternalTorque, Mapper, MapperError, ReplayPolicy, Sample, SettingError, StepReport, Tare,
-    TorqueStream, TrackerError,
+    ExternalTorque, ExternalTorqueConfig, Gravity, Mapper, MapperError, ReplayPolicy, Sample,
+    SettingError, StepReport, Tare, TorqueSign, TorqueStream, TrackerError,
 };
 use serde::{Deserialize, Serialize};
 
-use crate::guard::Guard;
+use crate::guard::{Guard, are_dead};
 
 /// So many samples of a pause are enough for the first tare; a pause of a second holds a thousand,
 /// and the mapper has other things to do. Those that follow it count as well.
@@ -29,6 +31,13 @@ const TOO_FAST: f64 = 4.0;
 const LEAST_JUMP: f64 = 0.2;
 /// After a silence of so long, s, it is unknown which way the arm has gone.
 const GAP_S: f64 = 1.0;
+/// An arm that jumps so often in so long, s, is several.
+const JUMPS: usize = 3;
+const JUMPS_S: f64 = 2.0;
+/// Torques are read wrongly if those of an arm that stands still differ from gravity by so many times more than in another
+/// reading, and by so much, N·m.
+const MISREAD: f64 = 3.0;
+const LEAST_MISREAD: f64 = 2.0;
 /// Speed of a joint of which the URDF says none, rad/s or m/s.
 const FASTEST: f64 = 3.0;
 
@@ -64,6 +73,8 @@ pub struct StepOutcome {
     pub detection: Option<Detection>,
     /// Why it, or the touch that it belongs to, could not be followed.
     pub fault: Option<String>,
+    /// How its torques should be read, if otherwise than they are.
+    pub misread: Option<String>,
 }
 
 /// How sure an external torque is, and what follows.
@@ -84,6 +95,8 @@ pub struct Session {
     state: State,
     /// The sample before.
     last: Option<Sample>,
+    /// When the arm has jumped lately, s.
+    jumps_s: VecDeque<f64>,
     guard: Option<Guard>,
     identified: Option<Identified>,
 }
@@ -121,7 +134,8 @@ impl Session {
             let none = DVector::zeros(mapper.arm().robot.n_joints());
             guard.tare(&none).expect("nothing is no load");
         }
-        Ok(Self { mapper, pauses, no_pauses, state, last: None, guard, identified: None })
+        let jumps_s = VecDeque::new();
+        Ok(Self { mapper, pauses, no_pauses, state, last: None, jumps_s, guard, identified: None })
     }
 
     /// The same session of an arm that was identified: its samples hold external torques with a standard deviation
@@ -159,9 +173,11 @@ impl Session {
             return outcome;
         }
         if self.has_jumped(sample) {
+            self.jumps_s.extend(sample.time_s);
             self.begin(&[], &mut outcome);
             self.pauses.begun();
         }
+        self.look_at_jumps(sample, &mut outcome);
         self.last = Some(sample.clone());
         if self.state != State::Waiting {
             match self.mapper.step(sample) {
@@ -172,7 +188,8 @@ impl Session {
         if let Some(tare) = self.pauses.push(sample, outcome.contacts) {
             let every = tare.len().div_ceil(TARE_SAMPLES).max(1);
             let tare: Vec<&Sample> = tare.iter().rev().step_by(every).rev().collect();
-            match self.is_loaded(&tare) {
+            outcome.misread = self.misread(&tare);
+            match self.is_loaded(&tare, outcome.misread.as_deref()) {
                 true => self.wait(), // until the next pause
                 false => self.begin(&tare, &mut outcome),
             }
@@ -194,19 +211,77 @@ impl Session {
     }
 
     /// Whether the guard refuses these samples of a pause as a tare.
-    fn is_loaded(&self, tare: &[&Sample]) -> bool {
+    fn is_loaded(&self, tare: &[&Sample], misread: Option<&str>) -> bool {
         let Some(guard) = &self.guard else { return false };
-        let (config, robot) = (&self.mapper.config().touch, &self.mapper.arm().robot);
+        let config = &self.mapper.config().touch;
         if config.tare == Tare::None {
             return false;
         }
+        if let Some(why) = misread {
+            guard.misread(why);
+            return true;
+        }
+        self.mean_untared(tare, config).is_none_or(|mean| guard.tare(&mean).is_err())
+    }
+
+    /// What these settings leave of the torques of some samples, on average, n_joints, N·m.
+    fn mean_untared(
+        &self,
+        samples: &[&Sample],
+        config: &ExternalTorqueConfig,
+    ) -> Option<DVector<f64>> {
+        let robot = &self.mapper.arm().robot;
         let untared = |sample: &&Sample| {
             let poses = robot.forward(&sample.q).ok()?;
             config.untared(robot, &poses, &sample.tau).ok()
         };
-        let untared: Vec<DVector<f64>> = tare.iter().filter_map(untared).collect();
+        let untared: Vec<DVector<f64>> = samples.iter().filter_map(untared).collect();
         let sum = untared.iter().fold(DVector::zeros(robot.n_joints()), |sum, next| sum + next);
-        untared.is_empty() || guard.tare(&(sum / untared.len() as f64)).is_err()
+        (!untared.is_empty()).then(|| sum / untared.len() as f64)
+    }
+
+    /// How the torques of a pause should be read, if another reading than that of the settings leaves far less of them.
+    fn misread(&self, pause: &[&Sample]) -> Option<String> {
+        let config = &self.mapper.config().touch;
+        if config.tare == Tare::None || self.identified.is_some() {
+            return None;
+        }
+        let own = self.mean_untared(pause, config)?.norm();
+        let signs = [(TorqueSign::Plus, "plus"), (TorqueSign::Minus, "minus")];
+        let kinds = [(Gravity::Included, "included"), (Gravity::Removed, "removed")];
+        let readings = signs.into_iter().flat_map(|sign| kinds.map(|gravity| (sign, gravity)));
+        let left = readings.filter_map(|(sign, gravity)| {
+            let mut other = config.clone();
+            (other.torque_sign, other.gravity) = (sign.0, gravity.0);
+            Some((self.mean_untared(pause, &other)?.norm(), sign.1, gravity.1))
+        });
+        let (best, sign, gravity) = left.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        (own > MISREAD * best + LEAST_MISREAD).then(|| {
+            format!(
+                "where the arm stands still, {own:.1} N·m of its torques are left as they are read, and {best:.1} N·m with \
+                 --torque-sign {sign} --gravity {gravity}"
+            )
+        })
+    }
+
+    /// Whether a sample's torques say nothing ([`are_dead`]).
+    pub fn is_dead(&self, sample: &Sample) -> bool {
+        let config = &self.mapper.config().touch;
+        let untared = self.identified.is_none().then(|| self.mean_untared(&[sample], config));
+        untared.flatten().is_some_and(|untared| are_dead(&sample.tau, &untared))
+    }
+
+    /// Finds out whether the arm jumps again and again.
+    fn look_at_jumps(&mut self, sample: &Sample, outcome: &mut StepOutcome) {
+        let now_s = sample.time_s.unwrap_or_default();
+        self.jumps_s.retain(|jump_s| (0.0..JUMPS_S).contains(&(now_s - jump_s)));
+        let jumping = self.jumps_s.len() >= JUMPS;
+        if jumping {
+            outcome.fault = Some(
+                "the arm is here and there in turn: do two drivers publish its joints?".to_owned(),
+            );
+        }
+        self.guard.as_ref().inspect(|guard| guard.jumping(jumping));
     }
 
     /// Whether the arm is elsewhere than at the last sample, and it is unknown which way it has gone.

@@ -212,3 +212,43 @@ fn a_session_goes_on_from_what_another_has_saved() {
     assert!(outcomes.iter().any(|outcome| outcome.torques.is_some()));
     assert!(second.mapper().n_cells() > first.mapper().n_cells());
 }
+
+#[test]
+fn torques_that_count_the_other_way_are_told_at_the_first_pause_and_no_tare() {
+    let (arm, touches) = (arm(), touches(1));
+    let mut guarded = Guarded::new(&arm, 50.0); // more than gravity's torque twice
+    let told = |outcomes: Vec<StepOutcome>| outcomes.into_iter().find_map(|own| own.misread);
+    let negated = |sample: &Sample| {
+        let mut sample = sample.clone();
+        sample.tau.iter_mut().for_each(|torque| *torque = -*torque);
+        sample
+    };
+    let start = &touches[0][..39];
+    assert_eq!(told(play(&mut session(&arm, 0, None), start)), None);
+    let samples: Vec<Sample> = start.iter().map(negated).collect();
+    let why = told(play(&mut guarded.live, &samples)).unwrap();
+    assert!(why.contains("--torque-sign minus --gravity included"), "{why}");
+    assert_eq!(guarded.live.state(), State::Waiting);
+    let silent = vec![0.0; arm.robot.n_joints()];
+    let dead = Sample::new(Some(1.0), start[0].q.clone(), silent);
+    assert!(guarded.live.is_dead(&dead) && !guarded.live.is_dead(&start[0]));
+}
+
+#[test]
+fn an_arm_that_is_here_and_there_in_turn_is_two() {
+    let (arm, touches) = (arm(), touches(1));
+    let mut guarded = Guarded::new(&arm, 25.0);
+    play(&mut guarded.live, &touches[0][..39]);
+    let last = &touches[0][38];
+    let both: Vec<Sample> = (1..40)
+        .map(|number| {
+            let mut sample = last.clone();
+            sample.time_s = last.time_s.map(|time_s| time_s + 0.01 * f64::from(number));
+            sample.q[0] += if number % 2 == 0 { 0.0 } else { 1.0 };
+            sample
+        })
+        .collect();
+    let outcomes = play(&mut guarded.live, &both);
+    let why = outcomes.last().unwrap().fault.as_deref().unwrap_or_default();
+    assert!(why.contains("two drivers"), "{why}");
+}

@@ -14,8 +14,8 @@ use std::time::{Duration, Instant};
 
 use palpate::unstable::PauseConfig;
 use palpate::{Arm, Differentiation, ExternalTorqueConfig, Mapper, TorqueModel, TorqueStream};
-use palpate_io::atomic::Hold;
 use palpate_io::field::{self, Saved};
+use palpate_io::log::AngleUnit;
 use palpate_live::checkpoint::CheckpointConfig;
 use palpate_live::guard::{Guard, GuardConfig};
 use palpate_live::ros::{
@@ -23,6 +23,7 @@ use palpate_live::ros::{
 };
 use palpate_live::session::Session;
 use palpate_live::{AskSocket, LiveBody, LiveConfig, News, run as run_live};
+use palpate_work::Progress;
 use palpate_work::settings::named;
 use palpate_work::torque::{ThresholdSource, threshold};
 use palpate_work::{arm_file, prior, resume, robot};
@@ -49,7 +50,7 @@ const EXAMPLES: &str = "Examples:
   palpate live --robot /robot_description -o field.npz
   palpate live -o field.npz --resume --guard 25
   palpate live --localhost --json-lines --duration 60
-  palpate live --robot fr3.urdf --torque-sign minus --arm arm.toml --no-map
+  palpate live --robot fr3.urdf --torque-sign minus --gravity included --arm arm.toml --no-map
   palpate live -o field.npz --viewer
   palpate live -o field.npz --ask palpate.sock --cloud object.ply
 
@@ -363,8 +364,31 @@ impl Args {
         self.output.as_deref().filter(|path| self.resume && path.exists())
     }
 
+    /// Names settings of logs that were given and change nothing here.
+    fn tell_of_logs(settings: &Settings, output: &Output) {
+        let log = &settings.log;
+        let given = [
+            ("angle_unit", log.angle_unit_given().is_some_and(|unit| unit != AngleUnit::Rad)),
+            ("columns", log.columns.is_some()),
+            ("topic", log.topic.is_some()),
+            ("touch_topic", log.touch_topic.is_some()),
+            ("joints", log.joints.is_some()),
+            ("split_gap_s", log.split_gap_s.is_some()),
+            ("split_idle", log.split_idle.is_some()),
+            ("idle_s", log.idle_s.is_some()),
+        ];
+        let given: Vec<&str> = given.into_iter().filter(|own| own.1).map(|own| own.0).collect();
+        if !given.is_empty() {
+            output.warn(&format!(
+                "{} only serve logs, and change nothing here: joint states come as messages, in rad and m",
+                given.join(", ")
+            ));
+        }
+    }
+
     /// Says what it works with.
     fn tell(&self, arm: &Arm, settings: &Settings, output: &Output) {
+        Self::tell_of_logs(settings, output);
         logs::tell_robot(arm, settings, output);
         if self.output.is_none() && !self.no_map {
             output.note("nothing is kept: --output FIELD.npz saves what is learnt");
@@ -427,7 +451,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen(); // from here on, files come and go
     args.check_places(&settings)?;
     let description = args.description(&mut settings, output)?;
-    let hold = args.output.as_deref().map(Hold::on).transpose().map_err(CliError::file)?;
+    let hold = args.output.as_deref().map(place::hold_field).transpose()?;
     let arm = robot::load(&settings.robot, output)?;
     drop(description);
     let identified = args.identified(&arm, &settings, output)?;

@@ -24,6 +24,15 @@ pub enum Cause {
          {bias_n_m:.2} N·m, more than {limit_n_m:.2} (--guard-bias)"
     )]
     Loaded { joint: String, bias_n_m: f64, limit_n_m: f64 },
+    #[error(
+        "the arm stands still, and the torque of joint `{joint}` is {change_n_m:.2} N·m away from the tare that it had \
+         standing free, more than half the limit: is it loaded? If it stands free, call /palpate/tare"
+    )]
+    Retared { joint: String, change_n_m: f64 },
+    #[error("the torques are read wrongly: {0}")]
+    Misread(String),
+    #[error("the arm is here and there in turn: do two drivers publish its joints?")]
+    Jumping,
     #[error("no tare is known yet: the arm must stand still and free")]
     Untared,
 }

@@ -18,6 +18,7 @@ use palpate::Arm;
 
 pub use cause::{Cause, Torque};
 pub use sentry::Sentry;
+pub(crate) use sentry::{DEAD, are_dead};
 
 mod cause;
 mod sentry;
@@ -52,6 +53,10 @@ impl GuardConfig {
     }
 }
 
+/// Without being asked for, a tare is at most so far from that of the free arm, as a share of the limit: a stop may come later by
+/// as much.
+const MOST_CHANGE: f64 = 0.5;
+
 /// Watches the external torque. Clones are one guard.
 #[derive(Debug, Clone)]
 pub struct Guard {
@@ -65,6 +70,8 @@ struct State {
     ended: bool,
     /// Bias of the measured torques, n_joints, N·m.
     tare: Option<DVector<f64>>,
+    /// The first tare, or the last that somebody asked for.
+    free: Option<DVector<f64>>,
     /// The last torques before the tare, n_joints, N·m, NaN where nobody knows.
     untared: Option<DVector<f64>>,
     /// The joint whose torque passed the limit at the mapper's last step.
@@ -79,8 +86,10 @@ struct State {
     /// Whether the flag has been down, and what has raised it since.
     was_down: bool,
     raised: Option<Cause>,
-    /// Whether the next tare takes the flag back.
+    /// Whether the next tare takes the flag back, since somebody says that the arm stands free.
     resets: bool,
+    /// The arm jumps here and there.
+    jumping: bool,
 }
 
 impl Guard {
@@ -121,6 +130,9 @@ impl Guard {
         }
         if state.waiting.is_some_and(|since| longer(since, self.config.lag)) {
             return Some(Cause::Lag);
+        }
+        if state.jumping {
+            return Some(Cause::Jumping);
         }
         state.loaded.clone().or_else(|| state.tare.is_none().then_some(Cause::Untared))
     }
@@ -184,7 +196,8 @@ impl Guard {
     ///
     /// # Errors
     ///
-    /// If gravity does not explain the torques; the tare before still counts.
+    /// If gravity does not explain the torques, or they are far from those of the arm when it stood free, and nobody asked for
+    /// this tare; the tare before still counts.
     pub fn tare(&self, bias: &DVector<f64>) -> Result<(), Cause> {
         let mut state = self.state();
         let limit_n_m = self.config.bias_limit_n_m;
@@ -196,11 +209,35 @@ impl Guard {
             state.loaded = Some(loaded.clone());
             return Err(loaded);
         }
+        if let Some(free) = state.free.as_ref().filter(|_| !state.resets)
+            && let change = bias - free
+            && let Some((joint, &change_n_m)) = largest(&change)
+            && change_n_m.abs() > MOST_CHANGE * self.config.limit_n_m
+        {
+            let joint = self.joints[joint].clone();
+            let loaded = Cause::Retared { joint, change_n_m };
+            state.loaded = Some(loaded.clone());
+            return Err(loaded);
+        }
         (state.tare, state.loaded) = (Some(bias.clone()), None);
-        if std::mem::take(&mut state.resets) {
+        let is_asked_for = std::mem::take(&mut state.resets);
+        if is_asked_for {
             (state.raised, state.mapped_over) = (None, None);
         }
+        if is_asked_for || state.free.is_none() {
+            state.free = Some(bias.clone());
+        }
         Ok(())
+    }
+
+    /// The torques of an arm that stands still say that they are read wrongly: the tare is refused.
+    pub fn misread(&self, why: &str) {
+        self.state().loaded = Some(Cause::Misread(why.to_owned()));
+    }
+
+    /// Whether the arm jumps here and there in turn, so that it cannot be followed.
+    pub fn jumping(&self, jumping: bool) {
+        self.state().jumping = jumping;
     }
 
     /// Lets the next tare take the flag back: somebody is there who says that the arm stands free.

@@ -266,3 +266,42 @@ fn only_a_reset_takes_it_back_and_only_when_it_is_safe() {
     let limit = limit("one", -5.5, Torque::Measured);
     assert_eq!(scene.play(10, |state| state.effort[0] = -2.5).1, limit, "3 N·m are bias");
 }
+
+#[test]
+fn a_tare_far_from_the_one_of_the_free_arm_is_refused_unless_it_is_asked_for() {
+    let mut scene = Scene::safe();
+    scene.guard.tare(&dvector![2.4, 0.0]).unwrap();
+    // Not from tare to tare: what the free arm had is what counts.
+    let refused = scene.guard.tare(&dvector![2.6, 0.0]).unwrap_err();
+    assert_eq!(refused, Cause::Retared { joint: "one".to_owned(), change_n_m: 2.6 });
+    assert_eq!(scene.cause(), Some(refused.clone()));
+    scene.play(50, |_| {});
+    assert_eq!(scene.guard.reset(scene.now()), Err(refused));
+    scene.guard.reset_with_tare();
+    scene.guard.tare(&dvector![2.6, 0.0]).unwrap();
+    assert_eq!(scene.play(50, |state| state.effort[0] = 2.6).1, None);
+}
+
+#[test]
+fn a_driver_that_hangs_while_the_arm_moves_raises_it_and_an_arm_at_rest_does_not() {
+    let mut scene = Scene::safe();
+    assert_eq!(scene.play(1000, |_| {}).1, None, "at rest, nothing need change");
+    scene.play(10, |state| state.position[0] = 0.1);
+    let (ms, cause) = scene.play(1000, |state| state.position[0] = 0.1);
+    let Some(Cause::Refused(why)) = cause else { panic!("{cause:?}") };
+    assert!(ms <= 220 && why.contains("repeat"), "{ms} ms: {why}");
+}
+
+#[test]
+fn an_arm_that_is_here_and_there_raises_it() {
+    let mut scene = Scene::safe();
+    scene.guard.jumping(true);
+    assert_eq!(scene.play(50, |_| {}).1, Some(Cause::Jumping));
+}
+
+#[test]
+fn efforts_of_exactly_zero_are_dead_where_gravity_turns_a_joint() {
+    assert!(sentry::are_dead(&[0.0, 0.0], &dvector![-3.0, 0.0]));
+    assert!(!sentry::are_dead(&[0.0, 0.0], &dvector![0.0, 0.0]), "a SCARA's joints bear nothing");
+    assert!(!sentry::are_dead(&[0.0, 1e-6], &dvector![-3.0, 0.0]));
+}

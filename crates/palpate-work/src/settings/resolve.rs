@@ -115,7 +115,7 @@ impl Settings {
     pub fn torque_beside_robot(&self) -> Result<ExternalTorqueConfig, SettingsError> {
         if self.touch.torque_sign_given().is_none() || self.touch.gravity_given().is_none() {
             return Err(SettingsError::Together(
-                "with an identified arm, give torque_sign (--torque-sign) and gravity (--gravity): they cannot be found \
+                "with --arm or --no-map, give torque_sign (--torque-sign) and gravity (--gravity): they cannot be found \
                  sample by sample"
                     .to_owned(),
             ));
