@@ -1,6 +1,6 @@
 //! `palpate excite`: a motion for `palpate identify`.
 
-use std::fmt::Write;
+use std::fmt::{Display, Write};
 use std::path::PathBuf;
 
 use palpate::Robot;
@@ -72,6 +72,9 @@ enum Format {
     Yaml,
 }
 
+/// A condition number of a motion that tells little.
+const POOR: f64 = 1000.0;
+
 /// Finds the motion and writes it.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings: Settings = args.settings.load()?;
@@ -114,6 +117,21 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             "nearest_m": found.nearest_m, "points": found.points.len(),
         }));
     }
+    if found.condition > POOR {
+        output.note(
+            "this motion tells little of masses and friction: around this start, limits, ground or links that are close to each \
+             other leave the arm little room; give another start (--start)",
+        );
+    }
+    let file = args.output.display();
+    output.result(&format!(
+        "{}\nNext: play it, log it, and palpate identify LOG{robot}\n",
+        told(&found, &file)
+    ))
+}
+
+/// What the motion is like, in words.
+fn told(found: &Excitation, file: &dyn Display) -> String {
     let lowest = found.lowest_m.map_or(
         "The links have no surfaces: their height was not checked".to_owned(),
         |lowest_m| format!("Lowest point: z = {lowest_m:.2} m in the base frame"),
@@ -122,18 +140,16 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         found.nearest_m.map_or("self-collision was not checked".to_owned(), |nearest_m| {
             format!("smallest distance between links: {nearest_m:.2} m")
         });
-    output.result(&format!(
-        "{} points over {:.0} s are in `{}`.\nCondition number {:.0} (of the first motion that kept to the limits: \
-         {:.0}); it takes {:.0} % of the joints' speed and {:.0} % of their torque. {lowest}; {nearest}.\nNext: play \
-         it, log it, and palpate identify LOG{robot}\n",
+    format!(
+        "{} points over {:.0} s are in `{file}`.\nCondition number {:.0} (of the first motion that kept to the limits: \
+         {:.0}); it takes {:.0} % of the joints' speed and {:.0} % of their torque. {lowest}; {nearest}.",
         found.points.len(),
-        config.duration_s,
-        args.output.display(),
+        found.times_s.last().copied().unwrap_or_default(),
         found.condition,
         found.first_condition,
         100.0 * found.speed_share,
         100.0 * found.torque_share,
-    ))
+    )
 }
 
 /// A row a point: time, positions, speeds, accelerations.

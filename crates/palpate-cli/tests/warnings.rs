@@ -112,6 +112,24 @@ fn a_log_in_degrees_gives_the_field_of_the_same_in_radians() {
 }
 
 #[test]
+fn logs_in_degrees_beside_others_in_radians_are_refused_by_name() {
+    let radians = scene(|_| ());
+    let degrees = scene(|touch| touch.q.iter_mut().flatten().for_each(|q| *q = q.to_degrees()));
+    let (radians, degrees) = (radians.path().join("log"), degrees.path().join("log"));
+    for order in [[&radians, &degrees], [&degrees, &radians]] {
+        let out = degrees.with_file_name("out");
+        let mut map = palpate();
+        map.arg("map").args(order).arg("-o").arg(out.join("field.npz"));
+        let output = map.output().unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("all into one unit"), "{said}");
+        let names_one = order.iter().any(|log| said.contains(&format!("`{}`: the", log.display())));
+        assert!(names_one && !out.join("field.npz").exists(), "{said}");
+    }
+}
+
+#[test]
 fn a_log_of_another_robot_is_told_by_its_number_of_joints() {
     let folder = scene(|touch| touch.each_row(|row| row.truncate(6)));
     for mut command in commands(folder.path()) {

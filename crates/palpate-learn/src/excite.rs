@@ -91,6 +91,8 @@ const RAMP_S: f64 = 2.0;
 /// Points a second at which limits are looked at while the motion is sought, and when it is found.
 const COARSE_HZ: f64 = 10.0;
 const FINE_HZ: f64 = 50.0;
+/// Points of a motion that moves everything.
+const ANY_POINTS: usize = 60;
 /// Points of a link's surface that are looked at.
 const SURFACE: usize = 150;
 /// What is left free at each end of a joint's range, in parts of it.
@@ -161,6 +163,8 @@ struct Search<'a> {
     pairs: Vec<(usize, usize)>,
     /// Scales of the inertial parameters, for the condition number.
     scales: Vec<f64>,
+    /// Combinations of them that motion can tell.
+    determined: usize,
 }
 
 impl<'a> Search<'a> {
@@ -192,7 +196,9 @@ impl<'a> Search<'a> {
             })
             .collect();
         let scales = inertial_scales(&robot.inertial_parameters()).as_slice().to_vec();
-        let mut search = Self { arm, config, around, surfaces, pairs: Vec::new(), scales };
+        let (pairs, determined) = (Vec::new(), 0);
+        let mut search = Self { arm, config, around, surfaces, pairs, scales, determined };
+        search.determined = search.determined_by_any_motion();
         // Links that touch where it begins are neighbours: shells of one housing overlap.
         let links = 0..robot.links().len();
         let pairs: Vec<(usize, usize)> = links
@@ -336,13 +342,32 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Condition number of the regression of masses, over the combinations that motion can tell.
+    /// Condition number of the regression of masses, over the combinations that motion can tell: if this one hardly moves the
+    /// arm, it is large.
     fn condition(&self, series: &Series) -> f64 {
+        let points = self.times(COARSE_HZ).map(|time| self.at(series, time));
+        let eigenvalues = self.eigenvalues(points);
+        let least = eigenvalues[self.determined.max(1) - 1].max(f64::MIN_POSITIVE);
+        (eigenvalues[0] / least).sqrt()
+    }
+
+    /// Combinations of masses that tell in a motion that need not keep to limits, and so in any.
+    fn determined_by_any_motion(&self) -> usize {
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let mut uniform = || f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0;
+        let mut drawn = |size: f64| self.around.iter().map(|_| size * uniform()).collect();
+        let points: Vec<[Vec<f64>; 3]> =
+            (0..ANY_POINTS).map(|_| [drawn(1.0), drawn(1.0), drawn(3.0)]).collect();
+        let eigenvalues = self.eigenvalues(points.into_iter());
+        eigenvalues.iter().take_while(|value| **value > 1e-10 * eigenvalues[0]).count()
+    }
+
+    /// Eigenvalues of the regression's Gram matrix over points of a motion, the largest first.
+    fn eigenvalues(&self, points: impl Iterator<Item = [Vec<f64>; 3]>) -> Vec<f64> {
         let robot = &self.arm.robot;
         let size = self.scales.len();
         let mut gram = DMatrix::zeros(size, size);
-        for time in self.times(COARSE_HZ) {
-            let [q, speed, acceleration] = self.at(series, time);
+        for [q, speed, acceleration] in points {
             let Ok(poses) = robot.forward(&q) else { continue };
             let mut regressor = robot.regressor(&poses, &speed, &acceleration);
             for (mut column, scale) in regressor.column_iter_mut().zip(&self.scales) {
@@ -352,9 +377,7 @@ impl<'a> Search<'a> {
         }
         let mut eigenvalues: Vec<f64> = gram.symmetric_eigenvalues().iter().copied().collect();
         eigenvalues.sort_by(|a, b| b.total_cmp(a));
-        let determined =
-            eigenvalues.iter().take_while(|value| **value > 1e-10 * eigenvalues[0]).count();
-        (eigenvalues[0] / eigenvalues[determined.max(1) - 1]).sqrt()
+        eigenvalues
     }
 
     fn motion(&self, series: &Series, first: f64) -> Excitation {

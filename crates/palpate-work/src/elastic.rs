@@ -17,6 +17,8 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::{Settings, SettingsError};
 
+/// An object that an arm touches is no wider, m, with all that a camera sees beside it.
+const WIDEST_M: f64 = 30.0;
 /// A root is no farther from what was seen of its plant, m.
 const FARTHEST_ROOT_M: f64 = 1.0;
 
@@ -28,7 +30,7 @@ pub type SeenCloud = (Cloud, Option<Point3<f64>>);
 ///
 /// # Errors
 ///
-/// If a root is far from all that was seen, or is given of a cushion.
+/// If a cloud is so wide that its lengths are no metres, a root is far from all that was seen, or is given of a cushion.
 ///
 /// # Panics
 ///
@@ -39,6 +41,7 @@ pub fn bodies(
     name: &str,
     progress: &dyn Progress,
 ) -> Result<Vec<Arc<ElasticBody>>, WorkError> {
+    check_size(clouds, name)?;
     check_roots(clouds, hints)?;
     let pictures = clouds.iter().map(|(cloud, viewpoint)| Picture {
         points: cloud.points(),
@@ -65,7 +68,7 @@ pub fn bodies(
                 Some(ObjectKind::Plant) => "no stem with branches",
                 Some(ObjectKind::Cushion) => "no surface above its lowest point",
             };
-            progress.note(&format!(
+            progress.warn(&format!(
                 "no elastic body: palpate found {missing} in `{name}` ({} points; lengths are taken as m), \
                  so `map` is used alone",
                 clouds.iter().map(|(cloud, _)| cloud.len()).sum::<usize>()
@@ -73,6 +76,26 @@ pub fn bodies(
         }
     }
     Ok(bodies.into_iter().map(Arc::new).collect())
+}
+
+/// Refuses clouds of which nine points in ten span more than any object that an arm can touch: they are in mm, say.
+fn check_size(clouds: &[SeenCloud], name: &str) -> Result<(), WorkError> {
+    let spans = clouds.iter().flat_map(|(cloud, _)| {
+        (0..3).map(|axis| {
+            let mut along: Vec<f64> = cloud.points().iter().map(|point| point[axis]).collect();
+            along.sort_by(f64::total_cmp);
+            let at = |part: usize| along.get(part * along.len() / 20).copied().unwrap_or_default();
+            at(19) - at(1)
+        })
+    });
+    let widest_m = spans.fold(0.0, f64::max);
+    if widest_m > WIDEST_M {
+        return Err(WorkError::Usage(format!(
+            "the points of `{name}` span {widest_m:.0} m; wanted an object within an arm's reach, in the frame of the robot's \
+             base and in m: are they in mm?"
+        )));
+    }
+    Ok(())
 }
 
 /// Refuses roots that are those of nothing seen.

@@ -80,6 +80,16 @@ pub struct Found {
     pub rows: Option<Vec<Row>>,
 }
 
+/// Warns of a cloud whose points all have the same colour.
+fn tell_one_colour(colours: &[[u8; 3]], progress: &dyn Progress) {
+    if colours.iter().all(|colour| *colour == colours[0]) {
+        progress.warn(
+            "all points of the cloud have one colour, by which no part of the object is told from another: was it saved \
+             without colours?",
+        );
+    }
+}
+
 impl Work<'_> {
     /// Does it.
     ///
@@ -89,6 +99,7 @@ impl Work<'_> {
     /// learnt.
     pub fn run(&self, progress: &dyn Progress) -> Result<Found, WorkError> {
         let colours = self.cloud.colours().expect("a cloud without colours was refused");
+        tell_one_colour(colours, progress);
         let seen = SeenCloud::new(self.cloud.points(), colours).map_err(WorkError::file)?;
         let mut config = config(&self.given, self.saved, progress);
         config.check().map_err(|error| WorkError::Usage(error.to_string()))?;

@@ -33,7 +33,7 @@ use crate::settings::Settings;
 use crate::touches::Touches;
 use crate::{resume, robot as robots};
 pub use finding::{Finding, Level};
-pub(crate) use log::{are_degrees, is_misread, mean};
+pub(crate) use log::{are_degrees, are_radians, is_misread, mean};
 pub use recognise::Kind;
 pub use words::{counted, number, word};
 

@@ -1,6 +1,8 @@
 //! What logs tell before they are used, so that nobody has to say it: which joints are not in them, and how their
 //! torques count.
 
+use std::path::Path;
+use std::slice;
 use std::sync::Arc;
 
 use palpate::{Arm, ExternalTorqueConfig, Gravity, Robot, Sample, TorqueSign};
@@ -10,7 +12,7 @@ use super::{RecordedTouch, Touches, is_external, is_of_currents};
 use crate::conventions::{Evidence, Given, Undecided};
 use crate::error::WorkError;
 use crate::held_joints;
-use crate::inspect::{are_degrees, is_misread};
+use crate::inspect::{are_degrees, are_radians, is_misread};
 use crate::progress::Progress;
 use crate::recorded::reorder_joints;
 use crate::settings::sections::{RobotSettings, TouchSettings};
@@ -73,7 +75,7 @@ impl Touches {
     ///
     /// # Errors
     ///
-    /// If the settings say degrees of an arm with a prismatic joint.
+    /// If the settings say degrees of an arm with a prismatic joint, or some logs are in degrees and others in radians.
     pub fn angle_unit(
         &mut self,
         arm: &Arm,
@@ -88,12 +90,43 @@ impl Touches {
         let set = settings.touch.over_config(&ExternalTorqueConfig::default());
         let events = self.logs.look_ahead_in_unknown_unit(AHEAD);
         let Some(mut touches) = touches_of(events.into_iter(), &arm.robot) else { return Ok(()) };
-        if let Some(why) = are_degrees(&mut touches, &arm.robot, &set) {
+        let why = are_degrees(&mut touches, &arm.robot, &set);
+        if let Some((log, touch)) = self.touch_in_another_unit(&arm.robot, &set, why.is_some()) {
+            let [own, others] =
+                if why.is_some() { ["radians", "degrees"] } else { ["degrees", "radians"] };
+            return Err(WorkError::Usage(format!(
+                "`{}`: the angles of touch `{touch}` look like {own}, and most others like {others}; bring all into one unit \
+                 first, as `palpate convert --angle-unit deg` does, or read them one after the other",
+                log.display()
+            )));
+        }
+        if let Some(why) = why {
             progress.note(&format!("`{path}`: {why}; they are read so (--angle-unit)"));
             self.logs.are_in_degrees();
             settings.log.angle_unit = Some(OrAuto::Is(AngleUnit::Deg));
         }
         Ok(())
+    }
+
+    /// The first touch whose positions, by themselves, are in another unit than those of all together: in radians if these
+    /// are degrees, and the other way round; and its log.
+    fn touch_in_another_unit(
+        &self,
+        robot: &Robot,
+        set: &ExternalTorqueConfig,
+        are_all_degrees: bool,
+    ) -> Option<(&Path, String)> {
+        let is_other = |touch: &mut RecordedTouch| match are_all_degrees {
+            true => are_radians(slice::from_mut(touch), robot, set),
+            false => are_degrees(slice::from_mut(touch), robot, set).is_some(),
+        };
+        let logs = self.logs.all().enumerate().filter(|(log, _)| self.logs.lacks_unit(*log));
+        let touches = logs.flat_map(|(log, (path, _))| {
+            let touches = touches_of(self.logs.ahead_of(log), robot).unwrap_or_default();
+            touches.into_iter().map(move |touch| (&**path, touch))
+        });
+        let mut touches = touches.map(|(path, mut touch)| (path, is_other(&mut touch), touch.name));
+        touches.find(|(_, is_other, _)| *is_other).map(|(path, _, name)| (path, name))
     }
 
     pub(super) fn first_path(&self) -> String {

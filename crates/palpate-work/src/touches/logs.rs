@@ -44,6 +44,11 @@ impl Logs {
         unsaid.for_each(|(_, event)| into_rad(event));
     }
 
+    /// Whether nobody says what unit the positions of a log are in.
+    pub(super) fn lacks_unit(&self, log: usize) -> bool {
+        !self.unit_said[log]
+    }
+
     /// The logs and where they are.
     pub(super) fn all(&self) -> impl Iterator<Item = &(PathBuf, Box<dyn Log>)> {
         self.logs.iter()

@@ -35,7 +35,7 @@ mod sensors;
 mod unit;
 
 pub(crate) use motion::LIMIT_MARGIN;
-pub(crate) use unit::are_degrees;
+pub(crate) use unit::{are_degrees, are_radians};
 
 use std::cmp::Reverse;
 use std::sync::Arc;

@@ -54,6 +54,18 @@ pub(crate) fn are_degrees(
     found.flatten().map(|(_, what)| what)
 }
 
+/// Whether touches that were read as radians are in radians for certain: no angle is beyond a turn, and gravity fits far worse
+/// in degrees.
+pub(crate) fn are_radians(
+    touches: &mut [RecordedTouch],
+    robot: &Robot,
+    set: &ExternalTorqueConfig,
+) -> bool {
+    let angles = touches.iter_mut().flat_map(|touch| &mut touch.samples).flat_map(|own| &mut own.q);
+    angles.for_each(|angle| *angle = angle.to_radians());
+    !slides(robot) && other_unit(touches, robot, AngleUnit::Deg, set).is_some()
+}
+
 fn slides(robot: &Robot) -> bool {
     robot.joints().iter().any(|joint| joint.kind == JointKind::Prismatic)
 }
