@@ -288,21 +288,22 @@ impl TrackedFrame {
     }
 }
 
-/// By touch, given by its samples, whether the arm displaces anything after the tare.
+/// By touch, given by its samples, the largest norm of the external torque while the arm displaces anything, N·m; 0 if it never
+/// does.
 ///
 /// # Errors
 ///
 /// Names the first touch, and its sample, that cannot be used.
-pub fn touch_anything(
+pub fn largest_torques(
     arm: &Arc<Arm>,
     config: &MapperConfig,
     touches: &[&[Sample]],
     stop: Stop<'_>,
-) -> Result<Vec<bool>, LearnError> {
+) -> Result<Vec<f64>, LearnError> {
     let (contact, touch) = (&config.contact, config.touch.clone());
     let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
-    let touches_anything = |(number, samples): (usize, &&[Sample])| {
-        let (mut tracker, mut pace) = (tracker.clone(), Pace::default());
+    let largest = |(number, samples): (usize, &&[Sample])| {
+        let (mut tracker, mut pace, mut largest) = (tracker.clone(), Pace::default(), 0.0_f64);
         tracker.begin_touch();
         for (sample, logged) in samples.iter().enumerate() {
             unless_stopped(stop)?;
@@ -314,13 +315,13 @@ pub fn touch_anything(
                 sample,
                 source: error.into(),
             })?;
-            if frame.external.is_some() && !frame.contacts.is_empty() {
-                return Ok(true);
+            if let Some(external) = frame.external.filter(|_| !frame.contacts.is_empty()) {
+                largest = largest.max(external.norm());
             }
         }
-        Ok(false)
+        Ok(largest)
     };
-    touches.par_iter().enumerate().map(touches_anything).collect()
+    touches.par_iter().enumerate().map(largest).collect()
 }
 
 /// A frame on its way to a [`TrackedFrame`].

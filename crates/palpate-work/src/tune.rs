@@ -5,7 +5,7 @@ use std::sync::Arc;
 use palpate::unstable::Pace;
 use palpate::{Arm, Calibration, EstimatorKind, MapperConfig, Sample};
 use palpate_learn::calibrate::calibrate;
-use palpate_learn::tracked::{Touch, Tracked, touch_anything};
+use palpate_learn::tracked::{Touch, Tracked, largest_torques};
 use palpate_learn::tune::{Effort, Given, Search, Trial, Tuned, Tuner};
 use serde_json::json;
 
@@ -21,6 +21,8 @@ const QUICK_LEARNT: usize = 20_000;
 /// Touches that they are taken from, and their samples: the first ones.
 const MOST_TOUCHES: usize = 200;
 const MOST_SAMPLES: usize = 500_000;
+/// Torque of a touch, N·m, that hardly says anything of settings; relative errors are of frames of at least so much.
+const WEAK_N_M: f64 = 1.0;
 
 /// Fewest touches that settings are chosen from.
 pub const FEWEST: usize = 3;
@@ -275,37 +277,40 @@ fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<
     Ok(true)
 }
 
-/// Leaves the touches that settings are chosen from: those in which the arm touches something, and of many some that lie evenly
-/// among them; none, and false, if even few have too many samples.
+/// Leaves the touches that settings are chosen from, in their order: those with the largest torques, without those that touch
+/// nothing; without weak ones too, if others are left. None, and false, if even few have too many samples.
 fn pick(
     recorded: &mut Vec<RecordedTouch>,
     (arm, config): (&Arc<Arm>, &MapperConfig),
     progress: &dyn Progress,
 ) -> Result<bool, WorkError> {
     let samples: Vec<&[Sample]> = recorded.iter().map(|touch| &touch.samples[..]).collect();
-    let touching = touch_anything(arm, config, &samples, &|| progress.stopped())
+    let torques = largest_torques(arm, config, &samples, &|| progress.stopped())
         .map_err(|error| fault(recorded, error, "; nothing was written".to_owned()))?;
-    let learnt = |touch: &RecordedTouch| {
+    let learnt = |samples: &[Sample]| {
         let mut pace = Pace::default();
-        touch.samples.iter().filter(|sample| pace.takes(sample.time_s)).count()
+        samples.iter().filter(|sample| pace.takes(sample.time_s)).count()
     };
-    let mut touching = touching.into_iter();
-    recorded.retain(|_| touching.next() == Some(true));
-    let fits = |kept: &Vec<usize>| {
-        kept.iter().map(|&place| learnt(&recorded[place])).sum::<usize>() <= QUICK_LEARNT
+    let learnt: Vec<usize> = samples.into_iter().map(learnt).collect();
+    let strongest = strongest_first(&torques);
+    let fits = |most: &usize| {
+        strongest.iter().take(*most).map(|place| learnt[*place]).sum::<usize>() <= QUICK_LEARNT
     };
-    let choices = (FEWEST..=QUICK_TOUCHES).rev().map(|most| evenly(recorded.len(), most));
-    let kept = choices.into_iter().find(fits);
+    let most = (FEWEST..=QUICK_TOUCHES).rev().find(fits);
+    let kept = &strongest[..most.unwrap_or_default().min(strongest.len())];
     let mut place = 0..;
-    let is_kept = |place| kept.as_ref().is_some_and(|kept| kept.contains(&place));
-    recorded.retain(|_| place.next().is_some_and(is_kept));
-    Ok(kept.is_some())
+    recorded.retain(|_| place.next().is_some_and(|place| kept.contains(&place)));
+    Ok(most.is_some())
 }
 
-/// So many of `n` places at most, evenly among them.
-fn evenly(n: usize, most: usize) -> Vec<usize> {
-    let kept = n.min(most);
-    (0..kept).map(|number| (2 * number + 1) * n / (2 * kept)).collect()
+/// The places of touches with these largest torques, N·m, the strongest first: those above 0, or above [`WEAK_N_M`] if they are
+/// enough.
+fn strongest_first(torques: &[f64]) -> Vec<usize> {
+    let above = |least: f64| (0..torques.len()).filter(move |place| torques[*place] > least);
+    let least = if above(WEAK_N_M).count() < FEWEST { 0.0 } else { WEAK_N_M };
+    let mut places: Vec<usize> = above(least).collect();
+    places.sort_by(|a, b| torques[*b].total_cmp(&torques[*a]));
+    places
 }
 
 /// The settings and their error, in a line.
@@ -353,9 +358,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_lie_evenly_and_all_are_kept_where_there_is_room() {
-        assert_eq!(evenly(4, 16), [0, 1, 2, 3]);
-        assert_eq!(evenly(26, 4), [3, 9, 16, 22]);
-        assert!(evenly(0, 16).is_empty());
+    fn strong_touches_come_first_and_weak_ones_only_where_there_are_no_others() {
+        assert_eq!(strongest_first(&[0.3, 5.0, 0.0, 2.0, 9.0]), [4, 1, 3]);
+        assert_eq!(strongest_first(&[0.3, 5.0, 0.0, 2.0]), [1, 3, 0]);
     }
 }
