@@ -72,8 +72,28 @@ enum Format {
     Yaml,
 }
 
-/// A condition number of a motion that tells little.
-const POOR: f64 = 1000.0;
+/// A joint that moves less, rad or m, tells little of what it carries, and of its friction.
+const LEAST_WAY: f64 = 0.1;
+
+/// Names joints that hardly move.
+fn tell_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
+    let way = |j: usize| {
+        let at = found.points.iter().map(|point| point[0][j]);
+        let [low, high] = at.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| {
+            [low.min(at), high.max(at)]
+        });
+        high - low
+    };
+    let names = robot.joint_names().enumerate().filter(|(j, _)| way(*j) < LEAST_WAY);
+    let names: Vec<&str> = names.map(|(_, name)| name).collect();
+    if !names.is_empty() {
+        output.note(&format!(
+            "hardly moved, since limits, --reach, the ground or links close to each other leave no room around this start: {}; \
+             another start (--start) tells more of them",
+            names.join(", ")
+        ));
+    }
+}
 
 /// Finds the motion and writes it.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
@@ -110,18 +130,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         Format::Yaml => trajectory(&arm.robot, &found),
     };
     place::write(&args.output, &text)?;
+    tell_nearly_still(&arm.robot, &found, output);
     if args.json {
         return output.json(&json!({
             "output": args.output, "condition": found.condition, "condition_of_first": found.first_condition,
             "speed_share": found.speed_share, "torque_share": found.torque_share, "lowest_m": found.lowest_m,
             "nearest_m": found.nearest_m, "points": found.points.len(),
         }));
-    }
-    if found.condition > POOR {
-        output.note(
-            "this motion tells little of masses and friction: around this start, limits, ground or links that are close to each \
-             other leave the arm little room; give another start (--start)",
-        );
     }
     let file = args.output.display();
     output.result(&format!(

@@ -68,7 +68,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     robot.arm.clone_from(&args.output);
     let mut places = Places::read(&args.settings, &settings, &args.logs);
     places.output("the arm (--output)", args.output.as_deref())?;
-    args.output.iter().try_for_each(|path| place::check_older(path, "arm", "toml"))?;
+    args.output.iter().try_for_each(|path| place::check_older(path, "toml", |_| false))?;
     places.output("the URDF (--urdf)", args.urdf.as_deref())?;
     interrupt::listen();
     let flags = logs::torque_flags(&settings.touch);

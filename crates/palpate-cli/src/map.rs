@@ -36,7 +36,7 @@ A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folde
 a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet.
 
 `map` chooses contact distance, friction, Coulomb friction, prior and stiffness scale by cross-validation on at most 16
-touches, as far as neither a flag nor --settings gives them. It needs three touches for that, and 15
+touches, those with the largest torques, as far as neither a flag nor --settings gives them. It needs three touches for that, and 15
 seconds for eleven touches on two cores. With fewer touches, with --tune=off, and for all other settings the
 defaults hold; `palpate settings` prints them.
 

@@ -76,7 +76,7 @@ pub(crate) struct Pace {
 /// What came of the steps so far.
 #[derive(Debug, Clone, Default)]
 struct Tally {
-    /// Visits after each step that something was learnt from.
+    /// Visits after each step that touched something.
     replays: Vec<f64>,
     missed: u64,
     worst_overrun: Duration,
@@ -87,7 +87,7 @@ struct Tally {
 pub(crate) struct PaceFigures {
     /// Steps a second that were asked for.
     pub rate_hz: f64,
-    /// Replays a step: median over the steps that something was learnt from.
+    /// Replays a step: median over the steps that touched something.
     pub replays_median: f64,
     /// Steps that took longer than their time.
     pub missed: u64,

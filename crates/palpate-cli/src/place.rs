@@ -162,20 +162,25 @@ pub(crate) fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
     folder.read_dir().into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()))
 }
 
-/// Refuses to replace a file whose ending is not that of such a result: a text, say, whose name was given by mistake.
-pub(crate) fn check_older(path: &Path, what: &str, wanted: &str) -> Result<(), CliError> {
-    if !path.is_file() || ending(path) == wanted {
+/// Refuses to replace a file that neither ends as such a result does nor `is_one`: a text, say, whose name was given by
+/// mistake.
+pub(crate) fn check_older(
+    path: &Path,
+    wanted: &str,
+    is_one: impl Fn(&Path) -> bool,
+) -> Result<(), CliError> {
+    if !path.is_file() || ending(path) == wanted || is_one(path) {
         return Ok(());
     }
     let path = path.display();
     Err(CliError::Usage(format!(
-        "`{path}` is there already, and by its name no {what}; it is only replaced if it ends with .{wanted}"
+        "`{path}` is there already and does not end with .{wanted}, so it is not replaced; choose another name"
     )))
 }
 
 /// Keeps others from writing to the file of a field until it is dropped: `palpate live`, say, would replace it at its end.
 pub(crate) fn hold_field(path: &Path) -> Result<Option<Hold>, CliError> {
-    check_older(path, "field", "npz")?;
+    check_older(path, "npz", |path| field::load(path).is_ok())?;
     let is_device = path.exists() && !path.is_file();
     (!is_device).then(|| Hold::on(path).map_err(CliError::file)).transpose()
 }

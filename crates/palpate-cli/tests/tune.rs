@@ -83,7 +83,7 @@ fn a_map_learns_under_what_a_quick_search_finds_and_says_so() {
 
     // With two touches there is nothing to choose by.
     let two = ["log/seq_0", "log/seq_1"];
-    let defaults = field(&two, &[], "needs 3 touches and there are 2");
+    let defaults = field(&two, &[], "in which the arm touches something, and there are 2");
     assert!(defaults == field(&two, &["--tune=off"], ""), "something was chosen");
     let ekf = ["--tune=quick", "--estimator", "ekf"];
     refuse(&mut scene.map(&["log"], &ekf), 2, &["for the estimator `map`, not for `ekf`"]);

@@ -321,7 +321,8 @@ pub fn largest_torques(
         }
         Ok(largest)
     };
-    touches.par_iter().enumerate().map(largest).collect()
+    let each: Vec<Result<f64, LearnError>> = touches.par_iter().enumerate().map(largest).collect();
+    each.into_iter().collect()
 }
 
 /// A frame on its way to a [`TrackedFrame`].

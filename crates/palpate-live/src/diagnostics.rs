@@ -14,8 +14,8 @@ const SILENT_S: f64 = 1.0;
 pub fn of(figures: &Figures, robot: &str, header: Header) -> DiagnosticArray {
     let (level, message) = if let Some(cause) = &figures.stop {
         (ERROR, format!("the robot must stop: {cause}"))
-    } else if let Some(silent_s) = figures.silent_s.filter(|silent_s| *silent_s > SILENT_S) {
-        (WARNING, format!("no joint state came for {silent_s:.0} s"))
+    } else if figures.silent_s > SILENT_S {
+        (WARNING, format!("no joint state came for {:.0} s", figures.silent_s))
     } else if figures.state == State::Waiting {
         (WARNING, "waiting for the arm to pause, free of the object".to_owned())
     } else if figures.dropped + figures.lost > 0 {

@@ -37,8 +37,8 @@ pub struct Figures {
     pub state: State,
     /// Messages that came.
     pub received: u64,
-    /// Since the last one that could be decoded, s.
-    pub silent_s: Option<f64>,
+    /// Since the last one that could be decoded, or since the start, s.
+    pub silent_s: f64,
     /// Of the last second or so, Hz.
     pub rate_hz: f64,
     /// Samples that came and left unused since they came too fast.

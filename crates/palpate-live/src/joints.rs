@@ -112,7 +112,10 @@ impl JointReader {
             let called: Vec<String> =
                 order.iter().map(|&place| state.name[place].clone()).collect();
             let mut pairs = called.iter().zip(&self.called);
-            if let Some((now, before)) = pairs.find(|(now, before)| now != before) {
+            // The robot's own names are its own whatever came first.
+            if called != self.joints
+                && let Some((now, before)) = pairs.find(|(now, before)| now != before)
+            {
                 return Err(Refusal::Renamed { now: now.clone(), before: before.clone() });
             }
             (self.order, self.called) = (order, called);

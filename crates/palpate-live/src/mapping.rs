@@ -58,8 +58,8 @@ pub(crate) struct Mapping<'a> {
     header: Header,
     /// Joint positions of the last sample.
     q: Vec<f64>,
-    /// When the last joint state came.
-    heard: Option<Instant>,
+    /// When the last joint state came; at first, when it began.
+    heard: Instant,
     /// Links that touched something when wrenches were published last.
     pressed: Vec<String>,
     figures_due: Timer,
@@ -92,7 +92,7 @@ impl<'a> Mapping<'a> {
             told_misread: false,
             header: Header { frame_id, ..Header::default() },
             q: Vec::new(),
-            heard: None,
+            heard: Instant::now(),
             pressed: Vec::new(),
             figures_due: Timer::new(FIGURES),
             diagnostics_due: Timer::new(DIAGNOSTICS),
@@ -156,7 +156,7 @@ impl<'a> Mapping<'a> {
             Ok(state) => state,
             Err(why) => return self.refuse("broken", &format!("it cannot be decoded: {why}")),
         };
-        self.heard = Some(at);
+        self.heard = at;
         let read = match self.reader.read(&state, came.at_s) {
             Ok(read) => read,
             Err(refusal) => return self.refuse(refusal.name(), &refusal.to_string()),
@@ -287,7 +287,7 @@ impl<'a> Mapping<'a> {
         let counts = self.shared.counts();
         Figures {
             state: self.session.state(),
-            silent_s: self.heard.map(|heard| heard.elapsed().as_secs_f64()),
+            silent_s: self.heard.elapsed().as_secs_f64(),
             dropped: self.shared.samples.dropped(),
             lost: counts.lost,
             cells: self.session.mapper().n_cells(),

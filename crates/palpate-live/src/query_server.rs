@@ -331,7 +331,7 @@ impl QueryServer<'_> {
         let config = PathConfig::new(resolution_cells, config.start_cells);
         if let Some((point, joint, [low, high])) = self.checker.beyond_limits(&path, LIMIT_MARGIN) {
             return Err(format!(
-                "point {point} of the path: joint {joint} (from 0) is at {}, beyond its limits, {low} to {high}; is it in \
+                "point {point} of the path: joint {joint} (from 0) is at {:.3}, beyond its limits, {low} to {high}; is it in \
                  another unit?",
                 path[point][joint]
             ));

@@ -38,6 +38,8 @@ const JUMPS_S: f64 = 2.0;
 /// reading, and by so much, N·m.
 const MISREAD: f64 = 3.0;
 const LEAST_MISREAD: f64 = 2.0;
+/// They are not if other readings leave so much more than theirs, N·m.
+const CLEARED: f64 = 1.0;
 /// Speed of a joint of which the URDF says none, rad/s or m/s.
 const FASTEST: f64 = 3.0;
 
@@ -93,10 +95,14 @@ pub struct Session {
     /// As it is before the first sample.
     no_pauses: PauseDetector,
     state: State,
+    /// Whether the touch has begun in a pause.
+    is_of_pause: bool,
     /// The sample before.
     last: Option<Sample>,
     /// When the arm has jumped lately, s.
     jumps_s: VecDeque<f64>,
+    /// How its torques should be read, as the last pause said that could tell, if otherwise than they are.
+    misread: Option<String>,
     guard: Option<Guard>,
     identified: Option<Identified>,
 }
@@ -134,8 +140,18 @@ impl Session {
             let none = DVector::zeros(mapper.arm().robot.n_joints());
             guard.tare(&none).expect("nothing is no load");
         }
-        let jumps_s = VecDeque::new();
-        Ok(Self { mapper, pauses, no_pauses, state, last: None, jumps_s, guard, identified: None })
+        Ok(Self {
+            mapper,
+            pauses,
+            no_pauses,
+            state,
+            is_of_pause: false,
+            last: None,
+            jumps_s: VecDeque::new(),
+            misread: None,
+            guard,
+            identified: None,
+        })
     }
 
     /// The same session of an arm that was identified: its samples hold external torques with a standard deviation
@@ -188,8 +204,9 @@ impl Session {
         if let Some(tare) = self.pauses.push(sample, outcome.contacts) {
             let every = tare.len().div_ceil(TARE_SAMPLES).max(1);
             let tare: Vec<&Sample> = tare.iter().rev().step_by(every).rev().collect();
-            outcome.misread = self.misread(&tare);
-            match self.is_loaded(&tare, outcome.misread.as_deref()) {
+            self.look_at_reading(&tare);
+            outcome.misread.clone_from(&self.misread);
+            match self.is_loaded(&tare) {
                 true => self.wait(), // until the next pause
                 false => self.begin(&tare, &mut outcome),
             }
@@ -211,13 +228,13 @@ impl Session {
     }
 
     /// Whether the guard refuses these samples of a pause as a tare.
-    fn is_loaded(&self, tare: &[&Sample], misread: Option<&str>) -> bool {
+    fn is_loaded(&self, tare: &[&Sample]) -> bool {
         let Some(guard) = &self.guard else { return false };
         let config = &self.mapper.config().touch;
         if config.tare == Tare::None {
             return false;
         }
-        if let Some(why) = misread {
+        if let Some(why) = &self.misread {
             guard.misread(why);
             return true;
         }
@@ -240,28 +257,35 @@ impl Session {
         (!untared.is_empty()).then(|| sum / untared.len() as f64)
     }
 
-    /// How the torques of a pause should be read, if another reading than that of the settings leaves far less of them.
-    fn misread(&self, pause: &[&Sample]) -> Option<String> {
+    /// Finds out from a pause how the torques should be read, if far less of them is left in another reading than in that of
+    /// the settings; where that is not clear, as where gravity turns no joint, what an earlier pause said still holds.
+    fn look_at_reading(&mut self, pause: &[&Sample]) {
         let config = &self.mapper.config().touch;
         if config.tare == Tare::None || self.identified.is_some() {
-            return None;
+            return;
         }
-        let own = self.mean_untared(pause, config)?.norm();
+        let Some(own) = self.mean_untared(pause, config).map(|own| own.norm()) else { return };
         let signs = [(TorqueSign::Plus, "plus"), (TorqueSign::Minus, "minus")];
         let kinds = [(Gravity::Included, "included"), (Gravity::Removed, "removed")];
         let readings = signs.into_iter().flat_map(|sign| kinds.map(|gravity| (sign, gravity)));
-        let left = readings.filter_map(|(sign, gravity)| {
+        let others = readings.filter_map(|(sign, gravity)| {
             let mut other = config.clone();
             (other.torque_sign, other.gravity) = (sign.0, gravity.0);
-            Some((self.mean_untared(pause, &other)?.norm(), sign.1, gravity.1))
+            let differs = other != *config
+                && (Gravity::Removed, other.gravity) != (config.gravity, Gravity::Removed);
+            let left = differs.then(|| self.mean_untared(pause, &other)).flatten()?;
+            Some((left.norm(), sign.1, gravity.1))
         });
-        let (best, sign, gravity) = left.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        (own > MISREAD * best + LEAST_MISREAD).then(|| {
-            format!(
+        let Some((best, sign, gravity)) = others.min_by(|a, b| a.0.total_cmp(&b.0)) else { return };
+        let is_far = |more: f64, less: f64| more > MISREAD * less + LEAST_MISREAD;
+        if is_far(own, best) {
+            self.misread = Some(format!(
                 "where the arm stands still, {own:.1} N·m of its torques are left as they are read, and {best:.1} N·m with \
                  --torque-sign {sign} --gravity {gravity}"
-            )
-        })
+            ));
+        } else if best > own + CLEARED {
+            self.misread = None;
+        }
     }
 
     /// Whether a sample's torques say nothing ([`are_dead`]).
@@ -278,7 +302,7 @@ impl Session {
         let jumping = self.jumps_s.len() >= JUMPS;
         if jumping {
             outcome.fault = Some(
-                "the arm is here and there in turn: do two drivers publish its joints?".to_owned(),
+                "the joint positions jump back and forth: do two drivers publish them?".to_owned(),
             );
         }
         self.guard.as_ref().inspect(|guard| guard.jumping(jumping));
@@ -306,10 +330,12 @@ impl Session {
             return;
         };
         // A touch that began where the arm had jumped has a tare that no pause has given.
-        let tared = self.state == State::Taring && self.mapper.config().touch.tare != Tare::None;
+        let tared = self.state == State::Taring
+            && !self.is_of_pause
+            && self.mapper.config().touch.tare != Tare::None;
         if tared
             && let Some((guard, tare)) = self.guard.as_ref().zip(self.mapper.tare())
-            && guard.tare(tare).is_err()
+            && (self.misread.is_some() || guard.tare(tare).is_err())
         {
             return self.wait();
         }
@@ -340,6 +366,7 @@ impl Session {
         let _ = self.mapper.end_touch();
         self.mapper.begin_touch();
         (self.state, outcome.begins) = (State::Taring, true);
+        self.is_of_pause = !tare.is_empty();
         outcome.tare = tare.iter().map(|&sample| sample.clone()).collect();
         for sample in tare {
             if let Err(error) = self.mapper.step(sample) {

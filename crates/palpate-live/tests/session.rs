@@ -235,7 +235,7 @@ fn torques_that_count_the_other_way_are_told_at_the_first_pause_and_no_tare() {
 }
 
 #[test]
-fn an_arm_that_is_here_and_there_in_turn_is_two() {
+fn an_arm_that_jumps_back_and_forth_is_two() {
     let (arm, touches) = (arm(), touches(1));
     let mut guarded = Guarded::new(&arm, 25.0);
     play(&mut guarded.live, &touches[0][..39]);

@@ -278,12 +278,15 @@ fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<
 }
 
 /// Leaves the touches that settings are chosen from, in their order: those with the largest torques, without those that touch
-/// nothing; without weak ones too, if others are left. None, and false, if even few have too many samples.
+/// nothing; without weak ones too, if others are left. False if some had too many samples.
 fn pick(
     recorded: &mut Vec<RecordedTouch>,
     (arm, config): (&Arc<Arm>, &MapperConfig),
     progress: &dyn Progress,
 ) -> Result<bool, WorkError> {
+    if recorded.len() < FEWEST {
+        return Ok(true);
+    }
     let samples: Vec<&[Sample]> = recorded.iter().map(|touch| &touch.samples[..]).collect();
     let torques = largest_torques(arm, config, &samples, &|| progress.stopped())
         .map_err(|error| fault(recorded, error, "; nothing was written".to_owned()))?;
@@ -293,14 +296,16 @@ fn pick(
     };
     let learnt: Vec<usize> = samples.into_iter().map(learnt).collect();
     let strongest = strongest_first(&torques);
-    let fits = |most: &usize| {
-        strongest.iter().take(*most).map(|place| learnt[*place]).sum::<usize>() <= QUICK_LEARNT
-    };
-    let most = (FEWEST..=QUICK_TOUCHES).rev().find(fits);
-    let kept = &strongest[..most.unwrap_or_default().min(strongest.len())];
+    let (mut kept, mut all) = (Vec::new(), 0);
+    for &place in &strongest {
+        if kept.len() < QUICK_TOUCHES && all + learnt[place] <= QUICK_LEARNT {
+            kept.push(place);
+            all += learnt[place];
+        }
+    }
     let mut place = 0..;
     recorded.retain(|_| place.next().is_some_and(|place| kept.contains(&place)));
-    Ok(most.is_some())
+    Ok(kept.len() == strongest.len().min(QUICK_TOUCHES))
 }
 
 /// The places of touches with these largest torques, N·m, the strongest first: those above 0, or above [`WEAK_N_M`] if they are

@@ -41,10 +41,11 @@ mod tests {
 
     #[test]
     fn what_is_learnt_hardly_depends_on_the_rate() {
-        for rate_hz in [20, 40, 100, 125, 200, 500, 1000] {
+        // The worst are just above 22 Hz, where every other sample is left out.
+        for rate_hz in [20, 25, 30, 40, 100, 125, 200, 500, 1000] {
             let times = (0..rate_hz).map(|sample| Some(f64::from(sample) / f64::from(rate_hz)));
             let learnt = taken(times).iter().filter(|takes| **takes).count();
-            assert!((18..=23).contains(&learnt), "{learnt} at {rate_hz} Hz");
+            assert!((13..=23).contains(&learnt), "{learnt} at {rate_hz} Hz");
         }
     }
 

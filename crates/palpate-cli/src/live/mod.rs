@@ -380,7 +380,7 @@ impl Args {
         let given: Vec<&str> = given.into_iter().filter(|own| own.1).map(|own| own.0).collect();
         if !given.is_empty() {
             output.warn(&format!(
-                "{} only serve logs, and change nothing here: joint states come as messages, in rad and m",
+                "without effect on `live`, whose joint states are messages in rad and m: {}",
                 given.join(", ")
             ));
         }

@@ -31,7 +31,7 @@ pub enum Cause {
     Retared { joint: String, change_n_m: f64 },
     #[error("the torques are read wrongly: {0}")]
     Misread(String),
-    #[error("the arm is here and there in turn: do two drivers publish its joints?")]
+    #[error("the joint positions jump back and forth: do two drivers publish them?")]
     Jumping,
     #[error("no tare is known yet: the arm must stand still and free")]
     Untared,

@@ -1,7 +1,8 @@
 //! Each joint state as it comes in, before it waits for the mapper.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use nalgebra::DVector;
 use palpate::{Arm, ExternalTorqueConfig, MAX_TORQUE};
@@ -12,9 +13,9 @@ use crate::message::JointState;
 
 /// Weight of the arm, the largest torque of a joint, N·m, that a working sensor feels.
 const LEAST_WEIGHT: f64 = 1.0;
-/// An arm that went so far, rad or m, since the joint state before, and so fast, rad/s or m/s, cannot stand still at once.
-const LEAST_WAY: f64 = 2e-4;
-const LEAST_SPEED: f64 = 0.05;
+/// An arm that was so fast, rad/s or m/s, over so long a time cannot stand still at once.
+const LEAST_SPEED: f64 = 0.1;
+const OVER: Duration = Duration::from_millis(100);
 
 pub(crate) const DEAD: &str =
     "all efforts are exactly 0, though the arm bears its own weight; does the driver publish them?";
@@ -37,11 +38,15 @@ pub struct Sentry {
     last: Option<Last>,
 }
 
-/// Positions and efforts of a joint state, when they came first, and whether the arm moved then.
+/// The joint state that came last, and where the arm was before.
 struct Last {
-    numbers: [Vec<f64>; 2],
+    /// Its positions and efforts, as bits: NaN equals itself.
+    bits: Vec<u64>,
+    /// When it came first.
     since: Instant,
     moved: bool,
+    /// Positions, and when they came, back to [`OVER`] ago.
+    before: VecDeque<(Instant, Vec<f64>)>,
 }
 
 impl Sentry {
@@ -61,16 +66,16 @@ impl Sentry {
             Ok(state) => state,
             Err(why) => return self.guard.refused(&why),
         };
-        let untared = match self.reader.joints(state) {
-            Ok((q, tau)) => self.untared(&q, &tau),
+        let (q, tau) = match self.reader.joints(state) {
+            Ok(joints) => joints,
             Err(refusal) => return self.guard.refused(&refusal),
         };
-        let Some(untared) = untared else {
+        let Some(untared) = self.untared(&q, &tau) else {
             return self.guard.refused(&"the arm cannot stand at these joint positions");
         };
-        let is_dead = are_dead(&state.effort, &untared);
+        let is_dead = are_dead(&tau, &untared);
         self.guard.measured(untared);
-        if self.is_frozen(state, now) {
+        if self.is_frozen(q, &tau, now) {
             return self.guard.refused(&FROZEN);
         }
         if is_dead {
@@ -83,19 +88,23 @@ impl Sentry {
     }
 
     /// Whether the driver repeats a joint state for longer than it may be silent, of an arm that moved just before.
-    fn is_frozen(&mut self, state: &JointState, now: Instant) -> bool {
-        let numbers = [state.position.clone(), state.effort.clone()];
-        let passed = |last: &Last| now.saturating_duration_since(last.since);
-        if let Some(last) = self.last.as_ref().filter(|last| last.numbers == numbers) {
-            return last.moved && passed(last) > self.guard.config.silence;
+    fn is_frozen(&mut self, q: Vec<f64>, tau: &[f64], now: Instant) -> bool {
+        let bits: Vec<u64> = q.iter().chain(tau).map(|number| number.to_bits()).collect();
+        let passed = |since: Instant| now.saturating_duration_since(since);
+        if let Some(last) = self.last.as_ref().filter(|last| last.bits == bits) {
+            return last.moved && passed(last.since) > self.guard.config.silence;
         }
-        let moved = self.last.as_ref().is_some_and(|last| {
-            let ways =
-                numbers[0].iter().zip(&last.numbers[0]).map(|(now, before)| (now - before).abs());
-            let way = ways.fold(0.0, f64::max);
-            way > LEAST_WAY && way > LEAST_SPEED * passed(last).as_secs_f64()
-        });
-        self.last = Some(Last { numbers, since: now, moved });
+        let mut before = self.last.take().map(|last| last.before).unwrap_or_default();
+        before.push_back((now, q));
+        // The first is the last that is old enough.
+        while before.get(1).is_some_and(|(since, _)| passed(*since) >= OVER) {
+            before.pop_front();
+        }
+        let ((since, first), (_, q)) = (&before[0], &before[before.len() - 1]);
+        let ways = q.iter().zip(first).map(|(now, before)| (now - before).abs());
+        let way = ways.fold(0.0, f64::max);
+        let moved = way > LEAST_SPEED * passed(*since).max(OVER).as_secs_f64();
+        self.last = Some(Last { bits, since: now, moved, before });
         false
     }
 

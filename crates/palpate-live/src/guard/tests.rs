@@ -285,15 +285,24 @@ fn a_tare_far_from_the_one_of_the_free_arm_is_refused_unless_it_is_asked_for() {
 #[test]
 fn a_driver_that_hangs_while_the_arm_moves_raises_it_and_an_arm_at_rest_does_not() {
     let mut scene = Scene::safe();
+    // A gripper that works, and another joint that is not measured, change nothing of it.
+    scene.state.name.push("finger".to_owned());
+    scene.state.position.push(0.0);
+    scene.state.effort.push(f64::NAN);
     assert_eq!(scene.play(1000, |_| {}).1, None, "at rest, nothing need change");
-    scene.play(10, |state| state.position[0] = 0.1);
-    let (ms, cause) = scene.play(1000, |state| state.position[0] = 0.1);
+    scene.play(10, |state| state.position[0] = 0.0015);
+    let tick = scene.play(1000, |state| state.position[0] = 0.0015).1;
+    assert_eq!(tick, None, "a tick of an encoder is no motion");
+    let start_ms = scene.now_ms;
+    let at = |stamp: Stamp| 1e-3 * (f64::from(stamp.nanosec) * 1e-6 - start_ms as f64);
+    scene.play(300, |state| state.position[0] = 0.2 * at(state.header.stamp));
+    let (ms, cause) = scene.play(1000, |state| state.position[0] = 0.06);
     let Some(Cause::Refused(why)) = cause else { panic!("{cause:?}") };
     assert!(ms <= 220 && why.contains("repeat"), "{ms} ms: {why}");
 }
 
 #[test]
-fn an_arm_that_is_here_and_there_raises_it() {
+fn an_arm_that_jumps_back_and_forth_raises_it() {
     let mut scene = Scene::safe();
     scene.guard.jumping(true);
     assert_eq!(scene.play(50, |_| {}).1, Some(Cause::Jumping));

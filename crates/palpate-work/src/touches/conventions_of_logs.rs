@@ -96,7 +96,7 @@ impl Touches {
                 if why.is_some() { ["radians", "degrees"] } else { ["degrees", "radians"] };
             return Err(WorkError::Usage(format!(
                 "`{}`: the angles of touch `{touch}` look like {own}, and most others like {others}; bring all into one unit \
-                 first, as `palpate convert --angle-unit deg` does, or read them one after the other",
+                 first, as `palpate convert --angle-unit deg` does, or say what they are (--angle-unit)",
                 log.display()
             )));
         }

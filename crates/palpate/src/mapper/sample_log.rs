@@ -34,6 +34,7 @@ pub struct LoggedTouch {
 
 /// What stands for the standard deviation of a sample that has none.
 pub const NO_STD: f64 = -1.0;
+
 impl LoggedTouch {
     /// Its samples, of so many joints. If some were skipped, they have times by which the same are skipped again; else none.
     pub fn samples(&self, n_joints: usize) -> impl Iterator<Item = Sample> {

@@ -54,8 +54,8 @@ pub(crate) fn are_degrees(
     found.flatten().map(|(_, what)| what)
 }
 
-/// Whether touches that were read as radians are in radians for certain: no angle is beyond a turn, and gravity fits far worse
-/// in degrees.
+/// Whether touches that were read as radians are in radians for certain: half of the samples stay within a turn, and gravity fits far
+/// worse in degrees.
 pub(crate) fn are_radians(
     touches: &mut [RecordedTouch],
     robot: &Robot,
