@@ -288,7 +288,7 @@ impl Session {
         }
     }
 
-    /// Whether a sample's torques say nothing ([`are_dead`]).
+    /// Whether a sample's torques say nothing: all are exactly zero, and the arm bears its own weight.
     pub fn is_dead(&self, sample: &Sample) -> bool {
         let config = &self.mapper.config().touch;
         let untared = self.identified.is_none().then(|| self.mean_untared(&[sample], config));
