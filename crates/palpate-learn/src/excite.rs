@@ -355,19 +355,15 @@ impl<'a> Search<'a> {
     fn determined_by_any_motion(&self) -> usize {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let mut uniform = || f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0;
-        let moves: Vec<f64> =
-            (0..self.around.len()).map(|j| f64::from(u8::from(self.room(j) > 0.0))).collect();
-        let mut drawn = |size: f64| moves.iter().map(|moves| moves * size * uniform()).collect();
-        let points: Vec<[Vec<f64>; 3]> =
-            (0..ANY_POINTS).map(|_| [drawn(1.0), drawn(1.0), drawn(3.0)]).collect();
-        let points: Vec<[Vec<f64>; 3]> = points
-            .into_iter()
-            .map(|[way, speed, acceleration]| {
-                let q = self.around.iter().zip(way).map(|(around, way)| around + way).collect();
-                [q, speed, acceleration]
-            })
-            .collect();
-        let eigenvalues = self.eigenvalues(points.into_iter());
+        let mut draw = |size: f64| -> Vec<f64> {
+            let moves = (0..self.around.len()).map(|j| self.room(j) > 0.0);
+            moves.map(|moves| if moves { size * uniform() } else { 0.0 }).collect()
+        };
+        let points = (0..ANY_POINTS).map(|_| {
+            let q = self.around.iter().zip(draw(1.0)).map(|(around, way)| around + way).collect();
+            [q, draw(1.0), draw(3.0)]
+        });
+        let eigenvalues = self.eigenvalues(points);
         eigenvalues.iter().take_while(|value| **value > 1e-10 * eigenvalues[0]).count()
     }
 

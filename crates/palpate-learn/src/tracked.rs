@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{
-    Cell, CellRows, ElasticBody, Observation, ObservationBuilder, Pace, Stiffness, TrackedSample,
-    Tracker, torque_weights,
+    Cell, CellRows, Downsampling, ElasticBody, Observation, ObservationBuilder, Stiffness,
+    TrackedSample, Tracker, torque_weights,
 };
 use palpate::{Arm, CellId, ContactConfig, EstimatorConfig, Lattice, MapperConfig, Sample, Tare};
 use rayon::prelude::*;
@@ -51,7 +51,7 @@ pub struct Tracked {
 pub struct TrackedTouch {
     /// Its name.
     pub name: String,
-    /// Its frames from the tare on, those that are learnt from ([`Pace`]).
+    /// Its frames from the tare on, those that are learnt from ([`Downsampling`]).
     pub frames: Vec<TrackedFrame>,
     /// Its torques before, bias and all, n_joints, N·m.
     of_tare: Vec<DVector<f64>>,
@@ -303,11 +303,12 @@ pub fn largest_torques(
     let (contact, touch) = (&config.contact, config.touch.clone());
     let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
     let largest = |(number, samples): (usize, &&[Sample])| {
-        let (mut tracker, mut pace, mut largest) = (tracker.clone(), Pace::default(), 0.0_f64);
+        let (mut tracker, mut downsampling, mut largest) =
+            (tracker.clone(), Downsampling::default(), 0.0_f64);
         tracker.begin_touch();
         for (sample, logged) in samples.iter().enumerate() {
             unless_stopped(stop)?;
-            if !pace.takes(logged.time_s) && tracker.tare().is_some() {
+            if !downsampling.takes(logged.time_s) && tracker.tare().is_some() {
                 continue;
             }
             let frame = tracker.feed(logged).map_err(|error| LearnError::Sample {
@@ -356,8 +357,8 @@ impl Followed {
     }
 }
 
-/// Every n-th of the frames of a touch from the tare on that are learnt from, or of those of `like` with their torques; and the torques,
-/// bias and all, of those before the end of the tare.
+/// Every n-th of the frames of a touch from the tare on that are learnt from, or of those of `like` with their torques;
+/// and the torques, bias and all, of those before the end of the tare.
 fn follow(
     mut tracker: Tracker,
     (number, touch): (usize, &Touch),
@@ -372,10 +373,10 @@ fn follow(
     let first = first.filter(|q| q.len() == arm.robot.n_joints());
     let mut before = first.or(touch.samples.first().map(|sample| &sample.q)).cloned();
     let mut unwrapped = before.clone().unwrap_or_default();
-    let mut pace = Pace::default();
+    let mut downsampling = Downsampling::default();
     for (index, sample) in touch.samples.iter().enumerate() {
         unless_stopped(stop)?;
-        let is_learnt = pace.takes(sample.time_s);
+        let is_learnt = downsampling.takes(sample.time_s);
         if !is_learnt && tracker.tare().is_some() {
             tracker.check(sample).map_err(|error| at(index, error.into()))?;
             continue;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use palpate::unstable::Pace;
+use palpate::unstable::Downsampling;
 use palpate::{Arm, Calibration, EstimatorKind, MapperConfig, Sample};
 use palpate_learn::calibrate::calibrate;
 use palpate_learn::tracked::{Touch, Tracked, largest_torques};
@@ -15,7 +15,7 @@ use crate::progress::Progress;
 use crate::settings::{Settings, SettingsError};
 use crate::touches::{RecordedTouch, TouchEvent, Touches};
 
-/// Touches that [`quickly_tuned`] learns from and predicts, and samples of them that are learnt from ([`Pace`]).
+/// Touches that [`quickly_tuned`] learns from and predicts, and samples of them that are learnt from ([`Downsampling`]).
 const QUICK_TOUCHES: usize = 16;
 const QUICK_LEARNT: usize = 20_000;
 /// Touches that they are taken from, and their samples: the first ones.
@@ -291,8 +291,8 @@ fn pick(
     let torques = largest_torques(arm, config, &samples, &|| progress.stopped())
         .map_err(|error| fault(recorded, error, "; nothing was written".to_owned()))?;
     let learnt = |samples: &[Sample]| {
-        let mut pace = Pace::default();
-        samples.iter().filter(|sample| pace.takes(sample.time_s)).count()
+        let mut downsampling = Downsampling::default();
+        samples.iter().filter(|sample| downsampling.takes(sample.time_s)).count()
     };
     let learnt: Vec<usize> = samples.into_iter().map(learnt).collect();
     let strongest = strongest_first(&torques);

@@ -73,6 +73,7 @@
 mod arm;
 mod calibration;
 mod contact;
+mod downsampling;
 mod ekf;
 mod elastic;
 mod estimator;
@@ -82,7 +83,6 @@ mod lattice;
 mod map;
 mod mapper;
 mod motion;
-mod pace;
 mod path_predictor;
 mod pause_detector;
 mod prior_means;
@@ -123,6 +123,7 @@ pub mod unstable {
     pub use crate::arm::{LinkReport, MeshResult, solid};
     pub use crate::calibration::spring_variance;
     pub use crate::contact::{ContactSimulator, LinkContacts};
+    pub use crate::downsampling::Downsampling;
     pub use crate::ekf::EkfEstimator;
     pub use crate::elastic::{
         BLOCK_STIFFNESS_SHARES, BodyError, ElasticBody, ElasticContactConfig, ElasticModel,
@@ -132,7 +133,6 @@ pub mod unstable {
     pub use crate::lattice::{CellRows, FARTHEST_M};
     pub use crate::map::MapEstimator;
     pub use crate::mapper::{LoggedTouch, NO_STD};
-    pub use crate::pace::Pace;
     pub use crate::path_predictor::{CheckedPath, PathChecker};
     pub use crate::pause_detector::{PauseConfig, PauseDetector};
     pub use crate::prior_means::PriorMeansError;

@@ -11,10 +11,10 @@ use nalgebra::DVector;
 
 use crate::arm::Arm;
 use crate::contact::{ContactConfig, ContactState, Contacts};
+use crate::downsampling::Downsampling;
 use crate::external_torque::{ExternalTorqueConfig, MAX_TORQUE};
 use crate::lattice::Lattice;
 use crate::motion::{MotionError, MotionSimulator, Substeps};
-use crate::pace::Pace;
 use crate::robot::{Poses, RobotError};
 use crate::setting::SettingError;
 use crate::tare::{Tare, TouchTare};
@@ -106,7 +106,7 @@ pub struct TrackedSample {
     pub external: Option<DVector<f64>>,
     /// Standard deviation of that, n_joints, if the sample has one.
     pub tau_std: Option<Vec<f64>>,
-    /// Whether it is to be learnt from ([`Pace`]).
+    /// Whether it is to be learnt from ([`Downsampling`]).
     pub is_learnt: bool,
 }
 
@@ -129,7 +129,7 @@ pub struct Tracker {
     /// The tare of the touch under way, from its first sample on.
     tare: Option<TouchTare>,
     /// What of it is learnt from.
-    pace: Pace,
+    downsampling: Downsampling,
 }
 
 impl Tracker {
@@ -152,7 +152,7 @@ impl Tracker {
             return Err(SettingError::new("tare_frames", 0.0, "at least 1"));
         }
         let motion = MotionSimulator::new(arm, lattice, contact)?;
-        Ok(Self { motion, config, begun: false, tare: None, pace: Pace::default() })
+        Ok(Self { motion, config, begun: false, tare: None, downsampling: Downsampling::default() })
     }
 
     /// The arm that is followed.
@@ -172,12 +172,12 @@ impl Tracker {
 
     /// Time of the last sample of the touch that was learnt from, s.
     pub(crate) fn learnt_s(&self) -> Option<f64> {
-        self.pace.last_s
+        self.downsampling.last_s
     }
 
     /// Goes on as if the last sample that was learnt from had been at this time, s.
     pub(crate) fn set_learnt_s(&mut self, learnt_s: Option<f64>) {
-        self.pace.last_s = learnt_s;
+        self.downsampling.last_s = learnt_s;
     }
 
     /// Joint positions where the arm is, n_joints, and its contacts there; `None` outside a touch, or
@@ -190,7 +190,7 @@ impl Tracker {
     pub fn begin_touch(&mut self) {
         self.begun = true;
         self.tare = None;
-        self.pace = Pace::default();
+        self.downsampling = Downsampling::default();
         self.motion.begin_touch();
     }
 
@@ -214,7 +214,7 @@ impl Tracker {
         let external = tare.subtract(settings, now, &untared);
         self.begun = external.is_ok();
         let external = external?;
-        let is_learnt = self.pace.takes(sample.time_s);
+        let is_learnt = self.downsampling.takes(sample.time_s);
         Ok(TrackedSample { poses, contacts, untared, external, tau_std, is_learnt })
     }
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::DMatrix;
-use palpate::unstable::{ElasticBody, ElasticContactConfig, Equilibrium, Pace};
+use palpate::unstable::{Downsampling, ElasticBody, ElasticContactConfig, Equilibrium};
 use palpate::{Arm, MapperError, RobotError};
 use rayon::prelude::*;
 
@@ -147,10 +147,10 @@ fn follow(
     let frames = &tracked.touches[number].frames;
     let mut torques = Vec::with_capacity(frames.len());
     let mut settled = Settled { samples: 0, unsettled: 0 };
-    let (mut before_s, mut pace) = (None::<f64>, Pace::default());
+    let (mut before_s, mut downsampling) = (None::<f64>, Downsampling::default());
     for (sample, logged) in touch.samples.iter().enumerate() {
         unless_stopped(stop)?;
-        if !pace.takes(logged.time_s) {
+        if !downsampling.takes(logged.time_s) {
             continue; // as no frame is learnt from
         }
         settled.samples += 1;

@@ -28,7 +28,7 @@ pub enum Cause {
         "the arm stands still, and the torque of joint `{joint}` is {change_n_m:.2} N·m away from the tare that it had \
          standing free, more than half the limit: is it loaded? If it stands free, call /palpate/tare"
     )]
-    Retared { joint: String, change_n_m: f64 },
+    TareChanged { joint: String, change_n_m: f64 },
     #[error("the torques are read wrongly: {0}")]
     Misread(String),
     #[error("the joint positions jump back and forth: do two drivers publish them?")]

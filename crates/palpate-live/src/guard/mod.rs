@@ -88,7 +88,7 @@ struct State {
     raised: Option<Cause>,
     /// Whether the next tare takes the flag back, since somebody says that the arm stands free.
     resets: bool,
-    /// The arm jumps here and there.
+    /// The joint positions jump back and forth.
     jumping: bool,
 }
 
@@ -215,7 +215,7 @@ impl Guard {
             && change_n_m.abs() > MOST_CHANGE * self.config.limit_n_m
         {
             let joint = self.joints[joint].clone();
-            let loaded = Cause::Retared { joint, change_n_m };
+            let loaded = Cause::TareChanged { joint, change_n_m };
             state.loaded = Some(loaded.clone());
             return Err(loaded);
         }
@@ -235,7 +235,7 @@ impl Guard {
         self.state().loaded = Some(Cause::Misread(why.to_owned()));
     }
 
-    /// Whether the arm jumps here and there in turn, so that it cannot be followed.
+    /// Whether the joint positions jump back and forth, so that the arm cannot be followed.
     pub fn jumping(&self, jumping: bool) {
         self.state().jumping = jumping;
     }

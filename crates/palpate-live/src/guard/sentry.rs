@@ -15,7 +15,7 @@ use crate::message::JointState;
 const LEAST_WEIGHT: f64 = 1.0;
 /// An arm that was so fast, rad/s or m/s, over so long a time cannot stand still at once.
 const LEAST_SPEED: f64 = 0.1;
-const OVER: Duration = Duration::from_millis(100);
+const SPEED_OVER: Duration = Duration::from_millis(100);
 
 pub(crate) const DEAD: &str =
     "all efforts are exactly 0, though the arm bears its own weight; does the driver publish them?";
@@ -45,7 +45,7 @@ struct Last {
     /// When it came first.
     since: Instant,
     moved: bool,
-    /// Positions, and when they came, back to [`OVER`] ago.
+    /// Positions, and when they came, back to [`SPEED_OVER`] ago.
     before: VecDeque<(Instant, Vec<f64>)>,
 }
 
@@ -97,13 +97,13 @@ impl Sentry {
         let mut before = self.last.take().map(|last| last.before).unwrap_or_default();
         before.push_back((now, q));
         // The first is the last that is old enough.
-        while before.get(1).is_some_and(|(since, _)| passed(*since) >= OVER) {
+        while before.get(1).is_some_and(|(since, _)| passed(*since) >= SPEED_OVER) {
             before.pop_front();
         }
         let ((since, first), (_, q)) = (&before[0], &before[before.len() - 1]);
         let ways = q.iter().zip(first).map(|(now, before)| (now - before).abs());
         let way = ways.fold(0.0, f64::max);
-        let moved = way > LEAST_SPEED * passed(*since).max(OVER).as_secs_f64();
+        let moved = way > LEAST_SPEED * passed(*since).max(SPEED_OVER).as_secs_f64();
         self.last = Some(Last { bits, since: now, moved, before });
         false
     }

@@ -273,7 +273,7 @@ fn a_tare_far_from_the_one_of_the_free_arm_is_refused_unless_it_is_asked_for() {
     scene.guard.tare(&dvector![2.4, 0.0]).unwrap();
     // Not from tare to tare: what the free arm had is what counts.
     let refused = scene.guard.tare(&dvector![2.6, 0.0]).unwrap_err();
-    assert_eq!(refused, Cause::Retared { joint: "one".to_owned(), change_n_m: 2.6 });
+    assert_eq!(refused, Cause::TareChanged { joint: "one".to_owned(), change_n_m: 2.6 });
     assert_eq!(scene.cause(), Some(refused.clone()));
     scene.play(50, |_| {});
     assert_eq!(scene.guard.reset(scene.now()), Err(refused));

@@ -22,7 +22,7 @@ pub struct LoggedTouch {
     pub open: bool,
     /// Whether its samples outgrew the log's bound and are gone.
     pub lost: bool,
-    /// By sample, whether it came too soon to be learnt from ([`crate::unstable::Pace`]); empty if none did.
+    /// By sample, whether it came too soon to be learnt from ([`crate::unstable::Downsampling`]); empty if none did.
     pub skipped: Vec<bool>,
     /// Joint positions of all samples in a row, samples × n_joints.
     pub q: Vec<f64>,

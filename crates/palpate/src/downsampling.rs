@@ -11,12 +11,12 @@ const LEAST_S: f64 = 0.045;
 
 /// Takes samples of one touch that are far enough apart.
 #[derive(Debug, Clone, Default)]
-pub struct Pace {
+pub struct Downsampling {
     /// When the last one was, s.
     pub(crate) last_s: Option<f64>,
 }
 
-impl Pace {
+impl Downsampling {
     /// Whether a sample at this time, s, is learnt from; one without a time is, and so is the first after a clock went
     /// back.
     pub fn takes(&mut self, time_s: Option<f64>) -> bool {
@@ -35,8 +35,8 @@ mod tests {
     use super::*;
 
     fn taken(times: impl IntoIterator<Item = Option<f64>>) -> Vec<bool> {
-        let mut pace = Pace::default();
-        times.into_iter().map(|time| pace.takes(time)).collect()
+        let mut downsampling = Downsampling::default();
+        times.into_iter().map(|time| downsampling.takes(time)).collect()
     }
 
     #[test]
