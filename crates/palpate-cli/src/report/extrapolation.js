@@ -107,14 +107,32 @@ function percentOf(stiffness) {
   return Math.max(0, Math.min(100, Math.round(100 * (1 + decades / DECADES))));
 }
 
+/** The camera of a plot as it is now; its layout has the one of the last time that the mouse let go of it. */
+function cameraOf(plot) {
+  return byId(plot)._fullLayout.scene._scene.getCamera();
+}
+
+/** Plots that were just given the view of the other, which is not to be given back. */
+const given = new Set();
+
+/** Gives a plot the view of the other once that is at rest: it glides on when the mouse has let go of it. */
+function takeView(from, to, before) {
+  const camera = cameraOf(from);
+  const apart = (a, b) => Math.hypot(a.eye.x - b.eye.x, a.eye.y - b.eye.y, a.eye.z - b.eye.z);
+  if (!before || apart(camera, before) > 1e-6) {
+    setTimeout(() => takeView(from, to, structuredClone(camera)), 100);
+  } else if (apart(camera, cameraOf(to)) > 1e-3) {
+    given.add(to);
+    // A copy: plotly.js turns the object that it is given.
+    Plotly.relayout(to, { "scene.camera": structuredClone(camera) });
+  }
+}
+
 /** One plot turns with the other. */
 function turnTogether(from, to) {
   byId(from).on("plotly_relayout", (change) => {
-    const camera = change["scene.camera"];
-    const other = byId(to).layout.scene.camera;
-    if (camera && JSON.stringify(camera.eye) !== JSON.stringify(other?.eye)) {
-      // A copy: plotly.js turns the object that it is given.
-      Plotly.relayout(to, { "scene.camera": structuredClone(camera) });
+    if (change["scene.camera"] && !given.delete(from)) {
+      takeView(from, to);
     }
   });
 }
