@@ -308,7 +308,7 @@ pub fn largest_torques(
         tracker.begin_touch();
         for (sample, logged) in samples.iter().enumerate() {
             unless_stopped(stop)?;
-            if !downsampling.takes(logged.time_s) && tracker.tare().is_some() {
+            if !downsampling.takes(logged) && tracker.tare().is_some() {
                 continue;
             }
             let frame = tracker.feed(logged).map_err(|error| LearnError::Sample {
@@ -376,7 +376,7 @@ fn follow(
     let mut downsampling = Downsampling::default();
     for (index, sample) in touch.samples.iter().enumerate() {
         unless_stopped(stop)?;
-        let is_learnt = downsampling.takes(sample.time_s);
+        let is_learnt = downsampling.takes(sample);
         if !is_learnt && tracker.tare().is_some() {
             tracker.check(sample).map_err(|error| at(index, error.into()))?;
             continue;

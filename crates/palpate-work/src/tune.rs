@@ -292,7 +292,7 @@ fn pick(
         .map_err(|error| fault(recorded, error, "; nothing was written".to_owned()))?;
     let learnt = |samples: &[Sample]| {
         let mut downsampling = Downsampling::default();
-        samples.iter().filter(|sample| downsampling.takes(sample.time_s)).count()
+        samples.iter().filter(|sample| downsampling.takes(sample)).count()
     };
     let learnt: Vec<usize> = samples.into_iter().map(learnt).collect();
     let strongest = strongest_first(&torques);

@@ -3,30 +3,67 @@
 //! What the model leaves unexplained is many times the sensors' noise, and alike in samples that follow closely on each
 //! other: fifty samples in 50 ms say hardly more than one of them. Each counts as a measurement of its own, though,
 //! so that the same touch, logged fifty times as often, would outweigh the prior by fifty times as much, fill the memory
-//! and cost fifty times the work. So samples closer together than `LEAST_S` are predicted, and not learnt from.
+//! and cost fifty times the work. So samples closer together than `LEAST_S` are predicted, and not learnt from. Where samples
+//! have no times, the steps of the arm's motion tell about how closely they follow on each other.
+
+use std::f64::consts::TAU;
+
+use crate::tracker::Sample;
 
 /// The least time between samples that are learnt from, s: somewhat less than the period of the logs that the shipped
 /// settings were chosen on, 20 Hz. Of those all are learnt from, of 1 kHz one in 45.
 const LEAST_S: f64 = 0.045;
+
+/// The same without times: how far the fastest joint goes meanwhile, rad (m); in those logs 2 to 9 mrad from sample to sample.
+const LEAST_RAD: f64 = 2e-3;
 
 /// Takes samples of one touch that are far enough apart.
 #[derive(Debug, Clone, Default)]
 pub struct Downsampling {
     /// When the last one was, s.
     pub(crate) last_s: Option<f64>,
+    /// Samples since the last one, itself included; 0 before the first.
+    since: u32,
+    /// The joint positions of the last sample, n_joints.
+    before: Vec<f64>,
+    /// Sum of the fastest joint's steps from sample to sample, rad, and of their squares.
+    steps: [f64; 2],
 }
 
 impl Downsampling {
-    /// Whether a sample at this time, s, is learnt from; one without a time is, and so is the first after a clock went
-    /// back.
-    pub fn takes(&mut self, time_s: Option<f64>) -> bool {
-        let Some(now) = time_s else { return true };
-        let is_close = |last: f64| (0.0..LEAST_S).contains(&(now - last));
-        let takes = !self.last_s.is_some_and(is_close);
-        if takes {
-            self.last_s = Some(now);
+    /// Whether this sample is learnt from; the first after a clock went back is.
+    pub fn takes(&mut self, sample: &Sample) -> bool {
+        self.follow(&sample.q);
+        let is_close = match (sample.time_s, self.last_s) {
+            (Some(now), Some(last)) => (0.0..LEAST_S).contains(&(now - last)),
+            (Some(_), None) => false,
+            (None, _) => self.since > 0 && f64::from(self.since) * self.step() < LEAST_RAD,
+        };
+        if is_close {
+            self.since += 1;
+        } else {
+            self.since = 1;
+            self.last_s = sample.time_s.or(self.last_s);
         }
-        takes
+        !is_close
+    }
+
+    fn follow(&mut self, q: &[f64]) {
+        let turned = |(now, before): (&f64, &f64)| {
+            let way = (now - before).rem_euclid(TAU);
+            way.min(TAU - way)
+        };
+        let step = q.iter().zip(&self.before).map(turned).fold(0.0, f64::max);
+        self.steps[0] += step;
+        self.steps[1] += step * step;
+        self.before.clear();
+        self.before.extend_from_slice(q);
+    }
+
+    /// How far the fastest joint goes from sample to sample where the arm moves, rad: the mean by length of path, to which an
+    /// arm at rest adds nothing. Infinite if it has not moved yet, which says nothing of the rate.
+    fn step(&self) -> f64 {
+        if self.steps[0] > 0.0 { self.steps[1] / self.steps[0] } else { f64::INFINITY }
     }
 }
 
@@ -34,30 +71,52 @@ impl Downsampling {
 mod tests {
     use super::*;
 
-    fn taken(times: impl IntoIterator<Item = Option<f64>>) -> Vec<bool> {
+    fn taken(samples: impl IntoIterator<Item = (Option<f64>, f64)>) -> Vec<bool> {
         let mut downsampling = Downsampling::default();
-        times.into_iter().map(|time| downsampling.takes(time)).collect()
+        let sample = |(time_s, q)| Sample::new(time_s, vec![0.0, q], vec![0.0; 2]);
+        samples.into_iter().map(|of| downsampling.takes(&sample(of))).collect()
     }
 
     #[test]
     fn what_is_learnt_hardly_depends_on_the_rate() {
         // The worst are just above 22 Hz, where every other sample is left out.
         for rate_hz in [20, 25, 30, 40, 100, 125, 200, 500, 1000] {
-            let times = (0..rate_hz).map(|sample| Some(f64::from(sample) / f64::from(rate_hz)));
-            let learnt = taken(times).iter().filter(|takes| **takes).count();
+            let times = (0..rate_hz).map(|sample| f64::from(sample) / f64::from(rate_hz));
+            let learnt = taken(times.map(|time_s| (Some(time_s), 0.0)));
+            let learnt = learnt.iter().filter(|takes| **takes).count();
             assert!((13..=23).contains(&learnt), "{learnt} at {rate_hz} Hz");
         }
     }
 
     #[test]
-    fn samples_without_times_and_after_a_jump_back_are_learnt_from() {
+    fn without_times_the_way_of_the_joints_tells_the_rate() {
+        // Half a second at rest, one in which a joint turns by 0.07 rad past the end of its range, then at rest again.
+        let q = |time_s: f64| {
+            let q = 6.25 + 0.07 * (time_s - 0.5).clamp(0.0, 1.0);
+            if q > TAU { q - TAU } else { q }
+        };
+        for rate_hz in [20, 40, 100, 200, 500, 1000] {
+            let times = (0..3 * rate_hz).map(|sample| f64::from(sample) / f64::from(rate_hz));
+            let learnt = taken(times.map(|time_s| (None, q(time_s))));
+            let [moving, held] = [1, 3].map(|half| {
+                let from = (half * rate_hz / 2) as usize + 1;
+                learnt[from..from + rate_hz as usize].iter().filter(|takes| **takes).count()
+            });
+            assert!((19..=36).contains(&moving), "{moving} moving at {rate_hz} Hz");
+            assert!((19..=36).contains(&held), "{held} held at {rate_hz} Hz");
+        }
+    }
+
+    #[test]
+    fn samples_of_an_arm_at_rest_without_times_and_after_a_jump_back_are_learnt_from() {
+        let at_rest = |times: [Option<f64>; 5]| taken(times.map(|time_s| (time_s, 0.0)));
         assert_eq!(
-            taken([None, None, Some(1.0), None, Some(1.001)]),
+            at_rest([None, None, Some(1.0), None, Some(1.001)]),
             [true, true, true, true, false]
         );
         assert_eq!(
-            taken([Some(5.0), Some(5.01), Some(0.0), Some(0.01)]),
-            [true, false, true, false]
+            at_rest([Some(5.0), Some(5.01), Some(0.0), Some(0.01), Some(0.05)]),
+            [true, false, true, false, true]
         );
     }
 }

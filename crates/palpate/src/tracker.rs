@@ -214,7 +214,7 @@ impl Tracker {
         let external = tare.subtract(settings, now, &untared);
         self.begun = external.is_ok();
         let external = external?;
-        let is_learnt = self.downsampling.takes(sample.time_s);
+        let is_learnt = self.downsampling.takes(sample);
         Ok(TrackedSample { poses, contacts, untared, external, tau_std, is_learnt })
     }
 

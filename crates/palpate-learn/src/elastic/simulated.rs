@@ -150,7 +150,7 @@ fn follow(
     let (mut before_s, mut downsampling) = (None::<f64>, Downsampling::default());
     for (sample, logged) in touch.samples.iter().enumerate() {
         unless_stopped(stop)?;
-        if !downsampling.takes(logged.time_s) {
+        if !downsampling.takes(logged) {
             continue; // as no frame is learnt from
         }
         settled.samples += 1;

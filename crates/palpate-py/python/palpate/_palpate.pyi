@@ -384,7 +384,7 @@ class Mapper:
         """
     def step(self, q: ArrayLike, tau: ArrayLike, time: float | None = None) -> StepReport:
         """Learns from one sample: `q` (n_joints,) rad, `tau` (n_joints,) N·m as logged, `time` in s. One within
-        45 ms of the last that was learned from is only predicted; without times, all are learned from.
+        45 ms of the last that was learned from is only predicted; without times, the joints' steps tell how many are skipped.
 
         Raises TouchError if the sample cannot be used; it has then taught nothing.
         """

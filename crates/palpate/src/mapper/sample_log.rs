@@ -36,16 +36,16 @@ pub struct LoggedTouch {
 pub const NO_STD: f64 = -1.0;
 
 impl LoggedTouch {
-    /// Its samples, of so many joints. If some were skipped, they have times by which the same are skipped again; else none.
+    /// Its samples, of so many joints, with times by which the same samples are skipped again.
     pub fn samples(&self, n_joints: usize) -> impl Iterator<Item = Sample> {
         let stds =
             self.tau_std.chunks(n_joints).map(|std| (std[0] != NO_STD).then(|| std.to_vec()));
         let stds = stds.chain(std::iter::repeat(None));
-        let times = self.skipped.iter().scan(0.0, |time_s, skipped| {
-            *time_s += if *skipped { 0.0 } else { 1.0 };
+        let skipped = self.skipped.iter().copied().chain(std::iter::repeat(false));
+        let times = skipped.scan(0.0, |time_s, skipped| {
+            *time_s += if skipped { 0.0 } else { 1.0 };
             Some(Some(*time_s))
         });
-        let times = times.chain(std::iter::repeat(None));
         let joints = self.q.chunks(n_joints).zip(self.tau.chunks(n_joints));
         joints.zip(stds.zip(times)).map(|((q, tau), (tau_std, time_s))| Sample {
             tau_std,
