@@ -7,7 +7,6 @@ use std::sync::{Arc, OnceLock};
 
 use nalgebra::Point3;
 use palpate::{Arm, BakeConfig, EstimatorKind, Lattice, Mapper, MapperConfig, Robot, Sample};
-use palpate_io::atomic::IfExists;
 use palpate_io::cloud::{self, Cloud, Column};
 use palpate_io::field::{Saved, npz, to_bytes};
 use palpate_io::log::bag_write::{Compression, TouchWriter};
@@ -271,10 +270,10 @@ pub(crate) fn cloud() -> Vec<Vec<u8>> {
     let columns = [("K", Column::F64(&[85.0; 3])), ("touched", Column::U8(&[1; 3]))];
     let as_file = |name: &str, write: &dyn Fn(&Path)| scratch::written(name, write);
     let ply = as_file("seed.ply", &|path| {
-        cloud::write_ply(path, IfExists::Replace, &leaf, &columns).expect("room for a file");
+        cloud::write_ply(path, &leaf, &columns).expect("room for a file");
     });
     let pcd = as_file("seed.pcd", &|path| {
-        cloud::write_pcd(path, IfExists::Replace, &leaf, &columns).expect("room for a file");
+        cloud::write_pcd(path, &leaf, &columns).expect("room for a file");
     });
     let ascii = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n\
         property float z\nend_header\n0 0 0\n1 1 1\n";

@@ -5,7 +5,6 @@
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use nalgebra::{Matrix4, Point3};
-use palpate_io::atomic::IfExists;
 use palpate_io::cloud::{self, Cloud, Column};
 use palpate_io::rgbd::{read_camera, read_colour};
 use serde::Deserialize;
@@ -102,7 +101,7 @@ fn what_we_write_is_what_open3d_was_seen_to_read() {
     for name in ["palpate.ply", "palpate.pcd"] {
         let path = folder.path().join(name);
         let write = if name == "palpate.ply" { cloud::write_ply } else { cloud::write_pcd };
-        write(&path, IfExists::Refuse, &cloud, &columns).unwrap();
+        write(&path, &cloud, &columns).unwrap();
         if std::env::var_os("PALPATE_UPDATE_GOLDEN").is_some() {
             fs::copy(&path, fixture(name)).unwrap();
         }

@@ -1,7 +1,6 @@
 //! The same cloud out of every dialect, and an error out of everything else.
 
 use super::*;
-use crate::atomic::IfExists;
 use nalgebra::Point3;
 use proptest::prelude::*;
 
@@ -237,7 +236,7 @@ fn a_header_is_told_where_it_is_wrong() {
 #[test]
 #[should_panic(expected = "one word of its own")]
 fn a_column_cannot_take_the_name_of_a_coordinate() {
-    let _ = write_ply(Path::new("x"), IfExists::Refuse, &leaf(), &[("z", Column::U8(&[1, 2]))]);
+    let _ = write_ply(Path::new("x"), &leaf(), &[("z", Column::U8(&[1, 2]))]);
 }
 
 #[test]
@@ -245,7 +244,7 @@ fn a_point_too_far_for_pcd_is_an_error_and_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("far.pcd");
     let far = Cloud::new(vec![Point3::new(0.0, 1e300, 0.0)], None);
-    let error = write_pcd(&path, IfExists::Refuse, &far, &[]).unwrap_err().to_string();
+    let error = write_pcd(&path, &far, &[]).unwrap_err().to_string();
     assert!(error.contains("point 0 is too far away") && !path.exists(), "{error}");
     assert!(!error.contains("try another place"), "the place is not to blame: {error}");
 }
@@ -275,12 +274,12 @@ proptest! {
             ("K_std", Column::F32(&narrow)),
             ("touched", Column::U8(&touched)),
         ];
-        write_pcd(&pcd, IfExists::Refuse, &single, &columns).unwrap();
+        write_pcd(&pcd, &single, &columns).unwrap();
         prop_assert_eq!(read(&pcd).unwrap().cloud, single.clone());
 
         let points = single.points.iter().map(|point| point * stretch).collect();
         let double = Cloud::new(points, single.colours);
-        write_ply(&ply, IfExists::Refuse, &double, &columns).unwrap();
+        write_ply(&ply, &double, &columns).unwrap();
         prop_assert_eq!(read(&ply).unwrap().cloud, double);
     }
 

@@ -36,7 +36,6 @@ use serde::{Deserialize, Serialize};
 use super::elastic;
 use super::file::{FieldFile, FieldLattice};
 use super::npz::{Array, Arrays, Data, NpzError, npz_bytes, read_npz, read_npz_bytes, write_npz};
-use crate::atomic::IfExists;
 
 /// The version of the layout above; arrays that may be missing change nothing of it.
 const FORMAT: u32 = 2;
@@ -161,7 +160,7 @@ struct MapperMeta {
 ///
 /// If the file cannot be written.
 pub fn save(path: &Path, saved: &Saved) -> Result<(), NpzError> {
-    write_npz(path, &to_arrays(saved), IfExists::Replace)
+    write_npz(path, &to_arrays(saved))
 }
 
 /// Reads a field that [`save`] wrote.
