@@ -258,6 +258,23 @@ impl Touches {
         Ok(recorded)
     }
 
+    /// The same of all touches, or the first so many, for work that learns from them: what looks wrong is told.
+    pub fn read_to_learn(
+        self,
+        arm: &Arc<Arm>,
+        settings: &Settings,
+        most: Option<u32>,
+        progress: &dyn Progress,
+    ) -> Result<Vec<RecordedTouch>, WorkError> {
+        let config = settings.config()?;
+        let place = (config.lattice, config.contact);
+        let mut touches = self.for_arm(arm, &settings.log, place.clone())?;
+        let recorded = touches.read(most)?;
+        touches.tell_warnings(progress);
+        touches.check(arm, place, &config.touch).of(&recorded).look(progress)?;
+        Ok(recorded)
+    }
+
     /// Reads all touches, or the first so many.
     pub fn read(&mut self, most: Option<u32>) -> Result<Vec<RecordedTouch>, WorkError> {
         let mut touches = Vec::new();
