@@ -2,7 +2,7 @@
 
 use super::super::camera_file::decode_camera;
 use super::super::pose::decode_pose;
-use super::super::{CameraFile, Distortion, RgbdError, pose_from_text};
+use super::super::{CameraFile, Distortion, Intrinsics, RgbdError, pose_from_text};
 use nalgebra::Point3;
 use proptest::prelude::*;
 use std::path::Path;
@@ -91,8 +91,9 @@ fn the_same_camera_comes_out_of_every_file() {
         (ROS_MESSAGE, &[0.5, -2.6, 0.0007, -0.0003, 1.5, 0.4, -2.4, 1.4]),
     ] {
         let found = camera(text).unwrap();
-        assert_eq!(found.intrinsics.focal(), [580.0, 579.0]);
-        assert_eq!(found.intrinsics.distortion(), &Distortion::new(coefficients).unwrap());
+        let lens = Distortion::new(coefficients).unwrap();
+        let wanted = Intrinsics::new([640, 480], [580.0, 579.0], [319.5, 239.5], lens);
+        assert_eq!(Ok(found.intrinsics), wanted);
         assert!(found.at(None).is_none(), "ROS does not say where the camera stands");
         assert_eq!(found.at(Some(pose)).unwrap().world_from_camera, pose);
     }
