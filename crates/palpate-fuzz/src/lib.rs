@@ -160,10 +160,8 @@ fn cloud(bytes: &[u8]) {
 }
 
 fn camera(bytes: &[u8]) {
-    let _ = black_box(rgbd::read_camera(&scratch::file("camera", bytes)));
-    if let Ok(text) = std::str::from_utf8(bytes) {
-        let _ = black_box(rgbd::pose_from_text(text));
-    }
+    let path = scratch::file("camera", bytes);
+    let _ = black_box((rgbd::read_camera(&path), rgbd::read_pose(&path)));
 }
 
 fn picture(bytes: &[u8]) {

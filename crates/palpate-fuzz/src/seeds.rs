@@ -79,19 +79,20 @@ pub(crate) fn members() -> Vec<Vec<u8>> {
     (0..).zip(arrays.iter()).map(change).collect()
 }
 
+/// An array.
+fn npy(shape: (usize, usize), numbers: impl IntoIterator<Item = f64>) -> Vec<u8> {
+    let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape:?}, }}\n");
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend(u16::try_from(header.len()).expect("a short header").to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(numbers.into_iter().flat_map(f64::to_le_bytes));
+    bytes
+}
+
 /// Two arrays of a touch: the length of the first, then both.
 pub(crate) fn arrays() -> Vec<Vec<u8>> {
-    let npy = |rows: Vec<Vec<f64>>| {
-        let header =
-            format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 2), }}\n", rows.len());
-        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-        bytes.extend(u16::try_from(header.len()).expect("a short header").to_le_bytes());
-        bytes.extend(header.as_bytes());
-        bytes.extend(rows.concat().iter().flat_map(|number| number.to_le_bytes()));
-        bytes
-    };
-    let q = npy(samples().map(|sample| sample.q).collect());
-    let tau = npy(samples().map(|sample| sample.tau).collect());
+    let q = npy((20, 2), samples().flat_map(|sample| sample.q));
+    let tau = npy((20, 2), samples().flat_map(|sample| sample.tau));
     let length = u16::try_from(q.len()).expect("a short array").to_le_bytes();
     vec![[&length[..], &q, &tau].concat()]
 }
@@ -285,16 +286,20 @@ pub(crate) fn cloud() -> Vec<Vec<u8>> {
 
 /// Files of a camera, and of poses.
 pub(crate) fn camera() -> Vec<Vec<u8>> {
-    [
+    let texts = [
         r#"{"fx": 100, "fy": 100, "cx": 32, "cy": 24, "width": 64, "height": 48,
             "camera_to_world": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}"#,
         "image_width: 64\nimage_height: 48\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [100, 0, 32, \
          0, 100, 24, 0, 0, 1]\ndistortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  \
          cols: 5\n  data: [0.1, 0, 0, 0, 0]\n",
+        "header:\n  stamp: {}\nheight: 48\nwidth: 64\ndistortion_model: rational_polynomial\nd:\n- 0.5\n- -2.6\n\
+         - 0\n- 0\n- 1.5\n- 0.4\n- -2.4\n- 1.4\nk:\n- 100.0\n- 0\n- 32\n- 0\n- 100\n- 24\n- 0\n- 0\n- 1\n---\n",
+        include_str!("../../palpate-io/testdata/open3d/parameters.json"),
         "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n",
-    ]
-    .map(|text| text.as_bytes().to_vec())
-    .to_vec()
+        "0.5 0.25 1.5  -0.5 0.5 -0.5 0.5",
+    ];
+    let pose = npy((4, 4), (0..16).map(|place| f64::from(place % 5 == 0)));
+    texts.map(|text| text.as_bytes().to_vec()).into_iter().chain([pose]).collect()
 }
 
 /// Pictures of colours and depths.
@@ -327,7 +332,9 @@ pub(crate) fn picture() -> Vec<Vec<u8>> {
     vec![
         png_of(png::ColorType::Rgb, png::BitDepth::Eight, 3),
         png_of(png::ColorType::Grayscale, png::BitDepth::Sixteen, 2),
+        include_bytes!("../../palpate-io/testdata/open3d/halves.jpg").to_vec(),
         tiff,
+        npy((2, 2), [0.5; 4]),
     ]
 }
 
