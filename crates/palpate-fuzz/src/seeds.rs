@@ -276,12 +276,16 @@ pub(crate) fn cloud() -> Vec<Vec<u8>> {
     let pcd = as_file("seed.pcd", &|path| {
         cloud::write_pcd(path, &leaf, &columns).expect("room for a file");
     });
-    let ascii = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n\
-        property float z\nend_header\n0 0 0\n1 1 1\n";
+    let ascii = b"ply\nformat ascii 1.0\ncomment x\nelement vertex 2\nproperty float x\nproperty short y\n\
+        property double z\nproperty list int int l\nelement face 1\nproperty list char uint f\nend_header\n\
+        0 0 0 2 5 6\n1 1 1 0\n3 0 1 0\n";
+    let text = b"VERSION 0.7\nFIELDS x y z rgb\nSIZE 4 2 8 4\nTYPE F I F U\nCOUNT 1 1 1 1\nWIDTH 2\nHEIGHT 1\n\
+        POINTS 2\nDATA ascii\n0.5 1 nan 65280\n-1 -2 3e-1 0\n";
+    let open3d = include_bytes!("../../palpate-io/testdata/open3d/compressed.pcd");
     let packed =
         b"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\n\
         POINTS 1\nDATA binary_compressed\n\x0e\0\0\0\x0c\0\0\0\x0b\0\0\0\0\0\0\0\0\0\0\0\0";
-    vec![ply, pcd, ascii.to_vec(), packed.to_vec()]
+    vec![ply, pcd, ascii.to_vec(), text.to_vec(), open3d.to_vec(), packed.to_vec()]
 }
 
 /// Files of a camera, and of poses.

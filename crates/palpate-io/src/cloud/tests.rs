@@ -282,48 +282,4 @@ proptest! {
         write_ply(&ply, &double, &columns).unwrap();
         prop_assert_eq!(read(&ply).unwrap().cloud, double);
     }
-
-    #[test]
-    fn no_bytes_make_the_reader_panic(
-        start in 0usize..4, bytes in prop::collection::vec(any::<u8>(), 0..300),
-    ) {
-        let starts: [&[u8]; 4] = [
-            b"ply\n",
-            b"# .PCD v0.7\n",
-            b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
-              property float z\nproperty list int int l\nend_header\n",
-            b"VERSION 0.7\nFIELDS x y z rgb\nSIZE 1 2 8 4\nTYPE I U F F\nWIDTH 9\nHEIGHT 1\n\
-              DATA binary_compressed\n",
-        ];
-        let _ = reading(&[starts[start], &bytes].concat());
-    }
-
-    #[test]
-    fn no_header_makes_the_reader_panic(
-        ply in "ply\n((format (ascii|binary_little_endian) 1.0|element (vertex|face) [0-9]{1,20}|\
-                property (list (char|uint|double) )?(float|short|double) (x|y|z|red|rgb)|comment)\n){0,9}\
-                end_header\n.{0,40}",
-        pcd in "VERSION\n((FIELDS( x| y| z| rgb){0,5}|(SIZE|COUNT)( [0-9]{1,20}){0,5}|\
-                TYPE( F| U| I){0,5}|(WIDTH|HEIGHT|POINTS) [0-9]{1,20})\n){0,9}\
-                DATA (ascii|binary|binary_compressed)\n.{0,40}",
-    ) {
-        let _ = reading(ply.as_bytes());
-        let _ = reading(pcd.as_bytes());
-    }
-
-    #[test]
-    fn no_changed_byte_makes_the_reader_panic(
-        which in 0usize..4, at in any::<prop::sample::Index>(), to in any::<u8>(),
-    ) {
-        let mut bytes = match which {
-            0 => crowded_ply(false),
-            1 => TEXT_PLY.into(),
-            2 => text_pcd("F", |bits| bits.to_string()),
-            _ => include_bytes!("../../testdata/open3d/compressed.pcd").to_vec(),
-        };
-        let at = at.index(bytes.len());
-        bytes[at] = to;
-        let _ = reading(&bytes);
-        let _ = reading(&bytes[..at]);
-    }
 }
