@@ -1,7 +1,7 @@
 //! Inputs to begin with: what palpate itself writes, and the smallest files of other programs.
 
 use std::collections::BTreeMap;
-use std::io::{Cursor, Write};
+use std::io::Cursor;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
@@ -227,7 +227,7 @@ pub(crate) fn robot() -> Vec<Vec<u8>> {
     vec![URDF.into(), mimic.into_bytes()]
 }
 
-/// The same tetrahedron in every format of meshes, each after its number.
+/// A mesh in every format, each after its number; boxes of some centimetres, which are baked quickly.
 pub(crate) fn mesh() -> Vec<Vec<u8>> {
     let corners = [[0.0_f32, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]];
     let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
@@ -238,31 +238,14 @@ pub(crate) fn mesh() -> Vec<Vec<u8>> {
         stl.extend(face.iter().flat_map(|&at: &usize| corners[at]).flat_map(f32::to_le_bytes));
         stl.extend([0, 0]);
     }
-    let mut obj = vec![1];
-    for [x, y, z] in corners {
-        let _ = writeln!(obj, "v {x} {y} {z}");
-    }
-    for [a, b, c] in faces {
-        let _ = writeln!(obj, "f {} {} {}", a + 1, b + 1, c + 1);
-    }
-    let mut text = vec![0];
-    text.extend(
-        b"solid a\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex .1 0 0\nvertex 0 .1 0\n\
-        endloop\nendfacet\nendsolid a\n",
-    );
-    let mut dae = vec![2];
-    dae.extend(
-        br##"<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>
-<unit meter="0.001"/><up_axis>Z_UP</up_axis></asset><library_geometries><geometry id="g"><mesh>
-<source id="p"><float_array id="f" count="12">0 0 0 100 0 0 0 100 0 0 0 100</float_array>
-<technique_common><accessor source="#f" count="4" stride="3"/></technique_common></source>
-<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
-<triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/><p>0 2 1 0 1 3 0 3 2 1 2 3</p>
-</triangles></mesh></geometry></library_geometries><library_visual_scenes><visual_scene id="s"><node>
-<instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
-<scene><instance_visual_scene url="#s"/></scene></COLLADA>"##,
-    );
-    vec![stl, obj, text, dae]
+    let obj = b"\x01v 0 0 0\nv .1 0 0\nv 0 .1 0 # a corner\nv 0 0 1e-1\nvt 0 0\nvn 0 0 1\nusemtl tin\nf 1/1/1 3/1/1 2/1/1\n\
+        f 1//1 2//1 4//1\nf -4 -1 -2\nf 2 3 4\n";
+    let text = b"\0solid a\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex .1 0 0\nvertex 0 .1 0\nendloop\nendfacet\n\
+        endsolid a\n";
+    let dae = include_str!("../../palpate-io/testdata/boxes.dae")
+        .replace("0.001", "0.0001")
+        .replace("10000", "300");
+    vec![stl, obj.to_vec(), text.to_vec(), [&[2], dae.as_bytes()].concat()]
 }
 
 /// A cloud as PLY and PCD, in bytes and in text.
