@@ -40,7 +40,7 @@ pub struct Target {
 /// All of them.
 pub const TARGETS: [Target; 15] = [
     Target { name: "npy_folder", run: npy_folder, seeds: seeds::arrays },
-    Target { name: "npz", run: npz, seeds: seeds::field },
+    Target { name: "npz", run: npz, seeds: seeds::fields },
     Target { name: "npz_member", run: npz_member, seeds: seeds::members },
     Target { name: "table", run: |bytes| log("log.csv", bytes), seeds: seeds::table },
     Target { name: "parquet", run: |bytes| log("log.parquet", bytes), seeds: seeds::parquet },

@@ -58,14 +58,23 @@ fn mapper() -> &'static Mapper {
 }
 
 /// The file of that field.
-pub(crate) fn field() -> Vec<Vec<u8>> {
-    vec![to_bytes(&Saved::of_mapper(mapper()))]
+fn field() -> Vec<u8> {
+    to_bytes(&Saved::of_mapper(mapper()))
+}
+
+/// That file, and those of numpy and of OpenVSF.
+pub(crate) fn fields() -> Vec<Vec<u8>> {
+    let [numpy, openvsf] = [
+        &include_bytes!("../../palpate-io/testdata/numpy.npz")[..],
+        include_bytes!("../../palpate-io/testdata/openvsf.npz"),
+    ];
+    vec![field(), numpy.to_vec(), openvsf.to_vec()]
 }
 
 /// Its arrays.
 pub(crate) fn arrays_of_field() -> &'static npz::Arrays {
     static ARRAYS: OnceLock<npz::Arrays> = OnceLock::new();
-    let read = || npz::read_npz_bytes(&field()[0], "seed").expect("it was just written");
+    let read = || npz::read_npz_bytes(&field(), "seed").expect("it was just written");
     ARRAYS.get_or_init(read)
 }
 
