@@ -106,15 +106,20 @@ pub(crate) fn arrays() -> Vec<Vec<u8>> {
     vec![[&length[..], &q, &tau].concat()]
 }
 
-/// A table, and one with other names.
+/// A table, and some with other names.
 pub(crate) fn table() -> Vec<Vec<u8>> {
     let mut text = Vec::new();
     let mut writer = TableWriter::new(&mut text, Some(joints()));
     writer.touch("one");
     samples().for_each(|sample| writer.sample(&sample).expect("memory takes it"));
     writer.finish().expect("memory takes it");
-    let other = "t;q1;q2;tau1;tau2\n0;0,5;1;2;3\n1;0,6;1;2;3\n".as_bytes().to_vec();
-    vec![text, other]
+    let others = [
+        "t;q1;q2;tau1;tau2\n0;0,5;1;2;3\n1;0,6;1;2;3\n",
+        "# é\r\n\"/joint_states/position[0]\",/joint_states/position[1],joint_1_effort,joint_2_effort,seq\r\n\
+         0,1,-2e-3,.5,0\r\n# c\r\n\r\n1,1,\"3\",.5,1\r\n",
+        "pos 1\tq_[02]\ttau(1)\ttau_2\ttime\n0\t1\tnan\t-inf\té\n",
+    ];
+    others.map(|other| other.as_bytes().to_vec()).into_iter().chain([text]).collect()
 }
 
 /// A bag, in each way that chunks are compressed.
