@@ -76,16 +76,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if args.currents {
         touches.take_for_currents();
     }
-    touches.conventions(&arm, &mut settings.touch, logs::IfUndecided::Refuse, output)?;
-    touches.check_as_logged(&arm, None, &settings, output)?;
-    let config = settings.config()?;
-    let mut touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
-    let recorded = touches.read(None)?;
-    touches.tell_warnings(output);
+    touches.measured(&arm, None, &mut settings, output)?;
     let currents = touches.are_currents();
+    let recorded = touches.read_for(&arm, &settings, output)?;
     let strict = settings.log.strict.unwrap_or_default();
     let wanted = IdentifySettings { tool_link: args.tool_link.clone(), currents, strict };
-    let found = identify::run(&arm, &recorded, &config.touch, &wanted, output)?;
+    let found = identify::run(&arm, &recorded, &settings.config()?.touch, &wanted, output)?;
 
     let text = text(&found);
     if let Some(path) = &args.output {

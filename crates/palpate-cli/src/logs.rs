@@ -1,5 +1,4 @@
-//! What every command does first that reads logs: open them, load their arm, and, if it needs all of
-//! them at once, read them.
+//! What every command does first that reads logs: open them and load their arm.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -7,7 +6,7 @@ use std::sync::Arc;
 use palpate::{Arm, Differentiation};
 use palpate_work::settings::sections::{RobotSettings, TouchSettings};
 pub(crate) use palpate_work::touches::IfUndecided;
-use palpate_work::touches::{RecordedTouch, Touches};
+use palpate_work::touches::Touches;
 use palpate_work::{arm_file, inspect, robot};
 
 use crate::error::CliError;
@@ -56,23 +55,6 @@ pub(crate) fn open_more(
         None => touches.refuse_currents()?,
     }
     Ok(touches)
-}
-
-/// Reads all touches, or the first so many, for a command that learns from them.
-pub(crate) fn read(
-    touches: Touches,
-    arm: &Arc<Arm>,
-    settings: &Settings,
-    most: Option<u32>,
-    output: &Output,
-) -> Result<Vec<RecordedTouch>, CliError> {
-    let config = settings.config()?;
-    let place = (config.lattice, config.contact);
-    let mut touches = touches.for_arm(arm, &settings.log, place.clone())?;
-    let recorded = touches.read(most)?;
-    touches.tell_warnings(output);
-    touches.check(arm, place, &config.touch).of(&recorded).look(output)?;
-    Ok(recorded)
 }
 
 /// The flags that name the robot, for a command that is to follow.

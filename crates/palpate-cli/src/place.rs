@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use palpate_io::atomic::{self, Hold, IfExists};
+use palpate_io::atomic::{self, Hold};
 use palpate_io::field::{self, Saved};
 use tempfile::Builder;
 
@@ -12,7 +12,7 @@ use crate::settings::{Settings, SettingsArgs};
 
 /// Refuses a place that cannot be written to; an older file there will be replaced.
 pub(crate) fn check(path: &Path) -> Result<(), CliError> {
-    atomic::check(path, IfExists::Replace).map_err(CliError::file)
+    atomic::check(path).map_err(CliError::file)
 }
 
 /// Everything that a command reads and writes, each in its own place.
@@ -204,5 +204,5 @@ pub(crate) fn save(path: &Path, saved: &Saved) -> Result<(), CliError> {
 pub(crate) fn write<T: AsRef<[u8]> + ?Sized>(path: &Path, content: &T) -> Result<(), CliError> {
     use std::io::Write;
     let content = content.as_ref();
-    atomic::write(path, IfExists::Replace, |out| out.write_all(content)).map_err(CliError::file)
+    atomic::write(path, |out| out.write_all(content)).map_err(CliError::file)
 }

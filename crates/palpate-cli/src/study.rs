@@ -94,7 +94,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             logs::IfUndecided::Refuse,
             output,
         )?;
-        let recorded = logs::read(touches, &arm, &settings, None, output)?;
+        let recorded = touches.read_to_learn(&arm, &settings, None, output)?;
         let touches = as_touches(&recorded, args.truth)?;
         at_least_two(&name, &touches)?;
         read.push((name, arm, recorded, touches, args.grid(&settings.config()?)?));

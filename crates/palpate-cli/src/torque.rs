@@ -77,8 +77,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let differentiation =
         if args.causal { Differentiation::Causal } else { Differentiation::Centred };
-    let opened = Opened::of(&args.logs, &mut settings, differentiation, output)?;
-    let (arm, model) = (Arc::clone(&opened.arm), opened.model.clone());
+    let (touches, arm, model) = open(&args.logs, &mut settings, differentiation, output)?;
     let wrench_link = match &args.wrench_link {
         Some(name) => Some(arm.robot.link_id(name).ok_or_else(|| {
             CliError::Usage(format!("the robot has no link `{name}` (--wrench-link)"))
@@ -90,13 +89,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         _ => 0,
     };
     let how = TorqueSettings { bandwidth_hz: args.bandwidth_hz, tare_frames, wrench_link };
-    let found = opened.read(&settings, &how, output)?;
+    let found = torques(&arm, &touches.read_for(&arm, &settings, output)?, &how, output)?;
     let free = if args.free.is_empty() {
         None
     } else {
         let mut settings = args.settings.load()?;
-        let opened = Opened::of(&args.free, &mut settings, differentiation, output)?;
-        Some(opened.read(&settings, &how, output)?)
+        let (touches, arm, _) = open(&args.free, &mut settings, differentiation, output)?;
+        Some(torques(&arm, &touches.read_for(&arm, &settings, output)?, &how, output)?)
     };
     let per_hour = args.false_alarms.unwrap_or(1.0);
     let (threshold, from) = threshold(&model, free.as_deref(), per_hour)?;
@@ -143,43 +142,17 @@ fn format_of(path: &Path) -> Result<TorqueFormat, CliError> {
     Ok(format)
 }
 
-/// Logs with their arm, their torques external ones.
-struct Opened {
-    touches: Touches,
-    arm: Arc<Arm>,
-    model: TorqueModel,
-}
-
-impl Opened {
-    fn of(
-        paths: &[PathBuf],
-        settings: &mut Settings,
-        differentiation: Differentiation,
-        output: &Output,
-    ) -> Result<Self, CliError> {
-        let (mut touches, arm) = logs::open_as_logged(paths, settings, output)?;
-        let model = arm_file::or_urdf(&settings.robot, &arm.robot, output)?;
-        touches.measured_with(&model);
-        touches.conventions(&arm, &mut settings.touch, logs::IfUndecided::Refuse, output)?;
-        touches.check_as_logged(&arm, Some(&model), settings, output)?;
-        touches.identified(&arm, model.clone(), differentiation, &settings.touch)?;
-        let model = model.for_differentiation(differentiation);
-        Ok(Self { touches, arm, model })
-    }
-
-    fn read(
-        self,
-        settings: &Settings,
-        how: &TorqueSettings,
-        output: &Output,
-    ) -> Result<Vec<TouchTorques>, CliError> {
-        let config = settings.config()?;
-        let place = (config.lattice, config.contact);
-        let mut touches = self.touches.for_arm(&self.arm, &settings.log, place)?;
-        let recorded = touches.read(None)?;
-        touches.tell_warnings(output);
-        torques(&self.arm, &recorded, how, output)
-    }
+/// Opens logs, their torques external ones, with their arm.
+fn open(
+    paths: &[PathBuf],
+    settings: &mut Settings,
+    differentiation: Differentiation,
+    output: &Output,
+) -> Result<(Touches, Arc<Arm>, TorqueModel), CliError> {
+    let (mut touches, arm) = logs::open_as_logged(paths, settings, output)?;
+    let model = arm_file::or_urdf(&settings.robot, &arm.robot, output)?;
+    touches.measured(&arm, Some((model.clone(), differentiation)), settings, output)?;
+    Ok((touches, arm, model.for_differentiation(differentiation)))
 }
 
 fn rows(found: &[TouchTorques], threshold: f64) -> Vec<TorqueRow<'_>> {

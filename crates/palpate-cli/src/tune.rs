@@ -59,7 +59,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let (touches, arm) = logs::open(&args.logs, &mut settings, logs::IfUndecided::Refuse, output)?;
     let config = settings.config()?;
-    let recorded = logs::read(touches, &arm, &settings, None, output)?;
+    let recorded = touches.read_to_learn(&arm, &settings, None, output)?;
     let touches = as_touches(&recorded, false)?;
     let tuned = Tuning { arm: &arm, recorded: &recorded, touches: &touches, config: &config };
     let tuned = if args.quick {

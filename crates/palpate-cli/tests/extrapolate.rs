@@ -10,7 +10,6 @@ use std::sync::OnceLock;
 
 use common::{json, npy, palpate, refuse, succeed};
 use nalgebra::{Point3, Vector3};
-use palpate_io::atomic::IfExists;
 use palpate_io::cloud::{self, Cloud};
 use palpate_io::field::load;
 use palpate_io::field::npz::read_npz;
@@ -54,7 +53,7 @@ fn written(path: &Path, every: usize, by: Vector3<f64>, coloured: bool) -> PathB
     let points: Vec<Point3<f64>> = object.points().iter().step_by(every).map(|p| p + by).collect();
     let colours = object.colours().unwrap().iter().step_by(every).copied().collect();
     let cloud = Cloud::new(points, coloured.then_some(colours));
-    cloud::write_ply(path, IfExists::Replace, &cloud, &[]).unwrap();
+    cloud::write_ply(path, &cloud, &[]).unwrap();
     path.to_owned()
 }
 
@@ -162,7 +161,7 @@ fn a_second_cloud_keeps_the_prior_means_of_the_first() {
         let (points, colours) =
             both.filter(|(point, _)| keep(point)).map(|(p, c)| (*p, *c)).unzip();
         let cloud = Cloud::new(points, Some(colours));
-        cloud::write_ply(&path(name), IfExists::Replace, &cloud, &[]).unwrap();
+        cloud::write_ply(&path(name), &cloud, &[]).unwrap();
         path(name)
     };
     // No cell is within reach of both.
@@ -231,7 +230,7 @@ fn clouds_that_say_nothing_are_refused_and_nothing_is_written() {
     let away = written(&path("away.ply"), 100, Vector3::new(0.0, 4.0, 0.0), true);
     refuse(&mut extrapolate("field.npz", &away, &npz), 1, &["away.ply", "miss each other by 3."]);
     let cloud = Cloud::new(vec![Point3::new(0.55, -0.07, 0.18)], Some(vec![[1, 2, 3]]));
-    cloud::write_ply(&path("base.ply"), IfExists::Replace, &cloud, &[]).unwrap();
+    cloud::write_ply(&path("base.ply"), &cloud, &[]).unwrap();
     let words = ["base.ply", "no touched cell lies at a point of the cloud"];
     refuse(&mut extrapolate("field.npz", &path("base.ply"), &npz), 1, &words);
     let bytes = fs::read(plant().join("object.ply")).unwrap();

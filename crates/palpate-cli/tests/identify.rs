@@ -359,17 +359,16 @@ fn settings_are_chosen_from_external_torques() {
     assert!(stiffest < 5.0, "{stiffest} N/m");
 }
 
+fn identify_tiny(scene: &Scene, more: &[&str]) -> Command {
+    let mut identify = palpate();
+    identify.args(["identify", "--no-cache", "--robot"]).arg(scene.path("tiny.urdf")).args(more);
+    identify
+}
+
 #[test]
 fn logs_that_cannot_serve_say_what_is_missing() {
     let scene = Scene::new();
-    let run = |more: &[&str]| {
-        let mut identify = palpate();
-        identify
-            .args(["identify", "--no-cache", "--robot"])
-            .arg(scene.path("tiny.urdf"))
-            .args(more);
-        identify
-    };
+    let run = |more: &[&str]| identify_tiny(&scene, more);
     let log = scene.text("log");
     let included = ["--gravity", "included", "--torque-sign", "plus"];
     refuse(
@@ -410,14 +409,7 @@ fn logs_that_cannot_serve_say_what_is_missing() {
 #[test]
 fn a_joint_that_the_log_calls_otherwise_is_renamed() {
     let scene = Scene::new();
-    let run = |more: &[&str]| {
-        let mut identify = palpate();
-        identify
-            .args(["identify", "--no-cache", "--robot"])
-            .arg(scene.path("tiny.urdf"))
-            .args(more);
-        identify
-    };
+    let run = |more: &[&str]| identify_tiny(&scene, more);
     let included = ["--gravity", "included", "--torque-sign", "plus"];
     let table = "touch,time,a_position,elbow_position,a_effort,elbow_effort\n";
     let rows = (0..60).map(|k| {

@@ -7,7 +7,6 @@ use std::path::Path;
 use std::process::Command;
 
 use common::{Scene, json, palpate, refuse, stderr, stdout, succeed};
-use palpate_io::atomic::IfExists;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
 use palpate_io::field::{Saved, load, save};
 
@@ -117,7 +116,7 @@ fn what_is_no_field_of_palpates_is_no_prior() {
     for name in ["K", "K_std", "touched"] {
         cloud.insert(name, Array::flat(Data::F64(vec![1.0; 2])));
     }
-    write_npz(&scene.path("cloud.npz"), &cloud, IfExists::Refuse).unwrap();
+    write_npz(&scene.path("cloud.npz"), &cloud).unwrap();
     let openvsf = "../palpate-io/testdata/openvsf.npz";
     let openvsf = Path::new(env!("CARGO_MANIFEST_DIR")).join(openvsf);
     std::fs::copy(openvsf, scene.path("openvsf.npz")).unwrap();

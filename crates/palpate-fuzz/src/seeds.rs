@@ -1,13 +1,12 @@
 //! Inputs to begin with: what palpate itself writes, and the smallest files of other programs.
 
 use std::collections::BTreeMap;
-use std::io::{Cursor, Write};
+use std::io::Cursor;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use nalgebra::Point3;
 use palpate::{Arm, BakeConfig, EstimatorKind, Lattice, Mapper, MapperConfig, Robot, Sample};
-use palpate_io::atomic::IfExists;
 use palpate_io::cloud::{self, Cloud, Column};
 use palpate_io::field::{Saved, npz, to_bytes};
 use palpate_io::log::bag_write::{Compression, TouchWriter};
@@ -59,14 +58,23 @@ fn mapper() -> &'static Mapper {
 }
 
 /// The file of that field.
-pub(crate) fn field() -> Vec<Vec<u8>> {
-    vec![to_bytes(&Saved::of_mapper(mapper()))]
+fn field() -> Vec<u8> {
+    to_bytes(&Saved::of_mapper(mapper()))
+}
+
+/// That file, and those of numpy and of OpenVSF.
+pub(crate) fn fields() -> Vec<Vec<u8>> {
+    let [numpy, openvsf] = [
+        &include_bytes!("../../palpate-io/testdata/numpy.npz")[..],
+        include_bytes!("../../palpate-io/testdata/openvsf.npz"),
+    ];
+    vec![field(), numpy.to_vec(), openvsf.to_vec()]
 }
 
 /// Its arrays.
 pub(crate) fn arrays_of_field() -> &'static npz::Arrays {
     static ARRAYS: OnceLock<npz::Arrays> = OnceLock::new();
-    let read = || npz::read_npz_bytes(&field()[0], "seed").expect("it was just written");
+    let read = || npz::read_npz_bytes(&field(), "seed").expect("it was just written");
     ARRAYS.get_or_init(read)
 }
 
@@ -80,32 +88,38 @@ pub(crate) fn members() -> Vec<Vec<u8>> {
     (0..).zip(arrays.iter()).map(change).collect()
 }
 
+/// An array.
+fn npy(shape: (usize, usize), numbers: impl IntoIterator<Item = f64>) -> Vec<u8> {
+    let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape:?}, }}\n");
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend(u16::try_from(header.len()).expect("a short header").to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(numbers.into_iter().flat_map(f64::to_le_bytes));
+    bytes
+}
+
 /// Two arrays of a touch: the length of the first, then both.
 pub(crate) fn arrays() -> Vec<Vec<u8>> {
-    let npy = |rows: Vec<Vec<f64>>| {
-        let header =
-            format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 2), }}\n", rows.len());
-        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-        bytes.extend(u16::try_from(header.len()).expect("a short header").to_le_bytes());
-        bytes.extend(header.as_bytes());
-        bytes.extend(rows.concat().iter().flat_map(|number| number.to_le_bytes()));
-        bytes
-    };
-    let q = npy(samples().map(|sample| sample.q).collect());
-    let tau = npy(samples().map(|sample| sample.tau).collect());
+    let q = npy((20, 2), samples().flat_map(|sample| sample.q));
+    let tau = npy((20, 2), samples().flat_map(|sample| sample.tau));
     let length = u16::try_from(q.len()).expect("a short array").to_le_bytes();
     vec![[&length[..], &q, &tau].concat()]
 }
 
-/// A table, and one with other names.
+/// A table, and some with other names.
 pub(crate) fn table() -> Vec<Vec<u8>> {
     let mut text = Vec::new();
     let mut writer = TableWriter::new(&mut text, Some(joints()));
     writer.touch("one");
     samples().for_each(|sample| writer.sample(&sample).expect("memory takes it"));
     writer.finish().expect("memory takes it");
-    let other = "t;q1;q2;tau1;tau2\n0;0,5;1;2;3\n1;0,6;1;2;3\n".as_bytes().to_vec();
-    vec![text, other]
+    let others = [
+        "t;q1;q2;tau1;tau2\n0;0,5;1;2;3\n1;0,6;1;2;3\n",
+        "# é\r\n\"/joint_states/position[0]\",/joint_states/position[1],joint_1_effort,joint_2_effort,seq\r\n\
+         0,1,-2e-3,.5,0\r\n# c\r\n\r\n1,1,\"3\",.5,1\r\n",
+        "pos 1\tq_[02]\ttau(1)\ttau_2\ttime\n0\t1\tnan\t-inf\té\n",
+    ];
+    others.map(|other| other.as_bytes().to_vec()).into_iter().chain([text]).collect()
 }
 
 /// A bag, in each way that chunks are compressed.
@@ -227,7 +241,7 @@ pub(crate) fn robot() -> Vec<Vec<u8>> {
     vec![URDF.into(), mimic.into_bytes()]
 }
 
-/// The same tetrahedron in every format of meshes, each after its number.
+/// A mesh in every format, each after its number; boxes of some centimetres, which are baked quickly.
 pub(crate) fn mesh() -> Vec<Vec<u8>> {
     let corners = [[0.0_f32, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]];
     let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
@@ -238,31 +252,14 @@ pub(crate) fn mesh() -> Vec<Vec<u8>> {
         stl.extend(face.iter().flat_map(|&at: &usize| corners[at]).flat_map(f32::to_le_bytes));
         stl.extend([0, 0]);
     }
-    let mut obj = vec![1];
-    for [x, y, z] in corners {
-        let _ = writeln!(obj, "v {x} {y} {z}");
-    }
-    for [a, b, c] in faces {
-        let _ = writeln!(obj, "f {} {} {}", a + 1, b + 1, c + 1);
-    }
-    let mut text = vec![0];
-    text.extend(
-        b"solid a\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex .1 0 0\nvertex 0 .1 0\n\
-        endloop\nendfacet\nendsolid a\n",
-    );
-    let mut dae = vec![2];
-    dae.extend(
-        br##"<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>
-<unit meter="0.001"/><up_axis>Z_UP</up_axis></asset><library_geometries><geometry id="g"><mesh>
-<source id="p"><float_array id="f" count="12">0 0 0 100 0 0 0 100 0 0 0 100</float_array>
-<technique_common><accessor source="#f" count="4" stride="3"/></technique_common></source>
-<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
-<triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/><p>0 2 1 0 1 3 0 3 2 1 2 3</p>
-</triangles></mesh></geometry></library_geometries><library_visual_scenes><visual_scene id="s"><node>
-<instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
-<scene><instance_visual_scene url="#s"/></scene></COLLADA>"##,
-    );
-    vec![stl, obj, text, dae]
+    let obj = b"\x01v 0 0 0\nv .1 0 0\nv 0 .1 0 # a corner\nv 0 0 1e-1\nvt 0 0\nvn 0 0 1\nusemtl tin\nf 1/1/1 3/1/1 2/1/1\n\
+        f 1//1 2//1 4//1\nf -4 -1 -2\nf 2 3 4\n";
+    let text = b"\0solid a\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex .1 0 0\nvertex 0 .1 0\nendloop\nendfacet\n\
+        endsolid a\n";
+    let dae = include_str!("../../palpate-io/testdata/boxes.dae")
+        .replace("0.001", "0.0001")
+        .replace("10000", "300");
+    vec![stl, obj.to_vec(), text.to_vec(), [&[2], dae.as_bytes()].concat()]
 }
 
 /// A cloud as PLY and PCD, in bytes and in text.
@@ -271,31 +268,39 @@ pub(crate) fn cloud() -> Vec<Vec<u8>> {
     let columns = [("K", Column::F64(&[85.0; 3])), ("touched", Column::U8(&[1; 3]))];
     let as_file = |name: &str, write: &dyn Fn(&Path)| scratch::written(name, write);
     let ply = as_file("seed.ply", &|path| {
-        cloud::write_ply(path, IfExists::Replace, &leaf, &columns).expect("room for a file");
+        cloud::write_ply(path, &leaf, &columns).expect("room for a file");
     });
     let pcd = as_file("seed.pcd", &|path| {
-        cloud::write_pcd(path, IfExists::Replace, &leaf, &columns).expect("room for a file");
+        cloud::write_pcd(path, &leaf, &columns).expect("room for a file");
     });
-    let ascii = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n\
-        property float z\nend_header\n0 0 0\n1 1 1\n";
+    let ascii = b"ply\nformat ascii 1.0\ncomment x\nelement vertex 2\nproperty float x\nproperty short y\n\
+        property double z\nproperty list int int l\nelement face 1\nproperty list char uint f\nend_header\n\
+        0 0 0 2 5 6\n1 1 1 0\n3 0 1 0\n";
+    let text = b"VERSION 0.7\nFIELDS x y z rgb\nSIZE 4 2 8 4\nTYPE F I F U\nCOUNT 1 1 1 1\nWIDTH 2\nHEIGHT 1\n\
+        POINTS 2\nDATA ascii\n0.5 1 nan 65280\n-1 -2 3e-1 0\n";
+    let open3d = include_bytes!("../../palpate-io/testdata/open3d/compressed.pcd");
     let packed =
         b"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\n\
         POINTS 1\nDATA binary_compressed\n\x0e\0\0\0\x0c\0\0\0\x0b\0\0\0\0\0\0\0\0\0\0\0\0";
-    vec![ply, pcd, ascii.to_vec(), packed.to_vec()]
+    vec![ply, pcd, ascii.to_vec(), text.to_vec(), open3d.to_vec(), packed.to_vec()]
 }
 
 /// Files of a camera, and of poses.
 pub(crate) fn camera() -> Vec<Vec<u8>> {
-    [
+    let texts = [
         r#"{"fx": 100, "fy": 100, "cx": 32, "cy": 24, "width": 64, "height": 48,
             "camera_to_world": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}"#,
         "image_width: 64\nimage_height: 48\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [100, 0, 32, \
          0, 100, 24, 0, 0, 1]\ndistortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  \
          cols: 5\n  data: [0.1, 0, 0, 0, 0]\n",
+        "header:\n  stamp: {}\nheight: 48\nwidth: 64\ndistortion_model: rational_polynomial\nd:\n- 0.5\n- -2.6\n\
+         - 0\n- 0\n- 1.5\n- 0.4\n- -2.4\n- 1.4\nk:\n- 100.0\n- 0\n- 32\n- 0\n- 100\n- 24\n- 0\n- 0\n- 1\n---\n",
+        include_str!("../../palpate-io/testdata/open3d/parameters.json"),
         "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n",
-    ]
-    .map(|text| text.as_bytes().to_vec())
-    .to_vec()
+        "0.5 0.25 1.5  -0.5 0.5 -0.5 0.5",
+    ];
+    let pose = npy((4, 4), (0..16).map(|place| f64::from(place % 5 == 0)));
+    texts.map(|text| text.as_bytes().to_vec()).into_iter().chain([pose]).collect()
 }
 
 /// Pictures of colours and depths.
@@ -328,7 +333,9 @@ pub(crate) fn picture() -> Vec<Vec<u8>> {
     vec![
         png_of(png::ColorType::Rgb, png::BitDepth::Eight, 3),
         png_of(png::ColorType::Grayscale, png::BitDepth::Sixteen, 2),
+        include_bytes!("../../palpate-io/testdata/open3d/halves.jpg").to_vec(),
         tiff,
+        npy((2, 2), [0.5; 4]),
     ]
 }
 

@@ -14,23 +14,11 @@ use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use tempfile::{Builder, NamedTempFile, TempDir};
 
-/// What to do about a file that is already there.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum IfExists {
-    /// Leave it and fail.
-    Refuse,
-    /// Put the new one in its place.
-    Replace,
-}
-
 /// Why a file could not be written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum WriteError {
-    /// A file is there and may not be replaced.
-    #[error("`{path}` exists already; choose another name or allow it to be overwritten")]
-    Exists { path: PathBuf },
     /// The folder is missing.
     #[error("`{path}` cannot be written: there is no folder `{folder}`; make it first")]
     NoFolder { path: PathBuf, folder: PathBuf },
@@ -61,34 +49,29 @@ pub enum WriteError {
 /// # Example
 ///
 /// ```
-/// use palpate_io::atomic::{IfExists, write};
+/// use palpate_io::atomic::write;
 /// use std::io::Write;
 ///
 /// let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("note.txt");
-/// write(&path, IfExists::Refuse, |out| out.write_all(b"soft here"))?;
+/// write(&path, |out| out.write_all(b"soft here"))?;
 /// assert_eq!(std::fs::read(&path)?, b"soft here");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn write(
     path: &Path,
-    if_exists: IfExists,
     fill: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
 ) -> Result<(), WriteError> {
     let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let failed = |source| failure(path, source);
-    let mut partial = start(path, &target, if_exists)?;
+    let mut partial = start(path, &target)?;
 
     let mut out = BufWriter::new(partial.as_file_mut());
     fill(&mut out).and_then(|()| out.flush()).map_err(failed)?;
     drop(out);
     partial.as_file().sync_all().map_err(failed)?;
 
-    let kept = match if_exists {
-        IfExists::Refuse => partial.persist_noclobber(&target),
-        IfExists::Replace => partial.persist(&target),
-    };
-    kept.map_err(|error| failed(error.error))?;
+    partial.persist(&target).map_err(|error| failed(error.error))?;
     sync_folder(&target);
     Ok(())
 }
@@ -98,21 +81,18 @@ pub fn write(
 /// # Errors
 ///
 /// As [`write()`], as far as can be known without writing.
-pub fn check(path: &Path, if_exists: IfExists) -> Result<(), WriteError> {
+pub fn check(path: &Path) -> Result<(), WriteError> {
     let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    start(path, &target, if_exists).map(drop)
+    start(path, &target).map(drop)
 }
 
 /// Opens the hidden file beside `target`.
-fn start(path: &Path, target: &Path, if_exists: IfExists) -> Result<NamedTempFile, WriteError> {
+fn start(path: &Path, target: &Path) -> Result<NamedTempFile, WriteError> {
     let path_owned = || path.to_owned();
     let is_other = target.exists() && !target.is_file();
     let Some(name) = target.file_name().filter(|_| !is_other) else {
         return Err(WriteError::NotAFile { path: path_owned() });
     };
-    if if_exists == IfExists::Refuse && target.exists() {
-        return Err(WriteError::Exists { path: path_owned() });
-    }
     let folder = match target.parent() {
         Some(folder) if folder != Path::new("") => folder,
         _ => Path::new("."),
@@ -249,7 +229,6 @@ fn sync_folder(target: &Path) {
 fn failure(path: &Path, source: io::Error) -> WriteError {
     let path = path.to_owned();
     let remedy = match source.kind() {
-        ErrorKind::AlreadyExists => return WriteError::Exists { path },
         ErrorKind::InvalidData => return WriteError::Content { path, source },
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "free some space or write elsewhere",
         ErrorKind::ReadOnlyFilesystem | ErrorKind::PermissionDenied => {
@@ -275,7 +254,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("field.npz");
         fs::write(&path, "old").unwrap();
-        let error = write(&path, IfExists::Replace, |out| {
+        let error = write(&path, |out| {
             out.write_all(b"half of the new")?;
             Err(ErrorKind::StorageFull.into())
         });
@@ -292,8 +271,8 @@ mod tests {
         fs::create_dir(folder.path().join(".field.npz.x2.partial")).unwrap();
         fs::write(folder.path().join(".field.npz.held"), "left").unwrap();
         fs::write(folder.path().join(".other.npz.x3.partial"), "another's").unwrap();
-        let others = start(&path, &path, IfExists::Replace).unwrap();
-        write(&path, IfExists::Refuse, |out| out.write_all(b"new")).unwrap();
+        let others = start(&path, &path).unwrap();
+        write(&path, |out| out.write_all(b"new")).unwrap();
         let mut found = names(folder.path());
         found.sort();
         let others = others.path().file_name().unwrap().to_str().unwrap().to_owned();
@@ -307,7 +286,7 @@ mod tests {
         let hold = Hold::on(&path).unwrap();
         let error = Hold::on(&path).unwrap_err().to_string();
         assert!(error.contains("being written by another palpate"), "{error}");
-        write(&path, IfExists::Refuse, |out| out.write_all(b"mine")).unwrap();
+        write(&path, |out| out.write_all(b"mine")).unwrap();
         assert!(Hold::on(&path).is_err(), "writing to it does not let go");
         drop(hold);
         drop(Hold::on(&path).unwrap());
@@ -318,41 +297,19 @@ mod tests {
     fn a_panic_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("field.npz");
-        let panicked = std::panic::catch_unwind(|| {
-            write(&path, IfExists::Refuse, |_| panic!("in the middle"))
-        });
+        let panicked = std::panic::catch_unwind(|| write(&path, |_| panic!("in the middle")));
         assert!(panicked.is_err() && names(folder.path()).is_empty());
-    }
-
-    #[test]
-    fn a_file_is_replaced_only_if_allowed() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("field.npz");
-        let put =
-            |text: &'static [u8], if_exists| write(&path, if_exists, |out| out.write_all(text));
-        put(b"one", IfExists::Refuse).unwrap();
-        assert!(matches!(put(b"two", IfExists::Refuse), Err(WriteError::Exists { .. })));
-        assert!(matches!(check(&path, IfExists::Refuse), Err(WriteError::Exists { .. })));
-        assert_eq!(fs::read(&path).unwrap(), b"one");
-        put(b"two", IfExists::Replace).unwrap();
-        assert_eq!(fs::read(&path).unwrap(), b"two");
     }
 
     #[test]
     fn a_place_that_is_no_place_is_named() {
         let folder = tempfile::tempdir().unwrap();
         let missing = folder.path().join("nowhere/field.npz");
-        assert!(matches!(check(&missing, IfExists::Refuse), Err(WriteError::NoFolder { .. })));
-        assert!(matches!(
-            check(folder.path(), IfExists::Replace),
-            Err(WriteError::NotAFile { .. })
-        ));
+        assert!(matches!(check(&missing), Err(WriteError::NoFolder { .. })));
+        assert!(matches!(check(folder.path()), Err(WriteError::NotAFile { .. })));
         assert!(names(folder.path()).is_empty());
         #[cfg(unix)]
-        assert!(matches!(
-            check(Path::new("/dev/null"), IfExists::Replace),
-            Err(WriteError::NotAFile { .. })
-        ));
+        assert!(matches!(check(Path::new("/dev/null")), Err(WriteError::NotAFile { .. })));
     }
 
     #[cfg(unix)]
@@ -363,7 +320,7 @@ mod tests {
         let (file, link) = (folder.path().join("file"), folder.path().join("link"));
         fs::write(&file, "old").unwrap();
         symlink(&file, &link).unwrap();
-        write(&link, IfExists::Replace, |out| out.write_all(b"new")).unwrap();
+        write(&link, |out| out.write_all(b"new")).unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"new");
         assert!(link.is_symlink());
         assert_ne!(file.metadata().unwrap().permissions().mode() & 0o060, 0);

@@ -13,7 +13,7 @@
 use std::io::{self, Seek, Write};
 use std::path::Path;
 
-use crate::atomic::{self, IfExists, WriteError};
+use crate::atomic::{self, WriteError};
 use crate::log::bag_write::TorqueWriter;
 
 /// External torque at a sample.
@@ -59,7 +59,7 @@ pub fn write(
     joints: &[String],
     rows: &[TorqueRow<'_>],
 ) -> Result<(), WriteError> {
-    atomic::write(path, IfExists::Replace, |out| match format {
+    atomic::write(path, |out| match format {
         TorqueFormat::Csv => csv(out, joints, rows),
         #[cfg(feature = "formats")]
         TorqueFormat::Parquet => parquet(out, joints, rows).map_err(io::Error::other),

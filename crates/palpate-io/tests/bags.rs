@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 use mcap::records::MessageHeader;
 use palpate_io::log::bag_write::{Compression, TouchWriter};
 use palpate_io::log::{self, Format, LogEvent, LogOptions, LogWarning, Sample};
-use proptest::prelude::*;
 use re_cdr::{CdrWriter, LittleEndian};
 use tempfile::TempDir;
 
@@ -366,23 +365,5 @@ fn a_text_that_claims_gigabytes_is_refused_before_room_is_made_for_it() {
         bytes[text - 4..text].copy_from_slice(&u32::MAX.to_le_bytes());
         fs::write(&path, &bytes).unwrap();
         refused(&path, &LogOptions::default(), &["claims to be longer than what holds it"]);
-    }
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
-    #[test]
-    fn no_bytes_are_fatal(at in 0.0..1.0_f64, byte in any::<u8>(), cut in 0.0..1.0_f64) {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("bag.mcap");
-        write(&path, 20, Compression::None);
-        let mut bytes = fs::read(&path).unwrap();
-        let place = (at * bytes.len() as f64) as usize;
-        bytes[place] = byte;
-        fs::write(&path, &bytes).unwrap();
-        let _ = read(&path, &LogOptions::default());
-        bytes.truncate((cut * bytes.len() as f64) as usize);
-        fs::write(&path, &bytes).unwrap();
-        let _ = read(&path, &LogOptions { until_break: true, ..LogOptions::default() });
     }
 }

@@ -8,7 +8,6 @@ use palpate::{
     Arm, BakeConfig, BandQuantiles, Calibration, CellId, EstimatorKind, Lattice, LearntTorques,
     Mapper, MapperConfig, Predictor, Robot, Sample,
 };
-use palpate_io::atomic::IfExists;
 use palpate_io::field::{Saved, load, npz, save};
 use palpate_io::log::{self, LogEvent};
 
@@ -278,7 +277,7 @@ fn write_format_1(new: &Path, old: &Path, frames: usize) {
         };
         arrays.insert(name, array);
     }
-    npz::write_npz(old, &arrays, IfExists::Refuse).unwrap();
+    npz::write_npz(old, &arrays).unwrap();
 }
 
 #[test]
@@ -300,7 +299,7 @@ fn a_touch_numbered_below_zero_or_beyond_32_bits_is_refused_with_its_row() {
     for (numbers, wanted) in [(negative, "from 0 on"), (beyond, "below 4,294,967,296")] {
         let mut arrays = whole.clone();
         arrays.insert("log_touch", npz::Array::new(vec![rows, 3], numbers));
-        npz::write_npz(&path, &arrays, IfExists::Replace).unwrap();
+        npz::write_npz(&path, &arrays).unwrap();
         let error = load(&path).unwrap_err().to_string();
         assert!(error.contains("`log_touch` holds") && error.contains("in row 1"), "{error}");
         assert!(error.contains(wanted), "{error}");
@@ -323,7 +322,7 @@ fn a_state_whose_prediction_could_not_be_finite_is_refused_with_its_number() {
         numbers[0] = 1e308;
         let mut arrays = whole.clone();
         arrays.insert(name, npz::Array::new(shape, npz::Data::F64(numbers)));
-        npz::write_npz(&path, &arrays, IfExists::Replace).unwrap();
+        npz::write_npz(&path, &arrays).unwrap();
         let error = load(&path).unwrap_err().to_string();
         assert!(error.contains(&format!("`{name}` holds")) && error.contains("1e24"), "{error}");
     }

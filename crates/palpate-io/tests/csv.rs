@@ -4,7 +4,6 @@
 use palpate_io::log::{
     AngleUnit, CsvColumns, LogError, LogEvent, LogOptions, LogWarning, Sample, open,
 };
-use proptest::prelude::*;
 use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
@@ -243,22 +242,4 @@ fn a_clock_that_runs_backwards_is_a_warning() {
         panic!("a new touch may start a new clock: {:?}", log.warnings())
     };
     assert_eq!((touch.as_str(), *row), ("b", 1));
-}
-
-proptest! {
-    #[test]
-    fn no_bytes_make_the_reader_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("any.csv");
-        fs::write(&path, bytes).unwrap();
-        let _ = read_as(&path, &LogOptions::default());
-    }
-
-    #[test]
-    fn no_text_makes_the_reader_panic(
-        header in r#"(#? ?[/"]?(q|tau|pos|joint_|_effort|position|é|t|seq)[\[_ ]?[0-9]{0,2}[\])]?[,;\t]?){0,8}"#,
-        rows in r#"([0-9.,;\n"\-enaif#é ]|\r\n){0,60}"#,
-    ) {
-        let _ = read(&format!("{header}\n{rows}"));
-    }
 }

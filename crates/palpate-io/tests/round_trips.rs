@@ -8,7 +8,6 @@ use std::sync::Arc;
 
 use palpate::unstable::{ElasticBody, ElasticModel, ElasticVariant, Segment, SegmentKind};
 use palpate::{CellId, EstimatorKind, Field, MapperConfig};
-use palpate_io::atomic::IfExists;
 use palpate_io::body;
 use palpate_io::field::npz::{Array, Data, read_npz, write_npz};
 use palpate_io::field::{FieldFile, FieldLattice, Saved, from_bytes, load, save, to_bytes};
@@ -161,7 +160,7 @@ proptest! {
     fn a_field_holds_what_it_knows(field in fields()) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("field.npz");
-        write_npz(&path, &field.to_arrays(), IfExists::Refuse).unwrap();
+        write_npz(&path, &field.to_arrays()).unwrap();
         prop_assert_eq!(FieldFile::from_arrays(&read_npz(&path).unwrap()).unwrap(), field);
     }
 }
@@ -323,7 +322,7 @@ fn points_that_are_not_those_of_their_cells_are_refused_with_their_row() {
         let (mut arrays, mut points) = (whole.clone(), points.clone());
         change(&mut points);
         arrays.insert("points", Array::new(vec![3, 3], Data::F64(points)));
-        write_npz(&path, &arrays, IfExists::Replace).unwrap();
+        write_npz(&path, &arrays).unwrap();
         load(&path).map_err(|error| error.to_string())
     };
     let rounded = with(&|points| points.iter_mut().for_each(|x| *x = f64::from(*x as f32)));

@@ -12,7 +12,7 @@ use palpate::{BandQuantiles, Calibration, LearntTorques, MapperConfig};
 use rayon::prelude::*;
 
 use crate::error::{LearnError, Stop};
-use crate::folds::{Fold, folds};
+use crate::folds::among;
 use crate::method::learn;
 use crate::tracked::{Tracked, TrackedFrame};
 
@@ -102,14 +102,7 @@ pub fn calibrate(
     }
     let mut config = config.clone();
     config.estimator.replays = config.estimator.replays.min(REPLAYS);
-    let inner = |fold: Fold| {
-        let touches =
-            |places: Vec<usize>| places.into_iter().map(|place| train[place]).collect::<Vec<_>>();
-        Fold { test: touches(fold.test), train: touches(fold.train) }
-    };
-    let inner: Vec<Fold> =
-        folds(train.len(), train.len().min(MOST_FOLDS)).into_iter().map(inner).collect();
-    let held_out: Vec<Vec<Vec<PredictedFrame>>> = inner
+    let held_out: Vec<Vec<Vec<PredictedFrame>>> = among(train, train.len().min(MOST_FOLDS))
         .par_iter()
         .map(|fold| {
             let estimator = learn(tracked, &fold.train, &config, &[], stop)?;

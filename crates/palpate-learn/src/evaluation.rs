@@ -38,10 +38,8 @@ pub struct Summary {
     /// Largest relative error, over the same touches.
     pub max_relative: Option<MeanStd>,
     /// How often the bands of `map` held the measured torque, if there were touches enough.
-    #[serde(default)]
     pub coverage: Option<Coverage>,
     /// The same of bands as other objects have them.
-    #[serde(default)]
     pub coverage_of_other_objects: Option<Coverage>,
 }
 

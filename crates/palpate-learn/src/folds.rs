@@ -24,6 +24,13 @@ pub fn folds(touches: usize, folds: usize) -> Vec<Fold> {
     (0..folds.min(touches)).map(|fold| Fold::testing(group(fold), touches)).collect()
 }
 
+/// The same of some touches alone.
+pub(crate) fn among(touches: &[usize], n: usize) -> Vec<Fold> {
+    let named = |places: Vec<usize>| places.into_iter().map(|place| touches[place]).collect();
+    let inner = |fold: Fold| Fold { test: named(fold.test), train: named(fold.train) };
+    folds(touches.len(), n).into_iter().map(inner).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{LearnError, Stop};
 use crate::errors::ErrorSum;
 use crate::evaluation::MeanStd;
-use crate::folds::{Fold, folds};
+use crate::folds::{Fold, among};
 use crate::method::Method;
 use crate::study::for_thinned;
 use crate::tracked::{Touch, Tracked};
@@ -227,8 +227,8 @@ impl Tuner {
         let mut trials: Vec<(Trial, Vec<ByScale>)> =
             self.with_noise_of(train).into_iter().map(begun).collect();
         let mut left = trials.len();
-        let all = inner(train, train.len());
-        let some = inner(train, INNER.min(train.len()));
+        let all = among(train, train.len());
+        let some = among(train, INNER.min(train.len()));
         let (few, others) = some.split_at(some.len().div_ceil(2));
         let rounds = if self.search.one_by_one { 3 } else { 2 };
         for (round, folds) in [few, others, &all].into_iter().enumerate().take(rounds) {
@@ -348,13 +348,6 @@ fn score_of(predicted: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<f64> {
     let sum = ErrorSum::of(predicted, measured);
     let (errors, zero) = (sum.errors()?, sum.zero()?.avg_error);
     errors.avg_relative.or((zero > 0.0).then_some(errors.avg_error / zero))
-}
-
-/// Divisions of the training touches alone.
-fn inner(train: &[usize], n: usize) -> Vec<Fold> {
-    let touches = |places: Vec<usize>| places.into_iter().map(|place| train[place]).collect();
-    let inner = |fold: Fold| Fold { test: touches(fold.test), train: touches(fold.train) };
-    folds(train.len(), n).into_iter().map(inner).collect()
 }
 
 /// Candidates around the given settings, which are the first of them; the last one is for hard things.

@@ -105,7 +105,7 @@ impl<'a> Mapping<'a> {
     pub(crate) fn run(mut self) -> Session {
         while self.shared.goes_on() {
             if self.shared.tare.swap(false, Ordering::Relaxed) {
-                self.session.tare();
+                self.session.wait();
                 self.shared
                     .note("a tare at the next pause, as asked: the arm must stand still, free");
             }

@@ -23,7 +23,6 @@ pub(crate) struct Question {
     path: Option<Points>,
     path_f64: Option<String>,
     /// Level of the band, 0 to 1; the field's default if left out.
-    #[serde(default)]
     pub(crate) level: Option<f64>,
     #[serde(default)]
     pub(crate) exact: bool,

@@ -375,12 +375,6 @@ impl Session {
         }
     }
 
-    /// Begins a touch with the next pause, because somebody says that the arm stands free, whatever
-    /// the mapper believes to be touched.
-    pub fn tare(&mut self) {
-        self.wait();
-    }
-
     /// Ends the touch and waits for a pause: what follows does not go on from what came before.
     pub fn wait(&mut self) {
         let _ = self.mapper.end_touch();

@@ -99,7 +99,7 @@ fn nothing_is_learnt_before_the_arm_has_paused_or_somebody_asked_for_a_tare() {
     assert_eq!((live.state(), live.mapper().n_cells()), (State::Waiting, 0));
 
     // A tare that is asked for while the arm moves through the lattice waits for a pause.
-    live.tare();
+    live.wait();
     play(&mut live, &touches[0][120..160]);
     assert_eq!((live.state(), live.mapper().n_cells()), (State::Waiting, 0));
     let still = |step: u32| {

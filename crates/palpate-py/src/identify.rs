@@ -4,7 +4,7 @@ use palpate::{Differentiation, TorqueModel};
 use palpate_work::identify::{self as identification, IdentifySettings};
 use palpate_work::settings::Settings;
 use palpate_work::torque::{self, TorqueSettings};
-use palpate_work::touches::{IfUndecided, RecordedTouch, Touches};
+use palpate_work::touches::{RecordedTouch, Touches};
 use palpate_work::{Progress, WorkError, arm_file};
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict, PyList};
@@ -136,21 +136,6 @@ fn read(
     progress: &dyn Progress,
 ) -> Result<Vec<RecordedTouch>, WorkError> {
     touches.angle_unit(&robot.arm, settings, progress)?;
-    if let Some((model, _)) = &model {
-        touches.measured_with(model);
-    }
-    touches.conventions(&robot.arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
-    match model {
-        Some((model, differentiation)) => {
-            touches.check_as_logged(&robot.arm, Some(&model), settings, progress)?;
-            touches.identified(&robot.arm, model, differentiation, &settings.touch)?;
-        }
-        None => touches.check_as_logged(&robot.arm, None, settings, progress)?,
-    }
-    let config = settings.config()?;
-    let mut touches =
-        touches.for_arm(&robot.arm, &settings.log, (config.lattice, config.contact))?;
-    let recorded = touches.read(None)?;
-    touches.tell_warnings(progress);
-    Ok(recorded)
+    touches.measured(&robot.arm, model, settings, progress)?;
+    touches.read_for(&robot.arm, settings, progress)
 }

@@ -141,7 +141,7 @@ pub mod unstable {
         BODY_PARAMETERS, Collision, Joint, JointKind, Link, LinkId, Poses, Shape, nests_deeper_than,
     };
     pub use crate::sdf::{
-        BAKE_VERSION, BakeReport, DistanceGrid, SdfError, Solid, TriangleMesh, bake, bake_serial,
+        BAKE_VERSION, BakeReport, DistanceGrid, SdfError, Solid, TriangleMesh, bake,
         signed_distance,
     };
     pub use crate::tare::is_contact_free;

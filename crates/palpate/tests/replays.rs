@@ -1,5 +1,5 @@
-//! Laws of the replay policies: the same field whichever thread makes the replays, and whenever a
-//! mapper is saved and continued; no more replays in spare time than may be made.
+//! Laws of the replay policies: the same field whenever a mapper is saved and continued; no more
+//! replays in spare time than may be made.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 mod scene;
@@ -50,36 +50,19 @@ fn learn(mapper: &mut Mapper, samples: &[Sample]) {
 }
 
 #[test]
-fn replays_in_the_background_and_on_the_same_thread_give_the_same_field_to_the_bit() {
-    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
-        let fields = [ReplayPolicy::Background, ReplayPolicy::SameThread].map(|policy| {
-            let mut mapper = mapper(method, policy);
-            (0..3).for_each(|_| learn_touch(&mut mapper));
-            (mapper.field(), mapper.snapshot().state)
-        });
-        assert!(fields[0] == fields[1], "{method:?}");
-        assert!(fields[0].0.stiffness_n_per_m.iter().any(|k| *k > 0.1), "something was learnt");
-    }
-}
-
-#[test]
 fn a_mapper_saved_between_any_two_steps_continues_to_the_bit() {
     // The touch ends free of contact, or in contact.
-    for (policy, samples) in [ReplayPolicy::Background, ReplayPolicy::SameThread]
-        .into_iter()
-        .flat_map(|policy| [(policy, touch()), (policy, touch()[..20].to_vec())])
-    {
-        let mut whole = mapper(EstimatorKind::Map, policy);
+    for samples in [touch(), touch()[..20].to_vec()] {
+        let mut whole = mapper(EstimatorKind::Map, ReplayPolicy::Background);
         (0..3).for_each(|_| learn(&mut whole, &samples));
         for saved_at in [1, 12, 13, 20, 39, 40] {
             let Some((before, after)) = samples.split_at_checked(saved_at) else { continue };
-            let mut first = mapper(EstimatorKind::Map, policy);
+            let mut first = mapper(EstimatorKind::Map, ReplayPolicy::Background);
             learn(&mut first, &samples);
             first.begin_touch();
             before.iter().for_each(|sample| drop(first.step(sample).unwrap()));
             let snapshot = first.snapshot();
-            let mut second =
-                Mapper::resume(Arc::clone(first.arm()), snapshot).unwrap().with_replays(policy);
+            let mut second = Mapper::resume(Arc::clone(first.arm()), snapshot).unwrap();
             assert!(second.field() == first.field(), "saved after {saved_at} samples");
             for continued in [&mut first, &mut second] {
                 after.iter().for_each(|sample| drop(continued.step(sample).unwrap()));
@@ -93,7 +76,7 @@ fn a_mapper_saved_between_any_two_steps_continues_to_the_bit() {
 
 #[test]
 fn external_torques_without_a_free_start_are_taken_as_they_are() {
-    let with_tare_given = mapper(EstimatorKind::Map, ReplayPolicy::SameThread);
+    let with_tare_given = mapper(EstimatorKind::Map, ReplayPolicy::Background);
     let mut config = with_tare_given.config().clone();
     (config.touch.tare, config.touch.gravity) = (Tare::Auto, Gravity::Removed);
     let mut mapper = Mapper::new(Arc::clone(with_tare_given.arm()), config).unwrap();
@@ -106,7 +89,7 @@ fn external_torques_without_a_free_start_are_taken_as_they_are() {
 
 #[test]
 fn a_touch_without_a_tare_is_over_in_a_mapper_that_was_saved_and_continued_too() {
-    let with_tare_given = mapper(EstimatorKind::Map, ReplayPolicy::SameThread);
+    let with_tare_given = mapper(EstimatorKind::Map, ReplayPolicy::Background);
     let mut config = with_tare_given.config().clone();
     (config.touch.tare, config.touch.gravity) = (Tare::Auto, Gravity::Included);
     let mut first = Mapper::new(Arc::clone(with_tare_given.arm()), config).unwrap();
@@ -154,7 +137,7 @@ fn bounded_by(touched: bool) -> u32 {
 
 #[test]
 fn replays_in_spare_time_and_as_set_give_the_same_field_if_all_are_made() {
-    let mut as_set = mapper(EstimatorKind::Ekf, ReplayPolicy::SameThread);
+    let mut as_set = mapper(EstimatorKind::Ekf, ReplayPolicy::Background);
     learn_touch(&mut as_set);
     let mut spare = mapper(EstimatorKind::Ekf, ReplayPolicy::SpareTime);
     spare.begin_touch();

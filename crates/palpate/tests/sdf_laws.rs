@@ -4,7 +4,7 @@
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3, point, vector};
 use palpate::BakeConfig;
 use palpate::unstable::{
-    BakeReport, Collision, DistanceGrid, SdfError, Shape, Solid, TriangleMesh, bake, bake_serial,
+    BakeReport, Collision, DistanceGrid, SdfError, Shape, Solid, TriangleMesh, bake,
     signed_distance,
 };
 use proptest::prelude::*;
@@ -282,8 +282,9 @@ fn baking_in_parallel_is_baking_serially() {
     let mut open = cuboid(0.04, vector![0.01, 0.0, 0.0]);
     open.triangles.truncate(9);
     let solid = Solid { primitives: vec![part(four_shapes()[3].clone())], meshes: vec![open] };
-    let (parallel, report) = bake(&solid, &CONFIG).unwrap();
-    let (serial, serial_report) = bake_serial(&solid, &CONFIG).unwrap();
+    let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let [(serial, serial_report), (parallel, report)] =
+        [1, 2].map(|threads| on(threads).install(|| bake(&solid, &CONFIG)).unwrap());
     assert_eq!(parallel.to_bytes(), serial.to_bytes());
     assert_eq!(report, serial_report);
 }

@@ -121,9 +121,9 @@ impl<'a> Bench<'a> {
             given => given,
         };
         let (touches, arm) = logs::open(paths, settings, logs::IfUndecided::Refuse, output)?;
-        let recording = logs::read(touches, &arm, settings, args.touches, output)?;
+        let recording = touches.read_to_learn(&arm, settings, args.touches, output)?;
         let asked = logs::open_more(&args.answers, settings, &arm)?;
-        let asked = logs::read(asked, &arm, settings, None, output)?;
+        let asked = asked.read_to_learn(&arm, settings, None, output)?;
         logs::tell_robot(&arm, settings, output);
         Ok(Self { args, arm, config: settings.config()?, recording, asked })
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Point3};
 use palpate::unstable::Joint;
-use palpate_io::atomic::{self, IfExists};
+use palpate_io::atomic;
 use palpate_io::body;
 use palpate_io::cloud::{self, Cloud, Column};
 use palpate_io::field::npz::{read_npz, write_npz};
@@ -60,16 +60,13 @@ impl Conversion<'_> {
             }
         }
         let refused = |why: String| CliError::from(format!("`{}` {why}", input.display()));
-        let replace = IfExists::Replace;
         let mut what = format!("{} points", field.points.len());
         let written = match to {
-            "npz" => write_npz(path, &field.to_arrays(), replace).map_err(CliError::file),
+            "npz" => write_npz(path, &field.to_arrays()).map_err(CliError::file),
             "ply" => write_ply(path, &field),
-            "vti" => write_vti(path, replace, &field).map_err(CliError::file),
-            "mcap" => atomic::write(path, replace, |out| {
-                write_field(out, &field, FRAME, self.compression)
-            })
-            .map_err(CliError::file),
+            "vti" => write_vti(path, &field).map_err(CliError::file),
+            "mcap" => atomic::write(path, |out| write_field(out, &field, FRAME, self.compression))
+                .map_err(CliError::file),
             "urdf" => {
                 let boxes = obstacles::boxes(&field).map_err(refused)?;
                 what = format!("{} boxes around {} cells", boxes.len(), field.points.len());
@@ -123,7 +120,7 @@ impl Conversion<'_> {
         let mut meshes: Vec<Mesh> =
             hulls.hulls.iter().zip(&poses).map(|(hull, pose)| link(hull, pose)).collect();
         meshes.push(octahedra(&cells));
-        let written = atomic::write(path, IfExists::Replace, |out| gltf::write_glb(out, &meshes));
+        let written = atomic::write(path, |out| gltf::write_glb(out, &meshes));
         written.map_err(CliError::file)?;
         Ok((cells.points_m.len(), format!("`{}`, {posture},", arm.robot.name())))
     }
@@ -211,5 +208,5 @@ fn write_ply(path: &Path, field: &FieldFile) -> Result<(), CliError> {
     let columns: Vec<_> =
         columns.iter().map(|(name, numbers)| (*name, Column::F64(numbers))).collect();
     let cloud = Cloud::new(points, None);
-    cloud::write_ply(path, IfExists::Replace, &cloud, &columns).map_err(CliError::file)
+    cloud::write_ply(path, &cloud, &columns).map_err(CliError::file)
 }

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 use std::io;
 use std::path::Path;
 
-use palpate_io::atomic::{self, IfExists};
+use palpate_io::atomic;
 use palpate_io::log::bag_write::{Compression, TouchWriter};
 use palpate_io::log::write::{ArraysWriter, TableWriter};
 use palpate_work::robot;
@@ -146,7 +146,7 @@ impl Copying<'_> {
                 });
                 copied.and_then(|()| arrays.finish()).map_err(failed)
             }),
-            Format::Table => atomic::write(path, IfExists::Replace, |out| {
+            Format::Table => atomic::write(path, |out| {
                 let mut table = TableWriter::new(out, joints);
                 self.hand_on(first, |event| match event {
                     TouchEvent::Touch(name) => {
@@ -158,7 +158,7 @@ impl Copying<'_> {
                 table.finish()
             })
             .map_err(CliError::file),
-            Format::Bag(compression) => atomic::write(path, IfExists::Replace, |out| {
+            Format::Bag(compression) => atomic::write(path, |out| {
                 let mut bag = TouchWriter::new(out, joints.unwrap_or_default(), compression)?;
                 self.hand_on(first, |event| match event {
                     TouchEvent::Touch(name) => {

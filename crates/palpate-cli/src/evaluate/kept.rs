@@ -127,14 +127,12 @@ impl Keep for Kept {
         self.one(name)
     }
 
-    fn keep_part(&self, part: &Part) -> Result<(), CliError> {
+    fn keep_part(&self, part: &Part) {
         self.keep(&format!("part-{}-{}", part.method.name(), part.fold), part);
-        Ok(())
     }
 
-    fn keep_tuned(&self, name: &str, tuned: &Tuned) -> Result<(), CliError> {
+    fn keep_tuned(&self, name: &str, tuned: &Tuned) {
         self.keep(name, tuned);
-        Ok(())
     }
 
     fn told(&self) -> String {

@@ -125,7 +125,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let (touches, arm) = logs::open(&args.logs, &mut settings, logs::IfUndecided::Refuse, output)?;
     let estimators = configs(&settings)?;
-    let recorded = logs::read(touches, &arm, &settings, None, output)?;
+    let recorded = touches.read_to_learn(&arm, &settings, None, output)?;
     let touches = as_touches(&recorded, args.truth)?;
     let folds = folds(&touches, args.folds, &args.test)?;
     let work = Work {

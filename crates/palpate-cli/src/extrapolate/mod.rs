@@ -9,7 +9,6 @@ mod summary;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use palpate_io::atomic::IfExists;
 use palpate_io::cloud::{self as clouds, Cloud, Column};
 use palpate_io::field;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
@@ -238,10 +237,9 @@ pub(crate) fn write(
         ("K_std", Column::F64(std_n_per_m)),
         ("touched", Column::U8(&touched)),
     ];
-    let replace = IfExists::Replace;
     match Ending::of(path)? {
-        Ending::Ply => clouds::write_ply(path, replace, cloud, &columns).map_err(CliError::file),
-        Ending::Pcd => clouds::write_pcd(path, replace, cloud, &columns).map_err(CliError::file),
+        Ending::Ply => clouds::write_ply(path, cloud, &columns).map_err(CliError::file),
+        Ending::Pcd => clouds::write_pcd(path, cloud, &columns).map_err(CliError::file),
         Ending::Npz => {
             let n = cloud.len();
             let points = cloud.points().iter().flat_map(|point| [point.x, point.y, point.z]);
@@ -251,7 +249,7 @@ pub(crate) fn write(
             arrays.insert("K", Array::flat(Data::F64(stiffness_n_per_m.clone())));
             arrays.insert("K_std", Array::flat(Data::F64(std_n_per_m.clone())));
             arrays.insert("touched", Array::flat(Data::U8(touched)));
-            write_npz(path, &arrays, replace).map_err(CliError::file)
+            write_npz(path, &arrays).map_err(CliError::file)
         }
     }
 }

@@ -1,10 +1,13 @@
 //! Drawing into an SVG: colours, letters, a legend.
 
 use plotters::backend::SVGBackend;
+use plotters::chart::{ChartContext, MeshStyle};
 use plotters::coord::Shift;
+use plotters::coord::cartesian::Cartesian2d;
+use plotters::coord::types::RangedCoordf64 as Axis;
 use plotters::drawing::{DrawingArea, IntoDrawingArea};
 use plotters::element::{PathElement, Rectangle, Text};
-use plotters::style::{IntoFont, RGBColor, ShapeStyle, TextStyle, WHITE};
+use plotters::style::{Color, IntoFont, RGBColor, ShapeStyle, TextStyle, WHITE};
 
 /// Where a picture is drawn.
 pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -32,6 +35,17 @@ pub(super) fn svg(
     let drawn = filled.and_then(|()| draw(&area)).and_then(|()| Ok(area.present()?));
     drop(area);
     drawn.map(|()| svg).map_err(|error| format!("the picture cannot be drawn: {error}"))
+}
+
+/// Axes, faint lines and labels of a size, px, of a chart.
+pub(super) fn mesh<'a, 'b, 'c>(
+    chart: &'c mut ChartContext<'a, SVGBackend<'b>, Cartesian2d<Axis, Axis>>,
+    labels_px: u32,
+) -> MeshStyle<'a, 'c, Axis, Axis, SVGBackend<'b>> {
+    let mut mesh = chart.configure_mesh();
+    mesh.light_line_style(FAINT.mix(0.0)).bold_line_style(FAINT).axis_style(INK);
+    mesh.label_style(text(labels_px)).axis_desc_style(text(14));
+    mesh
 }
 
 /// Names of lines, or of areas if their style is filled, one beside the other; of each also how much

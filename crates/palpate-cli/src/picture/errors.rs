@@ -5,7 +5,7 @@ use plotters::chart::ChartBuilder;
 use plotters::series::LineSeries;
 use plotters::style::{Color, RGBColor};
 
-use super::draw::{FAINT, INK, LEGEND_HEIGHT, legend, svg, text};
+use super::draw::{INK, LEGEND_HEIGHT, legend, mesh, svg, text};
 
 const SIZE: (u32, u32) = (1000, 460);
 const TORQUE: RGBColor = RGBColor(169, 174, 184);
@@ -36,14 +36,8 @@ pub(crate) fn errors(touch: &LeftOut) -> Result<String, String> {
             .x_label_area_size(40)
             .y_label_area_size(54)
             .build_cartesian_2d(first..last, 0.0..1.05 * largest)?;
-        chart
-            .configure_mesh()
+        mesh(&mut chart, 13)
             .disable_x_mesh()
-            .light_line_style(FAINT.mix(0.0))
-            .bold_line_style(FAINT)
-            .axis_style(INK)
-            .label_style(text(13))
-            .axis_desc_style(text(14))
             .x_labels(8)
             .y_labels(6)
             .x_desc(if counted(touch) { "frame" } else { "time [s]" })

@@ -11,7 +11,7 @@ use plotters::chart::ChartBuilder;
 use plotters::element::{Circle, Text};
 use plotters::style::Color;
 
-use super::draw::{Area, Drawn, FAINT, INK, svg, text};
+use super::draw::{Area, Drawn, mesh, svg, text};
 use super::scale::Scale;
 
 /// What each view shows to the right and upwards: axes x, y, z as 0, 1, 2.
@@ -118,13 +118,7 @@ impl<'a> Scene<'a> {
                 self.low_m[up]..self.high_m[up],
             )?;
         let labels = |axis: usize| ((self.length_m(axis) * self.px_per_m() / 70.0) as usize).max(2);
-        chart
-            .configure_mesh()
-            .light_line_style(FAINT.mix(0.0))
-            .bold_line_style(FAINT)
-            .axis_style(INK)
-            .label_style(text(13))
-            .axis_desc_style(text(14))
+        mesh(&mut chart, 13)
             .x_labels(labels(right))
             .y_labels(labels(up))
             .x_desc(AXES[right])

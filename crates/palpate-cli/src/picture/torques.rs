@@ -7,7 +7,7 @@ use plotters::chart::ChartBuilder;
 use plotters::series::{AreaSeries, LineSeries};
 use plotters::style::{Color, RGBColor};
 
-use super::draw::{Area, Drawn, FAINT, INK, LEGEND_HEIGHT, legend, svg, text};
+use super::draw::{Area, Drawn, INK, LEGEND_HEIGHT, legend, mesh, svg, text};
 
 const WIDTH: u32 = 1480;
 const ROW_HEIGHT: u32 = 300;
@@ -63,14 +63,8 @@ fn norm(area: &Area<'_>, touch: &TouchResult, largest: f64) -> Drawn {
         .x_label_area_size(40)
         .y_label_area_size(54)
         .build_cartesian_2d(span(touch), 0.0..largest * 1.05)?;
-    chart
-        .configure_mesh()
+    mesh(&mut chart, 13)
         .disable_x_mesh()
-        .light_line_style(FAINT.mix(0.0))
-        .bold_line_style(FAINT)
-        .axis_style(INK)
-        .label_style(text(13))
-        .axis_desc_style(text(14))
         .x_labels(8)
         .y_labels(6)
         .x_label_formatter(&|frame| format!("{frame:.0}"))
@@ -103,13 +97,8 @@ fn joints(area: &Area<'_>, touch: &TouchResult) -> Drawn {
             .x_label_area_size(22)
             .y_label_area_size(if first { 38 } else { 30 })
             .build_cartesian_2d(span(touch), low - pad..high + pad)?;
-        chart
-            .configure_mesh()
+        mesh(&mut chart, 11)
             .disable_x_mesh()
-            .light_line_style(FAINT.mix(0.0))
-            .bold_line_style(FAINT)
-            .axis_style(INK)
-            .label_style(text(11))
             .x_labels(4)
             .y_labels(5)
             .x_label_formatter(&|frame| format!("{frame:.0}"))

@@ -5,7 +5,6 @@ use std::path::Path;
 
 use nalgebra::DVector;
 use palpate::Field;
-use palpate_io::atomic::IfExists;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
 use palpate_learn::bands::Band;
 use palpate_work::predict::{FrameResult, TouchResult};
@@ -37,9 +36,7 @@ impl Format {
     ) -> Result<(), CliError> {
         match self {
             Self::Csv => place::write(path, &table(results, field)),
-            Self::Npz => {
-                write_npz(path, &npz(results, field), IfExists::Replace).map_err(CliError::file)
-            }
+            Self::Npz => write_npz(path, &npz(results, field)).map_err(CliError::file),
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use palpate_io::atomic::{self, IfExists};
+use palpate_io::atomic;
 use palpate_io::robot_files::CachePlace;
 use palpate_view::viewer::{self, StartError};
 use palpate_view::{Recording, Scene, ViewError};
@@ -43,7 +43,7 @@ impl To {
             }
             Self::File(path) => {
                 let mut said = None;
-                let written = atomic::write(&path, IfExists::Replace, |out| {
+                let written = atomic::write(&path, |out| {
                     let recording = Recording::to_file(out, scene).map_err(failed);
                     match recording.and_then(|recording| all(recording, say)) {
                         // A full disk: the place and the remedy are for `atomic` to tell.

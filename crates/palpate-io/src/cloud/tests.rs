@@ -1,7 +1,6 @@
 //! The same cloud out of every dialect, and an error out of everything else.
 
 use super::*;
-use crate::atomic::IfExists;
 use nalgebra::Point3;
 use proptest::prelude::*;
 
@@ -237,7 +236,7 @@ fn a_header_is_told_where_it_is_wrong() {
 #[test]
 #[should_panic(expected = "one word of its own")]
 fn a_column_cannot_take_the_name_of_a_coordinate() {
-    let _ = write_ply(Path::new("x"), IfExists::Refuse, &leaf(), &[("z", Column::U8(&[1, 2]))]);
+    let _ = write_ply(Path::new("x"), &leaf(), &[("z", Column::U8(&[1, 2]))]);
 }
 
 #[test]
@@ -245,7 +244,7 @@ fn a_point_too_far_for_pcd_is_an_error_and_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("far.pcd");
     let far = Cloud::new(vec![Point3::new(0.0, 1e300, 0.0)], None);
-    let error = write_pcd(&path, IfExists::Refuse, &far, &[]).unwrap_err().to_string();
+    let error = write_pcd(&path, &far, &[]).unwrap_err().to_string();
     assert!(error.contains("point 0 is too far away") && !path.exists(), "{error}");
     assert!(!error.contains("try another place"), "the place is not to blame: {error}");
 }
@@ -275,56 +274,12 @@ proptest! {
             ("K_std", Column::F32(&narrow)),
             ("touched", Column::U8(&touched)),
         ];
-        write_pcd(&pcd, IfExists::Refuse, &single, &columns).unwrap();
+        write_pcd(&pcd, &single, &columns).unwrap();
         prop_assert_eq!(read(&pcd).unwrap().cloud, single.clone());
 
         let points = single.points.iter().map(|point| point * stretch).collect();
         let double = Cloud::new(points, single.colours);
-        write_ply(&ply, IfExists::Refuse, &double, &columns).unwrap();
+        write_ply(&ply, &double, &columns).unwrap();
         prop_assert_eq!(read(&ply).unwrap().cloud, double);
-    }
-
-    #[test]
-    fn no_bytes_make_the_reader_panic(
-        start in 0usize..4, bytes in prop::collection::vec(any::<u8>(), 0..300),
-    ) {
-        let starts: [&[u8]; 4] = [
-            b"ply\n",
-            b"# .PCD v0.7\n",
-            b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
-              property float z\nproperty list int int l\nend_header\n",
-            b"VERSION 0.7\nFIELDS x y z rgb\nSIZE 1 2 8 4\nTYPE I U F F\nWIDTH 9\nHEIGHT 1\n\
-              DATA binary_compressed\n",
-        ];
-        let _ = reading(&[starts[start], &bytes].concat());
-    }
-
-    #[test]
-    fn no_header_makes_the_reader_panic(
-        ply in "ply\n((format (ascii|binary_little_endian) 1.0|element (vertex|face) [0-9]{1,20}|\
-                property (list (char|uint|double) )?(float|short|double) (x|y|z|red|rgb)|comment)\n){0,9}\
-                end_header\n.{0,40}",
-        pcd in "VERSION\n((FIELDS( x| y| z| rgb){0,5}|(SIZE|COUNT)( [0-9]{1,20}){0,5}|\
-                TYPE( F| U| I){0,5}|(WIDTH|HEIGHT|POINTS) [0-9]{1,20})\n){0,9}\
-                DATA (ascii|binary|binary_compressed)\n.{0,40}",
-    ) {
-        let _ = reading(ply.as_bytes());
-        let _ = reading(pcd.as_bytes());
-    }
-
-    #[test]
-    fn no_changed_byte_makes_the_reader_panic(
-        which in 0usize..4, at in any::<prop::sample::Index>(), to in any::<u8>(),
-    ) {
-        let mut bytes = match which {
-            0 => crowded_ply(false),
-            1 => TEXT_PLY.into(),
-            2 => text_pcd("F", |bits| bits.to_string()),
-            _ => include_bytes!("../../testdata/open3d/compressed.pcd").to_vec(),
-        };
-        let at = at.index(bytes.len());
-        bytes[at] = to;
-        let _ = reading(&bytes);
-        let _ = reading(&bytes[..at]);
     }
 }

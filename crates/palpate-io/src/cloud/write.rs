@@ -6,7 +6,7 @@
 //! and the bits `0x00rrggbb` of the float `rgb` in PCD, as these programs write it themselves.
 
 use super::points::Cloud;
-use crate::atomic::{self, IfExists, WriteError};
+use crate::atomic::{self, WriteError};
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -62,26 +62,20 @@ impl Column<'_> {
 ///
 /// ```
 /// use nalgebra::Point3;
-/// use palpate_io::atomic::IfExists;
 /// use palpate_io::cloud::{self, Cloud, Column};
 ///
 /// let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("leaf.ply");
 /// let leaf = Cloud::new(vec![Point3::new(0.5, 0.0, 0.3)], Some(vec![[30, 120, 40]]));
 /// let columns = [("K", Column::F64(&[85.0])), ("touched", Column::U8(&[1]))];
-/// cloud::write_ply(&path, IfExists::Refuse, &leaf, &columns)?;
+/// cloud::write_ply(&path, &leaf, &columns)?;
 ///
 /// assert_eq!(cloud::read(&path)?.cloud, leaf);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub fn write_ply(
-    path: &Path,
-    if_exists: IfExists,
-    cloud: &Cloud,
-    columns: &[(&str, Column)],
-) -> Result<(), WriteError> {
+pub fn write_ply(path: &Path, cloud: &Cloud, columns: &[(&str, Column)]) -> Result<(), WriteError> {
     check(cloud, columns);
-    atomic::write(path, if_exists, |out| {
+    atomic::write(path, |out| {
         writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment world frame, metres")?;
         writeln!(out, "element vertex {}", cloud.len())?;
         writeln!(out, "property double x\nproperty double y\nproperty double z")?;
@@ -115,12 +109,7 @@ pub fn write_ply(
 /// # Panics
 ///
 /// As [`write_ply`].
-pub fn write_pcd(
-    path: &Path,
-    if_exists: IfExists,
-    cloud: &Cloud,
-    columns: &[(&str, Column)],
-) -> Result<(), WriteError> {
+pub fn write_pcd(path: &Path, cloud: &Cloud, columns: &[(&str, Column)]) -> Result<(), WriteError> {
     check(cloud, columns);
     let mut fields: Vec<(&str, char, usize)> = ["x", "y", "z"].map(|axis| (axis, 'F', 4)).into();
     fields.extend(cloud.colours.iter().map(|_| ("rgb", 'F', 4)));
@@ -131,7 +120,7 @@ pub fn write_pcd(
     let line = |word: fn(&(&str, char, usize)) -> String| {
         fields.iter().map(|field| format!(" {}", word(field))).collect::<String>()
     };
-    atomic::write(path, if_exists, |out| {
+    atomic::write(path, |out| {
         writeln!(out, "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7")?;
         writeln!(out, "FIELDS{}", line(|field| field.0.to_owned()))?;
         writeln!(out, "SIZE{}", line(|field| field.2.to_string()))?;

@@ -36,7 +36,6 @@ use serde::{Deserialize, Serialize};
 use super::elastic;
 use super::file::{FieldFile, FieldLattice};
 use super::npz::{Array, Arrays, Data, NpzError, npz_bytes, read_npz, read_npz_bytes, write_npz};
-use crate::atomic::IfExists;
 
 /// The version of the layout above; arrays that may be missing change nothing of it.
 const FORMAT: u32 = 2;
@@ -161,7 +160,7 @@ struct MapperMeta {
 ///
 /// If the file cannot be written.
 pub fn save(path: &Path, saved: &Saved) -> Result<(), NpzError> {
-    write_npz(path, &to_arrays(saved), IfExists::Replace)
+    write_npz(path, &to_arrays(saved))
 }
 
 /// Reads a field that [`save`] wrote.
@@ -370,8 +369,8 @@ pub(super) fn contradiction(arrays: &Arrays, what: String) -> SavedError {
     SavedError::Contradiction { path: arrays.path().display().to_string(), what }
 }
 
-/// The mapper that named arrays hold.
-fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapshot, SavedError> {
+/// The frames that a mapper remembers, and how many multipliers each has.
+fn remembered(arrays: &Arrays) -> Result<(Vec<RememberedFrame>, usize), SavedError> {
     let frames = arrays.small_counts(name_in(arrays, "memory_frame"), &[None, Some(2)])?;
     let frames = frames.as_chunks::<2>().0;
     let alphas = within(arrays, "memory_alpha", &[Some(frames.len()), None])?;
@@ -385,13 +384,19 @@ fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapsh
         alpha: alphas[frame * width..(frame + 1) * width].to_vec(),
         nis: nis.get(frame).copied().unwrap_or_default(),
     });
+    Ok((remembered.collect(), width))
+}
+
+/// The mapper that named arrays hold.
+fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapshot, SavedError> {
+    let (remembered, width) = remembered(arrays)?;
     let state = EstimatorState {
         mean: within(arrays, "state_mean", &[None])?,
         variance: within(arrays, "state_variance", &[None])?,
         counts: saved.field.counts.clone(),
         seen: arrays.counts("state_seen", &[None])?,
         step: mapper.step,
-        remembered: remembered.collect(),
+        remembered,
         rng: mapper.rng,
     };
     let (means, variances, cells) =
@@ -422,16 +427,19 @@ fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapsh
         );
         return Err(contradiction(arrays, what));
     };
-    let mut snapshot = Snapshot::new(
-        mapper.config,
-        (saved.robot.clone(), mapper.fingerprint),
+    Ok(Snapshot {
+        config: mapper.config,
+        robot: (saved.robot.clone(), mapper.fingerprint),
         n_joints,
-        (saved.field.cells.clone(), expected.to_vec()),
+        cells: saved.field.cells.clone(),
+        prior_means_n_per_m: expected.to_vec(),
         state,
-        (mapper.touches, sample_log, gone),
-    );
-    (snapshot.learnt_s, snapshot.calibration) = (mapper.learnt_s, saved.field.calibration.clone());
-    Ok(snapshot)
+        touches: mapper.touches,
+        sample_log,
+        gone,
+        learnt_s: mapper.learnt_s,
+        calibration: saved.field.calibration.clone(),
+    })
 }
 
 /// Numbers of an estimator's state, none so large that what follows from it would not be finite.

@@ -11,7 +11,7 @@ use std::path::Path;
 use palpate::{CellId, Lattice};
 
 use super::file::FieldFile;
-use crate::atomic::{self, IfExists, WriteError};
+use crate::atomic::{self, WriteError};
 
 /// More points than this, no viewer takes.
 const MOST_POINTS: u64 = 1 << 31;
@@ -22,8 +22,8 @@ const MOST_POINTS: u64 = 1 << 31;
 ///
 /// [`WriteError`], also if the field has no lattice and no cells, or its box is beyond what a
 /// viewer takes; the place is then as it was before.
-pub fn write_vti(path: &Path, if_exists: IfExists, field: &FieldFile) -> Result<(), WriteError> {
-    atomic::write(path, if_exists, |out| fill(out, field))
+pub fn write_vti(path: &Path, field: &FieldFile) -> Result<(), WriteError> {
+    atomic::write(path, |out| fill(out, field))
 }
 
 fn fill(out: &mut impl Write, field: &FieldFile) -> io::Result<()> {

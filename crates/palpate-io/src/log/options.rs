@@ -53,13 +53,10 @@ pub struct CsvColumns {
     /// Joint torques in the same order.
     pub tau: Vec<String>,
     /// Names of the joints in the same order, if they shall be matched to the robot's.
-    #[serde(default)]
     pub joints: Option<Vec<String>>,
     /// Time, in the unit that its name or the size of its first number tells; `a and b` for a column of seconds and one of
     /// nanoseconds.
-    #[serde(default)]
     pub time: Option<String>,
     /// What changes from one touch to the next.
-    #[serde(default)]
     pub touch: Option<String>,
 }

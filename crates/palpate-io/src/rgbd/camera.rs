@@ -66,24 +66,6 @@ impl Intrinsics {
         [self.width, self.height]
     }
 
-    /// fx and fy, pixels.
-    #[must_use]
-    pub fn focal(&self) -> [f64; 2] {
-        self.focal.into()
-    }
-
-    /// cx and cy, pixels.
-    #[must_use]
-    pub fn centre(&self) -> [f64; 2] {
-        self.centre.into()
-    }
-
-    /// The lens.
-    #[must_use]
-    pub fn distortion(&self) -> &Distortion {
-        &self.distortion
-    }
-
     /// Where a pixel looks, in the camera's frame: a vector with z = 1. `None` where the lens
     /// cannot show anything.
     #[must_use]

@@ -8,7 +8,7 @@
 //! Nothing is ever removed: the folder may be deleted at any time.
 
 use super::mesh::MESH_VERSION;
-use crate::atomic::{self, IfExists, WriteError};
+use crate::atomic::{self, WriteError};
 use crate::input;
 use blake3::{Hash, Hasher};
 use palpate::BakeConfig;
@@ -78,7 +78,7 @@ impl Cache {
         content.extend(grid.to_bytes());
         let seal = sealed(key, &content);
         let written = make_parent(&path).and_then(|()| {
-            atomic::write(&path, IfExists::Replace, |out| {
+            atomic::write(&path, |out| {
                 out.write_all(&content)?;
                 out.write_all(seal.as_bytes())
             })

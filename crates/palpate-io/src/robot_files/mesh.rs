@@ -75,7 +75,6 @@ fn loaded(scene: std::io::Result<mesh_loader::Scene>) -> Result<TriangleMesh, St
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
 
     const STL: &[u8] = include_bytes!("../../testdata/box.stl");
     const TEXT_STL: &[u8] = include_bytes!("../../testdata/box_text.stl");
@@ -171,33 +170,6 @@ mod tests {
         for (index, (result, wanted)) in cases.into_iter().enumerate() {
             let error = result.expect_err(wanted);
             assert!(error.contains(wanted), "case {index}: {error}");
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn no_bytes_make_a_reader_panic(
-            bytes in prop::collection::vec(any::<u8>(), 0..300),
-            text in r"(solid |facet |vertex |v |f |vn |usemtl |#|-?[0-9.e/]{1,4}| |\n){0,60}",
-            kind in prop::sample::select(vec!["a.stl", "a.obj", "a.dae"]),
-        ) {
-            let _ = read_as(&bytes, kind);
-            let _ = read_as(text.as_bytes(), kind);
-        }
-
-        #[test]
-        fn no_changed_bytes_make_a_reader_panic(
-            file in prop::sample::select(vec![(STL, "a.stl"), (TEXT_STL, "a.stl"), (OBJ, "a.obj"), (DAE, "a.dae")]),
-            changes in prop::collection::vec((any::<usize>(), any::<u8>()), 1..8),
-            cut in any::<usize>(),
-        ) {
-            let mut bytes = file.0.to_vec();
-            for (at, to) in changes {
-                let at = at % bytes.len();
-                bytes[at] = to;
-            }
-            bytes.truncate(cut % (2 * bytes.len()));
-            let _ = read_as(&bytes, file.1);
         }
     }
 }

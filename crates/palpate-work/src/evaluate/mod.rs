@@ -37,23 +37,11 @@ pub trait Keep: Sync {
         None
     }
 
-    /// Keeps a part.
-    ///
-    /// # Errors
-    ///
-    /// If it cannot be written.
-    fn keep_part(&self, _part: &Part) -> Result<(), WorkError> {
-        Ok(())
-    }
+    /// Keeps a part, if it can.
+    fn keep_part(&self, _part: &Part) {}
 
-    /// Keeps tuned settings under a name.
-    ///
-    /// # Errors
-    ///
-    /// If they cannot be written.
-    fn keep_tuned(&self, _name: &str, _tuned: &Tuned) -> Result<(), WorkError> {
-        Ok(())
-    }
+    /// Keeps tuned settings under a name, if it can.
+    fn keep_tuned(&self, _name: &str, _tuned: &Tuned) {}
 
     /// What is said of that on being stopped.
     fn told(&self) -> String {
@@ -112,8 +100,7 @@ impl Work<'_> {
     ///
     /// # Errors
     ///
-    /// If a sample cannot be used, a method cannot learn, what is done cannot be kept, or on being
-    /// stopped.
+    /// If a sample cannot be used, a method cannot learn, or on being stopped.
     pub fn evaluate(
         &self,
         keep: &dyn Keep,
@@ -279,7 +266,7 @@ impl Work<'_> {
             }
         };
         let tuned = tuner.tune(train, &stop).map_err(fault)?;
-        keep.keep_tuned(name, &tuned)?;
+        keep.keep_tuned(name, &tuned);
         Ok(tuned.config)
     }
 
@@ -299,7 +286,7 @@ impl Work<'_> {
         let mut left: Vec<_> = all.iter().copied().filter(|part| !is_done(part)).collect();
         let bar = progress.begin(Some(all.len() as u64), "parts", "evaluating");
         parts.iter().for_each(|_| bar.step());
-        let done = Mutex::new((parts, None));
+        let done = Mutex::new(parts);
         while let Some(&first) = left.first() {
             let contact: &ContactConfig = &plan.config_of(first).contact;
             let alike = |part: &(Method, usize)| plan.config_of(*part).contact == *contact;
@@ -316,20 +303,17 @@ impl Work<'_> {
             };
             let worked = plan.run(tracked, &group, &stop, &|part| {
                 let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
-                if let Err(error) = keep.keep_part(&part) {
-                    done.1.get_or_insert(error);
-                }
+                keep.keep_part(&part);
                 bar.at(&format!("{} fold {}", part.method.name(), part.fold));
                 bar.step();
-                done.0.push(part);
+                done.push(part);
             });
             worked.map_err(|error| match error.source {
                 LearnError::Stopped => self.fault(error.source, keep),
                 _ => WorkError::file(error),
             })?;
         }
-        let unwritten = done.into_inner().unwrap_or_else(PoisonError::into_inner).1;
-        unwritten.map_or(Ok(()), Err)
+        Ok(())
     }
 
     fn fault(&self, error: LearnError, keep: &dyn Keep) -> WorkError {

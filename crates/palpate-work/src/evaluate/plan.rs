@@ -149,12 +149,7 @@ pub fn read(
     progress: &dyn Progress,
 ) -> Result<(Vec<RecordedTouch>, Vec<Touch>), WorkError> {
     settings.log.check_for(&arm.robot)?;
-    let config = settings.config()?;
-    let place = (config.lattice, config.contact);
-    let mut touches = touches.for_arm(arm, &settings.log, place.clone())?;
-    let recorded = touches.read(None)?;
-    touches.tell_warnings(progress);
-    touches.check(arm, place, &config.touch).of(&recorded).look(progress)?;
+    let recorded = touches.read_to_learn(arm, settings, None, progress)?;
     let touches = as_touches(&recorded, truth)?;
     Ok((recorded, touches))
 }

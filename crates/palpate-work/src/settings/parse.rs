@@ -19,6 +19,11 @@ where
     })
 }
 
+/// A parser of what serde takes from a word.
+pub(super) fn from_word<T: TryFrom<String>>(text: &str) -> Result<T, T::Error> {
+    text.to_owned().try_into()
+}
+
 /// Three numbers with commas between them.
 pub fn vector3(text: &str) -> Result<[f64; 3], String> {
     three(text, "three numbers with commas between, such as -1.2,0,0.5")
@@ -65,24 +70,16 @@ pub struct Held {
     pub position: f64,
 }
 
-impl FromStr for Held {
-    type Err = String;
+impl TryFrom<String> for Held {
+    type Error = String;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn try_from(text: String) -> Result<Self, String> {
         let wanted =
             || format!("found `{text}`; wanted JOINT=POSITION, rad or m, such as finger=0.04");
         let (joint, position) = text.split_once('=').ok_or_else(wanted)?;
         let position: f64 = position.trim().parse().map_err(|_| wanted())?;
         let is_held = !joint.trim().is_empty() && position.is_finite();
         is_held.then(|| Self { joint: joint.trim().to_owned(), position }).ok_or_else(wanted)
-    }
-}
-
-impl TryFrom<String> for Held {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        text.parse()
     }
 }
 
@@ -102,10 +99,10 @@ pub struct Renamed {
     pub in_urdf: String,
 }
 
-impl FromStr for Renamed {
-    type Err = String;
+impl TryFrom<String> for Renamed {
+    type Error = String;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn try_from(text: String) -> Result<Self, String> {
         let names = text.split_once('=').map(|(log, urdf)| (log.trim(), urdf.trim()));
         match names {
             Some((in_log, in_urdf)) if !in_log.is_empty() && !in_urdf.is_empty() => {
@@ -115,14 +112,6 @@ impl FromStr for Renamed {
                 Err(format!("found `{text}`; wanted NAME_IN_LOG=NAME_IN_URDF, such as j1=joint_1"))
             }
         }
-    }
-}
-
-impl TryFrom<String> for Renamed {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        text.parse()
     }
 }
 

@@ -16,7 +16,9 @@ use palpate_io::log::{AngleUnit, CsvColumns, LogOptions};
 use palpate_io::robot_files::ArmOptions;
 use serde::{Deserialize, Serialize};
 
-use super::parse::{Held, OrAuto, Renamed, TareFrames, columns, counts3, named, vector3};
+use super::parse::{
+    Held, OrAuto, Renamed, TareFrames, columns, counts3, from_word, named, vector3,
+};
 
 /// All that can be set; what was not given is `None`.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
@@ -130,10 +132,10 @@ section! {
         pub bake_spacing_m: f64 => bake.spacing_m,
         /// Joints that stand still and are not in the logs, and where, rad or m [default: fingers that a log has not,
         /// in the middle of their range]
-        #[arg(long, value_name = "JOINT=POSITION", value_delimiter = ',')]
+        #[arg(long, value_name = "JOINT=POSITION", value_delimiter = ',', value_parser = from_word::<Held>)]
         pub hold: Vec<Held>,
         /// Names of joints in the logs, where they are not those of the URDF; what comes out has the logs' names
-        #[arg(long, value_name = "LOG=URDF", value_delimiter = ',')]
+        #[arg(long, value_name = "LOG=URDF", value_delimiter = ',', value_parser = from_word::<Renamed>)]
         pub rename: Vec<Renamed>,
         /// The arm as `palpate identify` has found it: its masses, friction and bias are taken off the torques, whose
         /// noise is known then

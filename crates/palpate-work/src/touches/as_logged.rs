@@ -22,7 +22,7 @@ impl Touches {
     /// # Errors
     ///
     /// If the settings want that to be an error, or the model is of another arm.
-    pub fn check_as_logged(
+    pub(super) fn check_as_logged(
         &mut self,
         arm: &Arm,
         model: Option<&TorqueModel>,

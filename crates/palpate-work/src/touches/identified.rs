@@ -43,15 +43,29 @@ impl Touches {
             self.refuse_currents()?;
             return self.conventions(arm, &mut settings.touch, if_undecided, progress);
         };
-        self.measured_with(&model);
-        self.conventions(arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
-        self.check_as_logged(arm, Some(&model), settings, progress)?;
-        self.identified(arm, model, Differentiation::Centred, &settings.touch)
+        self.measured(arm, Some((model, Differentiation::Centred)), settings, progress)
     }
 
-    /// Takes torques for motor currents if an arm was identified on such.
-    pub fn measured_with(&mut self, model: &TorqueModel) {
-        self.currents |= model.is_of_currents();
+    /// Takes from the logs how their torques count, into the settings, and makes them external ones with a model; without,
+    /// they stay those of the motors, or their currents.
+    ///
+    /// # Errors
+    ///
+    /// If that is not decided, if what looks wrong is to be an error, or the model is of another arm.
+    pub fn measured(
+        &mut self,
+        arm: &Arc<Arm>,
+        model: Option<(TorqueModel, Differentiation)>,
+        settings: &mut Settings,
+        progress: &dyn Progress,
+    ) -> Result<(), WorkError> {
+        let known = model.as_ref().map(|(model, _)| model);
+        self.currents |= known.is_some_and(TorqueModel::is_of_currents);
+        self.conventions(arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
+        self.check_as_logged(arm, known, settings, progress)?;
+        model.map_or(Ok(()), |(model, differentiation)| {
+            self.identified(arm, model, differentiation, &settings.touch)
+        })
     }
 
     /// Refuses logs of motor currents: nothing is known of their gains.

@@ -27,6 +27,7 @@ use crate::inspect::log::LogCheck;
 use crate::pauses::Pauses;
 use crate::progress::Progress;
 use crate::recorded::{MemoryLog, reorder_joints};
+use crate::settings::Settings;
 use crate::settings::sections::LogSettings;
 use identified::ExternalReader;
 use logs::Logs;
@@ -243,6 +244,37 @@ impl Touches {
         }
     }
 
+    /// Reads all touches for an arm, and tells what looked odd in the logs.
+    pub fn read_for(
+        self,
+        arm: &Arc<Arm>,
+        settings: &Settings,
+        progress: &dyn Progress,
+    ) -> Result<Vec<RecordedTouch>, WorkError> {
+        let config = settings.config()?;
+        let mut touches = self.for_arm(arm, &settings.log, (config.lattice, config.contact))?;
+        let recorded = touches.read(None)?;
+        touches.tell_warnings(progress);
+        Ok(recorded)
+    }
+
+    /// The same of all touches, or the first so many, for work that learns from them: what looks wrong is told.
+    pub fn read_to_learn(
+        self,
+        arm: &Arc<Arm>,
+        settings: &Settings,
+        most: Option<u32>,
+        progress: &dyn Progress,
+    ) -> Result<Vec<RecordedTouch>, WorkError> {
+        let config = settings.config()?;
+        let place = (config.lattice, config.contact);
+        let mut touches = self.for_arm(arm, &settings.log, place.clone())?;
+        let recorded = touches.read(most)?;
+        touches.tell_warnings(progress);
+        touches.check(arm, place, &config.touch).of(&recorded).look(progress)?;
+        Ok(recorded)
+    }
+
     /// Reads all touches, or the first so many.
     pub fn read(&mut self, most: Option<u32>) -> Result<Vec<RecordedTouch>, WorkError> {
         let mut touches = Vec::new();
@@ -365,7 +397,6 @@ mod tests {
     use palpate::Sample;
 
     use super::*;
-    use crate::settings::Settings;
     use crate::settings::sections::RobotSettings;
 
     #[test]

@@ -12,8 +12,8 @@ use crate::lattice::{CellId, CellRows};
 use crate::torque::{Observation, ObservationBuilder};
 
 /// A mapper in numbers: enough to continue it, given the robot.
+/// [`Mapper::resume`] checks that they fit together.
 #[derive(Debug, Clone)]
-#[non_exhaustive]
 pub struct Snapshot {
     /// Its settings.
     pub config: MapperConfig,
@@ -38,34 +38,6 @@ pub struct Snapshot {
     pub learnt_s: Option<f64>,
     /// How wide bands around its predictions are, if that is known.
     pub calibration: Option<Calibration>,
-}
-
-impl Snapshot {
-    /// A snapshot of these parts; [`Mapper::resume`] checks that they fit together.
-    #[allow(clippy::too_many_arguments)] // one for each field, for readers of files
-    pub fn new(
-        config: MapperConfig,
-        robot: (String, u64),
-        n_joints: usize,
-        (cells, prior_means_n_per_m): (Vec<CellId>, Vec<f64>),
-        state: EstimatorState,
-        (touches, sample_log, gone): (u32, Vec<LoggedTouch>, u32),
-    ) -> Self {
-        let (calibration, learnt_s) = (None, None);
-        Self {
-            config,
-            robot,
-            n_joints,
-            cells,
-            prior_means_n_per_m,
-            state,
-            touches,
-            sample_log,
-            gone,
-            learnt_s,
-            calibration,
-        }
-    }
 }
 
 impl Mapper {

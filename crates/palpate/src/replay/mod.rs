@@ -25,11 +25,9 @@ use crate::estimator::Estimator;
 #[non_exhaustive]
 pub enum ReplayPolicy {
     /// On a thread of rayon's pool as soon as the frame is learnt, while the caller goes on; with a
-    /// pool of one thread, or none free, as [`ReplayPolicy::SameThread`].
+    /// pool of one thread, or none free, on the thread that next looks at the belief.
     #[default]
     Background,
-    /// On the thread that next looks at the belief.
-    SameThread,
     /// When the caller has time to spare, through [`crate::Mapper::spare_time`]: at most those of the
     /// latest frame. What is not made before the next frame is learnt is left out.
     SpareTime,
@@ -111,9 +109,7 @@ impl Replays {
     pub(crate) fn replay(&mut self) {
         self.learnt = true;
         match self.policy {
-            ReplayPolicy::Background | ReplayPolicy::SameThread => {
-                self.estimator().0.due = self.per_frame;
-            }
+            ReplayPolicy::Background => self.estimator().0.due = self.per_frame,
             ReplayPolicy::SpareTime | ReplayPolicy::SpareTimeUnbounded => {
                 self.spare = self.per_frame
             }

@@ -93,48 +93,11 @@ pub struct BakeReport {
 /// A config out of range, a solid without shapes, a broken mesh ([`SdfError`]), or a size that no
 /// link has.
 pub fn bake(solid: &Solid, config: &BakeConfig) -> Result<(DistanceGrid, BakeReport), SdfError> {
-    bake_on(Threads::All, solid, config)
-}
-
-/// [`bake`] on one thread, bit for bit the same: what the tests compare with.
-///
-/// # Errors
-///
-/// As [`bake`].
-pub fn bake_serial(
-    solid: &Solid,
-    config: &BakeConfig,
-) -> Result<(DistanceGrid, BakeReport), SdfError> {
-    bake_on(Threads::One, solid, config)
-}
-
-/// Where to compute.
-#[derive(Clone, Copy)]
-pub(super) enum Threads {
-    One,
-    All,
-}
-
-impl Threads {
-    /// `f` of every node, in their order.
-    pub(super) fn map<T: Send>(self, n: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
-        match self {
-            Threads::One => (0..n).map(f).collect(),
-            Threads::All => (0..n).into_par_iter().with_min_len(256).map(f).collect(),
-        }
-    }
-}
-
-fn bake_on(
-    threads: Threads,
-    solid: &Solid,
-    config: &BakeConfig,
-) -> Result<(DistanceGrid, BakeReport), SdfError> {
     config.check()?;
     let soup = match &solid.meshes[..] {
         [] if solid.primitives.is_empty() => return Err(SdfError::Empty { triangles: 0 }),
         [] => None,
-        meshes => Some(Soup::new(threads, meshes)?),
+        meshes => Some(Soup::new(meshes)?),
     };
     let surface = surface_box(&solid.primitives, soup.as_ref());
     let lattice = Lattice::around(surface, config)?;
@@ -142,12 +105,12 @@ fn bake_on(
     let mut report = BakeReport::default();
     let mut nodes = vec![f64::INFINITY; lattice.len()];
     if let Some(soup) = soup {
-        nodes = bake_soup(threads, &lattice, &soup.triangles, &mut report);
+        nodes = bake_soup(&lattice, &soup.triangles, &mut report);
         report.triangles = soup.triangles.len();
         report.degenerate = soup.degenerate;
         report.flipped = soup.flipped;
     }
-    let nodes_m: Vec<f32> = threads.map(lattice.len(), |node| {
+    let nodes_m: Vec<f32> = on_all_threads(lattice.len(), |node| {
         let point = lattice.point(node);
         let union = |so_far: f64, part: &Collision| {
             let in_shape = part.link_from_shape.inverse_transform_point(&point);
@@ -194,19 +157,23 @@ fn surface_box(primitives: &[Collision], soup: Option<&Soup>) -> [Point3<f64>; 2
     [Point3::from(low - slack), Point3::from(high + slack)]
 }
 
+/// `f` of every number below `n`, in their order, on all threads.
+pub(super) fn on_all_threads<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+    (0..n).into_par_iter().with_min_len(256).map(f).collect()
+}
+
 /// Signed distance from triangles at every node: steps 1 to 5 of the module's header.
 fn bake_soup(
-    threads: Threads,
     lattice: &Lattice,
     triangles: &[[Point3<f64>; 3]],
     report: &mut BakeReport,
 ) -> Vec<f64> {
     let (surface, tree) = (Surface::new(triangles), WindingTree::new(triangles.to_vec()));
     let n = lattice.len();
-    let mut distance_m = threads.map(n, |node| surface.distance(&lattice.point(node)));
-    let winding = threads.map(n, |node| tree.at(&lattice.point(node)) as f32);
+    let mut distance_m = on_all_threads(n, |node| surface.distance(&lattice.point(node)));
+    let winding = on_all_threads(n, |node| tree.at(&lattice.point(node)) as f32);
 
-    let walls = threads.map(n, |node| walls(lattice, &surface, &distance_m, node));
+    let walls = on_all_threads(n, |node| walls(lattice, &surface, &distance_m, node));
     let reached = flood::reached(lattice, |node, axis| walls[node][axis] == Wall::Triangle);
     let by_winding = |node: usize| winding[node] >= 0.5;
     let inside: Vec<bool> = (0..n).map(|node| by_winding(node) || !reached[node]).collect();
@@ -220,15 +187,15 @@ fn bake_soup(
     let is_outside = |point: &Point3<f64>| {
         lattice.corners_of(point).iter().any(|&node| !inside[node]) && tree.at(point) < 0.5
     };
-    let skin = skin(threads, triangles, lattice.spacing_m, is_outside);
+    let skin = skin(triangles, lattice.spacing_m, is_outside);
     if !skin.is_empty() && skin.len() != triangles.len() {
         let skin = Surface::new(&skin);
-        distance_m = threads.map(n, |node| {
+        distance_m = on_all_threads(n, |node| {
             if inside[node] { skin.distance(&lattice.point(node)) } else { distance_m[node] }
         });
     }
     let openings = flood::distance_to_openings(lattice, &winding, &inside, &distance_m);
-    threads.map(n, |node| {
+    on_all_threads(n, |node| {
         let opening = openings.as_ref().map_or(f64::INFINITY, |distance| distance[node]);
         let unsigned = distance_m[node].min(opening);
         if inside[node] { -unsigned } else { unsigned }
@@ -260,7 +227,6 @@ fn walls(lattice: &Lattice, surface: &Surface, distance_m: &[f64], node: usize) 
 
 /// The triangles, cut down to about the spacing, that have the outside on a side.
 fn skin(
-    threads: Threads,
     triangles: &[[Point3<f64>; 3]],
     spacing_m: f64,
     is_outside: impl Fn(&Point3<f64>) -> bool + Sync + Send,
@@ -294,7 +260,7 @@ fn skin(
         }
         if all { vec![whole] } else { pieces }
     };
-    threads.map(triangles.len(), pieces_of).into_iter().flatten().collect()
+    on_all_threads(triangles.len(), pieces_of).into_iter().flatten().collect()
 }
 
 /// Where the nodes of a grid stand.
@@ -387,7 +353,7 @@ mod tests {
             let mut needle = corners;
             needle.rotate_left(turn);
             let outside = |p: &Point3<f64>| p.x < length_m / 2.0;
-            let pieces = skin(Threads::One, &[needle], spacing_m, outside);
+            let pieces = skin(&[needle], spacing_m, outside);
             assert!(pieces.len() < 50_000, "{}", pieces.len());
             let area: f64 = pieces.iter().map(|piece| area_vector_of(piece).norm()).sum();
             let expected = length_m * width_m / 2.0 * 0.75;

@@ -15,7 +15,7 @@ use parry3d_f64::query::{PointQuery, Ray, RayCast};
 use parry3d_f64::shape::TriMesh;
 
 use super::SdfError;
-use super::bake::Threads;
+use super::bake::on_all_threads;
 use super::winding::area_vector_of;
 
 /// A triangle thinner than this part of its longest edge has no usable normal.
@@ -86,14 +86,14 @@ pub(super) struct Soup {
 
 impl Soup {
     /// Gathers and cleans; an error if a mesh is broken or nothing with an area is left.
-    pub(super) fn new(threads: Threads, meshes: &[TriangleMesh]) -> Result<Soup, SdfError> {
+    pub(super) fn new(meshes: &[TriangleMesh]) -> Result<Soup, SdfError> {
         let mut all = Vec::new();
         for mesh in meshes {
             mesh.check()?;
             let corner = |v: u32| mesh.vertices[v as usize];
             all.extend(mesh.triangles.iter().map(|corners| corners.map(corner)));
         }
-        let turn = inside_out(threads, &all);
+        let turn = inside_out(&all);
         let (mut flipped, mut kept) = (0, Vec::with_capacity(all.len()));
         for (mut triangle, turn) in all.iter().copied().zip(turn) {
             if is_degenerate(&triangle) {
@@ -114,14 +114,14 @@ impl Soup {
 }
 
 /// Which triangles show the outside their back.
-fn inside_out(threads: Threads, all: &[[Point3<f64>; 3]]) -> Vec<bool> {
+fn inside_out(all: &[[Point3<f64>; 3]]) -> Vec<bool> {
     let parts = Parts::of(&weld(all));
     let sound: Vec<_> = all.iter().copied().filter(|triangle| !is_degenerate(triangle)).collect();
     if sound.is_empty() {
         return vec![false; all.len()];
     }
     let surface = Surface::new(&sound);
-    let sky = threads.map(all.len(), |index| {
+    let sky = on_all_threads(all.len(), |index| {
         let looks = parts.open[parts.of_triangle[index]] && !is_degenerate(&all[index]);
         if looks { sky_seen_in_front_minus_behind(&all[index], &surface) } else { 0.0 }
     });

@@ -25,7 +25,7 @@ mod mesh;
 mod primitive;
 mod winding;
 
-pub use bake::{BakeConfig, BakeReport, Solid, bake, bake_serial};
+pub use bake::{BakeConfig, BakeReport, Solid, bake};
 pub(crate) use bytes::checksum;
 pub use grid::DistanceGrid;
 pub use mesh::TriangleMesh;

@@ -10,7 +10,7 @@
 mod arrays;
 mod error;
 
-use crate::atomic::{self, IfExists};
+use crate::atomic;
 use crate::input;
 use crate::npy::{Header, NpyError, write_header};
 use std::io::{self, BufReader, Read, Seek, Write};
@@ -122,11 +122,11 @@ fn c_order(raw: &[u8], shape: &[usize], bytes: usize) -> Vec<u8> {
 /// # Errors
 ///
 /// [`NpzError::Write`]; nothing is left behind.
-pub fn write_npz(path: &Path, arrays: &Arrays, if_exists: IfExists) -> Result<(), NpzError> {
+pub fn write_npz(path: &Path, arrays: &Arrays) -> Result<(), NpzError> {
     // Packed in memory first: where a disk is full, the library would lose the kind of the error
     // and print to stderr that it could not finish.
     let bytes = npz_bytes(arrays);
-    Ok(atomic::write(path, if_exists, |out| out.write_all(&bytes))?)
+    Ok(atomic::write(path, |out| out.write_all(&bytes))?)
 }
 
 /// The bytes that [`write_npz`] writes.

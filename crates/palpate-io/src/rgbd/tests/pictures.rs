@@ -176,35 +176,4 @@ proptest! {
             prop_assert!((ahead.z - depth.at(u, v).unwrap()).abs() < 1e-9);
         }
     }
-
-    #[test]
-    fn no_bytes_make_a_reader_panic(
-        start in 0usize..5, bytes in prop::collection::vec(any::<u8>(), 0..300),
-    ) {
-        let starts: [&[u8]; 5] = [
-            b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"\xff\xd8\xff\xe0", b"II*\0\x08\0\0\0",
-            b"MM\0*\0\0\0\x08", b"\x93NUMPY\x01\0",
-        ];
-        let bytes = [starts[start], &bytes].concat();
-        let path = Path::new("noise");
-        let _ = (decode_colour(&bytes, path), decode_depth(&bytes, path, 0.001));
-    }
-
-    #[test]
-    fn no_changed_byte_makes_a_reader_panic(
-        which in 0usize..3, at in any::<prop::sample::Index>(), to in any::<u8>(),
-    ) {
-        let sixteen = png::BitDepth::Sixteen;
-        let mut bytes = match which {
-            0 => png(3, png::ColorType::Grayscale, sixteen, &[1, 2, 3, 4, 5, 6]),
-            1 => JPEG.to_vec(),
-            _ => tiff::<colortype::Gray32Float>(&[1.0, 2.0]),
-        };
-        let at = at.index(bytes.len());
-        bytes[at] = to;
-        let path = Path::new("mutant");
-        for bytes in [&bytes[..], &bytes[..at]] {
-            let _ = (decode_colour(bytes, path), decode_depth(bytes, path, 0.001));
-        }
-    }
 }
