@@ -157,6 +157,31 @@ fn torques_that_gravity_does_not_explain_are_told() {
 }
 
 #[test]
+fn a_negated_column_is_named() {
+    let mut touches = clean();
+    touches.iter_mut().flat_map(|touch| &mut touch.tau).for_each(|tau| tau[1] *= -1.0);
+    let (_, told) = look(&touches, &[]);
+    assert_eq!(first(&told)["code"], "joint_sign", "{}", told["paths"][0]["findings"]);
+    says(first(&told), &["minus at Actuator2", "negate the odd columns"]);
+}
+
+#[test]
+fn an_arm_on_a_ceiling_with_an_upright_urdf_is_told() {
+    let with_friction = |gravity: f64| {
+        let mut touches = Maker { gravity, ..Maker::new() }.touches();
+        for Touch { q, tau, .. } in &mut touches {
+            for (pair, tau) in q.windows(2).zip(&mut tau[1..]) {
+                let way = pair[1][0] - pair[0][0];
+                tau[0] -= if way.abs() < 1e-4 { 0.0 } else { 2.0 * way.signum() };
+            }
+        }
+        touches
+    };
+    says(&only(&with_friction(-1.0), &[], "mounting"), &["3 of 3 touches", "<origin rpy>"]);
+    nothing(&with_friction(1.0), &[]);
+}
+
+#[test]
 fn a_forgotten_payload_is_weighed() {
     let mut maker = Maker::new();
     let com_link_m = [0.02, 0.0, -0.08];

@@ -38,7 +38,10 @@ pub(super) fn judge(
     }
     fits = fits.with_sign_by_work(evidence.and_then(|evidence| evidence.sign_by_work()));
     let mut payload = None;
-    if fits.contradict() {
+    let by_sign = if rests.still { reading::by_sign(robot, &rests) } else { Default::default() };
+    if by_sign.iter().all(|joints| !joints.is_empty()) {
+        findings.push(opposite_signs(robot, &by_sign));
+    } else if fits.contradict() {
         findings.push(wrong_convention(&fits));
     } else if fits.misfit() {
         let heavier = payload_of(robot, &rests.all, &fits);
@@ -151,6 +154,22 @@ fn wrong_order(
         listed(&names)
     );
     Finding::warning("joint_order", what, remedy).at(&wrong)
+}
+
+/// Joints of which some count one way and others the other.
+fn opposite_signs(robot: &Robot, by_sign: &[Vec<usize>; 2]) -> Finding {
+    let names: Vec<&str> = robot.joint_names().collect();
+    let [plus, minus] = by_sign
+        .each_ref()
+        .map(|joints| joints.iter().map(|&joint| names[joint]).collect::<Vec<_>>());
+    let what = format!(
+        "gravity at rest shows the sign plus at {}, and minus at {}: some columns are negated",
+        listed(&plus),
+        listed(&minus)
+    );
+    let remedy = "all joints must count alike: negate the odd columns in the log, for which there is no flag";
+    let odd = if plus.len() < minus.len() { &plus } else { &minus };
+    Finding::warning("joint_sign", what, remedy).at(odd)
 }
 
 /// Torques that no convention explains.

@@ -10,6 +10,7 @@
 //! | `unit`    | degrees or radians                                          |
 //! | `reading` | sign, gravity and order of joints that fit best             |
 //! | `gravity` | the same in words                                           |
+//! | `mounting` | whether gravity points the other way                        |
 //! | `payload` | what weight would explain torques that gravity does not     |
 //! | `figures` | start, tare, noise, push, contacts and end of each touch    |
 //! | `rest`    | what of that looks wrong                                    |
@@ -28,6 +29,7 @@ mod frames;
 mod gravity;
 mod joints;
 mod motion;
+mod mounting;
 mod payload;
 mod reading;
 mod rest;
@@ -243,6 +245,11 @@ impl Read<'_> {
         let contacts = contacts.filter(|_| as_read);
         let fits = &reading.fits;
         findings.extend(delay::finding(touches, robot, (fits, set.still_rad), period_s));
+        // Torques that come late do work as well.
+        let explained = |of: &Finding| ["joint_sign", "delay"].contains(&of.code);
+        if fits.tell() && !fits.misfit() && !findings.iter().any(explained) {
+            findings.extend(mounting::finding(touches, robot, (&fits.accepted(), set.still_rad)));
+        }
         let figures = figures::Figures::new(self.arm, self.place, (set, fits.accepted()))?;
         let (facts, touched, cells) = figures.of_all(touches, contacts, progress)?;
         let nothing = touched.nothing(&self.place.0);

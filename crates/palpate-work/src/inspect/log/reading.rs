@@ -204,6 +204,28 @@ pub(super) fn fits(
     Fits { set: all[0], best, gravity_torque, at_rest: rests.still, by_work: false, n_joints }
 }
 
+/// Joints whose torques follow gravity at rest, and those whose torques follow it turned round.
+pub(super) fn by_sign(robot: &Robot, rests: &Rests) -> [Vec<usize>; 2] {
+    let torques: Vec<(Vec<f64>, &Vec<f64>)> = (rests.all.iter())
+        .filter_map(|rest| {
+            let poses = robot.forward(&rest.q).ok()?;
+            Some((robot.gravity_torque(&poses).as_slice().to_vec(), &rest.tau))
+        })
+        .collect();
+    // Of the slope of a joint's torques on gravity: 0 if gravity hardly loads it, or does not explain them.
+    let sign = |joint: usize| {
+        let sum = |of: fn(f64, f64) -> f64| -> f64 {
+            torques.iter().map(|(gravity, tau)| of(gravity[joint], tau[joint])).sum()
+        };
+        let (square, cross) = (sum(|g, _| g * g), sum(|g, tau| g * tau));
+        let loaded = square >= torques.len() as f64 * LEAST_GRAVITY * LEAST_GRAVITY;
+        let fits = (cross.abs() / square - 1.0).abs() < NEAR_SLOPE;
+        if loaded && fits { cross.signum() } else { 0.0 }
+    };
+    let signs: Vec<f64> = (0..robot.n_joints()).map(sign).collect();
+    [1.0, -1.0].map(|sign| (0..signs.len()).filter(|&joint| signs[joint] == sign).collect())
+}
+
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
