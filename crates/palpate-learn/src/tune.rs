@@ -172,7 +172,7 @@ pub struct Trial {
 }
 
 /// Scores of a touch under each stiffness scale.
-type ByScale = Vec<f64>;
+type ByScale = Vec<Score>;
 
 /// Candidates with their contacts, for any set of training touches.
 pub struct Tuner {
@@ -331,10 +331,7 @@ impl Tuner {
 
     /// The mean score of a candidate with its best stiffness scale, and that.
     fn best_scale(&self, config: &MapperConfig, held_out: &[ByScale]) -> (f64, f64) {
-        let mean = |place: usize| {
-            let of_touches = held_out.iter().map(|scores| scores[place]);
-            MeanStd::of(of_touches).map_or(f64::INFINITY, |score| score.mean)
-        };
+        let mean = |place: usize| mean_score(&held_out.iter().map(|scores| &scores[place]));
         let scored = self.scales(config).into_iter().enumerate();
         let scored = scored.map(|(place, scale)| (mean(place), scale));
         // Of equal ones the largest, which comes first.
@@ -342,12 +339,33 @@ impl Tuner {
     }
 }
 
-/// Mean relative error of a touch; where it never reaches 1 N·m its mean error by that of
-/// predicting zero, and nothing if there is no torque at all.
-fn score_of(predicted: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<f64> {
+/// Errors of a touch that was predicted.
+#[derive(Debug, Clone, Copy)]
+struct Score {
+    /// Mean relative error; where the torque never reaches 1 N·m the mean error by that of predicting zero.
+    relative: f64,
+    /// Mean error, N·m.
+    error: f64,
+    /// The same of predicting zero.
+    of_zero: f64,
+}
+
+/// Nothing if there is no torque at all.
+fn score_of(predicted: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Score> {
     let sum = ErrorSum::of(predicted, measured);
-    let (errors, zero) = (sum.errors()?, sum.zero()?.avg_error);
-    errors.avg_relative.or((zero > 0.0).then_some(errors.avg_error / zero))
+    let (errors, of_zero) = (sum.errors()?, sum.zero()?.avg_error);
+    let (error, of_all) = (errors.avg_error, errors.avg_error / of_zero);
+    let relative = errors.avg_relative.unwrap_or(of_all);
+    (of_zero > 0.0).then_some(Score { relative, error, of_zero })
+}
+
+/// The mean relative error of touches, and in addition by how much the errors of all samples are above those of predicting
+/// zero, if they are: relative errors are of strong torques, and do not tell of torques that are predicted in free air.
+fn mean_score<'a>(touches: &(impl Iterator<Item = &'a Score> + Clone)) -> f64 {
+    let relative = MeanStd::of(touches.clone().map(|score| score.relative));
+    let sum = |of: fn(&Score) -> f64| touches.clone().map(of).sum::<f64>();
+    let of_all = sum(|score| score.error) / sum(|score| score.of_zero);
+    relative.map_or(f64::INFINITY, |relative| relative.mean + f64::max(of_all - 1.0, 0.0))
 }
 
 /// Candidates around the given settings, which are the first of them; the last one is for hard things.
@@ -397,5 +415,18 @@ fn set_contact(contact: &mut ContactConfig, model: [f64; 3], given: Given) {
     }
     if !given.coulomb_friction {
         contact.coulomb_friction = coulomb_friction;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn torques_in_free_air_count_where_zero_would_be_better() {
+        let score = |error| Score { relative: 0.5, error, of_zero: 2.0 };
+        let mean = |errors: [f64; 2]| mean_score(&errors.map(score).iter());
+        assert!((mean([1.0, 2.6]) - 0.5).abs() < 1e-12, "better than zero over all");
+        assert!((mean([1.4, 3.4]) - 0.7).abs() < 1e-12, "a fifth worse");
     }
 }
