@@ -24,7 +24,7 @@ pub(crate) struct CloudArgs {
     #[arg(long, value_name = "FILE")]
     camera: Option<PathBuf>,
     /// Pose of the camera, `camera_to_world`, where its file has none: a file of a 4 x 4 matrix, or
-    /// seven numbers `x y z qx qy qz qw`, m
+    /// seven numbers in one argument, "x y z qx qy qz qw", m
     #[arg(long, value_name = "FILE|NUMBERS", allow_hyphen_values = true)]
     camera_pose: Option<String>,
     /// Length of a unit of an integer depth image, m

@@ -122,8 +122,10 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     };
     let bar = output.begin(Some(config.tries as u64), "motions", "trying");
     let stop = || interrupt::pressed();
-    let found = excite(&arm, &config, &stop, &|| bar.step())
-        .map_err(|error| CliError::from(error.to_string()))?;
+    let found = excite(&arm, &config, &stop, &|| bar.step()).map_err(|error| match stop() {
+        true => CliError::Interrupted { kept: "; nothing was written".to_owned() },
+        false => CliError::from(error.to_string()),
+    })?;
     drop(bar);
     let text = match format {
         Format::Csv => table(&arm.robot, &found),

@@ -9,7 +9,7 @@ use palpate_work::held_joints::of_field;
 use palpate_work::robot;
 use serde_json::json;
 
-use crate::args::corners;
+use crate::args::{corners, number_in};
 use crate::error::CliError;
 use crate::interrupt;
 use crate::output::{Output, seconds};
@@ -48,7 +48,8 @@ pub(crate) struct Args {
     /// Forget the touches in which the arm went through a point of this box, m
     #[arg(
         long = "box", num_args = 6, group = "which", allow_negative_numbers = true,
-        value_names = ["X", "Y", "Z", "X", "Y", "Z"]
+        value_names = ["X", "Y", "Z", "X", "Y", "Z"],
+        value_parser = number_in(f64::MIN..=f64::MAX, "a finite number of m")
     )]
     touched_box: Option<Vec<f64>>,
     /// Print what was forgotten as JSON

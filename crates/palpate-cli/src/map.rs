@@ -296,11 +296,16 @@ impl Summary<'_> {
         format!("palpate predict {} LOG{robot}", logs::quoted(&field))
     }
 
+    /// Of the field's bands, which one with a body does not have.
+    fn calibration(&self) -> Option<&Calibration> {
+        self.mapper.calibration().filter(|_| self.body.is_none())
+    }
+
     fn json(&self, elapsed: Duration) -> serde_json::Value {
         let mut json = self.tally.figures(self.mapper);
         json["field"] = json!(self.args.output);
         json["seconds"] = json!(elapsed.as_secs_f64());
-        json["bands"] = self.mapper.calibration().map_or(serde_json::Value::Null, |own| {
+        json["bands"] = self.calibration().map_or(serde_json::Value::Null, |own| {
             json!({
                 "highest_level": own.highest_level(),
                 "touches": own.touches,
@@ -348,7 +353,11 @@ impl Summary<'_> {
         } else if config.method == EstimatorKind::Elastic {
             found.push(("elastic body", "none, map is used alone".to_owned()));
         }
-        found.push(("bands", calibrated_on(self.mapper.calibration())));
+        let bands = match self.body {
+            Some(_) => "none: they are of springs alone".to_owned(),
+            None => calibrated_on(self.calibration()),
+        };
+        found.push(("bands", bands));
         found.push(("time", seconds(elapsed)));
         found.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
         let before = tally.before_learning();

@@ -52,7 +52,8 @@ pub(crate) struct Args {
     /// Box whose stiffness is to be known, as far as candidates touch it: two corners, m
     #[arg(
         long = "box", id = "task_box", num_args = 6, allow_negative_numbers = true,
-        value_names = ["X", "Y", "Z", "X", "Y", "Z"]
+        value_names = ["X", "Y", "Z", "X", "Y", "Z"],
+        value_parser = number_in(f64::MIN..=f64::MAX, "a finite number of m")
     )]
     task_box: Option<Vec<f64>>,
     /// What motions are judged by [default: variance]

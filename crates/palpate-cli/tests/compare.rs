@@ -107,6 +107,8 @@ fn the_motion_that_is_most_like_the_task_is_proposed_and_written() {
         "{text}"
     );
     refuse(&mut next(&["--task", &scene.text("nothing")]), 1, &["nothing"]);
+    let nan = ["--box", "nan", "0", "0", "1", "1", "1"];
+    refuse(&mut next(&nan), 2, &["a finite number of m"]);
     // An elbow that bends less far.
     let urdf = fs::read_to_string(scene.path("tiny.urdf")).unwrap();
     let (before, elbow) = urdf.split_at(urdf.find("<joint name=\"elbow\"").unwrap());

@@ -5,7 +5,7 @@ mod common;
 
 use std::path::Path;
 
-use common::{Scene, json, palpate, refuse, succeed};
+use common::{Scene, json, npy, palpate, refuse, succeed};
 use palpate_io::field::load;
 use palpate_io::log::{self, LogEvent, LogOptions};
 use serde_json::Value;
@@ -16,15 +16,17 @@ fn bundled(file: &str) -> String {
 
 /// The first samples of a bundled touch, its still start and the way in.
 fn beginning(scene: &Scene, touch: &str, samples: usize) -> String {
-    let (mut q, mut tau) = (Vec::new(), Vec::new());
+    let (mut times, mut q, mut tau) = (Vec::new(), Vec::new(), Vec::new());
     for event in log::open(Path::new(&bundled(touch)), &LogOptions::default()).unwrap() {
         if let LogEvent::Sample(sample) = event.unwrap() {
+            times.push(sample.time_s.unwrap());
             q.push(<[f64; 7]>::try_from(sample.q).unwrap());
             tau.push(<[f64; 7]>::try_from(sample.tau).unwrap());
         }
     }
     let name = format!("log/{touch}");
     scene.arrays(&name, &q[..samples], &tau[..samples]);
+    npy(&scene.path(&name).join("time.npy"), &[samples], &times[..samples]);
     scene.text(&name)
 }
 
@@ -46,6 +48,11 @@ fn a_field_with_a_body_predicts_what_evaluate_says_and_goes_on_as_if_learnt_at_o
     let summary = json(on.arg("--json"));
     assert_eq!(summary["estimator"], "elastic");
     assert!(summary["elastic"]["share"].as_f64().unwrap() > 0.1, "{summary}");
+    assert!(summary["bands"].is_null(), "{summary}");
+    // Its springs alone would pass motions that exceed the limit.
+    let mut next = palpate();
+    next.args(["next", &scene.text("both.npz"), "--candidates", &c, "--limit", "5"]);
+    refuse(&mut next, 2, &["elastic body", "without a body"]);
     let [once, both] = ["once.npz", "both.npz"].map(|name| load(&scene.path(name)).unwrap());
     assert!(once.field.elastic.is_some());
     assert_eq!(once.field, both.field, "the two must agree to the bit");

@@ -242,6 +242,26 @@ fn clouds_that_say_nothing_are_refused_and_nothing_is_written() {
 }
 
 #[test]
+fn a_cloud_that_is_mostly_background_is_warned_of() {
+    let out = tempfile::tempdir().unwrap();
+    let said = |cloud: &Path| {
+        let done = extrapolate("field.npz", cloud, &out.path().join("seen.npz")).output().unwrap();
+        assert!(done.status.success());
+        String::from_utf8(done.stderr).unwrap()
+    };
+    let alone = written(&out.path().join("alone.ply"), 20, Vector3::zeros(), true);
+    assert_eq!(said(&alone), "");
+    let object = cloud::read(&alone).unwrap().cloud;
+    let behind = object.points().iter().map(|point| point + Vector3::new(0.0, 3.0, 0.0));
+    let points = object.points().iter().copied().chain(behind.clone()).chain(behind).collect();
+    let colours = object.colours().unwrap().repeat(3);
+    let room = out.path().join("room.ply");
+    cloud::write_ply(&room, &Cloud::new(points, Some(colours)), &[]).unwrap();
+    let said = said(&room);
+    assert!(said.contains("--crop-low-m"), "{said}");
+}
+
+#[test]
 fn pictures_that_do_not_fit_are_refused() {
     let out = tempfile::tempdir().unwrap();
     let npz = out.path().join("seen.npz");

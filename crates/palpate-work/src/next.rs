@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::{Arm, EstimatorKind, Gravity, MapperConfig, Robot, Sample, Tare};
+use palpate::{Arm, EstimatorKind, Field, Gravity, MapperConfig, Robot, Sample, Tare};
 use palpate_io::field::Saved;
 use palpate_learn::next_touch::{Criterion, NextTouch, Proposal, Task};
 use palpate_learn::tracked::{Touch, Tracked};
@@ -92,6 +92,32 @@ pub struct Named {
     pub proposal: Proposal,
 }
 
+/// Checks that the field can be asked.
+fn check(
+    arm: &Arm,
+    field: &Field,
+    request: &Request,
+    progress: &dyn Progress,
+) -> Result<(), WorkError> {
+    if let Some(Err(what)) = field.calibration.as_ref().map(|own| own.check(arm.robot.n_joints())) {
+        return Err(WorkError::from(format!("the field belongs to another robot: {what}")));
+    }
+    if let Some(limit) = request.limit_n_m.filter(|limit| !(*limit > 0.0 && limit.is_finite())) {
+        return Err(WorkError::Usage(format!("the limit is {limit} N·m; wanted more than 0")));
+    }
+    if field.elastic.is_some() {
+        if request.limit_n_m.is_some() {
+            return Err(WorkError::Usage(
+                "the field has an elastic body, which `next` does not ask: its springs alone would pass motions that \
+                 exceed the limit; wanted a field of the same touches without a body (`palpate map` without --estimator elastic)"
+                    .to_owned(),
+            ));
+        }
+        progress.note("the field's springs are asked, not its elastic body");
+    }
+    Ok(())
+}
+
 /// Ranks candidates by what they would teach about the torques of some motions, of the candidates themselves if there
 /// are none.
 ///
@@ -108,16 +134,7 @@ pub fn next(
     progress: &dyn Progress,
 ) -> Result<Proposals, WorkError> {
     let field = &saved.field;
-    let n_joints = arm.robot.n_joints();
-    if let Some(Err(what)) = field.calibration.as_ref().map(|own| own.check(n_joints)) {
-        return Err(WorkError::from(format!("the field belongs to another robot: {what}")));
-    }
-    if let Some(limit) = request.limit_n_m.filter(|limit| !(*limit > 0.0 && limit.is_finite())) {
-        return Err(WorkError::Usage(format!("the limit is {limit} N·m; wanted more than 0")));
-    }
-    if field.elastic.is_some() {
-        progress.note("the field's springs are asked, not its elastic body");
-    }
+    check(arm, field, request, progress)?;
     let mut config = MapperConfig::of(EstimatorKind::Map);
     (config.lattice, config.contact) = (field.lattice.clone(), field.contact.clone());
     config.touch.gravity = Gravity::Removed;

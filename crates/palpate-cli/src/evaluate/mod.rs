@@ -119,6 +119,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let methods = each_once(&args.methods, has_body)?;
     if args.methods.is_empty() {
         tell_left_out(output);
+    } else if has_body && !methods.contains(&Method::Elastic) {
+        output.note("--methods leaves out `elastic`, which the object's cloud or picture is for");
     }
     let (bodies, cloud) = args.object.bodies(output)?;
     let folder = Folder::make(&args.output, "report.html")?;

@@ -162,6 +162,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     write(&args.output, cloud, &found.extrapolation)?;
     if let Some(path) = &args.field {
         field::save(path, &filled(saved.clone(), &found.cells)).map_err(CliError::file)?;
+        if saved.field.calibration.is_some() {
+            output.note(
+                "the new field has no bands: those of the old one are for its own predictions",
+            );
+        }
     }
     if let (Some(path), Some(format), Some(drawing)) = (&args.picture, picture, &drawing) {
         format.write(path, drawing)?;

@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use nalgebra::DVector;
-use palpate::{Arm, CellId, MapperConfig};
+use nalgebra::{DVector, Point3};
+use palpate::{Arm, CellId, Field, MapperConfig};
 use palpate_io::cloud::Cloud;
 use palpate_io::field::Saved;
 use palpate_learn::extrapolate::compare::{Plan, Row};
@@ -80,13 +80,43 @@ pub struct Found {
     pub rows: Option<Vec<Row>>,
 }
 
-/// Warns of a cloud whose points all have the same colour.
-fn tell_one_colour(colours: &[[u8; 3]], progress: &dyn Progress) {
+/// Warns of a cloud whose points all have the same colour, or are mostly far from what was touched.
+fn tell_odd(
+    colours: &[[u8; 3]],
+    (points, field): (&[Point3<f64>], &Field),
+    progress: &dyn Progress,
+) {
     if colours.iter().all(|colour| *colour == colours[0]) {
         progress.warn(
             "all points of the cloud have one colour, by which no part of the object is told from another: was it saved \
              without colours?",
         );
+    }
+    tell_far(points, field, progress);
+}
+
+/// Warns if most points are farther from everything that was touched than that is large.
+fn tell_far(points: &[Point3<f64>], field: &Field, progress: &dyn Progress) {
+    let touched = field.cells.iter().zip(&field.counts).filter(|(_, count)| **count > 0);
+    let mut corners = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    for point in touched.map(|(cell, _)| field.lattice.point(*cell)) {
+        for axis in 0..3 {
+            corners[0][axis] = corners[0][axis].min(point[axis]);
+            corners[1][axis] = corners[1][axis].max(point[axis]);
+        }
+    }
+    let [low, high] = corners;
+    let size_m = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+    let is_far = |point: &&Point3<f64>| {
+        (0..3).any(|axis| point[axis] < low[axis] - size_m || point[axis] > high[axis] + size_m)
+    };
+    let far = points.iter().filter(is_far).count();
+    if 2 * far > points.len() {
+        progress.warn(&format!(
+            "{far} of the {} points are more than {size_m:.2} m from the box of all that was touched: floor and background \
+             are taken for parts of the object; cut them off (of a picture: --crop-low-m, --crop-high-m)",
+            points.len()
+        ));
     }
 }
 
@@ -99,7 +129,7 @@ impl Work<'_> {
     /// learnt.
     pub fn run(&self, progress: &dyn Progress) -> Result<Found, WorkError> {
         let colours = self.cloud.colours().expect("a cloud without colours was refused");
-        tell_one_colour(colours, progress);
+        tell_odd(colours, (self.cloud.points(), &self.saved.field), progress);
         let seen = SeenCloud::new(self.cloud.points(), colours).map_err(WorkError::file)?;
         let mut config = config(&self.given, self.saved, progress);
         config.check().map_err(|error| WorkError::Usage(error.to_string()))?;
