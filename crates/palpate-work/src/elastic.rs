@@ -230,6 +230,12 @@ pub fn learn_body(
         }
         other => WorkError::file(other),
     })?;
+    if learnt.likeliest().stiffness_factors.iter().all(|factor| *factor == 0.0) {
+        progress.warn(
+            "no stiffness of the elastic body explains the touches, so it predicts no torque: is it of another kind \
+             (--object-kind), or does it stand elsewhere?",
+        );
+    }
     saved.field.elastic = Some(Arc::new(learnt));
     saved.field.calibration = None; // bands are of springs alone
     saved.elastic_touches = touches;

@@ -138,7 +138,10 @@ impl Figured<'_> {
         let what = "the arm never leaves its start in";
         let remedy = "nothing can be learnt from it; check the unit (--angle-unit), or leave the \
                       touch out";
-        let shows = |touch: &TouchFacts| touch.start_frames == touch.frames;
+        // Of a touch that was refused the first samples alone are known.
+        let shows = |touch: &TouchFacts| {
+            touch.start_frames == touch.frames && touch.frames >= 2 * MIN_TARE_FRAMES as usize
+        };
         self.shown(shows, ("never_moves", what, remedy))
     }
 
