@@ -208,7 +208,7 @@ fn coordinates_beyond_a_kilometre_are_refused_as_other_units() {
 #[test]
 fn what_wants_more_memory_than_allowed_is_refused_by_name_and_read_if_more_is_allowed() {
     let scene = Scene::new();
-    scene.touch("log/long", 20_000, 0.0);
+    scene.touch("log/long", 60_000, 0.0);
     succeed(&mut scene.map(&["log/long"], &["--replays", "0"]));
     let bounded = |gib: &str, command: &str, file: &str| {
         let mut palpate = palpate();

@@ -56,6 +56,25 @@ fn a_relative_error_is_null_where_no_frame_reaches_a_newton_metre() {
 }
 
 #[test]
+fn mapping_in_two_halves_is_mapping_at_once() {
+    for estimator in ["map", "ekf"] {
+        let scene = Scene::new();
+        let at = |name: &str| scene.text(name);
+        let with = ["--estimator", estimator];
+        succeed(&mut scene.map(&["log"], &[&with[..], &["-o", &at("once.npz")]].concat()));
+        succeed(&mut scene.map(&["log/seq_0"], &[&with[..], &["-o", &at("half.npz")]].concat()));
+        let (from, to) = (at("half.npz"), at("both.npz"));
+        succeed(&mut scene.map(&["log/seq_1"], &["--from", &from, "-o", &to]));
+        let (once, both) = (field(&scene, "once.npz"), field(&scene, "both.npz"));
+        let bits = |saved: &Saved| -> Vec<u64> {
+            saved.field.stiffness_n_per_m.iter().map(|k| k.to_bits()).collect()
+        };
+        assert_eq!(bits(&once), bits(&both), "{estimator}");
+        assert_eq!(once.field, both.field, "{estimator}");
+    }
+}
+
+#[test]
 fn going_on_under_other_settings_or_without_memory_is_refused() {
     let scene = Scene::new();
     let saved = scene.text("out/field.npz");

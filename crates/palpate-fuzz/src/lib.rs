@@ -15,7 +15,7 @@ use std::hint::black_box;
 use palpate::Robot;
 use palpate_io::cloud;
 use palpate_io::field::npz::{Array, Data};
-use palpate_io::field::{from_bytes, npz};
+use palpate_io::field::{FieldFile, from_bytes, npz};
 use palpate_io::log::{self, LogOptions};
 use palpate_io::rgbd;
 use palpate_io::robot_files::{ArmOptions, CachePlace, load_arm};
@@ -87,6 +87,9 @@ fn npy_folder(bytes: &[u8]) {
 /// A field.
 fn npz(bytes: &[u8]) {
     let _ = black_box(from_bytes(bytes, "field"));
+    if let Ok(arrays) = npz::read_npz_bytes(bytes, "field") {
+        let _ = black_box(FieldFile::from_arrays(&arrays));
+    }
 }
 
 /// A field one of whose arrays, named by the first byte, is changed by the rest.

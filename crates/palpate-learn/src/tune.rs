@@ -167,7 +167,7 @@ pub struct Trial {
     /// Its settings.
     pub config: MapperConfig,
     /// Its score after each round that it was in: mean relative error on training touches it had
-    /// not learnt from (of a touch below 1 N·m: its mean error by that of predicting zero).
+    /// not learnt from (of a touch below 1 N·m: its mean error by that of predicting zero), and the excess over predicting zero.
     pub scores: Vec<f64>,
 }
 
@@ -359,13 +359,15 @@ fn score_of(predicted: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Score> {
     (of_zero > 0.0).then_some(Score { relative, error, of_zero })
 }
 
-/// The mean relative error of touches, and in addition by how much the errors of all samples are above those of predicting
-/// zero, if they are: relative errors are of strong torques, and do not tell of torques that are predicted in free air.
+/// The mean relative error of touches. Where the sum of their mean errors is above that of predicting zero, the excess is
+/// added, as a part of the latter: relative errors are of strong torques, and do not tell of torques predicted in free air.
 fn mean_score<'a>(touches: &(impl Iterator<Item = &'a Score> + Clone)) -> f64 {
     let relative = MeanStd::of(touches.clone().map(|score| score.relative));
     let sum = |of: fn(&Score) -> f64| touches.clone().map(of).sum::<f64>();
     let of_all = sum(|score| score.error) / sum(|score| score.of_zero);
-    relative.map_or(f64::INFINITY, |relative| relative.mean + f64::max(of_all - 1.0, 0.0))
+    let excess = if of_all < 1.0 { 0.0 } else { of_all - 1.0 };
+    let score = relative.map_or(f64::INFINITY, |relative| relative.mean + excess);
+    if score.is_finite() { score } else { f64::INFINITY }
 }
 
 /// Candidates around the given settings, which are the first of them; the last one is for hard things.

@@ -335,7 +335,7 @@ impl Field {
     /// `candidates` are motions that could be made, (T, n_joints) rad each, and `task` those whose torques are to be known:
     /// the candidates if left out. `box` is a pair of corners, m, whose stiffness is to be known instead. `by` is
     /// "variance" or "information". Left out are motions whose predicted torque may pass `limit`, N·m, and motions
-    /// in which a joint goes beyond its limits.
+    /// in which a joint goes beyond its limits. A field with an elastic body takes no `limit`.
     #[pyo3(signature = (
         candidates, task = None, *, r#box = None, by = "variance", count = 5, limit = None, robot = None, progress = None
     ))]

@@ -109,7 +109,7 @@ fn check(
         if request.limit_n_m.is_some() {
             return Err(WorkError::Usage(
                 "the field has an elastic body, which `next` does not ask: its springs alone would pass motions that \
-                 exceed the limit; wanted a field of the same touches without a body (`palpate map` without --estimator elastic)"
+                 exceed the limit; wanted a field of the same touches that was learned without a body (`palpate map` without --estimator elastic)"
                     .to_owned(),
             ));
         }

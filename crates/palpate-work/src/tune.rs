@@ -322,7 +322,7 @@ fn strongest_first(torques: &[f64]) -> Vec<usize> {
 fn summary(tuned: &Tuned, (touches, found): (usize, usize)) -> String {
     let (contact, estimator) = (&tuned.config.contact, &tuned.config.estimator);
     let score = tuned.trials[0].scores.last().copied().filter(|score| score.is_finite());
-    let score = score.map_or(String::new(), |score| format!(" (relative error {score:.2})"));
+    let score = score.map_or(String::new(), |score| format!(" (score {score:.2})"));
     let of = if touches < found { format!(" of {found}") } else { String::new() };
     format!(
         "chosen by cross-validation on {touches}{of} touches{score}: contact distance {:.0} mm, \

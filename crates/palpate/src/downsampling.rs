@@ -16,6 +16,8 @@ const LEAST_S: f64 = 0.045;
 
 /// The same without times: how far the fastest joint goes meanwhile, rad (m); in those logs 2 to 9 mrad from sample to sample.
 const LEAST_RAD: f64 = 2e-3;
+/// A smaller step from sample to sample is the noise of an arm at rest.
+const MOVING_RAD: f64 = 1e-5;
 
 /// Takes samples of one touch that are far enough apart.
 #[derive(Debug, Clone, Default)]
@@ -26,8 +28,8 @@ pub struct Downsampling {
     since: u32,
     /// The joint positions of the last sample, n_joints.
     before: Vec<f64>,
-    /// Sum of the fastest joint's steps from sample to sample, rad, and of their squares.
-    steps: [f64; 2],
+    /// Sum of the fastest joint's steps from sample to sample, rad, where it moves, and how many these are.
+    steps: (f64, u32),
 }
 
 impl Downsampling {
@@ -54,16 +56,18 @@ impl Downsampling {
             way.min(TAU - way)
         };
         let step = q.iter().zip(&self.before).map(turned).fold(0.0, f64::max);
-        self.steps[0] += step;
-        self.steps[1] += step * step;
+        if step > MOVING_RAD {
+            self.steps = (self.steps.0 + step, self.steps.1 + 1);
+        }
         self.before.clear();
         self.before.extend_from_slice(q);
     }
 
-    /// How far the fastest joint goes from sample to sample where the arm moves, rad: the mean by length of path, to which an
-    /// arm at rest adds nothing. Infinite if it has not moved yet, which says nothing of the rate.
+    /// How far the fastest joint goes from sample to sample where it moves, rad, on average. Infinite if it has not moved yet,
+    /// which says nothing of the rate.
     fn step(&self) -> f64 {
-        if self.steps[0] > 0.0 { self.steps[1] / self.steps[0] } else { f64::INFINITY }
+        let (sum, count) = self.steps;
+        if count > 0 { sum / f64::from(count) } else { f64::INFINITY }
     }
 }
 
@@ -104,6 +108,19 @@ mod tests {
             });
             assert!((19..=36).contains(&moving), "{moving} moving at {rate_hz} Hz");
             assert!((19..=36).contains(&held), "{held} held at {rate_hz} Hz");
+        }
+    }
+
+    #[test]
+    fn a_fast_approach_does_not_hide_how_slow_the_contact_is() {
+        // Half a second at 0.3 rad/s, then three at 0.05 rad/s.
+        let q = |time_s: f64| 0.3 * time_s.min(0.5) + 0.05 * (time_s - 0.5).max(0.0);
+        for rate_hz in [200, 1000] {
+            let times = (0..7 * rate_hz / 2).map(|sample| f64::from(sample) / f64::from(rate_hz));
+            let learnt = taken(times.map(|time_s| (None, q(time_s))));
+            let contact = learnt[2 * rate_hz as usize..3 * rate_hz as usize].iter();
+            let count = contact.filter(|takes| **takes).count();
+            assert!((19..=60).contains(&count), "{count} at {rate_hz} Hz");
         }
     }
 

@@ -163,9 +163,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if let Some(path) = &args.field {
         field::save(path, &filled(saved.clone(), &found.cells)).map_err(CliError::file)?;
         if saved.field.calibration.is_some() {
-            output.note(
-                "the new field has no bands: those of the old one are for its own predictions",
-            );
+            output.note("the new field has no bands: they were calibrated for the old one");
         }
     }
     if let (Some(path), Some(format), Some(drawing)) = (&args.picture, picture, &drawing) {

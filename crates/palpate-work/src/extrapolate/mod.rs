@@ -95,7 +95,10 @@ fn tell_odd(
     tell_far(points, field, progress);
 }
 
-/// Warns if most points are farther from everything that was touched than that is large.
+/// Touches of a smaller part say nothing of how large the object is, m.
+const LEAST_REACH_M: f64 = 0.4;
+
+/// Warns if most points lie farther from the box of the touched cells than its longest side.
 fn tell_far(points: &[Point3<f64>], field: &Field, progress: &dyn Progress) {
     let touched = field.cells.iter().zip(&field.counts).filter(|(_, count)| **count > 0);
     let mut corners = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
@@ -106,7 +109,10 @@ fn tell_far(points: &[Point3<f64>], field: &Field, progress: &dyn Progress) {
         }
     }
     let [low, high] = corners;
-    let size_m = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+    if low[0] > high[0] {
+        return; // Nothing was touched, which is told by other words.
+    }
+    let size_m = (0..3).map(|axis| high[axis] - low[axis]).fold(LEAST_REACH_M, f64::max);
     let is_far = |point: &&Point3<f64>| {
         (0..3).any(|axis| point[axis] < low[axis] - size_m || point[axis] > high[axis] + size_m)
     };

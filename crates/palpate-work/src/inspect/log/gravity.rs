@@ -38,9 +38,9 @@ pub(super) fn judge(
     }
     fits = fits.with_sign_by_work(evidence.and_then(|evidence| evidence.sign_by_work()));
     let mut payload = None;
-    let by_sign = if rests.still { reading::by_sign(robot, &rests) } else { Default::default() };
-    if by_sign.iter().all(|joints| !joints.is_empty()) {
-        findings.push(opposite_signs(robot, &by_sign));
+    let by_sign = reading::by_sign(robot, &rests, set, &fits);
+    if let Some(by_sign) = &by_sign {
+        findings.push(opposite_signs(robot, by_sign));
     } else if fits.contradict() {
         findings.push(wrong_convention(&fits));
     } else if fits.misfit() {

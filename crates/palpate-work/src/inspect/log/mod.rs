@@ -10,7 +10,7 @@
 //! | `unit`    | degrees or radians                                          |
 //! | `reading` | sign, gravity and order of joints that fit best             |
 //! | `gravity` | the same in words                                           |
-//! | `mounting` | whether gravity points the other way                        |
+//! | `mounting` | whether the arm is mounted as its URDF says                |
 //! | `payload` | what weight would explain torques that gravity does not     |
 //! | `figures` | start, tare, noise, push, contacts and end of each touch    |
 //! | `rest`    | what of that looks wrong                                    |
@@ -245,7 +245,7 @@ impl Read<'_> {
         let contacts = contacts.filter(|_| as_read);
         let fits = &reading.fits;
         findings.extend(delay::finding(touches, robot, (fits, set.still_rad), period_s));
-        // Torques that come late do work as well.
+        // Late torques and negated columns give work too, and are told already.
         let explained = |of: &Finding| ["joint_sign", "delay"].contains(&of.code);
         if fits.tell() && !fits.misfit() && !findings.iter().any(explained) {
             findings.extend(mounting::finding(touches, robot, (&fits.accepted(), set.still_rad)));

@@ -4,7 +4,7 @@
 //! contact. From a free start and back to it, contacts and friction take work from the arm, and never give it any. What is
 //! conservative, such as a payload that the robot does not know, adds nothing to that.
 
-use palpate::{Gravity, MIN_TARE_FRAMES, Robot};
+use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Sample};
 
 use super::super::finding::Finding;
 use super::super::words::number;
@@ -15,11 +15,12 @@ use crate::touches::RecordedTouch;
 const BACK: f64 = 0.1;
 /// The least work from start to end, as a part of the difference between the most and the least on the way.
 const LEAST_PART: f64 = 0.1;
-/// The same, J.
-const LEAST_J: f64 = 0.005;
-/// Touches that must come back, and the part of them that must give work.
+/// The same, J: a sensor's own hysteresis does a little in free motion.
+const LEAST_J: f64 = 0.05;
+/// Fewest touches that come back and do work.
 const FEWEST: usize = 3;
-const MOST_GIVE: f64 = 0.8;
+/// The part of them that must give the arm work.
+const LEAST_GIVING: f64 = 0.8;
 
 /// Says so if touches that come back give the arm work.
 pub(super) fn finding(
@@ -31,16 +32,17 @@ pub(super) fn finding(
         return None;
     }
     let works: Vec<f64> =
-        touches.iter().filter_map(|touch| given(touch, robot, fit, still_rad)).collect();
-    let give = works.iter().filter(|work| **work > 0.0).count();
-    if works.len() < FEWEST || (give as f64) < MOST_GIVE * works.len() as f64 {
+        touches.iter().filter_map(|touch| work_j(touch, robot, fit, still_rad)).collect();
+    let given: Vec<f64> = works.iter().copied().filter(|work| *work > 0.0).collect();
+    if works.len() < FEWEST || (given.len() as f64) < LEAST_GIVING * works.len() as f64 {
         return None;
     }
     let what = format!(
-        "the torques that are left over after gravity give the arm work, {} J in {give} of {} touches that come back to \
-         their start, where contacts and friction only take it: gravity may point the other way than in the URDF, as \
-         where the arm hangs from a ceiling",
-        number(works.iter().sum()),
+        "the torques that are left over after gravity give the arm work, {} J in {} of {} touches that come back to their \
+         start and do work, where contacts and friction only take it: gravity may point the other way than in the URDF, as \
+         where the arm hangs from a ceiling; or somebody guided the arm by hand",
+        number(given.iter().sum()),
+        given.len(),
         works.len()
     );
     let remedy = "let the URDF say how the arm is mounted: the <origin rpy> of the joint between its root link, z up, \
@@ -49,8 +51,8 @@ pub(super) fn finding(
 }
 
 /// The work, J, that the external torque gives the arm from the start of a touch to its end; `None` if it does not come back,
-/// has no still start, or does hardly any.
-fn given(touch: &RecordedTouch, robot: &Robot, fit: &Fit, still_rad: f64) -> Option<f64> {
+/// does not stand still at both, or it is hardly any.
+fn work_j(touch: &RecordedTouch, robot: &Robot, fit: &Fit, still_rad: f64) -> Option<f64> {
     let still = touch.still_frames(still_rad);
     let start = &touch.samples.first()?.q;
     let farthest = |way: Vec<f64>| way.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
@@ -66,14 +68,29 @@ fn given(touch: &RecordedTouch, robot: &Robot, fit: &Fit, still_rad: f64) -> Opt
         let joints = sample.tau.iter().zip(gravity.iter());
         external.push(joints.map(|(tau, gravity)| sign * tau - gravity).collect::<Vec<f64>>());
     }
-    let tare: Vec<f64> = (0..robot.n_joints())
-        .map(|j| external[..still].iter().map(|tau| tau[j]).sum::<f64>() / still as f64)
-        .collect();
+    let end = &touch.samples.last()?.q;
+    let rests = |sample: &&Sample| farthest(robot.difference(end, &sample.q)) <= still_rad;
+    let still_at_end = touch.samples.iter().rev().take_while(rests).count();
+    if still_at_end < MIN_TARE_FRAMES as usize {
+        return None;
+    }
+    // Sensors drift: what they show at rest goes over from the start to the end.
+    let mean = |of: &[Vec<f64>]| -> Vec<f64> {
+        (0..robot.n_joints())
+            .map(|j| of.iter().map(|tau| tau[j]).sum::<f64>() / of.len() as f64)
+            .collect()
+    };
+    let last = external.len();
+    let tares = [mean(&external[..still]), mean(&external[last - still_at_end..])];
     let (mut work, mut most, mut least) = (0.0_f64, 0.0_f64, 0.0_f64);
-    for (pair, torques) in touch.samples.windows(2).zip(external.windows(2)) {
+    for (number, (pair, torques)) in touch.samples.windows(2).zip(external.windows(2)).enumerate() {
+        let part = number as f64 / last as f64;
         let way = robot.difference(&pair[0].q, &pair[1].q);
-        let mean = (0..tare.len()).map(|j| f64::midpoint(torques[0][j], torques[1][j]) - tare[j]);
-        work += mean.zip(way).map(|(tau, way)| tau * way).sum::<f64>();
+        let mean = |j: usize| {
+            let tare = tares[0][j] + part * (tares[1][j] - tares[0][j]);
+            f64::midpoint(torques[0][j], torques[1][j]) - tare
+        };
+        work += way.iter().enumerate().map(|(j, way)| mean(j) * way).sum::<f64>();
         (most, least) = (most.max(work), least.min(work));
     }
     (work.abs() > LEAST_J.max(LEAST_PART * (most - least))).then_some(work)

@@ -204,8 +204,17 @@ pub(super) fn fits(
     Fits { set: all[0], best, gravity_torque, at_rest: rests.still, by_work: false, n_joints }
 }
 
-/// Joints whose torques follow gravity at rest, and those whose torques follow it turned round.
-pub(super) fn by_sign(robot: &Robot, rests: &Rests) -> [Vec<usize>; 2] {
+/// Joints whose torques follow gravity at rest, and those whose torques follow it turned round, if there are both, and turning
+/// the fewer ones round explains the torques far better.
+pub(super) fn by_sign(
+    robot: &Robot,
+    rests: &Rests,
+    set: &ExternalTorqueConfig,
+    straight: &Fits,
+) -> Option<[Vec<usize>; 2]> {
+    if !rests.still || !straight.tell() {
+        return None;
+    }
     let torques: Vec<(Vec<f64>, &Vec<f64>)> = (rests.all.iter())
         .filter_map(|rest| {
             let poses = robot.forward(&rest.q).ok()?;
@@ -219,11 +228,22 @@ pub(super) fn by_sign(robot: &Robot, rests: &Rests) -> [Vec<usize>; 2] {
         };
         let (square, cross) = (sum(|g, _| g * g), sum(|g, tau| g * tau));
         let loaded = square >= torques.len() as f64 * LEAST_GRAVITY * LEAST_GRAVITY;
-        let fits = (cross.abs() / square - 1.0).abs() < NEAR_SLOPE;
-        if loaded && fits { cross.signum() } else { 0.0 }
+        let follows = (cross.abs() / square - 1.0).abs() < NEAR_SLOPE;
+        if loaded && follows { cross.signum() } else { 0.0 }
     };
     let signs: Vec<f64> = (0..robot.n_joints()).map(sign).collect();
-    [1.0, -1.0].map(|sign| (0..signs.len()).filter(|&joint| signs[joint] == sign).collect())
+    let by_sign =
+        [1.0, -1.0].map(|sign| (0..signs.len()).filter(|&joint| signs[joint] == sign).collect());
+    let [plus, minus]: &[Vec<usize>; 2] = &by_sign;
+    let odd = if plus.len() < minus.len() { plus } else { minus };
+    let mut turned = rests.clone();
+    turned.all.iter_mut().for_each(|rest| odd.iter().for_each(|&joint| rest.tau[joint] *= -1.0));
+    let order: Vec<usize> = (0..robot.n_joints()).collect();
+    let better = fits(robot, &turned, &order, set);
+    let explains = better.best.gravity == Gravity::Included
+        && !better.misfit()
+        && better.best.left_over < FAR_BETTER * straight.best.left_over;
+    (!odd.is_empty() && explains).then_some(by_sign)
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

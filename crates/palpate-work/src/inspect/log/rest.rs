@@ -138,7 +138,7 @@ impl Figured<'_> {
         let what = "the arm never leaves its start in";
         let remedy = "nothing can be learnt from it; check the unit (--angle-unit), or leave the \
                       touch out";
-        // Of a touch that was refused the first samples alone are known.
+        // A refused touch is known only up to that sample, so short ones are not judged.
         let shows = |touch: &TouchFacts| {
             touch.start_frames == touch.frames && touch.frames >= 2 * MIN_TARE_FRAMES as usize
         };
