@@ -95,10 +95,10 @@ fn tell_odd(
     tell_far(points, field, progress);
 }
 
-/// Touches of a smaller part say nothing of how large the object is, m.
-const LEAST_REACH_M: f64 = 0.4;
+/// So near to what was touched, m, points are of the same object.
+const NEAR_M: f64 = 0.3;
 
-/// Warns if most points lie farther from the box of the touched cells than its longest side.
+/// Warns if more than a third of the points lie far from the box of the touched cells: by more than a quarter of its longest side.
 fn tell_far(points: &[Point3<f64>], field: &Field, progress: &dyn Progress) {
     let touched = field.cells.iter().zip(&field.counts).filter(|(_, count)| **count > 0);
     let mut corners = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
@@ -112,15 +112,15 @@ fn tell_far(points: &[Point3<f64>], field: &Field, progress: &dyn Progress) {
     if low[0] > high[0] {
         return; // Nothing was touched, which is told by other words.
     }
-    let size_m = (0..3).map(|axis| high[axis] - low[axis]).fold(LEAST_REACH_M, f64::max);
+    let far_m = (0..3).map(|axis| 0.25 * (high[axis] - low[axis])).fold(NEAR_M, f64::max);
     let is_far = |point: &&Point3<f64>| {
-        (0..3).any(|axis| point[axis] < low[axis] - size_m || point[axis] > high[axis] + size_m)
+        (0..3).any(|axis| point[axis] < low[axis] - far_m || point[axis] > high[axis] + far_m)
     };
     let far = points.iter().filter(is_far).count();
-    if 2 * far > points.len() {
+    if 3 * far > points.len() {
         progress.warn(&format!(
-            "{far} of the {} points are more than {size_m:.2} m from the box of all that was touched: floor and background \
-             are taken for parts of the object; cut them off (of a picture: --crop-low-m, --crop-high-m)",
+            "{far} of the {} points are more than {far_m:.2} m from the box of all that was touched: if they are floor or \
+             background, cut them off (of a picture: --crop-low-m, --crop-high-m)",
             points.len()
         ));
     }
