@@ -103,7 +103,7 @@ def test_needs_datasets_a_data_set_is_read_by_its_names_and_annotated_for_its_ow
     touches = data_set(plant, source, version)
     # Positions and torques are joined by name: the same field as of the arrays.
     fields = []
-    for log in (source, [palpate.Touch(q, tau) for q, tau in touches]):
+    for log in (source, [palpate.Touch(q, tau, time=np.arange(len(q)) / 20) for q, tau in touches]):
         mapper = palpate.Mapper(robot)
         mapper.map(log, progress=False)
         fields.append(mapper.field())

@@ -1,6 +1,7 @@
 """What Python finds is what the command finds, to the bit, and in the same words."""
 
 import json
+import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -64,8 +65,8 @@ def test_a_map_is_the_same_from_a_path_a_log_touches_or_steps(plant: Path, robot
     mapper = palpate.Mapper(robot)
     for touch in log:
         mapper.begin_touch()
-        for q, tau in zip(touch.q, touch.tau):
-            report = mapper.step(q, tau)
+        for q, tau, time in zip(touch.q, touch.tau, touch.time):
+            report = mapper.step(q, tau, time)
         mapper.end_touch()
         assert report.predicted is not None and report.predicted.shape == (robot.n_joints,)
     fields.append(mapper.field())
@@ -116,9 +117,15 @@ def test_needs_command_changes_the_next_touch_and_forgetting_are_the_same(
     numbers = [5, 6, 7]
     paths = [np.load(plant / f"seq_00{k}" / "angles.npy") for k in numbers]
     task = [np.load(log / "angles.npy")]
+    # As arrays of a path, the command's motions have no times.
+    planned = {k: tmp_path / f"planned/{k}" for k in [*numbers, 4]}
+    for number, folder in planned.items():
+        folder.mkdir(parents=True)
+        for name in ("angles.npy", "torques.npy"):
+            shutil.copy(plant / f"seq_00{number}" / name, folder)
     ours = field.next(paths, task, count=2, limit=50.0, robot=robot, progress=False)
-    logs = [plant / f"seq_00{k}" for k in numbers]
-    given = ("--candidates", *logs, "--task", log, "--count", 2, "--limit", 50, "--json")
+    logs = [planned[k] for k in numbers]
+    given = ("--candidates", *logs, "--task", planned[4], "--count", 2, "--limit", 50, "--json")
     theirs = run(command, "next", path, *given)
     assert len(ours["proposals"]) == 2 and not ours["touch_nothing"]
     for own, other in zip(ours["proposals"], theirs["proposals"]):
