@@ -65,6 +65,7 @@ def test_a_map_is_the_same_from_a_path_a_log_touches_or_steps(plant: Path, robot
     mapper = palpate.Mapper(robot)
     for touch in log:
         mapper.begin_touch()
+        assert touch.time is not None
         for q, tau, time in zip(touch.q, touch.tau, touch.time):
             report = mapper.step(q, tau, time)
         mapper.end_touch()
