@@ -354,7 +354,7 @@ impl Summary<'_> {
             found.push(("elastic body", "none, map is used alone".to_owned()));
         }
         let bands = match self.body {
-            Some(_) => "none: they are of springs alone".to_owned(),
+            Some(_) => "none: only fields without an elastic body have them".to_owned(),
             None => calibrated_on(self.calibration()),
         };
         found.push(("bands", bands));

@@ -4,7 +4,7 @@
 //! other: fifty samples in 50 ms say hardly more than one of them. Each counts as a measurement of its own, though,
 //! so that the same touch, logged fifty times as often, would outweigh the prior by fifty times as much, fill the memory
 //! and cost fifty times the work. So samples closer together than `LEAST_S` are predicted, and not learnt from. Where samples
-//! have no times, the steps of the arm's motion tell about how closely they follow on each other.
+//! have no times, the mean displacement from sample to sample replaces them.
 
 use std::f64::consts::TAU;
 
@@ -14,7 +14,7 @@ use crate::tracker::Sample;
 /// settings were chosen on, 20 Hz. Of those all are learnt from, of 1 kHz one in 45.
 const LEAST_S: f64 = 0.045;
 
-/// The same without times: how far the fastest joint goes meanwhile, rad (m); in those logs 2 to 9 mrad from sample to sample.
+/// The same without times: least displacement of the fastest joint, rad (m). In those logs it is 2 to 9 mrad a sample.
 const LEAST_RAD: f64 = 2e-3;
 /// A smaller step from sample to sample is the noise of an arm at rest.
 const MOVING_RAD: f64 = 1e-5;
@@ -24,11 +24,11 @@ const MOVING_RAD: f64 = 1e-5;
 pub struct Downsampling {
     /// When the last one was, s.
     pub(crate) last_s: Option<f64>,
-    /// Samples since the last one, itself included; 0 before the first.
+    /// Samples since the last one that was learnt from, itself included; 0 before the first.
     since: u32,
-    /// The joint positions of the last sample, n_joints.
-    before: Vec<f64>,
-    /// Sum of the fastest joint's steps from sample to sample, rad, where it moves, and how many these are.
+    /// Joint positions of the sample before, n_joints.
+    previous_q: Vec<f64>,
+    /// Sum and number of the fastest joint's displacements from sample to sample, rad, while it moves.
     steps: (f64, u32),
 }
 
@@ -39,7 +39,7 @@ impl Downsampling {
         let is_close = match (sample.time_s, self.last_s) {
             (Some(now), Some(last)) => (0.0..LEAST_S).contains(&(now - last)),
             (Some(_), None) => false,
-            (None, _) => self.since > 0 && f64::from(self.since) * self.step() < LEAST_RAD,
+            (None, _) => self.since > 0 && f64::from(self.since) * self.mean_step() < LEAST_RAD,
         };
         if is_close {
             self.since += 1;
@@ -55,17 +55,16 @@ impl Downsampling {
             let way = (now - before).rem_euclid(TAU);
             way.min(TAU - way)
         };
-        let step = q.iter().zip(&self.before).map(turned).fold(0.0, f64::max);
+        let step = q.iter().zip(&self.previous_q).map(turned).fold(0.0, f64::max);
         if step > MOVING_RAD {
             self.steps = (self.steps.0 + step, self.steps.1 + 1);
         }
-        self.before.clear();
-        self.before.extend_from_slice(q);
+        self.previous_q.clear();
+        self.previous_q.extend_from_slice(q);
     }
 
-    /// How far the fastest joint goes from sample to sample where it moves, rad, on average. Infinite if it has not moved yet,
-    /// which says nothing of the rate.
-    fn step(&self) -> f64 {
+    /// Mean displacement of the fastest joint from sample to sample while it moves, rad; infinite before it has moved.
+    fn mean_step(&self) -> f64 {
         let (sum, count) = self.steps;
         if count > 0 { sum / f64::from(count) } else { f64::INFINITY }
     }

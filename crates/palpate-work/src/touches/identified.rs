@@ -46,8 +46,8 @@ impl Touches {
         self.measured(arm, Some((model, Differentiation::Centred)), settings, progress)
     }
 
-    /// Takes from the logs how their torques count, into the settings, and makes them external ones with a model; without,
-    /// they stay those of the motors, or their currents.
+    /// Finds sign and gravity of the logged torques and writes them into the settings. With a model, the torques become
+    /// external ones; without, they stay those of the motors, or their currents.
     ///
     /// # Errors
     ///

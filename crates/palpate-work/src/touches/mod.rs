@@ -245,6 +245,10 @@ impl Touches {
     }
 
     /// Reads all touches for an arm, and tells what looked odd in the logs.
+    ///
+    /// # Errors
+    ///
+    /// If a log is broken, or is not of this arm.
     pub fn read_for(
         self,
         arm: &Arc<Arm>,
@@ -258,7 +262,11 @@ impl Touches {
         Ok(recorded)
     }
 
-    /// The same of all touches, or the first so many, for work that learns from them: what looks wrong is told.
+    /// As [`Self::read_for`], of all touches or the first `most`, and warns of what looks wrong with them.
+    ///
+    /// # Errors
+    ///
+    /// As there, or if what looks wrong is to be an error.
     pub fn read_to_learn(
         self,
         arm: &Arc<Arm>,

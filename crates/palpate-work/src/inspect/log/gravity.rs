@@ -167,7 +167,7 @@ fn opposite_signs(robot: &Robot, by_sign: &[Vec<usize>; 2]) -> Finding {
         listed(&plus),
         listed(&minus)
     );
-    let remedy = "all joints must count alike: negate the odd columns in the log, for which there is no flag";
+    let remedy = "all joints must have the same sign: negate the odd columns in the log (there is no flag for it)";
     let odd = if plus.len() < minus.len() { &plus } else { &minus };
     Finding::warning("joint_sign", what, remedy).at(odd)
 }

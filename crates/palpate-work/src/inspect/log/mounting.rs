@@ -1,8 +1,9 @@
-//! Whether gravity points the other way than the URDF says, as where an arm hangs from a ceiling and its URDF stands upright.
+//! Whether the arm is mounted as its URDF says, or for example hangs from a ceiling while its URDF stands upright.
 //!
-//! Gravity turned round looks like torques turned round: the sign that gravity tells is then wrong, and so is that of every
-//! contact. From a free start and back to it, contacts and friction take work from the arm, and never give it any. What is
-//! conservative, such as a payload that the robot does not know, adds nothing to that.
+//! Opposite gravity looks like the opposite sign of the torques. That sign is then chosen wrongly, and all contact torques have
+//! it. Over a motion that returns to a start without contact, contacts and friction can only take energy from the arm. So an
+//! external torque that does positive work there has the wrong sign. Conservative errors, such as an unknown payload, do no
+//! work over such a motion.
 
 use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Sample};
 
@@ -11,18 +12,18 @@ use super::super::words::number;
 use super::reading::Fit;
 use crate::touches::RecordedTouch;
 
-/// A touch comes back if no joint ends farther from where it began than this part of the largest way of a joint.
+/// A touch returns to its start if every joint ends nearer to it than this part of the largest displacement of a joint.
 const BACK: f64 = 0.1;
-/// The least work from start to end, as a part of the difference between the most and the least on the way.
+/// Least work over a touch, as a part of the range between its least and greatest value during the touch.
 const LEAST_PART: f64 = 0.1;
-/// The same, J: a sensor's own hysteresis does a little in free motion.
+/// The same, J: hysteresis of the sensors does a little work in free motion.
 const LEAST_J: f64 = 0.05;
-/// Fewest touches that come back and do work.
+/// Fewest touches that return and do work.
 const FEWEST: usize = 3;
-/// The part of them that must give the arm work.
+/// The part of them in which the work must be positive.
 const LEAST_GIVING: f64 = 0.8;
 
-/// Says so if touches that come back give the arm work.
+/// A warning if the external torque does positive work in touches that return to their start.
 pub(super) fn finding(
     touches: &[RecordedTouch],
     robot: &Robot,
@@ -38,20 +39,20 @@ pub(super) fn finding(
         return None;
     }
     let what = format!(
-        "the torques that are left over after gravity give the arm work, {} J in {} of {} touches that come back to their \
-         start and do work, where contacts and friction only take it: gravity may point the other way than in the URDF, as \
-         where the arm hangs from a ceiling; or somebody guided the arm by hand",
+        "the torques less gravity do positive work on the arm, {} J in {} of {} touches that return to their start, but \
+         contacts and friction can only take energy: the arm may be mounted otherwise than in the URDF, for example on a \
+         ceiling; or somebody guided it by hand",
         number(given.iter().sum()),
         given.len(),
         works.len()
     );
     let remedy = "let the URDF say how the arm is mounted: the <origin rpy> of the joint between its root link, z up, \
-                  and its base; else the sign of all contacts is wrong";
+                  and its base; otherwise all contact torques have the wrong sign";
     Some(Finding::warning("mounting", what, remedy))
 }
 
-/// The work, J, that the external torque gives the arm from the start of a touch to its end; `None` if it does not come back,
-/// does not stand still at both, or it is hardly any.
+/// The work, J, that the external torque does on the arm in a touch; `None` if the arm does not return, does not stand still at
+/// start and end, or the work is too small.
 fn work_j(touch: &RecordedTouch, robot: &Robot, fit: &Fit, still_rad: f64) -> Option<f64> {
     let still = touch.still_frames(still_rad);
     let start = &touch.samples.first()?.q;
@@ -74,7 +75,7 @@ fn work_j(touch: &RecordedTouch, robot: &Robot, fit: &Fit, still_rad: f64) -> Op
     if still_at_end < MIN_TARE_FRAMES as usize {
         return None;
     }
-    // Sensors drift: what they show at rest goes over from the start to the end.
+    // Sensors drift: the tare is interpolated between start and end.
     let mean = |of: &[Vec<f64>]| -> Vec<f64> {
         (0..robot.n_joints())
             .map(|j| of.iter().map(|tau| tau[j]).sum::<f64>() / of.len() as f64)

@@ -204,8 +204,8 @@ pub(super) fn fits(
     Fits { set: all[0], best, gravity_torque, at_rest: rests.still, by_work: false, n_joints }
 }
 
-/// Joints whose torques follow gravity at rest, and those whose torques follow it turned round, if there are both, and turning
-/// the fewer ones round explains the torques far better.
+/// Joints whose torques at rest have the sign of gravity's, and those with the opposite sign; `None` if all are alike, or
+/// negating the smaller group does not fit gravity far better.
 pub(super) fn by_sign(
     robot: &Robot,
     rests: &Rests,
