@@ -6,6 +6,7 @@ use std::num::NonZero;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Point3;
 use palpate::{CellId, Lattice};
+use rayon::prelude::*;
 
 use super::error::ExtrapolateError;
 
@@ -71,34 +72,42 @@ impl SeenCloud {
 
     /// For each place the seen point at it, if one is within reach.
     pub fn at(&self, places_m: &[[f64; 3]], reach_m: f64) -> Vec<Option<u32>> {
-        let at = |place: &[f64; 3]| {
-            let (point, distance_m) = self.nearest(place);
-            (distance_m <= reach_m).then_some(point as u32)
-        };
-        places_m.iter().map(at).collect()
+        places_m.par_iter().map(|place| self.nearest_within(place, reach_m)).collect()
+    }
+
+    /// The seen point nearest to a place, if it is within reach.
+    fn nearest_within(&self, place_m: &[f64; 3], reach_m: f64) -> Option<u32> {
+        let (one, within) = (NonZero::<usize>::MIN, reach_m * reach_m);
+        let found = self.tree.nearest_n_within::<SquaredEuclidean>(place_m, within, one, true);
+        found.first().map(|nearest| nearest.item as u32)
     }
 
     /// The cells of a lattice within reach of a seen point, each with the point nearest to it, in
     /// the lattice's order.
     pub fn cells(&self, lattice: &Lattice, reach_m: f64) -> Vec<(CellId, u32)> {
-        let mut cells = BTreeSet::new();
         let reach = nalgebra::Vector3::repeat(reach_m);
-        for point in &self.points_m {
+        let places_about = |point: &[f64; 3]| {
             let point = Point3::from(*point);
-            let (first, end) = lattice.places_within(&(point - reach), &(point + reach));
+            lattice.places_within(&(point - reach), &(point + reach))
+        };
+        // Points that lie close together have the same places about them.
+        let mut boxes: Vec<([u32; 3], [u32; 3])> =
+            self.points_m.par_iter().map(places_about).collect();
+        boxes.par_sort_unstable();
+        boxes.dedup();
+        let mut cells = BTreeSet::new();
+        for (first, end) in boxes {
             for k in first[2]..end[2] {
                 for j in first[1]..end[1] {
-                    for i in first[0]..end[0] {
-                        cells.insert(lattice.cell([i, j, k]));
-                    }
+                    cells.extend((first[0]..end[0]).map(|i| lattice.cell([i, j, k])));
                 }
             }
         }
-        let at = |cell: CellId| {
-            let (point, distance_m) = self.nearest(&lattice.point(cell).into());
-            (distance_m <= reach_m).then_some((cell, point as u32))
+        let cells: Vec<CellId> = cells.into_iter().collect();
+        let at = |&cell: &CellId| {
+            Some((cell, self.nearest_within(&lattice.point(cell).into(), reach_m)?))
         };
-        cells.into_iter().filter_map(at).collect()
+        cells.par_iter().filter_map(at).collect()
     }
 
     /// Refuses a cloud that lies nowhere near what was touched.
@@ -114,11 +123,12 @@ impl SeenCloud {
         if touched_m.is_empty() {
             return Err(ExtrapolateError::NothingTouched);
         }
-        let distance = |place: &[f64; 3]| self.nearest(place).1;
-        let gap_m = touched_m.iter().map(distance).fold(f64::INFINITY, f64::min);
-        if gap_m <= reach_m {
+        let meets = |place: &[f64; 3]| self.nearest_within(place, reach_m).is_some();
+        if touched_m.par_iter().any(meets) {
             return Ok(());
         }
+        let distance = |place: &[f64; 3]| self.nearest(place).1;
+        let gap_m = touched_m.par_iter().map(distance).reduce(|| f64::INFINITY, f64::min);
         let [cloud, field] = [bounds(&self.points_m), bounds(touched_m)];
         let apart_m = [0, 1, 2].map(|axis| {
             (cloud[0][axis] - field[1][axis]).max(field[0][axis] - cloud[1][axis]).max(0.0_f64)
