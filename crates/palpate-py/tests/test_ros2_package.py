@@ -23,7 +23,7 @@ ARMS = ["franka", "gen3", "iiwa", "ur"]
 
 def expanded(text: str, values: dict[str, str]) -> str:
     """A text with its substitutions carried out, of which every variable must be declared."""
-    text = text.replace("$(find-pkg-share palpate_ros)", str(PACKAGE))
+    text = text.replace("$(find-pkg-share palpate_ros)", str(PACKAGE)).replace("\\'", "'")
     return re.sub(r"\$\(var (\w+)\)", lambda found: values[found[1]], text)
 
 
@@ -47,8 +47,8 @@ def command(launch: Path, given: dict[str, str]) -> list[str]:
             passed = {arg.attrib["name"]: expanded(arg.attrib["value"], values) for arg in node}
             commands += command(Path(own["file"]), passed)
         elif node.tag == "executable":
-            # A shell parts the flags again, and `launch` takes quotes away.
-            assert own["shell"] == "true" and not set("'\"\\") & set(own["cmd"])
+            # A shell parts the flags again, and `launch` takes quotes away that have no backslash.
+            assert own["shell"] == "true" and not re.search(r"(?<!\\)['\"]", node.attrib["cmd"])
             commands.append(own["cmd"])
         else:
             assert (node.tag, own["pkg"]) == ("node", "rviz2")
