@@ -1,15 +1,24 @@
 //! Ctrl-C: the first asks the loop to stop at the next sample, the second kills.
 
 use std::io::Write;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
-static PRESSED: AtomicBool = AtomicBool::new(false);
+/// When it was first pressed.
+static PRESSED: OnceLock<Instant> = OnceLock::new();
+
+/// Signals that come together count as one: `ros2 launch` passes on what the terminal or `systemd` has sent to all.
+const TOGETHER: Duration = Duration::from_secs(1);
 
 /// Begins to listen. Without this, Ctrl-C ends the process at once, as it does everywhere.
 pub(crate) fn listen() {
     let pressed = || {
-        if PRESSED.swap(true, Ordering::SeqCst) {
-            std::process::exit(130);
+        if let Err(again) = PRESSED.set(Instant::now()) {
+            let first = PRESSED.get().copied().unwrap_or(again);
+            if again.duration_since(first) >= TOGETHER {
+                std::process::exit(130);
+            }
+            return;
         }
         let mut stderr = std::io::stderr();
         let _ =
@@ -21,5 +30,5 @@ pub(crate) fn listen() {
 
 /// Whether to stop.
 pub(crate) fn pressed() -> bool {
-    PRESSED.load(Ordering::SeqCst)
+    PRESSED.get().is_some()
 }

@@ -29,6 +29,7 @@ fn press(command: &mut Command, words: &str) -> (Option<i32>, String, String) {
         assert_ne!(lines.read_line(&mut said).unwrap(), 0, "{said}");
     }
     interrupt(&child);
+    interrupt(&child); // at once, as `ros2 launch` passes on what the terminal has sent to all
     lines.read_to_string(&mut said).unwrap();
     let told = child.wait_with_output().unwrap();
     (told.status.code(), String::from_utf8(told.stdout).unwrap(), said)

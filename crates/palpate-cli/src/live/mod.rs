@@ -413,8 +413,8 @@ impl Args {
         let mut saved = field::load(path).map_err(CliError::file)?;
         let (model, name) = (saved.field.elastic.take(), path.display().to_string());
         let touches = std::mem::take(&mut saved.elastic_touches);
+        output.note(&format!("going on from `{name}`: following the touches that it remembers"));
         let mapper = resume::mapper(&name, arm, resume::snapshot_of(saved, &name, settings)?)?;
-        output.note(&format!("going on from `{name}`"));
         if self.object.is_given() {
             output.note(
                 "the field has its own elastic body, or none: --cloud and --body are not used",
