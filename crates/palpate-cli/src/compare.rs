@@ -25,7 +25,7 @@ the simplest one that explains most of the error: the object has moved (up to 6 
 said if the field knows less than 10 % of what was touched, or less than 60 % and the touches contradict it. Each touch is
 compared alone, and all of them together.
 
-A touch that goes along the path of one in the field's memory, within a cell, is compared with what was felt then: it
+A touch that goes along the path of one in the field's memory, within a cell, is compared with the torque measured then: it
 contradicts the field if the torques differ by more than a quarter. Make such touches where you can: touches all over an
 object fit its field badly anyway, so few changes show. If the arm feels almost nothing any more, or misses the object,
 the word is softer.";
@@ -96,7 +96,7 @@ fn text(report: &Report) -> String {
     }
     format!(
         "Contradiction: above 1 the touches do not fit the field. Errors are relative to predicting \
-         zero:\nof the field, of what was felt in a touch of the field's memory along the same path, of the field's \
+         zero:\nof the field, of the torque measured in a touch of the field's memory along the same path, of the field's \
          torques times\nthe best factor, and of the field after the best motion.\n\n{}",
         table(&header, rows)
     )

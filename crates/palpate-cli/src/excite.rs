@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use palpate::Robot;
 use palpate_learn::excite::{Excitation, ExciteConfig, excite};
+use palpate_work::quantile::extremes;
 use palpate_work::{Progress, robot};
 use serde_json::json;
 
@@ -79,10 +80,7 @@ const LEAST_WAY: f64 = 0.1;
 fn tell_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
     let way = |j: usize| {
         let at = found.points.iter().map(|point| point[0][j]);
-        let [low, high] = at.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| {
-            [low.min(at), high.max(at)]
-        });
-        high - low
+        extremes(at).map_or(0.0, |[low, high]| high - low)
     };
     let names = robot.joint_names().enumerate().filter(|(j, _)| way(*j) < LEAST_WAY);
     let names: Vec<&str> = names.map(|(_, name)| name).collect();

@@ -3,7 +3,6 @@
 use nalgebra::{Point3, Vector3};
 use palpate::{Arm, Field};
 use palpate_learn::extrapolate::Extrapolation;
-use palpate_view::view_model::touched_rows;
 
 /// The part of the touched cells that a picture shows unless another is given: the stiffest.
 const STIFFEST: f64 = 0.05;
@@ -41,7 +40,8 @@ impl ExtrapolationView<'_> {
     /// The cells that were touched, and K of each, N/m.
     pub(crate) fn cells(&self) -> impl Iterator<Item = (Point3<f64>, f64)> {
         let field = self.field;
-        touched_rows(field)
+        field
+            .touched_rows()
             .map(|row| (field.lattice.point(field.cells[row]), field.stiffness_n_per_m[row]))
     }
 

@@ -82,7 +82,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let without = Saved::of_mapper(&mapper);
     place::save(&args.output, &without)?;
     let touches = without.snapshot.as_ref().map_or(0, |own| own.sample_log.len());
-    let cells = without.field.counts.iter().filter(|count| **count > 0).count();
+    let cells = without.field.touched_rows().count();
     let elapsed = started.elapsed();
     if args.json {
         return output.json(&json!({

@@ -118,13 +118,11 @@ fn json(found: &Identified, is_flange_known: bool) -> serde_json::Value {
     } else {
         (None, None)
     };
-    json!({
-        "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
-        "base_parameters": found.base_parameters,
-        "base_parameters_identified": found.base_parameters_identified,
-        "delay_s": found.delay_s, "touched": found.touched, "read_times": found.read_times, "held_out": found.held_out,
-        "model": found.model, "misfit": found.misfit, "notes": found.notes, "libfranka": libfranka, "urscript": urscript,
-    })
+    let mut json = palpate_work::identify::json(found);
+    json["model"] = json!(found.model);
+    json["libfranka"] = json!(libfranka);
+    json["urscript"] = json!(urscript);
+    json
 }
 
 /// The URDF that was given, with the masses that were found.

@@ -78,7 +78,7 @@ fn kind(file_type: FileType) -> Option<&'static str> {
 
 /// Whether nobody but its owner, who runs this, can change what a path is: it is theirs, and no group
 /// or others may write to it.
-pub fn is_ones_own(path: &Path) -> io::Result<bool> {
+pub(crate) fn is_ones_own(path: &Path) -> io::Result<bool> {
     let found = path.metadata()?;
     #[cfg(unix)]
     {

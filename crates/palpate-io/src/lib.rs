@@ -13,9 +13,11 @@
 //! | [`cloud`]           | coloured clouds: PLY, PCD                | the same, with more columns |
 //! | [`rgbd`]            | colour and depth images, cameras         |                         |
 //! | [`body`]            | a body that bends: JSON                  | the same, MuJoCo XML    |
+//! | [`torques`]         |                                          | external torques: CSV, Parquet, MCAP |
+//! | [`input`]           | any file that has an end                 |                         |
 //! | [`atomic`]          |                                          | any file, whole or not at all |
 //!
-//! Nothing here knows the method: no contact, no estimator, no gravity.
+//! Nothing of the method is computed here: [`field`] keeps the state of an estimator, and does not look into it.
 #![forbid(unsafe_code)]
 
 pub mod atomic;

@@ -62,11 +62,11 @@ impl PredictedFrame {
         of_row: impl Fn(usize) -> (f64, bool),
     ) -> Self {
         let observation = &frame.observation;
-        let gram = observation.gram(cells, |row| of_row(row).0);
+        let spread = observation.torque_std(cells, |row| of_row(row).0);
         let known = observation.rows().filter(|&row| of_row(row).1).count();
         Self {
             torque: frame.predict(cells),
-            spread: gram.diagonal().iter().map(|own| own.max(0.0).sqrt()).collect(),
+            spread: spread.as_slice().to_vec(),
             measured: observation.tau().as_slice().to_vec(),
             contacts: [observation.n_contacts(), known],
         }

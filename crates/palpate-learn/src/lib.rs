@@ -15,6 +15,10 @@
 //! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
 //! | [`mod@errors`]      | the four figures of Table I                                     |
 //! | [`mod@excite`]      | a motion that tells an arm's masses and friction                |
+//! | [`mod@body`]        | an elastic body from a cloud: stems, tubes, radii               |
+//! | [`mod@elastic`]     | its stiffness, learnt from touches                              |
+//! | [`mod@calibrate`]   | how wide bands around predicted torques are                     |
+//! | [`mod@bands`]       | the bands of predicted touches, and whether they hold           |
 //! | [`mod@identify`]    | payload, friction, bias and delay of an arm in free motion      |
 //!
 //! The crate knows the estimators of the core, but no file.
@@ -40,5 +44,6 @@ pub mod regression;
 pub mod study;
 pub mod tracked;
 pub mod tune;
+mod upper_median;
 
 pub use error::{LearnError, Stop};

@@ -9,7 +9,7 @@ use crate::message::{Header, PointCloud2};
 const NEAR_M: f64 = 0.15;
 
 /// The contacts now: rest point (m), displacement (m), K and its standard deviation (N/m).
-pub fn contacts(mapper: &Mapper, header: &Header) -> PointCloud2 {
+pub(crate) fn contacts(mapper: &Mapper, header: &Header) -> PointCloud2 {
     let lattice = &mapper.config().lattice;
     let mut points = Vec::new();
     for link in mapper.contacts().links {
@@ -26,7 +26,7 @@ pub fn contacts(mapper: &Mapper, header: &Header) -> PointCloud2 {
 
 /// The field within a hand's breadth of what is touched now: point (m), K and its standard
 /// deviation (N/m), and the frames that touched it; `None` if nothing is touched.
-pub fn field_near_contacts(mapper: &Mapper, header: &Header) -> Option<PointCloud2> {
+pub(crate) fn field_near_contacts(mapper: &Mapper, header: &Header) -> Option<PointCloud2> {
     let lattice = &mapper.config().lattice;
     let links = mapper.contacts().links;
     let touched = links.iter().flat_map(|link| &link.cells).map(|cell| lattice.point(*cell));

@@ -11,7 +11,7 @@ const ERROR: u8 = 2;
 const SILENT_S: f64 = 1.0;
 
 /// Figures as a diagnostic message.
-pub fn of(figures: &Figures, robot: &str, header: Header) -> DiagnosticArray {
+pub(crate) fn of(figures: &Figures, robot: &str, header: Header) -> DiagnosticArray {
     let (level, message) = if let Some(cause) = &figures.stop {
         (ERROR, format!("the robot must stop: {cause}"))
     } else if figures.silent_s > SILENT_S {
@@ -53,7 +53,7 @@ pub fn of(figures: &Figures, robot: &str, header: Header) -> DiagnosticArray {
 }
 
 /// The guard's flag, and why it is up, at a moment.
-pub fn of_guard(cause: Option<&str>, stamp: Stamp) -> DiagnosticArray {
+pub(crate) fn of_guard(cause: Option<&str>, stamp: Stamp) -> DiagnosticArray {
     let (level, message) = match cause {
         Some(cause) => (ERROR, cause.to_owned()),
         None => (OK, "no reason to stop the robot".to_owned()),

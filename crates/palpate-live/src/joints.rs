@@ -15,7 +15,7 @@ const SET_BACK_S: f64 = 1.0;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
-pub enum Refusal {
+pub(crate) enum Refusal {
     #[error("{0}; is this the right topic (--joint-states), and the right robot (--robot)?")]
     Joints(#[from] JointNameError),
     /// Publishers of a gripper, or of a controller that knows no torques.
@@ -39,7 +39,7 @@ pub enum Refusal {
 
 impl Refusal {
     /// A short name to count by.
-    pub fn name(&self) -> &'static str {
+    pub(crate) fn name(&self) -> &'static str {
         match self {
             Self::Joints(_) | Self::Renamed { .. } => "joints",
             Self::Length { .. } => "length",
@@ -52,7 +52,7 @@ impl Refusal {
 
 /// Reads the samples of one robot.
 #[derive(Debug, Clone)]
-pub struct JointReader {
+pub(crate) struct JointReader {
     joints: Vec<String>,
     /// Names in the last message, and where the robot's joints are among them.
     names: Vec<String>,
@@ -64,7 +64,7 @@ pub struct JointReader {
 
 /// A sample, and whether the clock was set back.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Read {
+pub(crate) struct Read {
     /// The sample.
     pub sample: Sample,
     /// Whether the clock was set back before it: nothing goes on from what came before.
@@ -73,7 +73,7 @@ pub struct Read {
 
 impl JointReader {
     /// A reader for a robot of these joints.
-    pub fn new(joints: Vec<String>) -> Self {
+    pub(crate) fn new(joints: Vec<String>) -> Self {
         Self { joints, names: Vec::new(), order: Vec::new(), called: Vec::new(), last_s: None }
     }
 
@@ -84,7 +84,7 @@ impl JointReader {
     /// # Errors
     ///
     /// Why it cannot be used; the reader is then as before.
-    pub fn read(&mut self, state: &JointState, received_s: f64) -> Result<Read, Refusal> {
+    pub(crate) fn read(&mut self, state: &JointState, received_s: f64) -> Result<Read, Refusal> {
         let (q, tau) = self.joints(state)?;
         for (what, numbers) in [("position", &q), ("effort", &tau)] {
             self.check_finite(what, numbers)?;
@@ -100,7 +100,7 @@ impl JointReader {
     /// # Errors
     ///
     /// If it does not hold all joints.
-    pub fn joints(&mut self, state: &JointState) -> Result<(Vec<f64>, Vec<f64>), Refusal> {
+    pub(crate) fn joints(&mut self, state: &JointState) -> Result<(Vec<f64>, Vec<f64>), Refusal> {
         let wanted = state.name.len();
         for (what, numbers) in [("positions", &state.position), ("efforts", &state.effort)] {
             if numbers.len() != wanted {
@@ -126,7 +126,7 @@ impl JointReader {
     }
 
     /// A joint that messages call otherwise than the robot does, and what they call it.
-    pub fn other_name(&self) -> Option<(&str, &str)> {
+    pub(crate) fn other_name(&self) -> Option<(&str, &str)> {
         let mut pairs = self.joints.iter().zip(&self.called);
         pairs.find(|(own, called)| own != called).map(|(own, called)| (&own[..], &called[..]))
     }

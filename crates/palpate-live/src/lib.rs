@@ -6,13 +6,15 @@
 //! | module           | what it does                                                    |
 //! |------------------|-----------------------------------------------------------------|
 //! | [`session`]      | the mapper, sample by sample: pauses, tares, faults, the guard  |
-//! | [`joints`]       | which joint states are samples                                  |
+//! | `joints`         | which joint states are samples                                  |
 //! | [`ros`]          | the network, in a process of its own: what comes, what goes out |
 //! | [`guard`]        | a flag to stop, up until it is known to be safe                 |
 //! | [`run`]          | starts the threads                                              |
 //! | `mapping`        | the thread that maps                                            |
 //! | `threads`        | the threads that listen and publish, and what all share         |
-//! | `outbox`         | what waits to be published                                      |
+//! | `outbox`, [`inbox`] | what waits to be published, and to be mapped                 |
+//! | [`message`]      | messages of ROS, as bytes                                       |
+//! | `cloud`, `diagnostics` | the field as a point cloud; how it goes, for ROS          |
 //! | [`AskSocket`]    | questions about planned motions                                 |
 //! | `question`       | their form, and that of the answers                             |
 //! | [`LiveBody`]     | the object as an elastic body, bent and learnt                  |
@@ -27,14 +29,14 @@
 
 mod body;
 pub mod checkpoint;
-pub mod cloud;
-pub mod diagnostics;
+mod cloud;
+mod diagnostics;
 pub mod figures;
 #[doc(hidden)]
 pub mod fuzz;
 pub mod guard;
 pub mod inbox;
-pub mod joints;
+mod joints;
 mod mapping;
 pub mod message;
 mod outbox;
@@ -45,7 +47,7 @@ mod run;
 mod services;
 pub mod session;
 mod threads;
-pub mod timer;
+mod timer;
 pub mod view_feed;
 mod wrench;
 

@@ -391,7 +391,7 @@ impl Session {
     }
 
     /// Whether the last step may have more replays.
-    pub fn has_spare(&self) -> bool {
+    pub(crate) fn has_spare(&self) -> bool {
         self.mapper.spare_replays() > 0
     }
 

@@ -4,19 +4,19 @@ use std::time::{Duration, Instant};
 
 /// Says when something is due again.
 #[derive(Debug, Clone)]
-pub struct Timer {
+pub(crate) struct Timer {
     every: Duration,
     last: Option<Instant>,
 }
 
 impl Timer {
     /// For something that is due at once, and then every so often.
-    pub fn new(every: Duration) -> Self {
+    pub(crate) fn new(every: Duration) -> Self {
         Self { every, last: None }
     }
 
     /// Whether it is due at `now`; it then counts as done.
-    pub fn is_due(&mut self, now: Instant) -> bool {
+    pub(crate) fn is_due(&mut self, now: Instant) -> bool {
         let due = self.last.is_none_or(|last| now.saturating_duration_since(last) >= self.every);
         if due {
             self.last = Some(now);
@@ -25,7 +25,7 @@ impl Timer {
     }
 
     /// How long it is until it is due.
-    pub fn left(&self, now: Instant) -> Duration {
+    pub(crate) fn left(&self, now: Instant) -> Duration {
         self.last.map_or(Duration::ZERO, |last| (last + self.every).saturating_duration_since(now))
     }
 }

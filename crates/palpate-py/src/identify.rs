@@ -56,15 +56,9 @@ pub(crate) fn identify<'py>(
         identification::run(&robot.arm, &recorded, &torques, &wanted, progress)
     })?;
     let text = arm_file::text(&robot.arm.robot, &found.model, "");
-    Ok(python(
-        py,
-        &json!({
-            "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
-            "base_parameters": found.base_parameters, "base_parameters_identified": found.base_parameters_identified,
-            "delay_s": found.delay_s, "touched": found.touched, "read_times": found.read_times, "held_out": found.held_out,
-            "misfit": found.misfit, "notes": found.notes, "text": text,
-        }),
-    )?)
+    let mut json = identification::json(&found);
+    json["text"] = json!(text);
+    Ok(python(py, &json)?)
 }
 
 /// External torques of logs with their standard deviations, as `palpate torque` tells them.

@@ -98,7 +98,7 @@ impl Scale {
     /// Makes room for a field; says whether that changed the scale.
     pub fn widen(&mut self, field: &Field) -> bool {
         let mut touched: Vec<f64> =
-            touched_rows(field).map(|row| field.stiffness_n_per_m[row]).collect();
+            field.touched_rows().map(|row| field.stiffness_n_per_m[row]).collect();
         if touched.is_empty() {
             return false;
         }
@@ -119,7 +119,8 @@ impl Scale {
     pub fn cells(&self, field: &Field) -> Cells {
         let [low, high] = self.ends_n_per_m();
         let stiffness = |row: usize| field.stiffness_n_per_m[row];
-        let mut drawn: Vec<usize> = touched_rows(field)
+        let mut drawn: Vec<usize> = field
+            .touched_rows()
             .filter(|&row| stiffness(row) > 0.0 && stiffness(row) >= low)
             .collect();
         if drawn.len() > CELLS {
@@ -132,10 +133,9 @@ impl Scale {
         let mut cells = Cells::default();
         for row in drawn {
             let part = ((stiffness(row) / high).log10() / DECADES + 1.0).clamp(0.0, 1.0);
-            let colour = colorous::VIRIDIS.eval_continuous(part);
             let radius_m = spacing_m * (RADII[0] + part * (RADII[1] - RADII[0]));
             cells.points_m.push(single(&field.lattice.point(field.cells[row])));
-            cells.colours.push([colour.r, colour.g, colour.b]);
+            cells.colours.push(viridis(part));
             cells.radii_m.push(radius_m as f32);
             cells.stiffness_n_per_m.push(stiffness(row) as f32);
             cells.std_n_per_m.push(field.std_n_per_m[row] as f32);
@@ -145,9 +145,10 @@ impl Scale {
     }
 }
 
-/// The touched cells of a field, by row: what is only expected is no finding.
-pub fn touched_rows(field: &Field) -> impl Iterator<Item = usize> {
-    (0..field.cells.len()).filter(|&row| field.counts[row] > 0)
+/// Matplotlib's colour map of that name, 0 to 1: sRGB.
+pub fn viridis(part: f64) -> [u8; 3] {
+    let colour = colorous::VIRIDIS.eval_continuous(part.clamp(0.0, 1.0));
+    [colour.r, colour.g, colour.b]
 }
 
 /// Displaced cells and their displacements, m: all, or the [`CONTACTS`] of the lowest lots.

@@ -17,13 +17,13 @@ use crate::quantile::median;
 /// Frames whose gravity is looked at, about.
 const FRAMES: usize = 2_000;
 /// With less gravity than this, N·m, it tells nothing, and whether it is in the torques hardly matters.
-const LEAST_GRAVITY: f64 = 1.0;
-/// Torques below this, N·m, say nothing and do nothing.
+pub(crate) const LEAST_GRAVITY: f64 = 1.0;
+/// Torques below this, N·m, are noise of the sensors.
 const LEAST_TORQUE: f64 = 0.05;
 /// The best convention leaves less than this part of what any other leaves.
-const BETTER: f64 = 0.5;
+pub(crate) const BETTER: f64 = 0.5;
 /// Or the slope of the torques on gravity is so near to what it says.
-const NEAR_SLOPE: f64 = 0.3;
+pub(crate) const NEAR_SLOPE: f64 = 0.3;
 /// Torques of which gravity explains more are proportional to it, if the slope is not that of a small error of the
 /// robot's masses.
 const EXPLAINED: f64 = 0.7;
@@ -121,6 +121,16 @@ impl Convention {
     }
 }
 
+/// The median of |sign·τ − part·τ_gravity| over samples, N·m over all joints; `torques` are those of gravity and the
+/// logged ones.
+pub(crate) fn residual(torques: &[(Vec<f64>, Vec<f64>)], sign: f64, part: f64) -> Option<f64> {
+    let norm = |(gravity, tau): &(Vec<f64>, Vec<f64>)| {
+        let joints = tau.iter().zip(gravity);
+        joints.map(|(tau, gravity)| (sign * tau - part * gravity).powi(2)).sum::<f64>().sqrt()
+    };
+    median(&torques.iter().map(norm).collect::<Vec<_>>())
+}
+
 impl Evidence {
     /// Of the samples of some touches, joints in the robot's order; `None` without any.
     pub(crate) fn of(robot: &Robot, touches: &[&[Sample]], still_rad: f64) -> Option<Self> {
@@ -133,14 +143,7 @@ impl Evidence {
             finite.then(|| (robot.gravity_torque(&poses).as_slice().to_vec(), tau.clone()))
         };
         let torques: Vec<(Vec<f64>, Vec<f64>)> = some.filter_map(with_gravity).collect();
-        // The median of |sign·τ − part·τ_gravity|.
-        let left_over = |sign: f64, part: f64| {
-            let norm = |(gravity, tau): &(Vec<f64>, Vec<f64>)| {
-                let joints = tau.iter().zip(gravity);
-                joints.map(|(tau, g)| (sign * tau - part * g).powi(2)).sum::<f64>().sqrt()
-            };
-            median(&torques.iter().map(norm).collect::<Vec<_>>())
-        };
+        let left_over = |sign, part| residual(&torques, sign, part);
         let starts = touches.iter().filter_map(|touch| touch.first());
         let starts: Vec<(Vec<f64>, Vec<f64>)> = starts.filter_map(with_gravity).collect();
         let ((slope, explained), (slope_at_start, explained_at_start)) =

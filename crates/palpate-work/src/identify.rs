@@ -19,6 +19,17 @@ pub struct IdentifySettings {
     pub strict: bool,
 }
 
+/// What was found, as JSON; without the model of the arm, which [`crate::arm_file`] writes.
+pub fn json(found: &Identified) -> serde_json::Value {
+    serde_json::json!({
+        "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
+        "base_parameters": found.base_parameters,
+        "base_parameters_identified": found.base_parameters_identified,
+        "delay_s": found.delay_s, "touched": found.touched, "read_times": found.read_times,
+        "held_out": found.held_out, "misfit": found.misfit, "notes": found.notes,
+    })
+}
+
 /// Identifies an arm, and warns if it does not fit motion that was held out.
 ///
 /// # Errors

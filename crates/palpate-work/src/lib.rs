@@ -6,7 +6,7 @@
 //! | [`mod@field_arrays`] | a field from arrays that another program made                     |
 //! | [`mod@robot`]     | the robot that the settings name, loaded and loaded upon          |
 //! | [`mod@touches`]   | logs one after another, with their joints in the robot's order    |
-//! | [`mod@pauses`]    | a log parted into touches where the arm pauses in the air         |
+//! | `pauses`          | a log parted into touches where the arm pauses in the air         |
 //! | [`mod@prior`]     | a mapper that starts anew, from what a field expects if one is given |
 //! | [`mod@resume`]    | a mapper that goes on from a saved field                          |
 //! | [`mod@learn`]     | touches into a mapper, and a summary of what was learned          |
@@ -46,7 +46,7 @@ pub mod identify;
 pub mod inspect;
 pub mod learn;
 pub mod next;
-pub mod pauses;
+mod pauses;
 pub mod predict;
 pub mod prior;
 mod progress;

@@ -19,7 +19,7 @@
 //!
 //! With too few of them for that, bands are as those of other objects ([`Calibration::of_other_objects`]): a is the error
 //! that the field makes on what it has learnt from, which of all that is known without a touch held out says best how well
-//! springs can express this object, and d the torque that was felt. s is left out: they were found
+//! springs can express this object, and d the measured torque. s is left out: they were found
 //! without it, and σ falls with the samples a second. g is 1, so that an object twice as stiff has bands twice as wide.
 
 use nalgebra::DVector;
@@ -77,7 +77,7 @@ fn one() -> f64 {
     1.0
 }
 
-/// On other objects, at 0.9: a over the error on what was learnt, b, and d over the torque that was felt. Nine simulated
+/// On other objects, at 0.9: a over the error on what was learnt, b, and d over the measured torque. Nine simulated
 /// objects, on touches held out after learning 1, 2, 4, 8 and all others, under given and chosen settings.
 const OTHERS: [f64; 3] = [0.998, 1.48, 1.057];
 /// Their q of frames and peaks.
@@ -132,7 +132,7 @@ impl Calibration {
         touches: u32,
         untouched_std_n_per_m: f64,
     ) -> Option<Self> {
-        let [by_error, by_torque, by_felt] = OTHERS;
+        let [by_error, by_torque, by_measured] = OTHERS;
         let few = 1.0 + FEW_TOUCHES / f64::from(touches);
         let quantiles =
             OTHERS_Q.map(|[level, frame, peak]| BandQuantiles { level, frame, peak: few * peak });
@@ -141,7 +141,7 @@ impl Calibration {
             by_torque,
             by_std: 0.0,
             relative_std: 0.0,
-            by_unknown_n_m: learnt.torque_n_m.iter().map(|torque| by_felt * torque).collect(),
+            by_unknown_n_m: learnt.torque_n_m.iter().map(|torque| by_measured * torque).collect(),
             exponent: 1.0,
             untouched_std_n_per_m,
             touches,
@@ -310,8 +310,8 @@ mod tests {
 
     #[test]
     fn bands_of_other_objects_follow_what_was_learnt() {
-        let of = |error: f64, felt: f64, touches| {
-            let learnt = LearntTorques { error_n_m: vec![error; 2], torque_n_m: vec![felt; 2] };
+        let of = |error: f64, measured: f64, touches| {
+            let learnt = LearntTorques { error_n_m: vec![error; 2], torque_n_m: vec![measured; 2] };
             Calibration::of_other_objects(&learnt, touches, 1.0)
         };
         let none = [0.0, 0.0];

@@ -73,6 +73,11 @@ impl Field {
         }
     }
 
+    /// The rows of the cells that were touched, not only expected.
+    pub fn touched_rows(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.cells.len()).filter(|&row| self.counts[row] > 0)
+    }
+
     /// What is known of the cell at each place, m, world frame: `None` outside the lattice.
     ///
     /// `untouched_std_n_per_m` is the standard deviation of cells that the field does not know.
@@ -191,7 +196,7 @@ impl FieldSprings {
     fn spread(&self, observation: &Observation) -> Option<DVector<f64>> {
         let (own, other) = self.variances.as_ref()?;
         let variance = |row: usize| own.get(row).copied().unwrap_or(*other);
-        Some(observation.gram(&self.cells, variance).diagonal().map(|own| own.max(0.0).sqrt()))
+        Some(observation.torque_std(&self.cells, variance))
     }
 
     /// Whether the cell of a row was touched when the field was learnt.

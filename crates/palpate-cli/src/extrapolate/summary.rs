@@ -9,7 +9,6 @@ use askama::Template;
 use palpate_io::cloud::PointTruth;
 use palpate_learn::extrapolate::compare::Row;
 use palpate_learn::extrapolate::{area_under_roc, spearman};
-use palpate_view::view_model::touched_rows;
 use palpate_work::extrapolate::{Found, HeldOut, Work};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -70,7 +69,7 @@ impl ExtrapolationSummary<'_> {
     /// Cells at seen points that no touch has reached.
     fn expected(&self) -> usize {
         let field = &self.work.saved.field;
-        let touched: HashSet<_> = touched_rows(field).map(|row| field.cells[row]).collect();
+        let touched: HashSet<_> = field.touched_rows().map(|row| field.cells[row]).collect();
         self.found.cells.iter().filter(|(cell, _)| !touched.contains(cell)).count()
     }
 
@@ -117,7 +116,7 @@ impl ExtrapolationSummary<'_> {
             "features": self.found.config.features,
             "points": self.found.seen.len(),
             "touched": self.touched(),
-            "cells_touched": touched_rows(&self.work.saved.field).count(),
+            "cells_touched": self.work.saved.field.touched_rows().count(),
             "cells_expected": self.expected(),
             "touches": self.found.remembered.map(|(touches, _)| touches),
             "frames": self.found.remembered.map(|(_, frames)| frames),

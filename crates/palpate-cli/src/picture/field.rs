@@ -6,7 +6,6 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 use palpate::{CellId, Field, Lattice};
-use palpate_view::view_model::touched_rows;
 use plotters::chart::ChartBuilder;
 use plotters::element::{Circle, Text};
 use plotters::style::Color;
@@ -66,7 +65,7 @@ struct Scene<'a> {
 impl<'a> Scene<'a> {
     fn of(field: &'a Field) -> Option<Self> {
         let margin_m = Vector3::repeat(3.0 * field.lattice.spacing_m());
-        let touched = touched_rows(field);
+        let touched = field.touched_rows();
         let cells: Vec<_> =
             touched.map(|row| (field.cells[row], field.stiffness_n_per_m[row])).collect();
         let points = || cells.iter().map(|&(cell, _)| field.lattice.point(cell));

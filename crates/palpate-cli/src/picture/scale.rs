@@ -76,27 +76,10 @@ fn shown(stiffness: f64) -> String {
     format!("{stiffness:.digits$}")
 }
 
-/// Matplotlib's colour map of that name, 0 to 1, between ten of its colours.
+/// Matplotlib's colour map of that name, 0 to 1.
 fn viridis(part: f64) -> RGBColor {
-    const STOPS: [[u8; 3]; 10] = [
-        [68, 1, 84],
-        [72, 40, 120],
-        [62, 74, 137],
-        [49, 104, 142],
-        [38, 130, 142],
-        [31, 158, 137],
-        [53, 183, 121],
-        [110, 206, 88],
-        [181, 222, 43],
-        [253, 231, 37],
-    ];
-    let at = part.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
-    let below = (at.floor() as usize).min(STOPS.len() - 2);
-    let mix = |channel: usize| {
-        let (from, to) = (f64::from(STOPS[below][channel]), f64::from(STOPS[below + 1][channel]));
-        (from + (at - below as f64) * (to - from)).round() as u8
-    };
-    RGBColor(mix(0), mix(1), mix(2))
+    let [red, green, blue] = palpate_view::view_model::viridis(part);
+    RGBColor(red, green, blue)
 }
 
 #[cfg(test)]
@@ -104,10 +87,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_colour_map_meets_its_ends_and_stops() {
+    fn the_colour_map_meets_its_ends() {
         assert_eq!(viridis(0.0), RGBColor(68, 1, 84));
         assert_eq!(viridis(1.0), RGBColor(253, 231, 37));
-        assert_eq!(viridis(3.0 / 9.0), RGBColor(49, 104, 142));
         assert_eq!(
             (shown(0.03), shown(1.0), shown(300.0)),
             ("0.03".into(), "1".into(), "300".into())

@@ -1,12 +1,12 @@
 //! The torques of all scored frames, as a table or as arrays.
 
-use std::collections::HashMap;
 use std::path::Path;
 
 use nalgebra::DVector;
 use palpate::Field;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
 use palpate_learn::bands::Band;
+use palpate_work::evaluate::number;
 use palpate_work::predict::{FrameResult, TouchResult};
 
 use crate::error::CliError;
@@ -68,15 +68,10 @@ fn table(results: &[TouchResult], field: &Field) -> String {
 
 fn npz(results: &[TouchResult], field: &Field) -> Arrays {
     let mut arrays = Arrays::new();
-    let mut met: HashMap<&str, u32> = HashMap::new();
+    let mut taken = Vec::new();
     for touch in results {
-        let times = met.entry(&touch.name).or_default();
-        *times += 1;
-        // Two logs may well have a touch of the same name.
-        let name = match *times {
-            1 => touch.name.clone(),
-            times => format!("{}#{times}", touch.name),
-        };
+        let mut name = touch.name.clone();
+        number(&mut name, &mut taken); // two logs may well have a touch of the same name
         let frames = &touch.frames;
         let mut put = |what: &str, array: Array| arrays.insert(format!("{name}/{what}"), array);
         put("frame", Array::flat(Data::U64(frames.iter().map(|frame| frame.frame).collect())));

@@ -7,7 +7,7 @@ use palpate::unstable::{ElasticBody, SegmentKind};
 use palpate::{Arm, Field};
 use palpate_io::cloud::Cloud;
 use palpate_learn::evaluation::{Evaluation, LeftOut};
-use palpate_view::view_model::{LinkShape, touched_rows};
+use palpate_view::view_model::LinkShape;
 use palpate_work::elastic::{ArmPath, BentFrames, bend_along};
 use serde::Serialize;
 
@@ -140,7 +140,7 @@ impl Scene {
             triangles,
         };
         // Cells that were only expected to be stiff are no finding.
-        let mut stiffest: Vec<usize> = touched_rows(field).collect();
+        let mut stiffest: Vec<usize> = field.touched_rows().collect();
         let cells = stiffest.len();
         let stiffness = |&row: &usize| field.stiffness_n_per_m[row];
         stiffest.sort_by(|a, b| stiffness(a).total_cmp(&stiffness(b)));

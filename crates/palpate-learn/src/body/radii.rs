@@ -6,6 +6,7 @@
 use nalgebra::Vector2;
 
 use super::tubes::{Tube, fit_line};
+use crate::upper_median::upper_median;
 
 /// Branches of half this length keep half of their own width, m.
 const HALF_LENGTH_M: f64 = 0.04;
@@ -55,9 +56,7 @@ pub(super) fn draw_together(tubes: &mut [Tube], carriers: &[Option<usize>]) {
 
 /// A line through most of the radii.
 fn robust_line(places: &[f64], radii: &[f64]) -> Vector2<f64> {
-    let mut sorted = radii.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let mut line = Vector2::new(sorted[sorted.len() / 2], 0.0);
+    let mut line = Vector2::new(upper_median(&mut radii.to_vec()).unwrap_or(0.0), 0.0);
     for _ in 0..20 {
         let weight = |(place, radius): (&f64, &f64)| {
             1.0 / (1.0 + ((radius - line[0] - line[1] * place) / 8e-4).powi(2))

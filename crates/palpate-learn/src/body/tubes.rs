@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use super::fit::fit;
 use super::skeleton::{Branch, SkeletonNode};
 use super::view::{View, Views};
+use crate::upper_median::upper_median;
 
 /// Thinnest and thickest radius, m.
 pub(super) const RADIUS_M: [f64; 2] = [0.0018, 0.018];
@@ -195,8 +196,7 @@ fn taper(arc: &[f64], seen: &Seen) -> Vec<f64> {
         let apart: Vec<f64> =
             (0..n).map(|at| seen.half_width[at] - line[0] - line[1] * arc[at]).collect();
         let mut sizes: Vec<f64> = apart.iter().map(|apart| apart.abs()).collect();
-        sizes.sort_by(f64::total_cmp);
-        let scale = 2.0 * (sizes[n / 2] + 2e-4);
+        let scale = 2.0 * (upper_median(&mut sizes).unwrap_or(0.0) + 2e-4);
         for at in 0..n {
             let side = if apart[at] > 0.0 { 1.0 } else { 0.5 };
             weights[at] = seen.weight[at] * side / (1.0 + (apart[at] / scale).powi(2));

@@ -5,6 +5,8 @@ use std::num::NonZero;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Point3, Vector3};
 
+use crate::upper_median::upper_median;
+
 /// A camera's place and what it saw along each direction.
 pub(super) struct View {
     pub viewpoint: Point3<f64>,
@@ -99,8 +101,7 @@ fn pixel(seen: &ImmutableKdTree<f64, 2>, slopes: &[[f64; 2]]) -> f64 {
         near.last().map_or(0.0, |near| near.distance.sqrt())
     };
     let mut gaps: Vec<f64> = slopes.iter().step_by(1 + slopes.len() / 2000).map(gap).collect();
-    gaps.sort_by(f64::total_cmp);
-    gaps.get(gaps.len() / 2).map_or(1e-3, |gap| gap.max(1e-5))
+    upper_median(&mut gaps).map_or(1e-3, |gap| gap.max(1e-5))
 }
 
 /// Where the camera stood that saw these points: a place from which no point hides another.

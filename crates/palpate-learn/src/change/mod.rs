@@ -21,7 +21,7 @@
 //! Where the arm touches little that the field knows, and repeats nothing, nothing is said.
 
 pub mod moved;
-pub mod repeated;
+mod repeated;
 
 use palpate::{Arm, Calibration, Field};
 use rayon::prelude::*;
@@ -69,7 +69,7 @@ pub enum Change {
     Moved(Motion),
     /// It gives way more easily where touches contradict the field: torques are this factor of what was expected, below 1.
     Softer {
-        /// 0 where nothing is felt any more.
+        /// 0 where nothing is in the way any more.
         factor: f64,
     },
     /// It holds more: torques are this factor of what was expected, above 1.
@@ -113,7 +113,7 @@ pub struct Comparison {
 
 /// Errors relative to those of predicting zero, root mean squares over frames in contact; `None` without torques. Those
 /// with a factor or a motion are `None` where nothing contradicts the field. If touches contradict those that they repeat,
-/// the factor multiplies the torques of the latter, and the motion takes them from where they were felt before.
+/// the factor multiplies the torques of the latter, and the motion takes them from where they were measured before.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RelativeErrors {
     /// Of the field.
@@ -122,7 +122,7 @@ pub struct RelativeErrors {
     pub scaled: Option<f64>,
     /// After the best motion.
     pub moved: Option<f64>,
-    /// Of what was felt in the touches that are repeated.
+    /// Of the torque measured in the touches that are repeated.
     pub repeated: Option<f64>,
 }
 
@@ -421,14 +421,15 @@ impl Sums {
         let error = self.beyond(self.error);
         let (moved, scaled) = (self.beyond(moved), self.beyond(scaled));
         // Of the noise, half is that of the touches now, if they repeat others.
-        let felt = self.measured - self.noise * if repeats { 0.5 } else { 1.0 };
-        let [of_error, of_felt] = EXACTLY;
-        let is_exact = scaled <= of_error * error || (scaled <= of_felt * felt && scaled < moved);
+        let torque = self.measured - self.noise * if repeats { 0.5 } else { 1.0 };
+        let [of_error, of_torque] = EXACTLY;
+        let is_exact =
+            scaled <= of_error * error || (scaled <= of_torque * torque && scaled < moved);
         let [most, beside_factor] = match repeats {
             true => [LEAVES_REPEATED, LEAVES_MOVED_REPEATED],
             false => [LEAVES, LEAVES_MOVED],
         };
-        let moves = moved < f64::min(beside_factor * scaled, most * error.min(felt));
+        let moves = moved < f64::min(beside_factor * scaled, most * error.min(torque));
         if repeats && is_exact {
             Change::by(factor)
         } else if moves {

@@ -1,5 +1,5 @@
-//! Touches that go along the path of one that the field has learnt: what was felt then is the best prediction of what is
-//! felt now, however well the field predicts.
+//! Touches that go along the path of one that the field has learnt: the torque measured then is the best prediction of that
+//! now, however well the field predicts.
 //!
 //! A frame of the new touch is matched with one of the old, in the same order, so that the links are as close together as
 //! can be. Where the paths differ a little, the field says by how much the torque does:
@@ -23,7 +23,7 @@ use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
 use super::moved::Motion;
 
 /// The touches that a field has learnt.
-pub struct Learnt {
+pub(super) struct Learnt {
     touches: Vec<LearntTouch>,
     /// How far apart the links may be for a frame to be the same, m.
     close_m: f64,
@@ -115,7 +115,12 @@ const LEAST_STIFFNESS_N_PER_M: f64 = 1e-6;
 
 impl Learnt {
     /// Touches tracked under the lattice and contact model of the field that has learnt them.
-    pub fn new(arm: &Arm, tracked: &Tracked, field: &Field, untouched_std_n_per_m: f64) -> Self {
+    pub(super) fn new(
+        arm: &Arm,
+        tracked: &Tracked,
+        field: &Field,
+        untouched_std_n_per_m: f64,
+    ) -> Self {
         let rows = FieldRows::of(tracked, field, untouched_std_n_per_m);
         let of = |touch: &TrackedTouch| {
             let some: Vec<&TrackedFrame> =

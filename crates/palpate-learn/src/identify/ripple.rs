@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use super::rows::FOLDS;
 use super::touched::MEDIAN;
+use crate::upper_median::upper_median;
 
 /// Orders that are tried: a gear's teeth, times two at most; slower ones are gravity's and the bias's.
 const ORDERS: std::ops::RangeInclusive<u32> = 20..=700;
@@ -71,9 +72,8 @@ fn usual(samples: &[RippleSample], n: usize) -> Vec<RippleSample> {
     let most = |j: usize| {
         let moving = samples.iter().filter(|own| speed(own) >= MOVING * MOVING * top);
         let mut sizes: Vec<f64> = moving.map(|own| own.torque[j].abs()).collect();
-        let middle = sizes.len() / 2;
-        let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
-        if median > 0.0 { FAR_OFF * median / MEDIAN } else { f64::INFINITY }
+        let median = upper_median(&mut sizes).filter(|median| *median > 0.0);
+        median.map_or(f64::INFINITY, |median| FAR_OFF * median / MEDIAN)
     };
     let most: Vec<f64> = (0..n).map(most).collect();
     let is_usual =

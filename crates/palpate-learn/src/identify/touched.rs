@@ -12,6 +12,7 @@ use super::IdentifyError;
 use super::posterior::Posterior;
 use super::rows::{FOLDS, Rows};
 use super::search::{Fit, Search};
+use crate::upper_median::upper_median;
 
 /// Half of the time that what is left over is averaged over, s.
 const HALF_WINDOW_S: f64 = 0.1;
@@ -99,11 +100,8 @@ fn distances(rows: &Rows, posterior: &Posterior) -> Vec<f64> {
     for j in 0..rows.n_joints() {
         let means = rows.means_left_over(posterior, j, HALF_WINDOW_S);
         let mut sizes: Vec<f64> = means.iter().flatten().map(|mean| mean.abs()).collect();
-        if sizes.is_empty() {
-            continue;
-        }
-        let middle = sizes.len() / 2;
-        let usual = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN;
+        let Some(median) = upper_median(&mut sizes) else { continue };
+        let usual = median / MEDIAN;
         for (largest, mean) in largest.iter_mut().zip(means) {
             *largest = largest.max(mean.map_or(0.0, |mean| mean.abs() / usual.max(1e-9)));
         }

@@ -231,17 +231,17 @@ impl Guard {
     }
 
     /// The torques of an arm that stands still say that they are read wrongly: the tare is refused.
-    pub fn misread(&self, why: &str) {
+    pub(crate) fn misread(&self, why: &str) {
         self.state().loaded = Some(Cause::Misread(why.to_owned()));
     }
 
     /// Whether the joint positions jump back and forth, so that the arm cannot be followed.
-    pub fn jumping(&self, jumping: bool) {
+    pub(crate) fn jumping(&self, jumping: bool) {
         self.state().jumping = jumping;
     }
 
     /// Lets the next tare take the flag back: somebody is there who says that the arm stands free.
-    pub fn reset_with_tare(&self) {
+    pub(crate) fn reset_with_tare(&self) {
         self.state().resets = true;
     }
 
@@ -262,7 +262,7 @@ impl Guard {
     }
 
     /// Raises a flag that was down: nobody said so for too long.
-    pub fn stalled(&self) {
+    pub(crate) fn stalled(&self) {
         let mut state = self.state();
         if state.was_down {
             state.raised.get_or_insert(Cause::Stalled);

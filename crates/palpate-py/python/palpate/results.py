@@ -132,7 +132,7 @@ class RelativeErrors(TypedDict):
     moved: float | None
     """After the best motion; None where nothing contradicts the field."""
     repeated: float | None
-    """Of what was felt in the touches that these repeat; None if they do not."""
+    """Of the torque measured in the touches that these repeat; None if they do not."""
 
 
 class Change(TypedDict, total=False):

@@ -46,7 +46,7 @@ impl HeldOut {
     }
 
     /// Whether a field predicts as well with it as without.
-    pub fn helps(&self) -> bool {
+    pub(crate) fn helps(&self) -> bool {
         self.with <= (1.0 + MARGIN / 2.0) * self.without
     }
 }

@@ -23,6 +23,7 @@ pub use torque_evidence::remembers;
 
 use crate::error::WorkError;
 use crate::progress::Progress;
+use crate::quantile::bounds;
 
 /// What is said of an extrapolation; the rest follows.
 #[derive(Debug, Clone, Copy, Default)]
@@ -100,18 +101,8 @@ const NEAR_M: f64 = 0.3;
 
 /// Warns if more than a third of the points lie far from the box of the touched cells: by more than a quarter of its longest side.
 fn tell_far(points: &[Point3<f64>], field: &Field, progress: &dyn Progress) {
-    let touched = field.cells.iter().zip(&field.counts).filter(|(_, count)| **count > 0);
-    let mut corners = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-    for point in touched.map(|(cell, _)| field.lattice.point(*cell)) {
-        for axis in 0..3 {
-            corners[0][axis] = corners[0][axis].min(point[axis]);
-            corners[1][axis] = corners[1][axis].max(point[axis]);
-        }
-    }
-    let [low, high] = corners;
-    if low[0] > high[0] {
-        return; // Nothing was touched, which is told by other words.
-    }
+    let touched = field.touched_rows().map(|row| field.lattice.point(field.cells[row]).into());
+    let Some([low, high]) = bounds(&touched.collect::<Vec<[f64; 3]>>()) else { return };
     let far_m = (0..3).map(|axis| 0.25 * (high[axis] - low[axis])).fold(NEAR_M, f64::max);
     let is_far = |point: &&Point3<f64>| {
         (0..3).any(|axis| point[axis] < low[axis] - far_m || point[axis] > high[axis] + far_m)

@@ -33,7 +33,7 @@ use crate::settings::Settings;
 use crate::touches::Touches;
 use crate::{resume, robot as robots};
 pub use finding::{Finding, Level};
-pub(crate) use log::{are_degrees, are_radians, is_misread, mean};
+pub(crate) use log::{are_degrees, are_radians, farthest, is_misread, mean};
 pub use recognise::Kind;
 pub use words::{counted, number, word};
 
@@ -108,7 +108,8 @@ impl<'a> Inspector<'a> {
 
     fn log(&mut self, path: &Path) -> Result<(Option<log::LogFacts>, Vec<Finding>), WorkError> {
         // Torques are looked at as they were measured.
-        let as_measured = self.settings.clone().without_arm();
+        let mut as_measured = self.settings.clone();
+        as_measured.robot.arm = None;
         let config = match self.field {
             Some(field) => resume::config(field, &as_measured)?,
             None => as_measured.config()?,

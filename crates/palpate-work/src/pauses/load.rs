@@ -9,6 +9,8 @@ use std::collections::VecDeque;
 
 use palpate::{Robot, Sample};
 
+use crate::inspect::farthest;
+
 /// Samples of a standstill whose mean is taken, at least and at most.
 const MEAN_OF: [usize; 2] = [10, 100];
 /// As much of the largest load counts as none.
@@ -59,7 +61,7 @@ impl Load {
                 *largest = largest.max(load);
             }
         }
-        if self.still.front().is_some_and(|(q, _)| off(q, &sample.q) > still_rad) {
+        if self.still.front().is_some_and(|(q, _)| farthest(q, &sample.q) > still_rad) {
             self.still.clear();
         }
         if self.still.len() == MEAN_OF[1] {
@@ -94,10 +96,5 @@ impl Load {
 
 /// By how much torques differ from those at a start, N·m, in each reading.
 fn loads(now: &Torques, start: &Torques) -> [f64; READINGS.len()] {
-    std::array::from_fn(|reading| off(&now[reading], &start[reading]))
-}
-
-/// The largest difference of a joint.
-fn off(now: &[f64], start: &[f64]) -> f64 {
-    now.iter().zip(start).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    std::array::from_fn(|reading| farthest(&now[reading], &start[reading]))
 }

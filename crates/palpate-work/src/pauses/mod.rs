@@ -22,7 +22,7 @@ use crate::settings::SettingsError;
 use load::Load;
 
 /// Parts touches at pauses.
-pub struct Pauses {
+pub(crate) struct Pauses {
     tracker: Tracker,
     split: PauseDetector,
     load: Load,
@@ -42,7 +42,7 @@ impl Pauses {
     /// # Errors
     ///
     /// If a setting is out of its range.
-    pub fn new(
+    pub(crate) fn new(
         arm: &Arc<Arm>,
         (lattice, contact): (Lattice, ContactConfig),
         config: PauseConfig,
@@ -63,7 +63,7 @@ impl Pauses {
     /// # Errors
     ///
     /// If a sample does not fit the arm.
-    pub fn take(
+    pub(crate) fn take(
         &mut self,
         event: TouchEvent,
         then: &mut VecDeque<TouchEvent>,
@@ -82,7 +82,7 @@ impl Pauses {
     }
 
     /// Hands on what was held back, at the end of a touch or of the log.
-    pub fn finish(&mut self, then: &mut VecDeque<TouchEvent>) {
+    pub(crate) fn finish(&mut self, then: &mut VecDeque<TouchEvent>) {
         if self.parts == 0 && !self.queue.is_empty() {
             self.announce(then);
         }
@@ -90,7 +90,7 @@ impl Pauses {
     }
 
     /// Samples that were left out since the arm had not stood still before them.
-    pub fn left_out(&self) -> u64 {
+    pub(crate) fn left_out(&self) -> u64 {
         self.left_out
     }
 

@@ -81,14 +81,14 @@ pub fn corners(lattice: &Lattice) -> ([f64; 3], [f64; 3]) {
 }
 
 /// Whether two lattices differ by no more than the dust of arithmetic.
-pub fn same_lattice(a: &Lattice, b: &Lattice) -> bool {
+pub(crate) fn same_lattice(a: &Lattice, b: &Lattice) -> bool {
     (a.spacing_m() - b.spacing_m()).abs() < 1e-9
         && (a.origin_m() - b.origin_m()).amax() < 1e-9
         && a.shape() == b.shape()
 }
 
 /// Shape, spacing and origin.
-pub fn lattice_in_words(lattice: &Lattice) -> String {
+pub(crate) fn lattice_in_words(lattice: &Lattice) -> String {
     let origin_m: [f64; 3] = lattice.origin_m().into();
     format!("{:?} points every {} m from {origin_m:?} m", lattice.shape(), lattice.spacing_m())
 }

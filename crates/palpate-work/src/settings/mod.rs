@@ -15,7 +15,8 @@ mod template;
 
 pub use error::SettingsError;
 pub use file::{of_table, read};
-pub use lattice::{corners, lattice_in_words, same_lattice};
+pub use lattice::corners;
+pub(crate) use lattice::{lattice_in_words, same_lattice};
 pub use parse::{Held, OrAuto, Renamed, TareFrames, named, vector3};
-pub use resolve::{departures, first_difference};
+pub(crate) use resolve::{departures, first_difference};
 pub use sections::Settings;

@@ -46,13 +46,6 @@ impl Settings {
         Ok(())
     }
 
-    /// The same for torques as they are measured.
-    #[must_use]
-    pub fn without_arm(mut self) -> Self {
-        self.robot.arm = None;
-        self
-    }
-
     /// The configuration of a new field.
     pub fn config(&self) -> Result<MapperConfig, SettingsError> {
         let base = MapperConfig::of(self.estimator.estimator.unwrap_or_default());
@@ -64,7 +57,10 @@ impl Settings {
     ///
     /// Settings that the field's lattice may have come from give that very lattice: a box that is
     /// no multiple of the spacing is larger than what fills it, and cannot be told from it.
-    pub fn config_over_saved(&self, saved: &MapperConfig) -> Result<MapperConfig, SettingsError> {
+    pub(crate) fn config_over_saved(
+        &self,
+        saved: &MapperConfig,
+    ) -> Result<MapperConfig, SettingsError> {
         let lattice = if self.lattice.may_give(&saved.lattice) {
             saved.lattice.clone()
         } else {
@@ -193,7 +189,7 @@ impl LogSettings {
     }
 
     /// Refuses degrees for a robot of which some positions are no angles.
-    pub fn check_for(&self, robot: &Robot) -> Result<(), SettingsError> {
+    pub(crate) fn check_for(&self, robot: &Robot) -> Result<(), SettingsError> {
         let mut joints = robot.joints().iter();
         let slides = joints.find(|joint| joint.kind == JointKind::Prismatic);
         match slides {
@@ -240,7 +236,7 @@ impl TouchSettings {
 }
 
 /// The first setting in which a configuration departs from that of a saved field.
-pub fn first_difference(saved: &MapperConfig, given: &MapperConfig) -> Option<String> {
+pub(crate) fn first_difference(saved: &MapperConfig, given: &MapperConfig) -> Option<String> {
     let (a, b) = (&saved.lattice, &given.lattice);
     if !same_lattice(a, b) {
         let [a, b] = [a, b].map(lattice_in_words);
@@ -257,7 +253,7 @@ pub fn first_difference(saved: &MapperConfig, given: &MapperConfig) -> Option<St
 }
 
 /// The settings of a section in which it departs from a saved one.
-pub fn departures<T: Serialize>(saved: &T, given: &T) -> Vec<String> {
+pub(crate) fn departures<T: Serialize>(saved: &T, given: &T) -> Vec<String> {
     let json = |section| serde_json::to_value(section).expect("settings are plain data");
     let (saved, given) = (json(saved), json(given));
     let differs = |(key, value): (&String, &serde_json::Value)| {

@@ -111,7 +111,7 @@ impl Touches {
         settings: &LogSettings,
         place: (Lattice, ContactConfig),
     ) -> Result<Self, WorkError> {
-        self.joints = arm.robot.joint_names().map(str::to_owned).collect();
+        self.in_order_of(arm);
         self.arm = Some(arm.clone());
         let parted = settings.pauses();
         self.pauses = parted.map(|config| Pauses::new(arm, place, config)).transpose()?;
@@ -150,7 +150,7 @@ impl Touches {
     }
 
     /// Whether there is any log.
-    pub fn has_logs(&self) -> bool {
+    pub(crate) fn has_logs(&self) -> bool {
         self.logs.all().next().is_some()
     }
 

@@ -113,8 +113,7 @@ impl Belief {
         observation: &Observation,
         variance: impl Fn(usize) -> f64,
     ) -> DVector<f64> {
-        let gram = observation.gram(&self.cells, variance);
-        gram.diagonal().map(|own| own.max(0.0).sqrt())
+        observation.torque_std(&self.cells, variance)
     }
 
     /// `C⁻¹ = (H P Hᵀ + R)⁻¹`, the inverse of the innovation covariance, for a diagonal P, given by row.

@@ -202,7 +202,7 @@ impl Robot {
     ///
     /// Never: the tests parse every one.
     pub fn built_in(name: &str) -> Option<Robot> {
-        let (_, xml) = BUILT_IN.iter().find(|(known, _)| *known == name)?;
+        let xml = Self::built_in_urdf(name)?;
         Some(Robot::from_urdf(xml).expect("built-in robots are parsed by the tests"))
     }
 

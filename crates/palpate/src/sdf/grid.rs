@@ -212,7 +212,7 @@ impl DistanceGrid {
     }
 
     /// Bytes that the nodes take.
-    pub fn size_bytes(&self) -> usize {
+    pub(crate) fn size_bytes(&self) -> usize {
         self.nodes_m.len() * size_of::<f32>()
     }
 

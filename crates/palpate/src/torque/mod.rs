@@ -389,6 +389,11 @@ impl Observation {
         tau
     }
 
+    /// `√ diag(H P Hᵀ)` for a diagonal P, n_joints, N·m; `variance` gives P of a row, (N/m)².
+    pub fn torque_std(&self, cells: &[Cell], variance: impl Fn(usize) -> f64) -> DVector<f64> {
+        self.gram(cells, variance).diagonal().map(|own| own.max(0.0).sqrt())
+    }
+
     /// `H P Hᵀ` for a diagonal P, n × n, (N·m)²; `variance` gives P of a row, (N/m)².
     pub fn gram(&self, cells: &[Cell], variance: impl Fn(usize) -> f64) -> DMatrix<f64> {
         let level = SimdLevel::best();

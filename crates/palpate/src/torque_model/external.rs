@@ -109,7 +109,7 @@ impl TouchMotion {
     }
 
     /// Forgets samples before a time, s, but for the last four; without a clock, all but those.
-    pub fn forget_before(&mut self, time_s: f64) {
+    pub(crate) fn forget_before(&mut self, time_s: f64) {
         let n = self.times_s.len();
         let old =
             if self.untimed { n } else { self.times_s.partition_point(|time| *time < time_s) };

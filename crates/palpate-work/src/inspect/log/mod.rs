@@ -384,7 +384,7 @@ impl RecordedTouch {
 }
 
 /// The largest difference of two joint vectors at any joint.
-fn farthest(a: &[f64], b: &[f64]) -> f64 {
+pub(crate) fn farthest(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 

@@ -56,9 +56,9 @@ pub(super) fn finding(
 fn work_j(touch: &RecordedTouch, robot: &Robot, fit: &Fit, still_rad: f64) -> Option<f64> {
     let still = touch.still_frames(still_rad);
     let start = &touch.samples.first()?.q;
-    let farthest = |way: Vec<f64>| way.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
-    let ways = touch.samples.iter().map(|sample| farthest(robot.difference(start, &sample.q)));
-    let back = farthest(robot.difference(start, &touch.samples.last()?.q));
+    let largest = |way: Vec<f64>| way.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
+    let ways = touch.samples.iter().map(|sample| largest(robot.difference(start, &sample.q)));
+    let back = largest(robot.difference(start, &touch.samples.last()?.q));
     if still < MIN_TARE_FRAMES as usize || back > BACK * ways.fold(0.0, f64::max) {
         return None;
     }
@@ -70,28 +70,24 @@ fn work_j(touch: &RecordedTouch, robot: &Robot, fit: &Fit, still_rad: f64) -> Op
         external.push(joints.map(|(tau, gravity)| sign * tau - gravity).collect::<Vec<f64>>());
     }
     let end = &touch.samples.last()?.q;
-    let rests = |sample: &&Sample| farthest(robot.difference(end, &sample.q)) <= still_rad;
+    let rests = |sample: &&Sample| largest(robot.difference(end, &sample.q)) <= still_rad;
     let still_at_end = touch.samples.iter().rev().take_while(rests).count();
     if still_at_end < MIN_TARE_FRAMES as usize {
         return None;
     }
     // Sensors drift: the tare is interpolated between start and end.
-    let mean = |of: &[Vec<f64>]| -> Vec<f64> {
-        (0..robot.n_joints())
-            .map(|j| of.iter().map(|tau| tau[j]).sum::<f64>() / of.len() as f64)
-            .collect()
-    };
+    let mean = |of: &[Vec<f64>]| super::mean(of, |tau| tau);
     let last = external.len();
     let tares = [mean(&external[..still]), mean(&external[last - still_at_end..])];
     let (mut work, mut most, mut least) = (0.0_f64, 0.0_f64, 0.0_f64);
     for (number, (pair, torques)) in touch.samples.windows(2).zip(external.windows(2)).enumerate() {
         let part = number as f64 / last as f64;
         let way = robot.difference(&pair[0].q, &pair[1].q);
-        let mean = |j: usize| {
+        let midpoint = |j: usize| {
             let tare = tares[0][j] + part * (tares[1][j] - tares[0][j]);
             f64::midpoint(torques[0][j], torques[1][j]) - tare
         };
-        work += way.iter().enumerate().map(|(j, way)| mean(j) * way).sum::<f64>();
+        work += way.iter().enumerate().map(|(j, way)| midpoint(j) * way).sum::<f64>();
         (most, least) = (most.max(work), least.min(work));
     }
     (work.abs() > LEAST_J.max(LEAST_PART * (most - least))).then_some(work)

@@ -14,23 +14,17 @@ use palpate::{ExternalTorqueConfig, Gravity, MIN_TARE_FRAMES, Payload, Robot, Sa
 use palpate_io::log::AngleUnit;
 use serde::Serialize;
 
-use crate::quantile::median;
+use crate::conventions::{BETTER, LEAST_GRAVITY, NEAR_SLOPE, residual};
 use crate::touches::RecordedTouch;
 
-/// With less gravity than this at rest, N·m, nothing can be told from it.
-const LEAST_GRAVITY: f64 = 1.0;
 /// What may be left over, as a part of gravity.
 const GOOD_PART: f64 = 0.25;
 /// What may be left over at each joint, N·m, whatever gravity is: the bias of usual sensors.
 const GOOD_BIAS: f64 = 0.4;
-/// Another convention must leave less than this part of what is left over as set.
-const BETTER: f64 = 0.5;
 /// Another order of joints must leave less than this part: there are many to choose from.
 const FAR_BETTER: f64 = 0.25;
 /// Single frames to look at if no touch begins still.
 const FRAMES: usize = 200;
-/// How near to 1, 0 or -1 the slope must be to tell by itself.
-const NEAR_SLOPE: f64 = 0.3;
 
 /// Moments at rest, or any moments if there are none.
 #[derive(Debug, Clone)]
@@ -177,19 +171,16 @@ pub(super) fn fits(
     let torques: Vec<(Vec<f64>, Vec<f64>)> = rests.all.iter().filter_map(torques).collect();
     let square: f64 = torques.iter().map(|(gravity, _)| dot(gravity, gravity)).sum();
     let cross: f64 = torques.iter().map(|(gravity, tau)| dot(gravity, tau)).sum();
-    // The median of `|sign·τ − part·τ_gravity|` over all joints.
-    let left_over = |sign: f64, part: f64| {
-        let norm = |(gravity, tau): &(Vec<f64>, Vec<f64>)| {
-            let joints = tau.iter().zip(gravity);
-            joints.map(|(tau, gravity)| (sign * tau - part * gravity).powi(2)).sum::<f64>().sqrt()
-        };
-        median(&torques.iter().map(norm).collect::<Vec<_>>()).unwrap_or(0.0)
-    };
     let fit = |torque_sign: TorqueSign, gravity: Gravity| {
         let sign = super::sign(torque_sign);
         let part = if gravity == Gravity::Included { 1.0 } else { 0.0 };
         let slope = if square > 0.0 { sign * cross / square } else { 0.0 };
-        Fit { torque_sign, gravity, left_over: left_over(sign, part), slope }
+        Fit {
+            torque_sign,
+            gravity,
+            left_over: residual(&torques, sign, part).unwrap_or(0.0),
+            slope,
+        }
     };
     // Without gravity the sign cannot be told: it is left as set.
     let all = [
@@ -200,7 +191,7 @@ pub(super) fn fits(
     ];
     let off = |fit: &Fit| if rests.still { fit.left_over } else { fit.off_slope() };
     let best = all.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(all[0]);
-    let (gravity_torque, n_joints) = (left_over(0.0, 1.0), order.len());
+    let (gravity_torque, n_joints) = (residual(&torques, 0.0, 1.0).unwrap_or(0.0), order.len());
     Fits { set: all[0], best, gravity_torque, at_rest: rests.still, by_work: false, n_joints }
 }
 

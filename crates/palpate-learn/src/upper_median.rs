@@ -1,0 +1,7 @@
+//! The middle of some numbers.
+
+/// The middle one, or the upper of the two in the middle; `None` of none. Reorders the numbers.
+pub(crate) fn upper_median(numbers: &mut [f64]) -> Option<f64> {
+    let middle = numbers.len() / 2;
+    (!numbers.is_empty()).then(|| *numbers.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
