@@ -16,6 +16,7 @@ struct Bundled {
     name: &'static str,
     angles: &'static [u8],
     torques: &'static [u8],
+    times: &'static [u8],
 }
 
 macro_rules! bundled {
@@ -24,6 +25,7 @@ macro_rules! bundled {
             name: $name,
             angles: include_bytes!(concat!("../data/plant_a/", $name, "/angles.npy")),
             torques: include_bytes!(concat!("../data/plant_a/", $name, "/torques.npy")),
+            times: include_bytes!(concat!("../data/plant_a/", $name, "/time.npy")),
         }),+]
     };
 }
@@ -67,6 +69,7 @@ fn into(folder: &Path) -> io::Result<Vec<PathBuf>> {
         fs::create_dir(&path)?;
         fs::write(path.join("angles.npy"), touch.angles)?;
         fs::write(path.join("torques.npy"), touch.torques)?;
+        fs::write(path.join("time.npy"), touch.times)?;
         Ok(path)
     };
     TOUCHES.iter().map(unpack).collect()

@@ -10,7 +10,7 @@ use palpate_io::cloud::{self, Cloud};
 use palpate_io::rgbd;
 use palpate_learn::body::ObjectHints;
 use palpate_work::elastic::{self, SeenCloud};
-use palpate_work::settings::vector3;
+use palpate_work::settings::{pair, vector3};
 
 use crate::error::CliError;
 use crate::output::Output;
@@ -31,8 +31,8 @@ pub(crate) struct CloudArgs {
     #[arg(long, value_name = "M", default_value_t = 0.001)]
     depth_unit_m: f64,
     /// Nearest and farthest depth that is used, m
-    #[arg(long, value_name = "NEAR,FAR", value_delimiter = ',', num_args = 2)]
-    depth_range_m: Vec<f64>,
+    #[arg(long, value_name = "NEAR,FAR", value_parser = pair)]
+    depth_range_m: Option<[f64; 2]>,
     /// Keep pixels that hang between what is near and what is far
     #[arg(long)]
     keep_flying: bool,
@@ -140,7 +140,7 @@ impl CloudArgs {
         let camera = file.at(self.pose()?).ok_or_else(|| without_pose(&camera))?;
         let mut config =
             rgbd::BackProjectionConfig { crop, ..rgbd::BackProjectionConfig::default() };
-        if let [near, far] = self.depth_range_m[..] {
+        if let Some([near, far]) = self.depth_range_m {
             if !(near >= 0.0 && near < far) {
                 let range = format!("--depth-range-m is {near},{far}; wanted near below far");
                 return Err(CliError::Usage(range));

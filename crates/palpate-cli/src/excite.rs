@@ -25,7 +25,7 @@ const NOTES: &str = "Examples:
 The motion begins and ends at rest where --start says, and keeps to the joints' ranges, speeds and
 torques, clear of the ground and of the arm itself; links that are nearer than 3 cm to each other where
 it begins are taken for neighbours, and not looked at. It knows nothing else of the room: play it slowly
-first, with a hand on the stop. A shell takes 128 kB as an argument: 10 Hz fit. Other motions: another --seed. Log it, and give the log to `palpate
+first (--slow-down 10), with a hand on the stop. A shell takes 128 kB as an argument: 10 Hz fit. Other motions: another --seed. Log it, and give the log to `palpate
 identify`; three of them, of other seeds, tell more than one.";
 
 /// Flags of `palpate excite`.
@@ -56,6 +56,9 @@ pub(crate) struct Args {
     /// Largest way of a joint from the start, rad or m [default: 1.2]
     #[arg(long, value_name = "RAD", value_parser = number_in(0.01..=6.3, "a way from 0.01 to 6.3 rad"))]
     reach: Option<f64>,
+    /// The same motion, so many times slower, as a first try
+    #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = number_in(1.0..=100.0, "a number from 1 to 100"))]
+    slow_down: f64,
     /// Seed of the draws [default: 0]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -120,11 +123,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     };
     let bar = output.begin(Some(config.tries as u64), "motions", "trying");
     let stop = || interrupt::pressed();
-    let found = excite(&arm, &config, &stop, &|| bar.step()).map_err(|error| match stop() {
+    let mut found = excite(&arm, &config, &stop, &|| bar.step()).map_err(|error| match stop() {
         true => CliError::Interrupted { kept: "; nothing was written".to_owned() },
         false => CliError::from(error.to_string()),
     })?;
     drop(bar);
+    slow_down(&mut found, args.slow_down);
     let text = match format {
         Format::Csv => table(&arm.robot, &found),
         Format::Yaml => trajectory(&arm.robot, &found),
@@ -143,6 +147,16 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         "{}\nNext: play it, log it, and palpate identify LOG{robot}\n",
         told(&found, &file)
     ))
+}
+
+/// The same path, `times` as slow.
+fn slow_down(found: &mut Excitation, times: f64) {
+    found.times_s.iter_mut().for_each(|time_s| *time_s *= times);
+    for [_, speeds, accelerations] in &mut found.points {
+        speeds.iter_mut().for_each(|speed| *speed /= times);
+        accelerations.iter_mut().for_each(|acceleration| *acceleration /= times * times);
+    }
+    found.speed_share /= times;
 }
 
 /// What the motion is like, in words.

@@ -7,7 +7,7 @@ mod common;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use common::{palpate, refuse, succeed};
+use common::{palpate, refuse, stderr, succeed};
 
 /// The root of the project.
 fn root() -> PathBuf {
@@ -62,6 +62,8 @@ fn a_stiffness_that_no_cell_has_and_one_for_a_log_are_refused_and_nothing_is_wri
         2,
         &["--above", "log"],
     );
+    let run = convert(&field, &folder.path().join("points.npz"), &[]).output().unwrap();
+    assert!(stderr(&run).contains("bands and elastic body are left out"), "{}", stderr(&run));
     refuse(&mut convert(&field, &folder.path().join("field.obj"), &[]), 2, &[".glb", ".urdf"]);
     assert_eq!(common::names(folder.path()), ["field.npz"]);
 }

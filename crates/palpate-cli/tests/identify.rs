@@ -451,6 +451,25 @@ fn a_motion_is_written_for_a_controller() {
     assert!(text.starts_with("joint_names: [\"Actuator1\", \"Actuator2\""), "{}", &text[..80]);
     assert_eq!(text.matches("time_from_start:").count(), 201);
     assert!(text.contains("time_from_start: {sec: 20, nanosec: 0}"));
+
+    let csv = |name: &str, more: &[&str]| {
+        let path = folder.path().join(name);
+        let run =
+            palpate().args(["excite", "--rate-hz", "10", "-o"]).arg(&path).args(more).output();
+        assert!(run.unwrap().status.success());
+        let rows = fs::read_to_string(&path).unwrap();
+        let row = |row: &str| row.split(',').map(|number| number.parse().unwrap()).collect();
+        rows.lines().skip(1).map(row).collect::<Vec<Vec<f64>>>()
+    };
+    // The same path, four times as slow.
+    let (fast, slow) = (csv("fast.csv", &[]), csv("slow.csv", &["--slow-down", "4"]));
+    assert_eq!(fast.len(), slow.len());
+    for (fast, slow) in fast.iter().zip(&slow) {
+        let factors = [4.0].into_iter().chain([1.0; 7]).chain([0.25; 7]).chain([0.0625; 7]);
+        for ((fast, slow), factor) in fast.iter().zip(slow).zip(factors) {
+            assert!((fast * factor - slow).abs() < 1e-8, "{fast} {slow}");
+        }
+    }
     let low = ["excite", "--ground-m", "3", "-o"];
     refuse(palpate().args(low).arg(&path), 1, &["reaches down to"]);
     refuse(palpate().args(["excite", "-o", "motion.txt"]), 2, &["motion.txt"]);

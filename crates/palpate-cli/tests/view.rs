@@ -17,7 +17,11 @@ fn view(scene: &Scene, what: &[&str], more: &[&str]) -> std::process::Command {
 #[test]
 fn without_the_viewer_it_says_how_to_get_one() {
     let scene = Scene::new();
-    common::refuse(&mut view(&scene, &["log"], &[]), 2, &["cargo install", "--features viewer"]);
+    common::refuse(
+        &mut view(&scene, &["log"], &[]),
+        2,
+        &["cargo install", "--features full,viewer"],
+    );
 }
 
 #[cfg(feature = "viewer")]

@@ -36,8 +36,8 @@ pub enum LearnError {
     NoTask,
     /// A field that says not how well it fits touches.
     #[error(
-        "the field has no bands of this robot's joints, so nothing says how well touches should fit; map its logs again \
-         with at least three touches, and let `palpate map` choose the settings"
+        "no touches were held out when this field was learned, so nothing says how well touches should fit; map its logs \
+         again with at least three touches, without --tune=off, --prior or an elastic body"
     )]
     NoBands,
     /// Asked to stop.

@@ -109,8 +109,8 @@ impl EvaluationSummary {
         let map = self.evaluation.relative("map")?;
         Some(format!(
             "map's average relative error is {:.2} times that of {name}, the best that learns from \
-             joint\nangles alone. The paper, on a real arm: {PAPER_FIELD:.2} for its field, {:.2}, \
-             {:.2} and {:.2} for its three,\n{:.2} times the best.",
+             joint\nangles alone. In the paper, on a real arm: field {PAPER_FIELD:.2}, its three baselines {:.2}, \
+             {:.2} and {:.2},\nso {:.2} times the best.",
             map / best,
             PAPER_BASELINES[0],
             PAPER_BASELINES[1],

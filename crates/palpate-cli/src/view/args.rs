@@ -46,7 +46,7 @@ pub(crate) struct Args {
         default_missing_value = HERE
     )]
     pub(super) connect: Option<String>,
-    /// Show every so-manieth sample; all of them are followed
+    /// Show every Nth sample; all of them are followed
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u64).range(1..))]
     pub(super) every: u64,
     /// Show a field that grows after so many more samples

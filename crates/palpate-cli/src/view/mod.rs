@@ -32,7 +32,7 @@ pub(crate) fn run(_: &Args, _: &Output) -> Result<(), CliError> {
 pub(crate) fn without_viewer() -> CliError {
     CliError::Usage(
         "this `palpate` was built without the viewer, which takes some 360 more crates; get one \
-         with it by `cargo install --locked --path crates/palpate-cli --features viewer`. `palpate \
+         with it by `cargo install --locked --path crates/palpate-cli --features full,viewer`. `palpate \
          predict --picture FILE.svg` and `palpate evaluate` draw without it"
             .to_owned(),
     )

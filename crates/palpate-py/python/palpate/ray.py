@@ -7,7 +7,7 @@ done by another; executors have rules of their own.
     import palpate.ray
 
     logs = {"plant_a": "data/plant_a", "plant_b": "data/plant_b"}
-    settings = {"soft": {"estimator": {"prior_std": 50.0}}, "stiff": {"estimator": {"prior_std": 200.0}}}
+    settings = {"soft": {"estimator": {"prior_std": 0.4}}, "stiff": {"estimator": {"prior_std": 1.5}}}
     if __name__ == "__main__":
         for run in palpate.ray.evaluate(logs, settings, methods=["map"], keep="results"):
             print(run.log, run.settings, run.get()["methods"][0]["avg_relative"])

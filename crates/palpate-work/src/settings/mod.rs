@@ -17,6 +17,6 @@ pub use error::SettingsError;
 pub use file::{of_table, read};
 pub use lattice::corners;
 pub(crate) use lattice::{lattice_in_words, same_lattice};
-pub use parse::{Held, OrAuto, Renamed, TareFrames, named, vector3};
+pub use parse::{Held, OrAuto, Renamed, TareFrames, named, pair, vector3};
 pub(crate) use resolve::{departures, first_difference};
 pub use sections::Settings;

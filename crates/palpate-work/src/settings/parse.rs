@@ -24,17 +24,22 @@ pub(super) fn from_word<T: TryFrom<String>>(text: &str) -> Result<T, T::Error> {
     text.to_owned().try_into()
 }
 
+/// Two numbers with a comma between them.
+pub fn pair(text: &str) -> Result<[f64; 2], String> {
+    several(text, "two numbers with a comma between, such as 0.1,2")
+}
+
 /// Three numbers with commas between them.
 pub fn vector3(text: &str) -> Result<[f64; 3], String> {
-    three(text, "three numbers with commas between, such as -1.2,0,0.5")
+    several(text, "three numbers with commas between, such as -1.2,0,0.5")
 }
 
 /// Three counts with commas between them.
 pub(super) fn counts3(text: &str) -> Result<[u32; 3], String> {
-    three(text, "three whole numbers with commas between, such as 200,200,100")
+    several(text, "three whole numbers with commas between, such as 200,200,100")
 }
 
-fn three<T: FromStr>(text: &str, wanted: &str) -> Result<[T; 3], String> {
+fn several<T: FromStr, const N: usize>(text: &str, wanted: &str) -> Result<[T; N], String> {
     let parts: Option<Vec<T>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
     parts.and_then(|parts| parts.try_into().ok()).ok_or_else(|| format!("wanted {wanted}"))
 }
