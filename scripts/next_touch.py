@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 import palpate
 
-EVERY = 4  # learned and tested are every so-manyth frame: contacts follow the motion between them
+EVERY = 4  # learned and tested are every Nth frame: contacts follow the motion between them
 
 
 class Recorded:

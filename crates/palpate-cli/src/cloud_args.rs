@@ -142,7 +142,7 @@ impl CloudArgs {
             rgbd::BackProjectionConfig { crop, ..rgbd::BackProjectionConfig::default() };
         if let Some([near, far]) = self.depth_range_m {
             if !(near >= 0.0 && near < far) {
-                let range = format!("--depth-range-m is {near},{far}; wanted near below far");
+                let range = format!("--depth-range-m is {near},{far}; wanted 0 ≤ near < far");
                 return Err(CliError::Usage(range));
             }
             config.depth_range_m = [near, far];

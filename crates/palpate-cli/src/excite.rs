@@ -25,8 +25,9 @@ const NOTES: &str = "Examples:
 The motion begins and ends at rest where --start says, and keeps to the joints' ranges, speeds and
 torques, clear of the ground and of the arm itself; links that are nearer than 3 cm to each other where
 it begins are taken for neighbours, and not looked at. It knows nothing else of the room: play it slowly
-first (--slow-down 10), with a hand on the stop. A shell takes 128 kB as an argument: 10 Hz fit. Other motions: another --seed. Log it, and give the log to `palpate
-identify`; three of them, of other seeds, tell more than one.";
+first (--slow-down 10), with a hand on the stop. A shell takes 128 kB as an argument: 10 Hz fit. Other
+motions: another --seed. Log it, and give the log to `palpate identify`; three of them, of other seeds,
+tell more than one.";
 
 /// Flags of `palpate excite`.
 #[derive(Debug, clap::Args)]
@@ -79,6 +80,9 @@ enum Format {
 /// A joint that moves less, rad or m, tells little of what it carries, and of its friction.
 const LEAST_WAY: f64 = 0.1;
 
+/// Points of a file, at most.
+const MOST_POINTS: f64 = 1e6;
+
 /// Names joints that hardly move.
 fn tell_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
     let way = |j: usize| {
@@ -121,6 +125,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             })?,
         ),
     };
+    // Slowed down, points lie as close in time as without.
+    config.rate_hz *= args.slow_down;
+    if config.rate_hz * config.duration_s > MOST_POINTS {
+        return Err(CliError::Usage(format!(
+            "--slow-down, --duration and --rate-hz together ask for more than {MOST_POINTS} points; make one of them smaller"
+        )));
+    }
     let bar = output.begin(Some(config.tries as u64), "motions", "trying");
     let stop = || interrupt::pressed();
     let mut found = excite(&arm, &config, &stop, &|| bar.step()).map_err(|error| match stop() {
@@ -143,13 +154,14 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         }));
     }
     let file = args.output.display();
-    output.result(&format!(
-        "{}\nNext: play it, log it, and palpate identify LOG{robot}\n",
-        told(&found, &file)
-    ))
+    let next = match args.slow_down > 1.0 {
+        true => "play it with a hand on the stop, then the same without --slow-down".to_owned(),
+        false => format!("play it, log it, and palpate identify LOG{robot}"),
+    };
+    output.result(&format!("{}\nNext: {next}\n", told(&found, &file)))
 }
 
-/// The same path, `times` as slow.
+/// The same path, `times` times slower.
 fn slow_down(found: &mut Excitation, times: f64) {
     found.times_s.iter_mut().for_each(|time_s| *time_s *= times);
     for [_, speeds, accelerations] in &mut found.points {
@@ -171,7 +183,7 @@ fn told(found: &Excitation, file: &dyn Display) -> String {
         });
     format!(
         "{} points over {:.0} s are in `{file}`.\nCondition number {:.0} (of the first motion that kept to the limits: \
-         {:.0}); it takes {:.0} % of the joints' speed and {:.0} % of their torque. {lowest}; {nearest}.",
+         {:.0}); it takes {:.0} % of the joints' speed and at most {:.0} % of their torque. {lowest}; {nearest}.",
         found.points.len(),
         found.times_s.last().copied().unwrap_or_default(),
         found.condition,

@@ -1,4 +1,4 @@
-//! Ctrl-C: the first asks the loop to stop at the next sample, the second kills.
+//! Ctrl-C: the first asks the loop to stop at the next sample; another, a second later or more, kills.
 
 use std::io::Write;
 use std::sync::OnceLock;
@@ -14,8 +14,7 @@ const TOGETHER: Duration = Duration::from_secs(1);
 pub(crate) fn listen() {
     let pressed = || {
         if let Err(again) = PRESSED.set(Instant::now()) {
-            let first = PRESSED.get().copied().unwrap_or(again);
-            if again.duration_since(first) >= TOGETHER {
+            if PRESSED.get().is_some_and(|first| is_another(*first, again)) {
                 std::process::exit(130);
             }
             return;
@@ -28,7 +27,24 @@ pub(crate) fn listen() {
     let _ = ctrlc::set_handler(pressed);
 }
 
+/// Whether a signal was sent again, and did not come twice.
+fn is_another(first: Instant, again: Instant) -> bool {
+    again.duration_since(first) >= TOGETHER
+}
+
 /// Whether to stop.
 pub(crate) fn pressed() -> bool {
     PRESSED.get().is_some()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signal_that_comes_twice_is_one_and_a_later_one_another() {
+        let first = Instant::now();
+        assert!(!is_another(first, first + TOGETHER / 10));
+        assert!(is_another(first, first + TOGETHER));
+    }
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use palpate::MapperConfig;
 use palpate_learn::study::{ObjectScores, TouchScore, chosen_on_others, mean};
-use palpate_work::evaluate::{as_touches, number};
+use palpate_work::evaluate::{as_touches, make_unique};
 use palpate_work::study::{StudiedObject, at_least_two};
 use serde_json::json;
 
@@ -86,7 +86,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut read = Vec::new();
     for object in &args.objects {
         let mut name = place::last_part(object);
-        number(&mut name, &mut names);
+        make_unique(&mut name, &mut names);
         let mut settings = settings.clone();
         let (touches, arm) = logs::open(
             std::slice::from_ref(object),

@@ -57,7 +57,11 @@ fn a_field_without_bands_compares_nothing() {
     let mut command = scene.predict(&["log"], &[]);
     let arguments: Vec<_> = command.get_args().skip(1).map(ToOwned::to_owned).collect();
     command = palpate();
-    refuse(command.arg("compare").args(arguments), 1, &["no bands", "three touches"]);
+    refuse(
+        command.arg("compare").args(arguments),
+        1,
+        &["no touches were held out", "three touches"],
+    );
 }
 
 #[test]

@@ -62,8 +62,17 @@ fn a_stiffness_that_no_cell_has_and_one_for_a_log_are_refused_and_nothing_is_wri
         2,
         &["--above", "log"],
     );
-    let run = convert(&field, &folder.path().join("points.npz"), &[]).output().unwrap();
-    assert!(stderr(&run).contains("bands and elastic body are left out"), "{}", stderr(&run));
     refuse(&mut convert(&field, &folder.path().join("field.obj"), &[]), 2, &[".glb", ".urdf"]);
     assert_eq!(common::names(folder.path()), ["field.npz"]);
+}
+
+#[test]
+fn points_alone_are_no_field_and_a_note_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let field = mapped(folder.path(), "data/plant_a/seq_000");
+    let points = folder.path().join("points.npz");
+    let run = convert(&field, &points, &[]).output().unwrap();
+    assert!(stderr(&run).contains("bands and elastic body are left out"), "{}", stderr(&run));
+    let predict = ["predict", points.to_str().unwrap(), "data/plant_a/seq_001"];
+    refuse(palpate().args(predict).current_dir(root()), 1, &["points.npz"]);
 }

@@ -274,6 +274,14 @@ fn pictures_that_do_not_fit_are_refused() {
     fs::remove_file(rgbd.join("depth.png")).unwrap();
     refuse(&mut extrapolate("field.npz", &rgbd, &npz), 1, &["640", "5"]);
     fs::copy(plant().join("rgbd/depth.png"), rgbd.join("depth.png")).unwrap();
+    let range = |range: &str| {
+        let mut command = extrapolate("field.npz", &rgbd, &npz);
+        command.args(["--depth-range-m", range]);
+        command
+    };
+    refuse(&mut range("0.1"), 2, &["two numbers with a comma between"]);
+    refuse(&mut range("2,1"), 2, &["0 ≤ near < far"]);
+    refuse(&mut range("8,9"), 1, &["depth"]);
     let camera = fs::read_to_string(rgbd.join("camera.json")).unwrap();
     fs::write(rgbd.join("camera.json"), camera.replace("\"fx\": 5", "\"fx\": -5")).unwrap();
     refuse(&mut extrapolate("field.npz", &rgbd, &npz), 1, &["camera.json"]);

@@ -7,7 +7,7 @@ mod common;
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Command, Stdio};
 
-use common::{Scene, interrupt, json, palpate, refuse, succeed};
+use common::{Scene, json, palpate, refuse, succeed};
 
 /// Maps a touch that would take a minute, presses Ctrl-C once it is under way, and returns exit
 /// code and stderr.
@@ -28,8 +28,9 @@ fn press(command: &mut Command, words: &str) -> (Option<i32>, String, String) {
     while !said.contains(words) {
         assert_ne!(lines.read_line(&mut said).unwrap(), 0, "{said}");
     }
-    interrupt(&child);
-    interrupt(&child); // at once, as `ros2 launch` passes on what the terminal has sent to all
+    // Twice at once: `ros2 launch` passes on what the terminal has sent to all.
+    let twice = format!("kill -INT {0} && kill -INT {0}", child.id());
+    assert!(Command::new("sh").args(["-c", &twice]).status().unwrap().success());
     lines.read_to_string(&mut said).unwrap();
     let told = child.wait_with_output().unwrap();
     (told.status.code(), String::from_utf8(told.stdout).unwrap(), said)

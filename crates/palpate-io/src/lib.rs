@@ -14,7 +14,7 @@
 //! | [`rgbd`]            | colour and depth images, cameras         |                         |
 //! | [`body`]            | a body that bends: JSON                  | the same, MuJoCo XML    |
 //! | [`torques`]         |                                          | external torques: CSV, Parquet, MCAP |
-//! | [`input`]           | any file that has an end                 |                         |
+//! | [`input`]           | regular files, not pipes or devices      |                         |
 //! | [`atomic`]          |                                          | any file, whole or not at all |
 //!
 //! Nothing of the method is computed here: [`field`] keeps the state of an estimator, and does not look into it.

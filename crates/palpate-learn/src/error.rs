@@ -37,7 +37,7 @@ pub enum LearnError {
     /// A field that says not how well it fits touches.
     #[error(
         "no touches were held out when this field was learned, so nothing says how well touches should fit; map its logs \
-         again with at least three touches, without --tune=off, --prior or an elastic body"
+         again with at least three touches, with tuning, and without a prior or an elastic body"
     )]
     NoBands,
     /// Asked to stop.

@@ -14,7 +14,7 @@ use palpate_learn::tracked::Tracked;
 
 const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
 
-/// Some of the bundled touches, every so-manyth frame kept.
+/// Some of the bundled touches, every Nth frame kept.
 fn tracked(touches: &[usize], every: usize) -> Tracked {
     let config = MapperConfig::of(Estimator::Map);
     let touches = common::touches(touches);

@@ -23,8 +23,21 @@ ARMS = ["franka", "gen3", "iiwa", "ur"]
 
 def expanded(text: str, values: dict[str, str]) -> str:
     """A text with its substitutions carried out, of which every variable must be declared."""
-    text = text.replace("$(find-pkg-share palpate_ros)", str(PACKAGE)).replace("\\'", "'")
+    text = text.replace("$(find-pkg-share palpate_ros)", str(PACKAGE))
     return re.sub(r"\$\(var (\w+)\)", lambda found: values[found[1]], text)
+
+
+def command_line(text: str, values: dict[str, str]) -> str:
+    """What a shell gets of a `cmd`: `launch` takes escapes away, then parts the text between substitutions into words."""
+    line = ""
+    for part in re.split(r"(\$\([^)]*\))", text):
+        if part.startswith("$("):
+            line += expanded(part, values)
+            continue
+        plain = re.sub(r"\\(.)", r"\1", part)
+        words = " ".join(shlex.split(plain))
+        line += " " * plain.startswith(" ") + words + " " * (plain.endswith(" ") and words != "")
+    return line
 
 
 def command(launch: Path, given: dict[str, str]) -> list[str]:
@@ -47,11 +60,13 @@ def command(launch: Path, given: dict[str, str]) -> list[str]:
             passed = {arg.attrib["name"]: expanded(arg.attrib["value"], values) for arg in node}
             commands += command(Path(own["file"]), passed)
         elif node.tag == "executable":
-            # A shell parts the flags again, and `launch` takes quotes away that have no backslash.
-            assert own["shell"] == "true" and not re.search(r"(?<!\\)['\"]", node.attrib["cmd"])
-            commands.append(own["cmd"])
+            assert own["shell"] == "true"
+            commands.append(command_line(node.attrib["cmd"], values))
         else:
             assert (node.tag, own["pkg"]) == ("node", "rviz2")
+            parts = {part.tag: [expanded(text, values) for text in part.attrib.values()] for part in node}
+            assert parts["remap"] == ["/robot_description", values["robot"]]
+            assert parts["param"] == ["use_sim_time", values["use_sim_time"]]
     assert not set(given) - set(values), "an argument that the file does not declare"
     return commands
 
@@ -82,6 +97,13 @@ def test_the_guard_starts_with_and_without_moveit_and_wants_a_limit(tmp_path: Pa
         assert done.returncode == 0, done.stderr
     with pytest.raises(KeyError, match="limit"):
         command(PACKAGE / "launch" / "guard.launch.xml", {})
+
+
+def test_settings_may_lie_in_a_folder_with_blanks(tmp_path: Path) -> None:
+    own = tmp_path / "my settings.toml"
+    own.write_text((PACKAGE / "config" / "ur.toml").read_text())
+    done = run("guard.launch.xml", tmp_path, limit="25", settings=str(own))
+    assert done.returncode == 0, done.stderr
 
 
 def test_settings_of_the_arms_say_sign_and_gravity() -> None:

@@ -87,8 +87,8 @@ impl Conversion<'_> {
         written?;
         if to == "npz" {
             output.note(
-                "the points and their stiffness alone, as OpenVSF reads them: settings, memory, bands and elastic body \
-                 are left out, and `palpate predict` cannot use the file",
+                "points with stiffness, standard deviation and counts, as OpenVSF reads them: settings, memory, bands and \
+                 elastic body are left out, and `palpate predict` cannot use the file",
             );
         }
         output.result(&format!("{what} are in `{}`.\n", path.display()))

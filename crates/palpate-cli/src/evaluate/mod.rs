@@ -16,7 +16,7 @@ use palpate_io::log::is_simulated;
 use palpate_learn::method::Method;
 use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{
-    Evaluated, Work, as_touches, configs, each_once, folds, method_of, number,
+    Evaluated, Work, as_touches, configs, each_once, folds, make_unique, method_of,
 };
 use palpate_work::tune::{Tune, given};
 
@@ -226,7 +226,7 @@ fn write_report(
     let mut index = vec![vec!["file".to_owned(), "touch".to_owned()]];
     for touch in evaluation.touches.iter().filter(|touch| !touch.time_s.is_empty()) {
         let mut name = plain(&touch.name);
-        number(&mut name, &mut names);
+        make_unique(&mut name, &mut names);
         write(&format!("figures/{name}.svg"), &picture::errors(touch)?)?;
         index.push(vec![format!("{name}.svg"), touch.name.clone()]);
     }

@@ -6,7 +6,7 @@ use nalgebra::DVector;
 use palpate::Field;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
 use palpate_learn::bands::Band;
-use palpate_work::evaluate::number;
+use palpate_work::evaluate::make_unique;
 use palpate_work::predict::{FrameResult, TouchResult};
 
 use crate::error::CliError;
@@ -71,7 +71,7 @@ fn npz(results: &[TouchResult], field: &Field) -> Arrays {
     let mut taken = Vec::new();
     for touch in results {
         let mut name = touch.name.clone();
-        number(&mut name, &mut taken); // two logs may well have a touch of the same name
+        make_unique(&mut name, &mut taken); // two logs may well have a touch of the same name
         let frames = &touch.frames;
         let mut put = |what: &str, array: Array| arrays.insert(format!("{name}/{what}"), array);
         put("frame", Array::flat(Data::U64(frames.iter().map(|frame| frame.frame).collect())));

@@ -153,3 +153,39 @@ fn in_words([low, high]: &[[f64; 3]; 2]) -> String {
     let side = |axis: usize| format!("{:.2} to {:.2}", low[axis], high[axis]);
     format!("x {}, y {}, z {}", side(0), side(1), side(2))
 }
+
+#[cfg(test)]
+mod tests {
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::{Rng, SeedableRng};
+
+    use super::*;
+
+    #[test]
+    fn cells_and_points_are_those_of_looking_at_every_pair() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut place = || [(); 3].map(|()| f64::from(rng.next_u32()) / f64::from(u32::MAX));
+        let lattice = Lattice::new([0.1; 3], 0.05, [16, 17, 18]).unwrap();
+        let mut points: Vec<Point3<f64>> = (0..60).map(|_| Point3::from(place())).collect();
+        points.extend_from_within(..20); // seen twice
+        let seen = SeenCloud::new(&points, &vec![[0; 3]; points.len()]).unwrap();
+        let reach_m = 0.08;
+        let nearest = |at: &Point3<f64>| {
+            points.iter().map(|point| (point - at).norm()).fold(f64::INFINITY, f64::min)
+        };
+
+        let cells = seen.cells(&lattice, reach_m);
+        let wanted = (0..lattice.n_cells() as u32).map(CellId);
+        let wanted = wanted.filter(|cell| nearest(&lattice.point(*cell)) <= reach_m);
+        assert!(cells.iter().map(|(cell, _)| *cell).eq(wanted), "in the lattice's order");
+        for (cell, point) in cells {
+            let at = lattice.point(cell);
+            assert!(((points[point as usize] - at).norm() - nearest(&at)).abs() < 1e-12);
+        }
+
+        let places: Vec<[f64; 3]> = (0..200).map(|_| place()).collect();
+        for (found, place) in seen.at(&places, reach_m).into_iter().zip(&places) {
+            assert_eq!(found.is_some(), nearest(&Point3::from(*place)) <= reach_m);
+        }
+    }
+}

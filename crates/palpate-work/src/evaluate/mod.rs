@@ -21,7 +21,7 @@ use crate::tune::{FEWEST, Tune};
 
 mod plan;
 
-pub use plan::{as_touches, configs, each_once, folds, method_of, number, read, share};
+pub use plan::{as_touches, configs, each_once, folds, make_unique, method_of, read, share};
 
 /// Where what is done is kept, so that an evaluation that was broken off goes on.
 ///

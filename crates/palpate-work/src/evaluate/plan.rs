@@ -164,7 +164,7 @@ pub fn as_touches(recorded: &[RecordedTouch], truth: bool) -> Result<Vec<Touch>,
             Some(log) if ambiguous => format!("{log}/{}", one.name),
             _ => one.name.clone(),
         };
-        number(&mut name, &mut names);
+        make_unique(&mut name, &mut names);
         let truth = truth.then(|| predict::truth(&one.log, &one.name)).transpose()?;
         Ok(Touch { name, samples: one.samples.clone(), truth })
     };
@@ -172,7 +172,7 @@ pub fn as_touches(recorded: &[RecordedTouch], truth: bool) -> Result<Vec<Touch>,
 }
 
 /// Makes a name differ from those taken, by a number, and takes it.
-pub fn number(name: &mut String, taken: &mut Vec<String>) {
+pub fn make_unique(name: &mut String, taken: &mut Vec<String>) {
     let plain = name.clone();
     let mut times = 1;
     while taken.contains(name) {
@@ -180,4 +180,18 @@ pub fn number(name: &mut String, taken: &mut Vec<String>) {
         *name = format!("{plain}#{times}");
     }
     taken.push(name.clone());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_repeat_or_look_like_a_repeat_all_differ() {
+        let mut taken = Vec::new();
+        for name in ["a", "a#2", "a", "b", "a"] {
+            make_unique(&mut name.to_owned(), &mut taken);
+        }
+        assert_eq!(taken, ["a", "a#2", "a#3", "b", "a#4"]);
+    }
 }
