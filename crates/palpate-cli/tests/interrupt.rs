@@ -28,9 +28,9 @@ fn press(command: &mut Command, words: &str) -> (Option<i32>, String, String) {
     while !said.contains(words) {
         assert_ne!(lines.read_line(&mut said).unwrap(), 0, "{said}");
     }
-    // Twice at once: `ros2 launch` passes on what the terminal has sent to all.
-    let twice = format!("kill -INT {0} && kill -INT {0}", child.id());
-    assert!(Command::new("sh").args(["-c", &twice]).status().unwrap().success());
+    // Many times at once: `ros2 launch` passes on what the terminal has sent to all.
+    let many = format!("for i in $(seq 100); do kill -INT {}; done", child.id());
+    assert!(Command::new("sh").args(["-c", &many]).status().unwrap().success());
     lines.read_to_string(&mut said).unwrap();
     let told = child.wait_with_output().unwrap();
     (told.status.code(), String::from_utf8(told.stdout).unwrap(), said)
