@@ -11,7 +11,7 @@
 //! | softer, harder | the field's torques times one factor, in the touches that contradict it | this |
 //! | other    | neither                                                            |              |
 //!
-//! A touch that repeats one that the field has learnt ([`repeated`]) contradicts it where its torques differ from those of
+//! A touch that repeats one that the field has learnt (`repeated`) contradicts it where its torques differ from those of
 //! then by more than a quarter and by more than noise, however well the field predicts either. This difference is then
 //! explained by a factor on the torques of then; or by a motion: by the torques of then where the arm was at the same place
 //! of the object, corrected by the field for what is left of the way. Only the second has errors of the field in it, so a
