@@ -125,7 +125,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             })?,
         ),
     };
-    // Slowed down, points lie as close in time as without.
+    // A slower motion has as many points a second.
     config.rate_hz *= args.slow_down;
     if config.rate_hz * config.duration_s > MOST_POINTS {
         return Err(CliError::Usage(format!(

@@ -27,7 +27,7 @@ pub(crate) fn listen() {
     let _ = ctrlc::set_handler(pressed);
 }
 
-/// Whether a signal was sent again, and did not come twice.
+/// Whether a later signal is a new one, not the first one passed on.
 fn is_another(first: Instant, again: Instant) -> bool {
     again.duration_since(first) >= TOGETHER
 }
