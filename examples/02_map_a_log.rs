@@ -1,4 +1,4 @@
-//! From a log to a field: maps touches of a Kinova Gen3 and saves what was felt.
+//! From a log to a field: maps touches of a Kinova Gen3 and saves the field.
 //!
 //! Usage: `02_map_a_log [LOG [FIELD.npz]]`; without a log, run it from the root of the project, whose
 //! bundled touches are simulated. Of any log it takes the first three touches to be quick.
@@ -32,13 +32,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }
             LogEvent::Sample(sample) => {
                 let report = mapper.step(&sample)?;
-                if let (Some(felt), Some(expected)) = (report.external, report.predicted) {
+                if let (Some(measured), Some(expected)) = (report.external, report.predicted) {
                     frames += 1;
                     if frames % 100 == 0 {
-                        let error = (expected - &felt).norm();
+                        let error = (expected - &measured).norm();
                         let contacts = report.contacts;
-                        let felt = felt.norm();
-                        println!("  {contacts:5} contacts, {felt:.2} N·m felt, {error:.2} off");
+                        let measured = measured.norm();
+                        println!(
+                            "  {contacts:5} contacts, {measured:.2} N·m measured, {error:.2} off"
+                        );
                     }
                 }
             }

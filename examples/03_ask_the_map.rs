@@ -1,7 +1,7 @@
 //! Asks a field what torque a motion will meet, before it is made.
 //!
 //! Learns two bundled touches, then predicts a third that it has not seen, frame by frame, and
-//! compares with what was felt and with predicting nothing. The data is simulated.
+//! compares with the measured torque and with predicting zero. The data is simulated.
 //!
 //! Run it from the root of the project, where `data/plant_a` is.
 
@@ -32,12 +32,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut predictor = Predictor::new(arm, &mapper.field(), config.touch)?;
     predictor.begin_touch();
     let mut sum = ErrorSum::default();
-    println!("frame   felt   predicted  (N·m, norm over the joints)");
+    println!("frame  measured  predicted  (N·m, norm over the joints)");
     for (number, sample) in samples(&data.join("seq_003"))?.iter().enumerate() {
         let Some(said) = predictor.step(sample)? else { continue };
         sum.add(said.predicted.as_slice(), said.external.as_slice());
         if number % 40 == 0 {
-            println!("{number:5} {:6.2} {:8.2}", said.external.norm(), said.predicted.norm());
+            println!("{number:5} {:9.2} {:10.2}", said.external.norm(), said.predicted.norm());
         }
     }
     let relative = |errors: Option<Errors>| errors.and_then(|e| e.avg_relative).unwrap_or(f64::NAN);

@@ -75,7 +75,7 @@ def motions(rng):
 
 
 def with_contact(field, friction):
-    """Sets what only touches could tell, in the body of a field's file."""
+    """Sets what only touches can determine (friction, no creep) in the body of a field's file."""
     arrays = dict(np.load(field))
     body = json.loads(arrays["elastic"].tobytes())
     body.update(friction=friction, creep_s=0.0)

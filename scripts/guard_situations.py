@@ -81,7 +81,7 @@ class Watchdog:
 
 
 class Robot:
-    """Sends joint states at 100 Hz as it is told to."""
+    """Sends joint states at 100 Hz: those that a situation asks for."""
 
     def __init__(self, folder, domain):
         self.q, self.tau = (np.load(folder / "seq_000" / f"{n}.npy").astype(float) for n in ("angles", "torques"))

@@ -143,14 +143,14 @@ def palpate(args, *words):
 def torques_of(args, log, arm, variant, table):
     """Of `palpate torque`: by motion, external torques and their standard deviations, T x n each; and the number of
     contacts at its usual threshold."""
-    told = palpate(args, "torque", log, "--arm", arm, "-o", table, *VARIANTS[variant])
+    report = palpate(args, "torque", log, "--arm", arm, "-o", table, *VARIANTS[variant])
     header, *rows = csv.reader(table.read_text().splitlines())
     pick = lambda end: [k for k, name in enumerate(header) if name.endswith(end)]
     found, names = {}, np.array([row[0] for row in rows])
     for motion in motions(log):
         numbers = np.array([row for row, name in zip(rows, names) if name == motion])
         found[motion] = [numbers[:, pick(end)].astype(float) for end in ("_torque", "_std")]
-    return found, len(told["contacts"])
+    return found, len(report["contacts"])
 
 
 class Recording:

@@ -120,11 +120,11 @@ def estimated(vsf, optimizer):
         return field
     estimator.online_init(simulator, field)
     controls = [{"kinova": touch[i]["angles"]} for i in range(len(touch))]
-    felt = [{"tau": touch[i]["torques"]} for i in range(len(touch))]
+    readings = [{"tau": touch[i]["torques"]} for i in range(len(touch))]
     simulator.reset()
-    tared = TareCalibrator(20).calibrate(sensor, simulator, controls, felt)
+    tared = TareCalibrator(20).calibrate(sensor, simulator, controls, readings)
     estimator.online_reset(simulator)
-    for control, reading in zip(controls[tared:], felt[tared:]):
+    for control, reading in zip(controls[tared:], readings[tared:]):
         simulator.step(control, 0.1)
         estimator.online_update(simulator, 0.1, reading)
     estimator.online_finalize(field)
@@ -226,13 +226,13 @@ def read_what_openvsf_saved(folder, learnt):
             assert (field.counts == wanted["N_obs"]).all(), saved.name
             moved = np.abs(field.points - wanted["points"]).max()
             assert moved < 1e-12, saved.name
-            told = ""
+            difference = ""
             if len(field) == len(learnt):
                 gap = np.abs(field.predict(path) - torque).max()
-                told = f"; predicted torque differs by {gap:.2g} of {np.abs(torque).max():.3g} N·m"
+                difference = f"; predicted torque differs by {gap:.2g} of {np.abs(torque).max():.3g} N·m"
             print(
                 f"palpate reads {saved.name}: {len(field)} points within {moved:.1g} m, stiffness, "
-                f"std and counts bit for bit{told}"
+                f"std and counts bit for bit{difference}"
             )
 
 

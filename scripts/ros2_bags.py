@@ -123,7 +123,7 @@ def write_franka(source, path):
             writer.write(topic, int(time_ns), store.serialize_cdr(message, kind))
 
 
-def told(topic, time_ns, message):
+def line_of(topic, time_ns, message):
     """A message as a line of JSON."""
     fields = {"topic": topic, "time_ns": int(time_ns)}
     if hasattr(message, "position"):
@@ -151,13 +151,13 @@ def read_mcap(path):
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         for _, channel, message, decoded in reader.iter_decoded_messages():
-            print(told(channel.topic, message.log_time, decoded))
+            print(line_of(channel.topic, message.log_time, decoded))
 
 
 def read(path):
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         for connection, time_ns, data in reader.messages():
-            print(told(connection.topic, time_ns, reader.deserialize(data, connection.msgtype)))
+            print(line_of(connection.topic, time_ns, reader.deserialize(data, connection.msgtype)))
 
 
 def main(command, *paths):

@@ -9,7 +9,7 @@ seconds. Reads the memory of palpate and of its network process from /proc, and 
 itself. Ends it by SIGTERM, and looks whether its field is whole.
 
 Writes soak.json, soak.svg and the field into a folder, and prints what grew after the first ten minutes
-(or after the first sixth). A viewer is told as well if PALPATE has one (`--viewer URL` hands it on).
+(or after the first sixth). With `--viewer URL`, PALPATE sends to a Rerun viewer as well, if it was built with one.
 Loopback only. Libraries: requirements.txt, pinned.
 """
 
@@ -181,7 +181,7 @@ def main():
     parser.add_argument("--restart", type=float, default=300, help="how long a publisher lives, s")
     parser.add_argument("--out", type=Path, default=Path("soak"))
     parser.add_argument("--domain", type=int, default=60)
-    parser.add_argument("--viewer", help="address of a Rerun viewer to be told")
+    parser.add_argument("--viewer", help="address of a Rerun viewer to send to")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     field, ask = args.out / "field.npz", args.out / "ask"

@@ -261,9 +261,9 @@ class Live:
         listener.join()
         said = process.stderr.read()
         bench.codes["live", way, code] += 1
-        told = [(at, json.loads(line)) for at, line in lines if line.endswith("\n")]
-        figures = [(at, one) for at, one in told if "mapped" in one]
-        self.judge(way, name, code, said, figures, [one for _, one in told if "frames_remembered" in one], struck)
+        objects = [(at, json.loads(line)) for at, line in lines if line.endswith("\n")]
+        figures = [(at, one) for at, one in objects if "mapped" in one]
+        self.judge(way, name, code, said, figures, [one for _, one in objects if "frames_remembered" in one], struck)
         if any(Path(f"/proc/{child}").exists() for child in network) and not gone(network):
             bench.fault(f"{name}: its network process lives on")
 
@@ -324,7 +324,7 @@ def gone(processes):
     return True
 
 
-def told(codes, name, way):
+def exit_codes(codes, name, way):
     """Exit codes of a command that was ended in a way."""
     ours = sorted((code, n) for (of, how, code), n in codes.items() if (of, how) == (name, way))
     return ", ".join(f"{code}: {n}" for code, n in ours)
@@ -351,7 +351,7 @@ def run(args, folder):
     print("| | " + " | ".join(WAYS) + " | faults |")
     for name in names:
         of_it = sum(fault.startswith(name) for fault in bench.faults)
-        print(f"| `{name}` | " + " | ".join(told(bench.codes, name, way) for way in WAYS) + f" | {of_it} |")
+        print(f"| `{name}` | " + " | ".join(exit_codes(bench.codes, name, way) for way in WAYS) + f" | {of_it} |")
     return 1 if bench.faults else 0
 
 

@@ -42,7 +42,7 @@ pub(crate) enum Command {
     LiveNetwork,
     /// Predict the torque of motions from a field, and compare it with the measured one
     Predict(predict::Args),
-    /// Tell whether touches contradict a field: it moved, is softer or harder, or is another object
+    /// Check whether touches contradict a field: the object moved, is softer or harder, or is another one
     Compare(compare::Args),
     /// Forget touches of a field, as if they had never been
     Forget(forget::Args),
@@ -58,7 +58,7 @@ pub(crate) enum Command {
     Extrapolate(extrapolate::Args),
     /// Map and predict bundled, simulated touches: a first look, without any data of your own
     Demo(demo::Args),
-    /// Write a motion from which `palpate identify` tells an arm's masses and friction
+    /// Write a motion from which `palpate identify` can determine an arm's masses and friction
     Excite(excite::Args),
     /// Find payload, friction, bias and delay of an arm from logs of it in free motion
     Identify(identify::Args),

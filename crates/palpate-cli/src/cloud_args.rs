@@ -98,7 +98,7 @@ impl CloudArgs {
         }
         let Some(colours) = reading.cloud.colours() else {
             return Err(CliError::from(format!(
-                "`{name}` has points but no colours, which tell the parts of the object apart; export it \
+                "`{name}` has points but no colours, which distinguish the parts of the object; export it \
                  with red, green and blue, or give the folder of the colour and depth images"
             )));
         };

@@ -26,8 +26,8 @@ The motion begins and ends at rest where --start says, and keeps to the joints' 
 torques, clear of the ground and of the arm itself; links that are nearer than 3 cm to each other where
 it begins are taken for neighbours, and not looked at. It knows nothing else of the room: play it slowly
 first (--slow-down 10), with a hand on the stop. A shell takes 128 kB as an argument: 10 Hz fit. Other
-motions: another --seed. Log it, and give the log to `palpate identify`; three of them, of other seeds,
-tell more than one.";
+motions: another --seed. Log it, and give the log to `palpate identify`; three motions of different
+seeds determine the arm better than one.";
 
 /// Flags of `palpate excite`.
 #[derive(Debug, clap::Args)]
@@ -77,14 +77,14 @@ enum Format {
     Yaml,
 }
 
-/// A joint that moves less, rad or m, tells little of what it carries, and of its friction.
+/// If a joint moves less, rad or m, its load and its friction are hardly determined.
 const LEAST_WAY: f64 = 0.1;
 
 /// Points of a file, at most.
 const MOST_POINTS: f64 = 1e6;
 
 /// Names joints that hardly move.
-fn tell_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
+fn note_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
     let way = |j: usize| {
         let at = found.points.iter().map(|point| point[0][j]);
         extremes(at).map_or(0.0, |[low, high]| high - low)
@@ -94,7 +94,7 @@ fn tell_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
     if !names.is_empty() {
         output.note(&format!(
             "hardly moved, since limits, --reach, the ground or links close to each other leave no room around this start: {}; \
-             another start (--start) tells more of them",
+             choose another start (--start) to move them",
             names.join(", ")
         ));
     }
@@ -145,7 +145,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         Format::Yaml => trajectory(&arm.robot, &found),
     };
     place::write(&args.output, &text)?;
-    tell_nearly_still(&arm.robot, &found, output);
+    note_nearly_still(&arm.robot, &found, output);
     if args.json {
         return output.json(&json!({
             "output": args.output, "condition": found.condition, "condition_of_first": found.first_condition,
@@ -158,7 +158,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         true => "play it with a hand on the stop, then the same without --slow-down".to_owned(),
         false => format!("play it, log it, and palpate identify LOG{robot}"),
     };
-    output.result(&format!("{}\nNext: {next}\n", told(&found, &file)))
+    output.result(&format!("{}\nNext: {next}\n", summary(&found, &file)))
 }
 
 /// The same path, `times` times slower.
@@ -171,8 +171,8 @@ fn slow_down(found: &mut Excitation, times: f64) {
     found.speed_share /= times;
 }
 
-/// What the motion is like, in words.
-fn told(found: &Excitation, file: &dyn Display) -> String {
+/// Describes the motion for people.
+fn summary(found: &Excitation, file: &dyn Display) -> String {
     let lowest = found.lowest_m.map_or(
         "The links have no surfaces: their height was not checked".to_owned(),
         |lowest_m| format!("Lowest point: z = {lowest_m:.2} m in the base frame"),

@@ -8,8 +8,8 @@ use palpate_learn::extrapolate::Extrapolation;
 const STIFFEST: f64 = 0.05;
 /// Part of the cloud's points, and of the cells at their first threshold, above the colours' range.
 const ABOVE: [f64; 2] = [0.02, 0.1];
-/// Part of the cloud's points that colours tell apart: the rest is softer than their range.
-const TOLD_APART: f64 = 0.98;
+/// Part of the cloud's points above the lower end of the colours' range: the rest is softer.
+const ABOVE_LOWER_END: f64 = 0.98;
 /// Powers of ten that colours span, at least and at most.
 const DECADES: [f64; 2] = [0.5, 2.5];
 
@@ -69,7 +69,7 @@ impl ExtrapolationView<'_> {
         let high = cloud(ABOVE[0]).max(reached_by(cells, STIFFEST * ABOVE[1]));
         let high = if high > 0.0 { high } else { 1.0 };
         let [least, most] = DECADES.map(|decades| high / 10_f64.powf(decades));
-        let low = if self.points.is_empty() { most } else { cloud(TOLD_APART) };
+        let low = if self.points.is_empty() { most } else { cloud(ABOVE_LOWER_END) };
         [low.clamp(most, least), high]
     }
 }

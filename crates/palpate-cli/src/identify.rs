@@ -54,7 +54,7 @@ pub(crate) struct Args {
     settings: RobotAndLogSettings,
 }
 
-/// Identifies and tells.
+/// Identifies the arm and prints the result.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
     if settings.robot.arm.take().is_some() {
@@ -172,7 +172,7 @@ fn text(found: &Identified) -> String {
         found.base_parameters
     );
     text += &joints(found);
-    text + &left_over(found)
+    text + &residuals(found)
 }
 
 /// A row a joint.
@@ -201,12 +201,12 @@ fn joints(found: &Identified) -> String {
     table(&head, rows)
 }
 
-/// What is left over of held-out motion.
-fn left_over(found: &Identified) -> String {
+/// The residuals on held-out motion.
+fn residuals(found: &Identified) -> String {
     let total = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
     let held_out = &found.held_out;
     let text = format!(
-        "\nLeft over of the measured torque on motion that was held out, root mean square over all joints, N·m;\n\
+        "\nResidual of the measured torque on motion that was held out, root mean square over all joints, N·m;\n\
          slow: means over {:.2} s, in which speeds are known:\n\n",
         2.0 * found.model.window_s
     );

@@ -48,7 +48,7 @@ mod view;
 use std::ffi::OsString;
 
 use clap::Parser;
-use palpate_work::error::told;
+use palpate_work::error::with_causes;
 
 use args::{Cli, Command};
 use error::{CliError, exit_code};
@@ -111,7 +111,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
 
 /// Prints an error, and under it the causes that its message does not already name.
 fn report(error: &CliError) {
-    let lines = told(error);
+    let lines = with_causes(error);
     complain(&format!("error: {}", lines[0]));
     for cause in &lines[1..] {
         complain(&format!("  because {cause}"));

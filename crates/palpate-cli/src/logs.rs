@@ -13,7 +13,7 @@ use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::Settings;
 
-/// Opens logs and loads their arm; how the torques count, as the logs tell, goes into the settings.
+/// Opens logs and loads their arm; sign and gravity of the torques, as found in the logs, go into the settings.
 pub(crate) fn open(
     logs: &[PathBuf],
     settings: &mut Settings,
@@ -97,7 +97,7 @@ pub(crate) fn quoted(word: &str) -> String {
     format!("'{}'", word.replace('\'', r"'\''"))
 }
 
-/// Tells which robot is used.
-pub(crate) fn tell_robot(arm: &Arm, settings: &Settings, output: &Output) {
+/// Notes which robot is used.
+pub(crate) fn note_robot(arm: &Arm, settings: &Settings, output: &Output) {
     output.note(&format!("robot {}, {} joints", settings.robot.name(), arm.robot.n_joints()));
 }

@@ -156,7 +156,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         if args.from.is_some() { logs::IfUndecided::LeaveOpen } else { logs::IfUndecided::Refuse };
     let (touches, arm) = logs::open(&args.logs, &mut settings, if_undecided, output)?;
     let (mut mapper, mut pace) = begin(args, (&arm, &settings, is_tuned), &mut elastic, output)?;
-    logs::tell_robot(&arm, &settings, output);
+    logs::note_robot(&arm, &settings, output);
     let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
     let mut touches = touches.for_arm(&arm, &settings.log, place)?;
     let mut fill = |mapper: &mut Mapper, report: &StepReport, started: Instant| {

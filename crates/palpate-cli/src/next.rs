@@ -98,7 +98,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let saved = field::load(&args.field).map_err(CliError::file)?;
     let arm = robot::load(&settings.robot, output)?;
     let own = of_field(Arc::clone(&arm), saved.snapshot.as_ref(), output);
-    robot::tell_other_robot((&saved.robot, saved.snapshot.as_ref()), &own, output);
+    robot::warn_of_other_robot((&saved.robot, saved.snapshot.as_ref()), &own, output);
     let place = (saved.field.lattice.clone(), saved.field.contact.clone());
     let mut read = |logs: &[PathBuf], arm: &Arc<Arm>| -> Result<_, CliError> {
         let mut options = settings.log.options();

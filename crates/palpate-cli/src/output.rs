@@ -46,7 +46,7 @@ impl Output {
         self.result(&format!("{text}\n"))
     }
 
-    /// Tells something that is no result, unless `--quiet` was given.
+    /// Prints a note, which is no part of the result, unless `--quiet` was given.
     pub(crate) fn note(&self, text: &str) {
         if !self.quiet {
             complain(&format!("note: {text}"));

@@ -230,7 +230,7 @@ fn text(studied: &[Studied], relative: &[Vec<Option<f64>>], chosen: &[Option<usi
     text
 }
 
-/// What tells settings of a study apart.
+/// The values in which settings of a study differ.
 fn label(config: &MapperConfig) -> String {
     let (contact, estimator) = (&config.contact, &config.estimator);
     let stds = &estimator.torque_std;

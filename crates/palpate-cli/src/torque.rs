@@ -67,7 +67,7 @@ pub(crate) struct Args {
     settings: RobotAndLogSettings,
 }
 
-/// Computes and tells.
+/// Computes the external torques and prints what was found.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
     let mut places = Places::read(&args.settings, &settings, &args.logs);

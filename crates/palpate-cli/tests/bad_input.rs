@@ -220,10 +220,10 @@ fn what_wants_more_memory_than_allowed_is_refused_by_name_and_read_if_more_is_al
     };
     for file in ["log", "out/field.npz"] {
         let output = bounded("0.001", "inspect", file).output().unwrap();
-        let told = String::from_utf8(output.stdout).unwrap();
-        assert_eq!(output.status.code(), Some(1), "{told}");
+        let report = String::from_utf8(output.stdout).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{report}");
         for word in [file, "0.001 GiB", "--file-memory GIB"] {
-            assert!(told.contains(word), "`{word}` is not in {told}");
+            assert!(report.contains(word), "`{word}` is not in {report}");
         }
         succeed(&mut bounded("0.1", "inspect", file));
     }

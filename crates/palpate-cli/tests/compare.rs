@@ -22,15 +22,15 @@ fn numbers(path: &Path) -> Vec<f64> {
 }
 
 #[test]
-fn an_object_that_gives_way_is_told_from_one_that_is_the_same() {
+fn an_object_that_gives_way_is_distinguished_from_one_that_is_the_same() {
     let scene = Scene::new();
     let field = scene.text("field.npz");
     let learned = [0, 1, 2, 3, 4, 5, 8].map(|k| data().join(format!("seq_{k:03}")));
     succeed(palpate().arg("map").args(&learned).args(["-o", &field]));
-    // The same touch, of an object that gives way at once: most of what was felt is taken off.
+    // The same touch, of an object that gives way at once: most of the external torque is subtracted.
     let mut torques = numbers(&data().join("seq_003/torques.npy"));
-    let felt = numbers(&data().join("truth/seq_003_external.npy"));
-    torques.iter_mut().zip(&felt).for_each(|(torque, felt)| *torque -= 0.9 * felt);
+    let external = numbers(&data().join("truth/seq_003_external.npy"));
+    torques.iter_mut().zip(&external).for_each(|(torque, external)| *torque -= 0.9 * external);
     let soft = scene.path("soft");
     fs::create_dir(&soft).unwrap();
     for name in ["angles.npy", "time.npy"] {
@@ -141,11 +141,11 @@ fn a_forgotten_touch_leaves_the_field_of_the_others() {
         command.args(["forget", &both, "-o", &rest]).args(scene.settings()).args(more);
         command
     };
-    let told = json(&mut forget(&["--touch", "seq_0", "--json"]));
+    let report = json(&mut forget(&["--touch", "seq_0", "--json"]));
     assert_eq!(
-        (&told["forgotten"][0], &told["touches"]),
+        (&report["forgotten"][0], &report["touches"]),
         (&"#0 seq_0".into(), &1.into()),
-        "{told}"
+        "{report}"
     );
     assert_eq!(load(rest.as_ref()).unwrap().field, load(one.as_ref()).unwrap().field);
     let text = succeed(&mut forget(&["--older-than", "1"]));

@@ -68,13 +68,13 @@ fn bands_are_held_against_touches_that_they_were_not_calibrated_on() {
     );
     assert!(number("half_width_n_m") > 0.0 && number("constant_half_width_n_m") > 0.0);
     assert_eq!(coverage["classes"].as_array().unwrap().len(), 3);
-    let told = succeed(&mut evaluate(
+    let text = succeed(&mut evaluate(
         &scene,
         &["log"],
         &["--methods", "map,zero", "-o", &scene.text("out/f")],
     ));
-    assert!(told.contains("Bands of map (90 %): they contain"), "{told}");
-    assert!(told.contains("Bands as other objects have them would contain"), "{told}");
+    assert!(text.contains("Bands of map (90 %): they contain"), "{text}");
+    assert!(text.contains("Bands as other objects have them would contain"), "{text}");
 }
 
 #[test]
@@ -211,7 +211,7 @@ fn named_touches_are_predicted_from_all_others_and_each_once() {
 }
 
 #[test]
-fn touches_of_the_same_name_are_told_apart() {
+fn touches_of_the_same_name_are_distinguished() {
     let scene = Scene::new();
     for (day, elbow) in [("monday", 0.0), ("tuesday", -0.2)] {
         scene.touch(&format!("{day}/log/seq_0"), 40, elbow);
@@ -359,8 +359,8 @@ fn quiet_means_nothing_but_the_result_and_what_looks_wrong() {
     };
     assert_eq!(quiet(&scene), "");
     scene.arrays("log/still", &[[0.0, 0.3]; 30], &[[0.2, 0.1]; 30]);
-    let told = quiet(&scene);
-    assert!(told.starts_with("warning: ") && told.lines().count() == 1, "{told}");
+    let message = quiet(&scene);
+    assert!(message.starts_with("warning: ") && message.lines().count() == 1, "{message}");
 }
 
 #[test]
@@ -393,15 +393,15 @@ fn a_bad_log_leaves_no_folder_and_takes_none_away() {
 }
 
 #[test]
-fn a_report_that_cannot_be_written_still_tells_the_table() {
+fn the_table_is_printed_even_if_the_report_cannot_be_written() {
     let scene = three();
     let folder = scene.path("out/e");
     fs::create_dir_all(&folder).unwrap();
     fs::write(folder.join("figures"), "in the way").unwrap();
-    let told = evaluate(&scene, &["log"], &["--methods", "zero"]).output().unwrap();
-    assert_eq!(told.status.code(), Some(1));
+    let output = evaluate(&scene, &["log"], &["--methods", "zero"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
     let (table, error) =
-        (String::from_utf8(told.stdout).unwrap(), String::from_utf8(told.stderr).unwrap());
+        (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
     assert!(table.contains("\nzero ") && !table.contains("report.html"), "{table}");
     assert!(error.contains("figures"), "{error}");
     assert!(names(&folder).contains(&"parts".to_owned()), "what is done is kept");
@@ -456,9 +456,9 @@ mod broken_off {
             kept() > 0
         });
         common::interrupt(&child);
-        let told = child.wait_with_output().unwrap();
-        assert!(told.stdout.is_empty());
-        (kept(), told.status.code(), stderr(&told))
+        let output = child.wait_with_output().unwrap();
+        assert!(output.stdout.is_empty());
+        (kept(), output.status.code(), stderr(&output))
     }
 
     fn kept_names(scene: &Scene) -> Vec<String> {
@@ -507,6 +507,6 @@ mod broken_off {
         let output = evaluate(&scene, &["log"], &["--json"]).output().unwrap();
         assert!(output.status.success(), "{}", stderr(&output));
         assert!(!stderr(&output).contains("were done before"), "{}", stderr(&output));
-        assert!(!names(&scene.path("out/e")).contains(&"parts".to_owned()), "nothing left over");
+        assert!(!names(&scene.path("out/e")).contains(&"parts".to_owned()), "no parts remain");
     }
 }

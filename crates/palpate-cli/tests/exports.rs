@@ -42,8 +42,8 @@ fn needs_mujoco_pyvista_trimesh_a_field_is_read_by_others_as_it_is() {
         Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap().join("interop-venv/bin/python");
     assert!(python.is_file(), "{} is missing: run ./setup first", python.display());
     let script = root().join("scripts/exports.py");
-    let told = succeed(Command::new(python).arg(script).arg(&field).arg(folder.path()));
-    assert_eq!(told.lines().count(), 5, "{told}");
+    let text = succeed(Command::new(python).arg(script).arg(&field).arg(folder.path()));
+    assert_eq!(text.lines().count(), 5, "{text}");
 }
 
 #[test]

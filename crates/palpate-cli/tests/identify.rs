@@ -98,14 +98,14 @@ fn currents_that_a_ur_recorded_get_gains_and_are_no_torques_without() {
         assert!((joint["gain"]["value"].as_f64().unwrap() * 12.5 - 1.0).abs() < 0.05, "{joint}");
     }
     assert_eq!(found["notes"].as_array().unwrap().len(), 0, "{}", found["notes"]);
-    let told = json(
+    let report = json(
         palpate()
             .args(["torque", "--json", "--strict"])
             .arg(path("currents"))
             .arg("--arm")
             .arg(path("arm.toml")),
     );
-    assert_eq!(told["contacts"].as_array().unwrap().len(), 0, "{told}");
+    assert_eq!(report["contacts"].as_array().unwrap().len(), 0, "{report}");
 
     for command in ["torque", "map"] {
         refuse(
@@ -114,8 +114,8 @@ fn currents_that_a_ur_recorded_get_gains_and_are_no_torques_without() {
             &["/currents`", "motor currents", "palpate identify", "--arm"],
         );
     }
-    let told = json(palpate().args(["inspect", "--json"]).arg(path("currents")));
-    let codes: Vec<&Value> = told["paths"][0]["findings"]
+    let report = json(palpate().args(["inspect", "--json"]).arg(path("currents")));
+    let codes: Vec<&Value> = report["paths"][0]["findings"]
         .as_array()
         .unwrap()
         .iter()
@@ -125,7 +125,7 @@ fn currents_that_a_ur_recorded_get_gains_and_are_no_torques_without() {
 }
 
 #[test]
-fn an_arm_is_identified_and_its_torques_tell_what_was_touched() {
+fn an_arm_is_identified_and_its_torques_show_the_contact() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     write_logs(&path("free"), false);
@@ -161,8 +161,8 @@ fn an_arm_is_identified_and_its_torques_tell_what_was_touched() {
             "included",
         ]);
         torque.arg(path("pushed")).arg("--arm").arg(path("arm.toml")).arg("-o").arg(path(file));
-        let told = json(torque.args(more));
-        let contacts = told["contacts"].as_array().unwrap();
+        let report = json(torque.args(more));
+        let contacts = report["contacts"].as_array().unwrap();
         assert_eq!(contacts.len(), 1, "{file}: {contacts:?}");
         let [from, to] = [0, 1].map(|end| contacts[0]["time_s"][end].as_f64().unwrap());
         assert!((from - 4.0).abs() < 0.3 && (to - 5.0).abs() < 0.3, "{file}: {from} to {to}");
@@ -207,7 +207,7 @@ fn write_changed(from: &Path, to: &Path, change: impl Fn(&mut Sample)) {
 }
 
 /// What a command that succeeds prints, on stdout and on stderr.
-fn said(command: &mut Command) -> (String, String) {
+fn printed(command: &mut Command) -> (String, String) {
     let done = command.output().unwrap();
     assert!(done.status.success(), "{}", common::stderr(&done));
     (String::from_utf8(done.stdout.clone()).unwrap(), common::stderr(&done))
@@ -230,27 +230,27 @@ fn of_free_motion_the_next_command_finds_no_contact_and_says_how_near_it_came() 
     let folder = tempfile::tempdir().unwrap();
     let (free, arm) = (folder.path().join("free"), folder.path().join("arm.toml"));
     write_logs(&free, false);
-    let (found, told) = said(identify(&free).arg("-o").arg(&arm));
+    let (stdout, stderr) = printed(identify(&free).arg("-o").arg(&arm));
     let next = format!("Next: palpate torque LOG --robot kinova_gen3 --arm {}\n", arm.display());
-    assert!(found.ends_with(&next) && !told.contains("warning"), "{found}{told}");
-    let (found, told) = said(&mut torque(&free, &arm));
-    assert!(found.contains("No contact was found: the largest torque is"), "{found}");
-    assert!(!told.contains("warning"), "{told}");
-    let (_, told) = said(torque(&free, &arm).args(["--bandwidth-hz", "2"]));
-    assert!(told.contains("warning: the threshold was found on torques"), "{told}");
+    assert!(stdout.ends_with(&next) && !stderr.contains("warning"), "{stdout}{stderr}");
+    let (stdout, stderr) = printed(&mut torque(&free, &arm));
+    assert!(stdout.contains("No contact was found: the largest torque is"), "{stdout}");
+    assert!(!stderr.contains("warning"), "{stderr}");
+    let (_, stderr) = printed(torque(&free, &arm).args(["--bandwidth-hz", "2"]));
+    assert!(stderr.contains("warning: the threshold was found on torques"), "{stderr}");
     // The motion begins at once, which an identified arm may do.
     let mut inspect = palpate();
     inspect.args(["inspect", "--json"]).arg(&free);
     assert!(String::from_utf8(inspect.output().unwrap().stdout).unwrap().contains("no_start"));
-    let told = json(inspect.arg("--arm").arg(&arm));
-    assert!(!told.to_string().contains("no_start"), "{told}");
+    let report = json(inspect.arg("--arm").arg(&arm));
+    assert!(!report.to_string().contains("no_start"), "{report}");
     let removed = ["--torque-sign", "plus", "--gravity", "removed"];
-    let (_, told) = said(torque(&free, &arm).args(removed));
-    assert!(told.contains("these torques hold no gravity, and --arm"), "{told}");
+    let (_, stderr) = printed(torque(&free, &arm).args(removed));
+    assert!(stderr.contains("these torques hold no gravity, and --arm"), "{stderr}");
 }
 
 #[test]
-fn what_looks_wrong_with_a_log_is_told_before_its_torques_are_used() {
+fn what_looks_wrong_with_a_log_is_reported_before_its_torques_are_used() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let arm = path("arm.toml");
@@ -258,9 +258,9 @@ fn what_looks_wrong_with_a_log_is_told_before_its_torques_are_used() {
     succeed(identify(&path("free")).arg("-o").arg(&arm));
     let swap = |sample: &mut Sample| sample.tau.swap(1, 3);
     write_changed(&path("free"), &path("torques"), swap);
-    let (_, told) = said(&mut torque(&path("torques"), &arm));
-    assert!(told.contains("% of the samples the torques are larger than those of"), "{told}");
-    // At rest for a while, so that gravity tells of the joints' order.
+    let (_, stderr) = printed(&mut torque(&path("torques"), &arm));
+    assert!(stderr.contains("% of the samples the torques are larger than those of"), "{stderr}");
+    // At rest for a while, so that gravity determines the order of the joints.
     let first = RefCell::new(None);
     let swap_from_rest = |sample: &mut Sample| {
         let mut first = first.borrow_mut();
@@ -273,22 +273,25 @@ fn what_looks_wrong_with_a_log_is_told_before_its_torques_are_used() {
     };
     write_changed(&path("free"), &path("swapped"), swap_from_rest);
     let mut command = torque(&path("swapped"), &arm);
-    let (_, told) = said(&mut command);
-    assert!(told.contains("(joint_order)") && told.contains("`Actuator4` swapped"), "{told}");
+    let (_, stderr) = printed(&mut command);
+    assert!(stderr.contains("(joint_order)") && stderr.contains("`Actuator4` swapped"), "{stderr}");
     refuse(command.arg("--strict"), 1, &["joint_order", "--strict"]);
-    let (_, told) = said(torque(&path("free"), &arm).arg(path("swapped")));
-    assert!(told.contains("swapped` looks wrong (joint_order)"), "the log is named: {told}");
+    let (_, stderr) = printed(torque(&path("free"), &arm).arg(path("swapped")));
+    assert!(stderr.contains("swapped` looks wrong (joint_order)"), "the log is named: {stderr}");
     let late = |sample: &mut Sample| sample.time_s = sample.time_s.map(|time_s| 1e3 * time_s);
     write_changed(&path("free"), &path("ms"), late);
     for command in [&mut torque(&path("ms"), &arm), &mut identify(&path("ms"))] {
-        let (_, told) = said(command);
-        assert!(told.contains("(time_unit)"), "{told}");
+        let (_, stderr) = printed(command);
+        assert!(stderr.contains("(time_unit)"), "{stderr}");
     }
     let small = |sample: &mut Sample| sample.tau.iter_mut().for_each(|tau| *tau *= 1e3);
     write_changed(&path("free"), &path("small"), small);
     let mut command = identify(&path("small"));
-    let (_, told) = said(&mut command);
-    assert!(told.contains("are they in mN·m?") && told.contains("warning: on motion"), "{told}");
+    let (_, stderr) = printed(&mut command);
+    assert!(
+        stderr.contains("are they in mN·m?") && stderr.contains("warning: on motion"),
+        "{stderr}"
+    );
     // Looks well as it is logged, and nothing explains it.
     let count = Cell::new(0);
     let shake = |sample: &mut Sample| {
@@ -317,7 +320,7 @@ fn a_field_of_an_identified_arm_goes_on_with_it_and_not_without() {
     map(&["--spacing-m", "0.03", "--torque-sign", "plus", "--gravity", "included"], "one.npz");
     let from = path("one.npz");
     map(&["--from", from.to_str().unwrap()], "two.npz");
-    // Who forgets the arm is told; who says how the torques count may ask without it.
+    // To map without the arm is refused; to predict without it needs sign and gravity of the torques.
     let mut without = palpate();
     without.args(["--quiet", "map"]).arg(path("free/seq_0")).arg("--from").arg(&from);
     refuse(
@@ -336,10 +339,10 @@ fn a_field_of_an_identified_arm_goes_on_with_it_and_not_without() {
     let mut torque = palpate();
     torque.args(["--quiet", "torque", "--json"]).arg(path("pushed")).arg(path("free"));
     torque.args(MEASURED).arg("--arm").arg(path("arm.toml")).arg("-o").arg(path("both.csv"));
-    let told = json(&mut torque);
-    assert_eq!(told["touches"][0], "pushed/seq_0");
-    assert_eq!(told["contacts"].as_array().unwrap().len(), 1);
-    assert_eq!(told["contacts"][0]["touch"], "pushed/seq_2");
+    let report = json(&mut torque);
+    assert_eq!(report["touches"][0], "pushed/seq_0");
+    assert_eq!(report["contacts"].as_array().unwrap().len(), 1);
+    assert_eq!(report["contacts"][0]["touch"], "pushed/seq_2");
 }
 
 #[test]
@@ -383,11 +386,11 @@ fn logs_that_cannot_serve_say_what_is_missing() {
         &["no joint moves a link `hand`"],
     );
     // Axes that gravity does not turn, and no clock.
-    let told = json(run(&[&log, "--quiet", "--json"]).args(included));
-    let notes = told["notes"].as_array().unwrap();
+    let report = json(run(&[&log, "--quiet", "--json"]).args(included));
+    let notes = report["notes"].as_array().unwrap();
     let says = |words: &str| notes.iter().any(|note| note.as_str().unwrap().contains(words));
     assert!(says("no clock") && says("the payload cannot be determined"), "{notes:?}");
-    assert!(told["misfit"].as_str().unwrap().contains("another robot"), "{}", told["misfit"]);
+    assert!(report["misfit"].as_str().unwrap().contains("another robot"), "{}", report["misfit"]);
 
     let still = scene.path("still");
     fs::create_dir(&still).unwrap();
@@ -426,8 +429,8 @@ fn a_joint_that_the_log_calls_otherwise_is_renamed() {
     let named = scene.text("named.csv");
     refuse(run(&[&named]).args(included), 1, &["shoulder"]);
     refuse(run(&[&named, "--rename", "a=wrist"]).args(included), 2, &["--rename", "joint `wrist`"]);
-    let told = json(run(&[&named, "--quiet", "--json", "--rename", "a=shoulder"]).args(included));
-    assert_eq!(told["joints"][0]["name"], "a");
+    let report = json(run(&[&named, "--quiet", "--json", "--rename", "a=shoulder"]).args(included));
+    assert_eq!(report["joints"][0]["name"], "a");
     // Two names change places.
     let swapped = table.replace("a_", "x_").replace("elbow", "shoulder").replace("x_", "elbow_");
     fs::write(scene.path("swapped.csv"), format!("{swapped}{text}")).unwrap();
@@ -435,7 +438,7 @@ fn a_joint_that_the_log_calls_otherwise_is_renamed() {
     let log = scene.text("swapped.csv");
     let again = json(run(&[&log, "--quiet", "--json"]).args(both).args(included));
     assert_eq!(again["joints"][0]["name"], "elbow");
-    assert_eq!(again["joints"][0]["bias_n_m"], told["joints"][0]["bias_n_m"]);
+    assert_eq!(again["joints"][0]["bias_n_m"], report["joints"][0]["bias_n_m"]);
 }
 
 #[test]
@@ -444,8 +447,8 @@ fn a_motion_is_written_for_a_controller() {
     let path = folder.path().join("motion.yaml");
     let mut excite = palpate();
     excite.args(["--quiet", "excite", "--rate-hz", "10", "--json", "-o"]).arg(&path);
-    let told = json(&mut excite);
-    assert!(told["speed_share"].as_f64() <= Some(0.51) && told["points"] == 201, "{told}");
+    let report = json(&mut excite);
+    assert!(report["speed_share"].as_f64() <= Some(0.51) && report["points"] == 201, "{report}");
     let text = fs::read_to_string(&path).unwrap();
     assert!(text.len() < 128_000, "one argument of a shell");
     assert!(text.starts_with("joint_names: [\"Actuator1\", \"Actuator2\""), "{}", &text[..80]);

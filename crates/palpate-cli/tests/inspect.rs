@@ -27,23 +27,23 @@ fn only(touches: &[Touch], flags: &[&str], code: &str) -> Value {
 /// The same of another level.
 #[track_caller]
 fn only_at(level: &str, touches: &[Touch], flags: &[&str], code: &str) -> Value {
-    let (exit, told) = look(touches, flags);
-    assert_eq!((exit, codes(&told)), (Some(0), vec![code]), "{}", told["paths"][0]["findings"]);
-    assert_eq!(first(&told)["level"], level);
-    first(&told).clone()
+    let (exit, report) = look(touches, flags);
+    assert_eq!((exit, codes(&report)), (Some(0), vec![code]), "{}", report["paths"][0]["findings"]);
+    assert_eq!(first(&report)["level"], level);
+    first(&report).clone()
 }
 
 /// Asserts that nothing looks wrong.
 #[track_caller]
 fn nothing(touches: &[Touch], flags: &[&str]) {
-    let (exit, told) = look(touches, flags);
-    assert_eq!((exit, codes(&told)), (Some(0), vec![]), "{}", told["paths"][0]["findings"]);
+    let (exit, report) = look(touches, flags);
+    assert_eq!((exit, codes(&report)), (Some(0), vec![]), "{}", report["paths"][0]["findings"]);
 }
 
 /// Asserts how the torques are read.
 #[track_caller]
-fn read(told: &Value, sign: &str, gravity: &str) {
-    let reading = &told["paths"][0]["reading"];
+fn read(report: &Value, sign: &str, gravity: &str) {
+    let reading = &report["paths"][0]["reading"];
     let read = [&reading["torque_sign"], &reading["gravity"]];
     assert_eq!(read, [sign, gravity], "{reading}");
 }
@@ -68,8 +68,8 @@ fn flags(finding: &Value) -> Vec<&str> {
 #[test]
 fn nothing_is_wrong_with_a_clean_log_and_its_figures_are_right() {
     nothing(&clean(), &["--strict"]);
-    let (_, told) = look(&clean(), &[]);
-    let log = &told["paths"][0];
+    let (_, report) = look(&clean(), &[]);
+    let log = &report["paths"][0];
     assert_eq!((&log["kind"], &log["frames"]), (&"log".into(), &300.into()));
     assert!((log["clock"]["period_s"].as_f64().unwrap() - 0.05).abs() < 1e-9, "{log}");
     let slope = log["reading"]["fits"]["set"]["slope"].as_f64().unwrap();
@@ -89,8 +89,8 @@ fn nothing_is_wrong_with_a_clean_log_and_its_figures_are_right() {
 #[test]
 fn nothing_is_wrong_with_the_bundled_touches() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
-    let (exit, told) = run(inspect().arg(data).arg("--strict"));
-    assert_eq!((exit, codes(&told)), (Some(0), vec![]), "{}", told["paths"][0]["findings"]);
+    let (exit, report) = run(inspect().arg(data).arg("--strict"));
+    assert_eq!((exit, codes(&report)), (Some(0), vec![]), "{}", report["paths"][0]["findings"]);
 }
 
 #[test]
@@ -133,21 +133,21 @@ fn the_sign_of_torques_without_gravity_shows_in_the_work() {
 }
 
 #[test]
-fn gravity_tells_even_if_no_touch_begins_still() {
+fn gravity_determines_the_convention_even_if_no_touch_begins_still() {
     let moving = Maker { still: 0, ..Maker::new() };
     let touches = Maker { gravity: -1.0, contact: -1.0, ..moving.clone() }.touches();
     let plus = ["--no-tare", "--torque-sign", "plus", "--gravity", "included"];
-    let (_, told) = look(&touches, &plus);
-    assert_eq!(flags(first(&told)), ["--torque-sign", "minus"], "{}", first(&told));
+    let (_, report) = look(&touches, &plus);
+    assert_eq!(flags(first(&report)), ["--torque-sign", "minus"], "{}", first(&report));
     read(&look(&touches, &["--no-tare"]).1, "minus", "included");
     let touches = Maker { gravity: 0.0, ..moving }.touches();
-    let (_, told) = look(&touches, &plus);
-    assert_eq!(flags(first(&told)), ["--gravity", "removed"], "{}", first(&told));
+    let (_, report) = look(&touches, &plus);
+    assert_eq!(flags(first(&report)), ["--gravity", "removed"], "{}", first(&report));
     read(&look(&touches, &["--no-tare"]).1, "plus", "removed");
 }
 
 #[test]
-fn torques_that_gravity_does_not_explain_are_told() {
+fn torques_that_gravity_does_not_explain_are_reported() {
     let mut touches = clean();
     for tau in touches.iter_mut().flat_map(|touch| &mut touch.tau) {
         let odd = [9.0, -7.0, 8.0, 9.0, -5.0, 6.0, 4.0];
@@ -160,13 +160,13 @@ fn torques_that_gravity_does_not_explain_are_told() {
 fn a_negated_column_is_named() {
     let mut touches = clean();
     touches.iter_mut().flat_map(|touch| &mut touch.tau).for_each(|tau| tau[1] *= -1.0);
-    let (_, told) = look(&touches, &[]);
-    assert_eq!(first(&told)["code"], "joint_sign", "{}", told["paths"][0]["findings"]);
-    says(first(&told), &["minus at Actuator2", "negate the odd columns"]);
+    let (_, report) = look(&touches, &[]);
+    assert_eq!(first(&report)["code"], "joint_sign", "{}", report["paths"][0]["findings"]);
+    says(first(&report), &["minus at Actuator2", "negate the odd columns"]);
 }
 
 #[test]
-fn an_arm_on_a_ceiling_with_an_upright_urdf_is_told() {
+fn an_arm_on_a_ceiling_with_an_upright_urdf_is_reported() {
     let with_friction = |gravity: f64| {
         let mut touches = Maker { gravity, ..Maker::new() }.touches();
         for Touch { q, tau, .. } in &mut touches {
@@ -207,7 +207,7 @@ fn another_order_of_the_joints_is_recognised_by_gravity() {
 }
 
 #[test]
-fn named_joints_are_matched_and_unknown_names_told() {
+fn named_joints_are_matched_and_unknown_names_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("touch.csv");
     let mut touch = clean().remove(0);
@@ -215,19 +215,19 @@ fn named_joints_are_matched_and_unknown_names_told() {
     let joints = [3, 4, 5, 6, 7, 1, 2].map(|joint| format!("Actuator{joint}"));
     let mut names: Vec<&str> = joints.iter().map(String::as_str).collect();
     write_csv(&path, &touch, &names);
-    let (exit, told) = run(inspect().arg(&path));
-    assert_eq!((exit, codes(&told)), (Some(0), vec![]), "{told}");
-    assert_eq!(told["paths"][0]["matching"], "reordered");
-    let read = &told["paths"][0]["columns"];
+    let (exit, report) = run(inspect().arg(&path));
+    assert_eq!((exit, codes(&report)), (Some(0), vec![]), "{report}");
+    assert_eq!(report["paths"][0]["matching"], "reordered");
+    let read = &report["paths"][0]["columns"];
     assert_eq!(read["joints"][0], "Actuator3");
     assert_eq!(read["joints"][5], "Actuator1");
     assert_eq!(read["q"].as_array().map(Vec::len), Some(7));
 
     names[5] = "Shoulder";
     write_csv(&path, &touch, &names);
-    let (exit, told) = run(inspect().arg(&path));
-    assert_eq!((exit, codes(&told)), (Some(1), vec!["joint_names"]));
-    says(first(&told), &["`Actuator1` is not in the log", "Shoulder", "--columns", "error"]);
+    let (exit, report) = run(inspect().arg(&path));
+    assert_eq!((exit, codes(&report)), (Some(1), vec!["joint_names"]));
+    says(first(&report), &["`Actuator1` is not in the log", "Shoulder", "--columns", "error"]);
 }
 
 #[test]
@@ -252,9 +252,9 @@ fn fingers_that_are_not_in_a_log_stand_still_and_are_named() {
     let joints = [1, 2, 3, 4, 5, 6, 7].map(|joint| format!("gen3_Actuator{joint}"));
     write_csv(&path("named.csv"), touch, &joints.each_ref().map(String::as_str));
     for log in ["arrays", "named.csv"] {
-        let told = look(&path(log), &["--strict"]);
-        let note = common::stderr(&told);
-        assert!(told.status.success(), "{note}");
+        let output = look(&path(log), &["--strict"]);
+        let note = common::stderr(&output);
+        assert!(output.status.success(), "{note}");
         assert!(note.contains("--hold finger_joint=0.04") && note.contains("7 joints"), "{note}");
         let held = look(&path(log), &["--strict", "--hold", "finger_joint=0.01"]);
         let note = common::stderr(&held);
@@ -263,35 +263,35 @@ fn fingers_that_are_not_in_a_log_stand_still_and_are_named() {
         assert_eq!(matched, log == "named.csv", "{note}");
     }
     let refused = look(&path("arrays"), &["--hold", "nose=1"]);
-    let told = common::stderr(&refused);
-    assert!(refused.status.code() == Some(2) && told.contains("`nose`"), "{told}");
+    let message = common::stderr(&refused);
+    assert!(refused.status.code() == Some(2) && message.contains("`nose`"), "{message}");
 
     // A wrist that goes by another name is no finger.
     let mut joints = joints;
     joints[6] = "gen3_wrist".to_owned();
     write_csv(&path("named.csv"), touch, &joints.each_ref().map(String::as_str));
-    let told = look(&path("named.csv"), &["--hold", "finger_joint=0.01", "--json"]);
-    assert!(String::from_utf8(told.stdout).unwrap().contains("`Actuator7` is not in the log"));
+    let output = look(&path("named.csv"), &["--hold", "finger_joint=0.01", "--json"]);
+    assert!(String::from_utf8(output.stdout).unwrap().contains("`Actuator7` is not in the log"));
 }
 
 #[test]
 fn another_number_of_joints_is_an_error() {
     let mut touches = clean();
     touches.iter_mut().for_each(|touch| touch.each_row(|row| row.truncate(6)));
-    let (exit, told) = look(&touches, &[]);
-    assert_eq!((exit, codes(&told)), (Some(1), vec!["joint_count"]));
-    says(first(&told), &["6 joints", "has 7", "--robot"]);
+    let (exit, report) = look(&touches, &[]);
+    assert_eq!((exit, codes(&report)), (Some(1), vec!["joint_count"]));
+    says(first(&report), &["6 joints", "has 7", "--robot"]);
 }
 
 #[test]
-fn degrees_and_radians_are_told_apart() {
+fn degrees_and_radians_are_distinguished() {
     let mut touches = clean();
     touches.iter_mut().for_each(|touch| {
         touch.q.iter_mut().flatten().for_each(|angle| *angle = angle.to_degrees());
     });
-    let (exit, told) = look(&touches, &[]);
-    assert_eq!((exit, codes(&told)), (Some(0), vec!["angle_unit"]));
-    says(first(&told), &["degrees", "gravity fits", "read so"]);
+    let (exit, report) = look(&touches, &[]);
+    assert_eq!((exit, codes(&report)), (Some(0), vec!["angle_unit"]));
+    says(first(&report), &["degrees", "gravity fits", "read so"]);
     assert_eq!(
         flags(&only(&touches, &["--angle-unit", "rad"], "angle_unit")),
         ["--angle-unit", "deg"]
@@ -302,7 +302,7 @@ fn degrees_and_radians_are_told_apart() {
 }
 
 #[test]
-fn positions_beyond_the_limits_are_told() {
+fn positions_beyond_the_limits_are_reported() {
     let mut touches = clean();
     let robot = Maker::new().robot;
     let Touch { q, tau, .. } = &mut touches[1];
@@ -329,7 +329,7 @@ fn repeated_frames_are_counted_and_placed() {
 }
 
 #[test]
-fn touches_that_are_copies_are_told() {
+fn touches_that_are_copies_are_reported() {
     let mut touches = clean();
     touches[2] = touches[0].clone();
     let found = only(&touches, &[], "duplicate_touches");
@@ -338,7 +338,7 @@ fn touches_that_are_copies_are_told() {
 }
 
 #[test]
-fn gaps_and_clocks_that_go_wrong_are_told() {
+fn gaps_and_clocks_that_go_wrong_are_reported() {
     let mut touches = clean();
     touches[2].time_s[60..].iter_mut().for_each(|time_s| *time_s += 0.4);
     says(&only(&touches, &[], "gaps"), &["1 gap", "0.450 s", "seq_2 row 60"]);
@@ -391,7 +391,7 @@ fn stamps_that_are_not_when_the_joints_were_read_are_noted() {
 }
 
 #[test]
-fn a_frozen_sensor_is_told() {
+fn a_frozen_sensor_is_reported() {
     let mut touches = clean();
     touches[1].tau.iter_mut().for_each(|tau| tau[6] = 0.05);
     let found = only(&touches, &[], "frozen_torque");
@@ -399,7 +399,7 @@ fn a_frozen_sensor_is_told() {
 }
 
 #[test]
-fn a_sensor_that_hangs_is_told_and_a_coarse_one_is_not() {
+fn a_sensor_that_hangs_is_reported_and_a_coarse_one_is_not() {
     let mut touches = clean();
     let held = touches[2].tau[40][3];
     touches[2].tau[40..70].iter_mut().for_each(|tau| tau[3] = held);
@@ -408,12 +408,12 @@ fn a_sensor_that_hangs_is_told_and_a_coarse_one_is_not() {
     let mut touches = clean();
     let torques = touches.iter_mut().flat_map(|touch| touch.tau.iter_mut().flatten());
     torques.for_each(|tau| *tau = (*tau / 0.2).round() * 0.2);
-    let (_, told) = look(&touches, &[]);
-    assert!(!codes(&told).contains(&"stuck_torque"), "{:?}", codes(&told));
+    let (_, report) = look(&touches, &[]);
+    assert!(!codes(&report).contains(&"stuck_torque"), "{:?}", codes(&report));
 }
 
 #[test]
-fn torques_that_are_cut_off_are_told_once() {
+fn torques_that_are_cut_off_are_reported_once() {
     let mut touches = clean();
     let most = touches.iter().flat_map(|touch| &touch.tau).map(|tau| tau[0]).fold(0.0, f64::min);
     touches.iter_mut().flat_map(|touch| &mut touch.tau).for_each(|tau| {
@@ -424,7 +424,7 @@ fn torques_that_are_cut_off_are_told_once() {
 }
 
 #[test]
-fn torques_that_come_late_are_told_with_how_late() {
+fn torques_that_come_late_are_reported_with_their_delay() {
     let mut touches = clean();
     for touch in &mut touches {
         let on_time = touch.tau.clone();
@@ -444,7 +444,7 @@ fn torques_that_come_late_are_told_with_how_late() {
 }
 
 #[test]
-fn a_jump_is_told_and_a_wrapped_angle_is_none() {
+fn a_jump_is_reported_and_a_wrapped_angle_is_none() {
     let mut touches = clean();
     touches[0].q[50..].iter_mut().for_each(|q| q[0] += 0.3);
     says(&only(&touches, &[], "jumps"), &["once", "seq_0 row 50 (`Actuator1` by 0.3"]);
@@ -457,8 +457,8 @@ fn a_jump_is_told_and_a_wrapped_angle_is_none() {
 fn angles_that_count_whole_turns_look_as_others_do() {
     let ways = |touches: &[Touch], flags: &[&str]| -> Vec<f64> {
         nothing(touches, flags);
-        let told = look(touches, flags).1;
-        let range = told["paths"][0]["touches"][0]["range"].as_array().unwrap().clone();
+        let report = look(touches, flags).1;
+        let range = report["paths"][0]["touches"][0]["range"].as_array().unwrap().clone();
         range.iter().map(|ends| ends[1].as_f64().unwrap() - ends[0].as_f64().unwrap()).collect()
     };
     let moved = ways(&clean(), &[]);
@@ -478,23 +478,23 @@ fn angles_that_count_whole_turns_look_as_others_do() {
 }
 
 #[test]
-fn a_log_that_breaks_off_is_told_and_the_next_path_looked_at() {
+fn a_log_that_breaks_off_is_reported_and_the_next_path_inspected() {
     let folder = tempfile::tempdir().unwrap();
     let mut touches = clean();
     touches[1].tau[70][2] = f64::NAN;
     write(&folder.path().join("bad"), &touches);
     write(&folder.path().join("good"), &clean());
     let paths = ["bad", "good"].map(|name| folder.path().join(name));
-    let (exit, told) = run(inspect().args(&paths));
-    assert_eq!((exit, codes(&told)), (Some(1), vec!["unreadable"]), "{}", first(&told));
-    says(first(&told), &["NaN in row 70, column 2"]);
-    assert_eq!(told["paths"][0]["frames"], 170);
-    assert_eq!(told["paths"][1]["frames"], 300);
-    assert_eq!((&told["errors"], &told["warnings"]), (&1.into(), &0.into()));
+    let (exit, report) = run(inspect().args(&paths));
+    assert_eq!((exit, codes(&report)), (Some(1), vec!["unreadable"]), "{}", first(&report));
+    says(first(&report), &["NaN in row 70, column 2"]);
+    assert_eq!(report["paths"][0]["frames"], 170);
+    assert_eq!(report["paths"][1]["frames"], 300);
+    assert_eq!((&report["errors"], &report["warnings"]), (&1.into(), &0.into()));
 }
 
 #[test]
-fn a_touch_that_begins_under_load_is_told() {
+fn a_touch_that_begins_under_load_is_reported() {
     let mut touches = clean();
     touches[1].tau.iter_mut().for_each(|tau| tau[1] += 2.0);
     let found = only(&touches, &[], "bias");
@@ -504,7 +504,7 @@ fn a_touch_that_begins_under_load_is_told() {
 }
 
 #[test]
-fn no_noise_and_too_much_of_it_are_told() {
+fn no_noise_and_too_much_of_it_are_reported() {
     let silent = Maker { noise: 0.0, ..Maker::new() }.touches();
     let found = only_at("note", &silent, &["--strict"], "no_noise");
     says(&found, &["simulated", "Actuator1, Actuator2"]);
@@ -516,12 +516,12 @@ fn no_noise_and_too_much_of_it_are_told() {
     }
     only_at("note", &held, &[], "no_noise");
     let loud = Maker { noise: 15.0, ..Maker::new() }.touches();
-    let (_, told) = look(&loud, &[]);
-    assert!(codes(&told).contains(&"noise"), "{:?}", codes(&told));
+    let (_, report) = look(&loud, &[]);
+    assert!(codes(&report).contains(&"noise"), "{:?}", codes(&report));
 }
 
 #[test]
-fn saturated_torques_are_told() {
+fn saturated_torques_are_reported() {
     let mut touches = clean();
     touches[2].tau[50..54].iter_mut().for_each(|tau| tau[4] = -9.0);
     says(&only(&touches, &[], "saturation"), &["`Actuator5`", "9.000 N·m", "4 frames", "seq_2"]);
@@ -530,17 +530,17 @@ fn saturated_torques_are_told() {
 #[test]
 fn a_touch_without_a_still_start_is_an_error_unless_the_tare_is_given() {
     let touches = Maker { still: 0, ..Maker::new() }.touches();
-    let (exit, told) = look(&touches, &[]);
-    assert_eq!((exit, codes(&told)), (Some(1), vec!["no_start"]));
-    says(first(&told), &["--tare-frames N", "--no-tare"]);
+    let (exit, report) = look(&touches, &[]);
+    assert_eq!((exit, codes(&report)), (Some(1), vec!["no_start"]));
+    says(first(&report), &["--tare-frames N", "--no-tare"]);
     only(&touches, &["--tare-frames", "15"], "moving_tare");
     nothing(&touches, &["--no-tare"]);
-    let (exit, told) = look(&clean(), &["--tare-frames", "400"]);
-    assert_eq!((exit, codes(&told)[0]), (Some(1), "tare_too_long"));
+    let (exit, report) = look(&clean(), &["--tare-frames", "400"]);
+    assert_eq!((exit, codes(&report)[0]), (Some(1), "tare_too_long"));
 }
 
 #[test]
-fn touches_that_teach_nothing_are_told() {
+fn touches_that_teach_nothing_are_reported() {
     let weak = Maker { contact: 0.1, ..Maker::new() }.touches();
     says(&only_at("note", &weak, &[], "weak_touch"), &["1 N·m", "all 3 touches"]);
     let mut touches = clean();
@@ -548,12 +548,12 @@ fn touches_that_teach_nothing_are_told() {
     for q in &mut touches[1].q[1..] {
         q.iter_mut().zip(&still).for_each(|(q, still)| *q = still + 1e-4);
     }
-    let (_, told) = look(&touches, &[]);
-    assert!(codes(&told).contains(&"never_moves"), "{:?}", codes(&told));
+    let (_, report) = look(&touches, &[]);
+    assert!(codes(&report).contains(&"never_moves"), "{:?}", codes(&report));
 }
 
 #[test]
-fn drift_is_told() {
+fn drift_is_reported() {
     let mut touches = clean();
     for (row, tau) in touches[2].tau.iter_mut().enumerate().skip(40) {
         tau[2] += 0.02 * (row - 40) as f64;
@@ -570,7 +570,7 @@ fn strict_makes_warnings_count() {
 }
 
 #[test]
-fn paths_that_are_nothing_are_told() {
+fn paths_that_are_nothing_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     fs::write(path("notes.md"), "not a log").unwrap();
@@ -583,8 +583,8 @@ fn paths_that_are_nothing_are_told() {
         ("seq_0/angles.npy", "give the folder"),
     ];
     for (name, wanted) in cases {
-        let (exit, told) = run(inspect().arg(path(name)));
+        let (exit, report) = run(inspect().arg(path(name)));
         assert_eq!(exit, Some(1), "{name}");
-        says(first(&told), &[wanted]);
+        says(first(&report), &[wanted]);
     }
 }

@@ -43,9 +43,9 @@ fn command(scene: &Scene, name: &str, flags: &[&str]) -> Command {
 /// What an inspection says of the log.
 #[track_caller]
 fn inspect(scene: &Scene, flags: &[&str]) -> Value {
-    let (exit, told) = run(&mut command(scene, "inspect", flags));
-    assert_eq!(exit, Some(0), "{told}");
-    told
+    let (exit, report) = run(&mut command(scene, "inspect", flags));
+    assert_eq!(exit, Some(0), "{report}");
+    report
 }
 
 fn frames_in_contact(report: &Value) -> Vec<u64> {
@@ -56,8 +56,8 @@ fn frames_in_contact(report: &Value) -> Vec<u64> {
 #[test]
 fn inspect_map_and_evaluate_agree_about_what_is_touched() {
     let scene = Scene::new();
-    let told = inspect(&scene, &LATTICE);
-    let (log, mapped) = (&told["paths"][0], json(&mut command(&scene, "map", &LATTICE)));
+    let report = inspect(&scene, &LATTICE);
+    let (log, mapped) = (&report["paths"][0], json(&mut command(&scene, "map", &LATTICE)));
     for key in ["frames", "frames_in_contact", "contacts_median", "cells_touched"] {
         assert_eq!(log["touched"][key], mapped[key], "{key}");
     }
@@ -91,13 +91,13 @@ fn the_lattice_may_come_from_a_settings_file_or_a_field() {
 #[test]
 fn a_box_elsewhere_is_a_finding_and_teaches_nothing() {
     let scene = Scene::new();
-    let told = inspect(&scene, &ELSEWHERE);
-    assert_eq!(codes(&told), ["no_contact"], "{}", told["paths"][0]["findings"]);
+    let report = inspect(&scene, &ELSEWHERE);
+    assert_eq!(codes(&report), ["no_contact"], "{}", report["paths"][0]["findings"]);
     let words = ["0 of 80 frames touch the lattice", "--box-low-m", "`fore` moves within"];
     words
         .iter()
-        .for_each(|word| assert!(first(&told).to_string().contains(word), "{word}: {told}"));
-    assert_eq!(told["paths"][0]["touched"]["cells_touched"], 0);
+        .for_each(|word| assert!(first(&report).to_string().contains(word), "{word}: {report}"));
+    assert_eq!(report["paths"][0]["touched"]["cells_touched"], 0);
 
     let output = command(&scene, "map", &ELSEWHERE).output().unwrap();
     assert!(stderr(&output).contains("0 of 80 frames touch the lattice"), "{}", stderr(&output));
@@ -106,14 +106,14 @@ fn a_box_elsewhere_is_a_finding_and_teaches_nothing() {
 }
 
 #[test]
-fn a_touch_beside_the_box_is_told_among_others() {
+fn a_touch_beside_the_box_is_reported_among_others() {
     let scene = Scene::new();
     let swing: Vec<[f64; 2]> =
         (0..40_u32).map(|frame| [2.0 + 0.01 * f64::from(frame.saturating_sub(8)), 0.0]).collect();
     scene.arrays("log/seq_2", &swing, &vec![[0.3, 0.1]; 40]);
-    let told = inspect(&scene, &LATTICE);
-    let findings = told["paths"][0]["findings"].as_array().unwrap();
+    let report = inspect(&scene, &LATTICE);
+    let findings = report["paths"][0]["findings"].as_array().unwrap();
     let beside = findings.iter().find(|finding| finding["code"] == "no_contact").unwrap();
     assert_eq!(beside["touches"], serde_json::json!(["seq_2"]));
-    assert!(!codes(&told).contains(&"never_moves"), "{:?}", codes(&told));
+    assert!(!codes(&report).contains(&"never_moves"), "{:?}", codes(&report));
 }

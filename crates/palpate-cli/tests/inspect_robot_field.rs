@@ -44,9 +44,9 @@ const UPPER_SHAPE: &str = r#"<box size="0.4 0.06 0.06"/>"#;
 
 #[test]
 fn nothing_is_wrong_with_the_built_in_robot() {
-    let (exit, told) = run(inspect().args(["kinova_gen3", "--strict"]));
-    assert_eq!((exit, codes(&told)), (Some(0), vec![]), "{told}");
-    let robot = &told["paths"][0];
+    let (exit, report) = run(inspect().args(["kinova_gen3", "--strict"]));
+    assert_eq!((exit, codes(&report)), (Some(0), vec![]), "{report}");
+    let robot = &report["paths"][0];
     assert_eq!(robot["joints"].as_array().unwrap().len(), 7);
     assert!((robot["mass_kg"].as_f64().unwrap() - 8.188).abs() < 0.01, "{}", robot["mass_kg"]);
     let reach_m = robot["reach_m"].as_f64().unwrap();
@@ -56,11 +56,11 @@ fn nothing_is_wrong_with_the_built_in_robot() {
 }
 
 #[test]
-fn links_without_mass_or_shape_are_told() {
+fn links_without_mass_or_shape_are_reported() {
     assert_eq!(look("", "").1["paths"][0]["findings"], Value::Array(vec![]));
-    let (exit, told) = look(r#"<mass value="1"/>"#, r#"<mass value="0"/>"#);
-    assert_eq!((exit, codes(&told)), (Some(0), vec!["link_without_mass"]));
-    assert_eq!(first(&told)["parts"], serde_json::json!(["upper"]));
+    let (exit, report) = look(r#"<mass value="1"/>"#, r#"<mass value="0"/>"#);
+    assert_eq!((exit, codes(&report)), (Some(0), vec!["link_without_mass"]));
+    assert_eq!(first(&report)["parts"], serde_json::json!(["upper"]));
     let shape = format!(
         "<collision><origin xyz=\"0.2 0 0\"/><geometry>{UPPER_SHAPE}</geometry></collision>"
     );
@@ -68,27 +68,27 @@ fn links_without_mass_or_shape_are_told() {
 }
 
 #[test]
-fn millimetres_taken_for_metres_are_told() {
-    let (_, told) = look(UPPER_SHAPE, r#"<box size="0.004 0.0006 0.0006"/>"#);
-    assert_eq!(codes(&told), ["link_size"]);
-    assert!(first(&told)["what"].as_str().unwrap().contains("millimetres"), "{told}");
+fn millimetres_taken_for_metres_are_reported() {
+    let (_, report) = look(UPPER_SHAPE, r#"<box size="0.004 0.0006 0.0006"/>"#);
+    assert_eq!(codes(&report), ["link_size"]);
+    assert!(first(&report)["what"].as_str().unwrap().contains("millimetres"), "{report}");
 }
 
 #[test]
-fn an_open_mesh_is_told() {
-    let (exit, told) = look(UPPER_SHAPE, r#"<mesh filename="cup.stl"/>"#);
-    assert_eq!((exit, codes(&told)), (Some(0), vec!["open_shell"]), "{told}");
-    assert_eq!(first(&told)["parts"], serde_json::json!(["upper"]));
+fn an_open_mesh_is_reported() {
+    let (exit, report) = look(UPPER_SHAPE, r#"<mesh filename="cup.stl"/>"#);
+    assert_eq!((exit, codes(&report)), (Some(0), vec!["open_shell"]), "{report}");
+    assert_eq!(first(&report)["parts"], serde_json::json!(["upper"]));
 }
 
 #[test]
-fn a_robot_that_cannot_be_used_is_an_error_and_its_tree_is_told() {
-    let (exit, told) = look(UPPER_SHAPE, r#"<mesh filename="nowhere.stl"/>"#);
-    assert_eq!((exit, codes(&told)), (Some(1), vec!["robot"]));
-    assert!(first(&told)["what"].as_str().unwrap().contains("nowhere.stl"));
-    assert_eq!(told["paths"][0]["joints"][1]["name"], "elbow");
-    let (exit, told) = look(r#"<child link="upper"/>"#, r#"<child link="fore"/>"#);
-    assert_eq!((exit, codes(&told)), (Some(1), vec!["robot"]));
+fn a_robot_that_cannot_be_used_is_an_error_and_its_tree_is_reported() {
+    let (exit, report) = look(UPPER_SHAPE, r#"<mesh filename="nowhere.stl"/>"#);
+    assert_eq!((exit, codes(&report)), (Some(1), vec!["robot"]));
+    assert!(first(&report)["what"].as_str().unwrap().contains("nowhere.stl"));
+    assert_eq!(report["paths"][0]["joints"][1]["name"], "elbow");
+    let (exit, report) = look(r#"<child link="upper"/>"#, r#"<child link="fore"/>"#);
+    assert_eq!((exit, codes(&report)), (Some(1), vec!["robot"]));
 }
 
 /// A field of the tiny arm, and the same after a change.
@@ -103,39 +103,39 @@ fn look_at_field(change: impl FnOnce(&mut Saved)) -> (Option<i32>, Value) {
 }
 
 #[test]
-fn a_field_tells_what_it_holds() {
-    let (exit, told) = look_at_field(|_| {});
-    assert_eq!((exit, codes(&told)), (Some(0), vec![]), "{told}");
-    let field = &told["paths"][0];
+fn what_a_field_holds_is_reported() {
+    let (exit, report) = look_at_field(|_| {});
+    assert_eq!((exit, codes(&report)), (Some(0), vec![]), "{report}");
+    let field = &report["paths"][0];
     assert_eq!((&field["kind"], &field["own"]["robot"]), (&"field".into(), &"tiny".into()));
     assert_eq!(field["own"]["lattice"]["spacing_m"], 0.03);
     assert_eq!(field["own"]["memory"]["method"], "map");
     assert!(field["cells"].as_u64().unwrap() > 10 && field["total_n_per_m"].as_f64() > Some(0.0));
-    let (_, told) = look_at_field(|saved| saved.snapshot = None);
-    assert!(told["paths"][0]["own"]["memory"].is_null(), "{told}");
+    let (_, report) = look_at_field(|saved| saved.snapshot = None);
+    assert!(report["paths"][0]["own"]["memory"].is_null(), "{report}");
 }
 
 #[test]
-fn fields_that_learnt_nothing_are_told() {
-    let (exit, told) = look_at_field(|saved| saved.field.stiffness_n_per_m.fill(0.0));
-    assert_eq!((exit, codes(&told)), (Some(0), vec!["all_zero"]));
-    let (_, told) = look_at_field(|saved| {
+fn fields_that_learnt_nothing_are_reported() {
+    let (exit, report) = look_at_field(|saved| saved.field.stiffness_n_per_m.fill(0.0));
+    assert_eq!((exit, codes(&report)), (Some(0), vec!["all_zero"]));
+    let (_, report) = look_at_field(|saved| {
         let config = &saved.snapshot.as_ref().unwrap().config;
         let prior = config.estimator.prior.at_spacing(config.lattice.spacing_m()).1;
         saved.field.std_n_per_m.fill(prior);
     });
-    assert_eq!(codes(&told), ["std_never_reduced"]);
+    assert_eq!(codes(&report), ["std_never_reduced"]);
 }
 
 #[test]
-fn a_field_of_another_program_and_a_broken_one_are_told() {
+fn a_field_of_another_program_and_a_broken_one_are_reported() {
     let testdata = Path::new(env!("CARGO_MANIFEST_DIR")).join("../palpate-io/testdata");
-    let (exit, told) = run(inspect().arg(testdata.join("openvsf.npz")));
-    assert_eq!((exit, codes(&told)), (Some(0), vec!["foreign_field"]));
-    assert_eq!(told["paths"][0]["cells"], 3);
+    let (exit, report) = run(inspect().arg(testdata.join("openvsf.npz")));
+    assert_eq!((exit, codes(&report)), (Some(0), vec!["foreign_field"]));
+    assert_eq!(report["paths"][0]["cells"], 3);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("broken.npz");
     fs::write(&path, "no archive").unwrap();
-    let (exit, told) = run(inspect().arg(&path));
-    assert_eq!((exit, codes(&told)), (Some(1), vec!["field"]));
+    let (exit, report) = run(inspect().arg(&path));
+    assert_eq!((exit, codes(&report)), (Some(1), vec!["field"]));
 }

@@ -32,8 +32,8 @@ fn press(command: &mut Command, words: &str) -> (Option<i32>, String, String) {
     let many = format!("for i in $(seq 100); do kill -INT {}; done", child.id());
     assert!(Command::new("sh").args(["-c", &many]).status().unwrap().success());
     lines.read_to_string(&mut said).unwrap();
-    let told = child.wait_with_output().unwrap();
-    (told.status.code(), String::from_utf8(told.stdout).unwrap(), said)
+    let output = child.wait_with_output().unwrap();
+    (output.status.code(), String::from_utf8(output.stdout).unwrap(), said)
 }
 
 #[test]

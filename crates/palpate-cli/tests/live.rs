@@ -129,7 +129,7 @@ fn needs_cyclonedds_broken_samples_are_refused_with_a_reason_and_the_others_mapp
 }
 
 #[test]
-fn needs_cyclonedds_a_log_that_looks_wrong_is_told_and_ends_a_strict_session_with_its_field() {
+fn needs_cyclonedds_a_log_that_looks_wrong_is_reported_and_ends_a_strict_session_with_its_field() {
     let domain = Domain::take();
     let mut live = Live::start(&domain, &["--torque-sign", "minus", "--strict"]);
     let _robot = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "inf"]));
@@ -225,10 +225,13 @@ fn a_field_whose_folder_is_gone_at_the_end_is_saved_elsewhere() {
     fs::remove_dir_all(&gone).unwrap();
     interrupt(&live);
     let output = live.wait_with_output().unwrap();
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(1), "{told}");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{message}");
     let kept = elsewhere.join(&names(&elsewhere)[0]);
-    assert!(told.contains(&format!("the field is in `{}` instead", kept.display())), "{told}");
+    assert!(
+        message.contains(&format!("the field is in `{}` instead", kept.display())),
+        "{message}"
+    );
     succeed(palpate().arg("inspect").arg(&kept));
 }
 

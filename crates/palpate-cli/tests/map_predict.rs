@@ -152,8 +152,8 @@ fn with_few_touches_bands_are_those_of_other_objects_and_misfits_are_kept() {
     let few = few.calibration.unwrap();
     assert_eq!((few.touches, few.of_other_objects, few.misfits.len()), (1, true, 0));
 
-    let told = succeed(&mut scene.map(&["log"], &[]));
-    assert!(told.contains("up to 95 %, as other objects have them"), "{told}");
+    let text = succeed(&mut scene.map(&["log"], &[]));
+    assert!(text.contains("up to 95 %, as other objects have them"), "{text}");
     let own = field(&scene, "out/field.npz").field.calibration.unwrap();
     assert_eq!((own.touches, own.of_other_objects, own.misfits.len()), (4, true, 4));
 
@@ -308,6 +308,6 @@ fn degrees_are_refused_for_a_robot_that_slides() {
     refuse(&mut scene.predict(&["log"], &degrees), 2, &words);
     let mut inspect = palpate();
     inspect.arg("inspect").arg(scene.path("log")).args(scene.settings()).args(degrees);
-    let told = common::stdout(&inspect.output().unwrap());
-    assert!(told.contains("prismatic"), "{told}");
+    let text = common::stdout(&inspect.output().unwrap());
+    assert!(text.contains("prismatic"), "{text}");
 }

@@ -57,8 +57,8 @@ fn a_field_mapped_at_a_pace_says_so_and_keeps_its_setting_of_replays() {
         command.args(more);
         command
     };
-    let told = json(&mut on(&["--rate", "100"]));
-    assert_eq!(told["pace"]["rate_hz"], 100.0);
+    let report = json(&mut on(&["--rate", "100"]));
+    assert_eq!(report["pace"]["rate_hz"], 100.0);
     assert_eq!(replays(), 9);
     assert!(json(&mut on(&[]))["pace"].is_null());
     refuse(&mut on(&["--replays", "20", "--rate", "50"]), 2, &["replays is 9, not 20"]);

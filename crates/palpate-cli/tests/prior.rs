@@ -38,7 +38,7 @@ fn change(scene: &Scene, name: &str, change: impl FnOnce(&mut Saved)) {
 #[test]
 fn a_field_learnt_yesterday_is_a_prior_for_today() {
     let scene = scene();
-    let told = json(&mut with_prior(&scene, "out/first.npz", &["--json"]));
+    let mapped = json(&mut with_prior(&scene, "out/first.npz", &["--json"]));
     let (first, second) = (field(&scene, "out/first.npz"), field(&scene, "out/field.npz"));
     let (was, is) = (&first.field, &second.field);
     let prior = second.prior_n_per_m.unwrap();
@@ -51,11 +51,11 @@ fn a_field_learnt_yesterday_is_a_prior_for_today() {
         assert!(is.counts[row] > 0 || is.stiffness_n_per_m[row] == mean, "row {row}");
     }
     let touched = |counts: &[u32]| counts.iter().filter(|&&count| count > 0).count();
-    assert_eq!(told["cells_touched"], touched(&is.counts));
-    assert_eq!(told["cells_expected"], expected);
+    assert_eq!(mapped["cells_touched"], touched(&is.counts));
+    assert_eq!(mapped["cells_expected"], expected);
     let both = touched(&is.counts[..expected]);
     assert!(0 < both && both < expected, "{both} of {expected}");
-    assert_eq!(told["cells_expected_and_touched"], both);
+    assert_eq!(mapped["cells_expected_and_touched"], both);
     let output = with_prior(&scene, "out/first.npz", &[]).output().unwrap();
     assert!(stdout(&output).contains(&format!("{expected}, {both} of them touched")));
     let words = format!("the prior of {expected} cells is `K` of");
@@ -65,10 +65,10 @@ fn a_field_learnt_yesterday_is_a_prior_for_today() {
     assert!(report["overall"]["avg_relative"].as_f64() < Some(0.9), "{report}");
 
     let mut inspect = palpate();
-    let told = succeed(inspect.arg("inspect").arg(scene.path("out/field.npz")));
+    let text = succeed(inspect.arg("inspect").arg(scene.path("out/field.npz")));
     let more = format!("{} cells more, expected by a prior", is.cells.len() - touched(&is.counts));
-    assert!(told.contains(&more), "{told}");
-    assert!(told.contains(&format!("{} touched", touched(&is.counts))), "{told}");
+    assert!(text.contains(&more), "{text}");
+    assert!(text.contains(&format!("{} touched", touched(&is.counts))), "{text}");
 }
 
 #[test]
@@ -100,11 +100,12 @@ fn mapping_in_two_halves_is_mapping_at_once_with_a_prior_too() {
         map(&["log/seq_1", "log/seq_0"], &to("once.npz"));
         map(&["log/seq_1"], &to("half.npz"));
         let (from, both) = (at("half.npz"), at("both.npz"));
-        let told = json(&mut scene.map(&["log/seq_0"], &["--from", &from, "-o", &both, "--json"]));
+        let mapped =
+            json(&mut scene.map(&["log/seq_0"], &["--from", &from, "-o", &both, "--json"]));
         let (once, both) = (field(&scene, "once.npz"), field(&scene, "both.npz"));
         assert_eq!((&once.field, &once.prior_n_per_m), (&both.field, &both.prior_n_per_m));
         let expected = field(&scene, "out/first.npz").field.cells.len();
-        assert_eq!(told["cells_expected"], expected, "{estimator}");
+        assert_eq!(mapped["cells_expected"], expected, "{estimator}");
     }
 }
 
@@ -164,7 +165,7 @@ fn a_prior_beside_from_or_of_impossible_stiffness_or_replaced_by_the_result_is_r
 }
 
 #[test]
-fn a_prior_learnt_with_another_contact_model_is_taken_and_told() {
+fn a_prior_learnt_with_another_contact_model_is_used_and_reported() {
     let scene = scene();
     let more = ["--friction", "0.9", "--contact-distance-m", "0.03"];
     let output = with_prior(&scene, "out/first.npz", &more).output().unwrap();
@@ -193,7 +194,7 @@ fn a_picture_shows_what_was_touched_and_not_what_was_expected() {
 }
 
 #[test]
-fn half_of_the_bundled_touches_tell_something_about_the_other_half() {
+fn half_of_the_bundled_touches_improve_the_prediction_of_the_other_half() {
     let scene = Scene::new();
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
     let map = |touches: [&str; 3], to: &str, more: &[&str]| {
@@ -204,7 +205,8 @@ fn half_of_the_bundled_touches_tell_something_about_the_other_half() {
     };
     map(["seq_000", "seq_002", "seq_004"], "out/half.npz", &[]);
     let others = ["seq_001", "seq_003", "seq_005"];
-    let error = |told: serde_json::Value| told["before_learning"]["avg_error"].as_f64().unwrap();
+    let error =
+        |report: serde_json::Value| report["before_learning"]["avg_error"].as_f64().unwrap();
     let alone = error(map(others, "out/alone.npz", &[]));
     let half = scene.text("out/half.npz");
     let after = error(map(others, "out/after.npz", &["--prior", &half]));

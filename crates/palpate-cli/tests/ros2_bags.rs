@@ -40,7 +40,7 @@ fn bags(of: &str) -> TempDir {
 fn field(log: &Path, more: &[&str]) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.npz");
-    // Two replays are as good as twenty to tell one log from another.
+    // Two replays distinguish logs as well as twenty.
     succeed(
         palpate()
             .arg("map")
@@ -70,7 +70,7 @@ fn needs_rosbags_touches_written_by_rosbags_give_the_field_of_the_arrays_bit_for
         let found = field(&bags.path().join(bag), &["--touch-topic", "/marker"]);
         assert!(found == arrays, "{bag} gives another field");
     }
-    // Without marks, the pause between touches tells them apart.
+    // Without marks, touches are separated by the pauses between them.
     let found = field(&bags.path().join("mcap_zstd/mcap_zstd.mcap"), &["--split-gap-s", "5"]);
     assert!(found == arrays, "gaps give another field");
     for packed in ["message_zstd", "file_zstd"] {
@@ -92,8 +92,8 @@ fn needs_rosbags_robot_states_of_franka_are_followed_by_their_definition_and_hol
         let mut map = palpate();
         map.arg("map").arg(bags.path().join(layout)).arg("-o").arg(bags.path().join("field.npz"));
         refuse(map.args(["--gravity", "included"]), 2, &["external torques", "--gravity removed"]);
-        let told = json(palpate().arg("inspect").arg(bags.path().join(layout)).arg("--json"));
-        assert_eq!(told["paths"][0]["format"], "mcap", "{told}");
+        let report = json(palpate().arg("inspect").arg(bags.path().join(layout)).arg("--json"));
+        assert_eq!(report["paths"][0]["format"], "mcap", "{report}");
     }
 }
 
@@ -183,8 +183,8 @@ fn arrays_that_convert_writes_are_in_the_robots_order() {
     let first = text.lines().nth(1).unwrap();
     assert!(first.ends_with("0.1,0.2,0.3,0.4,0.5,0.6,0.7,1,2,3,4,5,6,7"), "{first}");
     // Nobody said which robot it is.
-    let told = convert("log.csv", "log", &[]);
-    assert!(told.contains("joint_7, joint_6") && told.contains("--robot"), "{told}");
+    let message = convert("log.csv", "log", &[]);
+    assert!(message.contains("joint_7, joint_6") && message.contains("--robot"), "{message}");
     let (_, seven) = (convert("log", "log.out.csv", &[]), fs::read_to_string(path("log.out.csv")));
     assert!(seven.unwrap().lines().nth(1).unwrap().contains("0.7,0.6"));
 }

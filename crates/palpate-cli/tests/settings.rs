@@ -108,7 +108,7 @@ fn values_that_nobody_can_mean_are_refused() {
 }
 
 #[test]
-fn help_tells_the_defaults() {
+fn help_shows_the_defaults() {
     let help =
         succeed(palpate().args(["map", "--help"])).split_whitespace().collect::<Vec<_>>().join(" ");
     for default in ["[default: 0.024]", "[default: 0.2 for map, 1.5 for ekf]"] {

@@ -33,8 +33,8 @@ fn a_recording_is_parted_at_pauses_in_the_air_and_nowhere_else() {
 
     let parted = json(&mut scene.map(&["day.csv"], &["--json", "--split-idle"]));
     let touches = parted["touches"].as_array().unwrap();
-    let told: Vec<_> = touches.iter().map(|touch| touch["name"].as_str().unwrap()).collect();
-    assert_eq!(told, ["day", "day_2", "day_3"]);
+    let touch_names: Vec<_> = touches.iter().map(|touch| touch["name"].as_str().unwrap()).collect();
+    assert_eq!(touch_names, ["day", "day_2", "day_3"]);
     let frames: u64 = touches.iter().map(|touch| touch["frames"].as_u64().unwrap()).sum();
     assert_eq!(frames, 3 * 180, "every sample is in one touch");
     for touch in touches {
@@ -45,9 +45,9 @@ fn a_recording_is_parted_at_pauses_in_the_air_and_nowhere_else() {
     assert_eq!(predicted["touches"].as_array().unwrap().len(), 3);
     let mut inspect = palpate();
     inspect.arg("inspect").arg(scene.path("day.csv")).args(scene.settings());
-    let told = inspect.args(["--json", "--split-idle"]).output().unwrap();
-    let told: serde_json::Value = serde_json::from_slice(&told.stdout).unwrap();
-    assert_eq!(told["paths"][0]["touches"].as_array().unwrap().len(), 3, "{told}");
+    let output = inspect.args(["--json", "--split-idle"]).output().unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["paths"][0]["touches"].as_array().unwrap().len(), 3, "{report}");
 }
 
 #[test]

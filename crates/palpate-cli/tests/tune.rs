@@ -61,10 +61,10 @@ fn too_few_touches_are_refused_and_nothing_is_written() {
 fn a_map_learns_under_what_a_quick_search_finds_and_says_so() {
     let scene = Scene::new();
     scene.touch("log/seq_2", 40, -0.2);
-    let field = |logs: &[&str], flags: &[&str], told: &str| {
+    let field = |logs: &[&str], flags: &[&str], expected: &str| {
         let output = scene.map(logs, flags).output().unwrap();
         let said = stderr(&output);
-        assert!(output.status.success() && said.contains(told), "{said}");
+        assert!(output.status.success() && said.contains(expected), "{said}");
         std::fs::read(scene.path("out/field.npz")).unwrap()
     };
     let chosen = "chosen by cross-validation on 3 touches";

@@ -1,4 +1,4 @@
-//! What `palpate view` shows is what was computed, and no viewer tells others of it.
+//! What `palpate view` shows is what was computed, and no viewer sends usage statistics.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -63,11 +63,11 @@ mod with_viewer {
         let csv = fs::read_to_string(&csv).unwrap();
         for (joint, name) in ["shoulder", "elbow"].iter().enumerate() {
             for (what, columns) in [("predicted", "predicted"), ("measured", "external")] {
-                let said = scalars(&bytes, &format!("/torque/{name}/{what}")).unwrap();
-                let told = column(&csv, &format!("{columns}_{}", joint + 1));
-                assert_eq!(said.len(), told.len());
+                let shown = scalars(&bytes, &format!("/torque/{name}/{what}")).unwrap();
+                let written = column(&csv, &format!("{columns}_{}", joint + 1));
+                assert_eq!(shown.len(), written.len());
                 let close = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-6;
-                assert!(said.iter().zip(&told).all(close), "{name} {what}");
+                assert!(shown.iter().zip(&written).all(close), "{name} {what}");
             }
         }
         let touched = scalars(&bytes, "/contacts").unwrap();

@@ -56,10 +56,10 @@ fn each_command_warns_in_one_line_for_each_kind_of_defect_and_of_a_clean_log_not
     for (mut good, mut bad) in commands(good.path()).into_iter().zip(commands(bad.path())) {
         let good = good.output().unwrap();
         assert!(good.status.success() && warnings(&good).is_empty(), "{}", stderr(&good));
-        let told = warnings(&bad.output().unwrap());
-        assert_eq!(told.len(), 1, "{told:?}");
+        let lines = warnings(&bad.output().unwrap());
+        assert_eq!(lines.len(), 1, "{lines:?}");
         let words = ["warning: `", "log` looks wrong (torque_sign): ", "try --torque-sign minus"];
-        words.iter().for_each(|word| assert!(told[0].contains(word), "{told:?}"));
+        words.iter().for_each(|word| assert!(lines[0].contains(word), "{lines:?}"));
     }
 }
 
@@ -69,10 +69,10 @@ fn strict_makes_it_an_error_that_leaves_no_result() {
     for mut command in commands(folder.path()) {
         let output = command.args(["--strict", "--quiet"]).output().unwrap();
         assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-        let told = stderr(&output);
+        let message = stderr(&output);
         // Touches whose torques are turned round hardly predict each other, of which a warning may stand before.
-        let error = told.lines().find(|line| line.starts_with("error: `"));
-        assert!(error.is_some_and(|error| error.contains("(torque_sign)")), "{told}");
+        let error = message.lines().find(|line| line.starts_with("error: `"));
+        assert!(error.is_some_and(|error| error.contains("(torque_sign)")), "{message}");
         assert!(names(&folder.path().join("out")).is_empty());
     }
 }
@@ -87,8 +87,8 @@ fn predict_warns_of_the_log_that_it_predicts() {
     let found = predict.output().unwrap();
     assert!(found.status.success() && warnings(&found).is_empty(), "{}", stderr(&found));
     predict.args(["--torque-sign", "plus"]);
-    let told = warnings(&predict.output().unwrap());
-    assert_eq!(told.len(), 1, "{told:?}");
+    let lines = warnings(&predict.output().unwrap());
+    assert_eq!(lines.len(), 1, "{lines:?}");
     let strict = predict.arg("--strict").output().unwrap();
     assert_eq!(strict.status.code(), Some(1), "{}", stderr(&strict));
 }
@@ -103,8 +103,9 @@ fn a_log_in_degrees_gives_the_field_of_the_same_in_radians() {
         let field = palpate_io::field::load(&folder.path().join("out/field.npz")).unwrap().field;
         (field.stiffness_n_per_m.to_vec(), stderr(&output).contains("the angles look like degrees"))
     };
-    let ((wanted, told), (found, told_so)) = (cells(&scene(|_| ())), cells(&scene(degrees)));
-    assert_eq!((told, told_so), (false, true));
+    let ((wanted, note_on_radians), (found, note_on_degrees)) =
+        (cells(&scene(|_| ())), cells(&scene(degrees)));
+    assert_eq!((note_on_radians, note_on_degrees), (false, true));
     let stiffest = wanted.iter().copied().fold(0.0, f64::max);
     assert!(stiffest > 0.0);
     let near = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-3 * stiffest;
@@ -130,14 +131,14 @@ fn logs_in_degrees_beside_others_in_radians_are_refused_by_name() {
 }
 
 #[test]
-fn a_log_of_another_robot_is_told_by_its_number_of_joints() {
+fn a_log_of_another_robot_is_recognised_by_its_number_of_joints() {
     let folder = scene(|touch| touch.each_row(|row| row.truncate(6)));
     for mut command in commands(folder.path()) {
         let output = command.output().unwrap();
-        let told = stderr(&output);
-        assert_eq!(output.status.code(), Some(1), "{told}");
-        assert!(told.contains("joint") && !told.contains("defect"), "{told}");
-        assert!(told.contains("6 joint") && told.contains("has 7"), "{told}");
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{message}");
+        assert!(message.contains("joint") && !message.contains("defect"), "{message}");
+        assert!(message.contains("6 joint") && message.contains("has 7"), "{message}");
     }
 }
 
@@ -145,9 +146,9 @@ fn a_log_of_another_robot_is_told_by_its_number_of_joints() {
 fn what_ends_a_command_is_explained_by_what_looks_wrong() {
     let folder = scene(|touch| touch.tau[90][2] = 2e6);
     let output = commands(folder.path())[0].output().unwrap();
-    let told = stderr(&output);
-    assert_eq!(output.status.code(), Some(1), "{told}");
-    assert!(told.contains("looks wrong (saturation)"), "{told}");
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("looks wrong (saturation)"), "{message}");
 }
 
 #[test]

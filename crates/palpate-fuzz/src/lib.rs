@@ -105,7 +105,7 @@ fn npz_member(bytes: &[u8]) {
 }
 
 /// An array with other bytes if it is text; else with other numbers at some places, eleven bytes each,
-/// and if bytes are left over, with more or fewer rows.
+/// and if bytes remain, with more or fewer rows.
 fn changed(array: &Array, bytes: &[u8]) -> Array {
     let mut numbers: Vec<f64> = match array.data() {
         Data::U8(_) => return Array::flat(Data::U8(bytes.to_vec())),

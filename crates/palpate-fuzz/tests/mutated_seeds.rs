@@ -39,9 +39,9 @@ fn fuzz(target: &Target, seconds: Option<f64>) -> Result<usize, String> {
         };
         if !fault.is_empty() {
             let kept = env::temp_dir().join(format!("palpate-fuzz-{}", target.name));
-            let told = std::fs::write(&kept, &input)
+            let file_or_input = std::fs::write(&kept, &input)
                 .map_or_else(|_| format!("{input:?}"), |()| kept.display().to_string());
-            return Err(format!("{} {fault} at input {inputs}: {told}", target.name));
+            return Err(format!("{} {fault} at input {inputs}: {file_or_input}", target.name));
         }
         inputs += 1;
     }

@@ -33,7 +33,7 @@ pub fn set_largest(bytes: u64) {
     LARGEST.store(bytes.max(1), Ordering::Relaxed);
 }
 
-/// What a file that passes the bound is told: half a sentence.
+/// The end of the error message about a file that exceeds the bound: half a sentence.
 pub fn too_large() -> String {
     let gib = (1e3 * largest() as f64 / GIB).round() / 1e3;
     format!(

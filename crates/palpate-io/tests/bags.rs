@@ -199,7 +199,7 @@ fn joints_are_matched_by_name_in_any_order_and_others_are_left_out() {
     assert_eq!(samples(&events)[1].tau, [0.2, 0.1]);
     refused(&path, &joints(&["c"]), &["none of them of the joints c"]);
 
-    // A gripper's joint on the arm's messages, which measures no torque; an arm's that fails once is told.
+    // A gripper's joint on the arm's messages, which measures no torque; an arm's that fails once is reported.
     let mut raw = Raw::new();
     let arm_and_grip = |raw: &mut Raw, time_ns, tau: f64| {
         raw.state(time_ns, &["a", "grip", "b"], &[1.0, 3.0, 2.0], &[0.1, f64::NAN, tau]);
@@ -243,7 +243,7 @@ fn messages_that_cannot_be_used_are_named_with_their_number() {
 }
 
 #[test]
-fn a_clock_that_stands_or_goes_back_is_told_and_one_that_is_missing_is_that_of_recording() {
+fn a_clock_that_stands_or_goes_back_is_reported_and_one_that_is_missing_is_that_of_recording() {
     let mut raw = Raw::new();
     for second in [5, 6, 6, 4] {
         raw.state(second * 1_000_000_000, &["a"], &[0.0], &[1.0]);

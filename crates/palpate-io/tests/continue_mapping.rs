@@ -81,7 +81,7 @@ fn torques_of_which_some_have_a_standard_deviation_go_on_as_well() {
     let mut touches = touches(3);
     for touch in &mut touches {
         for (n, sample) in touch.iter_mut().enumerate() {
-            // One of zero is no lack of one; at the start it would tell a load from the tare.
+            // One of zero is not a missing one; at the start it would distinguish a load from the tare.
             let least = if n < 15 { 3.0 } else { 0.0 };
             let std = |joint: usize| least + 0.1 * ((n + joint) % 5) as f64;
             sample.tau_std = (n % 3 != 0).then(|| (0..7).map(std).collect());
@@ -329,7 +329,7 @@ fn a_state_whose_prediction_could_not_be_finite_is_refused_with_its_number() {
 }
 
 #[test]
-fn another_robot_or_a_broken_file_is_told_apart() {
+fn another_robot_and_a_broken_file_are_distinguished() {
     let (arm, touches) = (arm(), touches(1));
     let mut mapper = Mapper::new(Arc::clone(&arm), config(EstimatorKind::Map)).unwrap();
     mapper.begin_touch();

@@ -1,5 +1,5 @@
-//! Gravity of the built-in Gen3 against recorded torques: at rest, what is left over is the
-//! sensors' noise and bias, as the data's own account gives them.
+//! Gravity of the built-in Gen3 against recorded torques: at rest, the residual is the
+//! sensors' noise and bias, as the data's own description gives them.
 //!
 //! Runs on the bundled set, and on every set of the folder in `PALPATE_DATA` if that is given.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers

@@ -163,8 +163,8 @@ fn a_cache_that_others_may_write_to_is_not_used_and_said_so() {
         fs::set_permissions(&folder, fs::Permissions::from_mode(others)).unwrap();
         let loaded = bench.load().unwrap();
         assert!(loaded.links.iter().all(|link| link.cached == used), "{others:o}");
-        let told = loaded.warnings.iter().any(|warning| warning.contains("chmod go-w"));
-        assert_eq!(told, !used, "{others:o}: {:?}", loaded.warnings);
+        let warned = loaded.warnings.iter().any(|warning| warning.contains("chmod go-w"));
+        assert_eq!(warned, !used, "{others:o}: {:?}", loaded.warnings);
     }
 }
 
@@ -182,7 +182,7 @@ fn several_processes_may_bake_at_once() {
 }
 
 #[test]
-fn a_package_is_looked_for_where_told_and_above_the_urdf() {
+fn a_package_is_looked_for_in_the_given_folders_and_above_the_urdf() {
     let mut bench = Bench::new("package://my_arm/meshes/box.stl");
     let error = bench.load().unwrap_err();
     assert!(error.contains("link `arm`") && error.contains("package://my_arm"), "{error}");

@@ -28,7 +28,7 @@ const LEVELS: [f64; 9] = [0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99];
 const SHAPE: f64 = 0.9;
 /// Replays after each frame.
 const REPLAYS: u32 = 3;
-/// Of the frames that were learnt from, one in so many tells with what error.
+/// The error on learnt frames is taken from one in so many of them.
 const LEARNT_EVERY: usize = 10;
 /// Frames of a touch that are predicted, about.
 const FRAMES: usize = 400;

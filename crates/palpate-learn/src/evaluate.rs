@@ -44,7 +44,7 @@ pub struct Part {
     pub fold: usize,
     /// Predicted torques of the fold's test touches.
     pub torques: Torques,
-    /// How sure they are, of an estimator that learnt enough touches to tell.
+    /// How sure they are, of an estimator that learnt enough touches to determine it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<Uncertainty>,
 }

@@ -123,7 +123,7 @@ impl LeftOut {
         ErrorSum::of(&self.external, &self.external).zero()
     }
 
-    /// Why a method does badly on this touch, as far as the torques tell: how many of the contacts
+    /// Why a method does badly on this touch, as far as the torques show it: how many of the contacts
     /// were known, and size and direction of what was predicted beside what was to be.
     ///
     /// Sums are over all frames, so that those with much torque count most.

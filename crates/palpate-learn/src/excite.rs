@@ -1,5 +1,5 @@
-//! A motion that tells an arm's masses and friction: a Fourier series for each joint, which begins and ends at rest,
-//! inside the joints' limits, clear of the ground and of itself, whose coefficients make the regression of
+//! A motion that determines an arm's masses and friction: a Fourier series for each joint, which begins and ends at
+//! rest, inside the joints' limits, clear of the ground and of itself, whose coefficients make the regression of
 //! [`crate::identify`] well conditioned (Swevers et al. 1997).
 //!
 //! ```text
@@ -163,7 +163,7 @@ struct Search<'a> {
     pairs: Vec<(usize, usize)>,
     /// Scales of the inertial parameters, for the condition number.
     scales: Vec<f64>,
-    /// Combinations of them that motion can tell.
+    /// Combinations of them that motion can determine.
     determined: usize,
 }
 
@@ -342,8 +342,8 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Condition number of the regression of masses, over the combinations that motion can tell: if this one hardly moves the
-    /// arm, it is large.
+    /// Condition number of the regression of masses, over the combinations that motion can determine: if this one
+    /// hardly moves the arm, it is large.
     fn condition(&self, series: &Series) -> f64 {
         let points = self.times(COARSE_HZ).map(|time| self.at(series, time));
         let eigenvalues = self.eigenvalues(points);
@@ -351,7 +351,7 @@ impl<'a> Search<'a> {
         (eigenvalues[0] / least).sqrt()
     }
 
-    /// Combinations of masses that tell in a motion that need not keep to limits, and so in any.
+    /// Combinations of masses that a motion without limits determines; no other motion determines more.
     fn determined_by_any_motion(&self) -> usize {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let mut uniform = || f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0;

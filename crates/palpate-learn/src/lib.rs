@@ -14,7 +14,7 @@
 //! | [`mod@next_touch`]  | which motion would teach most                                   |
 //! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
 //! | [`mod@errors`]      | the four figures of Table I                                     |
-//! | [`mod@excite`]      | a motion that tells an arm's masses and friction                |
+//! | [`mod@excite`]      | a motion that determines an arm's masses and friction           |
 //! | [`mod@body`]        | an elastic body from a cloud: stems, tubes, radii               |
 //! | [`mod@elastic`]     | its stiffness, learnt from touches                              |
 //! | [`mod@calibrate`]   | how wide bands around predicted torques are                     |

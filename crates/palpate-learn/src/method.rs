@@ -17,7 +17,7 @@ use crate::tracked::{Tracked, TrackedFrame};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// A body that bends, from a picture, and `map` for what is left over ([`crate::elastic`]); `map` alone
+    /// A body that bends, from a picture, and `map` for the residual ([`crate::elastic`]); `map` alone
     /// if the touches were tracked without a body ([`Tracked::with_bodies`]).
     Elastic,
     /// The exact maximum a posteriori ([`palpate::EstimatorKind::Map`]).

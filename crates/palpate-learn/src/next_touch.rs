@@ -79,7 +79,7 @@ pub struct NextTouch<'a> {
 impl<'a> NextTouch<'a> {
     /// `tracked` are the motions under the field's lattice and contact model; `untouched_std_n_per_m` is the standard
     /// deviation of cells that the field does not know, and `torque_std` that of a measured torque, N·m: the sensor's,
-    /// and what springs leave over.
+    /// and what springs leave unexplained.
     pub fn new(
         tracked: &'a Tracked,
         field: &'a Field,

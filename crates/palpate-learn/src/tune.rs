@@ -360,7 +360,7 @@ fn score_of(predicted: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Score> {
 }
 
 /// The mean relative error of touches. Where the sum of their mean errors is above that of predicting zero, the excess is
-/// added, as a part of the latter: relative errors are of strong torques, and do not tell of torques predicted in free air.
+/// added, as a part of the latter: relative errors are of strong torques, and do not show those predicted in free air.
 fn mean_score<'a>(touches: &(impl Iterator<Item = &'a Score> + Clone)) -> f64 {
     let relative = MeanStd::of(touches.clone().map(|score| score.relative));
     let sum = |of: fn(&Score) -> f64| touches.clone().map(of).sum::<f64>();

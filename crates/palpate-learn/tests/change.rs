@@ -1,4 +1,4 @@
-//! Torques of a field that was changed on purpose are told apart by what was changed.
+//! From the torques of a field that was changed on purpose it follows what was changed.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -60,7 +60,7 @@ fn field(tracked: &Tracked) -> Field {
 }
 
 /// Gives every frame the torque of a field, times a factor.
-fn felt(mut tracked: Tracked, field: &Field, factor: f64) -> Tracked {
+fn with_torques_of(mut tracked: Tracked, field: &Field, factor: f64) -> Tracked {
     let known: std::collections::HashMap<_, _> =
         field.cells.iter().zip(&field.stiffness_n_per_m).collect();
     let cells: Vec<Cell> = (tracked.cells.iter().zip(&tracked.points_m))
@@ -78,9 +78,13 @@ fn what_was_changed_is_named() {
     let (arm, tracked) = (common::arm(), tracked());
     let field = field(&tracked);
     let found = |torques_of: &Field, factor: f64| {
-        let (each, together) =
-            compare((&arm, &felt(tracked.clone(), torques_of, factor)), &field, None, NEVER)
-                .unwrap();
+        let (each, together) = compare(
+            (&arm, &with_torques_of(tracked.clone(), torques_of, factor)),
+            &field,
+            None,
+            NEVER,
+        )
+        .unwrap();
         assert_eq!(each.len(), 2);
         together
     };
@@ -119,16 +123,16 @@ fn what_was_changed_is_named() {
 }
 
 #[test]
-fn a_touch_that_repeats_one_is_held_against_what_was_felt_then_however_bad_the_field_is() {
+fn a_repeated_touch_is_compared_with_the_earlier_torques_however_bad_the_field_is() {
     let (arm, tracked) = (common::arm(), tracked());
     let field = field(&tracked);
     let mut truth = field.clone();
     let (middle, cells) = (middle(&tracked), &tracked.points_m);
     truth.stiffness_n_per_m =
         cells.iter().map(|[x, y, z]| lumps([2.0 * middle[0] - x, *y, *z], middle, 0.14)).collect();
-    let learnt = felt(tracked.clone(), &truth, 1.0);
+    let learnt = with_torques_of(tracked.clone(), &truth, 1.0);
     let found = |factor: f64, learnt: Option<&Tracked>| {
-        let new = felt(tracked.clone(), &truth, factor);
+        let new = with_torques_of(tracked.clone(), &truth, factor);
         compare((&arm, &new), &field, learnt, NEVER).unwrap().1
     };
     let alone = found(1.0, None);
@@ -143,7 +147,7 @@ fn a_touch_that_repeats_one_is_held_against_what_was_felt_then_however_bad_the_f
         assert!(found.contradiction > 1.0, "{found:?}");
         let off = (wanted - 1.0_f64).abs() / wanted;
         assert!((found.error.repeated.unwrap() - off).abs() < 1e-6, "{found:?}");
-        // By what was felt then, although the field predicts otherwise.
+        // By the earlier torques, although the field predicts otherwise.
         let (Change::Softer { factor } | Change::Harder { factor }) = found.change else {
             panic!("{wanted}: {found:?}")
         };
@@ -151,13 +155,13 @@ fn a_touch_that_repeats_one_is_held_against_what_was_felt_then_however_bad_the_f
     }
     // A change of one touch alone leaves the other as it was.
     let mut new = learnt.clone();
-    new.touches[1] = felt(tracked.clone(), &truth, 0.3).touches.remove(1);
+    new.touches[1] = with_torques_of(tracked.clone(), &truth, 0.3).touches.remove(1);
     let of_one = compare((&arm, &new), &field, Some(&learnt), NEVER).unwrap().1;
     let Change::Softer { factor } = of_one.change else { panic!("{of_one:?}") };
     assert!((factor - 0.3).abs() < 1e-9 && of_one.error.scaled.unwrap() < 1e-6, "{of_one:?}");
-    // So little was felt then and now that noise may be all of it.
-    let faint = felt(tracked.clone(), &truth, 1e-3);
-    let none = felt(tracked.clone(), &truth, 0.0);
+    // The torques, then and now, are so small that they may be noise alone.
+    let faint = with_torques_of(tracked.clone(), &truth, 1e-3);
+    let none = with_torques_of(tracked.clone(), &truth, 0.0);
     let noisy = compare((&arm, &none), &field, Some(&faint), NEVER).unwrap().1;
     assert_eq!(noisy.change, Change::Unchanged, "{noisy:?}");
     // Another path: nothing is repeated.
@@ -172,11 +176,11 @@ fn a_touch_that_repeats_one_finds_a_moved_object_of_which_the_field_predicts_not
     let truth = field(&tracked);
     let mut field = truth.clone();
     field.stiffness_n_per_m.fill(0.0);
-    let learnt = felt(tracked.clone(), &truth, 1.0);
+    let learnt = with_torques_of(tracked.clone(), &truth, 1.0);
     let middle = middle(&tracked);
     for shift_m in [[0.05, 0.0, 0.0], [-0.05, 0.0, 0.0], [0.03, 0.03, 0.0]] {
         let motion = Motion { shift_m, turn_rad: 0.0, about_m: [middle[0], middle[1]] };
-        let new = felt(tracked.clone(), &moved(&truth, motion), 1.0);
+        let new = with_torques_of(tracked.clone(), &moved(&truth, motion), 1.0);
         let found = compare((&arm, &new), &field, Some(&learnt), NEVER).unwrap().1;
         assert!(matches!(found.change, Change::Moved(_)), "{shift_m:?}: {found:?}");
     }

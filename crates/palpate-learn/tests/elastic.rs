@@ -143,7 +143,7 @@ fn a_field_with_its_body_predicts_what_was_predicted_of_the_touch_left_out() {
 }
 
 #[test]
-fn touches_that_felt_next_to_nothing_say_no_more_than_no_touch() {
+fn touches_with_almost_no_torque_say_no_more_than_no_touch() {
     let arm = arm();
     let mut touches = touches(&arm, 2.0, 0.3);
     touches.iter_mut().flat_map(|touch| &mut touch.samples).for_each(|s| s.tau.fill(0.01));
@@ -156,7 +156,7 @@ fn touches_that_felt_next_to_nothing_say_no_more_than_no_touch() {
 }
 
 #[test]
-fn trees_of_unlike_stiffness_side_by_side_are_told_apart() {
+fn trees_of_unlike_stiffness_side_by_side_are_distinguished() {
     let arm = arm();
     // The stem in the middle is three times as stiff as the others; a stem knows only its own springs.
     let stiffer = |segment: &Segment| Segment {

@@ -1,4 +1,4 @@
-//! What was touched is carried over to what was only seen as torques, colours and places say.
+//! The stiffness of touched cells is carried over to untouched points, as torques, colours and places say.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -54,10 +54,10 @@ fn is_brown([red, green, _]: [u8; 3]) -> bool {
 }
 
 #[test]
-fn two_colours_of_two_stiffnesses_are_told_apart_by_torque_alone() {
-    let (seen, felt) = (object(), tracked(&[2, 8], 4));
+fn two_colours_of_two_stiffnesses_are_distinguished_by_torque_alone() {
+    let (seen, tracked) = (object(), tracked(&[2, 8], 4));
     let config = Config { torque_std: 0.01, ..Config::default() }; // These torques have no noise.
-    let at = seen.at(&felt.points_m, config.reach_m(&felt.lattice));
+    let at = seen.at(&tracked.points_m, config.reach_m(&tracked.lattice));
     let made = |scale: f64| {
         let k = |row: usize| match at[row] {
             Some(point) if is_brown(seen.colours()[point as usize]) => 3.0 * scale,
@@ -65,8 +65,8 @@ fn two_colours_of_two_stiffnesses_are_told_apart_by_torque_alone() {
             None => 0.0,
         };
         // What the cells themselves are said to be does not matter.
-        let felt = with_torques_of(felt.clone(), &k);
-        extrapolate(&seen, &field(&felt, |_| 0.0), Some(&felt), &config).unwrap()
+        let tracked = with_torques_of(tracked.clone(), &k);
+        extrapolate(&seen, &field(&tracked, |_| 0.0), Some(&tracked), &config).unwrap()
     };
     let [once, thrice] = [made(1.0), made(3.0)];
     let brown: Vec<bool> = seen.colours().iter().map(|colour| is_brown(*colour)).collect();
@@ -95,18 +95,20 @@ fn how_often_a_log_was_sampled_hardly_matters() {
     let seen = object();
     let config = Config::default();
     let of = |every: usize| {
-        let felt = tracked(&[2, 8], every);
-        extrapolate(&seen, &field(&felt, |_| 0.0), Some(&felt), &config).unwrap().stiffness_n_per_m
+        let tracked = tracked(&[2, 8], every);
+        extrapolate(&seen, &field(&tracked, |_| 0.0), Some(&tracked), &config)
+            .unwrap()
+            .stiffness_n_per_m
     };
     let rho = spearman(&of(1), &of(5)).unwrap();
     assert!(rho > 0.98, "{rho}");
 }
 
 #[test]
-fn wood_is_told_from_leaf_on_the_bundled_touches() {
-    let (seen, felt) = (object(), tracked(&(0..11).collect::<Vec<_>>(), 2));
+fn wood_is_distinguished_from_leaf_on_the_bundled_touches() {
+    let (seen, tracked) = (object(), tracked(&(0..11).collect::<Vec<_>>(), 2));
     let found =
-        extrapolate(&seen, &field(&felt, |_| 0.0), Some(&felt), &Config::default()).unwrap();
+        extrapolate(&seen, &field(&tracked, |_| 0.0), Some(&tracked), &Config::default()).unwrap();
     let truth = std::path::Path::new(common::DATA).join("truth");
     let truth = cloud::read_point_truth(&truth, seen.len()).unwrap();
     let untouched: Vec<usize> = (0..seen.len()).filter(|&point| !found.touched[point]).collect();
@@ -121,8 +123,8 @@ fn wood_is_told_from_leaf_on_the_bundled_touches() {
 
 #[test]
 fn regressions_on_cells_carry_a_colour_over() {
-    let (seen, felt) = (object(), tracked(&[2, 8], 20));
-    let at = seen.at(&felt.points_m, 0.015);
+    let (seen, tracked) = (object(), tracked(&[2, 8], 20));
+    let at = seen.at(&tracked.points_m, 0.015);
     let k = |row: usize| {
         let brown = |point: u32| is_brown(seen.colours()[point as usize]);
         if at[row].is_some_and(brown) { 3.0 } else { 0.2 }
@@ -130,7 +132,7 @@ fn regressions_on_cells_carry_a_colour_over() {
     let brown: Vec<bool> = seen.colours().iter().map(|colour| is_brown(*colour)).collect();
     for method in [Method::Cells, Method::Knn] {
         let config = Config { method, ..Config::default() };
-        let found = extrapolate(&seen, &field(&felt, k), None, &config).unwrap();
+        let found = extrapolate(&seen, &field(&tracked, k), None, &config).unwrap();
         let auc = area_under_roc(&found.stiffness_n_per_m, &brown).unwrap();
         assert!(auc > 0.99, "{method:?}: {auc}");
         assert!(found.std_n_per_m.iter().all(|std| std.is_finite() && *std >= 0.0));
@@ -139,9 +141,9 @@ fn regressions_on_cells_carry_a_colour_over() {
 
 #[test]
 fn cells_at_seen_points_take_their_stiffness_and_no_others_do() {
-    let (seen, felt) = (object(), tracked(&[2], 20));
+    let (seen, tracked) = (object(), tracked(&[2], 20));
     let config = Config { method: Method::Knn, ..Config::default() };
-    let field = field(&felt, |row| (row % 7) as f64);
+    let field = field(&tracked, |row| (row % 7) as f64);
     let found = extrapolate(&seen, &field, None, &config).unwrap();
     let cells = found.cells(&seen, &field.lattice, &config);
     assert!(cells.array_windows().all(|[a, b]| a.0 < b.0), "in the lattice's order, each once");
@@ -158,8 +160,8 @@ fn cells_at_seen_points_take_their_stiffness_and_no_others_do() {
 
 #[test]
 fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
-    let (seen, felt) = (object(), tracked(&[2], 20));
-    let field = field(&felt, |_| 1.0);
+    let (seen, tracked) = (object(), tracked(&[2], 20));
+    let field = field(&tracked, |_| 1.0);
     let config = Config::default();
     let none = extrapolate(&seen, &field, None, &config);
     assert!(matches!(none, Err(ExtrapolateError::NoTorques)));
@@ -171,28 +173,29 @@ fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
             .collect();
         SeenCloud::new(&points, seen.colours()).unwrap()
     };
-    let apart = extrapolate(&shifted([0.0, 5.0, 0.0]), &field, Some(&felt), &config).unwrap_err();
+    let apart =
+        extrapolate(&shifted([0.0, 5.0, 0.0]), &field, Some(&tracked), &config).unwrap_err();
     let ExtrapolateError::Apart { gap_m, apart_m, .. } = &apart else { panic!("{apart}") };
     assert!(*gap_m > 3.0 && apart_m[0] == 0.0 && apart_m[1] > 3.0, "{apart}");
     assert!(apart.to_string().contains("miss each other by"), "{apart}");
     // One point amid the touched cells' box, at none of them.
-    let corner = felt.points_m.iter().fold([f64::INFINITY; 3], |low, point| {
+    let corner = tracked.points_m.iter().fold([f64::INFINITY; 3], |low, point| {
         std::array::from_fn(|axis| low[axis].min(point[axis]))
     });
     let alone = SeenCloud::new(&[Point3::from(corner)], &[[0, 0, 0]]).unwrap();
-    let error = extrapolate(&alone, &field, Some(&felt), &config).unwrap_err();
+    let error = extrapolate(&alone, &field, Some(&tracked), &config).unwrap_err();
     assert!(matches!(error, ExtrapolateError::NoneTouched { .. }), "{error}");
     let config = Config { length_scale: 0.0, ..config };
-    let error = extrapolate(&seen, &field, Some(&felt), &config).unwrap_err();
+    let error = extrapolate(&seen, &field, Some(&tracked), &config).unwrap_err();
     assert!(error.to_string().contains("`length_scale` is 0"), "{error}");
 }
 
 #[test]
 fn halves_are_compared_with_and_without_the_prior() {
-    let (seen, felt) = (object(), tracked(&[1, 2, 5, 8], 8));
+    let (seen, four) = (object(), tracked(&[1, 2, 5, 8], 8));
     let plan = Plan { halves: 2, ..Plan::of(&Config::default()) };
     let mapper = MapperConfig::of(Estimator::Map);
-    let rows = plan.run(&felt, &seen, &mapper, NEVER, &|| {}).unwrap();
+    let rows = plan.run(&four, &seen, &mapper, NEVER, &|| {}).unwrap();
     assert_eq!(rows.len(), plan.variants.len() + 3);
     assert_eq!(rows[0].means().0, Some(1.0), "predicting zero");
     assert!(rows.iter().all(|row| row.avg_error.len() == 2));

@@ -1,4 +1,4 @@
-//! What was put into simulated logs is found again, within the standard deviations that are told.
+//! What was put into simulated logs is found again, within the reported standard deviations.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use std::f64::consts::TAU;
@@ -16,7 +16,7 @@ const RATE_HZ: f64 = 100.0;
 const DELAY_S: f64 = 0.013;
 const PRESLIDING: f64 = 1e-3;
 const PAYLOAD_KG: f64 = 1.2;
-/// Is never stopped, and tells nobody.
+/// Is never stopped, and reports no progress.
 const UNSTOPPED: (&(dyn Fn() -> bool + Sync), &dyn Fn()) = (&|| false, &|| ());
 const COM_M: [f64; 3] = [0.03, -0.02, -0.12];
 
@@ -326,7 +326,7 @@ fn a_joint_whose_torque_is_not_measured_is_named_and_the_others_are_found() {
 }
 
 #[test]
-fn poses_at_rest_tell_the_payload_but_no_friction() {
+fn poses_at_rest_determine_the_payload_but_no_friction() {
     let all = logs(7, PRESLIDING);
     let pose = |sample: &Sample| {
         let rest = |k: u32| {

@@ -112,12 +112,12 @@ fn mapped<'a>(
     mapper.field()
 }
 
-/// What a field says of a touch from its tare on, frames × n_joints, N·m.
-fn foretold(arm: &Arc<Arm>, field: &Field, touch: &Touch) -> Vec<Vec<f64>> {
+/// Torques that a field predicts for a touch from its tare on, frames × n_joints, N·m.
+fn predicted(arm: &Arc<Arm>, field: &Field, touch: &Touch) -> Vec<Vec<f64>> {
     let mut predictor = Predictor::new(Arc::clone(arm), field, field.touch.clone()).unwrap();
     predictor.begin_touch();
     let predictions = touch.samples.iter().map(|sample| predictor.step(sample).unwrap());
-    predictions.flatten().map(|told| told.predicted.as_slice().to_vec()).collect()
+    predictions.flatten().map(|frame| frame.predicted.as_slice().to_vec()).collect()
 }
 
 /// Cell by cell: the bits of stiffness and deviation, and the count.
@@ -192,7 +192,7 @@ fn an_estimator_predicts_what_the_field_of_a_mapper_predicts() {
         for fold in folds(3, 3) {
             let torques = method.predict(&tracked, &fold, &config, NEVER).unwrap();
             let field = mapped(&arm, &config, fold.train.iter().map(|&touch| &touches[touch]));
-            let expected = foretold(&arm, &field, &touches[fold.test[0]]);
+            let expected = predicted(&arm, &field, &touches[fold.test[0]]);
             assert!(expected.iter().flatten().any(|tau| tau.abs() > 0.1), "something to predict");
             let gap = largest_gap(&torques[0], &expected);
             assert!(gap <= 1e-12, "{method:?}, {fold:?}: {gap} N·m apart");
@@ -338,7 +338,7 @@ fn uniform_recovers_the_stiffness_of_a_uniform_field() {
     field.stiffness_n_per_m.fill(stiffness);
     field.untouched_n_per_m = stiffness;
     for touch in &mut touches {
-        let torques = foretold(&arm, &field, touch);
+        let torques = predicted(&arm, &field, touch);
         let tare = touch.samples.len() - torques.len();
         touch.samples.iter_mut().for_each(|sample| sample.tau.fill(0.2)); // a bias to tare off
         for (sample, torque) in touch.samples[tare..].iter_mut().zip(torques) {
@@ -348,7 +348,7 @@ fn uniform_recovers_the_stiffness_of_a_uniform_field() {
     let tracked = tracked(&arm, &config, &touches);
     for fold in folds(3, 3) {
         let torques = Method::Uniform.predict(&tracked, &fold, &config, NEVER).unwrap();
-        let expected = foretold(&arm, &field, &touches[fold.test[0]]);
+        let expected = predicted(&arm, &field, &touches[fold.test[0]]);
         let size = expected.iter().flatten().fold(0.0, |most: f64, tau| most.max(tau.abs()));
         assert!(size > 0.1, "{size} N·m to recover");
         let gap = largest_gap(&torques[0], &expected);
@@ -376,13 +376,13 @@ fn a_touch_under_test_has_no_say_in_its_own_prediction() {
         for method in methods.into_iter().filter(|method| method.is_built()) {
             let kind = if method == Method::Ekf { EstimatorKind::Ekf } else { EstimatorKind::Map };
             let config = config(kind);
-            let told = |touches: &[Touch]| -> Torques {
+            let torques_of = |touches: &[Touch]| -> Torques {
                 let tracked = tracked(&arm, &config, touches);
                 method.predict(&tracked, &fold, &config, NEVER).unwrap()
             };
-            let first = told(&touches);
+            let first = torques_of(&touches);
             assert!(first.iter().flatten().flatten().any(|tau| *tau != 0.0), "a prediction");
-            assert!(first == told(&others), "{} saw touch {test}", method.name());
+            assert!(first == torques_of(&others), "{} saw touch {test}", method.name());
         }
     }
 }

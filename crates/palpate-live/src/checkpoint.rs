@@ -37,8 +37,8 @@ pub(crate) struct Checkpoints {
 #[derive(Debug, Default)]
 pub(crate) struct Written {
     last: Mutex<Option<(u64, Result<Instant, String>)>>,
-    /// The number of the last failure that was told.
-    told: AtomicU64,
+    /// The number of the last failure that was reported.
+    reported: AtomicU64,
 }
 
 impl Checkpoints {
@@ -100,7 +100,7 @@ impl Written {
         let last = self.lock();
         let (number, result) = last.as_ref()?;
         let why = result.as_ref().err()?;
-        (self.told.swap(*number, Ordering::Relaxed) != *number).then(|| why.clone())
+        (self.reported.swap(*number, Ordering::Relaxed) != *number).then(|| why.clone())
     }
 
     fn lock(&self) -> MutexGuard<'_, Option<(u64, Result<Instant, String>)>> {

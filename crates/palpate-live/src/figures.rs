@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_message_refused_for_a_reason_is_told_from_the_others() {
+    fn the_first_message_refused_for_a_reason_is_distinguished_from_the_others() {
         let mut tally = Tally::default();
         let first = ["a", "a", "b", "a"].map(|reason| tally.refuse(reason));
         assert_eq!(first, [true, false, true, false]);

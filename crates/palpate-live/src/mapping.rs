@@ -51,9 +51,10 @@ pub(crate) struct Mapping<'a> {
     mapped: Option<Arc<Inbox<Mapped>>>,
     body: Option<Arc<LiveBody>>,
     requests: Receiver<Request>,
-    /// Whether the user knows which joints messages name otherwise than the robot, and how torques should be read.
-    told_names: bool,
-    told_misread: bool,
+    /// Whether the user has read which joints messages name otherwise than the robot.
+    noted_names: bool,
+    /// Whether the user has read how torques should be read.
+    noted_misread: bool,
     /// Frame and stamp of the last sample.
     header: Header,
     /// Joint positions of the last sample.
@@ -88,8 +89,8 @@ impl<'a> Mapping<'a> {
             mapped: config.mapped.clone(),
             body: config.body.clone(),
             requests,
-            told_names: false,
-            told_misread: false,
+            noted_names: false,
+            noted_misread: false,
             header: Header { frame_id, ..Header::default() },
             q: Vec::new(),
             heard: Instant::now(),
@@ -169,8 +170,8 @@ impl<'a> Mapping<'a> {
             Some(_) => state.header.stamp,
             None => Stamp::at(came.at_s),
         };
-        if let Some((own, called)) = self.reader.other_name().filter(|_| !self.told_names) {
-            self.told_names = true;
+        if let Some((own, called)) = self.reader.other_name().filter(|_| !self.noted_names) {
+            self.noted_names = true;
             let own_and = "joints are matched by what parts their names from each other";
             self.shared.note(format!("{own_and}: `{called}` is `{own}`, and so on"));
         }
@@ -219,9 +220,10 @@ impl<'a> Mapping<'a> {
             });
         }
         if let Some(why) =
-            outcome.misread.filter(|_| !std::mem::replace(&mut self.told_misread, true))
+            outcome.misread.filter(|_| !std::mem::replace(&mut self.noted_misread, true))
         {
-            self.shared.note(format!("the torques are perhaps read wrongly: {why} (told once)"));
+            self.shared
+                .note(format!("the torques are perhaps read wrongly: {why} (reported once)"));
         }
         if let Some(fault) = outcome.fault
             && self.tally.refuse("not followed")
@@ -233,7 +235,7 @@ impl<'a> Mapping<'a> {
     /// Counts a message that cannot be used, and reports the first for each reason.
     fn refuse(&mut self, reason: &'static str, why: &str) {
         if self.tally.refuse(reason) {
-            self.shared.note(format!("a message cannot be used: {why} (told once)"));
+            self.shared.note(format!("a message cannot be used: {why} (reported once)"));
         }
     }
 

@@ -1,4 +1,4 @@
-//! What waits to be told to the network process. Torques queue up to a bound and the oldest leave; of
+//! Messages that wait to be sent to the network process. Torques queue up to a bound and the oldest leave; of
 //! clouds and diagnostics only the latest is kept.
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,7 +11,7 @@ use crate::ros::{NetworkProcess, ToNetwork, Torques};
 /// Torques that may wait.
 const TORQUES: usize = 256;
 
-/// What waits, and whether the guard's flag was up when it was told last.
+/// Messages that wait, and whether the guard's flag was up when it was last sent.
 #[derive(Debug)]
 pub(crate) struct Outbox {
     /// The torques of samples.
@@ -41,20 +41,20 @@ impl Default for Outbox {
 }
 
 impl Outbox {
-    /// Wakes the publisher if the guard's flag is not as it was told last.
+    /// Wakes the publisher if the guard's flag has changed since it was last sent.
     pub(crate) fn wake_for_flag(&self, is_up: bool) {
         if self.was_up.load(Ordering::Relaxed) != is_up {
             self.torques.wake();
         }
     }
 
-    /// Tells why the guard's flag is up, if it is.
+    /// Sends why the guard's flag is up, or that it is down.
     pub(crate) fn flag(&self, network: &NetworkProcess, cause: Option<String>) {
         self.was_up.store(cause.is_some(), Ordering::Relaxed);
-        network.tell(&ToNetwork::Flag(cause));
+        network.send(&ToNetwork::Flag(cause));
     }
 
-    /// Tells what waits, waiting for torques for at most so long.
+    /// Sends the messages that wait, after waiting for torques for at most so long.
     pub(crate) fn empty(&self, network: &NetworkProcess, patience: Duration) {
         let now = Duration::ZERO;
         let waiting = [
@@ -65,7 +65,7 @@ impl Outbox {
             self.diagnostics.pop(now).map(ToNetwork::Diagnostics),
         ];
         for message in waiting.into_iter().flatten() {
-            network.tell(&message);
+            network.send(&message);
         }
     }
 }

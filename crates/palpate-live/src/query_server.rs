@@ -219,7 +219,7 @@ impl Drop for AskSocket {
     }
 }
 
-/// Device and number of the file at a path, which tell it from any other.
+/// Device and number of the file at a path, which no other file has.
 fn file_at(path: &Path) -> io::Result<(u64, u64)> {
     use std::os::unix::fs::MetadataExt;
     let metadata = path.symlink_metadata()?;

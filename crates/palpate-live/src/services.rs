@@ -43,7 +43,7 @@ impl Services<'_> {
                             Response::Trajectory(Box::new(self.trajectory(*request)))
                         }
                     };
-                    network.tell(&ToNetwork::Answer(id, response));
+                    network.send(&ToNetwork::Answer(id, response));
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,

@@ -101,7 +101,7 @@ pub struct Session {
     last: Option<Sample>,
     /// When the arm has jumped lately, s.
     jumps_s: VecDeque<f64>,
-    /// How its torques should be read, as the last pause said that could tell, if otherwise than they are.
+    /// How its torques should be read, if not as they are: by the last pause whose torques showed it.
     misread: Option<String>,
     guard: Option<Guard>,
     identified: Option<Identified>,

@@ -1,4 +1,4 @@
-//! What the threads of a session share, and those that hear and tell the network process.
+//! What the threads of a session share, and those that receive from and send to the network process.
 
 use std::collections::HashSet;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -104,7 +104,7 @@ impl Shared {
         self.over.store(true, Ordering::Relaxed);
     }
 
-    /// Whether all has ended but those who hear and tell the network process.
+    /// Whether all has ended but the threads that receive from and send to the network process.
     pub(crate) fn is_over(&self) -> bool {
         self.over.load(Ordering::Relaxed)
     }
@@ -134,7 +134,7 @@ impl Shared {
         self.guard.as_ref()?.cause(Instant::now())
     }
 
-    /// Wakes the publisher if the guard's flag is not as it was told last.
+    /// Wakes the publisher if the guard's flag has changed since it was last sent.
     pub(crate) fn wake_for_flag(&self) {
         if self.guard.is_some() {
             self.outbox.wake_for_flag(self.cause().is_some());
@@ -176,8 +176,8 @@ pub(crate) fn listen(
     sentry: Option<Sentry>,
     shared: &Shared,
 ) {
-    let (patience, told) = (PATIENT, HashSet::new());
-    let mut hearing = Hearing { network, topic, to_services, sentry, shared, patience, told };
+    let (patience, notes) = (PATIENT, HashSet::new());
+    let mut hearing = Hearing { network, topic, to_services, sentry, shared, patience, notes };
     let mut listener = Some(first);
     while !shared.is_over() {
         let started = Instant::now();
@@ -199,7 +199,7 @@ pub(crate) fn listen(
             Err(error) => Some(error.to_string()),
         };
         if let Some(why) = ended {
-            hearing.tell(why);
+            hearing.note(why);
         }
         while !shared.is_over() && started.elapsed() < RESTART {
             thread::sleep(LOOK);
@@ -226,8 +226,8 @@ struct Hearing<'a> {
     shared: &'a Shared,
     /// How long the network process may hear nothing.
     patience: Duration,
-    /// What the user was told since joint states came last.
-    told: HashSet<String>,
+    /// Notes to the user since the last joint state.
+    notes: HashSet<String>,
 }
 
 impl Hearing<'_> {
@@ -240,7 +240,7 @@ impl Hearing<'_> {
                 Err(_) => return Some(Ended::Gone),
                 Ok(Some(FromNetwork::Joints { state, came })) => {
                     (heard, self.patience) = (Instant::now(), DEAF);
-                    self.told.clear();
+                    self.notes.clear();
                     self.take(JointMessage { state, came, at: heard });
                 }
                 Ok(Some(FromNetwork::Topics(topics))) if !subscribed => {
@@ -248,9 +248,9 @@ impl Hearing<'_> {
                     match choose(&topics, self.topic) {
                         Ok(topic) => {
                             let how = if topic.reliable { "reliable" } else { "best effort" };
-                            self.tell(format!("listening to `{}` ({how})", topic.name));
-                            clock.into_iter().for_each(|lacks| self.tell(lacks));
-                            subscribed = self.network.tell(&ToNetwork::Subscribe(topic));
+                            self.note(format!("listening to `{}` ({how})", topic.name));
+                            clock.into_iter().for_each(|lacks| self.note(lacks));
+                            subscribed = self.network.send(&ToNetwork::Subscribe(topic));
                             heard = Instant::now();
                         }
                         Err(why) => waiting = why,
@@ -263,13 +263,13 @@ impl Hearing<'_> {
                     self.shared.guard.as_ref().inspect(|guard| guard.stalled());
                 }
                 Ok(Some(FromNetwork::Failed(why))) => {
-                    self.tell(why);
+                    self.note(why);
                     return Some(Ended::Gone);
                 }
                 Ok(Some(FromNetwork::Topics(_) | FromNetwork::Description(_)) | None) => {}
             }
             if !subscribed && !waiting.is_empty() && started.elapsed() > DISCOVERY {
-                self.tell(format!("waiting: {}", std::mem::take(&mut waiting)));
+                self.note(format!("waiting: {}", std::mem::take(&mut waiting)));
             }
             if heard.elapsed() > self.patience {
                 if self.patience < PATIENT {
@@ -304,7 +304,7 @@ impl Hearing<'_> {
                 })),
             },
         };
-        self.network.tell(&ToNetwork::Answer(id, response));
+        self.network.send(&ToNetwork::Answer(id, response));
     }
 
     fn take(&mut self, message: JointMessage) {
@@ -316,15 +316,15 @@ impl Hearing<'_> {
         self.shared.samples.push(message);
     }
 
-    /// Tells the user something, once while no joint state comes.
-    fn tell(&mut self, what: String) {
-        if self.told.insert(what.clone()) {
-            self.shared.note(what);
+    /// Notes something for the user, once while no joint state comes.
+    fn note(&mut self, note: String) {
+        if self.notes.insert(note.clone()) {
+            self.shared.note(note);
         }
     }
 }
 
-/// The thread that tells the network process what to publish.
+/// The thread that sends the network process what to publish.
 pub(crate) fn publish(network: &NetworkProcess, shared: &Shared) {
     let (mut due, mut was_up) = (Timer::new(FLAG), None);
     while !shared.is_over() {

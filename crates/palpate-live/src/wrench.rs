@@ -123,22 +123,22 @@ mod tests {
     }
 
     #[test]
-    fn a_link_that_lets_go_is_told_once() {
+    fn the_zero_wrench_of_a_released_link_is_published_once() {
         let of = |link: &str| WrenchStamped {
             header: Header { frame_id: link.to_owned(), ..Header::default() },
             wrench: Wrench { force: [1.0; 3], torque: [0.0; 3] },
         };
         let mut pressed = Vec::new();
-        let mut told = |links: &[&str]| -> Vec<(String, bool)> {
+        let mut published = |links: &[&str]| -> Vec<(String, bool)> {
             let now = links.iter().map(|link| of(link)).collect();
             let all = with_released(now, &mut pressed, Stamp::default());
             let is_zero = |wrench: &WrenchStamped| wrench.wrench == Wrench::default();
             all.iter().map(|wrench| (wrench.header.frame_id.clone(), is_zero(wrench))).collect()
         };
         let [a, b] = ["a", "b"].map(str::to_owned);
-        assert_eq!(told(&["a", "b"]), [(a.clone(), false), (b.clone(), false)]);
-        assert_eq!(told(&["b"]), [(b.clone(), false), (a, true)]);
-        assert_eq!(told(&[]), [(b, true)]);
-        assert_eq!(told(&[]), []);
+        assert_eq!(published(&["a", "b"]), [(a.clone(), false), (b.clone(), false)]);
+        assert_eq!(published(&["b"]), [(b.clone(), false), (a, true)]);
+        assert_eq!(published(&[]), [(b, true)]);
+        assert_eq!(published(&[]), []);
     }
 }

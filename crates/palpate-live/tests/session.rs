@@ -214,19 +214,19 @@ fn a_session_goes_on_from_what_another_has_saved() {
 }
 
 #[test]
-fn torques_that_count_the_other_way_are_told_at_the_first_pause_and_no_tare() {
+fn torques_that_count_the_other_way_are_reported_at_the_first_pause_and_no_tare() {
     let (arm, touches) = (arm(), touches(1));
     let mut guarded = Guarded::new(&arm, 50.0); // more than gravity's torque twice
-    let told = |outcomes: Vec<StepOutcome>| outcomes.into_iter().find_map(|own| own.misread);
+    let misread = |outcomes: Vec<StepOutcome>| outcomes.into_iter().find_map(|own| own.misread);
     let negated = |sample: &Sample| {
         let mut sample = sample.clone();
         sample.tau.iter_mut().for_each(|torque| *torque = -*torque);
         sample
     };
     let start = &touches[0][..39];
-    assert_eq!(told(play(&mut session(&arm, 0, None), start)), None);
+    assert_eq!(misread(play(&mut session(&arm, 0, None), start)), None);
     let samples: Vec<Sample> = start.iter().map(negated).collect();
-    let why = told(play(&mut guarded.live, &samples)).unwrap();
+    let why = misread(play(&mut guarded.live, &samples)).unwrap();
     assert!(why.contains("--torque-sign minus --gravity included"), "{why}");
     assert_eq!(guarded.live.state(), State::Waiting);
     let silent = vec![0.0; arm.robot.n_joints()];

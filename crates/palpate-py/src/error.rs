@@ -7,7 +7,7 @@ use palpate_io::cloud::CloudError;
 use palpate_io::field::{SavedError, npz::NpzError};
 use palpate_learn::extrapolate::ExtrapolateError;
 use palpate_work::WorkError;
-use palpate_work::error::told;
+use palpate_work::error::with_causes;
 use palpate_work::field_arrays::FieldArraysError;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyUserWarning, PyValueError};
@@ -98,5 +98,5 @@ exceptions! {
 
 /// An error and its causes as one text.
 fn text(error: &dyn Error) -> String {
-    told(error).join("\n  because ")
+    with_causes(error).join("\n  because ")
 }

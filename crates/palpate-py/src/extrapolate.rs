@@ -70,10 +70,10 @@ pub(crate) fn extrapolate(
     let field = field.get();
     let robot = field.robot(py, robot)?;
     let (name, cloud) = read(py, cloud, colours)?;
-    let wrong = |name: &str, told: &str| PyValueError::new_err(format!("`{name}`: {told}"));
-    let method = method.map(method_of).transpose().map_err(|told| wrong("method", &told))?;
+    let wrong = |name: &str, why: &str| PyValueError::new_err(format!("`{name}`: {why}"));
+    let method = method.map(method_of).transpose().map_err(|why| wrong("method", &why))?;
     let features = features.map(str::parse::<Features>).transpose();
-    let features = features.map_err(|told| wrong("features", &told.to_string()))?;
+    let features = features.map_err(|why| wrong("features", &why.to_string()))?;
     let given = Chosen { method, features, reach_cells, length_scale };
     let saved = field.saved(py, true);
     let found = long(py, progress, |progress| -> Result<_> {
@@ -112,14 +112,14 @@ pub(crate) fn read(
     let Some(colours) = colours else {
         let path: PathBuf = any.extract().map_err(|_| {
             PyValueError::new_err(
-                "`cloud` holds points, and `colours`, by which parts of the object are told apart, are \
+                "`cloud` holds points, and `colours`, by which parts of the object are distinguished, are \
                  missing: wanted (N, 3) from 0 to 255, or the path of a PLY or PCD file with both",
             )
         })?;
         let cloud = py.detach(|| cloud::read(&path))?.cloud;
         if cloud.colours().is_none() {
             let message = format!(
-                "`{}` has points but no colours, by which parts of the object are told apart; export it \
+                "`{}` has points but no colours, by which parts of the object are distinguished; export it \
                  with red, green and blue",
                 path.display()
             );

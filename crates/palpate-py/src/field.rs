@@ -14,8 +14,8 @@ use palpate_work::forget::{Which, forget};
 use palpate_work::held_joints::of_field;
 use palpate_work::next::{Request, next};
 use palpate_work::predict::{Against, FrameResult, TouchResult, planned, score};
-use palpate_work::robot::tell_other_robot;
-use palpate_work::scored::{Report, tell_oddities};
+use palpate_work::robot::warn_of_other_robot;
+use palpate_work::scored::{Report, report_oddities};
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::RobotSettings;
 use palpate_work::touches::{IfUndecided, RecordedTouch, Touches};
@@ -146,7 +146,7 @@ impl Field {
         let snapshot = self.snapshot.as_ref();
         let arm = unshown(py, |progress| {
             let arm = of_field(Arc::clone(&robot.arm), snapshot, progress);
-            tell_other_robot((&self.robot, snapshot), &arm, progress);
+            warn_of_other_robot((&self.robot, snapshot), &arm, progress);
             Ok::<_, WorkError>(arm)
         })?;
         Ok(robot::Robot { arm, ..robot })
@@ -299,13 +299,13 @@ impl Field {
         let results = long(py, progress, |progress| -> Result<_, WorkError> {
             let (mut touches, touch) = beside((&field, &robot), (sources, settings), progress)?;
             let results = score(&robot.arm, &field, touch, against, (&mut touches, progress))?;
-            tell_oddities(&results, &field, progress);
+            report_oddities(&results, &field, progress);
             Ok(results)
         })?;
         Ok(scored(py, &results, (&field, against), robot.arm.robot.n_joints())?)
     }
 
-    /// Whether touches of logs contradict the field, and what has changed, as `palpate compare` tells it.
+    /// Whether touches of logs contradict the field, and what has changed, as `palpate compare` reports it.
     ///
     /// The settings may change how the log is read (`log`) and what its torques mean (`touch`). Raises FileError if the
     /// field has no bands.

@@ -12,7 +12,7 @@ use palpate_work::touches::{IfUndecided, RecordedTouch};
 use serde_json::json;
 
 use crate::log::{Source, opened};
-use crate::watch::{Told, Watch};
+use crate::watch::{Message, Watch};
 
 /// Touches as an evaluation has them.
 pub(crate) struct Followed {
@@ -26,8 +26,8 @@ pub(crate) struct Followed {
     tracked: Arc<Tracked>,
     /// What the logs' torques were found to mean.
     touch: TouchSettings,
-    /// What was said of the logs.
-    told: Vec<Told>,
+    /// The notes and warnings about the logs.
+    messages: Vec<Message>,
 }
 
 /// Those of the last call that named its logs. One log at a time: its contacts can take much memory.
@@ -59,7 +59,7 @@ impl Followed {
         };
         if let Some(followed) = kept {
             settings.touch.clone_from(&followed.touch);
-            followed.told.iter().for_each(|told| progress.tell(told.clone()));
+            followed.messages.iter().for_each(|message| progress.push(message.clone()));
             return Ok(followed);
         }
         let mut touches = opened(sources, &settings.log)?;
@@ -68,9 +68,9 @@ impl Followed {
         let (recorded, touches) = evaluate::read(touches, (arm, settings), truth, progress)?;
         let tracked = follow(arm, &configs(settings)?[0], &touches, progress)
             .map_err(|error| fault(&recorded, error, String::new()))?;
-        let (touch, told) = (settings.touch.clone(), progress.told());
+        let (touch, messages) = (settings.touch.clone(), progress.messages());
         let tracked = Arc::new(tracked);
-        let followed = Arc::new(Self { key, recorded, touches, tracked, touch, told });
+        let followed = Arc::new(Self { key, recorded, touches, tracked, touch, messages });
         if named.is_some() {
             *LAST.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&followed));
         }

@@ -1,8 +1,8 @@
 //! Long work on a thread of its own, watched by the one that asked for it.
 //!
 //! The work knows no Python and holds no lock of it. Whoever asked looks in on it every
-//! [`LOOK`]: shows how far it is, and stops it at its next step on Ctrl-C. What it has to tell is
-//! told when it is over.
+//! [`LOOK`]: shows how far it is, and stops it at its next step on Ctrl-C. Its notes and warnings are
+//! given when it is over.
 
 use std::ffi::CString;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -33,12 +33,12 @@ pub(crate) struct Watch {
     stop: AtomicBool,
     /// What it is doing; another when a new stretch begins.
     stretch: Mutex<Option<Arc<Stretch>>>,
-    told: Mutex<Vec<Told>>,
+    messages: Mutex<Vec<Message>>,
 }
 
-/// What there is to say to the user.
+/// A message for the user.
 #[derive(Clone)]
-pub(crate) enum Told {
+pub(crate) enum Message {
     Note(String),
     Warning(String),
 }
@@ -55,11 +55,11 @@ impl Bar for Steps {
 
 impl Progress for Watch {
     fn note(&self, text: &str) {
-        self.tell(Told::Note(text.to_owned()));
+        self.push(Message::Note(text.to_owned()));
     }
 
     fn warn(&self, text: &str) {
-        self.tell(Told::Warning(text.to_owned()));
+        self.push(Message::Warning(text.to_owned()));
     }
 
     fn begin(&self, steps: Option<u64>, _: &'static str, doing: &str) -> Box<dyn Bar> {
@@ -75,27 +75,28 @@ impl Progress for Watch {
 }
 
 impl Watch {
-    /// What was told so far.
-    pub(crate) fn told(&self) -> Vec<Told> {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    /// The messages so far.
+    pub(crate) fn messages(&self) -> Vec<Message> {
+        self.messages.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Has something to be said when the work is over.
-    pub(crate) fn tell(&self, told: Told) {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner).push(told);
+    /// Adds a message, which is given when the work is over.
+    pub(crate) fn push(&self, message: Message) {
+        self.messages.lock().unwrap_or_else(PoisonError::into_inner).push(message);
     }
 
-    /// Says what there is to say: notes to the logger `palpate`, oddities as warnings.
+    /// Gives the messages: notes to the logger `palpate`, oddities as warnings.
     pub(crate) fn say(&self, py: Python<'_>) -> PyResult<()> {
-        let told = std::mem::take(&mut *self.told.lock().unwrap_or_else(PoisonError::into_inner));
-        for told in told {
-            match told {
-                Told::Note(text) => {
+        let messages =
+            std::mem::take(&mut *self.messages.lock().unwrap_or_else(PoisonError::into_inner));
+        for message in messages {
+            match message {
+                Message::Note(text) => {
                     let logging = py.import(intern!(py, "logging"))?;
                     let logger = logging.call_method1(intern!(py, "getLogger"), ("palpate",))?;
                     logger.call_method1(intern!(py, "info"), ("%s", text))?;
                 }
-                Told::Warning(text) => {
+                Message::Warning(text) => {
                     let category = py.get_type::<PalpateWarning>();
                     let text = CString::new(text.replace('\0', " ")).unwrap_or_default();
                     PyErr::warn(py, &category, &text, 1)?;
@@ -109,7 +110,8 @@ impl Watch {
 /// What Python is shown of how far the work is.
 struct Shown<'py> {
     progress: Bound<'py, PyAny>,
-    told: Option<(Arc<Stretch>, u64)>,
+    /// The stretch and the steps that were shown last.
+    last: Option<(Arc<Stretch>, u64)>,
 }
 
 impl Shown<'_> {
@@ -117,10 +119,10 @@ impl Shown<'_> {
         let stretch = watch.stretch.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let Some(stretch) = stretch else { return Ok(()) };
         let done = stretch.done.load(Ordering::Relaxed);
-        let is_told = |told: &(Arc<Stretch>, u64)| Arc::ptr_eq(&told.0, &stretch) && told.1 == done;
-        if !self.told.as_ref().is_some_and(is_told) {
+        let is_same = |last: &(Arc<Stretch>, u64)| Arc::ptr_eq(&last.0, &stretch) && last.1 == done;
+        if !self.last.as_ref().is_some_and(is_same) {
             self.progress.call1((done, stretch.steps, &stretch.doing))?;
-            self.told = Some((stretch, done));
+            self.last = Some((stretch, done));
         }
         Ok(())
     }
@@ -141,7 +143,7 @@ pub(crate) fn long<T: Send, E: Into<Raised> + Send>(
 ) -> Result<T> {
     let module = py.import(intern!(py, "palpate._progress"))?;
     let progress = module.call_method1(intern!(py, "of"), (progress,))?;
-    let mut shown = Shown { progress, told: None };
+    let mut shown = Shown { progress, last: None };
     let watch = Watch::default();
     let done = watched(py, &mut shown, &watch, work);
     shown.progress.call_method0(intern!(py, "close"))?;

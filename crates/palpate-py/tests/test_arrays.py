@@ -84,7 +84,7 @@ def test_places_that_nobody_touched_say_so(field: palpate.Field, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("wrong", "kind", "told"),
+    ("wrong", "kind", "message"),
     [
         ([1.0, 2.0, 3.0], ValueError, r"`points` has shape \(3,\); wanted \(N, 3\)"),
         (np.zeros((3, 2)), ValueError, r"has shape \(3, 2\); wanted \(N, 3\)"),
@@ -99,21 +99,21 @@ def test_places_that_nobody_touched_say_so(field: palpate.Field, tmp_path: Path)
         (None, TypeError, "dtype object; wanted float64"),
     ],
 )
-def test_what_is_no_array_of_points_is_told(
-    field: palpate.Field, wrong: Any, kind: type[Exception], told: str
+def test_what_is_no_array_of_points_is_refused(
+    field: palpate.Field, wrong: Any, kind: type[Exception], message: str
 ) -> None:
-    with pytest.raises(kind, match=told):
+    with pytest.raises(kind, match=message):
         field.query(wrong)
 
 
-def test_colours_that_are_none_are_told_by_row(field: palpate.Field, robot: palpate.Robot) -> None:
+def test_colours_that_are_none_are_refused_by_row(field: palpate.Field, robot: palpate.Robot) -> None:
     for wrong in (300.0, -1.0, 0.5):
-        told = rf"`colours` holds {wrong:g} in row 1 \(from 0\); wanted whole numbers from 0 to 255"
-        with pytest.raises(ValueError, match=told):
+        message = rf"`colours` holds {wrong:g} in row 1 \(from 0\); wanted whole numbers from 0 to 255"
+        with pytest.raises(ValueError, match=message):
             palpate.extrapolate(field, np.zeros((2, 3)), [[0.0] * 3, [0.0, 0.0, wrong]], robot)
 
 
-def test_samples_that_do_not_fit_are_told_and_teach_nothing(robot: palpate.Robot) -> None:
+def test_samples_that_do_not_fit_are_refused_and_teach_nothing(robot: palpate.Robot) -> None:
     mapper = palpate.Mapper(robot)
     good = [0.0] * 7
     with pytest.raises(palpate.PalpateError, match="begin_touch"):
@@ -134,7 +134,7 @@ def test_samples_that_do_not_fit_are_told_and_teach_nothing(robot: palpate.Robot
     assert len(mapper.field()) == 0
 
 
-def test_touches_that_do_not_fit_themselves_are_told() -> None:
+def test_touches_that_do_not_fit_themselves_are_refused() -> None:
     q = np.zeros((4, 7))
     assert len(palpate.Touch(q, q.astype(np.float32), time=range(4))) == 4
     with pytest.raises(ValueError, match=r"`tau` has 3 rows; wanted \(4, 7\), as `q`"):
@@ -161,7 +161,7 @@ def test_a_field_from_arrays_is_the_field(field: palpate.Field, robot: palpate.R
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"stiffness": [1.0, -1.0]}, "`stiffness` holds -1 in row 1"),
         ({"stiffness": [1.0, np.inf]}, "`stiffness` holds inf in row 1"),
@@ -176,11 +176,11 @@ def test_a_field_from_arrays_is_the_field(field: palpate.Field, robot: palpate.R
         ({"untouched": -1.0}, "`untouched` holds -1"),
     ],
 )
-def test_arrays_that_make_no_field_are_told(change: dict[str, Any], told: str) -> None:
+def test_arrays_that_make_no_field_are_refused(change: dict[str, Any], message: str) -> None:
     lattice = palpate.Lattice([0, 0, 0], 0.01, [10, 10, 10])
     good: dict[str, Any] = {"points": [[0, 0, 0], [0, 0, 0.01]], "stiffness": [1, 2]}
     palpate.Field.from_arrays(**good, lattice=lattice)
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=message):
         palpate.Field.from_arrays(**(good | change), lattice=lattice)
 
 

@@ -35,9 +35,9 @@ def test_ctrl_c_stops_the_command_and_writes_nothing(command: Path, plant: Path,
         assert running.stderr is not None
         line = running.stderr.readline()  # it has begun to work
         running.send_signal(signal.SIGINT)
-        told = line + running.stderr.read()
-    assert running.returncode == 130, told
-    assert "Traceback" not in told and "stopping" in told
+        stderr = line + running.stderr.read()
+    assert running.returncode == 130, stderr
+    assert "Traceback" not in stderr and "stopping" in stderr
 
 
 def test_live_finds_its_network_process_in_the_package(command: Path) -> None:

@@ -27,7 +27,7 @@ def free_motion(seed: int) -> palpate.Touch:
     for k in range(1, len(q)):
         friction[k] = np.clip(friction[k - 1] + (q[k] - q[k - 1]) / 0.01, -1, 1)
     tau = -0.5 * friction + 0.2 + rng.normal(0, 0.02, q.shape)
-    # Without any torque, what is left over is what the arm takes.
+    # Without any measured torque, the external torque is minus what the motion of the arm takes.
     nothing = palpate.Touch(q, np.zeros(q.shape), time=time)
     tau -= palpate.external_torques(nothing, progress=False, touch=TORQUES)[0]["torque"]
     return palpate.Touch(q, tau, time=time, name=f"free {seed}")
@@ -54,10 +54,10 @@ def test_friction_and_bias_are_found_and_taken_off(touches: list[palpate.Touch],
         assert (np.abs(touch["torque"]) < 3 * touch["std"]).mean() > 0.95
 
     # How measured torques count does not show sample by sample.
-    untold = palpate.Mapper(arm)
-    untold.begin_touch()
+    unspecified = palpate.Mapper(arm)
+    unspecified.begin_touch()
     with pytest.raises(palpate.PalpateError, match="torque_sign"):
-        untold.step(np.zeros(7), np.zeros(7))
+        unspecified.step(np.zeros(7), np.zeros(7))
     mapper = palpate.Mapper(arm, touch=TORQUES)
     mapper.begin_touch()
     first = touches[0]
@@ -78,10 +78,10 @@ def test_needs_command_torques_are_the_commands(
         np.save(folder / "time.npy", np.asarray(touch.time))
     flags = ["--torque-sign", "plus", "--gravity", "included", "--json"]
     run = [command, "--quiet", "identify", tmp_path / "log", "-o", tmp_path / "arm.toml", *flags]
-    told: Any = json.loads(subprocess.run([*map(str, run)], capture_output=True, text=True, check=True).stdout)
+    printed: Any = json.loads(subprocess.run([*map(str, run)], capture_output=True, text=True, check=True).stdout)
     found: Any = palpate.identify(tmp_path / "log", progress=False, touch=TORQUES)
     for key in ("payload", "joints", "delay_s", "held_out"):
-        assert told[key] == found[key], key
+        assert printed[key] == found[key], key
 
 
 def test_logs_that_cannot_serve_say_why(touches: list[palpate.Touch]) -> None:

@@ -16,8 +16,8 @@ def of_command(command: Path, *args: object) -> Any:
     done = subprocess.run(
         [command, "--quiet", "inspect", "--json", *map(str, args)], capture_output=True, text=True
     )
-    told = json.loads(done.stdout)["paths"][0]
-    return {key: value for key, value in told.items() if key not in ("path", "kind")}
+    report = json.loads(done.stdout)["paths"][0]
+    return {key: value for key, value in report.items() if key not in ("path", "kind")}
 
 
 def as_command(inspection: Inspection) -> Any:

@@ -64,14 +64,14 @@ def test_ctrl_c_stops_a_map_and_leaves_the_mapper_usable(plant: Path) -> None:
     assert child.returncode == 0
 
 
-def test_progress_is_told_and_may_stop_the_work(
+def test_progress_is_reported_and_may_stop_the_work(
     robot: palpate.Robot, plant: Path, field: palpate.Field
 ) -> None:
-    told: list[tuple[int, int | None]] = []
+    reported: list[tuple[int, int | None]] = []
     mapper = palpate.Mapper(robot)
-    report = mapper.map(plant / "seq_000", progress=lambda done, steps: told.append((done, steps)))
-    assert told[-1] == (report["frames"], report["frames"])
-    assert told == sorted(told)
+    report = mapper.map(plant / "seq_000", progress=lambda done, steps: reported.append((done, steps)))
+    assert reported[-1] == (report["frames"], report["frames"])
+    assert reported == sorted(reported)
 
     def enough(done: int, steps: int | None) -> None:
         raise RuntimeError("enough")

@@ -1,4 +1,4 @@
-"""Fields of OpenVSF come in and go out with the same springs; what is none is told, never run."""
+"""Fields of OpenVSF come in and go out with the same springs; what is none is refused, never run."""
 
 import io
 import pickle
@@ -102,8 +102,8 @@ def test_springs_in_one_cell_add_up() -> None:
     points = np.array([[0.5, 0.0, 0.4], [0.502, 0.0, 0.4], [0.56, 0.0, 0.4]])
     features = {"K_std": np.array([9.0, 16.0, 4.0]), "N_obs": np.array([3, 5, 1])}
     vsf = vsf_of({"points": points, "K": np.array([10.0, 20.0, 5.0]), **features})
-    told = r"by 0.000667 m on average and 0.002 m at most, 1 into the cell of another, where"
-    with pytest.warns(palpate.PalpateWarning, match=told):
+    warning = r"by 0.000667 m on average and 0.002 m at most, 1 into the cell of another, where"
+    with pytest.warns(palpate.PalpateWarning, match=warning):
         field = openvsf.from_point_vsf(vsf, spacing=0.02)
     assert field.stiffness.tolist() == [30.0, 5.0]
     assert field.std.tolist() == [5.0, 2.0] and field.counts.tolist() == [5, 1]
@@ -132,8 +132,8 @@ def test_a_lattice_or_a_spacing_that_is_asked_for_is_taken() -> None:
 def test_what_a_solver_leaves_below_zero_is_zero() -> None:
     wanted = written(DATA / "quad_prog.npz")["K"]
     assert wanted.min() < 0.0
-    told = rf"`K` are negative, down to {wanted.min():.3g} N/m: a solver's zeros"
-    with pytest.warns(palpate.PalpateWarning, match=told):
+    warning = rf"`K` are negative, down to {wanted.min():.3g} N/m: a solver's zeros"
+    with pytest.warns(palpate.PalpateWarning, match=warning):
         field = openvsf.load(DATA / "quad_prog.npz")
     assert field.stiffness.min() == 0.0
     assert field.stiffness.sum() == pytest.approx(np.maximum(wanted, 0.0).sum(dtype=float), rel=1e-12)
@@ -239,7 +239,7 @@ def test_a_folder_that_cannot_be_put_in_place_leaves_the_old_one(
     assert same(openvsf.load(folder), learnt) and list(tmp_path.iterdir()) == [folder]
 
 
-def test_a_name_without_ending_is_told(learnt: palpate.Field, tmp_path: Path) -> None:
+def test_a_name_without_ending_is_refused(learnt: palpate.Field, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"ends in \.npz, or in / for a folder"):
         openvsf.save(learnt, tmp_path / "field")
     with pytest.raises(palpate.FileError, match="cannot be written"):
@@ -395,12 +395,12 @@ BAD: list[tuple[dict[str, bytes | None], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("members", "told"), BAD)
-def test_a_file_that_is_no_field_is_told_by_file_and_array(
-    tmp_path: Path, members: dict[str, bytes | None], told: str
+@pytest.mark.parametrize(("members", "message"), BAD)
+def test_a_file_that_is_no_field_is_refused_by_file_and_array(
+    tmp_path: Path, members: dict[str, bytes | None], message: str
 ) -> None:
     path = archive(tmp_path / "bad.npz", **members)
-    with pytest.raises(palpate.FileError, match=told) as error:
+    with pytest.raises(palpate.FileError, match=message) as error:
         openvsf.load(path)
     assert str(path) in str(error.value)
 
@@ -416,7 +416,7 @@ def damaged(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "told"),
+    ("make", "message"),
     [
         (truncated, "is no npz file, or a broken one"),
         (damaged, "is no npz file, or a broken one: Bad CRC-32"),
@@ -426,11 +426,11 @@ def damaged(path: Path) -> None:
         (lambda path: None, "is not there"),
     ],
 )
-def test_a_file_that_is_none_is_told(
-    tmp_path: Path, make: Callable[[Path], object], told: str
+def test_a_file_that_is_none_is_refused(
+    tmp_path: Path, make: Callable[[Path], object], message: str
 ) -> None:
     make(tmp_path / "bad.npz")
-    with pytest.raises(palpate.FileError, match=told):
+    with pytest.raises(palpate.FileError, match=message):
         openvsf.load(tmp_path / "bad.npz")
 
 

@@ -64,7 +64,7 @@ def test_arrays_of_other_names_are_touches(dataset: Path) -> None:
     assert (touches[0].tau == 2.0 * np.array(plain.tau)).all() and (touches[0].q == plain.q).all()
 
 
-def test_what_is_no_dataset_is_told(dataset: Path, tmp_path: Path) -> None:
+def test_what_is_no_dataset_is_refused(dataset: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"`sequences` holds 12; `.*touches` has 12, numbered from 0"):
         openvsf.open_dataset(dataset, sequences=[12])
     with pytest.raises(ValueError, match="`sequences` holds -1"):
@@ -151,12 +151,12 @@ def test_a_configuration_says_the_same_to_palpate(config: Path) -> None:
     assert study.robot.n_joints == 7 and study.path == config
     assert names(study.train) == ["seq_10", "seq_0", "seq_2"]
     assert study.test is not None and names(study.test) == ["seq_11"]
-    told = palpate.default_settings(study.settings)
+    settings = palpate.default_settings(study.settings)
     contact = {"friction": 0.4, "slip_step_m": 0.002, "contact_distance_m": 0.012}
-    assert told["contact"].items() >= contact.items()
-    assert told["touch"]["tare_frames"] == 15
+    assert settings["contact"].items() >= contact.items()
+    assert settings["touch"]["tare_frames"] == 15
     estimator = {"estimator": "ekf", "replays": 7, "memory_frames": 2000}
-    assert told["estimator"].items() >= estimator.items()
+    assert settings["estimator"].items() >= estimator.items()
     lattice = palpate.Lattice.filling([0.1, -0.3, 0.2], [0.7, 0.3, 0.8], 0.02)
     assert study.settings["lattice"] == lattice
     mapper = palpate.Mapper(study.robot, settings=study.settings)
@@ -174,23 +174,23 @@ def test_a_prior_is_that_of_the_cells_as_they_are(config: Path) -> None:
 
 def test_what_has_no_counterpart_is_noted(config: Path) -> None:
     notes = "\n".join(openvsf.read_config(config).notes)
-    for told in (
+    for note in (
         "`world.bubble` moves with `EndEffector_Link`: add it to the URDF",
         "Sensor `bubble_pressure` (PunyoPressureSensor of `bubble`) has no counterpart",
         "The tare of `bubble_pressure` goes with its sensor",
         "Of the data set, `sim_torques`, `pressure`, `bubble_points` are not read.",
     ):
-        assert told in notes
+        assert note in notes
     changed(config, "{optimizer: diag_ekf,", "{optimizer: quad_prog, batch_size: 5, down_sample_rate: 3,")
     changed(config, "type: gaussian", "type: linear_gaussian")
     notes = "\n".join(openvsf.read_config(config).notes)
-    for told in (
+    for note in (
         "`quad_prog` becomes `map`: `map` finds the same optimum",
         "`estimator.batch_size` has no counterpart",
         "`estimator.down_sample_rate` has no counterpart",
         "The prior `linear_gaussian` of features is taken",
     ):
-        assert told in notes
+        assert note in notes
 
 
 def changed(path: Path, old: str, new: str) -> None:
@@ -211,8 +211,8 @@ def test_a_filter_does_not_start_from_a_mean_of_0(config: Path) -> None:
 
 def test_replay_is_carried_over_whatever_the_optimizer(config: Path) -> None:
     changed(config, "optimizer: diag_ekf, ", "")
-    told = palpate.default_settings(openvsf.read_config(config).settings)["estimator"]
-    assert told.items() >= {"replays": 7, "memory_frames": 2000}.items()
+    estimator = palpate.default_settings(openvsf.read_config(config).settings)["estimator"]
+    assert estimator.items() >= {"replays": 7, "memory_frames": 2000}.items()
 
 
 def test_points_that_do_not_slide_stick(config: Path) -> None:
@@ -285,14 +285,14 @@ def test_a_datasets_section_alone_will_do(config: Path, tmp_path: Path, dataset:
         "{keys: !include parts/keys.yaml, control_keys: {gen3: angles}, "
         "sensor_keys: {arm: sim_torques, bubble: pressure}, path: touches}"
     )
-    felt = openvsf.read_config(path)
-    assert isinstance(felt.train, list) and len(felt.train) == 12
+    study = openvsf.read_config(path)
+    assert isinstance(study.train, list) and len(study.train) == 12
     with pytest.raises(ValueError, match=r"has no `dataset\.path`: give `data_dir`"):
         openvsf.read_config(tmp_path / "parts/keys.yaml")
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ("train_sequences", "train_sequence", "`train_sequence` is not known; did you mean `train_seq"),
         ("friction_mu", "friction", r"config\.friction` is not known; did you mean `friction_mu`"),
@@ -319,23 +319,23 @@ def test_a_datasets_section_alone_will_do(config: Path, tmp_path: Path, dataset:
         ("!include parts/torques.yaml", "{type: PunyoDenseForceSensor}", "has 0 sensors of the robot's"),
     ],
 )
-def test_what_cannot_be_followed_is_told_by_file_and_key(
-    config: Path, old: str, new: str, told: str
+def test_what_cannot_be_followed_is_reported_by_file_and_key(
+    config: Path, old: str, new: str, message: str
 ) -> None:
     changed(config, old, new)
-    with pytest.raises(palpate.FileError, match=f"(?s){told}") as error:
+    with pytest.raises(palpate.FileError, match=f"(?s){message}") as error:
         openvsf.read_config(config)
     assert str(config) in str(error.value)
 
 
-def test_values_out_of_range_are_told(config: Path) -> None:
+def test_values_out_of_range_are_refused(config: Path) -> None:
     changed(config, "geometry_padding1: 0.004", "geometry_padding1: 0.4")
     with pytest.raises(palpate.SettingsError, match=r"study\.yaml`, as settings of palpate: .*contact_"):
         openvsf.read_config(config)
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ("ForeArm_Link, ", "", "needs the torques of all 7 joints, base to tip"),
         ("Shoulder_Link, HalfArm1_Link", "HalfArm1_Link, Shoulder_Link", "base to tip"),
@@ -343,20 +343,20 @@ def test_values_out_of_range_are_told(config: Path) -> None:
     ],
 )
 def test_torques_must_be_those_of_all_joints_in_order(
-    config: Path, tmp_path: Path, old: str, new: str, told: str
+    config: Path, tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     changed(tmp_path / "parts/torques.yaml", old, new)
-    with pytest.raises(palpate.FileError, match=rf"arm_torques\.link_names` is \[.*{told}"):
+    with pytest.raises(palpate.FileError, match=rf"arm_torques\.link_names` is \[.*{message}"):
         openvsf.read_config(config)
 
 
-def test_a_robot_that_is_not_there_is_told(config: Path, tmp_path: Path) -> None:
+def test_a_robot_that_is_not_there_is_reported(config: Path, tmp_path: Path) -> None:
     changed(tmp_path / "parts/arm.yaml", str(URDF), "no/such.urdf")
     with pytest.raises(palpate.FileError, match="the robot's file_name `no/such.urdf` is not there"):
         openvsf.read_config(config)
 
 
-def test_files_of_other_kinds_are_told(tmp_path: Path) -> None:
+def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text("")
     with pytest.raises(palpate.FileError, match="is no configuration: wanted .yaml, .yml or .json"):
         openvsf.read_config(tmp_path / "a.toml")

@@ -58,11 +58,11 @@ def kill_one(pids: Iterator[int]) -> None:
 def test_processes_find_what_one_call_does_however_folds_are_shared_out(
     logs: dict[str, Path], here: Here
 ) -> None:
-    told: list[tuple[int, int | None]] = []
-    tell = lambda done, of: told.append((done, of))  # noqa: E731
-    runs = palpate.ray.evaluate(logs, SETTINGS, methods=METHODS, shares=2, progress=tell)
+    steps: list[tuple[int, int | None]] = []
+    progress = lambda done, of: steps.append((done, of))  # noqa: E731
+    runs = palpate.ray.evaluate(logs, SETTINGS, methods=METHODS, shares=2, progress=progress)
     assert all_same(list(runs), here)
-    assert told == [(done, 8) for done in range(1, 9)]
+    assert steps == [(done, 8) for done in range(1, 9)]
 
 
 def test_what_is_kept_is_not_done_again(
@@ -155,19 +155,19 @@ def test_tuning_many_is_tuning_each(logs: dict[str, Path], robot: palpate.Robot)
         (lambda: palpate.ray.evaluate(["a"], threads=0), ValueError, "threads"),
     ],
 )
-def test_what_cannot_be_followed_is_told_at_once(ask: Any, error: type[Exception], words: str) -> None:
+def test_what_cannot_be_followed_is_reported_at_once(ask: Any, error: type[Exception], words: str) -> None:
     with pytest.raises(error, match=words):
         ask()
 
 
-def test_logs_in_a_row_are_named_by_what_tells_them_apart(plant: Path) -> None:
+def test_logs_in_a_row_are_named_by_what_differs_in_their_paths(plant: Path) -> None:
     named = palpate.ray._named
     assert list(named(["x/a", "x/b"])) == ["a", "b"]
     assert list(named(["x/a", "y/a"])) == ["x/a", "y/a"]
     assert list(named([palpate.open_log(plant), "y/b"])) == ["plant_a", "b"]
 
 
-def test_a_script_without_a_guard_is_told_to_have_one(logs: dict[str, Path], tmp_path: Path) -> None:
+def test_a_script_without_a_guard_ends_with_an_error(logs: dict[str, Path], tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
         f"import palpate.ray\nlist(palpate.ray.evaluate([{str(logs['two'])!r}], methods=['zero']))\n"

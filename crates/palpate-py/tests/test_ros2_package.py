@@ -1,4 +1,4 @@
-"""The ROS 2 package: its launch files start the command, its settings are read, and RViz is told of topics that exist.
+"""The ROS 2 package: its launch files start the command, its settings are read, and RViz shows topics that exist.
 
 `launch` itself is in no registry of Python packages: the files are expanded here as it would, and their commands run.
 """

@@ -45,8 +45,8 @@ def test_needs_command_the_field_is_the_same_to_the_bit(
         for name, key in NAMES.items():
             found = getattr(field, name)
             assert found.dtype == theirs[key].dtype and found.tobytes() == theirs[key].tobytes(), name
-    told = {key: value for key, value in report.items() if key in ours and key != "touches"}
-    assert told == {key: value for key, value in ours.items() if key != "touches"}
+    printed = {key: value for key, value in report.items() if key in ours and key != "touches"}
+    assert printed == {key: value for key, value in ours.items() if key != "touches"}
     assert [t["frames_in_contact"] for t in ours["touches"]] == [
         t["frames_in_contact"] for t in report["touches"]
     ]
@@ -164,9 +164,9 @@ def test_needs_command_an_evaluation_is_the_same(
     )
     ours = palpate.evaluate(logs, robot, methods=["map", "knn"])
     assert ours["methods"] == theirs["methods"]
-    for touch, told in zip(ours["touches"], theirs["touches"]):
-        assert touch["name"] == told["name"]
-        for method in told["methods"]:
+    for touch, printed in zip(ours["touches"], theirs["touches"]):
+        assert touch["name"] == printed["name"]
+        for method in printed["methods"]:
             assert touch["errors"][method.pop("name")] == method
         assert touch["predicted"]["map"].shape == touch["external"].shape
     held_out = palpate.evaluate(logs, robot, methods=["uniform"], test=["seq_002"])

@@ -31,7 +31,7 @@ def test_a_lattice_is_its_section(robot: palpate.Robot) -> None:
     assert palpate.Mapper(robot, settings={"lattice": lattice}).field().lattice == lattice
 
 
-def test_defaults_are_told_and_mean_themselves(robot: palpate.Robot) -> None:
+def test_defaults_are_given_and_mean_themselves(robot: palpate.Robot) -> None:
     defaults = palpate.default_settings()
     assert palpate.Mapper(robot, settings=defaults).config == palpate.Mapper(robot).config
     assert palpate.default_settings(contact={"friction": 0.5})["contact"]["friction"] == 0.5
@@ -46,7 +46,7 @@ def test_the_typed_settings_are_those_of_the_module() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "kind", "told"),
+    ("settings", "kind", "message"),
     [
         ({"contact": {"frictoin": 1}}, palpate.SettingsError, "did you mean `friction`"),
         ({"contacts": {"friction": 1}}, palpate.SettingsError, r"did you mean \[contact\]"),
@@ -58,10 +58,10 @@ def test_the_typed_settings_are_those_of_the_module() -> None:
         (3, TypeError, "wanted the path of a TOML file"),
     ],
 )
-def test_settings_that_mean_nothing_are_told(
-    robot: palpate.Robot, settings: Any, kind: type[Exception], told: str
+def test_settings_that_mean_nothing_are_refused(
+    robot: palpate.Robot, settings: Any, kind: type[Exception], message: str
 ) -> None:
-    with pytest.raises(kind, match=told):
+    with pytest.raises(kind, match=message):
         palpate.Mapper(robot, settings=settings)
 
 
@@ -76,7 +76,7 @@ def test_what_holds_itself_is_refused(robot: palpate.Robot) -> None:
         palpate.Mapper(robot).map(several)
 
 
-def test_unknown_methods_are_told(robot: palpate.Robot, plant: Path) -> None:
+def test_unknown_methods_are_refused(robot: palpate.Robot, plant: Path) -> None:
     with pytest.raises(ValueError, match='wanted "map" or "ekf"'):
         palpate.Mapper(robot, "magic")
     with pytest.raises(ValueError, match="there are elastic, map, ekf"):

@@ -29,9 +29,9 @@ def test_docstrings_of_the_stub_are_those_of_the_module() -> None:
         assert inspect.getdoc(thing) == ast.get_docstring(node), node.name
         for item in node.body if isinstance(node, ast.ClassDef) else []:
             if isinstance(item, ast.FunctionDef) and not item.name.startswith("_"):
-                told = inspect.getdoc(getattr(thing, item.name))
-                assert told == ast.get_docstring(item), f"{node.name}.{item.name}"
-                assert told, f"{node.name}.{item.name} says nothing"
+                docstring = inspect.getdoc(getattr(thing, item.name))
+                assert docstring == ast.get_docstring(item), f"{node.name}.{item.name}"
+                assert docstring, f"{node.name}.{item.name} says nothing"
 
 
 def test_everything_that_is_offered_is_there() -> None:

@@ -246,7 +246,7 @@ def test_a_log_in_linked_folders_is_seen_whole(logs: dict[str, Path], tmp_path: 
     ("keywords", "error", "words"),
     [({"cluster": 5}, TypeError, "has `submit`"), ({"timeout": -1.0}, ValueError, "more than 0 s")],
 )
-def test_what_cannot_be_followed_is_told_before_any_work(
+def test_what_cannot_be_followed_is_reported_before_any_work(
     logs: dict[str, Path], keywords: dict[str, Any], error: type[Exception], words: str
 ) -> None:
     with pytest.raises(error, match=words):

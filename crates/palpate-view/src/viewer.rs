@@ -27,7 +27,7 @@ pub enum StartError {
     /// There is none.
     #[error("there is no command `rerun` in PATH, which is the viewer")]
     Missing,
-    /// It would tell others of its use.
+    /// It would send statistics of its use.
     #[error(
         "the usage statistics of the viewer could not be switched off, so it was not started: \
          `rerun analytics disable` {reason}"

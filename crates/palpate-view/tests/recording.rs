@@ -110,8 +110,8 @@ fn every_sample_is_there_with_its_torques() {
     for (joint, entity) in ["/torque/shoulder", "/torque/elbow\\ 2"].iter().enumerate() {
         for (which, what) in ["measured", "predicted"].iter().enumerate() {
             let said = scalars(&bytes, &format!("{entity}/{what}")).unwrap();
-            let felt: Vec<f64> = (10..300).map(|sample| tau(sample)[which][joint]).collect();
-            assert_eq!(said, felt, "{entity}/{what}");
+            let expected: Vec<f64> = (10..300).map(|sample| tau(sample)[which][joint]).collect();
+            assert_eq!(said, expected, "{entity}/{what}");
         }
     }
     let norms = scalars(&bytes, "/torque/norm/measured").unwrap();

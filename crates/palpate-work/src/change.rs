@@ -77,7 +77,7 @@ pub fn compare(
     config.touch = touch;
     let place = (config.lattice.clone(), config.contact.clone());
     let recorded = touches.read(None)?;
-    touches.tell_warnings(progress);
+    touches.report_warnings(progress);
     touches.check(arm, place, &config.touch).of(&recorded).look(progress)?;
     let named = as_touches(&recorded, false)?;
     let stop = || progress.stopped();

@@ -1,7 +1,7 @@
 //! How logged torques count, found from the data: which way, and whether gravity is in them.
 //!
 //! Two things are known beforehand of any arm. Gravity: under the right convention `s·τ − a·τ_gravity(q)`, s = ±1,
-//! a = 0 or 1, leaves little over. And that nothing gives an arm work that the arm did not give before: from a free
+//! a = 0 or 1, has a small residual. And that nothing gives an arm work that the arm did not give before: from a free
 //! start on, `∫ τ_ext·dq` of friction and of contacts that yield is never positive. So torques without gravity that
 //! do work on the arm count as the motors' do.
 //!
@@ -16,7 +16,7 @@ use crate::quantile::median;
 
 /// Frames whose gravity is looked at, about.
 const FRAMES: usize = 2_000;
-/// With less gravity than this, N·m, it tells nothing, and whether it is in the torques hardly matters.
+/// With less gravity than this, N·m, nothing follows from it, and whether it is in the torques hardly matters.
 pub(crate) const LEAST_GRAVITY: f64 = 1.0;
 /// Torques below this, N·m, are noise of the sensors.
 const LEAST_TORQUE: f64 = 0.05;
@@ -32,7 +32,7 @@ const LEAST_SLOPE: f64 = 0.05;
 const LADEN_SLOPES: std::ops::Range<f64> = 1.3..5.0;
 /// Slopes on gravity of torques in mN·m; twice as much if the arm carries its own weight.
 const IN_THOUSANDTHS: std::ops::Range<f64> = 800.0..2000.0;
-/// Work below this tells nothing, J.
+/// Nothing follows from less work than this, J.
 const LEAST_WORK_J: f64 = 0.005;
 /// The work that goes the wrong way may be so large a part of the other.
 const MOST_BACK: f64 = 0.3;
@@ -47,7 +47,7 @@ pub(crate) struct Evidence {
     gravity: f64,
     /// The largest torque of a joint, N·m.
     largest: f64,
-    /// Median of what is left over of the torques, as they are and turned round, after gravity, N·m.
+    /// Median residual of the torques, with sign plus and with sign minus, after gravity, N·m.
     after_gravity: [f64; 2],
     /// Slope of the torques on gravity, and how much of their square it explains.
     slope: f64,
@@ -143,7 +143,7 @@ impl Evidence {
             finite.then(|| (robot.gravity_torque(&poses).as_slice().to_vec(), tau.clone()))
         };
         let torques: Vec<(Vec<f64>, Vec<f64>)> = some.filter_map(with_gravity).collect();
-        let left_over = |sign, part| residual(&torques, sign, part);
+        let residual_of = |sign, part| residual(&torques, sign, part);
         let starts = touches.iter().filter_map(|touch| touch.first());
         let starts: Vec<(Vec<f64>, Vec<f64>)> = starts.filter_map(with_gravity).collect();
         let ((slope, explained), (slope_at_start, explained_at_start)) =
@@ -151,9 +151,9 @@ impl Evidence {
         let joints = torques.iter().flat_map(|(_, tau)| tau);
         Some(Self {
             largest: joints.fold(0.0, |largest, tau| tau.abs().max(largest)),
-            torque: left_over(1.0, 0.0)?,
-            gravity: left_over(0.0, 1.0)?,
-            after_gravity: [left_over(1.0, 1.0)?, left_over(-1.0, 1.0)?],
+            torque: residual_of(1.0, 0.0)?,
+            gravity: residual_of(0.0, 1.0)?,
+            after_gravity: [residual_of(1.0, 1.0)?, residual_of(-1.0, 1.0)?],
             slope,
             explained,
             slope_at_start,
@@ -162,7 +162,7 @@ impl Evidence {
         })
     }
 
-    /// The sign of torques that hold no gravity, if their work tells it.
+    /// The sign of torques that hold no gravity, if their work shows it.
     pub(crate) fn sign_by_work(&self) -> Option<TorqueSign> {
         self.work.sign().filter(|_| self.largest >= LEAST_TORQUE)
     }
@@ -172,7 +172,7 @@ impl Evidence {
         self.explained_at_start > EXPLAINED && self.slope_at_start.abs() > LEAST_SLOPE
     }
 
-    /// Whether the torques follow gravity and are larger: those of an arm with a payload that nobody told of, or with
+    /// Whether the torques follow gravity and are larger: those of an arm with a payload that was not given, or with
     /// lighter masses in its file, hold gravity, and count as their slope says.
     fn is_laden(&self) -> bool {
         self.explained > EXPLAINED && LADEN_SLOPES.contains(&self.slope.abs())
@@ -210,9 +210,9 @@ impl Evidence {
             candidates.push((self.torque, 0.0, TorqueSign::Plus, Gravity::Removed));
         }
         candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (left_over, slope, torque_sign, held) = candidates[0];
+        let (least, slope, torque_sign, held) = candidates[0];
         let near = (self.slope - slope).abs() < NEAR_SLOPE;
-        let clear = candidates.get(1).is_none_or(|other| left_over < BETTER * other.0);
+        let clear = candidates.get(1).is_none_or(|other| least < BETTER * other.0);
         match held {
             _ if self.is_laden() && gravity != Some(Gravity::Removed) => {
                 let own = if self.slope > 0.0 { TorqueSign::Plus } else { TorqueSign::Minus };
@@ -221,7 +221,7 @@ impl Evidence {
                     _ => Ok(found(own, Gravity::Included)),
                 }
             }
-            _ if !near && left_over > BETTER * self.gravity => Err(Undecided::Nothing(self)),
+            _ if !near && least > BETTER * self.gravity => Err(Undecided::Nothing(self)),
             _ if !near && !clear => Err(Undecided::Alike(self)),
             Gravity::Included => Ok(found(torque_sign, held)),
             Gravity::Removed if self.is_proportional() => Err(Undecided::Nothing(self)),
@@ -239,12 +239,12 @@ impl fmt::Display for Convention {
             return write!(f, "the torques are near zero throughout: were they recorded?");
         }
         if self.gravity == Gravity::Included && self.evidence.gravity >= LEAST_GRAVITY {
-            let left_over =
+            let residual =
                 number(after_gravity[usize::from(self.torque_sign == TorqueSign::Minus)]);
             return write!(
                 f,
                 "the torques hold gravity, and their sign is {sign}: they are {slope:.2} times gravity's \
-                 {gravity} N·m, which leaves {left_over} N·m{}",
+                 {gravity} N·m, which leaves {residual} N·m{}",
                 if self.evidence.is_laden() {
                     "; the arm carries more than its file says: see --payload-mass-kg, or `palpate identify`"
                 } else {
@@ -277,7 +277,7 @@ impl fmt::Display for Undecided {
             ),
             Self::Sign(_) => write!(
                 f,
-                "the torques hold no gravity ({torque} N·m where gravity's are {gravity} N·m), so it does not tell \
+                "the torques hold no gravity ({torque} N·m where gravity's are {gravity} N·m), so it does not show \
                  which way they count, and neither does their work (up to {taken} J taken from the arm, {done} J done); say --torque-sign \
                  plus if they are what the object exerts on the joints, minus if they are what the motors exert"
             ),

@@ -49,8 +49,8 @@ impl WorkError {
     }
 }
 
-/// What an error and the causes that its message does not already tell say, in their order.
-pub fn told(error: &dyn std::error::Error) -> Vec<String> {
+/// The message of an error, then those of its causes that are not already part of a message before them.
+pub fn with_causes(error: &dyn std::error::Error) -> Vec<String> {
     let mut lines = vec![error.to_string()];
     let mut cause = error.source();
     while let Some(error) = cause {

@@ -63,7 +63,7 @@ pub fn of_field(arm: Arc<Arm>, snapshot: Option<&Snapshot>, progress: &dyn Progr
     let held = not_in_log(&arm.robot, None, snapshot.n_joints);
     match holding(&arm, &held).ok().filter(|_| !held.is_empty()) {
         Some(other) if other.fingerprint() == snapshot.robot.1 => {
-            tell(&other, &held, "the field", progress);
+            note_held(&other, &held, "the field", progress);
             Arc::new(other)
         }
         _ => arm,
@@ -79,8 +79,8 @@ pub(crate) fn holding(arm: &Arm, held: &[Held]) -> Result<Arm, WorkError> {
     Ok(arm)
 }
 
-/// Says which joints stand still, and where.
-pub(crate) fn tell(arm: &Arm, held: &[Held], of: &str, progress: &dyn Progress) {
+/// Notes which joints are taken to stand still, and where.
+pub(crate) fn note_held(arm: &Arm, held: &[Held], of: &str, progress: &dyn Progress) {
     let flags: Vec<String> = held.iter().cloned().map(String::from).collect();
     progress.note(&format!(
         "{of} has no joint {}: taken to stand still in the middle of its range (--hold {} says so, or where else); \

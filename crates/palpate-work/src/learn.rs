@@ -1,4 +1,4 @@
-//! Touches into a mapper, and what is told of it.
+//! Learns touches with a mapper, and reports what it has learnt.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -74,7 +74,7 @@ impl Tally {
         self.touched.contacts_median()
     }
 
-    /// All that there is to tell of what `mapper` has learnt, for programs.
+    /// All figures of what `mapper` has learnt, for programs.
     pub fn figures(&self, mapper: &Mapper) -> serde_json::Value {
         let (config, cells) = (mapper.config(), Cells::of(mapper));
         let (frames_remembered, bytes) = mapper.memory();
@@ -146,7 +146,7 @@ pub fn learn(
     let mut check = touches.check(mapper.arm(), place, &config.touch);
     match learn_from(mapper, touches, (after_step, record), (&mut check, progress)) {
         Ok(tally) => {
-            touches.tell_warnings(progress);
+            touches.report_warnings(progress);
             if tally.interrupted.is_none() {
                 // A body may be learnt from a picture, without any log.
                 if tally.touches.is_empty() && touches.has_logs() {

@@ -154,7 +154,7 @@ pub fn score(
     let mut check = touches.check(arm, place, &touch);
     match score_all(arm, (field, touch, against), (&mut *touches, &mut check), progress) {
         Ok(results) => {
-            touches.tell_warnings(progress);
+            touches.report_warnings(progress);
             check.look(progress)?;
             Ok(results)
         }

@@ -71,7 +71,7 @@ fn load(path: &Path) -> Result<Saved, WorkError> {
 
 /// What a field expects of its cells, N/m, for a mapper under these settings.
 ///
-/// Tells where the numbers come from, and if they were learnt with another contact model.
+/// Notes where the numbers come from, and warns if they were learnt with another contact model.
 fn expected(
     saved: &Saved,
     name: &str,

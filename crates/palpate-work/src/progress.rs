@@ -2,10 +2,10 @@
 
 /// The command's terminal, or a program.
 pub trait Progress: Sync {
-    /// Is told something that is no result: what was decided for it, or is being done.
+    /// Receives a message that is no result: what was decided for the user, or is being done.
     fn note(&self, text: &str);
 
-    /// Is told that something looks wrong, though it does not stop the work.
+    /// Receives a warning: something looks wrong, though it does not stop the work.
     fn warn(&self, text: &str) {
         self.note(text);
     }

@@ -41,7 +41,7 @@ pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError
 
 /// Warns if a field was learnt with another arm, which is allowed: of another name than the field says, or, if the field
 /// remembers its arm in a snapshot, another one than that.
-pub fn tell_other_robot(
+pub fn warn_of_other_robot(
     (name, snapshot): (&str, Option<&Snapshot>),
     arm: &Arm,
     progress: &dyn Progress,

@@ -112,7 +112,7 @@ impl Report {
 
 /// Notes what a reader of the errors should know. An elastic body predicts torques where no point was
 /// touched, too.
-pub fn tell_oddities(results: &[TouchResult], field: &Field, progress: &dyn Progress) {
+pub fn report_oddities(results: &[TouchResult], field: &Field, progress: &dyn Progress) {
     let has_body = field.elastic.as_ref().is_some_and(|model| model.share > 0.0);
     let meets_known = |touch: &TouchResult| has_body || touch.count(|frame| frame.known > 0) > 0;
     if !results.iter().any(meets_known) {

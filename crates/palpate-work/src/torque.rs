@@ -225,8 +225,8 @@ fn check(key: &str, value: f64, range: &RangeInclusive<f64>) -> Result<(), WorkE
     Err(WorkError::Usage(format!("{key} is {value}; wanted a number from {low} to {high}")))
 }
 
-/// The wrench at a link's origin that explains torques best, each weighed by its standard deviation; what no torque
-/// tells of it is zero.
+/// The wrench at a link's origin that explains torques best, each weighed by its standard deviation; the parts
+/// of it that no torque determines are zero.
 fn wrench(robot: &Robot, poses: &Poses, link: LinkId, external: &ExternalTorque) -> Vector6<f64> {
     let origin = poses.world_from_link[link.index()].translation.vector;
     let spatial = robot.spatial_jacobian(poses, link);
@@ -270,7 +270,7 @@ pub fn threshold(
     };
     let alarm = Alarm::of(&free.iter().map(timed).collect::<Vec<_>>()).ok_or_else(|| {
         WorkError::Usage(
-            "the contact-free logs (--free) last less than 5 s by their clock: too short to tell how often \
+            "the contact-free logs (--free) last less than 5 s by their clock: too short to determine how often \
              they pass a threshold"
                 .to_owned(),
         )

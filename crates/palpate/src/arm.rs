@@ -103,7 +103,7 @@ impl Arm {
         Ok(Arm { robot, surfaces: Arc::new(surfaces) })
     }
 
-    /// A number that tells this arm from others: its links, joints, masses and surfaces.
+    /// A number that distinguishes this arm from others: its links, joints, masses and surfaces.
     ///
     /// Lengths are rounded to a micrometre and masses to a milligram, so that the last bits of a
     /// machine's arithmetic do not make another arm. Cost: a millisecond.

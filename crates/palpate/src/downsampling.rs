@@ -1,4 +1,4 @@
-//! Which samples of a touch are learnt from: no more than tell anything new.
+//! Which samples of a touch are learnt from: only as many as carry new information.
 //!
 //! What the model leaves unexplained is many times the sensors' noise, and alike in samples that follow closely on each
 //! other: fifty samples in 50 ms say hardly more than one of them. Each counts as a measurement of its own, though,
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn without_times_the_way_of_the_joints_tells_the_rate() {
+    fn without_times_the_way_of_the_joints_gives_the_rate() {
         // Half a second at rest, one in which a joint turns by 0.07 rad past the end of its range, then at rest again.
         let q = |time_s: f64| {
             let q = 6.25 + 0.07 * (time_s - 0.5).clamp(0.0, 1.0);

@@ -46,8 +46,8 @@ pub fn is_contact_free(
     !touches || robot.difference(q_start, q).iter().all(|way| way.abs() <= still_rad)
 }
 
-/// Whether the torques of an identified arm are no more than its model leaves over: an arm that stands still while it
-/// is loaded is not tared into silence.
+/// Whether the torques of an identified arm are no larger than the residual of its model: the load of an arm that
+/// stands still must not become the tare.
 fn is_explained(untared: &DVector<f64>, std: &[f64]) -> bool {
     untared.iter().zip(std).all(|(torque, std)| torque.abs() <= MOST_STDS * std)
 }

@@ -141,7 +141,7 @@ fn ends_at_the_optimum(rows: &CellRows, frames: &[Observation], expected: &[f64]
 }
 
 #[test]
-fn the_stiffness_scale_changes_what_is_told_and_predicted_and_nothing_that_is_learnt() {
+fn the_stiffness_scale_changes_what_is_reported_and_predicted_and_nothing_that_is_learnt() {
     let (rows, frames) = frames(3, 12);
     let given = config(EstimatorKind::Map, 0.1, 1.0, 0.1);
     let mut half = given.clone();

@@ -133,14 +133,14 @@ fn motion() -> Vec<Sample> {
 }
 
 /// Torques that a field predicts for the motion, and the contacts known to it.
-fn foretold(field: &Field) -> (Vec<Vec<f64>>, usize) {
+fn predicted(field: &Field) -> (Vec<Vec<f64>>, usize) {
     let mut predictor = Predictor::new(arm(), field, field.touch.clone()).unwrap();
     predictor.begin_touch();
     let motion = motion();
-    let told = motion.iter().map(|sample| predictor.step(sample).unwrap().unwrap());
-    let told: Vec<_> = told.collect();
-    let known = told.iter().map(|told| told.known).sum();
-    (told.iter().map(|told| told.predicted.as_slice().to_vec()).collect(), known)
+    let frames = motion.iter().map(|sample| predictor.step(sample).unwrap().unwrap());
+    let frames: Vec<_> = frames.collect();
+    let known = frames.iter().map(|frame| frame.known).sum();
+    (frames.iter().map(|frame| frame.predicted.as_slice().to_vec()).collect(), known)
 }
 
 fn learn(mapper: &mut Mapper, motion: &[Sample]) {
@@ -157,19 +157,19 @@ fn a_true_prior_predicts_torques_before_any_touch() {
     assert!(field.cells.is_sorted() && field.counts.iter().all(|&count| count == 0));
     // The truth: a bed of 2 N/m wherever one asks.
     let truth = Field::new(lattice(), field.contact.clone(), field.touch.clone(), 2.0);
-    let (torques, known) = foretold(&field);
-    assert_eq!((&torques, known), (&foretold(&truth).0, 0));
+    let (torques, known) = predicted(&field);
+    assert_eq!((&torques, known), (&predicted(&truth).0, 0));
     assert!(torques.iter().flatten().any(|tau| tau.abs() > 0.1), "the ball must feel something");
 
-    // Nor does feeling just that change anything.
+    // Nor does learning just these torques change anything.
     let mut mapper =
         Mapper::with_prior(arm(), mapping(EstimatorKind::Map), &everywhere(2.0)).unwrap();
-    let felt =
+    let measured =
         motion().into_iter().zip(torques).map(|(sample, tau)| Sample::new(None, sample.q, tau));
-    learn(&mut mapper, &felt.collect::<Vec<_>>());
+    learn(&mut mapper, &measured.collect::<Vec<_>>());
     let learnt = mapper.field();
     assert!(learnt.stiffness_n_per_m.iter().all(|k| (k - 2.0).abs() < 1e-12));
-    let (_, known) = foretold(&learnt);
+    let (_, known) = predicted(&learnt);
     assert!(known > 100, "{known} contacts with cells that were touched");
 }
 

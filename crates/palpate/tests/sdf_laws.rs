@@ -229,7 +229,7 @@ fn a_mirrored_mesh_still_faces_outwards() {
 }
 
 #[test]
-fn a_cube_without_a_face_is_closed_without_a_jump_and_the_report_tells() {
+fn a_cube_without_a_face_is_closed_without_a_jump_and_the_report_says_so() {
     let mut open = cuboid(0.04, Vector3::zeros());
     open.triangles.truncate(10); // without +z
     let (grid, report) = of_meshes(vec![open]);

@@ -38,8 +38,8 @@ pub(super) struct Answers {
     push: Asked,
 }
 
-/// What was found of paths of one kind, path by path; told is the [`Extent`], `null` where there is
-/// nothing to tell.
+/// What was found of paths of one kind, path by path; each list is written as its [`Extent`], an
+/// empty one as `null`.
 #[derive(Debug, Clone, Default, Serialize)]
 struct Asked {
     /// Those that touch anything.
@@ -187,7 +187,7 @@ impl Extent {
 }
 
 impl Answers {
-    /// Rows of a table: what, and how much; only those of which there is something to tell.
+    /// Rows of a table: what, and how much; only those that have values.
     pub(super) fn rows(&self) -> Vec<(String, String)> {
         let mut rows = Vec::new();
         let mut row = |name: String, extent: Option<Extent>, (factor, digits, unit)| {

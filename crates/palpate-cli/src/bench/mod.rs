@@ -124,7 +124,7 @@ impl<'a> Bench<'a> {
         let recording = touches.read_to_learn(&arm, settings, args.touches, output)?;
         let asked = logs::open_more(&args.answers, settings, &arm)?;
         let asked = asked.read_to_learn(&arm, settings, None, output)?;
-        logs::tell_robot(&arm, settings, output);
+        logs::note_robot(&arm, settings, output);
         Ok(Self { args, arm, config: settings.config()?, recording, asked })
     }
 

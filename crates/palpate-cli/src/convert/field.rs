@@ -101,7 +101,7 @@ impl Conversion<'_> {
         let saved = field::load(input).map_err(CliError::file)?;
         let snapshot = saved.snapshot.as_ref();
         let arm = of_field(robot::load(&settings.robot, output)?, snapshot, output);
-        robot::tell_other_robot((&saved.robot, saved.snapshot.as_ref()), &arm, output);
+        robot::warn_of_other_robot((&saved.robot, saved.snapshot.as_ref()), &arm, output);
         let mut scale = Scale::default();
         scale.widen(&saved.field);
         let mut cells = scale.cells(&saved.field);

@@ -92,7 +92,7 @@ pub(super) fn convert(
     let Copying { bar, fault, count: (touched, samples), beyond, .. } = copy;
     drop(bar);
     fault.map_or(written, Err)?;
-    touches.tell_warnings(output);
+    touches.report_warnings(output);
     let named = touches.describe().columns.and_then(|columns| columns.angle_unit());
     let is_said = settings.log.angle_unit_given().or(named).is_some();
     if 2 * beyond > samples && !is_said {

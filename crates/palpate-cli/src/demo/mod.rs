@@ -20,7 +20,7 @@ use palpate_work::extrapolate::{Chosen, Work as Extrapolating};
 use palpate_work::learn::learn;
 use palpate_work::predict::{Against, TouchResult, score};
 use palpate_work::robot;
-use palpate_work::scored::{Report, tell_oddities};
+use palpate_work::scored::{Report, report_oddities};
 use palpate_work::touches::{RecordedTouch, Touches};
 use palpate_work::tune::{Tune, given, quickly_tuned};
 use serde::Serialize;
@@ -104,7 +104,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let (held_out, touch) = (&mut open(&[held_out])?, saved.field.touch.clone());
     let results = score(&arm, &saved.field, touch, Against::Measured, (held_out, output))?;
     fill(&folder.path, &saved, &results)?;
-    tell_oddities(&results, &saved.field, output);
+    report_oddities(&results, &saved.field, output);
     let report = Report::new(&results, (&saved.field, Against::Measured));
     if !args.json {
         output.result(&first_errors(&report, tally.touches.len()))?;
@@ -215,7 +215,7 @@ impl Args {
         let mut methods = QUICK.to_vec();
         if self.full {
             methods.clear();
-            evaluate::tell_left_out(output);
+            evaluate::note_methods_not_built(output);
         }
         if !bodies.is_empty() {
             methods.insert(0, Method::Elastic);

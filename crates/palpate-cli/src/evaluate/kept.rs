@@ -1,8 +1,8 @@
 //! The finished pieces of an evaluation, kept until all of it is finished.
 //!
 //! Every piece lies in a file of its own, which appears whole or not at all, under the *key* of what
-//! made it: robot, settings, touches with their truth, folds and program. What has another key is not
-//! taken; what was changed since, as its *seal* tells, is told and computed again.
+//! made it: robot, settings, touches with their truth, folds and program. A piece with another key is
+//! ignored; a piece that was changed since, as its *seal* shows, is reported and computed again.
 
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
@@ -135,7 +135,7 @@ impl Keep for Kept {
         self.keep(name, tuned);
     }
 
-    fn told(&self) -> String {
+    fn kept_message(&self) -> String {
         format!(
             "; what is done is kept in `{}`, and the same command goes on from there",
             self.results.display()

@@ -64,7 +64,7 @@ keeps its shipped settings.
 {\"mean\", \"std\"}}], \"touches\": [...]}, N·m.";
 
 /// Notes which methods this program was built without, where all were asked for.
-pub(crate) fn tell_left_out(output: &Output) {
+pub(crate) fn note_methods_not_built(output: &Output) {
     if !Method::Gp.is_built() {
         output.note(&palpate_io::not_built("the baselines mlp and gp"));
     }
@@ -118,7 +118,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     settings.config()?;
     let methods = each_once(&args.methods, has_body)?;
     if args.methods.is_empty() {
-        tell_left_out(output);
+        note_methods_not_built(output);
     } else if has_body && !methods.contains(&Method::Elastic) {
         output.note("--methods leaves out `elastic`, which the object's cloud or picture is for");
     }
@@ -172,7 +172,7 @@ pub(crate) struct Origin {
 }
 
 /// Evaluates, and writes the report and its figures into a folder: returns what came of it, and
-/// whether it could be written, so that hours of work are told in any case.
+/// whether it could be written, so that the results of hours of work are printed in any case.
 pub(crate) fn into_folder(
     work: &Work<'_>,
     folder: &Path,
@@ -189,7 +189,7 @@ pub(crate) fn into_folder(
         folds: work.folds.len(),
         folder: Some(folder.to_owned()),
     };
-    summary.tell_oddities(output);
+    summary.note_oddities(output);
     let shown = (work.arm, &field);
     let written = write_report(&summary, shown, (origin, &settings_toml), (folder, output));
     match written {

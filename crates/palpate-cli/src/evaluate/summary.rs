@@ -13,7 +13,7 @@ use serde_json::json;
 use crate::output::{Output, table};
 use crate::predict::bands;
 
-/// What there is to tell.
+/// An evaluation, and what else its summary needs.
 pub(crate) struct EvaluationSummary {
     pub(crate) evaluation: Evaluation,
     pub(crate) simulated: bool,
@@ -120,7 +120,7 @@ impl EvaluationSummary {
     }
 
     /// Notes what a reader of the table should know.
-    pub(crate) fn tell_oddities(&self, output: &Output) {
+    pub(crate) fn note_oddities(&self, output: &Output) {
         for touch in &self.evaluation.touches {
             let name = &touch.name;
             if touch.external.is_empty() {

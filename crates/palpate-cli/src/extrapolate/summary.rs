@@ -218,7 +218,7 @@ impl ExtrapolationSummary<'_> {
         if let Some(orders) = self.orders() {
             tables.push(Table {
                 title: "Order of the points, against the simulation's truth",
-                caption: "Area under the ROC curve of telling the simulation's first class (leaf) \
+                caption: "Area under the ROC curve of separating the simulation's first class (leaf) \
                           from all others by stiffness, and Spearman's correlation with the true one.",
                 head: vec!["", "points", "area", "Spearman"],
                 rows: orders.map(row).to_vec(),

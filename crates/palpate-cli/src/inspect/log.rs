@@ -22,16 +22,16 @@ pub(super) fn text(log: &LogFacts) -> String {
     };
     let mut text = fact("format", format);
     if let Some(columns) = &log.columns {
-        text += &fact("columns", &told_columns(columns));
+        text += &fact("columns", &columns_text(columns));
     }
     text += &fact("frames", &sizes(log));
-    text += &fact("clock", &told_clock(log));
-    text += &fact("joints", &told_joints(log));
+    text += &fact("clock", &clock_text(log));
+    text += &fact("joints", &joints_text(log));
     if let Some(reading) = &log.reading {
-        text += &fact("torques", &told_reading(reading));
+        text += &fact("torques", &reading_text(reading));
     }
     if let Some(touched) = &log.touched {
-        text += &fact("lattice", &told_touched(touched));
+        text += &fact("lattice", &touched_text(touched));
         text += &fact("", &lattice(&log.lattice));
     }
     if log.touches.is_empty() {
@@ -59,18 +59,18 @@ pub(super) fn text(log: &LogFacts) -> String {
 }
 
 /// The columns that are read: of each kind the first and the last.
-fn told_columns(columns: &CsvColumns) -> String {
+fn columns_text(columns: &CsvColumns) -> String {
     let ends = |names: &[String]| match names {
         [first, .., last] => format!("{first} … {last}"),
         names => names.concat(),
     };
-    let mut told = format!("{}; {}", ends(&columns.q), ends(&columns.tau));
+    let mut text = format!("{}; {}", ends(&columns.q), ends(&columns.tau));
     for (what, name) in [("time", &columns.time), ("touch", &columns.touch)] {
         if let Some(name) = name {
-            told += &format!("; {what}: {name}");
+            text += &format!("; {what}: {name}");
         }
     }
-    told
+    text
 }
 
 fn sizes(log: &LogFacts) -> String {
@@ -80,7 +80,7 @@ fn sizes(log: &LogFacts) -> String {
     format!("{} in {} of {each}", log.frames, counted(log.touches.len(), "touch"))
 }
 
-fn told_clock(log: &LogFacts) -> String {
+fn clock_text(log: &LogFacts) -> String {
     let Some(clock) = &log.clock else { return "none: rate and gaps are unknown".to_owned() };
     format!(
         "{} s in all; {} Hz (a frame every {} ms, nine of ten within {} ms)",
@@ -91,7 +91,7 @@ fn told_clock(log: &LogFacts) -> String {
     )
 }
 
-fn told_joints(log: &LogFacts) -> String {
+fn joints_text(log: &LogFacts) -> String {
     let how = match log.matching {
         Matching::Unnamed => "the log names none; order of",
         Matching::InOrder => "by name, in the order of",
@@ -124,7 +124,7 @@ fn touch_row(touch: &TouchFacts, joints: &[String]) -> Vec<String> {
     ]
 }
 
-fn told_touched(touched: &TouchedFigures) -> String {
+fn touched_text(touched: &TouchedFigures) -> String {
     let TouchedFigures { frames, frames_in_contact, contacts_median, cells_touched } = touched;
     format!(
         "{frames_in_contact} of {frames} frames touch it, {contacts_median} points in the median, \
@@ -132,20 +132,20 @@ fn told_touched(touched: &TouchedFigures) -> String {
     )
 }
 
-fn told_reading(reading: &Reading) -> String {
+fn reading_text(reading: &Reading) -> String {
     let fits = &reading.fits;
     let fit = fits.accepted();
     let unit = match reading.angle_unit {
         AngleUnit::Rad => "",
         AngleUnit::Deg => "; angles in degrees",
     };
-    let check = if fits.tell() {
+    let check = if fits.has_enough_gravity() {
         format!(
-            "{} {:.2} times gravity's {} N·m, {} N·m left over",
+            "{} {:.2} times gravity's {} N·m, residual {} N·m",
             if fits.at_rest { "at rest" } else { "on average" },
             fit.slope,
             number(fits.gravity_torque),
-            number(fit.left_over)
+            number(fit.residual)
         )
     } else {
         "gravity at rest is too small to check that by".to_owned()

@@ -60,7 +60,7 @@ impl Checker {
         Arc::clone(&self.shared.mapped)
     }
 
-    /// What looks wrong and was not told yet.
+    /// What looks wrong and was not reported yet.
     pub(super) fn warnings(&self) -> Vec<String> {
         take(&mut *self.shared.warnings.lock().unwrap_or_else(PoisonError::into_inner))
     }
@@ -70,7 +70,7 @@ impl Checker {
         self.shared.ends.store(true, Ordering::Relaxed);
         self.shared.mapped.wake();
         if let Some(thread) = self.thread.take() {
-            let _ = thread.join(); // a panic was told where it happened
+            let _ = thread.join(); // a panic was reported where it happened
         }
         self.warnings()
     }

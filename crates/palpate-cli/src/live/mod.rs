@@ -1,8 +1,8 @@
 //! `palpate live`: maps beside a running robot.
 
 mod checker;
+mod reporter;
 mod status;
-mod told;
 #[cfg(feature = "viewer")]
 mod viewer;
 
@@ -39,8 +39,8 @@ use crate::settings::{AllSettings, Settings};
 use crate::view;
 use crate::{interrupt, logs, place, program};
 use checker::Checker;
+use reporter::Reporter;
 use status::Shown;
-use told::Told;
 #[cfg(feature = "viewer")]
 use viewer::Viewer;
 
@@ -116,7 +116,7 @@ pub(crate) struct Args {
     /// field to resume must have bands
     #[arg(long, value_name = "LEVEL", requires_all = ["guard", "resume"], value_parser = number_in(0.01..=0.999, "a level from 0.01 to 0.999"))]
     guard_band: Option<f64>,
-    /// Tell MoveIt to stop what it executes when the guard says stop
+    /// Stop what MoveIt executes when the guard says stop
     #[arg(long, requires = "guard")]
     guard_moveit: bool,
     /// Socket on which to ask what torque a motion would meet: a line of JSON each way, such as
@@ -135,7 +135,7 @@ pub(crate) struct Args {
     /// Meet others on this machine only
     #[arg(long)]
     localhost: bool,
-    /// How services are told apart on the wire: `cyclone` for robots on rmw_cyclonedds
+    /// How requests of services are identified on the wire: `cyclone` for robots on rmw_cyclonedds
     #[arg(long, value_name = "KIND", default_value = "enhanced", value_parser = named::<Services>(&["enhanced", "cyclone"]))]
     services: Services,
     /// Take the time from the topic /clock, as a simulation or a replay gives it (use_sim_time of ROS)
@@ -170,7 +170,7 @@ struct Identified {
     torques: ExternalTorqueConfig,
 }
 
-/// How often contact-free motion may be told as touched.
+/// How often contact may be reported in contact-free motion.
 const FALSE_ALARMS_PER_HOUR: f64 = 1.0;
 
 /// A parser of periods, s.
@@ -365,7 +365,7 @@ impl Args {
     }
 
     /// Names settings of logs that were given and change nothing here.
-    fn tell_of_logs(settings: &Settings, output: &Output) {
+    fn warn_of_unused_log_settings(settings: &Settings, output: &Output) {
         let log = &settings.log;
         let given = [
             ("angle_unit", log.angle_unit_given().is_some_and(|unit| unit != AngleUnit::Rad)),
@@ -386,10 +386,10 @@ impl Args {
         }
     }
 
-    /// Says what it works with.
-    fn tell(&self, arm: &Arm, settings: &Settings, output: &Output) {
-        Self::tell_of_logs(settings, output);
-        logs::tell_robot(arm, settings, output);
+    /// Notes which robot is used, and which inputs and results are not.
+    fn print_notes(&self, arm: &Arm, settings: &Settings, output: &Output) {
+        Self::warn_of_unused_log_settings(settings, output);
+        logs::note_robot(arm, settings, output);
         if self.output.is_none() && !self.no_map {
             output.note("nothing is kept: --output FIELD.npz saves what is learnt");
         }
@@ -456,7 +456,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     drop(description);
     let identified = args.identified(&arm, &settings, output)?;
     let (mapper, body) = args.begin(&arm, &settings, output)?;
-    args.tell(&arm, &settings, output);
+    args.print_notes(&arm, &settings, output);
 
     #[cfg(feature = "viewer")]
     let viewer = {
@@ -473,21 +473,21 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let network = args.network(&arm, &settings)?;
     let ask = args.ask.as_deref().map(open_socket).transpose()?;
     let ends = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s));
-    let told = Told::new(Shown::new(*output, args.json_lines), checker, strict);
+    let reporter = Reporter::new(Shown::new(*output, args.json_lines), checker, strict);
     let over = || interrupt::pressed() || ends.is_some_and(|ends| Instant::now() >= ends);
-    let stop = || told.looks_wrong() || over();
+    let stop = || reporter.looks_wrong() || over();
     let config = LiveConfig {
         joint_states: args.joint_states()?,
         queue: args.queue as usize,
         checkpoint: args.checkpoint(),
         view: feed,
-        mapped: Some(told.inbox()),
+        mapped: Some(reporter.inbox()),
         body: body.clone(),
     };
-    let tell = |news| told.tell(news);
+    let show = |news| reporter.show(news);
     let (session, defect) =
-        run_live(&network, session, &config, ask.as_ref(), stop, tell).map_err(CliError::file)?;
-    let (mut shown, wrong) = told.end();
+        run_live(&network, session, &config, ask.as_ref(), stop, show).map_err(CliError::file)?;
+    let (mut shown, wrong) = reporter.end();
     shown.clear();
     #[cfg(feature = "viewer")]
     if let Some(viewer) = viewer {
@@ -517,7 +517,7 @@ fn save(
     place::save(path, &saved)?;
     if let Some(waiting) = body.map(LiveBody::waiting).filter(|waiting| *waiting > 0) {
         let path = path.display();
-        shown.tell(News::Note(format!(
+        shown.show(News::Note(format!(
             "the elastic body has not learnt the last touches ({waiting}), which the field holds: \
              palpate map --from {path} -o {path}"
         )));

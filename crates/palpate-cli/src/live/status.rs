@@ -38,7 +38,7 @@ impl Shown {
     }
 
     /// Shows one of the news. A standard output that nobody reads any more is an error at the end.
-    pub(super) fn tell(&mut self, news: News) {
+    pub(super) fn show(&mut self, news: News) {
         match news {
             News::Note(note) if self.json => {
                 let _ = self.output.json_line(&json!({ "note": note }));

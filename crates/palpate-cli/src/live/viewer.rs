@@ -22,7 +22,7 @@ const LOOK: Duration = Duration::from_millis(100);
 /// What the viewer may take at the end for what is left.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// A viewer and the thread that tells it.
+/// A viewer and the thread that sends it the frames.
 pub(super) struct Viewer {
     inbox: Arc<Inbox<ViewFrame>>,
     ending: Arc<AtomicBool>,

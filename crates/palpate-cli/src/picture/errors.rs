@@ -66,7 +66,7 @@ fn norms(a: &[Vec<f64>], b: &[Vec<f64>]) -> Vec<f64> {
     a.iter().zip(b).map(norm).collect()
 }
 
-/// Okabe and Ito's colours, which the colour-blind can tell apart.
+/// Okabe and Ito's colours, which colour-blind readers can distinguish.
 pub(crate) fn colour(method: &str) -> RGBColor {
     match method {
         "map" => RGBColor(0, 114, 178),

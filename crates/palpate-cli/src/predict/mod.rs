@@ -13,7 +13,7 @@ use palpate::{Arm, ExternalTorqueConfig};
 use palpate_io::field::{self, Saved};
 use palpate_work::predict::{Against, score};
 use palpate_work::robot;
-use palpate_work::scored::{Report, tell_oddities};
+use palpate_work::scored::{Report, report_oddities};
 use palpate_work::touches::Touches;
 
 use crate::error::CliError;
@@ -97,7 +97,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         format.write(path, &picture::torques(&results, against)?)?;
     }
     let report = Report::new(&results, (&saved.field, against));
-    tell_oddities(&results, &saved.field, output);
+    report_oddities(&results, &saved.field, output);
     if args.json { output.json(&report) } else { output.result(&text(&report)) }
 }
 
@@ -109,7 +109,7 @@ pub(crate) fn open_beside(
     output: &Output,
 ) -> Result<(Touches, Arc<Arm>, ExternalTorqueConfig), CliError> {
     let (touches, arm) = logs::open(logs, settings, logs::IfUndecided::LeaveOpen, output)?;
-    robot::tell_other_robot((&saved.robot, saved.snapshot.as_ref()), &arm, output);
+    robot::warn_of_other_robot((&saved.robot, saved.snapshot.as_ref()), &arm, output);
     let touch = settings.torque_beside_field(&saved.field.touch)?;
     let place = (saved.field.lattice.clone(), saved.field.contact.clone());
     Ok((touches.for_arm(&arm, &settings.log, place)?, arm, touch))

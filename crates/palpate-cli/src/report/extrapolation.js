@@ -91,9 +91,9 @@ function drawCloud() {
 
 // Words and controls.
 
-function tell() {
-  tellThreshold();
-  tellField("field-caption", scene.poses.length > 0);
+function updateCaptions() {
+  showThreshold();
+  showFieldCaption("field-caption", scene.poses.length > 0);
   const drawn = cloud.stiffness.length;
   const thinned = drawn < cloud.all ? `, of which ${counted(drawn)} are drawn, evenly chosen` : "";
   byId("cloud-caption").textContent =
@@ -148,8 +148,8 @@ drawCloud();
 listenToThreshold("field");
 byId("arm").addEventListener("change", moveArm);
 byId("colouring").addEventListener("change", drawCloud);
-byId("colouring").addEventListener("change", tell);
+byId("colouring").addEventListener("change", updateCaptions);
 listenToViews("field", "cloud");
 turnTogether("field", "cloud");
 turnTogether("cloud", "field");
-tell();
+updateCaptions();

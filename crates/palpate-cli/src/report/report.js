@@ -261,7 +261,7 @@ function moveArm() {
 
 // Words and controls.
 
-function tell() {
+function updateCaptions() {
   const { every, frames, counted: noClock } = touch();
   const ordinal = { 2: "second", 3: "third" }[every] ?? `${every}th`;
   const thinned =
@@ -273,8 +273,8 @@ function tell() {
   const frame = chosen("frame") * every;
   const time = noClock ? "" : `${(here() ?? 0).toFixed(2)} s, `;
   byId("frame-shown").textContent = `${time}frame ${frame} of ${frames}`;
-  tellThreshold();
-  tellField("scene-caption", data.scene.hulls.length > 0);
+  showThreshold();
+  showFieldCaption("scene-caption", data.scene.hulls.length > 0);
 }
 
 function chooseTouch() {
@@ -288,7 +288,7 @@ function chooseTouch() {
   drawJoints();
   drawContacts();
   if (data.scene) moveArm();
-  tell();
+  updateCaptions();
 }
 
 options(byId("touch"), data.touches.map(({ name }) => name), 0);
@@ -300,7 +300,7 @@ data.joints.forEach((_, joint) => {
 });
 if (data.scene) {
   drawScene();
-  byId("frame").addEventListener("input", tell);
+  byId("frame").addEventListener("input", updateCaptions);
   byId("frame").addEventListener("input", paced(moveArm));
   listenToThreshold("scene");
   listenToViews("scene");

@@ -128,14 +128,14 @@ function pointsFrom(threshold) {
 }
 
 /** Says beside the slider where it stands. */
-function tellThreshold() {
+function showThreshold() {
   const shown = countFrom(threshold());
   const least = threshold() === 0 ? "none" : `${Number(threshold().toPrecision(3))} N/m`;
   byId("threshold-shown").textContent = `${least} (${counted(shown)} shown)`;
 }
 
 /** Says below a plot of the field and the arm what is drawn. */
-function tellField(caption, arm) {
+function showFieldCaption(caption, arm) {
   const { cells, stiffness, spacing } = data.scene;
   const part = stiffness.length < cells ? `the stiffest ${counted(stiffness.length)} of ` : "";
   const hulls = arm ? " Each link of the arm is drawn as its convex hull." : "";
@@ -242,7 +242,7 @@ function listenToThreshold(plot) {
     const update = { x: [x], y: [y], z: [z], customdata: [stiffness] };
     Plotly.restyle(plot, { ...update, "marker.color": [logs(stiffness)] }, [1]);
   });
-  byId("threshold").addEventListener("input", tellThreshold);
+  byId("threshold").addEventListener("input", showThreshold);
   byId("threshold").addEventListener("input", filter);
 }
 

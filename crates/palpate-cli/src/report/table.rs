@@ -201,8 +201,8 @@ mod tests {
         touch.external.iter_mut().for_each(|tau| tau.fill(0.1));
         let twice = vec![vec![0.3; 7]; touch.external.len()];
         touch.predictions[0] = Prediction::new("map", twice, &touch.external);
-        let told = remarks(&evaluation).join("\n");
-        assert!(told.contains("without relative error: second <touch>."), "{told}");
-        assert!(told.contains("second <touch> by 100\u{a0}% (0.529 against 0.265"), "{told}");
+        let text = remarks(&evaluation).join("\n");
+        assert!(text.contains("without relative error: second <touch>."), "{text}");
+        assert!(text.contains("second <touch> by 100\u{a0}% (0.529 against 0.265"), "{text}");
     }
 }

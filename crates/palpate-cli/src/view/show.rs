@@ -83,7 +83,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let (touches, arm) =
         logs::open(&named.logs, &mut settings, logs::IfUndecided::LeaveOpen, output)?;
     if let Some(saved) = &saved {
-        robot::tell_other_robot((&saved.robot, saved.snapshot.as_ref()), &arm, output);
+        robot::warn_of_other_robot((&saved.robot, saved.snapshot.as_ref()), &arm, output);
     }
     let to = To::of(args)?;
     let touches = (!named.logs.is_empty()).then_some(touches);
@@ -93,7 +93,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         (None, Some(saved)) => (stage.show_field(saved, to)?, None),
         (None, None) => unreachable!("clap asks for a field or a log"),
     };
-    stage.tell(&place, played.as_ref())
+    stage.print_result(&place, played.as_ref())
 }
 
 /// All that is known before anything is shown.
@@ -119,14 +119,14 @@ impl Stage<'_> {
         // Joint positions that are not the arm's: an error when that sample is followed.
         let first = player.first_q().and_then(|q| hulls.poses(self.arm, q).ok());
         scene.world_from_link = first.unwrap_or_default();
-        logs::tell_robot(self.arm, self.settings, self.output);
+        logs::note_robot(self.arm, self.settings, self.output);
         let (place, played) = to.record(&scene, |recording| {
             if let Some(saved) = &self.saved {
                 recording.field(&saved.field, 0, scene.clock.then_some(0.0)).map_err(failed)?;
             }
             player.play(recording, (self.arm, &hulls), self.args, self.output)
         })?;
-        player.touches.tell_warnings(self.output);
+        player.touches.report_warnings(self.output);
         Ok((place, Some(played)))
     }
 
@@ -201,8 +201,8 @@ impl Stage<'_> {
         about(&shown, self.arm, lattice, expected)
     }
 
-    /// Says what was shown.
-    fn tell(&self, place: &str, played: Option<&Played>) -> Result<(), CliError> {
+    /// Prints where the recording is, and what was played.
+    fn print_result(&self, place: &str, played: Option<&Played>) -> Result<(), CliError> {
         let args = self.args;
         if args.json {
             let viewer = args.save.is_none().then_some(place);

@@ -46,7 +46,7 @@ impl To {
                 let written = atomic::write(&path, |out| {
                     let recording = Recording::to_file(out, scene).map_err(failed);
                     match recording.and_then(|recording| all(recording, say)) {
-                        // A full disk: the place and the remedy are for `atomic` to tell.
+                        // A full disk: the error of `atomic` names the place and the remedy.
                         Err(CliError::Write { source, .. }) => Err(source),
                         result => {
                             let whole = result.is_ok();

@@ -130,18 +130,18 @@ pub(crate) fn inspect() -> Command {
 #[track_caller]
 pub(crate) fn run(command: &mut Command) -> (Option<i32>, Value) {
     let output = command.arg("--json").output().unwrap();
-    let told = serde_json::from_slice(&output.stdout);
-    let told = told.unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
-    (output.status.code(), told)
+    let report = serde_json::from_slice(&output.stdout);
+    let report = report.unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    (output.status.code(), report)
 }
 
 /// The findings of the first path, by their codes.
-pub(crate) fn codes(told: &Value) -> Vec<&str> {
-    let findings = told["paths"][0]["findings"].as_array().unwrap();
+pub(crate) fn codes(report: &Value) -> Vec<&str> {
+    let findings = report["paths"][0]["findings"].as_array().unwrap();
     findings.iter().map(|finding| finding["code"].as_str().unwrap()).collect()
 }
 
 /// The first finding of the first path.
-pub(crate) fn first(told: &Value) -> &Value {
-    &told["paths"][0]["findings"][0]
+pub(crate) fn first(report: &Value) -> &Value {
+    &report["paths"][0]["findings"][0]
 }

@@ -147,8 +147,8 @@ fn points_without_coordinates_are_left_out_by_name() {
 
 #[test]
 fn a_cloud_in_millimetres_is_refused() {
-    let told = failure(TEXT_PLY.replace("0.5", "1000.5").as_bytes());
-    assert!(told.contains("1000.5") && told.contains("in millimetres"), "{told}");
+    let message = failure(TEXT_PLY.replace("0.5", "1000.5").as_bytes());
+    assert!(message.contains("1000.5") && message.contains("in millimetres"), "{message}");
 }
 
 #[test]
@@ -207,7 +207,7 @@ fn what_is_no_cloud_is_called_so() {
 }
 
 #[test]
-fn a_header_is_told_where_it_is_wrong() {
+fn the_error_names_the_line_where_a_header_is_wrong() {
     for (from, to, line, word) in [
         ("float y", "half y", 5, "`half` is no type"),
         ("ascii", "utf8", 2, "format `utf8` is unknown"),

@@ -4,7 +4,7 @@
 //! |-----------------|-------|------|------|------------------------------------------------------------|
 //! | `elastic`       | bytes | u8   |      | JSON: bodies and their weights, friction, creep             |
 //! | `residual_cells` | R    | u32  |      | indices of cells that touches have met                      |
-//! | `K_residual`    | R     | f64  | N/m  | stiffness there that explains what the bodies leave over    |
+//! | `K_residual`    | R     | f64  | N/m  | stiffness there that explains the residual of the bodies    |
 //! | `elastic_touch` | T x 2 | u32  |      | samples of each touch it was learnt from, and whether they have times |
 //! | `elastic_time`  | S     | f64  | s    | times of those samples in a row; 0 where there are none     |
 //! | `elastic_q`, `elastic_tau` | S x n | f64 | | positions and torques, as logged                            |

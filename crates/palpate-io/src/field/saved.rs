@@ -347,8 +347,8 @@ fn check_points(arrays: &Arrays, field: &Field, points: &[[f64; 3]]) -> Result<(
     };
     let Some(row) = field.cells.iter().zip(points).position(is_off) else { return Ok(()) };
     let what = format!(
-        "row {row} (from 0) of `points` is not the place of its cell, {}: `cells` tells where the springs are, so change \
-         both, in the same order",
+        "row {row} (from 0) of `points` is not the place of its cell, {}: `cells` says where the springs are, so \
+         change both, in the same order",
         field.cells[row].0
     );
     Err(contradiction(arrays, what))

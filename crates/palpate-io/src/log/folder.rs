@@ -24,7 +24,7 @@ pub(super) fn is_file_with(path: &Path, endings: &[&str]) -> bool {
     ending.is_some_and(|ending| endings.contains(&ending.as_str())) && path.is_file()
 }
 
-/// The first bytes of a file, enough to tell its format.
+/// The first bytes of a file, enough to recognise its format.
 pub(super) fn beginning(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     input::open(path)?.take(16).read_to_end(&mut bytes)?;

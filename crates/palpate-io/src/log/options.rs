@@ -54,8 +54,8 @@ pub struct CsvColumns {
     pub tau: Vec<String>,
     /// Names of the joints in the same order, if they shall be matched to the robot's.
     pub joints: Option<Vec<String>>,
-    /// Time, in the unit that its name or the size of its first number tells; `a and b` for a column of seconds and one of
-    /// nanoseconds.
+    /// Time, in the unit that follows from its name or the size of its first number; `a and b` for a column of seconds
+    /// and one of nanoseconds.
     pub time: Option<String>,
     /// What changes from one touch to the next.
     pub touch: Option<String>,

@@ -36,7 +36,10 @@ impl Dropped {
             (self.out_of_range, "widen the depth range"),
             (self.outside_box, "widen the box, or look at the camera's pose"),
             (self.beyond_lens, "look at the distortion coefficients"),
-            (self.flying, "the depth is too noisy to tell edges from objects; keep flying pixels"),
+            (
+                self.flying,
+                "the depth is too noisy to distinguish edges from objects; keep flying pixels",
+            ),
         ];
         // Of equal counts the first one counts.
         of_most.into_iter().rev().max_by_key(|(count, _)| *count).map_or("", |(_, remedy)| remedy)

@@ -2,7 +2,7 @@
 //!
 //! A file is named by the hash of everything that made it: shapes, bytes of the mesh files, how to
 //! bake, and the versions of the code that does. So a change of any gives another name, and what is
-//! stale is never looked up. Within, a hash of name and content tells what is broken, cut
+//! stale is never looked up. Within, a hash of name and content shows what is broken, cut
 //! off or renamed; it is then baked again. Whoever may write could seal another link, so that only a
 //! folder of one's own is used. Writing is atomic, so that several processes may share the folder.
 //! Nothing is ever removed: the folder may be deleted at any time.

@@ -82,7 +82,7 @@ impl ObjectHints {
 
 /// The elastic bodies that pictures of an object can be read as. They differ in what hangs together across
 /// gaps: a branch that comes out of hidden space may hang from any of several others, and only touches
-/// tell from which.
+/// show from which.
 ///
 /// Springs are those of round rods of [`WOOD_MODULUS_PA`]: `E π r⁴ / 4` over the length that a joint
 /// stands for. The same pictures give the same bodies. Cost: 0.1 s for 30,000 points, and a second
@@ -238,7 +238,7 @@ fn carriers(nodes: &[SkeletonNode], branches: &[Branch]) -> Vec<Option<usize>> {
     branches.iter().map(|branch| branch.carried.then(|| branch_of[branch.nodes[0]])).collect()
 }
 
-/// Cuts a tube into straight segments; `carries` is told which segment each node of the tube lies on. So many
+/// Cuts a tube into straight segments; `carries` is called with the segment that each node of the tube lies on. So many
 /// places `ahead` of its nodes are none.
 fn cut(
     tube: &Tube,

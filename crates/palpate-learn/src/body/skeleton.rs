@@ -254,7 +254,7 @@ fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], views: &Views, joining: 
     }
 }
 
-/// Leaves out branches that are shorter than what a level set can tell.
+/// Leaves out branches that are shorter than what a level set can resolve.
 fn prune(mut nodes: Vec<SkeletonNode>) -> Vec<SkeletonNode> {
     for _ in 0..3 {
         let branches = branches(&nodes);

@@ -52,7 +52,7 @@ const EXACTLY: [f64; 2] = [0.01, 0.05];
 const LEAST_MISFIT: f64 = 1e-3;
 /// Held-out touches of which misfits are known, at least.
 const FEWEST: usize = 3;
-/// A squared error of so many times the noise may be noise, of which the start of a touch does not tell enough.
+/// A squared error of so many times the noise may be noise, since the start of a touch determines the noise roughly.
 const NOISE: f64 = 1.5;
 /// The share of the torque by which a repeated touch may differ from the one that it repeats.
 const REPEATS: f64 = 0.25;
@@ -63,7 +63,7 @@ const FRAMES: usize = 100;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "change", rename_all = "lowercase")]
 pub enum Change {
-    /// Nothing that these touches tell.
+    /// Nothing that these touches show.
     Unchanged,
     /// The object is somewhere else.
     Moved(Motion),
@@ -308,8 +308,8 @@ impl<'a> Beside<'a> {
 
     /// The frames of a touch in contact; if `repeat`, of a touch that repeats another.
     fn frames(&self, touch: usize, repeat: bool) -> impl Iterator<Item = &TrackedFrame> {
-        let tells = !repeat || self.repeated[touch].is_some();
-        self.tracked.touches[touch].in_contact().filter(move |_| tells)
+        let counts = !repeat || self.repeated[touch].is_some();
+        self.tracked.touches[touch].in_contact().filter(move |_| counts)
     }
 
     /// The torques that the field of the moved object should predict for these frames: the measured ones; or these without

@@ -1,5 +1,5 @@
 //! A field whose object was moved over the ground and turned about the vertical, and the motion that explains touches
-//! best. It may sink or rise a little: a touch from one side hardly tells down from back.
+//! best. It may sink or rise a little: a touch from one side hardly distinguishes down from back.
 //!
 //! What an arm displaces depends on its own motion alone, so a motion of the object changes only which stiffness the
 //! touched cells have: that of the field at the place where they were, by linear interpolation between cells. So a

@@ -44,7 +44,7 @@ pub struct Weights {
     pub field: f64,
     /// The body alone.
     pub body: f64,
-    /// The body, and the field for what it leaves over.
+    /// The body, and the field for its residual.
     pub both: f64,
 }
 
@@ -68,7 +68,7 @@ pub struct Predicted {
     pub weights: Weights,
 }
 
-/// A field that learns what the body leaves over, and how well both predicted touches before they were
+/// A field that learns the residual of the body, and how well both predicted touches before they were
 /// learnt.
 struct Learner<'a> {
     body: &'a BodyTorques,
@@ -126,9 +126,9 @@ impl<'a> Learner<'a> {
                 self.estimator.advance_time();
                 continue;
             }
-            let left_over = frame.observation.tau() - self.of_body(touch, index);
+            let residual = frame.observation.tau() - self.of_body(touch, index);
             let observation = frame
-                .weighted(frame.observation.clone().with_tau(&left_over), &self.config.estimator);
+                .weighted(frame.observation.clone().with_tau(&residual), &self.config.estimator);
             let source = FrameId { touch: place as u32, sample: frame.sample };
             self.estimator.correct(&self.tracked.points_m, observation, source)?;
             self.estimator.replay(self.config.estimator.replays);

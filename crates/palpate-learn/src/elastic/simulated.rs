@@ -82,7 +82,7 @@ impl BodyTorques {
         self.simulate(arm, (tracked, touches), &others, (stop, &step))
     }
 
-    /// Simulates what is missing of these contacts and bodies; `step` is told the contact.
+    /// Simulates what is missing of these contacts and bodies; `step` is called with the contact.
     fn simulate(
         &mut self,
         arm: &Arc<Arm>,

@@ -148,11 +148,11 @@ impl BodyTorques {
 
 /// The touches with a frame of at least [`TORQUE_FLOOR`]: others say nothing of the stiffness.
 pub(super) fn with_torque(tracked: &Tracked, touches: &[usize]) -> Vec<usize> {
-    let tells = |touch: &&usize| {
+    let has_torque = |touch: &&usize| {
         let frames = &tracked.touches[**touch].frames;
         frames.iter().any(|frame| frame.observation.tau().norm() >= TORQUE_FLOOR)
     };
-    touches.iter().filter(tells).copied().collect()
+    touches.iter().filter(has_torque).copied().collect()
 }
 
 /// The factors of stiffness that explain the measured torques of some touches best, by tree, and the sum
@@ -228,7 +228,7 @@ fn by_tree(
 ) -> DVector<f64> {
     let n = common.len();
     let (mut curvature, mut slope) = (DMatrix::zeros(n, n), DVector::zeros(n));
-    let (mut left_over, mut count) = (0.0, 0.0_f64);
+    let (mut residual, mut count) = (0.0, 0.0_f64);
     for &touch in touches {
         let frames = &tracked.touches[touch].frames;
         let large = |frame: &usize| frames[*frame].observation.tau().norm() >= TORQUE_FLOOR;
@@ -240,7 +240,7 @@ fn by_tree(
             let mut by_tree = torques[touch][frame].clone();
             by_tree.column_iter_mut().zip(common.iter()).for_each(|(mut one, &by)| one *= by);
             let off = tau - by_tree.column_sum();
-            left_over += each * off.norm_squared();
+            residual += each * off.norm_squared();
             curvature += by_tree.tr_mul(&by_tree) * each;
             slope += by_tree.tr_mul(&off) * each;
         }
@@ -248,8 +248,8 @@ fn by_tree(
     // The residual gives the noise, and the noise the ridge, which changes the residual.
     let mut change = DVector::zeros(n);
     for _ in 0..3 {
-        let left_over = left_over + change.dot(&(&curvature * &change - 2.0 * &slope));
-        let noise = f64::max(left_over / count.max(1.0), BEST_ERROR.powi(2)) / FRAMES_THAT_DIFFER;
+        let residual = residual + change.dot(&(&curvature * &change - 2.0 * &slope));
+        let noise = f64::max(residual / count.max(1.0), BEST_ERROR.powi(2)) / FRAMES_THAT_DIFFER;
         let ridge = DMatrix::from_diagonal_element(n, n, noise / TREE_SPREAD.powi(2));
         let Some(held) = (&curvature + ridge).cholesky() else { break };
         change = held.solve(&slope);

@@ -1,4 +1,4 @@
-//! What tells one seen point from another: its colour, its height, the shape about it.
+//! What distinguishes one seen point from another: its colour, its height, the shape about it.
 //!
 //! Light falls unevenly on a plant, so that one leaf has many brightnesses. [`Colour::Chroma`]
 //! leaves brightness out: it is what part of the light is red and what part green, which stays when
@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::cloud::SeenCloud;
 
-/// Points about a point that tell its shape.
+/// Points about a point that determine its shape.
 const ABOUT: usize = 30;
 
 /// How a colour becomes numbers.

@@ -1,4 +1,4 @@
-//! Few samples that have most of what is left over: an arm that jerks as it starts, or that is touched for a moment.
+//! Few samples that have most of the residual: an arm that jerks as it starts, or that is touched for a moment.
 
 use serde::Serialize;
 
@@ -8,11 +8,11 @@ use super::held_out::{Left, Of};
 const FEW: f64 = 0.01;
 /// Share of the squares that is most.
 const MOST: f64 = 0.5;
-/// What is left over of a sample, by the median of all, from which on it is far off.
+/// A sample is far off if its residual is more than so many times the median of all.
 const FAR_OFF: f64 = 5.0;
 
-/// Samples in which far more is left over than usual, if they are at most a hundredth of all and have at least half of
-/// what is left over, in squares.
+/// Samples with a far larger residual than usual, if they are at most a hundredth of all and have at least half of the
+/// sum of squared residuals.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Few {
     /// How many there are.
@@ -21,14 +21,14 @@ pub struct Few {
     pub of: usize,
     /// Their share of the sum of squares, 0 to 1.
     pub share: f64,
-    /// The largest that is left over in one, norm over the joints, N·m.
+    /// The largest residual of one, norm over the joints, N·m.
     pub largest: f64,
     /// Number of the touch in which they have most.
     pub touch: usize,
     /// First and last of them in that touch, by number, from 0.
     pub rows: [usize; 2],
-    /// What is left over of all other samples, root mean square over all joints, N·m: after gravity as the URDF says
-    /// it, and after the identified model.
+    /// Residual of all other samples, root mean square over all joints, N·m: after gravity as the URDF says it, and
+    /// after the identified model.
     pub without: [f64; 2],
 }
 

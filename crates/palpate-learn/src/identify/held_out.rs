@@ -1,5 +1,5 @@
-//! What a model leaves over of torques on motion that it was not identified on: whole touches, or quarters of them if
-//! there are fewer than three. Bias and drift of a touch are not known beforehand, so they are in it.
+//! Residual torques of a model on motion that it was not identified on: whole touches, or quarters of them if there
+//! are fewer than three. Bias and drift of a touch are not known beforehand, so they are in it.
 
 use palpate::unstable::{NoiseFactors, TouchMotion, explain};
 use palpate::{
@@ -16,7 +16,7 @@ use super::ripple::RippleSample;
 use super::rows::{FOLDS, RegressionSettings, Rows, fold};
 use super::{IdentifyError, result, ripple};
 
-/// Root mean squares of what is left over of the measured torques, N·m, by joint.
+/// Root mean squares of the residuals of the measured torques, N·m, by joint.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct HeldOut {
     /// After gravity as the URDF says it.
@@ -27,7 +27,7 @@ pub struct HeldOut {
     pub identified: Vec<f64>,
     /// The three again, of means over the time window that speeds are computed in.
     pub slow: [Vec<f64>; 3],
-    /// Few samples that have most of what the identified model leaves over, if there are any.
+    /// Few samples that have most of the residual of the identified model, if there are any.
     pub few: Option<Few>,
 }
 
@@ -102,11 +102,11 @@ pub(super) fn of(
         take_off(&mut left, &ripples);
         let part =
             |j: usize| root_mean_square(&left, |left| left.identified[j], 0.0) / start.efforts[j];
-        let left_over = (0..n).map(|j| part(j).powi(2)).sum::<f64>();
-        if causal.as_ref().is_none_or(|(least, _)| left_over < *least) {
+        let residual = (0..n).map(|j| part(j).powi(2)).sum::<f64>();
+        if causal.as_ref().is_none_or(|(least, _)| residual < *least) {
             let noise = noise(&left);
             let alarm = alarm_of(&left, &noise);
-            causal = Some((left_over, Causal { window_s, noise, alarm }));
+            causal = Some((residual, Causal { window_s, noise, alarm }));
         }
     }
 
@@ -153,7 +153,7 @@ impl Left {
     }
 }
 
-/// Takes ripple off what is left over.
+/// Subtracts ripple from the residual.
 fn take_off(left: &mut [Vec<Left>], ripples: &[Vec<Vec<Ripple>>; FOLDS + 1]) {
     for left in left.iter_mut().flatten() {
         let mut sample = left.for_ripple();
@@ -162,7 +162,7 @@ fn take_off(left: &mut [Vec<Left>], ripples: &[Vec<Vec<Ripple>>; FOLDS + 1]) {
     }
 }
 
-/// What the model of its fold leaves over of each sample of a touch that is not left out.
+/// Residual of each sample of a touch that is not left out, under the model of its fold.
 fn left_of(
     robot: &Robot,
     (touches, (touch, touched)): (&[&[Sample]], (usize, &Vec<bool>)),

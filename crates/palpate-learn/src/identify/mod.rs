@@ -17,8 +17,8 @@
 //! | `touched`    | samples in which something seems to be touched                    |
 //! | `possible`   | inertias that are physically possible                             |
 //! | `ripple`     | torque that comes back with the teeth of the gears                |
-//! | `held_out`   | what is left over on motion that was not used                     |
-//! | `few`        | few samples that have most of what is left over                   |
+//! | `held_out`   | residuals on motion that was not used                             |
+//! | `few`        | few samples that have most of the residual                        |
 //! | `result`     | values with standard deviations, in the units that people read    |
 
 mod few;
@@ -92,7 +92,7 @@ pub enum IdentifyError {
     Unsolvable,
 }
 
-/// Samples of a touch below which it tells no speeds.
+/// Samples of a touch below which it gives no speeds.
 const LEAST_OF_TOUCH: usize = 4;
 /// Samples below which nothing is tried.
 const LEAST_SAMPLES: usize = 20;
@@ -115,7 +115,7 @@ pub fn identify(
         done();
         if stop() { Err(IdentifyError::Stopped) } else { Ok(()) }
     };
-    // Next to longer ones, touches that tell no speeds would hide those of the others.
+    // Next to longer ones, touches that give no speeds would hide those of the others.
     let least =
         if touches.iter().any(|touch| touch.len() >= LEAST_OF_TOUCH) { LEAST_OF_TOUCH } else { 1 };
     let (numbers, logged): (Vec<usize>, Vec<&[Sample]>) =

@@ -104,7 +104,7 @@ impl Posterior {
         let left = right - precision * &mean;
         self.mean = mean + &self.covariance * left;
 
-        // Noise: what is left over, and what the uncertain coefficients may leave over.
+        // Noise: the residual, and the part that the uncertain coefficients may add to it.
         for (j, (gram, sum)) in grams.iter().zip(sums).enumerate() {
             if sum.rows == 0.0 {
                 continue;
@@ -193,7 +193,7 @@ impl Posterior {
         design
     }
 
-    /// What is left over of a row of `rows`, as coefficients of its numbers.
+    /// The residual of a row of `rows`, as coefficients of its numbers.
     pub(super) fn row_coefficients(&self, j: usize) -> DVector<f64> {
         let at = self.joint(j);
         let mut coefficients = DVector::zeros(self.n_parameters + 1 + self.of_joint);
@@ -219,8 +219,8 @@ impl Posterior {
         Some(())
     }
 
-    /// Variance that is left over, relative to the joints' largest torques.
-    pub(super) fn left_over(&self) -> f64 {
+    /// Variance of the residual, relative to the joints' largest torques.
+    pub(super) fn residual_variance(&self) -> f64 {
         self.noise.iter().zip(&self.efforts).map(|(noise, effort)| (noise / effort).powi(2)).sum()
     }
 

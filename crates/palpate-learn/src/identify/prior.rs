@@ -35,8 +35,8 @@ const SLOPE: usize = usize::MAX - 1;
 const FIXED: usize = usize::MAX;
 /// Of the coefficients after the gain, those that are never below zero: Coulomb, viscous, drive.
 pub(super) const NEVER_NEGATIVE: [usize; 3] = [0, 3, 4];
-/// Coefficients of a group that the data must tell, in sum, to say its width.
-const LEAST_TOLD: f64 = 0.1;
+/// Coefficients of a group that the data must determine, in sum, to give its width.
+const LEAST_DETERMINED: f64 = 0.1;
 const SLOPE_N_M: f64 = 0.01;
 const OF_TOUCH: usize = 6;
 
@@ -165,21 +165,21 @@ impl Prior {
     }
 
     /// Sets the widths to what a posterior says of them: how large the coefficients are, by how many of them the data
-    /// tell.
+    /// determine.
     pub(super) fn adapt(&mut self, posterior: &Posterior) {
         let variance = self.variance();
         for (index, (_, [least, most])) in GROUPS.iter().enumerate() {
             if index == GAIN && self.currents {
                 continue;
             }
-            let (mut square, mut told) = (0.0, 0.0);
+            let (mut square, mut determined) = (0.0, 0.0);
             for k in (0..self.scale.len()).filter(|k| self.group[*k] == index && !self.is_zero[*k])
             {
                 square += ((posterior.mean[k] - self.center[k]) / self.scale[k]).powi(2);
-                told += 1.0 - posterior.covariance[(k, k)] / variance[k];
+                determined += 1.0 - posterior.covariance[(k, k)] / variance[k];
             }
-            if told > LEAST_TOLD {
-                let found = f64::sqrt(square / told).clamp(*least, *most);
+            if determined > LEAST_DETERMINED {
+                let found = f64::sqrt(square / determined).clamp(*least, *most);
                 self.widths[index] = (self.widths[index] * found).sqrt();
             }
         }
@@ -216,7 +216,7 @@ impl Start {
         let common = total(1) / total(0).max(1e-9);
         let common = if common.abs() > 1e-4 { common } else { 1.0 };
         let gain = |[variance, covariance, logged, payload]: &[f64; 4]| {
-            // A joint that gravity hardly moves tells nothing.
+            // Nothing follows from a joint whose torque of gravity hardly changes.
             let own = covariance / variance.max(0.01);
             let friction = (logged - own * covariance).max(0.0) / common.powi(2);
             let part = variance / (variance + friction + payload).max(1e-9);

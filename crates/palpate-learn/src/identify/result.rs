@@ -42,13 +42,13 @@ pub struct Identified {
     pub base_parameters_identified: usize,
     /// How much later torques are than positions, s.
     pub delay_s: Value,
-    /// Whether the logs have a clock that tells speeds.
+    /// Whether the logs have a clock that gives speeds.
     pub timed: bool,
     /// The part of the samples that is left out, since something seems to be touched in them, 0 to 1.
     pub touched: f64,
     /// Stamps that are not the times at which the joints were read.
     pub read_times: ReadTimes,
-    /// What is left over of held-out motion.
+    /// Residuals of held-out motion.
     pub held_out: HeldOut,
     /// What is wrong, if the model does not fit motion that was held out.
     pub misfit: Option<String>,
@@ -324,8 +324,8 @@ fn base_parameters(robot: &Robot, posterior: &Posterior) -> (usize, usize) {
     (all, identified.min(all))
 }
 
-/// What may be left over of the torques' variation at most, before something is wrong.
-const MOST_LEFT_OVER: f64 = 0.3;
+/// Largest residual, as a part of the torques' variation, before something is wrong.
+const MOST_RESIDUAL: f64 = 0.3;
 
 /// How early torques may be, s.
 const EARLY_S: f64 = 0.01;
@@ -378,42 +378,24 @@ fn notes(
     notes.extend(of_stamps(identified.read_times));
     if !identified.timed {
         notes.push(
-            "the log has no clock, or one too slow to tell speeds: viscous friction, inertia and delay are not identified"
+            "the log has no clock, or one too slow to determine speeds: viscous friction, inertia and delay are not \
+             identified"
                 .to_owned(),
         );
     }
     if identified.timed && !has_settled {
         notes.push(
-            "delay and presliding distances did not settle: faster turns, or a higher rate, tell them apart"
+            "delay and presliding distances did not settle: faster turns, or a higher rate, distinguish them"
                 .to_owned(),
         );
     }
-    let still: Vec<&str> = (identified.joints.iter())
-        .filter(|joint| joint.moved < LEAST_MOTION)
-        .map(|joint| joint.name.as_str())
-        .collect();
-    if !still.is_empty() {
-        notes.push(format!(
-            "{} moved by less than {LEAST_MOTION} rad: nothing is known of {} friction, and its bias and gravity are \
-             not told apart; move every joint both ways, as `palpate excite` does",
-            still.join(", "),
-            if still.len() == 1 { "its" } else { "their" }
-        ));
-    }
-    let silent: Vec<&str> =
-        motion.silent.iter().map(|j| identified.joints[*j].name.as_str()).collect();
-    if !silent.is_empty() {
-        notes.push(format!(
-            "the torque of {} never changes: it is not measured, so its friction, bias and gain are unknown",
-            silent.join(", ")
-        ));
-    }
+    notes.extend(of_joints(&identified.joints, motion));
     notes.extend(of_gains(identified));
     notes.extend(of_delay(identified));
     let parameters = robot.inertial_parameters();
     if parameters.iter().all(|parameter| *parameter == 0.0) {
         notes.push(
-            "the URDF has no masses: all of them are found from the logs, as far as they tell"
+            "the URDF has no masses: all of them are found from the logs, as far as these determine them"
                 .to_owned(),
         );
     }
@@ -426,6 +408,31 @@ fn notes(
         ));
     }
     notes.extend(identified.held_out.few.as_ref().map(far_off));
+    notes
+}
+
+/// Joints that do not move, and those whose torque is not measured.
+fn of_joints(joints: &[JointEstimate], motion: &Checked) -> Vec<String> {
+    let mut notes = Vec::new();
+    let still: Vec<&str> = (joints.iter())
+        .filter(|joint| joint.moved < LEAST_MOTION)
+        .map(|joint| joint.name.as_str())
+        .collect();
+    if !still.is_empty() {
+        notes.push(format!(
+            "{} moved by less than {LEAST_MOTION} rad: nothing is known of {} friction, and its bias and gravity are \
+             not distinguished; move every joint both ways, as `palpate excite` does",
+            still.join(", "),
+            if still.len() == 1 { "its" } else { "their" }
+        ));
+    }
+    let silent: Vec<&str> = motion.silent.iter().map(|j| joints[*j].name.as_str()).collect();
+    if !silent.is_empty() {
+        notes.push(format!(
+            "the torque of {} never changes: it is not measured, so its friction, bias and gain are unknown",
+            silent.join(", ")
+        ));
+    }
     notes
 }
 
@@ -443,13 +450,13 @@ fn of_stamps(read_times: ReadTimes) -> Option<String> {
     })
 }
 
-/// Where most of what is left over is.
+/// Where most of the residual is.
 fn far_off(few: &Few) -> String {
     let Few { samples, of, share, largest, touch, rows: [from, to], without: [gravity, own] } = few;
     format!(
-        "{samples} of {of} samples have {:.0} % of what is left over on held-out motion, in squares (up to {largest:.1} N·m), most of \
-         it in touch {touch}, samples {from} to {to} (from 0): the arm jerks there, or is touched; the other samples have \
-         {own:.2} N·m left over, and {gravity:.2} N·m after gravity of the URDF",
+        "{samples} of {of} samples have {:.0} % of the squared residual on held-out motion (residuals up to \
+         {largest:.1} N·m), most of it in touch {touch}, samples {from} to {to} (from 0): the arm jerks there, or is \
+         touched; the residual of the other samples is {own:.2} N·m, and {gravity:.2} N·m after gravity of the URDF",
         100.0 * share
     )
 }
@@ -462,16 +469,16 @@ fn misfit(identified: &Identified, motion: &Checked) -> Option<String> {
     let held_out = &identified.held_out;
     let total = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
     let (urdf, own) = (total(&held_out.urdf), total(&held_out.identified));
-    if own > MOST_LEFT_OVER * variation {
+    if own > MOST_RESIDUAL * variation {
         Some(format!(
-            "on motion that was held out {own:.2} N·m are left over of torques that vary by {variation:.2} N·m: is it \
-             another robot, are its joints in another order, the angles in degrees (--angle-unit deg), the torques in \
-             another unit, or was something touched?"
+            "on motion that was held out {own:.2} N·m remain unexplained of torques that vary by {variation:.2} N·m: \
+             is it another robot, are its joints in another order, the angles in degrees (--angle-unit deg), the \
+             torques in another unit, or was something touched?"
         ))
     } else if own > 0.9 * urdf.min(total(&held_out.gravity)) {
         Some(format!(
-            "on motion that was held out the model leaves {own:.2} N·m over, the URDF alone {urdf:.2} N·m: it is no better; \
-             the motion is too short or too much alike, something was touched, or the robot is another one"
+            "on motion that was held out the model leaves {own:.2} N·m unexplained, the URDF alone {urdf:.2} N·m: it \
+             is no better; the motion is too short or too much alike, something was touched, or it is another robot"
         ))
     } else {
         None

@@ -1,4 +1,4 @@
-//! Ripple of the gears, out of what the rest of the model leaves over.
+//! Ripple of the gears, from the residual of the rest of the model.
 //!
 //! All gears of an arm are taken to be of one kind: the orders are those that explain most, summed over the joints. Which
 //! joints' ripple a joint feels is chosen by forward selection on held-out motion; coefficients are by ridge regression.
@@ -22,16 +22,16 @@ const MOST_ORDERS: usize = 2;
 const MOST_SAMPLES: usize = 6_000;
 /// With fewer samples than five for each coefficient of a joint's gears, there is no ripple.
 const LEAST_SAMPLES: usize = 5 * MOST_ORDERS * RIPPLE_COEFFICIENTS;
-/// Of the ridge regression: coefficients that few samples tell stay small.
+/// Of the ridge regression: coefficients that few samples determine stay small.
 const RIDGE: f64 = 3.0;
-/// Torques that are left over, relative to their usual size, beyond which a sample says nothing of ripple.
+/// Residual torques, relative to their usual size, beyond which a sample says nothing of ripple.
 const FAR_OFF: f64 = 5.0;
 /// Speed of an arm that moves, as a part of its top speed.
 const MOVING: f64 = 0.1;
-/// The part of what is left over that the ripple of a further joint must explain on held-out motion.
+/// The part of the residual that the ripple of a further joint must explain on held-out motion.
 const LEAST_RIPPLE: f64 = 0.02;
 
-/// A sample, and what is left over of its external torques.
+/// A sample, and the residual of its external torques.
 #[derive(Debug, Clone)]
 pub(super) struct RippleSample {
     /// The fold that it is held out in.
@@ -43,7 +43,7 @@ pub(super) struct RippleSample {
 }
 
 impl RippleSample {
-    /// Adds the torques of ripple to what is left over: external torque is what is measured plus what the motor needs.
+    /// Adds the torques of ripple to the residual: external torque is what is measured plus what the motor needs.
     pub(super) fn take_off(&mut self, ripple: &[Vec<Ripple>]) {
         for (j, own) in ripple.iter().enumerate() {
             own.iter().for_each(|own| own.add_to(&mut self.torque, self.q[j], self.speed[j]));
@@ -60,8 +60,8 @@ pub(super) fn find(samples: &[RippleSample]) -> [Vec<Vec<Ripple>>; FOLDS + 1] {
     }
     let fits: Vec<Regression> =
         (0..=FOLDS).into_par_iter().map(|fold| Regression::of(samples, fold)).collect();
-    let felt: Vec<Vec<usize>> = (0..n).map(|j| felt(&fits[..FOLDS], n, j)).collect();
-    from_fn(|fold| fits[fold].ripples(&felt))
+    let sources: Vec<Vec<usize>> = (0..n).map(|j| sources(&fits[..FOLDS], n, j)).collect();
+    from_fn(|fold| fits[fold].ripples(&sources))
 }
 
 /// The samples in which no joint is far off, as where an arm jerks: a few of them would hide the ripple of all others.
@@ -81,9 +81,9 @@ fn usual(samples: &[RippleSample], n: usize) -> Vec<RippleSample> {
     samples.iter().filter(is_usual).cloned().collect()
 }
 
-/// The joints whose ripple a joint feels.
-fn felt(folds: &[Regression], n: usize, j: usize) -> Vec<usize> {
-    let left = |of: &[usize]| folds.iter().map(|fold| fold.left_over(of, j)).sum::<f64>();
+/// The joints whose ripple acts on a joint.
+fn sources(folds: &[Regression], n: usize, j: usize) -> Vec<usize> {
+    let left = |of: &[usize]| folds.iter().map(|fold| fold.squared_residual(of, j)).sum::<f64>();
     let before = left(&[]);
     let (mut found, mut least) = (Vec::new(), before);
     loop {
@@ -97,7 +97,7 @@ fn felt(folds: &[Regression], n: usize, j: usize) -> Vec<usize> {
     }
 }
 
-/// Regression of what is left over on the ripple of all joints.
+/// Regression of the residual on the ripple of all joints.
 struct Regression {
     orders: Vec<f64>,
     /// Of the samples that are learned, and of those that are held out.
@@ -127,7 +127,7 @@ impl Regression {
         for _ in 0..MOST_ORDERS {
             let order = best_order(&left);
             orders.push(order);
-            // The next one is sought in what each joint's own gears leave over.
+            // The next one is sought in what each joint's own gears leave unexplained.
             let learned = Sums::of(left.iter(), &[order], n);
             let held = Sums::new(0, 0);
             let fit = Self { orders: vec![order], learned, held }.ripples(&own);
@@ -156,20 +156,21 @@ impl Regression {
         gram.cholesky().map_or(DVector::zeros(columns.len()), |factor| factor.solve(&right))
     }
 
-    /// Sum of squares that they leave over of the samples that are held out.
-    fn left_over(&self, of: &[usize], j: usize) -> f64 {
+    /// Sum of squared residuals of the samples that are held out.
+    fn squared_residual(&self, of: &[usize], j: usize) -> f64 {
         let (columns, own) = (self.columns(of), self.coefficients(of, j));
         let gram = self.held.gram.select_rows(&columns).select_columns(&columns);
         let right = self.held.right.select_rows(&columns).column(j).into_owned();
         self.held.squares[j] - 2.0 * right.dot(&own) + own.dot(&(gram * &own))
     }
 
-    /// The ripple of each joint's gears, as `felt` by each joint.
-    fn ripples(&self, felt: &[Vec<usize>]) -> Vec<Vec<Ripple>> {
-        let none = |order: &f64| Ripple { order: *order, coefficients: vec![vec![]; felt.len()] };
+    /// The ripple of each joint's gears; `sources` are the joints whose ripple acts on each joint.
+    fn ripples(&self, sources: &[Vec<usize>]) -> Vec<Vec<Ripple>> {
+        let none =
+            |order: &f64| Ripple { order: *order, coefficients: vec![vec![]; sources.len()] };
         let mut found: Vec<Vec<Ripple>> =
-            felt.iter().map(|_| self.orders.iter().map(none).collect()).collect();
-        for (j, of) in felt.iter().enumerate() {
+            sources.iter().map(|_| self.orders.iter().map(none).collect()).collect();
+        for (j, of) in sources.iter().enumerate() {
             let own = self.coefficients(of, j);
             let parts = own.as_slice().chunks(RIPPLE_COEFFICIENTS);
             let gears = of.iter().flat_map(|joint| (0..self.orders.len()).map(|k| (*joint, k)));
@@ -177,8 +178,8 @@ impl Regression {
                 found[joint][k].coefficients[j] = part.to_vec();
             }
         }
-        let is_felt = |own: &Ripple| own.coefficients.iter().any(|own| !own.is_empty());
-        found.iter_mut().for_each(|own| own.retain(is_felt));
+        let has_effect = |own: &Ripple| own.coefficients.iter().any(|own| !own.is_empty());
+        found.iter_mut().for_each(|own| own.retain(has_effect));
         found
     }
 }
@@ -217,7 +218,7 @@ impl Sums {
     }
 }
 
-/// The order that explains most of what is left over, all joints together, each by its own gears.
+/// The order that explains most of the residual, all joints together, each by its own gears.
 fn best_order(samples: &[RippleSample]) -> f64 {
     let n = samples.first().map_or(0, |sample| sample.q.len());
     let mut explained = ORDERS.map(|order| (0.0, f64::from(order))).collect::<Vec<_>>();

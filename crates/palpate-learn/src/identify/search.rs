@@ -46,14 +46,14 @@ impl Search<'_> {
         let turning = vec![TURNING; self.robot.n_joints()];
         let mut settings =
             RegressionSettings { window_s: WINDOWS_S[0], delay_s: 0.0, turning, touched };
-        // Speeds that are known come first: with the shortest windows a slow clock tells none.
+        // Speeds that are known come first: with the shortest windows a slow clock gives none.
         let mut best = ([true; 2], f64::INFINITY);
         let tried = WINDOWS_S.map(|window_s| RegressionSettings { window_s, ..settings.clone() });
         WINDOWS_S.iter().try_for_each(|_| unless_stopped())?; // a step of the progress for each
         let solve = |tried: &RegressionSettings| {
             let (rows, posterior) = self.solve(tried)?;
             let is_sure = rows.is_timed(tried.window_s);
-            Ok(([!is_sure, !rows.timed], posterior.left_over()))
+            Ok(([!is_sure, !rows.timed], posterior.residual_variance()))
         };
         let found: Result<Vec<([bool; 2], f64)>, IdentifyError> =
             tried.par_iter().map(solve).collect();

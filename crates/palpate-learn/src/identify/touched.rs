@@ -1,4 +1,4 @@
-//! Samples in which something is touched: the model of free motion leaves far more over than it usually does.
+//! Samples in which something is touched: the residual of the model of free motion is far larger than usual.
 //!
 //! Whoever guides or meets the arm in a quarter of a log would otherwise be explained as friction and gains, and hide in
 //! that. So samples that are far off are left out step by step, as in least trimmed squares (Rousseeuw and Van Driessen
@@ -14,16 +14,16 @@ use super::rows::{FOLDS, Rows};
 use super::search::{Fit, Search};
 use crate::upper_median::upper_median;
 
-/// Half of the time that what is left over is averaged over, s.
+/// Half of the time that residuals are averaged over, s.
 const HALF_WINDOW_S: f64 = 0.1;
-/// Means of what is left over, relative to their usual size, that are suspect, and up to where their surroundings are.
+/// Mean residuals, relative to their usual size, that are suspect, and up to where their surroundings are.
 const SUSPECT: f64 = 5.0;
 const END: f64 = 3.0;
 /// The part of the samples that is left out at first, and that may be left out at most: of more it is not known which is the
 /// motion that is free.
 const FIRST: f64 = 0.4;
 const MOST: f64 = 0.5;
-/// What is left over of motion that was held out, relative to that of all samples, if leaving out is to pay.
+/// Residual of motion that was held out, relative to that of all samples, if leaving out is to pay.
 const BETTER: f64 = 0.9;
 /// Steps in which the farthest samples are left out, then only those that are suspect; and searches without these.
 const FIRST_STEPS: usize = 3;
@@ -44,9 +44,9 @@ pub(super) fn leave_out(
     unless_stopped()?;
     let none = all.settings.touched.clone();
     let found = suspects(&mut all, search, FIRST_STEPS)?;
-    let without = left_over(&all, search, &found);
+    let without = held_out_residual(&all, search, &found);
     all.rows.leave_out(&none);
-    if part(&found) == 0.0 || without > BETTER * left_over(&all, search, &found) {
+    if part(&found) == 0.0 || without > BETTER * held_out_residual(&all, search, &found) {
         return Ok(all);
     }
     let mut fit = search.run(found, unless_stopped)?;
@@ -83,9 +83,9 @@ fn suspects(
     Ok(found)
 }
 
-/// Root mean square of what is left over of motion that was held out but for some samples, over all joints, not divided by
-/// the number of rows; in N·m as gains say it.
-fn left_over(fit: &Fit, search: &Search<'_>, but: &Touched) -> f64 {
+/// Root of the sum of squared residuals of motion that was held out but for some samples, over all joints; in N·m as
+/// gains say it.
+fn held_out_residual(fit: &Fit, search: &Search<'_>, but: &Touched) -> f64 {
     let Fit { rows, posterior, .. } = fit;
     let model = |fold: usize| Posterior::of_independent(rows, &rows.without(fold), search.start);
     let models: Vec<Option<Posterior>> = (0..FOLDS).into_par_iter().map(model).collect();
@@ -93,12 +93,12 @@ fn left_over(fit: &Fit, search: &Search<'_>, but: &Touched) -> f64 {
     (0..rows.n_joints()).map(of_joint).sum::<f64>().sqrt()
 }
 
-/// How far off each row is: the mean of what is left over around it, relative to its usual size, in the joint where that
-/// is largest.
+/// How far off each row is: the mean residual around it, relative to its usual size, in the joint where that is
+/// largest.
 fn distances(rows: &Rows, posterior: &Posterior) -> Vec<f64> {
     let mut largest = vec![0.0_f64; rows.len()];
     for j in 0..rows.n_joints() {
-        let means = rows.means_left_over(posterior, j, HALF_WINDOW_S);
+        let means = rows.mean_residuals(posterior, j, HALF_WINDOW_S);
         let mut sizes: Vec<f64> = means.iter().flatten().map(|mean| mean.abs()).collect();
         let Some(median) = upper_median(&mut sizes) else { continue };
         let usual = median / MEDIAN;

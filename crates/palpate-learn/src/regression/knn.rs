@@ -111,7 +111,7 @@ impl Knn {
             })
             .collect();
         if near.len() > self.neighbours {
-            // Frames at the same distance are told apart by their number.
+            // Frames at the same distance are ordered by their number.
             let order = |a: &Neighbour, b: &Neighbour| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
             near.select_nth_unstable_by(self.neighbours, order);
             near.truncate(self.neighbours);

@@ -66,7 +66,7 @@ struct Trained {
 
 impl Mlp {
     /// Trains a network; a fifth of the touches (of a single touch, its last fifth) is held out to
-    /// tell the best epoch and the best decay of weights.
+    /// choose the best epoch and the best decay of weights.
     ///
     /// Cost: 5 ms an epoch of 3,600 frames, of which there are up to 150 for each of three decays.
     ///

@@ -85,7 +85,7 @@ mod tests {
         let z = scale.standardised(&frames);
         assert!(z.row(0).sum().abs() < 1e-12 && (z.row(0).norm_squared() - 3.0).abs() < 1e-12);
         assert!((scale.restored(&z) - &frames).amax() < 1e-12);
-        // A joint that stood still tells nothing, even when it moves later.
+        // A joint that stood still has no effect, even when it moves later.
         assert_eq!(scale.standardised(&dmatrix![1.0; 8.0])[(1, 0)], 0.0);
     }
 }

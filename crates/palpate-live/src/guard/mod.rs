@@ -32,7 +32,7 @@ pub struct GuardConfig {
     /// The largest external torque of a joint, N·m (N for a prismatic joint).
     pub limit_n_m: f64,
     /// The most by which the torques of an arm that stands free may differ from gravity, N·m (N).
-    /// More is a load, or a payload that nobody told palpate of: then the tare is refused.
+    /// More is a load, or a payload that palpate does not know of: then the tare is refused.
     pub bias_limit_n_m: f64,
     /// The longest time without a joint state that can be used.
     pub silence: Duration,

@@ -9,31 +9,31 @@ use crate::message::{Clock, Stamp};
 /// The clock that stamps are of.
 #[derive(Debug, Clone, Default)]
 pub(super) struct RosClock {
-    /// Bits of the time, s, that was last told on `/clock`, 0 before; `None` for the system's clock.
-    told: Option<Arc<AtomicU64>>,
+    /// Bits of the last time on `/clock`, s, and 0 before the first; `None` for the system's clock.
+    sim_time: Option<Arc<AtomicU64>>,
 }
 
 impl RosClock {
     /// The system's clock, or that of `/clock`.
     pub(super) fn new(is_simulated: bool) -> Self {
-        Self { told: is_simulated.then(Arc::default) }
+        Self { sim_time: is_simulated.then(Arc::default) }
     }
 
     /// Whether it is that of `/clock`.
     pub(super) fn is_simulated(&self) -> bool {
-        self.told.is_some()
+        self.sim_time.is_some()
     }
 
-    /// Takes what was told.
-    pub(super) fn tell(&self, Clock { clock }: Clock) {
-        let told_s = clock.seconds().unwrap_or(0.0);
-        self.told.iter().for_each(|told| told.store(told_s.to_bits(), Ordering::Relaxed));
+    /// Takes the time of a message on `/clock`.
+    pub(super) fn set(&self, Clock { clock }: Clock) {
+        let now_s = clock.seconds().unwrap_or(0.0);
+        self.sim_time.iter().for_each(|bits| bits.store(now_s.to_bits(), Ordering::Relaxed));
     }
 
     /// The time, s.
     pub(super) fn now_s(&self) -> f64 {
-        match &self.told {
-            Some(told) => f64::from_bits(told.load(Ordering::Relaxed)),
+        match &self.sim_time {
+            Some(bits) => f64::from_bits(bits.load(Ordering::Relaxed)),
             None => {
                 SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |now| now.as_secs_f64())
             }
@@ -42,7 +42,7 @@ impl RosClock {
 
     /// The same as a stamp.
     pub(super) fn stamp(&self) -> Stamp {
-        match &self.told {
+        match &self.sim_time {
             Some(_) => Stamp::at(self.now_s()),
             None => Stamp::now(),
         }

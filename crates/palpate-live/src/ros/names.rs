@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rule_that_cannot_be_followed_is_told_with_what_is_wanted() {
+    fn a_rule_that_cannot_be_followed_is_reported_with_what_is_wanted() {
         for rule in ["/a", "/a:=", ":=/b", "__ns:=left", "/palpate/stpo:=/stop"] {
             let error = names(&[rule]).unwrap_err();
             assert!(error.contains(rule) && error.contains('/'), "{error}");

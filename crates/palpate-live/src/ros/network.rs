@@ -20,7 +20,7 @@ pub struct NetworkConfig {
     pub domain: u16,
     /// Meet others on this machine only.
     pub localhost: bool,
-    /// How services are told apart on the wire.
+    /// How services are distinguished on the wire.
     pub services: Services,
     /// What node and topics are called.
     pub names: Names,

@@ -65,7 +65,7 @@ pub fn run() -> io::Result<()> {
             );
             return to_palpate.send(&answer);
         }
-        _ => return Err(io::Error::other("it was not told which network to join")),
+        _ => return Err(io::Error::other("the first message does not say which network to join")),
     };
     let joined = Network::join(&config).and_then(|mut network| {
         let publishers = network.publish(joints, flag)?;
@@ -84,7 +84,7 @@ pub fn run() -> io::Result<()> {
         to_palpate: to_palpate.clone(),
         to_subscriber,
         unsent: Arc::clone(&unsent),
-        told: flag.is_some().then(Instant::now),
+        flag_reported: flag.is_some().then(Instant::now),
         stalled: false,
     };
     thread::Builder::new()
@@ -95,7 +95,7 @@ pub fn run() -> io::Result<()> {
     ended
 }
 
-/// What is told to palpate.
+/// Sends messages to palpate.
 #[derive(Clone)]
 struct ToPalpate {
     stream: Arc<Mutex<UnixStream>>,
@@ -108,7 +108,7 @@ impl ToPalpate {
     }
 }
 
-/// What the subscriber's thread is told.
+/// Messages to the subscriber's thread.
 enum Order {
     Subscribe(super::TopicSeen),
     Answer(RmwRequestId, Response),
@@ -120,8 +120,8 @@ struct Outgoing {
     to_palpate: ToPalpate,
     to_subscriber: Sender<Order>,
     unsent: Arc<AtomicU64>,
-    /// When palpate last said anything about the flag, if there is a guard.
-    told: Option<Instant>,
+    /// When palpate last sent the state of the flag, if there is a guard.
+    flag_reported: Option<Instant>,
     /// Whether the flag was raised here, which palpate has not confirmed yet.
     stalled: bool,
 }
@@ -141,9 +141,8 @@ impl Outgoing {
                 }
             }
             let now = Instant::now();
-            if self.told.is_some_and(|told| now.saturating_duration_since(told) > SILENCE)
-                && repeat.is_due(now)
-            {
+            let is_silent = |at| now.saturating_duration_since(at) > SILENCE;
+            if self.flag_reported.is_some_and(is_silent) && repeat.is_due(now) {
                 self.stall();
             }
         }
@@ -153,7 +152,7 @@ impl Outgoing {
         let publishers = &self.publishers;
         match message {
             ToNetwork::Flag(cause) => {
-                self.told = Some(Instant::now());
+                self.flag_reported = Some(Instant::now());
                 self.stalled &= cause.is_none();
                 match self.stalled {
                     true => self.flag(Some(STALLED)),

@@ -160,7 +160,7 @@ impl Network {
             if left.is_zero() {
                 return Ok(None);
             }
-            // Interrupted by a signal, it is asked again at once; a change that DDS does not tell of is seen soon.
+            // Interrupted by a signal, it is asked again at once; a change that DDS does not signal is seen soon.
             let _ = poll.poll(&mut Events::with_capacity(4), Some(left.min(PEEK)));
         }
     }
@@ -178,8 +178,8 @@ impl Subscriber {
         let mut events = Events::with_capacity(4);
         // Interrupted by a signal, it is asked again at once.
         let _ = self.poll.poll(&mut events, Some(patience));
-        while let Some(Ok(Some((told, _)))) = self.clock.as_ref().map(Subscription::take) {
-            self.now.tell(told);
+        while let Some(Ok(Some((clock, _)))) = self.clock.as_ref().map(Subscription::take) {
+            self.now.set(clock);
         }
         let mut broken = 0;
         while broken < MOST_BROKEN {

@@ -119,7 +119,7 @@ impl NetworkProcess {
         Ok(listener)
     }
 
-    /// What is said if time is that of a topic on which nobody tells it.
+    /// The note for the user if time is that of `/clock` and nobody publishes it.
     pub(crate) fn lacks_clock(&self, topics: &[TopicSeen]) -> Option<String> {
         let name = self.config.names.of("/clock");
         let lacks = self.config.sim_time && !topics.iter().any(|topic| topic.name == name);
@@ -131,14 +131,14 @@ impl NetworkProcess {
         })
     }
 
-    /// Tells the process something; whether it could be told.
-    pub(crate) fn tell(&self, message: &ToNetwork) -> bool {
+    /// Sends the process a message; whether it could be sent.
+    pub(crate) fn send(&self, message: &ToNetwork) -> bool {
         let mut link = self.link();
-        let told = link.as_ref().is_some_and(|stream| send(stream, message).is_ok());
-        if !told && let Some(stream) = link.take() {
+        let sent = link.as_ref().is_some_and(|stream| send(stream, message).is_ok());
+        if !sent && let Some(stream) = link.take() {
             let _ = stream.shutdown(Shutdown::Both); // whoever listens sees it end
         }
-        told
+        sent
     }
 
     fn link(&self) -> MutexGuard<'_, Option<UnixStream>> {

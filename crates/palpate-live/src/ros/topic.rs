@@ -37,7 +37,7 @@ impl TopicSeen {
 ///
 /// # Errors
 ///
-/// Why there is none yet: look again later, and tell the user.
+/// Why there is none yet, for the user to read: look again later.
 pub fn choose(topics: &[TopicSeen], wanted: Option<&str>) -> Result<TopicSeen, String> {
     let of_kind = |kind: &str| topics.iter().filter(|topic| topic.kind == kind).collect::<Vec<_>>();
     let (fitting, dynamic) = (of_kind(JOINT_STATE), of_kind(DYNAMIC_JOINT_STATE));

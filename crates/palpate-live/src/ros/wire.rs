@@ -24,7 +24,7 @@ const LARGEST: usize = 16 << 20;
 /// A peer that takes nothing for so long has hung.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// What the network process is told.
+/// Messages to the network process.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) enum ToNetwork {
     /// Comes first: which network, the robot's joints, where a guard's flag goes, and the node's parameters.
@@ -51,7 +51,7 @@ pub(crate) enum ToNetwork {
     Answer(RmwRequestId, Response),
 }
 
-/// What the network process tells.
+/// Messages from the network process.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) enum FromNetwork {
     /// There is no network to join, or a topic cannot be opened.

@@ -537,7 +537,7 @@ class Field:
         progress: Progress = None,
         **sections: Unpack[FieldSections],
     ) -> Comparisons:
-        """Whether touches of logs contradict the field, and what has changed, as `palpate compare` tells it.
+        """Whether touches of logs contradict the field, and what has changed, as `palpate compare` reports it.
 
         The settings may change how the log is read (`log`) and what its torques mean (`touch`). Raises FileError if the
         field has no bands.
@@ -734,7 +734,7 @@ def identify(
     last joint's if left out; with `currents`, or if columns say so, torques are the drives' currents. Returns a dict as the
     command's JSON: `payload`, `joints`, `bodies`, `delay_s` with values and standard deviations; `touched`, the part of the
     samples that is left out, since something is touched in them; `read_times`, how far stamps are from the times at which
-    the joints were read; `held_out` with what is left over, N·m; `misfit`, what is wrong if that is too much, or None;
+    the joints were read; `held_out` with the residual torques, N·m; `misfit`, what is wrong if that is too much, or None;
     `text` is the file for `Robot(..., arm="arm.toml")` and the command's --arm.
 
     Raises SettingsError, FileError or PalpateError if the logs do not serve.
@@ -751,7 +751,7 @@ def external_torques(
     progress: Progress = None,
     **sections: Unpack[LearningSections],
 ) -> list[TouchTorques]:
-    """External torques of logs with their standard deviations, as `palpate torque` tells them.
+    """External torques of logs with their standard deviations, as `palpate torque` writes them.
 
     `log` is a path, a `Log`, a `Touch`, or several; `robot` an arm that was identified, `Robot(..., arm="arm.toml")`, or
     any other, whose standard deviations are a guess. Returns a dict for each touch: `name`, `time` (T,) s or None, `q` (T,

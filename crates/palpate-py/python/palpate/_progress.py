@@ -13,7 +13,7 @@ Progress = bool | Callable[[int, int | None], object] | None
 
 
 class Shown:
-    """What the compiled part shows progress to; this one tells nobody."""
+    """What the compiled part shows progress to; this one shows it to nobody."""
 
     def __call__(self, done: int, steps: int | None, doing: str) -> None:
         pass
@@ -22,14 +22,14 @@ class Shown:
         pass
 
 
-class _Told(Shown):
+class _Callback(Shown):
     """A callable of the caller's, which is not asked what is being done."""
 
-    def __init__(self, tell: Callable[[int, int | None], object]) -> None:
-        self._tell = tell
+    def __init__(self, callback: Callable[[int, int | None], object]) -> None:
+        self._callback = callback
 
     def __call__(self, done: int, steps: int | None, doing: str) -> None:
-        self._tell(done, steps)
+        self._callback(done, steps)
 
 
 class _Bar(Shown):
@@ -66,7 +66,7 @@ def of(progress: Progress) -> Shown:
             raise ImportError("progress=True needs tqdm: pip install 'palpate[progress]'")
         return _Bar()
     if callable(progress):
-        return _Told(progress)
+        return _Callback(progress)
     raise TypeError(
         f"`progress` is {progress!r}; wanted None, True, False or a callable of steps done and in all"
     )

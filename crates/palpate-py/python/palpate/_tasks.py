@@ -126,7 +126,7 @@ def _files_of_robot(robot: _RobotArgument, settings: dict[str, Any]) -> list[str
         robot = settings if robot is None else {**settings, "robot": robot}
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PalpateWarning)  # the worker tells it
+            warnings.simplefilter("ignore", PalpateWarning)  # the worker reports it
             files = Robot(**robot).files
     except (PalpateError, ValueError, TypeError, OSError):
         return []  # nor is it said here what is wrong
@@ -169,16 +169,16 @@ def do(task: Task, bring: Callable[[], str] = str) -> Outcome:
                 error = "its worker has not enough memory for it"
             except BaseException as raised:  # a panic of what is compiled is no Exception
                 error = f"a fault of palpate, please report it: {type(raised).__name__}: {raised}"
-        told = [str(one.message) for one in caught if issubclass(one.category, PalpateWarning)]
+        messages = [str(one.message) for one in caught if issubclass(one.category, PalpateWarning)]
         if error is None and (threads := _palpate.threads()) != task.threads:
-            told.append(
+            messages.append(
                 f"a worker works with {threads} threads, not {task.threads}: it was begun with these, and "
                 "cannot change it"
             )
         if before:  # the paths that the user knows
             error = None if error is None else error.replace(before, "")
-            told = [text.replace(before, "") for text in told]
-        return Outcome(result, error, time.perf_counter() - begun, told)
+            messages = [text.replace(before, "") for text in messages]
+        return Outcome(result, error, time.perf_counter() - begun, messages)
 
 
 def _brought(bring: Callable[[], str]) -> str:

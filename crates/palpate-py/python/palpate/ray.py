@@ -173,7 +173,7 @@ def _plan(
 
 
 def _named(logs: _Logs) -> dict[str, str | Log]:
-    """Logs by their names; those in a row by the last parts of their paths that tell them apart."""
+    """Logs by their names; those in a row by the last parts of their paths, as many as make the names differ."""
     if isinstance(logs, (str, os.PathLike, Log)):
         raise TypeError("`logs` is a single log; wanted several, in a list or in a dict by name")
     if isinstance(logs, Mapping):

@@ -38,7 +38,7 @@ class MappedTouch(TypedDict):
 
 
 class MapReport(TypedDict):
-    """What `Mapper.map` learnt, as `palpate map --json` tells it."""
+    """What `Mapper.map` learnt, as `palpate map --json` prints it."""
 
     robot: str
     estimator: str
@@ -105,7 +105,7 @@ class Coverage(TypedDict):
 
 
 class Score(TypedDict):
-    """What `Field.score` found, as `palpate predict --json` tells it."""
+    """What `Field.score` found, as `palpate predict --json` prints it."""
 
     touches: list[ScoredTouch]
     overall: ScoredFrames
@@ -146,7 +146,7 @@ class Change(TypedDict, total=False):
 
 
 class Comparison(Change):
-    """Touches beside a field, as `palpate compare --json` tells it."""
+    """Touches beside a field, as `palpate compare --json` prints it."""
 
     change: str
     """"unchanged", "moved", "softer", "harder", "other", or "unknown" if the field knows little of what was touched."""
@@ -213,7 +213,7 @@ class BeyondJointLimits(TypedDict):
 
 
 class Proposals(TypedDict):
-    """What `Field.next` found, as `palpate next --json` tells it."""
+    """What `Field.next` found, as `palpate next --json` prints it."""
 
     proposals: list[Proposal]
     beyond_limit: list[BeyondLimit]
@@ -337,7 +337,7 @@ class Fit(TypedDict):
     torque_sign: Literal["plus", "minus"]
     gravity: Literal["included", "removed"]
     left_over: float
-    """N·m over all joints."""
+    """Residual, N·m over all joints."""
     slope: float
     """Of the torques, in that sign, on those of gravity."""
 
@@ -348,7 +348,7 @@ class Fits(TypedDict):
     set: Fit
     """That of the settings."""
     best: Fit
-    """That which leaves the least over."""
+    """That with the smallest residual."""
     gravity_torque: float
     """Torque of gravity at rest, N·m over all joints."""
     at_rest: bool
@@ -374,7 +374,7 @@ class Reading(TypedDict):
     torque_sign: Literal["plus", "minus"]
     gravity: Literal["included", "removed"]
     unexplained_share: float | None
-    """Torque left over at rest, as a part of gravity; None if gravity is too small to tell."""
+    """Unexplained torque at rest, as a part of gravity; None if gravity is too small to determine it."""
     payload: PayloadEstimate | None
     fits: Fits
 
@@ -516,7 +516,7 @@ class ReadTimes(TypedDict):
 
 
 class FewSamples(TypedDict):
-    """Samples in which far more is left over than usual: at most a hundredth, with at least half of the squares."""
+    """Samples with a far larger residual than usual: at most a hundredth, with at least half of the squares."""
 
     samples: int
     of: int
@@ -530,11 +530,11 @@ class FewSamples(TypedDict):
     rows: list[int]
     """First and last of them there, from 0."""
     without: list[float]
-    """What is left over of all others, N·m over all joints: after gravity of the URDF, and after the identified arm."""
+    """Residual of all others, N·m over all joints: after gravity of the URDF, and after the identified arm."""
 
 
 class HeldOutTorque(TypedDict):
-    """Root mean squares of what is left over on motion that was not used, N·m by joint."""
+    """Root mean squares of the residual on motion that was not used, N·m by joint."""
 
     gravity: list[float]
     urdf: list[float]

@@ -43,8 +43,8 @@ pub trait Keep: Sync {
     /// Keeps tuned settings under a name, if it can.
     fn keep_tuned(&self, _name: &str, _tuned: &Tuned) {}
 
-    /// What is said of that on being stopped.
-    fn told(&self) -> String {
+    /// What the error says of what was kept, if the work is stopped.
+    fn kept_message(&self) -> String {
         String::new()
     }
 }
@@ -317,7 +317,7 @@ impl Work<'_> {
     }
 
     fn fault(&self, error: LearnError, keep: &dyn Keep) -> WorkError {
-        fault(self.recorded, error, keep.told())
+        fault(self.recorded, error, keep.kept_message())
     }
 }
 

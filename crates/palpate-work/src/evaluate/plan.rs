@@ -154,7 +154,7 @@ pub fn read(
     Ok((recorded, touches))
 }
 
-/// The touches as they are evaluated, with names that tell them apart.
+/// The touches as they are evaluated, with names of which each is unique.
 pub fn as_touches(recorded: &[RecordedTouch], truth: bool) -> Result<Vec<Touch>, WorkError> {
     let mut names = Vec::new();
     let touch = |one: &RecordedTouch| {

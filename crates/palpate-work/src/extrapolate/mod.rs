@@ -82,25 +82,25 @@ pub struct Found {
 }
 
 /// Warns of a cloud whose points all have the same colour, or are mostly far from what was touched.
-fn tell_odd(
+fn warn_of_odd_cloud(
     colours: &[[u8; 3]],
     (points, field): (&[Point3<f64>], &Field),
     progress: &dyn Progress,
 ) {
     if colours.iter().all(|colour| *colour == colours[0]) {
         progress.warn(
-            "all points of the cloud have one colour, by which no part of the object is told from another: was it saved \
+            "all points of the cloud have one colour, so colours cannot distinguish parts of the object: was it saved \
              without colours?",
         );
     }
-    tell_far(points, field, progress);
+    warn_of_far_points(points, field, progress);
 }
 
 /// So near to what was touched, m, points are of the same object.
 const NEAR_M: f64 = 0.3;
 
 /// Warns if more than a third of the points lie far from the box of the touched cells: by more than a quarter of its longest side.
-fn tell_far(points: &[Point3<f64>], field: &Field, progress: &dyn Progress) {
+fn warn_of_far_points(points: &[Point3<f64>], field: &Field, progress: &dyn Progress) {
     let touched = field.touched_rows().map(|row| field.lattice.point(field.cells[row]).into());
     let Some([low, high]) = bounds(&touched.collect::<Vec<[f64; 3]>>()) else { return };
     let far_m = (0..3).map(|axis| 0.25 * (high[axis] - low[axis])).fold(NEAR_M, f64::max);
@@ -126,12 +126,12 @@ impl Work<'_> {
     /// learnt.
     pub fn run(&self, progress: &dyn Progress) -> Result<Found, WorkError> {
         let colours = self.cloud.colours().expect("a cloud without colours was refused");
-        tell_odd(colours, (self.cloud.points(), &self.saved.field), progress);
+        warn_of_odd_cloud(colours, (self.cloud.points(), &self.saved.field), progress);
         let seen = SeenCloud::new(self.cloud.points(), colours).map_err(WorkError::file)?;
         let mut config = config(&self.given, self.saved, progress);
         config.check().map_err(|error| WorkError::Usage(error.to_string()))?;
-        let felt = self.felt(&config, progress)?;
-        let tracked = felt.as_ref().map(|(tracked, _)| tracked);
+        let remembered = self.remembered(&config, progress)?;
+        let tracked = remembered.as_ref().map(|(tracked, _)| tracked);
         let carry = |config: &Config| {
             let carried = extrapolate(&seen, &self.saved.field, tracked, config);
             carried.map_err(|error| self.fault(&error))
@@ -140,7 +140,7 @@ impl Work<'_> {
         let mut extrapolation = carry(&config)?;
         unless_stopped(self.kept, progress)?;
         let compare = |plan: &Plan, label: &str| {
-            let Some((tracked, mapper)) = &felt else { return Ok(None) };
+            let Some((tracked, mapper)) = &remembered else { return Ok(None) };
             let bar = progress.begin(Some(u64::from(plan.halves)), "halves", label);
             let rows = plan.run(tracked, &seen, mapper, &|| progress.stopped(), &|| bar.step());
             unless_stopped(self.kept, progress)?;
@@ -189,7 +189,7 @@ impl Work<'_> {
     }
 
     /// The touches that the field remembers, tracked, with their settings, if they are needed and there are some.
-    fn felt(
+    fn remembered(
         &self,
         config: &Config,
         progress: &dyn Progress,

@@ -21,7 +21,7 @@ const ZERO: f64 = 1e-6;
 const STIFF: f64 = 0.1;
 /// A standard deviation above this part of the prior's has learnt nothing.
 const UNCHANGED: f64 = 0.999;
-/// The shares of which quantiles are told.
+/// The shares whose quantiles are given.
 const SHARES: [f64; 5] = [0.1, 0.5, 0.9, 0.99, 1.0];
 
 /// What a field holds.
@@ -201,7 +201,7 @@ impl FieldFacts {
         })
     }
 
-    /// With the prior unknown, standard deviations that are all the same tell as much.
+    /// With the prior unknown, standard deviations that are all the same mean that too.
     fn never_reduced(&self) -> Option<Finding> {
         let [least, _, _, _, largest] = self.std_n_per_m?;
         let memory = self.own.as_ref().and_then(|own| own.memory.as_ref());

@@ -51,7 +51,7 @@ impl Finding {
 
     /// A warning of what happens at some places, each in a touch; `None` if there are none.
     ///
-    /// `what` is told how often it happens, and the places in words.
+    /// `what` takes how often it happens, and the places in words.
     pub(super) fn at_places(
         code: &'static str,
         places: &[(&str, String)],
@@ -74,9 +74,9 @@ impl Finding {
         what: &str,
         remedy: &str,
     ) -> Option<Self> {
-        let (names, told): (Vec<&str>, Vec<&str>) =
-            parts.iter().map(|(name, told)| (*name, told.as_str())).unzip();
-        let what = || format!("{what}: {}", listed(&told));
+        let (names, texts): (Vec<&str>, Vec<&str>) =
+            parts.iter().map(|(name, text)| (*name, text.as_str())).unzip();
+        let what = || format!("{what}: {}", listed(&texts));
         (!parts.is_empty()).then(|| Self::warning(code, what(), remedy).at(&names))
     }
 

@@ -1,4 +1,4 @@
-//! Which of log, robot and field a path is, by its name and, where that does not tell, by its
+//! Which of log, robot and field a path is, by its name and, where that is not enough, by its
 //! first bytes.
 
 use std::io::Read;

@@ -1,6 +1,6 @@
 //! What a robot description holds: its tree, masses and shapes, and how its meshes baked.
 //!
-//! The tree is told even if a mesh is missing, which only the skin needs.
+//! The tree is described even if a mesh is missing: only the skin needs meshes.
 
 use std::path::{Path, PathBuf};
 
@@ -172,15 +172,15 @@ impl RobotFacts {
         let parts =
             self.links.iter().filter_map(|link| Some((link, part(&link.skin.as_ref()?.report))));
         let doubtful = parts.filter(|(_, part)| *part > DOUBTFUL);
-        let told = doubtful.map(|(link, part)| {
+        let parts = doubtful.map(|(link, part)| {
             (link.name.as_str(), format!("{} ({:.0} %)", link.name, 100.0 * part))
         });
-        Finding::of_parts(code, &told.collect::<Vec<_>>(), are, remedy)
+        Finding::of_parts(code, &parts.collect::<Vec<_>>(), are, remedy)
     }
 
     fn open_shells(&self) -> Option<Finding> {
         let are = "open shells, whose inside can be reached through holes in the mesh";
-        let remedy = "inside and outside are told apart by winding number, which is usually right; \
+        let remedy = "inside and outside are distinguished by winding number, which is usually right; \
                       if contacts look odd, close the meshes or use simple shapes";
         self.doubtful(|report| report.leaked_fraction, ("open_shell", are, remedy))
     }

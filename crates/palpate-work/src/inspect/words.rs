@@ -32,7 +32,7 @@ pub(super) fn listed<T: AsRef<str>>(names: &[T]) -> String {
     }
 }
 
-/// A length, torque or the like with as many digits as tell something.
+/// A length, torque or the like with as many digits as are significant.
 pub fn number(value: f64) -> String {
     let size = value.abs();
     match size {

@@ -4,7 +4,7 @@
 //! the arm and the workspace box, unless the torques show that the arm bears nothing (`load`). Still
 //! samples are held back until it is known which touch they belong to, so that each is in one touch
 //! only. What a log calls a touch stays one, and may become several; samples of an arm that moves
-//! before it has stood still once have no tare and are left out, which is told.
+//! before it has stood still once have no tare and are left out, with a warning.
 
 mod load;
 

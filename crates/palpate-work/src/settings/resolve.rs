@@ -55,8 +55,8 @@ impl Settings {
 
     /// The configuration with everything that was not given taken from that of a saved field.
     ///
-    /// Settings that the field's lattice may have come from give that very lattice: a box that is
-    /// no multiple of the spacing is larger than what fills it, and cannot be told from it.
+    /// Settings that may have made the field's lattice give exactly that lattice: a box that is no multiple of the
+    /// spacing is larger than the lattice in it, and the saved field knows only the lattice.
     pub(crate) fn config_over_saved(
         &self,
         saved: &MapperConfig,

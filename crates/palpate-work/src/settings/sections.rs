@@ -160,7 +160,7 @@ section! {
         /// Unit of logged joint positions; `auto` takes it from the names of columns, or else from the data [default: auto]
         #[arg(long, value_name = "UNIT", value_parser = named::<OrAuto<AngleUnit>>(&["auto", "rad", "deg"]))]
         pub angle_unit: OrAuto<AngleUnit>,
-        /// Columns of a CSV log, where their names do not tell: q=a,b;tau=c,d;time=t;touch=n (the
+        /// Columns of a CSV log, if their names do not say what they are: q=a,b;tau=c,d;time=t;touch=n (the
         /// last two if there are any); in a file columns = { q = ["a", "b"], tau = ["c", "d"],
         /// time = "t" }. Without a header, by their numbers from 1
         #[arg(long, value_name = "MAP", value_parser = columns)]
@@ -182,7 +182,7 @@ section! {
             require_equals = true
         )]
         pub until_break: bool => until_break,
-        /// End with an error where a log looks wrong, as `palpate inspect` tells, not with a warning
+        /// End with an error where a log looks wrong (see `palpate inspect`), not with a warning
         #[arg(
             long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
             require_equals = true

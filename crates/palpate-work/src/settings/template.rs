@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn the_help_tells_the_defaults_of_the_core() {
+    fn the_help_gives_the_defaults_of_the_core() {
         let of = |method| {
             let estimator = EstimatorSettings { estimator: Some(method), ..Default::default() };
             let settings = Settings { estimator, ..Settings::default() };
@@ -157,9 +157,10 @@ mod tests {
                     Some(value.replace(['[', ']', ' ', '"'], "")).filter(|value| value != "false")
                 };
                 let (Some(map), Some(ekf)) = (default(&map), default(&ekf)) else { continue };
-                let told = if map == ekf { map } else { format!("{map} for map, {ekf} for ekf") };
+                let expected =
+                    if map == ekf { map } else { format!("{map} for map, {ekf} for ekf") };
                 let help = arg.get_help().unwrap().to_string();
-                assert!(help.ends_with(&format!("[default: {told}]")), "{told}: {help}");
+                assert!(help.ends_with(&format!("[default: {expected}]")), "{expected}: {help}");
             }
         }
     }

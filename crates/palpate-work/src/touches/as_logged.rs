@@ -8,7 +8,7 @@ use super::Touches;
 use super::conventions_of_logs::{AHEAD, touches_of};
 use crate::conventions::Given;
 use crate::error::WorkError;
-use crate::inspect::log::{looks_wrong_as_logged, tell};
+use crate::inspect::log::{looks_wrong_as_logged, warn_of};
 use crate::progress::Progress;
 use crate::settings::Settings;
 
@@ -44,15 +44,15 @@ impl Touches {
             gravity: settings.touch.gravity_given(),
         };
         if has_arm && given.gravity == Some(Gravity::Removed) {
-            let told = format!(
+            let message = format!(
                 "`{}`: these torques hold no gravity, and --arm was identified on torques that do: only its standard \
                  deviations are used, and they may be too small; give the measured torques",
                 self.first_path()
             );
             if strict {
-                return Err(WorkError::LooksWrong(format!("{told} (--strict)")));
+                return Err(WorkError::LooksWrong(format!("{message} (--strict)")));
             }
-            progress.warn(&told);
+            progress.warn(&message);
         }
         let set = settings.touch.over_config(&ExternalTorqueConfig::default());
         let _ = self.logs.look_ahead(AHEAD);
@@ -63,12 +63,12 @@ impl Touches {
                 sample.tau.iter_mut().zip(joints).for_each(|(tau, joint)| *tau /= joint.gain);
             }
             if touches.iter().flat_map(|touch| &touch.samples).all(is_without_torque) {
-                continue; // which was told
+                continue; // with a warning of its own
             }
             let given = (&set, given);
             let mut found = looks_wrong_as_logged(&mut touches, &robot, given, self.checked.0);
-            found.retain(|finding| !self.told.contains(finding.code));
-            // What was not decided was told; what an arm carries that is to be identified is to be found.
+            found.retain(|finding| !self.reported.contains(finding.code));
+            // Undecided conventions were reported before; an arm to be identified has no known masses yet.
             found.retain(|finding| finding.code != "undecided");
             found.retain(|finding| model.is_some() || !OF_MASSES.contains(&finding.code));
             for payload in found.iter_mut().filter(|one| has_arm && one.code == "payload") {
@@ -76,8 +76,8 @@ impl Touches {
                 payload.what +=
                     "; the arm carries something else than when it was identified (--arm)";
             }
-            self.told.extend(found.iter().map(|finding| finding.code));
-            tell(&found, &format!("`{}`", path.display()), strict, progress)?;
+            self.reported.extend(found.iter().map(|finding| finding.code));
+            warn_of(&found, &format!("`{}`", path.display()), strict, progress)?;
         }
         Ok(())
     }

@@ -1,5 +1,5 @@
-//! What logs tell before they are used, so that nobody has to say it: which joints are not in them, and how their
-//! torques count.
+//! What is taken from the logs before they are used, so that nobody has to give it: which joints are not in them, and
+//! the conventions of their torques.
 
 use std::path::Path;
 use std::slice;
@@ -65,7 +65,7 @@ impl Touches {
             return Ok(arm);
         }
         let arm = Arc::new(held_joints::holding(&arm, &held)?);
-        held_joints::tell(&arm, &held, "the log", progress);
+        held_joints::note_held(&arm, &held, "the log", progress);
         settings.hold.get_or_insert_default().extend(held);
         Ok(arm)
     }
@@ -134,7 +134,7 @@ impl Touches {
     }
 
     /// Takes from the logs what the settings leave open of the torques: what a type of message says, else what the
-    /// data tell, of which a note says why.
+    /// data show, with a note that says why.
     ///
     /// # Errors
     ///
@@ -179,12 +179,14 @@ impl Touches {
             }
             // What is given is wrong, which is warned of.
             Err(_) if evidence.decide(Given::default()).is_ok() => {}
-            Err(told @ Undecided::Nothing(_)) => {
-                progress.warn(&format!("`{path}`: {told}"));
+            Err(undecided @ Undecided::Nothing(_)) => {
+                progress.warn(&format!("`{path}`: {undecided}"));
             }
-            Err(told) => match if_undecided {
-                IfUndecided::Refuse => return Err(WorkError::Usage(format!("`{path}`: {told}"))),
-                IfUndecided::LeaveOpen => progress.note(&format!("`{path}`: {told}")),
+            Err(undecided) => match if_undecided {
+                IfUndecided::Refuse => {
+                    return Err(WorkError::Usage(format!("`{path}`: {undecided}")));
+                }
+                IfUndecided::LeaveOpen => progress.note(&format!("`{path}`: {undecided}")),
             },
         }
         Ok(())
@@ -256,14 +258,14 @@ impl Touches {
                 settings.gravity = Some(OrAuto::Is(Gravity::Removed));
             }
         }
-        let told = "external torques of a Franka count as the motors' do";
+        let why = "external torques of a Franka count as the motors' do";
         match settings.torque_sign_given() {
             None if self.logs.all().all(|log| is_external(&log)) => {
-                progress.note(&format!("{told}: their sign is minus"));
+                progress.note(&format!("{why}: their sign is minus"));
                 settings.torque_sign = Some(OrAuto::Is(TorqueSign::Minus));
             }
             Some(TorqueSign::Plus) => {
-                progress.warn(&format!("`{path}`: {told}, and --torque-sign is plus"));
+                progress.warn(&format!("`{path}`: {why}, and --torque-sign is plus"));
             }
             _ => {}
         }

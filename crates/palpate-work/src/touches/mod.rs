@@ -5,7 +5,7 @@
 //! | `logs` | the logs' events, which can be read ahead                              |
 //! | `as_logged` | what looks wrong with them before their torques become external ones |
 //! | `identified` | external torques of an arm that was identified                  |
-//! | `conventions_of_logs` | what the logs tell before they are used: joints that are not in them, and how their torques count |
+//! | `conventions_of_logs` | missing joints and torque conventions, found from the logs before they are used |
 
 mod as_logged;
 mod conventions_of_logs;
@@ -61,8 +61,8 @@ pub struct Touches {
     identified: Option<ExternalReader>,
     /// The unit that angles were said to be in, and whether what looks wrong is an error.
     checked: (AngleUnit, bool),
-    /// What was told already of what looks wrong.
-    told: HashSet<&'static str>,
+    /// Codes of the findings that were reported already.
+    reported: HashSet<&'static str>,
 }
 
 impl Touches {
@@ -126,7 +126,7 @@ impl Touches {
         place: (Lattice, ContactConfig),
         set: &ExternalTorqueConfig,
     ) -> LogCheck {
-        LogCheck::new(arm, place, set, self.checked).after(&self.told)
+        LogCheck::new(arm, place, set, self.checked).after(&self.reported)
     }
 
     /// Whether any log says that its torques are external ones.
@@ -244,7 +244,7 @@ impl Touches {
         }
     }
 
-    /// Reads all touches for an arm, and tells what looked odd in the logs.
+    /// Reads all touches for an arm, and warns of what looked odd in the logs.
     ///
     /// # Errors
     ///
@@ -258,7 +258,7 @@ impl Touches {
         let config = settings.config()?;
         let mut touches = self.for_arm(arm, &settings.log, (config.lattice, config.contact))?;
         let recorded = touches.read(None)?;
-        touches.tell_warnings(progress);
+        touches.report_warnings(progress);
         Ok(recorded)
     }
 
@@ -278,7 +278,7 @@ impl Touches {
         let place = (config.lattice, config.contact);
         let mut touches = self.for_arm(arm, &settings.log, place.clone())?;
         let recorded = touches.read(most)?;
-        touches.tell_warnings(progress);
+        touches.report_warnings(progress);
         touches.check(arm, place, &config.touch).of(&recorded).look(progress)?;
         Ok(recorded)
     }
@@ -361,8 +361,8 @@ impl Touches {
         self.logs.all().flat_map(|(_, log)| log.warnings())
     }
 
-    /// Tells what looked odd in the logs.
-    pub fn tell_warnings(&self, progress: &dyn Progress) {
+    /// Warns of what looked odd in the logs.
+    pub fn report_warnings(&self, progress: &dyn Progress) {
         for (path, log) in self.logs.all() {
             for warning in log.warnings() {
                 progress.warn(&format!("`{}`: {warning}", path.display()));

@@ -40,7 +40,7 @@ pub struct ElasticModel {
     /// Cells that touches have met, each once.
     #[serde(skip)]
     pub residual_cells: Vec<CellId>,
-    /// K of these cells that explains what the bodies leave over, times the weight of that, N/m.
+    /// K of these cells that explains the residual of the bodies, times the weight of that, N/m.
     #[serde(skip)]
     pub residual_n_per_m: Vec<f64>,
     /// The same of all other cells, N/m.
@@ -65,7 +65,7 @@ impl ElasticModel {
         self.variants.iter().map(|variant| Arc::new(variant.body.clone())).collect()
     }
 
-    /// K that explains what the bodies leave over, by cell, N/m.
+    /// K that explains the residual of the bodies, by cell, N/m.
     pub fn residual(&self) -> impl Iterator<Item = (CellId, f64)> {
         self.residual_cells.iter().copied().zip(self.residual_n_per_m.iter().copied())
     }

@@ -45,7 +45,7 @@ pub enum LatticeError {
          {FARTHEST_M} m of the world's origin; are they in millimetres?"
     )]
     Origin { found: [f64; 3] },
-    /// More points than a 32-bit cell number can tell apart.
+    /// More points than a 32-bit cell number can index.
     #[error(
         "a lattice of {shape:?} has {points} points, more than the {limit} that can be indexed; \
          make the box smaller or the spacing larger"
@@ -105,7 +105,7 @@ impl Lattice {
     /// # Errors
     ///
     /// If the spacing is not a positive length, an axis is empty, the origin is not finite, or
-    /// the points outnumber what [`CellId`] can tell apart.
+    /// the points outnumber what [`CellId`] can index.
     pub fn new(origin_m: [f64; 3], spacing_m: f64, shape: [u32; 3]) -> Result<Self, LatticeError> {
         if !(spacing_m > 0.0 && spacing_m.is_finite()) {
             return Err(LatticeError::Spacing { found_m: spacing_m });

@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn springs_push_in_the_middle_of_what_they_stand_for() {
-        // Displacements that change evenly are felt as all cells feel them.
+        // For displacements that are linear in the place, the springs push as much as all cells together.
         let stiffness = |[i, j, k]: [u32; 3]| f64::from(1 + i * 7 % 5 + j * k);
         let displacement = |at: Vector3<f64>| 0.3 + at.dot(&Vector3::new(0.02, -0.05, 0.07));
         let at = |place: [u32; 3]| Vector3::from(place.map(f64::from));

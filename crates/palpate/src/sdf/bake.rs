@@ -8,7 +8,7 @@
 //! 2. a flood from the rim of the grid finds the nodes that no path from outside reaches;
 //! 3. **inside is `w ≥ ½`, or sealed**: the winding number decides, the flood only fills voids that
 //!    are closed all round. It cannot overrule the other way, since it leaks through any crack.
-//!    A second flood, too thick for cracks narrower than a cell, tells where the shell has real
+//!    A second flood, too thick for cracks narrower than a cell, finds where the shell has real
 //!    openings: the [`BakeReport`] says how much of the volume rests on the winding number alone;
 //! 4. inside, the distance counts from the *skin* only, the triangles that have the outside on one
 //!    of their sides: inner walls must not make a point deep inside look like one at the surface;

@@ -3,8 +3,8 @@
 //!
 //! The largest of each second of contact-free motion gives the threshold: above the level that a tenth of the seconds
 //! pass, excesses are taken as exponential (the tail of most distributions, Pickands 1975 with a shape of 0). Few seconds
-//! tell their mean badly, so what counts is two standard deviations above it. It may also be small by chance, so it counts
-//! as at least what it is together with a prior, as if more seconds had been seen.
+//! determine their mean badly, so what counts is two standard deviations above it. It may also be small by chance, so
+//! it counts as at least what it is together with a prior, as if more seconds had been seen.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +12,7 @@ use super::ExternalTorque;
 
 /// What share of seconds sets the level from which on excesses count.
 const TAIL: f64 = 0.1;
-/// Seconds of contact-free motion from which a tail can be told.
+/// Seconds of contact-free motion from which a tail can be estimated.
 const LEAST_SECONDS: usize = 5;
 
 /// Mean excess of the prior, as a part of the level. It was chosen on a hundred simulated arms that moved otherwise than when
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn short_motions_tell_no_tail() {
+    fn short_motions_give_no_tail() {
         assert_eq!(Alarm::of(&[vec![(0.0, 1.0), (3.0, 2.0)]]), None);
         // A gap is no time in which nothing was touched.
         assert_eq!(Alarm::of(&[vec![(0.0, 1.0), (1e9, 2.0), (1e9 + 0.5, 2.0)]]), None);

@@ -134,7 +134,7 @@ impl TouchMotion {
         &self.positions
     }
 
-    /// Whether speeds can be told: there is a clock, with at least four samples in a window of `2 · half_s`.
+    /// Whether speeds can be determined: there is a clock, with at least four samples in a window of `2 · half_s`.
     pub fn is_timed(&self, half_s: f64) -> bool {
         let n = self.times_s.len();
         let span = self.times_s.last().unwrap_or(&0.0) - self.times_s.first().unwrap_or(&0.0);

@@ -63,7 +63,7 @@ impl FrictionState {
     /// Moves with the joint from the second of four positions, rad, one sample each, a part of the way to the third. Where
     /// the joint turns round, it turns on the parabola through the first three, between the samples.
     ///
-    /// The fourth tells a turn from a stop: a joint that stops, or a position that is logged twice, turns nothing.
+    /// The fourth distinguishes a turn from a stop: a joint that stops, or a position that is logged twice, is no turn.
     pub fn follow(&mut self, [before, from, to, after]: [f64; 4], part: f64, presliding: f64) {
         let (came, way) = (from - before, to - from);
         if came * way >= 0.0 && came * (after - to) >= 0.0 {

@@ -6,7 +6,7 @@
 //!
 //! `s` is the sign of [`crate::ExternalTorqueConfig`], `Y π` the inverse dynamics of the robot
 //! (`Robot::inverse_dynamics`), `F` friction and the inertia of the drives. Solved for `τ_ext`, this is an estimate of
-//! the external torque at every sample; its standard deviation is that of what the model left over on motions that it
+//! the external torque at every sample; its standard deviation is that of the model's residual on motions that it
 //! was not identified on.
 //!
 //! | file               | says                                                                  |
@@ -78,7 +78,7 @@ pub enum Differentiation {
 pub struct Causal {
     /// Half of the time before now out of which speeds and accelerations are computed, s.
     pub window_s: f64,
-    /// What is left over, in the robot's order.
+    /// Noise of the residual, in the robot's order.
     pub noise: Vec<TorqueNoise>,
     /// What that allows to detect.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -115,11 +115,11 @@ pub struct JointModel {
     /// Ripple of its gears, and what each joint feels of it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub ripple: Vec<Ripple>,
-    /// What is left over.
+    /// Noise of the residual.
     pub noise: TorqueNoise,
 }
 
-/// Variance of what a model leaves over of a joint's external torque: a sum of squares, each of a part that grows with how
+/// Variance of a model's residual in a joint's external torque: a sum of squares, each of a part that grows with how
 /// the joint moves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

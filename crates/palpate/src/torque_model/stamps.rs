@@ -7,7 +7,7 @@
 //! e_j(t_k) = q̇_j(t_k) δ_k,    so δ_k = Σ_j q̇_j e_j / Σ_j q̇_j²
 //! ```
 //!
-//! where `e_j` is what a polynomial leaves over that is fitted to the positions around `t_k`. The time of each sample is
+//! where `e_j` is the residual of a polynomial that is fitted to the positions around `t_k`. The time of each sample is
 //! then `t_k + δ_k`, and the polynomial is fitted again, until nothing changes.
 //!
 //! An error that all samples share does not show in this, and does no harm.

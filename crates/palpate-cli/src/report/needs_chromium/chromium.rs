@@ -1,4 +1,4 @@
-//! A tab of a Chromium without a window, told what to do through a pipe: the DevTools protocol, whose
+//! A tab of a Chromium without a window, controlled through a pipe: the DevTools protocol, whose
 //! messages are JSON, each with a zero byte behind it.
 
 use std::cell::{Cell, RefCell};

@@ -104,9 +104,9 @@ fn the_slider_hides_soft_points(page: &Page) {
     page.until(&format!("{POINTS} === {all}"));
     page.set("threshold", "60", "input");
     page.until(&format!("{POINTS} < {all} && {POINTS} > 0"));
-    let told = page.ask("document.getElementById('threshold-shown').textContent");
+    let label = page.ask("document.getElementById('threshold-shown').textContent");
     let shown = page.number(POINTS);
-    assert!(told.as_str().unwrap().contains(&format!("({shown} shown)")), "{told}");
+    assert!(label.as_str().unwrap().contains(&format!("({shown} shown)")), "{label}");
 }
 
 fn the_arm_goes_where_it_is_sent(page: &Page) {

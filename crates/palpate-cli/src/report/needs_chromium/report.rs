@@ -92,9 +92,9 @@ fn a_threshold_hides_soft_points(page: &Page) {
     let softest = page.number("Math.min(...document.getElementById('scene').data[1].customdata)");
     let stiffest = example::field().stiffness_n_per_m.into_iter().fold(0.0, f64::max);
     assert!(softest >= 0.099 * stiffest, "{softest} N/m is shown"); // a decade, 40 % of 2.5
-    let told = page.ask("document.getElementById('threshold-shown').textContent");
+    let label = page.ask("document.getElementById('threshold-shown').textContent");
     let shown = page.number(points);
-    assert!(told.as_str().unwrap().contains(&format!("({shown} shown)")), "{told}");
+    assert!(label.as_str().unwrap().contains(&format!("({shown} shown)")), "{label}");
 }
 
 fn the_arm_moves_with_the_frame(page: &Page) {

@@ -89,7 +89,7 @@ fn read_member(member: &mut impl Read, room: &mut u64) -> Result<Option<Array>, 
         return Err(NpyError::Truncated { held, promised, unit: "numbers" });
     }
     if member.read(&mut [0])? != 0 {
-        let reason = "more numbers follow than its shape tells".to_owned();
+        let reason = "more numbers follow than its shape says".to_owned();
         return Err(NpyError::Header { reason });
     }
     let sides: Result<Vec<usize>, _> = header.shape.iter().map(|&s| usize::try_from(s)).collect();

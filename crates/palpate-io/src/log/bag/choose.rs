@@ -72,13 +72,13 @@ fn only<'a>(path: &Path, topics: &'a [Topic]) -> Result<&'a Topic, BagError> {
 }
 
 fn unclear(path: &Path, reason: String, topics: &[Topic]) -> BagError {
-    let told = |topic: &Topic| match topic.messages {
+    let description = |topic: &Topic| match topic.messages {
         Some(count) => format!("`{}` ({}, {count} messages)", topic.name, topic.kind),
         None => format!("`{}` ({})", topic.name, topic.kind),
     };
     let topics = match topics {
         [] => "none".to_owned(),
-        topics => topics.iter().map(told).collect::<Vec<_>>().join(", "),
+        topics => topics.iter().map(description).collect::<Vec<_>>().join(", "),
     };
     BagError::Topic { path: PathBuf::from(path), reason, topics }
 }

@@ -47,13 +47,13 @@ pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, LogError> {
     if !path.is_dir() {
         return Ok(vec![path.to_owned()]);
     }
-    let told = path.join("metadata.yaml");
-    if !told.is_file() {
+    let metadata_path = path.join("metadata.yaml");
+    if !metadata_path.is_file() {
         return Ok(by_ending(path));
     }
-    let text =
-        input::read_text(&told, METADATA).map_err(|source| LogError::reading(&told, source))?;
-    let refused = |reason: String| BagError::Storage { path: told.clone(), reason };
+    let text = input::read_text(&metadata_path, METADATA)
+        .map_err(|source| LogError::reading(&metadata_path, source))?;
+    let refused = |reason: String| BagError::Storage { path: metadata_path.clone(), reason };
     let metadata: Metadata = serde_saphyr::from_str(&text)
         .map_err(|error| refused(format!("is not what rosbag2 writes: {error}")))?;
     let information = metadata.rosbag2_bagfile_information;

@@ -60,7 +60,7 @@ pub(super) struct Reading {
     named: bool,
 }
 
-/// The joints of a bag, and which clock tells their time.
+/// The joints of a bag, and which clock their times are from.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Joints {
     /// `None` if the messages name none.
@@ -120,8 +120,9 @@ impl Reading {
                 with_torque.clear();
             }
             if joints.names.as_ref().is_some_and(|names| names.len() == taken.names.len()) {
-                let felt = taken.names.into_iter().zip(&taken.torques);
-                with_torque.extend(felt.filter(|(_, tau)| tau.is_finite()).map(|(name, _)| name));
+                let torques = taken.names.into_iter().zip(&taken.torques);
+                let finite = torques.filter(|(_, tau)| tau.is_finite());
+                with_torque.extend(finite.map(|(name, _)| name));
             }
         }
         // Controllers that broadcast states give NaN for what a gripper does not measure.

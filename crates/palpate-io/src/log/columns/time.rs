@@ -1,4 +1,4 @@
-//! The time in a table: one column, in a unit that its name or the size of its numbers tells, or one of seconds
+//! The time in a table: one column, in a unit that follows from its name or the size of its numbers, or one of seconds
 //! and one of nanoseconds.
 
 use std::sync::LazyLock;
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn since_1970_its_unit_is_told_by_its_size_in_the_first_row() {
+    fn since_1970_its_unit_follows_from_its_size_in_the_first_row() {
         for unit_s in [1.0, 1e-3, 1e-6, 1e-9] {
             for header in ["timestamp,q1", "stamp,q1"] {
                 let found = seconds(header, &[1.7e9 / unit_s]).unwrap();

@@ -52,8 +52,8 @@ pub(super) fn joints(file: &Path, q: &str, tau: &str) -> Result<Option<Joints>, 
 }
 
 /// A list of names, or one list that is named itself: `{"motors": [...]}`. Endings that say what is measured are taken away.
-fn names(told: &Value) -> Option<Vec<String>> {
-    let list = match told {
+fn names(value: &Value) -> Option<Vec<String>> {
+    let list = match value {
         Value::Object(kinds) if kinds.len() == 1 => kinds.values().next()?,
         other => other, // of several lists, nobody knows which comes first
     };
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_are_numbers_name_nothing_and_broken_metadata_is_told() {
+    fn names_that_are_numbers_name_nothing_and_broken_metadata_is_reported() {
         let two_lists = r#"{"motors": ["a", "b"], "gripper": ["g"]}"#;
         for names in [
             r#"["motor_0", "motor_1"]"#,

@@ -35,7 +35,8 @@ const MOST_ROWS: usize = 4_000;
 pub(super) const FOLDS: usize = 4;
 /// Touches that have an offset and a drift of their own; more share the last one's.
 const MOST_OFFSETS: usize = 12;
-/// Rates of other logs of an arm, as a part of those that it is identified on, at which its time window still tells speeds.
+/// Rates of other logs of an arm, as a part of those that it is identified on, at which its time window still gives
+/// speeds.
 const SLOWER: f64 = 0.75;
 /// Where friction is less known than this, a row of that joint is left out.
 const MOST_UNKNOWN: f64 = 0.1;
@@ -99,7 +100,7 @@ pub(super) struct Rows {
     n_joints: usize,
     pub(super) n_parameters: usize,
     pub(super) offsets: usize,
-    /// Whether speeds can be told.
+    /// Whether speeds can be determined.
     pub(super) timed: bool,
     turning: Vec<Turning>,
     /// By fold and joint.
@@ -236,7 +237,7 @@ impl Rows {
         if self.timed && steps > 0 { span / steps as f64 } else { 0.0 }
     }
 
-    /// Whether speeds can be told out of windows of twice this, s, in logs of [`SLOWER`] rates as well.
+    /// Whether speeds can be determined from windows of twice this, s, in logs of [`SLOWER`] rates as well.
     pub(super) fn is_timed(&self, window_s: f64) -> bool {
         self.motions.iter().all(|motion| motion.is_timed(SLOWER * window_s))
     }
@@ -332,7 +333,7 @@ impl Rows {
             .collect()
     }
 
-    /// How many rows that follow each other say the same, by joint: `1 + 2 Σ ρ_k` of what is left over, summed as far
+    /// How many rows that follow each other say the same, by joint: `1 + 2 Σ ρ_k` of the residuals, summed as far
     /// as the correlations ρ_k are positive (Sokal 1997).
     pub(super) fn correlated(&self, posterior: &Posterior) -> Vec<f64> {
         (0..self.n_joints)
@@ -369,8 +370,8 @@ impl Rows {
         (self.rows[row].touch, self.rows[row].samples.clone())
     }
 
-    /// What a model leaves over of a joint in each row, as logged; `None` where its friction or its torque is not known.
-    fn left_over(&self, posterior: &Posterior, j: usize) -> Vec<Option<f64>> {
+    /// Residual of a model for a joint in each row, as logged; `None` where its friction or its torque is not known.
+    fn residuals(&self, posterior: &Posterior, j: usize) -> Vec<Option<f64>> {
         let coefficients = posterior.row_coefficients(j);
         let is_measured = self.is_measured(j);
         let left = |row: &Row| {
@@ -380,12 +381,12 @@ impl Rows {
         self.rows.iter().map(left).collect()
     }
 
-    /// Sum of squares of what models leave over of a joint in the folds that they do not know, but for some samples.
+    /// Sum of squared residuals of models for a joint in the folds that they do not know, but for some samples.
     pub(super) fn held_out(&self, models: &[Option<Posterior>], j: usize, but: &Touched) -> f64 {
         let of_fold = |(fold, model): (usize, &Option<Posterior>)| {
             let Some(model) = model else { return 0.0 };
             let serves = |row: &Row| row.fold == fold && !row.is_in(but);
-            let left = self.left_over(model, j);
+            let left = self.residuals(model, j);
             let left = self.rows.iter().zip(left).filter(|(row, _)| serves(row));
             left.filter_map(|(_, left)| left).map(|left| left * left).sum()
         };
@@ -397,14 +398,14 @@ impl Rows {
         self.motions.iter().map(|motion| vec![false; motion.times_s().len()]).collect()
     }
 
-    /// Means of what a model leaves over of a joint, over windows of `2 · half_s` around each row.
-    pub(super) fn means_left_over(
+    /// Mean residuals of a model for a joint, over windows of `2 · half_s` around each row.
+    pub(super) fn mean_residuals(
         &self,
         posterior: &Posterior,
         j: usize,
         half_s: f64,
     ) -> Vec<Option<f64>> {
-        let left = self.left_over(posterior, j);
+        let left = self.residuals(posterior, j);
         let mut means = Vec::with_capacity(left.len());
         for touch in self.rows.chunk_by(|a, b| a.touch == b.touch) {
             let left = &left[means.len()..means.len() + touch.len()];

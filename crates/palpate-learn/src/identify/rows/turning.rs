@@ -1,5 +1,5 @@
-//! How friction turns round: the presliding distance, and the speed at which breakaway is over, that explain most of what
-//! the rest of the model leaves over.
+//! How friction turns round: the presliding distance, and the speed at which breakaway is over, that explain most of
+//! the residual of the rest of the model.
 
 use palpate::JointFriction;
 use rayon::prelude::*;
@@ -29,7 +29,7 @@ impl Turning {
 }
 
 impl Rows {
-    /// How the friction of each joint turns round, as explains most of what the rest of the model leaves over.
+    /// How the friction of each joint turns round, as explains most of the residual of the rest of the model.
     pub(in crate::identify) fn best_turning(&self, posterior: &Posterior) -> Vec<Turning> {
         (0..self.n_joints)
             .into_par_iter()
@@ -72,7 +72,7 @@ impl Rows {
         rows.iter().map(|(row, _)| at(row)).collect()
     }
 
-    /// Mean square that Coulomb friction in these states, its asymmetry and breakaway leave over.
+    /// Mean squared residual after Coulomb friction in these states, its asymmetry and breakaway.
     fn cost(
         &self,
         left: &[(&Row, f64)],

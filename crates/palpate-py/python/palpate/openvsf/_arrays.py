@@ -59,7 +59,7 @@ class Arrays:
 
 def read(path: Path) -> Arrays:
     """Reads a folder or an npz file. Raises FileError, which names the file and the array."""
-    with _told(path):
+    with _file_errors(path):
         if path.is_dir():
             return _of_folder(path)
         with zipfile.ZipFile(path) as archive:
@@ -67,7 +67,7 @@ def read(path: Path) -> Arrays:
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _file_errors(path: Path) -> Iterator[None]:
     """Defects that Python finds, as errors that name the file."""
     try:
         yield
@@ -83,13 +83,13 @@ def _told(path: Path) -> Iterator[None]:
 
 def has_settings(path: Path) -> bool:
     """Whether an npz file is palpate's own as well."""
-    with _told(path), zipfile.ZipFile(path) as archive:
+    with _file_errors(path), zipfile.ZipFile(path) as archive:
         return "palpate.npy" in archive.namelist()
 
 
 def read_npy(path: Path) -> Any:
     """The array of one npy file. Raises FileError."""
-    with _told(path), path.open("rb") as stream:
+    with _file_errors(path), path.open("rb") as stream:
         return _array(stream, path.stat().st_size, f"`{path}`")
 
 

@@ -182,7 +182,7 @@ class _Reading:
         raise missing
 
     def sensor(
-        self, sensors: Section, felt: list[str], robot: str | None, arm: Robot
+        self, sensors: Section, recorded: list[str], robot: str | None, arm: Robot
     ) -> str | None:
         """The name of the sensor of joint torques."""
         measuring = []
@@ -192,15 +192,15 @@ class _Reading:
             at, links = sensor.text("attachment_name"), sensor.items("link_names", str, "names of links")
             sensor.done()
             if kind != "JointTorqueSensor" or (robot is not None and at != robot):
-                told = f"({kind} of `{at}`) has no counterpart and is ignored"
-                self.notes.append(f"Sensor `{name}` {told}.")
+                remark = f"({kind} of `{at}`) has no counterpart and is ignored"
+                self.notes.append(f"Sensor `{name}` {remark}.")
                 continue
             self.links(sensor, links, arm)
             measuring.append(name)
-        named = [name for name in measuring if name in felt] or measuring
+        named = [name for name in measuring if name in recorded] or measuring
         if sensors.keys() and len(named) != 1:
-            told = f"has {len(named)} sensors of the robot's joint torques"
-            raise sensors.error("", f"{told}; palpate learns from exactly one JointTorqueSensor")
+            found = f"has {len(named)} sensors of the robot's joint torques"
+            raise sensors.error("", f"{found}; palpate learns from exactly one JointTorqueSensor")
         return named[0] if named else None
 
     def links(self, sensor: Section, links: list[str], arm: Robot) -> None:
@@ -242,15 +242,15 @@ class _Reading:
         config.done()
         if slides is False:
             contact["slip_iterations"] = 0
-            told = "palpate's contacts are made for points that slip, and slipping costs it little"
-            self.notes.append(f"`{config.named('sim_slide')}` is false, so points stick; {told}.")
+            why = "palpate's contacts are made for points that slip, and slipping costs it little"
+            self.notes.append(f"`{config.named('sim_slide')}` is false, so points stick; {why}.")
         else:
             contact["slip_step_m"] = step
         if any(padding is not None for padding in paddings):
             contact["contact_distance_m"] = sum(0.003 if one is None else one for one in paddings)
 
     def points(self, model: Section, pose: Any, *, read: bool) -> Lattice | None:
-        """The lattice of a model's points in the frame of the robot, None if it has none to tell."""
+        """The lattice of a model's points in the frame of the robot, None if it determines none."""
         way, path = model.text("init_method") or "file", model.text("path")
         config = model.section("point_vsf_config")
         model.done("neural_vsf_config", "factory_config", "rgbd_factory_config")
@@ -311,9 +311,9 @@ class _Reading:
             return "map"
         if optimizer not in _METHODS:
             raise estimator.error("optimizer", f"is {optimizer!r}; wanted {', '.join(_METHODS)}")
-        method, told = _METHODS[optimizer]
-        if told is not None:
-            self.notes.append(f"`{optimizer}` becomes `{method}`: {told}.")
+        method, why = _METHODS[optimizer]
+        if why is not None:
+            self.notes.append(f"`{optimizer}` becomes `{method}`: {why}.")
         settings["estimator"] = method
         return method
 
@@ -328,8 +328,8 @@ class _Reading:
         estimator = self.settings["estimator"]
         if mean == 0.0 and method == "ekf":
             own = default_settings(estimator={"estimator": "ekf"})["estimator"]["prior_mean"]
-            told = f"its `ekf` keeps a prior mean of {own} N/m, for it learns nothing from 0"
-            self.notes.append(f"`prior.mu` is 0 N/m; {told}.")
+            why = f"its `ekf` keeps a prior mean of {own} N/m, for it learns nothing from 0"
+            self.notes.append(f"`prior.mu` is 0 N/m; {why}.")
         elif mean is not None:
             estimator["prior_mean"] = mean / cells**3
         if variance is not None:
@@ -357,8 +357,8 @@ class _Reading:
             if key not in keys:
                 raise keys.error(key, f"is not there, though it is to hold the {what}")
             if _width(keys.value(key)) != arm.n_joints:
-                told = f"is {keys.value(key)}; wanted {arm.n_joints}, the {what} of all joints"
-                raise keys.error(key, told)
+                found = f"is {keys.value(key)}; wanted {arm.n_joints}, the {what} of all joints"
+                raise keys.error(key, found)
         unread = ", ".join(f"`{key}`" for key in keys.keys() if key not in (angles, torques))
         if unread:
             self.notes.append(f"Of the data set, {unread} are not read.")
@@ -368,8 +368,8 @@ class _Reading:
         kind, path = dataset.text("type"), dataset.text("path")
         dataset.done("cache")
         if kind == "file_loader":
-            told = "is `file_loader`, a file for each frame; wanted an array for each sequence: stack"
-            raise dataset.error("type", f"{told} them into angles.npy and torques.npy")
+            found = "is `file_loader`, a file for each frame; wanted an array for each sequence: stack"
+            raise dataset.error("type", f"{found} them into angles.npy and torques.npy")
         if data_dir is not None:
             return Path(data_dir)
         if not path:

@@ -108,8 +108,8 @@ def save(
 ) -> None:
     """Writes a field that `PointVSF.load` reads: an `.npz`, or a folder if `path` is one or ends in /.
 
-    Features are `K_std`, the standard deviation, N/m, its square `K_var`, which tells `load` that it
-    is one, and `N_obs`. Cells never touched nor expected to be stiff are left out; `whole_box` writes
+    Features are `K_std`, the standard deviation, N/m, its square `K_var`, by which `load` sees that
+    it is one, and `N_obs`. Cells never touched nor expected to be stiff are left out; `whole_box` writes
     them too, with the stiffness that the field expects of them and its std, `untouched_std` N/m if the
     field has no memory and so does not say. Otherwise palpate reads the npz file as its own as well,
     without memory. The file is written whole or not at all; files of others in a folder stay.
@@ -164,7 +164,7 @@ def _field(
     elif spacing is not None:
         raise ValueError("`lattice` has a spacing of its own; give it or `spacing`, not both")
     springs, moved = _lattice.brought_to(lattice, springs)
-    _tell(what, lattice, len(points), moved)
+    _warn_if_moved(what, lattice, len(points), moved)
     std = np.sqrt(springs.variance)
     arguments = (springs.points, springs.stiffness, std, springs.counts)
     return Field.from_arrays(*arguments, lattice=lattice, **given)
@@ -203,15 +203,15 @@ def _not_negative(what: str, stiffness: NDArray[np.float64]) -> NDArray[np.float
     negative = stiffness[stiffness < 0.0]
     if len(negative) == 0:
         return stiffness
-    told = f"{what}: {len(negative)} of {len(stiffness)} values of `K` are negative, down to"
-    told = f"{told} {negative.min():.3g} N/m"
+    found = f"{what}: {len(negative)} of {len(stiffness)} values of `K` are negative, down to"
+    found = f"{found} {negative.min():.3g} N/m"
     if negative.min() < -TINY * max(1.0, float(stiffness.max())):
-        raise FileError(f"{told}: no solver's zeros, and no springs")
-    warnings.warn(f"{told}: a solver's zeros, taken as 0", PalpateWarning, stacklevel=4)
+        raise FileError(f"{found}: no solver's zeros, and no springs")
+    warnings.warn(f"{found}: a solver's zeros, taken as 0", PalpateWarning, stacklevel=4)
     return np.maximum(stiffness, 0.0)
 
 
-def _tell(what: str, lattice: Lattice, n: int, moved: Moved) -> None:
+def _warn_if_moved(what: str, lattice: Lattice, n: int, moved: Moved) -> None:
     if moved.largest_m <= NEAR_CELLS * lattice.spacing and moved.merged == 0:
         return
     shared = f", {moved.merged} into the cell of another, where springs add up" if moved.merged else ""

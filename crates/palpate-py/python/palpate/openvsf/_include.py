@@ -25,8 +25,8 @@ def read(path: Path, within: tuple[Path, ...] = ()) -> Any:
     Raises FileError, which names the file and the line, and ImportError if YAML needs PyYAML.
     """
     if path in within:
-        told = " includes ".join(f"`{one}`" for one in (*within, path))
-        raise FileError(f"the configuration includes itself: {told}")
+        chain = " includes ".join(f"`{one}`" for one in (*within, path))
+        raise FileError(f"the configuration includes itself: {chain}")
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -19,7 +19,7 @@ NEAR_CELLS = 1e-3
 """How far from a lattice's points, in cells, points still lie on it; single precision is off by less."""
 
 _SAMPLED = 128
-"""Points whose nearest neighbours tell the spacing of points that are on no lattice."""
+"""Number of points whose nearest neighbours determine the spacing of points that are on no lattice."""
 
 _ROUND = 6
 """Digits of a spacing that was meant to be a round number."""

@@ -1,4 +1,4 @@
-"""A section of a configuration: every key is asked for by its type, and none may be left over."""
+"""A section of a configuration: every key is asked for by its type, and a key that nobody asks for is an error."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class Section:
         self._entries: dict[str, Any] = entries
         self._asked: set[str] = set()
 
-    def error(self, key: str, told: str) -> FileError:
+    def error(self, key: str, why: str) -> FileError:
         """An error about a key, or about the section itself if the key is empty."""
         name = self.named(key)
-        return FileError(f"`{self._path}`: {f'`{name}`' if name else 'the file'} {told}")
+        return FileError(f"`{self._path}`: {f'`{name}`' if name else 'the file'} {why}")
 
     def named(self, key: str) -> str:
         return ".".join(filter(None, (self._name, key)))

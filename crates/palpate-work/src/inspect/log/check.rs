@@ -25,7 +25,7 @@ use crate::touches::{RecordedTouch, Touches};
 const MOST_FRAMES: usize = 250_000;
 /// After so many touches they are looked at for the first time.
 const FIRST_TOUCHES: usize = 3;
-/// What tells nothing of a running robot: what is wrong with a touch that is over, and with the
+/// Findings that mean nothing for a running robot: what is wrong with a touch that is over, and with the
 /// samples' times and repeats, of which a mapper that keeps up takes only some.
 const NOT_LIVE: [&str; 7] =
     ["never_moves", "no_contact", "no_start", "drift", "duplicate_frames", "gaps", "clock"];
@@ -45,7 +45,8 @@ pub struct LogCheck {
     next: usize,
     /// Touches of a running robot so far.
     live_touches: usize,
-    told: HashSet<&'static str>,
+    /// Codes of the findings that were reported already.
+    reported: HashSet<&'static str>,
 }
 
 impl LogCheck {
@@ -68,14 +69,14 @@ impl LogCheck {
             frames: 0,
             next: FIRST_TOUCHES,
             live_touches: 0,
-            told: HashSet::new(),
+            reported: HashSet::new(),
         }
     }
 
-    /// The same, where so much was told already.
+    /// The same, where these findings were reported already.
     #[must_use]
-    pub(crate) fn after(mut self, told: &HashSet<&'static str>) -> Self {
-        self.told.extend(told);
+    pub(crate) fn after(mut self, reported: &HashSet<&'static str>) -> Self {
+        self.reported.extend(reported);
         self
     }
 
@@ -130,11 +131,11 @@ impl LogCheck {
     }
 
     /// Looks at the touches of a running robot, of which the last goes on: returns a line for each
-    /// kind of thing that looks wrong and was not told yet.
+    /// kind of thing that looks wrong and was not reported yet.
     pub fn look_live(&mut self, progress: &dyn Progress) -> Vec<String> {
         let mut found = self.findings(progress).unwrap_or_default();
         found.retain(|finding| !NOT_LIVE.contains(&finding.code));
-        self.told.extend(found.iter().map(|finding| finding.code));
+        self.reported.extend(found.iter().map(|finding| finding.code));
         lines(&found, "the robot's log")
     }
 
@@ -150,15 +151,15 @@ impl LogCheck {
         }
     }
 
-    /// Looks at what came so far, and warns of what was not told yet.
+    /// Looks at what came so far, and warns of what was not reported yet.
     ///
     /// # Errors
     ///
     /// If that is to be an error, or the progress stops it.
     pub fn look(&mut self, progress: &dyn Progress) -> Result<(), WorkError> {
         let found = self.findings(progress)?;
-        self.told.extend(found.iter().map(|finding| finding.code));
-        tell(&found, &self.log(), self.strict, progress)
+        self.reported.extend(found.iter().map(|finding| finding.code));
+        warn_of(&found, &self.log(), self.strict, progress)
     }
 
     /// Warns of what may be the reason of an error.
@@ -167,7 +168,7 @@ impl LogCheck {
         let _ = self.look(progress);
     }
 
-    /// What looks wrong and was not told yet, errors first.
+    /// What looks wrong and was not reported yet, errors first.
     fn findings(&self, progress: &dyn Progress) -> Result<Vec<Finding>, WorkError> {
         let with_frames = |touch: &RecordedTouch| !touch.samples.is_empty();
         let mut touches = self.touches.clone();
@@ -189,7 +190,7 @@ impl LogCheck {
         let (angle_unit, is_identified) = (Some(*angle_unit), set.identified);
         let read = Read { arm, place, set, given, angle_unit, matching, is_identified };
         let mut found = read.judge(&mut touches, contacts.as_deref(), progress)?.findings;
-        found.retain(|one| one.level > Level::Note && !self.told.contains(one.code));
+        found.retain(|one| one.level > Level::Note && !self.reported.contains(one.code));
         found.sort_by_key(|finding| Reverse(finding.level));
         Ok(found)
     }
@@ -232,7 +233,7 @@ fn matching(touches: &[RecordedTouch]) -> Matching {
 /// # Errors
 ///
 /// If that is to be an error.
-pub(crate) fn tell(
+pub(crate) fn warn_of(
     found: &[Finding],
     log: &str,
     strict: bool,
@@ -245,8 +246,8 @@ pub(crate) fn tell(
             0 => String::new(),
             more => format!("; and {more} more"),
         };
-        let told = "(--strict; `palpate inspect` says more)";
-        return Err(WorkError::LooksWrong(format!("{worst}{more} {told}")));
+        let advice = "(--strict; `palpate inspect` says more)";
+        return Err(WorkError::LooksWrong(format!("{worst}{more} {advice}")));
     }
     lines.iter().for_each(|line| progress.warn(line));
     progress.note("`palpate inspect` says more; --strict makes that an error");

@@ -1,6 +1,6 @@
 //! Torques that come later than the positions they belong to.
 //!
-//! Gravity tells: where a touch begins still, the torque that gravity has at the logged positions
+//! Gravity shows it: where a touch begins still, the torque that gravity has at the logged positions
 //! leaves the noise of that start at some frame, and the logged torque must do so as early. Contacts
 //! and friction can only make it earlier. Without gravity in the torques nothing is known.
 
@@ -26,7 +26,7 @@ const LEAST_NOISE: f64 = 0.02;
 const LEAST_DELAY: f64 = 3.0;
 /// Nor is less, s: what filters of joint torques take.
 const LEAST_DELAY_S: f64 = 0.02;
-/// Fewest touches that must tell.
+/// Fewest touches whose delay must be known.
 const FEWEST: usize = 3;
 
 /// The delay of the torques, if there is one; `period_s` is the log's median time step.
@@ -37,7 +37,7 @@ pub(super) fn finding(
     period_s: Option<f64>,
 ) -> Option<Finding> {
     let fit = fits.accepted();
-    if !fits.tell() || fit.gravity != Gravity::Included {
+    if !fits.has_enough_gravity() || fit.gravity != Gravity::Included {
         return None;
     }
     let delays: Vec<[f64; 2]> =
@@ -63,7 +63,7 @@ pub(super) fn finding(
 }
 
 /// How many frames gravity shows later in the torques of a touch than in its positions: as seen, and
-/// at least, with all doubt that noise leaves. `None` if the touch does not tell.
+/// at least, with all doubt that noise leaves. `None` if the touch does not show its delay.
 fn delay(touch: &RecordedTouch, robot: &Robot, still_rad: f64) -> Option<[f64; 2]> {
     let still = touch.still_frames(still_rad);
     if still < MIN_TARE_FRAMES as usize {

@@ -9,7 +9,7 @@ use super::super::words::{counted, number, times};
 use crate::quantile::{extremes, median, quantile};
 use crate::touches::RecordedTouch;
 
-/// So many identical frames at the start are a sensor without noise, told elsewhere.
+/// So many identical frames at the start are a sensor without noise, which another finding reports.
 pub(super) const NOISELESS_START: usize = 5;
 /// A time step longer than so many medians is a gap.
 const GAP: f64 = 3.0;

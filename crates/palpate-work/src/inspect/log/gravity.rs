@@ -47,13 +47,13 @@ pub(super) fn judge(
         let heavier = payload_of(robot, &rests.all, &fits);
         findings.push(misfit(&fits, heavier.as_ref()));
         payload = heavier.map(|(_, payload)| payload);
-    } else if let Some(Err(told)) = decided {
+    } else if let Some(Err(undecided)) = decided {
         let remedy =
             "give the flags that it names; below, the log is read as if they were left out";
-        findings.push(Finding::warning("undecided", told.to_string(), remedy));
+        findings.push(Finding::warning("undecided", undecided.to_string(), remedy));
     }
-    let Fit { torque_sign, gravity, left_over, .. } = fits.accepted();
-    let unexplained_share = fits.tell().then(|| left_over / fits.gravity_torque);
+    let Fit { torque_sign, gravity, residual, .. } = fits.accepted();
+    let unexplained_share = fits.has_enough_gravity().then(|| residual / fits.gravity_torque);
     let reading =
         Reading { angle_unit, order, torque_sign, gravity, unexplained_share, payload, fits };
     (reading, findings)
@@ -82,8 +82,8 @@ fn flags(set: &Fit, right: &Fit) -> Vec<String> {
 fn wrong_convention(fits: &Fits) -> Finding {
     let (set, best) = (&fits.set, &fits.best);
     let when = if fits.at_rest { "at rest" } else { "on average" };
-    let [left_over, left_over_as_set, gravity_torque] =
-        [best.left_over, set.left_over, fits.gravity_torque].map(number);
+    let [residual, residual_as_set, gravity_torque] =
+        [best.residual, set.residual, fits.gravity_torque].map(number);
     if fits.by_work {
         let what = "the torques have the opposite sign: so they do work on the arm as it moves, more than they take, \
                     as only motors can";
@@ -93,16 +93,16 @@ fn wrong_convention(fits: &Fits) -> Finding {
     }
     let (code, seen) = match best.gravity {
         Gravity::Removed => {
-            ("gravity", format!("the log holds no gravity: {when} it measures {left_over} N·m"))
+            ("gravity", format!("the log holds no gravity: {when} it measures {residual} N·m"))
         }
         Gravity::Included if set.gravity == Gravity::Removed => {
-            ("gravity", format!("the log holds gravity: taking it off leaves {left_over} N·m"))
+            ("gravity", format!("the log holds gravity: taking it off leaves {residual} N·m"))
         }
         Gravity::Included => (
             "torque_sign",
             format!(
                 "the torques have the opposite sign: with the other one they are {:.2} times those \
-                 of gravity, and {left_over} N·m are left over",
+                 of gravity, and {residual} N·m remain unexplained",
                 best.slope
             ),
         ),
@@ -113,7 +113,7 @@ fn wrong_convention(fits: &Fits) -> Finding {
     };
     let what = format!(
         "{seen}, of the {gravity_torque} N·m of gravity {when}{slope}; with the settings \
-         as given, {left_over_as_set} N·m are left over"
+         as given, {residual_as_set} N·m remain unexplained"
     );
     let flags = flags(set, best);
     let remedy = format!("use {}; below, the log is read so", flags.join(" "));
@@ -138,10 +138,10 @@ fn wrong_order(
         _ => "turned round".to_owned(),
     };
     let what = format!(
-        "the log seems to hold the joints {how}: so {} N·m are left over after gravity, in the \
+        "the log seems to hold the joints {how}: so {} N·m remain unexplained by gravity, in the \
          robot's order {} N·m",
-        number(better.best.left_over),
-        number(straight.best.left_over)
+        number(better.best.residual),
+        number(straight.best.residual)
     );
     let source = match matching {
         Matching::Unnamed => "save the columns",
@@ -175,9 +175,9 @@ fn opposite_signs(robot: &Robot, by_sign: &[Vec<usize>; 2]) -> Finding {
 /// Torques that no convention explains.
 fn misfit(fits: &Fits, heavier: Option<&(Fit, Payload)>) -> Finding {
     let what = format!(
-        "gravity does not explain the torques at rest, in either sign: {} N·m are left over, where \
+        "gravity does not explain the torques at rest, in either sign: {} N·m remain unexplained, where \
          gravity is {} N·m",
-        number(fits.best.left_over),
+        number(fits.best.residual),
         number(fits.gravity_torque)
     );
     let Some((fit, payload)) = heavier else {

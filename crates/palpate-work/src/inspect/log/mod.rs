@@ -19,7 +19,7 @@
 //! What is wrong with a log shows only against all of it, so it is read into memory: 200 bytes a
 //! frame of seven joints.
 //!
-//! A defect is told once: where the log seems to be in degrees, or its torques in the other sign,
+//! A defect is reported once: where the log seems to be in degrees, or its torques in the other sign,
 //! the rest is looked at as if that had been corrected.
 
 mod check;
@@ -57,7 +57,7 @@ use crate::settings::Settings;
 use crate::touched::TouchedFigures;
 use crate::touches::{CURRENTS, RecordedTouch, Touches};
 pub use check::LogCheck;
-pub(crate) use check::{looks_wrong_as_logged, tell};
+pub(crate) use check::{looks_wrong_as_logged, warn_of};
 pub use figures::TouchFacts;
 pub use frames::ClockFacts;
 pub use joints::Matching;
@@ -245,9 +245,9 @@ impl Read<'_> {
         let contacts = contacts.filter(|_| as_read);
         let fits = &reading.fits;
         findings.extend(delay::finding(touches, robot, (fits, set.still_rad), period_s));
-        // Late torques and negated columns give work too, and are told already.
+        // Late torques and negated columns give work too, and are reported already.
         let explained = |of: &Finding| ["joint_sign", "delay"].contains(&of.code);
-        if fits.tell() && !fits.misfit() && !findings.iter().any(explained) {
+        if fits.has_enough_gravity() && !fits.misfit() && !findings.iter().any(explained) {
             findings.extend(mounting::finding(touches, robot, (&fits.accepted(), set.still_rad)));
         }
         let figures = figures::Figures::new(self.arm, self.place, (set, fits.accepted()))?;

@@ -10,16 +10,16 @@ use palpate::{Payload, Robot, Sample};
 use super::reading::Fit;
 use crate::quantile::median;
 
-/// The payload must leave less than this part over of what is left over without it.
+/// The residual with the payload must be less than this part of the residual without it.
 const EXPLAINS: f64 = 0.4;
 /// Masses that an arm may carry unnoticed, kg.
 const BELIEVABLE_KG: [f64; 2] = [0.05, 50.0];
 /// A centre of mass farther from its link is none, m.
 const FARTHEST_M: f64 = 0.5;
-/// Directions in which the touches tell less than this part are left at zero.
-const TELLING: f64 = 0.03;
+/// Singular values below this part of the largest count as zero: the touches do not determine these directions.
+const LEAST_SINGULAR: f64 = 0.03;
 
-/// The payload at the last link that explains what is left over, if one does.
+/// The payload at the last link that explains the residual, if one does.
 pub(super) fn explain(robot: &Robot, rests: &[Sample], fit: &Fit) -> Option<Payload> {
     let link = robot.joints().last()?.child;
     let link = &robot.links()[link.index()].name;
@@ -48,12 +48,12 @@ pub(super) fn explain(robot: &Robot, rests: &[Sample], fit: &Fit) -> Option<Payl
         }
     }
     let svd = columns.clone().svd(true, true);
-    let solved = svd.solve(&wanted, TELLING * svd.singular_values.max()).ok()?;
-    let left_over = |residual: &DVector<f64>| {
+    let solved = svd.solve(&wanted, LEAST_SINGULAR * svd.singular_values.max()).ok()?;
+    let median_norm = |residual: &DVector<f64>| {
         let norms = residual.as_slice().chunks(n).map(|r| DVector::from_column_slice(r).norm());
         median(&norms.collect::<Vec<_>>()).unwrap_or(0.0)
     };
-    let explained = left_over(&(&wanted - &columns * &solved)) < EXPLAINS * left_over(&wanted);
+    let explained = median_norm(&(&wanted - &columns * &solved)) < EXPLAINS * median_norm(&wanted);
     let mass_kg = solved[0];
     let com_link_m = [1, 2, 3].map(|row| solved[row] / mass_kg);
     let [least, most] = BELIEVABLE_KG;

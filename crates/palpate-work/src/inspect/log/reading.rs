@@ -1,14 +1,14 @@
 //! How a log is to be read: unit of its angles, order of its joints, sign of its torques, gravity
-//! in or out. Gravity tells, since it is the one torque that is known beforehand.
+//! in or out. Gravity decides, since it is the only torque that is known beforehand.
 //!
 //! The arm at rest measures `s·τ = a·τ_gravity(q) + bias`. Of every touch the mean over its still
-//! start is taken. What is left over under a convention is the median of |s·τ − a·τ_gravity(q)|
+//! start is taken. The residual of a convention is the median of |s·τ − a·τ_gravity(q)|
 //! over these, so that a touch that begins in contact does not count. The conventions lie tens of
 //! N·m apart and a bias is below one, so the least is clear, unless the joints' axes are vertical
 //! and there is nothing to see.
 //!
-//! If no touch begins still, single frames have to do, with contacts in them. What is left over
-//! then says little, but contacts do not follow gravity, so the slope of the torques on it tells.
+//! If no touch begins still, single frames have to do, with contacts in them. The residual
+//! then says little, but contacts do not follow gravity, so the slope of the torques on it decides.
 
 use palpate::{ExternalTorqueConfig, Gravity, MIN_TARE_FRAMES, Payload, Robot, Sample, TorqueSign};
 use palpate_io::log::AngleUnit;
@@ -17,9 +17,9 @@ use serde::Serialize;
 use crate::conventions::{BETTER, LEAST_GRAVITY, NEAR_SLOPE, residual};
 use crate::touches::RecordedTouch;
 
-/// What may be left over, as a part of gravity.
+/// Largest residual that is still good, as a part of gravity.
 const GOOD_PART: f64 = 0.25;
-/// What may be left over at each joint, N·m, whatever gravity is: the bias of usual sensors.
+/// Largest good residual of each joint, N·m, whatever gravity is: the bias of usual sensors.
 const GOOD_BIAS: f64 = 0.4;
 /// Another order of joints must leave less than this part: there are many to choose from.
 const FAR_BETTER: f64 = 0.25;
@@ -41,8 +41,9 @@ pub struct Fit {
     pub torque_sign: TorqueSign,
     /// Whether they hold gravity.
     pub gravity: Gravity,
-    /// What it leaves over, N·m over all joints.
-    pub left_over: f64,
+    /// Median torque that gravity does not explain under it, N·m over all joints.
+    #[serde(rename = "left_over")]
+    pub residual: f64,
     /// Slope of the measured torques, in that sign, on those of gravity.
     pub slope: f64,
 }
@@ -52,7 +53,7 @@ pub struct Fit {
 pub struct Fits {
     /// The convention of the settings.
     pub set: Fit,
-    /// The one that leaves the least over.
+    /// The one with the smallest residual.
     pub best: Fit,
     /// Torque of gravity at rest, N·m over all joints.
     pub gravity_torque: f64,
@@ -77,7 +78,7 @@ pub struct Reading {
     pub torque_sign: TorqueSign,
     /// Whether they hold gravity, as the log should be read.
     pub gravity: Gravity,
-    /// What that leaves over at rest, as a part of gravity; `None` if gravity is too small to tell.
+    /// The residual of that at rest, as a part of gravity; `None` if gravity is too small.
     pub unexplained_share: Option<f64>,
     /// A weight at the last link that would explain what gravity does not.
     pub payload: Option<Payload>,
@@ -94,24 +95,24 @@ impl Fit {
 }
 
 impl Fits {
-    /// Whether gravity is large enough to tell anything.
-    pub fn tell(&self) -> bool {
+    /// Whether gravity is large enough to compare conventions.
+    pub fn has_enough_gravity(&self) -> bool {
         self.gravity_torque >= LEAST_GRAVITY
     }
 
-    /// Whether even the best convention leaves too much over.
+    /// Whether even the best convention has too large a residual.
     pub(super) fn misfit(&self) -> bool {
         let usual = GOOD_BIAS * (self.n_joints as f64).sqrt();
         let most = usual.max(GOOD_PART * self.gravity_torque);
-        self.at_rest && self.tell() && self.best.left_over > most
+        self.at_rest && self.has_enough_gravity() && self.best.residual > most
     }
 
-    /// Takes the sign that the work of torques without gravity tells.
+    /// Takes the sign that the work of torques without gravity shows.
     pub(super) fn with_sign_by_work(mut self, sign: Option<TorqueSign>) -> Self {
         let both = [self.set, self.best];
         let without_gravity = both.iter().all(|fit| fit.gravity == Gravity::Removed);
-        let tells = without_gravity || !self.tell();
-        if let Some(torque_sign) = sign.filter(|sign| tells && *sign != self.set.torque_sign) {
+        let decides = without_gravity || !self.has_enough_gravity();
+        if let Some(torque_sign) = sign.filter(|sign| decides && *sign != self.set.torque_sign) {
             self.best = Fit { torque_sign, ..self.set };
             self.by_work = true;
         }
@@ -123,11 +124,11 @@ impl Fits {
         let other =
             (self.best.torque_sign, self.best.gravity) != (self.set.torque_sign, self.set.gravity);
         let better = if self.at_rest {
-            self.best.left_over < BETTER * self.set.left_over
+            self.best.residual < BETTER * self.set.residual
         } else {
             self.best.off_slope() < NEAR_SLOPE
         };
-        self.by_work || self.tell() && !self.misfit() && other && better
+        self.by_work || self.has_enough_gravity() && !self.misfit() && other && better
     }
 
     /// The convention that the log should be read under.
@@ -175,21 +176,16 @@ pub(super) fn fits(
         let sign = super::sign(torque_sign);
         let part = if gravity == Gravity::Included { 1.0 } else { 0.0 };
         let slope = if square > 0.0 { sign * cross / square } else { 0.0 };
-        Fit {
-            torque_sign,
-            gravity,
-            left_over: residual(&torques, sign, part).unwrap_or(0.0),
-            slope,
-        }
+        Fit { torque_sign, gravity, residual: residual(&torques, sign, part).unwrap_or(0.0), slope }
     };
-    // Without gravity the sign cannot be told: it is left as set.
+    // Without gravity the sign cannot be determined: it is left as set.
     let all = [
         fit(set.torque_sign, set.gravity),
         fit(TorqueSign::Plus, Gravity::Included),
         fit(TorqueSign::Minus, Gravity::Included),
         fit(set.torque_sign, Gravity::Removed),
     ];
-    let off = |fit: &Fit| if rests.still { fit.left_over } else { fit.off_slope() };
+    let off = |fit: &Fit| if rests.still { fit.residual } else { fit.off_slope() };
     let best = all.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(all[0]);
     let (gravity_torque, n_joints) = (residual(&torques, 0.0, 1.0).unwrap_or(0.0), order.len());
     Fits { set: all[0], best, gravity_torque, at_rest: rests.still, by_work: false, n_joints }
@@ -203,7 +199,7 @@ pub(super) fn by_sign(
     set: &ExternalTorqueConfig,
     straight: &Fits,
 ) -> Option<[Vec<usize>; 2]> {
-    if !rests.still || !straight.tell() {
+    if !rests.still || !straight.has_enough_gravity() {
         return None;
     }
     let torques: Vec<(Vec<f64>, &Vec<f64>)> = (rests.all.iter())
@@ -233,7 +229,7 @@ pub(super) fn by_sign(
     let better = fits(robot, &turned, &order, set);
     let explains = better.best.gravity == Gravity::Included
         && !better.misfit()
-        && better.best.left_over < FAR_BETTER * straight.best.left_over;
+        && better.best.residual < FAR_BETTER * straight.best.residual;
     (!odd.is_empty() && explains).then_some(by_sign)
 }
 
@@ -256,11 +252,13 @@ pub(super) fn other_order(
         (order, fits)
     });
     let far_better = |(_, fits): &(Vec<usize>, Fits)| {
-        fits.tell() && !fits.misfit() && fits.best.left_over < FAR_BETTER * straight.best.left_over
+        fits.has_enough_gravity()
+            && !fits.misfit()
+            && fits.best.residual < FAR_BETTER * straight.best.residual
     };
     candidates
         .filter(far_better)
-        .min_by(|(_, a), (_, b)| a.best.left_over.total_cmp(&b.best.left_over))
+        .min_by(|(_, a), (_, b)| a.best.residual.total_cmp(&b.best.residual))
 }
 
 /// Orders that happen: reversed, turned round (a base or gripper first), two joints swapped.

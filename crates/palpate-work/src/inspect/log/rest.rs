@@ -31,7 +31,7 @@ fn unusual(joint: &Joint, torque: f64, part: f64) -> f64 {
 }
 
 /// Whether the arm moves in a touch and touches no point of the lattice. What the torques mean
-/// cannot be told then.
+/// cannot be determined then.
 fn passes_by(touch: &TouchFacts) -> bool {
     touch.frames_in_contact == 0 && touch.still_frames < touch.frames
 }
@@ -171,17 +171,17 @@ impl Figured<'_> {
         self.robot.joints().iter().enumerate().filter_map(of_joint).collect()
     }
 
-    /// The noise of a joint in every touch that tells it.
+    /// The noise of a joint in every touch in which it is known.
     fn noise(&self, joint: usize) -> Vec<f64> {
         self.judged().filter_map(|touch| Some(touch.noise_std.as_ref()?[joint])).collect()
     }
 
-    /// Whether a joint's torque has no noise in any touch that tells it.
+    /// Whether a joint's torque has no noise in all touches in which its noise is known.
     fn is_silent(&self, joint: usize) -> bool {
-        let told: Vec<bool> =
+        let silent: Vec<bool> =
             self.judged().filter_map(|touch| Some(touch.silent.as_ref()?[joint])).collect();
         let lives = self.judged().any(|touch| touch.peak_by_joint[joint] > NO_NOISE);
-        lives && !told.is_empty() && told.iter().all(|silent| *silent)
+        lives && !silent.is_empty() && silent.iter().all(|silent| *silent)
     }
 
     fn noiseless(&self) -> Option<Finding> {
@@ -225,12 +225,12 @@ impl Figured<'_> {
             let most = off.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
             Some(format!("{}: {} by {} N·m", touch.name, most.0.name, number(*most.1)))
         };
-        let told: Vec<String> = self.judged().filter_map(left).collect();
+        let places: Vec<String> = self.judged().filter_map(left).collect();
         let what = "torques do not come back to zero at the end although the arm is back where it \
                     began, in";
         let remedy = "the sensors drift (let them warm up, touch more briefly), or the object \
                       moved and still leans on the arm";
         let drift = self.shown(|touch| left(touch).is_some(), ("drift", what, remedy))?;
-        Some(Finding { what: format!("{} ({})", drift.what, listed(&told)), ..drift })
+        Some(Finding { what: format!("{} ({})", drift.what, listed(&places)), ..drift })
     }
 }

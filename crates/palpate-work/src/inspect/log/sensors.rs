@@ -149,8 +149,8 @@ fn cut_off(touches: &[&RecordedTouch], (joint, name): (usize, &str)) -> Option<F
         !rests && stays >= CUT_STEPS && stays > CUT_TIMES * usual
     };
     let cut: Vec<f64> = ends.into_iter().filter(is_cut).collect();
-    let told: Vec<String> = cut.iter().map(|value| number(*value)).collect();
-    let what = format!("never passes {} N·m, and stays there", told.join(" and "));
+    let values: Vec<String> = cut.iter().map(|value| number(*value)).collect();
+    let what = format!("never passes {} N·m, and stays there", values.join(" and "));
     let is_there = |sample: &Sample| cut.contains(&torque(sample));
     capped(touches, name, ("clipped_torque", &what), is_there)
 }

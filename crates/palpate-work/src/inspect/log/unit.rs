@@ -79,7 +79,7 @@ fn other_unit(
 ) -> Option<(AngleUnit, String)> {
     let turns: Vec<bool> =
         robot.joints().iter().map(|joint| joint.kind != JointKind::Prismatic).collect();
-    // Half of the samples have such an angle, so that one that is broken tells nothing.
+    // Half of the samples have such an angle, so that a broken one has no effect.
     let largest_of = |sample: &Sample| {
         let angles = sample.q.iter().zip(&turns).filter(|at| *at.1);
         angles.map(|(angle, _)| angle.abs()).fold(0.0, f64::max)
@@ -103,14 +103,15 @@ fn other_unit(
     for sample in converted.iter_mut().flat_map(|touch| &mut touch.samples) {
         sample.q.iter_mut().zip(&turns).filter(|at| *at.1).for_each(|(q, _)| *q *= factor);
     }
-    let left_over = |touches: &[RecordedTouch]| {
+    let residual_of = |touches: &[RecordedTouch]| {
         let order: Vec<usize> = (0..robot.n_joints()).collect();
         let fits = fits(robot, &rests(touches, set.still_rad), &order, set);
-        (fits.best.left_over, fits.tell())
+        (fits.best.residual, fits.has_enough_gravity())
     };
-    let ((as_read, tells), (as_other, other_tells)) = (left_over(touches), left_over(&converted));
-    let gravity_agrees = other_tells && as_other < 0.5 * as_read;
-    let gravity_denies = tells && as_read < 0.5 * as_other;
+    let (as_read, decides) = residual_of(touches);
+    let (as_other, other_decides) = residual_of(&converted);
+    let gravity_agrees = other_decides && as_other < 0.5 * as_read;
+    let gravity_denies = decides && as_read < 0.5 * as_other;
     if gravity_denies || !(gravity_agrees || surely) {
         return None;
     }

@@ -1,4 +1,4 @@
-//! What the user of a live session is told: news, and what looks wrong.
+//! What the user of a live session reads: news, and warnings of what looks wrong.
 
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -9,8 +9,8 @@ use palpate_live::{Mapped, News};
 use super::checker::Checker;
 use super::status::Shown;
 
-/// Tells it.
-pub(super) struct Told {
+/// Shows news and warnings.
+pub(super) struct Reporter {
     shown: RefCell<Shown>,
     checker: Checker,
     strict: bool,
@@ -18,7 +18,7 @@ pub(super) struct Told {
     wrong: RefCell<Option<String>>,
 }
 
-impl Told {
+impl Reporter {
     pub(super) fn new(shown: Shown, checker: Checker, strict: bool) -> Self {
         Self { shown: RefCell::new(shown), checker, strict, wrong: RefCell::default() }
     }
@@ -28,8 +28,8 @@ impl Told {
         self.checker.inbox()
     }
 
-    pub(super) fn tell(&self, news: News) {
-        self.shown.borrow_mut().tell(news);
+    pub(super) fn show(&self, news: News) {
+        self.shown.borrow_mut().show(news);
     }
 
     /// Warns of what looks wrong, and says whether that ends the session.
